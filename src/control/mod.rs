@@ -1,0 +1,1 @@
+//! Sensor-space solver, ADRC and reachability.

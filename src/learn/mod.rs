@@ -1,0 +1,39 @@
+//! Networks, training and the estimator.
+
+use nalgebra::{SMatrix, SVector};
+
+use crate::signal::{CHAMBERS, Matrix6, SIGNALS};
+
+/// A pose with its derivative, as the sensor map gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseEval {
+    /// x, y, z in m, then yaw, pitch, roll in rad (R = Rz Ry Rx), base frame.
+    pub pose: SVector<f64, 6>,
+    /// Derivative of `pose` after the 24 signals (m and rad per m and rad), 6 × 24.
+    pub jacobian: SMatrix<f64, 6, SIGNALS>,
+    /// Covariance of `pose` (same order and units).
+    pub covariance: Matrix6,
+    /// Distance of the signals from the training data, standard deviations / √24.
+    pub training_distance: f64,
+}
+
+/// What the arm's sensors would read at given pressures, with the derivative.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantEval {
+    /// The 24 signals as in `SensorVec::to_vector`.
+    pub sensors: SVector<f64, SIGNALS>,
+    /// Derivative of `sensors` after the six gauge pressures (per Pa), 24 × 6.
+    pub jacobian: SMatrix<f64, SIGNALS, CHAMBERS>,
+}
+
+/// f_smap: sensor signals to tip pose.
+pub trait PoseMap: Send + Sync {
+    /// Evaluates the map and its exact Jacobian.
+    fn pose(&self, sensors: &SVector<f64, SIGNALS>) -> PoseEval;
+}
+
+/// The plant as the controller knows it: chamber pressures to sensor signals.
+pub trait PlantMap: Send + Sync {
+    /// Evaluates the map and its exact Jacobian.
+    fn sensors(&self, chamber_pa: &[f64; CHAMBERS], payload_kg: f64) -> PlantEval;
+}

@@ -1,0 +1,18 @@
+//! springtwin: a digital twin for a two-segment pneumatic soft manipulator whose shape is sensed by
+//! twelve inductive springs and four IMUs.
+//!
+//! ARCHITECTURE.md draws the rooms and the direction in which things flow.
+
+pub mod control;
+#[cfg(feature = "gui")]
+pub mod gui;
+pub mod learn;
+pub mod link;
+pub mod recording;
+pub mod rig;
+pub mod robot;
+pub mod sensing;
+pub mod signal;
+pub mod sim;
+pub mod task;
+pub mod twin;

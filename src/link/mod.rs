@@ -1,0 +1,1 @@
+//! Wire protocol, serial port, board clocks, motion-capture stream, replay.

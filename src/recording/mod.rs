@@ -1,0 +1,1 @@
+//! Recordings and session logs, read and written.

@@ -1,0 +1,342 @@
+//! The robot file: TOML with mm, kPa and degrees in, [`RobotSpec`] in SI out.
+
+use nalgebra::{Rotation3, Vector3};
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+
+use super::{ImuMount, PadId, RobotSpec, SpringSpec};
+use crate::signal::{CHAMBERS, PressureLimits};
+
+/// Why a robot file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum RobotError {
+    /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and column).
+    #[error("the robot file is not valid: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value makes no sense.
+    #[error("the robot file says {key} = {value}, but it must be {must}")]
+    Value {
+        /// The key, dotted.
+        key: &'static str,
+        /// What the file says.
+        value: String,
+        /// What it must be.
+        must: &'static str,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: String,
+    base: Base,
+    bellows: Bellows,
+    segment: Segment,
+    pressure: Pressure,
+    mass: Mass,
+    springs: Springs,
+    imus: Vec<Imu>,
+    motion: Motion,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Base {
+    bellows_circle_radius_mm: f64,
+    bellows_angles_deg: [f64; CHAMBERS],
+    pad_thickness_mm: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Bellows {
+    inner_diameter_mm: f64,
+    outer_diameter_mm: f64,
+    #[serde(rename = "wall_mm")]
+    _wall_mm: f64,
+    rest_length_mm: f64,
+    length_range_mm: [f64; 2],
+    effective_diameter_mm: f64,
+    axial_stiffness_n_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Segment {
+    bending_stiffness_nm_rad: f64,
+    torsional_stiffness_nm_rad: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pressure {
+    range_kpa: [f64; 2],
+    rate_kpa_s: f64,
+    over_pressure_kpa: f64,
+    pump_flow_l_min: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Mass {
+    bellows_kg: f64,
+    middle_pad_kg: f64,
+    end_pad_kg: f64,
+    gripper_kg: f64,
+    #[serde(rename = "top_fittings_kg")]
+    _top_fittings_kg: f64,
+    gripper_com_mm: f64,
+    payload_com_mm: f64,
+    payload_max_kg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Springs {
+    attachment_radius_mm: f64,
+    pair_angles_deg: [f64; 3],
+    half_spread_deg: f64,
+    rate_n_m: f64,
+    free_length_mm: f64,
+    outer_diameter_mm: f64,
+    wire_diameter_mm: f64,
+    range_mm: [f64; 2],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Imu {
+    pad: Pad,
+    mounting_ypr_deg: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Pad {
+    Middle,
+    End,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Motion {
+    tip_speed_max_mm_s: f64,
+}
+
+impl RobotSpec {
+    /// Reads the text of a robot file.
+    ///
+    /// # Errors
+    /// [`RobotError`] with line and column for syntax, with key and bound for values.
+    pub fn from_toml(text: &str) -> Result<Self, RobotError> {
+        let f: File = toml::from_str(text)?;
+        check(&f)?;
+        let on_circle = |radius_mm: f64, deg: f64| {
+            let a = deg.to_radians();
+            Vector3::new(a.cos(), a.sin(), 0.0) * radius_mm * 1e-3
+        };
+        let s = &f.springs;
+        // Springs per segment in the order pair 1 A, B, pair 2 A, B, pair 3 A, B.
+        let spring_end = |i: usize, top: bool| {
+            let a = i.is_multiple_of(2);
+            let sign = if a == top { -1.0 } else { 1.0 };
+            let deg = s.pair_angles_deg[(i % 6) / 2] + sign * s.half_spread_deg;
+            on_circle(s.attachment_radius_mm, deg)
+        };
+        let mount = |i: &Imu| {
+            let [yaw, pitch, roll] = i.mounting_ypr_deg.map(f64::to_radians);
+            ImuMount {
+                pad: match i.pad {
+                    Pad::Middle => PadId::Middle,
+                    Pad::End => PadId::End,
+                },
+                pad_from_imu: Rotation3::from_euler_angles(roll, pitch, yaw),
+            }
+        };
+        Ok(Self {
+            name: f.name,
+            bellows_m: std::array::from_fn(|i| {
+                on_circle(
+                    f.base.bellows_circle_radius_mm,
+                    f.base.bellows_angles_deg[i],
+                )
+            }),
+            pad_thickness_m: f.base.pad_thickness_mm * 1e-3,
+            rest_length_m: f.bellows.rest_length_mm * 1e-3,
+            length_range_m: f.bellows.length_range_mm.map(|x| x * 1e-3),
+            bellows_outer_diameter_m: f.bellows.outer_diameter_mm * 1e-3,
+            bellows_inner_diameter_m: f.bellows.inner_diameter_mm * 1e-3,
+            area_m2: std::f64::consts::FRAC_PI_4 * (f.bellows.effective_diameter_mm * 1e-3).powi(2),
+            axial_stiffness_n_m: f.bellows.axial_stiffness_n_m,
+            bending_stiffness_nm_rad: f.segment.bending_stiffness_nm_rad,
+            torsional_stiffness_nm_rad: f.segment.torsional_stiffness_nm_rad,
+            pressure: PressureLimits {
+                min_pa: f.pressure.range_kpa[0] * 1e3,
+                max_pa: f.pressure.range_kpa[1] * 1e3,
+                rate_pa_s: f.pressure.rate_kpa_s * 1e3,
+            },
+            over_pressure_pa: f.pressure.over_pressure_kpa * 1e3,
+            pump_flow_m3_s: f.pressure.pump_flow_l_min * 1e-3 / 60.0,
+            bellows_kg: f.mass.bellows_kg,
+            middle_pad_kg: f.mass.middle_pad_kg,
+            end_pad_kg: f.mass.end_pad_kg,
+            gripper_kg: f.mass.gripper_kg,
+            gripper_com_m: f.mass.gripper_com_mm * 1e-3,
+            payload_com_m: f.mass.payload_com_mm * 1e-3,
+            payload_max_kg: f.mass.payload_max_kg,
+            spring_top_m: std::array::from_fn(|i| spring_end(i, true)),
+            spring_bottom_m: std::array::from_fn(|i| spring_end(i, false)),
+            spring: SpringSpec {
+                rate_n_m: s.rate_n_m,
+                free_length_m: s.free_length_mm * 1e-3,
+                outer_diameter_m: s.outer_diameter_mm * 1e-3,
+                wire_diameter_m: s.wire_diameter_mm * 1e-3,
+                range_m: s.range_mm.map(|x| x * 1e-3),
+            },
+            imus: std::array::from_fn(|i| mount(&f.imus[i])),
+            tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
+            hash: hex(&Sha256::digest(text.as_bytes())),
+        })
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn check(f: &File) -> Result<(), RobotError> {
+    let positive = [
+        (
+            "base.bellows_circle_radius_mm",
+            f.base.bellows_circle_radius_mm,
+        ),
+        ("bellows.rest_length_mm", f.bellows.rest_length_mm),
+        (
+            "bellows.effective_diameter_mm",
+            f.bellows.effective_diameter_mm,
+        ),
+        ("bellows.axial_stiffness_n_m", f.bellows.axial_stiffness_n_m),
+        (
+            "segment.bending_stiffness_nm_rad",
+            f.segment.bending_stiffness_nm_rad,
+        ),
+        (
+            "segment.torsional_stiffness_nm_rad",
+            f.segment.torsional_stiffness_nm_rad,
+        ),
+        ("pressure.rate_kpa_s", f.pressure.rate_kpa_s),
+        ("pressure.pump_flow_l_min", f.pressure.pump_flow_l_min),
+        (
+            "springs.attachment_radius_mm",
+            f.springs.attachment_radius_mm,
+        ),
+        ("springs.free_length_mm", f.springs.free_length_mm),
+        ("springs.wire_diameter_mm", f.springs.wire_diameter_mm),
+        ("springs.outer_diameter_mm", f.springs.outer_diameter_mm),
+        ("motion.tip_speed_max_mm_s", f.motion.tip_speed_max_mm_s),
+    ];
+    for (key, value) in positive {
+        if !(value.is_finite() && value > 0.0) {
+            return Err(RobotError::Value {
+                key,
+                value: value.to_string(),
+                must: "greater than 0",
+            });
+        }
+    }
+    let not_negative = [
+        ("base.pad_thickness_mm", f.base.pad_thickness_mm),
+        ("mass.bellows_kg", f.mass.bellows_kg),
+        ("mass.middle_pad_kg", f.mass.middle_pad_kg),
+        ("mass.end_pad_kg", f.mass.end_pad_kg),
+        ("mass.gripper_kg", f.mass.gripper_kg),
+        ("mass.payload_max_kg", f.mass.payload_max_kg),
+        ("springs.rate_n_m", f.springs.rate_n_m),
+    ];
+    for (key, value) in not_negative {
+        if !(value.is_finite() && value >= 0.0) {
+            return Err(RobotError::Value {
+                key,
+                value: value.to_string(),
+                must: "0 or more",
+            });
+        }
+    }
+    let ranges = [
+        ("pressure.range_kpa", f.pressure.range_kpa),
+        ("bellows.length_range_mm", f.bellows.length_range_mm),
+        ("springs.range_mm", f.springs.range_mm),
+    ];
+    for (key, [lo, hi]) in ranges {
+        if !(lo.is_finite() && hi.is_finite() && lo < hi) {
+            return Err(RobotError::Value {
+                key,
+                value: format!("[{lo}, {hi}]"),
+                must: "a low and a high value, in this order",
+            });
+        }
+    }
+    let over = f.pressure.over_pressure_kpa;
+    if !(over >= f.pressure.range_kpa[1]) {
+        return Err(RobotError::Value {
+            key: "pressure.over_pressure_kpa",
+            value: over.to_string(),
+            must: "at or above the top of pressure.range_kpa",
+        });
+    }
+    if f.imus.len() != crate::signal::IMUS {
+        return Err(RobotError::Value {
+            key: "imus",
+            value: format!("{} tables", f.imus.len()),
+            must: "four [[imus]] tables",
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::SPRINGS;
+
+    const REFERENCE: &str = include_str!("../../assets/robots/reference.toml");
+
+    #[test]
+    fn reference_robot_has_the_geometry_of_its_description() {
+        let r = RobotSpec::reference();
+        // X-pair spring at rest: 145 mm down, 2 · 75 · sin 20° across.
+        for i in 0..SPRINGS {
+            let span = r.spring_bottom_m[i] - r.spring_top_m[i] - Vector3::z() * r.rest_length_m;
+            assert!(
+                (span.norm() - 0.153_80).abs() < 1e-4,
+                "spring {i}: {}",
+                span.norm()
+            );
+        }
+        // Spring A of pair 1 starts at 40° on top and ends at 80° below.
+        let top = r.spring_top_m[0];
+        assert!((top.y.atan2(top.x).to_degrees() - 40.0).abs() < 1e-9);
+        assert!((r.area_m2 - 53.46e-4).abs() < 1e-6);
+        assert!((r.pressure.max_pa * r.area_m2 / r.axial_stiffness_n_m - 0.075).abs() < 1e-4);
+    }
+
+    #[test]
+    fn refusals_name_the_key_or_the_line() {
+        let bad = REFERENCE.replace("axial_stiffness_n_m = 2851.0", "axial_stiffness_n_m = -1.0");
+        let e = RobotSpec::from_toml(&bad)
+            .expect_err("negative stiffness")
+            .to_string();
+        assert!(
+            e.contains("bellows.axial_stiffness_n_m") && e.contains("greater than 0"),
+            "{e}"
+        );
+        let bad = REFERENCE.replace("rate_kpa_s = 12.0", "rate_kpa_s = ");
+        let e = RobotSpec::from_toml(&bad).expect_err("syntax").to_string();
+        assert!(e.contains("line"), "{e}");
+        let bad = REFERENCE.replace("name = \"reference\"", "name = \"reference\"\ncolour = 3");
+        let e = RobotSpec::from_toml(&bad)
+            .expect_err("unknown key")
+            .to_string();
+        assert!(e.contains("colour"), "{e}");
+    }
+}

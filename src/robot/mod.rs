@@ -1,0 +1,115 @@
+//! The robot as its file describes it: geometry, stiffness, masses, limits, frames.
+//!
+//! One TOML file per robot (`assets/robots/`); nothing in the code repeats its numbers. Segment and
+//! chamber counts are fixed: two segments, six chambers, twelve springs, four IMUs. Keys carry mm,
+//! kPa and degrees; [`RobotSpec`] is SI throughout.
+
+mod file;
+
+use nalgebra::{Rotation3, Vector3};
+
+use crate::signal::{CHAMBERS, IMUS, PressureLimits, SPRINGS};
+pub use file::RobotError;
+
+/// Which pad carries an IMU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PadId {
+    /// Between the segments.
+    Middle,
+    /// At the end; carries the gripper.
+    End,
+}
+
+/// How an IMU is fixed to its pad.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImuMount {
+    /// The pad.
+    pub pad: PadId,
+    /// Nominal mounting.
+    pub pad_from_imu: Rotation3<f64>,
+}
+
+/// The extension springs, all alike.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpringSpec {
+    /// Force rate, N/m.
+    pub rate_n_m: f64,
+    /// Length without load, m.
+    pub free_length_m: f64,
+    /// Coil outer diameter, m.
+    pub outer_diameter_m: f64,
+    /// Wire diameter, m.
+    pub wire_diameter_m: f64,
+    /// Shortest and longest length it is used at, m.
+    pub range_m: [f64; 2],
+}
+
+/// A robot, in SI units.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RobotSpec {
+    /// Name of the robot.
+    pub name: String,
+    /// Centre of each bellows in its segment's cross-section (x, y, 0), m.
+    pub bellows_m: [Vector3<f64>; CHAMBERS],
+    /// Thickness of the middle and end pads, m.
+    pub pad_thickness_m: f64,
+    /// Bellows length at 0 Pa, m.
+    pub rest_length_m: f64,
+    /// Shortest and longest bellows length in use, m.
+    pub length_range_m: [f64; 2],
+    /// Bellows outer diameter, m.
+    pub bellows_outer_diameter_m: f64,
+    /// Bellows inner diameter, m.
+    pub bellows_inner_diameter_m: f64,
+    /// Effective area of each chamber, m².
+    pub area_m2: f64,
+    /// Axial stiffness of each bellows, N/m.
+    pub axial_stiffness_n_m: f64,
+    /// Bending stiffness of a segment beyond its three axial springs, N m/rad.
+    pub bending_stiffness_nm_rad: f64,
+    /// Torsional stiffness of a segment, N m/rad.
+    pub torsional_stiffness_nm_rad: f64,
+    /// Bounds of the commanded pressure.
+    pub pressure: PressureLimits,
+    /// Gauge pressure at which the pumps must be off, Pa.
+    pub over_pressure_pa: f64,
+    /// Volume flow of a pump at atmospheric pressure, m³/s.
+    pub pump_flow_m3_s: f64,
+    /// Mass of each bellows, kg.
+    pub bellows_kg: f64,
+    /// Mass of the middle pad, kg.
+    pub middle_pad_kg: f64,
+    /// Mass of the end pad, kg.
+    pub end_pad_kg: f64,
+    /// Mass of the gripper, kg.
+    pub gripper_kg: f64,
+    /// Gripper's centre of mass below the end pad's origin, m.
+    pub gripper_com_m: f64,
+    /// Payload's centre of mass below the end pad's origin, m.
+    pub payload_com_m: f64,
+    /// Heaviest payload, kg.
+    pub payload_max_kg: f64,
+    /// Upper end of each spring in the frame of the pad above it, m.
+    pub spring_top_m: [Vector3<f64>; SPRINGS],
+    /// Lower end of each spring in the frame of the pad below it, m.
+    pub spring_bottom_m: [Vector3<f64>; SPRINGS],
+    /// The springs' common data.
+    pub spring: SpringSpec,
+    /// How each IMU is mounted.
+    pub imus: [ImuMount; IMUS],
+    /// Fastest tip speed, m/s.
+    pub tip_speed_max_m_s: f64,
+    /// SHA-256 of the robot file, hexadecimal.
+    pub hash: String,
+}
+
+impl RobotSpec {
+    /// The robot that ships with the program, `assets/robots/reference.toml`.
+    pub fn reference() -> Self {
+        match Self::from_toml(include_str!("../../assets/robots/reference.toml")) {
+            Ok(spec) => spec,
+            // The file is part of the binary and a test loads it.
+            Err(e) => unreachable!("the built-in robot file does not load: {e}"),
+        }
+    }
+}

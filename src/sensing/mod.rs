@@ -1,0 +1,1 @@
+//! From counts to lengths, from rates to orientations.

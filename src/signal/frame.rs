@@ -1,0 +1,162 @@
+use nalgebra::{Rotation3, SVector};
+use serde::{Deserialize, Serialize};
+
+use super::{CHAMBERS, IMUS, SIGNALS, SPRINGS, Stamp};
+
+/// Number of micro-controller boards that share the sensors: one per segment.
+pub const BOARDS: usize = 2;
+
+/// One reading of an inertial measurement unit, in its own (mounted) axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ImuRaw {
+    /// Angular rate, rad/s.
+    pub gyro_rad_s: [f64; 3],
+    /// Specific force, m/s² (about +9.81 on the upward axis at rest).
+    pub accel_m_s2: [f64; 3],
+}
+
+/// What the boards measured, on one time base, before any calibration.
+///
+/// A channel whose `present` bit is clear carries no information this frame
+/// (its value is zero and must not be used).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RawFrame {
+    /// Counts frames since the link opened; gaps are lost frames.
+    pub seq: u32,
+    /// When the frame was sampled, on the session's time base.
+    pub stamp: Stamp,
+    /// Oscillator periods counted per spring within its gate.
+    pub spring_counts: [u32; SPRINGS],
+    /// Length of each spring's gate in clock ticks of its board.
+    pub spring_gate_ticks: [u32; SPRINGS],
+    /// Clock ticks per second of the boards.
+    pub tick_rate_hz: f64,
+    /// Raw inertial readings.
+    pub imu: [ImuRaw; IMUS],
+    /// Gauge pressure of each chamber, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// Bits 0-11 springs, 12-15 IMUs, 16-21 chambers: set when the channel was delivered.
+    pub present: u32,
+    /// How old each board's part of the frame is at `stamp`, s.
+    pub board_age_s: [f64; BOARDS],
+    /// Fault bits as the boards report them (see `link::wire`).
+    pub faults: u16,
+}
+
+impl RawFrame {
+    /// `present` with every channel delivered.
+    pub const ALL_PRESENT: u32 = (1 << (SPRINGS + IMUS + CHAMBERS)) - 1;
+
+    /// Whether spring `i` (0-based) was delivered.
+    pub fn has_spring(&self, i: usize) -> bool {
+        self.present & (1 << i) != 0
+    }
+
+    /// Whether IMU `i` (0-based) was delivered.
+    pub fn has_imu(&self, i: usize) -> bool {
+        self.present & (1 << (SPRINGS + i)) != 0
+    }
+
+    /// Whether the pressure of chamber `i` (0-based) was delivered.
+    pub fn has_chamber(&self, i: usize) -> bool {
+        self.present & (1 << (SPRINGS + IMUS + i)) != 0
+    }
+}
+
+/// The 24 geometric sensor signals: spring lengths and pad orientations as the IMUs tell them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorVec {
+    /// Length of each spring between its two pads, m.
+    pub spring_m: [f64; SPRINGS],
+    /// Yaw, pitch, roll of the pad under each IMU in the base frame, rad (nominal mounting removed).
+    pub imu_ypr_rad: [[f64; 3]; IMUS],
+}
+
+impl SensorVec {
+    /// The paper's 24-signal interface: twelve lengths in m, then four yaw, pitch, roll triples in rad.
+    pub fn to_vector(&self) -> SVector<f64, SIGNALS> {
+        let mut v = SVector::zeros();
+        for (i, l) in self.spring_m.iter().enumerate() {
+            v[i] = *l;
+        }
+        for (i, ypr) in self.imu_ypr_rad.iter().enumerate() {
+            for k in 0..3 {
+                v[SPRINGS + 3 * i + k] = ypr[k];
+            }
+        }
+        v
+    }
+
+    /// The inverse of [`Self::to_vector`].
+    pub fn from_vector(v: &SVector<f64, SIGNALS>) -> Self {
+        Self {
+            spring_m: std::array::from_fn(|i| v[i]),
+            imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| v[SPRINGS + 3 * i + k])),
+        }
+    }
+
+    /// Orientation of the pad under IMU `i` (0-based), base from pad.
+    pub fn base_from_imu_pad(&self, i: usize) -> Rotation3<f64> {
+        let [yaw, pitch, roll] = self.imu_ypr_rad[i];
+        Rotation3::from_euler_angles(roll, pitch, yaw)
+    }
+}
+
+/// What is known about one channel's trustworthiness.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ChannelHealth {
+    /// Delivered and plausible.
+    #[default]
+    Ok,
+    /// Delivered, but disagrees with the other channels.
+    Suspect,
+    /// Does not move while the arm does.
+    Stuck,
+    /// Outside the range its calibration covers.
+    OutOfRange,
+    /// Not delivered.
+    Missing,
+}
+
+impl ChannelHealth {
+    /// Whether the channel may be used for estimation.
+    pub fn usable(self) -> bool {
+        matches!(self, Self::Ok | Self::Suspect)
+    }
+}
+
+/// Health of every channel at one instant.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Health {
+    /// Per spring.
+    pub springs: [ChannelHealth; SPRINGS],
+    /// Per IMU.
+    pub imus: [ChannelHealth; IMUS],
+    /// Per chamber gauge.
+    pub chambers: [ChannelHealth; CHAMBERS],
+}
+
+impl Health {
+    /// How many springs may be used.
+    pub fn springs_usable(&self) -> usize {
+        self.springs.iter().filter(|h| h.usable()).count()
+    }
+
+    /// How many IMUs may be used.
+    pub fn imus_usable(&self) -> usize {
+        self.imus.iter().filter(|h| h.usable()).count()
+    }
+}
+
+/// Calibrated sensors at one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorFrame {
+    /// When the raw frame was sampled.
+    pub stamp: Stamp,
+    /// The 24 signals. Unusable channels hold their last good value.
+    pub sensors: SensorVec,
+    /// Gauge pressure of each chamber, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// Which channels may be used.
+    pub health: Health,
+}

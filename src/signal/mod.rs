@@ -1,0 +1,33 @@
+//! The types that cross doors between rooms: time stamps, frames, commands, snapshots, datasets.
+//!
+//! Everything here is plain data in SI units (seconds, metres, radians, pascals, kilograms);
+//! every dimensional name ends in its unit. Transforms are written `a_from_b`, vectors `x_in_a`.
+//! This room imports no other room.
+
+mod command;
+mod dataset;
+mod frame;
+mod pose;
+mod shape;
+mod snapshot;
+mod time;
+
+pub use command::{Gripper, PressureCommand, PressureLimits, SensorRef};
+pub use dataset::{Dataset, Sample};
+pub use frame::{BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec};
+pub use pose::{Goal, Matrix6, Pose, Vector6, pose_error, pose_from_ypr, ypr_from_rotation};
+pub use shape::ArmShape;
+pub use snapshot::{
+    Alarm, Estimate, GroundTruth, LinkStatus, Mode, Reach, ReachState, Severity, Snapshot, Trace,
+    TruthSource,
+};
+pub use time::Stamp;
+
+/// Number of pneumatic chambers (bellows): three per segment.
+pub const CHAMBERS: usize = 6;
+/// Number of inductive springs: three X pairs per segment.
+pub const SPRINGS: usize = 12;
+/// Number of IMUs: two on the middle pad, two on the end pad.
+pub const IMUS: usize = 4;
+/// Number of sensor signals: twelve lengths and four yaw, pitch, roll triples.
+pub const SIGNALS: usize = SPRINGS + 3 * IMUS;

@@ -1,0 +1,175 @@
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    ArmShape, BOARDS, Goal, Matrix6, Pose, PressureCommand, RawFrame, SensorFrame, SensorRef, Stamp,
+};
+
+/// Where the tip is, as the sensors tell it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// When the sensors were sampled.
+    pub stamp: Stamp,
+    /// Pose of the end pad's origin in the base frame.
+    pub base_from_tip: Pose,
+    /// Covariance over translation (m) and rotation vector (rad).
+    pub covariance: Matrix6,
+    /// Distance of the sensor vector from the training data in standard deviations
+    /// (Mahalanobis, divided by √24: about 1 inside the data).
+    pub training_distance: f64,
+}
+
+/// Who measured the ground truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TruthSource {
+    /// A motion-capture system.
+    Vicon,
+    /// The virtual rig's emulated motion capture: simulated.
+    VirtualRig,
+}
+
+/// A pose from motion capture. Never used for control.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroundTruth {
+    /// When it was measured, on the session's time base.
+    pub stamp: Stamp,
+    /// Pose of the end pad's origin in the base frame.
+    pub base_from_tip: Pose,
+    /// Who measured it.
+    pub source: TruthSource,
+}
+
+/// What the twin is doing.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// Listening only; no pressure is commanded.
+    #[default]
+    Disarmed,
+    /// Keeps the present pressures.
+    Hold,
+    /// Steers to a goal.
+    Moving,
+    /// The goal is reached and kept.
+    AtGoal,
+    /// Pumps off, latched until an explicit reset. Holds the reason.
+    Safe(String),
+}
+
+/// State of the link to the boards.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LinkStatus {
+    /// Whether a port is open and the boards answered with a matching version, schema and config.
+    pub connected: bool,
+    /// What is connected, for the operator: `virtual rig`, a port name, a recording's name.
+    pub source: String,
+    /// Whether the source is simulated.
+    pub simulated: bool,
+    /// Frames received.
+    pub frames: u64,
+    /// Frames lost (sequence gaps, bad checksums).
+    pub frames_lost: u64,
+    /// Age of the newest frame, s.
+    pub age_s: f64,
+    /// Frames per second over the last second, per board.
+    pub board_rate_hz: [f64; BOARDS],
+}
+
+/// How urgent an alarm is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Severity {
+    /// Worth knowing.
+    Info,
+    /// Works, but degraded.
+    Warning,
+    /// Motion has stopped.
+    Critical,
+}
+
+/// Something abnormal that holds now.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Alarm {
+    /// Since when.
+    pub since: Stamp,
+    /// How urgent.
+    pub severity: Severity,
+    /// One sentence: what, where, what to do.
+    pub text: String,
+}
+
+/// Whether a goal can be reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReachState {
+    /// Within tolerance with pressure to spare.
+    Reachable,
+    /// Reachable, but with a chamber close to its bound.
+    Marginal,
+    /// No admissible pressure brings the tip there.
+    Unreachable,
+    /// Outside of what the model was trained on: no verdict.
+    OutsideData,
+}
+
+/// The verdict on a goal, before any motion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reach {
+    /// The verdict.
+    pub state: ReachState,
+    /// Distance from the goal to the nearest reachable point, m (0 when reachable).
+    pub distance_m: f64,
+    /// The nearest reachable point, m.
+    pub nearest_m: [f64; 3],
+    /// Chamber (1-based) and its pressure (Pa) that stands in the way, if one does.
+    pub limiting_chamber: Option<(usize, f64)>,
+    /// Pressures that bring the tip to the nearest point, Pa.
+    pub chamber_pa: [f64; super::CHAMBERS],
+}
+
+/// Everything known at one instant.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// The instant.
+    pub stamp: Stamp,
+    /// What the twin is doing.
+    pub mode: Mode,
+    /// State of the link.
+    pub link: LinkStatus,
+    /// Newest raw frame.
+    pub raw: Option<RawFrame>,
+    /// Newest calibrated sensors.
+    pub sensors: Option<SensorFrame>,
+    /// Newest estimate.
+    pub estimate: Option<Estimate>,
+    /// Newest ground truth, if any.
+    pub truth: Option<GroundTruth>,
+    /// Where the tip shall go, if anywhere.
+    pub goal: Option<Goal>,
+    /// The goal under preview with its verdict, if any.
+    pub preview: Option<(Goal, Reach)>,
+    /// The sensor signals the inner loop steers to, if it does.
+    pub sensor_ref: Option<SensorRef>,
+    /// Newest command.
+    pub command: Option<PressureCommand>,
+    /// Shape by the twin's own model at the measured pressures.
+    pub shape: Option<Arc<ArmShape>>,
+    /// What is abnormal now, most urgent first.
+    pub alarms: Vec<Alarm>,
+    /// Mass the operator declared to be in the gripper, kg.
+    pub payload_kg: f64,
+    /// Name of the recording being written, if any.
+    pub recording: Option<String>,
+}
+
+/// Snapshots on a time base: a recording or a log in memory.
+#[derive(Clone, Debug, Default)]
+pub struct Trace {
+    /// Name of the session.
+    pub name: String,
+    /// In order of time.
+    pub snapshots: Vec<Snapshot>,
+    /// Mass the operator declared, kg.
+    pub payload_kg: f64,
+    /// Whether the data were simulated.
+    pub simulated: bool,
+}

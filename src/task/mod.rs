@@ -1,0 +1,1 @@
+//! What the operator asks the arm to do.

@@ -1,0 +1,132 @@
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
+use std::sync::{Arc, Mutex};
+
+use crate::signal::{Goal, Gripper, Snapshot, Stamp};
+
+/// What the operator (or a script) asks of the twin.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Allow motion. Refused while the link is not healthy.
+    Arm,
+    /// Stop commanding pressures; the boards keep their last set point until it times out.
+    Disarm,
+    /// Keep the present pressures.
+    Hold,
+    /// Continue after a hold.
+    Resume,
+    /// Pumps off now, latched: the SAFE state.
+    Stop,
+    /// Leave the SAFE state (to disarmed).
+    Reset,
+    /// Ask whether a goal can be reached; nothing moves.
+    Preview(Goal),
+    /// Forget the goal under preview.
+    CancelPreview,
+    /// Steer to the goal under preview. Refused unless it is reachable.
+    Go,
+    /// Preview and go in one step. Refused unless the goal is reachable.
+    Goto(Goal),
+    /// What the operator believes is in the gripper, kg.
+    DeclarePayload(f64),
+    /// Open or close the gripper.
+    Grip(Gripper),
+    /// Record to this file.
+    StartRecording(PathBuf),
+    /// Close the recording.
+    StopRecording,
+}
+
+/// Something that happened, for logs, toasts and recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// The mode changed.
+    Mode {
+        /// When.
+        stamp: Stamp,
+        /// The new mode, in words.
+        mode: String,
+    },
+    /// A command was refused, with the reason as one sentence.
+    Refused {
+        /// When.
+        stamp: Stamp,
+        /// Why, and what to do.
+        reason: String,
+    },
+    /// A goal was reached.
+    Reached {
+        /// When.
+        stamp: Stamp,
+        /// Distance of the estimate from the goal, m.
+        distance_m: f64,
+        /// Control steps since the goal was set.
+        steps: u64,
+    },
+    /// A recording began or ended.
+    Recording {
+        /// When.
+        stamp: Stamp,
+        /// What happened, as one sentence.
+        text: String,
+    },
+    /// Anything else the operator should know.
+    Notice {
+        /// When.
+        stamp: Stamp,
+        /// One sentence.
+        text: String,
+    },
+}
+
+impl Event {
+    /// The event as one sentence.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Mode { mode, .. } => format!("Mode: {mode}"),
+            Self::Refused { reason, .. } => reason.clone(),
+            Self::Reached {
+                distance_m, steps, ..
+            } => {
+                format!(
+                    "Goal reached: {:.1} mm away after {steps} steps",
+                    distance_m * 1e3
+                )
+            }
+            Self::Recording { text, .. } | Self::Notice { text, .. } => text.clone(),
+        }
+    }
+}
+
+/// The window's end of a running twin.
+pub struct Handle {
+    /// Commands to the twin (bounded).
+    pub commands: SyncSender<Command>,
+    /// Events from the twin.
+    pub events: Receiver<Event>,
+    /// Every snapshot since the last drain, oldest first (bounded: the newest are dropped when full).
+    pub feed: Receiver<Arc<Snapshot>>,
+    /// The newest snapshot.
+    pub latest: Arc<Mutex<Arc<Snapshot>>>,
+}
+
+impl Handle {
+    /// Sends a command; says so when the twin is gone or its queue is full.
+    ///
+    /// # Errors
+    /// One sentence for the operator.
+    pub fn send(&self, command: Command) -> Result<(), &'static str> {
+        self.commands.try_send(command).map_err(|e| match e {
+            TrySendError::Full(_) => "The twin is busy: the command was not taken. Try again.",
+            TrySendError::Disconnected(_) => "The twin has stopped: restart the program.",
+        })
+    }
+
+    /// The newest snapshot.
+    pub fn snapshot(&self) -> Arc<Snapshot> {
+        match self.latest.lock() {
+            Ok(guard) => Arc::clone(&guard),
+            Err(poisoned) => Arc::clone(&poisoned.into_inner()),
+        }
+    }
+}
