@@ -1,1 +1,12 @@
-//! Simulators.
+//! Simulators: from pressures and loads to poses and what the sensors would read.
+//!
+//! A [`Model`] is constant, a [`State`] changes; [`settle`] finds the static state and [`creep_to`]
+//! the next state of an overdamped motion.
+
+pub mod dataset;
+mod model;
+pub mod rod;
+pub mod sensors;
+
+pub use model::{Inputs, Model, Parameters, Resolution, SimError, State, creep_to, settle};
+pub use sensors::{Observation, observe};

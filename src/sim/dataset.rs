@@ -1,0 +1,1 @@
+//! Settled samples drawn over the actuator space.

@@ -1,0 +1,311 @@
+//! The robot as a rod: which numbers of the robot file become which stiffness.
+
+use nalgebra::Vector3;
+
+use super::rod::{
+    Link, Loads, Outcome, PointMass, Rod, Section, Strains, Tube, Workspace, se3::Frame, solve,
+};
+use crate::robot::RobotSpec;
+use crate::signal::CHAMBERS;
+
+/// Standard gravity, m/s².
+pub const GRAVITY_M_S2: f64 = 9.806_65;
+
+/// How finely the rod is cut and which strains are free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Resolution {
+    /// Elements per segment.
+    pub elements: usize,
+    /// Free strains.
+    pub strains: Strains,
+}
+
+impl Default for Resolution {
+    /// Six elements without shear: what the twin itself uses.
+    fn default() -> Self {
+        Self {
+            elements: 6,
+            strains: Strains::NoShear,
+        }
+    }
+}
+
+/// What differs from arm to arm. All ones and zeros for the nominal robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    /// Axial stiffness of each bellows, as a factor.
+    pub chamber_stiffness: [f64; CHAMBERS],
+    /// Effective area of each chamber, as a factor.
+    pub chamber_area: [f64; CHAMBERS],
+    /// Rest length of each bellows, as a factor.
+    pub rest_length: [f64; CHAMBERS],
+    /// Cubic hardening of every bellows relative to its linear stiffness at unit stretch.
+    pub hardening: f64,
+    /// Bending stiffness of each segment, as a factor.
+    pub bending: [f64; 2],
+    /// Torsional stiffness of each segment, as a factor.
+    pub torsion: [f64; 2],
+    /// Shear rigidity of each segment over its axial rigidity (used when shear is free).
+    pub shear: f64,
+    /// Mass of the gripper, as a factor.
+    pub gripper_mass: f64,
+    /// Direction of gravity tilted by these angles about x and y, rad.
+    pub base_tilt_rad: [f64; 2],
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            chamber_stiffness: [1.0; CHAMBERS],
+            chamber_area: [1.0; CHAMBERS],
+            rest_length: [1.0; CHAMBERS],
+            hardening: 0.0,
+            bending: [1.0; 2],
+            torsion: [1.0; 2],
+            shear: 0.5,
+            gripper_mass: 1.0,
+            base_tilt_rad: [0.0; 2],
+        }
+    }
+}
+
+/// What acts on the arm.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Inputs {
+    /// Gauge pressure per chamber, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// Additional tension of each bellows (hysteresis, creep), N.
+    pub tension_n: [f64; CHAMBERS],
+    /// Mass in the gripper, kg.
+    pub payload_kg: f64,
+    /// Force on the end pad's origin in the base frame, N.
+    pub tip_force_n: [f64; 3],
+}
+
+/// The constant part of a simulation.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// The robot.
+    pub robot: RobotSpec,
+    /// Its rod.
+    pub rod: Rod,
+    /// Effective area of each chamber, m².
+    pub area_m2: [f64; CHAMBERS],
+}
+
+impl Model {
+    /// The robot as a rod.
+    pub fn new(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
+        let sections = (0..2)
+            .map(|s| section(robot, parameters, resolution, s))
+            .collect();
+        let [tx, ty] = parameters.base_tilt_rad;
+        let down = nalgebra::Rotation3::from_euler_angles(tx, ty, 0.0) * -Vector3::z();
+        Self {
+            robot: robot.clone(),
+            rod: Rod {
+                sections,
+                strains: resolution.strains,
+                gravity_m_s2: down * GRAVITY_M_S2,
+                base: Frame::identity(),
+            },
+            area_m2: std::array::from_fn(|i| robot.area_m2 * parameters.chamber_area[i]),
+        }
+    }
+
+    /// The twin's own model of a robot: nominal parameters, default resolution.
+    pub fn nominal(robot: &RobotSpec) -> Self {
+        Self::new(robot, &Parameters::default(), Resolution::default())
+    }
+
+    fn loads(&self, inputs: &Inputs, viscosity: f64) -> Loads {
+        let payload = PointMass {
+            at_m: Vector3::new(0.0, 0.0, -self.robot.payload_com_m),
+            kg: inputs.payload_kg,
+        };
+        Loads {
+            tube_n: (0..CHAMBERS)
+                .map(|i| inputs.chamber_pa[i] * self.area_m2[i] - inputs.tension_n[i])
+                .collect(),
+            tip_force_n: Vector3::from(inputs.tip_force_n),
+            tip_moment_nm: Vector3::zeros(),
+            tip_masses: vec![payload],
+            viscosity,
+        }
+    }
+}
+
+fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) -> Section {
+    let l0 = robot.rest_length_m;
+    let chambers = 3 * s..3 * s + 3;
+    let springs = 6 * s..6 * s + 6;
+    let axial: f64 = chambers
+        .clone()
+        .map(|i| robot.axial_stiffness_n_m * p.chamber_stiffness[i] * l0)
+        .sum();
+    let bending = robot.bending_stiffness_nm_rad * p.bending[s] * l0;
+    let torsion = robot.torsional_stiffness_nm_rad * p.torsion[s] * l0;
+    let pad_com = Vector3::new(0.0, 0.0, -0.5 * robot.pad_thickness_m);
+    let masses = if s == 0 {
+        vec![PointMass {
+            at_m: pad_com,
+            kg: robot.middle_pad_kg,
+        }]
+    } else {
+        vec![
+            PointMass {
+                at_m: pad_com,
+                kg: robot.end_pad_kg,
+            },
+            PointMass {
+                at_m: Vector3::new(0.0, 0.0, -robot.gripper_com_m),
+                kg: robot.gripper_kg * p.gripper_mass,
+            },
+        ]
+    };
+    Section {
+        elements: resolution.elements,
+        length_m: l0,
+        rigidity: [
+            bending,
+            bending,
+            torsion,
+            p.shear * axial,
+            p.shear * axial,
+            0.0,
+        ],
+        rest: [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
+        tubes: chambers
+            .map(|i| {
+                let stiffness_n = robot.axial_stiffness_n_m * p.chamber_stiffness[i] * l0;
+                Tube {
+                    r_m: robot.bellows_m[i],
+                    stiffness_n,
+                    rest_stretch: p.rest_length[i],
+                    cubic_n: p.hardening * stiffness_n,
+                }
+            })
+            .collect(),
+        links: springs
+            .map(|i| Link {
+                top_m: robot.spring_top_m[i],
+                bottom_m: robot.spring_bottom_m[i],
+                rate_n_m: robot.spring.rate_n_m,
+                free_m: robot.spring.free_length_m,
+            })
+            .collect(),
+        kg_per_m: 3.0 * robot.bellows_kg / l0,
+        masses,
+        offset_m: Vector3::new(0.0, 0.0, -robot.pad_thickness_m),
+    }
+}
+
+/// The changing part of a simulation: the strains, and memory that is reused between solves.
+#[derive(Default)]
+pub struct State {
+    /// Strains of all elements.
+    pub strains: Vec<f64>,
+    /// Solver memory; holds no result.
+    pub work: Workspace,
+}
+
+impl State {
+    /// The unloaded arm.
+    pub fn rest(model: &Model) -> Self {
+        Self {
+            strains: model.rod.rest_state(),
+            work: Workspace::default(),
+        }
+    }
+}
+
+/// Why a state could not be computed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SimError {
+    /// An input is not a finite number.
+    #[error("{what} is {value}, which is not a finite number: give a finite value")]
+    NotFinite {
+        /// The input.
+        what: String,
+        /// Its value.
+        value: f64,
+    },
+    /// No stable equilibrium was found.
+    #[error(
+        "the rod model found no stable equilibrium after {iterations} Newton iterations \
+         (last step {last_step:.1e}): the load is beyond what the arm can hold"
+    )]
+    NoEquilibrium {
+        /// Newton iterations.
+        iterations: usize,
+        /// Last step.
+        last_step: f64,
+    },
+}
+
+fn check(inputs: &Inputs) -> Result<(), SimError> {
+    let bad = |what: &str, value: f64| {
+        Err(SimError::NotFinite {
+            what: what.to_owned(),
+            value,
+        })
+    };
+    for (i, p) in inputs.chamber_pa.iter().enumerate() {
+        if !p.is_finite() {
+            return bad(&format!("the pressure of chamber {}", i + 1), *p);
+        }
+    }
+    if !inputs.payload_kg.is_finite() {
+        return bad("the payload", inputs.payload_kg);
+    }
+    for f in inputs.tip_force_n.iter().chain(&inputs.tension_n) {
+        if !f.is_finite() {
+            return bad("a force", *f);
+        }
+    }
+    Ok(())
+}
+
+/// Settles the arm under `inputs`, starting from `state`.
+///
+/// # Errors
+/// [`SimError`] when an input is not finite or no stable equilibrium is found; `state` is then
+/// left as it was.
+pub fn settle(model: &Model, state: &mut State, inputs: &Inputs) -> Result<Outcome, SimError> {
+    advance(model, state, inputs, 0.0)
+}
+
+/// One implicit step of overdamped motion: strains relax towards equilibrium with the time
+/// constant `tau_s` (stiffness-proportional viscosity).
+///
+/// # Errors
+/// As [`settle`].
+pub fn creep_to(
+    model: &Model,
+    state: &mut State,
+    inputs: &Inputs,
+    tau_s: f64,
+    dt_s: f64,
+) -> Result<Outcome, SimError> {
+    advance(model, state, inputs, tau_s / dt_s)
+}
+
+fn advance(
+    model: &Model,
+    state: &mut State,
+    inputs: &Inputs,
+    viscosity: f64,
+) -> Result<Outcome, SimError> {
+    check(inputs)?;
+    let loads = model.loads(inputs, viscosity);
+    let mut q = state.strains.clone();
+    let outcome = solve(&model.rod, &loads, &mut q, &mut state.work);
+    if !outcome.converged {
+        return Err(SimError::NoEquilibrium {
+            iterations: outcome.iterations,
+            last_step: outcome.last_step,
+        });
+    }
+    state.strains = q;
+    Ok(outcome)
+}

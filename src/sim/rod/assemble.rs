@@ -1,0 +1,479 @@
+//! Energy, gradient and exact Hessian of the rod in its strains.
+//!
+//! Every strain component a of element e has a spatial screw S_a = (ω_a, v_a): all points x
+//! downstream move with ω_a × x + v_a. For dead forces f at points x
+//!
+//! ∂Π/∂q_a = −(ω_a·M + v_a·F),            F = Σ f,  M = Σ x × f
+//! ∂²Π/∂q_a∂q_b = −ω_a·[v_b × F + (N − tr N) ω_b],  N = Σ x fᵀ,  a upstream of b
+//!
+//! summed over the points downstream of b; within one element the derivative of the exponential's
+//! left Jacobian is added (see [`super::se3`]). Tension springs span one section, so they
+//! add their forces, and their stiffness through the screws, to that section alone.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::se3::{ExpMap, Frame, Twist};
+use super::{Loads, Rod, Section};
+
+/// Poses along the rod.
+#[derive(Clone, Debug, Default)]
+pub struct Kinematics {
+    /// Element ends in the base frame: per section its start and then every element's end.
+    pub nodes: Vec<Vec<Frame>>,
+}
+
+impl Kinematics {
+    /// The pose of the last section's end.
+    pub fn tip(&self) -> Frame {
+        self.nodes
+            .last()
+            .and_then(|n| n.last())
+            .copied()
+            .unwrap_or_else(Frame::identity)
+    }
+}
+
+/// Dead forces summed: F, M about the base origin, N = Σ x fᵀ.
+#[derive(Clone, Copy)]
+struct Dead {
+    f: Vector3<f64>,
+    m: Vector3<f64>,
+    n: Matrix3<f64>,
+}
+
+impl Dead {
+    fn zero() -> Self {
+        Self {
+            f: Vector3::zeros(),
+            m: Vector3::zeros(),
+            n: Matrix3::zeros(),
+        }
+    }
+
+    fn add(&mut self, x: &Vector3<f64>, f: &Vector3<f64>) {
+        self.f += f;
+        self.m += x.cross(f);
+        self.n += x * f.transpose();
+    }
+
+    fn sum(&self, o: &Self) -> Self {
+        Self {
+            f: self.f + o.f,
+            m: self.m + o.m,
+            n: self.n + o.n,
+        }
+    }
+
+    /// Σ (ω × x + v) × f.
+    fn moved(&self, s: &Twist) -> Vector3<f64> {
+        s.v.cross(&self.f) + self.n * s.w - s.w * self.n.trace()
+    }
+}
+
+/// What is kept of one element between the passes.
+struct ElementPass {
+    start: Frame,
+    exp: ExpMap,
+    /// Per free strain: spatial screw and ad⁰e..ad⁴e.
+    screws: [(Twist, [Twist; 5]); 6],
+}
+
+/// Scratch memory and results of one evaluation.
+#[derive(Default)]
+pub(super) struct Assembly {
+    pub energy: f64,
+    pub gradient: Vec<f64>,
+    /// Row-major, lower triangle filled.
+    pub hessian: Vec<f64>,
+    elements: Vec<ElementPass>,
+    moved: Vec<[f64; 9]>,
+}
+
+fn strain_of(section: &Section, idx: &[usize], q: &[f64]) -> [f64; 6] {
+    let mut xi = section.rest;
+    for (k, &i) in idx.iter().enumerate() {
+        xi[i] = q[k];
+    }
+    xi
+}
+
+fn twist_of(xi: &[f64; 6], scale: f64) -> Twist {
+    Twist {
+        w: Vector3::new(xi[0], xi[1], xi[2]) * scale,
+        v: Vector3::new(xi[3], xi[4], xi[5]) * scale,
+    }
+}
+
+/// Poses of all element ends.
+pub(super) fn kinematics(rod: &Rod, q: &[f64]) -> Kinematics {
+    let idx = rod.strains.indices();
+    let d = idx.len();
+    let mut at = rod.base;
+    let mut k = 0;
+    let mut nodes = Vec::with_capacity(rod.sections.len());
+    for s in &rod.sections {
+        let l = s.length_m / s.elements as f64;
+        let mut chain = Vec::with_capacity(s.elements + 1);
+        chain.push(at);
+        for _ in 0..s.elements {
+            let xi = strain_of(s, idx, &q[k..k + d]);
+            at = at.then(&ExpMap::new(twist_of(&xi, l)).frame);
+            chain.push(at);
+            k += d;
+        }
+        at = at.shifted(&s.offset_m);
+        nodes.push(chain);
+    }
+    Kinematics { nodes }
+}
+
+/// Strain energy of one element with its first two derivatives after the six strains.
+fn local(
+    section: &Section,
+    l: f64,
+    tube_n: &[f64],
+    xi: &[f64; 6],
+) -> (f64, [f64; 6], [[f64; 6]; 6]) {
+    let mut e = 0.0;
+    let mut g = [0.0; 6];
+    let mut h = [[0.0; 6]; 6];
+    for i in 0..6 {
+        let dx = xi[i] - section.rest[i];
+        e += 0.5 * l * section.rigidity[i] * dx * dx;
+        g[i] += l * section.rigidity[i] * dx;
+        h[i][i] += l * section.rigidity[i];
+    }
+    let (kappa, v) = (
+        Vector3::new(xi[0], xi[1], xi[2]),
+        Vector3::new(xi[3], xi[4], xi[5]),
+    );
+    for (tube, push) in section.tubes.iter().zip(tube_n) {
+        // d = v + κ × r is linear in the strain: ∂d/∂κ_i = e_i × r, ∂d/∂v_i = e_i.
+        let d = v + kappa.cross(&tube.r_m);
+        let stretch = d.norm();
+        let n = d / stretch;
+        let x = stretch - tube.rest_stretch;
+        e +=
+            l * (0.5 * tube.stiffness_n * x * x + 0.25 * tube.cubic_n * x.powi(4) - push * stretch);
+        let d1 = l * (tube.stiffness_n * x + tube.cubic_n * x.powi(3) - push);
+        let d2 = l * (tube.stiffness_n + 3.0 * tube.cubic_n * x * x);
+        let r = tube.r_m;
+        let columns = [
+            Vector3::new(0.0, -r.z, r.y),
+            Vector3::new(r.z, 0.0, -r.x),
+            Vector3::new(-r.y, r.x, 0.0),
+            Vector3::x(),
+            Vector3::y(),
+            Vector3::z(),
+        ];
+        let along = columns.map(|c| n.dot(&c));
+        for i in 0..6 {
+            g[i] += d1 * along[i];
+            for j in 0..=i {
+                let across = columns[i].dot(&columns[j]) - along[i] * along[j];
+                h[i][j] += d2 * along[i] * along[j] + d1 / stretch * across;
+            }
+        }
+    }
+    (e, g, h)
+}
+
+impl Assembly {
+    /// Energy alone, for the line search.
+    pub fn energy_only(rod: &Rod, loads: &Loads, q: &[f64], previous: &[f64]) -> f64 {
+        let idx = rod.strains.indices();
+        let d = idx.len();
+        let kin = kinematics(rod, q);
+        let (mut e, mut k, mut t) = (0.0, 0, 0);
+        for (si, s) in rod.sections.iter().enumerate() {
+            let l = s.length_m / s.elements as f64;
+            let tube_n = &loads.tube_n[t..t + s.tubes.len()];
+            for _ in 0..s.elements {
+                let xi = strain_of(s, idx, &q[k..k + d]);
+                e += local(s, l, tube_n, &xi).0;
+                for (m, &i) in idx.iter().enumerate() {
+                    let dq = q[k + m] - previous[k + m];
+                    e += 0.5 * loads.viscosity * drag(s, l, i) * dq * dq;
+                }
+                k += d;
+            }
+            t += s.tubes.len();
+            let (start, end) = (kin.nodes[si][0], kin.nodes[si][s.elements]);
+            for link in &s.links {
+                let dist = (end.point(&link.bottom_m) - start.point(&link.top_m)).norm();
+                let x = (dist - link.free_m).max(0.0);
+                e += 0.5 * link.rate_n_m * x * x;
+            }
+            for_dead_forces(rod, loads, si, &kin.nodes[si], |_, x, f| e -= x.dot(f));
+        }
+        // A constant moment has no energy in general; its work is left out here and the line
+        // search is skipped when one acts.
+        e
+    }
+
+    /// Energy, gradient and Hessian at q.
+    pub fn evaluate(&mut self, rod: &Rod, loads: &Loads, q: &[f64], previous: &[f64]) {
+        let idx = rod.strains.indices();
+        let d = idx.len();
+        let n = rod.unknowns();
+        self.energy = 0.0;
+        self.gradient.clear();
+        self.gradient.resize(n, 0.0);
+        self.hessian.clear();
+        self.hessian.resize(n * n, 0.0);
+        self.elements.clear();
+        self.moved.clear();
+        self.moved.resize(n, [0.0; 9]);
+
+        let nodes = self.forward(rod, loads, q, previous);
+
+        // Backward: from the tip to the base, dead loads accumulate.
+        let mut dead = Dead::zero();
+        dead.m += loads.tip_moment_nm;
+        let mut element_end = self.elements.len();
+        for (si, s) in rod.sections.iter().enumerate().rev() {
+            let first = element_end - s.elements;
+            let (start, end) = (nodes[si][0], nodes[si][s.elements]);
+            let (link, link_k) = self.links(s, &start, &end);
+            let mut forces = vec![Vec::new(); s.elements + 1];
+            let mut energy = 0.0;
+            for_dead_forces(rod, loads, si, &nodes[si], |node, x, f| {
+                energy -= x.dot(f);
+                forces[node].push((*x, *f));
+            });
+            self.energy += energy;
+            for e in (0..s.elements).rev() {
+                for (x, f) in &forces[e + 1] {
+                    dead.add(x, f);
+                }
+                let all = dead.sum(&link);
+                let pass = &self.elements[first + e];
+                // Wrench on the element's end as seen from its start, paired with its twists.
+                let about = all.m - pass.start.p.cross(&all.f);
+                let z = Twist {
+                    w: -(pass.start.r.transpose() * about),
+                    v: -(pass.start.r.transpose() * all.f),
+                };
+                let contraction = pass.exp.contraction(&z);
+                let l = s.length_m / s.elements as f64;
+                let base = (first + e) * d;
+                let mut sections = [Vector3::zeros(); 6];
+                for a in 0..d {
+                    let (screw, y) = &pass.screws[a];
+                    self.gradient[base + a] -= screw.w.dot(&all.m) + screw.v.dot(&all.f);
+                    let upstream = dead.moved(screw);
+                    let section = all.moved(screw);
+                    // K6 S_b for the springs across this section.
+                    let pull = link_k.apply(screw);
+                    self.moved[base + a] = [
+                        upstream.x,
+                        upstream.y,
+                        upstream.z,
+                        pull.w.x - section.x,
+                        pull.w.y - section.y,
+                        pull.w.z - section.z,
+                        pull.v.x,
+                        pull.v.y,
+                        pull.v.z,
+                    ];
+                    let h = contraction.derivative(y);
+                    sections[a] = section;
+                    for b in 0..=a {
+                        // ω_a·C_b is not symmetric by itself; the derivative term makes up for it.
+                        let cross = pull.dot(&pass.screws[b].0) - screw.w.dot(&sections[b]);
+                        let tangent = l * l * h.get(idx[b]);
+                        self.hessian[(base + a) * n + base + b] += cross + tangent;
+                    }
+                }
+            }
+            for (x, f) in &forces[0] {
+                dead.add(x, f);
+            }
+            element_end = first;
+        }
+        self.couple(rod, n, d);
+    }
+
+    /// Frames, screws and the local energy of every element. Returns the nodes.
+    fn forward(
+        &mut self,
+        rod: &Rod,
+        loads: &Loads,
+        q: &[f64],
+        previous: &[f64],
+    ) -> Vec<Vec<Frame>> {
+        let idx = rod.strains.indices();
+        let d = idx.len();
+        let n = rod.unknowns();
+        let (mut at, mut k, mut t) = (rod.base, 0, 0);
+        let mut nodes = Vec::with_capacity(rod.sections.len());
+        for s in &rod.sections {
+            let l = s.length_m / s.elements as f64;
+            let tube_n = &loads.tube_n[t..t + s.tubes.len()];
+            let mut chain = Vec::with_capacity(s.elements + 1);
+            chain.push(at);
+            for _ in 0..s.elements {
+                let xi = strain_of(s, idx, &q[k..k + d]);
+                let exp = ExpMap::new(twist_of(&xi, l));
+                let mut screws = [(Twist::zero(), [Twist::zero(); 5]); 6];
+                for (m, &i) in idx.iter().enumerate() {
+                    let (tangent, y) = exp.tangent(&Twist::unit(i));
+                    let w = at.r * tangent.w * l;
+                    screws[m] = (
+                        Twist {
+                            w,
+                            v: at.r * tangent.v * l + at.p.cross(&w),
+                        },
+                        y,
+                    );
+                }
+                let (e, g, h) = local(s, l, tube_n, &xi);
+                self.energy += e;
+                for (m, &i) in idx.iter().enumerate() {
+                    let dq = q[k + m] - previous[k + m];
+                    let drag = loads.viscosity * drag(s, l, i);
+                    self.energy += 0.5 * drag * dq * dq;
+                    self.gradient[k + m] += g[i] + drag * dq;
+                    self.hessian[(k + m) * n + k + m] += drag;
+                    for (o, &j) in idx[..=m].iter().enumerate() {
+                        self.hessian[(k + m) * n + k + o] += h[i][j];
+                    }
+                }
+                let start = at;
+                at = at.then(&exp.frame);
+                chain.push(at);
+                self.elements.push(ElementPass { start, exp, screws });
+                k += d;
+            }
+            t += s.tubes.len();
+            at = at.shifted(&s.offset_m);
+            nodes.push(chain);
+        }
+        nodes
+    }
+
+    /// Forces and stiffness of the springs across a section.
+    fn links(&mut self, s: &Section, start: &Frame, end: &Frame) -> (Dead, Stiffness6) {
+        let mut dead = Dead::zero();
+        let mut k6 = Stiffness6::zero();
+        for link in &s.links {
+            let x = end.point(&link.bottom_m);
+            let d = x - start.point(&link.top_m);
+            let dist = d.norm();
+            let stretch = dist - link.free_m;
+            if stretch <= 0.0 {
+                continue;
+            }
+            let n = d / dist;
+            let tension = link.rate_n_m * stretch;
+            self.energy += 0.5 * link.rate_n_m * stretch * stretch;
+            dead.add(&x, &(-n * tension));
+            let nn = n * n.transpose();
+            let k = nn * link.rate_n_m + (Matrix3::identity() - nn) * (tension / dist);
+            k6.add(&x, &k);
+        }
+        (dead, k6)
+    }
+
+    /// Blocks between different elements: a upstream of b.
+    fn couple(&mut self, rod: &Rod, n: usize, d: usize) {
+        let mut section_of = Vec::with_capacity(self.elements.len());
+        for (si, s) in rod.sections.iter().enumerate() {
+            section_of.extend(std::iter::repeat_n(si, s.elements));
+        }
+        for eb in 1..self.elements.len() {
+            for b in 0..d {
+                let m = &self.moved[eb * d + b];
+                let row = (eb * d + b) * n;
+                for ea in 0..eb {
+                    let same = section_of[ea] == section_of[eb];
+                    for a in 0..d {
+                        let s = &self.elements[ea].screws[a].0;
+                        let h = if same {
+                            s.w.x * m[3]
+                                + s.w.y * m[4]
+                                + s.w.z * m[5]
+                                + s.v.x * m[6]
+                                + s.v.y * m[7]
+                                + s.v.z * m[8]
+                        } else {
+                            -(s.w.x * m[0] + s.w.y * m[1] + s.w.z * m[2])
+                        };
+                        self.hessian[row + ea * d + a] += h;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Resistance of one strain to change, per unit viscosity.
+fn drag(s: &Section, l: f64, i: usize) -> f64 {
+    let tubes: f64 = s
+        .tubes
+        .iter()
+        .map(|t| match i {
+            0 => t.stiffness_n * t.r_m.y * t.r_m.y,
+            1 => t.stiffness_n * t.r_m.x * t.r_m.x,
+            5 => t.stiffness_n,
+            _ => 0.0,
+        })
+        .sum();
+    l * (s.rigidity[i] + tubes)
+}
+
+/// Calls `each(node, point, force)` for every dead force on a section; node 0 is its start.
+fn for_dead_forces(
+    rod: &Rod,
+    loads: &Loads,
+    si: usize,
+    nodes: &[Frame],
+    mut each: impl FnMut(usize, &Vector3<f64>, &Vector3<f64>),
+) {
+    let s = &rod.sections[si];
+    let end = s.elements;
+    let lump = rod.gravity_m_s2 * (s.kg_per_m * s.length_m / end as f64);
+    for (i, node) in nodes.iter().enumerate() {
+        let share = if i == 0 || i == end { 0.5 } else { 1.0 };
+        each(i, &node.p, &(lump * share));
+    }
+    let last = si + 1 == rod.sections.len();
+    let extra: &[super::PointMass] = if last { &loads.tip_masses } else { &[] };
+    for m in s.masses.iter().chain(extra) {
+        each(end, &nodes[end].point(&m.at_m), &(rod.gravity_m_s2 * m.kg));
+    }
+    if last {
+        each(end, &nodes[end].p, &loads.tip_force_n);
+    }
+}
+
+/// Σ [−x×, I]ᵀ K [−x×, I]: spring stiffness against spatial twists.
+struct Stiffness6 {
+    ww: Matrix3<f64>,
+    wv: Matrix3<f64>,
+    vv: Matrix3<f64>,
+}
+
+impl Stiffness6 {
+    fn zero() -> Self {
+        Self {
+            ww: Matrix3::zeros(),
+            wv: Matrix3::zeros(),
+            vv: Matrix3::zeros(),
+        }
+    }
+
+    fn add(&mut self, x: &Vector3<f64>, k: &Matrix3<f64>) {
+        let j = -x.cross_matrix();
+        self.ww += j.transpose() * k * j;
+        self.wv += j.transpose() * k;
+        self.vv += k;
+    }
+
+    fn apply(&self, s: &Twist) -> Twist {
+        Twist {
+            w: self.ww * s.w + self.wv * s.v,
+            v: self.wv.transpose() * s.w + self.vv * s.v,
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! Newton's method on the rod's energy, with line search and, when needed, load stepping.
+
+use super::assemble::{Assembly, Kinematics, kinematics};
+use super::{Factor, Loads, Rod};
+
+/// How a solve ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Whether the last Newton step was below the tolerance and the Hessian positive definite.
+    pub converged: bool,
+    /// Newton iterations, load steps included.
+    pub iterations: usize,
+    /// Largest component of the last step, in units of strain times section length.
+    pub last_step: f64,
+}
+
+/// Reusable memory of the solver.
+#[derive(Default)]
+pub struct Workspace {
+    assembly: Assembly,
+    factor: Factor,
+    step: Vec<f64>,
+    trial: Vec<f64>,
+    previous: Vec<f64>,
+}
+
+impl Workspace {
+    /// The factorised Hessian at the last accepted state (valid after a converged solve).
+    pub fn factor(&self) -> &Factor {
+        &self.factor
+    }
+}
+
+/// A step below this (strain times section length) ends the iteration; Newton converges
+/// quadratically, so the remaining error is near the square of it.
+const STEP_TOLERANCE: f64 = 1e-8;
+const MAX_ITERATIONS: usize = 60;
+/// Largest change of any strain in one iteration, relative to 1/m and 1.
+const MAX_CURVATURE_STEP_1_M: f64 = 8.0;
+const MAX_STRETCH_STEP: f64 = 0.5;
+
+/// Settles the rod from the strains in `q`, which are left at the result.
+///
+/// When a direct Newton iteration fails, the tube forces are applied in steps from the state of
+/// rest. With `loads.viscosity` > 0 the strains resist moving away from the `q` passed in.
+pub fn solve(rod: &Rod, loads: &Loads, q: &mut Vec<f64>, work: &mut Workspace) -> Outcome {
+    work.previous.clone_from(q);
+    let first = newton(rod, loads, q, work);
+    if first.converged || loads.viscosity > 0.0 {
+        return first;
+    }
+    let mut iterations = first.iterations;
+    for steps in [4usize, 16] {
+        let mut at = rod.rest_state();
+        let mut ok = true;
+        let mut last = first.clone();
+        for k in 1..=steps {
+            let share = k as f64 / steps as f64;
+            let mut part = loads.clone();
+            part.tube_n.iter_mut().for_each(|f| *f *= share);
+            part.tip_force_n *= share;
+            part.tip_moment_nm *= share;
+            last = newton(rod, &part, &mut at, work);
+            iterations += last.iterations;
+            ok = last.converged;
+            if !ok {
+                break;
+            }
+        }
+        if ok {
+            *q = at;
+            return Outcome { iterations, ..last };
+        }
+    }
+    Outcome {
+        iterations,
+        ..first
+    }
+}
+
+fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outcome {
+    let n = q.len();
+    let idx = rod.strains.indices();
+    let d = idx.len();
+    let length: f64 =
+        rod.sections.iter().map(|s| s.length_m).sum::<f64>() / rod.sections.len() as f64;
+    let with_moment = loads.tip_moment_nm.norm() > 0.0;
+    if work.previous.len() != n {
+        work.previous = q.to_vec();
+    }
+    let mut last_step = f64::INFINITY;
+    for iteration in 1..=MAX_ITERATIONS {
+        let Workspace {
+            assembly,
+            factor,
+            step,
+            trial,
+            previous,
+        } = work;
+        assembly.evaluate(rod, loads, q, previous);
+        let mut definite = factor.compute(&assembly.hessian, n, 0.0);
+        let unshifted = definite;
+        let mut shift = 1e-4 * diagonal_mean(&assembly.hessian, n);
+        while !definite && shift.is_finite() && shift > 0.0 {
+            definite = factor.compute(&assembly.hessian, n, shift);
+            shift *= 8.0;
+        }
+        if !definite {
+            return Outcome {
+                converged: false,
+                iterations: iteration,
+                last_step,
+            };
+        }
+        step.clear();
+        step.extend(assembly.gradient.iter().map(|g| -g));
+        factor.solve(step);
+        // Keep within the range in which the quadratic model means something.
+        let mut scale: f64 = 1.0;
+        for (k, s) in step.iter().enumerate() {
+            let bound = if idx[k % d] < 3 {
+                MAX_CURVATURE_STEP_1_M
+            } else {
+                MAX_STRETCH_STEP
+            };
+            scale = scale.min(bound / s.abs().max(1e-300));
+        }
+        last_step = step
+            .iter()
+            .enumerate()
+            .map(|(k, s)| {
+                if idx[k % d] < 3 {
+                    s.abs() * length
+                } else {
+                    s.abs()
+                }
+            })
+            .fold(0.0, f64::max);
+        if !last_step.is_finite() {
+            return Outcome {
+                converged: false,
+                iterations: iteration,
+                last_step,
+            };
+        }
+        if last_step < STEP_TOLERANCE && unshifted {
+            q.iter_mut().zip(step.iter()).for_each(|(q, s)| *q += s);
+            return Outcome {
+                converged: true,
+                iterations: iteration,
+                last_step,
+            };
+        }
+        let slope: f64 = assembly
+            .gradient
+            .iter()
+            .zip(step.iter())
+            .map(|(g, s)| g * s)
+            .sum();
+        let mut t = scale;
+        let small = last_step < 1e-4;
+        for _ in 0..30 {
+            trial.clear();
+            trial.extend(q.iter().zip(step.iter()).map(|(q, s)| q + t * s));
+            // Near the solution rounding hides the decrease of the energy: take the Newton step.
+            if small || with_moment {
+                break;
+            }
+            let energy = Assembly::energy_only(rod, loads, trial, previous);
+            if energy <= assembly.energy + 1e-4 * t * slope {
+                break;
+            }
+            t *= 0.5;
+        }
+        q.copy_from_slice(trial);
+    }
+    Outcome {
+        converged: false,
+        iterations: MAX_ITERATIONS,
+        last_step,
+    }
+}
+
+fn diagonal_mean(a: &[f64], n: usize) -> f64 {
+    (0..n).map(|i| a[i * n + i].abs()).sum::<f64>() / n as f64
+}
+
+/// Poses at the strains `q`.
+pub fn poses(rod: &Rod, q: &[f64]) -> Kinematics {
+    kinematics(rod, q)
+}

@@ -1,0 +1,130 @@
+use super::assemble::Assembly;
+use super::*;
+use crate::robot::RobotSpec;
+use crate::signal::ypr_from_rotation;
+use crate::sim::{Inputs, Model, Parameters, Resolution, State, observe, settle};
+
+fn jitter(i: usize) -> f64 {
+    ((i as f64 * 12.9898).sin() * 43_758.547).fract()
+}
+
+#[test]
+fn gradient_and_hessian_agree_with_differences() {
+    for strains in [Strains::NoShear, Strains::All] {
+        let model = Model::new(
+            &RobotSpec::reference(),
+            &Parameters {
+                hardening: 0.3,
+                ..Parameters::default()
+            },
+            Resolution {
+                elements: 3,
+                strains,
+            },
+        );
+        let rod = &model.rod;
+        let loads = Loads {
+            tube_n: vec![200.0, -100.0, 50.0, 30.0, -200.0, 120.0],
+            tip_force_n: nalgebra::Vector3::new(10.0, -7.0, 3.0),
+            tip_masses: vec![PointMass {
+                at_m: nalgebra::Vector3::new(0.01, 0.02, -0.1),
+                kg: 0.5,
+            }],
+            viscosity: 0.2,
+            ..Loads::default()
+        };
+        let rest = rod.rest_state();
+        let d = strains.indices().len();
+        let q: Vec<f64> = rest
+            .iter()
+            .enumerate()
+            .map(|(i, r)| {
+                r + jitter(i)
+                    * if strains.indices()[i % d] < 3 {
+                        5.0
+                    } else {
+                        0.3
+                    }
+            })
+            .collect();
+        let n = q.len();
+        let mut at = Assembly::default();
+        at.evaluate(rod, &loads, &q, &rest);
+        let e0 = Assembly::energy_only(rod, &loads, &q, &rest);
+        assert!(
+            (at.energy - e0).abs() < 1e-9 * e0.abs().max(1.0),
+            "{} {e0}",
+            at.energy
+        );
+        let (g, h) = (at.gradient.clone(), at.hessian.clone());
+        let scale = g.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        let hscale = h.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+        for i in 0..n {
+            let eps = 1e-5;
+            let mut plus = q.clone();
+            plus[i] += eps;
+            let mut minus = q.clone();
+            minus[i] -= eps;
+            let num = (Assembly::energy_only(rod, &loads, &plus, &rest)
+                - Assembly::energy_only(rod, &loads, &minus, &rest))
+                / (2.0 * eps);
+            assert!(
+                (num - g[i]).abs() < 1e-6 * scale,
+                "gradient {i}: {num} {}",
+                g[i]
+            );
+            at.evaluate(rod, &loads, &plus, &rest);
+            let gp = at.gradient.clone();
+            at.evaluate(rod, &loads, &minus, &rest);
+            for j in 0..=i {
+                let num = (gp[j] - at.gradient[j]) / (2.0 * eps);
+                assert!(
+                    (num - h[i * n + j]).abs() < 1e-6 * hscale,
+                    "{strains:?} Hessian {i} {j}: {num} {}",
+                    h[i * n + j]
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn reference_robot_takes_its_sanity_poses() {
+    let model = Model::nominal(&RobotSpec::reference());
+    // (pressures kPa, position mm, yaw/pitch/roll deg): an independent rigid-disc engine, settled.
+    let cases: [([f64; 6], [f64; 3], [f64; 3]); 5] = [
+        ([0.0; 6], [0.0, 0.0, -296.6], [0.0; 3]),
+        ([40.0; 6], [0.0, 0.0, -441.2], [0.0; 3]),
+        ([-40.0; 6], [0.0, 0.0, -151.5], [0.0; 3]),
+        (
+            [40.0, -40.0, -40.0, 0.0, 0.0, 0.0],
+            [-143.4, 0.0, -219.9],
+            [0.0, 43.7, 0.0],
+        ),
+        (
+            [20.0, -20.0, -20.0, 20.0, -20.0, -20.0],
+            [-82.4, -17.7, -253.3],
+            [-2.3, 33.1, -21.1],
+        ),
+    ];
+    for (kpa, mm, ypr) in cases {
+        let mut state = State::rest(&model);
+        let inputs = Inputs {
+            chamber_pa: kpa.map(|p| p * 1e3),
+            ..Inputs::default()
+        };
+        let outcome = settle(&model, &mut state, &inputs).expect("settles");
+        let o = observe(&model, &state);
+        let got = o.base_from_tip.translation.vector * 1e3;
+        let angles = ypr_from_rotation(&o.base_from_tip.rotation).map(f64::to_degrees);
+        println!(
+            "{kpa:?}: {got:?} {angles:?} {outcome:?} springs {:?}",
+            o.sensors.spring_m
+        );
+        let d = (got - nalgebra::Vector3::from(mm)).norm();
+        assert!(d < 8.0, "{kpa:?}: {got:?} is {d:.1} mm off");
+        for k in 0..3 {
+            assert!((angles[k] - ypr[k]).abs() < 3.0, "{kpa:?}: {angles:?}");
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! What the sensors would read at a state: geometry only, no noise.
+
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::model::{Model, State};
+use super::rod::{poses, se3::Frame};
+use crate::robot::PadId;
+use crate::signal::{ArmShape, CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, ypr_from_rotation};
+
+/// Geometry of one state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Pose of the end pad's origin.
+    pub base_from_tip: Pose,
+    /// The 24 signals.
+    pub sensors: SensorVec,
+    /// Length of each bellows along its own path, m.
+    pub bellows_m: [f64; CHAMBERS],
+    /// For drawing.
+    pub shape: ArmShape,
+}
+
+fn pose(frame: &Frame) -> Pose {
+    Isometry3::from_parts(
+        Translation3::from(frame.p),
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(frame.r)),
+    )
+}
+
+/// Poses, spring lengths, pad orientations and shape at a state.
+pub fn observe(model: &Model, state: &State) -> Observation {
+    let robot = &model.robot;
+    let kin = poses(&model.rod, &state.strains);
+    let ends: Vec<(Frame, Frame)> = kin.nodes.iter().map(|n| (n[0], n[n.len() - 1])).collect();
+    let mut spring_m = [0.0; SPRINGS];
+    let mut spring_ends_m = [[[0.0; 3]; 2]; SPRINGS];
+    for i in 0..SPRINGS {
+        let (start, end) = &ends[i / 6];
+        let top = start.point(&robot.spring_top_m[i]);
+        let bottom = end.point(&robot.spring_bottom_m[i]);
+        spring_m[i] = (bottom - top).norm();
+        spring_ends_m[i] = [top.into(), bottom.into()];
+    }
+    let pads = [pose(&ends[0].0), pose(&ends[0].1), pose(&ends[1].1)];
+    let imu_ypr_rad: [[f64; 3]; IMUS] = std::array::from_fn(|i| {
+        let pad = match robot.imus[i].pad {
+            PadId::Middle => &pads[1],
+            PadId::End => &pads[2],
+        };
+        ypr_from_rotation(&pad.rotation)
+    });
+    Observation {
+        base_from_tip: pads[2],
+        sensors: SensorVec {
+            spring_m,
+            imu_ypr_rad,
+        },
+        bellows_m: bellows_lengths(model, &state.strains),
+        shape: ArmShape {
+            base_from_section: [
+                kin.nodes[0].iter().map(pose).collect(),
+                kin.nodes[1].iter().map(pose).collect(),
+            ],
+            base_from_pad: pads,
+            spring_ends_m,
+        },
+    }
+}
+
+/// L_i = Σ l |v + κ × r_i|, m.
+fn bellows_lengths(model: &Model, strains: &[f64]) -> [f64; CHAMBERS] {
+    let idx = model.rod.strains.indices();
+    let d = idx.len();
+    let mut out = [0.0; CHAMBERS];
+    let mut k = 0;
+    for (si, s) in model.rod.sections.iter().enumerate() {
+        let l = s.length_m / s.elements as f64;
+        for _ in 0..s.elements {
+            let mut xi = s.rest;
+            for (m, &i) in idx.iter().enumerate() {
+                xi[i] = strains[k + m];
+            }
+            let (kappa, v) = (
+                Vector3::new(xi[0], xi[1], xi[2]),
+                Vector3::new(xi[3], xi[4], xi[5]),
+            );
+            for (t, tube) in s.tubes.iter().enumerate() {
+                out[3 * si + t] += l * (v + kappa.cross(&tube.r_m)).norm();
+            }
+            k += d;
+        }
+    }
+    out
+}
