@@ -1,1 +1,255 @@
 //! Settled samples drawn over the actuator space.
+//!
+//! Every sample has its own generator, seeded from (seed, index), and is solved from the state of
+//! rest: the order, the number of threads and the sharding do not change a single bit.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::{Inputs, Model, Parameters, Resolution, SimError, State, observe, settle};
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, Dataset, Sample};
+
+/// Which pressures are visited.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Draw {
+    /// So many samples, uniform in the pressure box.
+    Uniform(usize),
+    /// Every combination of this many evenly spaced pressures per chamber (3: 729 samples).
+    Grid(usize),
+}
+
+impl Draw {
+    /// How many samples that makes.
+    pub fn len(self) -> usize {
+        match self {
+            Self::Uniform(n) => n,
+            Self::Grid(n) => n.pow(CHAMBERS as u32),
+        }
+    }
+
+    /// Whether that makes none.
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// What a dataset is drawn from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Pressures.
+    pub draw: Draw,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Heaviest payload; drawn uniformly from 0, kg.
+    pub payload_max_kg: f64,
+    /// Standard deviation of each component of a force on the tip, N.
+    pub tip_force_sd_n: f64,
+    /// Relative standard deviation of stiffnesses, areas and rest lengths (the last a fifth of it):
+    /// how much arms differ from the nominal one.
+    pub deviation_sd: f64,
+}
+
+impl Plan {
+    /// Unloaded samples of the nominal arm.
+    pub fn nominal(draw: Draw, seed: u64) -> Self {
+        Self {
+            draw,
+            seed,
+            payload_max_kg: 0.0,
+            tip_force_sd_n: 0.0,
+            deviation_sd: 0.0,
+        }
+    }
+}
+
+/// The generator of sample `index`.
+pub fn sample_rng(seed: u64, index: usize) -> Pcg64Mcg {
+    let mut rng = Pcg64Mcg::new(((seed as u128) << 64) | (index as u128) << 1 | 1);
+    // The first outputs of neighbouring states are related: skip them by reseeding.
+    Pcg64Mcg::seed_from_u64(rng.random())
+}
+
+/// A standard normal deviate (Box-Muller).
+pub fn normal(rng: &mut Pcg64Mcg) -> f64 {
+    let u: f64 = 1.0 - rng.random::<f64>();
+    let v: f64 = rng.random();
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+/// Parameters scattered about the nominal arm.
+pub fn scattered(sd: f64, rng: &mut Pcg64Mcg) -> Parameters {
+    let mut factor = |sd: f64| 1.0 + sd * normal(rng);
+    Parameters {
+        chamber_stiffness: std::array::from_fn(|_| factor(sd)),
+        chamber_area: std::array::from_fn(|_| factor(0.5 * sd)),
+        rest_length: std::array::from_fn(|_| factor(0.2 * sd)),
+        bending: std::array::from_fn(|_| factor(2.0 * sd)),
+        torsion: std::array::from_fn(|_| factor(2.0 * sd)),
+        ..Parameters::default()
+    }
+}
+
+/// Pressures of sample `index` of a draw, Pa.
+pub fn pressures(
+    draw: Draw,
+    robot: &RobotSpec,
+    index: usize,
+    rng: &mut Pcg64Mcg,
+) -> [f64; CHAMBERS] {
+    let (lo, hi) = (robot.pressure.min_pa, robot.pressure.max_pa);
+    match draw {
+        Draw::Uniform(_) => std::array::from_fn(|_| rng.random_range(lo..=hi)),
+        Draw::Grid(n) => std::array::from_fn(|i| {
+            let level = index / n.pow(i as u32) % n;
+            lo + (hi - lo) * level as f64 / (n - 1).max(1) as f64
+        }),
+    }
+}
+
+/// Sample `index` of a plan, or why the model has no answer there.
+///
+/// # Errors
+/// [`SimError::NoEquilibrium`] for loads beyond what the arm can hold.
+pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, SimError> {
+    let mut rng = sample_rng(plan.seed, index);
+    let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
+    let payload_kg = plan.payload_max_kg * rng.random::<f64>();
+    let tip_force_n = std::array::from_fn(|_| plan.tip_force_sd_n * normal(&mut rng));
+    let parameters = if plan.deviation_sd > 0.0 {
+        scattered(plan.deviation_sd, &mut rng)
+    } else {
+        Parameters::default()
+    };
+    let model = Model::new(robot, &parameters, Resolution::default());
+    let mut state = State::rest(&model);
+    let inputs = Inputs {
+        chamber_pa,
+        payload_kg,
+        tip_force_n,
+        ..Inputs::default()
+    };
+    settle(&model, &mut state, &inputs)?;
+    let o = observe(&model, &state);
+    Ok(Sample {
+        chamber_pa,
+        payload_kg,
+        tip_force_n,
+        sensors: o.sensors,
+        base_from_tip: o.base_from_tip,
+    })
+}
+
+/// Samples `range` of a plan on `threads` threads. `progress` is told how many are done and may
+/// stop the run. Samples without equilibrium are left out and counted in the second result.
+pub fn generate(
+    robot: &RobotSpec,
+    plan: &Plan,
+    range: std::ops::Range<usize>,
+    threads: usize,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> (Dataset, usize) {
+    let samples = parallel(range, threads, progress, &|i| sample(robot, plan, i).ok());
+    let total = samples.len();
+    let kept: Vec<Sample> = samples.into_iter().flatten().collect();
+    let left_out = total - kept.len();
+    let data = Dataset {
+        samples: kept,
+        source: "rod".to_owned(),
+        seed: plan.seed,
+        robot_hash: robot.hash.clone(),
+    };
+    (data, left_out)
+}
+
+/// Maps indices to results on several threads, in order. Stops early when `progress` breaks; the
+/// result is then the longest finished prefix.
+pub fn parallel<T: Send>(
+    range: std::ops::Range<usize>,
+    threads: usize,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    work: &(dyn Fn(usize) -> T + Sync),
+) -> Vec<T> {
+    const BLOCK: usize = 64;
+    let blocks = range.len().div_ceil(BLOCK);
+    let next = AtomicUsize::new(0);
+    let stop = AtomicBool::new(false);
+    let (send, receive) = std::sync::mpsc::sync_channel::<(usize, Vec<T>)>(64);
+    let mut done: Vec<Option<Vec<T>>> = (0..blocks).map(|_| None).collect();
+    std::thread::scope(|scope| {
+        for _ in 0..threads.max(1) {
+            let (send, next, stop, range) = (send.clone(), &next, &stop, range.clone());
+            scope.spawn(move || {
+                loop {
+                    let b = next.fetch_add(1, Ordering::Relaxed);
+                    if b >= blocks || stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    let from = range.start + b * BLOCK;
+                    let to = (from + BLOCK).min(range.end);
+                    if send.send((b, (from..to).map(work).collect())).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(send);
+        let mut count = 0;
+        while let Ok((b, results)) = receive.recv() {
+            count += results.len();
+            done[b] = Some(results);
+            if progress(count).is_break() {
+                stop.store(true, Ordering::Relaxed);
+            }
+        }
+    });
+    done.into_iter().map_while(|b| b).flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_and_shards_do_not_change_a_bit() {
+        let robot = RobotSpec::reference();
+        let plan = Plan {
+            payload_max_kg: 0.5,
+            tip_force_sd_n: 3.0,
+            deviation_sd: 0.02,
+            ..Plan::nominal(Draw::Uniform(150), 7)
+        };
+        let mut on = |_: usize| ControlFlow::Continue(());
+        let (one, left_out) = generate(&robot, &plan, 0..150, 1, &mut on);
+        let (two, _) = generate(&robot, &plan, 0..150, 2, &mut on);
+        assert_eq!(left_out, 0);
+        assert_eq!(one, two);
+        let (a, _) = generate(&robot, &plan, 0..70, 2, &mut on);
+        let (b, _) = generate(&robot, &plan, 70..150, 2, &mut on);
+        let joined: Vec<_> = a.samples.into_iter().chain(b.samples).collect();
+        assert_eq!(one.samples, joined);
+        let spread = one
+            .samples
+            .iter()
+            .map(|s| s.chamber_pa[0])
+            .fold(0.0f64, |m, p| m.max(p.abs()));
+        assert!(spread > 35e3);
+    }
+
+    #[test]
+    fn grid_visits_every_corner_once() {
+        let robot = RobotSpec::reference();
+        let mut rng = sample_rng(1, 1);
+        let draw = Draw::Grid(3);
+        let mut seen: Vec<_> = (0..draw.len())
+            .map(|i| pressures(draw, &robot, i, &mut rng).map(|p| p as i64))
+            .collect();
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!(seen.len(), 729);
+        assert_eq!(seen[0], [-40_000; 6]);
+    }
+}
