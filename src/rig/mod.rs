@@ -1,1 +1,3 @@
-//! The virtual rig.
+//! The virtual rig: an emulated arm with its boards, behind the same wire protocol as hardware.
+
+pub mod plant;
