@@ -1,0 +1,119 @@
+//! The command line: one table of commands, one file per group.
+//!
+//! `--json` prints one JSON object on standard output; logs go to standard error. Exit code 0 only
+//! on success, 2 on bad usage, 1 otherwise, with one plain sentence.
+
+mod args;
+mod data;
+mod simulate;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, Result};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
+use serde_json::Value;
+
+use springtwin::robot::RobotSpec;
+
+#[derive(Parser)]
+#[command(name = "springtwin", version, about, max_term_width = 100)]
+struct Cli {
+    /// Robot file; the reference robot without it
+    #[arg(long, global = true, value_name = "FILE")]
+    robot: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Solve, replay or validate the simulators
+    #[command(subcommand)]
+    Sim(simulate::SimCommand),
+    /// Generate or merge datasets of settled samples
+    #[command(subcommand)]
+    Dataset(data::DatasetCommand),
+    /// Print shell completions
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+    /// Print the man page (roff)
+    Man,
+}
+
+/// What a command has to say: for people, and for scripts.
+pub struct Report {
+    /// Shown without `--json`.
+    pub text: String,
+    /// Shown with `--json`.
+    pub json: Value,
+}
+
+/// Parses the arguments, runs the command, prints its report.
+pub fn main() -> ExitCode {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(e) if e.kind() == ErrorKind::ValueValidation => {
+            // The first line holds the whole reason; the hint to --help would only bury it.
+            let text = e.to_string();
+            eprintln!("{}", text.lines().next().unwrap_or_default());
+            return ExitCode::from(2);
+        }
+        Err(e) => e.exit(),
+    };
+    match run(&cli) {
+        Ok(report) => {
+            if cli.json {
+                println!("{}", report.json);
+            } else if !report.text.is_empty() {
+                println!("{}", report.text);
+            }
+            ExitCode::SUCCESS
+        }
+        Err(e) => {
+            eprintln!("error: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<Report> {
+    let robot = load_robot(cli.robot.as_deref())?;
+    match &cli.command {
+        None => anyhow::bail!("no command was given: see springtwin --help"),
+        Some(Command::Sim(c)) => simulate::run(c, &robot),
+        Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
+        Some(Command::Completions { shell }) => {
+            clap_complete::generate(*shell, &mut Cli::command(), "springtwin", &mut std::io::stdout());
+            Ok(silent())
+        }
+        Some(Command::Man) => {
+            clap_mangen::Man::new(Cli::command()).render(&mut std::io::stdout())?;
+            Ok(silent())
+        }
+    }
+}
+
+fn silent() -> Report {
+    Report { text: String::new(), json: Value::Null }
+}
+
+fn load_robot(path: Option<&Path>) -> Result<RobotSpec> {
+    let Some(path) = path else {
+        return Ok(RobotSpec::reference());
+    };
+    let text = read_text(path)?;
+    RobotSpec::from_toml(&text).with_context(|| path.display().to_string())
+}
+
+/// Reads a text file; a refusal names it.
+pub fn read_text(path: &Path) -> Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+}

@@ -1,0 +1,166 @@
+//! `sim solve`, `sim replay`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use clap::{Subcommand, ValueEnum};
+use serde_json::json;
+
+use super::{Report, args};
+use springtwin::recording;
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, pose_error, ypr_from_rotation};
+use springtwin::sim::{Inputs, Model, Observation, State, creep_to, observe, settle};
+
+#[derive(Subcommand)]
+pub enum SimCommand {
+    /// Settle the arm under given pressures and loads
+    Solve {
+        /// Six gauge pressures, kPa
+        #[arg(long, value_name = "P1,..,P6", value_parser = args::six_kpa, allow_hyphen_values = true)]
+        pressures: [f64; CHAMBERS],
+        /// Which simulator
+        #[arg(long, value_enum, default_value_t = Simulator::Rod)]
+        simulator: Simulator,
+        /// Mass in the gripper, kg
+        #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+        payload: f64,
+        /// Force on the end pad, N
+        #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", value_parser = args::xyz_n, allow_hyphen_values = true)]
+        force: [f64; 3],
+    },
+    /// Measured pressures of a session through the model, against its motion capture
+    Replay {
+        /// Session folder or session.toml
+        session: PathBuf,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Simulator {
+    /// Piecewise-constant-strain rods
+    Rod,
+}
+
+pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
+    match command {
+        SimCommand::Solve { pressures, simulator: Simulator::Rod, payload, force } => {
+            args::payload_in_range(robot, *payload)?;
+            solve(robot, pressures, *payload, force)
+        }
+        SimCommand::Replay { session } => replay(robot, session),
+    }
+}
+
+fn solve(
+    robot: &RobotSpec,
+    chamber_pa: &[f64; CHAMBERS],
+    payload_kg: f64,
+    tip_force_n: &[f64; 3],
+) -> Result<Report> {
+    let model = Model::nominal(robot);
+    let mut state = State::rest(&model);
+    let inputs = Inputs {
+        chamber_pa: *chamber_pa,
+        payload_kg,
+        tip_force_n: *tip_force_n,
+        ..Inputs::default()
+    };
+    // The clock only fills the `micros` of the report.
+    #[expect(clippy::disallowed_methods, reason = "wall time of one solve, for the report")]
+    let start = Instant::now();
+    let outcome = settle(&model, &mut state, &inputs)?;
+    let micros = start.elapsed().as_secs_f64() * 1e6;
+    let o = observe(&model, &state);
+    let tip_mm: [f64; 3] = (o.base_from_tip.translation.vector * 1e3).into();
+    let ypr_deg = ypr_from_rotation(&o.base_from_tip.rotation).map(f64::to_degrees);
+    let springs_mm = o.sensors.spring_m.map(|l| l * 1e3);
+    let imu_ypr_deg = o.sensors.imu_ypr_rad.map(|a| a.map(f64::to_degrees));
+    Ok(Report {
+        text: format!(
+            "tip       {:8.2} {:8.2} {:8.2} mm\nyaw pitch roll {:6.2} {:6.2} {:6.2} deg\nsprings   {} mm\n{} Newton iterations, {micros:.0} us (simulated)",
+            tip_mm[0], tip_mm[1], tip_mm[2], ypr_deg[0], ypr_deg[1], ypr_deg[2],
+            springs_mm.map(|l| format!("{l:.1}")).join(" "),
+            outcome.iterations,
+        ),
+        json: json!({
+            "tip_mm": tip_mm, "ypr_deg": ypr_deg, "springs_mm": springs_mm,
+            "imu_ypr_deg": imu_ypr_deg, "iterations": outcome.iterations, "micros": micros,
+            "simulated": true,
+        }),
+    })
+}
+
+/// Sum of squares and count.
+#[derive(Default)]
+struct Mean2 {
+    sum: f64,
+    n: usize,
+}
+
+impl Mean2 {
+    fn add(&mut self, x: f64) {
+        if x.is_finite() {
+            self.sum += x * x;
+            self.n += 1;
+        }
+    }
+
+    fn root(&self) -> Option<f64> {
+        (self.n > 0).then(|| (self.sum / self.n as f64).sqrt())
+    }
+}
+
+/// Time constant of the twin's own overdamped motion, s.
+const TWIN_TAU_S: f64 = 0.05;
+
+fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
+    let log = recording::SessionLog::read(session)?;
+    args::payload_in_range(robot, log.payload_kg)?;
+    let model = Model::nominal(robot);
+    let mut state = State::rest(&model);
+    let (mut pos, mut ori, mut springs, mut imu) =
+        (Mean2::default(), Mean2::default(), Mean2::default(), Mean2::default());
+    let mut before_s = None;
+    for k in 0..log.len() {
+        let chamber_pa = log.chamber_pa[k];
+        if chamber_pa.iter().any(|p| !p.is_finite()) {
+            continue;
+        }
+        let inputs = Inputs { chamber_pa, payload_kg: log.payload_kg, ..Inputs::default() };
+        let t_s = log.t_s[k];
+        match before_s {
+            None => settle(&model, &mut state, &inputs),
+            Some(before) => creep_to(&model, &mut state, &inputs, TWIN_TAU_S, (t_s - before as f64).max(1e-4)),
+        }
+        .with_context(|| format!("{} at {t_s:.2} s", session.display()))?;
+        before_s = Some(t_s);
+        let o: Observation = observe(&model, &state);
+        if let Some(truth) = &log.truth[k] {
+            let e = pose_error(truth, &o.base_from_tip);
+            pos.add(e.fixed_rows::<3>(0).norm() * 1e3);
+            ori.add(e.fixed_rows::<3>(3).norm().to_degrees());
+        }
+        let measured = &log.sensors[k];
+        for i in 0..SPRINGS {
+            springs.add((measured.spring_m[i] - o.sensors.spring_m[i]) * 1e3);
+        }
+        for i in 0..IMUS {
+            let d = o.sensors.base_from_imu_pad(i).inverse() * measured.base_from_imu_pad(i);
+            imu.add(d.angle().to_degrees());
+        }
+    }
+    let rmse = [&pos, &ori, &springs, &imu].map(Mean2::root);
+    let show = |x: Option<f64>, unit: &str| x.map_or("no data".to_owned(), |x| format!("{x:.2} {unit}"));
+    Ok(Report {
+        text: format!(
+            "simulation against measurement, RMSE over {} samples: position {}, orientation {}, springs {}, IMUs {}",
+            log.len(), show(rmse[0], "mm"), show(rmse[1], "deg"), show(rmse[2], "mm"), show(rmse[3], "deg"),
+        ),
+        json: json!({
+            "rmse": {"pos_mm": rmse[0], "ori_deg": rmse[1], "springs_mm": rmse[2], "imu_deg": rmse[3]},
+            "samples": log.len(),
+        }),
+    })
+}
