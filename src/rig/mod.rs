@@ -1,3 +1,177 @@
 //! The virtual rig: an emulated arm with its boards, behind the same wire protocol as hardware.
+//!
+//! [`VirtualRig`] is the whole rig without I/O: bytes from the host in, bytes to the host out, time
+//! passed in. [`pty`] puts it behind a pseudo-terminal that any serial program can open.
+//! Everything it yields is simulated.
 
+pub mod board;
+pub mod circuit;
+pub mod inertial;
 pub mod plant;
+#[cfg(unix)]
+pub mod pty;
+
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use crate::robot::RobotSpec;
+use crate::signal::{BOARDS, CHAMBERS, Pose};
+use crate::sim::SimError;
+use crate::sim::dataset::normal;
+use board::{Board, BoardSetup, Readings, SpringReading};
+use circuit::{Circuit, USUAL_SCATTER};
+use inertial::{Inertial, InertialErrors};
+pub use plant::{Plant, Surroundings, Unit};
+
+/// Period of the physics and of all sensors, s.
+pub const PHYSICS_STEP_S: f64 = 0.01;
+/// Clock rate of the boards, ticks/s.
+const TICK_RATE_HZ: u32 = 2_000_000;
+/// Standard deviations of the emulated gauges and of the emulated motion capture.
+const GAUGE_NOISE_PA: f64 = 30.0;
+const MOCAP_NOISE_M: f64 = 0.1e-3;
+const MOCAP_NOISE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+
+/// Which rig, and what is in its gripper.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RigOptions {
+    /// Which manufactured arm.
+    pub unit: Unit,
+    /// Seed of all noise.
+    pub seed: u64,
+    /// What acts on the arm.
+    pub surroundings: Surroundings,
+}
+
+/// The arm, its sensors and its boards.
+pub struct VirtualRig {
+    /// The arm.
+    pub plant: Plant,
+    circuit: Circuit,
+    inertial: Inertial,
+    boards: [Board; BOARDS],
+    readings: [Readings; BOARDS],
+    rng: Pcg64Mcg,
+    steps: u64,
+    /// Loads that the arm could not hold, counted; the arm stays where it was.
+    pub refused_steps: u64,
+}
+
+/// The spring circuits of one manufactured arm.
+pub fn circuit_of(robot: &RobotSpec, unit: Unit) -> Circuit {
+    Circuit::new(robot, unit.0, USUAL_SCATTER)
+}
+
+impl VirtualRig {
+    /// A settled rig at 0 Pa with booting boards.
+    ///
+    /// # Errors
+    /// [`SimError`] when the arm cannot hold what hangs on it.
+    pub fn new(robot: &RobotSpec, options: &RigOptions) -> Result<Self, SimError> {
+        let plant = Plant::new(robot, options.unit, options.surroundings.clone())?;
+        // Boards are switched on at different times and no two quartzes agree.
+        let board = |id: u8, clock_skew: f64, clock_offset_s: f64| {
+            Board::new(BoardSetup {
+                id,
+                boot_nonce: (options.seed as u32).wrapping_mul(2_654_435_761) ^ u32::from(id),
+                tick_rate_hz: TICK_RATE_HZ,
+                clock_skew,
+                clock_offset_s,
+            })
+        };
+        let mut rig = Self {
+            plant,
+            circuit: circuit_of(robot, options.unit),
+            inertial: Inertial::new(robot, options.unit.0, InertialErrors::default()),
+            boards: [board(0, 38e-6, 3.1), board(1, -21e-6, 1207.4)],
+            readings: [Readings::default(); BOARDS],
+            rng: Pcg64Mcg::seed_from_u64(options.seed ^ 0x7269_6721),
+            steps: 0,
+            refused_steps: 0,
+        };
+        rig.measure();
+        Ok(rig)
+    }
+
+    /// Takes what the host sent up to `t_s`, lets the physics catch up, and gives what the boards
+    /// say. Call it every millisecond or so; `t_s` must not decrease.
+    pub fn advance(&mut self, t_s: f64, from_host: &[u8]) -> Vec<u8> {
+        for board in &mut self.boards {
+            board.on_bytes(t_s, from_host);
+        }
+        // After a pause of the host the rig does not try to catch up for more than a second.
+        let due = (t_s / PHYSICS_STEP_S + 1e-6).floor() as u64;
+        if due > self.steps + 100 {
+            self.steps = due - 1;
+        }
+        while self.steps < due {
+            self.steps += 1;
+            let set_pa = self.set_pa();
+            if self.plant.step(&set_pa, PHYSICS_STEP_S).is_err() {
+                self.refused_steps += 1;
+            }
+            self.measure();
+        }
+        let mut out = Vec::new();
+        for (board, readings) in self.boards.iter_mut().zip(&self.readings) {
+            out.extend(board.poll(t_s, readings));
+        }
+        out
+    }
+
+    /// What the boards drive the chambers to now; `None`: pumps off.
+    pub fn set_pa(&self) -> [Option<f64>; CHAMBERS] {
+        std::array::from_fn(|i| self.boards[i / 3].setpoint_pa().map(|p| p[i % 3]))
+    }
+
+    /// The boards, for faults and tests.
+    pub fn boards_mut(&mut self) -> &mut [Board; BOARDS] {
+        &mut self.boards
+    }
+
+    /// The end pad as the emulated motion capture sees it.
+    pub fn mocap_pose(&mut self) -> Pose {
+        let mut pose = self.plant.observation().base_from_tip;
+        let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut self.rng));
+        pose.translation.vector += noise(MOCAP_NOISE_M);
+        pose.rotation = UnitQuaternion::from_scaled_axis(noise(MOCAP_NOISE_RAD)) * pose.rotation;
+        pose
+    }
+
+    /// Settled readings at `chamber_pa`: spring counts and gates, and the pose. For datasets of
+    /// settled samples; time does not pass.
+    ///
+    /// # Errors
+    /// [`SimError`] when the load is beyond what the arm can hold.
+    pub fn settle_at(&mut self, chamber_pa: &[f64; CHAMBERS]) -> Result<(), SimError> {
+        self.plant.settle_at(chamber_pa)?;
+        self.circuit.settle(&self.plant.observation().sensors.spring_m);
+        self.measure();
+        Ok(())
+    }
+
+    /// The newest readings of both boards.
+    pub fn readings(&self) -> &[Readings; BOARDS] {
+        &self.readings
+    }
+
+    fn measure(&mut self) {
+        let observation = self.plant.observation();
+        self.circuit.step(PHYSICS_STEP_S, &observation.sensors.spring_m);
+        let (counts, gates) = self.circuit.read(&mut self.rng);
+        let [middle, end] = self.plant.pads();
+        let imu = self.inertial.read(PHYSICS_STEP_S, middle, end, &mut self.rng);
+        for b in 0..BOARDS {
+            self.readings[b] = Readings {
+                springs: std::array::from_fn(|k| {
+                    Some(SpringReading { count: counts[6 * b + k], gate_ticks: gates[6 * b + k] })
+                }),
+                imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
+                chamber_pa: std::array::from_fn(|k| {
+                    Some(self.plant.chamber_pa()[3 * b + k] + GAUGE_NOISE_PA * normal(&mut self.rng))
+                }),
+            };
+        }
+    }
+}

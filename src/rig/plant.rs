@@ -12,8 +12,9 @@
 //! Source: Y. K. Wen, "Method for random vibration of hysteretic systems", 1976,
 //! doi:10.1061/JMCEA3.0002106.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
+use super::inertial::PadMotion;
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose};
 use crate::sim::dataset::{sample_rng, scattered};
@@ -49,17 +50,6 @@ pub struct Surroundings {
     pub payload_kg: f64,
     /// Force on the end pad in the base frame, N.
     pub tip_force_n: [f64; 3],
-}
-
-/// Motion of one pad, as an inertial sensor on it feels it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PadMotion {
-    /// Orientation, base from pad.
-    pub base_from_pad: UnitQuaternion<f64>,
-    /// Angular rate in the pad's axes, rad/s.
-    pub rate_rad_s: Vector3<f64>,
-    /// Specific force in the pad's axes, m/s².
-    pub specific_force_m_s2: Vector3<f64>,
 }
 
 /// The arm with its pumps.
@@ -106,11 +96,7 @@ impl Plant {
         };
         settle(&model, &mut state, &inputs)?;
         let observation = observe(&model, &state);
-        let rest = |p: &Pose| PadMotion {
-            base_from_pad: p.rotation,
-            rate_rad_s: Vector3::zeros(),
-            specific_force_m_s2: p.rotation.inverse() * Vector3::new(0.0, 0.0, gravity(&model)),
-        };
+        let rest = |p: &Pose| PadMotion::new(&p.rotation, Vector3::zeros(), Vector3::zeros());
         let pads = [
             rest(&observation.shape.base_from_pad[1]),
             rest(&observation.shape.base_from_pad[2]),
@@ -226,18 +212,10 @@ impl Plant {
             let velocity = (new.translation.vector - old.translation.vector) / dt_s;
             let acceleration = (velocity - self.velocity_m_s[k]) / dt_s;
             self.velocity_m_s[k] = velocity;
-            let up = Vector3::new(0.0, 0.0, gravity(&self.model));
-            self.pads[k] = PadMotion {
-                base_from_pad: new.rotation,
-                rate_rad_s: (old.rotation.inverse() * new.rotation).scaled_axis() / dt_s,
-                specific_force_m_s2: new.rotation.inverse() * (acceleration + up),
-            };
+            let rate_rad_s = (old.rotation.inverse() * new.rotation).scaled_axis() / dt_s;
+            self.pads[k] = PadMotion::new(&new.rotation, rate_rad_s, acceleration);
         }
     }
-}
-
-fn gravity(model: &Model) -> f64 {
-    model.rod.gravity_m_s2.norm()
 }
 
 /// One step of the hysteresis variable z for a change dx of the bellows' length.

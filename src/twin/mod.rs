@@ -1,5 +1,11 @@
 //! The twin: one tick, commands, events, and the threads around it.
 
 mod command;
+mod core;
+mod runner;
 
 pub use command::{Command, Event, Handle};
+pub use core::{Maps, Twin, unreachable_text};
+pub use runner::{
+    Arrivals, Pace, Port, Runner, TICK_S, run_in_real_time, run_in_simulated_time, spawn,
+};

@@ -1,0 +1,141 @@
+//! The virtual rig behind a pseudo-terminal: any serial program can open it.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, UdpSocket};
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::pty::openpty;
+use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+
+use super::VirtualRig;
+use crate::link::mocap;
+
+/// Period of the emulated motion capture, s.
+const MOCAP_PERIOD_S: f64 = 0.01;
+/// How long the loop sleeps between two looks at the line.
+const NAP: Duration = Duration::from_millis(1);
+
+/// Why the rig cannot be put on a pseudo-terminal.
+#[derive(Debug, thiserror::Error)]
+pub enum PtyError {
+    /// The system gave no pseudo-terminal.
+    #[error("the system gives no pseudo-terminal: {0}")]
+    Open(#[from] nix::Error),
+    /// The link could not be made.
+    #[error("cannot make the link {path}: {reason}: remove what is there or name another place")]
+    Link {
+        /// Wanted path.
+        path: PathBuf,
+        /// What the system said.
+        reason: std::io::Error,
+    },
+    /// Reading or writing failed.
+    #[error("the pseudo-terminal failed: {0}")]
+    Io(#[from] std::io::Error),
+}
+
+/// An open pseudo-terminal.
+pub struct Pty {
+    master: File,
+    // Kept open so that the master does not hang up while no program has the port open.
+    _slave: OwnedFd,
+    /// What a serial program opens.
+    pub port: PathBuf,
+    link: Option<PathBuf>,
+}
+
+impl Pty {
+    /// Opens a pseudo-terminal in raw mode and, if wanted, puts a symbolic link to it at `link`.
+    ///
+    /// # Errors
+    /// [`PtyError`] naming what failed.
+    pub fn open(link: Option<&Path>) -> Result<Self, PtyError> {
+        let pair = openpty(None, None)?;
+        let mut modes = tcgetattr(&pair.slave)?;
+        cfmakeraw(&mut modes);
+        tcsetattr(&pair.slave, SetArg::TCSANOW, &modes)?;
+        let flags = OFlag::from_bits_truncate(fcntl(pair.master.as_fd(), FcntlArg::F_GETFL)?);
+        fcntl(pair.master.as_fd(), FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
+        let port = nix::unistd::ttyname(&pair.slave)?;
+        if let Some(path) = link {
+            std::os::unix::fs::symlink(&port, path)
+                .map_err(|reason| PtyError::Link { path: path.to_owned(), reason })?;
+        }
+        Ok(Self {
+            master: File::from(pair.master),
+            _slave: pair.slave,
+            port,
+            link: link.map(Path::to_owned),
+        })
+    }
+
+    /// Runs the rig in real time until `go_on` says no. Motion-capture packets go to `mocap_to`.
+    ///
+    /// # Errors
+    /// [`PtyError::Io`] when the line fails for good.
+    pub fn run(
+        &mut self,
+        rig: &mut VirtualRig,
+        mocap_to: Option<SocketAddr>,
+        mut go_on: impl FnMut() -> bool,
+    ) -> Result<(), PtyError> {
+        #[expect(clippy::disallowed_methods, reason = "the rig owns this thread and its time")]
+        let start = Instant::now();
+        let socket = match mocap_to {
+            Some(to) => {
+                let socket = UdpSocket::bind(("127.0.0.1", 0))?;
+                socket.connect(to)?;
+                Some(socket)
+            }
+            None => None,
+        };
+        let mut inbox = [0u8; 4096];
+        let mut outbox: Vec<u8> = Vec::new();
+        let mut mocap_frame: u32 = 0;
+        while go_on() {
+            let t_s = start.elapsed().as_secs_f64();
+            let heard = match self.master.read(&mut inbox) {
+                Ok(n) => n,
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => 0,
+                // No program has the port open (Linux answers EIO).
+                Err(_) => 0,
+            };
+            outbox.extend(rig.advance(t_s, &inbox[..heard]));
+            match self.master.write(&outbox) {
+                Ok(n) => {
+                    outbox.drain(..n);
+                }
+                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+                Err(_) => outbox.clear(),
+            }
+            // A line that nobody reads does not fill the memory.
+            if outbox.len() > 8192 {
+                outbox.clear();
+            }
+            let due = (t_s / MOCAP_PERIOD_S) as u32 + 1;
+            if due > mocap_frame {
+                mocap_frame = due;
+                if let Some(socket) = &socket {
+                    let packet = mocap::encode(mocap_frame, mocap::END_PAD, &rig.mocap_pose());
+                    // Motion capture is best effort: nobody listening is no fault of the rig.
+                    let _ = socket.send(&packet);
+                }
+            }
+            std::thread::sleep(NAP);
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Pty {
+    fn drop(&mut self) {
+        if let Some(link) = &self.link {
+            // The link is ours; if it is gone already there is nothing to mend.
+            let _ = std::fs::remove_file(link);
+        }
+    }
+}

@@ -1,0 +1,532 @@
+//! The twin without I/O: one tick from a raw frame to a pressure command.
+
+use std::sync::Arc;
+
+use super::{Command, Event};
+use crate::control::{ControlInput, Controller};
+use crate::learn::{PlantMap, PoseMap};
+use crate::robot::RobotSpec;
+use crate::sensing::Sensing;
+use crate::signal::{
+    Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus, Mode,
+    PressureCommand, RawFrame, Reach, ReachState, SensorFrame, SensorRef, Severity, Snapshot, Stamp,
+    pose_from_ypr,
+};
+use crate::sim::{Inputs, Model, State, observe, settle};
+
+/// A frame older than this is worth a warning, s.
+pub const STALE_WARN_S: f64 = 0.030;
+/// A frame older than this puts the twin into SAFE, s.
+pub const STALE_SAFE_S: f64 = 0.100;
+/// So many springs must be usable for motion.
+const SPRINGS_NEEDED: usize = 9;
+/// The estimate must stay within tolerance for this long to count as reached, s.
+const SETTLED_S: f64 = 0.5;
+/// The drawn shape is solved at most this often, s.
+const SHAPE_PERIOD_S: f64 = 0.03;
+
+/// The maps that a twin works with.
+#[derive(Clone)]
+pub struct Maps {
+    /// Sensor signals to tip pose.
+    pub pose: Arc<dyn PoseMap>,
+    /// Pressures to sensor signals.
+    pub plant: Arc<dyn PlantMap>,
+    /// Settled samples (pressures in Pa, tip position in m) to start searches from.
+    pub seeds: Arc<Vec<([f64; CHAMBERS], [f64; 3])>>,
+}
+
+/// What the twin is doing, with what it needs for that.
+#[derive(Clone, Debug, PartialEq)]
+enum Phase {
+    Disarmed,
+    Hold,
+    Moving { goal: Goal, steps: u64, inside_since: Option<Stamp>, at_goal: bool },
+    Safe(String),
+}
+
+/// The digital twin. Owns no port, no file, no clock.
+pub struct Twin {
+    robot: RobotSpec,
+    maps: Maps,
+    sensing: Sensing,
+    controller: Controller,
+    model: Model,
+    shape_state: State,
+    shape: Option<Arc<ArmShape>>,
+    shape_at: Option<Stamp>,
+    now: Stamp,
+    phase: Phase,
+    link: LinkStatus,
+    raw: Option<RawFrame>,
+    sensors: Option<SensorFrame>,
+    estimate: Option<Estimate>,
+    truth: Option<GroundTruth>,
+    preview: Option<(Goal, Reach)>,
+    sensor_ref: Option<SensorRef>,
+    command: Option<PressureCommand>,
+    held_pa: Option<[f64; CHAMBERS]>,
+    gripper: Gripper,
+    payload_kg: f64,
+    last_frame: Option<Stamp>,
+    bad_frames: u32,
+    alarms: Vec<Alarm>,
+    recording: Option<String>,
+}
+
+impl Twin {
+    /// A twin of `robot`, disarmed.
+    pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing) -> Self {
+        let model = Model::nominal(robot);
+        let shape_state = State::rest(&model);
+        Self {
+            robot: robot.clone(),
+            controller: Controller::new(robot),
+            maps,
+            sensing,
+            model,
+            shape_state,
+            shape: None,
+            shape_at: None,
+            now: Stamp::ZERO,
+            phase: Phase::Disarmed,
+            link: LinkStatus::default(),
+            raw: None,
+            sensors: None,
+            estimate: None,
+            truth: None,
+            preview: None,
+            sensor_ref: None,
+            command: None,
+            held_pa: None,
+            gripper: Gripper::Open,
+            payload_kg: 0.0,
+            last_frame: None,
+            bad_frames: 0,
+            alarms: Vec::new(),
+            recording: None,
+        }
+    }
+
+    /// One step: takes what arrived, answers with a command for the boards (or none) and events.
+    pub fn tick(
+        &mut self,
+        now: Stamp,
+        raw: Option<RawFrame>,
+        commands: &[Command],
+    ) -> (Option<PressureCommand>, Vec<Event>) {
+        self.now = now;
+        let mut events = Vec::new();
+        if let Some(raw) = raw {
+            self.absorb(raw);
+        }
+        self.watch(&mut events);
+        for command in commands {
+            self.obey(command, &mut events);
+        }
+        let out = self.steer(&mut events);
+        self.draw();
+        (out, events)
+    }
+
+    /// The door for motion capture: it ends in the snapshot, never in control.
+    pub fn observe_truth(&mut self, truth: GroundTruth) {
+        self.truth = Some(truth);
+    }
+
+    /// What the link says of itself.
+    pub fn observe_link(&mut self, link: LinkStatus) {
+        self.link = link;
+    }
+
+    /// Whether a recording runs, for the snapshot.
+    pub fn observe_recording(&mut self, name: Option<String>) {
+        self.recording = name;
+    }
+
+    /// Whether the boards must be told to stop.
+    pub fn is_safe(&self) -> bool {
+        matches!(self.phase, Phase::Safe(_))
+    }
+
+    /// Everything known now.
+    pub fn snapshot(&self) -> Snapshot {
+        let goal = match &self.phase {
+            Phase::Moving { goal, .. } => Some(goal.clone()),
+            _ => None,
+        };
+        Snapshot {
+            stamp: self.now,
+            mode: self.mode(),
+            link: self.link.clone(),
+            raw: self.raw.clone(),
+            sensors: self.sensors.clone(),
+            estimate: self.estimate.clone(),
+            truth: self.truth.clone(),
+            goal,
+            preview: self.preview.clone(),
+            sensor_ref: self.sensor_ref,
+            command: self.command.clone(),
+            shape: self.shape.clone(),
+            alarms: self.alarms.clone(),
+            payload_kg: self.payload_kg,
+            recording: self.recording.clone(),
+        }
+    }
+
+    /// What the twin is doing.
+    pub fn mode(&self) -> Mode {
+        match &self.phase {
+            Phase::Disarmed => Mode::Disarmed,
+            Phase::Hold => Mode::Hold,
+            Phase::Moving { at_goal: false, .. } => Mode::Moving,
+            Phase::Moving { at_goal: true, .. } => Mode::AtGoal,
+            Phase::Safe(reason) => Mode::Safe(reason.clone()),
+        }
+    }
+
+    /// Calibrates a frame and estimates the pose. A frame that makes no sense is dropped; the last
+    /// good one is held (see [`Self::watch`]).
+    pub fn absorb(&mut self, raw: RawFrame) {
+        let frame = self.sensing.update(&raw);
+        let vector = frame.sensors.to_vector();
+        let sane = vector.iter().chain(&frame.chamber_pa).all(|x| x.is_finite())
+            && frame.health.chambers.iter().all(|h| h.usable());
+        if !sane {
+            self.bad_frames += 1;
+            return;
+        }
+        let eval = self.maps.pose.pose(&vector);
+        if eval.pose.iter().any(|x| !x.is_finite()) {
+            self.bad_frames += 1;
+            return;
+        }
+        let p = &eval.pose;
+        self.bad_frames = 0;
+        self.last_frame = Some(self.now);
+        self.estimate = Some(Estimate {
+            stamp: frame.stamp,
+            base_from_tip: pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]]),
+            covariance: eval.covariance,
+            training_distance: eval.training_distance,
+        });
+        self.sensors = Some(frame);
+        self.raw = Some(raw);
+    }
+
+    /// Alarms, and SAFE when the data are too old, too wrong or too few.
+    fn watch(&mut self, events: &mut Vec<Event>) {
+        let mut alarms: Vec<(Severity, String)> = Vec::new();
+        let age_s = self.last_frame.map(|t| self.now.since(t));
+        let moving = matches!(self.phase, Phase::Hold | Phase::Moving { .. });
+        match age_s {
+            Some(age) if age > STALE_SAFE_S => {
+                let text = format!(
+                    "No data from the boards for {:.0} ms: check the cable and the boards' power.",
+                    age * 1e3
+                );
+                if moving {
+                    self.go_safe("no data from the boards for 100 ms", events);
+                }
+                alarms.push((Severity::Critical, text));
+            }
+            Some(age) if age > STALE_WARN_S => {
+                alarms.push((Severity::Warning, format!("Data are {:.0} ms old.", age * 1e3)));
+            }
+            Some(_) => {}
+            None => alarms.push((Severity::Info, "Waiting for the first data.".to_owned())),
+        }
+        if self.bad_frames > 1 && moving {
+            self.go_safe("the boards send values that make no sense", events);
+        }
+        if let Some(sensors) = &self.sensors {
+            let usable = sensors.health.springs_usable();
+            for (i, h) in sensors.health.springs.iter().enumerate() {
+                if *h != ChannelHealth::Ok {
+                    alarms.push((Severity::Warning, format!("Spring {} is {}.", i + 1, describe(*h))));
+                }
+            }
+            for (i, h) in sensors.health.imus.iter().enumerate() {
+                if *h != ChannelHealth::Ok {
+                    alarms.push((Severity::Warning, format!("IMU {} is {}.", i + 1, describe(*h))));
+                }
+            }
+            let over = sensors.chamber_pa.iter().position(|p| *p > self.robot.over_pressure_pa);
+            if usable < SPRINGS_NEEDED && moving {
+                self.go_safe("too few springs give a reading", events);
+            }
+            if let Some(i) = over
+                && moving
+            {
+                self.go_safe(&format!("over-pressure in chamber {}", i + 1), events);
+            }
+        }
+        if let Phase::Safe(reason) = &self.phase {
+            alarms.push((
+                Severity::Critical,
+                format!("SAFE: {reason}. Remove the cause, then press Reset."),
+            ));
+        }
+        alarms.sort_by_key(|(severity, _)| std::cmp::Reverse(*severity));
+        let since = |text: &str, old: &[Alarm], now: Stamp| {
+            // Ages inside a text change; its first words do not.
+            let key = |t: &str| t.chars().take_while(|c| !c.is_ascii_digit()).count().max(6);
+            old.iter()
+                .find(|a| a.text.get(..key(text)) == text.get(..key(text)))
+                .map_or(now, |a| a.since)
+        };
+        self.alarms = alarms
+            .into_iter()
+            .map(|(severity, text)| Alarm { since: since(&text, &self.alarms, self.now), severity, text })
+            .collect();
+    }
+
+    fn go_safe(&mut self, reason: &str, events: &mut Vec<Event>) {
+        if self.is_safe() {
+            return;
+        }
+        self.enter(Phase::Safe(reason.to_owned()), events);
+        self.command = None;
+        self.preview = None;
+    }
+
+    fn enter(&mut self, phase: Phase, events: &mut Vec<Event>) {
+        self.phase = phase;
+        self.sensor_ref = None;
+        let mode = match self.mode() {
+            Mode::Disarmed => "disarmed".to_owned(),
+            Mode::Hold => "hold".to_owned(),
+            Mode::Moving => "moving".to_owned(),
+            Mode::AtGoal => "at goal".to_owned(),
+            Mode::Safe(reason) => format!("SAFE ({reason})"),
+        };
+        events.push(Event::Mode { stamp: self.now, mode });
+    }
+
+    fn refuse(&self, reason: impl Into<String>, events: &mut Vec<Event>) {
+        events.push(Event::Refused { stamp: self.now, reason: reason.into() });
+    }
+
+    fn obey(&mut self, command: &Command, events: &mut Vec<Event>) {
+        match command {
+            Command::Stop => self.go_safe("stopped by the operator", events),
+            Command::Reset => {
+                if self.is_safe() {
+                    self.enter(Phase::Disarmed, events);
+                }
+            }
+            Command::Disarm => {
+                if !self.is_safe() {
+                    self.enter(Phase::Disarmed, events);
+                    self.command = None;
+                }
+            }
+            Command::Arm | Command::Hold => {
+                if let Some(reason) = self.not_ready() {
+                    self.refuse(reason, events);
+                } else {
+                    self.hold(events);
+                }
+            }
+            Command::Resume => {
+                if matches!(self.phase, Phase::Hold) && self.preview.is_some() {
+                    self.go(events);
+                } else {
+                    self.refuse("There is nothing to resume: pick a target first.", events);
+                }
+            }
+            Command::Preview(goal) => self.preview(goal, events),
+            Command::CancelPreview => self.preview = None,
+            Command::Go => self.go(events),
+            Command::Goto(goal) => {
+                self.preview(goal, events);
+                if self.preview.is_some() {
+                    self.go(events);
+                }
+            }
+            Command::DeclarePayload(kg) => {
+                if (0.0..=self.robot.payload_max_kg).contains(kg) {
+                    self.payload_kg = *kg;
+                } else {
+                    self.refuse(
+                        format!(
+                            "A payload of {kg} kg is outside of 0 to {} kg: nothing was changed.",
+                            self.robot.payload_max_kg
+                        ),
+                        events,
+                    );
+                }
+            }
+            Command::Grip(gripper) => self.gripper = *gripper,
+            // Files belong to whoever runs the twin.
+            Command::StartRecording(_) | Command::StopRecording => {}
+        }
+    }
+
+    /// Why motion is not allowed now.
+    fn not_ready(&self) -> Option<String> {
+        if let Phase::Safe(reason) = &self.phase {
+            return Some(format!("SAFE ({reason}): remove the cause, then press Reset."));
+        }
+        match self.last_frame {
+            None => Some("No data from the boards yet: connect a rig first.".to_owned()),
+            Some(t) if self.now.since(t) > STALE_WARN_S => {
+                Some("The data from the boards are too old to move on.".to_owned())
+            }
+            Some(_) => match &self.sensors {
+                Some(s) if s.health.springs_usable() < SPRINGS_NEEDED => Some(format!(
+                    "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
+                    s.health.springs_usable()
+                )),
+                _ => None,
+            },
+        }
+    }
+
+    fn hold(&mut self, events: &mut Vec<Event>) {
+        let last = self.command.as_ref().map(|c| *c.chamber_pa());
+        self.held_pa = last.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa));
+        if let Phase::Moving { goal, .. } = &self.phase
+            && self.preview.is_none()
+        {
+            // Remember the goal, so that Resume can go on.
+            let goal = goal.clone();
+            let reach = self.reach(&goal);
+            self.preview = Some((goal, reach));
+        }
+        self.enter(Phase::Hold, events);
+    }
+
+    fn reach(&self, goal: &Goal) -> Reach {
+        crate::control::reach(
+            &self.robot,
+            self.maps.pose.as_ref(),
+            self.maps.plant.as_ref(),
+            self.payload_kg,
+            goal,
+            &self.maps.seeds,
+        )
+    }
+
+    fn preview(&mut self, goal: &Goal, events: &mut Vec<Event>) {
+        self.preview = None;
+        if goal.position_m.iter().any(|x| !x.is_finite()) {
+            return self.refuse("The target is not a number: give x, y and z in mm.", events);
+        }
+        let reach = self.reach(goal);
+        self.preview = Some((goal.clone(), reach));
+    }
+
+    fn go(&mut self, events: &mut Vec<Event>) {
+        let Some((goal, reach)) = self.preview.clone() else {
+            return self.refuse("Pick a target first.", events);
+        };
+        if let Some(reason) = self.not_ready() {
+            return self.refuse(reason, events);
+        }
+        match reach.state {
+            ReachState::Reachable | ReachState::Marginal => {}
+            ReachState::Unreachable => return self.refuse(unreachable_text(&reach), events),
+            ReachState::OutsideData => {
+                return self.refuse(
+                    "The target lies outside of the data the model was trained on: no motion.",
+                    events,
+                );
+            }
+        }
+        self.preview = None;
+        self.controller.set_goal(&goal, &reach);
+        self.enter(Phase::Moving { goal, steps: 0, inside_since: None, at_goal: false }, events);
+    }
+
+    /// The command of this tick, if the phase has one.
+    fn steer(&mut self, events: &mut Vec<Event>) -> Option<PressureCommand> {
+        let sensors = self.sensors.as_ref()?;
+        let wanted_pa = match &mut self.phase {
+            Phase::Disarmed | Phase::Safe(_) => {
+                self.command = None;
+                return None;
+            }
+            Phase::Hold => self.held_pa.unwrap_or(sensors.chamber_pa),
+            Phase::Moving { goal, steps, inside_since, at_goal } => {
+                let estimate = self.estimate.as_ref()?;
+                let out = self.controller.step(&ControlInput {
+                    stamp: self.now,
+                    sensors,
+                    estimate,
+                    pose_map: self.maps.pose.as_ref(),
+                    plant_map: self.maps.plant.as_ref(),
+                    payload_kg: self.payload_kg,
+                    previous: self.command.as_ref(),
+                });
+                self.sensor_ref = out.sensor_ref;
+                *steps += 1;
+                let p = estimate.base_from_tip.translation.vector;
+                let distance_m = (p - nalgebra::Vector3::from(goal.position_m)).norm();
+                if distance_m > goal.tolerance_m {
+                    *inside_since = None;
+                    if distance_m > 3.0 * goal.tolerance_m {
+                        *at_goal = false;
+                    }
+                } else {
+                    let since = *inside_since.get_or_insert(self.now);
+                    if !*at_goal && self.now.since(since) >= SETTLED_S {
+                        *at_goal = true;
+                        events.push(Event::Reached { stamp: self.now, distance_m, steps: *steps });
+                    }
+                }
+                out.wanted_pa
+            }
+        };
+        let command = PressureCommand::limited(
+            self.now,
+            wanted_pa,
+            self.gripper,
+            self.command.as_ref(),
+            &sensors.chamber_pa,
+            &self.robot.pressure,
+        );
+        self.command = Some(command.clone());
+        Some(command)
+    }
+
+    /// The shape by the twin's own model at the measured pressures, at drawing rate.
+    fn draw(&mut self) {
+        if self.shape_at.is_some_and(|t| self.now.since(t) < SHAPE_PERIOD_S) {
+            return;
+        }
+        let Some(sensors) = &self.sensors else { return };
+        self.shape_at = Some(self.now);
+        let inputs = Inputs {
+            chamber_pa: sensors.chamber_pa,
+            payload_kg: self.payload_kg,
+            ..Inputs::default()
+        };
+        // A load that the model cannot hold keeps the last shape on screen.
+        if settle(&self.model, &mut self.shape_state, &inputs).is_ok() {
+            self.shape = Some(Arc::new(observe(&self.model, &self.shape_state).shape));
+        }
+    }
+}
+
+fn describe(health: ChannelHealth) -> &'static str {
+    match health {
+        ChannelHealth::Ok => "ok",
+        ChannelHealth::Suspect => "in disagreement with the others",
+        ChannelHealth::Stuck => "stuck",
+        ChannelHealth::OutOfRange => "outside of its calibrated range",
+        ChannelHealth::Missing => "not delivering",
+    }
+}
+
+/// `18 mm short, chamber 4 at +40 kPa`, as a sentence.
+pub fn unreachable_text(reach: &Reach) -> String {
+    let [x, y, z] = reach.nearest_m.map(|v| v * 1e3);
+    let limit = reach.limiting_chamber.map_or(String::new(), |(chamber, pa)| {
+        format!(", chamber {chamber} at {:+.0} kPa", pa * 1e-3)
+    });
+    format!(
+        "The target cannot be reached: {:.0} mm short{limit}. The nearest point is {x:.0}, {y:.0}, {z:.0} mm.",
+        reach.distance_m * 1e3
+    )
+}

@@ -1,0 +1,250 @@
+//! The twin with its surroundings: a port, a recorder, and the thread that ticks.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use super::{Command, Event, Handle, Twin};
+use crate::recording::{Recorder, SessionMeta};
+use crate::robot::RobotSpec;
+use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
+
+/// The twin's period, s.
+pub const TICK_S: f64 = 0.01;
+/// Snapshots that wait for the window at most: two seconds' worth.
+const FEED: usize = 200;
+
+/// What arrived since the last poll.
+#[derive(Default)]
+pub struct Arrivals {
+    /// Frames, oldest first.
+    pub frames: Vec<RawFrame>,
+    /// Motion capture, oldest first.
+    pub truths: Vec<GroundTruth>,
+    /// State of the link.
+    pub status: LinkStatus,
+    /// Things worth telling, one sentence each.
+    pub notices: Vec<String>,
+}
+
+/// The boards, however they are reached: over a serial port, or in this process on simulated time.
+pub trait Port: Send {
+    /// What arrived up to `now`.
+    fn poll(&mut self, now: Stamp) -> Arrivals;
+    /// Sends a command. `None` sends no pressures.
+    fn send(&mut self, now: Stamp, command: Option<&PressureCommand>);
+    /// Tells the boards to switch their pumps off and latch.
+    fn estop(&mut self, now: Stamp);
+    /// Lets the boards leave their latched state.
+    fn reset(&mut self, now: Stamp);
+}
+
+/// A twin, its port and its recorder.
+pub struct Runner {
+    /// The twin.
+    pub twin: Twin,
+    port: Box<dyn Port>,
+    robot: RobotSpec,
+    recorder: Option<(PathBuf, Recorder)>,
+    was_safe: bool,
+}
+
+impl Runner {
+    /// Puts a twin on a port.
+    pub fn new(twin: Twin, port: Box<dyn Port>, robot: &RobotSpec) -> Self {
+        Self { twin, port, robot: robot.clone(), recorder: None, was_safe: false }
+    }
+
+    /// One tick: port, twin, port, recorder. Every frame that waited is processed; commands go
+    /// with the last one.
+    pub fn tick(&mut self, now: Stamp, commands: &[Command]) -> (Arc<Snapshot>, Vec<Event>) {
+        let arrivals = self.port.poll(now);
+        let mut events: Vec<Event> = arrivals
+            .notices
+            .into_iter()
+            .map(|text| Event::Notice { stamp: now, text })
+            .collect();
+        for truth in arrivals.truths {
+            self.twin.observe_truth(truth);
+        }
+        let simulated = arrivals.status.simulated;
+        self.twin.observe_link(arrivals.status);
+        // Only the newest frame is answered; older ones that piled up still move the filters.
+        let mut frames = arrivals.frames;
+        let newest = frames.pop();
+        for older in frames {
+            self.twin.absorb(older);
+        }
+        let (command, twin_events) = self.twin.tick(now, newest, commands);
+        events.extend(twin_events);
+        if self.twin.is_safe() {
+            self.port.estop(now);
+        } else {
+            if self.was_safe {
+                self.port.reset(now);
+            }
+            self.port.send(now, command.as_ref());
+        }
+        self.was_safe = self.twin.is_safe();
+        for command in commands {
+            match command {
+                Command::StartRecording(path) => self.start_recording(now, path, simulated, &mut events),
+                Command::StopRecording => self.stop_recording(now, &mut events),
+                _ => {}
+            }
+        }
+        let snapshot = Arc::new(self.twin.snapshot());
+        if let Some((_, recorder)) = &self.recorder {
+            recorder.push(&snapshot);
+            for event in &events {
+                recorder.event(now, &event.text());
+            }
+        }
+        (snapshot, events)
+    }
+
+    fn start_recording(&mut self, now: Stamp, path: &Path, simulated: bool, events: &mut Vec<Event>) {
+        if self.recorder.is_some() {
+            events.push(Event::Refused {
+                stamp: now,
+                reason: "A recording is running already: stop it first.".to_owned(),
+            });
+            return;
+        }
+        let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let meta = SessionMeta {
+            name: name.clone(),
+            robot_name: self.robot.name.clone(),
+            robot_hash: self.robot.hash.clone(),
+            payload_kg: self.twin.snapshot().payload_kg,
+            simulated,
+        };
+        match Recorder::start(path, meta) {
+            Ok(recorder) => {
+                self.recorder = Some((path.to_owned(), recorder));
+                self.twin.observe_recording(Some(name));
+                let text = format!("Recording to {}.", path.display());
+                events.push(Event::Recording { stamp: now, text });
+            }
+            Err(e) => events.push(Event::Refused { stamp: now, reason: e.to_string() }),
+        }
+    }
+
+    /// Closes the recording, if one runs.
+    pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
+        let Some((path, recorder)) = self.recorder.take() else { return };
+        self.twin.observe_recording(None);
+        let text = match recorder.stop() {
+            Ok(summary) if summary.dropped > 0 => format!(
+                "Recorded {} ({} snapshots, {} dropped because the disk was too slow).",
+                path.display(),
+                summary.written,
+                summary.dropped
+            ),
+            Ok(summary) => format!("Recorded {} ({} snapshots).", path.display(), summary.written),
+            Err(e) => e.to_string(),
+        };
+        events.push(Event::Recording { stamp: now, text });
+    }
+}
+
+/// How well a loop kept its period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pace {
+    /// Ticks run.
+    pub ticks: u64,
+    /// Ticks that began more than one period late and were skipped.
+    pub missed: u64,
+}
+
+/// Ticks in real time until `each` says stop. `each` sees every snapshot with its events and may
+/// add commands for the next tick.
+pub fn run_in_real_time(
+    runner: &mut Runner,
+    start: Instant,
+    mut each: impl FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> std::ops::ControlFlow<()>,
+) -> Pace {
+    let period = Duration::from_secs_f64(TICK_S);
+    let mut pace = Pace::default();
+    let mut due = start.elapsed();
+    let mut commands = Vec::new();
+    loop {
+        let elapsed = start.elapsed();
+        if elapsed < due {
+            std::thread::sleep(due - elapsed);
+        }
+        let late = start.elapsed().saturating_sub(due);
+        let skipped = (late.as_secs_f64() / TICK_S) as u32;
+        pace.missed += u64::from(skipped);
+        due += period * skipped;
+        let now = Stamp::from_seconds(start.elapsed().as_secs_f64());
+        let (snapshot, events) = runner.tick(now, &std::mem::take(&mut commands));
+        pace.ticks += 1;
+        if each(&snapshot, &events, &mut commands).is_break() {
+            return pace;
+        }
+        due += period;
+    }
+}
+
+/// Ticks on simulated time, as fast as it goes, until `each` says stop.
+pub fn run_in_simulated_time(
+    runner: &mut Runner,
+    mut each: impl FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> std::ops::ControlFlow<()>,
+) -> Pace {
+    let mut pace = Pace::default();
+    let mut commands = Vec::new();
+    loop {
+        let now = Stamp::from_seconds(pace.ticks as f64 * TICK_S);
+        let (snapshot, events) = runner.tick(now, &std::mem::take(&mut commands));
+        pace.ticks += 1;
+        if each(&snapshot, &events, &mut commands).is_break() {
+            return pace;
+        }
+    }
+}
+
+/// Starts the twin's own thread. `repaint` is called after every snapshot. The thread ends when the
+/// handle is dropped.
+///
+/// # Errors
+/// When the thread cannot be started.
+pub fn spawn(
+    mut runner: Runner,
+    start: Instant,
+    repaint: impl Fn() + Send + 'static,
+) -> std::io::Result<Handle> {
+    let (command_tx, command_rx): (SyncSender<Command>, Receiver<Command>) = sync_channel(64);
+    let (event_tx, event_rx) = sync_channel(256);
+    let (feed_tx, feed_rx) = sync_channel(FEED);
+    let latest = Arc::new(Mutex::new(Arc::new(Snapshot::default())));
+    let published = Arc::clone(&latest);
+    std::thread::Builder::new().name("twin".to_owned()).spawn(move || {
+        run_in_real_time(&mut runner, start, |snapshot, events, commands| {
+            match published.lock() {
+                Ok(mut slot) => *slot = Arc::clone(snapshot),
+                Err(poisoned) => *poisoned.into_inner() = Arc::clone(snapshot),
+            }
+            // A window that does not keep up loses history, never the control loop its time.
+            let _ = feed_tx.try_send(Arc::clone(snapshot));
+            for event in events {
+                let _ = event_tx.try_send(event.clone());
+            }
+            repaint();
+            loop {
+                match command_rx.try_recv() {
+                    Ok(command) => commands.push(command),
+                    Err(std::sync::mpsc::TryRecvError::Empty) => return std::ops::ControlFlow::Continue(()),
+                    // The window is gone: nobody could press STOP any more.
+                    Err(std::sync::mpsc::TryRecvError::Disconnected) => {
+                        return std::ops::ControlFlow::Break(());
+                    }
+                }
+            }
+        });
+        let mut last = Vec::new();
+        runner.stop_recording(Stamp::from_seconds(start.elapsed().as_secs_f64()), &mut last);
+    })?;
+    Ok(Handle { commands: command_tx, events: event_rx, feed: feed_rx, latest })
+}
