@@ -1,1 +1,3 @@
 //! The virtual rig.
+
+pub mod board;
