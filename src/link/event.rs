@@ -1,0 +1,160 @@
+//! What a session notices about the link.
+
+use super::wire::{SCHEMA_HASH, VERSION, fault};
+
+/// Why a board is not used. The arm cannot be armed while one stands.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// Another protocol version.
+    #[error(
+        "Board {} speaks protocol version {theirs}, this program version {VERSION}: flash the firmware that belongs to this program.",
+        board + 1
+    )]
+    Version {
+        /// 0-based.
+        board: usize,
+        /// The board's version.
+        theirs: u16,
+    },
+    /// Another layout of the same version.
+    #[error(
+        "Board {} uses message layout {theirs:08x}, this program {SCHEMA_HASH:08x}: flash the firmware that belongs to this program.",
+        board + 1
+    )]
+    Schema {
+        /// 0-based.
+        board: usize,
+        /// The board's schema hash.
+        theirs: u32,
+    },
+    /// The board did not take our limits.
+    #[error(
+        "Board {} does not accept the pressure limits of the robot file (its configuration is {theirs:08x}, wanted {ours:08x}): keep within ±40 kPa and 42 kPa over-pressure, or flash other firmware.",
+        board + 1
+    )]
+    Config {
+        /// 0-based.
+        board: usize,
+        /// CRC of the board's configuration, 0 for none.
+        theirs: u32,
+        /// CRC of the wanted one.
+        ours: u32,
+    },
+}
+
+/// Something that happened on the link.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LinkEvent {
+    /// A board answered and everything matches.
+    BoardReady {
+        /// 0-based.
+        board: usize,
+        /// Its firmware id.
+        firmware: u32,
+    },
+    /// A board answered, but does not match.
+    Refused(Refusal),
+    /// A board restarted: it must be armed anew.
+    BoardRebooted {
+        /// 0-based.
+        board: usize,
+    },
+    /// A board has sent nothing for half a second: it must be armed anew.
+    BoardSilent {
+        /// 0-based.
+        board: usize,
+    },
+    /// A board's clock jumped; samples are on the new fit from here on.
+    ClockJump {
+        /// 0-based.
+        board: usize,
+        /// By how much, s (positive: ahead).
+        jump_s: f64,
+    },
+    /// A board went SAFE.
+    BoardSafe {
+        /// 0-based.
+        board: usize,
+        /// Bits of [`fault`].
+        faults: u16,
+    },
+    /// The last command was not renewed in time; no set points are sent until the next one.
+    CommandStale,
+    /// More than a tenth of the last second's frames were lost.
+    HighLoss {
+        /// Lost, of all.
+        ratio: f64,
+    },
+    /// The port is gone.
+    Disconnected {
+        /// What the system said.
+        reason: String,
+    },
+    /// The port is back; boards must answer and the arm be armed anew.
+    Reconnected,
+}
+
+impl LinkEvent {
+    /// One sentence for the operator.
+    pub fn text(&self) -> String {
+        match self {
+            Self::BoardReady { board, firmware } => {
+                format!("Board {} is ready (firmware {firmware:08x}).", board + 1)
+            }
+            Self::Refused(refusal) => refusal.to_string(),
+            Self::BoardRebooted { board } => {
+                format!(
+                    "Board {} restarted: check its supply, then arm again.",
+                    board + 1
+                )
+            }
+            Self::BoardSilent { board } => {
+                format!("Board {} is silent: check its cable and supply.", board + 1)
+            }
+            Self::ClockJump { board, jump_s } => format!(
+                "The clock of board {} jumped by {:.1} ms; its samples were put on a new fit.",
+                board + 1,
+                jump_s * 1e3
+            ),
+            Self::BoardSafe { board, faults } => format!(
+                "Board {} switched its pumps off: {}. Remove the cause, then reset.",
+                board + 1,
+                fault_words(*faults)
+            ),
+            Self::CommandStale => {
+                "No new command came in time: the pumps go off. Arm again to go on.".into()
+            }
+            Self::HighLoss { ratio } => format!(
+                "{:.0} % of the last second's frames were lost: check the cable.",
+                ratio * 100.0
+            ),
+            Self::Disconnected { reason } => {
+                format!("The link is gone ({reason}): check the cable; trying again.")
+            }
+            Self::Reconnected => "The port is back: arm again to go on.".into(),
+        }
+    }
+}
+
+/// The causes among the bits of [`fault`], in words.
+pub fn fault_words(faults: u16) -> String {
+    let words = [
+        (fault::ESTOP, "stop was pressed"),
+        (fault::HEARTBEAT_LOST, "the program was not heard"),
+        (fault::OVER_PRESSURE, "over-pressure"),
+        (fault::GAUGE_LOST, "a pressure gauge does not answer"),
+        (fault::SETPOINT_EXPIRED, "the set point expired"),
+        (fault::SPRING_LOST, "a spring gives no count"),
+        (fault::IMU_LOST, "an IMU does not answer"),
+    ];
+    let said: Vec<_> = words
+        .iter()
+        .filter(|(bit, _)| faults & bit != 0)
+        .map(|(_, word)| *word)
+        .collect();
+    if said.is_empty() {
+        "no cause given".into()
+    } else {
+        said.join(", ")
+    }
+}

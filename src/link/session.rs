@@ -1,0 +1,583 @@
+//! The host's end of the link, without I/O: bytes in, bytes and frames out.
+//!
+//! [`HostSession`] neither reads a clock nor sleeps. [`super::serial`] runs one against real ports;
+//! an in-process rig runs one in simulated time with nothing else: give the boards what
+//! [`HostSession::poll`] returns, give [`HostSession::on_bytes`] what the boards return, in steps
+//! of a millisecond or so (the step bounds how well the clocks are fitted).
+//!
+//! **One time base.** Each board samples by its own clock. Every sample is put on the session's
+//! time base by its board's fit. The lowest-numbered board that delivers leads: each of its samples
+//! makes a frame, filled with the other's newest sample if that is at most [`FRESH_S`] old, so one
+//! lost sample is bridged and its age told in `board_age_s`. If the leader falls silent, the other
+//! leads. `seq` counts 10 ms slots: a gap in time is a gap in `seq`.
+//!
+//! **Never by itself.** A command is forgotten when a board restarts, falls silent, goes SAFE or
+//! refuses, when the port closes, when it is not renewed for [`COMMAND_LIFE_S`], and on
+//! [`HostSession::estop`] and [`HostSession::reset`]. When the link itself took it away, further
+//! commands are ignored until the caller shows that it knows, by [`HostSession::clear_command`]
+//! (disarmed) or [`HostSession::reset`]: a command that was on its way moves nothing.
+
+use std::collections::VecDeque;
+
+use super::clock;
+use super::event::{LinkEvent, Refusal};
+use super::peer::{Counters, Greeting, Peer};
+use super::wire::{
+    ALL_BOARDS, Body, Config, Decoder, HEARTBEAT_PERIOD_S, Packet, Received, SAMPLE_RATE_HZ,
+    Setpoint, board_channels, encode, fault, flag, imu_reading, pressure_code, pressure_pa,
+};
+use crate::signal::{
+    BOARDS, CHAMBERS, Gripper, IMUS, LinkStatus, PressureCommand, RawFrame, SPRINGS, Stamp,
+};
+
+/// Most ports of one session: one per board.
+pub const MAX_PORTS: usize = BOARDS;
+/// Oldest sample that is still used in a frame, s: bridges one lost sample.
+pub const FRESH_S: f64 = 0.025;
+/// A command not renewed for this long is not repeated any more, s.
+pub const COMMAND_LIFE_S: f64 = 0.2;
+/// Time-to-live of a set point on the board, ms.
+const SETPOINT_TTL_MS: u16 = 150;
+/// An unchanged set point is repeated this often, s.
+const SETPOINT_PERIOD_S: f64 = 0.025;
+/// The leader is passed over when it is this much older than the other's sample, s.
+const LEAD_GAP_S: f64 = 0.015;
+/// Frames closer than this to their predecessor are left out, s.
+const MIN_SPACING_S: f64 = 0.004;
+/// A board that says nothing for this long must introduce itself again, s.
+const SILENCE_S: f64 = 0.5;
+/// Time between two CONFIGs to a board that is not ready, s; the second once it has refused.
+const CONFIG_PERIOD_S: f64 = 0.25;
+const REFUSED_PERIOD_S: f64 = 1.0;
+/// RESET and ESTOP are repeated this often, RESET for this long, s.
+const REPEAT_PERIOD_S: f64 = 0.05;
+const RESET_REPEATS_S: f64 = 0.3;
+/// Loss over one second that is reported.
+const HIGH_LOSS: f64 = 0.1;
+/// Frames within the second that make a share worth telling.
+const MIN_FOR_RATIO: u64 = 50;
+const MAX_FRAMES: usize = 64;
+const MAX_EVENTS: usize = 256;
+
+/// The host's end of the link to all boards.
+#[derive(Clone, Debug)]
+pub struct HostSession {
+    source: String,
+    simulated: bool,
+    open: bool,
+    config: Config,
+    decoders: [Decoder; MAX_PORTS],
+    peers: [Peer; BOARDS],
+    now: Stamp,
+    seq: u16,
+    command: Option<(PressureCommand, Stamp)>,
+    command_is_new: bool,
+    interrupted: bool,
+    estop: bool,
+    reset: Option<(u32, Stamp)>,
+    next_heartbeat: Option<Stamp>,
+    next_setpoint: Option<Stamp>,
+    next_estop: Option<Stamp>,
+    next_reset: Option<Stamp>,
+    loss_told: Option<Stamp>,
+    frames: VecDeque<RawFrame>,
+    events: VecDeque<LinkEvent>,
+    last_frame: Option<(u32, Stamp)>,
+    frames_made: u64,
+    frames_dropped: u64,
+}
+
+/// Whether the data behind a session are real.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// From hardware.
+    Hardware,
+    /// From a simulated rig.
+    Simulated,
+}
+
+impl HostSession {
+    /// A session with open ports and unknown boards. `source` is shown to the operator.
+    pub fn new(source: &str, origin: Origin, config: Config) -> Self {
+        Self {
+            source: source.into(),
+            simulated: origin == Origin::Simulated,
+            open: true,
+            config,
+            decoders: Default::default(),
+            peers: std::array::from_fn(Peer::new),
+            now: Stamp::ZERO,
+            seq: 0,
+            command: None,
+            command_is_new: false,
+            interrupted: false,
+            estop: false,
+            reset: None,
+            next_heartbeat: None,
+            next_setpoint: None,
+            next_estop: None,
+            next_reset: None,
+            loss_told: None,
+            frames: VecDeque::new(),
+            events: VecDeque::new(),
+            last_frame: None,
+            frames_made: 0,
+            frames_dropped: 0,
+        }
+    }
+
+    /// Takes bytes heard at `now` on the only port.
+    pub fn on_bytes(&mut self, now: Stamp, bytes: &[u8]) {
+        self.on_port_bytes(0, now, bytes);
+    }
+
+    /// Takes bytes heard at `now` on one of several ports (0-based).
+    pub fn on_port_bytes(&mut self, port: usize, now: Stamp, bytes: &[u8]) {
+        self.advance(now);
+        for byte in bytes {
+            let received = self.decoders.get_mut(port).and_then(|d| d.push(*byte));
+            match received {
+                Some(Received::Packet(packet)) => self.on_packet(&packet),
+                Some(Received::OtherVersion { version, board }) => {
+                    let board = usize::from(board);
+                    let theirs = u16::from(version);
+                    if let Some(peer) = self.peers.get_mut(board) {
+                        peer.hello = None;
+                        let greeting = peer.refuse(Refusal::Version { board, theirs });
+                        self.after_greeting(board, greeting);
+                    }
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// What to write to every port now. Call it every few milliseconds.
+    pub fn poll(&mut self, now: Stamp) -> Vec<u8> {
+        self.advance(now);
+        self.watch_peers();
+        self.watch_command();
+        let mut out = Vec::new();
+        if !self.open {
+            return out;
+        }
+        if self.estop && due(&mut self.next_estop, self.now, REPEAT_PERIOD_S) {
+            self.send(&mut out, ALL_BOARDS, Body::Estop);
+        }
+        if let Some((id, until)) = self.reset {
+            if self.now > until {
+                self.reset = None;
+            } else if due(&mut self.next_reset, self.now, REPEAT_PERIOD_S) {
+                self.send(&mut out, ALL_BOARDS, Body::Reset { id });
+            }
+        }
+        if due(&mut self.next_heartbeat, self.now, HEARTBEAT_PERIOD_S) {
+            self.send(&mut out, ALL_BOARDS, Body::Heartbeat);
+        }
+        for board in 0..BOARDS {
+            self.poll_board(&mut out, board);
+        }
+        self.send_setpoint(&mut out);
+        out
+    }
+
+    fn poll_board(&mut self, out: &mut Vec<u8>, board: usize) {
+        let now = self.now;
+        let peer = &mut self.peers[board];
+        let address = board as u8;
+        let period_s = if peer.refusal.is_some() {
+            REFUSED_PERIOD_S
+        } else {
+            CONFIG_PERIOD_S
+        };
+        let wants_config = !peer.ready() && due(&mut peer.next_config, now, period_s);
+        let ping = if peer.understood() && !peer.silent {
+            peer.clock.ping_due(now)
+        } else {
+            None
+        };
+        if wants_config {
+            self.send(out, address, Body::Config(self.config));
+        }
+        if let Some(id) = ping {
+            self.send(out, address, Body::Ping { id });
+        }
+    }
+
+    fn send_setpoint(&mut self, out: &mut Vec<u8>) {
+        let Some((command, _)) = &self.command else {
+            return;
+        };
+        let repeat = due(&mut self.next_setpoint, self.now, SETPOINT_PERIOD_S);
+        if !(repeat || self.command_is_new) {
+            return;
+        }
+        self.command_is_new = false;
+        self.next_setpoint = Some(self.now.plus(SETPOINT_PERIOD_S));
+        let flags = match command.gripper() {
+            Gripper::Open => 0,
+            Gripper::Closed => flag::GRIPPER_CLOSED,
+        };
+        let setpoint = Setpoint {
+            pressure: command.chamber_pa().map(pressure_code),
+            ttl_ms: SETPOINT_TTL_MS,
+        };
+        self.send_with(out, ALL_BOARDS, flags, Body::Setpoint(setpoint));
+    }
+
+    fn send(&mut self, out: &mut Vec<u8>, board: u8, body: Body) {
+        self.send_with(out, board, 0, body);
+    }
+
+    fn send_with(&mut self, out: &mut Vec<u8>, board: u8, flags: u16, body: Body) {
+        let packet = Packet {
+            board,
+            seq: self.seq,
+            t_ticks: 0,
+            flags,
+            body,
+        };
+        self.seq = self.seq.wrapping_add(1);
+        encode(&packet, out);
+    }
+
+    /// Sends these set pressures, at once and repeatedly, for [`COMMAND_LIFE_S`]. Ignored while
+    /// the stop is latched, a board is not ready or SAFE, or an interruption is not acknowledged.
+    pub fn set_command(&mut self, command: &PressureCommand) {
+        if self.may_command() {
+            self.command = Some((command.clone(), self.now));
+            self.command_is_new = true;
+        }
+    }
+
+    /// Stops sending set pressures; the boards' pumps go off when the last one expires. Also acknowledges an interruption.
+    pub fn clear_command(&mut self) {
+        self.command = None;
+        self.interrupted = false;
+    }
+
+    /// The link takes the command away; the caller must acknowledge before the next one.
+    fn interrupt(&mut self) {
+        if self.command.take().is_some() {
+            self.interrupted = true;
+        }
+    }
+
+    /// Pumps off now, latched on the boards; repeated until [`Self::reset`].
+    pub fn estop(&mut self) {
+        self.clear_command();
+        self.reset = None;
+        self.estop = true;
+        self.next_estop = None;
+    }
+
+    /// Asks the boards to leave SAFE. No set points flow until the next command.
+    pub fn reset(&mut self) {
+        self.clear_command();
+        self.estop = false;
+        // Differs from every earlier press in this session and, but for a chance of one in four
+        // thousand million, from those of earlier sessions.
+        let mut id = (self.now.0 / 1000) as u32;
+        if self.reset.is_some_and(|(last, _)| last == id) {
+            id = id.wrapping_add(1);
+        }
+        self.reset = Some((id, self.now.plus(RESET_REPEATS_S)));
+        self.next_reset = None;
+    }
+
+    /// The port is gone: forgets the command and who the boards are.
+    pub fn disconnected(&mut self, now: Stamp, reason: &str) {
+        self.advance(now);
+        if self.open {
+            self.open = false;
+            self.interrupt();
+            self.peers.iter_mut().for_each(Peer::start_over);
+            self.event(LinkEvent::Disconnected {
+                reason: reason.into(),
+            });
+        }
+    }
+
+    /// The port is open again; the boards must introduce themselves anew.
+    pub fn reconnected(&mut self, now: Stamp) {
+        self.advance(now);
+        if !self.open {
+            self.open = true;
+            self.decoders.iter_mut().for_each(Decoder::restart);
+            self.peers.iter_mut().for_each(Peer::start_over);
+            self.event(LinkEvent::Reconnected);
+        }
+    }
+
+    /// The next frame, oldest first; `None` when there is none.
+    pub fn next_frame(&mut self) -> Option<RawFrame> {
+        self.frames.pop_front()
+    }
+
+    /// The next event, oldest first; `None` when there is none.
+    pub fn next_event(&mut self) -> Option<LinkEvent> {
+        self.events.pop_front()
+    }
+
+    /// State of the link for the operator and the twin. `age_s` is infinite before the first frame.
+    pub fn status(&self, now: Stamp) -> LinkStatus {
+        LinkStatus {
+            connected: self.connected(),
+            source: self.source.clone(),
+            simulated: self.simulated,
+            frames: self.frames_made,
+            frames_lost: self.counters().lost,
+            age_s: self
+                .last_frame
+                .map_or(f64::INFINITY, |(_, at)| now.since(at).max(0.0)),
+            board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
+        }
+    }
+
+    /// Whether the ports are open and every board answered and matches.
+    pub fn connected(&self) -> bool {
+        self.open && self.peers.iter().all(Peer::ready)
+    }
+
+    /// Why the arm cannot be armed, if a board does not match.
+    pub fn refusal(&self) -> Option<&Refusal> {
+        self.peers.iter().find_map(|p| p.refusal.as_ref())
+    }
+
+    /// What was counted over all boards.
+    pub fn counters(&self) -> Counters {
+        self.peers
+            .iter()
+            .map(|p| p.counters)
+            .fold(Counters::default(), |a, b| Counters {
+                heard: a.heard + b.heard,
+                lost: a.lost + b.lost,
+                duplicates: a.duplicates + b.duplicates,
+                late: a.late + b.late,
+            })
+    }
+
+    /// Frames thrown away on the way in: broken on the line, or not fetched in time.
+    pub fn thrown_away(&self) -> (u64, u64) {
+        let broken = self.decoders.iter().map(|d| d.counts.bad()).sum();
+        (broken, self.frames_dropped)
+    }
+
+    /// Share of the boards' frames of the last second that were lost; 0 while there are few.
+    pub fn loss_ratio(&self, now: Stamp) -> f64 {
+        let (lost, all) = self
+            .peers
+            .iter()
+            .map(|p| p.recent_loss(now))
+            .fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        if all < MIN_FOR_RATIO {
+            return 0.0;
+        }
+        lost as f64 / all as f64
+    }
+
+    fn may_command(&self) -> bool {
+        let safe = |p: &Peer| p.newest.is_some_and(|n| n.sample.status & fault::SAFE != 0);
+        !self.estop && !self.interrupted && self.connected() && !self.peers.iter().any(safe)
+    }
+
+    /// Time never runs backwards, whatever the caller says.
+    fn advance(&mut self, now: Stamp) {
+        self.now = self.now.max(now);
+    }
+
+    fn event(&mut self, event: LinkEvent) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+        }
+        self.events.push_back(event);
+    }
+
+    fn watch_peers(&mut self) {
+        for board in 0..BOARDS {
+            let peer = &mut self.peers[board];
+            let quiet = peer.heard.is_some_and(|t| self.now.since(t) > SILENCE_S);
+            if quiet && !peer.silent {
+                peer.forget();
+                peer.silent = true;
+                self.interrupt();
+                self.event(LinkEvent::BoardSilent { board });
+            }
+        }
+        let ratio = self.loss_ratio(self.now);
+        let told = self.loss_told.is_some_and(|t| self.now.since(t) < 1.0);
+        if ratio > HIGH_LOSS && !told {
+            self.loss_told = Some(self.now);
+            self.event(LinkEvent::HighLoss { ratio });
+        }
+    }
+
+    fn watch_command(&mut self) {
+        let stale = self
+            .command
+            .as_ref()
+            .is_some_and(|(_, set)| self.now.since(*set) > COMMAND_LIFE_S);
+        if stale {
+            self.clear_command();
+            self.event(LinkEvent::CommandStale);
+        }
+    }
+
+    fn on_packet(&mut self, packet: &Packet) {
+        let board = usize::from(packet.board);
+        let (now, ours) = (self.now, self.config.crc());
+        let Some(peer) = self.peers.get_mut(board) else {
+            return;
+        };
+        if let Body::Hello(hello) = &packet.body {
+            let rebooted = peer.is_another_run(hello);
+            if rebooted {
+                peer.forget();
+                self.interrupt();
+                self.event(LinkEvent::BoardRebooted { board });
+            }
+            let peer = &mut self.peers[board];
+            peer.silent = false;
+            peer.in_order(now, packet.seq);
+            if hello.config_crc == 0 {
+                // Just booted: do not wait for the next CONFIG in turn.
+                peer.next_config = None;
+            }
+            let greeting = peer.greet(hello, ours);
+            self.after_greeting(board, greeting);
+            return;
+        }
+        if peer.lost_configuration(packet) {
+            // It restarted and its HELLO was lost: CONFIG makes it say HELLO again.
+            peer.configured = false;
+            peer.next_config = None;
+            peer.restart_count();
+            self.interrupt();
+            return;
+        }
+        if !peer.in_order(now, packet.seq) || !peer.understood() {
+            return;
+        }
+        match &packet.body {
+            Body::Sample(sample) => {
+                let known = peer.newest.map_or(0, |n| n.sample.status);
+                let went_safe = sample.status & !known & fault::SAFE != 0;
+                let faults = sample.status;
+                let is_newest = peer.take_sample(now, packet);
+                if went_safe && is_newest {
+                    self.interrupt();
+                    self.event(LinkEvent::BoardSafe { board, faults });
+                }
+                if is_newest {
+                    self.merge(board);
+                }
+            }
+            Body::Pong { id, t_receive } => {
+                if let clock::Pong::Jumped(jump_s) = peer.clock.pong(*id, *t_receive, now) {
+                    peer.forget_delay();
+                    self.event(LinkEvent::ClockJump { board, jump_s });
+                }
+            }
+            // The sample after it carries the same bits; the command ends at once.
+            Body::Fault { .. } => self.interrupt(),
+            // What only hosts say.
+            _ => {}
+        }
+    }
+
+    fn after_greeting(&mut self, board: usize, greeting: Greeting) {
+        match greeting {
+            Greeting::Nothing => {}
+            Greeting::Ready => {
+                let firmware = self.peers[board].hello.map_or(0, |h| h.firmware);
+                self.event(LinkEvent::BoardReady { board, firmware });
+            }
+            Greeting::Refused(refusal) => {
+                self.interrupt();
+                self.event(LinkEvent::Refused(refusal));
+            }
+        }
+    }
+
+    /// Makes a frame of the newest samples if `board`'s latest one calls for it.
+    fn merge(&mut self, board: usize) {
+        let Some(driver) = self.peers[board].newest else {
+            return;
+        };
+        let led_by_lower = self.peers[..board]
+            .iter()
+            .filter_map(|p| p.newest)
+            .any(|n| driver.stamp.since(n.stamp) <= LEAD_GAP_S);
+        if led_by_lower {
+            return;
+        }
+        let fresh = |p: &Peer| p.newest.filter(|n| driver.stamp.since(n.stamp) <= FRESH_S);
+        let stamp = self
+            .peers
+            .iter()
+            .filter_map(fresh)
+            .map(|n| n.stamp)
+            .fold(driver.stamp, Stamp::max);
+        let seq = match self.last_frame {
+            Some((_, last)) if stamp.since(last) < MIN_SPACING_S => return,
+            Some((seq, last)) => {
+                let slots = (stamp.since(last) * SAMPLE_RATE_HZ).round();
+                seq.wrapping_add((slots as u32).max(1))
+            }
+            None => 0,
+        };
+        self.last_frame = Some((seq, stamp));
+        self.frames_made += 1;
+        let mut frame = RawFrame {
+            seq,
+            stamp,
+            tick_rate_hz: self.peers[board].clock.rate_hz(),
+            board_age_s: [f64::INFINITY; BOARDS],
+            ..RawFrame::default()
+        };
+        for (b, peer) in self.peers.iter().enumerate() {
+            if let Some(newest) = peer.newest {
+                frame.board_age_s[b] = stamp.since(newest.stamp);
+            }
+            if let Some(n) = fresh(peer) {
+                fill(&mut frame, b, &n.sample);
+            }
+        }
+        if self.frames.len() == MAX_FRAMES {
+            self.frames.pop_front();
+            self.frames_dropped += 1;
+        }
+        self.frames.push_back(frame);
+    }
+}
+
+/// Copies what board `b` delivered into a frame.
+fn fill(frame: &mut RawFrame, b: usize, s: &super::wire::Sample) {
+    let present = s.present & board_channels(b);
+    frame.present |= present;
+    frame.faults |= s.status;
+    let delivered = |bit: usize| present & (1 << bit) != 0;
+    for i in (0..SPRINGS).filter(|i| delivered(*i)) {
+        frame.spring_counts[i] = u32::from(s.spring_counts[i]);
+        frame.spring_gate_ticks[i] = u32::from(s.spring_gate_ticks[i]);
+    }
+    for i in (0..IMUS).filter(|i| delivered(SPRINGS + i)) {
+        frame.imu[i] = imu_reading(s.gyro[i], s.accel[i]);
+    }
+    for i in (0..CHAMBERS).filter(|i| delivered(SPRINGS + IMUS + i)) {
+        frame.chamber_pa[i] = pressure_pa(s.pressure[i]);
+    }
+}
+
+/// Whether something periodic is due; sets when it is due next.
+fn due(next: &mut Option<Stamp>, now: Stamp, period_s: f64) -> bool {
+    if next.is_some_and(|t| now < t) {
+        return false;
+    }
+    *next = Some(now.plus(period_s));
+    true
+}
+
+#[cfg(test)]
+#[path = "session_tests.rs"]
+mod tests;

@@ -1,0 +1,648 @@
+//! One controller board as its firmware behaves, without I/O: bytes and readings in, bytes and
+//! set pressures out.
+//!
+//! The board speaks [`crate::link::wire`] and keeps the arm safe on its own. SAFE means pumps off,
+//! latched until a RESET with a new id. It is entered when
+//!
+//! - ESTOP arrives,
+//! - heartbeats stop for the configured time (200 ms) after having begun,
+//! - a chamber is beyond ±42 kPa, or its gauge gives no value, in two checks running (a check every
+//!   5 ms, so within 20 ms).
+//!
+//! Set pressures are clamped to ±40 kPa and followed only while they are fresh, heartbeats come,
+//! and a CONFIG has been accepted since boot.
+
+use crate::link::wire::{
+    ALL_BOARDS, Body, Config, Decoder, Hello, Packet, Received, SAMPLE_RATE_HZ, SCHEMA_HASH,
+    Sample, Setpoint, VERSION, encode, fault, flag, imu_codes, pressure_code, pressure_pa,
+};
+use crate::signal::{CHAMBERS, Gripper, IMUS, ImuRaw, SPRINGS};
+
+/// Springs, IMUs and chambers of one board.
+const SPRINGS_EACH: usize = SPRINGS / 2;
+const IMUS_EACH: usize = IMUS / 2;
+const CHAMBERS_EACH: usize = CHAMBERS / 2;
+/// Time between two checks of the gauges, s.
+const CHECK_PERIOD_S: f64 = 0.005;
+/// Checks running that must agree before the pumps go off.
+const CHECKS_TO_TRIP: u8 = 2;
+/// Slack of the schedule, s: a caller's time steps need not hit it to the last bit.
+const SLACK_S: f64 = 1e-6;
+/// What HELLO calls this firmware: "RIG1".
+pub const FIRMWARE_ID: u32 = u32::from_be_bytes(*b"RIG1");
+
+/// One spring's reciprocal count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SpringReading {
+    /// Whole oscillator periods within the gate.
+    pub count: u32,
+    /// Length of the gate, board clock ticks.
+    pub gate_ticks: u32,
+}
+
+/// What one board's sensors deliver at an instant; `None` where a sensor does not answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Readings {
+    /// The board's six springs.
+    pub springs: [Option<SpringReading>; SPRINGS_EACH],
+    /// The board's two IMUs, SI units in their own axes.
+    pub imus: [Option<ImuRaw>; IMUS_EACH],
+    /// Gauge pressure of the board's three chambers, Pa.
+    pub chamber_pa: [Option<f64>; CHAMBERS_EACH],
+}
+
+/// What distinguishes one board from another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardSetup {
+    /// 0-based: board 0 serves segment 1, board 1 segment 2.
+    pub id: u8,
+    /// Differs from one boot to the next.
+    pub boot_nonce: u32,
+    /// Nominal clock rate, ticks/s.
+    pub tick_rate_hz: u32,
+    /// How much too fast the clock runs, s/s.
+    pub clock_skew: f64,
+    /// What the clock shows at t = 0, s (may be anything: it wraps).
+    pub clock_offset_s: f64,
+}
+
+/// A board. All times `t_s` are the rig's true time in s and must not decrease.
+#[derive(Clone, Debug)]
+pub struct Board {
+    setup: BoardSetup,
+    decoder: Decoder,
+    out: Vec<u8>,
+    seq: u16,
+    config: Option<Config>,
+    heartbeat_s: Option<f64>,
+    setpoint: Option<Live>,
+    expired: bool,
+    latched: u16,
+    last_reset: Option<u32>,
+    over_checks: u8,
+    lost_checks: u8,
+    channel_faults: u16,
+    gripper: Gripper,
+    next_check_s: f64,
+    next_sample_ticks: f64,
+}
+
+/// A set point in force.
+#[derive(Clone, Copy, Debug)]
+struct Live {
+    chamber_pa: [f64; CHAMBERS_EACH],
+    until_s: f64,
+}
+
+impl Board {
+    /// A board that has just booted; its first [`Self::poll`] says HELLO.
+    pub fn new(setup: BoardSetup) -> Self {
+        let mut board = Self {
+            setup,
+            decoder: Decoder::default(),
+            out: Vec::new(),
+            seq: 0,
+            config: None,
+            heartbeat_s: None,
+            setpoint: None,
+            expired: false,
+            latched: 0,
+            last_reset: None,
+            over_checks: 0,
+            lost_checks: 0,
+            channel_faults: 0,
+            gripper: Gripper::Open,
+            next_check_s: f64::MIN,
+            next_sample_ticks: f64::MIN,
+        };
+        board.say_hello(0.0);
+        board
+    }
+
+    /// Power off and on again: everything is forgotten, the clock starts at 0 at `t_s`.
+    pub fn reboot(&mut self, t_s: f64, boot_nonce: u32) {
+        *self = Self::new(BoardSetup {
+            boot_nonce,
+            clock_offset_s: -t_s * (1.0 + self.setup.clock_skew),
+            ..self.setup
+        });
+    }
+
+    /// Moves the board's clock (a fault): `by_s` seconds ahead.
+    pub fn jump_clock(&mut self, by_s: f64) {
+        self.setup.clock_offset_s += by_s;
+        // The firmware's schedule counts elapsed ticks, so samples keep coming.
+        self.next_sample_ticks += by_s * f64::from(self.setup.tick_rate_hz);
+    }
+
+    /// Which board this is, 0-based.
+    pub fn id(&self) -> u8 {
+        self.setup.id
+    }
+
+    /// Set gauge pressure of the board's chambers, Pa; `None`: pumps off.
+    pub fn setpoint_pa(&self) -> Option<[f64; CHAMBERS_EACH]> {
+        self.setpoint.map(|s| s.chamber_pa)
+    }
+
+    /// What the gripper was last told.
+    pub fn gripper(&self) -> Gripper {
+        self.gripper
+    }
+
+    /// Status bits, see [`fault`].
+    pub fn status(&self) -> u16 {
+        let expired = if self.expired {
+            fault::SETPOINT_EXPIRED
+        } else {
+            0
+        };
+        self.latched | self.channel_faults | expired
+    }
+
+    /// Takes bytes from the host.
+    pub fn on_bytes(&mut self, t_s: f64, bytes: &[u8]) {
+        for byte in bytes {
+            match self.decoder.push(*byte) {
+                Some(Received::Packet(p)) if [self.setup.id, ALL_BOARDS].contains(&p.board) => {
+                    self.on_packet(t_s, &p);
+                }
+                // A host of another version learns ours.
+                Some(Received::OtherVersion { .. }) => self.say_hello(t_s),
+                _ => {}
+            }
+        }
+    }
+
+    /// Runs the watchdogs and gives what the board has to say: answers at once, a SAMPLE when due.
+    pub fn poll(&mut self, t_s: f64, readings: &Readings) -> Vec<u8> {
+        self.watch_host(t_s);
+        if t_s >= self.next_check_s - SLACK_S {
+            self.next_check_s = t_s + CHECK_PERIOD_S;
+            self.check_chambers(t_s, readings);
+        }
+        let ticks = self.ticks(t_s);
+        let rate = f64::from(self.setup.tick_rate_hz);
+        if ticks >= self.next_sample_ticks - SLACK_S * rate {
+            let period = rate / SAMPLE_RATE_HZ;
+            // Samples that the caller slept through are gone; the rhythm stays.
+            let late = ((ticks - self.next_sample_ticks) / period).clamp(0.0, 1e9);
+            self.next_sample_ticks = if self.next_sample_ticks == f64::MIN {
+                ticks + period
+            } else {
+                self.next_sample_ticks + (late + SLACK_S).floor().mul_add(period, period)
+            };
+            self.send_sample(t_s, readings);
+        }
+        std::mem::take(&mut self.out)
+    }
+
+    /// Board clock at `t_s`, not wrapped.
+    fn ticks(&self, t_s: f64) -> f64 {
+        let board_s = self.setup.clock_offset_s + t_s * (1.0 + self.setup.clock_skew);
+        board_s * f64::from(self.setup.tick_rate_hz)
+    }
+
+    fn send(&mut self, t_s: f64, body: Body) {
+        let mut flags = 0;
+        for (bit, set) in [
+            (flag::CONFIGURED, self.config.is_some()),
+            (flag::PUMPS_ON, self.setpoint.is_some()),
+            (flag::GRIPPER_CLOSED, self.gripper == Gripper::Closed),
+        ] {
+            flags |= if set { bit } else { 0 };
+        }
+        let packet = Packet {
+            board: self.setup.id,
+            seq: self.seq,
+            t_ticks: wrapped(self.ticks(t_s)),
+            flags,
+            body,
+        };
+        self.seq = self.seq.wrapping_add(1);
+        encode(&packet, &mut self.out);
+    }
+
+    fn say_hello(&mut self, t_s: f64) {
+        let hello = Hello {
+            protocol: u16::from(VERSION),
+            schema: SCHEMA_HASH,
+            firmware: FIRMWARE_ID,
+            tick_rate_hz: self.setup.tick_rate_hz,
+            boot_nonce: self.setup.boot_nonce,
+            config_crc: self.config.map_or(0, |c| c.crc()),
+        };
+        self.send(t_s, Body::Hello(hello));
+    }
+
+    fn on_packet(&mut self, t_s: f64, packet: &Packet) {
+        match &packet.body {
+            Body::Ping { id } => {
+                let pong = Body::Pong {
+                    id: *id,
+                    t_receive: wrapped(self.ticks(t_s)),
+                };
+                self.send(t_s, pong);
+            }
+            Body::Config(config) => {
+                if is_allowed(config) {
+                    self.config = Some(*config);
+                }
+                self.say_hello(t_s);
+            }
+            Body::Heartbeat => self.heartbeat_s = Some(t_s),
+            Body::Estop => self.go_safe(t_s, fault::ESTOP, 0),
+            Body::Reset { id } => {
+                if self.last_reset != Some(*id) {
+                    self.last_reset = Some(*id);
+                    self.reset();
+                }
+            }
+            Body::Setpoint(setpoint) => self.on_setpoint(t_s, setpoint, packet.flags),
+            // What only boards say.
+            Body::Hello(_) | Body::Sample(_) | Body::Pong { .. } | Body::Fault { .. } => {}
+        }
+    }
+
+    /// Leaves SAFE. Causes that still hold trip again at the next check.
+    fn reset(&mut self) {
+        self.latched = 0;
+        self.setpoint = None;
+        self.expired = false;
+        self.over_checks = 0;
+        self.lost_checks = 0;
+        // The watchdog starts again with the next heartbeat.
+        self.heartbeat_s = None;
+    }
+
+    fn on_setpoint(&mut self, t_s: f64, setpoint: &Setpoint, flags: u16) {
+        // Without heartbeats there is nobody to stop the arm later.
+        let (Some(config), Some(_), 0) = (self.config, self.heartbeat_s, self.latched) else {
+            return;
+        };
+        let [lo_pa, hi_pa] = [config.pressure_min, config.pressure_max].map(pressure_pa);
+        let first = CHAMBERS_EACH * usize::from(self.setup.id);
+        self.setpoint = Some(Live {
+            chamber_pa: std::array::from_fn(|i| {
+                let code = setpoint.pressure.get(first + i).copied();
+                pressure_pa(code.unwrap_or(pressure_code(0.0))).clamp(lo_pa, hi_pa)
+            }),
+            until_s: t_s + f64::from(setpoint.ttl_ms) * 1e-3,
+        });
+        self.expired = false;
+        self.gripper = if flags & flag::GRIPPER_CLOSED != 0 {
+            Gripper::Closed
+        } else {
+            Gripper::Open
+        };
+    }
+
+    fn watch_host(&mut self, t_s: f64) {
+        if self.setpoint.is_some_and(|s| t_s > s.until_s) {
+            self.setpoint = None;
+            self.expired = true;
+        }
+        let timeout_ms = self
+            .config
+            .unwrap_or(Config::built_in())
+            .heartbeat_timeout_ms;
+        if let Some(heard_s) = self.heartbeat_s
+            && t_s - heard_s > f64::from(timeout_ms) * 1e-3
+        {
+            self.heartbeat_s = None;
+            self.go_safe(t_s, fault::HEARTBEAT_LOST, 0);
+        }
+    }
+
+    fn check_chambers(&mut self, t_s: f64, readings: &Readings) {
+        let bound_pa = pressure_pa(self.config.unwrap_or(Config::built_in()).over_pressure);
+        let over = readings
+            .chamber_pa
+            .iter()
+            .position(|p| p.is_some_and(|pa| pa.is_infinite() || pa.abs() > bound_pa));
+        let lost = readings
+            .chamber_pa
+            .iter()
+            .position(|p| p.is_none_or(f64::is_nan));
+        if count_up(&mut self.over_checks, over) {
+            self.go_safe(t_s, fault::OVER_PRESSURE, over.unwrap_or(0));
+        }
+        if count_up(&mut self.lost_checks, lost) {
+            self.go_safe(t_s, fault::GAUGE_LOST, lost.unwrap_or(0));
+        }
+    }
+
+    fn go_safe(&mut self, t_s: f64, cause: u16, chamber: usize) {
+        self.setpoint = None;
+        if self.latched & cause == 0 {
+            self.latched |= fault::SAFE | cause;
+            let first = CHAMBERS_EACH * usize::from(self.setup.id);
+            let detail = if cause & (fault::OVER_PRESSURE | fault::GAUGE_LOST) != 0 {
+                (first + chamber) as u32
+            } else {
+                0
+            };
+            self.send(
+                t_s,
+                Body::Fault {
+                    code: cause,
+                    detail,
+                },
+            );
+        }
+    }
+
+    fn send_sample(&mut self, t_s: f64, readings: &Readings) {
+        let board = usize::from(self.setup.id);
+        let mut s = Sample::default();
+        self.channel_faults = 0;
+        for (k, spring) in readings.springs.iter().enumerate() {
+            let i = SPRINGS_EACH * board + k;
+            let fits = spring.and_then(|r| {
+                let count = u16::try_from(r.count).ok()?;
+                Some((count, u16::try_from(r.gate_ticks).ok()?))
+            });
+            match (fits, s.spring_counts.get_mut(i)) {
+                (Some((count, gate)), Some(slot)) => {
+                    *slot = count;
+                    s.spring_gate_ticks[i] = gate;
+                    s.present |= 1 << i;
+                }
+                _ => self.channel_faults |= fault::SPRING_LOST,
+            }
+        }
+        for (k, imu) in readings.imus.iter().enumerate() {
+            let i = IMUS_EACH * board + k;
+            let sound = imu.filter(|r| {
+                let all = r.gyro_rad_s.iter().chain(&r.accel_m_s2);
+                all.into_iter().all(|x| x.is_finite())
+            });
+            match (sound, s.gyro.get_mut(i)) {
+                (Some(reading), Some(slot)) => {
+                    (*slot, s.accel[i]) = imu_codes(&reading);
+                    s.present |= 1 << (SPRINGS + i);
+                }
+                _ => self.channel_faults |= fault::IMU_LOST,
+            }
+        }
+        for (k, gauge) in readings.chamber_pa.iter().enumerate() {
+            let i = CHAMBERS_EACH * board + k;
+            if let (Some(pa), Some(slot)) = (gauge.filter(|p| !p.is_nan()), s.pressure.get_mut(i)) {
+                *slot = pressure_code(pa);
+                s.present |= 1 << (SPRINGS + IMUS + i);
+            }
+        }
+        s.status = self.status();
+        self.send(t_s, Body::Sample(s));
+    }
+}
+
+/// Whether a configuration is sound and no looser than what is built in.
+fn is_allowed(config: &Config) -> bool {
+    let built_in = Config::built_in();
+    config.pressure_min >= built_in.pressure_min
+        && config.pressure_max <= built_in.pressure_max
+        && config.pressure_min < config.pressure_max
+        && (config.pressure_max..=built_in.over_pressure).contains(&config.over_pressure)
+        && (1..=built_in.heartbeat_timeout_ms).contains(&config.heartbeat_timeout_ms)
+}
+
+/// Counts checks running in which something was found; true once there are enough.
+fn count_up(checks: &mut u8, found: Option<usize>) -> bool {
+    *checks = if found.is_some() {
+        checks.saturating_add(1)
+    } else {
+        0
+    };
+    *checks >= CHECKS_TO_TRIP
+}
+
+/// The clock as the board's 32-bit counter shows it.
+fn wrapped(ticks: f64) -> u32 {
+    (ticks.floor() as i64) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setup(id: u8) -> BoardSetup {
+        BoardSetup {
+            id,
+            boot_nonce: 77,
+            tick_rate_hz: 2_000_000,
+            clock_skew: 0.0,
+            clock_offset_s: 0.0,
+        }
+    }
+
+    fn readings(pa: f64) -> Readings {
+        Readings {
+            springs: [Some(SpringReading {
+                count: 11_000,
+                gate_ticks: 16_000,
+            }); 6],
+            imus: [Some(ImuRaw::default()); 2],
+            chamber_pa: [Some(pa); 3],
+        }
+    }
+
+    fn tell(board: &mut Board, t_s: f64, body: Body) {
+        let mut bytes = Vec::new();
+        let packet = Packet {
+            board: ALL_BOARDS,
+            seq: 0,
+            t_ticks: 0,
+            flags: flag::GRIPPER_CLOSED,
+            body,
+        };
+        encode(&packet, &mut bytes);
+        board.on_bytes(t_s, &bytes);
+    }
+
+    fn heard(bytes: &[u8]) -> Vec<Packet> {
+        let mut d = Decoder::default();
+        let packets = bytes.iter().filter_map(|b| match d.push(*b) {
+            Some(Received::Packet(p)) => Some(p),
+            _ => None,
+        });
+        packets.collect()
+    }
+
+    fn setpoint(pa: f64) -> Body {
+        Body::Setpoint(Setpoint {
+            pressure: std::array::from_fn(|i| pressure_code(pa + 100.0 * i as f64)),
+            ttl_ms: 150,
+        })
+    }
+
+    /// A board that follows a set point, at t = 0.
+    fn running(id: u8) -> Board {
+        let mut b = Board::new(setup(id));
+        tell(&mut b, 0.0, Body::Config(Config::built_in()));
+        tell(&mut b, 0.0, Body::Heartbeat);
+        tell(&mut b, 0.0, setpoint(10e3));
+        assert!(b.setpoint_pa().is_some());
+        b
+    }
+
+    #[test]
+    fn follows_its_own_three_chambers_clamped() {
+        let mut b = running(1);
+        assert_eq!(b.setpoint_pa(), Some([10_300.0, 10_400.0, 10_500.0]));
+        assert_eq!(b.gripper(), Gripper::Closed);
+        tell(&mut b, 0.0, setpoint(60e3));
+        assert_eq!(b.setpoint_pa(), Some([40e3; 3]));
+        tell(&mut b, 0.0, setpoint(-65e3));
+        assert_eq!(b.setpoint_pa(), Some([-40e3; 3]));
+    }
+
+    #[test]
+    fn nothing_moves_before_configuration_and_heartbeat() {
+        let mut b = Board::new(setup(0));
+        tell(&mut b, 0.0, setpoint(1e3));
+        tell(&mut b, 0.0, Body::Heartbeat);
+        tell(&mut b, 0.0, setpoint(1e3));
+        assert_eq!(b.setpoint_pa(), None);
+        tell(&mut b, 0.0, Body::Config(Config::built_in()));
+        tell(&mut b, 0.0, setpoint(1e3));
+        assert!(b.setpoint_pa().is_some());
+        b.reboot(1.0, 78);
+        tell(&mut b, 1.0, Body::Heartbeat);
+        tell(&mut b, 1.0, setpoint(1e3));
+        assert_eq!(b.setpoint_pa(), None, "rebooted: not configured");
+    }
+
+    #[test]
+    fn looser_limits_are_not_accepted() {
+        let mut b = Board::new(setup(0));
+        let loose = Config {
+            over_pressure: pressure_code(50e3),
+            ..Config::built_in()
+        };
+        tell(&mut b, 0.0, Body::Config(loose));
+        let hellos = heard(&b.poll(0.0, &readings(0.0)));
+        let Body::Hello(h) = &hellos[1].body else {
+            panic!("{hellos:?}")
+        };
+        assert_eq!(h.config_crc, 0);
+    }
+
+    #[test]
+    fn samples_come_at_100_hz_by_the_boards_own_clock() {
+        let mut s = setup(0);
+        s.clock_skew = 1e-3;
+        let mut b = Board::new(s);
+        let mut n = 0;
+        for k in 0..=100_000 {
+            let packets = heard(&b.poll(f64::from(k) * 1e-3, &readings(0.0)));
+            n += packets
+                .iter()
+                .filter(|p| matches!(p.body, Body::Sample(_)))
+                .count();
+        }
+        assert!((10_009..=10_012).contains(&n), "{n}");
+    }
+
+    #[test]
+    fn heartbeat_loss_latches_within_a_quarter_second() {
+        let mut b = running(0);
+        tell(&mut b, 0.19, setpoint(1e3));
+        b.poll(0.19, &readings(0.0));
+        assert!(b.setpoint_pa().is_some());
+        b.poll(0.21, &readings(0.0));
+        assert_eq!(b.setpoint_pa(), None);
+        assert_eq!(b.status(), fault::SAFE | fault::HEARTBEAT_LOST);
+        tell(&mut b, 0.22, Body::Heartbeat);
+        tell(&mut b, 0.22, setpoint(1e3));
+        assert_eq!(b.setpoint_pa(), None, "latched");
+    }
+
+    #[test]
+    fn a_set_point_expires_but_does_not_latch() {
+        let mut b = running(0);
+        tell(&mut b, 0.1, Body::Heartbeat);
+        b.poll(0.151, &readings(0.0));
+        assert_eq!(
+            (b.setpoint_pa(), b.status()),
+            (None, fault::SETPOINT_EXPIRED)
+        );
+        tell(&mut b, 0.16, setpoint(1e3));
+        assert_eq!((b.setpoint_pa().is_some(), b.status()), (true, 0));
+    }
+
+    #[test]
+    fn over_pressure_stops_the_pumps_within_20_ms() {
+        for pa in [42.1e3, -42.1e3] {
+            let mut b = running(0);
+            b.poll(0.0, &readings(41.9e3));
+            let mut off_s = None;
+            for k in 1..=20 {
+                let t_s = f64::from(k) * 1e-3;
+                b.poll(t_s, &readings(pa));
+                if b.setpoint_pa().is_none() {
+                    off_s.get_or_insert(t_s);
+                }
+            }
+            let off_s = off_s.expect("off");
+            assert!((0.002..=0.019).contains(&off_s), "{off_s}");
+            assert_eq!(b.status(), fault::SAFE | fault::OVER_PRESSURE);
+        }
+    }
+
+    #[test]
+    fn a_single_spike_does_not_trip() {
+        let mut b = running(0);
+        for (k, pa) in [0.0, 60e3, 0.0, 60e3, 0.0].into_iter().enumerate() {
+            b.poll(k as f64 * 0.01, &readings(pa));
+        }
+        assert_eq!(b.status() & fault::SAFE, 0);
+    }
+
+    #[test]
+    fn a_dead_gauge_stops_the_pumps() {
+        let mut b = running(0);
+        let mut r = readings(0.0);
+        r.chamber_pa[1] = None;
+        b.poll(0.0, &r);
+        b.poll(0.01, &r);
+        assert_eq!(b.status(), fault::SAFE | fault::GAUGE_LOST);
+    }
+
+    #[test]
+    fn a_reset_acts_once_per_id() {
+        let mut b = running(0);
+        tell(&mut b, 0.0, Body::Estop);
+        assert_eq!(b.status(), fault::SAFE | fault::ESTOP);
+        tell(&mut b, 0.0, Body::Reset { id: 5 });
+        assert_eq!((b.status(), b.setpoint_pa()), (0, None));
+        tell(&mut b, 0.0, Body::Estop);
+        tell(&mut b, 0.0, Body::Reset { id: 5 });
+        assert_eq!(b.status(), fault::SAFE | fault::ESTOP, "no new edge");
+        tell(&mut b, 0.0, Body::Reset { id: 6 });
+        assert_eq!(b.status(), 0);
+    }
+
+    #[test]
+    fn absent_channels_are_marked() {
+        let mut b = Board::new(setup(1));
+        let mut r = readings(1e3);
+        r.springs[2] = None;
+        r.springs[3] = Some(SpringReading {
+            count: 70_000,
+            gate_ticks: 1,
+        });
+        r.imus[0] = Some(ImuRaw {
+            gyro_rad_s: [f64::NAN; 3],
+            ..ImuRaw::default()
+        });
+        let packets = heard(&b.poll(0.0, &r));
+        let Body::Sample(s) = &packets[1].body else {
+            panic!("{packets:?}")
+        };
+        let absent = (1 << 8) | (1 << 9) | (1 << 14);
+        assert_eq!(s.present, crate::link::wire::board_channels(1) & !absent);
+        assert_eq!(s.status, fault::SPRING_LOST | fault::IMU_LOST);
+        assert_eq!(s.pressure[3..], [pressure_code(1e3); 3]);
+    }
+}
