@@ -1,6 +1,6 @@
 //! The two ways to the boards: a rig in this process on simulated time, and a serial port.
 
-use springtwin::link::session::{HostSession, Origin};
+use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};

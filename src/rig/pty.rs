@@ -12,7 +12,7 @@ use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 
 use super::VirtualRig;
-use crate::link::mocap;
+use crate::link::wire::objects::{END_PAD, Object, ObjectFrame, encode};
 
 /// Period of the emulated motion capture, s.
 const MOCAP_PERIOD_S: f64 = 0.01;
@@ -120,7 +120,13 @@ impl Pty {
             if due > mocap_frame {
                 mocap_frame = due;
                 if let Some(socket) = &socket {
-                    let packet = mocap::encode(mocap_frame, mocap::END_PAD, &rig.mocap_pose());
+                    let packet = encode(&ObjectFrame {
+                        frame: mocap_frame,
+                        objects: vec![Object {
+                            name: END_PAD.to_owned(),
+                            world_from_object: rig.mocap_pose(),
+                        }],
+                    });
                     // Motion capture is best effort: nobody listening is no fault of the rig.
                     let _ = socket.send(&packet);
                 }

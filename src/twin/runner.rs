@@ -78,13 +78,12 @@ impl Runner {
         }
         let (command, twin_events) = self.twin.tick(now, newest, commands);
         events.extend(twin_events);
-        if self.twin.is_safe() {
-            self.port.estop(now);
-        } else {
-            if self.was_safe {
-                self.port.reset(now);
-            }
-            self.port.send(now, command.as_ref());
+        match (self.was_safe, self.twin.is_safe()) {
+            // The link repeats the stop by itself until it is reset.
+            (false, true) => self.port.estop(now),
+            (true, true) => {}
+            (true, false) => self.port.reset(now),
+            (false, false) => self.port.send(now, command.as_ref()),
         }
         self.was_safe = self.twin.is_safe();
         for command in commands {

@@ -1,0 +1,312 @@
+//! `run`, `rig`, `goto`, `record`: commands with a rig at the other end.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::ports::{InProcess, SerialRig};
+use super::{Report, args, model};
+use springtwin::link::wire::Config;
+use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{Goal, Mode, Snapshot, Stamp, pose_error};
+use springtwin::twin::{
+    Command, Event, Pace, Port, Runner, Twin, run_in_real_time, run_in_simulated_time,
+};
+
+/// Time the boards get to introduce themselves, s.
+const HELLO_S: f64 = 5.0;
+
+#[derive(Args)]
+pub struct RunArgs {
+    /// Run without a window
+    #[arg(long)]
+    pub headless: bool,
+    /// How long, s
+    #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative)]
+    pub seconds: f64,
+    /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
+    /// pseudo-terminal), or a serial port
+    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    pub rig: String,
+    /// Record to this file
+    #[arg(long, value_name = "F.rrd")]
+    pub record: Option<PathBuf>,
+    /// Steer the tip there, mm
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    pub target: Option<[f64; 3]>,
+    /// Mass in the virtual rig's gripper, kg (also declared to the twin)
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    pub payload: f64,
+    /// Seed of the virtual rig's noise
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub seed: u64,
+}
+
+#[derive(Args)]
+pub struct RigArgs {
+    /// Put a symbolic link to the port here
+    #[arg(long, value_name = "PATH")]
+    link: Option<PathBuf>,
+    /// Mass in the gripper, kg
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    payload: f64,
+    /// Seed of the noise
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// Which manufactured arm
+    #[arg(long, value_name = "N", default_value = "1")]
+    unit: u64,
+    /// Send emulated motion capture to this address
+    #[arg(long, value_name = "IP:PORT")]
+    vicon: Option<std::net::SocketAddr>,
+}
+
+/// Mean, RMSE, 95th percentile and maximum of errors.
+pub fn spread(errors: &[f64]) -> Value {
+    if errors.is_empty() {
+        return Value::Null;
+    }
+    let mut sorted = errors.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len() as f64;
+    let p95 = sorted[((0.95 * n).ceil() as usize).clamp(1, sorted.len()) - 1];
+    json!({
+        "mean": sorted.iter().sum::<f64>() / n,
+        "rmse": (sorted.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
+        "p95": p95,
+        "max": sorted[sorted.len() - 1],
+    })
+}
+
+/// What a run adds up to.
+#[derive(Default)]
+struct Tally {
+    tip_error_mm: Vec<f64>,
+    rotation_error_deg: Vec<f64>,
+    /// Distance of the true tip from the target over the last second, mm.
+    target_error_mm: std::collections::VecDeque<f64>,
+    refused: Option<String>,
+    reached: bool,
+    steps: u64,
+    last: Option<std::sync::Arc<Snapshot>>,
+}
+
+impl Tally {
+    fn take(&mut self, snapshot: &std::sync::Arc<Snapshot>, events: &[Event], target: Option<&Goal>) {
+        for event in events {
+            log::info!("{:8.3} s  {}", snapshot.stamp.seconds(), event.text());
+            match event {
+                Event::Refused { reason, .. } => self.refused = Some(reason.clone()),
+                Event::Reached { steps, .. } => {
+                    self.reached = true;
+                    self.steps = *steps;
+                }
+                _ => {}
+            }
+        }
+        if let (Some(estimate), Some(truth)) = (&snapshot.estimate, &snapshot.truth) {
+            let e = pose_error(&estimate.base_from_tip, &truth.base_from_tip);
+            self.tip_error_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
+            self.rotation_error_deg.push(e.fixed_rows::<3>(3).norm().to_degrees());
+        }
+        if let (Some(target), Some(truth)) = (target, &snapshot.truth) {
+            let d = truth.base_from_tip.translation.vector - nalgebra::Vector3::from(target.position_m);
+            self.target_error_mm.push_back(d.norm() * 1e3);
+            if self.target_error_mm.len() > 100 {
+                self.target_error_mm.pop_front();
+            }
+        }
+        self.last = Some(std::sync::Arc::clone(snapshot));
+    }
+
+    fn report(&self, pace: Pace, seconds: f64, record: Option<&Path>) -> Report {
+        let tip = spread(&self.tip_error_mm);
+        let rotation = spread(&self.rotation_error_deg);
+        let target = (!self.target_error_mm.is_empty())
+            .then(|| self.target_error_mm.iter().sum::<f64>() / self.target_error_mm.len() as f64);
+        let link = self.last.as_ref().map(|s| s.link.clone()).unwrap_or_default();
+        let mode = self.last.as_ref().map(|s| mode_word(&s.mode)).unwrap_or("disarmed");
+        let show = |v: &Value, unit: &str| {
+            v["mean"].as_f64().map_or("no ground truth".to_owned(), |m| format!("{m:.2} {unit} mean"))
+        };
+        let simulated = if link.simulated { " (simulated rig)" } else { "" };
+        Report {
+            text: format!(
+                "{seconds:.1} s on {}{simulated}, {} ticks, {} missed, {} frames, {} lost\n\
+                 predicted against motion capture: {}, {}\n\
+                 {}mode {mode}{}",
+                link.source, pace.ticks, pace.missed, link.frames, link.frames_lost,
+                show(&tip, "mm"), show(&rotation, "deg"),
+                target.map_or(String::new(), |t| format!(
+                    "true tip {t:.2} mm from the target ({})\n",
+                    if self.reached { format!("settled after {} steps", self.steps) } else { "not settled".to_owned() }
+                )),
+                record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display())),
+            ),
+            json: json!({
+                "ticks": pace.ticks, "missed_ticks": pace.missed,
+                "frames": link.frames, "frames_lost": link.frames_lost,
+                "tip_error_mm": tip, "target_error_mm": target,
+                "rotation_error_deg": rotation, "seconds": seconds,
+                "reached": self.reached, "steps": self.steps, "mode": mode,
+                "simulated": link.simulated,
+            }),
+        }
+    }
+}
+
+fn mode_word(mode: &Mode) -> &'static str {
+    match mode {
+        Mode::Disarmed => "disarmed",
+        Mode::Hold => "hold",
+        Mode::Moving => "moving",
+        Mode::AtGoal => "at-goal",
+        Mode::Safe(_) => "safe",
+    }
+}
+
+/// Options of the virtual rig.
+pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
+    RigOptions {
+        unit: Unit::default(),
+        seed,
+        surroundings: Surroundings { payload_kg, ..Surroundings::default() },
+    }
+}
+
+/// The limits that the boards must agree to.
+pub fn board_config(robot: &RobotSpec) -> Config {
+    Config::new(&robot.pressure, robot.over_pressure_pa)
+}
+
+/// `run --headless`.
+pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
+    args::payload_in_range(robot, a.payload)?;
+    let maps = model::load(robot)?;
+    let twin = Twin::new(robot, maps, model::sensing(robot)?);
+    #[expect(clippy::disallowed_methods, reason = "the command owns the main thread and its time")]
+    let start = std::time::Instant::now();
+    let simulated_time = a.rig == "sim";
+    let port: Box<dyn Port> = if simulated_time {
+        Box::new(InProcess::new(robot, &rig_options(a.payload, a.seed), board_config(robot))?)
+    } else if a.rig == "pty" {
+        Box::new(SerialRig::spawn(robot, a.payload, a.seed, start)?)
+    } else {
+        Box::new(SerialRig::open(&a.rig, robot, start)?)
+    };
+    let mut runner = Runner::new(twin, port, robot);
+    let goal = a.target.map(Goal::position);
+    let mut tally = Tally::default();
+    let mut asked = false;
+    let each = |snapshot: &std::sync::Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
+        let first = tally.last.is_none();
+        tally.take(snapshot, events, goal.as_ref());
+        if first {
+            commands.push(Command::DeclarePayload(a.payload));
+            if let Some(path) = &a.record {
+                commands.push(Command::StartRecording(path.clone()));
+            }
+        }
+        // A second of data at rest lets the orientation filters settle before anything moves.
+        let ready = snapshot.link.connected && snapshot.link.frames > 100;
+        if let Some(goal) = &goal
+            && ready
+            && !asked
+        {
+            asked = true;
+            commands.push(Command::Goto(goal.clone()));
+        }
+        let late = snapshot.stamp.seconds() > HELLO_S && !snapshot.link.connected && !asked;
+        if snapshot.stamp.seconds() >= a.seconds || tally.refused.is_some() || late {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    let pace = if simulated_time {
+        run_in_simulated_time(&mut runner, each)
+    } else {
+        run_in_real_time(&mut runner, start, each)
+    };
+    let end = tally.last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
+    let mut last = Vec::new();
+    runner.stop_recording(end, &mut last);
+    for event in &last {
+        log::info!("{}", event.text());
+    }
+    if let Some(reason) = &tally.refused {
+        anyhow::bail!("{reason}");
+    }
+    if let Some(snapshot) = &tally.last {
+        anyhow::ensure!(
+            snapshot.link.frames > 0,
+            "no data from the boards on {} within {HELLO_S} s: check the cable, the boards' power and the firmware",
+            a.rig
+        );
+        if let Mode::Safe(reason) = &snapshot.mode {
+            anyhow::bail!("the arm went SAFE: {reason}");
+        }
+    }
+    Ok(tally.report(pace, end.seconds(), a.record.as_deref()))
+}
+
+/// `goto`: the same as `run --headless --target`, until the goal is kept.
+#[derive(Args)]
+pub struct GotoArgs {
+    /// Where to, mm
+    #[arg(value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    target: [f64; 3],
+    /// Longest time, s
+    #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative)]
+    seconds: f64,
+    /// Where the boards are: `sim`, `pty`, or a serial port
+    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    rig: String,
+    /// Mass in the virtual rig's gripper, kg (also declared to the twin)
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    payload: f64,
+    /// Seed of the virtual rig's noise
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+}
+
+/// `goto`.
+pub fn goto(a: &GotoArgs, robot: &RobotSpec) -> Result<Report> {
+    let run_args = RunArgs {
+        headless: true,
+        seconds: a.seconds,
+        rig: a.rig.clone(),
+        record: None,
+        target: Some(a.target),
+        payload: a.payload,
+        seed: a.seed,
+    };
+    run(&run_args, robot)
+}
+
+/// `rig`: the virtual rig as a process.
+#[cfg(unix)]
+pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
+    use std::io::Write as _;
+
+    args::payload_in_range(robot, a.payload)?;
+    let options = RigOptions { unit: Unit(a.unit), ..rig_options(a.payload, a.seed) };
+    let mut rig = VirtualRig::new(robot, &options)?;
+    let mut pty = springtwin::rig::pty::Pty::open(a.link.as_deref())?;
+    println!("{}", pty.port.display());
+    std::io::stdout().flush().context("cannot print the port")?;
+    let parent = nix::unistd::getppid();
+    // A rig whose starter is gone has nobody left to serve.
+    pty.run(&mut rig, a.vicon, || nix::unistd::getppid() == parent)?;
+    Ok(super::silent())
+}
+
+/// `rig` where there are no pseudo-terminals.
+#[cfg(not(unix))]
+pub fn rig(_: &RigArgs, _: &RobotSpec) -> Result<Report> {
+    anyhow::bail!("this system has no pseudo-terminals: use `run --headless --rig sim` instead")
+}
