@@ -1,4 +1,40 @@
 //! Networks, training and the estimator.
+//!
+//! Flow: [`train`] makes a [`Model`] from datasets by a [`Recipe`]; [`Cascade`] (sensors to pose)
+//! and [`PlantNet`] (pressures to sensors) answer the control loop with exact Jacobians;
+//! [`GuessSet`] finds where to start. Training runs in f32 on whole batches (`mlp`, `fit`),
+//! the control loop in f64 on single samples (`kernel`).
+
+mod cascade;
+mod data;
+mod files;
+mod fit;
+mod guess;
+mod kernel;
+mod mlp;
+mod plant;
+mod recipe;
+mod scores;
+#[cfg(test)]
+mod synthetic;
+mod train;
+
+pub use cascade::{
+    Calibration, Cascade, CascadeParts, Correction, SensorSpread, ShapeError, estimate,
+};
+pub use data::{Parts, add_noise, data_hash, pose_vector, split};
+pub use files::{Model, ModelError, Scores};
+pub use fit::{Progress, Stage};
+pub use guess::{GuessSample, GuessSet, SATURATED_RATIO};
+pub use kernel::Kernel;
+pub use mlp::{Mlp, Scaling, Workspace, backward, forward, tan_sigmoid};
+pub use plant::{PlantBounds, PlantNet};
+pub use recipe::{Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule};
+pub use scores::{
+    CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,
+    SignalScores, to_pose,
+};
+pub use train::{TrainError, Watch, train, train_plant, train_s2r, train_smap};
 
 use nalgebra::{SMatrix, SVector};
 

@@ -1,0 +1,183 @@
+//! Adam on mean squared error with cosine decay and early stopping.
+
+use std::f64::consts::PI;
+use std::ops::ControlFlow;
+
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+use super::mlp::{Mlp, Workspace, backward, forward};
+use super::recipe::Schedule;
+use super::train::TrainError;
+
+/// Which network is being trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stage {
+    /// Sensors to pose.
+    SensorMap,
+    /// The correction of the translation.
+    TranslationCorrection,
+    /// The correction of the rotation.
+    RotationCorrection,
+    /// Pressures to sensors.
+    Plant,
+}
+
+/// Where training stands, told once per epoch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// The network.
+    pub stage: Stage,
+    /// Member of the ensemble, 0-based.
+    pub member: usize,
+    /// Epochs done.
+    pub epoch: usize,
+    /// Most epochs there will be.
+    pub epochs: usize,
+    /// Mean squared error over the epoch, scaled outputs.
+    pub train_loss: f64,
+    /// Mean squared error on the validation part, scaled outputs.
+    pub validation_loss: f64,
+}
+
+/// Rows of scaled inputs and targets that do not change.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Table {
+    /// rows × inputs.
+    pub x: Vec<f32>,
+    /// rows × outputs.
+    pub y: Vec<f32>,
+}
+
+/// Puts the scaled inputs and targets of the given training rows into two buffers (appending).
+pub(super) type Fill<'a> = &'a mut dyn FnMut(&[usize], &mut Vec<f32>, &mut Vec<f32>);
+
+/// Where the run is in the whole training, for progress reports.
+#[derive(Clone, Copy)]
+pub(super) struct Run {
+    pub stage: Stage,
+    pub member: usize,
+}
+
+/// Trains `net` in place on `rows` rows that `fill` delivers; keeps the parameters with the lowest
+/// validation error. Returns the epoch they come from, 1-based.
+pub(super) fn fit(
+    net: &mut Mlp,
+    rows: usize,
+    fill: Fill,
+    validation: &Table,
+    schedule: &Schedule,
+    rng: &mut Pcg64Mcg,
+    run: Run,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<usize, TrainError> {
+    let mut work = Workspace::new(net, schedule.batch);
+    let mut adam = Adam::new(net.params.len());
+    let mut order: Vec<usize> = (0..rows).collect();
+    let mut targets = Vec::new();
+    let mut best = (loss(net, &mut work, validation, schedule.batch), 0);
+    let mut best_params = net.params.clone();
+    for epoch in 0..schedule.epochs {
+        // α = α₁ + (α₀ − α₁) (1 + cos π e / E) / 2
+        let phase = PI * epoch as f64 / schedule.epochs as f64;
+        let span = schedule.learning_rate - schedule.learning_rate_end;
+        let rate = schedule.learning_rate_end + 0.5 * span * (1.0 + phase.cos());
+        order.shuffle(rng);
+        let mut train_loss = 0.0;
+        for batch in order.chunks(schedule.batch) {
+            work.activations[0].clear();
+            targets.clear();
+            fill(batch, &mut work.activations[0], &mut targets);
+            forward(net, &mut work, batch.len());
+            train_loss += backward(net, &mut work, &targets, batch.len()) * batch.len() as f64;
+            adam.step(&mut net.params, &work.gradient, rate, schedule.weight_decay);
+        }
+        train_loss /= rows as f64;
+        let validation_loss = loss(net, &mut work, validation, schedule.batch);
+        if !(train_loss.is_finite() && validation_loss.is_finite()) {
+            return Err(TrainError::Diverged {
+                stage: run.stage,
+                epoch: epoch + 1,
+            });
+        }
+        if validation_loss < best.0 {
+            best = (validation_loss, epoch + 1);
+            best_params.copy_from_slice(&net.params);
+        }
+        let told = progress(Progress {
+            stage: run.stage,
+            member: run.member,
+            epoch: epoch + 1,
+            epochs: schedule.epochs,
+            train_loss,
+            validation_loss,
+        });
+        if told.is_break() {
+            return Err(TrainError::Cancelled);
+        }
+        if epoch + 1 >= best.1 + schedule.patience {
+            break;
+        }
+    }
+    net.params = best_params;
+    Ok(best.1)
+}
+
+/// Mean squared error over a table.
+fn loss(net: &Mlp, work: &mut Workspace, table: &Table, batch: usize) -> f64 {
+    let (n_in, n_out) = (net.inputs(), net.outputs());
+    let mut sum = 0.0;
+    for (x, y) in table
+        .x
+        .chunks(batch * n_in)
+        .zip(table.y.chunks(batch * n_out))
+    {
+        let rows = x.len() / n_in;
+        work.activations[0].clear();
+        work.activations[0].extend_from_slice(x);
+        forward(net, work, rows);
+        let predicted = &work.activations[net.layers()][..rows * n_out];
+        sum += predicted
+            .iter()
+            .zip(y)
+            .map(|(a, t)| f64::from((a - t) * (a - t)))
+            .sum::<f64>();
+    }
+    sum / table.y.len() as f64
+}
+
+/// Kingma & Ba, Adam (2015), with decoupled weight decay (Loshchilov & Hutter 2019).
+struct Adam {
+    mean: Vec<f32>,
+    square: Vec<f32>,
+    steps: i32,
+}
+
+impl Adam {
+    fn new(parameters: usize) -> Self {
+        Self {
+            mean: vec![0.0; parameters],
+            square: vec![0.0; parameters],
+            steps: 0,
+        }
+    }
+
+    fn step(&mut self, params: &mut [f32], gradient: &[f32], rate: f64, weight_decay: f64) {
+        const B1: f32 = 0.9;
+        const B2: f32 = 0.999;
+        self.steps += 1;
+        // θ ← θ − α λ θ − α √(1 − β₂ᵗ) / (1 − β₁ᵗ) m / (√v + ε)
+        let c1 = 1.0 - f64::from(B1).powi(self.steps);
+        let c2 = 1.0 - f64::from(B2).powi(self.steps);
+        let rate_now = (rate * c2.sqrt() / c1) as f32;
+        let keep = (1.0 - rate * weight_decay) as f32;
+        let moments = self.mean.iter_mut().zip(&mut self.square);
+        for ((p, g), (m, v)) in params.iter_mut().zip(gradient).zip(moments) {
+            *m = B1 * *m + (1.0 - B1) * g;
+            *v = B2 * *v + (1.0 - B2) * g * g;
+            *p = keep * *p - rate_now * *m / (v.sqrt() + 1e-8);
+        }
+    }
+}

@@ -1,0 +1,362 @@
+//! How the networks are trained: a TOML file with mm and degrees in, [`Recipe`] in SI out.
+//!
+//! The defaults follow the paper's section III (two hidden layers of 120, one of 45, Adam at 0.01,
+//! batches of 128, split 0.7 / 0.2 / 0.1) with noise injection and a decaying learning rate added.
+
+use serde::{Deserialize, Serialize};
+
+/// Most networks in an ensemble.
+pub const MEMBERS_MAX: usize = 5;
+/// Widest layer and most hidden layers that are accepted, in recipes and in model files.
+pub const WIDTH_MAX: usize = 1024;
+/// Most hidden layers.
+pub const HIDDEN_LAYERS_MAX: usize = 6;
+
+/// Why a recipe was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum RecipeError {
+    /// Not valid TOML, or a key is unknown or of the wrong type (the message has line and column).
+    #[error("the training recipe is not valid: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value makes no sense.
+    #[error("the training recipe says {key} = {value}, but it must be {must}")]
+    Value {
+        /// The key, dotted.
+        key: String,
+        /// What the file says.
+        value: String,
+        /// What it must be.
+        must: &'static str,
+    },
+}
+
+/// Which sensor signals a network may use; the others are switched off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Channels {
+    /// Springs and IMUs.
+    #[default]
+    Fusion,
+    /// The twelve spring lengths only.
+    Springs,
+    /// The four orientations only.
+    Imus,
+}
+
+/// What the sim-to-real networks see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CorrectionInput {
+    /// The predicted pose, as the paper does.
+    #[default]
+    Pose,
+    /// The predicted pose and the 24 signals: can also correct what depends on single sensors,
+    /// but needs more samples than 729 before it helps.
+    PoseAndSensors,
+}
+
+/// Size and schedule of one training run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    /// Width of each hidden layer.
+    pub hidden: Vec<usize>,
+    /// Most passes over the training part.
+    pub epochs: usize,
+    /// Passes without a better validation error after which training stops.
+    pub patience: usize,
+    /// Samples per step.
+    pub batch: usize,
+    /// Adam's step at the start.
+    pub learning_rate: f64,
+    /// Adam's step at the end; cosine in between.
+    pub learning_rate_end: f64,
+    /// Decoupled weight decay, as a fraction per unit of learning rate and step.
+    pub weight_decay: f64,
+}
+
+impl Schedule {
+    fn new(hidden: &[usize], epochs: usize, patience: usize) -> Self {
+        Self {
+            hidden: hidden.to_vec(),
+            epochs,
+            patience,
+            batch: 128,
+            learning_rate: 0.01,
+            learning_rate_end: 1e-5,
+            weight_decay: 0.0,
+        }
+    }
+}
+
+/// How samples are dealt into training, validation and test.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplitRule {
+    /// Fraction for training.
+    pub train: f64,
+    /// Fraction for validation (early stopping and calibration).
+    pub validation: f64,
+    /// Consecutive samples that stay together: 1 for independent draws, a few seconds' worth for
+    /// a trajectory, whose neighbouring rows are nearly the same sample.
+    pub block: usize,
+}
+
+/// Standard deviation of the noise added to the signals in every batch.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Noise {
+    /// Spring lengths, m (`spring_mm` in the file).
+    #[serde(rename = "spring_mm", with = "milli")]
+    pub spring_m: f64,
+    /// Orientation of each IMU about each of its axes, rad (`imu_deg` in the file).
+    #[serde(rename = "imu_deg", with = "degrees")]
+    pub imu_rad: f64,
+    /// Heading of each IMU, which gravity does not correct, in addition; rad
+    /// (`imu_heading_deg` in the file).
+    #[serde(rename = "imu_heading_deg", with = "degrees")]
+    pub imu_heading_rad: f64,
+}
+
+/// Everything that decides what comes out of training, beside the data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recipe {
+    /// Seed of weights, order, noise and split.
+    pub seed: u64,
+    /// Number of sensor-map networks whose mean is used, 1 to 5.
+    pub members: usize,
+    /// Signals the sensor map may use.
+    pub channels: Channels,
+    /// What the sim-to-real networks see.
+    pub correction_input: CorrectionInput,
+    /// Most samples kept for the initial guess.
+    pub guess_samples: usize,
+    /// How samples are dealt.
+    pub split: SplitRule,
+    /// Noise on the signals while the sensor map is trained and scored.
+    pub noise: Noise,
+    /// The sensor map, 24 → 6.
+    pub smap: Schedule,
+    /// The two sim-to-real networks, 6 → 3 each.
+    pub s2r: Schedule,
+    /// The plant, 7 → 24.
+    pub plant: Schedule,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            members: 1,
+            channels: Channels::Fusion,
+            correction_input: CorrectionInput::Pose,
+            guess_samples: 4000,
+            split: SplitRule {
+                train: 0.7,
+                validation: 0.2,
+                block: 1,
+            },
+            noise: Noise {
+                spring_m: 0.15e-3,
+                imu_rad: 0.3_f64.to_radians(),
+                imu_heading_rad: 0.0,
+            },
+            smap: Schedule::new(&[120, 120], 400, 120),
+            s2r: Schedule {
+                weight_decay: 0.01,
+                ..Schedule::new(&[45], 600, 150)
+            },
+            plant: Schedule::new(&[96, 96], 400, 120),
+        }
+    }
+}
+
+impl Recipe {
+    /// Reads a recipe file; keys that are left out keep their defaults.
+    ///
+    /// # Errors
+    /// [`RecipeError`] with line and column for syntax, with key and bound for values.
+    pub fn from_toml(text: &str) -> Result<Self, RecipeError> {
+        let recipe: Self = toml::from_str(text)?;
+        recipe.check()?;
+        Ok(recipe)
+    }
+
+    /// The recipe as a file.
+    pub fn to_toml(&self) -> String {
+        // Plain numbers and tables; nothing in a recipe can fail to serialise.
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// Whether every value makes sense.
+    ///
+    /// # Errors
+    /// [`RecipeError::Value`] for the first one that does not.
+    pub fn check(&self) -> Result<(), RecipeError> {
+        let test = 1.0 - self.split.train - self.split.validation;
+        require(
+            (1..=MEMBERS_MAX).contains(&self.members),
+            "members",
+            self.members,
+            "1 to 5",
+        )?;
+        require(
+            self.split.train > 0.0 && self.split.validation > 0.0 && test > 1e-6,
+            "split.train + split.validation",
+            self.split.train + self.split.validation,
+            "positive fractions that leave something for the test",
+        )?;
+        require(
+            self.split.block >= 1,
+            "split.block",
+            self.split.block,
+            "1 or more",
+        )?;
+        let noise = [
+            ("noise.spring_mm", self.noise.spring_m * 1e3, 20.0),
+            ("noise.imu_deg", self.noise.imu_rad.to_degrees(), 20.0),
+            (
+                "noise.imu_heading_deg",
+                self.noise.imu_heading_rad.to_degrees(),
+                90.0,
+            ),
+        ];
+        for (key, value, top) in noise {
+            require(
+                (0.0..=top).contains(&value),
+                key,
+                value,
+                "0 or more, and no larger than the signal itself",
+            )?;
+        }
+        for (name, s) in [
+            ("smap", &self.smap),
+            ("s2r", &self.s2r),
+            ("plant", &self.plant),
+        ] {
+            let hidden = !s.hidden.is_empty()
+                && s.hidden.len() <= HIDDEN_LAYERS_MAX
+                && s.hidden.iter().all(|w| (1..=WIDTH_MAX).contains(w));
+            require(
+                hidden,
+                &format!("{name}.hidden"),
+                format!("{:?}", s.hidden),
+                "1 to 6 layers of 1 to 1024",
+            )?;
+            for (key, value) in [
+                ("epochs", s.epochs),
+                ("patience", s.patience),
+                ("batch", s.batch),
+            ] {
+                require(
+                    (1..=1_000_000).contains(&value),
+                    &format!("{name}.{key}"),
+                    value,
+                    "1 to 1,000,000",
+                )?;
+            }
+            require(
+                s.learning_rate > 0.0
+                    && s.learning_rate <= 1.0
+                    && s.learning_rate_end >= 0.0
+                    && s.learning_rate_end <= s.learning_rate,
+                &format!("{name}.learning_rate, {name}.learning_rate_end"),
+                format!("{}, {}", s.learning_rate, s.learning_rate_end),
+                "falling, within 0 and 1",
+            )?;
+            require(
+                (0.0..=1.0).contains(&s.weight_decay),
+                &format!("{name}.weight_decay"),
+                s.weight_decay,
+                "0 to 1",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn require(
+    holds: bool,
+    key: &str,
+    value: impl ToString,
+    must: &'static str,
+) -> Result<(), RecipeError> {
+    if holds {
+        return Ok(());
+    }
+    Err(RecipeError::Value {
+        key: key.to_owned(),
+        value: value.to_string(),
+        must,
+    })
+}
+
+/// Metres in the program, mm in the file.
+mod milli {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(metres: &f64, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_f64(metres * 1e3)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+        Ok(f64::deserialize(d)? * 1e-3)
+    }
+}
+
+/// Radians in the program, degrees in the file.
+mod degrees {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(radians: &f64, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_f64(radians.to_degrees())
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+        Ok(f64::deserialize(d)?.to_radians())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_left_out_keep_their_defaults_and_units_convert() {
+        let r = Recipe::from_toml(
+            "members = 3\n[noise]\nspring_mm = 0.4\nimu_deg = 0.5\nimu_heading_deg = 0\n",
+        )
+        .expect("a valid recipe");
+        assert_eq!(r.members, 3);
+        assert!((r.noise.spring_m - 0.4e-3).abs() < 1e-12);
+        assert!((r.noise.imu_rad - 0.5_f64.to_radians()).abs() < 1e-12);
+        assert_eq!(r.smap, Recipe::default().smap);
+        let again = Recipe::from_toml(&r.to_toml()).expect("our own file");
+        assert!((again.noise.spring_m - r.noise.spring_m).abs() < 1e-15);
+        assert_eq!(again.smap, r.smap);
+    }
+
+    #[test]
+    fn refusals_name_key_or_line() {
+        let check = |text: &str, wants: &str| {
+            let e = Recipe::from_toml(text).expect_err(text).to_string();
+            assert!(e.contains(wants), "{e}");
+        };
+        check("members = 0", "members = 0");
+        check("members = 2\ncolour = 1", "colour");
+        check("seed = ", "line 1");
+        check(
+            "[split]\ntrain = 0.9\nvalidation = 0.2\nblock = 1",
+            "split.train",
+        );
+        check(
+            "[noise]\nspring_mm = nan\nimu_deg = 0.5\nimu_heading_deg = 0",
+            "noise.spring_mm",
+        );
+        let mut r = Recipe::default();
+        r.smap.hidden = vec![120, 100_000];
+        let e = r.check().expect_err("too wide").to_string();
+        assert!(e.contains("smap.hidden"), "{e}");
+    }
+}

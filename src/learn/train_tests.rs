@@ -1,0 +1,148 @@
+use super::super::recipe::Channels;
+use super::super::{PlantMap, synthetic};
+use super::*;
+
+/// Small and short: enough to see that training works.
+fn recipe() -> Recipe {
+    let mut r = Recipe::default();
+    r.smap.hidden = vec![32, 32];
+    r.smap.epochs = 25;
+    r.s2r.hidden = vec![20];
+    r.s2r.epochs = 150;
+    r.plant.hidden = vec![32, 32];
+    r.plant.epochs = 25;
+    r
+}
+
+fn go(_: Progress) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// The same arm with its pose measured in a frame that is shifted, turned and stretched.
+fn gap(data: &Dataset) -> Dataset {
+    let mut real = data.clone();
+    let offset = crate::signal::pose_from_ypr([3e-3, -2e-3, 4e-3], [0.02, 0.0, -0.01]);
+    for s in &mut real.samples {
+        s.base_from_tip.translation.vector.x *= 1.03;
+        s.base_from_tip = offset * s.base_from_tip;
+    }
+    real
+}
+
+#[test]
+fn training_learns_the_map_corrects_the_gap_and_states_its_error() {
+    let data = synthetic::dataset(3000, 1);
+    let recipe = recipe();
+    let mut losses = Vec::new();
+    let mut watch = |p: Progress| {
+        losses.push((p.train_loss, p.validation_loss));
+        ControlFlow::Continue(())
+    };
+    let (cascade, report) = train_smap(&data, &recipe, &mut watch).expect("training works");
+    assert!(losses.len() <= 25 && losses[losses.len() - 1].1 < 0.05 * losses[0].0);
+    // The workspace is ± 140 mm and ± 60°; the noise alone leaves about 0.4 mm.
+    assert!(report.test.translation_mm.mean < 3.0, "{:?}", report.test);
+    assert!(report.test.rotation_deg.mean < 1.2, "{:?}", report.test);
+    assert!(report.test_clean.translation_mm.mean < report.test.translation_mm.mean);
+    assert_eq!(
+        (report.train.n, report.validation.n, report.test.n),
+        (2100, 600, 300)
+    );
+    let c = report.coverage;
+    for (name, value, around) in [
+        ("translation 95", c.translation_95, 0.95),
+        ("rotation 95", c.rotation_95, 0.95),
+        ("translation 68", c.translation_68, 0.72),
+        ("rotation 68", c.rotation_68, 0.72),
+    ] {
+        assert!((value - around).abs() < 0.09, "{name}: {value}");
+    }
+
+    let real = gap(&synthetic::dataset(729, 2));
+    let (corrected, report) = train_s2r(&cascade, &real, &recipe, &mut go).expect("it trains");
+    assert!(report.before.translation_mm.mean > 4.0);
+    assert!(
+        report.after.test.translation_mm.mean < 0.5 * report.before.translation_mm.mean,
+        "{:?} against {:?}",
+        report.after.test.translation_mm,
+        report.before.translation_mm
+    );
+    assert!(report.after.test.rotation_deg.mean < report.before.rotation_deg.mean);
+    assert!(corrected.parts().correction.is_some());
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let data = synthetic::dataset(300, 1);
+    let real = gap(&synthetic::dataset(100, 2));
+    let mut recipe = recipe();
+    recipe.members = 2;
+    recipe.smap.epochs = 3;
+    recipe.s2r.epochs = 3;
+    recipe.plant.epochs = 3;
+    let bytes = |recipe: &Recipe| {
+        let model = train(&data, Some(&real), recipe, &mut go).expect("it trains");
+        model.to_bytes().expect("it serialises")
+    };
+    let first = bytes(&recipe);
+    assert_eq!(first, bytes(&recipe));
+    recipe.seed += 1;
+    assert_ne!(first, bytes(&recipe));
+}
+
+#[test]
+fn the_plant_is_learned_with_payload_and_bounds() {
+    let mut data = synthetic::dataset(3000, 4);
+    // A sample under an external force says nothing about the plant.
+    data.samples[7].tip_force_n = [5.0, 0.0, 0.0];
+    data.samples[7].chamber_pa = [90e3; CHAMBERS];
+    let (plant, report) = train_plant(&data, &recipe(), &mut go).expect("it trains");
+    assert_eq!(report.data.samples, 2999);
+    assert!(report.test.spring_mm.mean < 2.0, "{:?}", report.test);
+    assert!(report.test.imu_deg.mean < 1.0, "{:?}", report.test);
+    assert!(plant.bounds().chamber_pa[0][1] <= 40e3);
+    let p = [10e3, -5e3, 0.0, 20e3, -20e3, 15e3];
+    let eval = plant.sensors(&p, 0.2);
+    assert_eq!(eval.sensors, plant.value(&p, 0.2));
+    for i in 0..CHAMBERS {
+        let at = |step: f64| {
+            let mut moved = p;
+            moved[i] += step;
+            plant.value(&moved, 0.2)
+        };
+        let h = 10.0;
+        let d = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
+        let scale = eval.jacobian.abs().max();
+        let error = (d - eval.jacobian.column(i)).abs().max();
+        assert!(error < 1e-6 * scale, "chamber {i}: {error:e}");
+    }
+}
+
+#[test]
+fn channels_that_are_off_have_no_influence() {
+    let data = synthetic::dataset(300, 1);
+    let mut recipe = recipe();
+    recipe.smap.epochs = 2;
+    recipe.channels = Channels::Springs;
+    let (map, _) = train_smap(&data, &recipe, &mut go).expect("it trains");
+    let eval = map.pose(&data.samples[0].sensors.to_vector());
+    let (springs, imus) = (eval.jacobian.columns(0, 12), eval.jacobian.columns(12, 12));
+    assert!(springs.abs().max() > 0.0 && imus.abs().max() == 0.0);
+}
+
+#[test]
+fn training_can_be_cancelled_and_refuses_bad_data() {
+    let mut data = synthetic::dataset(200, 1);
+    let mut stop = |p: Progress| match p.epoch {
+        3 => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    let e = train_smap(&data, &recipe(), &mut stop).expect_err("it was cancelled");
+    assert!(matches!(e, TrainError::Cancelled));
+    data.samples[17].sensors.spring_m[3] = f64::NAN;
+    let e = train_smap(&data, &recipe(), &mut go).expect_err("not finite");
+    assert!(e.to_string().contains("sample 17"), "{e}");
+    data.samples.truncate(10);
+    let e = train_plant(&data, &recipe(), &mut go).expect_err("too few");
+    assert!(e.to_string().contains("10 samples"), "{e}");
+}
