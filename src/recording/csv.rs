@@ -131,9 +131,10 @@ mod tests {
 
     #[test]
     fn quotes_and_blanks() {
-        assert_eq!(fields("1, 2 ,,\"4\",\"a\"\"b\" , ").unwrap(), [
-            "1", "2", "", "4", "a\"b", ""
-        ]);
+        assert_eq!(
+            fields("1, 2 ,,\"4\",\"a\"\"b\" , ").unwrap(),
+            ["1", "2", "", "4", "a\"b", ""]
+        );
         assert_eq!(fields("").unwrap(), [""]);
         assert_eq!(fields("1,\"2").unwrap_err().0, 2);
         assert_eq!(fields("1,2,\"3\"4").unwrap_err().0, 3);

@@ -201,7 +201,9 @@ impl Layout {
             at.get(&name).copied().ok_or_else(|| {
                 let text = format!("the header has no column {name:?}");
                 // The same quantity in another unit is the usual reason.
-                let stem = name.rsplit_once('_').map_or(name.as_str(), |(stem, _)| stem);
+                let stem = name
+                    .rsplit_once('_')
+                    .map_or(name.as_str(), |(stem, _)| stem);
                 let twin = header.iter().position(|h| {
                     h.to_ascii_lowercase()
                         .strip_prefix(stem)

@@ -220,7 +220,11 @@ fn session_file_must_stay_in_its_folder() {
 #[test]
 fn milliseconds_are_refused() {
     let dir = tempdir("milliseconds");
-    std::fs::write(dir.join("log.csv"), table(&[row(0.0), row(20.0), row(40.0)])).unwrap();
+    std::fs::write(
+        dir.join("log.csv"),
+        table(&[row(0.0), row(20.0), row(40.0)]),
+    )
+    .unwrap();
     std::fs::write(dir.join("session.toml"), "name = 'x'\nrate_hz = 50\n").unwrap();
     let text = read_session(&dir).unwrap_err().to_string();
     assert!(text.contains("seconds"), "{text}");
