@@ -1,3 +1,5 @@
 //! Integration tests: one binary, one module per subject.
 
 mod edges;
+mod program;
+mod real_data;

@@ -1,0 +1,96 @@
+use std::path::{Path, PathBuf};
+
+/// Why a recording, a session log or a data set could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The file system refused.
+    #[error("{}: cannot {doing}: {source}. Check that the path exists and that you may use it.", .path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was tried: `read`, `create`, ...
+        doing: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A table has something unreadable in it.
+    #[error("{}, line {line}, column {column}: {text}", .path.display())]
+    Cell {
+        /// The file.
+        path: PathBuf,
+        /// Line, 1-based.
+        line: usize,
+        /// Column (field of the line), 1-based.
+        column: usize,
+        /// What is wrong, and what is expected.
+        text: String,
+    },
+    /// A session's description is unreadable.
+    #[error("{}: {text}", .path.display())]
+    Session {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, where, and what is expected.
+        text: String,
+    },
+    /// A recording is damaged or is no recording.
+    #[error("{}, byte {offset}: {text}", .path.display())]
+    Corrupt {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file, in bytes.
+        offset: u64,
+        /// What is wrong, and what to do.
+        text: String,
+    },
+    /// A file is of a kind or a version that this program does not know.
+    #[error("{}: {text}", .path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What it is, and what is expected.
+        text: String,
+    },
+    /// A recording could not be written any further. What was written before stays readable.
+    #[error("{}: the recording stopped: {source}. What was recorded until then is kept; make room and start a new recording.", .path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Nothing more can be recorded to a file whose writing failed before.
+    #[error("{}: the recording has stopped already. Start a new one.", .path.display())]
+    Stopped {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A data set is damaged, or its columns are not those of this program.
+    #[error("{}: {text}", .path.display())]
+    Dataset {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what is expected.
+        text: String,
+    },
+    /// The program was built without support for `.rrd` files.
+    #[error("{}: this build cannot use .rrd files. Build with the feature \"rrd\", or use a session log.", .path.display())]
+    WithoutRrd {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+impl RecordingError {
+    /// A constructor for `map_err`: what the file system said about `path` while `doing` something.
+    pub(crate) fn io<'a>(
+        path: &'a Path,
+        doing: &'static str,
+    ) -> impl FnOnce(std::io::Error) -> Self + 'a {
+        move |source| Self::Io {
+            path: path.to_owned(),
+            doing,
+            source,
+        }
+    }
+}

@@ -1,0 +1,274 @@
+use super::*;
+use proptest::prelude::*;
+
+fn header() -> String {
+    column_names().join(",")
+}
+
+fn row(t_s: f64) -> Vec<String> {
+    let mut cells = vec![t_s.to_string()];
+    cells.extend((0..CHAMBERS).map(|i| format!("{}", i as f64 * 2.5)));
+    cells.extend((0..SPRINGS).map(|i| format!("{}", 150 + i)));
+    cells.extend((0..3 * IMUS).map(|i| format!("{}", i as f64 * 0.5 - 3.0)));
+    cells.extend(["10", "-20", "-300", "1", "2", "3"].map(str::to_owned));
+    cells
+}
+
+fn table(rows: &[Vec<String>]) -> String {
+    let mut text = header();
+    for r in rows {
+        text.push('\n');
+        text.push_str(&r.join(","));
+    }
+    text.push('\n');
+    text
+}
+
+fn parse(text: &str) -> Result<SessionLog, RecordingError> {
+    parse_log(text.as_bytes(), Path::new("log.csv"))
+}
+
+/// Line, column and sentence of a refused table.
+fn refused(text: &str) -> (usize, usize, String) {
+    match parse(text) {
+        Err(RecordingError::Cell {
+            line, column, text, ..
+        }) => (line, column, text),
+        other => panic!("expected a refused cell, got {other:?}"),
+    }
+}
+
+#[test]
+fn reads_si() {
+    let log = parse(&table(&[row(0.0), row(0.02)])).unwrap();
+    assert_eq!(log.len(), 2);
+    assert_eq!(log.chamber_pa[1][2], 5000.0);
+    assert!((log.sensors[0].spring_m[11] - 0.161).abs() < 1e-12);
+    assert!((log.sensors[0].imu_ypr_rad[3][2] - (2.5f64).to_radians()).abs() < 1e-12);
+    let pose = log.truth[0].unwrap();
+    assert!((pose.translation.vector.z + 0.3).abs() < 1e-12);
+    let ypr = ypr_from_rotation(&pose.rotation);
+    for (a, deg) in ypr.iter().zip([1.0, 2.0, 3.0f64]) {
+        assert!((a - deg.to_radians()).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn order_mark_line_ends_and_quotes_do_not_matter() {
+    let plain = parse(&table(&[row(0.0), row(0.02)])).unwrap();
+    let reversed = |line: &str| line.rsplit(',').collect::<Vec<_>>().join(",");
+    let text: String = table(&[row(0.0), row(0.02)])
+        .lines()
+        .map(|l| reversed(l) + ",,\r\n")
+        .collect();
+    let mut odd = parse(&format!("\u{feff}{text}\r\n")).unwrap();
+    odd.hash = plain.hash.clone();
+    assert_eq!(odd, plain);
+    let quoted: String = table(&[row(0.0), row(0.02)])
+        .lines()
+        .map(|l| format!("\"{}\"\n", l.replace(',', "\", \"")))
+        .collect();
+    let mut odd = parse(&quoted).unwrap();
+    odd.hash = plain.hash.clone();
+    assert_eq!(odd, plain);
+}
+
+#[test]
+fn gaps_stay_gaps_and_are_marked() {
+    let mut second = row(0.02);
+    second[1].clear();
+    second[7 + 4] = "NaN".to_owned();
+    second[7 + 12 + 5].clear();
+    let n = second.len();
+    second[n - 1].clear();
+    let log = parse(&table(&[row(0.0), second, row(0.04)])).unwrap();
+    assert!(log.chamber_pa[1][0].is_nan());
+    assert!(log.sensors[1].spring_m[4].is_nan());
+    assert!(log.truth[1].is_none());
+    let trace = log.to_trace();
+    let frame = trace.snapshots[1].sensors.as_ref().unwrap();
+    assert_eq!(frame.health.chambers[0], ChannelHealth::Missing);
+    assert_eq!(frame.health.springs[4], ChannelHealth::Missing);
+    assert_eq!(frame.health.imus[1], ChannelHealth::Missing);
+    assert_eq!(frame.health.imus_usable(), 3);
+    assert!((frame.sensors.spring_m[4] - 0.154).abs() < 1e-12);
+    assert!(trace.snapshots[1].truth.is_none());
+    assert_eq!(
+        trace.snapshots[2].truth.as_ref().unwrap().source,
+        TruthSource::Vicon
+    );
+}
+
+#[test]
+fn errors_name_line_and_column() {
+    let mut bad = row(0.02);
+    bad[8] = "15O.2".to_owned();
+    let (line, column, text) = refused(&table(&[row(0.0), bad]));
+    assert_eq!((line, column), (3, 9));
+    assert!(text.contains("15O.2"), "{text}");
+
+    let mut short = row(0.02);
+    short.truncate(20);
+    assert_eq!(refused(&table(&[row(0.0), short])).1, 20);
+
+    let (line, column, _) = refused(&table(&[row(0.5), row(0.5)]));
+    assert_eq!((line, column), (3, 1));
+
+    let mut infinite = row(0.0);
+    infinite[3] = "inf".to_owned();
+    assert_eq!(refused(&table(&[infinite])).1, 4);
+
+    let (line, column, text) = refused(&header().replace("spring3_mm", "spring3_m"));
+    assert_eq!((line, column), (1, 10));
+    assert!(
+        text.contains("spring3_mm") && text.contains("unit"),
+        "{text}"
+    );
+
+    assert_eq!(refused("").0, 1);
+    assert_eq!(refused(&header().replace("p2_kpa", "p1_kpa")).1, 3);
+}
+
+#[test]
+fn not_utf8_names_its_place() {
+    let mut bytes = table(&[row(0.0)]).into_bytes();
+    let n = bytes.len();
+    bytes[n - 2] = 0xff;
+    match parse_log(bytes.as_slice(), Path::new("log.csv")) {
+        Err(RecordingError::Cell { line, column, .. }) => assert_eq!((line, column), (2, 37)),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn wrong_units_are_refused() {
+    let metres = |mut r: Vec<String>| {
+        for c in &mut r[7..19] {
+            *c = format!("{}", c.parse::<f64>().unwrap() * 1e-3);
+        }
+        r
+    };
+    let (line, column, text) = refused(&table(&[metres(row(0.0)), metres(row(0.02))]));
+    assert_eq!((line, column), (1, 8));
+    assert!(text.contains("unit"), "{text}");
+    let pascals = |mut r: Vec<String>| {
+        for c in &mut r[1..7] {
+            *c = "30000".to_owned();
+        }
+        r
+    };
+    assert_eq!(refused(&table(&[pascals(row(0.0))])).1, 2);
+}
+
+#[test]
+fn endless_line_is_refused_early() {
+    let text = format!("{}\n{}", header(), "1".repeat(LINE_LIMIT_PROBE));
+    assert_eq!(refused(&text).0, 2);
+}
+const LINE_LIMIT_PROBE: usize = 1 << 20;
+
+#[test]
+fn session_round_trip() {
+    let dir = tempdir("session_round_trip");
+    let mut log = parse(&table(&[row(0.0), row(0.02), row(0.04)])).unwrap();
+    log.name = "a \"name\"".to_owned();
+    log.rate_hz = 50.0;
+    log.payload_kg = 0.2;
+    log.sensors[1].spring_m[3] = f64::NAN;
+    log.truth[2] = None;
+    log.commanded_pa = Some(vec![[1e3; CHAMBERS]; 3]);
+    write_session(&dir, &log).unwrap();
+    let back = read_session(&dir).unwrap();
+    assert_eq!(
+        (back.name.as_str(), back.rate_hz, back.payload_kg),
+        (log.name.as_str(), 50.0, 0.2)
+    );
+    assert_eq!(back.t_s, log.t_s);
+    assert_eq!(back.commanded_pa, log.commanded_pa);
+    assert!(back.sensors[1].spring_m[3].is_nan() && back.truth[2].is_none());
+    for (a, b) in back.sensors.iter().zip(&log.sensors) {
+        for (x, y) in a.to_vector().iter().zip(b.to_vector().iter()) {
+            assert!((x - y).abs() < 1e-9 || (x.is_nan() && y.is_nan()));
+        }
+    }
+    assert_eq!(back.hash.len(), 64);
+    // A trace of the log gives the log again.
+    let again = SessionLog::from_trace(&back.to_trace(), 50.0);
+    assert_eq!(again.t_s, back.t_s);
+    assert!(again.sensors[1].spring_m[3].is_nan());
+    assert_eq!(again.truth, back.truth);
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn session_file_must_stay_in_its_folder() {
+    let dir = tempdir("session_file_must_stay");
+    for log in ["/etc/passwd", "../log.csv", ""] {
+        let text = format!("name = \"x\"\nlog = {log:?}\nrate_hz = 50\n");
+        std::fs::write(dir.join("session.toml"), text).unwrap();
+        assert!(matches!(
+            read_session(&dir),
+            Err(RecordingError::Session { .. })
+        ));
+    }
+    std::fs::write(dir.join("session.toml"), "name = \"x\"\nrate_hz = 'fast'\n").unwrap();
+    let text = read_session(&dir).unwrap_err().to_string();
+    assert!(text.contains("line 2"), "{text}");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn milliseconds_are_refused() {
+    let dir = tempdir("milliseconds");
+    std::fs::write(
+        dir.join("log.csv"),
+        table(&[row(0.0), row(20.0), row(40.0)]),
+    )
+    .unwrap();
+    std::fs::write(dir.join("session.toml"), "name = 'x'\nrate_hz = 50\n").unwrap();
+    let text = read_session(&dir).unwrap_err().to_string();
+    assert!(text.contains("seconds"), "{text}");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+fn tempdir(name: &str) -> PathBuf {
+    let dir = std::env::temp_dir().join(format!("springtwin-log-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&dir).unwrap();
+    dir
+}
+
+proptest! {
+    /// Whatever the bytes, the parser answers; it never panics.
+    #[test]
+    fn any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        let _ = parse_log(bytes.as_slice(), Path::new("x"));
+    }
+
+    /// A good file with one byte changed either parses or names a line that exists.
+    #[test]
+    fn one_changed_byte(at in 0usize..2000, byte in any::<u8>()) {
+        let mut bytes = table(&[row(0.0), row(0.02), row(0.04)]).into_bytes();
+        let n = bytes.len();
+        bytes[at % n] = byte;
+        match parse_log(bytes.as_slice(), Path::new("x")) {
+            Ok(log) => prop_assert!(log.len() <= 4 && log.t_s.iter().all(|t| t.is_finite())),
+            Err(RecordingError::Cell { line, column, .. }) => {
+                prop_assert!((1..=5).contains(&line) && (1..=60).contains(&column));
+            }
+            Err(other) => prop_assert!(false, "{}", other),
+        }
+    }
+
+    /// Numbers survive: what is written is what is read.
+    #[test]
+    fn numbers_survive(values in prop::collection::vec(71.0f64..239.0, SPRINGS)) {
+        let mut r = row(0.0);
+        for (i, v) in values.iter().enumerate() {
+            r[7 + i] = format!("{v:?}");
+        }
+        let log = parse(&table(&[r])).unwrap();
+        for (i, v) in values.iter().enumerate() {
+            prop_assert_eq!(log.sensors[0].spring_m[i], v * 1e-3);
+        }
+    }
+}

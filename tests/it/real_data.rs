@@ -1,0 +1,68 @@
+//! Measured and independent data that are not part of the project.
+//!
+//! The folder is named by the environment variable `SPRINGTWIN_DATA`; without it, it is
+//! `../shared/data` beside the checkout. A missing folder fails the tests that need it.
+
+use std::path::PathBuf;
+
+use springtwin::recording::read_session;
+use springtwin::signal::TruthSource;
+
+/// The folder with the real data.
+pub fn data_dir() -> PathBuf {
+    let dir = match std::env::var_os("SPRINGTWIN_DATA") {
+        Some(dir) => PathBuf::from(dir),
+        None => PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+    };
+    assert!(
+        dir.join("README.md").is_file(),
+        "{} holds no data: set SPRINGTWIN_DATA",
+        dir.display()
+    );
+    dir
+}
+
+#[test]
+fn rig_a_sessions_load_whole() {
+    let rig = data_dir().join("sessions/rig-a");
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(&rig).unwrap() {
+        let dir = entry.unwrap().path();
+        if !dir.is_dir() {
+            continue;
+        }
+        let log = read_session(&dir).unwrap();
+        assert_eq!(Some(log.name.as_str()), dir.file_name().unwrap().to_str());
+        assert_eq!((log.len(), log.rate_hz), (3750, 50.0), "{}", log.name);
+        assert!((log.t_s[3749] - 74.98).abs() < 1e-9);
+        assert!(log.truth.iter().all(Option::is_some));
+        assert!(log.chamber_pa.iter().flatten().all(|p| p.abs() < 45e3));
+        assert!(
+            log.sensors
+                .iter()
+                .all(|s| s.to_vector().iter().all(|v| v.is_finite()))
+        );
+        names.push(log.name);
+    }
+    names.sort();
+    assert!(
+        names.contains(&"commissioning".to_owned()) && names.len() >= 9,
+        "{names:?}"
+    );
+}
+
+/// At rest the arm hangs straight: the first samples are those of the robot's description.
+#[test]
+fn rig_a_rest_pose_is_in_the_base_frame() {
+    let log = read_session(&data_dir().join("sessions/rig-a/none")).unwrap();
+    let trace = log.to_trace();
+    let first = &trace.snapshots[0];
+    let truth = first.truth.as_ref().unwrap();
+    assert_eq!(truth.source, TruthSource::Vicon);
+    // The file's first line: -0.0238, 0.0019, -299.8134 mm.
+    let p = truth.base_from_tip.translation.vector;
+    assert!((p.z + 0.2998134).abs() < 1e-9 && (p.x + 2.38e-5).abs() < 1e-9);
+    let sensors = &first.sensors.as_ref().unwrap().sensors;
+    assert!((sensors.spring_m[0] - 0.1539).abs() < 1e-12);
+    assert!((sensors.imu_ypr_rad[0][0] - (-0.5366f64).to_radians()).abs() < 1e-12);
+}
