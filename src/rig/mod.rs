@@ -1,1 +1,4 @@
 //! The virtual rig.
+
+pub mod circuit;
+pub mod inertial;
