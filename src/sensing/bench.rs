@@ -1,0 +1,687 @@
+//! The calibration bench: its log, and the fit of one curve per spring.
+//!
+//! A linear motor draws each spring over its range, up and down; every row of the log holds the
+//! true length and what the circuit read. The fitter takes a quartic by least squares and refuses
+//! what would mislead: a curve that turns round, a log that does not span the range the robot uses,
+//! a curve that misses 0.4 mm on points it has not seen.
+
+use nalgebra::{SMatrix, SVector};
+use sha2::{Digest, Sha256};
+
+use super::calibration::{
+    Calibration, Curve, FitQuality, Quantity, SpringCalibration, Variable, inductance_h,
+};
+use crate::signal::SPRINGS;
+
+/// Largest root mean square error on held-out points, m (the paper's resolution).
+pub const HELD_OUT_LIMIT_M: f64 = 0.4e-3;
+/// How far the log may stop short of the range it must span, m.
+const END_SLACK_M: f64 = 1.0e-3;
+/// Fewest different lengths: twice the number of coefficients.
+const LENGTHS_MIN: usize = 10;
+/// The lengths are dealt into this many groups, each held out once.
+const FOLDS: usize = 5;
+/// Nominal capacitor of eq. (1), F (paper II-C, corrected).
+pub const CAPACITANCE_F: f64 = 1000.0e-12;
+/// Nominal series inductor of eq. (1), H (paper II-C, corrected).
+pub const COMPENSATION_H: f64 = 10.0e-6;
+
+/// Why a bench log was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("bench log, line {line}, column {column}: {what}")]
+pub struct BenchError {
+    /// Line, 1-based.
+    pub line: usize,
+    /// Field of the line, 1-based.
+    pub column: usize,
+    /// What is wrong and what is expected.
+    pub what: String,
+}
+
+/// Why no curve was fitted. Figures are given where they could be computed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// Not enough different lengths.
+    #[error(
+        "only {lengths} different lengths were measured; measure at least {LENGTHS_MIN}, up and down"
+    )]
+    TooFew {
+        /// Different lengths in the log.
+        lengths: usize,
+    },
+    /// The log does not span the range the curve must cover.
+    #[error(
+        "the log spans {:.1} to {:.1} mm, but the robot uses {:.1} to {:.1} mm and a curve must not be extrapolated; measure the whole range",
+        measured_m[0] * 1e3, measured_m[1] * 1e3, needed_m[0] * 1e3, needed_m[1] * 1e3
+    )]
+    Extrapolates {
+        /// Shortest and longest length in the log, m.
+        measured_m: [f64; 2],
+        /// Shortest and longest length in use, m.
+        needed_m: [f64; 2],
+    },
+    /// The fitted curve turns round.
+    #[error(
+        "the fitted curve is not monotone over its domain; look for outliers and measure again"
+    )]
+    NotMonotone {
+        /// How well it fits all the same.
+        quality: FitQuality,
+    },
+    /// Misses points that were held out.
+    #[error(
+        "the curve misses held-out points by {:.2} mm RMSE, more than 0.4 mm; check the wiring and measure again",
+        quality.held_out_rmse_m * 1e3
+    )]
+    Inaccurate {
+        /// How badly it fits.
+        quality: FitQuality,
+    },
+    /// The normal equations have no solution: all readings equal, or not finite.
+    #[error("the readings do not change with the length; check the wiring")]
+    Degenerate,
+}
+
+/// Which way the motor moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Towards longer.
+    Up,
+    /// Towards shorter.
+    Down,
+}
+
+/// One row of the log.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BenchPoint {
+    /// True length by the motor, m.
+    pub length_m: f64,
+    /// Reading, in the unit of the log's [`Quantity`].
+    pub reading: f64,
+    /// Which way the motor moved.
+    pub direction: Direction,
+}
+
+/// A bench log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BenchLog {
+    /// What the readings are.
+    pub quantity: Quantity,
+    /// Spring (1-based) and its points in the order of the log; springs in rising order.
+    pub springs: Vec<(usize, Vec<BenchPoint>)>,
+    /// SHA-256 of the log, hexadecimal.
+    pub sha256: String,
+}
+
+/// How the reading's column becomes a reading.
+#[derive(Clone, Copy)]
+enum Source {
+    Frequency { hz_per_unit: f64 },
+    InductanceUh,
+    Circuit,
+}
+
+const READINGS: [(&str, Source); 5] = [
+    ("frequency_hz", Source::Frequency { hz_per_unit: 1.0 }),
+    ("frequency_khz", Source::Frequency { hz_per_unit: 1e3 }),
+    ("frequency_mhz", Source::Frequency { hz_per_unit: 1e6 }),
+    ("inductance_uh", Source::InductanceUh),
+    ("reading", Source::Circuit),
+];
+
+struct Columns {
+    spring: usize,
+    length_mm: usize,
+    reading: usize,
+    source: Source,
+    direction: Option<usize>,
+}
+
+fn columns(line: usize, header: &str) -> Result<Columns, BenchError> {
+    let names: Vec<String> = header
+        .split(',')
+        .map(|n| n.trim().trim_matches('"').to_ascii_lowercase())
+        .collect();
+    let find = |wanted: &str| names.iter().position(|n| n == wanted);
+    let missing = |what: &str| BenchError {
+        line,
+        column: names.len(),
+        what: format!(
+            "no column {what}; the header must name spring, length_mm, one of reading, inductance_uh, frequency_hz, frequency_khz, frequency_mhz, and may name direction"
+        ),
+    };
+    let (reading, source) = READINGS
+        .iter()
+        .find_map(|(name, source)| find(name).map(|at| (at, *source)))
+        .ok_or_else(|| missing("with the reading"))?;
+    Ok(Columns {
+        spring: find("spring").ok_or_else(|| missing("spring"))?,
+        length_mm: find("length_mm").ok_or_else(|| missing("length_mm"))?,
+        reading,
+        source,
+        direction: find("direction"),
+    })
+}
+
+/// Reads a bench log: CSV with a header row naming `spring` (1 … 12), `length_mm`, one of `reading`,
+/// `inductance_uh`, `frequency_hz`, `frequency_khz`, `frequency_mhz`, and optionally `direction`
+/// (`up` or `down`; told from the order of the lengths when absent). Other columns are ignored, as
+/// are empty lines and lines that start with `#`.
+///
+/// # Errors
+/// [`BenchError`] with line and column of the first thing that cannot be read.
+pub fn parse_bench(text: &str) -> Result<BenchLog, BenchError> {
+    let sha256 = Sha256::digest(text.as_bytes())
+        .iter()
+        .map(|b| format!("{b:02x}"))
+        .collect();
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut rows = text
+        .lines()
+        .enumerate()
+        .map(|(i, row)| (i + 1, row))
+        .filter(|(_, row)| !row.trim().is_empty() && !row.trim_start().starts_with('#'));
+    let (line, header) = rows.next().ok_or_else(|| BenchError {
+        line: 1,
+        column: 1,
+        what: "the log is empty; expected a header row".into(),
+    })?;
+    let columns = columns(line, header)?;
+    let mut springs: Vec<(usize, Vec<BenchPoint>)> = Vec::new();
+    for (line, row) in rows {
+        let fields: Vec<&str> = row.split(',').map(|f| f.trim().trim_matches('"')).collect();
+        let (spring, length_m, reading, stated) = parse_row(line, &fields, &columns)?;
+        let at = match springs.binary_search_by_key(&spring, |s| s.0) {
+            Ok(at) => at,
+            Err(at) => {
+                springs.insert(at, (spring, Vec::new()));
+                at
+            }
+        };
+        let points = &mut springs[at].1;
+        let direction = stated.unwrap_or_else(|| match points.last() {
+            Some(last) if length_m < last.length_m => Direction::Down,
+            Some(last) if length_m == last.length_m => last.direction,
+            _ => Direction::Up,
+        });
+        points.push(BenchPoint {
+            length_m,
+            reading,
+            direction,
+        });
+    }
+    Ok(BenchLog {
+        quantity: match columns.source {
+            Source::Circuit => Quantity::CircuitReading,
+            _ => Quantity::InductanceUh,
+        },
+        springs,
+        sha256,
+    })
+}
+
+fn parse_row(
+    line: usize,
+    fields: &[&str],
+    columns: &Columns,
+) -> Result<(usize, f64, f64, Option<Direction>), BenchError> {
+    let wrong = |at: usize, what: String| BenchError {
+        line,
+        column: at + 1,
+        what,
+    };
+    let field = |at: usize| {
+        fields
+            .get(at)
+            .copied()
+            .ok_or_else(|| wrong(fields.len(), "the row ends too early".into()))
+    };
+    let number = |at: usize| {
+        let text = field(at)?;
+        text.parse::<f64>()
+            .ok()
+            .filter(|x| x.is_finite())
+            .ok_or_else(|| wrong(at, format!("expected a number, found `{text}`")))
+    };
+    let text = field(columns.spring)?;
+    let spring = text
+        .parse()
+        .ok()
+        .filter(|n| (1..=SPRINGS).contains(n))
+        .ok_or_else(|| {
+            wrong(
+                columns.spring,
+                format!("expected a spring 1 to 12, found `{text}`"),
+            )
+        })?;
+    let length_mm = number(columns.length_mm)?;
+    if !(1.0..=1000.0).contains(&length_mm) {
+        return Err(wrong(
+            columns.length_mm,
+            format!("a length of {length_mm} mm is not a spring's; check the unit"),
+        ));
+    }
+    let logged = number(columns.reading)?;
+    let reading = match columns.source {
+        Source::Frequency { hz_per_unit } if logged > 0.0 => {
+            inductance_h(logged * hz_per_unit, CAPACITANCE_F, COMPENSATION_H) * 1e6
+        }
+        Source::Frequency { .. } => {
+            return Err(wrong(
+                columns.reading,
+                format!("a frequency of {logged} is not possible"),
+            ));
+        }
+        Source::InductanceUh | Source::Circuit => logged,
+    };
+    let direction = match columns.direction {
+        None => None,
+        Some(at) => match field(at)?.to_ascii_lowercase().as_str() {
+            "up" | "u" | "+1" | "1" => Some(Direction::Up),
+            "down" | "d" | "-1" => Some(Direction::Down),
+            other => {
+                return Err(wrong(at, format!("expected up or down, found `{other}`")));
+            }
+        },
+    };
+    Ok((spring, length_mm * 1e-3, reading, direction))
+}
+
+/// Fits one spring's curve over `needed_m`, the shortest and longest length the robot uses.
+///
+/// The quartic is tried in the reading and in its reciprocal; the one with the smaller held-out
+/// error is kept. Lengths are dealt into five groups in turn, and each group is predicted from the
+/// others (never the two end lengths: that would be extrapolation).
+///
+/// # Errors
+/// [`FitError`]: too few lengths, range not spanned, not monotone, or more than 0.4 mm off.
+pub fn fit(
+    points: &[BenchPoint],
+    quantity: Quantity,
+    needed_m: [f64; 2],
+) -> Result<(Curve, FitQuality), FitError> {
+    let mut lengths_m: Vec<f64> = points.iter().map(|p| p.length_m).collect();
+    lengths_m.sort_by(f64::total_cmp);
+    // Stops closer than 10 µm are one stop of the motor.
+    lengths_m.dedup_by(|a, b| (*a - *b).abs() < 10e-6);
+    let (Some(&shortest_m), Some(&longest_m)) = (lengths_m.first(), lengths_m.last()) else {
+        return Err(FitError::TooFew { lengths: 0 });
+    };
+    if lengths_m.len() < LENGTHS_MIN {
+        return Err(FitError::TooFew {
+            lengths: lengths_m.len(),
+        });
+    }
+    if shortest_m > needed_m[0] + END_SLACK_M || longest_m < needed_m[1] - END_SLACK_M {
+        return Err(FitError::Extrapolates {
+            measured_m: [shortest_m, longest_m],
+            needed_m,
+        });
+    }
+    let stop = |p: &BenchPoint| {
+        lengths_m
+            .partition_point(|l| *l < p.length_m - 10e-6)
+            .min(lengths_m.len() - 1)
+    };
+    let mut variables = vec![Variable::Reading];
+    if points.iter().all(|p| p.reading > 0.0) {
+        variables.push(Variable::Reciprocal);
+    }
+    let mut best: Option<(Curve, FitQuality)> = None;
+    for variable in variables {
+        let Some(curve) = quartic(points, quantity, variable) else {
+            continue;
+        };
+        let Some(held_out_rmse_m) = held_out(points, &curve, &stop, lengths_m.len()) else {
+            continue;
+        };
+        if best
+            .as_ref()
+            .is_none_or(|(_, q)| held_out_rmse_m < q.held_out_rmse_m)
+        {
+            let quality = quality(points, &curve, held_out_rmse_m, &stop, lengths_m.len());
+            best = Some((curve, quality));
+        }
+    }
+    let (curve, quality) = best.ok_or(FitError::Degenerate)?;
+    if quality.held_out_rmse_m > HELD_OUT_LIMIT_M {
+        return Err(FitError::Inaccurate { quality });
+    }
+    if !curve.is_monotone() {
+        return Err(FitError::NotMonotone { quality });
+    }
+    Ok((curve, quality))
+}
+
+/// Least squares quartic on the basis scaled to the readings' range.
+fn quartic(points: &[BenchPoint], quantity: Quantity, variable: Variable) -> Option<Curve> {
+    let low = points
+        .iter()
+        .map(|p| p.reading)
+        .fold(f64::INFINITY, f64::min);
+    let high = points
+        .iter()
+        .map(|p| p.reading)
+        .fold(f64::NEG_INFINITY, f64::max);
+    let (a, b) = (variable.of(low), variable.of(high));
+    let mut curve = Curve {
+        quantity,
+        variable,
+        center: 0.5 * (a + b),
+        scale: 0.5 * (a - b).abs(),
+        coefficients_m: [0.0; 5],
+        domain: [low, high],
+    };
+    if !(curve.scale.is_finite() && curve.scale > 0.0) {
+        return None;
+    }
+    curve.coefficients_m = least_squares(points.iter(), &curve)?;
+    Some(curve)
+}
+
+/// Normal equations over u ∈ [−1, 1], where five powers are still well apart (condition about 10³).
+fn least_squares<'a>(
+    points: impl Iterator<Item = &'a BenchPoint>,
+    basis: &Curve,
+) -> Option<[f64; 5]> {
+    let mut normal = SMatrix::<f64, 5, 5>::zeros();
+    let mut right = SVector::<f64, 5>::zeros();
+    for p in points {
+        let u = (basis.variable.of(p.reading) - basis.center) / basis.scale;
+        let row = SVector::<f64, 5>::from_fn(|k, _| u.powi(k as i32));
+        normal += row * row.transpose();
+        right += row * p.length_m;
+    }
+    let c = normal.cholesky()?.solve(&right);
+    c.iter().all(|x| x.is_finite()).then(|| c.into())
+}
+
+fn held_out(
+    points: &[BenchPoint],
+    curve: &Curve,
+    stop: &impl Fn(&BenchPoint) -> usize,
+    stops: usize,
+) -> Option<f64> {
+    let (mut sum, mut n) = (0.0, 0usize);
+    for fold in 0..FOLDS {
+        let out = |p: &BenchPoint| {
+            let s = stop(p);
+            s % FOLDS == fold && s != 0 && s != stops - 1
+        };
+        let mut part = curve.clone();
+        part.coefficients_m = least_squares(points.iter().filter(|p| !out(p)), curve)?;
+        for p in points.iter().filter(|p| out(p)) {
+            sum += (part.extended_m(p.reading) - p.length_m).powi(2);
+            n += 1;
+        }
+    }
+    (n > 0).then(|| (sum / n as f64).sqrt())
+}
+
+fn quality(
+    points: &[BenchPoint],
+    curve: &Curve,
+    held_out_rmse_m: f64,
+    stop: &impl Fn(&BenchPoint) -> usize,
+    stops: usize,
+) -> FitQuality {
+    // Mean residual per stop on the way up and on the way down.
+    let mut sums = vec![[(0.0, 0usize); 2]; stops];
+    let (mut squares, mut worst_m) = (0.0, 0.0_f64);
+    for p in points {
+        let residual_m = curve.extended_m(p.reading) - p.length_m;
+        squares += residual_m.powi(2);
+        worst_m = worst_m.max(residual_m.abs());
+        let way = match p.direction {
+            Direction::Up => 0,
+            Direction::Down => 1,
+        };
+        let cell = &mut sums[stop(p)][way];
+        cell.0 += residual_m;
+        cell.1 += 1;
+    }
+    let hysteresis_m = sums
+        .iter()
+        .filter(|ways| ways.iter().all(|w| w.1 > 0))
+        .map(|[up, down]| (up.0 / up.1 as f64 - down.0 / down.1 as f64).abs())
+        .reduce(f64::max);
+    FitQuality {
+        rmse_m: (squares / points.len() as f64).sqrt(),
+        held_out_rmse_m,
+        worst_m,
+        hysteresis_m,
+        points: points.len(),
+    }
+}
+
+/// The verdict on every spring of a log, in order of their numbers.
+pub type SpringVerdicts = Vec<(usize, Result<FitQuality, FitError>)>;
+
+/// Fits every spring of a log. The calibration holds those that passed; the verdicts name all.
+pub fn calibrate(
+    log: &BenchLog,
+    name: &str,
+    date: &str,
+    needed_m: [f64; 2],
+) -> (Calibration, SpringVerdicts) {
+    let mut springs = Vec::new();
+    let mut verdicts = Vec::new();
+    for (spring, points) in &log.springs {
+        let fitted = fit(points, log.quantity, needed_m);
+        verdicts.push((*spring, fitted.as_ref().map(|f| f.1).map_err(Clone::clone)));
+        if let Ok((curve, quality)) = fitted {
+            springs.push(SpringCalibration {
+                spring: *spring,
+                capacitance_f: CAPACITANCE_F,
+                compensation_h: COMPENSATION_H,
+                curve,
+                quality,
+            });
+        }
+    }
+    let calibration = Calibration {
+        name: name.into(),
+        date: date.into(),
+        bench_sha256: log.sha256.clone(),
+        springs,
+    };
+    (calibration, verdicts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::circuit::{BenchPlan, Circuit, USUAL_SCATTER, bench};
+    use crate::robot::RobotSpec;
+    use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    const RANGE_M: [f64; 2] = [0.070, 0.240];
+
+    fn line(reading: impl Fn(f64) -> f64) -> Vec<BenchPoint> {
+        let up = (0..35).map(|k| (k, Direction::Up));
+        let down = (0..35).rev().map(|k| (k, Direction::Down));
+        up.chain(down)
+            .map(|(k, direction)| {
+                let length_m = 0.070 + 0.005 * f64::from(k);
+                BenchPoint {
+                    length_m,
+                    reading: reading(length_m),
+                    direction,
+                }
+            })
+            .collect()
+    }
+
+    /// The log and calibration of the virtual rig's unit 1, as shipped.
+    fn virtual_rig() -> (BenchLog, Calibration, SpringVerdicts) {
+        let spec = RobotSpec::reference();
+        let mut circuit = Circuit::new(&spec, 1, USUAL_SCATTER);
+        let mut rng = Pcg64::seed_from_u64(100);
+        let text = bench(&mut circuit, &BenchPlan::for_robot(&spec), &mut rng);
+        let log = parse_bench(&text).expect("own log");
+        let (calibration, verdicts) = calibrate(
+            &log,
+            "virtual-rig unit 1",
+            "2024-01-01",
+            spec.spring.range_m,
+        );
+        (log, calibration, verdicts)
+    }
+
+    #[test]
+    fn shipped_calibration_is_what_the_bench_gives() {
+        let (log, fresh, verdicts) = virtual_rig();
+        assert_eq!(log.springs.len(), SPRINGS);
+        for (spring, verdict) in &verdicts {
+            let q = verdict.as_ref().expect("fits");
+            assert!(q.held_out_rmse_m < 0.12e-3, "spring {spring}: {q:?}");
+            assert!(q.hysteresis_m.expect("both ways") < 0.4e-3, "{q:?}");
+        }
+        let path = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/assets/calibration/virtual-rig.toml"
+        );
+        if std::env::var_os("SPRINGTWIN_WRITE_ASSETS").is_some() {
+            std::fs::write(path, fresh.to_toml().expect("writes")).expect("writes");
+        }
+        let shipped = Calibration::virtual_rig();
+        assert!(shipped.uncovered().is_empty());
+        for (a, b) in shipped.springs.iter().zip(&fresh.springs) {
+            for k in 0..=50 {
+                let [low, high] = b.curve.domain;
+                let reading = low + (high - low) * (0.01 + 0.98 * f64::from(k) / 50.0);
+                let (a, b) = (a.curve.length_m(reading), b.curve.length_m(reading));
+                let d = a.expect("inside") - b.expect("inside");
+                assert!(d.abs() < 1e-6, "{d}");
+            }
+        }
+    }
+
+    /// The generator is not the curve: the residual of the fit itself, without noise.
+    #[test]
+    fn reciprocal_quartic_follows_the_physics_where_the_direct_one_cannot() {
+        let c = Circuit::new(&RobotSpec::reference(), 1, 0.0);
+        let uh = |l| inductance_h(c.frequency_hz(0, l), CAPACITANCE_F, COMPENSATION_H) * 1e6;
+        let points = line(uh);
+        let (curve, quality) = fit(&points, Quantity::InductanceUh, RANGE_M).expect("fits");
+        assert_eq!(curve.variable, Variable::Reciprocal);
+        assert!(quality.worst_m < 0.03e-3, "{quality:?}");
+        let direct = quartic(&points, Quantity::InductanceUh, Variable::Reading).expect("fits");
+        let worst = points
+            .iter()
+            .map(|p| (direct.extended_m(p.reading) - p.length_m).abs())
+            .fold(0.0, f64::max);
+        assert!(worst > 0.1e-3, "{worst}");
+    }
+
+    #[test]
+    fn exact_quartic_is_found_and_hysteresis_is_measured() {
+        // length = 70 + 170 u + 10 u (u − 1) mm over u ∈ [0, 1]; the reading is u.
+        let inverse = |length_m: f64| {
+            let l = length_m * 1e3;
+            let (a, b, c) = (10.0, 160.0, 70.0 - l);
+            (-b + (b * b - 4.0 * a * c as f64).sqrt()) / (2.0 * a)
+        };
+        let mut points = line(inverse);
+        let (curve, quality) = fit(&points, Quantity::CircuitReading, RANGE_M).expect("fits");
+        assert_eq!(curve.variable, Variable::Reading);
+        assert!(quality.worst_m < 1e-9, "{quality:?}");
+        assert!(quality.hysteresis_m.expect("both ways") < 1e-9);
+        for p in &mut points {
+            if p.direction == Direction::Down {
+                p.reading = inverse(p.length_m + 0.2e-3);
+            }
+        }
+        let (_, quality) = fit(&points, Quantity::CircuitReading, RANGE_M).expect("fits");
+        let hysteresis_m = quality.hysteresis_m.expect("both ways");
+        assert!((hysteresis_m - 0.2e-3).abs() < 0.01e-3, "{hysteresis_m}");
+        points.retain(|p| p.direction == Direction::Up);
+        let (_, quality) = fit(&points, Quantity::CircuitReading, RANGE_M).expect("fits");
+        assert_eq!(quality.hysteresis_m, None);
+    }
+
+    #[test]
+    fn what_would_mislead_is_refused() {
+        let fit = |p: &[BenchPoint]| fit(p, Quantity::CircuitReading, RANGE_M);
+        let good = line(|l| 1e3 * l);
+        assert!(fit(&good).is_ok());
+        assert!(matches!(fit(&[]), Err(FitError::TooFew { lengths: 0 })));
+        assert!(matches!(
+            fit(&good[..5]),
+            Err(FitError::TooFew { lengths: 5 })
+        ));
+        let short: Vec<_> = good.iter().copied().filter(|p| p.length_m < 0.23).collect();
+        let e = fit(&short).expect_err("short");
+        assert!(e.to_string().contains("extrapolated"), "{e}");
+        let flat = line(|_| 3.0);
+        assert_eq!(fit(&flat).expect_err("flat"), FitError::Degenerate);
+        // Noise of 2 mm.
+        let noisy = line(|l| 1e3 * l + 2.0 * (l * 1e5).sin());
+        assert!(matches!(fit(&noisy), Err(FitError::Inaccurate { .. })));
+        // u³ − u/100 turns back by a hair about its middle: accurate, but not monotone.
+        let turning: Vec<_> = (0..=40)
+            .map(|k| {
+                let u = f64::from(k) / 20.0 - 1.0;
+                BenchPoint {
+                    length_m: 0.155 + 0.085 * (u.powi(3) - 0.01 * u) / 0.99,
+                    reading: u,
+                    direction: Direction::Up,
+                }
+            })
+            .collect();
+        assert!(matches!(fit(&turning), Err(FitError::NotMonotone { .. })));
+    }
+
+    #[test]
+    fn log_is_read_in_its_forms_and_errors_have_a_place() {
+        let log = parse_bench(
+            "\u{feff}# motor\r\nSpring, length_mm, Reading, note\r\n2,70,122.3,a\r\n2,80,130,\r\n\r\n2,75,126,\r\n1,70,122,\r\n",
+        )
+        .expect("reads");
+        assert_eq!(log.quantity, Quantity::CircuitReading);
+        assert_eq!(log.springs[0].0, 1);
+        let ways: Vec<_> = log.springs[1].1.iter().map(|p| p.direction).collect();
+        assert_eq!(ways, [Direction::Up, Direction::Up, Direction::Down]);
+        let mhz = parse_bench("spring,length_mm,frequency_mhz\n1,70,1.34513\n").expect("reads");
+        assert!((mhz.springs[0].1[0].reading - 4.0).abs() < 1e-3);
+
+        let at = |text: &str| {
+            let e = parse_bench(text).expect_err(text);
+            (e.line, e.column)
+        };
+        assert_eq!(at(""), (1, 1));
+        assert_eq!(at("spring,length,reading\n"), (1, 3));
+        assert_eq!(at("spring,length_mm,reading\n1,70,1\n13,70,1\n"), (3, 1));
+        assert_eq!(at("spring,length_mm,reading\n1,x,1\n"), (2, 2));
+        assert_eq!(at("spring,length_mm,reading\n1,0.07,1\n"), (2, 2));
+        assert_eq!(at("spring,length_mm,reading\n1,70,inf\n"), (2, 3));
+        assert_eq!(at("spring,length_mm,reading\n1,70\n"), (2, 3));
+        assert_eq!(at("spring,length_mm,frequency_hz\n1,70,-3\n"), (2, 3));
+        assert_eq!(
+            at("spring,length_mm,reading,direction\n1,70,1,left\n"),
+            (2, 4)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn parser_and_fitter_never_panic(
+            rows in prop::collection::vec("[0-9a-z,.+\\-\" eE]{0,24}", 0..40),
+            numbers in prop::collection::vec((1.0f64..400.0, -1e3f64..1e3), 0..60),
+        ) {
+            let text = format!("spring,length_mm,reading,direction\n{}", rows.join("\n"));
+            let _ = parse_bench(&text);
+            let points: Vec<_> = numbers
+                .iter()
+                .map(|(l, reading)| BenchPoint {
+                    length_m: l * 1e-3,
+                    reading: *reading,
+                    direction: Direction::Up,
+                })
+                .collect();
+            let _ = fit(&points, Quantity::InductanceUh, RANGE_M);
+        }
+    }
+}

@@ -1,0 +1,554 @@
+//! Spring calibration: from an oscillator's frequency to a length, and the file that says how.
+//!
+//! Sources: paper II-C. Eq. (1), L_spring = 1 / (C (2π f)²) − L_comp; eq. (2), length by a quartic in
+//! the reading. The paper prints "L_comp = 1000 pF", a capacitance; we read C = 1000 pF and
+//! L_comp = 10 µH, both kept per channel in the file.
+//!
+//! A coil's inductance falls like 1/length, so a quartic in L itself leaves some tenths of a
+//! millimetre at short lengths, while the quartic in 1/L is right to some micrometres. A [`Curve`]
+//! therefore states its [`Variable`]: the reading itself or its reciprocal; the fitter takes the
+//! better one. Coefficients belong to the scaled variable u = (x − centre) / scale, |u| ≤ 1 over the
+//! domain, so that none of them hangs on the twelfth digit. Outside its domain a curve says nothing.
+
+use std::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+
+use crate::signal::SPRINGS;
+
+/// Why a calibration file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and column).
+    #[error("the calibration file is not valid: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value makes no sense.
+    #[error(
+        "the calibration file says {key} = {value} for spring {spring}, but it must be {must}; calibrate this spring again"
+    )]
+    Value {
+        /// Spring (1-based) as the file says.
+        spring: usize,
+        /// The key.
+        key: &'static str,
+        /// What the file says.
+        value: String,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// The curve turns round within its domain: one reading would stand for two lengths.
+    #[error(
+        "the curve of spring {spring} is not monotone over its domain; calibrate this spring again"
+    )]
+    NotMonotone {
+        /// Spring (1-based) as the file says.
+        spring: usize,
+    },
+    /// Could not be written as TOML.
+    #[error("the calibration cannot be written: {0}")]
+    Write(#[from] toml::ser::Error),
+}
+
+/// What a spring's reading is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quantity {
+    /// Inductance by eq. (1), µH.
+    InductanceUh,
+    /// The number a circuit logs, of unknown meaning, as in the paper's figure 2(c).
+    CircuitReading,
+}
+
+/// In what the quartic is a quartic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Variable {
+    /// x = reading.
+    Reading,
+    /// x = 1 / reading.
+    Reciprocal,
+}
+
+impl Variable {
+    /// x of a reading; not finite for the reciprocal of zero.
+    pub fn of(self, reading: f64) -> f64 {
+        match self {
+            Self::Reading => reading,
+            Self::Reciprocal => 1.0 / reading,
+        }
+    }
+}
+
+/// Eq. (2): length = Σ c_k u^k with u = (x − centre) / scale, over a stated domain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    /// What the reading is.
+    pub quantity: Quantity,
+    /// In what the curve is a quartic.
+    pub variable: Variable,
+    /// Centre of the scaled variable, in units of x.
+    pub center: f64,
+    /// Half width of the scaled variable, in units of x.
+    pub scale: f64,
+    /// c_0 … c_4, m.
+    pub coefficients_m: [f64; 5],
+    /// Lowest and highest reading the curve speaks for.
+    pub domain: [f64; 2],
+}
+
+impl Curve {
+    /// The paper's quartic with the sign of its last coefficient turned, e = +1.119e-7.
+    ///
+    /// As printed (−1.119e-7) the curve peaks near 20.5 and can never give 70 mm. With the other
+    /// sign it runs from 69.9 mm at I = 122.3 to 239.9 mm at I = 177.0, the range the paper states.
+    /// The sign is our inference. I rises with length, so it is not the coil's inductance: it is
+    /// kept as the circuit's reading.
+    pub fn paper_corrected() -> Self {
+        Self::paper(1.119e-7)
+    }
+
+    fn paper(e: f64) -> Self {
+        Self {
+            quantity: Quantity::CircuitReading,
+            variable: Variable::Reading,
+            center: 0.0,
+            scale: 1.0,
+            coefficients_m: [-12.89, 0.9553, -1.091e-2, 5.692e-5, e].map(|c| c * 1e-3),
+            domain: [122.0, 177.5],
+        }
+    }
+
+    /// Length at a reading, m; `None` outside the domain or for a reading that is not a number.
+    pub fn length_m(&self, reading: f64) -> Option<f64> {
+        let [low, high] = self.domain;
+        (low..=high)
+            .contains(&reading)
+            .then(|| self.extended_m(reading))
+    }
+
+    /// The quartic itself, domain or not, m.
+    pub(super) fn extended_m(&self, reading: f64) -> f64 {
+        let u = (self.variable.of(reading) - self.center) / self.scale;
+        // Horner
+        self.coefficients_m
+            .iter()
+            .rev()
+            .fold(0.0, |sum, c| sum * u + c)
+    }
+
+    /// Lengths at the two ends of the domain, shorter one first, m.
+    pub fn length_range_m(&self) -> [f64; 2] {
+        let [a, b] = self.domain.map(|r| self.extended_m(r));
+        [a.min(b), a.max(b)]
+    }
+
+    /// Whether the length strictly rises or strictly falls with the reading over the whole domain.
+    ///
+    /// p'(u) is a cubic: over an interval its extremes lie at the ends or where p''(u), a
+    /// quadratic, is zero. It keeps its sign exactly when it has the same sign at all of these.
+    pub fn is_monotone(&self) -> bool {
+        let [mut low, mut high] = self
+            .domain
+            .map(|r| (self.variable.of(r) - self.center) / self.scale);
+        if !(low.is_finite() && high.is_finite()) {
+            return false;
+        }
+        if low > high {
+            (low, high) = (high, low);
+        }
+        let [_, b, c, d, e] = self.coefficients_m;
+        // p'(u) = b + 2c u + 3d u² + 4e u³
+        let slope = |u: f64| b + u * (2.0 * c + u * (3.0 * d + u * 4.0 * e));
+        let mut at = vec![low, high];
+        // p''(u) = 2c + 6d u + 12e u² = 0
+        at.extend(
+            quadratic_roots(12.0 * e, 6.0 * d, 2.0 * c)
+                .into_iter()
+                .filter(|u| (low..=high).contains(u)),
+        );
+        at.iter().all(|u| slope(*u) > 0.0) || at.iter().all(|u| slope(*u) < 0.0)
+    }
+}
+
+/// Real roots of a x² + b x + c.
+fn quadratic_roots(a: f64, b: f64, c: f64) -> Vec<f64> {
+    let disc = b * b - 4.0 * a * c;
+    if disc < 0.0 {
+        return Vec::new();
+    }
+    // The form that does not cancel.
+    let q = -0.5 * (b + b.signum() * disc.sqrt());
+    [q / a, c / q]
+        .into_iter()
+        .filter(|u| u.is_finite())
+        .collect()
+}
+
+/// How well a curve fits its bench data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FitQuality {
+    /// Root mean square of the residuals, m.
+    pub rmse_m: f64,
+    /// The same over points that were held out of the fit, m.
+    pub held_out_rmse_m: f64,
+    /// Largest residual, m.
+    pub worst_m: f64,
+    /// Largest difference between the way up and the way down at one length, m; `None` when only
+    /// one way was measured.
+    pub hysteresis_m: Option<f64>,
+    /// Number of bench points.
+    pub points: usize,
+}
+
+/// Everything needed to turn one channel's counts into a length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpringCalibration {
+    /// Spring, 1 … 12.
+    pub spring: usize,
+    /// C of eq. (1), F.
+    pub capacitance_f: f64,
+    /// L_comp of eq. (1), H.
+    pub compensation_h: f64,
+    /// Eq. (2).
+    pub curve: Curve,
+    /// How well it fits.
+    pub quality: FitQuality,
+}
+
+impl SpringCalibration {
+    /// The curve's reading at a frequency: eq. (1) in µH. `None` when the curve is over a circuit's
+    /// own reading, to which a frequency says nothing.
+    pub fn reading(&self, frequency_hz: f64) -> Option<f64> {
+        match self.curve.quantity {
+            Quantity::InductanceUh => {
+                Some(inductance_h(frequency_hz, self.capacitance_f, self.compensation_h) * 1e6)
+            }
+            Quantity::CircuitReading => None,
+        }
+    }
+}
+
+/// Eq. (1): inductance of the spring, H, from its oscillator's frequency.
+pub fn inductance_h(frequency_hz: f64, capacitance_f: f64, compensation_h: f64) -> f64 {
+    // L_spring = 1 / (C (2π f)²) − L_comp
+    1.0 / (capacitance_f * (TAU * frequency_hz).powi(2)) - compensation_h
+}
+
+/// A calibration of the spring channels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Name of the unit or of the occasion.
+    pub name: String,
+    /// Day the bench was run, as the operator gave it.
+    pub date: String,
+    /// SHA-256 of the bench log, hexadecimal.
+    pub bench_sha256: String,
+    /// The springs, in order of their numbers; some may be missing.
+    pub springs: Vec<SpringCalibration>,
+}
+
+impl Calibration {
+    /// The calibration of the virtual rig's unit 1, `assets/calibration/virtual-rig.toml`.
+    pub fn virtual_rig() -> Self {
+        match Self::from_toml(include_str!("../../assets/calibration/virtual-rig.toml")) {
+            Ok(calibration) => calibration,
+            // The file is part of the binary and a test loads it.
+            Err(e) => unreachable!("the built-in calibration does not load: {e}"),
+        }
+    }
+
+    /// The calibration of spring `i` (0-based), if there is one that starts from a frequency.
+    pub fn spring(&self, i: usize) -> Option<&SpringCalibration> {
+        self.springs
+            .iter()
+            .find(|s| s.spring == i + 1 && s.curve.quantity == Quantity::InductanceUh)
+    }
+
+    /// Springs (1-based) that will read as missing with this calibration.
+    pub fn uncovered(&self) -> Vec<usize> {
+        (0..SPRINGS)
+            .filter(|i| self.spring(*i).is_none())
+            .map(|i| i + 1)
+            .collect()
+    }
+
+    /// Reads the text of a calibration file.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] with line and column for syntax, with spring and key for values, and
+    /// for a curve that is not monotone.
+    pub fn from_toml(text: &str) -> Result<Self, CalibrationError> {
+        let file: File = toml::from_str(text)?;
+        let mut springs = Vec::new();
+        for entry in file.spring {
+            let number = entry.id;
+            if springs
+                .iter()
+                .any(|s: &SpringCalibration| s.spring == number)
+            {
+                return Err(CalibrationError::Value {
+                    spring: number,
+                    key: "id",
+                    value: number.to_string(),
+                    must: "given once",
+                });
+            }
+            springs.push(entry.into_calibration()?);
+        }
+        springs.sort_by_key(|s| s.spring);
+        Ok(Self {
+            name: file.name,
+            date: file.date,
+            bench_sha256: file.bench_sha256,
+            springs,
+        })
+    }
+
+    /// The text of the calibration file.
+    ///
+    /// # Errors
+    /// [`CalibrationError::Write`] when a value has no TOML form.
+    pub fn to_toml(&self) -> Result<String, CalibrationError> {
+        let file = File {
+            name: self.name.clone(),
+            date: self.date.clone(),
+            bench_sha256: self.bench_sha256.clone(),
+            spring: self.springs.iter().map(Entry::from_calibration).collect(),
+        };
+        Ok(format!("{HEAD}{}", toml::to_string(&file)?))
+    }
+}
+
+const HEAD: &str = "\
+# Spring calibration: length = sum of coefficients_mm[k] u^k, u = (x - center) / scale,
+# x = the reading or its reciprocal, reading = 1 / (C (2 pi f)^2) - L_comp in microhenry.
+# A reading outside of its domain has no length.
+
+";
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: String,
+    date: String,
+    bench_sha256: String,
+    spring: Vec<Entry>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    id: usize,
+    capacitance_pf: f64,
+    compensation_uh: f64,
+    quantity: Quantity,
+    variable: Variable,
+    center: f64,
+    scale: f64,
+    coefficients_mm: [f64; 5],
+    domain: [f64; 2],
+    rmse_mm: f64,
+    held_out_rmse_mm: f64,
+    worst_mm: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hysteresis_mm: Option<f64>,
+    points: usize,
+}
+
+impl Entry {
+    fn from_calibration(s: &SpringCalibration) -> Self {
+        // A nanometre is enough for figures that only people read.
+        let readable_mm = |m: f64| (m * 1e9).round() / 1e6;
+        Self {
+            id: s.spring,
+            capacitance_pf: s.capacitance_f * 1e12,
+            compensation_uh: s.compensation_h * 1e6,
+            quantity: s.curve.quantity,
+            variable: s.curve.variable,
+            center: s.curve.center,
+            scale: s.curve.scale,
+            coefficients_mm: s.curve.coefficients_m.map(|c| c * 1e3),
+            domain: s.curve.domain,
+            rmse_mm: readable_mm(s.quality.rmse_m),
+            held_out_rmse_mm: readable_mm(s.quality.held_out_rmse_m),
+            worst_mm: readable_mm(s.quality.worst_m),
+            hysteresis_mm: s.quality.hysteresis_m.map(readable_mm),
+            points: s.quality.points,
+        }
+    }
+
+    fn into_calibration(self) -> Result<SpringCalibration, CalibrationError> {
+        self.check()?;
+        let calibration = SpringCalibration {
+            spring: self.id,
+            capacitance_f: self.capacitance_pf * 1e-12,
+            compensation_h: self.compensation_uh * 1e-6,
+            curve: Curve {
+                quantity: self.quantity,
+                variable: self.variable,
+                center: self.center,
+                scale: self.scale,
+                coefficients_m: self.coefficients_mm.map(|c| c * 1e-3),
+                domain: self.domain,
+            },
+            quality: FitQuality {
+                rmse_m: self.rmse_mm * 1e-3,
+                held_out_rmse_m: self.held_out_rmse_mm * 1e-3,
+                worst_m: self.worst_mm * 1e-3,
+                hysteresis_m: self.hysteresis_mm.map(|h| h * 1e-3),
+                points: self.points,
+            },
+        };
+        if calibration.curve.is_monotone() {
+            Ok(calibration)
+        } else {
+            Err(CalibrationError::NotMonotone { spring: self.id })
+        }
+    }
+
+    fn check(&self) -> Result<(), CalibrationError> {
+        let refuse = |key, value: String, must| {
+            Err(CalibrationError::Value {
+                spring: self.id,
+                key,
+                value,
+                must,
+            })
+        };
+        if !(1..=SPRINGS).contains(&self.id) {
+            return refuse("id", self.id.to_string(), "1 to 12");
+        }
+        let positive = [
+            ("capacitance_pf", self.capacitance_pf),
+            ("scale", self.scale),
+        ];
+        for (key, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return refuse(key, value.to_string(), "greater than 0");
+            }
+        }
+        if !(self.compensation_uh.is_finite() && self.compensation_uh >= 0.0) {
+            return refuse(
+                "compensation_uh",
+                self.compensation_uh.to_string(),
+                "0 or more",
+            );
+        }
+        let [low, high] = self.domain;
+        let same_side = self.variable == Variable::Reading || low > 0.0 || high < 0.0;
+        if !(low.is_finite() && high.is_finite() && low < high && same_side) {
+            return refuse(
+                "domain",
+                format!("[{low}, {high}]"),
+                "a low and a high reading, in this order, without zero in between for a reciprocal",
+            );
+        }
+        if !(self.center.is_finite() && self.coefficients_mm.iter().all(|c| c.is_finite())) {
+            return refuse(
+                "coefficients_mm",
+                format!("{:?}", self.coefficients_mm),
+                "finite numbers about a finite center",
+            );
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn printed_quartic_is_refused_and_the_corrected_one_spans_the_stated_range() {
+        let printed = Curve::paper(-1.119e-7);
+        assert!(!printed.is_monotone());
+        assert!(printed.length_range_m()[1] < 0.021);
+        let ours = Curve::paper_corrected();
+        assert!(ours.is_monotone());
+        let at = |reading| ours.length_m(reading).expect("inside");
+        assert!((at(122.3) - 69.916e-3).abs() < 1e-6);
+        assert!((at(177.0) - 239.864e-3).abs() < 1e-6);
+        assert_eq!(ours.length_m(121.9), None);
+        assert_eq!(ours.length_m(177.6), None);
+        assert_eq!(ours.length_m(f64::NAN), None);
+    }
+
+    #[test]
+    fn eq_1_gives_back_the_inductance_of_a_known_resonance() {
+        // 14 µH and 1000 pF resonate at 1.34513 MHz.
+        let f = 1.0 / (TAU * (14.0e-6_f64 * 1.0e-9).sqrt());
+        assert!((f - 1.345_13e6).abs() < 10.0);
+        assert!((inductance_h(f, 1.0e-9, 10.0e-6) - 4.0e-6).abs() < 1e-15);
+    }
+
+    #[test]
+    fn monotone_finds_a_turn_hidden_between_the_ends() {
+        // p' = 3 u² − ε: negative only for |u| < √(ε/3), far from both ends.
+        let curve = |eps: f64| Curve {
+            coefficients_m: [0.0, -eps, 0.0, 1.0, 0.0],
+            center: 0.0,
+            scale: 1.0,
+            domain: [-1.0, 1.0],
+            ..Curve::paper_corrected()
+        };
+        assert!(!curve(1e-6).is_monotone());
+        assert!(curve(-1e-6).is_monotone());
+    }
+
+    fn example() -> String {
+        let calibration = Calibration {
+            name: "unit".into(),
+            date: "2024-05-01".into(),
+            bench_sha256: "00".into(),
+            springs: vec![SpringCalibration {
+                spring: 3,
+                capacitance_f: 1.0e-9,
+                compensation_h: 1.0e-5,
+                curve: Curve::paper_corrected(),
+                quality: FitQuality {
+                    rmse_m: 1e-4,
+                    held_out_rmse_m: 1e-4,
+                    worst_m: 2e-4,
+                    hysteresis_m: None,
+                    points: 60,
+                },
+            }],
+        };
+        calibration.to_toml().expect("writes")
+    }
+
+    #[test]
+    fn file_round_trips_and_refusals_name_the_place() {
+        let text = example();
+        let again = Calibration::from_toml(&text).expect("reads");
+        assert_eq!(again.springs[0].curve.domain, [122.0, 177.5]);
+        assert_eq!(again.to_toml().expect("writes"), text);
+        // A circuit's own reading cannot start from a frequency.
+        assert_eq!(again.uncovered().len(), SPRINGS);
+
+        let refused = |from: &str, to: &str, says: &[&str]| {
+            let bad = text.replace(from, to);
+            assert_ne!(bad, text, "{from}");
+            let e = Calibration::from_toml(&bad).expect_err(to).to_string();
+            for word in says {
+                assert!(e.contains(word), "{e}");
+            }
+        };
+        refused("id = 3", "id = 13", &["id", "1 to 12"]);
+        refused("scale = 1.0", "scale = nan", &["scale", "spring 3"]);
+        refused("points = 60", "points = many", &["line"]);
+        refused("[122.0, 177.5]", "[177.5, 122.0]", &["domain"]);
+        refused("0.0001119", "-0.0001119", &["spring 3", "monotone"]);
+    }
+
+    proptest! {
+        #[test]
+        fn reader_never_panics(cut in 0usize..900, noise in "\\PC{0,40}") {
+            let text = example();
+            let at = text.char_indices().map(|(i, _)| i).nth(cut).unwrap_or(text.len());
+            let _ = Calibration::from_toml(&format!("{}{noise}{}", &text[..at], &text[at..]));
+            let _ = Calibration::from_toml(&text[..at]);
+        }
+    }
+}

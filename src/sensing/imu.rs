@@ -1,0 +1,396 @@
+//! Orientation from gyro and accelerometer, with the heading anchored to the springs.
+//!
+//! The filter is VQF (D. Laidig, T. Seel, Information Fusion 91, 2023, doi 10.1016/j.inffus.2022.10.014)
+//! from the crate `vqf-rs`, without magnetometer: steel springs stand beside every IMU. Its output
+//! has an arbitrary, slowly drifting heading; inclination is right.
+//!
+//! On the arm two of its habits would do harm. Pads turn at a degree or two per second for seconds
+//! on end, which its rest detector takes for rest and its bias estimator for bias; so rest
+//! detection is off there ([`Tuning::Arm`]) and the bias of the horizontal axes comes from the
+//! inclination alone. The vertical bias, unobservable from gravity, ends up in the drift of the
+//! heading, which [`Heading`] tracks against the pad yaw that the springs see:
+//!
+//! | symbol | meaning |
+//! |---|---|
+//! | δ, r | heading offset base from earth and its rate |
+//! | e | innovation: twist about z between the springs' and the filter's pad orientation, less δ |
+//! | ω | bandwidth of the tracker, 0.2 rad/s |
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use vqf_rs::{Params, VQF};
+
+use crate::signal::ImuRaw;
+
+/// Frame rate the filters of the arm are laid out for, 1/s.
+pub const RATE_HZ: f64 = 100.0;
+/// Rates beyond this cannot be told from a gyro at its rail, rad/s.
+pub const GYRO_LIMIT_RAD_S: f64 = 8.6;
+/// Specific force outside of this is not a working accelerometer, m/s².
+pub const ACCEL_LIMITS_M_S2: [f64; 2] = [0.5, 100.0];
+/// Bandwidth of the heading tracker, rad/s.
+const HEADING_BANDWIDTH_RAD_S: f64 = 0.2;
+/// Fastest heading drift that is believed, rad/s.
+const HEADING_RATE_MAX_RAD_S: f64 = 0.02;
+/// A gap longer than this starts the filter anew, s.
+const GAP_MAX_S: f64 = 0.25;
+
+/// What the filter is used on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tuning {
+    /// Anything that rests now and then and moves fast in between: the filter as published.
+    General,
+    /// The arm: slow, steady turns that must not be taken for rest.
+    Arm,
+}
+
+/// Orientation of one IMU in an earth frame (z up, heading arbitrary).
+pub struct ImuFilter {
+    vqf: VQF,
+    nominal_dt_s: f64,
+}
+
+impl ImuFilter {
+    /// A filter for samples `nominal_dt_s` apart (0.5 ms to 0.2 s; values outside are brought inside).
+    pub fn new(nominal_dt_s: f64, tuning: Tuning) -> Self {
+        let nominal_dt_s = if nominal_dt_s.is_finite() {
+            nominal_dt_s.clamp(0.5e-3, 0.2)
+        } else {
+            1.0 / RATE_HZ
+        };
+        let params = match tuning {
+            Tuning::General => Params::default(),
+            Tuning::Arm => Params {
+                rest_bias_est_enabled: false,
+                mag_dist_rejection_enabled: false,
+                ..Params::default()
+            },
+        };
+        Self {
+            vqf: VQF::new(nominal_dt_s, None, None, Some(params)),
+            nominal_dt_s,
+        }
+    }
+
+    /// Takes one sample in after `dt_s` and returns earth from IMU. Values must be finite;
+    /// a sample that is not is skipped. A `dt_s` of several nominal steps counts as that many
+    /// equal samples.
+    pub fn update(
+        &mut self,
+        dt_s: f64,
+        gyro_rad_s: [f64; 3],
+        accel_m_s2: [f64; 3],
+    ) -> UnitQuaternion<f64> {
+        let sane = gyro_rad_s.iter().chain(&accel_m_s2).all(|x| x.is_finite());
+        if sane && dt_s > 0.0 && dt_s.is_finite() {
+            let steps = (dt_s / self.nominal_dt_s).round().clamp(1.0, 100.0);
+            for _ in 0..steps as usize {
+                self.vqf.update_gyr_with_ts(gyro_rad_s, dt_s / steps);
+                self.vqf.update_acc(accel_m_s2);
+            }
+        }
+        self.earth_from_imu()
+    }
+
+    /// The orientation, earth from IMU.
+    pub fn earth_from_imu(&self) -> UnitQuaternion<f64> {
+        let q = self.vqf.quat_6d();
+        UnitQuaternion::from_quaternion(Quaternion::new(q.0, q.1, q.2, q.3))
+    }
+}
+
+/// Angle about z that best turns one orientation into another, rad: base ≈ Rz(δ) earth.
+pub fn heading_between(
+    base_from_pad: &UnitQuaternion<f64>,
+    earth_from_pad: &UnitQuaternion<f64>,
+) -> f64 {
+    // Twist of base_from_earth about z: δ = 2 atan2(q_z, q_w); defined unless they are upside down.
+    let q = base_from_pad * earth_from_pad.inverse();
+    wrap(2.0 * q.k.atan2(q.w))
+}
+
+fn wrap(angle_rad: f64) -> f64 {
+    (angle_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+}
+
+/// The slow heading-offset state of one IMU: an offset that drifts at a slowly changing rate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Heading {
+    /// δ, rad.
+    pub offset_rad: f64,
+    /// r, rad/s.
+    pub rate_rad_s: f64,
+    /// Corrections taken since the start.
+    pub corrections: u32,
+}
+
+impl Heading {
+    /// Lets `dt_s` pass.
+    pub fn predict(&mut self, dt_s: f64) {
+        self.offset_rad = wrap(self.offset_rad + self.rate_rad_s * dt_s);
+    }
+
+    /// Corrects with a measured offset `dt_s` after the last correction.
+    ///
+    /// The first seconds average plainly (the arm is at rest then); after that the gains are those
+    /// of a critically damped tracker.
+    pub fn correct(&mut self, measured_rad: f64, dt_s: f64) {
+        let innovation_rad = wrap(measured_rad - self.offset_rad);
+        let pass = HEADING_BANDWIDTH_RAD_S * dt_s;
+        let average = 1.0 / (f64::from(self.corrections) + 1.0);
+        // δ += 2ω dt e,  r += ω² dt e
+        self.offset_rad =
+            wrap(self.offset_rad + (2.0 * pass).max(average).min(1.0) * innovation_rad);
+        if average < 2.0 * pass {
+            self.rate_rad_s = (self.rate_rad_s + HEADING_BANDWIDTH_RAD_S * pass * innovation_rad)
+                .clamp(-HEADING_RATE_MAX_RAD_S, HEADING_RATE_MAX_RAD_S);
+        }
+        self.corrections = self.corrections.saturating_add(1);
+    }
+}
+
+/// What became of one frame's sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sample {
+    /// Taken.
+    Good,
+    /// Not credible; the last orientation is held for this frame.
+    Held,
+    /// Nothing credible for more than one frame.
+    Lost,
+}
+
+/// One IMU on its pad.
+pub struct ImuTrack {
+    imu_from_pad: UnitQuaternion<f64>,
+    filter: ImuFilter,
+    heading: Heading,
+    /// Time since the last good sample, s; infinite before the first.
+    silent_s: f64,
+    bad_frames: u32,
+    base_from_pad: UnitQuaternion<f64>,
+    rate_rad_s: f64,
+}
+
+/// Whether a sample can be true: finite, the gyro off its rail, gravity felt.
+pub fn credible(raw: &ImuRaw) -> bool {
+    let force = Vector3::from(raw.accel_m_s2).norm();
+    raw.gyro_rad_s
+        .iter()
+        .all(|x| x.is_finite() && x.abs() < GYRO_LIMIT_RAD_S)
+        && (ACCEL_LIMITS_M_S2[0]..ACCEL_LIMITS_M_S2[1]).contains(&force)
+}
+
+impl ImuTrack {
+    /// An IMU in its nominal mounting.
+    pub fn new(pad_from_imu: UnitQuaternion<f64>) -> Self {
+        Self {
+            imu_from_pad: pad_from_imu.inverse(),
+            filter: ImuFilter::new(1.0 / RATE_HZ, Tuning::Arm),
+            heading: Heading::default(),
+            silent_s: f64::INFINITY,
+            bad_frames: 0,
+            base_from_pad: UnitQuaternion::identity(),
+            rate_rad_s: 0.0,
+        }
+    }
+
+    /// Takes in this frame's sample (`None` when not delivered), `dt_s` after the last frame.
+    pub fn update(&mut self, dt_s: f64, raw: Option<&ImuRaw>) -> Sample {
+        self.silent_s += dt_s;
+        self.heading.predict(dt_s);
+        let Some(raw) = raw.filter(|r| credible(r)) else {
+            self.bad_frames = self.bad_frames.saturating_add(1);
+            return if self.bad_frames <= 1 {
+                Sample::Held
+            } else {
+                Sample::Lost
+            };
+        };
+        self.bad_frames = 0;
+        if self.silent_s > GAP_MAX_S {
+            self.filter = ImuFilter::new(1.0 / RATE_HZ, Tuning::Arm);
+            self.heading = Heading::default();
+            self.silent_s = 1.0 / RATE_HZ;
+        }
+        self.filter
+            .update(self.silent_s, raw.gyro_rad_s, raw.accel_m_s2);
+        self.silent_s = 0.0;
+        self.rate_rad_s = Vector3::from(raw.gyro_rad_s).norm();
+        if self.heading.corrections == 0 {
+            // Nothing is known of the heading yet: the arm hangs straight.
+            self.heading.offset_rad =
+                heading_between(&UnitQuaternion::identity(), &self.earth_from_pad());
+        }
+        self.refresh();
+        Sample::Good
+    }
+
+    /// Corrects the heading by the pad orientation that the springs see, `dt_s` after the last frame.
+    pub fn correct_heading(&mut self, dt_s: f64, base_from_pad_by_springs: &UnitQuaternion<f64>) {
+        let measured = heading_between(base_from_pad_by_springs, &self.earth_from_pad());
+        self.heading.correct(measured, dt_s);
+        self.refresh();
+    }
+
+    fn earth_from_pad(&self) -> UnitQuaternion<f64> {
+        self.filter.earth_from_imu() * self.imu_from_pad
+    }
+
+    fn refresh(&mut self) {
+        // base_from_pad = Rz(δ) · earth_from_imu · imu_from_pad
+        self.base_from_pad =
+            UnitQuaternion::from_scaled_axis(Vector3::z() * self.heading.offset_rad)
+                * self.earth_from_pad();
+    }
+
+    /// Whether the springs have confirmed the heading since the filter started.
+    pub fn aligned(&self) -> bool {
+        self.heading.corrections > 0
+    }
+
+    /// The heading state.
+    pub fn heading(&self) -> Heading {
+        self.heading
+    }
+
+    /// Newest orientation of the pad, base from pad; the last good one while samples are bad.
+    pub fn base_from_pad(&self) -> UnitQuaternion<f64> {
+        self.base_from_pad
+    }
+
+    /// Magnitude of the newest good angular rate, rad/s.
+    pub fn rate_rad_s(&self) -> f64 {
+        self.rate_rad_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    const G: f64 = 9.806_65;
+
+    fn still() -> ImuRaw {
+        ImuRaw {
+            gyro_rad_s: [0.0; 3],
+            accel_m_s2: [0.0, 0.0, G],
+        }
+    }
+
+    #[test]
+    fn filter_follows_a_pure_rotation_and_finds_down() {
+        let mut f = ImuFilter::new(1.0 / 285.7, Tuning::General);
+        // 90° about z in one second.
+        for _ in 0..2857 {
+            f.update(1.0 / 2857.0, [0.0, 0.0, PI / 2.0], [0.0, 0.0, G]);
+        }
+        let q = f.earth_from_imu();
+        assert!((q.angle() - PI / 2.0).abs() < 1e-3, "{}", q.angle());
+        // Lying on its side: z of the IMU is horizontal.
+        let mut f = ImuFilter::new(0.01, Tuning::Arm);
+        let q = f.update(0.01, [0.0; 3], [0.0, G, 0.0]);
+        assert!((q * Vector3::y() - Vector3::z()).norm() < 1e-6);
+    }
+
+    #[test]
+    fn slow_steady_turn_is_not_taken_for_bias() {
+        let rate = 1.0_f64.to_radians();
+        let turned_deg = |tuning| {
+            let mut f = ImuFilter::new(0.01, tuning);
+            let mut last = f.earth_from_imu();
+            let mut sum = 0.0;
+            for _ in 0..3000 {
+                let q = f.update(0.01, [0.0, 0.0, rate], [0.0, 0.0, G]);
+                sum += (last.inverse() * q).angle();
+                last = q;
+            }
+            sum.to_degrees()
+        };
+        assert!(
+            (turned_deg(Tuning::Arm) - 30.0).abs() < 0.3,
+            "{}",
+            turned_deg(Tuning::Arm)
+        );
+        // The published tuning does lose the turn: the reason for the arm's own.
+        assert!(turned_deg(Tuning::General) < 25.0);
+    }
+
+    #[test]
+    fn heading_between_is_exact_for_a_turn_about_z_at_any_tilt() {
+        let tilt = UnitQuaternion::from_euler_angles(0.5, -0.9, 0.3);
+        for delta in [-3.0, -0.4, 0.0, 1.0, 3.1] {
+            let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * delta) * tilt;
+            assert!((heading_between(&turned, &tilt) - delta).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn heading_tracker_removes_a_constant_drift_without_lag() {
+        let mut h = Heading::default();
+        let drift = 0.1_f64.to_radians();
+        for k in 0..12_000 {
+            h.predict(0.01);
+            h.correct(1.0 + drift * 0.01 * f64::from(k), 0.01);
+        }
+        let truth = 1.0 + drift * 119.99;
+        assert!((h.offset_rad - truth).abs() < 1e-4, "{h:?}");
+        assert!(
+            (h.rate_rad_s - drift).abs() < 1e-4 * drift.abs() + 1e-6,
+            "{h:?}"
+        );
+        // And carries on through ten seconds without springs.
+        for _ in 0..1000 {
+            h.predict(0.01);
+        }
+        assert!((h.offset_rad - truth - 10.0 * drift).abs() < 1e-3);
+    }
+
+    #[test]
+    fn bad_samples_hold_once_and_are_then_lost() {
+        let mut t = ImuTrack::new(UnitQuaternion::identity());
+        assert_eq!(t.update(0.01, Some(&still())), Sample::Good);
+        let before = t.base_from_pad();
+        let spoil = |f: fn(&mut ImuRaw)| {
+            let mut raw = still();
+            f(&mut raw);
+            raw
+        };
+        for raw in [
+            spoil(|r| r.gyro_rad_s[1] = f64::NAN),
+            spoil(|r| r.accel_m_s2[0] = f64::INFINITY),
+            spoil(|r| r.gyro_rad_s[2] = 8.7),
+            spoil(|r| r.accel_m_s2 = [0.0; 3]),
+        ] {
+            assert_eq!(t.update(0.01, Some(&raw)), Sample::Held);
+            assert_eq!(t.update(0.01, Some(&raw)), Sample::Lost);
+            assert_eq!(t.base_from_pad(), before);
+            assert_eq!(t.update(0.01, Some(&still())), Sample::Good);
+        }
+        assert_eq!(t.update(0.01, None), Sample::Held);
+        assert_eq!(t.update(0.01, None), Sample::Lost);
+    }
+
+    #[test]
+    fn after_a_silence_the_filter_starts_anew() {
+        let mut t = ImuTrack::new(UnitQuaternion::identity());
+        let springs = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4);
+        t.update(0.01, Some(&still()));
+        t.correct_heading(0.01, &springs);
+        assert!(t.aligned());
+        assert!(t.base_from_pad().angle_to(&springs) < 1e-9);
+        for _ in 0..50 {
+            t.update(0.01, None);
+        }
+        // The pad was tilted meanwhile: down is right at once, the heading at the next springs.
+        let tilted = UnitQuaternion::from_euler_angles(0.3, 0.2, -0.5);
+        let raw = ImuRaw {
+            gyro_rad_s: [0.0; 3],
+            accel_m_s2: tilted.inverse_transform_vector(&(Vector3::z() * G)).into(),
+        };
+        assert_eq!(t.update(0.01, Some(&raw)), Sample::Good);
+        assert!(!t.aligned());
+        t.correct_heading(0.01, &tilted);
+        assert!(t.base_from_pad().angle_to(&tilted) < 1e-6);
+    }
+}

@@ -1,0 +1,404 @@
+use super::*;
+use crate::rig::circuit::{Circuit, USUAL_SCATTER};
+use crate::rig::inertial::{Inertial, InertialErrors, PadMotion};
+use crate::signal::pose_from_ypr;
+use nalgebra::Vector3;
+use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+
+const DT_S: f64 = 0.01;
+
+/// A rig whose pads follow a given path: physical circuits, erring IMUs.
+struct Rig {
+    spec: RobotSpec,
+    circuit: Circuit,
+    inertial: Inertial,
+    rng: Pcg64,
+    frame: u32,
+    path: fn(f64) -> [Pose; 2],
+}
+
+/// The arm sways over most of its range at 1 to 5 degrees per second after two seconds of rest.
+fn sway(t_s: f64) -> [Pose; 2] {
+    let t = (t_s - 2.0).max(0.0);
+    // Starts and goes on smoothly.
+    let swell = 1.0 - (-t / 4.0).exp() * (1.0 + t / 4.0);
+    let wave = |rate: f64, phase: f64| swell * ((rate * t + phase).sin() - phase.sin());
+    let one = |phase: f64| {
+        let (pitch, roll) = (14.0 * wave(0.13, phase), 12.0 * wave(0.17, phase + 1.0));
+        let yaw = 4.0 * wave(0.11, phase + 2.0);
+        let z = -0.145 - 0.025 * wave(0.10, phase);
+        // Bends about its middle, as a soft segment does.
+        let x = z * 0.5 * pitch.to_radians();
+        let y = -z * 0.5 * roll.to_radians();
+        pose_from_ypr([x, y, z], [yaw, pitch, roll].map(f64::to_radians))
+    };
+    [one(0.0), one(0.7)]
+}
+
+fn rest(_: f64) -> [Pose; 2] {
+    [pose_from_ypr([0.0, 0.0, -0.145], [0.0; 3]); 2]
+}
+
+impl Rig {
+    fn new(path: fn(f64) -> [Pose; 2]) -> Self {
+        let spec = RobotSpec::reference();
+        Self {
+            circuit: Circuit::new(&spec, 1, USUAL_SCATTER),
+            inertial: Inertial::new(&spec, 2, InertialErrors::default()),
+            rng: Pcg64::seed_from_u64(3),
+            frame: 0,
+            path,
+            spec,
+        }
+    }
+
+    fn t_s(&self) -> f64 {
+        f64::from(self.frame) * DT_S
+    }
+
+    fn pads(&self, t_s: f64) -> [Pose; 2] {
+        platform::pads(&self.spec, &(self.path)(t_s))
+    }
+
+    fn lengths_m(&self) -> [f64; SPRINGS] {
+        let relative = (self.path)(self.t_s());
+        let [a, b] = [0, 1].map(|k| Segment::of(&self.spec, k).lengths_m(&relative[k]));
+        std::array::from_fn(|i| if i < LEGS { a[i] } else { b[i - LEGS] })
+    }
+
+    fn next(&mut self) -> RawFrame {
+        self.frame += 1;
+        let t = self.t_s();
+        self.circuit.step(DT_S, &self.lengths_m());
+        let (counts, gates) = self.circuit.read(&mut self.rng);
+        let h = 1e-3;
+        let (before, now, after) = (self.pads(t - h), self.pads(t), self.pads(t + h));
+        let motion = [0, 1].map(|p| {
+            let turn = before[p].rotation.inverse() * after[p].rotation;
+            let accel = (before[p].translation.vector + after[p].translation.vector
+                - now[p].translation.vector * 2.0)
+                / (h * h);
+            PadMotion::new(&now[p].rotation, turn.scaled_axis() / (2.0 * h), accel)
+        });
+        RawFrame {
+            seq: self.frame,
+            stamp: Stamp::from_seconds(t),
+            spring_counts: counts,
+            spring_gate_ticks: gates,
+            tick_rate_hz: self.circuit.tick_rate_hz,
+            imu: self
+                .inertial
+                .read(DT_S, &motion[0], &motion[1], &mut self.rng),
+            chamber_pa: [1000.0; CHAMBERS],
+            present: RawFrame::ALL_PRESENT,
+            board_age_s: [0.002; BOARDS],
+            faults: 0,
+        }
+    }
+}
+
+fn sensing() -> Sensing {
+    Sensing::new(&RobotSpec::reference(), Calibration::virtual_rig())
+}
+
+/// Angle between what IMU `i` says and the pad's true orientation, degrees.
+fn off_deg(out: &SensorFrame, i: usize, truth: &[Pose; 2]) -> f64 {
+    let said = UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
+    said.angle_to(&truth[i / 2].rotation).to_degrees()
+}
+
+/// Five minutes of motion: lengths within tenths of a millimetre, orientations within half a
+/// degree in spite of gyros that drift by degrees per minute, and no false alarm.
+#[test]
+fn five_minutes_of_motion_stay_within_half_a_degree_and_tenths_of_a_millimetre() {
+    let mut rig = Rig::new(sway);
+    let mut sensing = sensing();
+    let mut worst_deg: f64 = 0.0;
+    let (mut squares, mut n) = (0.0, 0.0);
+    let mut alarms = 0;
+    let (mut shortest, mut longest) = (1.0_f64, 0.0_f64);
+    while rig.t_s() < 300.0 {
+        let out = sensing.update(&rig.next());
+        let truth = rig.pads(rig.t_s());
+        for (got, want) in out.sensors.spring_m.iter().zip(rig.lengths_m()) {
+            squares += (got - want) * (got - want);
+            n += 1.0;
+            shortest = shortest.min(want);
+            longest = longest.max(want);
+        }
+        if rig.t_s() > 1.0 {
+            alarms += usize::from(out.health != Health::default());
+            for i in 0..IMUS {
+                worst_deg = worst_deg.max(off_deg(&out, i, &truth));
+            }
+        }
+    }
+    let rmse_m = f64::sqrt(squares / n);
+    assert!(
+        longest - shortest > 0.08,
+        "path too short: {shortest} to {longest}"
+    );
+    assert!(rmse_m < 0.2e-3, "{rmse_m}");
+    assert!(worst_deg < 0.5, "{worst_deg}");
+    assert_eq!(alarms, 0);
+    // The gyros do drift: without the springs the heading would be off by degrees.
+    let drifted = (0..IMUS)
+        .map(|i| sensing.heading(i).rate_rad_s.abs().to_degrees() * 300.0)
+        .fold(0.0, f64::max);
+    assert!(drifted > 3.0, "{drifted}");
+}
+
+#[test]
+fn stuck_spring_is_flagged_within_half_a_second_of_motion_and_heading_is_kept() {
+    for victim in [2, 9] {
+        let mut rig = Rig::new(sway);
+        let mut sensing = sensing();
+        while rig.t_s() < 12.0 {
+            sensing.update(&rig.next());
+        }
+        let raw = rig.next();
+        let stuck = (raw.spring_counts[victim], raw.spring_gate_ticks[victim]);
+        let before = rig.lengths_m()[victim];
+        let mut motion_since_s: Option<f64> = None;
+        let mut flagged_s = None;
+        while rig.t_s() < 22.0 {
+            let mut raw = rig.next();
+            (raw.spring_counts[victim], raw.spring_gate_ticks[victim]) = stuck;
+            let out = sensing.update(&raw);
+            if (rig.lengths_m()[victim] - before).abs() > 0.3e-3 {
+                motion_since_s.get_or_insert(rig.t_s());
+            }
+            for (i, h) in out.health.springs.iter().enumerate() {
+                if i == victim {
+                    if *h == ChannelHealth::Stuck {
+                        flagged_s.get_or_insert(rig.t_s());
+                    }
+                } else {
+                    assert_eq!(*h, ChannelHealth::Ok, "spring {i} at {}", rig.t_s());
+                }
+            }
+            let truth = rig.pads(rig.t_s());
+            for i in 0..IMUS {
+                assert!(off_deg(&out, i, &truth) < 0.7, "IMU {i} at {}", rig.t_s());
+            }
+            if flagged_s.is_some() {
+                assert!(!out.health.springs[victim].usable());
+                // Five springs and the IMUs still place the pads.
+                let off = sensing.pads().base_from_pad[1].translation.vector
+                    - truth[1].translation.vector;
+                assert!(off.norm() < 5e-3, "{off} at {}", rig.t_s());
+            }
+        }
+        let delay_s = flagged_s.expect("flagged") - motion_since_s.expect("moved");
+        assert!(delay_s <= 0.5, "spring {victim}: {delay_s}");
+    }
+}
+
+/// A coil that is snagged still trembles: no equal counts, but it misses the motion.
+#[test]
+fn snagged_spring_with_noise_is_found_by_the_imus() {
+    let mut rig = Rig::new(sway);
+    let mut sensing = sensing();
+    while rig.t_s() < 12.0 {
+        sensing.update(&rig.next());
+    }
+    let victim = 4;
+    let held_m = rig.lengths_m()[victim];
+    let mut snagged = rig.circuit.clone();
+    let mut rng = Pcg64::seed_from_u64(9);
+    let mut flagged = None;
+    while rig.t_s() < 20.0 && flagged.is_none() {
+        let mut raw = rig.next();
+        snagged.settle(&[held_m; SPRINGS]);
+        let (counts, gates) = snagged.read(&mut rng);
+        raw.spring_counts[victim] = counts[victim];
+        raw.spring_gate_ticks[victim] = gates[victim];
+        let out = sensing.update(&raw);
+        let missed_m = (rig.lengths_m()[victim] - held_m).abs();
+        if out.health.springs[victim] != ChannelHealth::Ok {
+            flagged = Some((out.health.springs[victim], missed_m));
+        }
+    }
+    let (health, missed_m) = flagged.expect("found");
+    assert_eq!(health, ChannelHealth::Stuck);
+    assert!(missed_m < 5e-3, "{missed_m}");
+}
+
+#[test]
+fn dead_imu_is_flagged_within_three_frames_and_comes_back_aligned() {
+    let mut rig = Rig::new(sway);
+    let mut sensing = sensing();
+    while rig.t_s() < 10.0 {
+        sensing.update(&rig.next());
+    }
+    type Spoil = fn(&mut RawFrame);
+    let faults: [Spoil; 4] = [
+        |r| r.present &= !(1 << (SPRINGS + 1)),
+        |r| r.imu[1].gyro_rad_s[0] = f64::NAN,
+        |r| r.imu[1].accel_m_s2 = [0.0; 3],
+        |r| r.imu[1].gyro_rad_s = [1e9; 3],
+    ];
+    for fault in faults {
+        for k in 0..60 {
+            let mut raw = rig.next();
+            fault(&mut raw);
+            let out = sensing.update(&raw);
+            if k >= 2 {
+                assert_eq!(out.health.imus[1], ChannelHealth::Missing, "frame {k}");
+            }
+            assert_eq!(out.health.imus[0], ChannelHealth::Ok);
+            assert!(out.sensors.to_vector().iter().all(|x| x.is_finite()));
+        }
+        for _ in 0..200 {
+            sensing.update(&rig.next());
+        }
+        let out = sensing.update(&rig.next());
+        assert_eq!(out.health, Health::default());
+        let off = off_deg(&out, 1, &rig.pads(rig.t_s()));
+        assert!(off < 0.7, "{off}");
+    }
+}
+
+#[test]
+fn frozen_imu_is_stuck_in_motion() {
+    let mut rig = Rig::new(sway);
+    let mut sensing = sensing();
+    while rig.t_s() < 10.0 {
+        sensing.update(&rig.next());
+    }
+    let frozen = rig.next().imu[2];
+    let mut health = ChannelHealth::Ok;
+    for _ in 0..40 {
+        let mut raw = rig.next();
+        raw.imu[2] = frozen;
+        health = sensing.update(&raw).health.imus[2];
+    }
+    assert_eq!(health, ChannelHealth::Stuck);
+}
+
+#[test]
+fn undelivered_out_of_range_and_jumping_springs_hold_their_value() {
+    let mut rig = Rig::new(rest);
+    let mut sensing = sensing();
+    for _ in 0..50 {
+        sensing.update(&rig.next());
+    }
+    let mut raw = rig.next();
+    raw.present &= !(1 << 3);
+    raw.spring_counts[5] = 0;
+    raw.spring_gate_ticks[6] = 8_000;
+    // In range, but 50 mm away from one frame to the next.
+    raw.spring_gate_ticks[8] = (f64::from(raw.spring_gate_ticks[8]) * 0.985) as u32;
+    raw.chamber_pa[2] = f64::NAN;
+    raw.chamber_pa[3] = 1e7;
+    let out = sensing.update(&raw);
+    let h = &out.health;
+    assert_eq!(h.springs[3], ChannelHealth::Missing);
+    assert_eq!(h.springs[5], ChannelHealth::Missing);
+    assert_eq!(h.springs[6], ChannelHealth::OutOfRange);
+    assert_eq!(h.springs[8], ChannelHealth::OutOfRange);
+    assert_eq!(h.springs_usable(), 8);
+    assert_eq!(h.chambers[2], ChannelHealth::Missing);
+    assert_eq!(h.chambers[3], ChannelHealth::OutOfRange);
+    assert_eq!(out.chamber_pa, [1000.0; CHAMBERS]);
+    for l in out.sensors.spring_m {
+        assert!((l - 0.153_8).abs() < 0.6e-3, "{l}");
+    }
+    assert_eq!(sensing.update(&rig.next()).health.springs_usable(), SPRINGS);
+}
+
+#[test]
+fn stale_boards_and_old_frames_do_not_pass_as_fresh() {
+    let mut rig = Rig::new(rest);
+    let mut sensing = sensing();
+    for _ in 0..20 {
+        sensing.update(&rig.next());
+    }
+    let mut raw = rig.next();
+    raw.board_age_s = [0.05, f64::NAN];
+    let out = sensing.update(&raw);
+    assert_eq!(out.health.springs[0], ChannelHealth::Suspect);
+    assert_eq!(out.health.springs[11], ChannelHealth::Missing);
+    assert_eq!(out.health.imus[3], ChannelHealth::Missing);
+    assert_eq!(out.health.chambers[5], ChannelHealth::Missing);
+    let mut old = rig.next();
+    old.stamp = Stamp::from_seconds(0.1);
+    assert_eq!(sensing.update(&old), out);
+}
+
+#[test]
+fn same_frames_same_result_and_reset_forgets() {
+    let mut rig = Rig::new(sway);
+    let frames: Vec<RawFrame> = (0..400).map(|_| rig.next()).collect();
+    let mut a = sensing();
+    let first: Vec<SensorFrame> = frames.iter().map(|f| a.update(f)).collect();
+    a.reset();
+    let again: Vec<SensorFrame> = frames.iter().map(|f| a.update(f)).collect();
+    assert_eq!(first, again);
+}
+
+#[test]
+fn springs_without_a_calibration_are_missing() {
+    let mut calibration = Calibration::virtual_rig();
+    calibration.springs.retain(|s| s.spring <= 10);
+    assert_eq!(calibration.uncovered(), [11, 12]);
+    let mut sensing = Sensing::new(&RobotSpec::reference(), calibration);
+    let out = sensing.update(&Rig::new(rest).next());
+    assert_eq!(out.health.springs[10], ChannelHealth::Missing);
+    assert!((out.sensors.spring_m[10] - 0.153_797).abs() < 1e-6);
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -10.0f64..10.0,
+        any::<f64>(),
+        Just(f64::NAN),
+        Just(f64::INFINITY)
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever arrives, what leaves is finite and inside the calibrated lengths.
+    #[test]
+    fn garbage_never_leaves(
+        frames in prop::collection::vec(
+            (
+                prop::array::uniform12(prop_oneof![any::<u32>(), 10_000u32..12_000]),
+                prop::array::uniform12(prop_oneof![any::<u32>(), 15_900u32..16_100]),
+                prop::array::uniform24(any_number()),
+                prop::array::uniform6(any_number()),
+                any::<u32>(),
+                any_number(),
+            ),
+            1..30,
+        ),
+    ) {
+        let mut sensing = sensing();
+        for (k, (counts, gates, inertial, chamber_pa, present, rate)) in frames.into_iter().enumerate() {
+            let three = |at: usize| std::array::from_fn(|j| inertial[at + j]);
+            let out = sensing.update(&RawFrame {
+                stamp: Stamp::from_seconds(0.01 * k as f64),
+                spring_counts: counts,
+                spring_gate_ticks: gates,
+                tick_rate_hz: if k % 3 == 0 { rate } else { 2.0e6 },
+                imu: std::array::from_fn(|i| crate::signal::ImuRaw {
+                    gyro_rad_s: three(6 * i),
+                    accel_m_s2: three(6 * i + 3),
+                }),
+                chamber_pa,
+                present,
+                ..RawFrame::default()
+            });
+            prop_assert!(out.sensors.to_vector().iter().all(|x| x.is_finite()));
+            prop_assert!(out.chamber_pa.iter().all(|x| x.is_finite()));
+            prop_assert!(out.sensors.spring_m.iter().all(|l| (0.06..0.26).contains(l)));
+            let pads = sensing.pads().base_from_pad;
+            prop_assert!(pads.iter().all(|p| p.translation.vector.iter().all(|x| x.is_finite())));
+            prop_assert!(Vector3::from(out.sensors.imu_ypr_rad[0]).norm() < 10.0);
+        }
+    }
+}
