@@ -186,8 +186,8 @@ pub fn board_config(robot: &RobotSpec) -> Config {
 /// `run --headless`.
 pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    let maps = model::load(robot)?;
-    let twin = Twin::new(robot, maps, model::sensing(robot)?);
+    let maps = model::maps(None)?;
+    let twin = Twin::new(robot, maps, model::sensing(robot, None)?);
     #[expect(clippy::disallowed_methods, reason = "the command owns the main thread and its time")]
     let start = std::time::Instant::now();
     let simulated_time = a.rig == "sim";

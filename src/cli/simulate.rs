@@ -116,13 +116,13 @@ impl Mean2 {
 const TWIN_TAU_S: f64 = 0.05;
 
 fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
-    let log = recording::SessionLog::read(session)?;
+    let log = recording::read_session(session)?;
     args::payload_in_range(robot, log.payload_kg)?;
     let model = Model::nominal(robot);
     let mut state = State::rest(&model);
     let (mut pos, mut ori, mut springs, mut imu) =
         (Mean2::default(), Mean2::default(), Mean2::default(), Mean2::default());
-    let mut before_s = None;
+    let mut before_s: Option<f64> = None;
     for k in 0..log.len() {
         let chamber_pa = log.chamber_pa[k];
         if chamber_pa.iter().any(|p| !p.is_finite()) {
@@ -132,7 +132,7 @@ fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
         let t_s = log.t_s[k];
         match before_s {
             None => settle(&model, &mut state, &inputs),
-            Some(before) => creep_to(&model, &mut state, &inputs, TWIN_TAU_S, (t_s - before as f64).max(1e-4)),
+            Some(before) => creep_to(&model, &mut state, &inputs, TWIN_TAU_S, (t_s - before).max(1e-4)),
         }
         .with_context(|| format!("{} at {t_s:.2} s", session.display()))?;
         before_s = Some(t_s);

@@ -51,6 +51,9 @@ pub struct Plan {
     /// Relative standard deviation of stiffnesses, areas and rest lengths (the last a fifth of it):
     /// how much arms differ from the nominal one.
     pub deviation_sd: f64,
+    /// Share of the samples that get a force and a deviation; the others are the nominal arm, from
+    /// which the plant is learned.
+    pub disturbed_share: f64,
 }
 
 impl Plan {
@@ -62,6 +65,7 @@ impl Plan {
             payload_max_kg: 0.0,
             tip_force_sd_n: 0.0,
             deviation_sd: 0.0,
+            disturbed_share: 0.5,
         }
     }
 }
@@ -118,8 +122,10 @@ pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, Si
     let mut rng = sample_rng(plan.seed, index);
     let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
     let payload_kg = plan.payload_max_kg * rng.random::<f64>();
-    let tip_force_n = std::array::from_fn(|_| plan.tip_force_sd_n * normal(&mut rng));
-    let parameters = if plan.deviation_sd > 0.0 {
+    let disturbed = rng.random::<f64>() < plan.disturbed_share;
+    let force_sd_n = if disturbed { plan.tip_force_sd_n } else { 0.0 };
+    let tip_force_n = std::array::from_fn(|_| force_sd_n * normal(&mut rng));
+    let parameters = if disturbed && plan.deviation_sd > 0.0 {
         scattered(plan.deviation_sd, &mut rng)
     } else {
         Parameters::default()

@@ -1,0 +1,378 @@
+//! `dataset`, `train`, `estimate`.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::{Args, Subcommand, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use super::{Report, args, live, model};
+use springtwin::learn::{self, PoseMap, Recipe, to_pose};
+use springtwin::recording::{read_dataset, read_session, write_dataset};
+use springtwin::rig::board::Readings;
+use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{
+    BOARDS, Dataset, ImuRaw, RawFrame, Sample, Stamp, pose_error, ypr_from_rotation,
+};
+use springtwin::sim::dataset::{Draw, Plan, generate, pressures, sample_rng};
+
+#[derive(Subcommand)]
+pub enum DatasetCommand {
+    /// Draw pressures, settle the arm, store what the sensors read
+    Generate(GenerateArgs),
+    /// Join shards into the file that one run would have made
+    Merge {
+        /// The shards, in order
+        #[arg(required = true)]
+        shards: Vec<PathBuf>,
+        /// Where to put the joined file
+        #[arg(long, value_name = "F.parquet")]
+        out: PathBuf,
+    },
+}
+
+#[derive(Args)]
+pub struct GenerateArgs {
+    /// So many samples, pressures uniform in their range
+    #[arg(long, value_name = "N", conflicts_with = "grid", required_unless_present = "grid")]
+    samples: Option<usize>,
+    /// Every combination of this many pressures per chamber (3: 729 samples)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=6))]
+    grid: Option<u8>,
+    /// What makes the samples: the twin's rod model, or the virtual rig through its sensors
+    #[arg(long, value_enum, default_value_t = Source::Rod)]
+    simulator: Source,
+    /// Seed of every random choice
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// Heaviest payload, drawn from 0; kg
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    payload_max: f64,
+    /// Standard deviation of a force on the tip of disturbed samples, per axis; N
+    #[arg(long, value_name = "N", default_value = "0", value_parser = args::not_negative)]
+    force: f64,
+    /// Relative standard deviation of stiffnesses of disturbed samples
+    #[arg(long, value_name = "RATIO", default_value = "0", value_parser = args::not_negative)]
+    deviation: f64,
+    /// Make only part i of n
+    #[arg(long, value_name = "I/N", default_value = "1/1", value_parser = args::shard)]
+    shard: (usize, usize),
+    /// Where to put them
+    #[arg(long, value_name = "F.parquet")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Source {
+    /// Piecewise-constant-strain rods
+    Rod,
+    /// The virtual rig: other physics, read through its circuits and the calibration
+    Rig,
+}
+
+fn bar(total: usize, quiet: bool) -> ProgressBar {
+    if quiet {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}");
+    ProgressBar::new(total as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+pub fn dataset(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Result<Report> {
+    match command {
+        DatasetCommand::Generate(a) => generate_command(a, robot, quiet),
+        DatasetCommand::Merge { shards, out } => merge(shards, out),
+    }
+}
+
+fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
+    args::payload_in_range(robot, a.payload_max)?;
+    let draw = match (a.grid, a.samples) {
+        (Some(n), _) => Draw::Grid(usize::from(n)),
+        (None, n) => Draw::Uniform(n.unwrap_or(0)),
+    };
+    let plan = Plan {
+        payload_max_kg: a.payload_max,
+        tip_force_sd_n: a.force,
+        deviation_sd: a.deviation,
+        ..Plan::nominal(draw, a.seed)
+    };
+    let (i, n) = a.shard;
+    let range = (i - 1) * draw.len() / n..i * draw.len() / n;
+    let bar = bar(range.len(), quiet);
+    let mut progress = |done: usize| {
+        bar.set_position(done as u64);
+        ControlFlow::Continue(())
+    };
+    #[expect(clippy::disallowed_methods, reason = "wall time of the command, for the report")]
+    let start = std::time::Instant::now();
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let (data, left_out) = match a.simulator {
+        Source::Rod => generate(robot, &plan, range, threads, &mut progress),
+        Source::Rig => rig_samples(robot, &plan, range, &mut progress)?,
+    };
+    bar.finish_and_clear();
+    write_dataset(&a.out, &data)?;
+    let seconds = start.elapsed().as_secs_f64();
+    Ok(Report {
+        text: format!(
+            "{} settled samples by the {} in {seconds:.1} s to {}{}",
+            data.samples.len(), data.source, a.out.display(),
+            if left_out > 0 { format!(" ({left_out} without equilibrium left out)") } else { String::new() },
+        ),
+        json: json!({
+            "samples": data.samples.len(), "left_out": left_out, "seconds": seconds,
+            "simulator": data.source, "simulated": true,
+        }),
+    })
+}
+
+/// Frames read at each settled pose: enough for the orientation filters to settle.
+const FRAMES_PER_POSE: u32 = 40;
+
+/// Settled samples of the virtual rig, read through its circuits, the calibration and the filters.
+fn rig_samples(
+    robot: &RobotSpec,
+    plan: &Plan,
+    range: std::ops::Range<usize>,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Result<(Dataset, usize)> {
+    let options = RigOptions { seed: plan.seed, ..live::rig_options(0.0, plan.seed) };
+    let mut rig = VirtualRig::new(robot, &options)?;
+    let mut sensing = model::sensing(robot, None)?;
+    let mut data = Dataset {
+        source: "virtual rig".to_owned(),
+        seed: plan.seed,
+        robot_hash: robot.hash.clone(),
+        ..Dataset::default()
+    };
+    let (mut left_out, mut seq) = (0, 0);
+    let start = range.start;
+    for index in range {
+        let mut rng = sample_rng(plan.seed, index);
+        let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
+        if rig.settle_at(&chamber_pa).is_err() {
+            left_out += 1;
+            continue;
+        }
+        sensing.reset();
+        let mut sum = nalgebra::SVector::<f64, 24>::zeros();
+        let mut kept = 0.0;
+        for k in 0..FRAMES_PER_POSE {
+            seq += 1;
+            rig.settle_at(&chamber_pa)?;
+            let frame = sensing.update(&raw_frame(seq, rig.readings()));
+            // The first half settles the filters, the second half is averaged.
+            if k >= FRAMES_PER_POSE / 2 {
+                sum += frame.sensors.to_vector();
+                kept += 1.0;
+            }
+        }
+        data.samples.push(Sample {
+            chamber_pa,
+            payload_kg: 0.0,
+            tip_force_n: [0.0; 3],
+            sensors: springtwin::signal::SensorVec::from_vector(&(sum / kept)),
+            base_from_tip: rig.mocap_pose(),
+        });
+        if progress(index + 1 - start).is_break() {
+            break;
+        }
+    }
+    Ok((data, left_out))
+}
+
+/// Both boards' readings as one frame, without the line in between.
+fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
+    let spring = |i: usize| readings[i / 6].springs[i % 6].unwrap_or_default();
+    RawFrame {
+        seq,
+        stamp: Stamp::from_seconds(f64::from(seq) * PHYSICS_STEP_S),
+        spring_counts: std::array::from_fn(|i| spring(i).count),
+        spring_gate_ticks: std::array::from_fn(|i| spring(i).gate_ticks),
+        tick_rate_hz: f64::from(springtwin::link::wire::TICK_RATE_HZ),
+        imu: std::array::from_fn(|i| readings[i / 2].imus[i % 2].unwrap_or(ImuRaw::default())),
+        chamber_pa: std::array::from_fn(|i| readings[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)),
+        present: RawFrame::ALL_PRESENT,
+        board_age_s: [0.0; BOARDS],
+        faults: 0,
+    }
+}
+
+fn merge(shards: &[PathBuf], out: &Path) -> Result<Report> {
+    let mut joined: Option<Dataset> = None;
+    for path in shards {
+        let shard = read_dataset(path)?;
+        match &mut joined {
+            None => joined = Some(shard),
+            Some(j) => {
+                anyhow::ensure!(
+                    j.source == shard.source && j.seed == shard.seed && j.robot_hash == shard.robot_hash,
+                    "{} comes from another run than {}: merge shards of one run only",
+                    path.display(),
+                    shards[0].display()
+                );
+                j.samples.extend(shard.samples);
+            }
+        }
+    }
+    let joined = joined.context("no shards were given")?;
+    write_dataset(out, &joined)?;
+    Ok(Report {
+        text: format!("{} samples to {}", joined.samples.len(), out.display()),
+        json: json!({"samples": joined.samples.len(), "simulator": joined.source}),
+    })
+}
+
+#[derive(Args)]
+pub struct TrainArgs {
+    /// Recipe; the shipped one without it
+    #[arg(long, value_name = "F.toml")]
+    recipe: Option<PathBuf>,
+    /// Simulated samples
+    #[arg(long, value_name = "F.parquet")]
+    data: PathBuf,
+    /// Samples of the arm itself, for the sim-to-real networks: a dataset or a session
+    #[arg(long, value_name = "F")]
+    real: Option<PathBuf>,
+    /// Folder for the networks
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+const RECIPE: &str = include_str!("../../assets/networks/recipe.toml");
+
+pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
+    let recipe = match &a.recipe {
+        None => Recipe::from_toml(RECIPE).context("the built-in recipe does not load")?,
+        Some(path) => Recipe::from_toml(&super::read_text(path)?)
+            .with_context(|| path.display().to_string())?,
+    };
+    let data = read_dataset(&a.data)?;
+    let real = a.real.as_deref().map(real_samples).transpose()?;
+    #[expect(clippy::disallowed_methods, reason = "wall time of the command, for the report")]
+    let start = std::time::Instant::now();
+    let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
+    let mut watch = |p: &learn::Progress| {
+        bar.set_message(format!(
+            "{:?} network {}: epoch {}/{}, validation loss {:.2e}",
+            p.stage, p.member + 1, p.epoch, p.epochs, p.validation_loss
+        ));
+        bar.tick();
+        ControlFlow::Continue(())
+    };
+    let trained = learn::train(&data, real.as_ref(), &recipe, &mut watch)?;
+    bar.finish_and_clear();
+    std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
+    let file = a.out.join("reference.safetensors");
+    std::fs::write(&file, trained.to_bytes()?).with_context(|| format!("cannot write {}", file.display()))?;
+    let seconds = start.elapsed().as_secs_f64();
+    let scores = serde_json::to_value(&trained.scores)?;
+    Ok(Report {
+        text: format!(
+            "trained in {seconds:.1} s to {}\n{}",
+            file.display(),
+            serde_json::to_string_pretty(&scores)?
+        ),
+        json: json!({"seconds": seconds, "file": file, "scores": scores}),
+    })
+}
+
+/// A dataset, or the samples of a session that has motion capture.
+fn real_samples(path: &Path) -> Result<Dataset> {
+    if path.extension().is_some_and(|e| e == "parquet") {
+        return Ok(read_dataset(path)?);
+    }
+    let log = read_session(path)?;
+    let samples = (0..log.len())
+        .filter_map(|k| {
+            let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
+                && log.sensors[k].to_vector().iter().all(|x| x.is_finite());
+            let truth = log.truth[k].filter(|_| complete)?;
+            Some(Sample {
+                chamber_pa: log.chamber_pa[k],
+                payload_kg: log.payload_kg,
+                tip_force_n: [0.0; 3],
+                sensors: log.sensors[k].clone(),
+                base_from_tip: truth,
+            })
+        })
+        .collect();
+    Ok(Dataset { samples, source: log.name.clone(), seed: 0, robot_hash: String::new() })
+}
+
+#[derive(Args)]
+pub struct EstimateArgs {
+    /// Session folder or session.toml
+    session: PathBuf,
+    /// Networks; the shipped ones without it
+    #[arg(long, value_name = "F.safetensors")]
+    model: Option<PathBuf>,
+}
+
+/// Pose from springs and IMUs of a session, against its motion capture.
+pub fn estimate(a: &EstimateArgs) -> Result<Report> {
+    let log = read_session(&a.session)?;
+    let maps = model::maps(a.model.as_deref())?;
+    let mut distance_mm = Vec::new();
+    let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];
+    let (mut inside, mut left_out) = ([0usize; 2], 0usize);
+    for k in 0..log.len() {
+        let sensors = log.sensors[k].to_vector();
+        let Some(truth) = &log.truth[k] else {
+            left_out += 1;
+            continue;
+        };
+        if sensors.iter().any(|x| !x.is_finite()) {
+            left_out += 1;
+            continue;
+        }
+        let eval = maps.pose.pose(&sensors);
+        let got = to_pose(&eval.pose);
+        let e = pose_error(&got, truth);
+        distance_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
+        let (a, b) = (ypr_from_rotation(&got.rotation), ypr_from_rotation(&truth.rotation));
+        for i in 0..3 {
+            angle_deg[i].push((a[i] - b[i]).to_degrees().abs());
+        }
+        // Share of coordinates within 1.00 and 1.96 predicted standard deviations.
+        for i in 0..3 {
+            let sd = eval.covariance[(i, i)].sqrt();
+            inside[0] += usize::from(e[i].abs() <= sd);
+            inside[1] += usize::from(e[i].abs() <= 1.96 * sd);
+        }
+    }
+    anyhow::ensure!(
+        !distance_mm.is_empty(),
+        "{} has no row with all sensors and motion capture: there is nothing to compare",
+        a.session.display()
+    );
+    let n = distance_mm.len();
+    let spread = live::spread(&distance_mm);
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let [yaw, pitch, roll] = [0, 1, 2].map(|i| mean(&angle_deg[i]));
+    let coverage = inside.map(|c| c as f64 / (3 * n) as f64);
+    Ok(Report {
+        text: format!(
+            "{}: {n} samples, translation {:.2} mm mean, {:.2} mm P95; yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} deg mean; \
+             {:.0} % / {:.0} % inside the 68 % / 95 % band{}",
+            log.name,
+            spread["mean"].as_f64().unwrap_or(f64::NAN),
+            spread["p95"].as_f64().unwrap_or(f64::NAN),
+            coverage[0] * 100.0,
+            coverage[1] * 100.0,
+            if left_out > 0 { format!("; {left_out} rows with gaps left out") } else { String::new() },
+        ),
+        json: json!({
+            "error": {
+                "mean_mm": spread["mean"], "rmse_mm": spread["rmse"], "p95_mm": spread["p95"], "max_mm": spread["max"],
+                "yaw_deg": yaw, "pitch_deg": pitch, "roll_deg": roll,
+            },
+            "n": n, "left_out": left_out,
+            "coverage": {"68": coverage[0], "95": coverage[1]},
+        }),
+    })
+}
