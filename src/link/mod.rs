@@ -1,11 +1,27 @@
 //! Wire protocol, serial port, board clocks, motion-capture stream, replay.
+//!
+//! - [`wire`] is the protocol and the motion-capture stream as pure bytes; [`BoardClock`] puts a
+//!   board's ticks on the session's time base.
+//! - [`HostSession`] is the host's end of the link without I/O. [`serial`] runs it in a thread
+//!   against real ports. An in-process rig needs no port and no thread: in simulated time, pass
+//!   the bytes of [`HostSession::poll`] to the boards and theirs to [`HostSession::on_bytes`],
+//!   about every millisecond, and fetch frames and events.
+//! - [`mocap`] receives motion capture by UDP; [`Replay`] plays a recorded trace.
+//!
+//! Only [`serial`] and [`mocap`] do I/O, each in a thread of its own with bounded queues.
 
-pub mod clock;
+mod clock;
 mod event;
+pub mod mocap;
 mod peer;
+mod replay;
+pub mod serial;
 mod session;
 pub mod wire;
 
+pub use clock::{BoardClock, Pong};
 pub use event::{LinkEvent, Refusal, fault_words};
 pub use peer::Counters;
+pub use replay::{AtEnd, Replay};
+pub use serial::{LinkError, LinkInput, LinkOutput, SerialLink};
 pub use session::{COMMAND_LIFE_S, FRESH_S, HostSession, MAX_PORTS, Origin};

@@ -382,7 +382,7 @@ impl HostSession {
     }
 
     /// Time never runs backwards, whatever the caller says.
-    fn advance(&mut self, now: Stamp) {
+    pub(super) fn advance(&mut self, now: Stamp) {
         self.now = self.now.max(now);
     }
 

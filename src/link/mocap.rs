@@ -1,0 +1,368 @@
+//! Motion capture, live: the object stream of Vicon Tracker over UDP.
+//!
+//! The bytes and the rotation convention are those of [`super::wire::objects`]. The receiver binds
+//! one chosen address (loopback by default), takes datagrams from an allow-list of senders only,
+//! and hands poses over through a bounded queue. Motion capture never reaches the controller.
+
+use std::io::{self, ErrorKind};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::wire::objects::{self, ObjectFrame};
+use crate::signal::{GroundTruth, Pose, Stamp, TruthSource};
+
+/// Poses that wait to be fetched.
+const QUEUE: usize = 256;
+/// A frame number that falls back by more than this means that the system started over.
+const RESTART_FRAMES: i32 = 100;
+const READ_TIMEOUT: Duration = Duration::from_millis(50);
+
+/// Why motion capture cannot be received or sent.
+#[derive(Debug, thiserror::Error)]
+pub enum MocapError {
+    /// The address cannot be bound.
+    #[error(
+        "cannot listen for motion capture on {address}: {source}. Choose an address of this computer and a port that is free."
+    )]
+    Bind {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// No thread.
+    #[error("cannot start the motion-capture thread: {0}. Close other programs and try again.")]
+    Thread(io::Error),
+}
+
+/// One object at one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MocapSample {
+    /// When the datagram arrived, on the session's time base.
+    pub stamp: Stamp,
+    /// Frame number of the motion-capture system.
+    pub frame: u32,
+    /// Name of the object; the one on the end pad is `end_pad`.
+    pub name: String,
+    /// Pose of the object's frame in the motion-capture world, m.
+    pub world_from_object: Pose,
+}
+
+impl MocapSample {
+    /// As ground truth, by the registration of the base in the motion-capture world. The object's
+    /// frame must be the end pad's.
+    pub fn ground_truth(&self, base_from_world: &Pose, source: TruthSource) -> GroundTruth {
+        GroundTruth {
+            stamp: self.stamp,
+            base_from_tip: base_from_world * self.world_from_object,
+            source,
+        }
+    }
+}
+
+/// What a receiver has seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MocapCounts {
+    /// Datagrams used.
+    pub used: u64,
+    /// Datagrams from senders not on the allow-list.
+    pub foreign: u64,
+    /// Datagrams that did not parse.
+    pub malformed: u64,
+    /// Datagrams that came twice or after a later one.
+    pub late: u64,
+    /// Poses thrown away because nobody fetched them.
+    pub dropped: u64,
+}
+
+/// Receives poses until it is dropped.
+#[derive(Debug)]
+pub struct MocapReceiver {
+    samples: Receiver<MocapSample>,
+    counts: Arc<Mutex<MocapCounts>>,
+    stop: Arc<AtomicBool>,
+    address: SocketAddr,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Where the stream is received unless told otherwise: loopback, port 51001.
+pub fn default_address() -> SocketAddr {
+    SocketAddr::from((Ipv4Addr::LOCALHOST, objects::PORT))
+}
+
+impl MocapReceiver {
+    /// Listens on `address` for datagrams from `allowed` senders; `start` is the session's start.
+    ///
+    /// # Errors
+    /// [`MocapError`] when the address cannot be bound or no thread started.
+    pub fn open(
+        address: SocketAddr,
+        allowed: &[IpAddr],
+        start: Instant,
+    ) -> Result<Self, MocapError> {
+        let bind = |source| MocapError::Bind { address, source };
+        let socket = UdpSocket::bind(address).map_err(bind)?;
+        socket.set_read_timeout(Some(READ_TIMEOUT)).map_err(bind)?;
+        let address = socket.local_addr().map_err(bind)?;
+        let (sender, samples) = sync_channel(QUEUE);
+        let counts = Arc::new(Mutex::new(MocapCounts::default()));
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut listener = Listener {
+            socket,
+            allowed: allowed.to_vec(),
+            start,
+            sender,
+            counts: Arc::clone(&counts),
+            last_frame: None,
+        };
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::Builder::new()
+            .name("mocap".into())
+            .spawn(move || {
+                let mut buffer = vec![0; 1 << 16];
+                while !stopped.load(Ordering::Relaxed) {
+                    listener.listen(&mut buffer);
+                }
+            })
+            .map_err(MocapError::Thread)?;
+        Ok(Self {
+            samples,
+            counts,
+            stop,
+            address,
+            thread: Some(thread),
+        })
+    }
+
+    /// The next pose, oldest first; `None` when none waits.
+    pub fn try_recv(&self) -> Option<MocapSample> {
+        self.samples.try_recv().ok()
+    }
+
+    /// What was received so far.
+    pub fn counts(&self) -> MocapCounts {
+        *self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The bound address (with the port the system chose, if 0 was asked for).
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for MocapReceiver {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread has been printed already.
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Listener {
+    socket: UdpSocket,
+    allowed: Vec<IpAddr>,
+    start: Instant,
+    sender: SyncSender<MocapSample>,
+    counts: Arc<Mutex<MocapCounts>>,
+    last_frame: Option<u32>,
+}
+
+impl Listener {
+    /// Waits for one datagram, at most [`READ_TIMEOUT`].
+    fn listen(&mut self, buffer: &mut [u8]) {
+        match self.socket.recv_from(buffer) {
+            Ok((n, from)) => {
+                let stamp = Stamp(self.start.elapsed().as_nanos() as i64);
+                let datagram = buffer.get(..n).unwrap_or_default();
+                self.take(stamp, from.ip(), datagram);
+            }
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            // Some systems report an earlier send's refusal here: nothing to do but not to spin.
+            Err(_) => std::thread::sleep(READ_TIMEOUT),
+        }
+    }
+
+    fn take(&mut self, stamp: Stamp, from: IpAddr, datagram: &[u8]) {
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        if !self.allowed.contains(&from) {
+            counts.foreign += 1;
+            return;
+        }
+        let Ok(frame) = objects::parse(datagram) else {
+            counts.malformed += 1;
+            return;
+        };
+        if !is_later(self.last_frame, frame.frame) {
+            counts.late += 1;
+            return;
+        }
+        self.last_frame = Some(frame.frame);
+        counts.used += 1;
+        for object in frame.objects {
+            let sample = MocapSample {
+                stamp,
+                frame: frame.frame,
+                name: object.name,
+                world_from_object: object.world_from_object,
+            };
+            if let Err(TrySendError::Full(_)) = self.sender.try_send(sample) {
+                counts.dropped += 1;
+            }
+        }
+    }
+}
+
+/// Whether a frame comes after the last one, or so far before it that the count began anew.
+fn is_later(last: Option<u32>, frame: u32) -> bool {
+    let Some(last) = last else { return true };
+    let step = frame.wrapping_sub(last) as i32;
+    step > 0 || step < -RESTART_FRAMES
+}
+
+/// Sends the object stream, as a motion-capture system would.
+#[derive(Debug)]
+pub struct MocapSender {
+    socket: UdpSocket,
+}
+
+impl MocapSender {
+    /// Sends to `target`.
+    ///
+    /// # Errors
+    /// [`MocapError::Bind`] when no socket can be had.
+    pub fn open(target: SocketAddr) -> Result<Self, MocapError> {
+        let own: IpAddr = match (target.ip().is_loopback(), target.is_ipv4()) {
+            (true, true) => Ipv4Addr::LOCALHOST.into(),
+            (true, false) => Ipv6Addr::LOCALHOST.into(),
+            (false, true) => Ipv4Addr::UNSPECIFIED.into(),
+            (false, false) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let address = SocketAddr::new(own, 0);
+        let bind = |source| MocapError::Bind { address, source };
+        let socket = UdpSocket::bind(address).map_err(bind)?;
+        socket.connect(target).map_err(bind)?;
+        Ok(Self { socket })
+    }
+
+    /// Sends one frame. Nobody listening is no error.
+    ///
+    /// # Errors
+    /// What the system says, except that the datagram was refused.
+    pub fn send(&self, frame: &ObjectFrame) -> io::Result<()> {
+        match self.socket.send(&objects::encode(frame)) {
+            Err(e) if e.kind() != ErrorKind::ConnectionRefused => Err(e),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Translation3;
+
+    use super::super::wire::objects::{END_PAD, Object};
+    use super::*;
+
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "a real socket is waited for in real time"
+    )]
+    fn start() -> Instant {
+        Instant::now()
+    }
+
+    fn frame(number: u32, x_m: f64) -> ObjectFrame {
+        ObjectFrame {
+            frame: number,
+            objects: vec![Object {
+                name: END_PAD.into(),
+                world_from_object: Pose::from_parts(
+                    Translation3::new(x_m, 0.0, -0.3),
+                    objects::rotation_from_xyz([0.1, 0.2, 0.3]),
+                ),
+            }],
+        }
+    }
+
+    fn any_port() -> SocketAddr {
+        SocketAddr::from((Ipv4Addr::LOCALHOST, 0))
+    }
+
+    /// Waits until `enough`, at most two seconds.
+    fn wait(receiver: &MocapReceiver, enough: impl Fn(MocapCounts) -> bool) -> MocapCounts {
+        for _ in 0..400 {
+            if enough(receiver.counts()) {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        receiver.counts()
+    }
+
+    #[test]
+    fn poses_come_through_a_socket_in_order() {
+        let allowed = [IpAddr::from(Ipv4Addr::LOCALHOST)];
+        let receiver = MocapReceiver::open(any_port(), &allowed, start()).expect("a socket");
+        let sender = MocapSender::open(receiver.address()).expect("a socket");
+        for (number, x_m) in [(5, 0.1), (6, 0.2), (6, 0.3), (4, 0.4), (7, 0.5)] {
+            sender.send(&frame(number, x_m)).expect("sent");
+        }
+        sender.socket.send(&[1, 2, 3]).expect("sent");
+        let counts = wait(&receiver, |c| c.used + c.late + c.malformed == 6);
+        assert_eq!((counts.used, counts.late, counts.malformed), (3, 2, 1));
+        let samples: Vec<_> = std::iter::from_fn(|| receiver.try_recv()).collect();
+        let frames: Vec<_> = samples.iter().map(|s| s.frame).collect();
+        assert_eq!(frames, [5, 6, 7]);
+        assert!(samples.windows(2).all(|w| w[1].stamp >= w[0].stamp));
+        let base_from_world = Pose::translation(0.0, 0.0, 1.0);
+        let truth = samples[2].ground_truth(&base_from_world, TruthSource::VirtualRig);
+        let t = truth.base_from_tip.translation.vector;
+        assert!((t.x - 0.5).abs() < 1e-9 && (t.z - 0.7).abs() < 1e-9);
+        assert_eq!(samples[2].name, END_PAD);
+    }
+
+    #[test]
+    fn foreign_senders_are_not_heard() {
+        let allowed = [IpAddr::from([10, 0, 0, 1])];
+        let receiver = MocapReceiver::open(any_port(), &allowed, start()).expect("a socket");
+        let sender = MocapSender::open(receiver.address()).expect("a socket");
+        sender.send(&frame(1, 0.0)).expect("sent");
+        let counts = wait(&receiver, |c| c.foreign == 1);
+        assert_eq!((counts.foreign, counts.used), (1, 0));
+        assert!(receiver.try_recv().is_none());
+    }
+
+    #[test]
+    fn a_full_queue_drops_and_counts() {
+        let allowed = [IpAddr::from(Ipv4Addr::LOCALHOST)];
+        let receiver = MocapReceiver::open(any_port(), &allowed, start()).expect("a socket");
+        let sender = MocapSender::open(receiver.address()).expect("a socket");
+        for number in 1..=300 {
+            sender.send(&frame(number, 0.0)).expect("sent");
+            // Loopback drops datagrams of a burst by itself.
+            wait(&receiver, |c| c.used == u64::from(number));
+        }
+        assert_eq!(receiver.counts().dropped, 300 - QUEUE as u64);
+    }
+
+    #[test]
+    fn a_system_that_starts_over_is_followed() {
+        assert!(is_later(None, 0));
+        assert!(is_later(Some(u32::MAX), 0), "wrap");
+        assert!(!is_later(Some(500), 450) && !is_later(Some(500), 500));
+        assert!(is_later(Some(500), 1));
+    }
+
+    #[test]
+    fn a_taken_address_is_named() {
+        let first = MocapReceiver::open(any_port(), &[], start()).expect("a socket");
+        let e = MocapReceiver::open(first.address(), &[], start()).expect_err("taken");
+        assert!(e.to_string().contains(&first.address().to_string()), "{e}");
+    }
+}

@@ -1,0 +1,419 @@
+//! Real serial ports: a thread that runs a [`HostSession`] against them.
+//!
+//! The boards may share one port or have one each (`"/dev/ttyACM0,/dev/ttyACM1"`). One thread owns
+//! all ports; frames, events and status come out through a bounded queue (when it is full the
+//! newest are dropped and counted), commands go in through another. `Ok(0)` from a read means the
+//! port is gone, a timeout never does. A port that is gone is opened again every 0.5 s; what was
+//! commanded before is forgotten, so nothing moves until it is commanded anew.
+
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use serialport::{ClearBuffer, SerialPort};
+
+use super::event::LinkEvent;
+use super::session::{HostSession, MAX_PORTS, Origin};
+use super::wire::{BAUD, Config};
+use crate::signal::{LinkStatus, PressureCommand, RawFrame, Stamp};
+
+/// Frames, events and status that wait to be fetched: 2.5 s of frames.
+const INPUT_QUEUE: usize = 256;
+/// Commands that wait to be sent.
+const OUTPUT_QUEUE: usize = 64;
+/// Events held back while the queue is full.
+const MAX_HELD: usize = 64;
+/// A read waits this long for the first byte, shared among the ports.
+const READ_TIMEOUT: Duration = Duration::from_millis(2);
+const REOPEN_PERIOD_S: f64 = 0.5;
+/// Time between two status messages, s.
+const STATUS_PERIOD_S: f64 = 0.05;
+
+/// Why a link could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// No name, or too many.
+    #[error(
+        "'{0}' names no serial port: give one port, or one per board separated by a comma (at most {MAX_PORTS})."
+    )]
+    Ports(String),
+    /// Another program has it.
+    #[error("serial port {port} is in use by {owner}: close that program, then try again.")]
+    Busy {
+        /// The port.
+        port: String,
+        /// Program and process id.
+        owner: String,
+    },
+    /// The system refuses.
+    #[error("serial port {port} does not open: {reason}. {advice}")]
+    Open {
+        /// The port.
+        port: String,
+        /// What the system said.
+        reason: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// No thread.
+    #[error("cannot start the link thread: {0}. Close other programs and try again.")]
+    Thread(io::Error),
+}
+
+/// What comes out of a link.
+#[derive(Clone, Debug)]
+pub enum LinkInput {
+    /// A merged frame.
+    Frame(RawFrame),
+    /// Something happened.
+    Event(LinkEvent),
+    /// State of the link, every 50 ms and after every event.
+    Status(LinkStatus),
+}
+
+/// What goes into a link.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LinkOutput {
+    /// Set pressures, see [`HostSession::set_command`].
+    Command(PressureCommand),
+    /// No more set pressures, see [`HostSession::clear_command`].
+    ClearCommand,
+    /// Pumps off, latched, see [`HostSession::estop`]. Never lost in the queue.
+    Estop,
+    /// Leave SAFE, see [`HostSession::reset`].
+    Reset,
+}
+
+/// A link over serial ports, closed when dropped.
+#[derive(Debug)]
+pub struct SerialLink {
+    input: Receiver<LinkInput>,
+    output: SyncSender<LinkOutput>,
+    estop: Arc<AtomicBool>,
+    stop: Arc<AtomicBool>,
+    dropped: Arc<AtomicU64>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Names of the serial ports the system knows.
+pub fn ports() -> Vec<String> {
+    let found = serialport::available_ports().unwrap_or_default();
+    found.into_iter().map(|p| p.port_name).collect()
+}
+
+/// Opens the ports named in `names` (one, or one per board separated by commas) at 500 kbaud.
+/// `start` is the session's start: stamps count from it. `config` is what the boards must accept.
+///
+/// # Errors
+/// [`LinkError`] when a port does not open.
+pub fn open(
+    names: &str,
+    start: Instant,
+    config: Config,
+    origin: Origin,
+) -> Result<SerialLink, LinkError> {
+    let ports: Vec<String> = names
+        .split(',')
+        .map(|n| n.trim().to_owned())
+        .filter(|n| !n.is_empty())
+        .collect();
+    if !(1..=MAX_PORTS).contains(&ports.len()) {
+        return Err(LinkError::Ports(names.into()));
+    }
+    let opened = open_ports(&ports)?;
+    let (to_caller, input) = sync_channel(INPUT_QUEUE);
+    let (output, from_caller) = sync_channel(OUTPUT_QUEUE);
+    let mut link = SerialLink {
+        input,
+        output,
+        estop: Arc::default(),
+        stop: Arc::default(),
+        dropped: Arc::default(),
+        thread: None,
+    };
+    let worker = Worker {
+        names: ports,
+        ports: opened,
+        session: HostSession::new(names, origin, config),
+        start,
+        to_caller,
+        from_caller,
+        estop: Arc::clone(&link.estop),
+        stop: Arc::clone(&link.stop),
+        dropped: Arc::clone(&link.dropped),
+        held: VecDeque::new(),
+        next_status: Stamp::ZERO,
+        next_reopen: Stamp::ZERO,
+    };
+    let thread = std::thread::Builder::new()
+        .name("link".into())
+        .spawn(move || worker.run())
+        .map_err(LinkError::Thread)?;
+    link.thread = Some(thread);
+    Ok(link)
+}
+
+impl SerialLink {
+    /// What came in, oldest first; `None` when nothing waits.
+    pub fn try_recv(&self) -> Option<LinkInput> {
+        self.input.try_recv().ok()
+    }
+
+    /// Hands something to the link; never waits. A stop always gets through.
+    ///
+    /// # Errors
+    /// One sentence when the link's queue is full or its thread has ended.
+    pub fn send(&self, output: LinkOutput) -> Result<(), &'static str> {
+        if output == LinkOutput::Estop {
+            self.estop.store(true, Ordering::Release);
+        }
+        match self.output.try_send(output) {
+            Ok(()) => Ok(()),
+            Err(TrySendError::Full(LinkOutput::Estop)) => Ok(()),
+            Err(TrySendError::Full(_)) => Err("The link is busy: the command was not sent."),
+            Err(TrySendError::Disconnected(_)) => Err("The link has ended: open the port again."),
+        }
+    }
+
+    /// Frames and status thrown away because nobody fetched them.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Closes the ports. The boards go SAFE when heartbeats stop.
+    pub fn close(self) {}
+}
+
+impl Drop for SerialLink {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread has been printed already.
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Worker {
+    names: Vec<String>,
+    /// Empty while disconnected.
+    ports: Vec<Box<dyn SerialPort>>,
+    session: HostSession,
+    start: Instant,
+    to_caller: SyncSender<LinkInput>,
+    from_caller: Receiver<LinkOutput>,
+    estop: Arc<AtomicBool>,
+    stop: Arc<AtomicBool>,
+    dropped: Arc<AtomicU64>,
+    held: VecDeque<LinkInput>,
+    next_status: Stamp,
+    next_reopen: Stamp,
+}
+
+impl Worker {
+    fn run(mut self) {
+        while !self.stop.load(Ordering::Relaxed) {
+            self.take_commands();
+            if self.ports.is_empty() {
+                self.reopen();
+            } else if let Err(e) = self.exchange() {
+                self.lose(&e);
+            }
+            self.pass_on();
+        }
+    }
+
+    fn now(&self) -> Stamp {
+        Stamp(self.start.elapsed().as_nanos() as i64)
+    }
+
+    fn take_commands(&mut self) {
+        // Commands act at the present time, not at that of the last byte.
+        let now = self.now();
+        self.session.advance(now);
+        loop {
+            match self.from_caller.try_recv() {
+                Ok(LinkOutput::Command(c)) => self.session.set_command(&c),
+                Ok(LinkOutput::ClearCommand) => self.session.clear_command(),
+                Ok(LinkOutput::Estop) => self.session.estop(),
+                Ok(LinkOutput::Reset) => self.session.reset(),
+                Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
+            }
+        }
+        // Last, so that a reset queued together with a stop does not undo it.
+        if self.estop.swap(false, Ordering::Acquire) {
+            self.session.estop();
+        }
+    }
+
+    /// Reads what is there, writes what is due. An error means the ports are gone.
+    fn exchange(&mut self) -> io::Result<()> {
+        let mut buffer = [0; 4096];
+        for i in 0..self.ports.len() {
+            let n = match self.ports[i].read(&mut buffer) {
+                Ok(0) => return Err(io::Error::new(ErrorKind::UnexpectedEof, "unplugged")),
+                Ok(n) => n,
+                Err(e) if is_passing(&e) => 0,
+                Err(e) => return Err(e),
+            };
+            let now = self.now();
+            let bytes = buffer.get(..n).unwrap_or_default();
+            self.session.on_port_bytes(i, now, bytes);
+        }
+        let now = self.now();
+        let bytes = self.session.poll(now);
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        for port in &mut self.ports {
+            match port.write_all(&bytes) {
+                // A frame cut short is lost; the next one begins with a delimiter.
+                Err(e) if is_passing(&e) => {}
+                other => other?,
+            }
+        }
+        Ok(())
+    }
+
+    fn lose(&mut self, error: &io::Error) {
+        self.ports.clear();
+        let now = self.now();
+        self.session.disconnected(now, &error.to_string());
+        self.next_reopen = now.plus(REOPEN_PERIOD_S);
+        self.next_status = now;
+    }
+
+    fn reopen(&mut self) {
+        let now = self.now();
+        if now < self.next_reopen {
+            std::thread::sleep(Duration::from_millis(5));
+            return;
+        }
+        match open_ports(&self.names) {
+            Ok(ports) => {
+                self.ports = ports;
+                let now = self.now();
+                self.session.reconnected(now);
+            }
+            Err(_) => self.next_reopen = self.now().plus(REOPEN_PERIOD_S),
+        }
+    }
+
+    /// Hands frames, events and status to the caller without ever waiting for it.
+    fn pass_on(&mut self) {
+        let now = self.now();
+        while let Some(event) = self.session.next_event() {
+            if self.held.len() == MAX_HELD {
+                self.held.pop_front();
+            }
+            self.held.push_back(LinkInput::Event(event));
+            self.next_status = now;
+        }
+        while let Some(input) = self.held.pop_front() {
+            if let Err(TrySendError::Full(input)) = self.to_caller.try_send(input) {
+                self.held.push_front(input);
+                break;
+            }
+        }
+        while let Some(frame) = self.session.next_frame() {
+            self.offer(LinkInput::Frame(frame));
+        }
+        if now >= self.next_status {
+            self.next_status = now.plus(STATUS_PERIOD_S);
+            self.offer(LinkInput::Status(self.session.status(now)));
+        }
+    }
+
+    fn offer(&self, input: LinkInput) {
+        if let Err(TrySendError::Full(_)) = self.to_caller.try_send(input) {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Errors that say nothing about the port itself.
+fn is_passing(e: &io::Error) -> bool {
+    matches!(
+        e.kind(),
+        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+    )
+}
+
+fn open_ports(names: &[String]) -> Result<Vec<Box<dyn SerialPort>>, LinkError> {
+    let timeout = READ_TIMEOUT / names.len().max(1) as u32;
+    names.iter().map(|n| open_port(n, timeout)).collect()
+}
+
+fn open_port(name: &str, timeout: Duration) -> Result<Box<dyn SerialPort>, LinkError> {
+    let port = serialport::new(name, BAUD)
+        .timeout(timeout)
+        .open()
+        .map_err(|e| explain(name, &e))?;
+    // Bytes of an earlier run; where it fails, the boot nonces tell.
+    let _ = port.clear(ClearBuffer::Input);
+    Ok(port)
+}
+
+fn explain(port: &str, error: &serialport::Error) -> LinkError {
+    use serialport::ErrorKind as Kind;
+    if error.kind() == Kind::NoDevice
+        && let Some(owner) = owner_of(port)
+    {
+        return LinkError::Busy {
+            port: port.into(),
+            owner,
+        };
+    }
+    let advice = match error.kind() {
+        Kind::Io(ErrorKind::PermissionDenied) => {
+            "Join the group that owns the port (often dialout), log in again, and retry."
+        }
+        Kind::Io(ErrorKind::NotFound) => "Check the cable and the port's name.",
+        Kind::NoDevice => {
+            "Check the cable and the port's name, and close other programs that use it."
+        }
+        _ => "Check that this is a serial port and that no other program uses it.",
+    };
+    LinkError::Open {
+        port: port.into(),
+        reason: error.to_string(),
+        advice,
+    }
+}
+
+/// Program and process id that has a device open, where the system tells.
+#[cfg(target_os = "linux")]
+fn owner_of(port: &str) -> Option<String> {
+    let device = std::fs::canonicalize(port).ok()?;
+    for process in std::fs::read_dir("/proc").ok()?.flatten() {
+        let id = process.file_name();
+        if !id.as_encoded_bytes().iter().all(u8::is_ascii_digit) {
+            continue;
+        }
+        // Other users' processes do not show their files; processes may end meanwhile.
+        let Ok(files) = std::fs::read_dir(process.path().join("fd")) else {
+            continue;
+        };
+        let has_it = files
+            .flatten()
+            .any(|f| std::fs::read_link(f.path()).is_ok_and(|to| to == device));
+        if has_it {
+            let name = std::fs::read_to_string(process.path().join("comm")).unwrap_or_default();
+            return Some(format!("{} (process {})", name.trim(), id.display()));
+        }
+    }
+    None
+}
+
+#[cfg(not(target_os = "linux"))]
+fn owner_of(_port: &str) -> Option<String> {
+    None
+}
+
+#[cfg(all(test, unix))]
+#[path = "serial_tests.rs"]
+mod tests;

@@ -1,0 +1,300 @@
+//! The link against boards behind real pseudo-terminals, in real time.
+
+use std::fs::File;
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::PathBuf;
+
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::pty::openpty;
+use nix::unistd::ttyname;
+
+use super::*;
+use crate::link::wire::{TICK_RATE_HZ, fault};
+use crate::rig::board::{Board, BoardSetup, Readings, SpringReading};
+use crate::signal::{Gripper, ImuRaw, PressureLimits};
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a real port is waited for in real time"
+)]
+fn start() -> Instant {
+    Instant::now()
+}
+
+/// Boards on a pseudo-terminal, run by a thread until unplugged.
+struct Rig {
+    device: PathBuf,
+    // Open, so that the terminal exists before the link opens it. Closed when unplugged.
+    slave: Option<OwnedFd>,
+    stop: Arc<AtomicBool>,
+    moving: Arc<AtomicBool>,
+    status: Arc<AtomicU64>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Rig {
+    fn plug_in(ids: &[u8], nonce: u32) -> Self {
+        let pty = openpty(None, None).expect("a pseudo-terminal");
+        let device = ttyname(pty.slave.as_fd()).expect("its name");
+        fcntl(pty.master.as_fd(), FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("non-blocking");
+        let mut master = File::from(pty.master);
+        let mut boards: Vec<Board> = ids
+            .iter()
+            .map(|id| {
+                Board::new(BoardSetup {
+                    id: *id,
+                    boot_nonce: nonce,
+                    tick_rate_hz: TICK_RATE_HZ,
+                    clock_skew: 50e-6,
+                    clock_offset_s: 7.0,
+                })
+            })
+            .collect();
+        let (stop, moving, status) = (
+            Arc::new(AtomicBool::new(false)),
+            Arc::new(AtomicBool::new(false)),
+            Arc::new(AtomicU64::new(0)),
+        );
+        let (stopped, moves, says) = (Arc::clone(&stop), Arc::clone(&moving), Arc::clone(&status));
+        let t0 = start();
+        let run = move || {
+            let readings = Readings {
+                springs: [Some(SpringReading {
+                    count: 11_000,
+                    gate_ticks: 16_000,
+                }); 6],
+                imus: [Some(ImuRaw::default()); 2],
+                chamber_pa: [Some(500.0); 3],
+            };
+            let mut buffer = [0; 4096];
+            while !stopped.load(Ordering::Relaxed) {
+                let n = master.read(&mut buffer).unwrap_or(0);
+                for board in &mut boards {
+                    let t_s = t0.elapsed().as_secs_f64();
+                    board.on_bytes(t_s, &buffer[..n]);
+                    let bytes = board.poll(t_s, &readings);
+                    let _ = master.write(&bytes);
+                }
+                moves.store(
+                    boards.iter().all(|b| b.setpoint_pa().is_some()),
+                    Ordering::Relaxed,
+                );
+                let bits = boards.iter().fold(0, |a, b| a | b.status());
+                says.store(u64::from(bits), Ordering::Relaxed);
+                std::thread::sleep(Duration::from_micros(500));
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("test rig".into())
+            .spawn(run)
+            .expect("a thread");
+        Self {
+            device,
+            slave: Some(pty.slave),
+            stop,
+            moving,
+            status,
+            thread: Some(thread),
+        }
+    }
+
+    fn moving(&self) -> bool {
+        self.moving.load(Ordering::Relaxed)
+    }
+
+    fn has_status(&self, bit: u16) -> bool {
+        self.status.load(Ordering::Relaxed) & u64::from(bit) != 0
+    }
+
+    fn unplug(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(t) = self.thread.take() {
+            t.join().expect("the test rig ends");
+        }
+        self.slave = None;
+    }
+
+    fn name(&self) -> String {
+        self.device.display().to_string()
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        self.unplug();
+    }
+}
+
+fn connect(names: &str) -> SerialLink {
+    open(names, start(), Config::built_in(), Origin::Simulated).expect("the link opens")
+}
+
+fn command() -> PressureCommand {
+    let limits = PressureLimits {
+        min_pa: -40e3,
+        max_pa: 40e3,
+        rate_pa_s: 12e3,
+    };
+    PressureCommand::limited(
+        Stamp::ZERO,
+        [1e3; 6],
+        Gripper::Open,
+        None,
+        &[0.0; 6],
+        &limits,
+    )
+}
+
+/// Keeps a link going until `enough` of what came in; gives all of it and how long it took, s.
+fn until(
+    link: &SerialLink,
+    commanding: Option<&PressureCommand>,
+    mut enough: impl FnMut(&[LinkInput]) -> bool,
+) -> (Vec<LinkInput>, f64) {
+    let t0 = start();
+    let mut all = Vec::new();
+    while t0.elapsed() < Duration::from_secs(10) {
+        while let Some(input) = link.try_recv() {
+            all.push(input);
+        }
+        if enough(&all) {
+            return (all, t0.elapsed().as_secs_f64());
+        }
+        if let Some(c) = commanding {
+            link.send(LinkOutput::Command(c.clone())).expect("room");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("waited in vain; came in: {all:?}");
+}
+
+fn frames(all: &[LinkInput]) -> Vec<&RawFrame> {
+    all.iter()
+        .filter_map(|i| match i {
+            LinkInput::Frame(f) => Some(f),
+            _ => None,
+        })
+        .collect()
+}
+
+fn connected(all: &[LinkInput]) -> bool {
+    let last = all.iter().rev().find_map(|i| match i {
+        LinkInput::Status(s) => Some(s.connected),
+        _ => None,
+    });
+    last == Some(true)
+}
+
+fn event(all: &[LinkInput], wanted: impl Fn(&LinkEvent) -> bool) -> bool {
+    all.iter()
+        .any(|i| matches!(i, LinkInput::Event(e) if wanted(e)))
+}
+
+#[test]
+fn frames_and_commands_cross_a_real_terminal() {
+    let rig = Rig::plug_in(&[0, 1], 1);
+    let link = connect(&rig.name());
+    let (all, _) = until(&link, None, |all| frames(all).len() >= 50 && connected(all));
+    let whole = frames(&all)
+        .iter()
+        .filter(|f| f.present == RawFrame::ALL_PRESENT)
+        .count();
+    assert!(whole > 30, "{whole}");
+    let last = frames(&all)[frames(&all).len() - 1].clone();
+    assert_eq!(last.spring_counts, [11_000; 12]);
+    assert!((last.chamber_pa[4] - 500.0).abs() <= 1.0);
+    until(&link, Some(&command()), |_| rig.moving());
+    link.send(LinkOutput::Estop).expect("a stop gets through");
+    let (_, took_s) = until(&link, Some(&command()), |_| !rig.moving());
+    assert!(took_s < 0.1, "{took_s}");
+    assert!(rig.has_status(fault::ESTOP));
+    link.send(LinkOutput::Reset).expect("room");
+    until(&link, None, |_| !rig.has_status(fault::SAFE));
+    until(&link, Some(&command()), |_| rig.moving());
+    link.close();
+    let t0 = start();
+    while rig.moving() && t0.elapsed() < Duration::from_secs(2) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(t0.elapsed().as_secs_f64() < 0.3, "SAFE without a host");
+}
+
+#[test]
+fn a_board_each_on_two_terminals_makes_one_stream() {
+    let (a, b) = (Rig::plug_in(&[0], 1), Rig::plug_in(&[1], 2));
+    let link = connect(&format!("{}, {}", a.name(), b.name()));
+    let whole = |all: &[LinkInput]| {
+        let all = frames(all);
+        let whole = all.iter().filter(|f| f.present == RawFrame::ALL_PRESENT);
+        whole.count() >= 20
+    };
+    until(&link, None, |all| whole(all) && connected(all));
+    until(&link, Some(&command()), |_| a.moving() && b.moving());
+}
+
+#[test]
+fn an_unplugged_port_is_noticed_reopened_and_does_not_move_by_itself() {
+    // A name that outlives the device behind it, as udev gives.
+    let folder = std::env::temp_dir().join(format!("springtwin-link-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let name = folder.join("arm");
+    let _ = std::fs::remove_file(&name);
+    let mut rig = Rig::plug_in(&[0, 1], 1);
+    std::os::unix::fs::symlink(&rig.device, &name).expect("a link");
+    let link = connect(&name.display().to_string());
+    until(&link, None, connected);
+    until(&link, Some(&command()), |_| rig.moving());
+
+    rig.unplug();
+    let gone = |e: &LinkEvent| matches!(e, LinkEvent::Disconnected { .. });
+    let (_, took_s) = until(&link, None, |all| event(all, gone));
+    assert!(took_s < 0.05, "flagged after {took_s} s");
+
+    std::fs::remove_file(&name).expect("unlinked");
+    let again = Rig::plug_in(&[0, 1], 2);
+    std::os::unix::fs::symlink(&again.device, &name).expect("a link");
+    let t0 = start();
+    until(&link, None, |all| connected(all) && frames(all).len() > 10);
+    assert!(t0.elapsed().as_secs_f64() < 2.0);
+    // The old command still comes, as from a twin that has not noticed.
+    let t0 = start();
+    until(&link, Some(&command()), |_| {
+        assert!(!again.moving(), "moves by itself");
+        t0.elapsed() > Duration::from_millis(300)
+    });
+    link.send(LinkOutput::ClearCommand).expect("room");
+    until(&link, Some(&command()), |_| again.moving());
+    drop(link);
+    let _ = std::fs::remove_dir_all(&folder);
+}
+
+#[test]
+fn what_nobody_fetches_is_dropped_and_counted() {
+    let rig = Rig::plug_in(&[0, 1], 1);
+    let link = connect(&rig.name());
+    let t0 = start();
+    while link.dropped() < 20 && t0.elapsed() < Duration::from_secs(10) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(link.dropped() >= 20);
+    until(&link, None, |all| all.len() >= INPUT_QUEUE);
+}
+
+#[test]
+fn refusals_name_the_port_and_its_owner() {
+    let e = open("", start(), Config::built_in(), Origin::Hardware).expect_err("no name");
+    assert!(matches!(e, LinkError::Ports(_)), "{e}");
+    let nowhere = "/dev/springtwin-none";
+    let e = open(nowhere, start(), Config::built_in(), Origin::Hardware).expect_err("no such port");
+    assert!(e.to_string().contains(nowhere), "{e}");
+    assert!(e.to_string().contains("Check the cable"), "{e}");
+
+    let rig = Rig::plug_in(&[0, 1], 1);
+    let _first = connect(&rig.name());
+    let e = open(&rig.name(), start(), Config::built_in(), Origin::Hardware).expect_err("busy");
+    let said = e.to_string();
+    if cfg!(target_os = "linux") {
+        let own = format!("process {}", std::process::id());
+        assert!(said.contains(&own), "{said}");
+    }
+}
