@@ -63,6 +63,9 @@ pub struct RigArgs {
     /// Send emulated motion capture to this address
     #[arg(long, value_name = "IP:PORT")]
     vicon: Option<std::net::SocketAddr>,
+    /// End when the starting process ends
+    #[arg(long, hide = true)]
+    with_parent: bool,
 }
 
 /// Mean, RMSE, 95th percentile and maximum of errors.
@@ -184,7 +187,7 @@ pub fn board_config(robot: &RobotSpec) -> Config {
 }
 
 /// `run --headless`.
-pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
+pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps(None)?;
     let twin = Twin::new(robot, maps, model::sensing(robot, None)?);
@@ -194,7 +197,7 @@ pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     let port: Box<dyn Port> = if simulated_time {
         Box::new(InProcess::new(robot, &rig_options(a.payload, a.seed), board_config(robot))?)
     } else if a.rig == "pty" {
-        Box::new(SerialRig::spawn(robot, a.payload, a.seed, start)?)
+        Box::new(SerialRig::spawn(a.payload, a.seed, robot_file, robot, start)?)
     } else {
         Box::new(SerialRig::open(&a.rig, robot, start)?)
     };
@@ -275,7 +278,7 @@ pub struct GotoArgs {
 }
 
 /// `goto`.
-pub fn goto(a: &GotoArgs, robot: &RobotSpec) -> Result<Report> {
+pub fn goto(a: &GotoArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     let run_args = RunArgs {
         headless: true,
         seconds: a.seconds,
@@ -285,7 +288,7 @@ pub fn goto(a: &GotoArgs, robot: &RobotSpec) -> Result<Report> {
         payload: a.payload,
         seed: a.seed,
     };
-    run(&run_args, robot)
+    run(&run_args, robot_file, robot)
 }
 
 /// `rig`: the virtual rig as a process.
@@ -300,8 +303,8 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     println!("{}", pty.port.display());
     std::io::stdout().flush().context("cannot print the port")?;
     let parent = nix::unistd::getppid();
-    // A rig whose starter is gone has nobody left to serve.
-    pty.run(&mut rig, a.vicon, || nix::unistd::getppid() == parent)?;
+    // A rig that belongs to a program has nobody left to serve when that is gone.
+    pty.run(&mut rig, a.vicon, || !a.with_parent || nix::unistd::getppid() == parent)?;
     Ok(super::silent())
 }
 

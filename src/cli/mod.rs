@@ -5,6 +5,9 @@
 
 mod args;
 mod data;
+mod live;
+mod model;
+mod ports;
 mod simulate;
 
 use std::path::{Path, PathBuf};
@@ -38,6 +41,16 @@ enum Command {
     /// Generate or merge datasets of settled samples
     #[command(subcommand)]
     Dataset(data::DatasetCommand),
+    /// Train the networks
+    Train(data::TrainArgs),
+    /// Pose from springs and IMUs of a session, against its motion capture
+    Estimate(data::EstimateArgs),
+    /// Run the twin on a rig
+    Run(live::RunArgs),
+    /// Steer the tip to a point and tell how it went
+    Goto(live::GotoArgs),
+    /// The virtual rig on a pseudo-terminal, speaking the wire protocol; prints the port
+    Rig(live::RigArgs),
     /// Print shell completions
     Completions {
         /// Which shell
@@ -90,6 +103,11 @@ fn run(cli: &Cli) -> Result<Report> {
         None => anyhow::bail!("no command was given: see springtwin --help"),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
+        Some(Command::Train(a)) => data::train(a, cli.json),
+        Some(Command::Estimate(a)) => data::estimate(a),
+        Some(Command::Run(a)) => live::run(a, cli.robot.as_deref(), &robot),
+        Some(Command::Goto(a)) => live::goto(a, cli.robot.as_deref(), &robot),
+        Some(Command::Rig(a)) => live::rig(a, &robot),
         Some(Command::Completions { shell }) => {
             clap_complete::generate(*shell, &mut Cli::command(), "springtwin", &mut std::io::stdout());
             Ok(silent())

@@ -1,12 +1,24 @@
 //! The two ways to the boards: a rig in this process on simulated time, and a serial port.
 
+use std::io::{BufRead as _, BufReader};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+
+use super::live::board_config;
+use springtwin::link::mocap::{self, MocapReceiver};
+use springtwin::link::serial::{self, LinkInput, LinkOutput, SerialLink};
+use springtwin::link::wire::Config;
+use springtwin::link::wire::objects::END_PAD;
 use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
+use springtwin::signal::{GroundTruth, LinkStatus, Pose, PressureCommand, Stamp, TruthSource};
 use springtwin::sim::SimError;
 use springtwin::twin::{Arrivals, Port};
-use springtwin::link::wire::Config;
 
 /// The line is looked at this often in simulated time, s.
 const LINE_STEP_S: f64 = 0.001;
@@ -21,7 +33,11 @@ pub struct InProcess {
 
 impl InProcess {
     /// A settled rig with booting boards.
-    pub fn new(robot: &RobotSpec, options: &RigOptions, config: Config) -> Result<Self, SimError> {
+    pub fn new(
+        robot: &RobotSpec,
+        options: &RigOptions,
+        config: Config,
+    ) -> std::result::Result<Self, SimError> {
         Ok(Self {
             rig: VirtualRig::new(robot, options)?,
             session: HostSession::new("virtual rig", Origin::Simulated, config),
@@ -68,5 +84,111 @@ impl Port for InProcess {
 
     fn reset(&mut self, _now: Stamp) {
         self.session.reset();
+    }
+}
+
+/// Boards on a serial port, with motion capture from the network if somebody sends it. May own
+/// the rig process at the other end.
+pub struct SerialRig {
+    link: SerialLink,
+    mocap: Option<MocapReceiver>,
+    truth: TruthSource,
+    status: LinkStatus,
+    rig: Option<Child>,
+}
+
+impl SerialRig {
+    /// Opens the port(s) of real boards; motion capture is received on loopback if it can be bound.
+    pub fn open(names: &str, robot: &RobotSpec, start: Instant) -> Result<Self> {
+        let link = serial::open(names, start, board_config(robot), Origin::Hardware)?;
+        let mocap = MocapReceiver::open(mocap::default_address(), &[Ipv4Addr::LOCALHOST.into()], start)
+            .inspect_err(|e| log::warn!("no motion capture: {e}"))
+            .ok();
+        Ok(Self { link, mocap, truth: TruthSource::Vicon, status: LinkStatus::default(), rig: None })
+    }
+
+    /// Starts a rig process behind a pseudo-terminal and opens its port.
+    pub fn spawn(payload_kg: f64, seed: u64, robot_file: Option<&Path>, robot: &RobotSpec, start: Instant) -> Result<Self> {
+        let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        let mocap = MocapReceiver::open(any_port, &[Ipv4Addr::LOCALHOST.into()], start)?;
+        let program = std::env::current_exe().context("cannot find this program's own file")?;
+        let mut command = std::process::Command::new(program);
+        command
+            .args(["rig", "--with-parent", "--vicon", &mocap.address().to_string()])
+            .args(["--payload", &payload_kg.to_string(), "--seed", &seed.to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped());
+        if let Some(file) = robot_file {
+            command.arg("--robot").arg(file);
+        }
+        let mut rig = command.spawn().context("cannot start the virtual rig's process")?;
+        let mut port = String::new();
+        if let Some(out) = rig.stdout.take() {
+            BufReader::new(out).read_line(&mut port).context("the virtual rig does not name its port")?;
+        }
+        anyhow::ensure!(!port.trim().is_empty(), "the virtual rig's process ended before it named its port");
+        let link = serial::open(port.trim(), start, board_config(robot), Origin::Simulated);
+        let link = link.inspect_err(|_| {
+            // The rig would end by itself, but not before the program does.
+            let _ = rig.kill();
+        })?;
+        Ok(Self {
+            link,
+            mocap: Some(mocap),
+            truth: TruthSource::VirtualRig,
+            status: LinkStatus::default(),
+            rig: Some(rig),
+        })
+    }
+
+    fn tell(&self, output: LinkOutput) {
+        if let Err(e) = self.link.send(output) {
+            log::warn!("{e}");
+        }
+    }
+}
+
+impl Port for SerialRig {
+    fn poll(&mut self, _now: Stamp) -> Arrivals {
+        let mut arrivals = Arrivals::default();
+        while let Some(input) = self.link.try_recv() {
+            match input {
+                LinkInput::Frame(frame) => arrivals.frames.push(frame),
+                LinkInput::Event(event) => arrivals.notices.push(event.text()),
+                LinkInput::Status(status) => self.status = status,
+            }
+        }
+        if let Some(mocap) = &self.mocap {
+            while let Some(sample) = mocap.try_recv() {
+                if sample.name == END_PAD {
+                    // The motion-capture world is the robot's base until they are registered.
+                    arrivals.truths.push(sample.ground_truth(&Pose::identity(), self.truth));
+                }
+            }
+        }
+        arrivals.status = self.status.clone();
+        arrivals
+    }
+
+    fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
+        self.tell(command.map_or(LinkOutput::ClearCommand, |c| LinkOutput::Command(c.clone())));
+    }
+
+    fn estop(&mut self, _now: Stamp) {
+        self.tell(LinkOutput::Estop);
+    }
+
+    fn reset(&mut self, _now: Stamp) {
+        self.tell(LinkOutput::Reset);
+    }
+}
+
+impl Drop for SerialRig {
+    fn drop(&mut self) {
+        if let Some(rig) = &mut self.rig {
+            // Either may fail only because the process has ended already.
+            let _ = rig.kill();
+            let _ = rig.wait();
+        }
     }
 }
