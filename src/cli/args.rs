@@ -56,7 +56,11 @@ pub fn shard(text: &str) -> Result<(usize, usize), String> {
         i.parse().map_err(|_| wrong())?,
         n.parse().map_err(|_| wrong())?,
     );
-    if i == 0 || i > n { Err(wrong()) } else { Ok((i, n)) }
+    if i == 0 || i > n {
+        Err(wrong())
+    } else {
+        Ok((i, n))
+    }
 }
 
 /// Refuses a payload that the arm cannot carry.
@@ -77,9 +81,17 @@ mod tests {
     #[test]
     fn refusals_say_what_is_wrong() {
         assert_eq!(xyz_mm("60, 40,-300").map(|v| v[2]), Ok(-0.3));
-        assert!(xyz_mm("nan,0,0").unwrap_err().contains("'nan' is not a finite number"));
+        assert!(
+            xyz_mm("nan,0,0")
+                .unwrap_err()
+                .contains("'nan' is not a finite number")
+        );
         assert!(xyz_mm("1,2").unwrap_err().contains("3 numbers"));
-        assert!(six_kpa("1,2,3,4,5,x").unwrap_err().contains("'x' is not a number"));
+        assert!(
+            six_kpa("1,2,3,4,5,x")
+                .unwrap_err()
+                .contains("'x' is not a number")
+        );
         assert!(shard("0/4").is_err() && shard("5/4").is_err() && shard("2/4") == Ok((2, 4)));
         assert!(not_negative("-1").is_err() && not_negative("inf").is_err());
     }

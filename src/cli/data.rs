@@ -37,7 +37,12 @@ pub enum DatasetCommand {
 #[derive(Args)]
 pub struct GenerateArgs {
     /// So many samples, pressures uniform in their range
-    #[arg(long, value_name = "N", conflicts_with = "grid", required_unless_present = "grid")]
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with = "grid",
+        required_unless_present = "grid"
+    )]
     samples: Option<usize>,
     /// Every combination of this many pressures per chamber (3: 729 samples)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=6))]
@@ -78,7 +83,8 @@ fn bar(total: usize, quiet: bool) -> ProgressBar {
         return ProgressBar::hidden();
     }
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}");
-    ProgressBar::new(total as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    ProgressBar::new(total as u64)
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 pub fn dataset(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Result<Report> {
@@ -107,7 +113,10 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
         bar.set_position(done as u64);
         ControlFlow::Continue(())
     };
-    #[expect(clippy::disallowed_methods, reason = "wall time of the command, for the report")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the command, for the report"
+    )]
     let start = std::time::Instant::now();
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
     let (data, left_out) = match a.simulator {
@@ -120,8 +129,14 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
     Ok(Report {
         text: format!(
             "{} settled samples by the {} in {seconds:.1} s to {}{}",
-            data.samples.len(), data.source, a.out.display(),
-            if left_out > 0 { format!(" ({left_out} without equilibrium left out)") } else { String::new() },
+            data.samples.len(),
+            data.source,
+            a.out.display(),
+            if left_out > 0 {
+                format!(" ({left_out} without equilibrium left out)")
+            } else {
+                String::new()
+            },
         ),
         json: json!({
             "samples": data.samples.len(), "left_out": left_out, "seconds": seconds,
@@ -140,7 +155,10 @@ fn rig_samples(
     range: std::ops::Range<usize>,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<(Dataset, usize)> {
-    let options = RigOptions { seed: plan.seed, ..live::rig_options(0.0, plan.seed) };
+    let options = RigOptions {
+        seed: plan.seed,
+        ..live::rig_options(0.0, plan.seed)
+    };
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut sensing = model::sensing(robot, None)?;
     let mut data = Dataset {
@@ -210,7 +228,9 @@ fn merge(shards: &[PathBuf], out: &Path) -> Result<Report> {
             None => joined = Some(shard),
             Some(j) => {
                 anyhow::ensure!(
-                    j.source == shard.source && j.seed == shard.seed && j.robot_hash == shard.robot_hash,
+                    j.source == shard.source
+                        && j.seed == shard.seed
+                        && j.robot_hash == shard.robot_hash,
                     "{} comes from another run than {}: merge shards of one run only",
                     path.display(),
                     shards[0].display()
@@ -253,13 +273,24 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     };
     let data = read_dataset(&a.data)?;
     let real = a.real.as_deref().map(real_samples).transpose()?;
-    #[expect(clippy::disallowed_methods, reason = "wall time of the command, for the report")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the command, for the report"
+    )]
     let start = std::time::Instant::now();
-    let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
-    let mut watch = |p: &learn::Progress| {
+    let bar = if quiet {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new_spinner()
+    };
+    let mut watch = |p: learn::Progress| {
         bar.set_message(format!(
             "{:?} network {}: epoch {}/{}, validation loss {:.2e}",
-            p.stage, p.member + 1, p.epoch, p.epochs, p.validation_loss
+            p.stage,
+            p.member + 1,
+            p.epoch,
+            p.epochs,
+            p.validation_loss
         ));
         bar.tick();
         ControlFlow::Continue(())
@@ -268,7 +299,8 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     bar.finish_and_clear();
     std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
     let file = a.out.join("reference.safetensors");
-    std::fs::write(&file, trained.to_bytes()?).with_context(|| format!("cannot write {}", file.display()))?;
+    std::fs::write(&file, trained.to_bytes()?)
+        .with_context(|| format!("cannot write {}", file.display()))?;
     let seconds = start.elapsed().as_secs_f64();
     let scores = serde_json::to_value(&trained.scores)?;
     Ok(Report {
@@ -301,7 +333,12 @@ fn real_samples(path: &Path) -> Result<Dataset> {
             })
         })
         .collect();
-    Ok(Dataset { samples, source: log.name.clone(), seed: 0, robot_hash: String::new() })
+    Ok(Dataset {
+        samples,
+        source: log.name.clone(),
+        seed: 0,
+        robot_hash: String::new(),
+    })
 }
 
 #[derive(Args)]
@@ -334,7 +371,10 @@ pub fn estimate(a: &EstimateArgs) -> Result<Report> {
         let got = to_pose(&eval.pose);
         let e = pose_error(&got, truth);
         distance_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
-        let (a, b) = (ypr_from_rotation(&got.rotation), ypr_from_rotation(&truth.rotation));
+        let (a, b) = (
+            ypr_from_rotation(&got.rotation),
+            ypr_from_rotation(&truth.rotation),
+        );
         for i in 0..3 {
             angle_deg[i].push((a[i] - b[i]).to_degrees().abs());
         }
@@ -364,7 +404,11 @@ pub fn estimate(a: &EstimateArgs) -> Result<Report> {
             spread["p95"].as_f64().unwrap_or(f64::NAN),
             coverage[0] * 100.0,
             coverage[1] * 100.0,
-            if left_out > 0 { format!("; {left_out} rows with gaps left out") } else { String::new() },
+            if left_out > 0 {
+                format!("; {left_out} rows with gaps left out")
+            } else {
+                String::new()
+            },
         ),
         json: json!({
             "error": {

@@ -99,7 +99,12 @@ struct Tally {
 }
 
 impl Tally {
-    fn take(&mut self, snapshot: &std::sync::Arc<Snapshot>, events: &[Event], target: Option<&Goal>) {
+    fn take(
+        &mut self,
+        snapshot: &std::sync::Arc<Snapshot>,
+        events: &[Event],
+        target: Option<&Goal>,
+    ) {
         for event in events {
             log::info!("{:8.3} s  {}", snapshot.stamp.seconds(), event.text());
             match event {
@@ -114,10 +119,12 @@ impl Tally {
         if let (Some(estimate), Some(truth)) = (&snapshot.estimate, &snapshot.truth) {
             let e = pose_error(&estimate.base_from_tip, &truth.base_from_tip);
             self.tip_error_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
-            self.rotation_error_deg.push(e.fixed_rows::<3>(3).norm().to_degrees());
+            self.rotation_error_deg
+                .push(e.fixed_rows::<3>(3).norm().to_degrees());
         }
         if let (Some(target), Some(truth)) = (target, &snapshot.truth) {
-            let d = truth.base_from_tip.translation.vector - nalgebra::Vector3::from(target.position_m);
+            let d =
+                truth.base_from_tip.translation.vector - nalgebra::Vector3::from(target.position_m);
             self.target_error_mm.push_back(d.norm() * 1e3);
             if self.target_error_mm.len() > 100 {
                 self.target_error_mm.pop_front();
@@ -131,22 +138,47 @@ impl Tally {
         let rotation = spread(&self.rotation_error_deg);
         let target = (!self.target_error_mm.is_empty())
             .then(|| self.target_error_mm.iter().sum::<f64>() / self.target_error_mm.len() as f64);
-        let link = self.last.as_ref().map(|s| s.link.clone()).unwrap_or_default();
-        let mode = self.last.as_ref().map(|s| mode_word(&s.mode)).unwrap_or("disarmed");
+        let link = self
+            .last
+            .as_ref()
+            .map(|s| s.link.clone())
+            .unwrap_or_default();
+        let mode = self
+            .last
+            .as_ref()
+            .map(|s| mode_word(&s.mode))
+            .unwrap_or("disarmed");
         let show = |v: &Value, unit: &str| {
-            v["mean"].as_f64().map_or("no ground truth".to_owned(), |m| format!("{m:.2} {unit} mean"))
+            v["mean"]
+                .as_f64()
+                .map_or("no ground truth".to_owned(), |m| {
+                    format!("{m:.2} {unit} mean")
+                })
         };
-        let simulated = if link.simulated { " (simulated rig)" } else { "" };
+        let simulated = if link.simulated {
+            " (simulated rig)"
+        } else {
+            ""
+        };
         Report {
             text: format!(
                 "{seconds:.1} s on {}{simulated}, {} ticks, {} missed, {} frames, {} lost\n\
                  predicted against motion capture: {}, {}\n\
                  {}mode {mode}{}",
-                link.source, pace.ticks, pace.missed, link.frames, link.frames_lost,
-                show(&tip, "mm"), show(&rotation, "deg"),
+                link.source,
+                pace.ticks,
+                pace.missed,
+                link.frames,
+                link.frames_lost,
+                show(&tip, "mm"),
+                show(&rotation, "deg"),
                 target.map_or(String::new(), |t| format!(
                     "true tip {t:.2} mm from the target ({})\n",
-                    if self.reached { format!("settled after {} steps", self.steps) } else { "not settled".to_owned() }
+                    if self.reached {
+                        format!("settled after {} steps", self.steps)
+                    } else {
+                        "not settled".to_owned()
+                    }
                 )),
                 record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display())),
             ),
@@ -177,7 +209,10 @@ pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
     RigOptions {
         unit: Unit::default(),
         seed,
-        surroundings: Surroundings { payload_kg, ..Surroundings::default() },
+        surroundings: Surroundings {
+            payload_kg,
+            ..Surroundings::default()
+        },
     }
 }
 
@@ -191,13 +226,22 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps(None)?;
     let twin = Twin::new(robot, maps, model::sensing(robot, None)?);
-    #[expect(clippy::disallowed_methods, reason = "the command owns the main thread and its time")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the command owns the main thread and its time"
+    )]
     let start = std::time::Instant::now();
     let simulated_time = a.rig == "sim";
     let port: Box<dyn Port> = if simulated_time {
-        Box::new(InProcess::new(robot, &rig_options(a.payload, a.seed), board_config(robot))?)
+        Box::new(InProcess::new(
+            robot,
+            &rig_options(a.payload, a.seed),
+            board_config(robot),
+        )?)
     } else if a.rig == "pty" {
-        Box::new(SerialRig::spawn(a.payload, a.seed, robot_file, robot, start)?)
+        Box::new(SerialRig::spawn(
+            a.payload, a.seed, robot_file, robot, start,
+        )?)
     } else {
         Box::new(SerialRig::open(&a.rig, robot, start)?)
     };
@@ -205,31 +249,32 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     let goal = a.target.map(Goal::position);
     let mut tally = Tally::default();
     let mut asked = false;
-    let each = |snapshot: &std::sync::Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
-        let first = tally.last.is_none();
-        tally.take(snapshot, events, goal.as_ref());
-        if first {
-            commands.push(Command::DeclarePayload(a.payload));
-            if let Some(path) = &a.record {
-                commands.push(Command::StartRecording(path.clone()));
+    let each =
+        |snapshot: &std::sync::Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
+            let first = tally.last.is_none();
+            tally.take(snapshot, events, goal.as_ref());
+            if first {
+                commands.push(Command::DeclarePayload(a.payload));
+                if let Some(path) = &a.record {
+                    commands.push(Command::StartRecording(path.clone()));
+                }
             }
-        }
-        // A second of data at rest lets the orientation filters settle before anything moves.
-        let ready = snapshot.link.connected && snapshot.link.frames > 100;
-        if let Some(goal) = &goal
-            && ready
-            && !asked
-        {
-            asked = true;
-            commands.push(Command::Goto(goal.clone()));
-        }
-        let late = snapshot.stamp.seconds() > HELLO_S && !snapshot.link.connected && !asked;
-        if snapshot.stamp.seconds() >= a.seconds || tally.refused.is_some() || late {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    };
+            // A second of data at rest lets the orientation filters settle before anything moves.
+            let ready = snapshot.link.connected && snapshot.link.frames > 100;
+            if let Some(goal) = &goal
+                && ready
+                && !asked
+            {
+                asked = true;
+                commands.push(Command::Goto(goal.clone()));
+            }
+            let late = snapshot.stamp.seconds() > HELLO_S && !snapshot.link.connected && !asked;
+            if snapshot.stamp.seconds() >= a.seconds || tally.refused.is_some() || late {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
     let pace = if simulated_time {
         run_in_simulated_time(&mut runner, each)
     } else {
@@ -297,14 +342,19 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     use std::io::Write as _;
 
     args::payload_in_range(robot, a.payload)?;
-    let options = RigOptions { unit: Unit(a.unit), ..rig_options(a.payload, a.seed) };
+    let options = RigOptions {
+        unit: Unit(a.unit),
+        ..rig_options(a.payload, a.seed)
+    };
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut pty = springtwin::rig::pty::Pty::open(a.link.as_deref())?;
     println!("{}", pty.port.display());
     std::io::stdout().flush().context("cannot print the port")?;
     let parent = nix::unistd::getppid();
     // A rig that belongs to a program has nobody left to serve when that is gone.
-    pty.run(&mut rig, a.vicon, || !a.with_parent || nix::unistd::getppid() == parent)?;
+    pty.run(&mut rig, a.vicon, || {
+        !a.with_parent || nix::unistd::getppid() == parent
+    })?;
     Ok(super::silent())
 }
 

@@ -109,7 +109,12 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Goto(a)) => live::goto(a, cli.robot.as_deref(), &robot),
         Some(Command::Rig(a)) => live::rig(a, &robot),
         Some(Command::Completions { shell }) => {
-            clap_complete::generate(*shell, &mut Cli::command(), "springtwin", &mut std::io::stdout());
+            clap_complete::generate(
+                *shell,
+                &mut Cli::command(),
+                "springtwin",
+                &mut std::io::stdout(),
+            );
             Ok(silent())
         }
         Some(Command::Man) => {
@@ -120,7 +125,10 @@ fn run(cli: &Cli) -> Result<Report> {
 }
 
 fn silent() -> Report {
-    Report { text: String::new(), json: Value::Null }
+    Report {
+        text: String::new(),
+        json: Value::Null,
+    }
 }
 
 fn load_robot(path: Option<&Path>) -> Result<RobotSpec> {

@@ -18,7 +18,8 @@ pub fn model(path: Option<&Path>) -> Result<Model> {
     match path {
         None => Model::from_bytes(MODEL).context("the built-in networks do not load"),
         Some(path) => {
-            let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let bytes =
+                std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
             Model::from_bytes(&bytes).with_context(|| path.display().to_string())
         }
     }
@@ -31,15 +32,26 @@ pub fn maps(path: Option<&Path>) -> Result<Maps> {
         .guess
         .samples()
         .iter()
-        .map(|s| (s.chamber_pa.map(f64::from), std::array::from_fn(|k| f64::from(s.pose[k]))))
+        .map(|s| {
+            (
+                s.chamber_pa.map(f64::from),
+                std::array::from_fn(|k| f64::from(s.pose[k])),
+            )
+        })
         .collect();
-    Ok(Maps { pose: Arc::new(model.cascade), plant: Arc::new(model.plant), seeds: Arc::new(seeds) })
+    Ok(Maps {
+        pose: Arc::new(model.cascade),
+        plant: Arc::new(model.plant),
+        seeds: Arc::new(seeds),
+    })
 }
 
 /// Sensing with the shipped calibration of the virtual rig, or the one in a file.
 pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
     let calibration = match path {
-        None => Calibration::from_toml(CALIBRATION).context("the built-in calibration does not load")?,
+        None => {
+            Calibration::from_toml(CALIBRATION).context("the built-in calibration does not load")?
+        }
         Some(path) => {
             let text = super::read_text(path)?;
             Calibration::from_toml(&text).with_context(|| path.display().to_string())?

@@ -66,7 +66,9 @@ impl Port for InProcess {
             }
         }
         arrivals.frames = std::iter::from_fn(|| self.session.next_frame()).collect();
-        arrivals.notices = std::iter::from_fn(|| self.session.next_event()).map(|e| e.text()).collect();
+        arrivals.notices = std::iter::from_fn(|| self.session.next_event())
+            .map(|e| e.text())
+            .collect();
         arrivals.status = self.session.status(now);
         arrivals
     }
@@ -101,32 +103,65 @@ impl SerialRig {
     /// Opens the port(s) of real boards; motion capture is received on loopback if it can be bound.
     pub fn open(names: &str, robot: &RobotSpec, start: Instant) -> Result<Self> {
         let link = serial::open(names, start, board_config(robot), Origin::Hardware)?;
-        let mocap = MocapReceiver::open(mocap::default_address(), &[Ipv4Addr::LOCALHOST.into()], start)
-            .inspect_err(|e| log::warn!("no motion capture: {e}"))
-            .ok();
-        Ok(Self { link, mocap, truth: TruthSource::Vicon, status: LinkStatus::default(), rig: None })
+        let mocap = MocapReceiver::open(
+            mocap::default_address(),
+            &[Ipv4Addr::LOCALHOST.into()],
+            start,
+        )
+        .inspect_err(|e| log::warn!("no motion capture: {e}"))
+        .ok();
+        Ok(Self {
+            link,
+            mocap,
+            truth: TruthSource::Vicon,
+            status: LinkStatus::default(),
+            rig: None,
+        })
     }
 
     /// Starts a rig process behind a pseudo-terminal and opens its port.
-    pub fn spawn(payload_kg: f64, seed: u64, robot_file: Option<&Path>, robot: &RobotSpec, start: Instant) -> Result<Self> {
+    pub fn spawn(
+        payload_kg: f64,
+        seed: u64,
+        robot_file: Option<&Path>,
+        robot: &RobotSpec,
+        start: Instant,
+    ) -> Result<Self> {
         let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         let mocap = MocapReceiver::open(any_port, &[Ipv4Addr::LOCALHOST.into()], start)?;
         let program = std::env::current_exe().context("cannot find this program's own file")?;
         let mut command = std::process::Command::new(program);
         command
-            .args(["rig", "--with-parent", "--vicon", &mocap.address().to_string()])
-            .args(["--payload", &payload_kg.to_string(), "--seed", &seed.to_string()])
+            .args([
+                "rig",
+                "--with-parent",
+                "--vicon",
+                &mocap.address().to_string(),
+            ])
+            .args([
+                "--payload",
+                &payload_kg.to_string(),
+                "--seed",
+                &seed.to_string(),
+            ])
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
         if let Some(file) = robot_file {
             command.arg("--robot").arg(file);
         }
-        let mut rig = command.spawn().context("cannot start the virtual rig's process")?;
+        let mut rig = command
+            .spawn()
+            .context("cannot start the virtual rig's process")?;
         let mut port = String::new();
         if let Some(out) = rig.stdout.take() {
-            BufReader::new(out).read_line(&mut port).context("the virtual rig does not name its port")?;
+            BufReader::new(out)
+                .read_line(&mut port)
+                .context("the virtual rig does not name its port")?;
         }
-        anyhow::ensure!(!port.trim().is_empty(), "the virtual rig's process ended before it named its port");
+        anyhow::ensure!(
+            !port.trim().is_empty(),
+            "the virtual rig's process ended before it named its port"
+        );
         let link = serial::open(port.trim(), start, board_config(robot), Origin::Simulated);
         let link = link.inspect_err(|_| {
             // The rig would end by itself, but not before the program does.
@@ -162,7 +197,9 @@ impl Port for SerialRig {
             while let Some(sample) = mocap.try_recv() {
                 if sample.name == END_PAD {
                     // The motion-capture world is the robot's base until they are registered.
-                    arrivals.truths.push(sample.ground_truth(&Pose::identity(), self.truth));
+                    arrivals
+                        .truths
+                        .push(sample.ground_truth(&Pose::identity(), self.truth));
                 }
             }
         }

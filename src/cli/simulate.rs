@@ -45,7 +45,12 @@ pub enum Simulator {
 
 pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
-        SimCommand::Solve { pressures, simulator: Simulator::Rod, payload, force } => {
+        SimCommand::Solve {
+            pressures,
+            simulator: Simulator::Rod,
+            payload,
+            force,
+        } => {
             args::payload_in_range(robot, *payload)?;
             solve(robot, pressures, *payload, force)
         }
@@ -68,7 +73,10 @@ fn solve(
         ..Inputs::default()
     };
     // The clock only fills the `micros` of the report.
-    #[expect(clippy::disallowed_methods, reason = "wall time of one solve, for the report")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of one solve, for the report"
+    )]
     let start = Instant::now();
     let outcome = settle(&model, &mut state, &inputs)?;
     let micros = start.elapsed().as_secs_f64() * 1e6;
@@ -80,7 +88,12 @@ fn solve(
     Ok(Report {
         text: format!(
             "tip       {:8.2} {:8.2} {:8.2} mm\nyaw pitch roll {:6.2} {:6.2} {:6.2} deg\nsprings   {} mm\n{} Newton iterations, {micros:.0} us (simulated)",
-            tip_mm[0], tip_mm[1], tip_mm[2], ypr_deg[0], ypr_deg[1], ypr_deg[2],
+            tip_mm[0],
+            tip_mm[1],
+            tip_mm[2],
+            ypr_deg[0],
+            ypr_deg[1],
+            ypr_deg[2],
             springs_mm.map(|l| format!("{l:.1}")).join(" "),
             outcome.iterations,
         ),
@@ -120,19 +133,33 @@ fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
     args::payload_in_range(robot, log.payload_kg)?;
     let model = Model::nominal(robot);
     let mut state = State::rest(&model);
-    let (mut pos, mut ori, mut springs, mut imu) =
-        (Mean2::default(), Mean2::default(), Mean2::default(), Mean2::default());
+    let (mut pos, mut ori, mut springs, mut imu) = (
+        Mean2::default(),
+        Mean2::default(),
+        Mean2::default(),
+        Mean2::default(),
+    );
     let mut before_s: Option<f64> = None;
     for k in 0..log.len() {
         let chamber_pa = log.chamber_pa[k];
         if chamber_pa.iter().any(|p| !p.is_finite()) {
             continue;
         }
-        let inputs = Inputs { chamber_pa, payload_kg: log.payload_kg, ..Inputs::default() };
+        let inputs = Inputs {
+            chamber_pa,
+            payload_kg: log.payload_kg,
+            ..Inputs::default()
+        };
         let t_s = log.t_s[k];
         match before_s {
             None => settle(&model, &mut state, &inputs),
-            Some(before) => creep_to(&model, &mut state, &inputs, TWIN_TAU_S, (t_s - before).max(1e-4)),
+            Some(before) => creep_to(
+                &model,
+                &mut state,
+                &inputs,
+                TWIN_TAU_S,
+                (t_s - before).max(1e-4),
+            ),
         }
         .with_context(|| format!("{} at {t_s:.2} s", session.display()))?;
         before_s = Some(t_s);
@@ -152,11 +179,16 @@ fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
         }
     }
     let rmse = [&pos, &ori, &springs, &imu].map(Mean2::root);
-    let show = |x: Option<f64>, unit: &str| x.map_or("no data".to_owned(), |x| format!("{x:.2} {unit}"));
+    let show =
+        |x: Option<f64>, unit: &str| x.map_or("no data".to_owned(), |x| format!("{x:.2} {unit}"));
     Ok(Report {
         text: format!(
             "simulation against measurement, RMSE over {} samples: position {}, orientation {}, springs {}, IMUs {}",
-            log.len(), show(rmse[0], "mm"), show(rmse[1], "deg"), show(rmse[2], "mm"), show(rmse[3], "deg"),
+            log.len(),
+            show(rmse[0], "mm"),
+            show(rmse[1], "deg"),
+            show(rmse[2], "mm"),
+            show(rmse[3], "deg"),
         ),
         json: json!({
             "rmse": {"pos_mm": rmse[0], "ori_deg": rmse[1], "springs_mm": rmse[2], "imu_deg": rmse[3]},

@@ -146,7 +146,8 @@ impl VirtualRig {
     /// [`SimError`] when the load is beyond what the arm can hold.
     pub fn settle_at(&mut self, chamber_pa: &[f64; CHAMBERS]) -> Result<(), SimError> {
         self.plant.settle_at(chamber_pa)?;
-        self.circuit.settle(&self.plant.observation().sensors.spring_m);
+        self.circuit
+            .settle(&self.plant.observation().sensors.spring_m);
         self.measure();
         Ok(())
     }
@@ -158,18 +159,26 @@ impl VirtualRig {
 
     fn measure(&mut self) {
         let observation = self.plant.observation();
-        self.circuit.step(PHYSICS_STEP_S, &observation.sensors.spring_m);
+        self.circuit
+            .step(PHYSICS_STEP_S, &observation.sensors.spring_m);
         let (counts, gates) = self.circuit.read(&mut self.rng);
         let [middle, end] = self.plant.pads();
-        let imu = self.inertial.read(PHYSICS_STEP_S, middle, end, &mut self.rng);
+        let imu = self
+            .inertial
+            .read(PHYSICS_STEP_S, middle, end, &mut self.rng);
         for b in 0..BOARDS {
             self.readings[b] = Readings {
                 springs: std::array::from_fn(|k| {
-                    Some(SpringReading { count: counts[6 * b + k], gate_ticks: gates[6 * b + k] })
+                    Some(SpringReading {
+                        count: counts[6 * b + k],
+                        gate_ticks: gates[6 * b + k],
+                    })
                 }),
                 imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
                 chamber_pa: std::array::from_fn(|k| {
-                    Some(self.plant.chamber_pa()[3 * b + k] + GAUGE_NOISE_PA * normal(&mut self.rng))
+                    Some(
+                        self.plant.chamber_pa()[3 * b + k] + GAUGE_NOISE_PA * normal(&mut self.rng),
+                    )
                 }),
             };
         }

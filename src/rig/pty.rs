@@ -59,11 +59,16 @@ impl Pty {
         cfmakeraw(&mut modes);
         tcsetattr(&pair.slave, SetArg::TCSANOW, &modes)?;
         let flags = OFlag::from_bits_truncate(fcntl(pair.master.as_fd(), FcntlArg::F_GETFL)?);
-        fcntl(pair.master.as_fd(), FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
+        fcntl(
+            pair.master.as_fd(),
+            FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK),
+        )?;
         let port = nix::unistd::ttyname(&pair.slave)?;
         if let Some(path) = link {
-            std::os::unix::fs::symlink(&port, path)
-                .map_err(|reason| PtyError::Link { path: path.to_owned(), reason })?;
+            std::os::unix::fs::symlink(&port, path).map_err(|reason| PtyError::Link {
+                path: path.to_owned(),
+                reason,
+            })?;
         }
         Ok(Self {
             master: File::from(pair.master),
@@ -83,7 +88,10 @@ impl Pty {
         mocap_to: Option<SocketAddr>,
         mut go_on: impl FnMut() -> bool,
     ) -> Result<(), PtyError> {
-        #[expect(clippy::disallowed_methods, reason = "the rig owns this thread and its time")]
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "the rig owns this thread and its time"
+        )]
         let start = Instant::now();
         let socket = match mocap_to {
             Some(to) => {

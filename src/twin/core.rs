@@ -8,9 +8,9 @@ use crate::learn::{PlantMap, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
-    Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus, Mode,
-    PressureCommand, RawFrame, Reach, ReachState, SensorFrame, SensorRef, Severity, Snapshot, Stamp,
-    pose_from_ypr,
+    Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus,
+    Mode, PressureCommand, RawFrame, Reach, ReachState, SensorFrame, SensorRef, Severity, Snapshot,
+    Stamp, pose_from_ypr,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
 
@@ -41,7 +41,12 @@ pub struct Maps {
 enum Phase {
     Disarmed,
     Hold,
-    Moving { goal: Goal, steps: u64, inside_since: Option<Stamp>, at_goal: bool },
+    Moving {
+        goal: Goal,
+        steps: u64,
+        inside_since: Option<Stamp>,
+        at_goal: bool,
+    },
     Safe(String),
 }
 
@@ -190,7 +195,10 @@ impl Twin {
     pub fn absorb(&mut self, raw: RawFrame) {
         let frame = self.sensing.update(&raw);
         let vector = frame.sensors.to_vector();
-        let sane = vector.iter().chain(&frame.chamber_pa).all(|x| x.is_finite())
+        let sane = vector
+            .iter()
+            .chain(&frame.chamber_pa)
+            .all(|x| x.is_finite())
             && frame.health.chambers.iter().all(|h| h.usable());
         if !sane {
             self.bad_frames += 1;
@@ -231,7 +239,10 @@ impl Twin {
                 alarms.push((Severity::Critical, text));
             }
             Some(age) if age > STALE_WARN_S => {
-                alarms.push((Severity::Warning, format!("Data are {:.0} ms old.", age * 1e3)));
+                alarms.push((
+                    Severity::Warning,
+                    format!("Data are {:.0} ms old.", age * 1e3),
+                ));
             }
             Some(_) => {}
             None => alarms.push((Severity::Info, "Waiting for the first data.".to_owned())),
@@ -243,15 +254,24 @@ impl Twin {
             let usable = sensors.health.springs_usable();
             for (i, h) in sensors.health.springs.iter().enumerate() {
                 if *h != ChannelHealth::Ok {
-                    alarms.push((Severity::Warning, format!("Spring {} is {}.", i + 1, describe(*h))));
+                    alarms.push((
+                        Severity::Warning,
+                        format!("Spring {} is {}.", i + 1, describe(*h)),
+                    ));
                 }
             }
             for (i, h) in sensors.health.imus.iter().enumerate() {
                 if *h != ChannelHealth::Ok {
-                    alarms.push((Severity::Warning, format!("IMU {} is {}.", i + 1, describe(*h))));
+                    alarms.push((
+                        Severity::Warning,
+                        format!("IMU {} is {}.", i + 1, describe(*h)),
+                    ));
                 }
             }
-            let over = sensors.chamber_pa.iter().position(|p| *p > self.robot.over_pressure_pa);
+            let over = sensors
+                .chamber_pa
+                .iter()
+                .position(|p| *p > self.robot.over_pressure_pa);
             if usable < SPRINGS_NEEDED && moving {
                 self.go_safe("too few springs give a reading", events);
             }
@@ -277,7 +297,11 @@ impl Twin {
         };
         self.alarms = alarms
             .into_iter()
-            .map(|(severity, text)| Alarm { since: since(&text, &self.alarms, self.now), severity, text })
+            .map(|(severity, text)| Alarm {
+                since: since(&text, &self.alarms, self.now),
+                severity,
+                text,
+            })
             .collect();
     }
 
@@ -300,11 +324,17 @@ impl Twin {
             Mode::AtGoal => "at goal".to_owned(),
             Mode::Safe(reason) => format!("SAFE ({reason})"),
         };
-        events.push(Event::Mode { stamp: self.now, mode });
+        events.push(Event::Mode {
+            stamp: self.now,
+            mode,
+        });
     }
 
     fn refuse(&self, reason: impl Into<String>, events: &mut Vec<Event>) {
-        events.push(Event::Refused { stamp: self.now, reason: reason.into() });
+        events.push(Event::Refused {
+            stamp: self.now,
+            reason: reason.into(),
+        });
     }
 
     fn obey(&mut self, command: &Command, events: &mut Vec<Event>) {
@@ -366,7 +396,9 @@ impl Twin {
     /// Why motion is not allowed now.
     fn not_ready(&self) -> Option<String> {
         if let Phase::Safe(reason) = &self.phase {
-            return Some(format!("SAFE ({reason}): remove the cause, then press Reset."));
+            return Some(format!(
+                "SAFE ({reason}): remove the cause, then press Reset."
+            ));
         }
         match self.last_frame {
             None => Some("No data from the boards yet: connect a rig first.".to_owned()),
@@ -436,7 +468,15 @@ impl Twin {
         }
         self.preview = None;
         self.controller.set_goal(&goal, &reach);
-        self.enter(Phase::Moving { goal, steps: 0, inside_since: None, at_goal: false }, events);
+        self.enter(
+            Phase::Moving {
+                goal,
+                steps: 0,
+                inside_since: None,
+                at_goal: false,
+            },
+            events,
+        );
     }
 
     /// The command of this tick, if the phase has one.
@@ -448,7 +488,12 @@ impl Twin {
                 return None;
             }
             Phase::Hold => self.held_pa.unwrap_or(sensors.chamber_pa),
-            Phase::Moving { goal, steps, inside_since, at_goal } => {
+            Phase::Moving {
+                goal,
+                steps,
+                inside_since,
+                at_goal,
+            } => {
                 let estimate = self.estimate.as_ref()?;
                 let out = self.controller.step(&ControlInput {
                     stamp: self.now,
@@ -472,7 +517,11 @@ impl Twin {
                     let since = *inside_since.get_or_insert(self.now);
                     if !*at_goal && self.now.since(since) >= SETTLED_S {
                         *at_goal = true;
-                        events.push(Event::Reached { stamp: self.now, distance_m, steps: *steps });
+                        events.push(Event::Reached {
+                            stamp: self.now,
+                            distance_m,
+                            steps: *steps,
+                        });
                     }
                 }
                 out.wanted_pa
@@ -492,7 +541,10 @@ impl Twin {
 
     /// The shape by the twin's own model at the measured pressures, at drawing rate.
     fn draw(&mut self) {
-        if self.shape_at.is_some_and(|t| self.now.since(t) < SHAPE_PERIOD_S) {
+        if self
+            .shape_at
+            .is_some_and(|t| self.now.since(t) < SHAPE_PERIOD_S)
+        {
             return;
         }
         let Some(sensors) = &self.sensors else { return };
@@ -522,9 +574,11 @@ fn describe(health: ChannelHealth) -> &'static str {
 /// `18 mm short, chamber 4 at +40 kPa`, as a sentence.
 pub fn unreachable_text(reach: &Reach) -> String {
     let [x, y, z] = reach.nearest_m.map(|v| v * 1e3);
-    let limit = reach.limiting_chamber.map_or(String::new(), |(chamber, pa)| {
-        format!(", chamber {chamber} at {:+.0} kPa", pa * 1e-3)
-    });
+    let limit = reach
+        .limiting_chamber
+        .map_or(String::new(), |(chamber, pa)| {
+            format!(", chamber {chamber} at {:+.0} kPa", pa * 1e-3)
+        });
     format!(
         "The target cannot be reached: {:.0} mm short{limit}. The nearest point is {x:.0}, {y:.0}, {z:.0} mm.",
         reach.distance_m * 1e3

@@ -53,7 +53,13 @@ pub struct Runner {
 impl Runner {
     /// Puts a twin on a port.
     pub fn new(twin: Twin, port: Box<dyn Port>, robot: &RobotSpec) -> Self {
-        Self { twin, port, robot: robot.clone(), recorder: None, was_safe: false }
+        Self {
+            twin,
+            port,
+            robot: robot.clone(),
+            recorder: None,
+            was_safe: false,
+        }
     }
 
     /// One tick: port, twin, port, recorder. Every frame that waited is processed; commands go
@@ -88,7 +94,9 @@ impl Runner {
         self.was_safe = self.twin.is_safe();
         for command in commands {
             match command {
-                Command::StartRecording(path) => self.start_recording(now, path, simulated, &mut events),
+                Command::StartRecording(path) => {
+                    self.start_recording(now, path, simulated, &mut events)
+                }
                 Command::StopRecording => self.stop_recording(now, &mut events),
                 _ => {}
             }
@@ -103,7 +111,13 @@ impl Runner {
         (snapshot, events)
     }
 
-    fn start_recording(&mut self, now: Stamp, path: &Path, simulated: bool, events: &mut Vec<Event>) {
+    fn start_recording(
+        &mut self,
+        now: Stamp,
+        path: &Path,
+        simulated: bool,
+        events: &mut Vec<Event>,
+    ) {
         if self.recorder.is_some() {
             events.push(Event::Refused {
                 stamp: now,
@@ -111,7 +125,9 @@ impl Runner {
             });
             return;
         }
-        let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let name = path
+            .file_stem()
+            .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         let meta = SessionMeta {
             name: name.clone(),
             robot_name: self.robot.name.clone(),
@@ -126,13 +142,18 @@ impl Runner {
                 let text = format!("Recording to {}.", path.display());
                 events.push(Event::Recording { stamp: now, text });
             }
-            Err(e) => events.push(Event::Refused { stamp: now, reason: e.to_string() }),
+            Err(e) => events.push(Event::Refused {
+                stamp: now,
+                reason: e.to_string(),
+            }),
         }
     }
 
     /// Closes the recording, if one runs.
     pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
-        let Some((path, recorder)) = self.recorder.take() else { return };
+        let Some((path, recorder)) = self.recorder.take() else {
+            return;
+        };
         self.twin.observe_recording(None);
         let text = match recorder.stop() {
             Ok(summary) if summary.dropped > 0 => format!(
@@ -141,7 +162,11 @@ impl Runner {
                 summary.written,
                 summary.dropped
             ),
-            Ok(summary) => format!("Recorded {} ({} snapshots).", path.display(), summary.written),
+            Ok(summary) => format!(
+                "Recorded {} ({} snapshots).",
+                path.display(),
+                summary.written
+            ),
             Err(e) => e.to_string(),
         };
         events.push(Event::Recording { stamp: now, text });
@@ -219,31 +244,43 @@ pub fn spawn(
     let (feed_tx, feed_rx) = sync_channel(FEED);
     let latest = Arc::new(Mutex::new(Arc::new(Snapshot::default())));
     let published = Arc::clone(&latest);
-    std::thread::Builder::new().name("twin".to_owned()).spawn(move || {
-        run_in_real_time(&mut runner, start, |snapshot, events, commands| {
-            match published.lock() {
-                Ok(mut slot) => *slot = Arc::clone(snapshot),
-                Err(poisoned) => *poisoned.into_inner() = Arc::clone(snapshot),
-            }
-            // A window that does not keep up loses history, never the control loop its time.
-            let _ = feed_tx.try_send(Arc::clone(snapshot));
-            for event in events {
-                let _ = event_tx.try_send(event.clone());
-            }
-            repaint();
-            loop {
-                match command_rx.try_recv() {
-                    Ok(command) => commands.push(command),
-                    Err(std::sync::mpsc::TryRecvError::Empty) => return std::ops::ControlFlow::Continue(()),
-                    // The window is gone: nobody could press STOP any more.
-                    Err(std::sync::mpsc::TryRecvError::Disconnected) => {
-                        return std::ops::ControlFlow::Break(());
+    std::thread::Builder::new()
+        .name("twin".to_owned())
+        .spawn(move || {
+            run_in_real_time(&mut runner, start, |snapshot, events, commands| {
+                match published.lock() {
+                    Ok(mut slot) => *slot = Arc::clone(snapshot),
+                    Err(poisoned) => *poisoned.into_inner() = Arc::clone(snapshot),
+                }
+                // A window that does not keep up loses history, never the control loop its time.
+                let _ = feed_tx.try_send(Arc::clone(snapshot));
+                for event in events {
+                    let _ = event_tx.try_send(event.clone());
+                }
+                repaint();
+                loop {
+                    match command_rx.try_recv() {
+                        Ok(command) => commands.push(command),
+                        Err(std::sync::mpsc::TryRecvError::Empty) => {
+                            return std::ops::ControlFlow::Continue(());
+                        }
+                        // The window is gone: nobody could press STOP any more.
+                        Err(std::sync::mpsc::TryRecvError::Disconnected) => {
+                            return std::ops::ControlFlow::Break(());
+                        }
                     }
                 }
-            }
-        });
-        let mut last = Vec::new();
-        runner.stop_recording(Stamp::from_seconds(start.elapsed().as_secs_f64()), &mut last);
-    })?;
-    Ok(Handle { commands: command_tx, events: event_rx, feed: feed_rx, latest })
+            });
+            let mut last = Vec::new();
+            runner.stop_recording(
+                Stamp::from_seconds(start.elapsed().as_secs_f64()),
+                &mut last,
+            );
+        })?;
+    Ok(Handle {
+        commands: command_tx,
+        events: event_rx,
+        feed: feed_rx,
+        latest,
+    })
 }

@@ -9,7 +9,12 @@ fn table() -> BTreeMap<String, Vec<String>> {
     let mut rooms = BTreeMap::new();
     for line in text.lines().filter(|l| l.starts_with("| `")) {
         let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-        let room = cells[0].trim_matches('`').split('`').next().unwrap_or("").to_owned();
+        let room = cells[0]
+            .trim_matches('`')
+            .split('`')
+            .next()
+            .unwrap_or("")
+            .to_owned();
         let may = cells[2].to_owned();
         let words = may
             .split(|c: char| !c.is_alphanumeric() && c != '_')
@@ -44,9 +49,15 @@ fn imports(text: &str) -> Vec<String> {
         let rest = &text[at + "crate::".len()..];
         if let Some(list) = rest.strip_prefix('{') {
             let list = list.split('}').next().unwrap_or("");
-            found.extend(list.split(',').map(|w| w.trim().split("::").next().unwrap_or("").to_owned()));
+            found.extend(
+                list.split(',')
+                    .map(|w| w.trim().split("::").next().unwrap_or("").to_owned()),
+            );
         } else {
-            let word: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+            let word: String = rest
+                .chars()
+                .take_while(|c| c.is_alphanumeric() || *c == '_')
+                .collect();
             found.push(word);
         }
     }
@@ -66,7 +77,10 @@ fn rooms_import_only_what_the_table_allows() {
         let mut files = Vec::new();
         sources(&root().join("src").join(room), &mut files);
         for file in files {
-            if file.file_name().is_some_and(|n| n.to_string_lossy().contains("test")) {
+            if file
+                .file_name()
+                .is_some_and(|n| n.to_string_lossy().contains("test"))
+            {
                 continue;
             }
             let text = std::fs::read_to_string(&file).expect("source");
@@ -82,11 +96,18 @@ fn rooms_import_only_what_the_table_allows() {
                 } else {
                     may.contains(&import)
                 };
-                assert!(allowed, "{} imports {import}, which room {room} may not", file.display());
+                assert!(
+                    allowed,
+                    "{} imports {import}, which room {room} may not",
+                    file.display()
+                );
             }
         }
     }
-    assert!(edges > 20, "only {edges} edges found: the test looks in the wrong place");
+    assert!(
+        edges > 20,
+        "only {edges} edges found: the test looks in the wrong place"
+    );
 }
 
 #[test]
@@ -94,8 +115,16 @@ fn only_the_rooms_with_a_licence_for_it_do_io() {
     let mut files = Vec::new();
     sources(&root().join("src"), &mut files);
     for file in files {
-        let relative = file.strip_prefix(root().join("src")).expect("inside").to_owned();
-        let room = relative.iter().next().unwrap_or_default().to_string_lossy().into_owned();
+        let relative = file
+            .strip_prefix(root().join("src"))
+            .expect("inside")
+            .to_owned();
+        let room = relative
+            .iter()
+            .next()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
         if ["link", "recording", "rig", "cli"].contains(&room.as_str()) {
             continue;
         }
@@ -103,7 +132,11 @@ fn only_the_rooms_with_a_licence_for_it_do_io() {
         let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or("");
         for word in ["std::fs", "std::net", "println!", "File::", "serialport"] {
             let in_test = file.to_string_lossy().contains("test");
-            assert!(in_test || !text.contains(word), "{} uses {word}", file.display());
+            assert!(
+                in_test || !text.contains(word),
+                "{} uses {word}",
+                file.display()
+            );
         }
     }
 }

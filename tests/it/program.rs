@@ -16,7 +16,11 @@ pub fn springtwin(args: &[&str]) -> Output {
 
 pub fn json(args: &[&str]) -> Value {
     let out = springtwin(args);
-    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    assert!(
+        out.status.success(),
+        "{args:?}: {}",
+        String::from_utf8_lossy(&out.stderr)
+    );
     serde_json::from_slice(&out.stdout).expect("one JSON object on standard output")
 }
 
@@ -24,7 +28,11 @@ pub fn json(args: &[&str]) -> Value {
 fn refusal(args: &[&str]) -> (i32, String) {
     let out = springtwin(args);
     let text = String::from_utf8_lossy(&out.stderr).trim().to_owned();
-    assert_eq!(text.lines().count(), 1, "{args:?} should give one sentence: {text}");
+    assert_eq!(
+        text.lines().count(),
+        1,
+        "{args:?} should give one sentence: {text}"
+    );
     (out.status.code().expect("no signal"), text)
 }
 
@@ -47,40 +55,108 @@ fn solving_tells_the_pose() {
 #[test]
 fn bad_input_gets_one_sentence() {
     let (code, text) = refusal(&["run", "--headless", "--target", "nan,0,-300"]);
-    assert!(code == 2 && text.contains("'nan' is not a finite number"), "{code} {text}");
+    assert!(
+        code == 2 && text.contains("'nan' is not a finite number"),
+        "{code} {text}"
+    );
     let (code, text) = refusal(&["estimate", "/no/such/session"]);
-    assert!(code == 1 && text.contains("/no/such/session"), "{code} {text}");
-    let (code, text) = refusal(&["run", "--headless", "--rig", "/dev/no-such-port", "--seconds", "1"]);
-    assert!(code == 1 && text.contains("/dev/no-such-port"), "{code} {text}");
+    assert!(
+        code == 1 && text.contains("/no/such/session"),
+        "{code} {text}"
+    );
+    let (code, text) = refusal(&[
+        "run",
+        "--headless",
+        "--rig",
+        "/dev/no-such-port",
+        "--seconds",
+        "1",
+    ]);
+    assert!(
+        code == 1 && text.contains("/dev/no-such-port"),
+        "{code} {text}"
+    );
     let dir = scratch("bad-robot");
     let file = dir.join("robot.toml");
     std::fs::write(&file, "name = \"x\"\n[base\n").expect("write");
-    let out = springtwin(&["--robot", file.to_str().expect("utf-8"), "sim", "solve", "--pressures", "0,0,0,0,0,0"]);
+    let out = springtwin(&[
+        "--robot",
+        file.to_str().expect("utf-8"),
+        "sim",
+        "solve",
+        "--pressures",
+        "0,0,0,0,0,0",
+    ]);
     let text = String::from_utf8_lossy(&out.stderr);
-    assert!(out.status.code() == Some(1) && text.contains("line 2") && text.contains("robot.toml"), "{text}");
-    let (code, text) = refusal(&["sim", "solve", "--pressures", "0,0,0,0,0,0", "--payload", "3"]);
+    assert!(
+        out.status.code() == Some(1) && text.contains("line 2") && text.contains("robot.toml"),
+        "{text}"
+    );
+    let (code, text) = refusal(&[
+        "sim",
+        "solve",
+        "--pressures",
+        "0,0,0,0,0,0",
+        "--payload",
+        "3",
+    ]);
     assert!(code == 1 && text.contains("0.6 kg"), "{code} {text}");
 }
 
 #[test]
 fn unreachable_targets_are_refused_before_motion() {
-    for target in ["400,0,-100", "0,0,-600", "0,0,0", "-350,0,-300", "0,300,-420"] {
+    for target in [
+        "400,0,-100",
+        "0,0,-600",
+        "0,0,0",
+        "-350,0,-300",
+        "0,300,-420",
+    ] {
         let (code, text) = refusal(&["goto", "--seconds", "8", target]);
         assert!(code == 1, "{target}: {text}");
-        assert!(text.contains("mm short") && text.contains("chamber"), "{target}: {text}");
+        assert!(
+            text.contains("mm short") && text.contains("chamber"),
+            "{target}: {text}"
+        );
     }
 }
 
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
     let dir = scratch("same-bytes");
-    let file = |n: u32| dir.join(format!("{n}.parquet")).to_string_lossy().into_owned();
+    let file = |n: u32| {
+        dir.join(format!("{n}.parquet"))
+            .to_string_lossy()
+            .into_owned()
+    };
     for n in 1..=2 {
-        json(&["dataset", "generate", "--samples", "200", "--seed", "5", "--out", &file(n), "--json"]);
+        json(&[
+            "dataset",
+            "generate",
+            "--samples",
+            "200",
+            "--seed",
+            "5",
+            "--out",
+            &file(n),
+            "--json",
+        ]);
     }
     let read = |n| std::fs::read(file(n)).expect("dataset");
     assert_eq!(read(1), read(2));
-    let run = || json(&["run", "--headless", "--rig", "sim", "--seconds", "4", "--target", "20,10,-310", "--json"]);
+    let run = || {
+        json(&[
+            "run",
+            "--headless",
+            "--rig",
+            "sim",
+            "--seconds",
+            "4",
+            "--target",
+            "20,10,-310",
+            "--json",
+        ])
+    };
     assert_eq!(run(), run());
 }
 
@@ -90,9 +166,22 @@ fn closed_loop_through_a_pty_reaches_its_target_and_records() {
     let dir = scratch("pty-loop");
     let file = dir.join("t.rrd").to_string_lossy().into_owned();
     let v = json(&[
-        "run", "--headless", "--rig", "pty", "--seconds", "30", "--target", "60,40,-300", "--record", &file, "--json",
+        "run",
+        "--headless",
+        "--rig",
+        "pty",
+        "--seconds",
+        "30",
+        "--target",
+        "60,40,-300",
+        "--record",
+        &file,
+        "--json",
     ]);
-    assert!(v["target_error_mm"].as_f64().expect("target_error_mm") <= 3.0, "{v}");
+    assert!(
+        v["target_error_mm"].as_f64().expect("target_error_mm") <= 3.0,
+        "{v}"
+    );
     assert_eq!(v["frames_lost"], 0, "{v}");
     assert!(v["frames"].as_u64().expect("frames") > 2700, "{v}");
     assert_eq!(v["simulated"], true);
@@ -111,11 +200,23 @@ fn a_killed_rig_leads_to_safe_and_leaves_the_recording_intact() {
         .spawn()
         .expect("the rig starts");
     let mut port = String::new();
-    BufReader::new(rig.stdout.take().expect("stdout")).read_line(&mut port).expect("port line");
+    BufReader::new(rig.stdout.take().expect("stdout"))
+        .read_line(&mut port)
+        .expect("port line");
     assert!(port.trim().starts_with("/dev/"), "{port}");
     let file = dir.join("k.rrd").to_string_lossy().into_owned();
     let program = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .args(["run", "--headless", "--seconds", "30", "--target", "60,40,-300", "--record", &file, "--json"])
+        .args([
+            "run",
+            "--headless",
+            "--seconds",
+            "30",
+            "--target",
+            "60,40,-300",
+            "--record",
+            &file,
+            "--json",
+        ])
         .args(["--rig", link.to_str().expect("utf-8")])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
