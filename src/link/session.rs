@@ -250,7 +250,8 @@ impl HostSession {
         }
     }
 
-    /// Stops sending set pressures; the boards' pumps go off when the last one expires. Also acknowledges an interruption.
+    /// Stops sending set pressures; the boards' pumps go off when the last one expires. Also
+    /// acknowledges an interruption.
     pub fn clear_command(&mut self) {
         self.command = None;
         self.interrupted = false;
