@@ -222,7 +222,7 @@ impl Listener {
 fn is_later(last: Option<u32>, frame: u32) -> bool {
     let Some(last) = last else { return true };
     let step = frame.wrapping_sub(last) as i32;
-    step > 0 || step < -RESTART_FRAMES
+    !(-RESTART_FRAMES..=0).contains(&step)
 }
 
 /// Sends the object stream, as a motion-capture system would.

@@ -65,6 +65,10 @@ pub enum LinkError {
 }
 
 /// What comes out of a link.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all are frames, a hundred a second: a box would buy nothing"
+)]
 #[derive(Clone, Debug)]
 pub enum LinkInput {
     /// A merged frame.

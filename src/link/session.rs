@@ -250,7 +250,8 @@ impl HostSession {
         }
     }
 
-    /// Stops sending set pressures; the boards' pumps go off when the last one expires. Also acknowledges an interruption.
+    /// Stops sending set pressures; the boards' pumps go off when the last one expires. Also
+    /// acknowledges an interruption.
     pub fn clear_command(&mut self) {
         self.command = None;
         self.interrupted = false;
@@ -319,7 +320,8 @@ impl HostSession {
         self.events.pop_front()
     }
 
-    /// State of the link for the operator and the twin. `age_s` is infinite before the first frame.
+    /// State of the link for the operator and the twin. Before the first frame `age_s`
+    /// counts from the session's start.
     pub fn status(&self, now: Stamp) -> LinkStatus {
         LinkStatus {
             connected: self.connected(),
@@ -329,7 +331,7 @@ impl HostSession {
             frames_lost: self.counters().lost,
             age_s: self
                 .last_frame
-                .map_or(f64::INFINITY, |(_, at)| now.since(at).max(0.0)),
+                .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),
             board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
         }
     }
@@ -532,7 +534,8 @@ impl HostSession {
             seq,
             stamp,
             tick_rate_hz: self.peers[board].clock.rate_hz(),
-            board_age_s: [f64::INFINITY; BOARDS],
+            // Of a board never heard: since the session started.
+            board_age_s: [stamp.seconds(); BOARDS],
             ..RawFrame::default()
         };
         for (b, peer) in self.peers.iter().enumerate() {

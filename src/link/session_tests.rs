@@ -12,7 +12,7 @@ const STEP_S: f64 = 0.5e-3;
 /// Time on the line each way, s.
 const WAY_S: f64 = 0.5e-3;
 
-/// Faults of the upward line, per frame.
+/// Faults of the line, per frame; corruption both ways.
 #[derive(Clone, Copy, Default)]
 struct Faults {
     drop: f64,
@@ -164,7 +164,11 @@ impl World {
         if let (Some(c), 0) = (&self.command, self.step % 20) {
             self.host.set_command(c);
         }
-        let bytes = self.host.poll(now);
+        let mut bytes = self.host.poll(now);
+        if !bytes.is_empty() && self.rng.random_bool(self.faults.corrupt) {
+            let i = self.rng.random_range(0..bytes.len());
+            bytes[i] ^= self.rng.random_range(1..=255u8);
+        }
         self.down.push((t_s + WAY_S, bytes));
         while let Some(f) = self.host.next_frame() {
             self.frames.push(f);
