@@ -308,6 +308,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
 
+    use super::super::data::add_noise;
     use super::super::mlp::Scaling;
     use super::super::synthetic;
     use super::*;
@@ -436,17 +437,18 @@ mod tests {
 
     #[test]
     fn unused_channels_do_not_count_in_the_distance() {
-        let signals: Vec<_> = synthetic::dataset(300, 8)
-            .samples
-            .iter()
-            .map(|s| s.sensors.to_vector())
-            .collect();
         let noise = Noise {
             spring_m: 0.2e-3,
             imu_rad: 5e-3,
             imu_heading_rad: 0.0,
         };
+        let data = synthetic::dataset(300, 8);
+        let mut signals: Vec<_> = data.samples.iter().map(|s| s.sensors.to_vector()).collect();
         let spread = SensorSpread::of(&signals, &noise, Channels::Springs);
+        let mut rng = Pcg64Mcg::seed_from_u64(6);
+        for s in &mut signals {
+            add_noise(s.as_mut_slice(), &noise, &mut rng);
+        }
         let mut s = signals[1];
         let before = spread.distance(&s);
         s[20] += 1.0;

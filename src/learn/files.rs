@@ -6,11 +6,13 @@
 //! | `smap.M.input`, `smap.M.output` | f64, 2 × width: mean, standard deviation |
 //! | `translation.…`, `rotation.…`, `plant.…` | the same for the other networks |
 //! | `spread.mean`, `spread.whitening` | f64, 24 and 24 × 24 (row-major) |
-//! | `calibration.covariance` | f64, 6 × 6 |
+//! | `calibration.covariance`, `calibration.distance_p95` | f64, 6 × 6 and 1 |
+//! | `plant.bounds` | f64, 7 × 2: lowest and highest of each pressure and of the payload |
 //! | `guess` | f32, samples × 37: pressures, payload, signals, pose |
 //!
-//! The metadata entry `springtwin` is JSON: format number, recipe, scores, plant bounds and the
-//! distance quantile. This room only turns models into bytes and back; the caller reads and writes files.
+//! The metadata entry `springtwin` is JSON: format number, recipe (as the TOML text that
+//! reproduces the model) and scores. This room only turns models into bytes and back; the caller
+//! reads and writes files.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -25,7 +27,7 @@ use super::mlp::{Mlp, Scaling};
 use super::plant::{PlantBounds, PlantNet};
 use super::recipe::{HIDDEN_LAYERS_MAX, MEMBERS_MAX, Recipe, WIDTH_MAX};
 use super::scores::{CorrectionReport, PlantReport, PoseReport};
-use crate::signal::{Matrix6, SIGNALS};
+use crate::signal::{CHAMBERS, Matrix6, SIGNALS};
 
 /// Number of the layout written here.
 const FORMAT: u32 = 1;
@@ -95,9 +97,7 @@ struct Description {
     format: u32,
     members: usize,
     correction: Corrected,
-    distance_p95: f64,
-    plant_bounds: PlantBounds,
-    recipe: Recipe,
+    recipe: String,
     scores: Scores,
 }
 
@@ -146,6 +146,17 @@ impl Model {
             &[6, 6],
             covariance.as_slice(),
         );
+        let distance = [parts.calibration.distance_p95];
+        put(&mut tensors, "calibration.distance_p95", &[1], &distance);
+        let bounds = self.plant.bounds();
+        let mut rows = bounds.chamber_pa.to_vec();
+        rows.push(bounds.payload_kg);
+        put(
+            &mut tensors,
+            "plant.bounds",
+            &[rows.len(), 2],
+            rows.as_flattened(),
+        );
         let guess = self.guess.to_rows();
         put(&mut tensors, "guess", &[guess.len() / ROW, ROW], &guess);
 
@@ -156,9 +167,7 @@ impl Model {
                 Some(_) => Corrected::Yes,
                 None => Corrected::No,
             },
-            distance_p95: parts.calibration.distance_p95,
-            plant_bounds: self.plant.bounds().clone(),
-            recipe: self.recipe.clone(),
+            recipe: self.recipe.to_toml(),
             scores: self.scores.clone(),
         };
         let text = serde_json::to_string(&description)
@@ -186,7 +195,7 @@ impl Model {
             .ok_or_else(|| ModelError::Description("the entry is absent".to_owned()))?;
         let description: Description =
             serde_json::from_str(text).map_err(|e| ModelError::Description(e.to_string()))?;
-        check_description(&description)?;
+        let recipe = check_description(&description)?;
 
         let smap = (0..description.members)
             .map(|m| net(&tensors, &format!("smap.{m}")))
@@ -211,22 +220,26 @@ impl Model {
             )?),
         };
         let covariance = get::<f64>(&tensors, "calibration.covariance", &[6, 6])?;
+        let distance_p95 = get::<f64>(&tensors, "calibration.distance_p95", &[1])?[0];
+        if distance_p95 <= 0.0 {
+            return Err(ModelError::Value("calibration.distance_p95".to_owned()));
+        }
         let cascade = Cascade::new(CascadeParts {
             smap,
             correction,
             spread,
             calibration: Calibration {
                 covariance: Matrix6::from_row_slice(&covariance),
-                distance_p95: description.distance_p95,
+                distance_p95,
             },
         })?;
         let rows = shape_of(&tensors, "guess")?.first().copied().unwrap_or(0);
         Ok(Self {
             cascade,
-            plant: PlantNet::new(net(&tensors, "plant")?, description.plant_bounds)?,
+            plant: PlantNet::new(net(&tensors, "plant")?, plant_bounds(&tensors)?)?,
             guess: GuessSet::from_rows(&get::<f32>(&tensors, "guess", &[rows, ROW])?),
             scores: description.scores,
-            recipe: description.recipe,
+            recipe,
         })
     }
 }
@@ -259,7 +272,7 @@ fn check_header(bytes: &[u8]) -> Result<(), ModelError> {
     Ok(())
 }
 
-fn check_description(d: &Description) -> Result<(), ModelError> {
+fn check_description(d: &Description) -> Result<Recipe, ModelError> {
     let bad = |what: String| Err(ModelError::Description(what));
     if d.format != FORMAT {
         return bad(format!("format {}, this program reads {FORMAT}", d.format));
@@ -267,17 +280,20 @@ fn check_description(d: &Description) -> Result<(), ModelError> {
     if !(1..=MEMBERS_MAX).contains(&d.members) {
         return bad(format!("{} sensor maps", d.members));
     }
-    if !(d.distance_p95.is_finite() && d.distance_p95 > 0.0) {
-        return bad(format!("distance_p95 = {}", d.distance_p95));
+    Recipe::from_toml(&d.recipe).map_err(|e| ModelError::Description(e.to_string()))
+}
+
+fn plant_bounds(tensors: &SafeTensors) -> Result<PlantBounds, ModelError> {
+    let name = "plant.bounds";
+    let flat = get::<f64>(tensors, name, &[CHAMBERS + 1, 2])?;
+    let (rows, _) = flat.as_chunks::<2>();
+    if rows.iter().any(|[lo, hi]| lo > hi) {
+        return Err(ModelError::Value(name.to_owned()));
     }
-    let bounds = d.plant_bounds.chamber_pa.iter();
-    let mut bounds = bounds.chain([&d.plant_bounds.payload_kg]);
-    if !bounds.all(|[lo, hi]| lo.is_finite() && hi.is_finite() && lo <= hi) {
-        return bad("the plant's bounds are not in order".to_owned());
-    }
-    d.recipe
-        .check()
-        .map_err(|e| ModelError::Description(e.to_string()))
+    Ok(PlantBounds {
+        chamber_pa: std::array::from_fn(|i| rows[i]),
+        payload_kg: rows[CHAMBERS],
+    })
 }
 
 /// A tensor on its way into a file.

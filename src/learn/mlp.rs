@@ -8,9 +8,8 @@
 //! | y = μ_y + σ_y aᴸ | output |
 //!
 //! This file is the training side: f32, whole batches, matrix products on the blocked kernels of
-//! `matrixmultiply` (through nalgebra's strided views). The control loop uses [`super::Kernel`].
+//! `matrixmultiply`. The control loop uses [`super::Kernel`].
 
-use nalgebra::{DMatrixView, DMatrixViewMut, Dyn};
 use rand::Rng;
 
 /// Mean and standard deviation per channel. A deviation of zero marks a channel that is not used.
@@ -167,11 +166,11 @@ pub fn forward(net: &Mlp, work: &mut Workspace, rows: usize) {
             row.copy_from_slice(biases);
         }
         // Aˡ = Aˡ⁻¹ Wᵀ + 1 bᵀ
-        view_mut(a_out, rows, n_out).gemm(
+        product(
+            plain(a_in, rows, n_in),
+            transposed(weights, n_out, n_in),
             1.0,
-            &view(a_in, rows, n_in),
-            &transposed(weights, n_out, n_in),
-            1.0,
+            a_out,
         );
         if l + 1 < net.layers() {
             for a in a_out.iter_mut() {
@@ -206,11 +205,11 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
         let a_in = &work.activations[l][..rows * n_in];
         let (g_weights, rest) = work.gradient[at..].split_at_mut(n_weights);
         // ∂E/∂W = Δᵀ A,  ∂E/∂b = Δᵀ 1
-        view_mut(g_weights, n_out, n_in).gemm(
-            1.0,
-            &transposed(d_out, rows, n_out),
-            &view(a_in, rows, n_in),
+        product(
+            transposed(d_out, rows, n_out),
+            plain(a_in, rows, n_in),
             0.0,
+            g_weights,
         );
         let g_biases = &mut rest[..n_biases];
         g_biases.fill(0.0);
@@ -223,11 +222,11 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
             let d_in = &mut before[l][..rows * n_in];
             let (weights, _) = net.layer(l);
             // Δˡ⁻¹ = Δˡ W ∘ (1 − a²)
-            view_mut(d_in, rows, n_in).gemm(
-                1.0,
-                &view(d_out, rows, n_out),
-                &view(weights, n_out, n_in),
+            product(
+                plain(d_out, rows, n_out),
+                plain(weights, n_out, n_in),
                 0.0,
+                d_in,
             );
             for (d, a) in d_in.iter_mut().zip(a_in) {
                 *d *= 1.0 - a * a;
@@ -237,20 +236,73 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
     loss / (rows * n_out) as f64
 }
 
-type Strided<'a> = DMatrixView<'a, f32, Dyn, Dyn>;
+/// A row-major slice read as a matrix, or as its transpose.
+#[derive(Clone, Copy)]
+struct Operand<'a> {
+    data: &'a [f32],
+    rows: usize,
+    columns: usize,
+    row_stride: usize,
+    column_stride: usize,
+}
 
-/// A row-major slice as a matrix.
-fn view(data: &[f32], rows: usize, columns: usize) -> Strided<'_> {
-    Strided::from_slice_with_strides(data, rows, columns, columns, 1)
+/// A row-major `rows` × `columns` slice.
+fn plain(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
+    Operand {
+        data,
+        rows,
+        columns,
+        row_stride: columns,
+        column_stride: 1,
+    }
 }
 
 /// The transpose of a row-major `rows` × `columns` slice.
-fn transposed(data: &[f32], rows: usize, columns: usize) -> Strided<'_> {
-    Strided::from_slice_with_strides(data, columns, rows, 1, columns)
+fn transposed(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
+    Operand {
+        data,
+        rows: columns,
+        columns: rows,
+        row_stride: 1,
+        column_stride: columns,
+    }
 }
 
-fn view_mut(data: &mut [f32], rows: usize, columns: usize) -> DMatrixViewMut<'_, f32, Dyn, Dyn> {
-    DMatrixViewMut::from_slice_with_strides_mut(data, rows, columns, columns, 1)
+/// C ← A B + β C with C row-major, a.rows × b.columns. With β = 0 C is not read.
+///
+/// # Panics
+/// When the shapes do not fit each other or the slices.
+#[expect(
+    unsafe_code,
+    reason = "the only entry to the blocked product is unsafe; every length is asserted before it"
+)]
+fn product(a: Operand, b: Operand, beta: f32, c: &mut [f32]) {
+    let (m, k, n) = (a.rows, a.columns, b.columns);
+    assert_eq!(k, b.rows, "inner widths of a matrix product");
+    assert_eq!(a.data.len(), m * k, "left operand of a matrix product");
+    assert_eq!(b.data.len(), k * n, "right operand of a matrix product");
+    assert_eq!(c.len(), m * n, "result of a matrix product");
+    // SAFETY: `plain` and `transposed` give strides under which the largest index into a slice of
+    // rows · columns numbers is rows · columns − 1, and the three lengths were just checked; `c`
+    // is borrowed mutably, so it overlaps neither operand.
+    unsafe {
+        matrixmultiply::sgemm(
+            m,
+            k,
+            n,
+            1.0,
+            a.data.as_ptr(),
+            a.row_stride as isize,
+            a.column_stride as isize,
+            b.data.as_ptr(),
+            b.row_stride as isize,
+            b.column_stride as isize,
+            beta,
+            c.as_mut_ptr(),
+            n as isize,
+            1,
+        );
+    }
 }
 
 /// tanh within 3·10⁻⁷, without branches so that it vectorises.
@@ -301,6 +353,30 @@ mod tests {
         let mut out = Vec::new();
         s.scale_into(&[3.0, 100.0], &mut out);
         assert_eq!(out, [0.0, 0.0]);
+    }
+
+    #[test]
+    fn products_agree_with_plain_sums() {
+        let (m, k, n) = (5, 3, 7);
+        let a: Vec<f32> = (0..m * k).map(|i| i as f32).collect();
+        let b: Vec<f32> = (0..k * n).map(|i| 1.0 - i as f32).collect();
+        let mut c = vec![1.0; m * n];
+        product(plain(&a, m, k), plain(&b, k, n), 1.0, &mut c);
+        for i in 0..m {
+            for j in 0..n {
+                let sum: f32 = (0..k).map(|l| a[i * k + l] * b[l * n + j]).sum();
+                assert_eq!(c[i * n + j], 1.0 + sum);
+            }
+        }
+        // Aᵀ of the k × m reading of the same numbers, B read from its n × k transpose.
+        let mut d = vec![f32::NAN; m * n];
+        product(transposed(&a, k, m), transposed(&b, n, k), 0.0, &mut d);
+        for i in 0..m {
+            for j in 0..n {
+                let sum: f32 = (0..k).map(|l| a[l * m + i] * b[j * k + l]).sum();
+                assert_eq!(d[i * n + j], sum);
+            }
+        }
     }
 
     #[test]

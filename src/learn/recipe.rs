@@ -50,8 +50,8 @@ pub enum CorrectionInput {
     /// The predicted pose, as the paper does.
     #[default]
     Pose,
-    /// The predicted pose and the 24 signals: can also correct what depends on single sensors,
-    /// but needs more samples than 729 before it helps.
+    /// The predicted pose and the 24 signals: can also correct what depends on single sensors.
+    /// For a gap that is a function of the pose it measured no better on 729 samples.
     PoseAndSensors,
 }
 
@@ -194,6 +194,12 @@ impl Recipe {
     /// # Errors
     /// [`RecipeError::Value`] for the first one that does not.
     pub fn check(&self) -> Result<(), RecipeError> {
+        require(
+            self.seed <= i64::MAX as u64,
+            "seed",
+            self.seed,
+            "at most 9223372036854775807, the largest whole number of TOML",
+        )?;
         let test = 1.0 - self.split.train - self.split.validation;
         require(
             (1..=MEMBERS_MAX).contains(&self.members),

@@ -39,7 +39,8 @@ pub fn sample(robot: &RobotSpec, chamber_pa: [f64; CHAMBERS], payload_kg: f64) -
         for (i, l) in lengths.iter().enumerate() {
             bend -= robot.bellows_m[3 * s + i] * (2.0 / (3.0 * radius * radius) * l);
         }
-        arc(mean, bend * (1.0 - 0.1 * payload_kg))
+        // The segment's own bending stiffness takes about half of the free bend.
+        arc(mean, bend * (0.5 - 0.05 * payload_kg))
     };
     let pad = Pose::translation(0.0, 0.0, -robot.pad_thickness_m);
     let (upper, lower) = (segment(0), segment(1));

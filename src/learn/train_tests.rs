@@ -6,11 +6,11 @@ use super::*;
 fn recipe() -> Recipe {
     let mut r = Recipe::default();
     r.smap.hidden = vec![32, 32];
-    r.smap.epochs = 25;
+    r.smap.epochs = 120;
     r.s2r.hidden = vec![20];
     r.s2r.epochs = 150;
     r.plant.hidden = vec![32, 32];
-    r.plant.epochs = 25;
+    r.plant.epochs = 120;
     r
 }
 
@@ -39,8 +39,8 @@ fn training_learns_the_map_corrects_the_gap_and_states_its_error() {
         ControlFlow::Continue(())
     };
     let (cascade, report) = train_smap(&data, &recipe, &mut watch).expect("training works");
-    assert!(losses.len() <= 25 && losses[losses.len() - 1].1 < 0.05 * losses[0].0);
-    // The workspace is ± 140 mm and ± 60°; the noise alone leaves about 0.4 mm.
+    assert!(losses.len() <= 120 && losses[losses.len() - 1].1 < 0.05 * losses[0].0);
+    // The workspace is some 200 mm wide; the noise alone leaves some tenths of a mm.
     assert!(report.test.translation_mm.mean < 3.0, "{:?}", report.test);
     assert!(report.test.rotation_deg.mean < 1.2, "{:?}", report.test);
     assert!(report.test_clean.translation_mm.mean < report.test.translation_mm.mean);
@@ -48,15 +48,13 @@ fn training_learns_the_map_corrects_the_gap_and_states_its_error() {
         (report.train.n, report.validation.n, report.test.n),
         (2100, 600, 300)
     );
+    // 300 test samples: 95 % come out within ± 4 %. The bulk is covered generously, because the
+    // errors have heavier tails than a normal distribution.
     let c = report.coverage;
-    for (name, value, around) in [
-        ("translation 95", c.translation_95, 0.95),
-        ("rotation 95", c.rotation_95, 0.95),
-        ("translation 68", c.translation_68, 0.72),
-        ("rotation 68", c.rotation_68, 0.72),
-    ] {
-        assert!((value - around).abs() < 0.09, "{name}: {value}");
-    }
+    assert!((0.91..=0.99).contains(&c.translation_95), "{c:?}");
+    assert!((0.91..=0.99).contains(&c.rotation_95), "{c:?}");
+    assert!((0.63..0.90).contains(&c.translation_68), "{c:?}");
+    assert!((0.63..0.90).contains(&c.rotation_68), "{c:?}");
 
     let real = gap(&synthetic::dataset(729, 2));
     let (corrected, report) = train_s2r(&cascade, &real, &recipe, &mut go).expect("it trains");
