@@ -59,7 +59,7 @@ impl Camera {
         let mut camera = Self {
             target_m: centre_m,
             yaw_rad: -1.02,
-            pitch_rad: 0.24,
+            pitch_rad: 0.20,
             distance_m: 1.0,
             projection: Projection::Perspective,
         };

@@ -153,16 +153,16 @@ pub const fn hex(rgb: u32) -> Rgb {
     ]
 }
 
-/// A sequential scale from dark blue over grey to yellow for `t` from 0 to 1; its lightness grows
+/// A sequential scale from purple over teal to yellow for `t` from 0 to 1; its lightness grows
 /// steadily, so it reads in grey and with any colour vision.
 pub fn sequential(t: f32) -> Rgb {
     const STOPS: [Rgb; 6] = [
-        hex(0x0b3a78),
-        hex(0x3f4f79),
-        hex(0x6a6a78),
-        hex(0x97895f),
-        hex(0xc8ac48),
-        hex(0xfde43a),
+        hex(0x46257a),
+        hex(0x414c8a),
+        hex(0x2a7a8e),
+        hex(0x22a884),
+        hex(0x7ad151),
+        hex(0xfde725),
     ];
     let x = t.clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
     let i = (x as usize).min(STOPS.len() - 2);

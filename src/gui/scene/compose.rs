@@ -126,8 +126,8 @@ pub fn floor_m(robot: &RobotSpec) -> f32 {
 pub fn bounds_m(robot: &RobotSpec) -> (Vec3, f32) {
     let depth = (2.0 * robot.rest_length_m + robot.payload_com_m + 0.02) as f32;
     (
-        Vec3::new(0.0, 0.0, -0.5 * depth + 0.02),
-        0.5 * depth + 0.085,
+        Vec3::new(0.0, 0.0, -0.5 * depth - 0.012),
+        0.5 * depth + 0.11,
     )
 }
 
@@ -325,8 +325,8 @@ impl Composer<'_> {
     }
 
     fn springs(&mut self, shape: &ArmShape, selected: Option<usize>) {
-        const COIL_M: f32 = 0.0034;
-        const WIRE_M: f32 = 0.00085;
+        const COIL_M: f32 = 0.0042;
+        const WIRE_M: f32 = 0.00120;
         let [shortest_m, longest_m] = self.robot.spring.range_m;
         for i in 0..SPRINGS {
             let [top, bottom] = shape.spring_ends_m[i].map(convert::vec3);
@@ -348,7 +348,7 @@ impl Composer<'_> {
                     sequential(t as f32)
                 },
                 gloss: 0.5,
-                glow: if is_selected { 0.6 } else { 0.25 },
+                glow: if is_selected { 0.7 } else { 0.45 },
             };
             let place = [
                 top.extend(COIL_M * thick).to_array(),

@@ -25,6 +25,8 @@ const SAMPLES: u32 = 4;
 pub const SHADOW_SIZE: u32 = 1024;
 /// Edge of the square around the pointer that is searched for parts, pixels. Odd.
 const PICK_SIZE: u32 = 9;
+/// While the pointer rests, what moves under it is looked up again after so many pictures.
+const REPICK_PICTURES: u32 = 8;
 
 /// Everything the shaders share, as they read it.
 #[repr(C)]
@@ -128,6 +130,9 @@ struct PickTargets {
     depth: wgpu::TextureView,
     readback: wgpu::Buffer,
     pending: Option<Receiver<bool>>,
+    /// Where the last search was, and through which camera.
+    last: Option<(Vec2, [[f32; 4]; 4])>,
+    pictures_since: u32,
 }
 
 struct Inner {
@@ -185,7 +190,14 @@ impl Gpu {
 
     /// Forgets what was under the pointer.
     pub fn clear_hovered(&self) {
-        self.lock().hovered = None;
+        let mut inner = self.lock();
+        inner.hovered = None;
+        inner.pick.last = None;
+    }
+
+    /// Whether drawing this picture will look for the part under the pointer.
+    pub fn will_pick(&self, picture: &Picture) -> bool {
+        self.lock().pick.place(picture).is_some()
     }
 
     /// The paint callback that draws a picture into its rectangle.
@@ -346,9 +358,14 @@ impl Inner {
             self.last = Some(picture.clone());
         }
         self.read_pick(device);
-        if let Some(at_px) = picture.pick_px
+        if !same {
+            self.pick.pictures_since += 1;
+        }
+        if let Some(at_px) = self.pick.place(picture)
             && self.pick.pending.is_none()
         {
+            self.pick.last = Some((at_px, picture.globals.clip_from_world));
+            self.pick.pictures_since = 0;
             self.start_pick(device, queue, picture, at_px);
         }
     }
@@ -595,6 +612,13 @@ fn nearest_entity(bytes: &[u8]) -> Option<Entity> {
 }
 
 impl PickTargets {
+    /// Where to search, if pointer or camera moved since the last search or the arm has moved on.
+    fn place(&self, picture: &Picture) -> Option<Vec2> {
+        let at_px = picture.pick_px?;
+        let moved = self.last != Some((at_px, picture.globals.clip_from_world));
+        (moved || self.pictures_since >= REPICK_PICTURES).then_some(at_px)
+    }
+
     fn new(device: &wgpu::Device) -> Self {
         let texture_id = texture(device, "scene pick", [PICK_SIZE; 2], PICK, 1);
         let depth = texture(device, "scene pick depth", [PICK_SIZE; 2], DEPTH, 1);
@@ -609,6 +633,8 @@ impl PickTargets {
                 mapped_at_creation: false,
             }),
             pending: None,
+            last: None,
+            pictures_since: 0,
         }
     }
 }
@@ -784,6 +810,7 @@ struct Recipe<'a> {
     cull: Option<wgpu::Face>,
     target: Option<wgpu::ColorTargetState>,
     depth: Option<(wgpu::CompareFunction, bool)>,
+    bias: wgpu::DepthBiasState,
     samples: u32,
 }
 
@@ -809,7 +836,7 @@ impl Recipe<'_> {
                 depth_write_enabled: Some(write),
                 depth_compare: Some(compare),
                 stencil: Default::default(),
-                bias: Default::default(),
+                bias: self.bias,
             }),
             multisample: wgpu::MultisampleState {
                 count: self.samples,
@@ -871,6 +898,7 @@ impl Pipelines {
             cull: None,
             target: Some(target(COLOUR, blend)),
             depth: Some(depth),
+            bias: Default::default(),
             samples: SAMPLES,
         };
         let lines = |fragment, compare| {
@@ -1013,6 +1041,15 @@ fn part_pipeline(
         cull: Some(wgpu::Face::Back),
         target,
         depth: Some(depth),
+        bias: match write {
+            // Where ghost and arm coincide the arm is in front.
+            Write::GhostDepth | Write::GhostColour => wgpu::DepthBiasState {
+                constant: 4096,
+                slope_scale: 4.0,
+                clamp: 0.0,
+            },
+            _ => Default::default(),
+        },
         samples,
     }
     .build(device)

@@ -15,7 +15,7 @@ use crate::robot::RobotSpec;
 /// Convolutions drawn per bellows.
 pub const CONVOLUTIONS: usize = 11;
 /// Turns drawn per spring: fewer and thicker than the real coil, whose wire is thinner than a pixel.
-pub const SPRING_TURNS: f32 = 22.0;
+pub const SPRING_TURNS: f32 = 19.0;
 /// Material around a bellows in the pads, m.
 const PAD_MARGIN_M: f32 = 0.006;
 
@@ -282,11 +282,11 @@ fn tube() -> Mesh {
 }
 
 fn spring() -> Mesh {
-    const RINGS_PER_TURN: f32 = 11.0;
+    const RINGS_PER_TURN: f32 = 12.0;
     let rings = (SPRING_TURNS * RINGS_PER_TURN) as usize + 1;
-    lathe(rings, 5, |i, j| {
+    lathe(rings, 6, |i, j| {
         let s = i as f32 / (rings - 1) as f32;
-        vertex(Vec3::new(s, angle(j, 5), 0.0), Vec3::X, 1.0)
+        vertex(Vec3::new(s, angle(j, 6), 0.0), Vec3::X, 1.0)
     })
 }
 

@@ -188,12 +188,7 @@ pub struct Scene {
     robot: RobotSpec,
     gpu: Gpu,
     press: Option<Press>,
-    last_pick: Option<(Pos2, Camera)>,
-    frames_since_pick: u32,
 }
-
-/// While the pointer rests, what moves under it is looked up again after so many pictures.
-const REPICK_FRAMES: u32 = 8;
 
 impl Scene {
     /// Prepares drawing on the window's device.
@@ -204,8 +199,6 @@ impl Scene {
             robot: robot.clone(),
             gpu: Gpu::new(render_state, robot),
             press: None,
-            last_pick: None,
-            frames_since_pick: 0,
         }
     }
 
@@ -503,26 +496,22 @@ impl Scene {
         );
         let globals = self.globals(&palette, &drawing, stage.size_pt(), size_px, ppp);
         let wants_pick = input.picking == Picking::Enabled && self.press.is_none();
-        let pick = pointer.filter(|_| wants_pick).filter(|p| {
-            self.frames_since_pick += 1;
-            self.last_pick != Some((*p, self.camera)) || self.frames_since_pick >= REPICK_FRAMES
-        });
-        if let Some(at) = pick {
-            self.last_pick = Some((at, self.camera));
-            self.frames_since_pick = 0;
-            // The answer comes with a later picture.
-            ui.request_repaint();
-        }
+        let pick_px = pointer
+            .filter(|_| wants_pick)
+            .map(|at| stage.local(at) * ppp);
         if pointer.is_none() {
             self.gpu.clear_hovered();
-            self.last_pick = None;
         }
         let picture = Picture {
             globals,
             drawing,
             size_px,
-            pick_px: pick.map(|at| stage.local(at) * ppp),
+            pick_px,
         };
+        if self.gpu.will_pick(&picture) {
+            // The answer comes with a later picture.
+            ui.request_repaint();
+        }
         let painter = ui.painter_at(rect);
         painter.add(egui_wgpu::Callback::new_paint_callback(
             rect,

@@ -204,7 +204,7 @@ pub fn paint_scale(
         ink,
     );
 
-    let bar = Rect::from_min_size(right + vec2(-120.0, -54.0), vec2(120.0, 7.0));
+    let bar = Rect::from_min_size(right + vec2(-176.0, -56.0), vec2(176.0, 7.0));
     let mut mesh = egui::Mesh::default();
     const STEPS: u32 = 24;
     for k in 0..=STEPS {

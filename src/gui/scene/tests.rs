@@ -142,11 +142,11 @@ fn difference_percent(a: &image::RgbaImage, b: &image::RgbaImage) -> f64 {
 #[test]
 fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
     let robot = RobotSpec::reference();
-    let shape = bent_shape(&robot, [0.55, 0.75], [0.5, 2.2]);
+    let shape = bent_shape(&robot, [0.40, 0.62], [3.3, -0.25]);
     let mut snapshot = snapshot_of(shape);
     snapshot.payload_kg = 0.2;
     let empty = Snapshot::default();
-    let ghost = bent_shape(&robot, [0.7, 0.5], [3.6, 3.9]);
+    let ghost = bent_shape(&robot, [0.45, 0.45], [-0.2, 0.3]);
     let (predicted, truth) = (trail(0.11, 0.0), trail(0.11, 0.004));
     for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
         let mut offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");
@@ -169,7 +169,7 @@ fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
             trail_predicted: &predicted,
             trail_truth: &truth,
             selected_spring: Some(3),
-            draft_target: Some([0.11, 0.05, -0.24]),
+            draft_target: Some([0.105, 0.005, -0.265]),
             reach: Some(ReachState::Reachable),
             ghost: Some(&ghost),
             ..arm
@@ -267,7 +267,7 @@ fn the_pointer_finds_parts_and_a_click_gives_the_place_it_was_pressed_at() {
     };
 
     let tip = scene.tip_m(&snapshot);
-    let palm = stage.place(tip - Vec3::Z * 0.035).expect("in view");
+    let palm = stage.place(tip - Vec3::Z * 0.046).expect("in view");
     let moves = vec![vec![Event::PointerMoved(palm)]; 3];
     let outputs = play(&mut offscreen, &mut scene, &input, &moves);
     assert_eq!(
