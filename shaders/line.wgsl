@@ -28,6 +28,7 @@ struct LineIn {
     @location(3) round: f32,          // 1: round ends, 0: cut square so that trails have no beads
     @location(4) from_colour: vec4f,
     @location(5) to_colour: vec4f,
+    @location(6) through: f32,        // share of the opacity left where the arm hides the line
 }
 
 struct LineOut {
@@ -36,6 +37,7 @@ struct LineOut {
     // Along and across in pixels, length and half width in pixels.
     @location(1) @interpolate(linear) place: vec2f,
     @location(2) @interpolate(flat) size: vec3f,
+    @location(3) @interpolate(flat) through: f32,
 }
 
 @vertex
@@ -69,6 +71,7 @@ fn vs_line(v: LineIn) -> LineOut {
     out.colour = select(v.from_colour, v.to_colour, at_end);
     out.place = vec2f(along, up * grow);
     out.size = vec3f(len, half_width, v.round);
+    out.through = v.through;
     if a.w < near && b.w < near {
         out.clip = vec4f(2.0, 2.0, 2.0, 1.0);
     }
@@ -93,7 +96,7 @@ fn fs_line(in: LineOut) -> @location(0) vec4f {
 // The part hidden behind the arm shows through faintly.
 @fragment
 fn fs_hidden(in: LineOut) -> @location(0) vec4f {
-    let alpha = 0.3 * in.colour.a * coverage(in);
+    let alpha = in.through * in.colour.a * coverage(in);
     if alpha < 0.004 {
         discard;
     }

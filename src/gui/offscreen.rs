@@ -46,8 +46,8 @@ pub struct Offscreen {
 
 /// Passes per picture: layouts that measure themselves need two or three.
 const PASSES: usize = 4;
-/// Time between passes, s: long enough for every animation to end.
-const PASS_S: f64 = 0.5;
+/// Time between passes, s: animations are shorter.
+const PASS_S: f64 = 0.15;
 
 impl Offscreen {
     /// Prepares pictures of `size_px` pixels, `pixels_per_point` to a point of the layout.

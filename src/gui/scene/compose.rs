@@ -49,6 +49,8 @@ pub struct Line {
     pub from_colour: [f32; 4],
     /// Colour and opacity at the end.
     pub to_colour: [f32; 4],
+    /// Share of the opacity that is left where parts of the arm hide the line.
+    pub through: f32,
 }
 
 /// Drawn solid, or see-through over everything solid.
@@ -122,13 +124,12 @@ pub fn floor_m(robot: &RobotSpec) -> f32 {
     -(2.0 * robot.length_range_m[1] + robot.pad_thickness_m + robot.payload_com_m + 0.05) as f32
 }
 
-/// Where the arm can be: centre and radius of a sphere, m.
+/// From ceiling to floor: centre and radius of a sphere, m.
 pub fn bounds_m(robot: &RobotSpec) -> (Vec3, f32) {
-    let depth = (2.0 * robot.rest_length_m + robot.payload_com_m + 0.02) as f32;
-    (
-        Vec3::new(0.0, 0.0, -0.5 * depth - 0.012),
-        0.5 * depth + 0.11,
-    )
+    const TOP_M: f32 = 0.10;
+    let floor_m = floor_m(robot);
+    let centre_m = Vec3::new(0.0, 0.0, 0.5 * (TOP_M + floor_m));
+    (centre_m, 0.5 * (TOP_M - floor_m))
 }
 
 /// The picture's content for an input.
@@ -168,7 +169,11 @@ pub fn compose(
     } else if let Some((goal, reach)) = &snapshot.preview {
         c.ghost_tip(goal.base_from_tip_rotation, reach.nearest_m, input, gripper);
     }
-    c.tip_marks(input);
+    for at in input.reachable {
+        let colour = with_alpha(c.palette.predicted, 0.28);
+        c.dot(Vec3::from(*at), 3.0, colour, 0.4);
+    }
+    c.tip_marks(input, camera, size_pt);
     c.trail(input.trail_predicted, c.palette.predicted);
     c.trail(input.trail_truth, c.palette.truth);
     c.targets(input, camera, size_pt);
@@ -261,6 +266,11 @@ impl Composer<'_> {
     }
 
     fn line(&mut self, from: Vec3, to: Vec3, width_pt: f32, colour: [f32; 4]) {
+        self.mark(from, to, width_pt, colour, 0.35);
+    }
+
+    /// A line that parts of the arm hide only in part.
+    fn mark(&mut self, from: Vec3, to: Vec3, width_pt: f32, colour: [f32; 4], through: f32) {
         self.drawing.lines.push(Line {
             from_m: from.to_array(),
             width_pt,
@@ -268,7 +278,13 @@ impl Composer<'_> {
             round: 1.0,
             from_colour: colour,
             to_colour: colour,
+            through,
         });
+    }
+
+    /// A filled circle.
+    fn dot(&mut self, at: Vec3, width_pt: f32, colour: [f32; 4], through: f32) {
+        self.mark(at, at, width_pt, colour, through);
     }
 
     /// The ceiling plate, its column and the fixed top pad.
@@ -374,19 +390,15 @@ impl Composer<'_> {
             let mount = convert::quat_from_matrix(&self.robot.imus[i].pad_from_imu);
             let origin = t.transform_point3(Vec3::Z * 0.0065);
             let (_, pad_rotation) = convert::parts(imu_pad(self.robot, shape, i));
-            self.axes(origin, pad_rotation * mount, 0.022, 1.8, 1.0);
+            self.axes(origin, pad_rotation * mount, 0.022, 1.8, 0.3);
         }
     }
 
-    fn axes(&mut self, origin: Vec3, rotation: Quat, length_m: f32, width_pt: f32, alpha: f32) {
+    fn axes(&mut self, origin: Vec3, rotation: Quat, length_m: f32, width_pt: f32, through: f32) {
         for (k, axis) in Vec3::AXES.into_iter().enumerate() {
-            let colour = with_alpha(self.palette.axis(k), alpha);
-            self.line(
-                origin,
-                origin + rotation * axis * length_m,
-                width_pt,
-                colour,
-            );
+            let colour = with_alpha(self.palette.axis(k), 1.0);
+            let end = origin + rotation * axis * length_m;
+            self.mark(origin, end, width_pt, colour, through);
         }
     }
 
@@ -442,8 +454,9 @@ impl Composer<'_> {
         self.layer = Layer::Solid;
     }
 
-    /// Axes of the predicted tip, mark of the measured one, the error between them.
-    fn tip_marks(&mut self, input: &SceneInput<'_>) {
+    /// Axes of the tip, a dot where it is predicted, a ring where it is measured, the error between them.
+    fn tip_marks(&mut self, input: &SceneInput<'_>, camera: &Camera, size_pt: Vec2) {
+        const THROUGH: f32 = 0.8;
         let snapshot = input.snapshot;
         let predicted = snapshot
             .estimate
@@ -453,28 +466,25 @@ impl Composer<'_> {
             .truth
             .as_ref()
             .map(|t| convert::parts(&t.base_from_tip));
+        if let (Some((a, _)), Some((b, _))) = (predicted, truth) {
+            self.mark(a, b, 3.5, with_alpha(self.palette.error, 1.0), THROUGH);
+        }
         if let Some((p, q)) = predicted {
-            self.axes(p, q, 0.045, 2.6, 1.0);
-            self.dot(p, 0.0052, self.palette.predicted);
+            self.axes(p, q, 0.050, 2.6, THROUGH);
+            self.dot(p, 9.0, with_alpha(self.palette.predicted, 1.0), THROUGH);
             self.dropline(p, self.palette.predicted);
         }
         if let Some((p, q)) = truth {
-            self.axes(p, q, 0.030, 1.4, 0.9);
-            self.dot(p, 0.0044, self.palette.truth);
+            self.axes(p, q, 0.032, 1.4, THROUGH);
+            let m = camera.metres_per_point(p, size_pt);
+            let radii = [camera.right() * (6.0 * m), camera.up() * (6.0 * m)];
+            let first = self.drawing.lines.len();
+            let colour = with_alpha(self.palette.truth, 1.0);
+            self.ring(p, radii, Ring::Closed, 2.4, colour);
+            for line in &mut self.drawing.lines[first..] {
+                line.through = THROUGH;
+            }
         }
-        if let (Some((a, _)), Some((b, _))) = (predicted, truth) {
-            self.line(a, b, 3.5, with_alpha(self.palette.error, 1.0));
-        }
-    }
-
-    fn dot(&mut self, at: Vec3, radius_m: f32, colour: Rgb) {
-        let surface = Surface {
-            colour,
-            gloss: 0.3,
-            glow: 0.7,
-        };
-        let t = scaled(Affine3A::from_translation(at), Vec3::splat(radius_m));
-        self.rigid(Part::Sphere, t, surface, None);
     }
 
     /// A dashed line down to the floor with a small ring at its foot.
@@ -532,6 +542,7 @@ impl Composer<'_> {
                 round: 0.0,
                 from_colour: with_alpha(colour, alpha(i)),
                 to_colour: with_alpha(colour, alpha(i + 1)),
+                through: 0.45,
             });
         }
     }
@@ -567,7 +578,7 @@ impl Composer<'_> {
             {
                 let nearest = convert::vec3(reach.nearest_m);
                 self.line(at, nearest, 2.0, with_alpha(colour, 0.9));
-                self.dot(nearest, 0.004, colour);
+                self.dot(nearest, 9.0, with_alpha(colour, 1.0), 0.8);
             }
         }
     }

@@ -880,7 +880,8 @@ impl Pipelines {
         let triangles = wgpu::PrimitiveTopology::TriangleList;
 
         let line_attributes = wgpu::vertex_attr_array![
-            0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Float32, 4 => Float32x4, 5 => Float32x4
+            0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Float32, 4 => Float32x4, 5 => Float32x4,
+            6 => Float32
         ];
         let line_buffers = [Some(wgpu::VertexBufferLayout {
             array_stride: size_of::<Line>() as u64,

@@ -138,6 +138,8 @@ pub struct SceneInput<'a> {
     pub reach: Option<ReachState>,
     /// Whole shape to show as a ghost, for instance of the previewed pose.
     pub ghost: Option<&'a ArmShape>,
+    /// Samples of the reachable set, shown as a cloud, m.
+    pub reachable: &'a [[f32; 3]],
 }
 
 impl<'a> SceneInput<'a> {
@@ -153,6 +155,7 @@ impl<'a> SceneInput<'a> {
             draft_target: None,
             reach: None,
             ghost: None,
+            reachable: &[],
         }
     }
 }
@@ -311,13 +314,16 @@ impl Scene {
                 Press::default()
             });
         }
-        if response.clicked()
-            && let Some(press) = self.press
-            && press.handle.is_none()
-        {
-            output.clicked = press.entity;
-            if !press.entity.is_some_and(Entity::is_sensor) {
-                output.clicked_target = press.target.map(convert::array);
+        if response.clicked() && enabled {
+            // Press and release within one frame leave no press behind.
+            let press = self
+                .press
+                .or_else(|| at.map(|at| self.press_at(response.rect, at, input, output.hovered)));
+            if let Some(press) = press.filter(|p| p.handle.is_none()) {
+                output.clicked = press.entity;
+                if !press.entity.is_some_and(Entity::is_sensor) {
+                    output.clicked_target = press.target.map(convert::array);
+                }
             }
         }
         let drag = response.drag_delta();
@@ -550,7 +556,7 @@ impl Scene {
         // The key light stands behind the viewer's left shoulder and turns along, so no view is dark.
         let to_light = (back * 0.62 - camera.right() * 0.52 + Vec3::Z * 0.78).normalize();
         let (centre_m, radius_m) = compose::bounds_m(&self.robot);
-        let light = gpu::light_from_world(centre_m, radius_m * 1.35, to_light);
+        let light = gpu::light_from_world(centre_m, radius_m * 1.15, to_light);
         let rgb = |c: [f32; 3]| [c[0], c[1], c[2], 1.0];
         let ortho = f32::from(u8::from(
             camera.projection == camera::Projection::Orthographic,

@@ -8,7 +8,8 @@ use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use super::*;
 use crate::gui::offscreen::Offscreen;
 use crate::signal::{
-    Estimate, Goal, GroundTruth, Health, Matrix6, Pose, Reach, SensorFrame, SensorVec, TruthSource,
+    Estimate, Goal, Gripper, GroundTruth, Health, Matrix6, Pose, PressureCommand, Reach,
+    SensorFrame, SensorVec, Stamp, TruthSource,
 };
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -145,8 +146,22 @@ fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
     let shape = bent_shape(&robot, [0.40, 0.62], [3.3, -0.25]);
     let mut snapshot = snapshot_of(shape);
     snapshot.payload_kg = 0.2;
+    snapshot.command = Some(PressureCommand::limited(
+        Stamp::default(),
+        [0.0; CHAMBERS],
+        Gripper::Closed,
+        None,
+        &[0.0; CHAMBERS],
+        &robot.pressure,
+    ));
     let empty = Snapshot::default();
     let ghost = bent_shape(&robot, [0.45, 0.45], [-0.2, 0.3]);
+    let cloud: Vec<[f32; 3]> = (0..400)
+        .map(|i| {
+            let (a, t) = (i as f32 * 2.4, (i as f32 / 400.0).sqrt());
+            [0.17 * t * a.cos(), 0.17 * t * a.sin(), -0.33 + 0.13 * t * t]
+        })
+        .collect();
     let (predicted, truth) = (trail(0.11, 0.0), trail(0.11, 0.004));
     for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
         let mut offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");
@@ -164,16 +179,23 @@ fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
         let plain = picture(&mut offscreen, &mut scene, &arm);
         save(&plain, &format!("arm-{name}"));
         let seen = difference_percent(&nothing, &plain);
-        assert!(seen > 8.0, "the arm covers {seen} % of the picture");
+        assert!(seen > 6.0, "the arm covers {seen} % of the picture");
         let full = SceneInput {
             trail_predicted: &predicted,
             trail_truth: &truth,
-            selected_spring: Some(3),
+            selected_spring: Some(4),
             draft_target: Some([0.105, 0.005, -0.265]),
             reach: Some(ReachState::Reachable),
             ghost: Some(&ghost),
             ..arm
         };
+        let hull = SceneInput {
+            reachable: &cloud,
+            ..arm
+        };
+        let clouded = picture(&mut offscreen, &mut scene, &hull);
+        save(&clouded, &format!("cloud-{name}"));
+        assert!(difference_percent(&plain, &clouded) > 0.1);
         let rich = picture(&mut offscreen, &mut scene, &full);
         save(&rich, &format!("full-{name}"));
         let seen = difference_percent(&plain, &rich);
@@ -285,15 +307,20 @@ fn the_pointer_finds_parts_and_a_click_gives_the_place_it_was_pressed_at() {
     ];
     let outputs = play(&mut offscreen, &mut scene, &input, &steps);
     assert!(outputs.iter().all(|o| o.clicked.is_none()));
-    let targets: Vec<_> = outputs.iter().filter_map(|o| o.clicked_target).collect();
-    assert_eq!(targets.len(), 1);
+    let mut targets: Vec<_> = outputs.iter().filter_map(|o| o.clicked_target).collect();
+    let at_once = vec![vec![button(beside, true), button(beside, false)]];
+    let outputs = play(&mut offscreen, &mut scene, &input, &at_once);
+    targets.extend(outputs.iter().filter_map(|o| o.clicked_target));
+    assert_eq!(targets.len(), 2);
     let expected = plane_hit(
         &camera.ray(stage.local(beside), stage.size_pt()),
         tip,
         camera.forward(),
     )
     .expect("meets the plane");
-    assert!(convert::vec3(targets[0]).distance(expected) < 1e-5);
+    for target in targets {
+        assert!(convert::vec3(target).distance(expected) < 1e-5);
+    }
     assert_eq!(scene.camera, camera, "a click does not move the camera");
 }
 
