@@ -1,1 +1,4 @@
 //! The window: screens, scene, offscreen pictures.
+
+pub mod offscreen;
+pub mod scene;

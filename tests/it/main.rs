@@ -3,3 +3,4 @@
 mod edges;
 mod program;
 mod real_data;
+mod shaders;

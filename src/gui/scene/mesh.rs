@@ -1,0 +1,639 @@
+//! The fixed meshes of the arm, built once from the robot file.
+//!
+//! Rigid parts are plain meshes in m. Bellows and tube are stored in (radius, angle, s) and springs in
+//! (s, angle around the wire); the vertex shader sweeps them along the section frames of the moment, so
+//! that nothing is rebuilt while the arm moves. Triangles are counter-clockwise seen from outside.
+
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::ops::Range;
+
+use glam::{Vec2, Vec3};
+
+use super::convert::vec3_from_vector;
+use crate::robot::RobotSpec;
+
+/// Convolutions drawn per bellows.
+pub const CONVOLUTIONS: usize = 11;
+/// Turns drawn per spring: fewer and thicker than the real coil, whose wire is thinner than a pixel.
+pub const SPRING_TURNS: f32 = 19.0;
+/// Material around a bellows in the pads, m.
+const PAD_MARGIN_M: f32 = 0.006;
+
+/// A vertex as the shader reads it. See the vertex entry points of `shaders/mesh.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Vertex {
+    /// Place, m, or (radius, angle, s), or (s, angle, 0).
+    pub position: [f32; 3],
+    /// Normal, or (d radius/dt, ds/dt, 0) along the profile.
+    pub normal: [f32; 3],
+    /// Share of ambient light that gets there, 0 to 1.
+    pub shade: f32,
+}
+
+/// Triangles.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Corners.
+    pub vertices: Vec<Vertex>,
+    /// Three per triangle.
+    pub indices: Vec<u32>,
+}
+
+/// The meshes, by what the vertex shader does with them and then by part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Part {
+    /// A bellows skin, swept.
+    Bellows,
+    /// The central tube, swept; radius 1 in the mesh.
+    Tube,
+    /// A coil spring.
+    Spring,
+    /// The fixed pad, upper face at z = 0.
+    TopPad,
+    /// The pad between the segments, upper face at z = 0.
+    MiddlePad,
+    /// The pad that carries the gripper, upper face at z = 0.
+    EndPad,
+    /// The plate at the ceiling, upper face at z = 0.
+    Ceiling,
+    /// A unit cylinder: radius 1, z from 0 down to -1.
+    Cylinder,
+    /// A unit sphere.
+    Sphere,
+    /// An IMU's housing, centre of its lower face at the origin.
+    Imu,
+    /// The gripper's palm, upper face at z = 0.
+    Palm,
+    /// A finger of the open gripper, bending outwards along x.
+    FingerOpen,
+    /// A finger of the closed gripper.
+    FingerClosed,
+}
+
+/// How the vertex shader places a part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Motion {
+    /// By a transform.
+    Rigid,
+    /// Along a segment's frames.
+    Swept,
+    /// Between a spring's ends.
+    Coiled,
+}
+
+impl Part {
+    /// All parts, in the order of [`build`].
+    pub const ALL: [Part; 13] = [
+        Part::Bellows,
+        Part::Tube,
+        Part::Spring,
+        Part::TopPad,
+        Part::MiddlePad,
+        Part::EndPad,
+        Part::Ceiling,
+        Part::Cylinder,
+        Part::Sphere,
+        Part::Imu,
+        Part::Palm,
+        Part::FingerOpen,
+        Part::FingerClosed,
+    ];
+
+    /// How the vertex shader places it.
+    pub fn motion(self) -> Motion {
+        match self {
+            Part::Bellows | Part::Tube => Motion::Swept,
+            Part::Spring => Motion::Coiled,
+            _ => Motion::Rigid,
+        }
+    }
+}
+
+/// All meshes in one, with the range of indices of each part in the order of [`Part::ALL`].
+pub fn build(robot: &RobotSpec) -> (Mesh, Vec<Range<u32>>) {
+    let mut all = Mesh::default();
+    let ranges = Part::ALL
+        .iter()
+        .map(|part| {
+            let mesh = part_mesh(*part, robot);
+            let first_vertex = all.vertices.len() as u32;
+            let first_index = all.indices.len() as u32;
+            all.vertices.extend(&mesh.vertices);
+            all.indices
+                .extend(mesh.indices.iter().map(|i| i + first_vertex));
+            first_index..all.indices.len() as u32
+        })
+        .collect();
+    (all, ranges)
+}
+
+/// One part's mesh.
+pub fn part_mesh(part: Part, robot: &RobotSpec) -> Mesh {
+    let centres: Vec<Vec2> = robot
+        .bellows_m
+        .iter()
+        .map(|b| vec3_from_vector(b).truncate())
+        .collect();
+    let corner_m = pad_corner_m(robot);
+    let thickness_m = robot.pad_thickness_m as f32;
+    match part {
+        Part::Bellows => bellows(robot),
+        Part::Tube => tube(),
+        Part::Spring => spring(),
+        Part::TopPad => plate(&hull_outline(&centres[..3], corner_m), thickness_m, 0.002),
+        Part::MiddlePad => plate(&hull_outline(&centres, corner_m), thickness_m, 0.002),
+        Part::EndPad => plate(&hull_outline(&centres[3..], corner_m), thickness_m, 0.002),
+        Part::Ceiling => plate(&rectangle_outline(Vec2::splat(0.15), 0.02), 0.014, 0.002),
+        Part::Cylinder => cylinder(),
+        Part::Sphere => sphere(),
+        Part::Imu => plate_at(
+            &rectangle_outline(Vec2::new(0.008, 0.011), 0.0015),
+            0.006,
+            0.0012,
+        ),
+        Part::Palm => palm(),
+        Part::FingerOpen => finger(FingerBend::OPEN),
+        Part::FingerClosed => finger(FingerBend::CLOSED),
+    }
+}
+
+/// Radius of the pads' rounded corners around each bellows, m.
+pub fn pad_corner_m(robot: &RobotSpec) -> f32 {
+    0.5 * robot.bellows_outer_diameter_m as f32 + PAD_MARGIN_M
+}
+
+fn vertex(position: Vec3, normal: Vec3, shade: f32) -> Vertex {
+    Vertex {
+        position: position.to_array(),
+        normal: normal.to_array(),
+        shade,
+    }
+}
+
+/// Rows of `columns` vertices, joined to the next row and around: rows run down, columns counter-clockwise.
+fn lathe(rows: usize, columns: usize, at: impl Fn(usize, usize) -> Vertex) -> Mesh {
+    let mut mesh = Mesh::default();
+    for i in 0..rows {
+        for j in 0..columns {
+            mesh.vertices.push(at(i, j));
+        }
+    }
+    let id = |i: usize, j: usize| (i * columns + j % columns) as u32;
+    for i in 0..rows - 1 {
+        for j in 0..columns {
+            let (a, b, c, d) = (id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1));
+            mesh.indices.extend([a, b, c, a, c, d]);
+        }
+    }
+    mesh
+}
+
+fn angle(j: usize, columns: usize) -> f32 {
+    TAU * j as f32 / columns as f32
+}
+
+/// One ring of a surface of revolution: radius, place along the axis, tangent of the profile, shade.
+#[derive(Clone, Copy)]
+struct Ring {
+    radius: f32,
+    s: f32,
+    d_radius: f32,
+    d_s: f32,
+    shade: f32,
+}
+
+fn swept(profile: &[Ring], columns: usize) -> Mesh {
+    lathe(profile.len(), columns, |i, j| {
+        let p = profile[i];
+        vertex(
+            Vec3::new(p.radius, angle(j, columns), p.s),
+            Vec3::new(p.d_radius, p.d_s, 0.0),
+            p.shade,
+        )
+    })
+}
+
+/// Radius of a bellows at `u` from 0 to 1 along its convolutions: an accordion fold with rounded tips.
+fn fold(u: f32, inner_m: f32, outer_m: f32) -> f32 {
+    // r = r_in + (r_out - r_in) (1 - asin(k cos 2πnu) / asin k) / 2; k < 1 rounds the triangle's tips.
+    const ROUND: f32 = 0.90;
+    let wave = (ROUND * (TAU * CONVOLUTIONS as f32 * u).cos()).asin() / ROUND.asin();
+    inner_m + (outer_m - inner_m) * 0.5 * (1.0 - wave)
+}
+
+fn bellows(robot: &RobotSpec) -> Mesh {
+    const COLUMNS: usize = 36;
+    const RINGS_PER_FOLD: usize = 10;
+    /// Share of the length taken by the straight collar at each end.
+    const COLLAR: f32 = 0.03;
+    let inner_m = 0.5 * robot.bellows_inner_diameter_m as f32;
+    let outer_m = 0.5 * robot.bellows_outer_diameter_m as f32;
+    let collar_m = inner_m + 0.18 * (outer_m - inner_m);
+    let flat = |radius: f32, s: f32, d_radius: f32| Ring {
+        radius,
+        s,
+        d_radius,
+        d_s: 0.0,
+        shade: 0.5,
+    };
+    let straight = |s: f32| Ring {
+        radius: collar_m,
+        s,
+        d_radius: 0.0,
+        d_s: 1.0,
+        shade: 0.6,
+    };
+    let mut profile = vec![flat(0.0, 0.0, 1.0), flat(collar_m, 0.0, 1.0)];
+    profile.extend([straight(0.0), straight(COLLAR)]);
+    let count = CONVOLUTIONS * RINGS_PER_FOLD;
+    for k in 0..=count {
+        let u = k as f32 / count as f32;
+        let h = 1e-3;
+        let radius = fold(u, inner_m, outer_m);
+        let slope = (fold(u + h, inner_m, outer_m) - fold(u - h, inner_m, outer_m)) / (2.0 * h);
+        let open = (radius - inner_m) / (outer_m - inner_m);
+        profile.push(Ring {
+            radius,
+            s: COLLAR + (1.0 - 2.0 * COLLAR) * u,
+            d_radius: slope,
+            d_s: 1.0 - 2.0 * COLLAR,
+            // Folds are dark inside.
+            shade: 0.30 + 0.70 * open.powf(0.9),
+        });
+    }
+    profile.extend([straight(1.0 - COLLAR), straight(1.0)]);
+    profile.extend([flat(collar_m, 1.0, -1.0), flat(0.0, 1.0, -1.0)]);
+    swept(&profile, COLUMNS)
+}
+
+fn tube() -> Mesh {
+    const RINGS: usize = 33;
+    let profile: Vec<Ring> = (0..RINGS)
+        .map(|k| Ring {
+            radius: 1.0,
+            s: k as f32 / (RINGS - 1) as f32,
+            d_radius: 0.0,
+            d_s: 1.0,
+            shade: 0.6,
+        })
+        .collect();
+    swept(&profile, 20)
+}
+
+fn spring() -> Mesh {
+    const RINGS_PER_TURN: f32 = 12.0;
+    let rings = (SPRING_TURNS * RINGS_PER_TURN) as usize + 1;
+    lathe(rings, 6, |i, j| {
+        let s = i as f32 / (rings - 1) as f32;
+        vertex(Vec3::new(s, angle(j, 6), 0.0), Vec3::X, 1.0)
+    })
+}
+
+/// A point of a closed outline and its outward normal.
+type Outline = Vec<(Vec2, Vec2)>;
+
+/// Convex hull of discs with a common radius around `centres`, counter-clockwise.
+fn hull_outline(centres: &[Vec2], radius_m: f32) -> Outline {
+    const STEPS: usize = 72;
+    let farthest = |direction: Vec2| {
+        centres
+            .iter()
+            .copied()
+            .max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction)))
+            .unwrap_or_default()
+    };
+    let mut outline: Outline = Vec::new();
+    let mut last: Option<Vec2> = None;
+    // Offset by a part of a step so that no direction is exactly normal to an edge of a regular robot.
+    for k in 0..=STEPS {
+        let n = Vec2::from_angle(TAU * (k as f32 + 0.37) / STEPS as f32);
+        let c = farthest(n);
+        if let Some(before) = last
+            && before.distance(c) > 1e-6
+        {
+            // A straight edge from one disc to the next.
+            let edge = (c - before).normalize();
+            let side = Vec2::new(edge.y, -edge.x);
+            outline.push((before + side * radius_m, side));
+            outline.push((c + side * radius_m, side));
+        }
+        last = Some(c);
+        if k < STEPS {
+            outline.push((c + n * radius_m, n));
+        }
+    }
+    outline
+}
+
+/// A rectangle with rounded corners, given by its half size.
+fn rectangle_outline(half_m: Vec2, radius_m: f32) -> Outline {
+    let c = half_m - Vec2::splat(radius_m);
+    hull_outline(
+        &[c, Vec2::new(-c.x, c.y), -c, Vec2::new(c.x, -c.y)],
+        radius_m,
+    )
+}
+
+/// A plate with rounded rims; its upper face is at z = 0.
+fn plate(outline: &Outline, thickness_m: f32, rim_m: f32) -> Mesh {
+    const STEPS: usize = 4;
+    // Rows: inset from the outline, height, tilt of the normal above the horizon.
+    let mut rows = vec![(f32::INFINITY, 0.0, FRAC_PI_2)];
+    for k in 0..=STEPS {
+        let a = FRAC_PI_2 * k as f32 / STEPS as f32;
+        rows.push((
+            rim_m * (1.0 - a.sin()),
+            -rim_m * (1.0 - a.cos()),
+            FRAC_PI_2 - a,
+        ));
+    }
+    for k in 0..=STEPS {
+        let a = FRAC_PI_2 * k as f32 / STEPS as f32;
+        let z = -thickness_m + rim_m * (1.0 - a.sin());
+        rows.push((rim_m * (1.0 - a.cos()), z, -a));
+    }
+    rows.push((f32::INFINITY, -thickness_m, -FRAC_PI_2));
+    let middle = outline.iter().map(|(p, _)| *p).sum::<Vec2>() / outline.len() as f32;
+    lathe(rows.len(), outline.len(), |i, j| {
+        let (inset, z, tilt) = rows[i];
+        let (p, n) = outline[j];
+        let at = if inset.is_finite() {
+            p - n * inset
+        } else {
+            middle
+        };
+        vertex(at.extend(z), (n * tilt.cos()).extend(tilt.sin()), 1.0)
+    })
+}
+
+/// Like [`plate`], with its lower face at z = 0.
+fn plate_at(outline: &Outline, thickness_m: f32, rim_m: f32) -> Mesh {
+    let mut mesh = plate(outline, thickness_m, rim_m);
+    for v in &mut mesh.vertices {
+        v.position[2] += thickness_m;
+    }
+    mesh
+}
+
+/// A surface of revolution about z: (radius, z, normal's radial and vertical part, shade) from top to bottom.
+fn revolved(profile: &[(f32, f32, f32, f32, f32)], columns: usize) -> Mesh {
+    lathe(profile.len(), columns, |i, j| {
+        let (r, z, nr, nz, shade) = profile[i];
+        let e = Vec2::from_angle(angle(j, columns));
+        vertex((e * r).extend(z), (e * nr).extend(nz).normalize(), shade)
+    })
+}
+
+fn cylinder() -> Mesh {
+    revolved(
+        &[
+            (0.0, 0.0, 0.0, 1.0, 1.0),
+            (1.0, 0.0, 0.0, 1.0, 1.0),
+            (1.0, 0.0, 1.0, 0.0, 1.0),
+            (1.0, -1.0, 1.0, 0.0, 1.0),
+            (1.0, -1.0, 0.0, -1.0, 1.0),
+            (0.0, -1.0, 0.0, -1.0, 1.0),
+        ],
+        28,
+    )
+}
+
+fn sphere() -> Mesh {
+    const ROWS: usize = 17;
+    let profile: Vec<_> = (0..ROWS)
+        .map(|i| {
+            let (r, z) = (PI * i as f32 / (ROWS - 1) as f32).sin_cos();
+            (r.max(0.0), z, r, z, 1.0)
+        })
+        .collect();
+    revolved(&profile, 24)
+}
+
+fn palm() -> Mesh {
+    // A flange, a neck and a rounded hub.
+    revolved(
+        &[
+            (0.0, 0.0, 0.0, 1.0, 0.6),
+            (0.036, 0.0, 0.0, 1.0, 0.6),
+            (0.036, 0.0, 1.0, 0.0, 0.8),
+            (0.036, -0.006, 1.0, 0.0, 0.9),
+            (0.034, -0.008, 0.0, -1.0, 0.8),
+            (0.025, -0.008, 0.0, -1.0, 0.5),
+            (0.025, -0.008, 1.0, 0.0, 0.5),
+            (0.025, -0.014, 1.0, 0.0, 0.6),
+            (0.038, -0.020, 1.0, 0.4, 1.0),
+            (0.040, -0.024, 1.0, 0.0, 1.0),
+            (0.040, -0.034, 1.0, 0.0, 1.0),
+            (0.038, -0.038, 0.6, -0.8, 0.9),
+            (0.030, -0.040, 0.0, -1.0, 0.8),
+            (0.0, -0.040, 0.0, -1.0, 0.7),
+        ],
+        36,
+    )
+}
+
+/// The course of a finger's centre line.
+#[derive(Clone, Copy)]
+struct FingerBend {
+    /// Lean outwards at the root, rad.
+    root_rad: f32,
+    /// Lean outwards at the tip, rad.
+    tip_rad: f32,
+}
+
+impl FingerBend {
+    const OPEN: Self = Self {
+        root_rad: 0.42,
+        tip_rad: 0.12,
+    };
+    const CLOSED: Self = Self {
+        root_rad: 0.36,
+        tip_rad: -0.95,
+    };
+}
+
+/// A tapered soft finger with ribs on its back, rooted at (28 mm, 0, -34 mm).
+fn finger(bend: FingerBend) -> Mesh {
+    const ROWS: usize = 64;
+    const COLUMNS: usize = 20;
+    const LENGTH_M: f32 = 0.088;
+    const RIBS: f32 = 8.0;
+    let mut centre = Vec2::new(0.028, -0.034);
+    let mut path = Vec::with_capacity(ROWS);
+    for i in 0..ROWS {
+        let t = i as f32 / (ROWS - 1) as f32;
+        let lean = bend.root_rad + (bend.tip_rad - bend.root_rad) * t;
+        let along = Vec2::new(lean.sin(), -lean.cos());
+        path.push((t, centre, along));
+        centre += along * LENGTH_M / (ROWS - 1) as f32;
+    }
+    let mut mesh = lathe(ROWS, COLUMNS, |i, j| {
+        let (t, centre, along) = path[i];
+        // The last tenth closes like a finger tip.
+        let tip = ((1.0 - t) / 0.10).min(1.0);
+        let close = (1.0 - (1.0 - tip).powi(2)).max(0.0).sqrt();
+        let (sin, cos) = angle(j, COLUMNS).sin_cos();
+        let rib = 0.5 - 0.5 * (TAU * RIBS * t).cos();
+        let back = if cos > 0.0 { cos } else { 0.0 };
+        let fade = (1.0 - t).min(0.15) / 0.15;
+        let thick_m = (0.0075 - 0.0028 * t) * (1.0 + 0.34 * back * rib * fade) * close;
+        let wide_m = (0.0100 - 0.0035 * t) * close;
+        let out = Vec2::new(-along.y, along.x);
+        let p = centre + out * (thick_m * cos);
+        let shade = 1.0 - 0.45 * back * (1.0 - rib) * fade;
+        vertex(Vec3::new(p.x, wide_m * sin, p.y), Vec3::ZERO, shade)
+    });
+    smooth_normals(&mut mesh);
+    mesh
+}
+
+/// Sets each vertex normal to the mean of its triangles' normals, weighted by area.
+fn smooth_normals(mesh: &mut Mesh) {
+    let mut sum = vec![Vec3::ZERO; mesh.vertices.len()];
+    for t in mesh.indices.chunks_exact(3) {
+        let [a, b, c] = [t[0], t[1], t[2]].map(|i| Vec3::from(mesh.vertices[i as usize].position));
+        let n = (b - a).cross(c - a);
+        for i in t {
+            sum[*i as usize] += n;
+        }
+    }
+    for (v, n) in mesh.vertices.iter_mut().zip(sum) {
+        v.normal = n.normalize_or(Vec3::NEG_Z).to_array();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    /// What the vertex shader makes of a mesh for a straight segment of length 0.145 m.
+    fn straight(part: Part, mesh: &Mesh) -> Vec<Vec3> {
+        mesh.vertices
+            .iter()
+            .map(|v| {
+                let [a, b, c] = v.position;
+                match part.motion() {
+                    Motion::Rigid => Vec3::new(a, b, c),
+                    Motion::Swept => (Vec2::from_angle(b) * a).extend(-0.145 * c),
+                    Motion::Coiled => Vec3::new(a, b, c),
+                }
+            })
+            .collect()
+    }
+
+    /// Edges by welded ends with the sum of their directions and their count.
+    fn edges(points: &[Vec3], indices: &[u32]) -> BTreeMap<([i32; 3], [i32; 3]), (i32, u32)> {
+        let key = |i: u32| {
+            points[i as usize]
+                .to_array()
+                .map(|x| (x * 1e6).round() as i32)
+        };
+        let mut edges = BTreeMap::new();
+        for t in indices.chunks_exact(3) {
+            let k = [key(t[0]), key(t[1]), key(t[2])];
+            if k[0] == k[1] || k[1] == k[2] || k[2] == k[0] {
+                continue;
+            }
+            for (a, b) in [(k[0], k[1]), (k[1], k[2]), (k[2], k[0])] {
+                let (edge, sign) = if a < b { ((a, b), 1) } else { ((b, a), -1) };
+                let e = edges.entry(edge).or_insert((0, 0));
+                e.0 += sign;
+                e.1 += 1;
+            }
+        }
+        edges
+    }
+
+    #[test]
+    fn solid_parts_are_closed_and_wound_one_way() {
+        let robot = RobotSpec::reference();
+        for part in Part::ALL {
+            if matches!(
+                part,
+                Part::Tube | Part::Spring | Part::FingerOpen | Part::FingerClosed
+            ) {
+                continue; // open at ends that other parts cover
+            }
+            let mesh = part_mesh(part, &robot);
+            let points = straight(part, &mesh);
+            for (edge, (sum, count)) in edges(&points, &mesh.indices) {
+                assert_eq!((sum, count), (0, 2), "{part:?} edge {edge:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn volumes_are_positive_and_right() {
+        let robot = RobotSpec::reference();
+        let volume = |part| {
+            let mesh = part_mesh(part, &robot);
+            let p = straight(part, &mesh);
+            // V = Σ a · (b × c) / 6
+            mesh.indices
+                .chunks_exact(3)
+                .map(|t| {
+                    let [a, b, c] = [t[0], t[1], t[2]].map(|i| p[i as usize].as_dvec3());
+                    a.dot(b.cross(c)) / 6.0
+                })
+                .sum::<f64>()
+        };
+        let sphere = volume(Part::Sphere);
+        assert!(
+            (sphere / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.03,
+            "{sphere}"
+        );
+        // Between the cylinders of the inner and the outer diameter.
+        let v = volume(Part::Bellows);
+        let cylinder = |d: f64| std::f64::consts::FRAC_PI_4 * d * d * 0.145;
+        assert!(v > cylinder(0.065) && v < cylinder(0.100), "{v}");
+        for part in [
+            Part::TopPad,
+            Part::MiddlePad,
+            Part::EndPad,
+            Part::FingerOpen,
+            Part::FingerClosed,
+        ] {
+            assert!(volume(part) > 0.0, "{part:?}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_finite_and_normals_have_unit_length() {
+        let robot = RobotSpec::reference();
+        let (mesh, ranges) = build(&robot);
+        assert_eq!(ranges.len(), Part::ALL.len());
+        for (part, range) in Part::ALL.iter().zip(&ranges) {
+            assert!(!range.is_empty(), "{part:?}");
+            for i in &mesh.indices[range.start as usize..range.end as usize] {
+                let v = mesh.vertices[*i as usize];
+                assert!(v.position.iter().chain(&v.normal).all(|x| x.is_finite()));
+                assert!((0.0..=1.0).contains(&v.shade), "{part:?} {}", v.shade);
+                let length = Vec3::from(v.normal).length();
+                match part.motion() {
+                    Motion::Rigid => assert!((length - 1.0).abs() < 1e-4, "{part:?} {length}"),
+                    Motion::Swept | Motion::Coiled => assert!(length > 0.5, "{part:?} {length}"),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn bellows_reach_the_diameters_of_the_robot_file() {
+        let robot = RobotSpec::reference();
+        let mesh = part_mesh(Part::Bellows, &robot);
+        let widest = mesh
+            .vertices
+            .iter()
+            .map(|v| v.position[0])
+            .fold(0.0, f32::max);
+        assert!((2.0 * widest - 0.100).abs() < 1e-4);
+        let maxima = (0..1000)
+            .map(|k| [k - 1, k, k + 1].map(|i| fold(i as f32 / 1000.0, 0.0325, 0.05)))
+            .filter(|[a, b, c]| b > a && b >= c)
+            .count();
+        assert_eq!(maxima, CONVOLUTIONS);
+    }
+}
