@@ -1,0 +1,106 @@
+//! Springs and IMUs in brief, for the Operate screen.
+
+use egui::{RichText, Ui};
+
+use super::View;
+use super::plot::{Dash, swatch};
+use super::widgets::{
+    Meter, cell, cell_left, heading, health, health_sentence, meter, note, number,
+};
+use crate::gui::history::Channel;
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{IMUS, SPRINGS};
+
+/// Name of a spring: pair (1 to 6) and A or B.
+pub fn spring_name(i: usize) -> String {
+    format!(
+        "{}{}",
+        i / 2 + 1,
+        if i.is_multiple_of(2) { "A" } else { "B" }
+    )
+}
+
+/// The panel.
+pub fn ui(ui: &mut Ui, view: &View<'_>) {
+    let Some(frame) = &view.snapshot.sensors else {
+        note(ui, "No sensors yet: waiting for the first frame.");
+        return;
+    };
+    let p = *Palette::in_ui(ui);
+    let range = view.spec.spring.range_m.map(|x| x * 1e3);
+    ui.spacing_mut().item_spacing.y = 3.0;
+    heading(ui, "Springs / mm");
+    let column = (ui.available_width() - 12.0) / 2.0;
+    for row in 0..SPRINGS / 2 {
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
+            for i in [row, row + SPRINGS / 2] {
+                let state = frame.health.springs[i];
+                let (glyph, word, level) = health(state);
+                let mm = frame.sensors.spring_m[i] * 1e3;
+                let color = if level == Level::Normal {
+                    p.text
+                } else {
+                    p.level(level)
+                };
+                let start = ui.cursor().left();
+                cell_left(ui, 24.0, RichText::new(spring_name(i)).color(p.weak));
+                let name = format!("Spring {} length in mm", spring_name(i));
+                meter(
+                    ui,
+                    column - 24.0 - 52.0 - 18.0 - 12.0,
+                    &Meter {
+                        name: &name,
+                        range,
+                        origin: range[0],
+                        value: Some(mm),
+                        mark: None,
+                        color: if level == Level::Normal {
+                            p.bar
+                        } else {
+                            p.level(level)
+                        },
+                    },
+                )
+                .on_hover_text(format!("{name}: {word}. {}", health_sentence(state)));
+                cell(ui, 52.0, RichText::new(number(mm, 1)).color(color));
+                cell(ui, 18.0, RichText::new(glyph).color(p.level(level)));
+                ui.add_space((column - (ui.cursor().left() - start)).max(0.0) + 8.0);
+            }
+        });
+    }
+    ui.add_space(4.0);
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        cell_left(ui, 76.0, RichText::new("IMUs / deg").small().color(p.weak));
+        let width = ((ui.available_width() - 30.0) / 3.0).clamp(40.0, 80.0);
+        for name in ["yaw", "pitch", "roll"] {
+            cell(ui, width, RichText::new(name).small().color(p.weak));
+        }
+    });
+    for i in 0..IMUS {
+        let state = frame.health.imus[i];
+        let (glyph, word, level) = health(state);
+        let row = ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
+            swatch(ui, p.signal(Channel::Imu(i, 0)), Dash::Solid);
+            cell_left(ui, 56.0, RichText::new(imu_name(i)).color(p.weak));
+            let width = ((ui.available_width() - 30.0) / 3.0).clamp(40.0, 80.0);
+            for k in 0..3 {
+                let v = frame.sensors.imu_ypr_rad[i][k].to_degrees();
+                cell(ui, width, RichText::new(number(v, 1)));
+            }
+            cell(ui, 18.0, RichText::new(glyph).color(p.level(level)));
+        });
+        row.response.on_hover_text(format!(
+            "IMU {} on the {} pad, yaw, pitch, roll in deg: {word}",
+            i + 1,
+            if i < 2 { "middle" } else { "end" }
+        ));
+    }
+}
+
+/// Name of an IMU with its pad.
+pub fn imu_name(i: usize) -> String {
+    format!("{} {}", i + 1, if i < 2 { "middle" } else { "end" })
+}
