@@ -35,7 +35,7 @@ const STORAGE_KEY: &str = "springtwin window 1";
 struct Settings {
     layout: egui_tiles::Tree<Pane>,
     screen: Screen,
-    dark: bool,
+    dark: Option<bool>,
     span_s: f64,
 }
 
@@ -126,11 +126,9 @@ impl App {
                 self.operate.tree = settings.layout;
             }
             self.screen = settings.screen;
-            self.theme = Some(if settings.dark {
-                Theme::Dark
-            } else {
-                Theme::Light
-            });
+            self.theme = settings
+                .dark
+                .map(|dark| if dark { Theme::Dark } else { Theme::Light });
             if settings.span_s.is_finite() {
                 self.window.span_s = settings.span_s.clamp(1.0, 600.0);
             }
@@ -146,6 +144,9 @@ impl App {
         let ctx = ui.ctx().clone();
         if !self.set_up {
             self.set_up(&ctx, None);
+            // Style and fonts hold from the next pass on.
+            ctx.request_repaint();
+            return;
         }
         let now_s = ctx.input(|i| i.time);
         self.drain(&ctx, now_s);
@@ -293,6 +294,7 @@ impl App {
             replay: title.as_deref(),
             message,
             recording_s,
+            twin: self.handle.is_some(),
             twin_gone: self.twin_gone,
         };
         let mut actions = Vec::new();
@@ -393,7 +395,7 @@ impl eframe::App for App {
         let settings = Settings {
             layout: self.operate.tree.clone(),
             screen: self.screen,
-            dark: self.theme != Some(Theme::Light),
+            dark: self.theme.map(|t| t == Theme::Dark),
             span_s: self.window.span_s,
         };
         eframe::set_value(storage, STORAGE_KEY, &settings);

@@ -5,14 +5,13 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 
 use egui::{Key, Modifiers, Theme};
-use egui_kittest::{Harness, kittest::Queryable};
+use egui_kittest::{Harness, kittest::NodeT, kittest::Queryable};
 
 use super::app::App;
 use super::fixture;
 use super::panels::Screen;
 use super::panels::player::Player;
 use super::services::{RecordingEntry, Services, ready};
-use super::theme;
 use crate::robot::RobotSpec;
 use crate::signal::{
     Alarm, ChannelHealth, Goal, Mode, ReachState, Severity, Snapshot, Stamp, TruthSource,
@@ -62,8 +61,7 @@ fn twin(first: Snapshot) -> (Twin, Handle) {
 fn harness<'a>(app: App) -> Harness<'a, App> {
     Harness::builder()
         .with_size([1280.0, 720.0])
-        .with_context_setup(theme::install)
-        .build_ui_state(|ui, app: &mut App| app.frame(ui), app)
+        .build_eframe(|_| app)
 }
 
 fn running(first: Snapshot) -> (Twin, Harness<'static, App>) {
@@ -99,7 +97,7 @@ fn stop_is_one_click_or_one_chord_from_every_screen() {
     for screen in Screen::ALL {
         h.state_mut().screen = screen;
         h.run();
-        press(&mut h, "⏹ STOP");
+        press(&mut h, "■ STOP");
         assert_eq!(twin.taken(), [Command::Stop], "{screen:?}");
         h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
         h.run();
@@ -153,7 +151,7 @@ fn space_holds_and_resumes() {
     idle.mode = Mode::Disarmed;
     twin.publish(idle);
     h.run();
-    assert!(is_disabled(&h, "⏸ HOLD"));
+    assert!(is_disabled(&h, "▮▮ HOLD"));
     h.key_press(Key::Space);
     h.run();
     assert_eq!(twin.taken(), []);
@@ -174,7 +172,7 @@ fn typed_target_is_previewed_then_gone_to() {
     ));
     twin.publish(s);
     h.run();
-    h.get_by_label("✔ Reachable");
+    h.get_by_label("● Reachable");
     press(&mut h, "▶ Go");
     assert_eq!(twin.taken(), [Command::Go]);
     press(&mut h, "Cancel");
@@ -197,7 +195,7 @@ fn unreachable_target_says_why_and_offers_the_nearest() {
     s.preview = Some((goal, reach));
     let (twin, mut h) = running(s);
     type_target(&mut h, ["200", "0", "-200"]);
-    h.get_by_label("⛔ Unreachable: 18 mm short");
+    h.get_by_label("⊗ Unreachable: 18 mm short");
     h.get_by_label_contains("chamber 4 at +40.0 kPa");
     assert!(is_disabled(&h, "▶ Go"));
     // The reason is on the button, too.
@@ -275,7 +273,7 @@ fn safe_shows_its_reason_and_a_reset() {
     h.get_by_label_contains("over-pressure in chamber 3");
     press(&mut h, "Reset");
     assert_eq!(twin.taken(), [Command::Reset]);
-    assert!(is_disabled(&h, "⏸ HOLD"));
+    assert!(is_disabled(&h, "▮▮ HOLD"));
 }
 
 #[test]
@@ -306,7 +304,7 @@ fn shortcuts_switch_screens_and_show_the_list() {
     h.event(egui::Event::Text("?".into()));
     h.run_steps(4);
     let list = h.get_by_label_contains("STOP: pumps off").rect();
-    let stop = h.get_by_label("⏹ STOP").rect();
+    let stop = h.get_by_label("■ STOP").rect();
     assert!(!list.intersects(stop));
     h.key_press(Key::Escape);
     h.run_steps(4);
@@ -340,7 +338,7 @@ fn a_replay_is_announced_and_disables_motion() {
             .as_ref()
             .is_some_and(|p| p.position_s > 0.1)
     );
-    h.get_by_label("⏹ STOP").click();
+    h.get_by_label("■ STOP").click();
     h.run_steps(2);
     assert_eq!(twin.taken(), [Command::Stop]);
     h.get_by_label("Close replay").click();
@@ -366,7 +364,7 @@ fn recordings_are_listed_loaded_and_made() {
     h.get_by_label("▶ Play").click();
     h.run_steps(3);
     assert!(h.state().player.is_some());
-    h.get_by_label("⏺ Record").click();
+    h.get_by_label("● Record").click();
     h.run_steps(2);
     assert_eq!(
         twin.taken(),
@@ -419,7 +417,7 @@ fn an_empty_start_shows_every_screen() {
             &[],
         ));
         h.run_steps(3);
-        h.get_by_label_contains("Not connected");
+        h.get_by_label("OFFLINE");
     }
 }
 
@@ -492,10 +490,9 @@ fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
         .with_size(size)
         .with_theme(theme)
         .with_render_cursor(false)
-        .with_context_setup(theme::install)
         .wgpu()
-        .build_ui_state(|ui, app: &mut App| app.frame(ui), app);
-    h.run_steps(4);
+        .build_eframe(|_| app);
+    h.run_steps(5);
     let image = h.render().expect("a GPU or a software renderer draws");
     assert_eq!(
         [image.width() as f32, image.height() as f32],

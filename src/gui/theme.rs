@@ -23,9 +23,9 @@ impl Level {
     /// The glyph that goes with the colour.
     pub fn glyph(self) -> &'static str {
         match self {
-            Self::Normal => "✔",
-            Self::Warning => "⚠",
-            Self::Critical => "⛔",
+            Self::Normal => "●",
+            Self::Warning => "▲",
+            Self::Critical => "⊗",
         }
     }
 }
@@ -147,20 +147,33 @@ impl Palette {
     }
 
     /// The colour of a signal, the same on every screen. Springs share the colour of their X pair
-    /// (the second of a pair is drawn dashed), truth and set values that of the signal they belong to.
+    /// (the second of a pair is drawn dashed), set pressures that of their chamber; ground truth is
+    /// neutral.
     pub fn signal(&self, channel: Channel) -> Color32 {
         match channel {
             Channel::Spring(i) => self.series[i / 2],
             Channel::Imu(i, _) => self.series[i],
             Channel::ChamberMeasured(i) | Channel::ChamberSet(i) => self.series[i],
-            Channel::Tip(i) | Channel::Truth(i) => self.series[i],
+            Channel::Tip(i) => self.series[i],
+            Channel::Truth(_) => self.text,
             Channel::Error(i) => self.series[if i < 6 { i } else { 0 }],
         }
     }
 }
 
-/// Sets both themes' styles. Idempotent; call once before the first frame.
+/// Sets both themes' styles, and lets the monospace font supply the signs (●, ▲, ⊗ …) that the
+/// text font has not. Idempotent; call once before the first frame.
 pub fn install(ctx: &egui::Context) {
+    let mut fonts = egui::FontDefinitions::default();
+    let signs = fonts.families.get(&FontFamily::Monospace).cloned();
+    if let (Some(text), Some(signs)) = (fonts.families.get_mut(&FontFamily::Proportional), signs) {
+        for font in signs {
+            if !text.contains(&font) {
+                text.push(font);
+            }
+        }
+    }
+    ctx.set_fonts(fonts);
     for theme in [Theme::Dark, Theme::Light] {
         ctx.style_mut_of(theme, |style| {
             style.visuals = visuals(theme);

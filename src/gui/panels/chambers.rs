@@ -4,7 +4,7 @@ use egui::{RichText, Ui};
 
 use super::View;
 use super::plot::{Dash, swatch};
-use super::widgets::{Meter, cell, heading, meter, note, number};
+use super::widgets::{Meter, cell, dense, heading, meter, note, number};
 use crate::gui::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::signal::CHAMBERS;
@@ -21,10 +21,13 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
         return;
     };
     let p = *Palette::in_ui(ui);
-    let columns = [54.0, 54.0];
-    let bar = (ui.available_width() - columns[0] - columns[1] - 46.0 - 4.0 * 8.0).max(40.0);
+    dense(ui);
+    ui.spacing_mut().item_spacing = egui::vec2(6.0, 5.0);
+    let columns = [48.0, 44.0];
+    let names = 16.0 + 6.0 + 14.0;
+    let bar = (ui.available_width() - columns[0] - columns[1] - names - 3.0 * 6.0).max(40.0);
     ui.horizontal(|ui| {
-        ui.add_space(46.0 + 8.0);
+        ui.add_space(names + 6.0);
         let (rect, _) = ui.allocate_exact_size(egui::vec2(bar, 14.0), egui::Sense::hover());
         for (ratio, text) in [
             (0.0, range[0]),
@@ -65,7 +68,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
         ui.horizontal(|ui| {
             let name = format!("Chamber {}", i + 1);
             swatch(ui, p.signal(Channel::ChamberMeasured(i)), Dash::Solid);
-            super::widgets::cell_left(ui, 22.0, RichText::new(format!("{}", i + 1)).color(p.text));
+            super::widgets::cell_left(ui, 14.0, RichText::new(format!("{}", i + 1)).color(p.text));
             let color = if level == Level::Normal {
                 p.bar
             } else {

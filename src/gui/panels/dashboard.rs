@@ -5,7 +5,7 @@ use egui::{RichText, Ui};
 use super::View;
 use super::plot::{Dash, swatch};
 use super::widgets::{
-    Meter, cell, cell_left, heading, health, health_sentence, meter, note, number,
+    Meter, cell, cell_left, dense, heading, health, health_sentence, meter, note, number,
 };
 use crate::gui::history::Channel;
 use crate::gui::theme::{Level, Palette};
@@ -28,7 +28,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
     };
     let p = *Palette::in_ui(ui);
     let range = view.spec.spring.range_m.map(|x| x * 1e3);
-    ui.spacing_mut().item_spacing.y = 3.0;
+    dense(ui);
     heading(ui, "Springs / mm");
     let column = (ui.available_width() - 12.0) / 2.0;
     for row in 0..SPRINGS / 2 {
@@ -48,7 +48,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                 let name = format!("Spring {} length in mm", spring_name(i));
                 meter(
                     ui,
-                    column - 24.0 - 52.0 - 18.0 - 12.0,
+                    column - 24.0 - 44.0 - 14.0 - 12.0,
                     &Meter {
                         name: &name,
                         range,
@@ -63,17 +63,17 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                     },
                 )
                 .on_hover_text(format!("{name}: {word}. {}", health_sentence(state)));
-                cell(ui, 52.0, RichText::new(number(mm, 1)).color(color));
-                cell(ui, 18.0, RichText::new(glyph).color(p.level(level)));
+                cell(ui, 44.0, RichText::new(number(mm, 1)).color(color));
+                cell(ui, 14.0, RichText::new(glyph).color(p.level(level)));
                 ui.add_space((column - (ui.cursor().left() - start)).max(0.0) + 8.0);
             }
         });
     }
     ui.add_space(4.0);
+    let width = ((ui.available_width() - 76.0 - 14.0 - 4.0 * 4.0) / 3.0).clamp(36.0, 80.0);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         cell_left(ui, 76.0, RichText::new("IMUs / deg").small().color(p.weak));
-        let width = ((ui.available_width() - 30.0) / 3.0).clamp(40.0, 80.0);
         for name in ["yaw", "pitch", "roll"] {
             cell(ui, width, RichText::new(name).small().color(p.weak));
         }
@@ -85,12 +85,11 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             ui.spacing_mut().item_spacing.x = 4.0;
             swatch(ui, p.signal(Channel::Imu(i, 0)), Dash::Solid);
             cell_left(ui, 56.0, RichText::new(imu_name(i)).color(p.weak));
-            let width = ((ui.available_width() - 30.0) / 3.0).clamp(40.0, 80.0);
             for k in 0..3 {
                 let v = frame.sensors.imu_ypr_rad[i][k].to_degrees();
                 cell(ui, width, RichText::new(number(v, 1)));
             }
-            cell(ui, 18.0, RichText::new(glyph).color(p.level(level)));
+            cell(ui, 14.0, RichText::new(glyph).color(p.level(level)));
         });
         row.response.on_hover_text(format!(
             "IMU {} on the {} pad, yaw, pitch, roll in deg: {word}",

@@ -1,7 +1,7 @@
 //! Plots over time that share one window: zoom, pan or freeze one and all follow.
 
 use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
-use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
+use egui_plot::{GridMark, HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
 
 use super::View;
 use super::widgets::{minutes, number};
@@ -61,7 +61,11 @@ impl TimeWindow {
             .accessible_name("Time window")
             .on_hover_text("How much time all plots show. Scroll over a plot to zoom.");
         let mut frozen = self.frozen_end_s.is_some();
-        let text = if frozen { "▶ Follow" } else { "⏸ Freeze" };
+        let text = if frozen {
+            "▶ Follow"
+        } else {
+            "▮▮ Freeze"
+        };
         let hover = if frozen {
             "Show the newest values again"
         } else {
@@ -134,6 +138,9 @@ pub struct TimePlot<'a> {
     pub playhead_s: Option<f64>,
 }
 
+/// Plots lower than this have title and legend inside, points.
+const COMPACT: f32 = 120.0;
+
 /// Whether a plot shows time labels. In a stack only the lowest does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeAxis {
@@ -146,8 +153,11 @@ pub enum TimeAxis {
 impl TimePlot<'_> {
     /// Draws title, legend and plot in `height` points of height.
     pub fn show(&self, ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow, height: f32) {
+        let compact = height < COMPACT;
         let top = ui.cursor().top();
-        self.legend(ui);
+        if !compact {
+            ui.horizontal(|ui| self.legend(ui));
+        }
         let height = (height - (ui.cursor().top() - top)).max(30.0);
         let range = window.range_s(view.now_s);
         let width = ui.available_width();
@@ -193,7 +203,10 @@ impl TimePlot<'_> {
             .y_axis_min_width(46.0)
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
             .x_axis_formatter(|mark, _| clock(mark.value, mark.step_size))
+            .y_grid_spacer(move |_| marks(middle - half, middle + half, height / 26.0))
+            .x_grid_spacer(move |_| marks_of_time(range, width / 90.0))
             .grid_color(palette.line)
+            .grid_fade(0.0)
             .link_cursor(egui::Id::unique("time"), [true, false])
             .label_formatter(move |at| match at {
                 HoverPosition::NearDataPoint {
@@ -242,22 +255,34 @@ impl TimePlot<'_> {
             })
             .response;
         response.widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
+        if compact {
+            let line = egui::Rect::from_min_size(
+                response.rect.min + vec2(5.0, 1.0),
+                vec2(response.rect.width() - 6.0, 16.0),
+            );
+            let layout = Layout::left_to_right(Align::Center);
+            let mut over = ui.new_child(egui::UiBuilder::new().max_rect(line).layout(layout));
+            self.legend(&mut over);
+        }
         follow_pointer(ui, &response, window, view.now_s);
     }
 
     fn legend(&self, ui: &mut Ui) {
         let p = Palette::in_ui(ui);
-        ui.horizontal(|ui| {
-            ui.spacing_mut().item_spacing.x = 6.0;
-            ui.label(RichText::new(self.title).small().color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                ui.spacing_mut().item_spacing.x = 5.0;
-                for s in self.series.iter().rev() {
-                    ui.label(RichText::new(&s.name).small().color(p.weak));
-                    swatch(ui, p.signal(s.channel), s.dash);
-                    ui.add_space(5.0);
-                }
-            });
+        ui.spacing_mut().item_spacing.x = 6.0;
+        ui.spacing_mut().interact_size.y = 16.0;
+        // Nothing here takes the pointer from the plot below.
+        let label = |ui: &mut Ui, text: &str, color| {
+            ui.add(egui::Label::new(RichText::new(text).small().color(color)).selectable(false))
+        };
+        label(ui, self.title, p.text);
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 5.0;
+            for s in self.series.iter().rev().filter(|s| !s.name.is_empty()) {
+                label(ui, &s.name, p.weak);
+                swatch(ui, p.signal(s.channel), s.dash);
+                ui.add_space(5.0);
+            }
         });
     }
 }
@@ -296,6 +321,41 @@ fn follow_pointer(ui: &Ui, response: &egui::Response, window: &mut TimeWindow, n
             window.span_s = (window.span_s * (-scroll * 0.003).exp()).clamp(1.0, 600.0);
         }
     }
+}
+
+// Round steps (1, 2, 5 · 10ⁿ) so that about `count` marks fall between `low` and `high`.
+fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+    let raw = (high - low) / f64::from(count.max(2.0));
+    let decade = 10_f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .map(|m| m * decade)
+        .into_iter()
+        .find(|s| *s >= raw)
+        .unwrap_or(10.0 * decade);
+    marks_at(low, high, step)
+}
+
+fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
+    let raw = (to - from) / f64::from(count.max(2.0));
+    let step = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0]
+        .into_iter()
+        .find(|s| *s >= raw)
+        .unwrap_or(300.0);
+    marks_at(from, to, step)
+}
+
+fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
+    if !(step > 0.0 && high >= low) {
+        return Vec::new();
+    }
+    let first = (low / step).ceil() as i64;
+    let last = (high / step).floor() as i64;
+    (first..=last.min(first + 200))
+        .map(|i| GridMark {
+            value: i as f64 * step,
+            step_size: step,
+        })
+        .collect()
 }
 
 fn decimals_for(span: f64) -> usize {
@@ -371,6 +431,15 @@ mod tests {
         assert_eq!(w.range_s(100.0), [70.0, 100.0]);
         w.frozen_end_s = Some(50.0);
         assert_eq!(w.range_s(100.0), [20.0, 50.0]);
+    }
+
+    #[test]
+    fn marks_are_round_and_few() {
+        let m = marks(-3.1, 7.2, 5.0);
+        let values: Vec<_> = m.iter().map(|m| m.value).collect();
+        assert_eq!(values, [0.0, 5.0]);
+        assert_eq!(marks_of_time([0.0, 30.0], 6.0).len(), 7);
+        assert!(marks(f64::NAN, 1.0, 3.0).is_empty());
     }
 
     #[test]

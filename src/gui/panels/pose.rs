@@ -3,7 +3,7 @@
 use egui::{RichText, Ui};
 
 use super::View;
-use super::widgets::{cell, cell_left, note, number, status};
+use super::widgets::{cell, cell_left, dense, note, number, status};
 use crate::gui::history::{POSE_NAMES, display_difference, error_norms, pose_for_display};
 use crate::gui::theme::{Level, Palette};
 
@@ -29,7 +29,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let name_width = 74.0;
     let spacing = 4.0;
     let width = ((ui.available_width() - name_width - 4.0 * spacing) / 4.0).clamp(40.0, 90.0);
-    ui.spacing_mut().item_spacing = egui::vec2(spacing, 3.0);
+    dense(ui);
     let head = |text: &str| RichText::new(text).small().color(p.weak);
     ui.horizontal(|ui| {
         cell_left(ui, name_width, head(""));

@@ -137,19 +137,19 @@ fn record(
     let p = *Palette::in_ui(ui);
     ui.horizontal(|ui| match &input.live.snapshot.recording {
         Some(name) => {
-            let button = Button::new("⏹ End recording").min_size(vec2(0.0, 32.0));
+            let button = Button::new("■ End recording").min_size(vec2(0.0, 32.0));
             if gated(ui, &gate, button, "Close the file").clicked() {
                 commands.push(Command::StopRecording);
             }
             ui.label(
-                RichText::new(format!("⏺ {}", minutes(input.recording_s.unwrap_or(0.0))))
+                RichText::new(format!("● {}", minutes(input.recording_s.unwrap_or(0.0))))
                     .color(p.critical),
             )
             .on_hover_text("Time since the recording began, min:s");
             note(ui, name.as_str());
         }
         None => {
-            let button = Button::new("⏺ Record").min_size(vec2(0.0, 32.0));
+            let button = Button::new("● Record").min_size(vec2(0.0, 32.0));
             if gated(
                 ui,
                 &gate,
@@ -171,7 +171,7 @@ fn list(ui: &mut Ui, library: &mut Library, services: &mut Services) {
         ui.label("Library");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             if ui
-                .button("⟳ Refresh")
+                .button("↻ Refresh")
                 .on_hover_text("Look for recordings again")
                 .clicked()
             {
@@ -332,7 +332,7 @@ fn playing(
     let mut close = false;
     ui.horizontal(|ui| {
         let (text, hover) = if p.playing {
-            ("⏸ Pause", "Pause (Space)")
+            ("▮▮ Pause", "Pause (Space)")
         } else {
             ("▶ Play", "Play (Space)")
         };
@@ -346,7 +346,7 @@ fn playing(
             p.toggle();
         }
         if ui
-            .add(Button::new("⏮").min_size(vec2(32.0, 30.0)))
+            .add(Button::new("⇤").min_size(vec2(32.0, 30.0)))
             .accessible_name("Back to the start")
             .on_hover_text("Back to the start")
             .clicked()

@@ -7,7 +7,7 @@ use super::dashboard::{imu_name, spring_name};
 use super::plot::{Dash, Series, TimeAxis, TimePlot, TimeWindow, sparkline, swatch};
 use super::shell::age;
 use super::widgets::{
-    Meter, cell, cell_left, empty, heading, health, health_sentence, meter, note, number,
+    Meter, cell, cell_left, dense, empty, heading, health, health_sentence, meter, note, number,
 };
 use crate::gui::history::Channel;
 use crate::gui::theme::{Level, Palette};
@@ -32,7 +32,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         );
         return;
     };
-    let cards = 232.0;
+    let cards = 196.0;
     ui.horizontal_top(|ui| {
         let side = (ui.available_width() * 0.31).clamp(330.0, 460.0);
         let grid = ui.available_width() - side - 10.0;
@@ -60,7 +60,7 @@ pub fn card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
         .stroke(Stroke::new(1.0, p.line))
         .corner_radius(4)
         .inner_margin(9)
-        .show(ui, contents);
+        .show(ui, |ui| ui.vertical(contents));
 }
 
 fn springs(
@@ -78,10 +78,8 @@ fn springs(
             for k in 0..3 {
                 let pair = 3 * segment + k;
                 card(ui, |ui| {
-                    ui.vertical(|ui| {
-                        ui.set_width(inner);
-                        pair_card(ui, view, frame, state, pair);
-                    });
+                    ui.set_width(inner);
+                    pair_card(ui, view, frame, state, pair);
                 });
             }
         });
@@ -182,7 +180,7 @@ fn spring_row(
 
 fn imus(ui: &mut Ui, frame: &SensorFrame) {
     let p = *Palette::in_ui(ui);
-    ui.spacing_mut().item_spacing = vec2(4.0, 3.0);
+    dense(ui);
     let width = ((ui.available_width() - 96.0 - 76.0 - 24.0) / 3.0).max(44.0);
     ui.horizontal(|ui| {
         cell_left(ui, 96.0, RichText::new("IMUs / deg").small().color(p.weak));

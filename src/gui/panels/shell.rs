@@ -32,6 +32,8 @@ pub struct ShellInput<'a> {
     pub message: Option<&'a Message>,
     /// Seconds the running recording has lasted.
     pub recording_s: Option<f64>,
+    /// Whether the window was opened onto a twin.
+    pub twin: bool,
     /// Whether the twin behind the window has ended.
     pub twin_gone: bool,
 }
@@ -55,24 +57,24 @@ pub enum ShellAction {
 pub fn mode_words(mode: &Mode) -> (&'static str, &'static str, Level) {
     match mode {
         Mode::Disarmed => ("○", "DISARMED", Level::Normal),
-        Mode::Hold => ("⏸", "HOLD", Level::Normal),
+        Mode::Hold => ("▮▮", "HOLD", Level::Normal),
         Mode::Moving => ("▶", "MOVING", Level::Normal),
-        Mode::AtGoal => ("✔", "AT GOAL", Level::Normal),
-        Mode::Safe(_) => ("⛔", "SAFE", Level::Critical),
+        Mode::AtGoal => ("◎", "AT GOAL", Level::Normal),
+        Mode::Safe(_) => ("⊗", "SAFE", Level::Critical),
     }
 }
 
 /// What HOLD does now: its label and command, or why it is off.
 pub fn hold_action(snapshot: &Snapshot) -> (&'static str, Result<Command, String>) {
     match snapshot.mode {
-        Mode::Moving | Mode::AtGoal => ("⏸ HOLD", Ok(Command::Hold)),
+        Mode::Moving | Mode::AtGoal => ("▮▮ HOLD", Ok(Command::Hold)),
         Mode::Hold => ("▶ RESUME", Ok(Command::Resume)),
         Mode::Disarmed => (
-            "⏸ HOLD",
+            "▮▮ HOLD",
             Err("Disarmed: no pressure is commanded, there is nothing to hold.".into()),
         ),
         Mode::Safe(_) => (
-            "⏸ HOLD",
+            "▮▮ HOLD",
             Err("SAFE: the pumps are off, there is nothing to hold.".into()),
         ),
     }
@@ -83,7 +85,9 @@ pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
     let s = live.snapshot;
     ui.horizontal_centered(|ui| {
         let p = Palette::in_ui(ui);
-        let (text, hover) = if s.link.simulated {
+        let (text, hover) = if s.link.source.is_empty() {
+            ("OFFLINE", "Nothing is connected.")
+        } else if s.link.simulated {
             ("SIM", "The data come from a simulation, not from hardware.")
         } else {
             ("HARDWARE", "Commands move a real arm.")
@@ -110,7 +114,7 @@ pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
 
 fn stop(ui: &mut Ui, commands: &mut Vec<Command>) {
     let p = Palette::in_ui(ui);
-    let text = RichText::new("⏹ STOP").size(19.0).color(p.on_critical);
+    let text = RichText::new("■ STOP").size(19.0).color(p.on_critical);
     let button = Button::new(text)
         .fill(p.critical_fill)
         .min_size(vec2(122.0, 40.0));
@@ -278,14 +282,14 @@ pub fn banners(
     let p = *Palette::in_ui(ui);
     let s = input.live.snapshot;
     if input.twin_gone {
-        let text = "⛔ The twin has stopped: nothing is controlled. Restart the program.";
+        let text = "⊗ The twin has stopped: nothing is controlled. Restart the program.";
         banner(ui, "gone", p.critical_fill, |ui| {
             ui.label(RichText::new(text).color(p.on_critical));
         });
     }
     if let Mode::Safe(reason) = &s.mode {
         banner(ui, "safe", p.critical_fill, |ui| {
-            let text = format!("⛔ SAFE, pumps off: {reason}");
+            let text = format!("⊗ SAFE, pumps off: {reason}");
             ui.label(RichText::new(text).color(p.on_critical));
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
                 if ui
@@ -298,13 +302,13 @@ pub fn banners(
             });
         });
     }
-    if !s.link.connected && !input.twin_gone {
+    if !s.link.connected && !input.twin_gone && input.twin {
         banner(ui, "link", p.warning_fill, |ui| {
             let text = if s.link.source.is_empty() {
-                "⚠ Not connected: no frames yet. Motion is off until the boards answer.".into()
+                "▲ Not connected: no frames yet. Motion is off until the boards answer.".into()
             } else {
                 format!(
-                    "⚠ {} does not answer: values are {} old, motion is off. Trying again.",
+                    "▲ {} does not answer: values are {} old, motion is off. Trying again.",
                     s.link.source,
                     age(s.link.age_s)
                 )
@@ -417,14 +421,18 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
                 status(ui, severity_level(a.severity), &a.text);
             }
             (None, None) => {
-                note(ui, format!("{} · {}", input.live.spec.name, s.link.source));
+                let source = match s.link.source.as_str() {
+                    "" => "not connected",
+                    source => source,
+                };
+                note(ui, format!("Robot {}, {source}", input.live.spec.name));
             }
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time");
             if let (Some(name), Some(t)) = (&s.recording, input.recording_s) {
                 let color = Palette::in_ui(ui).critical;
-                ui.label(RichText::new(format!("⏺ {name} {}", minutes(t))).color(color))
+                ui.label(RichText::new(format!("● {name} {}", minutes(t))).color(color))
                     .on_hover_text("Recording");
             }
         });

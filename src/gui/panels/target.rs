@@ -77,13 +77,13 @@ pub fn verdict(reach: &Reach) -> Verdict {
     });
     match reach.state {
         ReachState::Reachable => Verdict {
-            glyph: "✔",
+            glyph: "●",
             level: Level::Normal,
             title: "Reachable".into(),
             detail: "Within tolerance, with pressure to spare.".into(),
         },
         ReachState::Marginal => Verdict {
-            glyph: "⚠",
+            glyph: "▲",
             level: Level::Warning,
             title: "Marginal".into(),
             detail: match chamber {
@@ -92,7 +92,7 @@ pub fn verdict(reach: &Reach) -> Verdict {
             },
         },
         ReachState::Unreachable => Verdict {
-            glyph: "⛔",
+            glyph: "⊗",
             level: Level::Critical,
             title: format!("Unreachable: {} mm short", number(short_mm, 0)),
             detail: match chamber {
@@ -137,7 +137,7 @@ pub fn go_gate(view: &View<'_>, draft: &TargetDraft) -> Gate {
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
     arming(ui, view, commands);
-    let submitted = fields(ui, view, draft);
+    let submitted = fields(ui, draft);
     let parsed = draft.parse();
     let live = view.live();
     let preview_gate = live.clone().and(parsed.clone().map(|_| ()));
@@ -147,7 +147,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
             note(ui, "Click in the 3D view, or type x, y and z.");
         } else {
             let color = Palette::in_ui(ui).warning;
-            ui.label(RichText::new(format!("⚠ {reason}")).color(color));
+            ui.label(RichText::new(format!("▲ {reason}")).color(color));
         }
     }
     let half = vec2((ui.available_width() - 8.0) / 2.0, 30.0);
@@ -206,12 +206,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
     hand(ui, view, commands);
 }
 
-fn fields(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft) -> bool {
-    let tip = view
-        .snapshot
-        .estimate
-        .as_ref()
-        .map(|e| e.base_from_tip.translation.vector * 1e3);
+fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
     let width = (ui.available_width() - 16.0) / 3.0;
     let mut submitted = false;
     ui.horizontal(|ui| {
@@ -219,11 +214,9 @@ fn fields(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft) -> bool {
             ui.vertical(|ui| {
                 ui.spacing_mut().item_spacing.y = 2.0;
                 heading(ui, &format!("{name} / mm"));
-                let hint = tip.map_or_else(String::new, |t| format!("{:.1}", t[i]));
                 let edit = TextEdit::singleline(&mut draft.text[i])
                     .id_salt(("target", i))
-                    .hint_text(hint)
-                    .desired_width(width - 10.0)
+                    .desired_width(width)
                     .align(egui::Align2::RIGHT_CENTER);
                 let response = ui
                     .add(edit)
@@ -303,7 +296,10 @@ fn go(
     } else {
         "Hold for 0.8 s: the arm moves"
     };
-    let response = gated(ui, &gate, Button::new(label).min_size(size), hover);
+    // Sensing drags keeps the button pressed for longer than a click may last.
+    let sense = egui::Sense::click_and_drag();
+    let button = Button::new(label).min_size(size).sense(sense);
+    let response = gated(ui, &gate, button, hover);
     let fire = if simulated {
         response.clicked()
     } else if gate.is_ok() && response.is_pointer_button_down_on() {
@@ -331,11 +327,9 @@ fn progress(ui: &mut Ui, view: &View<'_>) {
     };
     let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(goal.position_m)).norm();
     let [x, y, z] = goal.position_m.map(|v| number(v * 1e3, 1));
-    note(
-        ui,
-        format!("Goal {x}, {y}, {z} mm: {} mm to go", number(d * 1e3, 1)),
-    )
-    .on_hover_text("By the estimate, not by motion capture");
+    note(ui, format!("{} mm to the present goal", number(d * 1e3, 1))).on_hover_text(format!(
+        "Goal at {x}, {y}, {z} mm. Distance by the estimate, not by motion capture."
+    ));
 }
 
 fn hand(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
@@ -419,7 +413,7 @@ fn arming(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
     let checks = arming_checks(view);
     for (name, check) in &checks {
         match check {
-            Ok(()) => note(ui, format!("✔ {name}")),
+            Ok(()) => note(ui, format!("● {name}")),
             Err(why) => super::widgets::status(ui, Level::Warning, &format!("{name}: {why}")),
         };
     }
@@ -474,6 +468,6 @@ mod tests {
         ]
         .map(|s| verdict(&fixture::reach(s, [0.0, 0.0, -0.3])).glyph)
         .into();
-        assert_eq!(glyphs, ["✔", "⚠", "⛔", "?"]);
+        assert_eq!(glyphs, ["●", "▲", "⊗", "?"]);
     }
 }

@@ -70,11 +70,11 @@ pub fn status(ui: &mut Ui, level: Level, text: &str) -> Response {
 /// Glyph, word and level of a channel's health.
 pub fn health(health: ChannelHealth) -> (&'static str, &'static str, Level) {
     match health {
-        ChannelHealth::Ok => ("✔", "ok", Level::Normal),
+        ChannelHealth::Ok => ("●", "ok", Level::Normal),
         ChannelHealth::Suspect => ("?", "suspect", Level::Warning),
         ChannelHealth::Stuck => ("■", "stuck", Level::Critical),
-        ChannelHealth::OutOfRange => ("⚠", "range", Level::Critical),
-        ChannelHealth::Missing => ("✖", "missing", Level::Critical),
+        ChannelHealth::OutOfRange => ("↕", "range", Level::Critical),
+        ChannelHealth::Missing => ("∅", "missing", Level::Critical),
     }
 }
 
@@ -99,14 +99,21 @@ pub fn gated(ui: &mut Ui, gate: &Gate, button: Button<'_>, hover: &str) -> Respo
 
 /// A badge: text on a small filled box.
 pub fn badge(ui: &mut Ui, text: &str, fill: Color32, color: Color32) -> Response {
-    egui::Frame::new()
-        .fill(fill)
-        .corner_radius(4)
-        .inner_margin(egui::Margin::symmetric(9, 4))
-        .show(ui, |ui| {
-            ui.add(Label::new(RichText::new(text).color(color)).extend())
-        })
-        .inner
+    let font = egui::TextStyle::Body.resolve(ui.style());
+    let galley = ui.painter().layout_no_wrap(text.to_owned(), font, color);
+    let size = galley.size() + vec2(18.0, 8.0);
+    let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
+    ui.painter().rect_filled(rect, CornerRadius::same(4), fill);
+    let at = rect.center() - 0.5 * galley.size();
+    ui.painter().galley(at, galley, color);
+    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, text));
+    response
+}
+
+/// Rows as low as their text, for tables.
+pub fn dense(ui: &mut Ui) {
+    ui.spacing_mut().interact_size.y = 18.0;
+    ui.spacing_mut().item_spacing = vec2(4.0, 3.0);
 }
 
 /// What a [`meter`] shows.
