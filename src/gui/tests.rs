@@ -358,10 +358,10 @@ fn recordings_are_listed_loaded_and_made() {
     };
     let mut h = harness(app);
     h.run_steps(3);
-    assert!(is_disabled(&h, "▶ Play"));
+    assert!(is_disabled(&h, "Load and play"));
     h.get_by_label("circle-35g").click();
     h.run_steps(2);
-    h.get_by_label("▶ Play").click();
+    h.get_by_label("Load and play").click();
     h.run_steps(3);
     assert!(h.state().player.is_some());
     h.get_by_label("● Record").click();

@@ -3,7 +3,7 @@
 use egui::{Align, Layout, RichText, Ui, vec2};
 
 use super::View;
-use super::plot::{Series, TimeAxis, TimePlot, TimeWindow};
+use super::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
 use super::sensors::card;
 use super::widgets::{badge, cell, cell_left, empty, heading, note, number};
 use crate::gui::history::{Channel, POSE_NAMES, Stats};
@@ -116,7 +116,7 @@ fn stack(
     window: &mut TimeWindow,
     plots: &[(String, Vec<Series>, f64)],
 ) {
-    let axis = 18.0;
+    let axis = AXIS;
     let n = plots.len() as f32;
     let height = ((ui.available_height() - axis) / n - ui.spacing().item_spacing.y).max(48.0);
     for (i, (title, series, min_span)) in plots.iter().enumerate() {
@@ -131,6 +131,7 @@ fn stack(
             } else {
                 TimeAxis::Hidden
             },
+            legend: Legend::Hidden,
             playhead_s: None,
         }
         .show(ui, view, window, height + if last { axis } else { 0.0 });
@@ -202,7 +203,7 @@ fn statistics(
     stats
 }
 
-fn score(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &TimeWindow) {
+fn score(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {
     let p = *Palette::in_ui(ui);
     ui.horizontal(|ui| {
         ui.label("Absolute error");
@@ -295,6 +296,18 @@ fn score(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &TimeW
         ui,
         "Errors are taken at the instant of each Vicon pose; the estimate is interpolated.",
     );
+    ui.add_space(8.0);
+    if ui.available_height() > 140.0 {
+        let plots = [
+            (6, "Length of the translation error / mm"),
+            (7, "Angle of the rotation error / deg"),
+        ]
+        .map(|(i, title)| {
+            let series = vec![Series::solid(Channel::Error(i), title)];
+            (title.to_owned(), series, 0.5)
+        });
+        stack(ui, view, window, &plots);
+    }
 }
 
 #[cfg(test)]

@@ -30,7 +30,8 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let range = view.spec.spring.range_m.map(|x| x * 1e3);
     dense(ui);
     heading(ui, "Springs / mm");
-    let column = (ui.available_width() - 12.0) / 2.0;
+    // Two columns of name, bar, value and glyph with 4 between, 12 between the columns.
+    let bar = (ui.available_width() - 12.0 - 2.0 * (24.0 + 44.0 + 14.0 + 3.0 * 4.0)) / 2.0;
     for row in 0..SPRINGS / 2 {
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;
@@ -43,12 +44,11 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                 } else {
                     p.level(level)
                 };
-                let start = ui.cursor().left();
                 cell_left(ui, 24.0, RichText::new(spring_name(i)).color(p.weak));
                 let name = format!("Spring {} length in mm", spring_name(i));
                 meter(
                     ui,
-                    column - 24.0 - 44.0 - 14.0 - 12.0,
+                    bar,
                     &Meter {
                         name: &name,
                         range,
@@ -65,7 +65,9 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                 .on_hover_text(format!("{name}: {word}. {}", health_sentence(state)));
                 cell(ui, 44.0, RichText::new(number(mm, 1)).color(color));
                 cell(ui, 14.0, RichText::new(glyph).color(p.level(level)));
-                ui.add_space((column - (ui.cursor().left() - start)).max(0.0) + 8.0);
+                if i < SPRINGS / 2 {
+                    ui.add_space(8.0);
+                }
             }
         });
     }

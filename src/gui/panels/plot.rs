@@ -134,9 +134,23 @@ pub struct TimePlot<'a> {
     pub emphasis: &'a [Channel],
     /// Whether the time labels are shown below.
     pub time_axis: TimeAxis,
+    /// Whether the names of the lines are shown.
+    pub legend: Legend,
     /// A vertical line at this instant, s.
     pub playhead_s: Option<f64>,
 }
+
+/// Whether a plot names its lines. In a stack with the same names only the first does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Legend {
+    /// Names beside the title.
+    Shown,
+    /// Title only.
+    Hidden,
+}
+
+/// Height of the time labels, points.
+pub const AXIS: f32 = 18.0;
 
 /// Plots lower than this have title and legend inside, points.
 const COMPACT: f32 = 120.0;
@@ -153,7 +167,11 @@ pub enum TimeAxis {
 impl TimePlot<'_> {
     /// Draws title, legend and plot in `height` points of height.
     pub fn show(&self, ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow, height: f32) {
-        let compact = height < COMPACT;
+        let axis = match self.time_axis {
+            TimeAxis::Shown => AXIS,
+            TimeAxis::Hidden => 0.0,
+        };
+        let compact = height - axis < COMPACT;
         let top = ui.cursor().top();
         if !compact {
             ui.horizontal(|ui| self.legend(ui));
@@ -273,9 +291,14 @@ impl TimePlot<'_> {
         ui.spacing_mut().interact_size.y = 16.0;
         // Nothing here takes the pointer from the plot below.
         let label = |ui: &mut Ui, text: &str, color| {
-            ui.add(egui::Label::new(RichText::new(text).small().color(color)).selectable(false))
+            let text = RichText::new(text).small().color(color);
+            let text = text.background_color(p.sunken.gamma_multiply(0.75));
+            ui.add(egui::Label::new(text).selectable(false))
         };
         label(ui, self.title, p.text);
+        if self.legend == Legend::Hidden {
+            return;
+        }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.spacing_mut().item_spacing.x = 5.0;
             for s in self.series.iter().rev().filter(|s| !s.name.is_empty()) {
@@ -332,7 +355,9 @@ fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
         .into_iter()
         .find(|s| *s >= raw)
         .unwrap_or(10.0 * decade);
-    marks_at(low, high, step)
+    // Labels at the very edge would run into the next plot's.
+    let edge = 0.08 * (high - low);
+    marks_at(low + edge, high - edge, step)
 }
 
 fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {

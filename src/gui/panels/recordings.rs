@@ -7,7 +7,7 @@ use egui::{Align, Button, Layout, RichText, ScrollArea, Slider, Ui, vec2};
 
 use super::View;
 use super::player::{AtEnd, Player};
-use super::plot::{Series, TimeAxis, TimePlot, TimeWindow};
+use super::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
 use super::sensors::card;
 use super::shell::recording_gate;
 use super::widgets::{cell, cell_left, gated, heading, minutes, note, number, status};
@@ -202,7 +202,7 @@ fn list(ui: &mut Ui, library: &mut Library, services: &mut Services) {
             if gated(
                 ui,
                 &gate,
-                Button::new("▶ Play"),
+                Button::new("Load and play"),
                 "Load the selected recording and play it",
             )
             .clicked()
@@ -254,11 +254,14 @@ fn list(ui: &mut Ui, library: &mut Library, services: &mut Services) {
         for entry in &library.entries {
             let selected = library.selected.as_ref() == Some(&entry.path);
             let row = ui.horizontal(|ui| {
+                // An empty text on the right keeps the name on the left.
                 let button = Button::selectable(selected, entry.name.as_str())
+                    .right_text("")
                     .truncate()
                     .min_size(vec2(name_width, 28.0));
                 let r = ui
                     .add_sized(vec2(name_width, 28.0), button)
+                    .accessible_name(entry.name.as_str())
                     .on_hover_text(entry.path.display().to_string());
                 cell(ui, columns[0], entry.seconds.map_or("—".into(), minutes));
                 cell(ui, columns[1], size_text(entry.bytes));
@@ -322,7 +325,7 @@ fn playing(
             if library.entries.is_empty() {
                 "Record something, then play it here."
             } else {
-                "Select a recording and press Play. All screens then show it."
+                "Select a recording and press Load and play. All screens then show it."
             },
         );
         return;
@@ -409,7 +412,7 @@ fn playing(
         frozen_end_s: None,
     };
     heading(ui, "The whole recording");
-    let axis = 18.0;
+    let axis = AXIS;
     let height = (ui.available_height() - axis) / 3.0 - ui.spacing().item_spacing.y;
     for (i, name) in POSE_NAMES.iter().take(3).enumerate() {
         let last = i == 2;
@@ -425,6 +428,11 @@ fn playing(
                 TimeAxis::Shown
             } else {
                 TimeAxis::Hidden
+            },
+            legend: if i == 0 {
+                Legend::Shown
+            } else {
+                Legend::Hidden
             },
             playhead_s: Some(p.now_s()),
         }

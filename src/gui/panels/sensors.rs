@@ -4,7 +4,7 @@ use egui::{Align, Layout, RichText, ScrollArea, Sense, Stroke, Ui, vec2};
 
 use super::View;
 use super::dashboard::{imu_name, spring_name};
-use super::plot::{Dash, Series, TimeAxis, TimePlot, TimeWindow, sparkline, swatch};
+use super::plot::{AXIS, Dash, Legend, Series, TimeAxis, TimePlot, TimeWindow, sparkline, swatch};
 use super::shell::age;
 use super::widgets::{
     Meter, cell, cell_left, dense, empty, heading, health, health_sentence, meter, note, number,
@@ -32,16 +32,16 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         );
         return;
     };
-    let cards = 196.0;
+    let cards = 214.0;
     ui.horizontal_top(|ui| {
-        let side = (ui.available_width() * 0.31).clamp(330.0, 460.0);
+        let side = (ui.available_width() * 0.31).clamp(356.0, 460.0);
         let grid = ui.available_width() - side - 10.0;
         ui.allocate_ui(vec2(grid, cards), |ui| {
             ui.vertical(|ui| springs(ui, view, frame, state, grid));
         });
         ui.vertical(|ui| {
             card(ui, |ui| {
-                ui.set_min_size(vec2(ui.available_width(), cards - 18.0));
+                ui.set_min_size(vec2(ui.available_width(), cards - 20.0));
                 imus(ui, frame);
                 ui.add_space(6.0);
                 boards(ui, view);
@@ -181,13 +181,13 @@ fn spring_row(
 fn imus(ui: &mut Ui, frame: &SensorFrame) {
     let p = *Palette::in_ui(ui);
     dense(ui);
-    let width = ((ui.available_width() - 96.0 - 76.0 - 24.0) / 3.0).max(44.0);
+    let width = ((ui.available_width() - 96.0 - 62.0 - 4.0 * 4.0) / 3.0).max(44.0);
     ui.horizontal(|ui| {
         cell_left(ui, 96.0, RichText::new("IMUs / deg").small().color(p.weak));
         for name in ["yaw", "pitch", "roll"] {
             cell(ui, width, RichText::new(name).small().color(p.weak));
         }
-        cell(ui, 70.0, RichText::new("health").small().color(p.weak));
+        cell(ui, 62.0, RichText::new("health").small().color(p.weak));
     });
     for i in 0..IMUS {
         let condition = frame.health.imus[i];
@@ -201,7 +201,7 @@ fn imus(ui: &mut Ui, frame: &SensorFrame) {
             }
             cell(
                 ui,
-                70.0,
+                62.0,
                 RichText::new(format!("{glyph} {word}")).color(p.level(level)),
             )
             .on_hover_text(health_sentence(condition));
@@ -297,7 +297,7 @@ fn plots(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut Ti
                 1.0,
             ),
         ];
-        let axis = 18.0;
+        let axis = AXIS;
         let height = (ui.available_height() - axis) / 3.0 - ui.spacing().item_spacing.y;
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             for (n, (title, series, emphasis, min_span)) in stacks.iter().enumerate() {
@@ -312,6 +312,7 @@ fn plots(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut Ti
                     } else {
                         TimeAxis::Hidden
                     },
+                    legend: Legend::Shown,
                     playhead_s: None,
                 }
                 .show(

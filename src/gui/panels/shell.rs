@@ -219,6 +219,10 @@ pub fn age(age_s: f64) -> String {
 }
 
 fn counts(ui: &mut Ui, s: &Snapshot) {
+    if s.link.source.is_empty() {
+        note(ui, "Nothing is connected");
+        return;
+    }
     let (springs, imus) = s.sensors.as_ref().map_or((0, 0), |f| {
         (f.health.springs_usable(), f.health.imus_usable())
     });

@@ -4,7 +4,7 @@ use egui::Ui;
 use serde::{Deserialize, Serialize};
 
 use super::View;
-use super::plot::{Series, TimeAxis, TimePlot, TimeWindow};
+use super::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
 use crate::gui::history::{Channel, POSE_NAMES};
 use crate::signal::CHAMBERS;
 
@@ -68,7 +68,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
         ],
     };
     let n = stacks.len();
-    let axis = 18.0;
+    let axis = AXIS;
     let height = (ui.available_height() - axis) / n as f32 - ui.spacing().item_spacing.y;
     for (i, series) in stacks.iter().enumerate() {
         let channel = series[0].channel;
@@ -89,6 +89,11 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
                 TimeAxis::Shown
             } else {
                 TimeAxis::Hidden
+            },
+            legend: if i == 0 {
+                Legend::Shown
+            } else {
+                Legend::Hidden
             },
             playhead_s: None,
         }
