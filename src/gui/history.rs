@@ -380,7 +380,7 @@ impl History {
         pixels: usize,
     ) -> Vec<Vec<[f64; 2]>> {
         let width_s = (to_s - from_s) / (pixels.max(2) - 1) as f64;
-        if !(width_s > 0.0) {
+        if width_s.is_nan() || width_s <= 0.0 {
             return Vec::new();
         }
         let gap_s = (3.0 * width_s).max(0.25);

@@ -28,6 +28,9 @@ pub type PendingScan = Receiver<Result<Vec<RecordingEntry>, String>>;
 /// A recording that comes later.
 pub type PendingTrace = Receiver<Result<Trace, String>>;
 
+/// Shows a file in another program.
+pub type Opener = Box<dyn FnMut(&Path) -> Result<(), String>>;
+
 /// What the window can ask for. Errors are sentences for the operator. Closures return at once;
 /// whoever answers later asks the window for a repaint.
 pub struct Services {
@@ -36,7 +39,7 @@ pub struct Services {
     /// Loads a recording.
     pub load: Box<dyn FnMut(&Path) -> PendingTrace>,
     /// Opens a recording in the Rerun viewer.
-    pub open_in_rerun: Box<dyn FnMut(&Path) -> Result<(), String>>,
+    pub open_in_rerun: Opener,
     /// A fresh path for a new recording.
     pub default_recording: Box<dyn FnMut() -> PathBuf>,
 }

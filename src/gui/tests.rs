@@ -209,8 +209,8 @@ fn unreachable_target_says_why_and_offers_the_nearest() {
     let [Command::Preview(goal)] = commands.as_slice() else {
         panic!("{commands:?}");
     };
-    for i in 0..3 {
-        assert!((goal.position_m[i] - nearest[i]).abs() < 1e-4);
+    for (asked, near) in goal.position_m.into_iter().zip(nearest) {
+        assert!((asked - near).abs() < 1e-4);
     }
 }
 

@@ -201,8 +201,15 @@ impl TimePlot<'_> {
             (low, high) = (-0.5 * self.min_span, 0.5 * self.min_span);
         }
         let middle = 0.5 * (low + high);
-        let half = (0.56 * (high - low)).max(0.5 * self.min_span);
-        let bounds = PlotBounds::from_min_max([range[0], middle - half], [range[1], middle + half]);
+        let half = (0.54 * (high - low)).max(0.5 * self.min_span);
+        // Title and legend of a low plot lie above the data.
+        let headroom = if compact {
+            2.0 * half * f64::from(17.0 / (height - axis - 17.0).max(17.0))
+        } else {
+            0.0
+        };
+        let [bottom, top] = [middle - half, middle + half + headroom];
+        let bounds = PlotBounds::from_min_max([range[0], bottom], [range[1], top]);
         let decimals = decimals_for(2.0 * half);
         let unit = self.series.first().map_or("", |s| s.channel.unit());
         let emphasis = self.emphasis;
@@ -221,7 +228,7 @@ impl TimePlot<'_> {
             .y_axis_min_width(46.0)
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
             .x_axis_formatter(|mark, _| clock(mark.value, mark.step_size))
-            .y_grid_spacer(move |_| marks(middle - half, middle + half, height / 26.0))
+            .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
             .x_grid_spacer(move |_| marks_of_time(range, width / 90.0))
             .grid_color(palette.line)
             .grid_fade(0.0)
@@ -292,7 +299,6 @@ impl TimePlot<'_> {
         // Nothing here takes the pointer from the plot below.
         let label = |ui: &mut Ui, text: &str, color| {
             let text = RichText::new(text).small().color(color);
-            let text = text.background_color(p.sunken.gamma_multiply(0.75));
             ui.add(egui::Label::new(text).selectable(false))
         };
         label(ui, self.title, p.text);
