@@ -1,0 +1,137 @@
+//! The panels: each is a function of what is known now and pushes commands; it keeps only
+//! selection and text drafts.
+
+pub mod accuracy;
+pub mod chambers;
+pub mod dashboard;
+pub mod operate;
+pub mod player;
+pub mod plot;
+pub mod pose;
+pub mod recordings;
+pub mod sensors;
+pub mod shell;
+pub mod strips;
+pub mod target;
+pub mod view3d;
+pub mod widgets;
+
+use serde::{Deserialize, Serialize};
+
+use super::history::History;
+use crate::robot::RobotSpec;
+use crate::signal::{Mode, Snapshot, TruthSource};
+use widgets::Gate;
+
+/// The screens, in the order of the rail. Numbers are those of the shortcuts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Screen {
+    /// Move the arm.
+    #[default]
+    Operate,
+    /// Springs and IMUs.
+    Sensors,
+    /// Predicted against measured pose.
+    Accuracy,
+    /// Library and player.
+    Recordings,
+}
+
+impl Screen {
+    /// All screens there are.
+    pub const ALL: [Self; 4] = [
+        Self::Operate,
+        Self::Sensors,
+        Self::Accuracy,
+        Self::Recordings,
+    ];
+
+    /// Name on screen.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Operate => "Operate",
+            Self::Sensors => "Sensors",
+            Self::Accuracy => "Accuracy",
+            Self::Recordings => "Recordings",
+        }
+    }
+
+    /// The digit that goes with Ctrl.
+    pub fn key(self) -> egui::Key {
+        match self {
+            Self::Operate => egui::Key::Num1,
+            Self::Sensors => egui::Key::Num2,
+            Self::Accuracy => egui::Key::Num3,
+            Self::Recordings => egui::Key::Num5,
+        }
+    }
+
+    /// What it is for, one sentence.
+    pub fn purpose(self) -> &'static str {
+        match self {
+            Self::Operate => "See the arm, choose a target and move.",
+            Self::Sensors => "The twelve springs, the four IMUs and the boards.",
+            Self::Accuracy => "The predicted pose against motion capture.",
+            Self::Recordings => "Record, play and open recordings.",
+        }
+    }
+}
+
+/// What the panels look at: the live twin, or a recording at its playhead.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// Everything known at the instant shown.
+    pub snapshot: &'a Snapshot,
+    /// The signals over time.
+    pub history: &'a History,
+    /// The instant shown, s on the time base of the snapshot.
+    pub now_s: f64,
+    /// Name of the recording, when one is shown instead of the live twin.
+    pub replay: Option<&'a str>,
+    /// The robot.
+    pub spec: &'a RobotSpec,
+}
+
+impl View<'_> {
+    /// Whether a question may be put to the live twin about what is shown.
+    pub fn live(&self) -> Gate {
+        match self.replay {
+            Some(name) => Err(format!(
+                "Replaying {name}: close the replay to control the arm."
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the arm may be moved.
+    pub fn motion(&self) -> Gate {
+        self.live()?;
+        if !self.snapshot.link.connected {
+            return Err("Not connected: motion is off until frames arrive.".into());
+        }
+        match &self.snapshot.mode {
+            Mode::Safe(_) => Err("SAFE: the pumps are off. Press Reset first.".into()),
+            Mode::Disarmed if !self.snapshot.link.simulated => {
+                Err("Disarmed: arm the hardware first.".into())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Name of the ground truth, with its origin.
+    pub fn truth_name(&self) -> &'static str {
+        match self.snapshot.truth.as_ref().map(|t| t.source) {
+            Some(TruthSource::VirtualRig) => "Vicon (simulated)",
+            Some(TruthSource::Vicon) | None => "Vicon",
+        }
+    }
+
+    /// `simulated` or `hardware`: where the data shown come from.
+    pub fn origin(&self) -> &'static str {
+        if self.snapshot.link.simulated {
+            "simulated"
+        } else {
+            "hardware"
+        }
+    }
+}

@@ -1,0 +1,481 @@
+//! Plots over time that share one window: zoom, pan or freeze one and all follow.
+
+use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
+use egui_plot::{GridMark, HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
+
+use super::View;
+use super::widgets::{minutes, number};
+use crate::gui::history::Channel;
+use crate::gui::theme::Palette;
+
+/// The window of time that all plots show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimeWindow {
+    /// Length, s.
+    pub span_s: f64,
+    /// End of a frozen window; `None` follows the newest value.
+    pub frozen_end_s: Option<f64>,
+}
+
+/// Spans that can be chosen, s.
+const SPANS: [(f64, &str); 5] = [
+    (10.0, "10 s"),
+    (30.0, "30 s"),
+    (60.0, "1 min"),
+    (300.0, "5 min"),
+    (600.0, "10 min"),
+];
+
+impl Default for TimeWindow {
+    fn default() -> Self {
+        Self {
+            span_s: 30.0,
+            frozen_end_s: None,
+        }
+    }
+}
+
+impl TimeWindow {
+    /// First and last instant, s.
+    pub fn range_s(&self, now_s: f64) -> [f64; 2] {
+        let end = self.frozen_end_s.unwrap_or(now_s);
+        [end - self.span_s, end]
+    }
+
+    /// The row of controls: span and freeze.
+    pub fn controls(&mut self, ui: &mut Ui, now_s: f64) {
+        let shown = SPANS
+            .iter()
+            .find(|(s, _)| *s == self.span_s)
+            .map_or_else(|| format!("{:.1} s", self.span_s), |(_, t)| (*t).into());
+        let combo = egui::ComboBox::from_id_salt("time window")
+            .selected_text(shown)
+            .width(76.0)
+            .show_ui(ui, |ui| {
+                for (span, text) in SPANS {
+                    ui.selectable_value(&mut self.span_s, span, text);
+                }
+            });
+        combo
+            .response
+            .accessible_name("Time window")
+            .on_hover_text("How much time all plots show. Scroll over a plot to zoom.");
+        let mut frozen = self.frozen_end_s.is_some();
+        let text = if frozen {
+            "▶ Follow"
+        } else {
+            "▮▮ Freeze"
+        };
+        let hover = if frozen {
+            "Show the newest values again"
+        } else {
+            "Hold the plots still; drag them to look back"
+        };
+        if ui
+            .add(egui::Button::selectable(frozen, text).frame_when_inactive(true))
+            .on_hover_text(hover)
+            .clicked()
+        {
+            frozen = !frozen;
+            self.frozen_end_s = frozen.then_some(now_s);
+        }
+    }
+}
+
+/// How a line of a plot is stroked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dash {
+    /// A full line: measured or estimated.
+    Solid,
+    /// Dashed: ground truth, set values, the second spring of a pair.
+    Dashed,
+}
+
+/// One line of a plot.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// The signal.
+    pub channel: Channel,
+    /// Name in the legend.
+    pub name: String,
+    /// Stroke.
+    pub dash: Dash,
+}
+
+impl Series {
+    /// A full line.
+    pub fn solid(channel: Channel, name: impl Into<String>) -> Self {
+        Self {
+            channel,
+            name: name.into(),
+            dash: Dash::Solid,
+        }
+    }
+
+    /// A dashed line.
+    pub fn dashed(channel: Channel, name: impl Into<String>) -> Self {
+        Self {
+            channel,
+            name: name.into(),
+            dash: Dash::Dashed,
+        }
+    }
+}
+
+/// A plot over the shared window.
+pub struct TimePlot<'a> {
+    /// Title with unit; also what a screen reader says.
+    pub title: &'a str,
+    /// Lines, first at the back.
+    pub series: &'a [Series],
+    /// The y axis never shows less than this: about the noise floor, in the unit of the signals.
+    pub min_span: f64,
+    /// Lines that stand out while the others fade; empty: all alike.
+    pub emphasis: &'a [Channel],
+    /// Whether the time labels are shown below.
+    pub time_axis: TimeAxis,
+    /// Whether the names of the lines are shown.
+    pub legend: Legend,
+    /// A vertical line at this instant, s.
+    pub playhead_s: Option<f64>,
+}
+
+/// Whether a plot names its lines. In a stack with the same names only the first does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Legend {
+    /// Names beside the title.
+    Shown,
+    /// Title only.
+    Hidden,
+}
+
+/// Height of the time labels, points.
+pub const AXIS: f32 = 18.0;
+
+/// Plots lower than this have title and legend inside, points.
+const COMPACT: f32 = 120.0;
+
+/// Whether a plot shows time labels. In a stack only the lowest does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeAxis {
+    /// Labels below.
+    Shown,
+    /// None.
+    Hidden,
+}
+
+impl TimePlot<'_> {
+    /// Draws title, legend and plot in `height` points of height.
+    pub fn show(&self, ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow, height: f32) {
+        let axis = match self.time_axis {
+            TimeAxis::Shown => AXIS,
+            TimeAxis::Hidden => 0.0,
+        };
+        let compact = height - axis < COMPACT;
+        let top = ui.cursor().top();
+        if !compact {
+            ui.horizontal(|ui| self.legend(ui));
+        }
+        let height = (height - (ui.cursor().top() - top)).max(30.0);
+        let range = window.range_s(view.now_s);
+        let width = ui.available_width();
+        let palette = Palette::in_ui(ui);
+        let mut low = f64::INFINITY;
+        let mut high = f64::NEG_INFINITY;
+        let mut lines = Vec::new();
+        // Back to front: dashed lines stay visible over solid ones.
+        for s in self.series {
+            let pieces = view.history.envelope(
+                s.channel,
+                range[0],
+                range[1].min(view.now_s),
+                width.max(2.0) as usize,
+            );
+            for p in pieces.iter().flatten() {
+                low = low.min(p[1]);
+                high = high.max(p[1]);
+            }
+            lines.push((s, pieces));
+        }
+        if !low.is_finite() {
+            (low, high) = (-0.5 * self.min_span, 0.5 * self.min_span);
+        }
+        let middle = 0.5 * (low + high);
+        let half = (0.54 * (high - low)).max(0.5 * self.min_span);
+        // Title and legend of a low plot lie above the data.
+        let headroom = if compact {
+            2.0 * half * f64::from(17.0 / (height - axis - 17.0).max(17.0))
+        } else {
+            0.0
+        };
+        let [bottom, top] = [middle - half, middle + half + headroom];
+        let bounds = PlotBounds::from_min_max([range[0], bottom], [range[1], top]);
+        let decimals = decimals_for(2.0 * half);
+        let unit = self.series.first().map_or("", |s| s.channel.unit());
+        let emphasis = self.emphasis;
+        let playhead = self.playhead_s;
+        let response = Plot::new(self.title)
+            .height(height)
+            .width(width)
+            .allow_drag(false)
+            .allow_zoom(false)
+            .allow_scroll(false)
+            .allow_boxed_zoom(false)
+            .allow_double_click_reset(false)
+            .allow_axis_zoom_drag(false)
+            .sense(Sense::click_and_drag())
+            .show_axes([self.time_axis == TimeAxis::Shown, true])
+            .y_axis_min_width(46.0)
+            .y_axis_formatter(move |mark, _| number(mark.value, decimals))
+            .x_axis_formatter(|mark, _| clock(mark.value, mark.step_size))
+            .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
+            .x_grid_spacer(move |_| marks_of_time(range, width / 90.0))
+            .grid_color(palette.line)
+            .grid_fade(0.0)
+            .link_cursor(egui::Id::unique("time"), [true, false])
+            .label_formatter(move |at| match at {
+                HoverPosition::NearDataPoint {
+                    plot_name,
+                    position,
+                    ..
+                } => Some(format!(
+                    "{plot_name}\n{} {unit} at {}",
+                    number(position.y, decimals + 1),
+                    clock(position.x, 0.1)
+                )),
+                HoverPosition::Elsewhere { .. } => None,
+            })
+            .show(ui, |plot| {
+                plot.set_plot_bounds(bounds);
+                for (s, pieces) in lines {
+                    let faded = !emphasis.is_empty() && !emphasis.contains(&s.channel);
+                    let color = palette.signal(s.channel);
+                    let color = if faded {
+                        color.gamma_multiply(0.25)
+                    } else {
+                        color
+                    };
+                    let style = match s.dash {
+                        Dash::Solid => LineStyle::Solid,
+                        Dash::Dashed => LineStyle::dashed_dense(),
+                    };
+                    for piece in pieces {
+                        plot.line(
+                            Line::new(s.name.clone(), PlotPoints::from(piece))
+                                .color(color)
+                                .width(1.5)
+                                .allow_band(false)
+                                .style(style),
+                        );
+                    }
+                }
+                if let Some(t) = playhead {
+                    plot.vline(
+                        egui_plot::VLine::new("position", t)
+                            .color(palette.text)
+                            .width(1.0)
+                            .allow_hover(false),
+                    );
+                }
+            })
+            .response;
+        response.widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
+        if compact {
+            let line = egui::Rect::from_min_size(
+                response.rect.min + vec2(5.0, 1.0),
+                vec2(response.rect.width() - 6.0, 16.0),
+            );
+            let layout = Layout::left_to_right(Align::Center);
+            let mut over = ui.new_child(egui::UiBuilder::new().max_rect(line).layout(layout));
+            self.legend(&mut over);
+        }
+        follow_pointer(ui, &response, window, view.now_s);
+    }
+
+    fn legend(&self, ui: &mut Ui) {
+        let p = Palette::in_ui(ui);
+        ui.spacing_mut().item_spacing.x = 6.0;
+        ui.spacing_mut().interact_size.y = 16.0;
+        // Nothing here takes the pointer from the plot below.
+        let label = |ui: &mut Ui, text: &str, color| {
+            let text = RichText::new(text).small().color(color);
+            ui.add(egui::Label::new(text).selectable(false))
+        };
+        label(ui, self.title, p.text);
+        if self.legend == Legend::Hidden {
+            return;
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 5.0;
+            for s in self.series.iter().rev().filter(|s| !s.name.is_empty()) {
+                label(ui, &s.name, p.weak);
+                swatch(ui, p.signal(s.channel), s.dash);
+                ui.add_space(5.0);
+            }
+        });
+    }
+}
+
+/// A short piece of line as it looks in the plots.
+pub fn swatch(ui: &mut Ui, color: egui::Color32, dash: Dash) {
+    let (rect, _) = ui.allocate_exact_size(vec2(16.0, 10.0), Sense::hover());
+    let (a, b) = (rect.left_center(), rect.right_center());
+    let stroke = Stroke::new(2.0, color);
+    match dash {
+        Dash::Solid => {
+            ui.painter().line_segment([a, b], stroke);
+        }
+        Dash::Dashed => {
+            let third = vec2(rect.width() * 0.38, 0.0);
+            ui.painter().line_segment([a, a + third], stroke);
+            ui.painter().line_segment([b - third, b], stroke);
+        }
+    }
+}
+
+// Scroll zooms about the end, drag pans (and freezes), a double click follows again.
+fn follow_pointer(ui: &Ui, response: &egui::Response, window: &mut TimeWindow, now_s: f64) {
+    if response.double_clicked() {
+        window.frozen_end_s = None;
+    } else if response.dragged() {
+        let dt = f64::from(response.drag_delta().x / response.rect.width()) * window.span_s;
+        if dt != 0.0 {
+            let end = window.frozen_end_s.unwrap_or(now_s) - dt;
+            window.frozen_end_s = Some(end.min(now_s));
+        }
+    }
+    if response.hovered() {
+        let scroll = f64::from(ui.input(|i| i.smooth_scroll_delta().y));
+        if scroll != 0.0 {
+            window.span_s = (window.span_s * (-scroll * 0.003).exp()).clamp(1.0, 600.0);
+        }
+    }
+}
+
+// Round steps (1, 2, 5 · 10ⁿ) so that about `count` marks fall between `low` and `high`.
+fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+    let raw = (high - low) / f64::from(count.max(2.0));
+    let decade = 10_f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .map(|m| m * decade)
+        .into_iter()
+        .find(|s| *s >= raw)
+        .unwrap_or(10.0 * decade);
+    // Labels at the very edge would run into the next plot's.
+    let edge = 0.08 * (high - low);
+    marks_at(low + edge, high - edge, step)
+}
+
+fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
+    let raw = (to - from) / f64::from(count.max(2.0));
+    let step = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0]
+        .into_iter()
+        .find(|s| *s >= raw)
+        .unwrap_or(300.0);
+    marks_at(from, to, step)
+}
+
+fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
+    if !(step > 0.0 && high >= low) {
+        return Vec::new();
+    }
+    let first = (low / step).ceil() as i64;
+    let last = (high / step).floor() as i64;
+    (first..=last.min(first + 200))
+        .map(|i| GridMark {
+            value: i as f64 * step,
+            step_size: step,
+        })
+        .collect()
+}
+
+fn decimals_for(span: f64) -> usize {
+    if span < 0.5 {
+        2
+    } else if span < 8.0 {
+        1
+    } else {
+        0
+    }
+}
+
+// Session time as m:ss, with a decimal where the step needs it.
+fn clock(t_s: f64, step_s: f64) -> String {
+    if step_s < 1.0 {
+        let m = (t_s / 60.0).floor();
+        format!("{m:.0}:{:04.1}", t_s - 60.0 * m)
+    } else {
+        minutes(t_s)
+    }
+}
+
+/// A line without axes, for the last seconds of one signal.
+pub fn sparkline(ui: &mut Ui, view: &View<'_>, channel: Channel, span_s: f64, min_span: f64) {
+    let size = vec2(ui.available_width().max(20.0), 18.0);
+    let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
+    let p = Palette::in_ui(ui);
+    let from = view.now_s - span_s;
+    let pieces = view
+        .history
+        .envelope(channel, from, view.now_s, rect.width() as usize);
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for q in pieces.iter().flatten() {
+        low = low.min(q[1]);
+        high = high.max(q[1]);
+    }
+    let middle = 0.5 * (low + high);
+    let half = (0.5 * (high - low)).max(0.5 * min_span);
+    for piece in &pieces {
+        let points = piece
+            .iter()
+            .map(|q| {
+                let u = ((q[0] - from) / span_s) as f32;
+                let v = ((q[1] - middle) / (2.0 * half)) as f32;
+                egui::pos2(
+                    rect.left() + u * rect.width(),
+                    rect.center().y - v * (rect.height() - 3.0),
+                )
+            })
+            .collect();
+        ui.painter()
+            .line(points, Stroke::new(1.2, p.signal(channel)));
+    }
+    let name = format!("Last {span_s:.0} s");
+    response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &name));
+    if low.is_finite() {
+        response.on_hover_text(format!(
+            "{name}: {} to {} {}",
+            number(low, 2),
+            number(high, 2),
+            channel.unit()
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn window_follows_or_stands() {
+        let mut w = TimeWindow::default();
+        assert_eq!(w.range_s(100.0), [70.0, 100.0]);
+        w.frozen_end_s = Some(50.0);
+        assert_eq!(w.range_s(100.0), [20.0, 50.0]);
+    }
+
+    #[test]
+    fn marks_are_round_and_few() {
+        let m = marks(-3.1, 7.2, 5.0);
+        let values: Vec<_> = m.iter().map(|m| m.value).collect();
+        assert_eq!(values, [0.0, 5.0]);
+        assert_eq!(marks_of_time([0.0, 30.0], 6.0).len(), 7);
+        assert!(marks(f64::NAN, 1.0, 3.0).is_empty());
+    }
+
+    #[test]
+    fn clock_counts_minutes() {
+        assert_eq!(clock(75.0, 5.0), "1:15");
+        assert_eq!(clock(75.25, 0.5), "1:15.2");
+    }
+}

@@ -1,0 +1,541 @@
+//! Around every screen: state and STOP on top, the screens on the left, messages below.
+
+use egui::{Align, Button, Key, Layout, Modifiers, Panel, RichText, Ui, vec2};
+
+use super::widgets::{Gate, badge, minutes, note, status};
+use super::{Screen, View};
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
+use crate::twin::Command;
+
+/// Age above which link and ground truth count as late, s.
+const LATE_S: f64 = 0.25;
+
+/// A sentence for the strip below, with when it came (s of window time).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Message {
+    /// The sentence.
+    pub text: String,
+    /// How urgent.
+    pub level: Level,
+    /// Window time it came at, s.
+    pub at_s: f64,
+}
+
+/// What the shell is told beside the live snapshot.
+pub struct ShellInput<'a> {
+    /// The live twin's view, also while a recording is shown.
+    pub live: View<'a>,
+    /// Title of the recording that is shown, if one is.
+    pub replay: Option<&'a str>,
+    /// Newest message.
+    pub message: Option<&'a Message>,
+    /// Seconds the running recording has lasted.
+    pub recording_s: Option<f64>,
+    /// Whether the window was opened onto a twin.
+    pub twin: bool,
+    /// Whether the twin behind the window has ended.
+    pub twin_gone: bool,
+}
+
+/// What the operator asked of the window itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ShellAction {
+    /// Show another screen.
+    Show(Screen),
+    /// Switch between light and dark.
+    ToggleTheme,
+    /// Put the panels of Operate back where they were.
+    ResetLayout,
+    /// Show or hide the shortcuts.
+    ToggleShortcuts,
+    /// Close the recording that is shown.
+    CloseReplay,
+}
+
+/// Word, glyph and level of a mode.
+pub fn mode_words(mode: &Mode) -> (&'static str, &'static str, Level) {
+    match mode {
+        Mode::Disarmed => ("○", "DISARMED", Level::Normal),
+        Mode::Hold => ("▮▮", "HOLD", Level::Normal),
+        Mode::Moving => ("▶", "MOVING", Level::Normal),
+        Mode::AtGoal => ("◎", "AT GOAL", Level::Normal),
+        Mode::Safe(_) => ("⊗", "SAFE", Level::Critical),
+    }
+}
+
+/// What HOLD does now: its label and command, or why it is off.
+pub fn hold_action(snapshot: &Snapshot) -> (&'static str, Result<Command, String>) {
+    match snapshot.mode {
+        Mode::Moving | Mode::AtGoal => ("▮▮ HOLD", Ok(Command::Hold)),
+        Mode::Hold => ("▶ RESUME", Ok(Command::Resume)),
+        Mode::Disarmed => (
+            "▮▮ HOLD",
+            Err("Disarmed: no pressure is commanded, there is nothing to hold.".into()),
+        ),
+        Mode::Safe(_) => (
+            "▮▮ HOLD",
+            Err("SAFE: the pumps are off, there is nothing to hold.".into()),
+        ),
+    }
+}
+
+/// The bar on top: always there, never covered.
+pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
+    let s = live.snapshot;
+    ui.horizontal_centered(|ui| {
+        let p = Palette::in_ui(ui);
+        let (text, hover) = if s.link.source.is_empty() {
+            ("OFFLINE", "Nothing is connected.")
+        } else if s.link.simulated {
+            ("SIM", "The data come from a simulation, not from hardware.")
+        } else {
+            ("HARDWARE", "Commands move a real arm.")
+        };
+        badge(ui, text, p.text, p.panel).on_hover_text(hover);
+        let (glyph, word, level) = mode_words(&s.mode);
+        let (fill, color) = match level {
+            Level::Critical => (p.critical_fill, p.on_critical),
+            _ => (p.raised, p.text),
+        };
+        badge(ui, &format!("{glyph} {word}"), fill, color).on_hover_text(match &s.mode {
+            Mode::Safe(reason) => reason.as_str(),
+            _ => "What the twin is doing",
+        });
+        ui.separator();
+        counts(ui, s);
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            stop(ui, commands);
+            hold(ui, s, commands);
+            alarms(ui, s);
+        });
+    });
+}
+
+fn stop(ui: &mut Ui, commands: &mut Vec<Command>) {
+    let p = Palette::in_ui(ui);
+    let text = RichText::new("■ STOP").size(19.0).color(p.on_critical);
+    let button = Button::new(text)
+        .fill(p.critical_fill)
+        .min_size(vec2(122.0, 40.0));
+    if ui
+        .add(button)
+        .on_hover_text("Pumps off now, latched until Reset (Shift+Esc, also while typing)")
+        .clicked()
+    {
+        commands.push(Command::Stop);
+    }
+}
+
+fn hold(ui: &mut Ui, s: &Snapshot, commands: &mut Vec<Command>) {
+    let (label, action) = hold_action(s);
+    let button = Button::new(RichText::new(label).size(16.0)).min_size(vec2(108.0, 40.0));
+    let response = ui.add_enabled(action.is_ok(), button);
+    match action {
+        Ok(command) => {
+            if response
+                .on_hover_text("Keep the present pressures, or continue (Space)")
+                .clicked()
+            {
+                commands.push(command);
+            }
+        }
+        Err(reason) => {
+            response.on_disabled_hover_text(reason);
+        }
+    }
+}
+
+/// Level of an alarm's severity.
+pub fn severity_level(severity: Severity) -> Level {
+    match severity {
+        Severity::Info => Level::Normal,
+        Severity::Warning => Level::Warning,
+        Severity::Critical => Level::Critical,
+    }
+}
+
+fn alarms(ui: &mut Ui, s: &Snapshot) {
+    let p = Palette::in_ui(ui);
+    let level = s.alarms.iter().map(|a| severity_level(a.severity)).max();
+    let n = s.alarms.len();
+    let text = match level {
+        None => "alarms 0".into(),
+        Some(level) => format!("{} alarms {n}", level.glyph()),
+    };
+    let color = level.map_or(p.weak, |l| p.level(l));
+    let response = ui
+        .add(Button::new(RichText::new(text).color(color)).min_size(vec2(0.0, 40.0)))
+        .on_hover_text("Everything abnormal that holds now");
+    egui::Popup::menu(&response)
+        .accessible_name("Alarms")
+        .show(|ui| {
+            ui.set_max_width(420.0);
+            if s.alarms.is_empty() {
+                note(ui, "Nothing is abnormal.");
+            }
+            for alarm in &s.alarms {
+                let since = s.stamp.since(alarm.since);
+                let text = format!("{} (for {})", alarm.text, minutes(since));
+                status(ui, severity_level(alarm.severity), &text);
+            }
+        });
+}
+
+// One name and value of the top bar; abnormal ones get glyph and colour.
+fn item(ui: &mut Ui, level: Level, name: &str, value: &str, hover: &str) {
+    let p = Palette::in_ui(ui);
+    let glyph = match level {
+        Level::Normal => String::new(),
+        _ => format!("{} ", level.glyph()),
+    };
+    ui.spacing_mut().item_spacing.x = 5.0;
+    let name = ui.label(RichText::new(format!("{glyph}{name}")).color(p.level(level)));
+    let color = if level == Level::Normal {
+        p.text
+    } else {
+        p.level(level)
+    };
+    let value = ui.label(RichText::new(value).color(color));
+    name.union(value).on_hover_text(hover);
+    ui.add_space(9.0);
+}
+
+fn warn_if(abnormal: bool) -> Level {
+    if abnormal {
+        Level::Warning
+    } else {
+        Level::Normal
+    }
+}
+
+/// An age in ms, or in s above one.
+pub fn age(age_s: f64) -> String {
+    if age_s < 1.0 {
+        format!("{:.0} ms", age_s * 1e3)
+    } else {
+        format!("{age_s:.1} s")
+    }
+}
+
+fn counts(ui: &mut Ui, s: &Snapshot) {
+    if s.link.source.is_empty() {
+        note(ui, "Nothing is connected");
+        return;
+    }
+    let (springs, imus) = s.sensors.as_ref().map_or((0, 0), |f| {
+        (f.health.springs_usable(), f.health.imus_usable())
+    });
+    item(
+        ui,
+        warn_if(springs < SPRINGS),
+        "springs",
+        &format!("{springs}/{SPRINGS}"),
+        "Springs that may be used",
+    );
+    item(
+        ui,
+        warn_if(imus < IMUS),
+        "IMU",
+        &format!("{imus}/{IMUS}"),
+        "IMUs that may be used",
+    );
+    match &s.truth {
+        Some(t) => {
+            let late = s.stamp.since(t.stamp);
+            item(
+                ui,
+                warn_if(late > LATE_S),
+                "Vicon",
+                &age(late.max(0.0)),
+                "Age of the newest motion-capture pose. It is never used for control.",
+            );
+        }
+        None => item(
+            ui,
+            Level::Normal,
+            "Vicon",
+            "—",
+            "No motion capture: predictions cannot be scored.",
+        ),
+    }
+    item(
+        ui,
+        warn_if(!s.link.connected || s.link.age_s > LATE_S),
+        "link",
+        &age(s.link.age_s),
+        &format!("Age of the newest frame from {}", s.link.source),
+    );
+    let lost = s.link.frames_lost as f64 / (s.link.frames + s.link.frames_lost).max(1) as f64;
+    item(
+        ui,
+        warn_if(lost > 0.01),
+        "drops",
+        &s.link.frames_lost.to_string(),
+        &format!("Frames lost since the link opened: {:.2} %", lost * 100.0),
+    );
+}
+
+/// Banners below the bar: what keeps the arm from moving, and that a recording is shown.
+pub fn banners(
+    ui: &mut Ui,
+    input: &ShellInput<'_>,
+    commands: &mut Vec<Command>,
+    actions: &mut Vec<ShellAction>,
+) {
+    let p = *Palette::in_ui(ui);
+    let s = input.live.snapshot;
+    if input.twin_gone {
+        let text = "⊗ The twin has stopped: nothing is controlled. Restart the program.";
+        banner(ui, "gone", p.critical_fill, |ui| {
+            ui.label(RichText::new(text).color(p.on_critical));
+        });
+    }
+    if let Mode::Safe(reason) = &s.mode {
+        banner(ui, "safe", p.critical_fill, |ui| {
+            let text = format!("⊗ SAFE, pumps off: {reason}");
+            ui.label(RichText::new(text).color(p.on_critical));
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if ui
+                    .add(Button::new("Reset").min_size(vec2(84.0, 0.0)))
+                    .on_hover_text("Leave SAFE. The arm stays disarmed until the next Go.")
+                    .clicked()
+                {
+                    commands.push(Command::Reset);
+                }
+            });
+        });
+    }
+    if !s.link.connected && !input.twin_gone && input.twin {
+        banner(ui, "link", p.warning_fill, |ui| {
+            let text = if s.link.source.is_empty() {
+                "▲ Not connected: no frames yet. Motion is off until the boards answer.".into()
+            } else {
+                format!(
+                    "▲ {} does not answer: values are {} old, motion is off. Trying again.",
+                    s.link.source,
+                    age(s.link.age_s)
+                )
+            };
+            ui.label(RichText::new(text).color(p.text));
+        });
+    }
+    if let Some(title) = input.replay {
+        banner(ui, "replay", p.selected, |ui| {
+            let text = format!("▶ Replay: {title}");
+            ui.label(RichText::new(text).color(p.text));
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if ui
+                    .button("Close replay")
+                    .on_hover_text("Show the live twin again")
+                    .clicked()
+                {
+                    actions.push(ShellAction::CloseReplay);
+                }
+            });
+        });
+    }
+}
+
+fn banner(ui: &mut Ui, id: &str, fill: egui::Color32, contents: impl FnOnce(&mut Ui)) {
+    Panel::top(("banner", id))
+        .resizable(false)
+        .show_separator_line(false)
+        .frame(
+            egui::Frame::new()
+                .fill(fill)
+                .inner_margin(egui::Margin::symmetric(14, 6)),
+        )
+        .show(ui, |ui| {
+            ui.horizontal(|ui| {
+                ui.set_min_height(26.0);
+                contents(ui);
+            })
+        });
+}
+
+/// The rail on the left: the screens, and what concerns the window.
+pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
+    let p = *Palette::in_ui(ui);
+    ui.spacing_mut().item_spacing.y = 4.0;
+    let width = ui.available_width();
+    for screen in Screen::ALL {
+        let hint = format!("Ctrl+{}", screen.key().name());
+        let button = Button::selectable(current == screen, screen.name())
+            .right_text(RichText::new(hint).small().color(p.weak))
+            .min_size(vec2(width, 34.0));
+        if ui.add(button).on_hover_text(screen.purpose()).clicked() {
+            actions.push(ShellAction::Show(screen));
+        }
+    }
+    ui.with_layout(Layout::bottom_up(Align::Min), |ui| {
+        let mut small = |ui: &mut Ui, text: &str, hover: &str, action| {
+            let button = Button::selectable(false, text).min_size(vec2(width, 28.0));
+            if ui.add(button).on_hover_text(hover).clicked() {
+                actions.push(action);
+            }
+        };
+        small(
+            ui,
+            "Shortcuts (?)",
+            "All keyboard shortcuts",
+            ShellAction::ToggleShortcuts,
+        );
+        let theme = if ui.visuals().dark_mode {
+            "Light theme"
+        } else {
+            "Dark theme"
+        };
+        small(
+            ui,
+            theme,
+            "Switch between light and dark",
+            ShellAction::ToggleTheme,
+        );
+        if current == Screen::Operate {
+            small(
+                ui,
+                "Reset layout",
+                "Put the panels back where they were at first",
+                ShellAction::ResetLayout,
+            );
+        }
+    });
+}
+
+/// The strip at the bottom: the most urgent alarm or the newest message, and the recording.
+pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
+    let s = input.live.snapshot;
+    ui.horizontal_centered(|ui| {
+        let urgent = s
+            .alarms
+            .iter()
+            .filter(|a| a.severity >= Severity::Warning)
+            .max_by_key(|a| a.severity);
+        match (input.message, urgent) {
+            (Some(m), _) => {
+                let p = Palette::in_ui(ui);
+                let text = match m.level {
+                    Level::Normal => m.text.clone(),
+                    level => format!("{} {}", level.glyph(), m.text),
+                };
+                ui.label(RichText::new(text).color(p.level(m.level)));
+            }
+            (None, Some(a)) => {
+                status(ui, severity_level(a.severity), &a.text);
+            }
+            (None, None) => {
+                let source = match s.link.source.as_str() {
+                    "" => "not connected",
+                    source => source,
+                };
+                note(ui, format!("Robot {}, {source}", input.live.spec.name));
+            }
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time");
+            if let (Some(name), Some(t)) = (&s.recording, input.recording_s) {
+                let color = Palette::in_ui(ui).critical;
+                ui.label(RichText::new(format!("● {name} {}", minutes(t))).color(color))
+                    .on_hover_text("Recording");
+            }
+        });
+    });
+}
+
+/// Keys of the overlay.
+const SHORTCUTS: [(&str, &str); 9] = [
+    ("Shift+Esc", "STOP: pumps off, also while typing"),
+    ("Space", "Hold or resume; in a replay play or pause"),
+    ("Esc", "Cancel the preview; close this list"),
+    ("Enter", "Preview the typed target"),
+    ("Ctrl+1", "Operate"),
+    ("Ctrl+2", "Sensors"),
+    ("Ctrl+3", "Accuracy"),
+    ("Ctrl+5", "Recordings"),
+    ("?", "This list"),
+];
+
+/// The list of shortcuts, kept inside `within` so that it never covers STOP.
+pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
+    egui::Window::new("Keyboard shortcuts")
+        .open(open)
+        .collapsible(false)
+        .resizable(false)
+        .constrain_to(within)
+        .pivot(egui::Align2::CENTER_CENTER)
+        .default_pos(within.center())
+        .show(ctx, |ui| {
+            egui::Grid::new("shortcuts")
+                .num_columns(2)
+                .spacing([24.0, 8.0])
+                .show(ui, |ui| {
+                    for (keys, what) in SHORTCUTS {
+                        ui.label(RichText::new(keys).monospace());
+                        ui.label(what);
+                        ui.end_row();
+                    }
+                });
+        });
+}
+
+/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space and `?`
+/// only while no text is typed.
+pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
+    let typing = ctx.text_edit_focused();
+    ctx.input_mut(|i| {
+        let mut actions = Vec::new();
+        // Whatever else is held down with them.
+        let stop = i.events.iter().any(|e| {
+            matches!(e, egui::Event::Key { key: Key::Escape, pressed: true, modifiers, .. } if modifiers.shift)
+        });
+        if stop {
+            i.events
+                .retain(|e| !matches!(e, egui::Event::Key { key: Key::Escape, .. }));
+            actions.push(KeyAction::Stop);
+        } else if i.consume_key(Modifiers::NONE, Key::Escape) {
+            actions.push(KeyAction::Cancel);
+        }
+        for screen in Screen::ALL {
+            if i.consume_key(Modifiers::COMMAND, screen.key()) {
+                actions.push(KeyAction::Show(screen));
+            }
+        }
+        if !typing {
+            if i.consume_key(Modifiers::NONE, Key::Space) {
+                actions.push(KeyAction::Hold);
+            }
+            let asked = i.events.iter().any(|e| matches!(e, egui::Event::Text(t) if t == "?"));
+            if asked || i.consume_key(Modifiers::NONE, Key::Questionmark) {
+                actions.push(KeyAction::Shortcuts);
+            }
+        }
+        actions
+    })
+}
+
+/// What a key asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeyAction {
+    /// Pumps off.
+    Stop,
+    /// Hold or resume, play or pause.
+    Hold,
+    /// Cancel the preview or close the overlay.
+    Cancel,
+    /// Show a screen.
+    Show(Screen),
+    /// Show or hide the shortcuts.
+    Shortcuts,
+}
+
+/// Whether a recording may be started or stopped.
+pub fn recording_gate(live: &View<'_>, twin_gone: bool) -> Gate {
+    if twin_gone {
+        return Err("No twin is running: there is nothing to record.".into());
+    }
+    if live.snapshot.recording.is_none() && !live.snapshot.link.connected {
+        return Err("Not connected: there is nothing to record.".into());
+    }
+    Ok(())
+}

@@ -1,0 +1,102 @@
+//! The last seconds of position and pressure, for the Operate screen.
+
+use egui::Ui;
+use serde::{Deserialize, Serialize};
+
+use super::View;
+use super::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use crate::gui::history::{Channel, POSE_NAMES};
+use crate::signal::CHAMBERS;
+
+/// What the strips show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StripChoice {
+    /// x, y, z of the tip, predicted and measured.
+    #[default]
+    Position,
+    /// Yaw, pitch, roll of the tip, predicted and measured.
+    Orientation,
+    /// Measured and set pressures.
+    Pressure,
+}
+
+/// The panel.
+pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut TimeWindow) {
+    ui.horizontal(|ui| {
+        for (value, text, hover) in [
+            (
+                StripChoice::Position,
+                "Position",
+                "x, y, z of the tip in mm",
+            ),
+            (
+                StripChoice::Orientation,
+                "Orientation",
+                "Yaw, pitch, roll of the tip in deg",
+            ),
+            (
+                StripChoice::Pressure,
+                "Pressure",
+                "Gauge pressures in kPa, measured and set",
+            ),
+        ] {
+            ui.selectable_value(choice, value, text)
+                .on_hover_text(hover);
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            window.controls(ui, view.now_s);
+        });
+    });
+    let pose = |first: usize| -> Vec<Vec<Series>> {
+        (first..first + 3)
+            .map(|i| {
+                vec![
+                    Series::solid(Channel::Tip(i), "predicted"),
+                    Series::dashed(Channel::Truth(i), view.truth_name()),
+                ]
+            })
+            .collect()
+    };
+    let stacks = match choice {
+        StripChoice::Position => pose(0),
+        StripChoice::Orientation => pose(3),
+        StripChoice::Pressure => vec![
+            (0..CHAMBERS)
+                .map(|i| Series::solid(Channel::ChamberMeasured(i), (i + 1).to_string()))
+                .chain((0..CHAMBERS).map(|i| Series::dashed(Channel::ChamberSet(i), "")))
+                .collect(),
+        ],
+    };
+    let n = stacks.len();
+    let axis = AXIS;
+    let height = (ui.available_height() - axis) / n as f32 - ui.spacing().item_spacing.y;
+    for (i, series) in stacks.iter().enumerate() {
+        let channel = series[0].channel;
+        let title = match channel {
+            Channel::Tip(k) => format!("{} / {}", POSE_NAMES[k], channel.unit()),
+            _ => "Chamber pressure / kPa".into(),
+        };
+        let last = i + 1 == n;
+        TimePlot {
+            title: &title,
+            series,
+            min_span: match channel {
+                Channel::Tip(k) if k < 3 => 2.0,
+                _ => 1.0,
+            },
+            emphasis: &[],
+            time_axis: if last {
+                TimeAxis::Shown
+            } else {
+                TimeAxis::Hidden
+            },
+            legend: if i == 0 {
+                Legend::Shown
+            } else {
+                Legend::Hidden
+            },
+            playhead_s: None,
+        }
+        .show(ui, view, window, height + if last { axis } else { 0.0 });
+    }
+}

@@ -1,0 +1,473 @@
+//! Where the tip shall go: a draft, the verdict on it before anything moves, and Go.
+
+use egui::{Button, RichText, TextEdit, Ui, vec2};
+
+use super::View;
+use super::widgets::{Gate, gated, heading, note, number};
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{CHAMBERS, Goal, Gripper, Mode, Reach, ReachState, Severity};
+use crate::twin::Command;
+
+/// How long Go is held on hardware, s.
+const HOLD_TO_GO_S: f64 = 0.8;
+
+/// What the operator typed or clicked, not yet sent.
+#[derive(Clone, Debug, Default)]
+pub struct TargetDraft {
+    /// x, y, z in mm as typed.
+    pub text: [String; 3],
+    /// The target the twin was last asked about, m.
+    pub asked_m: Option<[f64; 3]>,
+    held_s: f64,
+}
+
+impl TargetDraft {
+    /// Takes a point of the view and asks for its verdict. Nothing moves.
+    pub fn set(&mut self, target_m: [f64; 3], commands: &mut Vec<Command>) {
+        self.text = target_m.map(|v| format!("{:.1}", v * 1e3));
+        if let Ok(rounded_m) = self.parse() {
+            self.ask(rounded_m, commands);
+        }
+    }
+
+    /// The typed target in m.
+    ///
+    /// # Errors
+    /// One sentence that names the field.
+    pub fn parse(&self) -> Result<[f64; 3], String> {
+        let mut target_m = [0.0; 3];
+        for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let text = self.text[i].trim().replace('−', "-").replace(',', ".");
+            if text.is_empty() {
+                return Err(format!("{name} is empty: type a number in mm."));
+            }
+            match text.parse::<f64>() {
+                Ok(v) if v.is_finite() => target_m[i] = v * 1e-3,
+                _ => return Err(format!("{name} is not a number: “{text}”. Type mm.")),
+            }
+        }
+        Ok(target_m)
+    }
+
+    fn ask(&mut self, target_m: [f64; 3], commands: &mut Vec<Command>) {
+        self.asked_m = Some(target_m);
+        commands.push(Command::Preview(Goal::position(target_m)));
+    }
+}
+
+/// The verdict in words.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// A glyph that stands for the state.
+    pub glyph: &'static str,
+    /// How abnormal it is.
+    pub level: Level,
+    /// The state and the distance.
+    pub title: String,
+    /// What stands in the way, and what to do.
+    pub detail: String,
+}
+
+/// Puts a verdict into words.
+pub fn verdict(reach: &Reach) -> Verdict {
+    let short_mm = reach.distance_m * 1e3;
+    let chamber = reach.limiting_chamber.map(|(i, pa)| {
+        let sign = if pa >= 0.0 { "+" } else { "" };
+        format!("chamber {i} at {sign}{} kPa", number(pa * 1e-3, 1))
+    });
+    match reach.state {
+        ReachState::Reachable => Verdict {
+            glyph: "●",
+            level: Level::Normal,
+            title: "Reachable".into(),
+            detail: "Within tolerance, with pressure to spare.".into(),
+        },
+        ReachState::Marginal => Verdict {
+            glyph: "▲",
+            level: Level::Warning,
+            title: "Marginal".into(),
+            detail: match chamber {
+                Some(c) => format!("Reachable, but {c} is close to its bound."),
+                None => "Reachable, but close to a pressure bound.".into(),
+            },
+        },
+        ReachState::Unreachable => Verdict {
+            glyph: "⊗",
+            level: Level::Critical,
+            title: format!("Unreachable: {} mm short", number(short_mm, 0)),
+            detail: match chamber {
+                Some(c) => format!("Limited by {c}. Use the nearest point."),
+                None => {
+                    "No admissible pressure brings the tip there. Use the nearest point.".into()
+                }
+            },
+        },
+        ReachState::OutsideData => Verdict {
+            glyph: "?",
+            level: Level::Warning,
+            title: format!("Outside the data: {} mm from it", number(short_mm, 0)),
+            detail: "The model was not trained there: no verdict. Use the nearest point.".into(),
+        },
+    }
+}
+
+// The verdict that belongs to the draft, if the twin has given it.
+fn preview_of<'a>(view: &View<'a>, target_m: [f64; 3]) -> Option<&'a Reach> {
+    let (goal, reach) = view.snapshot.preview.as_ref()?;
+    let near = |i: usize| (goal.position_m[i] - target_m[i]).abs() < 5e-5;
+    (0..3).all(near).then_some(reach)
+}
+
+/// Whether Go is possible, or why not.
+pub fn go_gate(view: &View<'_>, draft: &TargetDraft) -> Gate {
+    view.motion()?;
+    let target_m = draft.parse()?;
+    let Some(reach) = preview_of(view, target_m) else {
+        return Err("Preview the target first.".into());
+    };
+    match reach.state {
+        ReachState::Reachable | ReachState::Marginal => Ok(()),
+        ReachState::Unreachable | ReachState::OutsideData => {
+            let v = verdict(reach);
+            Err(format!("{}. {}", v.title, v.detail))
+        }
+    }
+}
+
+/// The panel.
+pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
+    arming(ui, view, commands);
+    let submitted = fields(ui, draft);
+    let parsed = draft.parse();
+    let live = view.live();
+    let preview_gate = live.clone().and(parsed.clone().map(|_| ()));
+    let untouched = draft.text.iter().all(String::is_empty);
+    if let Err(reason) = &parsed {
+        if untouched {
+            note(ui, "Click in the 3D view, or type x, y and z.");
+        } else {
+            let color = Palette::in_ui(ui).warning;
+            ui.label(RichText::new(format!("▲ {reason}")).color(color));
+        }
+    }
+    let half = vec2((ui.available_width() - 8.0) / 2.0, 30.0);
+    ui.horizontal(|ui| {
+        let clicked = gated(
+            ui,
+            &preview_gate,
+            Button::new("Preview").min_size(half),
+            "Ask whether the tip can get there. Nothing moves (Enter).",
+        )
+        .clicked();
+        if let (true, Ok(target_m), Ok(())) = (clicked || submitted, &parsed, &live) {
+            draft.ask(*target_m, commands);
+        }
+        let cancel = if view.snapshot.preview.is_some() {
+            live.clone()
+        } else {
+            Err("Nothing is under preview.".into())
+        };
+        if gated(
+            ui,
+            &cancel,
+            Button::new("Cancel").min_size(half),
+            "Forget the target under preview (Esc)",
+        )
+        .clicked()
+        {
+            draft.asked_m = None;
+            commands.push(Command::CancelPreview);
+        }
+    });
+    let reach = parsed.as_ref().ok().and_then(|&t| preview_of(view, t));
+    verdict_box(ui, view, draft, &parsed, reach);
+    ui.horizontal(|ui| {
+        go(ui, view, draft, half, commands);
+        let nearest = match (&live, reach) {
+            (Err(e), _) => Err(e.clone()),
+            (_, Some(r)) if r.distance_m > 0.0 => Ok(()),
+            (_, Some(_)) => Err("The target itself is reachable.".into()),
+            (_, None) => Err("Preview the target first.".into()),
+        };
+        if gated(
+            ui,
+            &nearest,
+            Button::new("Use nearest").min_size(half),
+            "Take the nearest reachable point as the target and preview it. Nothing moves.",
+        )
+        .clicked()
+            && let Some(r) = reach
+        {
+            draft.set(r.nearest_m, commands);
+        }
+    });
+    progress(ui, view);
+    ui.separator();
+    hand(ui, view, commands);
+}
+
+fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
+    let width = (ui.available_width() - 16.0) / 3.0;
+    let mut submitted = false;
+    ui.horizontal(|ui| {
+        for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
+            ui.vertical(|ui| {
+                ui.spacing_mut().item_spacing.y = 2.0;
+                heading(ui, &format!("{name} / mm"));
+                let edit = TextEdit::singleline(&mut draft.text[i])
+                    .id_salt(("target", i))
+                    .desired_width(width)
+                    .align(egui::Align2::RIGHT_CENTER);
+                let response = ui
+                    .add(edit)
+                    .accessible_name(format!("Target {name} in mm"))
+                    .on_hover_text("In the base frame: origin at the fixed top pad, z up");
+                submitted |= response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
+            });
+        }
+    });
+    submitted
+}
+
+fn verdict_box(
+    ui: &mut Ui,
+    view: &View<'_>,
+    draft: &TargetDraft,
+    parsed: &Result<[f64; 3], String>,
+    reach: Option<&Reach>,
+) {
+    let p = *Palette::in_ui(ui);
+    egui::Frame::new()
+        .fill(p.sunken)
+        .stroke(egui::Stroke::new(1.0, p.line))
+        .corner_radius(4)
+        .inner_margin(8)
+        .show(ui, |ui| {
+            ui.set_width(ui.available_width());
+            ui.set_min_height(62.0);
+            ui.spacing_mut().item_spacing.y = 3.0;
+            let Some(reach) = reach else {
+                let text = match parsed {
+                    Ok(t) if draft.asked_m == Some(*t) && view.replay.is_none() => "Checking…",
+                    Ok(_) => "Not checked yet: press Preview. Nothing moves.",
+                    Err(_) => "No target.",
+                };
+                note(ui, text);
+                return;
+            };
+            let v = verdict(reach);
+            let color = if v.level == Level::Normal {
+                p.text
+            } else {
+                p.level(v.level)
+            };
+            ui.label(RichText::new(format!("{} {}", v.glyph, v.title)).color(color));
+            note(ui, v.detail);
+            if let (Some(e), Ok(t)) = (&view.snapshot.estimate, parsed) {
+                let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(*t)).norm();
+                let text = format!(
+                    "{} mm to move, at least {} s",
+                    number(d * 1e3, 1),
+                    number(d / view.spec.tip_speed_max_m_s, 0)
+                );
+                note(ui, text).on_hover_text("At the fastest tip speed of the robot file");
+            }
+        });
+}
+
+fn go(
+    ui: &mut Ui,
+    view: &View<'_>,
+    draft: &mut TargetDraft,
+    size: egui::Vec2,
+    commands: &mut Vec<Command>,
+) {
+    let gate = go_gate(view, draft);
+    let simulated = view.snapshot.link.simulated;
+    let label = if simulated {
+        "▶ Go".into()
+    } else if draft.held_s > 0.0 {
+        format!("Hold {:.1} s", (HOLD_TO_GO_S - draft.held_s).max(0.0))
+    } else {
+        "▶ Hold to go".to_owned()
+    };
+    let hover = if simulated {
+        "Move the tip to the target"
+    } else {
+        "Hold for 0.8 s: the arm moves"
+    };
+    // Sensing drags keeps the button pressed for longer than a click may last.
+    let sense = egui::Sense::click_and_drag();
+    let button = Button::new(label).min_size(size).sense(sense);
+    let response = gated(ui, &gate, button, hover);
+    let fire = if simulated {
+        response.clicked()
+    } else if gate.is_ok() && response.is_pointer_button_down_on() {
+        let before = draft.held_s;
+        draft.held_s += f64::from(ui.input(|i| i.unstable_dt)).min(0.1);
+        ui.request_repaint();
+        before < HOLD_TO_GO_S && draft.held_s >= HOLD_TO_GO_S
+    } else {
+        draft.held_s = 0.0;
+        false
+    };
+    if fire && gate.is_ok() {
+        // The simulated arm needs no arming by hand.
+        if view.snapshot.mode == Mode::Disarmed {
+            commands.push(Command::Arm);
+        }
+        commands.push(Command::Go);
+    }
+}
+
+fn progress(ui: &mut Ui, view: &View<'_>) {
+    let (Some(goal), Some(e)) = (&view.snapshot.goal, &view.snapshot.estimate) else {
+        note(ui, "No goal.");
+        return;
+    };
+    let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(goal.position_m)).norm();
+    let [x, y, z] = goal.position_m.map(|v| number(v * 1e3, 1));
+    note(ui, format!("{} mm to the present goal", number(d * 1e3, 1))).on_hover_text(format!(
+        "Goal at {x}, {y}, {z} mm. Distance by the estimate, not by motion capture."
+    ));
+}
+
+fn hand(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
+    let gate = view.live();
+    let now = view.snapshot.command.as_ref().map(|c| c.gripper());
+    ui.horizontal(|ui| {
+        note(ui, "Gripper");
+        for (gripper, name) in [(Gripper::Open, "Open"), (Gripper::Closed, "Closed")] {
+            let button = Button::selectable(now == Some(gripper), name).frame_when_inactive(true);
+            if gated(ui, &gate, button, "Open or close the gripper").clicked() {
+                commands.push(Command::Grip(gripper));
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        let label = note(ui, "Payload");
+        let mut grams = view.snapshot.payload_kg * 1e3;
+        let drag = egui::DragValue::new(&mut grams)
+            .range(0.0..=view.spec.payload_max_kg * 1e3)
+            .speed(1.0)
+            .max_decimals(0)
+            .update_while_editing(false)
+            .suffix(" g");
+        let response = ui.add_enabled(gate.is_ok(), drag).labelled_by(label.id);
+        if response.changed() {
+            commands.push(Command::DeclarePayload(grams * 1e-3));
+        }
+        match gate {
+            Ok(()) => response.on_hover_text("Mass in the gripper as you believe it, g"),
+            Err(reason) => response.on_disabled_hover_text(reason),
+        };
+    });
+}
+
+/// The named checks before hardware may move.
+pub fn arming_checks(view: &View<'_>) -> Vec<(&'static str, Gate)> {
+    let s = view.snapshot;
+    let check = |ok: bool, why: &str| if ok { Ok(()) } else { Err(why.to_owned()) };
+    let gauges = s.sensors.as_ref().map_or(0, |f| {
+        f.health.chambers.iter().filter(|h| h.usable()).count()
+    });
+    vec![
+        (
+            "Link",
+            check(s.link.connected && s.link.age_s < 0.25, "no fresh frames"),
+        ),
+        (
+            "Pressure gauges",
+            check(gauges == CHAMBERS, "a gauge is not usable"),
+        ),
+        ("Estimate", check(s.estimate.is_some(), "no tip pose yet")),
+        (
+            "Alarms",
+            check(
+                s.alarms.iter().all(|a| a.severity < Severity::Critical),
+                "a critical alarm holds",
+            ),
+        ),
+    ]
+}
+
+fn arming(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
+    let s = view.snapshot;
+    if s.link.simulated || matches!(s.mode, Mode::Safe(_)) {
+        return;
+    }
+    if s.mode != Mode::Disarmed {
+        if gated(
+            ui,
+            &view.live(),
+            Button::new("Disarm"),
+            "Stop commanding pressures",
+        )
+        .clicked()
+        {
+            commands.push(Command::Disarm);
+        }
+        ui.separator();
+        return;
+    }
+    let checks = arming_checks(view);
+    for (name, check) in &checks {
+        match check {
+            Ok(()) => note(ui, format!("● {name}")),
+            Err(why) => super::widgets::status(ui, Level::Warning, &format!("{name}: {why}")),
+        };
+    }
+    let gate = view.live().and(match checks.iter().find(|c| c.1.is_err()) {
+        Some((name, _)) => Err(format!("The check “{name}” has not passed.")),
+        None => Ok(()),
+    });
+    if gated(
+        ui,
+        &gate,
+        Button::new("Arm"),
+        "Allow motion of the hardware",
+    )
+    .clicked()
+    {
+        commands.push(Command::Arm);
+    }
+    ui.separator();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gui::fixture;
+
+    #[test]
+    fn bad_fields_are_named_in_one_sentence() {
+        let mut d = TargetDraft {
+            text: ["10".into(), String::new(), "-300".into()],
+            ..TargetDraft::default()
+        };
+        assert_eq!(d.parse(), Err("y is empty: type a number in mm.".into()));
+        for bad in ["NaN", "inf", "1e999", "ten"] {
+            d.text[1] = bad.into();
+            let e = d.parse().expect_err(bad);
+            assert!(e.starts_with("y is not a number") && e.contains(bad), "{e}");
+        }
+        d.text[1] = "−5,5".into();
+        assert_eq!(d.parse(), Ok([0.01, -0.0055, -0.3]));
+    }
+
+    #[test]
+    fn verdicts_say_distance_and_chamber() {
+        let v = verdict(&fixture::reach(ReachState::Unreachable, [0.1, 0.0, -0.3]));
+        assert_eq!(v.title, "Unreachable: 18 mm short");
+        assert!(v.detail.contains("chamber 4 at +40.0 kPa"), "{}", v.detail);
+        let glyphs: Vec<_> = [
+            ReachState::Reachable,
+            ReachState::Marginal,
+            ReachState::Unreachable,
+            ReachState::OutsideData,
+        ]
+        .map(|s| verdict(&fixture::reach(s, [0.0, 0.0, -0.3])).glyph)
+        .into();
+        assert_eq!(glyphs, ["●", "▲", "⊗", "?"]);
+    }
+}

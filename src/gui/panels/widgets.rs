@@ -1,0 +1,187 @@
+//! Small pieces the panels share: numbers, meters, buttons that say why they are off.
+
+use egui::{
+    Align, Button, Color32, CornerRadius, Label, Layout, Rect, Response, RichText, Role, Sense,
+    Stroke, Ui, WidgetInfo, pos2, vec2,
+};
+
+use crate::gui::theme::{Level, Palette};
+use crate::signal::ChannelHealth;
+
+/// Whether an action is possible now, or why not (one sentence).
+pub type Gate = Result<(), String>;
+
+/// A number with a true minus sign, or a dash when it is not finite.
+pub fn number(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return "—".into();
+    }
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.chars().all(|c| c == '0' || c == '.') => digits.into(),
+        Some(digits) => format!("−{digits}"),
+        None => text,
+    }
+}
+
+/// A duration as m:ss.
+pub fn minutes(t_s: f64) -> String {
+    let t = t_s.max(0.0).round() as u64;
+    format!("{}:{:02}", t / 60, t % 60)
+}
+
+/// A heading inside a panel.
+pub fn heading(ui: &mut Ui, text: &str) -> Response {
+    let color = Palette::in_ui(ui).weak;
+    ui.label(RichText::new(text).small().color(color))
+}
+
+/// Weak text.
+pub fn note(ui: &mut Ui, text: impl Into<String>) -> Response {
+    let color = Palette::in_ui(ui).weak;
+    ui.label(RichText::new(text).color(color))
+}
+
+/// A right-aligned text of fixed width, so that columns stay put.
+pub fn cell(ui: &mut Ui, width: f32, text: impl Into<RichText>) -> Response {
+    aligned_cell(ui, width, text, Layout::right_to_left(Align::Center))
+}
+
+/// A left-aligned text of fixed width.
+pub fn cell_left(ui: &mut Ui, width: f32, text: impl Into<RichText>) -> Response {
+    aligned_cell(ui, width, text, Layout::left_to_right(Align::Center))
+}
+
+fn aligned_cell(ui: &mut Ui, width: f32, text: impl Into<RichText>, layout: Layout) -> Response {
+    let height = ui.text_style_height(&egui::TextStyle::Body) + 2.0;
+    ui.allocate_ui_with_layout(vec2(width, height), layout, |ui| {
+        ui.set_min_size(vec2(width, height));
+        ui.add(Label::new(text.into()).truncate())
+    })
+    .inner
+}
+
+/// Glyph and text of a level in its colour; normal states stay grey.
+pub fn status(ui: &mut Ui, level: Level, text: &str) -> Response {
+    let color = Palette::in_ui(ui).level(level);
+    ui.label(RichText::new(format!("{} {text}", level.glyph())).color(color))
+}
+
+/// Glyph, word and level of a channel's health.
+pub fn health(health: ChannelHealth) -> (&'static str, &'static str, Level) {
+    match health {
+        ChannelHealth::Ok => ("●", "ok", Level::Normal),
+        ChannelHealth::Suspect => ("?", "suspect", Level::Warning),
+        ChannelHealth::Stuck => ("■", "stuck", Level::Critical),
+        ChannelHealth::OutOfRange => ("↕", "range", Level::Critical),
+        ChannelHealth::Missing => ("∅", "missing", Level::Critical),
+    }
+}
+
+/// What a channel's health means, for tooltips.
+pub fn health_sentence(health: ChannelHealth) -> &'static str {
+    match health {
+        ChannelHealth::Ok => "Delivered and plausible.",
+        ChannelHealth::Suspect => "Delivered, but disagrees with the other channels.",
+        ChannelHealth::Stuck => "Does not move while the arm does: not used.",
+        ChannelHealth::OutOfRange => "Outside the range its calibration covers: not used.",
+        ChannelHealth::Missing => "Not delivered: the last good value is shown, not used.",
+    }
+}
+
+/// A button that is on while `gate` is open and otherwise says why it is off.
+pub fn gated(ui: &mut Ui, gate: &Gate, button: Button<'_>, hover: &str) -> Response {
+    match gate {
+        Ok(()) => ui.add(button).on_hover_text(hover),
+        Err(reason) => ui.add_enabled(false, button).on_disabled_hover_text(reason),
+    }
+}
+
+/// A badge: text on a small filled box.
+pub fn badge(ui: &mut Ui, text: &str, fill: Color32, color: Color32) -> Response {
+    let font = egui::TextStyle::Body.resolve(ui.style());
+    let galley = ui.painter().layout_no_wrap(text.to_owned(), font, color);
+    let size = galley.size() + vec2(18.0, 8.0);
+    let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
+    ui.painter().rect_filled(rect, CornerRadius::same(4), fill);
+    let at = rect.center() - 0.5 * galley.size();
+    ui.painter().galley(at, galley, color);
+    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, text));
+    response
+}
+
+/// Rows as low as their text, for tables.
+pub fn dense(ui: &mut Ui) {
+    ui.spacing_mut().interact_size.y = 18.0;
+    ui.spacing_mut().item_spacing = vec2(4.0, 3.0);
+}
+
+/// What a [`meter`] shows.
+pub struct Meter<'a> {
+    /// Name and unit for screen readers.
+    pub name: &'a str,
+    /// Lowest and highest value.
+    pub range: [f64; 2],
+    /// Where the fill begins.
+    pub origin: f64,
+    /// The value, if there is one.
+    pub value: Option<f64>,
+    /// A tick, for instance the set value.
+    pub mark: Option<f64>,
+    /// Colour of the fill.
+    pub color: Color32,
+}
+
+/// A horizontal bar from `origin` to the value, with a tick.
+pub fn meter(ui: &mut Ui, width: f32, m: &Meter<'_>) -> Response {
+    let p = Palette::in_ui(ui);
+    let (rect, response) = ui.allocate_exact_size(vec2(width.max(8.0), 14.0), Sense::hover());
+    let ratio = |v: f64| ((v - m.range[0]) / (m.range[1] - m.range[0])).clamp(0.0, 1.0) as f32;
+    let x = |v: f64| rect.left() + rect.width() * ratio(v);
+    let track = rect.shrink2(vec2(0.0, 2.0));
+    let painter = ui.painter();
+    painter.rect_filled(track, CornerRadius::same(2), p.raised);
+    if let Some(v) = m.value.filter(|v| v.is_finite()) {
+        let (a, b) = (x(m.origin), x(v));
+        let fill = Rect::from_min_max(
+            pos2(a.min(b), track.top()),
+            pos2(a.max(b).max(a.min(b) + 2.0), track.bottom()),
+        );
+        painter.rect_filled(fill, CornerRadius::same(1), m.color);
+    }
+    if m.origin > m.range[0] {
+        painter.vline(x(m.origin), rect.y_range(), Stroke::new(1.0, p.line));
+    }
+    if let Some(v) = m.mark.filter(|v| v.is_finite()) {
+        painter.vline(x(v), rect.y_range(), Stroke::new(2.0, p.text));
+    }
+    response.widget_info(|| {
+        let mut info = WidgetInfo::labeled(Role::Meter, true, m.name);
+        info.value = m.value;
+        info
+    });
+    response
+}
+
+/// An empty state: what is missing and the next action, in the middle of the space left.
+pub fn empty(ui: &mut Ui, title: &str, next: &str) {
+    ui.vertical_centered(|ui| {
+        ui.add_space((ui.available_height() * 0.35).min(120.0));
+        ui.label(RichText::new(title).heading());
+        note(ui, next);
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_one_way_to_be_written() {
+        assert_eq!(number(-1.25, 1), "−1.2");
+        assert_eq!(number(-0.04, 1), "0.0");
+        assert_eq!(number(f64::NAN, 1), "—");
+        assert_eq!(number(12.0, 0), "12");
+        assert_eq!(minutes(125.4), "2:05");
+    }
+}

@@ -1,0 +1,550 @@
+//! The window driven as an operator would, with a twin made of channels.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+
+use egui::{Key, Modifiers, Theme};
+use egui_kittest::{Harness, kittest::NodeT, kittest::Queryable};
+
+use super::app::App;
+use super::fixture;
+use super::panels::Screen;
+use super::panels::player::Player;
+use super::services::{RecordingEntry, Services, ready};
+use crate::robot::RobotSpec;
+use crate::signal::{
+    Alarm, ChannelHealth, Goal, Mode, ReachState, Severity, Snapshot, Stamp, TruthSource,
+};
+use crate::twin::{Command, Event, Handle};
+
+/// The twin's end of the window's channels.
+struct Twin {
+    commands: Receiver<Command>,
+    events: SyncSender<Event>,
+    feed: SyncSender<Arc<Snapshot>>,
+    latest: Arc<Mutex<Arc<Snapshot>>>,
+}
+
+impl Twin {
+    fn publish(&self, snapshot: Snapshot) {
+        let snapshot = Arc::new(snapshot);
+        *self.latest.lock().expect("not poisoned") = Arc::clone(&snapshot);
+        self.feed.try_send(snapshot).expect("room in the feed");
+    }
+
+    fn taken(&self) -> Vec<Command> {
+        self.commands.try_iter().collect()
+    }
+}
+
+fn twin(first: Snapshot) -> (Twin, Handle) {
+    let (command_tx, commands) = sync_channel(16);
+    let (events, event_rx) = sync_channel(16);
+    let (feed, feed_rx) = sync_channel(16);
+    let latest = Arc::new(Mutex::new(Arc::new(first)));
+    let twin = Twin {
+        commands,
+        events,
+        feed,
+        latest: Arc::clone(&latest),
+    };
+    let handle = Handle {
+        commands: command_tx,
+        events: event_rx,
+        feed: feed_rx,
+        latest,
+    };
+    (twin, handle)
+}
+
+fn harness<'a>(app: App) -> Harness<'a, App> {
+    Harness::builder()
+        .with_size([1280.0, 720.0])
+        .build_eframe(|_| app)
+}
+
+fn running(first: Snapshot) -> (Twin, Harness<'static, App>) {
+    let (twin, handle) = twin(first);
+    let app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+    let mut h = harness(app);
+    h.run();
+    (twin, h)
+}
+
+fn type_target(h: &mut Harness<'_, App>, text: [&str; 3]) {
+    for (name, text) in ["x", "y", "z"].into_iter().zip(text) {
+        let label = format!("Target {name} in mm");
+        h.get_by_label(&label).focus();
+        h.run();
+        h.get_by_label(&label).type_text(text);
+        h.run();
+    }
+}
+
+fn press(h: &mut Harness<'_, App>, label: &str) {
+    h.get_by_label(label).click();
+    h.run();
+}
+
+fn is_disabled(h: &Harness<'_, App>, label: &str) -> bool {
+    h.get_by_label(label).accesskit_node().is_disabled()
+}
+
+#[test]
+fn stop_is_one_click_or_one_chord_from_every_screen() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    for screen in Screen::ALL {
+        h.state_mut().screen = screen;
+        h.run();
+        press(&mut h, "■ STOP");
+        assert_eq!(twin.taken(), [Command::Stop], "{screen:?}");
+        h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
+        h.run();
+        assert_eq!(twin.taken(), [Command::Stop], "{screen:?}");
+    }
+}
+
+#[test]
+fn stop_chord_works_while_typing_and_space_does_not_hold_there() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    h.get_by_label("Target x in mm").focus();
+    h.run();
+    h.key_press(Key::Space);
+    h.run();
+    assert_eq!(twin.taken(), []);
+    h.key_press_modifiers(Modifiers::SHIFT | Modifiers::CTRL, Key::Escape);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Stop]);
+}
+
+#[test]
+fn a_stop_that_finds_the_queue_full_is_sent_when_there_is_room() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    for _ in 0..16 {
+        h.key_press(Key::Space);
+        h.run();
+    }
+    h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
+    h.run_steps(2);
+    let holds = twin.taken();
+    assert!(holds.len() == 16 && holds.iter().all(|c| *c == Command::Hold));
+    h.run();
+    assert_eq!(twin.taken(), [Command::Stop]);
+}
+
+#[test]
+fn space_holds_and_resumes() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    h.key_press(Key::Space);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Hold]);
+    let mut held = fixture::snapshot(1.1);
+    held.mode = Mode::Hold;
+    twin.publish(held);
+    h.run();
+    h.key_press(Key::Space);
+    h.run();
+    press(&mut h, "▶ RESUME");
+    assert_eq!(twin.taken(), [Command::Resume, Command::Resume]);
+    let mut idle = fixture::snapshot(1.2);
+    idle.mode = Mode::Disarmed;
+    twin.publish(idle);
+    h.run();
+    assert!(is_disabled(&h, "▮▮ HOLD"));
+    h.key_press(Key::Space);
+    h.run();
+    assert_eq!(twin.taken(), []);
+}
+
+#[test]
+fn typed_target_is_previewed_then_gone_to() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    type_target(&mut h, ["-62", "-41.5", "-268"]);
+    press(&mut h, "Preview");
+    let goal = Goal::position([-0.062, -0.0415, -0.268]);
+    assert_eq!(twin.taken(), [Command::Preview(goal.clone())]);
+    assert!(is_disabled(&h, "▶ Go"));
+    let mut s = fixture::snapshot(1.1);
+    s.preview = Some((
+        goal.clone(),
+        fixture::reach(ReachState::Reachable, goal.position_m),
+    ));
+    twin.publish(s);
+    h.run();
+    h.get_by_label("● Reachable");
+    press(&mut h, "▶ Go");
+    assert_eq!(twin.taken(), [Command::Go]);
+    press(&mut h, "Cancel");
+    assert_eq!(twin.taken(), [Command::CancelPreview]);
+    h.key_press(Key::Escape);
+    h.run();
+    assert_eq!(twin.taken(), [Command::CancelPreview]);
+    // Another coordinate: the verdict no longer belongs to it.
+    h.state_mut().operate.draft.text[2] = "-250".into();
+    h.run();
+    assert!(is_disabled(&h, "▶ Go"));
+}
+
+#[test]
+fn unreachable_target_says_why_and_offers_the_nearest() {
+    let goal = Goal::position([0.2, 0.0, -0.2]);
+    let reach = fixture::reach(ReachState::Unreachable, goal.position_m);
+    let nearest = reach.nearest_m;
+    let mut s = fixture::snapshot(1.0);
+    s.preview = Some((goal, reach));
+    let (twin, mut h) = running(s);
+    type_target(&mut h, ["200", "0", "-200"]);
+    h.get_by_label("⊗ Unreachable: 18 mm short");
+    h.get_by_label_contains("chamber 4 at +40.0 kPa");
+    assert!(is_disabled(&h, "▶ Go"));
+    // The reason is on the button, too.
+    h.get_by_label("▶ Go").hover();
+    h.run_steps(6);
+    h.get_by_label_contains("18 mm short. Limited by");
+    h.remove_cursor();
+    h.run();
+    press(&mut h, "Use nearest");
+    let commands = twin.taken();
+    let [Command::Preview(goal)] = commands.as_slice() else {
+        panic!("{commands:?}");
+    };
+    for (asked, near) in goal.position_m.into_iter().zip(nearest) {
+        assert!((asked - near).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_field_that_is_no_number_gets_one_sentence() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    type_target(&mut h, ["NaN", "1", "-300"]);
+    h.get_by_label_contains("x is not a number");
+    assert!(is_disabled(&h, "Preview") && is_disabled(&h, "▶ Go"));
+    h.state_mut().operate.draft.text[0].clear();
+    h.run();
+    h.get_by_label_contains("x is empty: type a number in mm.");
+    assert_eq!(twin.taken(), []);
+}
+
+#[test]
+fn a_click_in_the_view_drafts_and_previews_but_does_not_move() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    press(&mut h, "Arm, side view");
+    let commands = twin.taken();
+    assert!(matches!(commands.as_slice(), [Command::Preview(_)]));
+    assert!(h.state().operate.draft.parse().is_ok());
+}
+
+#[test]
+fn hardware_is_armed_first_and_go_is_held() {
+    let mut s = fixture::snapshot(1.0);
+    s.link.simulated = false;
+    s.mode = Mode::Disarmed;
+    let goal = Goal::position([-0.06, -0.04, -0.27]);
+    s.preview = Some((
+        goal.clone(),
+        fixture::reach(ReachState::Reachable, goal.position_m),
+    ));
+    let (twin, mut h) = running(s.clone());
+    type_target(&mut h, ["-60", "-40", "-270"]);
+    assert!(is_disabled(&h, "▶ Hold to go"));
+    press(&mut h, "Arm");
+    assert_eq!(twin.taken(), [Command::Arm]);
+    s.mode = Mode::Hold;
+    s.stamp = Stamp::from_seconds(1.1);
+    twin.publish(s);
+    h.run();
+    // A click is too short.
+    press(&mut h, "▶ Hold to go");
+    assert_eq!(twin.taken(), []);
+    let at = h.get_by_label("▶ Hold to go").rect().center();
+    h.drag_at(at);
+    h.run_steps(14);
+    h.drop_at(at);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Go]);
+}
+
+#[test]
+fn safe_shows_its_reason_and_a_reset() {
+    let mut s = fixture::snapshot(1.0);
+    s.mode = Mode::Safe("over-pressure in chamber 3".into());
+    let (twin, mut h) = running(s);
+    h.get_by_label_contains("over-pressure in chamber 3");
+    press(&mut h, "Reset");
+    assert_eq!(twin.taken(), [Command::Reset]);
+    assert!(is_disabled(&h, "▮▮ HOLD"));
+}
+
+#[test]
+fn refusals_and_a_lost_twin_are_told() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let reason = "Go was refused: preview a target first.";
+    twin.events
+        .try_send(Event::Refused {
+            stamp: Stamp::ZERO,
+            reason: reason.into(),
+        })
+        .expect("room");
+    h.run();
+    h.get_by_label_contains(reason);
+    drop(twin);
+    h.run();
+    h.get_by_label_contains("The twin has stopped");
+}
+
+#[test]
+fn shortcuts_switch_screens_and_show_the_list() {
+    let (_twin, mut h) = running(fixture::snapshot(1.0));
+    for screen in Screen::ALL {
+        h.key_press_modifiers(Modifiers::COMMAND, screen.key());
+        h.run();
+        assert_eq!(h.state().screen, screen);
+    }
+    h.event(egui::Event::Text("?".into()));
+    h.run_steps(4);
+    let list = h.get_by_label_contains("STOP: pumps off").rect();
+    let stop = h.get_by_label("■ STOP").rect();
+    assert!(!list.intersects(stop));
+    h.key_press(Key::Escape);
+    h.run_steps(4);
+    assert!(h.query_by_label_contains("STOP: pumps off").is_none());
+}
+
+#[test]
+fn a_replay_is_announced_and_disables_motion() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let mut player = Player::new(fixture::trace("circle", 4)).expect("not empty");
+    player.playing = false;
+    h.state_mut().player = Some(player);
+    h.run();
+    h.get_by_label("▶ Replay: circle (simulated)");
+    type_target(&mut h, ["-60", "-40", "-270"]);
+    assert!(is_disabled(&h, "Preview") && is_disabled(&h, "▶ Go"));
+    // Enter must not get around the disabled button.
+    h.get_by_label("Target z in mm").focus();
+    h.run();
+    h.key_press(Key::Enter);
+    h.run();
+    assert_eq!(twin.taken(), []);
+    // Space now plays; STOP still reaches the live twin.
+    h.key_press_modifiers(Modifiers::COMMAND, Key::Num3);
+    h.run();
+    h.key_press(Key::Space);
+    h.run_steps(4);
+    assert!(
+        h.state()
+            .player
+            .as_ref()
+            .is_some_and(|p| p.position_s > 0.1)
+    );
+    h.get_by_label("■ STOP").click();
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [Command::Stop]);
+    h.get_by_label("Close replay").click();
+    h.run_steps(3);
+    assert!(h.state().player.is_none());
+}
+
+#[test]
+fn recordings_are_listed_loaded_and_made() {
+    let mut app = recordings_app();
+    app.screen = Screen::Recordings;
+    let (twin, handle) = twin(fixture::snapshot(1.0));
+    app = {
+        let mut with_twin = App::new(Some(handle), RobotSpec::reference(), library_services());
+        with_twin.screen = app.screen;
+        with_twin
+    };
+    let mut h = harness(app);
+    h.run_steps(3);
+    assert!(is_disabled(&h, "Load and play"));
+    h.get_by_label("circle-35g").click();
+    h.run_steps(2);
+    h.get_by_label("Load and play").click();
+    h.run_steps(3);
+    assert!(h.state().player.is_some());
+    h.get_by_label("● Record").click();
+    h.run_steps(2);
+    assert_eq!(
+        twin.taken(),
+        [Command::StartRecording(PathBuf::from("recording.rrd"))]
+    );
+}
+
+#[test]
+fn no_truth_means_prediction_only_and_no_score() {
+    let snapshots: Vec<_> = fixture::session(4)
+        .into_iter()
+        .map(|mut s| {
+            s.truth = None;
+            s
+        })
+        .collect();
+    let app = App::for_screenshot(
+        Screen::Accuracy,
+        Theme::Dark,
+        RobotSpec::reference(),
+        &snapshots,
+    );
+    let mut h = harness(app);
+    h.run();
+    h.get_by_label("Prediction only");
+    assert!(h.query_by_label("RMSE").is_none());
+}
+
+#[test]
+fn nothing_live_means_no_repaint() {
+    let app = App::for_screenshot(
+        Screen::Sensors,
+        Theme::Dark,
+        RobotSpec::reference(),
+        &fixture::session(4),
+    );
+    let mut h = harness(app);
+    h.run();
+    let delay = h.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
+    assert!(delay > std::time::Duration::from_secs(60), "{delay:?}");
+}
+
+#[test]
+fn an_empty_start_shows_every_screen() {
+    for screen in Screen::ALL {
+        let mut h = harness(App::for_screenshot(
+            screen,
+            Theme::Light,
+            RobotSpec::reference(),
+            &[],
+        ));
+        h.run_steps(3);
+        h.get_by_label("OFFLINE");
+    }
+}
+
+fn library_services() -> Services {
+    let entry = |name: &str, bytes, seconds, note: Option<&str>| RecordingEntry {
+        path: PathBuf::from(format!("recordings/{name}.rrd")),
+        name: name.into(),
+        bytes,
+        seconds: Some(seconds),
+        simulated: Some(true),
+        note: note.map(str::to_owned),
+    };
+    Services {
+        scan: Box::new(move || {
+            ready(Ok(vec![
+                entry("circle-35g", 1_240_000, 126.0, None),
+                entry("figure-8-115g", 1_310_000, 131.0, None),
+                entry(
+                    "pick-and-place-tomato",
+                    2_870_000,
+                    244.0,
+                    Some("Truncated: readable up to 4:04, the end is missing."),
+                ),
+                entry("point-to-point", 412_000, 48.0, None),
+            ]))
+        }),
+        load: Box::new(|_| ready(Ok(fixture::trace("circle-35g", 40)))),
+        ..Services::none()
+    }
+}
+
+fn recordings_app() -> App {
+    App::new(None, RobotSpec::reference(), library_services())
+}
+
+// A session in which some things are abnormal.
+fn busy_session() -> Vec<Snapshot> {
+    let mut session = fixture::session(40);
+    let n = session.len();
+    for s in session.iter_mut().skip(n / 2) {
+        if let Some(f) = &mut s.sensors {
+            f.health.springs[8] = ChannelHealth::Stuck;
+            f.health.springs[3] = ChannelHealth::Suspect;
+        }
+    }
+    let last = session.last_mut().expect("not empty");
+    let goal = Goal::position([0.164, 0.020, -0.231]);
+    last.preview = Some((
+        goal.clone(),
+        fixture::reach(ReachState::Unreachable, goal.position_m),
+    ));
+    last.alarms = vec![
+        Alarm {
+            since: last.stamp.plus(-20.0),
+            severity: Severity::Warning,
+            text: "Spring 5A is stuck at 151.2 mm: the estimate uses the other eleven.".into(),
+        },
+        Alarm {
+            since: last.stamp.plus(-20.0),
+            severity: Severity::Info,
+            text: "Spring 2B disagrees with its pair by 1.4 mm.".into(),
+        },
+    ];
+    last.recording = Some("session-3.rrd".into());
+    session
+}
+
+fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
+    let mut h = Harness::builder()
+        .with_size(size)
+        .with_theme(theme)
+        .with_render_cursor(false)
+        .wgpu()
+        .build_eframe(|_| app);
+    h.run_steps(5);
+    let image = h.render().expect("a GPU or a software renderer draws");
+    assert_eq!(
+        [image.width() as f32, image.height() as f32],
+        size,
+        "{name}"
+    );
+    let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
+    assert!(shades.len() > 20, "{name} is nearly blank");
+    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
+    std::fs::create_dir_all(&dir).expect("the target directory can be written");
+    image
+        .save(dir.join(format!("{name}.png")))
+        .expect("the picture can be written");
+}
+
+#[test]
+fn every_screen_renders_in_both_themes_and_sizes() {
+    let session = busy_session();
+    for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+        for (size, size_name) in [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")] {
+            for screen in Screen::ALL {
+                let spec = RobotSpec::reference();
+                let mut app = App::for_screenshot(screen, theme, spec, &session);
+                app.operate.draft.text = ["164", "20", "-231"].map(Into::into);
+                if screen == Screen::Sensors && theme == Theme::Light {
+                    app.sensors.selected_spring = Some(8);
+                }
+                if screen == Screen::Recordings {
+                    app = recordings_app();
+                    app.screen = screen;
+                    let mut player =
+                        Player::new(fixture::trace("circle-35g", 40)).expect("not empty");
+                    player.position_s = 23.0;
+                    player.playing = false;
+                    app.player = Some(player);
+                    app.library.selected = Some("recordings/circle-35g.rrd".into());
+                }
+                let name = format!("panels-{}-{theme_name}-{size_name}", screen.name());
+                picture(&name.to_lowercase(), size, theme, app);
+            }
+        }
+    }
+    let mut safe = fixture::session(20);
+    let last = safe.last_mut().expect("not empty");
+    last.mode = Mode::Safe("over-pressure in chamber 3 (42.6 kPa). Vent it, then reset.".into());
+    last.truth = None;
+    last.link.simulated = false;
+    let spec = RobotSpec::reference();
+    let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec, &safe);
+    picture("panels-safe", [1280.0, 720.0], Theme::Dark, app);
+    assert_eq!(
+        fixture::snapshot(0.0).truth.map(|t| t.source),
+        Some(TruthSource::VirtualRig)
+    );
+}
