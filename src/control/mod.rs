@@ -1,1 +1,36 @@
-//! Sensor-space solver, ADRC and reachability.
+//! From a goal to chamber pressures: the sensor-space solver, ADRC, reachability, the controllers.
+//!
+//! Source: the paper, section IV (systems S9 to S12), with errata 4 to 8 applied; ours beside it.
+//! Everything here works on the learned maps ([`PoseMap`](crate::learn::PoseMap),
+//! [`PlantMap`](crate::learn::PlantMap)) and on measured signals. Absent by design: simulators,
+//! motion capture, clocks, I/O.
+//!
+//! | symbol | meaning | unit |
+//! |---|---|---|
+//! | s | the 24 sensor signals | m, rad |
+//! | q | the six gauge pressures | Pa |
+//! | f | sensor map, s → pose | m, rad |
+//! | B₀ | ∂s/∂q of the plant map, 24 × 6 | per Pa |
+//! | W | diag(1/σ) of the signals | 1/m, 1/rad |
+//! | r | task residual, weighted so that 1 = 1 mm = 1° | mm, ° |
+
+mod adrc;
+mod box_qp;
+mod controller;
+mod ours;
+mod paper;
+mod reach;
+mod residual;
+mod solver;
+#[cfg(test)]
+mod toy;
+
+pub use adrc::{Adrc, AdrcGains};
+pub use box_qp::{BoxQp, solve_box_qp};
+pub use controller::{ControlOut, Controller, ControllerKind, Gains, Maps, Stall, StepInput};
+pub use paper::virtual_output;
+pub use reach::{ReachConfig, ReachError, StartSample, reach};
+pub use residual::{
+    SignalSigma, TaskWeights, goal_residual, rotation_rate_from_ypr, task_jacobian, within,
+};
+pub use solver::{SolverConfig, SolverOut, objective, objective_gradient, solve};

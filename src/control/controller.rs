@@ -1,0 +1,523 @@
+//! One goal, one controller, one set of pressures per tick.
+//!
+//! The controllers compute rates of the set pressures; this module gives them what they need, keeps
+//! the result within every bound, and says when the arm is there or cannot get there.
+//!
+//! The input fed to the observers is the rate at which the *measured* chamber pressures changed:
+//! it already carries the clipping by magnitude, rate and pump flow (about a quarter of the rate
+//! limit). For a chamber whose gauge is unusable it is the rate of the limited command instead.
+//! The set pressure may lead the measured one only by `Gains::lead_pa`, so a slow pump cannot wind
+//! it up.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::adrc::AdrcGains;
+use super::ours::Ours;
+use super::paper::Paper;
+use super::residual::{goal_residual, within};
+use super::solver::SolverConfig;
+use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
+use crate::robot::RobotSpec;
+use crate::signal::{
+    CHAMBERS, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SensorFrame, SensorRef, Stamp,
+    Vector6,
+};
+
+/// Which controller steers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ControllerKind {
+    /// The paper's: sensor-space descent and ADRC.
+    #[default]
+    Paper,
+    /// Ours: a bounded quadratic programme in actuator space.
+    Ours,
+}
+
+/// Tuning of a controller.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gains {
+    /// Which controller.
+    pub kind: ControllerKind,
+    /// Bandwidths of the inner loop.
+    pub adrc: AdrcGains,
+    /// Time between two runs of the sensor-space solver, s.
+    pub outer_period_s: f64,
+    /// How far a set pressure may lead the measured one, Pa.
+    pub lead_pa: f64,
+    /// Settings of the sensor-space solver; its weights and σ hold for the whole controller.
+    pub solver: SolverConfig,
+}
+
+impl Default for Gains {
+    fn default() -> Self {
+        Self {
+            kind: ControllerKind::default(),
+            adrc: AdrcGains::default(),
+            outer_period_s: 0.2,
+            lead_pa: 2000.0,
+            solver: SolverConfig {
+                max_iterations: 60,
+                ..SolverConfig::default()
+            },
+        }
+    }
+}
+
+/// The learned maps the controller works on.
+#[derive(Clone, Copy)]
+pub struct Maps<'a> {
+    /// Signals to pose.
+    pub pose: &'a dyn PoseMap,
+    /// Pressures to signals.
+    pub plant: &'a dyn PlantMap,
+}
+
+/// What is known at one tick.
+#[derive(Clone, Copy)]
+pub struct StepInput<'a> {
+    /// Newest calibrated sensors.
+    pub frame: &'a SensorFrame,
+    /// The pose map at these sensors.
+    pub eval: &'a PoseEval,
+    /// Declared mass in the gripper, kg.
+    pub payload_kg: f64,
+    /// The command sent last, if any.
+    pub previous: Option<&'a PressureCommand>,
+    /// The present instant.
+    pub stamp: Stamp,
+}
+
+/// The arm does not come nearer to its goal because a chamber is at its bound.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stall {
+    /// Distance of the estimate from the goal, m.
+    pub distance_m: f64,
+    /// Chamber (1-based) and its set pressure, Pa.
+    pub chamber: (usize, f64),
+}
+
+/// The outcome of one tick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ControlOut {
+    /// Set pressures to send, within range and rate of the previous command, Pa.
+    pub wanted_pa: [f64; CHAMBERS],
+    /// The signals the inner loop steers to; `None` while holding.
+    pub sensor_ref: Option<SensorRef>,
+    /// Distance of the estimate from the goal, m; `None` without a goal or a usable estimate.
+    pub distance_m: Option<f64>,
+    /// Whether this estimate is within the goal's tolerance.
+    pub done: bool,
+    /// Ticks since the goal was set.
+    pub steps: u64,
+    /// Set once the goal proves unreachable from here.
+    pub stall: Option<Stall>,
+}
+
+/// What one tick looks like to a controller.
+pub(super) struct Tick<'a> {
+    pub maps: Maps<'a>,
+    pub goal: &'a Goal,
+    /// Pressures of the reachability solution.
+    pub guess_pa: Option<&'a [f64; CHAMBERS]>,
+    pub payload_kg: f64,
+    pub sensors: SensorRef,
+    pub eval: &'a PoseEval,
+    /// The plant at the measured pressures.
+    pub plant: PlantEval,
+    /// Present set pressures.
+    pub set_pa: [f64; CHAMBERS],
+    /// Input applied since the last tick.
+    pub applied_pa_s: Vector6,
+    /// Since the last frame.
+    pub dt_s: f64,
+    pub now: Stamp,
+    pub limits: &'a PressureLimits,
+    pub rate_max_pa_s: f64,
+    pub tip_speed_max_m_s: f64,
+    /// Bounds of the rates from range, rate and lead.
+    pub lo_pa_s: Vector6,
+    pub hi_pa_s: Vector6,
+}
+
+/// A controller's answer.
+pub(super) struct RateOut {
+    pub rate_pa_s: Vector6,
+    pub sensor_ref: SensorRef,
+    /// Whether the estimated pose is being driven (not yet while approaching an initial guess).
+    pub refining: bool,
+}
+
+enum Inner {
+    Paper(Box<Paper>),
+    Ours(Ours),
+}
+
+/// What the last frame left behind.
+struct Memory {
+    frame_stamp: Stamp,
+    chamber_pa: [f64; CHAMBERS],
+    set_pa: [f64; CHAMBERS],
+    rate_pa_s: Vector6,
+    sensor_ref: SensorRef,
+    refining: bool,
+}
+
+/// Nearest approach and when it was.
+struct Progress {
+    best_m: f64,
+    since: Stamp,
+}
+
+struct Active {
+    goal: Goal,
+    guess_pa: Option<[f64; CHAMBERS]>,
+    inner: Option<Inner>,
+    memory: Option<Memory>,
+    progress: Option<Progress>,
+    steps: u64,
+}
+
+/// Steers to one goal at a time; without one it holds the pressures.
+pub struct Controller {
+    limits: PressureLimits,
+    pump_rate_pa_s: f64,
+    tip_speed_max_m_s: f64,
+    gains: Gains,
+    active: Option<Active>,
+}
+
+/// The longest time step the loop believes in, as [`PressureCommand::limited`] does, s.
+const DT_MAX_S: f64 = 0.1;
+/// Time step of the first command, s.
+const DT_FIRST_S: f64 = 0.01;
+/// A gap in the frames after which the observers start anew, s.
+const GAP_S: f64 = 0.5;
+/// An approach by less than this is none, m.
+const PROGRESS_M: f64 = 0.2e-3;
+/// So long without approach at a bound is a stall, s.
+const STALL_S: f64 = 1.1;
+/// A set pressure this close to its bound is saturated, Pa.
+const SATURATED_PA: f64 = 50.0;
+
+impl Controller {
+    /// A controller for `robot` that holds until it is given a goal.
+    pub fn new(robot: &RobotSpec, gains: Gains) -> Self {
+        // Flow over chamber growth per pressure: Q / (A dL/dp), the pump's fastest pressure change.
+        let span_m = robot.length_range_m[1] - robot.length_range_m[0];
+        let span_pa = robot.pressure.max_pa - robot.pressure.min_pa;
+        let pump_rate_pa_s = robot.pump_flow_m3_s / (robot.area_m2 * span_m / span_pa);
+        Self {
+            limits: robot.pressure.clone(),
+            pump_rate_pa_s,
+            tip_speed_max_m_s: robot.tip_speed_max_m_s,
+            gains,
+            active: None,
+        }
+    }
+
+    /// Starts to steer to `goal`. `reach` is the verdict on it and gives the initial guess.
+    pub fn set_goal(&mut self, goal: Goal, reach: Option<&Reach>) {
+        let guess_pa = reach
+            .map(|r| r.chamber_pa)
+            .filter(|q| q.iter().all(|v| v.is_finite()));
+        self.active = Some(Active {
+            goal,
+            guess_pa,
+            inner: None,
+            memory: None,
+            progress: None,
+            steps: 0,
+        });
+    }
+
+    /// Forgets the goal: the set pressures stay as they are.
+    pub fn hold(&mut self) {
+        self.active = None;
+    }
+
+    /// The goal it steers to.
+    pub fn goal(&self) -> Option<&Goal> {
+        self.active.as_ref().map(|a| &a.goal)
+    }
+
+    /// The tuning in use.
+    pub fn gains(&self) -> &Gains {
+        &self.gains
+    }
+
+    /// One tick. Values that are not finite make it hold for this tick; the observers then start
+    /// anew. A frame that is not newer than the last one continues the last rates.
+    pub fn step(&mut self, maps: Maps, input: &StepInput) -> ControlOut {
+        let set_pa = self.present_set_pa(input);
+        let hold = |steps| ControlOut {
+            wanted_pa: set_pa,
+            sensor_ref: None,
+            distance_m: None,
+            done: false,
+            steps,
+            stall: None,
+        };
+        let Some(mut active) = self.active.take() else {
+            return hold(0);
+        };
+        active.steps += 1;
+        let out = self.steer(&mut active, maps, input, set_pa);
+        let steps = active.steps;
+        self.active = Some(active);
+        out.unwrap_or_else(|| hold(steps))
+    }
+
+    /// The present set pressures: the last command, or what the gauges say before the first one.
+    fn present_set_pa(&self, input: &StepInput) -> [f64; CHAMBERS] {
+        std::array::from_fn(|i| {
+            let from = match input.previous {
+                Some(p) => p.chamber_pa()[i],
+                None => input.frame.chamber_pa[i],
+            };
+            let from = if from.is_finite() { from } else { 0.0 };
+            from.clamp(self.limits.min_pa, self.limits.max_pa)
+        })
+    }
+
+    /// `None` when something is not finite.
+    fn steer(
+        &self,
+        active: &mut Active,
+        maps: Maps,
+        input: &StepInput,
+        set_pa: [f64; CHAMBERS],
+    ) -> Option<ControlOut> {
+        let usable = usable_gauges(input.frame);
+        let chamber_pa: [f64; CHAMBERS] = std::array::from_fn(|i| {
+            if usable[i] {
+                input.frame.chamber_pa[i]
+            } else {
+                set_pa[i]
+            }
+        });
+        let dt_out_s = match input.previous {
+            Some(p) => input.stamp.since(p.stamp()).clamp(0.0, DT_MAX_S),
+            None => DT_FIRST_S,
+        };
+        let fresh = active
+            .memory
+            .as_ref()
+            .is_none_or(|m| input.frame.stamp > m.frame_stamp);
+        if fresh && !self.compute(active, maps, input, set_pa, chamber_pa, usable, dt_out_s) {
+            active.memory = None;
+            active.inner.iter_mut().for_each(Inner::restart);
+            return None;
+        }
+        let memory = active.memory.as_ref()?;
+        let (lo, hi) = self.rate_bounds(&set_pa, &chamber_pa, &usable, dt_out_s);
+        let wanted_pa = std::array::from_fn(|i| {
+            let rate = memory.rate_pa_s[i].clamp(lo[i], hi[i]);
+            (set_pa[i] + rate * dt_out_s).clamp(self.limits.min_pa, self.limits.max_pa)
+        });
+        let weights = &self.gains.solver.weights;
+        let residual = goal_residual(&input.eval.pose, &active.goal, weights);
+        let distance_m = residual.fixed_rows::<3>(0).norm() / weights.per_m;
+        let done = within(&residual, &active.goal, weights);
+        // An orientation counts like the position it weighs as much as.
+        let effort_m = residual.norm() / weights.per_m;
+        let stall = match memory.refining && !done {
+            true => self.stalled(
+                &mut active.progress,
+                effort_m,
+                distance_m,
+                &set_pa,
+                input.stamp,
+            ),
+            false => {
+                active.progress = None;
+                None
+            }
+        };
+        Some(ControlOut {
+            wanted_pa,
+            sensor_ref: Some(memory.sensor_ref),
+            distance_m: Some(distance_m),
+            done,
+            steps: active.steps,
+            stall,
+        })
+    }
+
+    /// Runs the controller on a new frame and leaves the rates in the memory; `false` when
+    /// something is not finite.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one call, all of it the state of one tick"
+    )]
+    fn compute(
+        &self,
+        active: &mut Active,
+        maps: Maps,
+        input: &StepInput,
+        set_pa: [f64; CHAMBERS],
+        chamber_pa: [f64; CHAMBERS],
+        usable: [bool; CHAMBERS],
+        dt_out_s: f64,
+    ) -> bool {
+        let sensors = input.frame.sensors.to_vector();
+        let eval = input.eval;
+        let finite = sensors.iter().all(|v| v.is_finite())
+            && eval.pose.iter().all(|v| v.is_finite())
+            && eval.jacobian.iter().all(|v| v.is_finite())
+            && input.payload_kg.is_finite();
+        if !finite {
+            return false;
+        }
+        let plant = maps.plant.sensors(&chamber_pa, input.payload_kg);
+        if !plant.jacobian.iter().all(|v| v.is_finite()) {
+            return false;
+        }
+        let gap_s = active
+            .memory
+            .as_ref()
+            .map(|m| input.frame.stamp.since(m.frame_stamp));
+        if gap_s.is_some_and(|g| g > GAP_S) {
+            active.memory = None;
+            active.inner.iter_mut().for_each(Inner::restart);
+        }
+        let dt_s = gap_s.unwrap_or(DT_FIRST_S).clamp(1e-4, GAP_S);
+        let applied_pa_s = match &active.memory {
+            Some(m) => Vector6::from_fn(|i, _| match usable[i] {
+                true => (chamber_pa[i] - m.chamber_pa[i]) / dt_s,
+                false => (set_pa[i] - m.set_pa[i]) / dt_s,
+            }),
+            None => Vector6::zeros(),
+        };
+        let (lo_pa_s, hi_pa_s) = self.rate_bounds(&set_pa, &chamber_pa, &usable, dt_out_s);
+        let tick = Tick {
+            maps,
+            goal: &active.goal,
+            guess_pa: active.guess_pa.as_ref(),
+            payload_kg: input.payload_kg,
+            sensors,
+            eval,
+            plant,
+            set_pa,
+            applied_pa_s,
+            dt_s,
+            now: input.frame.stamp,
+            limits: &self.limits,
+            rate_max_pa_s: self.rate_max_pa_s(),
+            tip_speed_max_m_s: self.tip_speed_max_m_s,
+            lo_pa_s,
+            hi_pa_s,
+        };
+        let inner = active.inner.get_or_insert_with(|| match self.gains.kind {
+            ControllerKind::Paper => Inner::Paper(Box::new(Paper::new(&tick, &self.gains))),
+            ControllerKind::Ours => Inner::Ours(Ours::new()),
+        });
+        let mut out = match inner {
+            Inner::Paper(paper) => paper.rate(&tick, &self.gains),
+            Inner::Ours(ours) => ours.rate(&tick, &self.gains),
+        };
+        let finite = out
+            .rate_pa_s
+            .iter()
+            .chain(out.sensor_ref.iter())
+            .all(|v| v.is_finite());
+        if !finite {
+            return false;
+        }
+        out.rate_pa_s = limit_tip_speed(out.rate_pa_s, &tick);
+        active.memory = Some(Memory {
+            frame_stamp: input.frame.stamp,
+            chamber_pa,
+            set_pa,
+            rate_pa_s: out.rate_pa_s,
+            sensor_ref: out.sensor_ref,
+            refining: out.refining,
+        });
+        true
+    }
+
+    fn rate_max_pa_s(&self) -> f64 {
+        self.limits.rate_pa_s.min(self.pump_rate_pa_s)
+    }
+
+    /// Bounds on the rates of the set pressures, so that after `dt_s` they are within range and
+    /// within the lead of the measured pressures where there are any.
+    fn rate_bounds(
+        &self,
+        set_pa: &[f64; CHAMBERS],
+        chamber_pa: &[f64; CHAMBERS],
+        usable: &[bool; CHAMBERS],
+        dt_s: f64,
+    ) -> (Vector6, Vector6) {
+        let rate = self.rate_max_pa_s();
+        let bound = |i: usize, limit_pa: f64, lead_pa: f64| {
+            let limit_pa = match (usable[i], lead_pa > 0.0) {
+                (true, true) => limit_pa.min(chamber_pa[i] + lead_pa),
+                (true, false) => limit_pa.max(chamber_pa[i] + lead_pa),
+                (false, _) => limit_pa,
+            };
+            ((limit_pa - set_pa[i]) / dt_s.max(1e-4)).clamp(-rate, rate)
+        };
+        let lead = self.gains.lead_pa;
+        (
+            Vector6::from_fn(|i, _| bound(i, self.limits.min_pa, -lead)),
+            Vector6::from_fn(|i, _| bound(i, self.limits.max_pa, lead)),
+        )
+    }
+
+    /// Whether a saturated arm has stopped to come nearer.
+    fn stalled(
+        &self,
+        progress: &mut Option<Progress>,
+        effort_m: f64,
+        distance_m: f64,
+        set_pa: &[f64; CHAMBERS],
+        now: Stamp,
+    ) -> Option<Stall> {
+        let anchor = progress.get_or_insert(Progress {
+            best_m: effort_m,
+            since: now,
+        });
+        let spare_pa =
+            |i: usize| (self.limits.max_pa - set_pa[i]).min(set_pa[i] - self.limits.min_pa);
+        let tightest = (0..CHAMBERS).min_by(|&a, &b| spare_pa(a).total_cmp(&spare_pa(b)))?;
+        if effort_m < anchor.best_m - PROGRESS_M || spare_pa(tightest) > SATURATED_PA {
+            anchor.best_m = anchor.best_m.min(effort_m);
+            anchor.since = now;
+        }
+        (now.since(anchor.since) >= STALL_S).then_some(Stall {
+            distance_m,
+            chamber: (tightest + 1, set_pa[tightest]),
+        })
+    }
+}
+
+impl Inner {
+    fn restart(&mut self) {
+        match self {
+            Self::Paper(paper) => paper.restart(),
+            Self::Ours(ours) => ours.restart(),
+        }
+    }
+}
+
+fn usable_gauges(frame: &SensorFrame) -> [bool; CHAMBERS] {
+    std::array::from_fn(|i| frame.health.chambers[i].usable() && frame.chamber_pa[i].is_finite())
+}
+
+/// Slows all chambers by one factor so that the tip keeps to its speed limit.
+fn limit_tip_speed(rate_pa_s: Vector6, tick: &Tick) -> Vector6 {
+    let tip_from_signals: SMatrix<f64, 3, SIGNALS> =
+        tick.eval.jacobian.fixed_rows::<3>(0).into_owned();
+    // v = ∂x/∂s B₀ u
+    let tip_m_s: SVector<f64, 3> = tip_from_signals * (tick.plant.jacobian * rate_pa_s);
+    let excess = tip_m_s.norm() / tick.tip_speed_max_m_s;
+    if excess > 1.0 {
+        rate_pa_s / excess
+    } else {
+        rate_pa_s
+    }
+}
+
+#[cfg(test)]
+#[path = "controller_tests.rs"]
+mod tests;

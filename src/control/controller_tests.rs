@@ -1,0 +1,334 @@
+//! Closed loop on the toy arm: 5 % wrong gains, a constant disturbance, an undeclared payload,
+//! pumps with lag and limited flow.
+
+use super::super::reach::{ReachConfig, StartSample, reach};
+use super::super::toy::{ToyArm, pump_step};
+use super::*;
+use crate::signal::{ChannelHealth, Gripper, ReachState};
+use proptest::prelude::*;
+
+const DT_S: f64 = 0.05;
+
+struct Loop {
+    robot: RobotSpec,
+    nominal: ToyArm,
+    real: ToyArm,
+    chamber_pa: [f64; CHAMBERS],
+    payload_kg: f64,
+    command: Option<PressureCommand>,
+    now: Stamp,
+}
+
+impl Loop {
+    fn new() -> Self {
+        let robot = RobotSpec::reference();
+        Self {
+            nominal: ToyArm::nominal(&robot),
+            real: ToyArm::mismatched(&robot),
+            robot,
+            chamber_pa: [0.0; CHAMBERS],
+            payload_kg: 0.2,
+            command: None,
+            now: Stamp::ZERO,
+        }
+    }
+
+    fn verdict(&self, goal: &Goal) -> Reach {
+        let samples: [StartSample; 0] = [];
+        let config = ReachConfig::default();
+        reach(
+            goal,
+            &self.robot,
+            &self.nominal,
+            &self.nominal,
+            0.0,
+            &samples,
+            &config,
+        )
+        .unwrap()
+    }
+
+    fn tick(&mut self, controller: &mut Controller) -> ControlOut {
+        let frame = self.real.frame(self.now, self.chamber_pa, self.payload_kg);
+        self.tick_with(controller, frame)
+    }
+
+    /// One tick with checks that the wish needs no further limiting.
+    fn tick_with(&mut self, controller: &mut Controller, frame: SensorFrame) -> ControlOut {
+        let eval = self.nominal.pose(&frame.sensors.to_vector());
+        let maps = Maps {
+            pose: &self.nominal,
+            plant: &self.nominal,
+        };
+        let input = StepInput {
+            frame: &frame,
+            eval: &eval,
+            payload_kg: 0.0,
+            previous: self.command.as_ref(),
+            stamp: self.now,
+        };
+        let out = controller.step(maps, &input);
+        let limits = &self.robot.pressure;
+        let command = PressureCommand::limited(
+            self.now,
+            out.wanted_pa,
+            Gripper::Open,
+            self.command.as_ref(),
+            &frame.chamber_pa,
+            limits,
+        );
+        for i in 0..CHAMBERS {
+            let p = out.wanted_pa[i];
+            assert!(p >= limits.min_pa && p <= limits.max_pa, "chamber {i}: {p}");
+            let cut = (command.chamber_pa()[i] - p).abs();
+            assert!(cut < 1e-6, "chamber {i} broke the rate limit by {cut} Pa");
+        }
+        pump_step(&mut self.chamber_pa, command.chamber_pa(), DT_S);
+        self.command = Some(command);
+        self.now = self.now.plus(DT_S);
+        out
+    }
+
+    fn run(&mut self, controller: &mut Controller, seconds: f64) -> ControlOut {
+        let n = (seconds / DT_S) as usize;
+        for _ in 1..n {
+            self.tick(controller);
+        }
+        self.tick(controller)
+    }
+}
+
+fn gains(kind: ControllerKind) -> Gains {
+    Gains {
+        kind,
+        ..Gains::default()
+    }
+}
+
+fn check_reaches(kind: ControllerKind) {
+    for position_m in [
+        [0.06, 0.04, -0.30],
+        [-0.05, 0.02, -0.27],
+        [0.01, -0.08, -0.33],
+    ] {
+        let mut sim = Loop::new();
+        let goal = Goal::position(position_m);
+        let verdict = sim.verdict(&goal);
+        assert_eq!(verdict.state, ReachState::Reachable);
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(goal, Some(&verdict));
+        sim.run(&mut controller, 40.0);
+        // It must get there and stay.
+        for _ in 0..40 {
+            let out = sim.tick(&mut controller);
+            let distance_m = out.distance_m.unwrap();
+            assert!(
+                distance_m <= 0.5e-3,
+                "{kind:?} {position_m:?}: {distance_m} m"
+            );
+            assert!(out.done && out.stall.is_none());
+        }
+    }
+}
+
+#[test]
+fn paper_reaches_three_targets_with_a_wrong_model_and_load() {
+    check_reaches(ControllerKind::Paper);
+}
+
+#[test]
+fn ours_reaches_three_targets_with_a_wrong_model_and_load() {
+    check_reaches(ControllerKind::Ours);
+}
+
+#[test]
+fn both_reach_without_an_initial_guess() {
+    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+        let mut sim = Loop::new();
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
+        let out = sim.run(&mut controller, 40.0);
+        assert!(
+            out.distance_m.unwrap() <= 0.5e-3,
+            "{kind:?} {:?}",
+            out.distance_m
+        );
+    }
+}
+
+#[test]
+fn both_reach_an_orientation() {
+    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+        let mut sim = Loop::new();
+        // The pose of known pressures: all six degrees of freedom are consistent.
+        let pose = sim
+            .nominal
+            .pose(
+                &sim.nominal
+                    .sensors(&[9e3, -4e3, 2e3, -5e3, 6e3, 3e3], 0.0)
+                    .sensors,
+            )
+            .pose;
+        let target =
+            crate::signal::pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
+        let goal = Goal {
+            position_m: [pose[0], pose[1], pose[2]],
+            base_from_tip_rotation: Some(target.rotation),
+            tolerance_m: 1e-3,
+        };
+        let verdict = sim.verdict(&goal);
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(goal, Some(&verdict));
+        let out = sim.run(&mut controller, 60.0);
+        assert!(
+            out.done && out.distance_m.unwrap() <= 0.5e-3,
+            "{kind:?} {out:?}"
+        );
+    }
+}
+
+#[test]
+fn tip_keeps_to_its_speed_limit() {
+    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+        let mut sim = Loop::new();
+        let goal = Goal::position([0.06, 0.04, -0.30]);
+        let verdict = sim.verdict(&goal);
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(goal, Some(&verdict));
+        let mut last = None;
+        for _ in 0..300 {
+            sim.tick(&mut controller);
+            let tip = nalgebra::Vector3::from(sim.real.tip_m(&sim.chamber_pa));
+            if let Some(before) = last.replace(tip) {
+                let speed_m_s = (tip - before).norm() / DT_S;
+                // The model is 5 % off, and chambers that lag catch up together.
+                assert!(
+                    speed_m_s < 1.3 * sim.robot.tip_speed_max_m_s,
+                    "{kind:?} {speed_m_s}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn an_unreachable_goal_is_reported_within_two_seconds_of_saturation() {
+    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+        let mut sim = Loop::new();
+        sim.chamber_pa = [38e3; CHAMBERS];
+        let goal = Goal::position([0.0, 0.0, -0.6]);
+        let verdict = sim.verdict(&goal);
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(goal, Some(&verdict));
+        let mut saturated: Option<Stamp> = None;
+        let mut reported = None;
+        for _ in 0..200 {
+            let out = sim.tick(&mut controller);
+            if saturated.is_none() && out.wanted_pa.iter().all(|p| *p > 39.9e3) {
+                saturated = Some(sim.now);
+            }
+            if let Some(stall) = out.stall {
+                reported = Some((sim.now, stall));
+                break;
+            }
+        }
+        let (at, stall) = reported.expect("no stall reported");
+        let after_s = at.since(saturated.expect("never saturated"));
+        assert!(after_s <= 2.0, "{kind:?}: {after_s} s");
+        assert!(
+            stall.distance_m > 0.1 && stall.chamber.1 > 39.9e3,
+            "{stall:?}"
+        );
+    }
+}
+
+#[test]
+fn leaving_saturation_is_immediate() {
+    // Half a minute against the bound, then a goal inside: no windup keeps it there.
+    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+        let mut sim = Loop::new();
+        sim.chamber_pa = [38e3; CHAMBERS];
+        let far = Goal::position([0.0, 0.0, -0.6]);
+        let verdict = sim.verdict(&far);
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(far, Some(&verdict));
+        sim.run(&mut controller, 30.0);
+        let near = Goal::position([0.0, 0.0, -0.40]);
+        let verdict = sim.verdict(&near);
+        controller.set_goal(near, Some(&verdict));
+        let before: f64 = sim.chamber_pa.iter().sum();
+        sim.run(&mut controller, 1.0);
+        let after: f64 = sim.chamber_pa.iter().sum();
+        assert!(after < before - 1e3, "{kind:?}: {before} {after}");
+    }
+}
+
+#[test]
+fn hold_keeps_the_set_pressures() {
+    let mut sim = Loop::new();
+    let mut controller = Controller::new(&sim.robot, Gains::default());
+    controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
+    sim.run(&mut controller, 3.0);
+    controller.hold();
+    let set = *sim.command.as_ref().unwrap().chamber_pa();
+    let out = sim.run(&mut controller, 3.0);
+    assert_eq!(out.wanted_pa, set);
+    assert_eq!((out.steps, out.done, out.sensor_ref), (0, false, None));
+}
+
+#[test]
+fn values_that_are_not_finite_make_it_hold_and_recover() {
+    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+        let mut sim = Loop::new();
+        let goal = Goal::position([0.03, -0.02, -0.31]);
+        let verdict = sim.verdict(&goal);
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(goal, Some(&verdict));
+        sim.run(&mut controller, 3.0);
+        let set = *sim.command.as_ref().unwrap().chamber_pa();
+        let mut frame = sim.real.frame(sim.now, sim.chamber_pa, sim.payload_kg);
+        frame.sensors.spring_m[4] = f64::NAN;
+        assert_eq!(sim.tick_with(&mut controller, frame).wanted_pa, set);
+        let out = sim.run(&mut controller, 40.0);
+        assert!(out.distance_m.unwrap() <= 0.5e-3, "{kind:?}");
+    }
+}
+
+#[test]
+fn a_dead_gauge_does_not_stop_the_arm() {
+    let mut sim = Loop::new();
+    let goal = Goal::position([0.03, -0.02, -0.31]);
+    let verdict = sim.verdict(&goal);
+    let mut controller = Controller::new(&sim.robot, Gains::default());
+    controller.set_goal(goal, Some(&verdict));
+    let mut distance_m = f64::INFINITY;
+    for _ in 0..800 {
+        let mut frame = sim.real.frame(sim.now, sim.chamber_pa, sim.payload_kg);
+        frame.chamber_pa[2] = f64::NAN;
+        frame.health.chambers[2] = ChannelHealth::Missing;
+        distance_m = sim.tick_with(&mut controller, frame).distance_m.unwrap();
+    }
+    assert!(distance_m <= 0.5e-3, "{distance_m}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
+
+    /// [`Loop::tick_with`] holds every command against range and rate.
+    #[test]
+    fn limits_hold_for_any_goal_and_start(
+        goal in prop::array::uniform3(-0.7..0.7f64),
+        start in prop::array::uniform6(-40e3..40e3f64),
+        paper in any::<bool>(),
+        guess in any::<bool>(),
+    ) {
+        let kind = if paper { ControllerKind::Paper } else { ControllerKind::Ours };
+        let mut sim = Loop::new();
+        sim.chamber_pa = start;
+        let goal = Goal::position(goal);
+        let verdict = guess.then(|| sim.verdict(&goal));
+        let mut controller = Controller::new(&sim.robot, gains(kind));
+        controller.set_goal(goal, verdict.as_ref());
+        sim.run(&mut controller, 3.0);
+    }
+}

@@ -1,0 +1,154 @@
+//! How far a pose is from a goal, in one unit, and how that changes with what the pose depends on.
+//!
+//! r = [w_t (x − x_goal), w_r log(R R_goalᵀ)]; the rotation rows are zero for a position-only goal.
+//! Source: paper eq. 4 with erratum 6 (one weight between mm and degrees, SO(3) logarithm).
+
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
+
+use crate::signal::{Goal, SIGNALS, SPRINGS, Vector6, pose_error, pose_from_ypr};
+
+/// What makes a metre and a radian comparable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TaskWeights {
+    /// Residual per metre.
+    pub per_m: f64,
+    /// Residual per radian.
+    pub per_rad: f64,
+}
+
+impl Default for TaskWeights {
+    /// 1 mm counts as much as 1°: the residual is in mm and degrees.
+    fn default() -> Self {
+        Self {
+            per_m: 1e3,
+            per_rad: 1f64.to_degrees(),
+        }
+    }
+}
+
+/// Standard deviations of the sensor signals: the scale of the sensor space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SignalSigma {
+    /// Of a spring length, m.
+    pub spring_m: f64,
+    /// Of an IMU angle, rad.
+    pub imu_rad: f64,
+}
+
+impl Default for SignalSigma {
+    /// 0.4 mm (the paper's spring resolution) and 0.5°.
+    fn default() -> Self {
+        Self {
+            spring_m: 0.4e-3,
+            imu_rad: 0.5f64.to_radians(),
+        }
+    }
+}
+
+impl SignalSigma {
+    /// σ of each of the 24 signals, m and rad.
+    pub fn to_vector(self) -> SVector<f64, SIGNALS> {
+        SVector::from_fn(|i, _| {
+            if i < SPRINGS {
+                self.spring_m
+            } else {
+                self.imu_rad
+            }
+        })
+    }
+}
+
+/// The weighted residual r of `pose` (x, y, z in m, yaw, pitch, roll in rad) against `goal`.
+pub fn goal_residual(pose: &SVector<f64, 6>, goal: &Goal, weights: &TaskWeights) -> Vector6 {
+    let actual = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
+    let mut wanted = actual;
+    wanted.translation.vector = Vector3::from(goal.position_m);
+    if let Some(rotation) = goal.base_from_tip_rotation {
+        wanted.rotation = rotation;
+    }
+    let e = pose_error(&actual, &wanted);
+    Vector6::from_fn(|i, _| {
+        let weight = if i < 3 {
+            weights.per_m
+        } else {
+            weights.per_rad
+        };
+        weight * e[i]
+    })
+}
+
+/// E with ω = E · d(yaw, pitch, roll)/dt, ω the angular rate in the base frame, R = Rz Ry Rx.
+pub fn rotation_rate_from_ypr(ypr_rad: [f64; 3]) -> Matrix3<f64> {
+    let [yaw, pitch, _] = ypr_rad;
+    let rz = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw);
+    let ry = Rotation3::from_axis_angle(&Vector3::y_axis(), pitch);
+    // E = [e_z, Rz e_y, Rz Ry e_x]
+    Matrix3::from_columns(&[Vector3::z(), rz * Vector3::y(), rz * (ry * Vector3::x())])
+}
+
+/// The derivative of r after whatever `jacobian` (of x, y, z, yaw, pitch, roll) is taken after.
+///
+/// The rotation rows are w_r E J, the base-frame rotation rate. That is the derivative of the
+/// logarithm up to J_l⁻¹(r), which leaves r itself alone: Jᵀ r is the exact gradient of ½|r|².
+pub fn task_jacobian<const C: usize>(
+    jacobian: &SMatrix<f64, 6, C>,
+    pose: &SVector<f64, 6>,
+    goal: &Goal,
+    weights: &TaskWeights,
+) -> SMatrix<f64, 6, C> {
+    let mut out = SMatrix::<f64, 6, C>::zeros();
+    out.fixed_rows_mut::<3>(0)
+        .copy_from(&(jacobian.fixed_rows::<3>(0) * weights.per_m));
+    if goal.base_from_tip_rotation.is_some() {
+        let e = rotation_rate_from_ypr([pose[3], pose[4], pose[5]]);
+        out.fixed_rows_mut::<3>(3)
+            .copy_from(&(e * jacobian.fixed_rows::<3>(3) * weights.per_rad));
+    }
+    out
+}
+
+/// Whether a residual made with `weights` lies within the goal's tolerance. The tolerance of the
+/// orientation is the angle that weighs as much as the tolerance of the position.
+pub fn within(residual: &Vector6, goal: &Goal, weights: &TaskWeights) -> bool {
+    let bound = goal.tolerance_m * weights.per_m;
+    residual.fixed_rows::<3>(0).norm() <= bound && residual.fixed_rows::<3>(3).norm() <= bound
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn a_millimetre_weighs_as_much_as_a_degree() {
+        let goal = Goal {
+            position_m: [0.0, 0.0, -0.3],
+            base_from_tip_rotation: Some(UnitQuaternion::identity()),
+            tolerance_m: 1e-3,
+        };
+        let w = TaskWeights::default();
+        let pose = SVector::from([0.002, 0.0, -0.3, 3f64.to_radians(), 0.0, 0.0]);
+        let r = goal_residual(&pose, &goal, &w);
+        assert!((r - Vector6::new(2.0, 0.0, 0.0, 0.0, 0.0, 3.0)).norm() < 1e-12);
+        assert!(!within(&r, &goal, &w));
+        let free = Goal::position([0.0015, 0.0, -0.3]);
+        let r = goal_residual(&pose, &free, &w);
+        assert!((r - Vector6::new(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)).norm() < 1e-9);
+        assert!(within(&r, &free, &w));
+    }
+
+    #[test]
+    fn rotation_rate_agrees_with_finite_differences() {
+        let ypr = [0.4, -0.7, 0.9];
+        let e = rotation_rate_from_ypr(ypr);
+        let rotation = |a: [f64; 3]| UnitQuaternion::from_euler_angles(a[2], a[1], a[0]);
+        for k in 0..3 {
+            let h = 1e-6;
+            let (mut up, mut down) = (ypr, ypr);
+            up[k] += h;
+            down[k] -= h;
+            let fd = (rotation(up) * rotation(down).inverse()).scaled_axis() / (2.0 * h);
+            assert!((fd - e.column(k)).norm() < 1e-8, "angle {k}");
+        }
+    }
+}
