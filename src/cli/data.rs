@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::{Report, args, live, model};
-use springtwin::learn::{self, PoseMap, Recipe, to_pose};
+use springtwin::learn::{self, Recipe, to_pose};
 use springtwin::recording::{read_dataset, read_session, write_dataset};
 use springtwin::rig::board::Readings;
 use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};

@@ -4,11 +4,12 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::ports::{InProcess, SerialRig};
 use super::{Report, args, model};
+use springtwin::control::ControllerKind;
 use springtwin::link::wire::Config;
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
@@ -44,6 +45,27 @@ pub struct RunArgs {
     /// Seed of the virtual rig's noise
     #[arg(long, value_name = "N", default_value = "1")]
     pub seed: u64,
+    /// Which controller steers
+    #[arg(long, value_enum, default_value_t = Kind::Ours)]
+    pub controller: Kind,
+}
+
+/// The two controllers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Kind {
+    /// Sensor-space descent and ADRC, as the paper has it (corrected)
+    Paper,
+    /// A bounded quadratic programme in actuator space
+    Ours,
+}
+
+impl From<Kind> for ControllerKind {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Paper => Self::Paper,
+            Kind::Ours => Self::Ours,
+        }
+    }
 }
 
 #[derive(Args)]
@@ -225,7 +247,7 @@ pub fn board_config(robot: &RobotSpec) -> Config {
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps(None)?;
-    let twin = Twin::new(robot, maps, model::sensing(robot, None)?);
+    let twin = Twin::new(robot, maps, model::sensing(robot, None)?, a.controller.into());
     #[expect(
         clippy::disallowed_methods,
         reason = "the command owns the main thread and its time"
@@ -320,6 +342,9 @@ pub struct GotoArgs {
     /// Seed of the virtual rig's noise
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
+    /// Which controller steers
+    #[arg(long, value_enum, default_value_t = Kind::Ours)]
+    controller: Kind,
 }
 
 /// `goto`.
@@ -332,6 +357,7 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         target: Some(a.target),
         payload: a.payload,
         seed: a.seed,
+        controller: a.controller,
     };
     run(&run_args, robot_file, robot)
 }

@@ -11,3 +11,4 @@ mod log;
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use error::RecordingError;
 pub use log::{SessionLog, parse_log, read_session, write_session};
+mod recorder; pub use recorder::*;

@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use super::{Command, Event};
-use crate::control::{ControlInput, Controller};
-use crate::learn::{PlantMap, PoseMap};
+use crate::control::{
+    Controller, ControllerKind, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput, reach,
+};
+use crate::learn::{PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
@@ -33,7 +35,7 @@ pub struct Maps {
     /// Pressures to sensor signals.
     pub plant: Arc<dyn PlantMap>,
     /// Settled samples (pressures in Pa, tip position in m) to start searches from.
-    pub seeds: Arc<Vec<([f64; CHAMBERS], [f64; 3])>>,
+    pub seeds: Arc<Vec<StartSample>>,
 }
 
 /// What the twin is doing, with what it needs for that.
@@ -66,6 +68,7 @@ pub struct Twin {
     raw: Option<RawFrame>,
     sensors: Option<SensorFrame>,
     estimate: Option<Estimate>,
+    eval: Option<PoseEval>,
     truth: Option<GroundTruth>,
     preview: Option<(Goal, Reach)>,
     sensor_ref: Option<SensorRef>,
@@ -81,12 +84,12 @@ pub struct Twin {
 
 impl Twin {
     /// A twin of `robot`, disarmed.
-    pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing) -> Self {
+    pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing, kind: ControllerKind) -> Self {
         let model = Model::nominal(robot);
         let shape_state = State::rest(&model);
         Self {
             robot: robot.clone(),
-            controller: Controller::new(robot),
+            controller: Controller::new(robot, Gains { kind, ..Gains::default() }),
             maps,
             sensing,
             model,
@@ -99,6 +102,7 @@ impl Twin {
             raw: None,
             sensors: None,
             estimate: None,
+            eval: None,
             truth: None,
             preview: None,
             sensor_ref: None,
@@ -218,6 +222,7 @@ impl Twin {
             covariance: eval.covariance,
             training_distance: eval.training_distance,
         });
+        self.eval = Some(eval);
         self.sensors = Some(frame);
         self.raw = Some(raw);
     }
@@ -423,30 +428,30 @@ impl Twin {
         {
             // Remember the goal, so that Resume can go on.
             let goal = goal.clone();
-            let reach = self.reach(&goal);
-            self.preview = Some((goal, reach));
+            self.preview = self.reach(&goal).ok().map(|reach| (goal, reach));
         }
         self.enter(Phase::Hold, events);
     }
 
-    fn reach(&self, goal: &Goal) -> Reach {
-        crate::control::reach(
+    fn reach(&self, goal: &Goal) -> Result<Reach, String> {
+        reach(
+            goal,
             &self.robot,
             self.maps.pose.as_ref(),
             self.maps.plant.as_ref(),
             self.payload_kg,
-            goal,
             &self.maps.seeds,
+            &ReachConfig::default(),
         )
+        .map_err(|e| e.to_string())
     }
 
     fn preview(&mut self, goal: &Goal, events: &mut Vec<Event>) {
         self.preview = None;
-        if goal.position_m.iter().any(|x| !x.is_finite()) {
-            return self.refuse("The target is not a number: give x, y and z in mm.", events);
+        match self.reach(goal) {
+            Ok(reach) => self.preview = Some((goal.clone(), reach)),
+            Err(reason) => self.refuse(reason, events),
         }
-        let reach = self.reach(goal);
-        self.preview = Some((goal.clone(), reach));
     }
 
     fn go(&mut self, events: &mut Vec<Event>) {
@@ -467,7 +472,7 @@ impl Twin {
             }
         }
         self.preview = None;
-        self.controller.set_goal(&goal, &reach);
+        self.controller.set_goal(goal.clone(), Some(&reach));
         self.enter(
             Phase::Moving {
                 goal,
@@ -494,16 +499,21 @@ impl Twin {
                 inside_since,
                 at_goal,
             } => {
-                let estimate = self.estimate.as_ref()?;
-                let out = self.controller.step(&ControlInput {
-                    stamp: self.now,
-                    sensors,
-                    estimate,
-                    pose_map: self.maps.pose.as_ref(),
-                    plant_map: self.maps.plant.as_ref(),
-                    payload_kg: self.payload_kg,
-                    previous: self.command.as_ref(),
-                });
+                let (estimate, eval) = (self.estimate.as_ref()?, self.eval.as_ref()?);
+                let maps = ControlMaps {
+                    pose: self.maps.pose.as_ref(),
+                    plant: self.maps.plant.as_ref(),
+                };
+                let out = self.controller.step(
+                    maps,
+                    &StepInput {
+                        frame: sensors,
+                        eval,
+                        payload_kg: self.payload_kg,
+                        previous: self.command.as_ref(),
+                        stamp: self.now,
+                    },
+                );
                 self.sensor_ref = out.sensor_ref;
                 *steps += 1;
                 let p = estimate.base_from_tip.translation.vector;

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use super::{Command, Event, Handle, Twin};
-use crate::recording::{Recorder, SessionMeta};
+use crate::recording::{Recorder, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
 
@@ -128,12 +128,15 @@ impl Runner {
         let name = path
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        let meta = SessionMeta {
+        let now_known = self.twin.snapshot();
+        let meta = RecordingMeta {
             name: name.clone(),
-            robot_name: self.robot.name.clone(),
+            robot: self.robot.name.clone(),
             robot_hash: self.robot.hash.clone(),
-            payload_kg: self.twin.snapshot().payload_kg,
+            source: now_known.link.source,
             simulated,
+            payload_kg: now_known.payload_kg,
+            drawing: None,
         };
         match Recorder::start(path, meta) {
             Ok(recorder) => {
