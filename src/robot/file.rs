@@ -136,11 +136,13 @@ impl RobotSpec {
             Vector3::new(a.cos(), a.sin(), 0.0) * radius_mm * 1e-3
         };
         let s = &f.springs;
-        // Springs per segment in the order pair 1 A, B, pair 2 A, B, pair 3 A, B.
+        // Springs per segment in the order pair 1 A, B, pair 2 A, B, pair 3 A, B; the pairs sit
+        // between the bellows, so they turn with the segment's first bellows.
         let spring_end = |i: usize, top: bool| {
             let a = i.is_multiple_of(2);
             let sign = if a == top { -1.0 } else { 1.0 };
-            let deg = s.pair_angles_deg[(i % 6) / 2] + sign * s.half_spread_deg;
+            let segment_deg = f.base.bellows_angles_deg[3 * (i / 6)];
+            let deg = segment_deg + s.pair_angles_deg[(i % 6) / 2] + sign * s.half_spread_deg;
             on_circle(s.attachment_radius_mm, deg)
         };
         let mount = |i: &Imu| {
@@ -277,7 +279,7 @@ fn check(f: &File) -> Result<(), RobotError> {
         }
     }
     let over = f.pressure.over_pressure_kpa;
-    if !(over >= f.pressure.range_kpa[1]) {
+    if over.is_nan() || over < f.pressure.range_kpa[1] {
         return Err(RobotError::Value {
             key: "pressure.over_pressure_kpa",
             value: over.to_string(),
