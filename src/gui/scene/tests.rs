@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use super::*;
 use crate::gui::offscreen::Offscreen;
 use crate::signal::{
-    Estimate, Goal, Gripper, GroundTruth, Health, Matrix6, Pose, PressureCommand, Reach,
-    SensorFrame, SensorVec, Stamp, TruthSource,
+    CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, Matrix6, Pose, PressureCommand,
+    Reach, SPRINGS, SensorFrame, SensorVec, Stamp, TruthSource,
 };
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -418,4 +418,26 @@ fn a_drag_beside_the_handles_orbits_and_the_wheel_zooms_or_slides_the_draft() {
         "{step}"
     );
     assert_eq!(scene.camera.distance_m, distance_m);
+}
+
+#[test]
+fn assistive_technology_hears_the_view_its_sensors_and_its_targets() {
+    use egui_kittest::kittest::Queryable;
+    let robot = RobotSpec::reference();
+    let snapshot = snapshot_of(bent_shape(&robot, [0.0, 0.0], [0.0, 0.0]));
+    let offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");
+    let mut scene = Scene::new(offscreen.render_state(), &robot);
+    let harness = egui_kittest::Harness::new_ui(|ui| {
+        let input = SceneInput {
+            draft_target: Some([0.1, 0.0, -0.25]),
+            reach: Some(ReachState::Marginal),
+            ..SceneInput::new(&snapshot)
+        };
+        scene.ui(ui, &input);
+    });
+    harness.get_by_label("3D view of the arm");
+    harness.get_by_label("spring 1, 153.8 mm");
+    harness.get_by_label("IMU 4, yaw 0.0, pitch 0.0, roll 0.0 deg");
+    harness.get_by_label("tip at x 0.0, y 0.0, z -300.0 mm");
+    harness.get_by_label("draft target, marginal, at x 100.0, y 0.0, z -250.0 mm");
 }
