@@ -227,6 +227,12 @@ fn an_unreachable_goal_is_reported_within_two_seconds_of_saturation() {
             if saturated.is_none() && out.wanted_pa.iter().all(|p| *p > 39.9e3) {
                 saturated = Some(sim.now);
             }
+            eprintln!(
+                "{kind:?} {:.2} {:?} {:?}",
+                sim.now.seconds(),
+                out.wanted_pa.map(|p| p.round()),
+                out.distance_m
+            );
             if let Some(stall) = out.stall {
                 reported = Some((sim.now, stall));
                 break;
