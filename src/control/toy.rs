@@ -24,6 +24,8 @@ pub struct ToyArm {
     pub payload_pa_kg: [f64; CHAMBERS],
     /// How the pose map answers to signals that no lengths can make: pose per m and rad.
     pub off_manifold: SMatrix<f64, 6, SIGNALS>,
+    /// What the sensors read beyond the geometry, m and rad.
+    pub bias: SensorRef,
     /// A spring the pose map does without.
     pub masked_spring: Option<usize>,
     /// Share of the bend that three free bellows would take.
@@ -41,6 +43,7 @@ impl ToyArm {
             disturbance_pa: [0.0; CHAMBERS],
             payload_pa_kg: [600.0, 900.0, 900.0, 700.0, 1000.0, 700.0],
             off_manifold: SMatrix::zeros(),
+            bias: SensorRef::zeros(),
             masked_spring: None,
             bend_ratio: axial / (axial + robot.bending_stiffness_nm_rad),
         }
@@ -128,7 +131,7 @@ impl ToyArm {
 
     /// A frame with every channel healthy.
     pub fn frame(&self, stamp: Stamp, chamber_pa: [f64; CHAMBERS], payload_kg: f64) -> SensorFrame {
-        let s = self.kinematics(&self.lengths(&chamber_pa, payload_kg)).0;
+        let s = self.kinematics(&self.lengths(&chamber_pa, payload_kg)).0 + self.bias;
         SensorFrame {
             stamp,
             sensors: SensorVec::from_vector(&s),
