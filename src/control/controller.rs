@@ -14,13 +14,13 @@ use nalgebra::{SMatrix, SVector};
 use super::adrc::AdrcGains;
 use super::ours::Ours;
 use super::paper::Paper;
-use super::residual::{goal_residual, within};
+use super::residual::{SignalSigma, goal_residual, within};
 use super::solver::SolverConfig;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::signal::{
-    CHAMBERS, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SensorFrame, SensorRef, Stamp,
-    Vector6,
+    CHAMBERS, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SPRINGS, SensorFrame,
+    SensorRef, Stamp, Vector6,
 };
 
 /// Which controller steers.
@@ -124,6 +124,8 @@ pub(super) struct Tick<'a> {
     pub eval: &'a PoseEval,
     /// The plant at the measured pressures.
     pub plant: PlantEval,
+    /// 1/σ of each signal, 0 for one that may not be used.
+    pub signal_weights: SensorRef,
     /// Present set pressures.
     pub set_pa: [f64; CHAMBERS],
     /// Input applied since the last tick.
@@ -162,8 +164,21 @@ struct Memory {
     refining: bool,
 }
 
+/// The chambers at one tick.
+struct Pressures {
+    /// As commanded last.
+    set_pa: [f64; CHAMBERS],
+    /// As measured; where the gauge is unusable, as commanded.
+    chamber_pa: [f64; CHAMBERS],
+    usable: [bool; CHAMBERS],
+    /// Since the last command, as the rate limit counts it.
+    dt_s: f64,
+}
+
 /// Nearest approach and when it was.
 struct Progress {
+    smooth_m: f64,
+    updated: Stamp,
     best_m: f64,
     since: Stamp,
 }
@@ -196,6 +211,8 @@ const GAP_S: f64 = 0.5;
 const PROGRESS_M: f64 = 0.2e-3;
 /// So long without approach at a bound is a stall, s.
 const STALL_S: f64 = 1.1;
+/// Time constant of the distance that progress is judged by, s.
+const SMOOTHING_S: f64 = 0.2;
 /// A set pressure this close to its bound is saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
 
@@ -288,31 +305,32 @@ impl Controller {
         set_pa: [f64; CHAMBERS],
     ) -> Option<ControlOut> {
         let usable = usable_gauges(input.frame);
-        let chamber_pa: [f64; CHAMBERS] = std::array::from_fn(|i| {
-            if usable[i] {
-                input.frame.chamber_pa[i]
-            } else {
-                set_pa[i]
-            }
-        });
-        let dt_out_s = match input.previous {
-            Some(p) => input.stamp.since(p.stamp()).clamp(0.0, DT_MAX_S),
-            None => DT_FIRST_S,
+        let pressures = Pressures {
+            set_pa,
+            chamber_pa: std::array::from_fn(|i| match usable[i] {
+                true => input.frame.chamber_pa[i],
+                false => set_pa[i],
+            }),
+            usable,
+            dt_s: match input.previous {
+                Some(p) => input.stamp.since(p.stamp()).clamp(0.0, DT_MAX_S),
+                None => DT_FIRST_S,
+            },
         };
         let fresh = active
             .memory
             .as_ref()
             .is_none_or(|m| input.frame.stamp > m.frame_stamp);
-        if fresh && !self.compute(active, maps, input, set_pa, chamber_pa, usable, dt_out_s) {
+        if fresh && !self.compute(active, maps, input, &pressures) {
             active.memory = None;
             active.inner.iter_mut().for_each(Inner::restart);
             return None;
         }
         let memory = active.memory.as_ref()?;
-        let (lo, hi) = self.rate_bounds(&set_pa, &chamber_pa, &usable, dt_out_s);
+        let (lo, hi) = self.rate_bounds(&pressures);
         let wanted_pa = std::array::from_fn(|i| {
             let rate = memory.rate_pa_s[i].clamp(lo[i], hi[i]);
-            (set_pa[i] + rate * dt_out_s).clamp(self.limits.min_pa, self.limits.max_pa)
+            (set_pa[i] + rate * pressures.dt_s).clamp(self.limits.min_pa, self.limits.max_pa)
         });
         let weights = &self.gains.solver.weights;
         let residual = goal_residual(&input.eval.pose, &active.goal, weights);
@@ -345,19 +363,12 @@ impl Controller {
 
     /// Runs the controller on a new frame and leaves the rates in the memory; `false` when
     /// something is not finite.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "one call, all of it the state of one tick"
-    )]
     fn compute(
         &self,
         active: &mut Active,
         maps: Maps,
         input: &StepInput,
-        set_pa: [f64; CHAMBERS],
-        chamber_pa: [f64; CHAMBERS],
-        usable: [bool; CHAMBERS],
-        dt_out_s: f64,
+        pressures: &Pressures,
     ) -> bool {
         let sensors = input.frame.sensors.to_vector();
         let eval = input.eval;
@@ -368,7 +379,7 @@ impl Controller {
         if !finite {
             return false;
         }
-        let plant = maps.plant.sensors(&chamber_pa, input.payload_kg);
+        let plant = maps.plant.sensors(&pressures.chamber_pa, input.payload_kg);
         if !plant.jacobian.iter().all(|v| v.is_finite()) {
             return false;
         }
@@ -382,13 +393,13 @@ impl Controller {
         }
         let dt_s = gap_s.unwrap_or(DT_FIRST_S).clamp(1e-4, GAP_S);
         let applied_pa_s = match &active.memory {
-            Some(m) => Vector6::from_fn(|i, _| match usable[i] {
-                true => (chamber_pa[i] - m.chamber_pa[i]) / dt_s,
-                false => (set_pa[i] - m.set_pa[i]) / dt_s,
+            Some(m) => Vector6::from_fn(|i, _| match pressures.usable[i] {
+                true => (pressures.chamber_pa[i] - m.chamber_pa[i]) / dt_s,
+                false => (pressures.set_pa[i] - m.set_pa[i]) / dt_s,
             }),
             None => Vector6::zeros(),
         };
-        let (lo_pa_s, hi_pa_s) = self.rate_bounds(&set_pa, &chamber_pa, &usable, dt_out_s);
+        let (lo_pa_s, hi_pa_s) = self.rate_bounds(pressures);
         let tick = Tick {
             maps,
             goal: &active.goal,
@@ -397,7 +408,8 @@ impl Controller {
             sensors,
             eval,
             plant,
-            set_pa,
+            signal_weights: signal_weights(input.frame, &self.gains.solver.sigma),
+            set_pa: pressures.set_pa,
             applied_pa_s,
             dt_s,
             now: input.frame.stamp,
@@ -426,8 +438,8 @@ impl Controller {
         out.rate_pa_s = limit_tip_speed(out.rate_pa_s, &tick);
         active.memory = Some(Memory {
             frame_stamp: input.frame.stamp,
-            chamber_pa,
-            set_pa,
+            chamber_pa: pressures.chamber_pa,
+            set_pa: pressures.set_pa,
             rate_pa_s: out.rate_pa_s,
             sensor_ref: out.sensor_ref,
             refining: out.refining,
@@ -439,28 +451,25 @@ impl Controller {
         self.limits.rate_pa_s.min(self.pump_rate_pa_s)
     }
 
-    /// Bounds on the rates of the set pressures, so that after `dt_s` they are within range and
+    /// Bounds on the rates of the set pressures, so that at the next command they are within range and
     /// within the lead of the measured pressures where there are any.
-    fn rate_bounds(
-        &self,
-        set_pa: &[f64; CHAMBERS],
-        chamber_pa: &[f64; CHAMBERS],
-        usable: &[bool; CHAMBERS],
-        dt_s: f64,
-    ) -> (Vector6, Vector6) {
+    fn rate_bounds(&self, p: &Pressures) -> (Vector6, Vector6) {
         let rate = self.rate_max_pa_s();
-        let bound = |i: usize, limit_pa: f64, lead_pa: f64| {
-            let limit_pa = match (usable[i], lead_pa > 0.0) {
-                (true, true) => limit_pa.min(chamber_pa[i] + lead_pa),
-                (true, false) => limit_pa.max(chamber_pa[i] + lead_pa),
-                (false, _) => limit_pa,
-            };
-            ((limit_pa - set_pa[i]) / dt_s.max(1e-4)).clamp(-rate, rate)
-        };
         let lead = self.gains.lead_pa;
+        let bound = |limit_pa: f64, from_pa: f64| {
+            ((limit_pa - from_pa) / p.dt_s.max(1e-4)).clamp(-rate, rate)
+        };
+        let lowest = |i: usize| match p.usable[i] {
+            true => self.limits.min_pa.max(p.chamber_pa[i] - lead),
+            false => self.limits.min_pa,
+        };
+        let highest = |i: usize| match p.usable[i] {
+            true => self.limits.max_pa.min(p.chamber_pa[i] + lead),
+            false => self.limits.max_pa,
+        };
         (
-            Vector6::from_fn(|i, _| bound(i, self.limits.min_pa, -lead)),
-            Vector6::from_fn(|i, _| bound(i, self.limits.max_pa, lead)),
+            Vector6::from_fn(|i, _| bound(lowest(i), p.set_pa[i])),
+            Vector6::from_fn(|i, _| bound(highest(i), p.set_pa[i])),
         )
     }
 
@@ -474,14 +483,20 @@ impl Controller {
         now: Stamp,
     ) -> Option<Stall> {
         let anchor = progress.get_or_insert(Progress {
+            smooth_m: effort_m,
+            updated: now,
             best_m: effort_m,
             since: now,
         });
+        // One lucky estimate must not set a mark that honest progress cannot beat.
+        let share = 1.0 - (-now.since(anchor.updated).max(0.0) / SMOOTHING_S).exp();
+        anchor.smooth_m += share * (effort_m - anchor.smooth_m);
+        anchor.updated = now;
         let spare_pa =
             |i: usize| (self.limits.max_pa - set_pa[i]).min(set_pa[i] - self.limits.min_pa);
         let tightest = (0..CHAMBERS).min_by(|&a, &b| spare_pa(a).total_cmp(&spare_pa(b)))?;
-        if effort_m < anchor.best_m - PROGRESS_M || spare_pa(tightest) > SATURATED_PA {
-            anchor.best_m = anchor.best_m.min(effort_m);
+        if anchor.smooth_m < anchor.best_m - PROGRESS_M || spare_pa(tightest) > SATURATED_PA {
+            anchor.best_m = anchor.smooth_m;
             anchor.since = now;
         }
         (now.since(anchor.since) >= STALL_S).then_some(Stall {
@@ -502,6 +517,18 @@ impl Inner {
 
 fn usable_gauges(frame: &SensorFrame) -> [bool; CHAMBERS] {
     std::array::from_fn(|i| frame.health.chambers[i].usable() && frame.chamber_pa[i].is_finite())
+}
+
+/// The diagonal of W with the unusable channels taken out.
+fn signal_weights(frame: &SensorFrame, sigma: &SignalSigma) -> SensorRef {
+    let sigma = sigma.to_vector();
+    SensorRef::from_fn(|i, _| {
+        let usable = match i.checked_sub(SPRINGS) {
+            None => frame.health.springs[i].usable(),
+            Some(k) => frame.health.imus[k / 3].usable(),
+        };
+        if usable { 1.0 / sigma[i] } else { 0.0 }
+    })
 }
 
 /// Slows all chambers by one factor so that the tip keeps to its speed limit.

@@ -12,7 +12,6 @@
 use super::adrc::Adrc;
 use super::box_qp::solve_free;
 use super::controller::{Gains, RateOut, Tick};
-use super::residual::SignalSigma;
 use super::solver::solve;
 use crate::signal::{CHAMBERS, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6};
 use nalgebra::SMatrix;
@@ -28,25 +27,25 @@ const APPROACHED_PA: f64 = 1000.0;
 const APPROACH_PATIENCE_S: f64 = 0.8;
 
 /// y = (B₀ᵀW²B₀)⁻¹ B₀ᵀW² (s − s_ref) over the `free` chambers, Pa; zero in the others.
+/// `weights` is the diagonal of W: 1/σ, or 0 for a signal that may not be used.
 ///
 /// `None` when B₀ has no full rank over the free chambers.
 pub fn virtual_output(
     sensors: &SensorRef,
     sensor_ref: &SensorRef,
     plant_jacobian: &PlantJacobian,
-    sigma: &SignalSigma,
+    weights: &SensorRef,
     free: &[bool; CHAMBERS],
 ) -> Option<Vector6> {
-    let w = sigma.to_vector().map(|s| 1.0 / s);
     let mut error = sensors - sensor_ref;
     for e in error.iter_mut().skip(SPRINGS) {
         // Angles: the short way round.
         *e = (*e + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
     }
-    let error = error.component_mul(&w);
+    let error = error.component_mul(weights);
     let mut b = *plant_jacobian;
     for mut column in b.column_iter_mut() {
-        column.component_mul_assign(&w);
+        column.component_mul_assign(weights);
     }
     let normal = b.transpose() * b;
     solve_free(&normal, &(b.transpose() * error), free)
@@ -108,7 +107,7 @@ impl Paper {
                 &tick.sensors,
                 &frame.sensor_ref,
                 &frame.plant_jacobian,
-                &gains.solver.sigma,
+                &tick.signal_weights,
                 &frame.free,
             )
         };
@@ -204,6 +203,7 @@ fn free_output(
 
 #[cfg(test)]
 mod tests {
+    use super::super::residual::SignalSigma;
     use super::super::toy::ToyArm;
     use super::*;
     use crate::learn::PlantMap;
@@ -212,27 +212,28 @@ mod tests {
     #[test]
     fn virtual_output_is_the_pressure_offset_and_blind_to_the_infeasible() {
         let arm = ToyArm::nominal(&RobotSpec::reference());
-        let sigma = SignalSigma::default();
+        let weights = SignalSigma::default().to_vector().map(|s| 1.0 / s);
         let at = arm.sensors(&[5e3, -3e3, 2e3, 0.0, 1e3, -4e3], 0.0);
         let offset = Vector6::new(300.0, -200.0, 100.0, 50.0, -400.0, 250.0);
         let s = at.sensors + at.jacobian * offset;
-        let y = virtual_output(&s, &at.sensors, &at.jacobian, &sigma, &[true; 6]).unwrap();
+        let y = virtual_output(&s, &at.sensors, &at.jacobian, &weights, &[true; 6]).unwrap();
         assert!((y - offset).norm() < 1e-6);
         // W²(s − s_ref) orthogonal to the columns of B₀ is invisible.
-        let w2 = sigma.to_vector().map(|s| 1.0 / (s * s));
+        let w2 = weights.component_mul(&weights);
         let mut off = SensorRef::from_fn(|i, _| 1e-3 * ((i * i) as f64).sin());
         let seen = virtual_output(
             &(at.sensors + off),
             &at.sensors,
             &at.jacobian,
-            &sigma,
+            &weights,
             &[true; 6],
         )
         .unwrap();
         off -= at.jacobian * seen;
         assert!(off.norm() > 1e-4);
         assert!((at.jacobian.transpose() * off.component_mul(&w2)).norm() < 1e-6);
-        let y = virtual_output(&(s + off), &at.sensors, &at.jacobian, &sigma, &[true; 6]).unwrap();
+        let y =
+            virtual_output(&(s + off), &at.sensors, &at.jacobian, &weights, &[true; 6]).unwrap();
         assert!((y - offset).norm() < 1e-6);
     }
 }

@@ -22,6 +22,12 @@ pub struct ToyArm {
     pub disturbance_pa: [f64; CHAMBERS],
     /// Pressure-like effect of a payload, Pa/kg.
     pub payload_pa_kg: [f64; CHAMBERS],
+    /// How the pose map answers to signals that no lengths can make: pose per m and rad.
+    pub off_manifold: SMatrix<f64, 6, SIGNALS>,
+    /// What the sensors read beyond the geometry, m and rad.
+    pub bias: SensorRef,
+    /// A spring the pose map does without.
+    pub masked_spring: Option<usize>,
     /// Share of the bend that three free bellows would take.
     bend_ratio: f64,
 }
@@ -36,6 +42,9 @@ impl ToyArm {
             gain_m_pa: [span_m / robot.pressure.max_pa; CHAMBERS],
             disturbance_pa: [0.0; CHAMBERS],
             payload_pa_kg: [600.0, 900.0, 900.0, 700.0, 1000.0, 700.0],
+            off_manifold: SMatrix::zeros(),
+            bias: SensorRef::zeros(),
+            masked_spring: None,
             bend_ratio: axial / (axial + robot.bending_stiffness_nm_rad),
         }
     }
@@ -122,7 +131,7 @@ impl ToyArm {
 
     /// A frame with every channel healthy.
     pub fn frame(&self, stamp: Stamp, chamber_pa: [f64; CHAMBERS], payload_kg: f64) -> SensorFrame {
-        let s = self.kinematics(&self.lengths(&chamber_pa, payload_kg)).0;
+        let s = self.kinematics(&self.lengths(&chamber_pa, payload_kg)).0 + self.bias;
         SensorFrame {
             stamp,
             sensors: SensorVec::from_vector(&s),
@@ -168,15 +177,20 @@ impl PlantMap for ToyArm {
 impl PoseMap for ToyArm {
     /// Least squares over the six lengths, then the pose they make.
     fn pose(&self, sensors: &SensorRef) -> PoseEval {
-        let weight = super::SignalSigma::default()
+        let mut weight = super::SignalSigma::default()
             .to_vector()
             .map(|s| 1.0 / (s * s));
+        if let Some(i) = self.masked_spring {
+            weight[i] = 0.0;
+        }
         let mut lengths = Vector6::repeat(self.robot.rest_length_m);
         let mut inverse = SMatrix::<f64, 6, SIGNALS>::zeros();
+        let mut feasible = SMatrix::<f64, SIGNALS, SIGNALS>::zeros();
         for _ in 0..6 {
             let h = difference(&lengths, 1e-6, |l| self.kinematics(l).0);
             let hw = h.transpose() * SMatrix::<f64, SIGNALS, SIGNALS>::from_diagonal(&weight);
             inverse = (hw * h).try_inverse().unwrap_or_else(Matrix6::zeros) * hw;
+            feasible = h * inverse;
             let step = inverse * (sensors - self.kinematics(&lengths).0);
             lengths += step;
             if step.amax() < 1e-9 || !step.amax().is_finite() {
@@ -184,8 +198,10 @@ impl PoseMap for ToyArm {
             }
         }
         PoseEval {
-            pose: self.pose_vector(&lengths),
-            jacobian: difference(&lengths, 1e-6, |l| self.pose_vector(l)) * inverse,
+            pose: self.pose_vector(&lengths)
+                + self.off_manifold * (sensors - self.kinematics(&lengths).0),
+            jacobian: difference(&lengths, 1e-6, |l| self.pose_vector(l)) * inverse
+                + self.off_manifold * (SMatrix::identity() - feasible),
             covariance: Matrix6::identity() * 1e-6,
             training_distance: 1.0,
         }

@@ -1,0 +1,337 @@
+//! Point to point: preview, go, moving, at the goal (system S12).
+
+use crate::signal::{Estimate, Goal, Pose, Reach, ReachState, Stamp, Vector6, pose_error};
+
+/// The estimate must stay within tolerance for this long before the goal counts as reached, s.
+const SETTLED_S: f64 = 0.5;
+/// Time constant of the mean of the error that settling is judged by, s. A single estimate is
+/// noisier than the usual tolerance.
+const SMOOTHING_S: f64 = 0.2;
+/// Once reached, the goal is lost again outside this many tolerances.
+const LOST_RATIO: f64 = 2.0;
+/// Tolerance of the orientation per tolerance of the position: 1° for 1 mm, rad/m.
+const RAD_PER_M: f64 = std::f64::consts::PI / 180.0 / 1e-3;
+
+/// Why the arm does not go.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GotoError {
+    /// `go` without a preview.
+    #[error("no goal is under preview: preview a goal first")]
+    NoPreview,
+    /// The bounds of the pressures keep the tip away.
+    #[error(
+        "the goal is out of reach: the nearest point is {:.1} mm away at ({:.1}, {:.1}, {:.1}) mm{}; choose a goal there",
+        .0.distance_m * 1e3, .0.nearest_m[0] * 1e3, .0.nearest_m[1] * 1e3, .0.nearest_m[2] * 1e3,
+        chamber_text(.0)
+    )]
+    Unreachable(Box<Reach>),
+    /// The model knows nothing about the goal.
+    #[error(
+        "the goal lies outside of what the model was trained on: choose one closer to the middle of the workspace or train on more data"
+    )]
+    OutsideData,
+}
+
+fn chamber_text(reach: &Reach) -> String {
+    match reach.limiting_chamber {
+        Some((chamber, pa)) => format!(", chamber {chamber} is at {:.1} kPa", pa * 1e-3),
+        None => String::new(),
+    }
+}
+
+/// Where the task is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum GotoState {
+    /// Nothing asked.
+    #[default]
+    Idle,
+    /// A goal with its verdict; nothing moves.
+    Preview(Goal, Reach),
+    /// On the way.
+    Moving {
+        /// Where to.
+        goal: Goal,
+        /// When it set out.
+        since: Stamp,
+        /// Since when the smoothed error has been within tolerance.
+        within_since: Option<Stamp>,
+    },
+    /// There, and kept there.
+    AtGoal {
+        /// Where.
+        goal: Goal,
+        /// When it set out.
+        since: Stamp,
+    },
+}
+
+/// The tip has settled at the goal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// Smoothed distance of the estimate from the goal, m.
+    pub distance_m: f64,
+    /// Time since it set out, s.
+    pub duration_s: f64,
+}
+
+/// The point-to-point task.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Goto {
+    state: GotoState,
+    /// Smoothed error and when it was last updated.
+    error: Option<(Vector6, Stamp)>,
+}
+
+impl Goto {
+    /// Where the task is.
+    pub fn state(&self) -> &GotoState {
+        &self.state
+    }
+
+    /// The goal it moves to or keeps.
+    pub fn goal(&self) -> Option<&Goal> {
+        match &self.state {
+            GotoState::Moving { goal, .. } | GotoState::AtGoal { goal, .. } => Some(goal),
+            GotoState::Idle | GotoState::Preview(..) => None,
+        }
+    }
+
+    /// Shows a goal with its verdict. A move under way ends: hold the arm.
+    pub fn preview(&mut self, goal: Goal, reach: Reach) {
+        *self = Self {
+            state: GotoState::Preview(goal, reach),
+            error: None,
+        };
+    }
+
+    /// Back to nothing asked, from any state.
+    pub fn cancel(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Sets out to the goal under preview; returns it with its verdict for the controller.
+    ///
+    /// # Errors
+    /// [`GotoError`] when there is no preview or its verdict forbids the move; the state stays.
+    pub fn go(&mut self, now: Stamp) -> Result<(Goal, Reach), GotoError> {
+        let GotoState::Preview(goal, reach) = &self.state else {
+            return Err(GotoError::NoPreview);
+        };
+        match reach.state {
+            ReachState::Reachable | ReachState::Marginal => {}
+            ReachState::Unreachable => {
+                return Err(GotoError::Unreachable(Box::new(reach.clone())));
+            }
+            ReachState::OutsideData => return Err(GotoError::OutsideData),
+        }
+        let accepted = (goal.clone(), reach.clone());
+        self.state = GotoState::Moving {
+            goal: accepted.0.clone(),
+            since: now,
+            within_since: None,
+        };
+        self.error = None;
+        Ok(accepted)
+    }
+
+    /// Takes note of an estimate; returns the arrival in the one update in which the goal becomes
+    /// reached. Estimates that are not finite or not newer are ignored.
+    pub fn update(&mut self, estimate: &Estimate) -> Option<Arrival> {
+        let goal = self.goal()?.clone();
+        let (error, dt_s) = self.smooth(estimate, &goal)?;
+        let (ratio, distance_m) = tolerance_ratio(&error, &goal);
+        let now = estimate.stamp;
+        match &mut self.state {
+            GotoState::Moving {
+                since,
+                within_since,
+                ..
+            } => {
+                if ratio > 1.0 {
+                    *within_since = None;
+                    return None;
+                }
+                // The first estimate within tolerance speaks for no time yet.
+                let start = *within_since.get_or_insert(now);
+                if dt_s > SETTLED_S {
+                    // A gap in the estimates is not time spent at the goal.
+                    *within_since = Some(now);
+                    return None;
+                }
+                if now.since(start) < SETTLED_S {
+                    return None;
+                }
+                let since = *since;
+                self.state = GotoState::AtGoal { goal, since };
+                Some(Arrival {
+                    distance_m,
+                    duration_s: now.since(since),
+                })
+            }
+            GotoState::AtGoal { since, .. } if ratio > LOST_RATIO => {
+                let since = *since;
+                self.state = GotoState::Moving {
+                    goal,
+                    since,
+                    within_since: None,
+                };
+                None
+            }
+            _ => None,
+        }
+    }
+
+    /// The smoothed error with this estimate in it, and the time since the last one.
+    fn smooth(&mut self, estimate: &Estimate, goal: &Goal) -> Option<(Vector6, f64)> {
+        let error = goal_error(&estimate.base_from_tip, goal);
+        if !error.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        let (mean, dt_s) = match &self.error {
+            None => (error, 0.0),
+            Some((mean, last)) => {
+                let dt_s = estimate.stamp.since(*last);
+                if dt_s <= 0.0 {
+                    return None;
+                }
+                // e ← e + (1 − exp(−T/τ)) (e_new − e)
+                (
+                    mean + (error - mean) * (1.0 - (-dt_s / SMOOTHING_S).exp()),
+                    dt_s,
+                )
+            }
+        };
+        self.error = Some((mean, estimate.stamp));
+        Some((mean, dt_s))
+    }
+}
+
+/// Translation (m) and rotation vector (rad) from goal to tip; no rotation if it does not matter.
+fn goal_error(base_from_tip: &Pose, goal: &Goal) -> Vector6 {
+    let mut wanted = *base_from_tip;
+    wanted.translation.vector = goal.position_m.into();
+    if let Some(rotation) = goal.base_from_tip_rotation {
+        wanted.rotation = rotation;
+    }
+    pose_error(base_from_tip, &wanted)
+}
+
+/// The error in units of the tolerance (the worse of position and orientation), and the distance.
+fn tolerance_ratio(error: &Vector6, goal: &Goal) -> (f64, f64) {
+    let distance_m = error.fixed_rows::<3>(0).norm();
+    let angle_rad = error.fixed_rows::<3>(3).norm();
+    let worse_m = distance_m.max(angle_rad / RAD_PER_M);
+    (worse_m / goal.tolerance_m, distance_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::{Matrix6, pose_from_ypr};
+
+    const GOAL_M: [f64; 3] = [0.06, 0.04, -0.3];
+
+    fn verdict(state: ReachState) -> Reach {
+        Reach {
+            state,
+            distance_m: 0.0123,
+            nearest_m: GOAL_M,
+            limiting_chamber: Some((4, 40e3)),
+            chamber_pa: [0.0; 6],
+        }
+    }
+
+    fn estimate(t_s: f64, off_m: f64) -> Estimate {
+        Estimate {
+            stamp: Stamp::from_seconds(t_s),
+            base_from_tip: pose_from_ypr([GOAL_M[0] + off_m, GOAL_M[1], GOAL_M[2]], [0.0; 3]),
+            covariance: Matrix6::zeros(),
+            training_distance: 1.0,
+        }
+    }
+
+    fn moving() -> Goto {
+        let mut task = Goto::default();
+        task.preview(Goal::position(GOAL_M), verdict(ReachState::Reachable));
+        task.go(Stamp::ZERO).unwrap();
+        task
+    }
+
+    /// Feeds one offset over a time span at 50 Hz; the arrivals with their times.
+    fn feed(task: &mut Goto, from_s: f64, to_s: f64, off_m: f64) -> Vec<(f64, Arrival)> {
+        let ticks = (from_s * 50.0).round() as i64..(to_s * 50.0).round() as i64;
+        ticks
+            .map(|k| k as f64 / 50.0)
+            .filter_map(|t| task.update(&estimate(t, off_m)).map(|a| (t, a)))
+            .collect()
+    }
+
+    #[test]
+    fn arrives_once_after_half_a_second_within_tolerance() {
+        let mut task = moving();
+        assert!(feed(&mut task, 0.0, 2.0, 0.05).is_empty());
+        let arrivals = feed(&mut task, 2.0, 6.0, 0.0005);
+        assert_eq!(arrivals.len(), 1, "{arrivals:?}");
+        let (t, arrival) = arrivals[0];
+        // The mean takes 0.2 s · ln(49.5 / 0.5) to come within 1 mm, then half a second passes.
+        assert!((t - (2.0 + 0.92 + 0.5)).abs() < 0.05, "{t}");
+        assert!((arrival.duration_s - t).abs() < 1e-9 && arrival.distance_m <= 1e-3);
+        assert!(matches!(task.state(), GotoState::AtGoal { .. }));
+        // Pushed away, it is on its way again and arrives anew.
+        assert!(feed(&mut task, 6.0, 7.0, 0.01).is_empty());
+        assert!(matches!(task.state(), GotoState::Moving { .. }));
+        assert_eq!(feed(&mut task, 7.0, 9.0, 0.0).len(), 1);
+    }
+
+    #[test]
+    fn noise_around_the_goal_does_not_keep_it_from_arriving() {
+        let mut task = moving();
+        let arrived = (0..200).any(|k| {
+            let off_m = if k % 2 == 0 { 0.003 } else { -0.003 };
+            task.update(&estimate(k as f64 / 50.0, off_m)).is_some()
+        });
+        assert!(arrived);
+    }
+
+    #[test]
+    fn gaps_old_and_unusable_estimates_do_not_count() {
+        let mut task = moving();
+        assert!(task.update(&estimate(0.1, 0.0)).is_none());
+        assert!(task.update(&estimate(5.0, 0.0)).is_none());
+        assert!(task.update(&estimate(4.0, 0.0)).is_none());
+        assert!(task.update(&estimate(5.6, f64::NAN)).is_none());
+        assert!(matches!(task.state(), GotoState::Moving { .. }));
+    }
+
+    #[test]
+    fn an_orientation_must_be_met_too() {
+        let mut task = Goto::default();
+        let goal = Goal {
+            base_from_tip_rotation: Some(pose_from_ypr([0.0; 3], [0.0, 0.05, 0.0]).rotation),
+            ..Goal::position(GOAL_M)
+        };
+        task.preview(goal, verdict(ReachState::Reachable));
+        task.go(Stamp::ZERO).unwrap();
+        assert!(feed(&mut task, 0.0, 3.0, 0.0).is_empty());
+    }
+
+    #[test]
+    fn moves_only_on_a_favourable_preview() {
+        let mut task = Goto::default();
+        assert_eq!(task.go(Stamp::ZERO), Err(GotoError::NoPreview));
+        task.preview(Goal::position(GOAL_M), verdict(ReachState::OutsideData));
+        assert_eq!(task.go(Stamp::ZERO), Err(GotoError::OutsideData));
+        task.preview(Goal::position(GOAL_M), verdict(ReachState::Unreachable));
+        let text = task.go(Stamp::ZERO).unwrap_err().to_string();
+        assert!(
+            text.contains("12.3 mm") && text.contains("chamber 4 is at 40.0 kPa"),
+            "{text}"
+        );
+        assert!(matches!(task.state(), GotoState::Preview(..)));
+        task.cancel();
+        assert_eq!(task.state(), &GotoState::Idle);
+        task.preview(Goal::position(GOAL_M), verdict(ReachState::Marginal));
+        assert!(task.go(Stamp::ZERO).is_ok());
+        assert_eq!(task.goal(), Some(&Goal::position(GOAL_M)));
+    }
+}
