@@ -9,6 +9,8 @@ mod live;
 mod model;
 mod ports;
 mod simulate;
+#[cfg(feature = "gui")]
+mod window;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -51,6 +53,9 @@ enum Command {
     Goto(live::GotoArgs),
     /// The virtual rig on a pseudo-terminal, speaking the wire protocol; prints the port
     Rig(live::RigArgs),
+    /// A picture of a screen, made without a window
+    #[cfg(feature = "gui")]
+    Screenshot(window::ScreenshotArgs),
     /// Print shell completions
     Completions {
         /// Which shell
@@ -100,11 +105,21 @@ pub fn main() -> ExitCode {
 fn run(cli: &Cli) -> Result<Report> {
     let robot = load_robot(cli.robot.as_deref())?;
     match &cli.command {
-        None => anyhow::bail!("no command was given: see springtwin --help"),
+        #[cfg(feature = "gui")]
+        None => window::open("pty", 0.0, 1, live::Kind::Ours, cli.robot.as_deref(), &robot),
+        #[cfg(not(feature = "gui"))]
+        None => anyhow::bail!("this program was built without its window: use springtwin run --headless"),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
+        #[cfg(feature = "gui")]
+        Some(Command::Screenshot(a)) => window::screenshot(a, &robot),
+        #[cfg(feature = "gui")]
+        Some(Command::Run(a)) if !a.headless => {
+            args::payload_in_range(&robot, a.payload)?;
+            window::open(&a.rig, a.payload, a.seed, a.controller, cli.robot.as_deref(), &robot)
+        }
         Some(Command::Run(a)) => live::run(a, cli.robot.as_deref(), &robot),
         Some(Command::Goto(a)) => live::goto(a, cli.robot.as_deref(), &robot),
         Some(Command::Rig(a)) => live::rig(a, &robot),

@@ -45,7 +45,8 @@ pub struct App {
     twin_gone: bool,
     stop_pending: bool,
     spec: RobotSpec,
-    services: Services,
+    /// What the window asks of the program around it.
+    pub services: Services,
     live: Arc<Snapshot>,
     live_history: History,
     messages: VecDeque<Message>,
@@ -347,7 +348,9 @@ impl App {
                 };
                 match self.screen {
                     Screen::Operate => {
+                        self.operate.view3d.selected_spring = self.sensors.selected_spring;
                         operate::ui(ui, &shown, &mut self.operate, &mut self.window, commands);
+                        self.sensors.selected_spring = self.operate.view3d.selected_spring;
                     }
                     Screen::Sensors => {
                         sensors::ui(ui, &shown, &mut self.sensors, &mut self.window);

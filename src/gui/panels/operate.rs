@@ -93,7 +93,7 @@ impl Default for OperateState {
             tree: default_layout(),
             draft: TargetDraft::default(),
             strips: StripChoice::default(),
-            view3d: View3d,
+            view3d: View3d::default(),
         }
     }
 }

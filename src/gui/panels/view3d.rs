@@ -1,30 +1,80 @@
-//! The place of the 3D view. Until the scene is drawn here, a side view stands in: x to the right,
-//! z up, both in mm; a click takes the point in the plane of the tip.
+//! The place of the 3D view: gives the scene what it shows and the panels what was done in it.
+//!
+//! Without a graphics adapter a side view stands in: x to the right, z up, both in mm; a click takes
+//! the point in the plane of the tip.
 
 use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 use super::View;
 use crate::gui::history::Channel;
+use crate::gui::scene::{Entity, Picking, Scene, SceneInput, Theme};
 use crate::gui::theme::Palette;
+
+/// Length of the trails, s.
+const TRAIL_S: f64 = 20.0;
+/// Every so manieth row makes a point of a trail.
+const TRAIL_STRIDE: usize = 5;
 
 /// What the view keeps between frames.
 #[derive(Default)]
-pub struct View3d;
+pub struct View3d {
+    /// The scene; `None` without a graphics adapter.
+    pub scene: Option<Scene>,
+    /// Samples of the reachable set, m.
+    pub reachable: Vec<[f32; 3]>,
+    /// The spring to highlight, from 0.
+    pub selected_spring: Option<usize>,
+}
 
 /// What the operator did in the view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct View3dOutput {
-    /// A point that was clicked as a target, base frame, m.
+    /// A point that was clicked or dragged to as a target, base frame, m.
     pub clicked_target: Option<[f64; 3]>,
 }
 
-/// Draws the arm, the goal and the draft target; returns what was clicked.
+/// Draws the arm, the goal and the draft target; returns what was done.
 pub fn scene_view(
-    _state: &mut View3d,
+    state: &mut View3d,
     ui: &mut Ui,
     view: &View<'_>,
     draft_m: Option<[f64; 3]>,
 ) -> View3dOutput {
+    let Some(scene) = &mut state.scene else {
+        return side_view(ui, view, draft_m);
+    };
+    let predicted = trail(view, Channel::Tip);
+    let truth = trail(view, Channel::Truth);
+    let input = SceneInput {
+        trail_predicted: &predicted,
+        trail_truth: &truth,
+        theme: if ui.visuals().dark_mode { Theme::Dark } else { Theme::Light },
+        picking: if view.replay.is_some() { Picking::Disabled } else { Picking::Enabled },
+        selected_spring: state.selected_spring,
+        draft_target: draft_m,
+        // The hull helps while a target is being chosen and is in the way otherwise.
+        reachable: if draft_m.is_some() { &state.reachable } else { &[] },
+        ..SceneInput::new(view.snapshot)
+    };
+    let out = scene.ui(ui, &input);
+    if let Some(Entity::Spring(i)) = out.clicked {
+        state.selected_spring = if state.selected_spring == Some(i) { None } else { Some(i) };
+    }
+    View3dOutput { clicked_target: out.dragged_target.or(out.clicked_target) }
+}
+
+/// The last tip positions, oldest first, m.
+fn trail(view: &View<'_>, channel: fn(usize) -> Channel) -> Vec<[f32; 3]> {
+    let axis = |i| {
+        let values = view.history.values(channel(i), view.now_s - TRAIL_S, view.now_s);
+        values.map(|mm| (mm * 1e-3) as f32).collect::<Vec<f32>>()
+    };
+    let (x, y, z) = (axis(0), axis(1), axis(2));
+    let points = x.iter().zip(&y).zip(&z).map(|((x, y), z)| [*x, *y, *z]);
+    points.step_by(TRAIL_STRIDE).collect()
+}
+
+fn side_view(ui: &mut Ui, view: &View<'_>, draft_m: Option<[f64; 3]>) -> View3dOutput {
     let p = *Palette::in_ui(ui);
     let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click());
     response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, "Arm, side view"));
