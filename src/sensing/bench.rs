@@ -581,8 +581,8 @@ mod tests {
         // length = 70 + 170 u + 10 u (u − 1) mm over u ∈ [0, 1]; the reading is u.
         let inverse = |length_m: f64| {
             let l = length_m * 1e3;
-            let (a, b, c) = (10.0, 160.0, 70.0 - l);
-            (-b + (b * b - 4.0 * a * c as f64).sqrt()) / (2.0 * a)
+            let (a, b, c): (f64, f64, f64) = (10.0, 160.0, 70.0 - l);
+            (-b + (b * b - 4.0 * a * c).sqrt()) / (2.0 * a)
         };
         let mut points = line(inverse);
         let (curve, quality) = fit(&points, Quantity::CircuitReading, RANGE_M).expect("fits");

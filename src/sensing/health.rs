@@ -66,12 +66,18 @@ pub struct SegmentFrame {
     pub discrepancy: Option<(Vector3<f64>, RotationPerLength)>,
 }
 
+/// How things stood when a run of equal counts began to be watched.
+#[derive(Clone, Copy, Debug)]
+struct RunStart {
+    smooth_rad: Option<Vector3<f64>>,
+    length_m: [Option<f64>; LEGS],
+}
+
 #[derive(Clone, Debug, Default)]
 struct Leg {
     last_raw: (u32, u32),
     run_s: f64,
-    /// Discrepancy and lengths of all legs when the run began to be watched.
-    run_start: Option<(Option<Vector3<f64>>, [Option<f64>; LEGS])>,
+    run_start: Option<RunStart>,
     changes: u32,
     stuck_run: bool,
     blamed: Option<ChannelHealth>,
@@ -141,20 +147,23 @@ impl SegmentMonitor {
         if leg.run_s < RUN_START_S {
             return;
         }
-        let (start_rad, start_m) = leg.run_start.get_or_insert((smooth_rad, frame.length_m));
+        let start = *leg.run_start.get_or_insert(RunStart {
+            smooth_rad,
+            length_m: frame.length_m,
+        });
         if leg.run_s < RUN_STUCK_S || leg.stuck_run {
             return;
         }
-        let stuck = match (smooth_rad, *start_rad, &frame.discrepancy) {
-            (Some(now), Some(start), Some((_, g))) => {
+        let stuck = match (smooth_rad, start.smooth_rad, &frame.discrepancy) {
+            (Some(now), Some(before), Some((_, g))) => {
                 let column: Vector3<f64> = g.column(i).into();
-                let (error_m, cos) = blame(&column, &(now - start));
+                let (error_m, cos) = blame(&column, &(now - before));
                 error_m.abs() >= MISSED_M.max(1.5 * frame.resolution_m[i]) && cos >= 0.7
             }
             _ => {
                 let mut moved: Vec<f64> = (0..LEGS)
                     .filter(|k| *k != i)
-                    .filter_map(|k| Some((frame.length_m[k]? - start_m[k]?).abs()))
+                    .filter_map(|k| Some((frame.length_m[k]? - start.length_m[k]?).abs()))
                     .collect();
                 moved.sort_by(f64::total_cmp);
                 moved.len() >= 3 && moved[moved.len() / 2] >= OTHERS_MOVED_M

@@ -304,11 +304,11 @@ impl Sensing {
 
     fn place_pads(&mut self, samples: &[Sample; IMUS], springs: &Springs) {
         let mut trusted = [false; 2];
-        for k in 0..2 {
+        for (k, trusted) in trusted.iter_mut().enumerate() {
             let at = LEGS * k;
             let health = &springs.health[at..at + LEGS];
-            trusted[k] = health.iter().all(|h| *h == ChannelHealth::Ok);
-            self.believed_pose[k] = if trusted[k] {
+            *trusted = health.iter().all(|h| *h == ChannelHealth::Ok);
+            self.believed_pose[k] = if *trusted {
                 self.delivered_pose[k]
             } else {
                 let known = Known {

@@ -213,7 +213,7 @@ mod tests {
         let lengths = segment().lengths_m(&segment().rest());
         for l in lengths {
             // √(145² + (2 · 75 · sin 20°)²) mm
-            assert!((l - 0.153_797).abs() < 1e-6, "{l}");
+            assert!((l - 0.153_808).abs() < 1e-6, "{l}");
         }
     }
 

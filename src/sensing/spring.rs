@@ -122,7 +122,7 @@ mod tests {
                 worst_mean_m = worst_mean_m.max(m.abs());
             }
         }
-        let rmse_m = (squares / n as f64).sqrt();
+        let rmse_m = f64::sqrt(squares / n);
         assert!(worst_mean_m < 0.12e-3, "systematic {worst_mean_m}");
         assert!(rmse_m < 0.15e-3, "all {rmse_m}");
     }

@@ -114,6 +114,9 @@ fn off_deg(out: &SensorFrame, i: usize, truth: &[Pose; 2]) -> f64 {
 #[test]
 fn five_minutes_of_motion_stay_within_half_a_degree_and_tenths_of_a_millimetre() {
     let mut rig = Rig::new(sway);
+    // One gyro is worse than the rest: 6 degrees per minute about its vertical axis.
+    rig.inertial
+        .add_gyro_bias(0, Vector3::z() * 0.1_f64.to_radians());
     let mut sensing = sensing();
     let mut worst_deg: f64 = 0.0;
     let (mut squares, mut n) = (0.0, 0.0);
@@ -143,10 +146,12 @@ fn five_minutes_of_motion_stay_within_half_a_degree_and_tenths_of_a_millimetre()
     assert!(rmse_m < 0.2e-3, "{rmse_m}");
     assert!(worst_deg < 0.5, "{worst_deg}");
     assert_eq!(alarms, 0);
-    // The gyros do drift: without the springs the heading would be off by degrees.
-    let drifted = (0..IMUS)
-        .map(|i| sensing.heading(i).rate_rad_s.abs().to_degrees() * 300.0)
-        .fold(0.0, f64::max);
+    // The heading does drift: what the tracker took away in five minutes.
+    let drifted = sensing.heading(0).rate_rad_s.abs().to_degrees() * 300.0;
+    println!(
+        "worst {worst_deg:.3} deg, springs {:.3} mm, drift {drifted:.1} deg",
+        rmse_m * 1e3
+    );
     assert!(drifted > 3.0, "{drifted}");
 }
 
@@ -347,7 +352,7 @@ fn springs_without_a_calibration_are_missing() {
     let mut sensing = Sensing::new(&RobotSpec::reference(), calibration);
     let out = sensing.update(&Rig::new(rest).next());
     assert_eq!(out.health.springs[10], ChannelHealth::Missing);
-    assert!((out.sensors.spring_m[10] - 0.153_797).abs() < 1e-6);
+    assert!((out.sensors.spring_m[10] - 0.153_808).abs() < 1e-6);
 }
 
 fn any_number() -> impl Strategy<Value = f64> {
