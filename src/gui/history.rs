@@ -145,6 +145,9 @@ impl Stats {
     }
 }
 
+/// Truth samples that may wait for an estimate at or after their instant.
+const WAITING_TRUTHS: usize = 32;
+
 /// The signals of the last snapshots, oldest dropped first.
 #[derive(Clone, Debug)]
 pub struct History {
@@ -157,7 +160,7 @@ pub struct History {
     seen_truth: Option<Stamp>,
     seen_command: Option<Stamp>,
     estimates: VecDeque<(Stamp, Pose)>,
-    waiting_truth: Option<GroundTruth>,
+    waiting_truths: VecDeque<GroundTruth>,
     excluded: usize,
 }
 
@@ -174,7 +177,7 @@ impl History {
             seen_truth: None,
             seen_command: None,
             estimates: VecDeque::new(),
-            waiting_truth: None,
+            waiting_truths: VecDeque::new(),
             excluded: 0,
         }
     }
@@ -304,7 +307,10 @@ impl History {
             for (i, v) in pose_for_display(&t.base_from_tip).into_iter().enumerate() {
                 set(Channel::Truth(i), v);
             }
-            if self.waiting_truth.replace(t.clone()).is_some() {
+            // Motion capture may run some frames ahead of the estimates.
+            self.waiting_truths.push_back(t.clone());
+            if self.waiting_truths.len() > WAITING_TRUTHS {
+                self.waiting_truths.pop_front();
                 self.excluded += 1;
             }
         }
@@ -321,12 +327,12 @@ impl History {
         row
     }
 
-    // The estimate at the instant of the waiting truth, between its two neighbours (at most 0.1 s
+    // The estimate at the instant of the oldest waiting truth, between its two neighbours (at most 0.1 s
     // apart); a truth older than the first estimate, or in a gap, is excluded.
     fn pair(&mut self) -> Option<(Pose, GroundTruth)> {
-        let at = self.waiting_truth.as_ref()?.stamp;
+        let at = self.waiting_truths.front()?.stamp;
         let after = self.estimates.iter().position(|(s, _)| *s >= at)?;
-        let truth = self.waiting_truth.take()?;
+        let truth = self.waiting_truths.pop_front()?;
         let (s1, p1) = self.estimates[after];
         if s1 == at {
             return Some((p1, truth));
