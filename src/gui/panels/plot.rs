@@ -227,7 +227,10 @@ impl TimePlot<'_> {
             .show_axes([self.time_axis == TimeAxis::Shown, true])
             .y_axis_min_width(46.0)
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
-            .x_axis_formatter(|mark, _| clock(mark.value, mark.step_size))
+            .x_axis_formatter(|mark, _| {
+                // Nothing happened before the session began.
+                if mark.value < -1e-9 { String::new() } else { clock(mark.value, mark.step_size) }
+            })
             .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
             .x_grid_spacer(move |_| marks_of_time(range, width / 90.0))
             .grid_color(palette.line)
