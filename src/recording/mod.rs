@@ -1,5 +1,7 @@
 //! Recordings and session logs, read and written.
 //!
+//! - Recordings ([`RecordingWriter`], [`read_rrd`]): `.rrd` files that hold whole snapshots, for
+//!   replay and for the Rerun viewer. Only the submodule `rrd` knows rerun.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet.
 
@@ -7,7 +9,17 @@ mod csv;
 mod dataset;
 mod error;
 mod log;
+#[cfg(feature = "rrd")]
+mod rrd;
+#[cfg(not(feature = "rrd"))]
+#[path = "rrd_stub.rs"]
+mod rrd;
+mod types;
 
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use error::RecordingError;
 pub use log::{SessionLog, parse_log, read_session, write_session};
+pub use rrd::{RecordingWriter, read_rrd};
+pub use types::{
+    ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,
+};
