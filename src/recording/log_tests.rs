@@ -253,7 +253,7 @@ proptest! {
         match parse_log(bytes.as_slice(), Path::new("x")) {
             Ok(log) => prop_assert!(log.len() <= 4 && log.t_s.iter().all(|t| t.is_finite())),
             Err(RecordingError::Cell { line, column, .. }) => {
-                prop_assert!((1..=5).contains(&line) && (1..=60).contains(&column));
+                prop_assert!((1..=5).contains(&line) && (1..=80).contains(&column));
             }
             Err(other) => prop_assert!(false, "{}", other),
         }

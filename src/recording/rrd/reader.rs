@@ -1,0 +1,539 @@
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use arrow::array::{Array, AsArray};
+use arrow::datatypes::{Float64Type, Int64Type};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use rerun::external::re_log_encoding::rrd::DecoderApp;
+use rerun::log::{Chunk, LogMsg};
+use rerun::{ComponentIdentifier, Scalars, StoreKind, TextLog, TimelineName};
+
+use super::frames;
+use super::schema::{self, SPECS, table};
+use super::writer::SAFE_PREFIX;
+use crate::recording::{Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta};
+use crate::signal::{
+    BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
+    Matrix6, Mode, Pose, PressureCommand, PressureLimits, RawFrame, SPRINGS, SensorFrame,
+    SensorRef, SensorVec, Snapshot, Stamp, Trace, TruthSource,
+};
+
+/// Largest recording that is read into memory, bytes.
+const FILE_MAX: u64 = 4 << 30;
+/// What a message may unpack to in any case, bytes.
+const UNPACKED_MIN: usize = 16 << 20;
+
+/// Reads a recording. One that was cut reads up to its last whole batch.
+///
+/// # Errors
+/// [`RecordingError::Io`] when the file cannot be read, [`RecordingError::Corrupt`] with the place
+/// when it is damaged other than by being cut, [`RecordingError::Unsupported`] when it is a
+/// recording of another program or of a newer version.
+pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
+    let length = std::fs::metadata(path)
+        .map_err(RecordingError::io(path, "open"))?
+        .len();
+    if length > FILE_MAX {
+        return Err(RecordingError::Unsupported {
+            path: path.to_owned(),
+            text: format!("{length} bytes are too many to read at once: split the recording"),
+        });
+    }
+    let bytes = std::fs::read(path).map_err(RecordingError::io(path, "read"))?;
+    let corrupt = |offset: u64, text: String| RecordingError::Corrupt {
+        path: path.to_owned(),
+        offset,
+        text,
+    };
+    let frames = frames::split(&bytes).map_err(|(offset, text)| corrupt(offset, text))?;
+    let budget = bytes.len().saturating_mul(4).max(UNPACKED_MIN);
+    let mut content = Content::default();
+    let mut decoder = DecoderApp::new();
+    decoder.push_byte_chunk(frames.header.to_vec());
+    for (offset, message) in frames.messages {
+        frames::check(message, budget).map_err(|text| corrupt(offset, text))?;
+        // The decoder asserts on some damaged tables; a file's content must not end the program.
+        let decoded = catch_unwind(AssertUnwindSafe(|| -> Result<(), String> {
+            decoder.push_byte_chunk(message.to_vec());
+            match decoder.try_read().map_err(|e| e.to_string())? {
+                Some(LogMsg::ArrowMsg(store, arrow)) if store.kind() == StoreKind::Recording => {
+                    let chunk = Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())?;
+                    content.take(&chunk)
+                }
+                _ => Ok(()),
+            }
+        }));
+        match decoded {
+            Ok(Ok(())) => {}
+            Ok(Err(e)) => {
+                return Err(corrupt(offset, format!("the record cannot be read ({e})")));
+            }
+            Err(_) => return Err(corrupt(offset, "the record is damaged".to_owned())),
+        }
+    }
+    content.check_schema(path)?;
+    Ok(content.assemble(frames.complete))
+}
+
+/// Rows of one component: times and fixed-width values.
+struct Rows<T> {
+    width: usize,
+    times: Vec<i64>,
+    values: Vec<T>,
+    /// Where the search for the next row starts.
+    at: usize,
+}
+
+impl<T: Copy> Rows<T> {
+    fn new(width: usize) -> Self {
+        Self {
+            width,
+            times: Vec::new(),
+            values: Vec::new(),
+            at: 0,
+        }
+    }
+
+    /// Brings the rows in order of time; tools that repack a file may change it.
+    fn sort(&mut self) {
+        if self.times.is_sorted() {
+            return;
+        }
+        let mut order: Vec<usize> = (0..self.times.len()).collect();
+        order.sort_by_key(|i| self.times[*i]);
+        self.values = order
+            .iter()
+            .flat_map(|i| self.values[i * self.width..(i + 1) * self.width].to_vec())
+            .collect();
+        self.times.sort_unstable();
+    }
+
+    /// The row at a time, for times that only grow.
+    fn row(&mut self, t: i64) -> Option<&[T]> {
+        while self.times.get(self.at).is_some_and(|x| *x < t) {
+            self.at += 1;
+        }
+        let here = self.times.get(self.at) == Some(&t);
+        here.then(|| &self.values[self.at * self.width..(self.at + 1) * self.width])
+    }
+
+    /// The newest row up to a time, for times that only grow.
+    fn latest(&mut self, t: i64) -> Option<&[T]> {
+        while self.times.get(self.at).is_some_and(|x| *x <= t) {
+            self.at += 1;
+        }
+        let i = self.at.checked_sub(1)?;
+        Some(&self.values[i * self.width..(i + 1) * self.width])
+    }
+}
+
+/// Span of one entity on the timeline.
+struct Span {
+    rows: u64,
+    first: i64,
+    last: i64,
+}
+
+/// Everything taken from a file's chunks.
+struct Content {
+    scalars: Vec<Rows<f64>>,
+    exact: Vec<Rows<f64>>,
+    ints: Vec<Rows<i64>>,
+    events: Vec<RecordedEvent>,
+    spans: BTreeMap<String, Span>,
+    properties: BTreeMap<String, String>,
+}
+
+impl Default for Content {
+    fn default() -> Self {
+        Self {
+            scalars: SPECS.iter().map(|s| Rows::new(s.scalars)).collect(),
+            exact: SPECS.iter().map(|s| Rows::new(s.exact)).collect(),
+            ints: SPECS.iter().map(|s| Rows::new(s.ints)).collect(),
+            events: Vec::new(),
+            spans: BTreeMap::new(),
+            properties: BTreeMap::new(),
+        }
+    }
+}
+
+impl Content {
+    /// Takes what is known of a chunk, and its extent.
+    fn take(&mut self, chunk: &Chunk) -> Result<(), String> {
+        let path = chunk.entity_path().to_string();
+        if chunk.is_static() {
+            if path == format!("/__properties/{}", schema::PROPERTY) {
+                self.take_properties(chunk);
+            }
+            return Ok(());
+        }
+        let timeline = TimelineName::try_new(schema::TIMELINE).map_err(|e| e.to_string())?;
+        let Some(times) = chunk.timelines().get(&timeline) else {
+            return Ok(());
+        };
+        let times = times.times_raw();
+        if let (Some(first), Some(last)) = (times.iter().min(), times.iter().max()) {
+            let span = self.spans.entry(path.clone()).or_insert(Span {
+                rows: 0,
+                first: *first,
+                last: *last,
+            });
+            span.rows += times.len() as u64;
+            span.first = span.first.min(*first);
+            span.last = span.last.max(*last);
+        }
+        if schema::LOGS.contains(&path.as_str()) {
+            self.take_log(chunk, times, path.trim_start_matches('/'));
+        }
+        if let Some(i) = SPECS.iter().position(|s| s.path == path) {
+            let scalars = Scalars::descriptor_scalars().component;
+            let of = |name: &'static str| ComponentIdentifier::from(name);
+            take_f64(&mut self.scalars[i], chunk, times, scalars)
+                .and_then(|()| take_f64(&mut self.exact[i], chunk, times, of(schema::EXACT)))
+                .and_then(|()| take_i64(&mut self.ints[i], chunk, times, of(schema::INTS)))
+                .map_err(|e| format!("{path}: {e}"))?;
+        }
+        Ok(())
+    }
+
+    fn take_properties(&mut self, chunk: &Chunk) {
+        for descriptor in chunk.component_descriptors() {
+            let name = descriptor.component.as_str();
+            let Some(key) = name.strip_prefix("springtwin:") else {
+                continue;
+            };
+            if let Some(value) = chunk
+                .components()
+                .get_array(descriptor.component)
+                .and_then(|list| list.values().as_string_opt::<i32>())
+                .filter(|strings| !strings.is_empty() && strings.is_valid(0))
+            {
+                self.properties
+                    .insert(key.to_owned(), value.value(0).to_owned());
+            }
+        }
+    }
+
+    fn take_log(&mut self, chunk: &Chunk, times: &[i64], log: &str) {
+        let list = chunk
+            .components()
+            .get_array(TextLog::descriptor_text().component);
+        let Some(list) = list else {
+            return;
+        };
+        for (i, t) in times.iter().enumerate() {
+            if list.is_null(i) {
+                continue;
+            }
+            let row = list.value(i);
+            if let Some(text) = row.as_string_opt::<i32>()
+                && !text.is_empty()
+                && text.is_valid(0)
+            {
+                self.events.push(RecordedEvent {
+                    stamp: Stamp(*t),
+                    log: log.to_owned(),
+                    text: text.value(0).to_owned(),
+                });
+            }
+        }
+    }
+
+    fn property(&self, key: &str) -> String {
+        self.properties.get(key).cloned().unwrap_or_default()
+    }
+
+    fn check_schema(&self, path: &Path) -> Result<(), RecordingError> {
+        let refuse = |text: String| RecordingError::Unsupported {
+            path: path.to_owned(),
+            text,
+        };
+        match self.property("schema").parse::<u32>() {
+            Ok(schema::SCHEMA_VERSION) => Ok(()),
+            Ok(version) => Err(refuse(format!(
+                "the recording has layout {version}; this program reads {}",
+                schema::SCHEMA_VERSION
+            ))),
+            Err(_) if self.spans.is_empty() => Err(refuse(
+                "the recording was cut before its first data: nothing can be recovered".to_owned(),
+            )),
+            Err(_) => Err(refuse(
+                "the recording was not made by this program".to_owned(),
+            )),
+        }
+    }
+
+    fn assemble(mut self, complete: bool) -> ReadRecording {
+        let meta = RecordingMeta {
+            name: self.property("name"),
+            robot: self.property("robot"),
+            robot_hash: self.property("robot_hash"),
+            source: self.property("source"),
+            simulated: self.property("simulated") == "true",
+            payload_kg: self.property("payload_kg").parse().unwrap_or(0.0),
+            drawing: None,
+        };
+        for rows in self.scalars.iter_mut().chain(&mut self.exact) {
+            rows.sort();
+        }
+        for rows in &mut self.ints {
+            rows.sort();
+        }
+        self.events.sort_by_key(|e| e.stamp);
+        let mut ticks = self.ints[table::TICK].times.clone();
+        ticks.dedup();
+        let modes: Vec<(Stamp, String)> = self
+            .events
+            .iter()
+            .filter(|e| e.log == "mode")
+            .map(|e| (e.stamp, e.text.clone()))
+            .collect();
+        let mut reason = String::new();
+        let mut next_mode = modes.into_iter().peekable();
+        let snapshots: Vec<Snapshot> = ticks
+            .iter()
+            .map(|t| {
+                while let Some((_, text)) = next_mode.next_if(|(s, _)| s.0 <= *t) {
+                    reason = text
+                        .strip_prefix(SAFE_PREFIX)
+                        .unwrap_or_default()
+                        .to_owned();
+                }
+                self.snapshot(*t, &meta, &reason)
+            })
+            .collect();
+        let channels = self
+            .spans
+            .into_iter()
+            .map(|(name, s)| Channel::new(name, s.rows, Stamp(s.first), Stamp(s.last)))
+            .collect();
+        ReadRecording {
+            recovered_until: (!complete).then(|| ticks.last().map_or(Stamp::ZERO, |t| Stamp(*t))),
+            trace: Trace {
+                name: meta.name.clone(),
+                snapshots,
+                payload_kg: meta.payload_kg,
+                simulated: meta.simulated,
+            },
+            meta,
+            complete,
+            events: self.events,
+            channels,
+        }
+    }
+
+    fn snapshot(&mut self, t: i64, meta: &RecordingMeta, reason: &str) -> Snapshot {
+        let mut snapshot = Snapshot {
+            stamp: Stamp(t),
+            payload_kg: meta.payload_kg,
+            raw: self.raw(t),
+            sensors: self.sensors(t),
+            estimate: self.estimate(t),
+            truth: self.truth(t),
+            goal: self.goal(t),
+            sensor_ref: self.sensor_ref(t),
+            command: self.command(t),
+            ..Snapshot::default()
+        };
+        if let Some([connected, age_s, rate_0, rate_1, payload_kg]) =
+            fixed(self.exact[table::TICK].row(t))
+        {
+            snapshot.payload_kg = payload_kg;
+            snapshot.link = LinkStatus {
+                connected: connected != 0.0,
+                source: meta.source.clone(),
+                simulated: meta.simulated,
+                age_s,
+                board_rate_hz: [rate_0, rate_1],
+                ..LinkStatus::default()
+            };
+        }
+        if let Some([frames, frames_lost, mode]) = fixed(self.ints[table::TICK].row(t)) {
+            snapshot.link.frames = frames as u64;
+            snapshot.link.frames_lost = frames_lost as u64;
+            snapshot.mode = match mode {
+                1 => Mode::Hold,
+                2 => Mode::Moving,
+                3 => Mode::AtGoal,
+                4 => Mode::Safe(reason.to_owned()),
+                _ => Mode::Disarmed,
+            };
+        }
+        snapshot
+    }
+
+    fn raw(&mut self, t: i64) -> Option<RawFrame> {
+        let [tick_rate_hz, age_0, age_1] = fixed(self.exact[table::RAW_FRAME].row(t))?;
+        let [seq, stamp, present, faults] = fixed(self.ints[table::RAW_FRAME].row(t))?;
+        let counts: [f64; SPRINGS] = fixed(self.scalars[table::COUNTS].row(t))?;
+        let gates: [f64; SPRINGS] = fixed(self.scalars[table::GATES].row(t))?;
+        let gyro: [f64; 3 * IMUS] = fixed(self.scalars[table::GYRO].row(t))?;
+        let accel: [f64; 3 * IMUS] = fixed(self.scalars[table::ACCEL].row(t))?;
+        let board_age_s: [f64; BOARDS] = [age_0, age_1];
+        Some(RawFrame {
+            seq: seq as u32,
+            stamp: Stamp(stamp),
+            // Doubles hold every u32.
+            spring_counts: counts.map(|c| c as u32),
+            spring_gate_ticks: gates.map(|c| c as u32),
+            tick_rate_hz,
+            imu: std::array::from_fn(|i| ImuRaw {
+                gyro_rad_s: std::array::from_fn(|k| gyro[3 * i + k]),
+                accel_m_s2: std::array::from_fn(|k| accel[3 * i + k]),
+            }),
+            chamber_pa: fixed(self.scalars[table::RAW_PRESSURE].row(t))?,
+            present: present as u32,
+            board_age_s,
+            faults: faults as u16,
+        })
+    }
+
+    fn sensors(&mut self, t: i64) -> Option<SensorFrame> {
+        let codes: [i64; 1 + SPRINGS + IMUS + CHAMBERS] = fixed(self.ints[table::HEALTH].row(t))?;
+        let health = |i: usize| schema::health_from(codes[1 + i]);
+        let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMUS].row(t))?;
+        Some(SensorFrame {
+            stamp: Stamp(codes[0]),
+            sensors: SensorVec {
+                spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
+                imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
+            },
+            chamber_pa: fixed(self.exact[table::PRESSURE].row(t))?,
+            health: Health {
+                springs: std::array::from_fn(health),
+                imus: std::array::from_fn(|i| health(SPRINGS + i)),
+                chambers: std::array::from_fn(|i| health(SPRINGS + IMUS + i)),
+            },
+        })
+    }
+
+    fn estimate(&mut self, t: i64) -> Option<Estimate> {
+        let [stamp] = fixed(self.ints[table::PREDICTED].row(t))?;
+        let values = self.exact[table::PREDICTED].row(t)?;
+        Some(Estimate {
+            stamp: Stamp(stamp),
+            base_from_tip: pose(&values[..7]),
+            training_distance: values[7],
+            covariance: Matrix6::from_column_slice(&values[8..44]),
+        })
+    }
+
+    fn truth(&mut self, t: i64) -> Option<GroundTruth> {
+        let [stamp, source] = fixed(self.ints[table::VICON].row(t))?;
+        Some(GroundTruth {
+            stamp: Stamp(stamp),
+            base_from_tip: pose(self.exact[table::VICON].row(t)?),
+            source: match source {
+                0 => TruthSource::Vicon,
+                _ => TruthSource::VirtualRig,
+            },
+        })
+    }
+
+    fn goal(&mut self, t: i64) -> Option<Goal> {
+        let [present, has_rotation] = fixed(self.ints[table::GOAL].latest(t))?;
+        let values = self.exact[table::GOAL].latest(t)?;
+        (present != 0).then(|| Goal {
+            position_m: [values[0], values[1], values[2]],
+            base_from_tip_rotation: (has_rotation != 0).then(|| pose(values).rotation),
+            tolerance_m: values[7],
+        })
+    }
+
+    fn sensor_ref(&mut self, t: i64) -> Option<SensorRef> {
+        let spring_m: [f64; SPRINGS] = fixed(self.exact[table::SPRING_REF].row(t))?;
+        let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMU_REF].row(t))?;
+        Some(SensorRef::from_iterator(
+            spring_m.into_iter().chain(imu_rad),
+        ))
+    }
+
+    fn command(&mut self, t: i64) -> Option<PressureCommand> {
+        let [stamp, gripper] = fixed(self.ints[table::SET].row(t))?;
+        let recorded_pa: [f64; CHAMBERS] = fixed(self.exact[table::SET].row(t))?;
+        let gripper = match gripper {
+            0 => Gripper::Open,
+            _ => Gripper::Closed,
+        };
+        // Limits that the recorded pressures meet exactly: no range, and no change allowed from
+        // the recorded values. What comes out is what was commanded.
+        let limits = PressureLimits {
+            min_pa: f64::NEG_INFINITY,
+            max_pa: f64::INFINITY,
+            rate_pa_s: 0.0,
+        };
+        Some(PressureCommand::limited(
+            Stamp(stamp),
+            recorded_pa,
+            gripper,
+            None,
+            &recorded_pa,
+            &limits,
+        ))
+    }
+}
+
+fn fixed<T: Copy, const N: usize>(row: Option<&[T]>) -> Option<[T; N]> {
+    row?.try_into().ok()
+}
+
+/// x, y, z, i, j, k, w; not normalised, so that the value read is the value written.
+fn pose(v: &[f64]) -> Pose {
+    Pose::from_parts(
+        Translation3::new(v[0], v[1], v[2]),
+        UnitQuaternion::new_unchecked(Quaternion::new(v[6], v[3], v[4], v[5])),
+    )
+}
+
+fn take_f64(
+    rows: &mut Rows<f64>,
+    chunk: &Chunk,
+    times: &[i64],
+    component: ComponentIdentifier,
+) -> Result<(), String> {
+    take_rows(rows, chunk, times, component, |values| {
+        Some(values.as_primitive_opt::<Float64Type>()?.values())
+    })
+}
+
+fn take_i64(
+    rows: &mut Rows<i64>,
+    chunk: &Chunk,
+    times: &[i64],
+    component: ComponentIdentifier,
+) -> Result<(), String> {
+    take_rows(rows, chunk, times, component, |values| {
+        Some(values.as_primitive_opt::<Int64Type>()?.values())
+    })
+}
+
+/// Appends a component's rows of the expected width and type.
+fn take_rows<T: Copy>(
+    rows: &mut Rows<T>,
+    chunk: &Chunk,
+    times: &[i64],
+    component: ComponentIdentifier,
+    typed: impl Fn(&dyn Array) -> Option<&[T]>,
+) -> Result<(), String> {
+    let Some(list) = chunk.components().get_array(component) else {
+        return Ok(());
+    };
+    if rows.width == 0 {
+        return Ok(());
+    }
+    let values = typed(list.values().as_ref()).ok_or("values of another type")?;
+    let offsets = list.value_offsets();
+    for (i, t) in times.iter().enumerate() {
+        if list.is_null(i) {
+            continue;
+        }
+        let row = &values[offsets[i] as usize..offsets[i + 1] as usize];
+        if row.len() != rows.width {
+            return Err(format!("{} values, {} expected", row.len(), rows.width));
+        }
+        rows.times.push(*t);
+        rows.values.extend_from_slice(row);
+    }
+    Ok(())
+}

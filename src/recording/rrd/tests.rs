@@ -1,0 +1,371 @@
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::*;
+use crate::recording::{ArmDrawing, ReadRecording, RecordingError, RecordingMeta};
+use crate::signal::*;
+
+fn temp(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("springtwin-rrd-{name}-{}.rrd", std::process::id()))
+}
+
+fn meta() -> RecordingMeta {
+    RecordingMeta {
+        name: "test".into(),
+        robot: "reference".into(),
+        robot_hash: "00ff".into(),
+        source: "virtual rig".into(),
+        simulated: true,
+        payload_kg: 0.1,
+        drawing: Some(ArmDrawing {
+            bellows_m: std::array::from_fn(|i| {
+                let a = (i as f64 * 120.0 + if i < 3 { 0.0 } else { 60.0 }).to_radians();
+                [0.062 * a.cos(), 0.062 * a.sin(), 0.0]
+            }),
+            bellows_radius_m: 0.03,
+            pad_radius_m: 0.1,
+            pad_thickness_m: 0.01,
+        }),
+    }
+}
+
+/// An arm bent by an angle, as a constant curve over both segments.
+fn shape(angle_rad: f64) -> ArmShape {
+    let at = |s: f64| {
+        let turn = nalgebra::UnitQuaternion::from_euler_angles(0.0, angle_rad * s, 0.0);
+        let z = -0.15 * s * (1.0 - 0.1 * angle_rad * s);
+        let x = -0.15 * s * 0.5 * angle_rad * s;
+        Pose::from_parts(nalgebra::Translation3::new(x, 0.0, z), turn)
+    };
+    let ends = |i: usize| {
+        let a = (i as f64 * 60.0).to_radians();
+        let p = nalgebra::Point3::new(0.075 * a.cos(), 0.075 * a.sin(), 0.0);
+        let top = if i < 6 { 0.0 } else { 1.0 };
+        [at(top) * p, at(top + 1.0) * p].map(|p| [p.x, p.y, p.z])
+    };
+    ArmShape {
+        base_from_section: [
+            (0..=8).map(|i| at(i as f64 / 8.0)).collect(),
+            (0..=8).map(|i| at(1.0 + i as f64 / 8.0)).collect(),
+        ],
+        base_from_pad: [at(0.0), at(1.0), at(2.0)],
+        spring_ends_m: std::array::from_fn(ends),
+    }
+}
+
+fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
+    let stamp = Stamp(n * 10_000_000 + 7);
+    let wave = (n as f64 * 0.02).sin();
+    let tip = pose_from_ypr(
+        [0.1 * wave, 0.02, -0.3 + rng.random_range(-0.001..0.001)],
+        [0.01, wave, 0.1],
+    );
+    let chamber_pa: [f64; CHAMBERS] =
+        std::array::from_fn(|i| 20e3 * wave * (i as f64 - 2.5) / 2.5 + rng.random_range(-9.0..9.0));
+    let mut sensors = SensorFrame {
+        stamp,
+        sensors: SensorVec {
+            spring_m: std::array::from_fn(|i| {
+                0.15 + 0.02 * wave * (i as f64 / 12.0) + rng.random_range(-1e-4..1e-4)
+            }),
+            imu_ypr_rad: std::array::from_fn(|_| {
+                std::array::from_fn(|_| wave + rng.random_range(-0.01..0.01))
+            }),
+        },
+        chamber_pa,
+        health: Health::default(),
+    };
+    sensors.health.springs[3] = ChannelHealth::Stuck;
+    sensors.health.chambers[5] = ChannelHealth::Missing;
+    let limits = PressureLimits {
+        min_pa: -40e3,
+        max_pa: 40e3,
+        rate_pa_s: 1e9,
+    };
+    Snapshot {
+        stamp,
+        mode: match n {
+            ..20 => Mode::Disarmed,
+            20..120 => Mode::Moving,
+            _ => Mode::Safe("the link is stale".into()),
+        },
+        link: LinkStatus {
+            connected: true,
+            source: "virtual rig".into(),
+            simulated: true,
+            frames: n as u64 + 1,
+            frames_lost: 2,
+            age_s: 0.004,
+            board_rate_hz: [100.0, 99.5],
+        },
+        raw: Some(RawFrame {
+            seq: n as u32,
+            stamp: stamp.plus(-0.003),
+            spring_counts: std::array::from_fn(|_| rng.random()),
+            spring_gate_ticks: std::array::from_fn(|_| rng.random()),
+            tick_rate_hz: 2e6,
+            imu: std::array::from_fn(|_| ImuRaw {
+                gyro_rad_s: std::array::from_fn(|_| rng.random_range(-1.0..1.0)),
+                accel_m_s2: std::array::from_fn(|_| rng.random_range(-9.0..9.0)),
+            }),
+            chamber_pa,
+            present: RawFrame::ALL_PRESENT & !8,
+            board_age_s: [0.001, 0.002],
+            faults: 5,
+        }),
+        sensors: Some(sensors),
+        // Gaps: not every snapshot has everything.
+        estimate: (n % 7 != 3).then(|| Estimate {
+            stamp,
+            base_from_tip: tip,
+            covariance: Matrix6::from_fn(|_, _| rng.random_range(-1.0..1.0)),
+            training_distance: 0.9,
+        }),
+        truth: (n % 5 != 1).then(|| GroundTruth {
+            stamp: stamp.plus(-0.001),
+            base_from_tip: pose_from_ypr([0.1 * wave, 0.021, -0.301], [0.0, wave, 0.1]),
+            source: TruthSource::VirtualRig,
+        }),
+        goal: (n >= 30).then(|| Goal::position([0.05, 0.02, -0.3])),
+        sensor_ref: (n >= 30).then(|| SensorRef::from_fn(|_, _| rng.random_range(0.1..0.2))),
+        command: (n >= 30).then(|| {
+            let wanted = std::array::from_fn(|_| rng.random_range(-50e3..50e3));
+            PressureCommand::limited(stamp, wanted, Gripper::Closed, None, &[0.0; 6], &limits)
+        }),
+        shape: Some(Arc::new(shape(0.6 * wave))),
+        payload_kg: 0.1 + n as f64 * 1e-3,
+        ..Snapshot::default()
+    }
+}
+
+fn snapshots(n: i64) -> Vec<Snapshot> {
+    let mut rng = Pcg64Mcg::seed_from_u64(11);
+    (0..n).map(|i| snapshot(i, &mut rng)).collect()
+}
+
+fn write(path: &std::path::Path, snapshots: &[Snapshot]) {
+    let mut w = RecordingWriter::create(path, meta()).unwrap();
+    for s in snapshots {
+        w.push(s).unwrap();
+    }
+    w.event(snapshots[0].stamp, "a line").unwrap();
+    let summary = w.finish().unwrap();
+    assert_eq!(summary.rows, snapshots.len() as u64);
+    assert_eq!((summary.repeated, summary.rejected), (0, 0));
+    assert_eq!(summary.bytes, std::fs::metadata(path).unwrap().len());
+}
+
+/// What a recording keeps of a snapshot is bit for bit what was pushed.
+fn assert_same(read: &[Snapshot], written: &[Snapshot]) {
+    for (r, w) in read.iter().zip(written) {
+        assert_eq!(r.stamp, w.stamp);
+        assert_eq!(r.raw, w.raw);
+        assert_eq!(r.sensors, w.sensors);
+        assert_eq!(r.estimate, w.estimate);
+        assert_eq!(r.truth, w.truth);
+        assert_eq!(r.goal, w.goal);
+        assert_eq!(r.sensor_ref, w.sensor_ref);
+        assert_eq!(r.command, w.command);
+        assert_eq!(r.mode, w.mode);
+        assert_eq!(r.link, w.link);
+        assert_eq!(r.payload_kg, w.payload_kg);
+    }
+}
+
+#[test]
+fn round_trip_is_exact() {
+    let path = temp("round");
+    let written = snapshots(250);
+    write(&path, &written);
+    let ReadRecording {
+        trace,
+        meta: read_meta,
+        complete,
+        recovered_until,
+        events,
+        channels,
+    } = read_rrd(&path).unwrap();
+    assert!(complete && recovered_until.is_none());
+    assert_eq!(trace.snapshots.len(), 250);
+    assert_same(&trace.snapshots, &written);
+    assert_eq!(
+        read_meta,
+        RecordingMeta {
+            drawing: None,
+            ..meta()
+        }
+    );
+    assert!(trace.simulated && trace.name == "test");
+    assert!(
+        events
+            .iter()
+            .any(|e| e.log == "events" && e.text == "a line")
+    );
+    let springs = channels
+        .iter()
+        .find(|c| c.name == "/sensors/spring_mm")
+        .unwrap();
+    assert_eq!((springs.rows, springs.unit.as_str()), (250, "mm"));
+    assert!((springs.rate_hz - 100.0).abs() < 1e-6);
+    std::fs::remove_file(path).unwrap();
+}
+
+/// A recording cut anywhere gives a prefix of what was recorded, and says that it was cut.
+#[test]
+fn truncation_gives_a_prefix() {
+    let path = temp("cut");
+    let written = snapshots(250);
+    write(&path, &written);
+    let bytes = std::fs::read(&path).unwrap();
+    let mut most = 0;
+    let cuts = (0..bytes.len()).step_by(bytes.len() / 83).chain([
+        bytes.len() - 1,
+        bytes.len() - 33,
+        11,
+        12,
+        13,
+    ]);
+    for n in cuts {
+        std::fs::write(&path, &bytes[..n]).unwrap();
+        match read_rrd(&path) {
+            Ok(r) => {
+                assert!(!r.complete, "cut at {n}");
+                assert_same(&r.trace.snapshots, &written);
+                let last = r.trace.snapshots.last().map_or(Stamp::ZERO, |s| s.stamp);
+                assert_eq!(r.recovered_until, Some(last));
+                most = most.max(r.trace.snapshots.len());
+            }
+            // Before the description has arrived there is nothing to recover.
+            Err(RecordingError::Corrupt { offset, .. }) => assert!(offset == 0 && n < 12),
+            Err(RecordingError::Unsupported { .. }) => assert!(n < bytes.len() / 3, "{n}"),
+            Err(e) => panic!("{e}"),
+        }
+    }
+    // Without its footer the recording is whole but for the word that it is.
+    assert_eq!(most, 250);
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn damage_names_a_place_or_changes_numbers_only() {
+    let path = temp("flip");
+    write(&path, &snapshots(90));
+    let bytes = std::fs::read(&path).unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(5);
+    for _ in 0..150 {
+        let mut damaged = bytes.clone();
+        for _ in 0..3 {
+            let at = rng.random_range(0..bytes.len());
+            damaged[at] ^= 1 << rng.random_range(0..8);
+        }
+        std::fs::write(&path, &damaged).unwrap();
+        match read_rrd(&path) {
+            Ok(r) => assert!(r.trace.snapshots.len() <= 90),
+            Err(RecordingError::Corrupt { offset, .. }) => {
+                assert!(offset < bytes.len() as u64);
+            }
+            Err(RecordingError::Unsupported { .. }) => {}
+            Err(e) => panic!("{e}"),
+        }
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn full_disk_stops_cleanly_and_keeps_what_was_whole() {
+    let path = temp("full");
+    let written = snapshots(400);
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    let mut error = None;
+    for (i, s) in written.iter().enumerate() {
+        if i == 200 {
+            w.fill_disk_after(5000);
+        }
+        if let Err(e) = w.push(s) {
+            error = Some((i, e));
+            break;
+        }
+    }
+    let (at, error) = error.unwrap();
+    assert!(matches!(error, RecordingError::Write { .. }) && at < 300);
+    assert!(matches!(
+        w.push(&written[at + 1]),
+        Err(RecordingError::Stopped { .. })
+    ));
+    let rows = w.summary().rows as usize;
+    drop(w);
+    let r = read_rrd(&path).unwrap();
+    assert!(!r.complete && rows > 100);
+    assert_eq!(r.trace.snapshots.len(), rows);
+    assert_same(&r.trace.snapshots, &written);
+    std::fs::remove_file(path).unwrap();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn no_room_at_all_is_an_error() {
+    let full = std::path::Path::new("/dev/full");
+    assert!(matches!(
+        RecordingWriter::create(full, meta()),
+        Err(RecordingError::Write { .. })
+    ));
+}
+
+#[test]
+fn repeats_and_unsound_values_are_left_out() {
+    let path = temp("unsound");
+    let mut written = snapshots(3);
+    written[1].raw.as_mut().unwrap().imu[2].gyro_rad_s[1] = f64::NAN;
+    written[1].estimate.as_mut().unwrap().covariance[(2, 2)] = f64::INFINITY;
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    for s in &written {
+        w.push(s).unwrap();
+        w.push(s).unwrap();
+    }
+    let summary = w.finish().unwrap();
+    assert_eq!(
+        (summary.rows, summary.repeated, summary.rejected),
+        (3, 3, 2)
+    );
+    let r = read_rrd(&path).unwrap();
+    let middle = &r.trace.snapshots[1];
+    assert!(middle.raw.is_none() && middle.estimate.is_none() && middle.sensors.is_some());
+    assert_eq!(r.trace.snapshots[2].raw, written[2].raw);
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn dropping_ends_the_file() {
+    let path = temp("drop");
+    let written = snapshots(10);
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    for s in &written {
+        w.push(s).unwrap();
+    }
+    drop(w);
+    let r = read_rrd(&path).unwrap();
+    assert!(r.complete && r.trace.snapshots.len() == 10);
+    std::fs::remove_file(path).unwrap();
+}
+
+/// A second of data is on disk without anyone asking for it.
+#[test]
+fn less_than_a_second_is_at_risk() {
+    let path = temp("risk");
+    let written = snapshots(300);
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    for (i, s) in written.iter().enumerate() {
+        w.push(s).unwrap();
+        if i % 37 == 0 {
+            let r = read_rrd(&path);
+            let until = r.ok().and_then(|r| r.recovered_until);
+            let lost_s = s.stamp.since(until.unwrap_or(Stamp::ZERO));
+            assert!(lost_s < 1.0, "{lost_s} s would be lost at {i}");
+        }
+    }
+    drop(w);
+    std::fs::remove_file(path).unwrap();
+}

@@ -1,0 +1,73 @@
+//! Stands in for the `.rrd` support in builds without it: the same calls, each a clear refusal.
+
+use std::path::Path;
+
+use super::{ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
+use crate::signal::{Snapshot, Stamp};
+
+/// Writes snapshots to an `.rrd` file. This build cannot.
+#[derive(Debug)]
+pub struct RecordingWriter {
+    never: std::convert::Infallible,
+}
+
+impl RecordingWriter {
+    /// Begins a recording. In this build always an error.
+    ///
+    /// # Errors
+    /// [`RecordingError::WithoutRrd`].
+    pub fn create(path: &Path, _meta: RecordingMeta) -> Result<Self, RecordingError> {
+        Err(without(path))
+    }
+
+    /// Records a snapshot.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn push(&mut self, _snapshot: &Snapshot) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Records one line of the event log.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn event(&mut self, _stamp: Stamp, _text: &str) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Writes what is waiting.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn flush(&mut self) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn finish(self) -> Result<RecordingSummary, RecordingError> {
+        match self.never {}
+    }
+
+    /// Counts so far.
+    pub fn summary(&self) -> &RecordingSummary {
+        match self.never {}
+    }
+}
+
+/// Reads a recording. In this build always an error.
+///
+/// # Errors
+/// [`RecordingError::WithoutRrd`].
+pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
+    Err(without(path))
+}
+
+fn without(path: &Path) -> RecordingError {
+    RecordingError::WithoutRrd {
+        path: path.to_owned(),
+    }
+}

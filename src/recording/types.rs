@@ -1,0 +1,166 @@
+use serde::Serialize;
+
+use crate::signal::{CHAMBERS, Stamp, Trace};
+
+/// What a recording tells about its session as a whole.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RecordingMeta {
+    /// Name of the session.
+    pub name: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// SHA-256 of the robot file, hexadecimal.
+    pub robot_hash: String,
+    /// What the data came from: `virtual rig`, a port name.
+    pub source: String,
+    /// Whether the data are simulated.
+    pub simulated: bool,
+    /// Mass the operator declared at the start, kg.
+    pub payload_kg: f64,
+    /// What to draw around the arm's centre lines; not read back.
+    pub drawing: Option<ArmDrawing>,
+}
+
+/// Sizes of the parts that a viewer shall see.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmDrawing {
+    /// Centre of each bellows in its segment's cross-section, m.
+    pub bellows_m: [[f64; 3]; CHAMBERS],
+    /// Radius the bellows are drawn with, m.
+    pub bellows_radius_m: f64,
+    /// Radius of the pads, m.
+    pub pad_radius_m: f64,
+    /// Thickness of the pads, m.
+    pub pad_thickness_m: f64,
+}
+
+/// One line of a recording's log.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RecordedEvent {
+    /// When.
+    pub stamp: Stamp,
+    /// Which log: `mode`, `events`, `alarms`.
+    pub log: String,
+    /// What happened.
+    pub text: String,
+}
+
+/// One channel of a recording or session log.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Channel {
+    /// Name: a column, or the path of an entity.
+    pub name: String,
+    /// Unit; empty where there is none.
+    pub unit: String,
+    /// Number of rows that hold a value.
+    pub rows: u64,
+    /// Mean rate over the channel's own span, Hz; 0 below two rows.
+    pub rate_hz: f64,
+}
+
+impl Channel {
+    /// A channel with `rows` values between two times.
+    pub(crate) fn new(name: String, rows: u64, first: Stamp, last: Stamp) -> Self {
+        let span_s = last.since(first);
+        let rate_hz = if rows > 1 && span_s > 0.0 {
+            (rows - 1) as f64 / span_s
+        } else {
+            0.0
+        };
+        Self {
+            unit: unit_of(&name).to_owned(),
+            name,
+            rows,
+            rate_hz,
+        }
+    }
+}
+
+/// The unit that a name's ending stands for.
+fn unit_of(name: &str) -> &'static str {
+    const UNITS: [(&str, &str); 15] = [
+        ("_rad_s", "rad/s"),
+        ("_m_s2", "m/s²"),
+        ("_kpa", "kPa"),
+        ("_pa", "Pa"),
+        ("_mm", "mm"),
+        ("_deg", "deg"),
+        ("_rad", "rad"),
+        ("_kg", "kg"),
+        ("_hz", "Hz"),
+        ("_ticks", "ticks"),
+        ("_counts", "counts"),
+        ("_ms", "ms"),
+        ("_s", "s"),
+        ("_n", "N"),
+        ("_m", "m"),
+    ];
+    UNITS
+        .iter()
+        .find(|(ending, _)| name.ends_with(ending))
+        .map_or("", |(_, unit)| unit)
+}
+
+/// A recording in memory.
+#[derive(Clone, Debug)]
+pub struct ReadRecording {
+    /// The snapshots. Raw frames, sensors, estimates, ground truth, goals, references and commands
+    /// are those that were recorded, bit for bit; shapes, previews and alarms are not kept.
+    pub trace: Trace,
+    /// The session as a whole.
+    pub meta: RecordingMeta,
+    /// Whether the recording was ended properly: its footer is there.
+    pub complete: bool,
+    /// For a recording that was cut: the last snapshot that could be recovered.
+    pub recovered_until: Option<Stamp>,
+    /// The logs, in order of time.
+    pub events: Vec<RecordedEvent>,
+    /// What the file holds, in order of name.
+    pub channels: Vec<Channel>,
+}
+
+/// How a recording ended.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RecordingSummary {
+    /// Snapshots in the file.
+    pub rows: u64,
+    /// Snapshots that found the queue full.
+    pub dropped: u64,
+    /// Snapshots whose time did not advance; not recorded.
+    pub repeated: u64,
+    /// Parts of snapshots with a value that is not finite; not recorded.
+    pub rejected: u64,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+    /// Why the recording stopped before it was asked to, as one sentence.
+    pub failed: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_come_from_the_longest_ending() {
+        for (name, unit) in [
+            ("/sensors/raw/gyro_rad_s", "rad/s"),
+            ("/sensors/raw/accel_m_s2", "m/s²"),
+            ("p1_kpa", "kPa"),
+            ("/sensors/raw/pressure_pa", "Pa"),
+            ("t_s", "s"),
+            ("/mode", ""),
+        ] {
+            assert_eq!(unit_of(name), unit, "{name}");
+        }
+    }
+
+    #[test]
+    fn rate_is_intervals_over_span() {
+        let c = Channel::new("x_mm".into(), 101, Stamp::ZERO, Stamp::from_seconds(1.0));
+        assert!((c.rate_hz - 100.0).abs() < 1e-9);
+        assert_eq!(
+            Channel::new("x".into(), 1, Stamp::ZERO, Stamp::ZERO).rate_hz,
+            0.0
+        );
+    }
+}
