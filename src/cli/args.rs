@@ -52,7 +52,9 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v <= 8.0 => Ok(v),
-        _ => Err(format!("'{text}' must be a number greater than 0 and at most 8")),
+        _ => Err(format!(
+            "'{text}' must be a number greater than 0 and at most 8"
+        )),
     }
 }
 
@@ -61,7 +63,9 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     let parse = |s: &str| s.parse().ok().filter(|v| (64..=8192).contains(v));
     text.split_once('x')
         .and_then(|(w, h)| Some([parse(w)?, parse(h)?]))
-        .ok_or_else(|| format!("'{text}' is not a size: write WxH, for example 1280x720 (64 to 8192)"))
+        .ok_or_else(|| {
+            format!("'{text}' is not a size: write WxH, for example 1280x720 (64 to 8192)")
+        })
 }
 
 /// `i/n`, 1-based.

@@ -247,7 +247,12 @@ pub fn board_config(robot: &RobotSpec) -> Config {
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps(None)?;
-    let twin = Twin::new(robot, maps, model::sensing(robot, None)?, a.controller.into());
+    let twin = Twin::new(
+        robot,
+        maps,
+        model::sensing(robot, None)?,
+        a.controller.into(),
+    );
     #[expect(
         clippy::disallowed_methods,
         reason = "the command owns the main thread and its time"
@@ -358,6 +363,38 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         payload: a.payload,
         seed: a.seed,
         controller: a.controller,
+    };
+    run(&run_args, robot_file, robot)
+}
+
+/// `record`: the same as `run --headless --record`.
+#[derive(Args)]
+pub struct RecordArgs {
+    /// Where to put the recording
+    #[arg(value_name = "F.rrd")]
+    out: PathBuf,
+    /// How long, s
+    #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
+    seconds: f64,
+    /// Where the boards are: `sim`, `pty`, or a serial port
+    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    rig: String,
+    /// Steer the tip there meanwhile, mm
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    target: Option<[f64; 3]>,
+}
+
+/// `record`.
+pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
+    let run_args = RunArgs {
+        headless: true,
+        seconds: a.seconds,
+        rig: a.rig.clone(),
+        record: Some(a.out.clone()),
+        target: a.target,
+        payload: 0.0,
+        seed: 1,
+        controller: Kind::Ours,
     };
     run(&run_args, robot_file, robot)
 }

@@ -5,6 +5,7 @@
 
 mod args;
 mod data;
+mod files;
 mod live;
 mod model;
 mod ports;
@@ -51,6 +52,12 @@ enum Command {
     Run(live::RunArgs),
     /// Steer the tip to a point and tell how it went
     Goto(live::GotoArgs),
+    /// Record a rig for a while
+    Record(live::RecordArgs),
+    /// What is in a recording or session
+    Inspect(files::InspectArgs),
+    /// Check adapter, ports, viewer and files, and say what to do
+    Doctor,
     /// The virtual rig on a pseudo-terminal, speaking the wire protocol; prints the port
     Rig(live::RigArgs),
     /// A picture of a screen, made without a window
@@ -106,9 +113,18 @@ fn run(cli: &Cli) -> Result<Report> {
     let robot = load_robot(cli.robot.as_deref())?;
     match &cli.command {
         #[cfg(feature = "gui")]
-        None => window::open("pty", 0.0, 1, live::Kind::Ours, cli.robot.as_deref(), &robot),
+        None => window::open(
+            "pty",
+            0.0,
+            1,
+            live::Kind::Ours,
+            cli.robot.as_deref(),
+            &robot,
+        ),
         #[cfg(not(feature = "gui"))]
-        None => anyhow::bail!("this program was built without its window: use springtwin run --headless"),
+        None => anyhow::bail!(
+            "this program was built without its window: use springtwin run --headless"
+        ),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
         Some(Command::Train(a)) => data::train(a, cli.json),
@@ -118,10 +134,20 @@ fn run(cli: &Cli) -> Result<Report> {
         #[cfg(feature = "gui")]
         Some(Command::Run(a)) if !a.headless => {
             args::payload_in_range(&robot, a.payload)?;
-            window::open(&a.rig, a.payload, a.seed, a.controller, cli.robot.as_deref(), &robot)
+            window::open(
+                &a.rig,
+                a.payload,
+                a.seed,
+                a.controller,
+                cli.robot.as_deref(),
+                &robot,
+            )
         }
         Some(Command::Run(a)) => live::run(a, cli.robot.as_deref(), &robot),
         Some(Command::Goto(a)) => live::goto(a, cli.robot.as_deref(), &robot),
+        Some(Command::Record(a)) => live::record(a, cli.robot.as_deref(), &robot),
+        Some(Command::Inspect(a)) => files::inspect_command(a),
+        Some(Command::Doctor) => files::doctor(&robot),
         Some(Command::Rig(a)) => live::rig(a, &robot),
         Some(Command::Completions { shell }) => {
             clap_complete::generate(

@@ -24,22 +24,42 @@ use springtwin::twin::{Command, Port, Runner, Twin, run_in_simulated_time, spawn
 const HULL_POINTS: usize = 1500;
 
 /// Opens the window on a rig and returns when it is closed.
-pub fn open(rig: &str, payload_kg: f64, seed: u64, kind: Kind, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
+pub fn open(
+    rig: &str,
+    payload_kg: f64,
+    seed: u64,
+    kind: Kind,
+    robot_file: Option<&Path>,
+    robot: &RobotSpec,
+) -> Result<Report> {
     if cfg!(target_os = "linux")
         && std::env::var_os("DISPLAY").is_none()
         && std::env::var_os("WAYLAND_DISPLAY").is_none()
     {
         anyhow::bail!("there is no display: use `springtwin run --headless`, or set DISPLAY");
     }
-    #[expect(clippy::disallowed_methods, reason = "the command owns the session's time")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the command owns the session's time"
+    )]
     let start = std::time::Instant::now();
     let maps = model::maps(None)?;
     let reachable = hull(&maps);
     let twin = Twin::new(robot, maps, model::sensing(robot, None)?, kind.into());
     let port: Box<dyn Port> = match rig {
-        "sim" => Box::new(InProcess::new(robot, &rig_options(payload_kg, seed), board_config(robot))?),
-        "pty" if cfg!(unix) => Box::new(SerialRig::spawn(payload_kg, seed, robot_file, robot, start)?),
-        "pty" => Box::new(InProcess::new(robot, &rig_options(payload_kg, seed), board_config(robot))?),
+        "sim" => Box::new(InProcess::new(
+            robot,
+            &rig_options(payload_kg, seed),
+            board_config(robot),
+        )?),
+        "pty" if cfg!(unix) => Box::new(SerialRig::spawn(
+            payload_kg, seed, robot_file, robot, start,
+        )?),
+        "pty" => Box::new(InProcess::new(
+            robot,
+            &rig_options(payload_kg, seed),
+            board_config(robot),
+        )?),
         port => Box::new(SerialRig::open(port, robot, start)?),
     };
     let runner = Runner::new(twin, port, robot);
@@ -57,7 +77,10 @@ pub fn open(rig: &str, payload_kg: f64, seed: u64, kind: Kind, robot_file: Optio
         let mut app = App::new(Some(handle), robot.clone(), services(&cc.egui_ctx));
         app.set_up(&cc.egui_ctx, cc.storage);
         app.operate.view3d.reachable = reachable;
-        app.operate.view3d.scene = cc.wgpu_render_state.as_ref().map(|rs| Scene::new(rs, &robot));
+        app.operate.view3d.scene = cc
+            .wgpu_render_state
+            .as_ref()
+            .map(|rs| Scene::new(rs, &robot));
         Ok(Box::new(app))
     });
     eframe::run_native("springtwin", options, create).map_err(|e| {
@@ -69,7 +92,11 @@ pub fn open(rig: &str, payload_kg: f64, seed: u64, kind: Kind, robot_file: Optio
 /// Tip positions that the training data reached.
 fn hull(maps: &springtwin::twin::Maps) -> Vec<[f32; 3]> {
     let stride = (maps.seeds.len() / HULL_POINTS).max(1);
-    maps.seeds.iter().step_by(stride).map(|(_, m)| m.map(|x| x as f32)).collect()
+    maps.seeds
+        .iter()
+        .step_by(stride)
+        .map(|(_, m)| m.map(|x| x as f32))
+        .collect()
 }
 
 /// Folders that are looked through for recordings.
@@ -87,20 +114,29 @@ pub fn library_folders() -> Vec<PathBuf> {
 fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
     let mut found = Vec::new();
     for folder in folders {
-        let Ok(entries) = std::fs::read_dir(folder) else { continue };
+        let Ok(entries) = std::fs::read_dir(folder) else {
+            continue;
+        };
         for entry in entries.flatten() {
             let path = entry.path();
             let is_session = path.join("session.toml").is_file();
             if !is_session && path.extension().is_none_or(|e| e != "rrd") {
                 continue;
             }
-            let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+            let name = path
+                .file_stem()
+                .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
             let bytes = if is_session {
                 std::fs::metadata(path.join("log.csv")).map_or(0, |m| m.len())
             } else {
                 entry.metadata().map_or(0, |m| m.len())
             };
-            found.push(RecordingEntry { path, name, bytes, ..RecordingEntry::default() });
+            found.push(RecordingEntry {
+                path,
+                name,
+                bytes,
+                ..RecordingEntry::default()
+            });
         }
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));
@@ -112,7 +148,9 @@ pub fn load(path: &Path) -> Result<Trace, String> {
     if path.extension().is_some_and(|e| e == "rrd") {
         read_rrd(path).map(|r| r.trace).map_err(|e| e.to_string())
     } else {
-        read_session(path).map(|log| log.to_trace()).map_err(|e| e.to_string())
+        read_session(path)
+            .map(|log| log.to_trace())
+            .map_err(|e| e.to_string())
     }
 }
 
@@ -123,11 +161,13 @@ fn services(ctx: &egui::Context) -> Services {
         load: Box::new(move |path| {
             let (tx, rx) = sync_channel(1);
             let (path, ctx) = (path.to_owned(), ctx.clone());
-            let spawned = std::thread::Builder::new().name("loader".to_owned()).spawn(move || {
-                // The window may have given up waiting.
-                let _ = tx.send(load(&path));
-                ctx.request_repaint();
-            });
+            let spawned = std::thread::Builder::new()
+                .name("loader".to_owned())
+                .spawn(move || {
+                    // The window may have given up waiting.
+                    let _ = tx.send(load(&path));
+                    ctx.request_repaint();
+                });
             match spawned {
                 Ok(_) => rx,
                 Err(e) => ready(Err(format!("cannot start a thread to load with: {e}"))),
@@ -147,14 +187,22 @@ fn open_in_rerun(path: &Path) -> Result<(), String> {
         .stderr(std::process::Stdio::null())
         .spawn()
         .map(|_| ())
-        .map_err(|_| "The Rerun viewer is not installed: pip install rerun-sdk==0.36.3, then try again.".to_owned())
+        .map_err(|_| {
+            "The Rerun viewer is not installed: pip install rerun-sdk==0.36.3, then try again."
+                .to_owned()
+        })
 }
 
 /// `recordings/<UTC time>.rrd`.
 pub fn default_recording() -> PathBuf {
-    #[expect(clippy::disallowed_methods, reason = "a file name tells when it was made")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "a file name tells when it was made"
+    )]
     let now = std::time::SystemTime::now();
-    let seconds = now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    let seconds = now
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_or(0, |d| d.as_secs());
     PathBuf::from("recordings").join(format!("session-{seconds}.rrd"))
 }
 
@@ -226,7 +274,9 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
         app.operate.draft.set(target_m, &mut Vec::new());
     }
     let picture = offscreen.render(|ui| app.frame(ui))?;
-    picture.save(&a.out).with_context(|| format!("cannot write {}", a.out.display()))?;
+    picture
+        .save(&a.out)
+        .with_context(|| format!("cannot write {}", a.out.display()))?;
     Ok(Report {
         text: format!("{} ({}x{})", a.out.display(), pixels[0], pixels[1]),
         json: json!({"out": a.out, "width": pixels[0], "height": pixels[1]}),
@@ -234,7 +284,11 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
 }
 
 /// Twelve seconds of the virtual rig on its way to a target.
-fn demonstration(robot: &RobotSpec, maps: springtwin::twin::Maps, preview: Option<[f64; 3]>) -> Result<Vec<Snapshot>> {
+fn demonstration(
+    robot: &RobotSpec,
+    maps: springtwin::twin::Maps,
+    preview: Option<[f64; 3]>,
+) -> Result<Vec<Snapshot>> {
     let twin = Twin::new(robot, maps, model::sensing(robot, None)?, Kind::Ours.into());
     let port = InProcess::new(robot, &rig_options(0.0, 1), board_config(robot))?;
     let mut runner = Runner::new(twin, Box::new(port), robot);
@@ -246,7 +300,11 @@ fn demonstration(robot: &RobotSpec, maps: springtwin::twin::Maps, preview: Optio
             1150 => commands.extend(preview.map(|m| Command::Preview(Goal::position(m)))),
             _ => {}
         }
-        if kept.len() < 1200 { std::ops::ControlFlow::Continue(()) } else { std::ops::ControlFlow::Break(()) }
+        if kept.len() < 1200 {
+            std::ops::ControlFlow::Continue(())
+        } else {
+            std::ops::ControlFlow::Break(())
+        }
     });
     Ok(kept)
 }

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use super::{Command, Event};
 use crate::control::{
-    Controller, ControllerKind, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput, reach,
+    Controller, ControllerKind, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput,
+    reach,
 };
 use crate::learn::{PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
@@ -89,7 +90,13 @@ impl Twin {
         let shape_state = State::rest(&model);
         Self {
             robot: robot.clone(),
-            controller: Controller::new(robot, Gains { kind, ..Gains::default() }),
+            controller: Controller::new(
+                robot,
+                Gains {
+                    kind,
+                    ..Gains::default()
+                },
+            ),
             maps,
             sensing,
             model,

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use super::{Command, Event, Handle, Twin};
-use crate::recording::{Recorder, RecordingMeta};
+use crate::recording::{ArmDrawing, Recorder, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
 
@@ -103,9 +103,9 @@ impl Runner {
         }
         let snapshot = Arc::new(self.twin.snapshot());
         if let Some((_, recorder)) = &self.recorder {
-            recorder.push(&snapshot);
+            recorder.push(Arc::clone(&snapshot));
             for event in &events {
-                recorder.event(now, &event.text());
+                recorder.event(now, event.text());
             }
         }
         (snapshot, events)
@@ -136,7 +136,7 @@ impl Runner {
             source: now_known.link.source,
             simulated,
             payload_kg: now_known.payload_kg,
-            drawing: None,
+            drawing: Some(drawing(&self.robot)),
         };
         match Recorder::start(path, meta) {
             Ok(recorder) => {
@@ -158,21 +158,29 @@ impl Runner {
             return;
         };
         self.twin.observe_recording(None);
-        let text = match recorder.stop() {
-            Ok(summary) if summary.dropped > 0 => format!(
-                "Recorded {} ({} snapshots, {} dropped because the disk was too slow).",
+        let summary = recorder.stop();
+        let text = match (&summary.failed, summary.dropped) {
+            (Some(reason), _) => {
+                format!("The recording {} stopped early: {reason}", path.display())
+            }
+            (None, 0) => format!("Recorded {} ({} snapshots).", path.display(), summary.rows),
+            (None, dropped) => format!(
+                "Recorded {} ({} snapshots, {dropped} dropped because the disk was too slow).",
                 path.display(),
-                summary.written,
-                summary.dropped
+                summary.rows,
             ),
-            Ok(summary) => format!(
-                "Recorded {} ({} snapshots).",
-                path.display(),
-                summary.written
-            ),
-            Err(e) => e.to_string(),
         };
         events.push(Event::Recording { stamp: now, text });
+    }
+}
+
+/// What a viewer draws around the arm's centre lines.
+fn drawing(robot: &RobotSpec) -> ArmDrawing {
+    ArmDrawing {
+        bellows_m: robot.bellows_m.map(Into::into),
+        bellows_radius_m: 0.5 * robot.bellows_outer_diameter_m,
+        pad_radius_m: robot.bellows_m[0].norm() + 0.5 * robot.bellows_outer_diameter_m,
+        pad_thickness_m: robot.pad_thickness_m,
     }
 }
 

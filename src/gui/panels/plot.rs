@@ -229,7 +229,11 @@ impl TimePlot<'_> {
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
             .x_axis_formatter(|mark, _| {
                 // Nothing happened before the session began.
-                if mark.value < -1e-9 { String::new() } else { clock(mark.value, mark.step_size) }
+                if mark.value < -1e-9 {
+                    String::new()
+                } else {
+                    clock(mark.value, mark.step_size)
+                }
             })
             .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
             .x_grid_spacer(move |_| marks_of_time(range, width / 90.0))

@@ -48,25 +48,45 @@ pub fn scene_view(
     let input = SceneInput {
         trail_predicted: &predicted,
         trail_truth: &truth,
-        theme: if ui.visuals().dark_mode { Theme::Dark } else { Theme::Light },
-        picking: if view.replay.is_some() { Picking::Disabled } else { Picking::Enabled },
+        theme: if ui.visuals().dark_mode {
+            Theme::Dark
+        } else {
+            Theme::Light
+        },
+        picking: if view.replay.is_some() {
+            Picking::Disabled
+        } else {
+            Picking::Enabled
+        },
         selected_spring: state.selected_spring,
         draft_target: draft_m,
         // The hull helps while a target is being chosen and is in the way otherwise.
-        reachable: if draft_m.is_some() { &state.reachable } else { &[] },
+        reachable: if draft_m.is_some() {
+            &state.reachable
+        } else {
+            &[]
+        },
         ..SceneInput::new(view.snapshot)
     };
     let out = scene.ui(ui, &input);
     if let Some(Entity::Spring(i)) = out.clicked {
-        state.selected_spring = if state.selected_spring == Some(i) { None } else { Some(i) };
+        state.selected_spring = if state.selected_spring == Some(i) {
+            None
+        } else {
+            Some(i)
+        };
     }
-    View3dOutput { clicked_target: out.dragged_target.or(out.clicked_target) }
+    View3dOutput {
+        clicked_target: out.dragged_target.or(out.clicked_target),
+    }
 }
 
 /// The last tip positions, oldest first, m.
 fn trail(view: &View<'_>, channel: fn(usize) -> Channel) -> Vec<[f32; 3]> {
     let axis = |i| {
-        let values = view.history.values(channel(i), view.now_s - TRAIL_S, view.now_s);
+        let values = view
+            .history
+            .values(channel(i), view.now_s - TRAIL_S, view.now_s);
         values.map(|mm| (mm * 1e-3) as f32).collect::<Vec<f32>>()
     };
     let (x, y, z) = (axis(0), axis(1), axis(2));

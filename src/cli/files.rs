@@ -1,0 +1,200 @@
+//! `inspect` and `doctor`: what files, ports and adapters are like.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::{Report, model};
+use springtwin::recording::inspect;
+use springtwin::robot::RobotSpec;
+
+#[derive(Args)]
+pub struct InspectArgs {
+    /// Recording (.rrd), session folder or session.toml
+    #[arg(value_name = "F.rrd|SESSION")]
+    file: PathBuf,
+}
+
+/// `inspect`.
+pub fn inspect_command(a: &InspectArgs) -> Result<Report> {
+    let found = inspect(&a.file)?;
+    let state = match (found.complete, found.recovered_until) {
+        (true, _) => "complete".to_owned(),
+        (false, Some(t)) => format!("cut off: recovered up to {t:.2} s"),
+        (false, None) => "cut off: nothing could be recovered".to_owned(),
+    };
+    let origin = match found.simulated {
+        Some(true) => " (simulated)",
+        Some(false) => " (measured)",
+        None => "",
+    };
+    let mut text = format!(
+        "{}{origin}: {:.2} s, {} samples, {state}, payload {} kg",
+        found.name, found.seconds, found.samples, found.payload_kg
+    );
+    for c in &found.channels {
+        text.push_str(&format!(
+            "\n  {:<34} {:>8} rows {:>8.1} Hz  {}",
+            c.name, c.rows, c.rate_hz, c.unit
+        ));
+    }
+    Ok(Report {
+        text,
+        json: serde_json::to_value(&found)?,
+    })
+}
+
+struct Check {
+    name: &'static str,
+    ok: bool,
+    says: String,
+}
+
+/// `doctor`: checks the graphics adapter, ports, viewer and files, and says what to do.
+pub fn doctor(robot: &RobotSpec) -> Result<Report> {
+    let mut checks = vec![
+        networks(robot),
+        calibration(robot),
+        ports(),
+        viewer(),
+        folder(),
+    ];
+    #[cfg(feature = "gui")]
+    checks.push(adapter());
+    #[cfg(all(unix, feature = "gui"))]
+    checks.push(display());
+    let ok = checks.iter().all(|c| c.ok);
+    let text = checks
+        .iter()
+        .map(|c| {
+            format!(
+                "{} {:<12} {}",
+                if c.ok { "ok  " } else { "LOOK" },
+                c.name,
+                c.says
+            )
+        })
+        .collect::<Vec<_>>()
+        .join("\n");
+    let list: Vec<Value> = checks
+        .iter()
+        .map(|c| json!({"name": c.name, "ok": c.ok, "says": c.says}))
+        .collect();
+    Ok(Report {
+        text,
+        json: json!({"ok": ok, "checks": list}),
+    })
+}
+
+fn networks(robot: &RobotSpec) -> Check {
+    let (ok, says) = match model::model(None) {
+        Ok(m) if m.scores.smap.data.robot_hash == robot.hash => (true, "the networks belong to this robot file".to_owned()),
+        Ok(_) => (false, "the networks were trained for another robot file: run `springtwin dataset generate` and `springtwin train`".to_owned()),
+        Err(e) => (false, format!("{e:#}")),
+    };
+    Check {
+        name: "networks",
+        ok,
+        says,
+    }
+}
+
+fn calibration(robot: &RobotSpec) -> Check {
+    let (ok, says) = match model::sensing(robot, None) {
+        Ok(_) => (true, "the virtual rig's calibration loads".to_owned()),
+        Err(e) => (false, format!("{e:#}")),
+    };
+    Check {
+        name: "calibration",
+        ok,
+        says,
+    }
+}
+
+fn ports() -> Check {
+    let found = springtwin::link::serial::ports();
+    let says = if found.is_empty() {
+        "no serial port: connect the boards, or use the virtual rig".to_owned()
+    } else {
+        found.join(", ")
+    };
+    // The virtual rig needs none.
+    Check {
+        name: "ports",
+        ok: true,
+        says,
+    }
+}
+
+fn viewer() -> Check {
+    let found = std::process::Command::new("rerun")
+        .arg("--version")
+        .output();
+    let (ok, says) = match found {
+        Ok(out) => (true, String::from_utf8_lossy(&out.stdout).lines().next().unwrap_or("found").to_owned()),
+        Err(_) => (false, "the Rerun viewer is not installed (only needed for Open in Rerun): pip install rerun-sdk==0.36.3".to_owned()),
+    };
+    Check {
+        name: "viewer",
+        ok,
+        says,
+    }
+}
+
+fn folder() -> Check {
+    let dir = Path::new("recordings");
+    let (ok, says) = match std::fs::metadata(dir) {
+        Ok(m) if m.permissions().readonly() => (
+            false,
+            "the folder recordings/ cannot be written: give yourself the right to".to_owned(),
+        ),
+        Ok(_) => (true, "recordings/ is here".to_owned()),
+        Err(_) => (
+            true,
+            "recordings/ is made when the first recording starts".to_owned(),
+        ),
+    };
+    Check {
+        name: "recordings",
+        ok,
+        says,
+    }
+}
+
+#[cfg(feature = "gui")]
+fn adapter() -> Check {
+    match springtwin::gui::offscreen::Offscreen::new([64, 64], 1.0) {
+        Ok(o) => {
+            let info = o.render_state().adapter.get_info();
+            Check {
+                name: "graphics",
+                ok: true,
+                says: format!("{} ({:?}, {:?})", info.name, info.backend, info.device_type),
+            }
+        }
+        Err(e) => Check {
+            name: "graphics",
+            ok: false,
+            says: e.to_string(),
+        },
+    }
+}
+
+#[cfg(all(unix, feature = "gui"))]
+fn display() -> Check {
+    let ok = std::env::var_os("DISPLAY").is_some()
+        || std::env::var_os("WAYLAND_DISPLAY").is_some()
+        || cfg!(target_os = "macos");
+    let says = if ok {
+        "a display is there"
+    } else {
+        "no display: the window cannot open; use `springtwin run --headless`"
+    };
+    Check {
+        name: "display",
+        ok,
+        says: says.to_owned(),
+    }
+}
