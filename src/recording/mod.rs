@@ -2,13 +2,17 @@
 //!
 //! - Recordings ([`RecordingWriter`], [`read_rrd`]): `.rrd` files that hold whole snapshots, for
 //!   replay and for the Rerun viewer. Only the submodule `rrd` knows rerun.
+//!   [`Recorder`] writes one on a thread of its own.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
+//! - [`inspect`] tells what is in either.
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet.
 
 mod csv;
 mod dataset;
 mod error;
+mod inspect;
 mod log;
+mod recorder;
 #[cfg(feature = "rrd")]
 mod rrd;
 #[cfg(not(feature = "rrd"))]
@@ -18,7 +22,9 @@ mod types;
 
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use error::RecordingError;
+pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
 pub use log::{SessionLog, parse_log, read_session, write_session};
+pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
 pub use rrd::{RecordingWriter, read_rrd};
 pub use types::{
     ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,

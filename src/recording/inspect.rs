@@ -1,0 +1,302 @@
+//! What is in a recording or a session log, and how sound it is.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::log::{column_names, median_step_s};
+use super::{Channel, RecordingError, SessionLog, read_rrd, read_session};
+use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
+
+/// Steps longer than this many usual ones are gaps.
+const GAP_STEPS: f64 = 1.5;
+
+/// What kind of file was inspected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum InspectedKind {
+    /// An `.rrd` file.
+    Recording,
+    /// A folder with `session.toml`, or a bare table.
+    Session,
+}
+
+/// What is in a file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Inspection {
+    /// Kind of file.
+    pub kind: InspectedKind,
+    /// Name of the session.
+    pub name: String,
+    /// Every channel.
+    pub channels: Vec<Channel>,
+    /// Time from the first to the last sample, s.
+    pub seconds: f64,
+    /// Number of samples.
+    pub samples: u64,
+    /// Whether the file was ended properly.
+    pub complete: bool,
+    /// For a recording that was cut: session time of the last sample that was recovered, s.
+    pub recovered_until: Option<f64>,
+    /// What is missing.
+    pub health: FileHealth,
+    /// Whether the data are simulated; unknown for session logs.
+    pub simulated: Option<bool>,
+    /// Mass the operator declared, kg.
+    pub payload_kg: f64,
+}
+
+/// What is missing from a file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct FileHealth {
+    /// Values that should be there and are not.
+    pub missing_cells: u64,
+    /// Places where the time steps by more than one and a half usual steps.
+    pub gaps: u64,
+    /// The longest step in time, s.
+    pub longest_step_s: f64,
+    /// Channels that are not sound throughout.
+    pub channels: Vec<ChannelReport>,
+}
+
+/// What is wrong with one channel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChannelReport {
+    /// Name.
+    pub name: String,
+    /// Samples without a value.
+    pub missing: u64,
+    /// Samples that were marked as suspect, stuck or out of range.
+    pub flagged: u64,
+}
+
+/// Looks into a recording (`.rrd`) or a session log (folder, `session.toml` or `.csv`).
+///
+/// # Errors
+/// As [`read_rrd`] and [`read_session`].
+pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
+    let is_rrd = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
+    if is_rrd {
+        inspect_recording(path)
+    } else {
+        Ok(inspect_log(&read_session(path)?))
+    }
+}
+
+fn inspect_recording(path: &Path) -> Result<Inspection, RecordingError> {
+    let read = read_rrd(path)?;
+    let t_s: Vec<f64> = read
+        .trace
+        .snapshots
+        .iter()
+        .map(|s| s.stamp.seconds())
+        .collect();
+    let channels = trace_reports(&read.trace);
+    Ok(Inspection {
+        kind: InspectedKind::Recording,
+        name: read.meta.name,
+        channels: read.channels,
+        seconds: span_s(&t_s),
+        samples: t_s.len() as u64,
+        complete: read.complete,
+        recovered_until: read.recovered_until.map(Stamp::seconds),
+        health: file_health(&t_s, channels),
+        simulated: Some(read.meta.simulated),
+        payload_kg: read.meta.payload_kg,
+    })
+}
+
+/// What is in a session log that was read already.
+pub fn inspect_log(log: &SessionLog) -> Inspection {
+    let mut channels = Vec::new();
+    let mut reports = Vec::new();
+    let mut add = |name: String, present: &dyn Fn(usize) -> bool| {
+        let rows: Vec<usize> = (0..log.len()).filter(|n| present(*n)).collect();
+        let ends = rows.first().zip(rows.last());
+        let at = |n: usize| Stamp::from_seconds(log.t_s[n]);
+        let (first, last) = ends.map_or((Stamp::ZERO, Stamp::ZERO), |(a, b)| (at(*a), at(*b)));
+        let missing = (log.len() - rows.len()) as u64;
+        if missing > 0 {
+            reports.push(ChannelReport {
+                name: name.clone(),
+                missing,
+                flagged: 0,
+            });
+        }
+        channels.push(Channel::new(name, rows.len() as u64, first, last));
+    };
+    // In the order of `column_names`: time, chambers, springs, IMU angles, motion capture.
+    let mut names = column_names().into_iter().skip(1);
+    let mut next = || names.next().unwrap_or_default();
+    for i in 0..CHAMBERS {
+        add(next(), &|n| log.chamber_pa[n][i].is_finite());
+    }
+    for i in 0..SPRINGS {
+        add(next(), &|n| log.sensors[n].spring_m[i].is_finite());
+    }
+    for i in 0..IMUS {
+        for k in 0..3 {
+            add(next(), &|n| log.sensors[n].imu_ypr_rad[i][k].is_finite());
+        }
+    }
+    // A log without motion capture lacks a system, not cells.
+    if log.truth.iter().any(Option::is_some) {
+        for _ in 0..6 {
+            add(next(), &|n| log.truth[n].is_some());
+        }
+    }
+    if let Some(rows) = &log.commanded_pa {
+        for i in 0..CHAMBERS {
+            add(format!("u{}_kpa", i + 1), &|n| rows[n][i].is_finite());
+        }
+    }
+    if let Some(rows) = &log.payload_column_kg {
+        add("payload_kg".to_owned(), &|n| rows[n].is_finite());
+    }
+    Inspection {
+        kind: InspectedKind::Session,
+        name: log.name.clone(),
+        channels,
+        seconds: span_s(&log.t_s),
+        samples: log.len() as u64,
+        complete: true,
+        recovered_until: None,
+        health: file_health(&log.t_s, reports),
+        simulated: None,
+        payload_kg: log.payload_kg,
+    }
+}
+
+fn span_s(t_s: &[f64]) -> f64 {
+    match (t_s.first(), t_s.last()) {
+        (Some(first), Some(last)) => last - first,
+        _ => 0.0,
+    }
+}
+
+fn file_health(t_s: &[f64], channels: Vec<ChannelReport>) -> FileHealth {
+    let usual_s = median_step_s(t_s).unwrap_or(0.0);
+    let steps = || t_s.windows(2).map(|w| w[1] - w[0]);
+    FileHealth {
+        missing_cells: channels.iter().map(|c| c.missing).sum(),
+        gaps: steps().filter(|dt| *dt > GAP_STEPS * usual_s).count() as u64,
+        longest_step_s: steps().fold(0.0, f64::max),
+        channels,
+    }
+}
+
+/// Counts what the sensors' health said in each snapshot.
+fn trace_reports(trace: &Trace) -> Vec<ChannelReport> {
+    let mut reports: Vec<ChannelReport> = (1..=SPRINGS)
+        .map(|i| format!("spring{i}"))
+        .chain((1..=IMUS).map(|i| format!("imu{i}")))
+        .chain((1..=CHAMBERS).map(|i| format!("p{i}")))
+        .map(|name| ChannelReport {
+            name,
+            missing: 0,
+            flagged: 0,
+        })
+        .collect();
+    for snapshot in &trace.snapshots {
+        let Some(frame) = &snapshot.sensors else {
+            reports.iter_mut().for_each(|r| r.missing += 1);
+            continue;
+        };
+        let h = &frame.health;
+        let states = h.springs.iter().chain(&h.imus).chain(&h.chambers);
+        for (report, state) in reports.iter_mut().zip(states) {
+            match state {
+                ChannelHealth::Ok => {}
+                ChannelHealth::Missing => report.missing += 1,
+                ChannelHealth::Suspect | ChannelHealth::Stuck | ChannelHealth::OutOfRange => {
+                    report.flagged += 1;
+                }
+            }
+        }
+    }
+    reports.retain(|r| r.missing + r.flagged > 0);
+    reports
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::parse_log;
+
+    fn log() -> SessionLog {
+        let mut text = column_names().join(",");
+        for n in 0..10 {
+            // A row is lost between the fifth and the sixth.
+            let t_s = 0.02 * f64::from(if n < 5 { n } else { n + 1 });
+            let spring = if n == 3 { "" } else { "150" };
+            let cells = [&["1"; 6][..], &[spring; 12], &["2"; 18]].concat();
+            text.push_str(&format!("\n{t_s:.2},{}", cells.join(",")));
+        }
+        let mut log = parse_log(text.as_bytes(), Path::new("x.csv")).unwrap();
+        log.name = "x".into();
+        log.rate_hz = 50.0;
+        log
+    }
+
+    #[test]
+    fn counts_cells_and_gaps() {
+        let i = inspect_log(&log());
+        assert_eq!((i.samples, i.complete), (10, true));
+        assert!((i.seconds - 0.2).abs() < 1e-12);
+        assert_eq!(i.channels.len(), 36);
+        let spring = i.channels.iter().find(|c| c.name == "spring5_mm").unwrap();
+        assert_eq!((spring.rows, spring.unit.as_str()), (9, "mm"));
+        assert_eq!((i.health.missing_cells, i.health.gaps), (12, 1));
+        assert!((i.health.longest_step_s - 0.04).abs() < 1e-12);
+        assert_eq!(i.health.channels.len(), 12);
+    }
+
+    #[test]
+    fn json_has_the_keys_others_rely_on() {
+        let value = serde_json::to_value(inspect_log(&log())).unwrap();
+        for key in [
+            "channels",
+            "seconds",
+            "complete",
+            "recovered_until",
+            "health",
+        ] {
+            assert!(value.get(key).is_some(), "{key}");
+        }
+        assert_eq!(value["kind"], "session");
+        assert_eq!(value["channels"][0]["name"], "p1_kpa");
+        assert_eq!(value["channels"][0]["unit"], "kPa");
+    }
+
+    #[cfg(not(feature = "rrd"))]
+    #[test]
+    fn without_support_it_says_so() {
+        let e = inspect(Path::new("x.rrd")).unwrap_err();
+        assert!(e.to_string().contains("feature"), "{e}");
+    }
+
+    #[cfg(feature = "rrd")]
+    #[test]
+    fn recording_of_a_log_tells_the_same() {
+        use crate::recording::{RecordingMeta, RecordingWriter};
+        let path =
+            std::env::temp_dir().join(format!("springtwin-inspect-{}.rrd", std::process::id()));
+        let meta = RecordingMeta {
+            name: "x".into(),
+            ..RecordingMeta::default()
+        };
+        let mut w = RecordingWriter::create(&path, meta).unwrap();
+        for s in &log().to_trace().snapshots {
+            w.push(s).unwrap();
+        }
+        w.finish().unwrap();
+        let i = inspect(&path).unwrap();
+        assert_eq!(i.kind, InspectedKind::Recording);
+        assert!(i.complete && i.recovered_until.is_none() && i.simulated == Some(false));
+        assert_eq!((i.samples, i.health.gaps), (10, 1));
+        assert_eq!((i.health.missing_cells, i.health.channels.len()), (12, 12));
+        std::fs::remove_file(path).unwrap();
+    }
+}
