@@ -15,7 +15,7 @@ use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, Mode, Snapshot, Stamp, pose_error};
 use springtwin::twin::{
-    Command, Event, Pace, Port, Runner, Twin, run_in_real_time, run_in_simulated_time,
+    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time, run_in_simulated_time,
 };
 
 /// Time the boards get to introduce themselves, s.

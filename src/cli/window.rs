@@ -23,6 +23,9 @@ use springtwin::twin::{Command, Port, Runner, Twin, run_in_simulated_time, spawn
 /// Points of the reachable set that the view shows.
 const HULL_POINTS: usize = 1500;
 
+/// Where the virtual arm goes when the window opens, m.
+const WELCOME_M: [f64; 3] = [0.06, 0.04, -0.30];
+
 /// Opens the window on a rig and returns when it is closed.
 pub fn open(
     rig: &str,
@@ -63,6 +66,14 @@ pub fn open(
         port => Box::new(SerialRig::open(port, robot, start)?),
     };
     let runner = Runner::new(twin, port, robot);
+    // A newcomer sees the virtual arm move; hardware never moves unasked.
+    let first = match rig {
+        "sim" | "pty" => vec![
+            Command::DeclarePayload(payload_kg),
+            Command::Goto(Goal::position(WELCOME_M)),
+        ],
+        _ => Vec::new(),
+    };
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("springtwin")
@@ -73,7 +84,7 @@ pub fn open(
     let robot = robot.clone();
     let create: eframe::AppCreator<'_> = Box::new(move |cc| {
         let ctx = cc.egui_ctx.clone();
-        let handle = spawn(runner, start, move || ctx.request_repaint())?;
+        let handle = spawn(runner, start, first, move || ctx.request_repaint())?;
         let mut app = App::new(Some(handle), robot.clone(), services(&cc.egui_ctx));
         app.set_up(&cc.egui_ctx, cc.storage);
         app.operate.view3d.reachable = reachable;

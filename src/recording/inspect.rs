@@ -231,8 +231,7 @@ mod tests {
             // A row is lost between the fifth and the sixth.
             let t_s = 0.02 * f64::from(if n < 5 { n } else { n + 1 });
             let spring = if n == 3 { "" } else { "150" };
-            let cells = ["1"; 6].iter().chain(&[spring; 12]).chain(&["2"; 18]);
-            let cells: Vec<&str> = cells.copied().collect();
+            let cells = [&["1"; 6][..], &[spring; 12], &["2"; 18]].concat();
             text.push_str(&format!("\n{t_s:.2},{}", cells.join(",")));
         }
         let mut log = parse_log(text.as_bytes(), Path::new("x.csv")).unwrap();

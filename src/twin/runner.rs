@@ -12,6 +12,8 @@ use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot
 
 /// The twin's period, s.
 pub const TICK_S: f64 = 0.01;
+/// Frames after which the orientation filters have settled.
+pub const SETTLING_FRAMES: u64 = 100;
 /// Snapshots that wait for the window at most: two seconds' worth.
 const FEED: usize = 200;
 
@@ -240,7 +242,8 @@ pub fn run_in_simulated_time(
     }
 }
 
-/// Starts the twin's own thread. `repaint` is called after every snapshot. The thread ends when the
+/// Starts the twin's own thread. `first` is commanded once a second of frames has come in: by then
+/// the orientation filters have settled. `repaint` is called after every snapshot. The thread ends when the
 /// handle is dropped.
 ///
 /// # Errors
@@ -248,6 +251,7 @@ pub fn run_in_simulated_time(
 pub fn spawn(
     mut runner: Runner,
     start: Instant,
+    mut first: Vec<Command>,
     repaint: impl Fn() + Send + 'static,
 ) -> std::io::Result<Handle> {
     let (command_tx, command_rx): (SyncSender<Command>, Receiver<Command>) = sync_channel(64);

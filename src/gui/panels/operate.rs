@@ -54,12 +54,12 @@ pub fn default_layout() -> Tree<Pane> {
         }
         tiles.insert_container(Container::Linear(linear))
     };
-    let left = split(LinearDir::Vertical, &[(view, 0.56), (strips, 0.44)]);
+    let left = split(LinearDir::Vertical, &[(view, 0.64), (strips, 0.36)]);
     let middle = split(LinearDir::Vertical, &[(target, 0.6), (chambers, 0.4)]);
     let right = split(LinearDir::Vertical, &[(pose, 0.46), (sensors, 0.54)]);
     let root = split(
         LinearDir::Horizontal,
-        &[(left, 0.46), (middle, 0.25), (right, 0.29)],
+        &[(left, 0.50), (middle, 0.23), (right, 0.27)],
     );
     Tree::new(egui::Id::unique("operate"), root, tiles)
 }

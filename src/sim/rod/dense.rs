@@ -27,8 +27,7 @@ impl Factor {
                 row[j] = (row[j] - dot) / lj[j];
             }
             let d = row[i] - dot(&row[..i], &row[..i]);
-            // `!(d > ...)` also refuses NaN.
-            if !(d > f64::MIN_POSITIVE) {
+            if d.is_nan() || d <= f64::MIN_POSITIVE {
                 return false;
             }
             row[i] = d.sqrt();
