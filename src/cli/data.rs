@@ -14,9 +14,7 @@ use springtwin::recording::{read_dataset, read_session, write_dataset};
 use springtwin::rig::board::Readings;
 use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{
-    BOARDS, Dataset, ImuRaw, RawFrame, Sample, Stamp, pose_error, ypr_from_rotation,
-};
+use springtwin::signal::{BOARDS, Dataset, RawFrame, Sample, Stamp, pose_error, ypr_from_rotation};
 use springtwin::sim::dataset::{Draw, Plan, generate, pressures, sample_rng};
 
 #[derive(Subcommand)]
@@ -212,7 +210,7 @@ fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
         spring_counts: std::array::from_fn(|i| spring(i).count),
         spring_gate_ticks: std::array::from_fn(|i| spring(i).gate_ticks),
         tick_rate_hz: f64::from(springtwin::link::wire::TICK_RATE_HZ),
-        imu: std::array::from_fn(|i| readings[i / 2].imus[i % 2].unwrap_or(ImuRaw::default())),
+        imu: std::array::from_fn(|i| readings[i / 2].imus[i % 2].unwrap_or_default()),
         chamber_pa: std::array::from_fn(|i| readings[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)),
         present: RawFrame::ALL_PRESENT,
         board_age_s: [0.0; BOARDS],

@@ -15,7 +15,8 @@ use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, Mode, Snapshot, Stamp, pose_error};
 use springtwin::twin::{
-    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time, run_in_simulated_time,
+    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
+    run_in_simulated_time,
 };
 
 /// Time the boards get to introduce themselves, s.
@@ -286,8 +287,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                     commands.push(Command::StartRecording(path.clone()));
                 }
             }
-            // A second of data at rest lets the orientation filters settle before anything moves.
-            let ready = snapshot.link.connected && snapshot.link.frames > 100;
+            let ready = snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES;
             if let Some(goal) = &goal
                 && ready
                 && !asked

@@ -7,5 +7,6 @@ mod runner;
 pub use command::{Command, Event, Handle};
 pub use core::{Maps, Twin, unreachable_text};
 pub use runner::{
-    Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time, spawn,
+    Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,
+    spawn,
 };

@@ -273,6 +273,9 @@ pub fn spawn(
                     let _ = event_tx.try_send(event.clone());
                 }
                 repaint();
+                if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
+                    commands.append(&mut first);
+                }
                 loop {
                     match command_rx.try_recv() {
                         Ok(command) => commands.push(command),

@@ -175,7 +175,7 @@ fn scale_mm(metres_per_point: f32, most_pt: f32) -> f32 {
         .unwrap_or(decade)
 }
 
-/// Scale bar and the springs' colours, bottom right.
+/// Scale bar, bottom right, and the springs' colours, top right.
 pub fn paint_scale(
     painter: &egui::Painter,
     stage: &Stage<'_>,
@@ -204,7 +204,9 @@ pub fn paint_scale(
         ink,
     );
 
-    let bar = Rect::from_min_size(right + vec2(-176.0, -56.0), vec2(176.0, 7.0));
+    // The top corner: the tip and its labels live further down.
+    let corner = stage.rect.right_top() + vec2(-22.0 - 150.0, 26.0);
+    let bar = Rect::from_min_size(corner, vec2(150.0, 7.0));
     let mut mesh = egui::Mesh::default();
     const STEPS: u32 = 24;
     for k in 0..=STEPS {
