@@ -205,8 +205,8 @@ pub fn paint_scale(
     );
 
     // The top corner: the tip and its labels live further down.
-    let corner = stage.rect.right_top() + vec2(-22.0 - 150.0, 26.0);
-    let bar = Rect::from_min_size(corner, vec2(150.0, 7.0));
+    let corner = stage.rect.right_top() + vec2(-22.0 - 190.0, 26.0);
+    let bar = Rect::from_min_size(corner, vec2(190.0, 7.0));
     let mut mesh = egui::Mesh::default();
     const STEPS: u32 = 24;
     for k in 0..=STEPS {
