@@ -484,6 +484,7 @@ pub fn calibrate(
         date: date.into(),
         bench_sha256: log.sha256.clone(),
         springs,
+        imus: Vec::new(),
     };
     (calibration, verdicts)
 }

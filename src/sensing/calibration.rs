@@ -12,42 +12,11 @@
 
 use std::f64::consts::TAU;
 
+use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 
+use super::mounting::MountingFit;
 use crate::signal::SPRINGS;
-
-/// Why a calibration file was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum CalibrationError {
-    /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and column).
-    #[error("the calibration file is not valid: {0}")]
-    Syntax(#[from] toml::de::Error),
-    /// A value makes no sense.
-    #[error(
-        "the calibration file says {key} = {value} for spring {spring}, but it must be {must}; calibrate this spring again"
-    )]
-    Value {
-        /// Spring (1-based) as the file says.
-        spring: usize,
-        /// The key.
-        key: &'static str,
-        /// What the file says.
-        value: String,
-        /// What it must be.
-        must: &'static str,
-    },
-    /// The curve turns round within its domain: one reading would stand for two lengths.
-    #[error(
-        "the curve of spring {spring} is not monotone over its domain; calibrate this spring again"
-    )]
-    NotMonotone {
-        /// Spring (1-based) as the file says.
-        spring: usize,
-    },
-    /// Could not be written as TOML.
-    #[error("the calibration cannot be written: {0}")]
-    Write(#[from] toml::ser::Error),
-}
 
 /// What a spring's reading is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -234,7 +203,16 @@ pub fn inductance_h(frequency_hz: f64, capacitance_f: f64, compensation_h: f64) 
     1.0 / (capacitance_f * (TAU * frequency_hz).powi(2)) - compensation_h
 }
 
-/// A calibration of the spring channels.
+/// The mounting of one IMU.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuCalibration {
+    /// IMU, 1 … 4.
+    pub imu: usize,
+    /// The correction and how well it fits.
+    pub fit: MountingFit,
+}
+
+/// A calibration of the spring channels and of the IMUs' mountings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
     /// Name of the unit or of the occasion.
@@ -245,6 +223,8 @@ pub struct Calibration {
     pub bench_sha256: String,
     /// The springs, in order of their numbers; some may be missing.
     pub springs: Vec<SpringCalibration>,
+    /// Corrections of the IMUs' mountings, in order of their numbers; none means nominal.
+    pub imus: Vec<ImuCalibration>,
 }
 
 impl Calibration {
@@ -264,6 +244,29 @@ impl Calibration {
             .find(|s| s.spring == i + 1 && s.curve.quantity == Quantity::InductanceUh)
     }
 
+    /// Correction of the mounting of IMU `i` (0-based): pad from IMU = correction · nominal.
+    pub fn mounting(&self, i: usize) -> UnitQuaternion<f64> {
+        let entry = self.imus.iter().find(|m| m.imu == i + 1);
+        entry.map_or_else(UnitQuaternion::identity, |m| {
+            UnitQuaternion::from_scaled_axis(m.fit.correction_rad)
+        })
+    }
+
+    /// Puts in the mounting of IMU `i` (0-based). The fit is relative to the mounting that was in
+    /// use when its samples were taken, so the two corrections are chained.
+    pub fn set_imu(&mut self, i: usize, fit: MountingFit) {
+        let chained = UnitQuaternion::from_scaled_axis(fit.correction_rad) * self.mounting(i);
+        self.imus.retain(|m| m.imu != i + 1);
+        self.imus.push(ImuCalibration {
+            imu: i + 1,
+            fit: MountingFit {
+                correction_rad: chained.scaled_axis(),
+                ..fit
+            },
+        });
+        self.imus.sort_by_key(|m| m.imu);
+    }
+
     /// Springs (1-based) that will read as missing with this calibration.
     pub fn uncovered(&self) -> Vec<usize> {
         (0..SPRINGS)
@@ -271,195 +274,11 @@ impl Calibration {
             .map(|i| i + 1)
             .collect()
     }
-
-    /// Reads the text of a calibration file.
-    ///
-    /// # Errors
-    /// [`CalibrationError`] with line and column for syntax, with spring and key for values, and
-    /// for a curve that is not monotone.
-    pub fn from_toml(text: &str) -> Result<Self, CalibrationError> {
-        let file: File = toml::from_str(text)?;
-        let mut springs = Vec::new();
-        for entry in file.spring {
-            let number = entry.id;
-            if springs
-                .iter()
-                .any(|s: &SpringCalibration| s.spring == number)
-            {
-                return Err(CalibrationError::Value {
-                    spring: number,
-                    key: "id",
-                    value: number.to_string(),
-                    must: "given once",
-                });
-            }
-            springs.push(entry.into_calibration()?);
-        }
-        springs.sort_by_key(|s| s.spring);
-        Ok(Self {
-            name: file.name,
-            date: file.date,
-            bench_sha256: file.bench_sha256,
-            springs,
-        })
-    }
-
-    /// The text of the calibration file.
-    ///
-    /// # Errors
-    /// [`CalibrationError::Write`] when a value has no TOML form.
-    pub fn to_toml(&self) -> Result<String, CalibrationError> {
-        let file = File {
-            name: self.name.clone(),
-            date: self.date.clone(),
-            bench_sha256: self.bench_sha256.clone(),
-            spring: self.springs.iter().map(Entry::from_calibration).collect(),
-        };
-        Ok(format!("{HEAD}{}", toml::to_string(&file)?))
-    }
-}
-
-const HEAD: &str = "\
-# Spring calibration: length = sum of coefficients_mm[k] u^k, u = (x - center) / scale,
-# x = the reading or its reciprocal, reading = 1 / (C (2 pi f)^2) - L_comp in microhenry.
-# A reading outside of its domain has no length.
-
-";
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    name: String,
-    date: String,
-    bench_sha256: String,
-    spring: Vec<Entry>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    id: usize,
-    capacitance_pf: f64,
-    compensation_uh: f64,
-    quantity: Quantity,
-    variable: Variable,
-    center: f64,
-    scale: f64,
-    coefficients_mm: [f64; 5],
-    domain: [f64; 2],
-    rmse_mm: f64,
-    held_out_rmse_mm: f64,
-    worst_mm: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    hysteresis_mm: Option<f64>,
-    points: usize,
-}
-
-impl Entry {
-    fn from_calibration(s: &SpringCalibration) -> Self {
-        // A nanometre is enough for figures that only people read.
-        let readable_mm = |m: f64| (m * 1e9).round() / 1e6;
-        // Twelve digits hide the rounding of the change of unit.
-        let tidy = |x: f64| format!("{x:.11e}").parse().unwrap_or(x);
-        Self {
-            id: s.spring,
-            capacitance_pf: tidy(s.capacitance_f * 1e12),
-            compensation_uh: tidy(s.compensation_h * 1e6),
-            quantity: s.curve.quantity,
-            variable: s.curve.variable,
-            center: tidy(s.curve.center),
-            scale: tidy(s.curve.scale),
-            coefficients_mm: s.curve.coefficients_m.map(|c| tidy(c * 1e3)),
-            domain: s.curve.domain.map(tidy),
-            rmse_mm: readable_mm(s.quality.rmse_m),
-            held_out_rmse_mm: readable_mm(s.quality.held_out_rmse_m),
-            worst_mm: readable_mm(s.quality.worst_m),
-            hysteresis_mm: s.quality.hysteresis_m.map(readable_mm),
-            points: s.quality.points,
-        }
-    }
-
-    fn into_calibration(self) -> Result<SpringCalibration, CalibrationError> {
-        self.check()?;
-        let calibration = SpringCalibration {
-            spring: self.id,
-            capacitance_f: self.capacitance_pf * 1e-12,
-            compensation_h: self.compensation_uh * 1e-6,
-            curve: Curve {
-                quantity: self.quantity,
-                variable: self.variable,
-                center: self.center,
-                scale: self.scale,
-                coefficients_m: self.coefficients_mm.map(|c| c * 1e-3),
-                domain: self.domain,
-            },
-            quality: FitQuality {
-                rmse_m: self.rmse_mm * 1e-3,
-                held_out_rmse_m: self.held_out_rmse_mm * 1e-3,
-                worst_m: self.worst_mm * 1e-3,
-                hysteresis_m: self.hysteresis_mm.map(|h| h * 1e-3),
-                points: self.points,
-            },
-        };
-        if calibration.curve.is_monotone() {
-            Ok(calibration)
-        } else {
-            Err(CalibrationError::NotMonotone { spring: self.id })
-        }
-    }
-
-    fn check(&self) -> Result<(), CalibrationError> {
-        let refuse = |key, value: String, must| {
-            Err(CalibrationError::Value {
-                spring: self.id,
-                key,
-                value,
-                must,
-            })
-        };
-        if !(1..=SPRINGS).contains(&self.id) {
-            return refuse("id", self.id.to_string(), "1 to 12");
-        }
-        let positive = [
-            ("capacitance_pf", self.capacitance_pf),
-            ("scale", self.scale),
-        ];
-        for (key, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return refuse(key, value.to_string(), "greater than 0");
-            }
-        }
-        if !(self.compensation_uh.is_finite() && self.compensation_uh >= 0.0) {
-            return refuse(
-                "compensation_uh",
-                self.compensation_uh.to_string(),
-                "0 or more",
-            );
-        }
-        let [low, high] = self.domain;
-        let same_side = self.variable == Variable::Reading || low > 0.0 || high < 0.0;
-        if !(low.is_finite() && high.is_finite() && low < high && same_side) {
-            return refuse(
-                "domain",
-                format!("[{low}, {high}]"),
-                "a low and a high reading, in this order, without zero in between for a reciprocal",
-            );
-        }
-        if !(self.center.is_finite() && self.coefficients_mm.iter().all(|c| c.is_finite())) {
-            return refuse(
-                "coefficients_mm",
-                format!("{:?}", self.coefficients_mm),
-                "finite numbers about a finite center",
-            );
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     #[test]
     fn printed_quartic_is_refused_and_the_corrected_one_spans_the_stated_range() {
@@ -496,61 +315,5 @@ mod tests {
         };
         assert!(!curve(1e-6).is_monotone());
         assert!(curve(-1e-6).is_monotone());
-    }
-
-    fn example() -> String {
-        let calibration = Calibration {
-            name: "unit".into(),
-            date: "2024-05-01".into(),
-            bench_sha256: "00".into(),
-            springs: vec![SpringCalibration {
-                spring: 3,
-                capacitance_f: 1.0e-9,
-                compensation_h: 1.0e-5,
-                curve: Curve::paper_corrected(),
-                quality: FitQuality {
-                    rmse_m: 1e-4,
-                    held_out_rmse_m: 1e-4,
-                    worst_m: 2e-4,
-                    hysteresis_m: None,
-                    points: 60,
-                },
-            }],
-        };
-        calibration.to_toml().expect("writes")
-    }
-
-    #[test]
-    fn file_round_trips_and_refusals_name_the_place() {
-        let text = example();
-        let again = Calibration::from_toml(&text).expect("reads");
-        assert_eq!(again.springs[0].curve.domain, [122.0, 177.5]);
-        assert_eq!(again.to_toml().expect("writes"), text);
-        // A circuit's own reading cannot start from a frequency.
-        assert_eq!(again.uncovered().len(), SPRINGS);
-
-        let refused = |from: &str, to: &str, says: &[&str]| {
-            let bad = text.replace(from, to);
-            assert_ne!(bad, text, "{from}");
-            let e = Calibration::from_toml(&bad).expect_err(to).to_string();
-            for word in says {
-                assert!(e.contains(word), "{e}");
-            }
-        };
-        refused("id = 3", "id = 13", &["id", "1 to 12"]);
-        refused("scale = 1.0", "scale = nan", &["scale", "spring 3"]);
-        refused("points = 60", "points = many", &["line"]);
-        refused("[122.0, 177.5]", "[177.5, 122.0]", &["domain"]);
-        refused("0.0000001119", "-0.0000001119", &["spring 3", "monotone"]);
-    }
-
-    proptest! {
-        #[test]
-        fn reader_never_panics(cut in 0usize..900, noise in "\\PC{0,40}") {
-            let text = example();
-            let at = text.char_indices().map(|(i, _)| i).nth(cut).unwrap_or(text.len());
-            let _ = Calibration::from_toml(&format!("{}{noise}{}", &text[..at], &text[at..]));
-            let _ = Calibration::from_toml(&text[..at]);
-        }
     }
 }

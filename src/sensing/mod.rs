@@ -7,14 +7,18 @@
 
 pub mod bench;
 pub mod calibration;
+mod file;
 pub mod health;
 pub mod imu;
+pub mod mounting;
 pub mod platform;
+pub mod score;
 pub mod spring;
 
 use nalgebra::UnitQuaternion;
 
-pub use calibration::{Calibration, CalibrationError};
+pub use calibration::Calibration;
+pub use file::CalibrationError;
 use health::{JUDGED_RATE_RAD_S, PairMonitor, SegmentFrame, SegmentMonitor};
 use imu::{ImuTrack, Sample};
 use platform::{Known, LEGS, Segment, solve};
@@ -109,9 +113,8 @@ impl Sensing {
         let rest = [segments[0].rest(), segments[1].rest()];
         Self {
             tracks: std::array::from_fn(|i| {
-                ImuTrack::new(UnitQuaternion::from_rotation_matrix(
-                    &spec.imus[i].pad_from_imu,
-                ))
+                let nominal = UnitQuaternion::from_rotation_matrix(&spec.imus[i].pad_from_imu);
+                ImuTrack::new(calibration.mounting(i) * nominal)
             }),
             lengths: Default::default(),
             delivered_pose: rest,

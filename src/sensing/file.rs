@@ -1,0 +1,384 @@
+//! The calibration file: TOML with mm, pF, µH and degrees in, [`Calibration`] in SI out.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::calibration::{
+    Calibration, Curve, FitQuality, ImuCalibration, Quantity, SpringCalibration, Variable,
+};
+use super::mounting::{CORRECTION_MAX_RAD, MountingFit};
+use crate::signal::{IMUS, SPRINGS};
+
+/// Why a calibration file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and column).
+    #[error("the calibration file is not valid: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// A value makes no sense.
+    #[error(
+        "the calibration file says {key} = {value} for {channel} {number}, but it must be {must}; calibrate it again"
+    )]
+    Value {
+        /// `spring` or `IMU`.
+        channel: &'static str,
+        /// Its number (1-based) as the file says.
+        number: usize,
+        /// The key.
+        key: &'static str,
+        /// What the file says.
+        value: String,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// The curve turns round within its domain: one reading would stand for two lengths.
+    #[error(
+        "the curve of spring {spring} is not monotone over its domain; calibrate this spring again"
+    )]
+    NotMonotone {
+        /// Spring (1-based) as the file says.
+        spring: usize,
+    },
+    /// Could not be written as TOML.
+    #[error("the calibration cannot be written: {0}")]
+    Write(#[from] toml::ser::Error),
+}
+
+impl Calibration {
+    /// Reads the text of a calibration file.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] with line and column for syntax, with spring and key for values, and
+    /// for a curve that is not monotone.
+    pub fn from_toml(text: &str) -> Result<Self, CalibrationError> {
+        let file: File = toml::from_str(text)?;
+        let mut springs = Vec::new();
+        for entry in file.spring {
+            let number = entry.id;
+            if springs
+                .iter()
+                .any(|s: &SpringCalibration| s.spring == number)
+            {
+                return Err(CalibrationError::Value {
+                    channel: "spring",
+                    number,
+                    key: "id",
+                    value: number.to_string(),
+                    must: "given once",
+                });
+            }
+            springs.push(entry.into_calibration()?);
+        }
+        springs.sort_by_key(|s| s.spring);
+        let mut imus = Vec::new();
+        for entry in file.imu {
+            if imus.iter().any(|m: &ImuCalibration| m.imu == entry.id) {
+                return Err(CalibrationError::Value {
+                    channel: "IMU",
+                    number: entry.id,
+                    key: "id",
+                    value: entry.id.to_string(),
+                    must: "given once",
+                });
+            }
+            imus.push(entry.into_calibration()?);
+        }
+        imus.sort_by_key(|m| m.imu);
+        Ok(Self {
+            name: file.name,
+            date: file.date,
+            bench_sha256: file.bench_sha256,
+            springs,
+            imus,
+        })
+    }
+
+    /// The text of the calibration file.
+    ///
+    /// # Errors
+    /// [`CalibrationError::Write`] when a value has no TOML form.
+    pub fn to_toml(&self) -> Result<String, CalibrationError> {
+        let file = File {
+            name: self.name.clone(),
+            date: self.date.clone(),
+            bench_sha256: self.bench_sha256.clone(),
+            spring: self
+                .springs
+                .iter()
+                .map(SpringEntry::from_calibration)
+                .collect(),
+            imu: self.imus.iter().map(ImuEntry::from_calibration).collect(),
+        };
+        Ok(format!("{HEAD}{}", toml::to_string(&file)?))
+    }
+}
+
+const HEAD: &str = "\
+# Spring calibration: length = sum of coefficients_mm[k] u^k, u = (x - center) / scale,
+# x = the reading or its reciprocal, reading = 1 / (C (2 pi f)^2) - L_comp in microhenry.
+# A reading outside of its domain has no length.
+# IMUs: pad from IMU = exp(correction) times the nominal mounting, a rotation vector in the pad.
+
+";
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: String,
+    date: String,
+    bench_sha256: String,
+    spring: Vec<SpringEntry>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    imu: Vec<ImuEntry>,
+}
+
+/// Twelve digits hide the rounding of the change of unit.
+fn tidy(x: f64) -> f64 {
+    format!("{x:.11e}").parse().unwrap_or(x)
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SpringEntry {
+    id: usize,
+    capacitance_pf: f64,
+    compensation_uh: f64,
+    quantity: Quantity,
+    variable: Variable,
+    center: f64,
+    scale: f64,
+    coefficients_mm: [f64; 5],
+    domain: [f64; 2],
+    rmse_mm: f64,
+    held_out_rmse_mm: f64,
+    worst_mm: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hysteresis_mm: Option<f64>,
+    points: usize,
+}
+
+impl SpringEntry {
+    fn from_calibration(s: &SpringCalibration) -> Self {
+        // A nanometre is enough for figures that only people read.
+        let readable_mm = |m: f64| (m * 1e9).round() / 1e6;
+        Self {
+            id: s.spring,
+            capacitance_pf: tidy(s.capacitance_f * 1e12),
+            compensation_uh: tidy(s.compensation_h * 1e6),
+            quantity: s.curve.quantity,
+            variable: s.curve.variable,
+            center: tidy(s.curve.center),
+            scale: tidy(s.curve.scale),
+            coefficients_mm: s.curve.coefficients_m.map(|c| tidy(c * 1e3)),
+            domain: s.curve.domain.map(tidy),
+            rmse_mm: readable_mm(s.quality.rmse_m),
+            held_out_rmse_mm: readable_mm(s.quality.held_out_rmse_m),
+            worst_mm: readable_mm(s.quality.worst_m),
+            hysteresis_mm: s.quality.hysteresis_m.map(readable_mm),
+            points: s.quality.points,
+        }
+    }
+
+    fn into_calibration(self) -> Result<SpringCalibration, CalibrationError> {
+        self.check()?;
+        let calibration = SpringCalibration {
+            spring: self.id,
+            capacitance_f: self.capacitance_pf * 1e-12,
+            compensation_h: self.compensation_uh * 1e-6,
+            curve: Curve {
+                quantity: self.quantity,
+                variable: self.variable,
+                center: self.center,
+                scale: self.scale,
+                coefficients_m: self.coefficients_mm.map(|c| c * 1e-3),
+                domain: self.domain,
+            },
+            quality: FitQuality {
+                rmse_m: self.rmse_mm * 1e-3,
+                held_out_rmse_m: self.held_out_rmse_mm * 1e-3,
+                worst_m: self.worst_mm * 1e-3,
+                hysteresis_m: self.hysteresis_mm.map(|h| h * 1e-3),
+                points: self.points,
+            },
+        };
+        if calibration.curve.is_monotone() {
+            Ok(calibration)
+        } else {
+            Err(CalibrationError::NotMonotone { spring: self.id })
+        }
+    }
+
+    fn check(&self) -> Result<(), CalibrationError> {
+        let refuse = |key, value: String, must| {
+            Err(CalibrationError::Value {
+                channel: "spring",
+                number: self.id,
+                key,
+                value,
+                must,
+            })
+        };
+        if !(1..=SPRINGS).contains(&self.id) {
+            return refuse("id", self.id.to_string(), "1 to 12");
+        }
+        let positive = [
+            ("capacitance_pf", self.capacitance_pf),
+            ("scale", self.scale),
+        ];
+        for (key, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return refuse(key, value.to_string(), "greater than 0");
+            }
+        }
+        if !(self.compensation_uh.is_finite() && self.compensation_uh >= 0.0) {
+            return refuse(
+                "compensation_uh",
+                self.compensation_uh.to_string(),
+                "0 or more",
+            );
+        }
+        let [low, high] = self.domain;
+        let same_side = self.variable == Variable::Reading || low > 0.0 || high < 0.0;
+        if !(low.is_finite() && high.is_finite() && low < high && same_side) {
+            return refuse(
+                "domain",
+                format!("[{low}, {high}]"),
+                "a low and a high reading, in this order, without zero in between for a reciprocal",
+            );
+        }
+        if !(self.center.is_finite() && self.coefficients_mm.iter().all(|c| c.is_finite())) {
+            return refuse(
+                "coefficients_mm",
+                format!("{:?}", self.coefficients_mm),
+                "finite numbers about a finite center",
+            );
+        }
+        Ok(())
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ImuEntry {
+    id: usize,
+    correction_deg: [f64; 3],
+    residual_deg: f64,
+    samples: usize,
+}
+
+impl ImuEntry {
+    fn from_calibration(m: &ImuCalibration) -> Self {
+        Self {
+            id: m.imu,
+            correction_deg: m.fit.correction_rad.map(|x| tidy(x.to_degrees())).into(),
+            residual_deg: tidy(m.fit.residual_rad.to_degrees()),
+            samples: m.fit.samples,
+        }
+    }
+
+    fn into_calibration(self) -> Result<ImuCalibration, CalibrationError> {
+        let refuse = |key, value: String, must| CalibrationError::Value {
+            channel: "IMU",
+            number: self.id,
+            key,
+            value,
+            must,
+        };
+        if !(1..=IMUS).contains(&self.id) {
+            return Err(refuse("id", self.id.to_string(), "1 to 4"));
+        }
+        let correction_rad = Vector3::from(self.correction_deg).map(f64::to_radians);
+        let off_rad = correction_rad.norm();
+        if off_rad.is_nan() || off_rad >= CORRECTION_MAX_RAD {
+            return Err(refuse(
+                "correction_deg",
+                format!("{:?}", self.correction_deg),
+                "a rotation vector of less than 5.7 degrees",
+            ));
+        }
+        Ok(ImuCalibration {
+            imu: self.id,
+            fit: MountingFit {
+                correction_rad,
+                residual_rad: self.residual_deg.to_radians(),
+                samples: self.samples,
+            },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn example() -> String {
+        let calibration = Calibration {
+            name: "unit".into(),
+            date: "2024-05-01".into(),
+            bench_sha256: "00".into(),
+            springs: vec![SpringCalibration {
+                spring: 3,
+                capacitance_f: 1.0e-9,
+                compensation_h: 1.0e-5,
+                curve: Curve::paper_corrected(),
+                quality: FitQuality {
+                    rmse_m: 1e-4,
+                    held_out_rmse_m: 1e-4,
+                    worst_m: 2e-4,
+                    hysteresis_m: None,
+                    points: 60,
+                },
+            }],
+            imus: vec![ImuCalibration {
+                imu: 2,
+                fit: MountingFit {
+                    correction_rad: Vector3::new(1e-3, -2e-3, 3e-3),
+                    residual_rad: 1e-4,
+                    samples: 300,
+                },
+            }],
+        };
+        calibration.to_toml().expect("writes")
+    }
+
+    #[test]
+    fn file_round_trips_and_refusals_name_the_place() {
+        let text = example();
+        let again = Calibration::from_toml(&text).expect("reads");
+        assert_eq!(again.springs[0].curve.domain, [122.0, 177.5]);
+        assert_eq!(again.to_toml().expect("writes"), text);
+        // A circuit's own reading cannot start from a frequency.
+        assert_eq!(again.uncovered().len(), SPRINGS);
+
+        let refused = |from: &str, to: &str, says: &[&str]| {
+            let bad = text.replace(from, to);
+            assert_ne!(bad, text, "{from}");
+            let e = Calibration::from_toml(&bad).expect_err(to).to_string();
+            for word in says {
+                assert!(e.contains(word), "{e}");
+            }
+        };
+        refused("id = 3", "id = 13", &["id", "1 to 12"]);
+        refused("scale = 1.0", "scale = nan", &["scale", "spring 3"]);
+        refused("points = 60", "points = many", &["line"]);
+        refused("id = 2", "id = 5", &["IMU 5", "1 to 4"]);
+        refused(
+            "correction_deg = [",
+            "correction_deg = [9",
+            &["IMU 2", "correction_deg"],
+        );
+        refused("[122.0, 177.5]", "[177.5, 122.0]", &["domain"]);
+        refused("0.0000001119", "-0.0000001119", &["spring 3", "monotone"]);
+    }
+
+    proptest! {
+        #[test]
+        fn reader_never_panics(cut in 0usize..900, noise in "\\PC{0,40}") {
+            let text = example();
+            let at = text.char_indices().map(|(i, _)| i).nth(cut).unwrap_or(text.len());
+            let _ = Calibration::from_toml(&format!("{}{noise}{}", &text[..at], &text[at..]));
+            let _ = Calibration::from_toml(&text[..at]);
+        }
+    }
+}
