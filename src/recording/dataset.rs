@@ -317,8 +317,8 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
                 })?;
             columns.push(column.values());
         }
-        for r in 0..batch.num_rows() {
-            let row = std::array::from_fn(|c| columns[c][r]);
+        let rows = (0..batch.num_rows()).map(|r| std::array::from_fn(|c| columns[c][r]));
+        for row in rows {
             let at = dataset.samples.len() + 1;
             let sample = sample_of(&row).map_err(|e| refuse(path, format!("row {at}: {e}")))?;
             dataset.samples.push(sample);

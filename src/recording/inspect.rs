@@ -148,8 +148,8 @@ pub fn inspect_log(log: &SessionLog) -> Inspection {
         }
     }
     if let Some(rows) = &log.commanded_pa {
-        for i in 0..CHAMBERS {
-            add(format!("u{}_kpa", i + 1), &|n| rows[n][i].is_finite());
+        for i in 1..=CHAMBERS {
+            add(format!("u{i}_kpa"), &|n| rows[n][i - 1].is_finite());
         }
     }
     if let Some(rows) = &log.payload_column_kg {

@@ -483,7 +483,7 @@ impl SessionLog {
         let mut held_spring_m = std::array::from_fn(|i| {
             first_finite(self.sensors.iter().map(|s: &SensorVec| s.spring_m[i]))
         });
-        let mut held_ypr_rad = std::array::from_fn(|i| {
+        let mut held_ypr_rad: [[f64; 3]; IMUS] = std::array::from_fn(|i| {
             std::array::from_fn(|k| first_finite(self.sensors.iter().map(|s| s.imu_ypr_rad[i][k])))
         });
         let mut held_pa = std::array::from_fn(|i| {
@@ -497,8 +497,8 @@ impl SessionLog {
                 for i in 0..SPRINGS {
                     health.springs[i] = hold(&mut held_spring_m[i..=i], &s.spring_m[i..=i]);
                 }
-                for i in 0..IMUS {
-                    health.imus[i] = hold(&mut held_ypr_rad[i], &s.imu_ypr_rad[i]);
+                for (i, held_rad) in held_ypr_rad.iter_mut().enumerate() {
+                    health.imus[i] = hold(held_rad, &s.imu_ypr_rad[i]);
                 }
                 for i in 0..CHAMBERS {
                     health.chambers[i] = hold(&mut held_pa[i..=i], &self.chamber_pa[n][i..=i]);

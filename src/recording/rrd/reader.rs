@@ -186,13 +186,15 @@ impl Content {
         if schema::LOGS.contains(&path.as_str()) {
             self.take_log(chunk, times, path.trim_start_matches('/'));
         }
+        let scalars = Scalars::descriptor_scalars().component;
+        let [exact, ints] = [schema::EXACT, schema::INTS].map(ComponentIdentifier::from);
+        let place = |e: String| format!("{path}: {e}");
         if let Some(i) = SPECS.iter().position(|s| s.path == path) {
-            let scalars = Scalars::descriptor_scalars().component;
-            let of = |name: &'static str| ComponentIdentifier::from(name);
-            take_f64(&mut self.scalars[i], chunk, times, scalars)
-                .and_then(|()| take_f64(&mut self.exact[i], chunk, times, of(schema::EXACT)))
-                .and_then(|()| take_i64(&mut self.ints[i], chunk, times, of(schema::INTS)))
-                .map_err(|e| format!("{path}: {e}"))?;
+            take_f64(&mut self.scalars[i], chunk, times, scalars).map_err(place)?;
+        }
+        if let Some(i) = SPECS.iter().position(|s| s.exact_path == path) {
+            take_f64(&mut self.exact[i], chunk, times, exact).map_err(place)?;
+            take_i64(&mut self.ints[i], chunk, times, ints).map_err(place)?;
         }
         Ok(())
     }

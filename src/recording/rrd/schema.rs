@@ -1,25 +1,25 @@
 //! What stands where in a recording.
 //!
-//! Every entity holds rows on the timeline [`TIMELINE`] (time since the session's start, ns). An
-//! entity's `Scalars` are what a viewer plots, in the unit of its name; where that is not SI, the
-//! component [`EXACT`] holds the same row in SI, bit for bit. [`INTS`] holds integers.
+//! Every entity holds rows on the timeline [`TIMELINE`] (time since the session's start, ns). What a
+//! viewer plots are `Scalars` in the unit of the entity's name. Where that is not SI, an entity
+//! under `/si` holds the same row in SI, bit for bit, in the component [`EXACT`]; integers are in
+//! [`INTS`]. They are apart because a viewer plots every number it finds beside scalars.
 //!
-//! | entity | scalars | exact | ints |
-//! |---|---|---|---|
-//! | `/tick` | | connected, link age s, two board rates Hz, payload kg | frames, lost frames, mode |
-//! | `/sensors/raw/frame` | | tick rate Hz, two board ages s | sequence number, stamp ns, present, faults |
-//! | `/sensors/raw/spring_counts`, `gate_ticks`, `gyro_rad_s`, `accel_m_s2`, `pressure_pa` | 12, 12, 12, 12, 6 | | |
-//! | `/sensors/spring_mm` | 12 | 12 m | |
-//! | `/sensors/imu_deg` | 4 x yaw, pitch, roll | 12 rad | |
-//! | `/sensors/health` | | | stamp ns, 12 springs, 4 IMUs, 6 chambers |
-//! | `/chambers/pressure_kpa` | 6 | 6 Pa | |
-//! | `/chambers/set_kpa` | 6 | 6 Pa | stamp ns, gripper |
-//! | `/tip/predicted/position_mm` | 3 | pose (7), training distance, covariance (36) | stamp ns |
-//! | `/tip/vicon/position_mm` | 3 | pose (7) | stamp ns, source |
-//! | `/tip/predicted/ypr_deg`, `/tip/vicon/ypr_deg` | yaw, pitch, roll | | |
-//! | `/tip/error_mm`, `/tip/error_deg` | predicted against Vicon | | |
-//! | `/goal/position_mm` (on change) | 3 | pose (7), tolerance m | present, has rotation |
-//! | `/control/spring_ref_mm`, `/control/imu_ref_deg` | 12, 12 | 12 m, 12 rad | |
+//! | entity | scalars | entity | exact | ints |
+//! |---|---|---|---|---|
+//! | `/sensors/raw/spring_counts`, `gate_ticks`, `gyro_rad_s`, `accel_m_s2`, `pressure_pa` | 12, 12, 12, 12, 6 | | | |
+//! | | | `/sensors/raw/frame` | tick rate Hz, two board ages s | sequence number, stamp ns, present, faults |
+//! | `/sensors/spring_mm` | 12 | `/si/sensors/spring_m` | 12 | |
+//! | `/sensors/imu_deg` | 4 x yaw, pitch, roll | `/si/sensors/imu_rad` | 12 | |
+//! | | | `/sensors/health` | | stamp ns, 12 springs, 4 IMUs, 6 chambers |
+//! | `/chambers/pressure_kpa` | 6 | `/si/chambers/pressure_pa` | 6 | |
+//! | `/chambers/set_kpa` | 6 | `/si/chambers/set_pa` | 6 | stamp ns, gripper |
+//! | `/tip/predicted/position_mm`, `ypr_deg` | 3, 3 | `/si/tip/predicted` | pose (7), training distance, covariance (36) | stamp ns |
+//! | `/tip/vicon/position_mm`, `ypr_deg` | 3, 3 | `/si/tip/vicon` | pose (7) | stamp ns, source |
+//! | `/tip/error_mm`, `/tip/error_deg` | predicted against Vicon | | | |
+//! | `/goal/position_mm` | 3 | `/si/goal` (on change) | pose (7), tolerance m | present, has rotation |
+//! | `/control/spring_ref_mm`, `imu_ref_deg` | 12, 12 | `/si/control/spring_ref_m`, `imu_ref_rad` | 12, 12 | |
+//! | | | `/tick` | connected, link age s, two board rates Hz, payload kg | frames, lost frames, mode |
 //!
 //! A pose is x, y, z in m and the quaternion's i, j, k, w. `/mode`, `/events` and `/alarms` are
 //! text logs. `/arm/*`, `/tip/predicted`, `/tip/vicon` and `/goal/point` draw the scene in m at a
@@ -42,19 +42,39 @@ pub(super) const EXACT: &str = "springtwin:exact";
 /// Identifier of the component with integers.
 pub(super) const INTS: &str = "springtwin:ints";
 
-/// Sizes of one entity's rows: scalars, exact values, integers.
+/// One table: what is plotted and what is exact, with the sizes of their rows.
 #[derive(Clone, Copy)]
 pub(super) struct Spec {
+    /// Entity of the scalars.
     pub(super) path: &'static str,
     pub(super) scalars: usize,
+    /// Entity of the exact values and integers.
+    pub(super) exact_path: &'static str,
     pub(super) exact: usize,
     pub(super) ints: usize,
 }
 
-const fn spec(path: &'static str, scalars: usize, exact: usize, ints: usize) -> Spec {
+/// Scalars that are SI already.
+const fn plain(path: &'static str, scalars: usize) -> Spec {
+    both(path, scalars, "", 0, 0)
+}
+
+/// Nothing to plot.
+const fn hidden(exact_path: &'static str, exact: usize, ints: usize) -> Spec {
+    both("", 0, exact_path, exact, ints)
+}
+
+const fn both(
+    path: &'static str,
+    scalars: usize,
+    exact_path: &'static str,
+    exact: usize,
+    ints: usize,
+) -> Spec {
     Spec {
         path,
         scalars,
+        exact_path,
         exact,
         ints,
     }
@@ -88,27 +108,39 @@ pub(super) mod table {
 
 /// All tables, in the order in which a batch is written.
 pub(super) const SPECS: [Spec; 21] = [
-    spec("/sensors/raw/frame", 0, 3, 4),
-    spec("/sensors/raw/spring_counts", 12, 0, 0),
-    spec("/sensors/raw/gate_ticks", 12, 0, 0),
-    spec("/sensors/raw/gyro_rad_s", 12, 0, 0),
-    spec("/sensors/raw/accel_m_s2", 12, 0, 0),
-    spec("/sensors/raw/pressure_pa", 6, 0, 0),
-    spec("/sensors/spring_mm", 12, 12, 0),
-    spec("/sensors/imu_deg", 12, 12, 0),
-    spec("/sensors/health", 0, 0, 23),
-    spec("/chambers/pressure_kpa", 6, 6, 0),
-    spec("/chambers/set_kpa", 6, 6, 2),
-    spec("/tip/predicted/position_mm", 3, 44, 1),
-    spec("/tip/predicted/ypr_deg", 3, 0, 0),
-    spec("/tip/vicon/position_mm", 3, 7, 2),
-    spec("/tip/vicon/ypr_deg", 3, 0, 0),
-    spec("/tip/error_mm", 1, 0, 0),
-    spec("/tip/error_deg", 1, 0, 0),
-    spec("/goal/position_mm", 3, 8, 2),
-    spec("/control/spring_ref_mm", 12, 12, 0),
-    spec("/control/imu_ref_deg", 12, 12, 0),
-    spec("/tick", 0, 5, 3),
+    hidden("/sensors/raw/frame", 3, 4),
+    plain("/sensors/raw/spring_counts", 12),
+    plain("/sensors/raw/gate_ticks", 12),
+    plain("/sensors/raw/gyro_rad_s", 12),
+    plain("/sensors/raw/accel_m_s2", 12),
+    plain("/sensors/raw/pressure_pa", 6),
+    both("/sensors/spring_mm", 12, "/si/sensors/spring_m", 12, 0),
+    both("/sensors/imu_deg", 12, "/si/sensors/imu_rad", 12, 0),
+    hidden("/sensors/health", 0, 23),
+    both(
+        "/chambers/pressure_kpa",
+        6,
+        "/si/chambers/pressure_pa",
+        6,
+        0,
+    ),
+    both("/chambers/set_kpa", 6, "/si/chambers/set_pa", 6, 2),
+    both("/tip/predicted/position_mm", 3, "/si/tip/predicted", 44, 1),
+    plain("/tip/predicted/ypr_deg", 3),
+    both("/tip/vicon/position_mm", 3, "/si/tip/vicon", 7, 2),
+    plain("/tip/vicon/ypr_deg", 3),
+    plain("/tip/error_mm", 1),
+    plain("/tip/error_deg", 1),
+    both("/goal/position_mm", 3, "/si/goal", 8, 2),
+    both(
+        "/control/spring_ref_mm",
+        12,
+        "/si/control/spring_ref_m",
+        12,
+        0,
+    ),
+    both("/control/imu_ref_deg", 12, "/si/control/imu_ref_rad", 12, 0),
+    hidden("/tick", 5, 3),
 ];
 
 /// The text logs.

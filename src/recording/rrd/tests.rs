@@ -369,10 +369,3 @@ fn less_than_a_second_is_at_risk() {
     drop(w);
     std::fs::remove_file(path).unwrap();
 }
-#[test]
-fn tmp_picture() {
-    write(
-        std::path::Path::new("/tmp/wt-rec-pic.rrd"),
-        &snapshots(1500),
-    );
-}

@@ -14,7 +14,7 @@ use rerun::{
 };
 
 use super::blueprint::blueprint;
-use super::scene::{Scene, log_styles};
+use super::scene::{Part, Scene, log_styles};
 use super::schema::{self, SPECS, Spec, table};
 use crate::recording::{RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{
@@ -84,54 +84,74 @@ impl Write for Output {
     }
 }
 
-/// Rows of one entity since the last batch.
+/// Rows of one table since the last batch.
 struct Table {
     spec: &'static Spec,
-    times: Vec<i64>,
+    scalar_times: Vec<i64>,
     scalars: Vec<f64>,
+    exact_times: Vec<i64>,
     exact: Vec<f64>,
     ints: Vec<i64>,
 }
 
 impl Table {
+    /// Appends what is not empty.
     fn push(&mut self, t: Stamp, scalars: &[f64], exact: &[f64], ints: &[i64]) {
-        debug_assert_eq!(
-            (scalars.len(), exact.len(), ints.len()),
-            (self.spec.scalars, self.spec.exact, self.spec.ints),
-            "{}",
-            self.spec.path
-        );
-        self.times.push(t.0);
-        self.scalars.extend_from_slice(scalars);
-        self.exact.extend_from_slice(exact);
-        self.ints.extend_from_slice(ints);
+        let spec = self.spec;
+        if !scalars.is_empty() {
+            debug_assert_eq!(scalars.len(), spec.scalars, "{}", spec.path);
+            self.scalar_times.push(t.0);
+            self.scalars.extend_from_slice(scalars);
+        }
+        if !exact.is_empty() || !ints.is_empty() {
+            debug_assert_eq!(
+                (exact.len(), ints.len()),
+                (spec.exact, spec.ints),
+                "{}",
+                spec.exact_path
+            );
+            self.exact_times.push(t.0);
+            self.exact.extend_from_slice(exact);
+            self.ints.extend_from_slice(ints);
+        }
     }
 
-    /// Takes the rows as columns.
-    fn take(&mut self) -> Result<Columns, arrow::error::ArrowError> {
-        let times = std::mem::take(&mut self.times);
-        let rows = times.len();
-        let mut columns = Vec::with_capacity(3);
-        if self.spec.scalars > 0 {
+    /// Takes the rows as entities of a batch.
+    fn take(&mut self) -> Result<Vec<Part>, arrow::error::ArrowError> {
+        let spec = self.spec;
+        let mut parts = Vec::with_capacity(2);
+        let times = std::mem::take(&mut self.scalar_times);
+        if !times.is_empty() {
             let values = Float64Array::from(std::mem::take(&mut self.scalars));
-            let list = lists(Arc::new(values), self.spec.scalars, rows)?;
-            columns.push((Scalars::descriptor_scalars(), list));
+            let list = lists(Arc::new(values), spec.scalars, times.len())?;
+            parts.push(Part {
+                path: spec.path,
+                times,
+                columns: vec![(Scalars::descriptor_scalars(), list)],
+            });
         }
-        if self.spec.exact > 0 {
-            let values = Float64Array::from(std::mem::take(&mut self.exact));
-            let list = lists(Arc::new(values), self.spec.exact, rows)?;
-            columns.push((own(schema::EXACT), list));
+        let times = std::mem::take(&mut self.exact_times);
+        if !times.is_empty() {
+            let mut columns = Vec::with_capacity(2);
+            if spec.exact > 0 {
+                let values = Float64Array::from(std::mem::take(&mut self.exact));
+                let list = lists(Arc::new(values), spec.exact, times.len())?;
+                columns.push((own(schema::EXACT), list));
+            }
+            if spec.ints > 0 {
+                let values = Int64Array::from(std::mem::take(&mut self.ints));
+                let list = lists(Arc::new(values), spec.ints, times.len())?;
+                columns.push((own(schema::INTS), list));
+            }
+            parts.push(Part {
+                path: spec.exact_path,
+                times,
+                columns,
+            });
         }
-        if self.spec.ints > 0 {
-            let values = Int64Array::from(std::mem::take(&mut self.ints));
-            let list = lists(Arc::new(values), self.spec.ints, rows)?;
-            columns.push((own(schema::INTS), list));
-        }
-        Ok((times, columns))
+        Ok(parts)
     }
 }
-
-type Columns = (Vec<i64>, Vec<(ComponentDescriptor, ListArray)>);
 
 /// Lines of one text log since the last batch.
 #[derive(Default)]
@@ -213,8 +233,9 @@ impl RecordingWriter {
             .iter()
             .map(|spec| Table {
                 spec,
-                times: Vec::new(),
+                scalar_times: Vec::new(),
                 scalars: Vec::new(),
+                exact_times: Vec::new(),
                 exact: Vec::new(),
                 ints: Vec::new(),
             })
@@ -288,7 +309,7 @@ impl RecordingWriter {
                 mode_code(&snapshot.mode),
             ],
         );
-        let rows = self.tables[table::TICK].times.len();
+        let rows = self.tables[table::TICK].exact_times.len();
         if rows >= BATCH_ROWS || t.0.saturating_sub(start.0) >= BATCH_NS {
             self.flush()?;
         }
@@ -316,7 +337,7 @@ impl RecordingWriter {
             return Err(self.stopped());
         }
         self.batch_start = None;
-        let rows = self.tables[table::TICK].times.len() as u64;
+        let rows = self.tables[table::TICK].exact_times.len() as u64;
         self.guarded(Self::write_batch)?;
         self.summary.rows += rows;
         Ok(())
@@ -395,21 +416,16 @@ impl RecordingWriter {
         Ok(())
     }
 
-    fn append_columns(
-        &mut self,
-        path: &'static str,
-        times: Vec<i64>,
-        columns: Vec<(ComponentDescriptor, ListArray)>,
-    ) -> Result<(), BatchError> {
-        let time = TimeColumn::new_duration_nanos(schema::TIMELINE, times);
-        let chunk = Chunk::from_columns(EntityPath::from(path), [time], columns)?;
+    fn append_part(&mut self, part: Part) -> Result<(), BatchError> {
+        let time = TimeColumn::new_duration_nanos(schema::TIMELINE, part.times);
+        let chunk = Chunk::from_columns(EntityPath::from(part.path), [time], part.columns)?;
         let message = LogMsg::ArrowMsg(self.store_id.clone(), chunk.to_arrow_msg()?);
         self.append(&message)
     }
 
     fn write_batch(&mut self) -> Result<(), BatchError> {
         for part in self.scene.take() {
-            self.append_columns(part.path, part.times, part.columns)?;
+            self.append_part(part)?;
         }
         for i in 0..self.logs.len() {
             let rows = std::mem::take(&mut self.logs[i]);
@@ -423,14 +439,16 @@ impl RecordingWriter {
                 (TextLog::descriptor_text(), texts),
                 (TextLog::descriptor_level(), levels),
             ];
-            self.append_columns(schema::LOGS[i], rows.times, columns)?;
+            self.append_part(Part {
+                path: schema::LOGS[i],
+                times: rows.times,
+                columns,
+            })?;
         }
         // The tick's table is the last one.
         for i in 0..self.tables.len() {
-            if !self.tables[i].times.is_empty() {
-                let path = self.tables[i].spec.path;
-                let (times, columns) = self.tables[i].take()?;
-                self.append_columns(path, times, columns)?;
+            for part in self.tables[i].take()? {
+                self.append_part(part)?;
             }
         }
         if let Some(encoder) = &mut self.encoder {
@@ -557,13 +575,16 @@ impl RecordingWriter {
             self.push_scaled(table::SPRING_REF, t, spring_m, mm, &[]);
             self.push_scaled(table::IMU_REF, t, imu_rad, f64::to_degrees, &[]);
         }
-        if self.last_goal.as_ref() != Some(&snapshot.goal) {
-            let row = goal_row(snapshot.goal.as_ref());
-            if self.sound(&row.0) {
-                let shown = [mm(row.0[0]), mm(row.0[1]), mm(row.0[2])];
-                self.tables[table::GOAL].push(t, &shown, &row.0, &row.1);
+        let (exact, ints) = goal_row(snapshot.goal.as_ref());
+        if self.sound(&exact) {
+            let goals = &mut self.tables[table::GOAL];
+            if let Some(goal) = &snapshot.goal {
+                goals.push(t, &goal.position_m.map(mm), &[], &[]);
             }
-            self.last_goal = Some(snapshot.goal.clone());
+            if self.last_goal.as_ref() != Some(&snapshot.goal) {
+                goals.push(t, &[], &exact, &ints);
+                self.last_goal = Some(snapshot.goal.clone());
+            }
         }
     }
 
@@ -736,7 +757,7 @@ mod tests {
             }
         }
         assert_eq!(series_names(&SPECS[table::VICON])[0], "vicon x");
-        assert_eq!(SPECS[table::TICK].path, "/tick");
+        assert_eq!(SPECS[table::TICK].exact_path, "/tick");
     }
 
     #[test]
