@@ -129,7 +129,6 @@ impl Tally {
         target: Option<&Goal>,
     ) {
         for event in events {
-            log::info!("{:8.3} s  {}", snapshot.stamp.seconds(), event.text());
             match event {
                 Event::Refused { reason, .. } => self.refused = Some(reason.clone()),
                 Event::Reached { steps, .. } => {

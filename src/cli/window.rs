@@ -84,7 +84,20 @@ pub fn open(
     let robot = robot.clone();
     let create: eframe::AppCreator<'_> = Box::new(move |cc| {
         let ctx = cc.egui_ctx.clone();
-        let handle = spawn(runner, start, first, move || ctx.request_repaint())?;
+        // A picture costs a software adapter most of a core: leave it to the control loop.
+        let software = cc
+            .wgpu_render_state
+            .as_ref()
+            .is_none_or(|rs| rs.adapter.get_info().device_type == wgpu::DeviceType::Cpu);
+        let every = if software { 10 } else { 2 };
+        let mut ticks = 0u32;
+        let repaint = move || {
+            ticks = ticks.wrapping_add(1);
+            if ticks.is_multiple_of(every) {
+                ctx.request_repaint();
+            }
+        };
+        let handle = spawn(runner, start, first, repaint)?;
         let mut app = App::new(Some(handle), robot.clone(), services(&cc.egui_ctx));
         app.set_up(&cc.egui_ctx, cc.storage);
         app.operate.view3d.reachable = reachable;

@@ -1,5 +1,6 @@
 //! The twin without I/O: one tick from a raw frame to a pressure command.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use super::{Command, Event};
@@ -8,6 +9,8 @@ use crate::control::{
     reach,
 };
 use crate::learn::{PlantMap, PoseEval, PoseMap};
+use crate::link::fault_words;
+use crate::link::wire::fault;
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
@@ -21,6 +24,10 @@ use crate::sim::{Inputs, Model, State, observe, settle};
 pub const STALE_WARN_S: f64 = 0.030;
 /// A frame older than this puts the twin into SAFE, s.
 pub const STALE_SAFE_S: f64 = 0.100;
+/// More than this share of the last second's frames lost puts the twin into SAFE.
+const LOSS_SAFE: f64 = 0.1;
+/// Frames within that second below which a share says little.
+const LOSS_MIN_FRAMES: u64 = 50;
 /// So many springs must be usable for motion.
 const SPRINGS_NEEDED: usize = 9;
 /// The estimate must stay within tolerance for this long to count as reached, s.
@@ -66,6 +73,8 @@ pub struct Twin {
     now: Stamp,
     phase: Phase,
     link: LinkStatus,
+    /// Frames received and lost over the last second.
+    traffic: VecDeque<(Stamp, u64, u64)>,
     raw: Option<RawFrame>,
     sensors: Option<SensorFrame>,
     estimate: Option<Estimate>,
@@ -106,6 +115,7 @@ impl Twin {
             now: Stamp::ZERO,
             phase: Phase::Disarmed,
             link: LinkStatus::default(),
+            traffic: VecDeque::new(),
             raw: None,
             sensors: None,
             estimate: None,
@@ -262,6 +272,26 @@ impl Twin {
         if self.bad_frames > 1 && moving {
             self.go_safe("the boards send values that make no sense", events);
         }
+        let faults = self.raw.as_ref().map_or(0, |r| r.faults);
+        if faults & fault::SAFE != 0 && moving {
+            let words = fault_words(faults & !fault::SAFE);
+            self.go_safe(
+                &format!("the boards switched their pumps off: {words}"),
+                events,
+            );
+        }
+        if let Some(ratio) = self.loss_ratio()
+            && ratio > LOSS_SAFE
+        {
+            let text = format!(
+                "{:.0} % of the last second's frames were lost",
+                ratio * 100.0
+            );
+            if moving {
+                self.go_safe(&text, events);
+            }
+            alarms.push((Severity::Warning, format!("{text}: check the cable.")));
+        }
         if let Some(sensors) = &self.sensors {
             let usable = sensors.health.springs_usable();
             for (i, h) in sensors.health.springs.iter().enumerate() {
@@ -315,6 +345,24 @@ impl Twin {
                 text,
             })
             .collect();
+    }
+
+    /// Share of the last second's frames that were lost, if there were enough to tell.
+    fn loss_ratio(&mut self) -> Option<f64> {
+        self.traffic
+            .push_back((self.now, self.link.frames, self.link.frames_lost));
+        while self
+            .traffic
+            .front()
+            .is_some_and(|t| self.now.since(t.0) > 1.0)
+        {
+            self.traffic.pop_front();
+        }
+        let (_, frames, lost) = *self.traffic.front()?;
+        // A link that was opened anew counts from zero again.
+        let lost = self.link.frames_lost.checked_sub(lost)?;
+        let all = self.link.frames.checked_sub(frames)? + lost;
+        (all >= LOSS_MIN_FRAMES).then(|| lost as f64 / all as f64)
     }
 
     fn go_safe(&mut self, reason: &str, events: &mut Vec<Event>) {
@@ -411,6 +459,13 @@ impl Twin {
             return Some(format!(
                 "SAFE ({reason}): remove the cause, then press Reset."
             ));
+        }
+        if self
+            .raw
+            .as_ref()
+            .is_some_and(|r| r.faults & fault::SAFE != 0)
+        {
+            return Some("The boards are SAFE: press Stop, then Reset.".to_owned());
         }
         match self.last_frame {
             None => Some("No data from the boards yet: connect a rig first.".to_owned()),

@@ -103,6 +103,9 @@ impl Runner {
                 _ => {}
             }
         }
+        for event in &events {
+            log::info!("{:9.3} s  {}", now.seconds(), event.text());
+        }
         let snapshot = Arc::new(self.twin.snapshot());
         if let Some((_, recorder)) = &self.recorder {
             recorder.push(Arc::clone(&snapshot));
@@ -252,7 +255,7 @@ pub fn spawn(
     mut runner: Runner,
     start: Instant,
     mut first: Vec<Command>,
-    repaint: impl Fn() + Send + 'static,
+    mut repaint: impl FnMut() + Send + 'static,
 ) -> std::io::Result<Handle> {
     let (command_tx, command_rx): (SyncSender<Command>, Receiver<Command>) = sync_channel(64);
     let (event_tx, event_rx) = sync_channel(256);

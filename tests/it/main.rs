@@ -4,3 +4,4 @@ mod edges;
 mod program;
 mod real_data;
 mod shaders;
+mod window;
