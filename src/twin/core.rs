@@ -216,13 +216,14 @@ impl Twin {
     pub fn absorb(&mut self, raw: RawFrame) {
         let frame = self.sensing.update(&raw);
         let vector = frame.sensors.to_vector();
-        let sane = vector
-            .iter()
-            .chain(&frame.chamber_pa)
-            .all(|x| x.is_finite())
-            && frame.health.chambers.iter().all(|h| h.usable());
-        if !sane {
+        let mut values = vector.iter().chain(&frame.chamber_pa);
+        if values.any(|x| !x.is_finite()) {
             self.bad_frames += 1;
+            return;
+        }
+        if frame.health.chambers.iter().any(|h| !h.usable()) {
+            // A board or a gauge is silent: such a frame keeps nothing alive.
+            self.raw = Some(raw);
             return;
         }
         let eval = self.maps.pose.pose(&vector);
@@ -268,6 +269,18 @@ impl Twin {
             }
             Some(_) => {}
             None => alarms.push((Severity::Info, "Waiting for the first data.".to_owned())),
+        }
+        let silent = self.raw.as_ref().and_then(|r| {
+            let stale = |age: &f64| *age > STALE_SAFE_S;
+            r.board_age_s.iter().position(stale)
+        });
+        if let Some(board) = silent {
+            let text = format!("no data from board {} for 100 ms", board + 1);
+            if moving {
+                self.go_safe(&text, events);
+            }
+            let text = format!("There is {text}: check its cable and power.");
+            alarms.push((Severity::Critical, text));
         }
         if self.bad_frames > 1 && moving {
             self.go_safe("the boards send values that make no sense", events);
