@@ -5,7 +5,7 @@
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::program::scratch;
 
@@ -55,10 +55,10 @@ fn lines(from: impl Read + Send + 'static) -> Receiver<String> {
     rx
 }
 
+/// Waits for a line; gives up when none comes for `seconds`.
 fn wait_for(log: &Receiver<String>, what: &str, seconds: u64) {
-    let until = Instant::now() + Duration::from_secs(seconds);
     let mut seen = Vec::new();
-    while let Ok(line) = log.recv_timeout(until.saturating_duration_since(Instant::now())) {
+    while let Ok(line) = log.recv_timeout(Duration::from_secs(seconds)) {
         if line.contains(what) {
             return;
         }
