@@ -212,7 +212,7 @@ impl Twin {
     }
 
     /// Calibrates a frame and estimates the pose. A frame that makes no sense is dropped; the last
-    /// good one is held (see [`Self::watch`]).
+    /// good one is held.
     pub fn absorb(&mut self, raw: RawFrame) {
         let frame = self.sensing.update(&raw);
         let vector = frame.sensors.to_vector();
