@@ -49,6 +49,7 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
 }
 
 /// A number greater than 0, at most 8.
+#[cfg(feature = "gui")]
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v <= 8.0 => Ok(v),
@@ -59,6 +60,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// `WxH`, both from 64 to 8192.
+#[cfg(feature = "gui")]
 pub fn size(text: &str) -> Result<[u32; 2], String> {
     let parse = |s: &str| s.parse().ok().filter(|v| (64..=8192).contains(v));
     text.split_once('x')

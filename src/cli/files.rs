@@ -61,10 +61,7 @@ pub fn doctor(robot: &RobotSpec) -> Result<Report> {
         viewer(),
         folder(),
     ];
-    #[cfg(feature = "gui")]
-    checks.push(adapter());
-    #[cfg(all(unix, feature = "gui"))]
-    checks.push(display());
+    checks.extend(screen());
     let ok = checks.iter().all(|c| c.ok);
     let text = checks
         .iter()
@@ -163,6 +160,16 @@ fn folder() -> Check {
     }
 }
 
+#[cfg(not(feature = "gui"))]
+fn screen() -> [Check; 0] {
+    []
+}
+
+#[cfg(feature = "gui")]
+fn screen() -> [Check; 2] {
+    [adapter(), display()]
+}
+
 #[cfg(feature = "gui")]
 fn adapter() -> Check {
     match springtwin::gui::offscreen::Offscreen::new([64, 64], 1.0) {
@@ -182,11 +189,11 @@ fn adapter() -> Check {
     }
 }
 
-#[cfg(all(unix, feature = "gui"))]
+#[cfg(feature = "gui")]
 fn display() -> Check {
     let ok = std::env::var_os("DISPLAY").is_some()
         || std::env::var_os("WAYLAND_DISPLAY").is_some()
-        || cfg!(target_os = "macos");
+        || !cfg!(target_os = "linux");
     let says = if ok {
         "a display is there"
     } else {

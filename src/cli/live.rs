@@ -292,7 +292,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                 && !asked
             {
                 asked = true;
-                commands.push(Command::Goto(goal.clone()));
+                commands.extend([Command::Arm, Command::Goto(goal.clone())]);
             }
             let late = snapshot.stamp.seconds() > HELLO_S && !snapshot.link.connected && !asked;
             if snapshot.stamp.seconds() >= a.seconds || tally.refused.is_some() || late {

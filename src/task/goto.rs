@@ -16,25 +16,25 @@ const RAD_PER_M: f64 = std::f64::consts::PI / 180.0 / 1e-3;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GotoError {
     /// `go` without a preview.
-    #[error("no goal is under preview: preview a goal first")]
+    #[error("Pick a target first.")]
     NoPreview,
     /// The bounds of the pressures keep the tip away.
     #[error(
-        "the goal is out of reach: the nearest point is {:.1} mm away at ({:.1}, {:.1}, {:.1}) mm{}; choose a goal there",
-        .0.distance_m * 1e3, .0.nearest_m[0] * 1e3, .0.nearest_m[1] * 1e3, .0.nearest_m[2] * 1e3,
-        chamber_text(.0)
+        "The target cannot be reached: {:.0} mm short{}. The nearest point is {:.0}, {:.0}, {:.0} mm.",
+        .0.distance_m * 1e3, chamber_text(.0),
+        .0.nearest_m[0] * 1e3, .0.nearest_m[1] * 1e3, .0.nearest_m[2] * 1e3
     )]
     Unreachable(Box<Reach>),
     /// The model knows nothing about the goal.
     #[error(
-        "the goal lies outside of what the model was trained on: choose one closer to the middle of the workspace or train on more data"
+        "The target lies outside of what the model was trained on: choose one closer to the middle of the workspace or train on more data."
     )]
     OutsideData,
 }
 
 fn chamber_text(reach: &Reach) -> String {
     match reach.limiting_chamber {
-        Some((chamber, pa)) => format!(", chamber {chamber} is at {:.1} kPa", pa * 1e-3),
+        Some((chamber, pa)) => format!(", chamber {chamber} at {:+.0} kPa", pa * 1e-3),
         None => String::new(),
     }
 }
@@ -324,7 +324,7 @@ mod tests {
         task.preview(Goal::position(GOAL_M), verdict(ReachState::Unreachable));
         let text = task.go(Stamp::ZERO).unwrap_err().to_string();
         assert!(
-            text.contains("12.3 mm") && text.contains("chamber 4 is at 40.0 kPa"),
+            text.contains("12 mm short") && text.contains("chamber 4 at +40 kPa"),
             "{text}"
         );
         assert!(matches!(task.state(), GotoState::Preview(..)));

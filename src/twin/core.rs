@@ -15,10 +15,11 @@ use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
     Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus,
-    Mode, PressureCommand, RawFrame, Reach, ReachState, SensorFrame, SensorRef, Severity, Snapshot,
-    Stamp, pose_from_ypr,
+    Mode, PressureCommand, RawFrame, Reach, SensorFrame, SensorRef, Severity, Snapshot, Stamp,
+    pose_from_ypr,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
+use crate::task::{Goto, GotoState};
 
 /// A frame older than this is worth a warning, s.
 pub const STALE_WARN_S: f64 = 0.030;
@@ -30,8 +31,6 @@ const LOSS_SAFE: f64 = 0.1;
 const LOSS_MIN_FRAMES: u64 = 50;
 /// So many springs must be usable for motion.
 const SPRINGS_NEEDED: usize = 9;
-/// The estimate must stay within tolerance for this long to count as reached, s.
-const SETTLED_S: f64 = 0.5;
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
 
@@ -51,12 +50,7 @@ pub struct Maps {
 enum Phase {
     Disarmed,
     Hold,
-    Moving {
-        goal: Goal,
-        steps: u64,
-        inside_since: Option<Stamp>,
-        at_goal: bool,
-    },
+    Moving { task: Goto, steps: u64 },
     Safe(String),
 }
 
@@ -178,7 +172,7 @@ impl Twin {
     /// Everything known now.
     pub fn snapshot(&self) -> Snapshot {
         let goal = match &self.phase {
-            Phase::Moving { goal, .. } => Some(goal.clone()),
+            Phase::Moving { task, .. } => task.goal().cloned(),
             _ => None,
         };
         Snapshot {
@@ -205,8 +199,10 @@ impl Twin {
         match &self.phase {
             Phase::Disarmed => Mode::Disarmed,
             Phase::Hold => Mode::Hold,
-            Phase::Moving { at_goal: false, .. } => Mode::Moving,
-            Phase::Moving { at_goal: true, .. } => Mode::AtGoal,
+            Phase::Moving { task, .. } => match task.state() {
+                GotoState::AtGoal { .. } => Mode::AtGoal,
+                _ => Mode::Moving,
+            },
             Phase::Safe(reason) => Mode::Safe(reason.clone()),
         }
     }
@@ -498,11 +494,11 @@ impl Twin {
     fn hold(&mut self, events: &mut Vec<Event>) {
         let last = self.command.as_ref().map(|c| *c.chamber_pa());
         self.held_pa = last.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa));
-        if let Phase::Moving { goal, .. } = &self.phase
+        if let Phase::Moving { task, .. } = &self.phase
             && self.preview.is_none()
+            && let Some(goal) = task.goal().cloned()
         {
             // Remember the goal, so that Resume can go on.
-            let goal = goal.clone();
             self.preview = self.reach(&goal).ok().map(|reach| (goal, reach));
         }
         self.enter(Phase::Hold, events);
@@ -536,44 +532,32 @@ impl Twin {
         if let Some(reason) = self.not_ready() {
             return self.refuse(reason, events);
         }
-        match reach.state {
-            ReachState::Reachable | ReachState::Marginal => {}
-            ReachState::Unreachable => return self.refuse(unreachable_text(&reach), events),
-            ReachState::OutsideData => {
-                return self.refuse(
-                    "The target lies outside of the data the model was trained on: no motion.",
-                    events,
-                );
-            }
+        if matches!(self.phase, Phase::Disarmed) && !self.link.simulated {
+            return self.refuse("Disarmed: arm the rig first.", events);
         }
-        self.preview = None;
-        self.controller.set_goal(goal.clone(), Some(&reach));
-        self.enter(
-            Phase::Moving {
-                goal,
-                steps: 0,
-                inside_since: None,
-                at_goal: false,
-            },
-            events,
-        );
+        let mut task = Goto::default();
+        task.preview(goal, reach);
+        match task.go(self.now) {
+            Ok((goal, reach)) => {
+                self.preview = None;
+                self.controller.set_goal(goal, Some(&reach));
+                self.enter(Phase::Moving { task, steps: 0 }, events);
+            }
+            Err(reason) => self.refuse(reason.to_string(), events),
+        }
     }
 
     /// The command of this tick, if the phase has one.
     fn steer(&mut self, events: &mut Vec<Event>) -> Option<PressureCommand> {
         let sensors = self.sensors.as_ref()?;
+        let mut stall = None;
         let wanted_pa = match &mut self.phase {
             Phase::Disarmed | Phase::Safe(_) => {
                 self.command = None;
                 return None;
             }
             Phase::Hold => self.held_pa.unwrap_or(sensors.chamber_pa),
-            Phase::Moving {
-                goal,
-                steps,
-                inside_since,
-                at_goal,
-            } => {
+            Phase::Moving { task, steps } => {
                 let (estimate, eval) = (self.estimate.as_ref()?, self.eval.as_ref()?);
                 let maps = ControlMaps {
                     pose: self.maps.pose.as_ref(),
@@ -591,24 +575,14 @@ impl Twin {
                 );
                 self.sensor_ref = out.sensor_ref;
                 *steps += 1;
-                let p = estimate.base_from_tip.translation.vector;
-                let distance_m = (p - nalgebra::Vector3::from(goal.position_m)).norm();
-                if distance_m > goal.tolerance_m {
-                    *inside_since = None;
-                    if distance_m > 3.0 * goal.tolerance_m {
-                        *at_goal = false;
-                    }
-                } else {
-                    let since = *inside_since.get_or_insert(self.now);
-                    if !*at_goal && self.now.since(since) >= SETTLED_S {
-                        *at_goal = true;
-                        events.push(Event::Reached {
-                            stamp: self.now,
-                            distance_m,
-                            steps: *steps,
-                        });
-                    }
+                if let Some(arrival) = task.update(estimate) {
+                    events.push(Event::Reached {
+                        stamp: self.now,
+                        distance_m: arrival.distance_m,
+                        steps: *steps,
+                    });
                 }
+                stall = out.stall;
                 out.wanted_pa
             }
         };
@@ -621,6 +595,18 @@ impl Twin {
             &self.robot.pressure,
         );
         self.command = Some(command.clone());
+        if let Some(stall) = stall {
+            let (chamber, pa) = stall.chamber;
+            self.refuse(
+                format!(
+                    "The tip does not come nearer than {:.0} mm: chamber {chamber} is at {:+.0} kPa. Holding.",
+                    stall.distance_m * 1e3,
+                    pa * 1e-3
+                ),
+                events,
+            );
+            self.hold(events);
+        }
         Some(command)
     }
 
@@ -654,18 +640,4 @@ fn describe(health: ChannelHealth) -> &'static str {
         ChannelHealth::OutOfRange => "outside of its calibrated range",
         ChannelHealth::Missing => "not delivering",
     }
-}
-
-/// `18 mm short, chamber 4 at +40 kPa`, as a sentence.
-pub fn unreachable_text(reach: &Reach) -> String {
-    let [x, y, z] = reach.nearest_m.map(|v| v * 1e3);
-    let limit = reach
-        .limiting_chamber
-        .map_or(String::new(), |(chamber, pa)| {
-            format!(", chamber {chamber} at {:+.0} kPa", pa * 1e-3)
-        });
-    format!(
-        "The target cannot be reached: {:.0} mm short{limit}. The nearest point is {x:.0}, {y:.0}, {z:.0} mm.",
-        reach.distance_m * 1e3
-    )
 }

@@ -5,8 +5,11 @@ mod core;
 mod runner;
 
 pub use command::{Command, Event, Handle};
-pub use core::{Maps, Twin, unreachable_text};
+pub use core::{Maps, Twin};
 pub use runner::{
     Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,
     spawn,
 };
+
+#[cfg(test)]
+mod tests;

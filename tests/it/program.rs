@@ -119,6 +119,22 @@ fn bad_input_gets_one_sentence() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn without_a_display_the_headless_command_is_named() {
+    let out = Command::new(env!("CARGO_BIN_EXE_springtwin"))
+        .env_remove("DISPLAY")
+        .env_remove("WAYLAND_DISPLAY")
+        .output()
+        .expect("the program starts");
+    let text = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1));
+    assert!(
+        text.contains("no display") && text.contains("--headless"),
+        "{text}"
+    );
+}
+
+#[test]
 fn unreachable_targets_are_refused_before_motion() {
     for target in [
         "400,0,-100",

@@ -1,0 +1,242 @@
+//! The twin in simulated time, against hand-made frames.
+
+use std::sync::Arc;
+
+use nalgebra::{SMatrix, SVector};
+
+use super::*;
+use crate::control::ControllerKind;
+use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
+use crate::robot::RobotSpec;
+use crate::sensing::{Calibration, Sensing};
+use crate::signal::{
+    CHAMBERS, Goal, GroundTruth, ImuRaw, LinkStatus, Mode, Pose, RawFrame, SIGNALS, Stamp,
+    TruthSource,
+};
+
+/// Position from the lengths' mean and two differences: crude, but smooth and exact in its Jacobian.
+struct Crude;
+
+impl PoseMap for Crude {
+    fn pose(&self, s: &SVector<f64, SIGNALS>) -> PoseEval {
+        let mut j = SMatrix::<f64, 6, SIGNALS>::zeros();
+        for i in 0..12 {
+            j[(2, i)] = -2.0 / 12.0;
+            j[(0, i)] = if i % 6 < 3 { 0.3 } else { -0.3 };
+            j[(1, i)] = if i % 2 == 0 { 0.3 } else { -0.3 };
+        }
+        PoseEval {
+            pose: j * s,
+            jacobian: j,
+            covariance: SMatrix::identity() * 1e-6,
+            training_distance: 0.5,
+        }
+    }
+}
+
+impl PlantMap for Crude {
+    fn sensors(&self, p: &[f64; CHAMBERS], _payload_kg: f64) -> PlantEval {
+        let mut j = SMatrix::<f64, SIGNALS, CHAMBERS>::zeros();
+        for i in 0..12 {
+            for k in 0..CHAMBERS {
+                j[(i, k)] = 1e-6 * if (i + k) % 5 < 2 { 1.0 } else { 0.3 };
+            }
+        }
+        let mut s = j * SVector::<f64, CHAMBERS>::from_row_slice(p);
+        for i in 0..12 {
+            s[i] += 0.152;
+        }
+        PlantEval {
+            sensors: s,
+            jacobian: j,
+        }
+    }
+}
+
+fn twin() -> Twin {
+    let robot = RobotSpec::reference();
+    let maps = Maps {
+        pose: Arc::new(Crude),
+        plant: Arc::new(Crude),
+        seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
+    };
+    let sensing = Sensing::new(&robot, Calibration::virtual_rig());
+    let mut twin = Twin::new(&robot, maps, sensing, ControllerKind::Ours);
+    twin.observe_link(LinkStatus {
+        connected: true,
+        simulated: true,
+        ..LinkStatus::default()
+    });
+    twin
+}
+
+/// A frame of an arm at rest. 2 MHz, 8 ms gates, about 152 mm on every spring.
+fn frame(k: u32) -> RawFrame {
+    let robot = RobotSpec::reference();
+    let mut circuit = crate::rig::circuit_of(&robot, crate::rig::Unit::default());
+    circuit.settle(&[0.152; 12]);
+    let mut rng = crate::sim::dataset::sample_rng(1, k as usize);
+    let (counts, gates) = circuit.read(&mut rng);
+    let imu = |i: usize| {
+        let up = robot.imus[i].pad_from_imu.inverse() * nalgebra::Vector3::new(0.0, 0.0, 9.806_65);
+        ImuRaw {
+            gyro_rad_s: [0.0; 3],
+            accel_m_s2: up.into(),
+        }
+    };
+    RawFrame {
+        seq: k,
+        stamp: Stamp::from_seconds(f64::from(k) * 0.01),
+        spring_counts: counts,
+        spring_gate_ticks: gates,
+        tick_rate_hz: 2e6,
+        imu: std::array::from_fn(imu),
+        chamber_pa: [0.0; CHAMBERS],
+        present: RawFrame::ALL_PRESENT,
+        board_age_s: [0.0; 2],
+        faults: 0,
+    }
+}
+
+/// Runs `n` ticks with frames from tick `from`; the last command and all events.
+fn feed(twin: &mut Twin, from: u32, n: u32) -> Vec<Event> {
+    let mut events = Vec::new();
+    for k in from..from + n {
+        let now = Stamp::from_seconds(f64::from(k) * 0.01);
+        events.extend(twin.tick(now, Some(frame(k)), &[]).1);
+    }
+    events
+}
+
+fn at(k: u32) -> Stamp {
+    Stamp::from_seconds(f64::from(k) * 0.01)
+}
+
+#[test]
+fn a_stale_link_leads_to_safe_within_its_bound_and_only_a_reset_leaves_it() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
+    assert_eq!(twin.mode(), Mode::Hold);
+    let mut safe_at = None;
+    for k in 21..60 {
+        let (command, _) = twin.tick(at(k), None, &[]);
+        if twin.is_safe() {
+            safe_at.get_or_insert(k);
+            assert!(command.is_none(), "SAFE commands no pressure");
+        }
+    }
+    let k = safe_at.expect("goes SAFE");
+    assert!(
+        (30..=32).contains(&k),
+        "the last frame came at tick 20, SAFE came at {k}"
+    );
+    // Data that come back do not resume motion, and arming is refused until the reset.
+    feed(&mut twin, 60, 5);
+    assert!(twin.is_safe());
+    let (_, events) = twin.tick(at(65), Some(frame(65)), &[Command::Arm]);
+    assert!(
+        events.iter().any(|e| matches!(e, Event::Refused { .. })),
+        "{events:?}"
+    );
+    twin.tick(at(66), Some(frame(66)), &[Command::Reset]);
+    assert_eq!(twin.mode(), Mode::Disarmed);
+}
+
+#[test]
+fn a_silent_board_is_named() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
+    for k in 21..40 {
+        let mut f = frame(k);
+        f.board_age_s[1] = f64::from(k - 20) * 0.01;
+        twin.tick(at(k), Some(f), &[]);
+    }
+    let Mode::Safe(reason) = twin.mode() else {
+        panic!("not SAFE but {:?}", twin.mode())
+    };
+    assert!(reason.contains("board 2"), "{reason}");
+}
+
+#[test]
+fn stop_is_obeyed_in_the_tick_it_comes_and_beats_every_other_command() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    let goal = Goal::position([0.0, 0.0, -0.304]);
+    let commands = [Command::Goto(goal), Command::Stop, Command::Arm];
+    let (command, _) = twin.tick(at(20), Some(frame(20)), &commands);
+    assert!(twin.is_safe() && command.is_none());
+}
+
+#[test]
+fn values_that_make_no_sense_never_become_commands() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
+    let before = twin.snapshot().estimate.expect("estimate");
+    for k in 21..30 {
+        let mut f = frame(k);
+        f.chamber_pa = [f64::NAN; CHAMBERS];
+        f.imu[0].gyro_rad_s = [f64::INFINITY; 3];
+        let (command, _) = twin.tick(at(k), Some(f), &[]);
+        if let Some(c) = command {
+            assert!(c.chamber_pa().iter().all(|p| p.is_finite()));
+        }
+    }
+    let after = twin.snapshot().estimate.expect("estimate");
+    assert!(
+        after
+            .base_from_tip
+            .translation
+            .vector
+            .iter()
+            .all(|x| x.is_finite())
+    );
+    assert_eq!(before.base_from_tip.rotation, after.base_from_tip.rotation);
+}
+
+#[test]
+fn motion_capture_changes_nothing_but_the_snapshot() {
+    let run = |with: bool| {
+        let mut twin = twin();
+        feed(&mut twin, 0, 20);
+        twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
+        let mut commands = Vec::new();
+        for k in 21..60 {
+            if with {
+                twin.observe_truth(GroundTruth {
+                    stamp: at(k),
+                    base_from_tip: Pose::translation(1.0, 2.0, 3.0),
+                    source: TruthSource::Vicon,
+                });
+            }
+            let goal = Command::Goto(Goal::position([0.0, 0.0, -0.305]));
+            let list = if k == 25 { vec![goal] } else { Vec::new() };
+            commands.push(twin.tick(at(k), Some(frame(k)), &list).0);
+        }
+        (commands, twin.snapshot().truth.is_some())
+    };
+    let (without, _) = run(false);
+    let (with, seen) = run(true);
+    assert!(seen);
+    assert_eq!(without, with);
+}
+
+#[test]
+fn hardware_must_be_armed_before_it_goes() {
+    let mut twin = twin();
+    twin.observe_link(LinkStatus {
+        connected: true,
+        simulated: false,
+        ..LinkStatus::default()
+    });
+    feed(&mut twin, 0, 20);
+    let goal = Goal::position([0.0, 0.0, -0.304]);
+    let (command, events) = twin.tick(at(20), Some(frame(20)), &[Command::Goto(goal)]);
+    assert!(command.is_none());
+    assert!(
+        events.iter().any(|e| e.text().contains("arm")),
+        "{events:?}"
+    );
+}
