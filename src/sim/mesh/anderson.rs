@@ -29,12 +29,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Anderson {
-    /// Forgets everything.
-    pub fn reset(&mut self) {
-        self.last = None;
-        self.steps.clear();
-    }
-
     /// The next iterate from v and G(v).
     pub fn next(&mut self, v: &[f64], image: &[f64]) -> Vec<f64> {
         let f = minus(image, v);

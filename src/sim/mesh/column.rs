@@ -2,10 +2,10 @@
 //!
 //! Energy of the column at node positions x, growth λ and aimed growth λ̂:
 //!
-//! E = Σₑ ½ w Vₑ |Fₑ − Rₑ diag(1, 1, λ)|² + ½ K (λ − λ̂)² − Σᵢ fᵢ·xᵢ,   Fₑ = Σ xᵢ gᵢᵀ
+//! E = Σₑ ½ w Vₑ |(Fₑ − Rₑ diag(1, 1, λ)) D|² + ½ K (λ − λ̂)² − Σᵢ fᵢ·xᵢ,   Fₑ = Σ xᵢ gᵢᵀ
 //!
-//! Rₑ is the rotation nearest to Fₑ diag(1, 1, λ), λ the best common growth of the column; both are
-//! the local step. The Laplacian Σ w Vₑ gᵢ·gⱼ is constant: it is factored once, and the column's
+//! with D² = diag(α, α, 1). Rₑ is the rotation nearest to Fₑ D² diag(1, 1, λ), λ the best common growth
+//! of the column; both are the local step. The Laplacian Σ w Vₑ gᵢ·D² gⱼ is constant: it is factored once, and the column's
 //! answer to its pads' motion (harmonic extension of an affine motion) is stored with it.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
@@ -42,6 +42,8 @@ pub(super) struct Build {
     pub layers: usize,
     /// w, J/m³.
     pub weight_j_m3: f64,
+    /// α: weight of the cross-section's axes over that of the axis that grows.
+    pub across: f64,
     /// K, J.
     pub growth_j: f64,
     /// Weight of the column, N.
@@ -59,6 +61,7 @@ pub(super) struct Column {
     pub ring: usize,
     tets: Vec<Tet>,
     weight_j_m3: f64,
+    across: f64,
     /// Σ w Vₑ, J.
     stiffness_j: f64,
     growth_j: f64,
@@ -119,7 +122,7 @@ impl Column {
                     continue;
                 }
                 for (j, gj) in t.nodes.iter().zip(&t.gradients) {
-                    let l = w * gi.dot(gj);
+                    let l = w * (b.across * gi.xy().dot(&gj.xy()) + gi.z * gj.z);
                     if !interior.contains(j) {
                         pull[*i] -= harmonic[*j] * l;
                     } else if j <= i {
@@ -151,6 +154,9 @@ impl Column {
             for (i, g) in t.nodes.iter().zip(&t.gradients) {
                 grad += harmonic[*i] * g.transpose();
             }
+            for k in 0..2 {
+                grad.column_mut(k).scale_mut(b.across.sqrt());
+            }
             reduced += grad * grad.transpose() * (b.weight_j_m3 * t.volume_m3);
         }
         Some(Self {
@@ -158,6 +164,7 @@ impl Column {
             ring,
             tets,
             weight_j_m3: b.weight_j_m3,
+            across: b.across,
             stiffness_j: b.weight_j_m3 * volume,
             growth_j: b.growth_j,
             load_n,
@@ -197,15 +204,18 @@ impl Column {
                 f += x_m[*i] * g.transpose();
             }
             let mut aimed = f;
+            aimed.column_mut(0).scale_mut(self.across);
+            aimed.column_mut(1).scale_mut(self.across);
             aimed.column_mut(2).scale_mut(growth);
             let r = nearest_rotation(&aimed);
             let w = self.weight_j_m3 * t.volume_m3;
             let axis = r.column(2).into_owned();
-            ff += w * f.norm_squared();
-            rf += w * (r.column(0).dot(&f.column(0)) + r.column(1).dot(&f.column(1)));
-            along += w * axis.dot(&f.column(2));
-            let mut off = f - r;
-            off.set_column(2, &f.column(2));
+            let (f1, f2, f3) = (f.column(0), f.column(1), f.column(2));
+            ff += w * (self.across * (f1.norm_squared() + f2.norm_squared()) + f3.norm_squared());
+            rf += w * self.across * (r.column(0).dot(&f1) + r.column(1).dot(&f2));
+            along += w * axis.dot(&f3);
+            let mut off = (f - r) * self.across;
+            off.set_column(2, &f3);
             for (i, g) in t.nodes.iter().zip(&t.gradients) {
                 force_n[*i] -= off * (g * w);
                 axial_n[*i] += axis * (w * g.z);
@@ -218,7 +228,9 @@ impl Column {
             *f += axial_n[i] * growth + self.load_n[i];
             potential -= self.load_n[i].dot(&x_m[i]);
         }
-        let elastic = 0.5 * (ff + self.stiffness_j * (2.0 + growth * growth)) - rf - growth * along;
+        let elastic = 0.5 * (ff + self.stiffness_j * (2.0 * self.across + growth * growth))
+            - rf
+            - growth * along;
         Local {
             energy_j: elastic + 0.5 * self.growth_j * (growth - aim).powi(2) + potential,
             growth,
