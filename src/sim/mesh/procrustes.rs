@@ -25,10 +25,14 @@ pub(super) fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
         let p = ((t * t - 2.0 * n2) * t - 8.0 * det) * t + c0;
         let slope = 4.0 * (t * t - n2) * t - 8.0 * det;
         let step = p / slope;
-        if step.is_nan() || step <= 1e-15 * t {
+        if step.is_nan() || step <= 0.0 {
             break;
         }
         t -= step;
+        // The error left is of the order of the square of the last step.
+        if step <= 1e-9 * t {
+            break;
+        }
     }
     let mut q = m.tr_mul(m);
     let second = 0.5 * (t * t - n2);
