@@ -15,7 +15,8 @@ use springtwin::rig::board::Readings;
 use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, Dataset, RawFrame, Sample, Stamp, pose_error, ypr_from_rotation};
-use springtwin::sim::dataset::{Draw, Plan, generate, pressures, sample_rng};
+use springtwin::sim::dataset::{Draw, Plan, generate, generate_mesh, pressures, sample_rng};
+use springtwin::sim::mesh::MeshModel;
 
 #[derive(Subcommand)]
 pub enum DatasetCommand {
@@ -72,6 +73,8 @@ pub struct GenerateArgs {
 enum Source {
     /// Piecewise-constant-strain rods
     Rod,
+    /// Tetrahedra between rigid pads, the nominal arm
+    Mesh,
     /// The virtual rig: other physics, read through its circuits and the calibration
     Rig,
 }
@@ -94,6 +97,10 @@ pub fn dataset(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Resu
 
 fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     args::payload_in_range(robot, a.payload_max)?;
+    anyhow::ensure!(
+        a.simulator != Source::Mesh || a.deviation == 0.0,
+        "the mesh simulator has one arm only: leave --deviation out, or use --simulator rod"
+    );
     let draw = match (a.grid, a.samples) {
         (Some(n), _) => Draw::Grid(usize::from(n)),
         (None, n) => Draw::Uniform(n.unwrap_or(0)),
@@ -119,6 +126,10 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
     let (data, left_out) = match a.simulator {
         Source::Rod => generate(robot, &plan, range, threads, &mut progress),
+        Source::Mesh => {
+            let mesh = MeshModel::new(robot)?;
+            generate_mesh(&mesh, &plan, range, threads, &mut progress)
+        }
         Source::Rig => rig_samples(robot, &plan, range, &mut progress)?,
     };
     bar.finish_and_clear();

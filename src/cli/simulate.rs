@@ -11,6 +11,7 @@ use super::{Report, args};
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, pose_error, ypr_from_rotation};
+use springtwin::sim::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
 use springtwin::sim::{Inputs, Model, Observation, State, creep_to, observe, settle};
 
 #[derive(Subcommand)]
@@ -41,18 +42,20 @@ pub enum SimCommand {
 pub enum Simulator {
     /// Piecewise-constant-strain rods
     Rod,
+    /// Tetrahedra between rigid pads
+    Mesh,
 }
 
 pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
         SimCommand::Solve {
             pressures,
-            simulator: Simulator::Rod,
+            simulator,
             payload,
             force,
         } => {
             args::payload_in_range(robot, *payload)?;
-            solve(robot, pressures, *payload, force)
+            solve(robot, *simulator, pressures, *payload, force)
         }
         SimCommand::Replay { session } => replay(robot, session),
     }
@@ -60,12 +63,11 @@ pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
 
 fn solve(
     robot: &RobotSpec,
+    simulator: Simulator,
     chamber_pa: &[f64; CHAMBERS],
     payload_kg: f64,
     tip_force_n: &[f64; 3],
 ) -> Result<Report> {
-    let model = Model::nominal(robot);
-    let mut state = State::rest(&model);
     let inputs = Inputs {
         chamber_pa: *chamber_pa,
         payload_kg,
@@ -77,17 +79,34 @@ fn solve(
         clippy::disallowed_methods,
         reason = "wall time of one solve, for the report"
     )]
-    let start = Instant::now();
-    let outcome = settle(&model, &mut state, &inputs)?;
-    let micros = start.elapsed().as_secs_f64() * 1e6;
-    let o = observe(&model, &state);
+    let now = Instant::now;
+    let (o, iterations, what, micros) = match simulator {
+        Simulator::Rod => {
+            let model = Model::nominal(robot);
+            let mut state = State::rest(&model);
+            let start = now();
+            let outcome = settle(&model, &mut state, &inputs)?;
+            let micros = start.elapsed().as_secs_f64() * 1e6;
+            let o = observe(&model, &state);
+            (o, outcome.iterations, "Newton", micros)
+        }
+        Simulator::Mesh => {
+            let model = MeshModel::new(robot)?;
+            let mut state = MeshState::rest(&model);
+            let start = now();
+            let outcome = settle_mesh(&model, &mut state, &inputs)?;
+            let micros = start.elapsed().as_secs_f64() * 1e6;
+            let o = observe_mesh(&model, &state);
+            (o, outcome.iterations, "local-global", micros)
+        }
+    };
     let tip_mm: [f64; 3] = (o.base_from_tip.translation.vector * 1e3).into();
     let ypr_deg = ypr_from_rotation(&o.base_from_tip.rotation).map(f64::to_degrees);
     let springs_mm = o.sensors.spring_m.map(|l| l * 1e3);
     let imu_ypr_deg = o.sensors.imu_ypr_rad.map(|a| a.map(f64::to_degrees));
     Ok(Report {
         text: format!(
-            "tip       {:8.2} {:8.2} {:8.2} mm\nyaw pitch roll {:6.2} {:6.2} {:6.2} deg\nsprings   {} mm\n{} Newton iterations, {micros:.0} us (simulated)",
+            "tip       {:8.2} {:8.2} {:8.2} mm\nyaw pitch roll {:6.2} {:6.2} {:6.2} deg\nsprings   {} mm\n{iterations} {what} iterations, {micros:.0} us (simulated)",
             tip_mm[0],
             tip_mm[1],
             tip_mm[2],
@@ -95,11 +114,10 @@ fn solve(
             ypr_deg[1],
             ypr_deg[2],
             springs_mm.map(|l| format!("{l:.1}")).join(" "),
-            outcome.iterations,
         ),
         json: json!({
             "tip_mm": tip_mm, "ypr_deg": ypr_deg, "springs_mm": springs_mm,
-            "imu_ypr_deg": imu_ypr_deg, "iterations": outcome.iterations, "micros": micros,
+            "imu_ypr_deg": imu_ypr_deg, "iterations": iterations, "micros": micros,
             "simulated": true,
         }),
     })

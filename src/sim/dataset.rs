@@ -9,7 +9,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::{Inputs, Model, Parameters, Resolution, SimError, State, observe, settle};
+use super::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
+use super::{Inputs, Model, Observation, Parameters, Resolution, SimError, State, observe, settle};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Dataset, Sample};
 
@@ -114,11 +115,8 @@ pub fn pressures(
     }
 }
 
-/// Sample `index` of a plan, or why the model has no answer there.
-///
-/// # Errors
-/// [`SimError::NoEquilibrium`] for loads beyond what the arm can hold.
-pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, SimError> {
+/// What sample `index` of a plan subjects the arm to, and how that arm deviates from the nominal one.
+fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> (Inputs, Parameters) {
     let mut rng = sample_rng(plan.seed, index);
     let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
     let payload_kg = plan.payload_max_kg * rng.random::<f64>();
@@ -130,23 +128,47 @@ pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, Si
     } else {
         Parameters::default()
     };
-    let model = Model::new(robot, &parameters, Resolution::default());
-    let mut state = State::rest(&model);
     let inputs = Inputs {
         chamber_pa,
         payload_kg,
         tip_force_n,
         ..Inputs::default()
     };
-    settle(&model, &mut state, &inputs)?;
-    let o = observe(&model, &state);
-    Ok(Sample {
-        chamber_pa,
-        payload_kg,
-        tip_force_n,
+    (inputs, parameters)
+}
+
+fn sampled(inputs: &Inputs, o: Observation) -> Sample {
+    Sample {
+        chamber_pa: inputs.chamber_pa,
+        payload_kg: inputs.payload_kg,
+        tip_force_n: inputs.tip_force_n,
         sensors: o.sensors,
         base_from_tip: o.base_from_tip,
-    })
+    }
+}
+
+/// Sample `index` of a plan, or why the model has no answer there.
+///
+/// # Errors
+/// [`SimError::NoEquilibrium`] for loads beyond what the arm can hold.
+pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, SimError> {
+    let (inputs, parameters) = drawn(robot, plan, index);
+    let model = Model::new(robot, &parameters, Resolution::default());
+    let mut state = State::rest(&model);
+    settle(&model, &mut state, &inputs)?;
+    Ok(sampled(&inputs, observe(&model, &state)))
+}
+
+/// Sample `index` of a plan through the mesh. The mesh is the nominal arm: pressures, payload and
+/// force are those of [`sample`], `deviation_sd` has no effect.
+///
+/// # Errors
+/// [`SimError::MeshUnsettled`] for loads beyond what the arm can hold.
+pub fn sample_mesh(mesh: &MeshModel, plan: &Plan, index: usize) -> Result<Sample, SimError> {
+    let (inputs, _) = drawn(&mesh.robot, plan, index);
+    let mut state = MeshState::rest(mesh);
+    settle_mesh(mesh, &mut state, &inputs)?;
+    Ok(sampled(&inputs, observe_mesh(mesh, &state)))
 }
 
 /// Samples `range` of a plan on `threads` threads. `progress` is told how many are done and may
@@ -159,12 +181,35 @@ pub fn generate(
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> (Dataset, usize) {
     let samples = parallel(range, threads, progress, &|i| sample(robot, plan, i).ok());
+    collected(samples, "rod", plan, robot)
+}
+
+/// As [`generate`], through the mesh.
+pub fn generate_mesh(
+    mesh: &MeshModel,
+    plan: &Plan,
+    range: std::ops::Range<usize>,
+    threads: usize,
+    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> (Dataset, usize) {
+    let samples = parallel(range, threads, progress, &|i| {
+        sample_mesh(mesh, plan, i).ok()
+    });
+    collected(samples, "mesh", plan, &mesh.robot)
+}
+
+fn collected(
+    samples: Vec<Option<Sample>>,
+    source: &str,
+    plan: &Plan,
+    robot: &RobotSpec,
+) -> (Dataset, usize) {
     let total = samples.len();
     let kept: Vec<Sample> = samples.into_iter().flatten().collect();
     let left_out = total - kept.len();
     let data = Dataset {
         samples: kept,
-        source: "rod".to_owned(),
+        source: source.to_owned(),
         seed: plan.seed,
         robot_hash: robot.hash.clone(),
     };
@@ -243,6 +288,28 @@ mod tests {
             .map(|s| s.chamber_pa[0])
             .fold(0.0f64, |m, p| m.max(p.abs()));
         assert!(spread > 35e3);
+    }
+
+    #[test]
+    fn the_mesh_answers_the_same_questions() {
+        let robot = RobotSpec::reference();
+        let mesh = MeshModel::new(&robot).expect("meshes");
+        let plan = Plan {
+            payload_max_kg: 0.3,
+            ..Plan::nominal(Draw::Uniform(6), 7)
+        };
+        let mut on = |_: usize| ControlFlow::Continue(());
+        let (rod, _) = generate(&robot, &plan, 0..6, 1, &mut on);
+        let (a, left_out) = generate_mesh(&mesh, &plan, 0..6, 2, &mut on);
+        assert_eq!((left_out, a.source.as_str()), (0, "mesh"));
+        let (b, _) = generate_mesh(&mesh, &plan, 3..6, 1, &mut on);
+        assert_eq!(a.samples[3..], b.samples[..]);
+        for (r, m) in rod.samples.iter().zip(&a.samples) {
+            assert_eq!(r.chamber_pa, m.chamber_pa);
+            assert_eq!(r.payload_kg, m.payload_kg);
+            let apart = r.base_from_tip.translation.vector - m.base_from_tip.translation.vector;
+            assert!(apart.norm() < 5e-3, "{:.1} mm apart", apart.norm() * 1e3);
+        }
     }
 
     #[test]

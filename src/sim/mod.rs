@@ -1,9 +1,12 @@
 //! Simulators: from pressures and loads to poses and what the sensors would read.
 //!
 //! A [`Model`] is constant, a [`State`] changes; [`settle`] finds the static state and [`creep_to`]
-//! the next state of an overdamped motion.
+//! the next state of an overdamped motion. The [`mesh`] is the second simulator, built on geometry.
 
+#[cfg(test)]
+mod conformance;
 pub mod dataset;
+pub mod mesh;
 mod model;
 pub mod rod;
 pub mod sensors;

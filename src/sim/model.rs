@@ -241,9 +241,26 @@ pub enum SimError {
         /// Last step.
         last_step: f64,
     },
+    /// The mesh did not come to rest.
+    #[error(
+        "the mesh model is still {residual_n:.1e} N out of balance after {iterations} iterations: \
+         the load is beyond what the arm can hold"
+    )]
+    MeshUnsettled {
+        /// Local-global iterations.
+        iterations: usize,
+        /// Out-of-balance force, N.
+        residual_n: f64,
+    },
+    /// The robot's dimensions leave nothing to mesh.
+    #[error(
+        "the bellows of this robot leave no wall to mesh: give them an outer diameter larger than the \
+         inner one, and a length above zero"
+    )]
+    NoMesh,
 }
 
-fn check(inputs: &Inputs) -> Result<(), SimError> {
+pub(super) fn check(inputs: &Inputs) -> Result<(), SimError> {
     let bad = |what: &str, value: f64| {
         Err(SimError::NotFinite {
             what: what.to_owned(),
