@@ -7,6 +7,7 @@ pub mod dataset;
 mod model;
 pub mod rod;
 pub mod sensors;
+pub mod validate;
 
 pub use model::{Inputs, Model, Parameters, Resolution, SimError, State, creep_to, settle};
 pub use sensors::{Observation, observe};
