@@ -4,6 +4,7 @@
 //! the next state of an overdamped motion.
 
 pub mod dataset;
+pub mod effects;
 mod model;
 pub mod rod;
 pub mod sensors;
