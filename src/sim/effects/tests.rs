@@ -199,7 +199,10 @@ fn the_whole_range_of_every_parameter_can_be_run() {
             }
             let values = active.values.clone();
             let run = simulate(&model, &given, 0.2, &[active]);
-            assert!(run.is_ok(), "{} {values:?}: {:?}", e.id, run.err());
+            // A high, hard floor folds the arm; that has to be said, not computed.
+            let folds = e.id == "contact"
+                && matches!(run, Err(EffectError::Sim(SimError::NoEquilibrium { .. })));
+            assert!(run.is_ok() || folds, "{} {values:?}: {:?}", e.id, run.err());
         }
     }
 }
