@@ -73,12 +73,30 @@ enum Command {
 }
 
 /// What a command has to say: for people, and for scripts.
+#[derive(Debug)]
 pub struct Report {
     /// Shown without `--json`.
     pub text: String,
     /// Shown with `--json`.
     pub json: Value,
 }
+
+/// A command that ran to its end and found something wrong: its report is printed all the same.
+#[derive(Debug)]
+pub struct Failed {
+    /// What was found.
+    pub report: Report,
+    /// One sentence for standard error.
+    pub why: String,
+}
+
+impl std::fmt::Display for Failed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.why)
+    }
+}
+
+impl std::error::Error for Failed {}
 
 /// Parses the arguments, runs the command, prints its report.
 pub fn main() -> ExitCode {
@@ -95,14 +113,13 @@ pub fn main() -> ExitCode {
     };
     match run(&cli) {
         Ok(report) => {
-            if cli.json {
-                println!("{}", report.json);
-            } else if !report.text.is_empty() {
-                println!("{}", report.text);
-            }
+            print(&report, &cli);
             ExitCode::SUCCESS
         }
         Err(e) => {
+            if let Some(failed) = e.downcast_ref::<Failed>() {
+                print(&failed.report, &cli);
+            }
             eprintln!("error: {e:#}");
             ExitCode::FAILURE
         }
@@ -162,6 +179,14 @@ fn run(cli: &Cli) -> Result<Report> {
             clap_mangen::Man::new(Cli::command()).render(&mut std::io::stdout())?;
             Ok(silent())
         }
+    }
+}
+
+fn print(report: &Report, cli: &Cli) {
+    if cli.json {
+        println!("{}", report.json);
+    } else if !report.text.is_empty() {
+        println!("{}", report.text);
     }
 }
 

@@ -1,4 +1,4 @@
-//! `sim solve`, `sim replay`.
+//! `sim solve`, `sim replay`, `sim validate`.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -7,11 +7,12 @@ use anyhow::{Context as _, Result};
 use clap::{Subcommand, ValueEnum};
 use serde_json::json;
 
-use super::{Report, args};
+use super::{Failed, Report, args};
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, pose_error, ypr_from_rotation};
 use springtwin::sim::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
+use springtwin::sim::validate::{self, Case};
 use springtwin::sim::{Inputs, Model, Observation, State, creep_to, observe, settle};
 
 #[derive(Subcommand)]
@@ -36,6 +37,8 @@ pub enum SimCommand {
         /// Session folder or session.toml
         session: PathBuf,
     },
+    /// Hold the rod model against known results; fails when one is missed
+    Validate,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -58,6 +61,7 @@ pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
             solve(robot, *simulator, pressures, *payload, force)
         }
         SimCommand::Replay { session } => replay(robot, session),
+        SimCommand::Validate => validate(),
     }
 }
 
@@ -213,4 +217,44 @@ fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
             "samples": log.len(),
         }),
     })
+}
+
+fn validate() -> Result<Report> {
+    let cases = validate::validate();
+    let failed = cases.iter().filter(|c| !c.ok).count();
+    let report = Report {
+        text: validation_table(&cases),
+        json: json!({
+            "cases": cases.iter().map(|c| json!({
+                "name": c.name, "unit": c.unit, "expected": c.expected, "got": c.got,
+                "tolerance": c.tolerance, "ok": c.ok,
+            })).collect::<Vec<_>>(),
+            "failed": failed,
+        }),
+    };
+    if failed == 0 {
+        return Ok(report);
+    }
+    let why = format!(
+        "{failed} of {} validation cases are out of tolerance: do not trust the rod model of this build",
+        cases.len()
+    );
+    Err(Failed { report, why }.into())
+}
+
+fn validation_table(cases: &[Case]) -> String {
+    let width = cases.iter().map(|c| c.name.chars().count()).max();
+    let width = width.unwrap_or(0);
+    let mut text = format!(
+        "{:width$} {:>12} {:>12} {:>9} {:4}",
+        "case", "expected", "got", "tolerance", "unit"
+    );
+    for c in cases {
+        let verdict = if c.ok { "ok" } else { "FAILED" };
+        text += &format!(
+            "\n{:width$} {:12.6} {:12.6} {:9.1e} {:4} {verdict}",
+            c.name, c.expected, c.got, c.tolerance, c.unit
+        );
+    }
+    text
 }

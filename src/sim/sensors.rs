@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::model::{Model, State};
 use super::rod::{poses, se3::Frame};
-use crate::robot::PadId;
+use crate::robot::{PadId, RobotSpec};
 use crate::signal::{ArmShape, CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, ypr_from_rotation};
 
 /// Geometry of one state.
@@ -65,6 +65,20 @@ pub fn observe(model: &Model, state: &State) -> Observation {
             spring_ends_m,
         },
     }
+}
+
+/// Lengths of the springs between top, middle and end pad, m.
+pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPRINGS] {
+    std::array::from_fn(|i| {
+        let mut top_m = robot.spring_top_m[i];
+        if i >= 6 {
+            // Segment 2 starts at the middle pad's lower face.
+            top_m.z -= robot.pad_thickness_m;
+        }
+        let top = base_from_pad[i / 6] * nalgebra::Point3::from(top_m);
+        let bottom = base_from_pad[i / 6 + 1] * nalgebra::Point3::from(robot.spring_bottom_m[i]);
+        (bottom - top).norm()
+    })
 }
 
 /// L_i = Σ l |v + κ × r_i|, m.

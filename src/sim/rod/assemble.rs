@@ -7,10 +7,15 @@
 //! ∂²Π/∂q_a∂q_b = −ω_a·[v_b × F + (N − tr N) ω_b],  N = Σ x fᵀ,  a upstream of b
 //!
 //! summed over the points downstream of b; within one element the derivative of the exponential's
-//! left Jacobian is added (see [`super::se3`]). Tension springs span one section, so they
+//! left Jacobian is added (see [`super::se3`]). A moment M of constant direction has no energy; its
+//! derivative has a skew part,
+//!
+//! ∂g_i/∂q_j − ∂g_j/∂q_i = −(ω_j × ω_i)·M,
+//!
+//! which the Hessian leaves out and [`Assembly::jacobian`] has. Tension springs span one section, so they
 //! add their forces, and their stiffness through the screws, to that section alone.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::se3::{ExpMap, Frame, Twist};
 use super::{Loads, Rod, Section};
@@ -292,6 +297,35 @@ impl Assembly {
             element_end = first;
         }
         self.couple(rod, n, d);
+        if loads.tip_moment_nm.norm() > 0.0 {
+            self.symmetrise(&loads.tip_moment_nm, n, d);
+        }
+    }
+
+    /// −½ (ω_j × ω_i)·M: the skew part of ∂g_i/∂q_j under a tip moment.
+    fn skew(&self, moment: &Vector3<f64>, d: usize, i: usize, j: usize) -> f64 {
+        let w = |k: usize| &self.elements[k / d].screws[k % d].0.w;
+        -0.5 * w(j).cross(w(i)).dot(moment)
+    }
+
+    /// Turns the one-sided moment terms of the lower triangle into their symmetric part.
+    fn symmetrise(&mut self, moment: &Vector3<f64>, n: usize, d: usize) {
+        for i in 0..n {
+            for j in 0..i {
+                // Within an element the row's derivative was stored, between elements the column's.
+                let sign = if i / d == j / d { -1.0 } else { 1.0 };
+                self.hessian[i * n + j] += sign * self.skew(moment, d, i, j);
+            }
+        }
+    }
+
+    /// The full derivative of the gradient, the skew part of a tip moment included.
+    pub fn jacobian(&self, rod: &Rod, loads: &Loads) -> DMatrix<f64> {
+        let (n, d) = (rod.unknowns(), rod.strains.indices().len());
+        DMatrix::from_fn(n, n, |i, j| {
+            let symmetric = self.hessian[i.max(j) * n + i.min(j)];
+            symmetric + self.skew(&loads.tip_moment_nm, d, i, j)
+        })
     }
 
     /// Frames, screws and the local energy of every element. Returns the nodes.
@@ -407,8 +441,30 @@ impl Assembly {
     }
 }
 
+/// Poses of all element ends and, element by element, the spatial screw of every free strain.
+pub(super) fn screws(rod: &Rod, q: &[f64]) -> (Kinematics, Vec<Twist>) {
+    let idx = rod.strains.indices();
+    let d = idx.len();
+    let kin = kinematics(rod, q);
+    let mut out = Vec::with_capacity(q.len());
+    for (s, nodes) in rod.sections.iter().zip(&kin.nodes) {
+        let l = s.length_m / s.elements as f64;
+        for start in &nodes[..s.elements] {
+            let k = out.len();
+            let exp = ExpMap::new(twist_of(&strain_of(s, idx, &q[k..k + d]), l));
+            out.extend(idx.iter().map(|&i| {
+                let (tangent, _) = exp.tangent(&Twist::unit(i));
+                let w = start.r * tangent.w * l;
+                let v = start.r * tangent.v * l + start.p.cross(&w);
+                Twist { w, v }
+            }));
+        }
+    }
+    (kin, out)
+}
+
 /// Resistance of one strain to change, per unit viscosity.
-fn drag(s: &Section, l: f64, i: usize) -> f64 {
+pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
     let tubes: f64 = s
         .tubes
         .iter()

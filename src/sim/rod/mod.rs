@@ -23,6 +23,7 @@
 
 mod assemble;
 mod dense;
+mod dynamics;
 pub mod se3;
 mod solve;
 
@@ -30,8 +31,9 @@ use nalgebra::Vector3;
 
 pub use assemble::Kinematics;
 pub use dense::Factor;
+pub use dynamics::{Energy, Motion, energy, step};
 use se3::Frame;
-pub use solve::{Outcome, Workspace, poses, solve};
+pub use solve::{Outcome, Workspace, is_stable, poses, solve};
 
 /// Which strains are free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,8 +132,7 @@ pub struct Loads {
     pub tube_n: Vec<f64>,
     /// Force on the tip frame's origin in the base frame, N.
     pub tip_force_n: Vector3<f64>,
-    /// Moment on the tip in the base frame, N m (constant direction; symmetric part of its
-    /// stiffness only, so large spatial rotations converge more slowly).
+    /// Moment on the tip in the base frame, N m (constant direction).
     pub tip_moment_nm: Vector3<f64>,
     /// Additional masses on the tip frame.
     pub tip_masses: Vec<PointMass>,

@@ -1,12 +1,15 @@
 //! Newton's method on the rod's energy, with line search and, when needed, load stepping.
 
+use nalgebra::DVector;
+
 use super::assemble::{Assembly, Kinematics, kinematics};
 use super::{Factor, Loads, Rod};
 
 /// How a solve ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Whether the last Newton step was below the tolerance and the Hessian positive definite.
+    /// Whether the last Newton step was below the tolerance and the Hessian positive definite
+    /// (the latter not asked for under a tip moment).
     pub converged: bool,
     /// Newton iterations, load steps included.
     pub iterations: usize,
@@ -99,7 +102,8 @@ fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outc
         } = work;
         assembly.evaluate(rod, loads, q, previous);
         let mut definite = factor.compute(&assembly.hessian, n, 0.0);
-        let unshifted = definite;
+        // Under a moment of constant direction there is no energy to be least: any equilibrium counts.
+        let unshifted = definite || with_moment;
         let mut shift = 1e-4 * diagonal_mean(&assembly.hessian, n);
         while !definite && shift.is_finite() && shift > 0.0 {
             definite = factor.compute(&assembly.hessian, n, shift);
@@ -114,7 +118,16 @@ fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outc
         }
         step.clear();
         step.extend(assembly.gradient.iter().map(|g| -g));
-        factor.solve(step);
+        let exact = with_moment
+            .then(|| {
+                let g = DVector::from_column_slice(step);
+                assembly.jacobian(rod, loads).lu().solve(&g)
+            })
+            .flatten();
+        match exact {
+            Some(x) => step.copy_from_slice(x.as_slice()),
+            None => factor.solve(step),
+        }
         // Keep within the range in which the quadratic model means something.
         let mut scale: f64 = 1.0;
         for (k, s) in step.iter().enumerate() {
@@ -183,6 +196,14 @@ fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outc
 
 fn diagonal_mean(a: &[f64], n: usize) -> f64 {
     (0..n).map(|i| a[i * n + i].abs()).sum::<f64>() / n as f64
+}
+
+/// Whether the energy curves upwards in every direction at `q`: its smallest Hessian eigenvalue is
+/// positive. At an equilibrium this is stability; a load at which it is lost is critical.
+pub fn is_stable(rod: &Rod, loads: &Loads, q: &[f64]) -> bool {
+    let mut assembly = Assembly::default();
+    assembly.evaluate(rod, loads, q, q);
+    Factor::default().compute(&assembly.hessian, q.len(), 0.0)
 }
 
 /// Poses at the strains `q`.

@@ -128,3 +128,52 @@ fn reference_robot_takes_its_sanity_poses() {
         }
     }
 }
+
+#[test]
+fn the_jacobian_under_a_tip_moment_agrees_with_differences() {
+    let model = Model::new(
+        &RobotSpec::reference(),
+        &Parameters::default(),
+        Resolution {
+            elements: 2,
+            strains: Strains::All,
+        },
+    );
+    let rod = &model.rod;
+    let loads = Loads {
+        tube_n: vec![100.0, -100.0, 50.0, 30.0, -200.0, 120.0],
+        tip_moment_nm: nalgebra::Vector3::new(3.0, -5.0, 4.0),
+        ..Loads::default()
+    };
+    let rest = rod.rest_state();
+    let q: Vec<f64> = rest
+        .iter()
+        .enumerate()
+        .map(|(i, r)| r + jitter(i) * if i % 6 < 3 { 5.0 } else { 0.3 })
+        .collect();
+    let mut at = Assembly::default();
+    at.evaluate(rod, &loads, &q, &rest);
+    let exact = at.jacobian(rod, &loads);
+    let scale = exact.amax();
+    for j in 0..q.len() {
+        let gradient = |eps: f64| {
+            let mut moved = q.clone();
+            moved[j] += eps;
+            let mut at = Assembly::default();
+            at.evaluate(rod, &loads, &moved, &rest);
+            at.gradient
+        };
+        let (plus, minus) = (gradient(1e-5), gradient(-1e-5));
+        for i in 0..q.len() {
+            let num = (plus[i] - minus[i]) / 2e-5;
+            assert!(
+                (num - exact[(i, j)]).abs() < 1e-7 * scale,
+                "{i} {j}: {num} {}",
+                exact[(i, j)]
+            );
+        }
+    }
+    let mut q = rest;
+    let outcome = solve(rod, &loads, &mut q, &mut Workspace::default());
+    assert!(outcome.converged && outcome.iterations < 20, "{outcome:?}");
+}

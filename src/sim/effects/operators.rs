@@ -1,0 +1,332 @@
+//! What each effect does. The equations stand in the table.
+
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::{Call, Line, Plant};
+use crate::signal::{CHAMBERS, Pose, SensorVec, ypr_from_rotation};
+
+/// First-order lag of a series: y' = (x − y)/τ, exact for inputs held between instants.
+fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
+    let mut y = x.to_vec();
+    for k in 1..x.len() {
+        let pass = if tau_s > 0.0 {
+            -(-(t_s[k] - t_s[k - 1]) / tau_s).exp_m1()
+        } else {
+            1.0
+        };
+        y[k] = y[k - 1] + pass * (x[k] - y[k - 1]);
+    }
+    y
+}
+
+/// The place of time `at` among `t_s`: index of the instant before it and the share of the way to
+/// the next; held at both ends.
+fn place(t_s: &[f64], at: f64) -> (usize, f64) {
+    let last = t_s.len() - 1;
+    if at <= t_s[0] || last == 0 {
+        return (0, 0.0);
+    }
+    if at >= t_s[last] {
+        return (last - 1, 1.0);
+    }
+    let k = t_s.partition_point(|t| *t <= at) - 1;
+    (k, (at - t_s[k]) / (t_s[k + 1] - t_s[k]))
+}
+
+fn column(series: &[[f64; CHAMBERS]], i: usize) -> Vec<f64> {
+    series.iter().map(|row| row[i]).collect()
+}
+
+/// Replaces channel `i` of a series by what `f` makes of it.
+fn change(series: &mut [[f64; CHAMBERS]], i: usize, f: impl Fn(&[f64]) -> Vec<f64>) {
+    let new = f(&column(series, i));
+    for (row, x) in series.iter_mut().zip(new) {
+        row[i] = x;
+    }
+}
+
+/// Changes the channels the effect acts on, before chamber and gauge part.
+fn change_both(c: &Call, line: &mut Line, f: impl Fn(&[f64]) -> Vec<f64>) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        change(&mut line.chamber_pa, i, &f);
+        change(&mut line.gauge_pa, i, &f);
+    }
+}
+
+pub(super) fn pressure_delay(c: &Call, line: &mut Line) {
+    change_both(c, line, |x| {
+        c.t_s
+            .iter()
+            .map(|t| {
+                let (k, share) = place(c.t_s, t - c.values[0]);
+                let next = x[(k + 1).min(x.len() - 1)];
+                x[k] + share * (next - x[k])
+            })
+            .collect()
+    });
+}
+
+pub(super) fn flow_limit(c: &Call, line: &mut Line) {
+    change_both(c, line, |x| {
+        let mut y = x.to_vec();
+        for k in 1..x.len() {
+            let dt_s = c.t_s[k] - c.t_s[k - 1];
+            let (up, down) = (c.values[0] * dt_s, c.values[1] * dt_s);
+            y[k] = x[k].clamp(y[k - 1] - down, y[k - 1] + up);
+        }
+        y
+    });
+}
+
+/// Time constant of the boards' pressure regulators, s.
+const REGULATOR_S: f64 = 0.1;
+
+pub(super) fn leak(c: &Call, line: &mut Line) {
+    change_both(c, line, |u| {
+        let mut y = u.to_vec();
+        // Pressure lost against the set one; implicit in λ p so that any rate is stable.
+        let mut lost = u[0] * REGULATOR_S * c.values[0] / (1.0 + REGULATOR_S * c.values[0]);
+        y[0] = u[0] - lost;
+        for k in 1..u.len() {
+            let dt_s = c.t_s[k] - c.t_s[k - 1];
+            let (refill, rate) = (dt_s / REGULATOR_S, dt_s * c.values[0]);
+            lost = (lost + rate * u[k]) / (1.0 + refill + rate);
+            y[k] = u[k] - lost;
+        }
+        y
+    });
+}
+
+pub(super) fn supply_coupling(c: &Call, line: &mut Line) {
+    let (share, tau_s) = (c.values[0], c.values[1]);
+    let drawn: Vec<Vec<f64>> = (0..CHAMBERS)
+        .map(|j| {
+            let u = column(&line.chamber_pa, j);
+            let slow = lagged(c.t_s, &u, tau_s);
+            u.iter().zip(slow).map(|(u, s)| u - s).collect()
+        })
+        .collect();
+    for k in 0..c.t_s.len() {
+        let all: f64 = drawn.iter().map(|d| d[k]).sum();
+        for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+            let sag_pa = share * (all - drawn[i][k]);
+            line.chamber_pa[k][i] -= sag_pa;
+            line.gauge_pa[k][i] -= sag_pa;
+        }
+    }
+}
+
+pub(super) fn pressure_lag(c: &Call, line: &mut Line) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        change(&mut line.chamber_pa, i, |x| lagged(c.t_s, x, c.values[0]));
+    }
+}
+
+pub(super) fn gauge_error(c: &Call, line: &mut Line) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        change(&mut line.gauge_pa, i, |x| {
+            x.iter().map(|p| c.values[0] * p + c.values[1]).collect()
+        });
+    }
+}
+
+pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        plant.friction[i] = [c.values[0], c.values[1]];
+    }
+}
+
+pub(super) fn creep(c: &Call, plant: &mut Plant) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        plant.branch[i] = [c.values[0] * c.robot.axial_stiffness_n_m, c.values[1]];
+    }
+}
+
+pub(super) fn stiffening(c: &Call, plant: &mut Plant) {
+    each_tube(c, plant, |tube| {
+        tube.cubic_n += c.values[0] * tube.stiffness_n
+    });
+}
+
+pub(super) fn chamber_stiffness(c: &Call, plant: &mut Plant) {
+    each_tube(c, plant, |tube| {
+        tube.stiffness_n *= c.values[0];
+        tube.cubic_n *= c.values[0];
+    });
+}
+
+fn each_tube(c: &Call, plant: &mut Plant, mut f: impl FnMut(&mut crate::sim::rod::Tube)) {
+    let tubes = plant
+        .model
+        .rod
+        .sections
+        .iter_mut()
+        .flat_map(|s| &mut s.tubes);
+    for (i, tube) in tubes.enumerate() {
+        if c.hits(i) {
+            f(tube);
+        }
+    }
+}
+
+pub(super) fn damping(c: &Call, plant: &mut Plant) {
+    plant.tau_s += c.values[0];
+}
+
+pub(super) fn payload(c: &Call, plant: &mut Plant) {
+    plant.payload_kg += c.values[0];
+}
+
+pub(super) fn com_offset(c: &Call, plant: &mut Plant) {
+    let d_m = Vector3::from_column_slice(c.values);
+    plant.payload_m += d_m;
+    // The gripper is the last mass of the last section.
+    if let Some(gripper) = plant
+        .model
+        .rod
+        .sections
+        .last_mut()
+        .and_then(|s| s.masses.last_mut())
+    {
+        gripper.at_m += d_m;
+    }
+}
+
+pub(super) fn base_tilt(c: &Call, plant: &mut Plant) {
+    let tilt = Rotation3::from_euler_angles(c.values[0], c.values[1], 0.0);
+    plant.model.rod.gravity_m_s2 = tilt * plant.model.rod.gravity_m_s2;
+}
+
+pub(super) fn tip_force(c: &Call, plant: &mut Plant) {
+    plant.tip_force_n += Vector3::from_column_slice(c.values);
+}
+
+pub(super) fn contact(c: &Call, plant: &mut Plant) {
+    plant.floor = Some([c.values[0], c.values[1]]);
+}
+
+pub(super) fn torsion(c: &Call, plant: &mut Plant) {
+    for (i, s) in plant.model.rod.sections.iter_mut().enumerate() {
+        if c.hits(i) {
+            s.rigidity[2] *= c.values[0];
+        }
+    }
+}
+
+pub(super) fn spring_calibration(c: &Call, sensors: &mut [SensorVec]) {
+    each_spring(c, sensors, |_, l_m| c.values[0] * l_m + c.values[1]);
+}
+
+pub(super) fn spring_drift(c: &Call, sensors: &mut [SensorVec]) {
+    each_spring(c, sensors, |t_s, l_m| l_m + c.values[0] * t_s);
+}
+
+/// Maps every reading the effect acts on; the function gets the time since the start and the
+/// reading.
+fn each_spring(c: &Call, sensors: &mut [SensorVec], f: impl Fn(f64, f64) -> f64) {
+    for (t, s) in c.t_s.iter().zip(sensors) {
+        for (i, l_m) in s.spring_m.iter_mut().enumerate() {
+            if c.hits(i) {
+                *l_m = f(t - c.t_s[0], *l_m);
+            }
+        }
+    }
+}
+
+pub(super) fn spring_lag(c: &Call, sensors: &mut [SensorVec]) {
+    for i in 0..crate::signal::SPRINGS {
+        if !c.hits(i) {
+            continue;
+        }
+        let l_m: Vec<f64> = sensors.iter().map(|s| s.spring_m[i]).collect();
+        for (s, y) in sensors.iter_mut().zip(lagged(c.t_s, &l_m, c.values[0])) {
+            s.spring_m[i] = y;
+        }
+    }
+}
+
+pub(super) fn spring_crosstalk(c: &Call, sensors: &mut [SensorVec]) {
+    for s in sensors {
+        let clean_m = s.spring_m;
+        for i in 0..clean_m.len() {
+            if c.hits(i) {
+                // Springs A and B of an X pair are neighbours in the order.
+                s.spring_m[i] += c.values[0] * (clean_m[i ^ 1] - c.robot.rest_length_m);
+            }
+        }
+    }
+}
+
+pub(super) fn spring_stuck(c: &Call, sensors: &mut [SensorVec]) {
+    let mut held: Option<[f64; crate::signal::SPRINGS]> = None;
+    for (t, s) in c.t_s.iter().zip(sensors) {
+        if t - c.t_s[0] < c.values[0] {
+            continue;
+        }
+        let held = held.get_or_insert(s.spring_m);
+        for i in 0..held.len() {
+            if c.hits(i) {
+                s.spring_m[i] = held[i];
+            }
+        }
+    }
+}
+
+pub(super) fn imu_drift(c: &Call, sensors: &mut [SensorVec]) {
+    for (t, s) in c.t_s.iter().zip(sensors) {
+        // About the vertical of the base: R = Rz(drift) R_true.
+        let turned = c.values[0] * (t - c.t_s[0]);
+        for (i, ypr) in s.imu_ypr_rad.iter_mut().enumerate() {
+            if c.hits(i) {
+                ypr[0] = wrapped(ypr[0] + turned);
+            }
+        }
+    }
+}
+
+/// An angle into (−π, π].
+fn wrapped(angle_rad: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    PI - (PI - angle_rad).rem_euclid(TAU)
+}
+
+pub(super) fn imu_misalignment(c: &Call, sensors: &mut [SensorVec]) {
+    let off = UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(c.values));
+    for s in sensors {
+        for i in (0..s.imu_ypr_rad.len()).filter(|i| c.hits(*i)) {
+            let read = UnitQuaternion::from(s.base_from_imu_pad(i)) * off;
+            s.imu_ypr_rad[i] = ypr_from_rotation(&read);
+        }
+    }
+}
+
+pub(super) fn mocap_frame(c: &Call, captured: &mut [[Pose; 2]]) {
+    let moved = Isometry3::from_parts(
+        Translation3::new(c.values[0], c.values[1], c.values[2]),
+        UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&c.values[3..6])),
+    );
+    for pads in captured {
+        *pads = pads.map(|p| moved * p);
+    }
+}
+
+pub(super) fn clock_offset(c: &Call, captured: &mut [[Pose; 2]]) {
+    retime(c, captured, |t| t - c.values[0]);
+}
+
+pub(super) fn clock_skew(c: &Call, captured: &mut [[Pose; 2]]) {
+    retime(c, captured, |t| t - c.values[0] * (t - c.t_s[0]));
+}
+
+/// Reports at every instant what was at another one.
+fn retime(c: &Call, captured: &mut [[Pose; 2]], taken_s: impl Fn(f64) -> f64) {
+    let clean = captured.to_vec();
+    for (t, pads) in c.t_s.iter().zip(captured) {
+        let (k, share) = place(c.t_s, taken_s(*t));
+        let next = (k + 1).min(clean.len() - 1);
+        *pads = std::array::from_fn(|p| {
+            let (a, b) = (&clean[k][p], &clean[next][p]);
+            a.try_lerp_slerp(b, share, 1e-9).unwrap_or(*b)
+        });
+    }
+}
