@@ -1,14 +1,16 @@
 //! Simulators: from pressures and loads to poses and what the sensors would read.
 //!
-//! A [`Model`] is constant, a [`State`] changes; [`settle`] finds the static state and [`creep_to`]
-//! the next state of an overdamped motion.
+//! A [`Model`] is constant, a [`State`] changes; [`settle`] finds the static state, [`creep_to`]
+//! the next state of an overdamped motion and [`swing`] the next one of a motion with inertia.
 
 pub mod dataset;
+mod dynamics;
 pub mod effects;
 mod model;
 pub mod rod;
 pub mod sensors;
 pub mod validate;
 
+pub use dynamics::{Moving, mechanical_energy, swing};
 pub use model::{Inputs, Model, Parameters, Resolution, SimError, State, creep_to, settle};
 pub use sensors::{Observation, observe};

@@ -118,7 +118,7 @@ impl Model {
         Self::new(robot, &Parameters::default(), Resolution::default())
     }
 
-    fn loads(&self, inputs: &Inputs, viscosity: f64) -> Loads {
+    pub(super) fn loads(&self, inputs: &Inputs, viscosity: f64) -> Loads {
         let payload = PointMass {
             at_m: Vector3::new(0.0, 0.0, -self.robot.payload_com_m),
             kg: inputs.payload_kg,
@@ -243,7 +243,7 @@ pub enum SimError {
     },
 }
 
-fn check(inputs: &Inputs) -> Result<(), SimError> {
+pub(super) fn check(inputs: &Inputs) -> Result<(), SimError> {
     let bad = |what: &str, value: f64| {
         Err(SimError::NotFinite {
             what: what.to_owned(),

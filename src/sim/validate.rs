@@ -7,6 +7,7 @@
 //! | column under its own weight | A. G. Greenhill 1881 |
 //! | 45° bend | K.-J. Bathe, S. Bolourchi, IJNME 1979, doi:10.1002/nme.1620140703; the reference values are those of J. C. Simo, L. Vu-Quoc, CMAME 1986 |
 //! | shear | S. P. Timoshenko's cantilever, both customary shear factors |
+//! | energy | conserved without damping, only lost with it |
 //! | reference robot | an independent multibody model with rigid discs |
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
@@ -15,7 +16,9 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::rod::se3::Frame;
 use super::rod::{Loads, Rod, Section, Strains, Workspace, is_stable, poses, solve};
-use super::{Inputs, Model, State, observe, settle};
+use super::{
+    Inputs, Model, Moving, Parameters, Resolution, State, mechanical_energy, observe, settle, swing,
+};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, ypr_from_rotation};
 
@@ -74,6 +77,7 @@ pub fn validate() -> Vec<Case> {
     columns(&mut out);
     bend_45(&mut out);
     timoshenko(&mut out);
+    energy(&mut out);
     frame_indifference(&mut out);
     reference_robot(&mut out);
     out
@@ -315,6 +319,66 @@ fn timoshenko(out: &mut Vec<Case>) {
         let name = format!("Timoshenko tip load, shear factor {label}");
         out.push(Case::relative(name, "m", expected, got.p.x, 1e-2));
     }
+}
+
+/// Steps of 1 ms: largest departure from the energy at the start and largest gain between looks,
+/// both over the energy above rest.
+fn released(model: &Model, tau_s: f64) -> Option<(f64, f64)> {
+    let rest = Inputs::default();
+    let bent = Inputs {
+        chamber_pa: [10e3, -10e3, 0.0, 5e3, 0.0, -10e3],
+        ..Inputs::default()
+    };
+    let total = |m: &Moving| {
+        let e = mechanical_energy(model, m, &rest);
+        e.kinetic_j + e.potential_j
+    };
+    let mut state = State::rest(model);
+    settle(model, &mut state, &rest).ok()?;
+    let lowest = total(&Moving::from_rest(&state));
+    settle(model, &mut state, &bent).ok()?;
+    let mut moving = Moving::from_rest(&state);
+    let start = total(&moving);
+    let (mut before, mut departure, mut gain) = (start, 0.0f64, 0.0f64);
+    for k in 1..=10_000 {
+        swing(model, &mut moving, &rest, tau_s, 1e-3).ok()?;
+        if k % 5 == 0 {
+            let now = total(&moving);
+            departure = departure.max((now - start).abs());
+            gain = gain.max(now - before);
+            before = now;
+        }
+    }
+    Some((departure / (start - lowest), gain / (start - lowest)))
+}
+
+fn energy(out: &mut Vec<Case>) {
+    // The reference robot let go from a bent state. Two elements per segment keep its stiffest
+    // modes, which the step does not resolve, few.
+    let model = Model::new(
+        &RobotSpec::reference(),
+        &Parameters::default(),
+        Resolution {
+            elements: 2,
+            strains: Strains::NoShear,
+        },
+    );
+    let departure = released(&model, 0.0).map_or(f64::NAN, |r| r.0);
+    let gain = released(&model, 0.01).map_or(f64::NAN, |r| r.1);
+    out.push(Case::new(
+        "energy, undamped, 10 s: largest departure",
+        "",
+        0.0,
+        departure,
+        1e-3,
+    ));
+    out.push(Case::new(
+        "energy, damped, 10 s: largest gain",
+        "",
+        0.0,
+        gain,
+        1e-12,
+    ));
 }
 
 fn frame_indifference(out: &mut Vec<Case>) {

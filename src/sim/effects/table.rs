@@ -216,12 +216,13 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         id: "contact",
         name: "Contact",
-        doc: "N = k max(0, z_floor − z): the end pad's origin rests on an elastic floor.",
+        doc: "N = k max(0, z_floor − z): the end pad's origin rests on an elastic floor. \
+              A floor that presses the arm until it folds has no equilibrium.",
         source: "penalty contact",
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("height", "m", -0.7, -0.7, -0.1),
+            p("height", "m", -0.7, -0.7, -0.25),
             p("rate", "N/m", 1000.0, 50.0, 5000.0),
         ],
         residuals: &[R2],

@@ -184,6 +184,30 @@ fn every_operator_moves_its_residuals_and_no_other() {
 }
 
 #[test]
+fn the_whole_range_of_every_parameter_can_be_run() {
+    let (model, given) = (model(), trajectory());
+    let given = Trajectory {
+        t_s: given.t_s[..30].to_vec(),
+        chamber_pa: given.chamber_pa[..30].to_vec(),
+    };
+    // Every corner of the box of bounds.
+    for e in EFFECTS {
+        for corner in 0..1usize << e.parameters.len() {
+            let mut active = strong(e);
+            for (k, p) in e.parameters.iter().enumerate() {
+                active.values[k] = p.bounds[corner >> k & 1];
+            }
+            let values = active.values.clone();
+            let run = simulate(&model, &given, 0.2, &[active]);
+            // A high, hard floor folds the arm; that has to be said, not computed.
+            let folds = e.id == "contact"
+                && matches!(run, Err(EffectError::Sim(SimError::NoEquilibrium { .. })));
+            assert!(run.is_ok() || folds, "{} {values:?}: {:?}", e.id, run.err());
+        }
+    }
+}
+
+#[test]
 fn nominal_values_change_nothing() {
     let (model, mut given) = (model(), trajectory());
     given.t_s.truncate(12);

@@ -441,8 +441,30 @@ impl Assembly {
     }
 }
 
+/// Poses of all element ends and, element by element, the spatial screw of every free strain.
+pub(super) fn screws(rod: &Rod, q: &[f64]) -> (Kinematics, Vec<Twist>) {
+    let idx = rod.strains.indices();
+    let d = idx.len();
+    let kin = kinematics(rod, q);
+    let mut out = Vec::with_capacity(q.len());
+    for (s, nodes) in rod.sections.iter().zip(&kin.nodes) {
+        let l = s.length_m / s.elements as f64;
+        for start in &nodes[..s.elements] {
+            let k = out.len();
+            let exp = ExpMap::new(twist_of(&strain_of(s, idx, &q[k..k + d]), l));
+            out.extend(idx.iter().map(|&i| {
+                let (tangent, _) = exp.tangent(&Twist::unit(i));
+                let w = start.r * tangent.w * l;
+                let v = start.r * tangent.v * l + start.p.cross(&w);
+                Twist { w, v }
+            }));
+        }
+    }
+    (kin, out)
+}
+
 /// Resistance of one strain to change, per unit viscosity.
-fn drag(s: &Section, l: f64, i: usize) -> f64 {
+pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
     let tubes: f64 = s
         .tubes
         .iter()

@@ -23,6 +23,7 @@
 
 mod assemble;
 mod dense;
+mod dynamics;
 pub mod se3;
 mod solve;
 
@@ -30,6 +31,7 @@ use nalgebra::Vector3;
 
 pub use assemble::Kinematics;
 pub use dense::Factor;
+pub use dynamics::{Energy, Motion, energy, step};
 use se3::Frame;
 pub use solve::{Outcome, Workspace, is_stable, poses, solve};
 

@@ -1,0 +1,108 @@
+//! The robot in motion: [`rod::step`] with the robot's inputs.
+
+use super::model::{Inputs, Model, SimError, State, check};
+use super::rod::{self, Energy, Motion, Outcome};
+
+/// A state that moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moving {
+    /// Strains and momenta.
+    pub motion: Motion,
+}
+
+impl Moving {
+    /// At rest in `state`.
+    pub fn from_rest(state: &State) -> Self {
+        Self {
+            motion: Motion::at_rest(state.strains.clone()),
+        }
+    }
+
+    /// The momentary shape, to [`super::observe`] it.
+    pub fn state(&self) -> State {
+        State {
+            strains: self.motion.q.clone(),
+            ..State::default()
+        }
+    }
+}
+
+/// One step of `dt_s` with inertia and stiffness-proportional damping `tau_s` (s).
+///
+/// # Errors
+/// [`SimError`] when an input is not finite or the step does not converge; `moving` is then left
+/// as it was.
+pub fn swing(
+    model: &Model,
+    moving: &mut Moving,
+    inputs: &Inputs,
+    tau_s: f64,
+    dt_s: f64,
+) -> Result<Outcome, SimError> {
+    check(inputs)?;
+    let loads = model.loads(inputs, 0.0);
+    let outcome = rod::step(&model.rod, &loads, &mut moving.motion, dt_s, tau_s);
+    if outcome.converged {
+        Ok(outcome)
+    } else {
+        Err(SimError::NoEquilibrium {
+            iterations: outcome.iterations,
+            last_step: outcome.last_step,
+        })
+    }
+}
+
+/// Kinetic and potential energy under `inputs`, work of the pressures included, J.
+pub fn mechanical_energy(model: &Model, moving: &Moving, inputs: &Inputs) -> Energy {
+    rod::energy(&model.rod, &model.loads(inputs, 0.0), &moving.motion)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::RobotSpec;
+    use crate::sim::{Resolution, observe, settle};
+
+    #[test]
+    fn a_damped_arm_comes_to_rest_where_it_settles() {
+        let model = Model::new(
+            &RobotSpec::reference(),
+            &Default::default(),
+            Resolution {
+                elements: 2,
+                ..Resolution::default()
+            },
+        );
+        let inputs = Inputs {
+            chamber_pa: [20e3, -10e3, 0.0, 5e3, -15e3, 10e3],
+            payload_kg: 0.3,
+            ..Inputs::default()
+        };
+        let mut settled = State::rest(&model);
+        let mut moving = Moving::from_rest(&settled);
+        settle(&model, &mut settled, &inputs).expect("settles");
+        let wanted = observe(&model, &settled).base_from_tip;
+        let off_m = |moving: &Moving| {
+            let at = observe(&model, &moving.state()).base_from_tip;
+            (at.translation.vector - wanted.translation.vector).norm()
+        };
+        assert!(off_m(&moving) > 0.02);
+        for _ in 0..600 {
+            swing(&model, &mut moving, &inputs, 0.03, 0.01).expect("moves");
+        }
+        assert!(off_m(&moving) < 1e-6, "{}", off_m(&moving));
+    }
+
+    #[test]
+    fn a_step_that_cannot_be_made_leaves_the_motion_alone() {
+        let model = Model::nominal(&RobotSpec::reference());
+        let mut moving = Moving::from_rest(&State::rest(&model));
+        let before = moving.clone();
+        let inputs = Inputs {
+            payload_kg: f64::NAN,
+            ..Inputs::default()
+        };
+        assert!(swing(&model, &mut moving, &inputs, 0.0, 1e-3).is_err());
+        assert_eq!(moving, before);
+    }
+}
