@@ -50,7 +50,7 @@ pub struct Maps {
 enum Phase {
     Disarmed,
     Hold,
-    Moving { task: Goto, steps: u64 },
+    Moving { task: Box<Goto>, steps: u64 },
     Safe(String),
 }
 
@@ -535,7 +535,7 @@ impl Twin {
         if matches!(self.phase, Phase::Disarmed) && !self.link.simulated {
             return self.refuse("Disarmed: arm the rig first.", events);
         }
-        let mut task = Goto::default();
+        let mut task = Box::new(Goto::default());
         task.preview(goal, reach);
         match task.go(self.now) {
             Ok((goal, reach)) => {
