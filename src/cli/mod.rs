@@ -120,10 +120,25 @@ pub fn main() -> ExitCode {
             if let Some(failed) = e.downcast_ref::<Failed>() {
                 print(&failed.report, &cli);
             }
-            eprintln!("error: {e:#}");
+            eprintln!("error: {}", sentence(&e));
             ExitCode::FAILURE
         }
     }
+}
+
+/// The chain of causes as one sentence; a cause that its effect quotes already is not repeated.
+fn sentence(e: &anyhow::Error) -> String {
+    let mut said = String::new();
+    for cause in e.chain() {
+        let text = cause.to_string();
+        if !said.contains(&text) {
+            if !said.is_empty() {
+                said.push_str(": ");
+            }
+            said.push_str(&text);
+        }
+    }
+    said
 }
 
 fn run(cli: &Cli) -> Result<Report> {

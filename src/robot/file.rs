@@ -10,9 +10,16 @@ use crate::signal::{CHAMBERS, PressureLimits};
 /// Why a robot file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
-    /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and column).
-    #[error("the robot file is not valid: {0}")]
-    Syntax(#[from] toml::de::Error),
+    /// Not valid TOML, or a key is missing, unknown or of the wrong type.
+    #[error("the robot file is not valid at line {line}, column {column}: {message}")]
+    Syntax {
+        /// 1-based.
+        line: usize,
+        /// 1-based.
+        column: usize,
+        /// What is wrong there.
+        message: String,
+    },
     /// A value makes no sense.
     #[error("the robot file says {key} = {value}, but it must be {must}")]
     Value {
@@ -129,7 +136,7 @@ impl RobotSpec {
     /// # Errors
     /// [`RobotError`] with line and column for syntax, with key and bound for values.
     pub fn from_toml(text: &str) -> Result<Self, RobotError> {
-        let f: File = toml::from_str(text)?;
+        let f: File = toml::from_str(text).map_err(|e| syntax(text, &e))?;
         check(&f)?;
         let on_circle = |radius_mm: f64, deg: f64| {
             let a = deg.to_radians();
@@ -199,6 +206,16 @@ impl RobotSpec {
             tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
             hash: hex(&Sha256::digest(text.as_bytes())),
         })
+    }
+}
+
+fn syntax(text: &str, e: &toml::de::Error) -> RobotError {
+    let at = e.span().map_or(0, |s| s.start).min(text.len());
+    let before = text.get(..at).unwrap_or_default();
+    RobotError::Syntax {
+        line: before.matches('\n').count() + 1,
+        column: before.chars().rev().take_while(|c| *c != '\n').count() + 1,
+        message: e.message().replace('\n', " "),
     }
 }
 

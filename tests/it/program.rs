@@ -94,7 +94,7 @@ fn bad_input_gets_one_sentence() {
     let dir = scratch("bad-robot");
     let file = dir.join("robot.toml");
     std::fs::write(&file, "name = \"x\"\n[base\n").expect("write");
-    let out = springtwin(&[
+    let (code, text) = refusal(&[
         "--robot",
         file.to_str().expect("utf-8"),
         "sim",
@@ -102,10 +102,9 @@ fn bad_input_gets_one_sentence() {
         "--pressures",
         "0,0,0,0,0,0",
     ]);
-    let text = String::from_utf8_lossy(&out.stderr);
     assert!(
-        out.status.code() == Some(1) && text.contains("line 2") && text.contains("robot.toml"),
-        "{text}"
+        code == 1 && text.contains("line 2") && text.contains("robot.toml"),
+        "{code} {text}"
     );
     let (code, text) = refusal(&[
         "sim",
