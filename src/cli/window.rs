@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{Receiver, sync_channel};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
@@ -15,7 +15,7 @@ use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::panels::Screen;
 use springtwin::gui::scene::Scene;
 use springtwin::gui::{App, RecordingEntry, Services, services::ready};
-use springtwin::recording::{read_rrd, read_session};
+use springtwin::recording::{inspect, read_rrd, read_session};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, Snapshot, Trace};
 use springtwin::twin::{Command, Port, Runner, Twin, run_in_simulated_time, spawn};
@@ -135,6 +135,33 @@ pub fn library_folders() -> Vec<PathBuf> {
     folders
 }
 
+/// Larger recordings are not opened only to be listed, bytes.
+const GLANCE_BYTES: u64 = 32 << 20;
+
+fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
+    let entry = RecordingEntry {
+        path,
+        name,
+        bytes,
+        ..RecordingEntry::default()
+    };
+    if bytes > GLANCE_BYTES {
+        return entry;
+    }
+    match inspect(&entry.path) {
+        Ok(seen) => RecordingEntry {
+            seconds: Some(seen.seconds),
+            simulated: seen.simulated,
+            note: (!seen.complete).then(|| "Cut off: plays to its last whole part.".to_owned()),
+            ..entry
+        },
+        Err(e) => RecordingEntry {
+            note: Some(e.to_string()),
+            ..entry
+        },
+    }
+}
+
 fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
     let mut found = Vec::new();
     for folder in folders {
@@ -155,12 +182,7 @@ fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
             } else {
                 entry.metadata().map_or(0, |m| m.len())
             };
-            found.push(RecordingEntry {
-                path,
-                name,
-                bytes,
-                ..RecordingEntry::default()
-            });
+            found.push(describe(path, name, bytes));
         }
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));
@@ -178,24 +200,33 @@ pub fn load(path: &Path) -> Result<Trace, String> {
     }
 }
 
-fn services(ctx: &egui::Context) -> Services {
+/// Runs `work` on a thread of its own; the answer comes through the receiver.
+fn later<T: Send + 'static>(
+    ctx: &egui::Context,
+    work: impl FnOnce() -> Result<T, String> + Send + 'static,
+) -> Receiver<Result<T, String>> {
+    let (tx, rx) = sync_channel(1);
     let ctx = ctx.clone();
+    let spawned = std::thread::Builder::new()
+        .name("loader".to_owned())
+        .spawn(move || {
+            // The window may have given up waiting.
+            let _ = tx.send(work());
+            ctx.request_repaint();
+        });
+    match spawned {
+        Ok(_) => rx,
+        Err(e) => ready(Err(format!("cannot start a thread to load with: {e}"))),
+    }
+}
+
+fn services(ctx: &egui::Context) -> Services {
+    let (for_scan, for_load) = (ctx.clone(), ctx.clone());
     Services {
-        scan: Box::new(|| ready(Ok(scan(&library_folders())))),
+        scan: Box::new(move || later(&for_scan, || Ok(scan(&library_folders())))),
         load: Box::new(move |path| {
-            let (tx, rx) = sync_channel(1);
-            let (path, ctx) = (path.to_owned(), ctx.clone());
-            let spawned = std::thread::Builder::new()
-                .name("loader".to_owned())
-                .spawn(move || {
-                    // The window may have given up waiting.
-                    let _ = tx.send(load(&path));
-                    ctx.request_repaint();
-                });
-            match spawned {
-                Ok(_) => rx,
-                Err(e) => ready(Err(format!("cannot start a thread to load with: {e}"))),
-            }
+            let path = path.to_owned();
+            later(&for_load, move || load(&path))
         }),
         open_in_rerun: Box::new(open_in_rerun),
         default_recording: Box::new(default_recording),
@@ -290,7 +321,10 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     let mut app = App::for_screenshot(screen, theme, robot.clone(), &snapshots);
     let pixels = a.size.map(|s| (f64::from(s) * a.scale).round() as u32);
     let mut offscreen = Offscreen::new(pixels, a.scale as f32)?;
-    app.services = services(&offscreen.context);
+    app.services = Services {
+        scan: Box::new(|| ready(Ok(scan(&library_folders())))),
+        ..Services::none()
+    };
     app.set_up(&offscreen.context, None);
     app.operate.view3d.reachable = reachable;
     app.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), robot));
