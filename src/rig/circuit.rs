@@ -25,6 +25,7 @@ use rand_pcg::Pcg64;
 
 use crate::robot::RobotSpec;
 use crate::signal::SPRINGS;
+use crate::sim::dataset::normal;
 
 const MU0_H_M: f64 = 4.0e-7 * PI;
 /// Resistivity of the wire at the bench's temperature, Ω m.
@@ -44,14 +45,6 @@ const CAPACITANCE_RISE_PER_K: f64 = 30.0e-6;
 
 /// Manufacturing scatter that the shipped rig has: about 1 % on each part.
 pub const USUAL_SCATTER: f64 = 0.01;
-
-/// One draw from the standard normal distribution (Box and Muller).
-pub fn standard_normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
-    // 1 - u is in (0, 1], so the logarithm is finite.
-    let u: f64 = 1.0 - rng.random::<f64>();
-    let v: f64 = rng.random();
-    (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
-}
 
 /// Complete elliptic integrals (K, E) of modulus `k` in (0, 1), by the arithmetic-geometric mean.
 fn elliptic(k: f64) -> (f64, f64) {
@@ -93,8 +86,7 @@ impl Oscillator {
     fn new(spec: &RobotSpec, scatter_ratio: f64, rng: &mut Pcg64) -> Self {
         let s = &spec.spring;
         // Parts are sorted before they are built in: nothing lies beyond two sigma.
-        let mut near =
-            |share: f64| 1.0 + scatter_ratio * share * standard_normal(rng).clamp(-2.0, 2.0);
+        let mut near = |share: f64| 1.0 + scatter_ratio * share * normal(rng).clamp(-2.0, 2.0);
         let turns = s.free_length_m / s.wire_diameter_m * near(0.5);
         let mean_diameter_m = (s.outer_diameter_m - s.wire_diameter_m) * near(1.0);
         Self {
@@ -218,14 +210,14 @@ impl Circuit {
             return (counts, gates);
         };
         for i in 0..SPRINGS {
-            let length_m = felt_m[i] + self.tremble_m * standard_normal(rng);
+            let length_m = felt_m[i] + self.tremble_m * normal(rng);
             let frequency_hz = self.frequency_hz(i, length_m);
             let periods = (self.gate_s * frequency_hz).floor();
             // Both edges are caught at the next tick: the first at a random place within its tick.
             let start = rng.random::<f64>();
             let end = start
                 + periods / frequency_hz * self.tick_rate_hz
-                + self.jitter_ticks * standard_normal(rng);
+                + self.jitter_ticks * normal(rng);
             counts[i] = periods as u32;
             gates[i] = end.floor() as u32;
         }

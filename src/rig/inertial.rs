@@ -9,12 +9,10 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::circuit::standard_normal;
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{IMUS, ImuRaw};
-
-/// Standard gravity, m/s².
-pub const GRAVITY_M_S2: f64 = 9.806_65;
+use crate::sim::GRAVITY_M_S2;
+use crate::sim::dataset::normal;
 
 /// How a pad moves, in the pad's own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,7 +113,7 @@ pub struct Inertial {
 }
 
 fn normal3<R: Rng + ?Sized>(rng: &mut R) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| standard_normal(rng))
+    Vector3::from_fn(|_, _| normal(rng))
 }
 
 impl Inertial {

@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
+use super::validate::REFERENCE_POSES;
 use super::{Inputs, Model, Observation, SimError, State, observe, settle};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose, ypr_from_rotation};
@@ -163,23 +164,7 @@ fn same_inputs_give_same_bits(simulator: Simulator) {
 }
 
 fn the_known_poses_are_taken(simulator: Simulator) {
-    // An independent rigid-disc engine, settled: position (mm), yaw, pitch, roll (deg).
-    let cases: [([f64; 6], [f64; 3], [f64; 3]); 5] = [
-        ([0.0; 6], [0.0, 0.0, -296.6], [0.0; 3]),
-        ([40.0; 6], [0.0, 0.0, -441.2], [0.0; 3]),
-        ([-40.0; 6], [0.0, 0.0, -151.5], [0.0; 3]),
-        (
-            [40.0, -40.0, -40.0, 0.0, 0.0, 0.0],
-            [-143.4, 0.0, -219.9],
-            [0.0, 43.7, 0.0],
-        ),
-        (
-            [20.0, -20.0, -20.0, 20.0, -20.0, -20.0],
-            [-82.4, -17.7, -253.3],
-            [-2.3, 33.1, -21.1],
-        ),
-    ];
-    for (kpa, mm, ypr) in cases {
+    for (kpa, mm, ypr) in REFERENCE_POSES {
         let tip = solved(simulator, &at(kpa)).base_from_tip;
         let off = (tip.translation.vector * 1e3 - Vector3::from(mm)).norm();
         assert!(off < 8.0, "{kpa:?}: {off:.1} mm off");

@@ -79,7 +79,7 @@ pub fn sample_rng(seed: u64, index: usize) -> Pcg64Mcg {
 }
 
 /// A standard normal deviate (Box-Muller).
-pub fn normal(rng: &mut Pcg64Mcg) -> f64 {
+pub fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     let u: f64 = 1.0 - rng.random::<f64>();
     let v: f64 = rng.random();
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()

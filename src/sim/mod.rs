@@ -16,5 +16,7 @@ pub mod sensors;
 pub mod validate;
 
 pub use dynamics::{Moving, mechanical_energy, swing};
-pub use model::{Inputs, Model, Parameters, Resolution, SimError, State, creep_to, settle};
+pub use model::{
+    GRAVITY_M_S2, Inputs, Model, Parameters, Resolution, SimError, State, creep_to, settle,
+};
 pub use sensors::{Observation, observe};

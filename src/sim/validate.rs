@@ -430,9 +430,10 @@ fn frame_indifference(out: &mut Vec<Case>) {
 }
 
 /// Pressures kPa, position mm, yaw/pitch/roll deg.
-type SettledPose = ([f64; CHAMBERS], [f64; 3], [f64; 3]);
+pub(super) type SettledPose = ([f64; CHAMBERS], [f64; 3], [f64; 3]);
 
-const REFERENCE_POSES: [SettledPose; 5] = [
+/// The reference robot, settled, by an independent rigid-disc engine.
+pub(super) const REFERENCE_POSES: [SettledPose; 5] = [
     ([0.0; 6], [0.0, 0.0, -296.6], [0.0; 3]),
     ([40.0; 6], [0.0, 0.0, -441.2], [0.0; 3]),
     ([-40.0; 6], [0.0, 0.0, -151.5], [0.0; 3]),

@@ -8,7 +8,7 @@ use crate::control::{
     Controller, ControllerKind, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput,
     reach,
 };
-use crate::learn::{PlantMap, PoseEval, PoseMap};
+use crate::learn::{PlantMap, PoseEval, PoseMap, estimate};
 use crate::link::fault_words;
 use crate::link::wire::fault;
 use crate::robot::RobotSpec;
@@ -16,7 +16,6 @@ use crate::sensing::Sensing;
 use crate::signal::{
     Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus,
     Mode, PressureCommand, RawFrame, Reach, SensorFrame, SensorRef, Severity, Snapshot, Stamp,
-    pose_from_ypr,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
 use crate::task::{Goto, GotoState};
@@ -227,15 +226,9 @@ impl Twin {
             self.bad_frames += 1;
             return;
         }
-        let p = &eval.pose;
         self.bad_frames = 0;
         self.last_frame = Some(self.now);
-        self.estimate = Some(Estimate {
-            stamp: frame.stamp,
-            base_from_tip: pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]]),
-            covariance: eval.covariance,
-            training_distance: eval.training_distance,
-        });
+        self.estimate = Some(estimate(frame.stamp, &eval));
         self.eval = Some(eval);
         self.sensors = Some(frame);
         self.raw = Some(raw);

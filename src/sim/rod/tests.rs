@@ -2,6 +2,7 @@ use super::assemble::Assembly;
 use super::*;
 use crate::robot::RobotSpec;
 use crate::signal::ypr_from_rotation;
+use crate::sim::validate::REFERENCE_POSES;
 use crate::sim::{Inputs, Model, Parameters, Resolution, State, observe, settle};
 
 fn jitter(i: usize) -> f64 {
@@ -91,23 +92,7 @@ fn gradient_and_hessian_agree_with_differences() {
 #[test]
 fn reference_robot_takes_its_sanity_poses() {
     let model = Model::nominal(&RobotSpec::reference());
-    // (pressures kPa, position mm, yaw/pitch/roll deg): an independent rigid-disc engine, settled.
-    let cases: [([f64; 6], [f64; 3], [f64; 3]); 5] = [
-        ([0.0; 6], [0.0, 0.0, -296.6], [0.0; 3]),
-        ([40.0; 6], [0.0, 0.0, -441.2], [0.0; 3]),
-        ([-40.0; 6], [0.0, 0.0, -151.5], [0.0; 3]),
-        (
-            [40.0, -40.0, -40.0, 0.0, 0.0, 0.0],
-            [-143.4, 0.0, -219.9],
-            [0.0, 43.7, 0.0],
-        ),
-        (
-            [20.0, -20.0, -20.0, 20.0, -20.0, -20.0],
-            [-82.4, -17.7, -253.3],
-            [-2.3, 33.1, -21.1],
-        ),
-    ];
-    for (kpa, mm, ypr) in cases {
+    for (kpa, mm, ypr) in REFERENCE_POSES {
         let mut state = State::rest(&model);
         let inputs = Inputs {
             chamber_pa: kpa.map(|p| p * 1e3),
