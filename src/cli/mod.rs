@@ -6,6 +6,7 @@
 mod args;
 mod data;
 mod files;
+mod gap;
 mod live;
 mod model;
 mod ports;
@@ -44,6 +45,9 @@ enum Command {
     /// Generate or merge datasets of settled samples
     #[command(subcommand)]
     Dataset(data::DatasetCommand),
+    /// Find the effect that the model misses, patch it, prove it
+    #[command(subcommand)]
+    Gap(gap::GapCommand),
     /// Train the networks
     Train(data::TrainArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
@@ -159,6 +163,7 @@ fn run(cli: &Cli) -> Result<Report> {
         ),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
+        Some(Command::Gap(c)) => gap::run(c, &robot),
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
         #[cfg(feature = "gui")]

@@ -1,6 +1,6 @@
 //! `sim solve`, `sim replay`, `sim validate`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
@@ -8,12 +8,12 @@ use clap::{Subcommand, ValueEnum};
 use serde_json::json;
 
 use super::{Failed, Report, args};
-use springtwin::recording;
+use springtwin::gap::{self, Grid};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, pose_error, ypr_from_rotation};
+use springtwin::signal::{CHAMBERS, ypr_from_rotation};
 use springtwin::sim::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
 use springtwin::sim::validate::{self, Case};
-use springtwin::sim::{Inputs, Model, Observation, State, creep_to, observe, settle};
+use springtwin::sim::{Inputs, Model, State, observe, settle};
 
 #[derive(Subcommand)]
 pub enum SimCommand {
@@ -36,6 +36,9 @@ pub enum SimCommand {
     Replay {
         /// Session folder or session.toml
         session: PathBuf,
+        /// Patch of the model to apply
+        #[arg(long, value_name = "FILE")]
+        patch: Option<PathBuf>,
     },
     /// Hold the rod model against known results; fails when one is missed
     Validate,
@@ -60,7 +63,7 @@ pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
             args::payload_in_range(robot, *payload)?;
             solve(robot, *simulator, pressures, *payload, force)
         }
-        SimCommand::Replay { session } => replay(robot, session),
+        SimCommand::Replay { session, patch } => replay(robot, session, patch.as_deref()),
         SimCommand::Validate => validate(),
     }
 }
@@ -127,86 +130,36 @@ fn solve(
     })
 }
 
-/// Sum of squares and count.
-#[derive(Default)]
-struct Mean2 {
-    sum: f64,
-    n: usize,
-}
-
-impl Mean2 {
-    fn add(&mut self, x: f64) {
-        if x.is_finite() {
-            self.sum += x * x;
-            self.n += 1;
+fn replay(robot: &RobotSpec, session: &Path, patch: Option<&Path>) -> Result<Report> {
+    let session = super::gap::read(session)?;
+    args::payload_in_range(robot, session.payload_kg)?;
+    let name = session.name.clone();
+    // Every sample for itself: nothing is averaged away.
+    let grid = Grid::at_rate(session, f64::INFINITY)?;
+    let (values, effects) = match patch {
+        Some(path) => {
+            let patch = super::gap::read_patch(path, robot)?;
+            (patch.values()?, patch.active()?)
         }
-    }
-
-    fn root(&self) -> Option<f64> {
-        (self.n > 0).then(|| (self.sum / self.n as f64).sqrt())
-    }
-}
-
-/// Time constant of the twin's own overdamped motion, s.
-const TWIN_TAU_S: f64 = 0.05;
-
-fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
-    let log = recording::read_session(session)?;
-    args::payload_in_range(robot, log.payload_kg)?;
-    let model = Model::nominal(robot);
-    let mut state = State::rest(&model);
-    let (mut pos, mut ori, mut springs, mut imu) = (
-        Mean2::default(),
-        Mean2::default(),
-        Mean2::default(),
-        Mean2::default(),
-    );
-    let mut before_s: Option<f64> = None;
-    for k in 0..log.len() {
-        let chamber_pa = log.chamber_pa[k];
-        if chamber_pa.iter().any(|p| !p.is_finite()) {
-            continue;
-        }
-        let inputs = Inputs {
-            chamber_pa,
-            payload_kg: log.payload_kg,
-            ..Inputs::default()
-        };
-        let t_s = log.t_s[k];
-        match before_s {
-            None => settle(&model, &mut state, &inputs),
-            Some(before) => creep_to(
-                &model,
-                &mut state,
-                &inputs,
-                TWIN_TAU_S,
-                (t_s - before).max(1e-4),
-            ),
-        }
-        .with_context(|| format!("{} at {t_s:.2} s", session.display()))?;
-        before_s = Some(t_s);
-        let o: Observation = observe(&model, &state);
-        if let Some(truth) = &log.truth[k] {
-            let e = pose_error(truth, &o.base_from_tip);
-            pos.add(e.fixed_rows::<3>(0).norm() * 1e3);
-            ori.add(e.fixed_rows::<3>(3).norm().to_degrees());
-        }
-        let measured = &log.sensors[k];
-        for i in 0..SPRINGS {
-            springs.add((measured.spring_m[i] - o.sensors.spring_m[i]) * 1e3);
-        }
-        for i in 0..IMUS {
-            let d = o.sensors.base_from_imu_pad(i).inverse() * measured.base_from_imu_pad(i);
-            imu.add(d.angle().to_degrees());
-        }
-    }
-    let rmse = [&pos, &ori, &springs, &imu].map(Mean2::root);
+        None => (gap::nominal(), Vec::new()),
+    };
+    let moved = gap::move_arm(robot, &grid, &values, &effects).with_context(|| name)?;
+    let rows = gap::left_over(robot, &grid, &moved, &values, &effects);
+    let e = gap::rmse(&rows, |_| true);
+    let mm = |x: Option<f64>| x.map(|x| x * 1e3);
+    let deg = |x: Option<f64>| x.map(f64::to_degrees);
+    let rmse = [
+        mm(e.position_m),
+        deg(e.rotation_rad),
+        mm(e.spring_m),
+        deg(e.imu_rad),
+    ];
     let show =
         |x: Option<f64>, unit: &str| x.map_or("no data".to_owned(), |x| format!("{x:.2} {unit}"));
     Ok(Report {
         text: format!(
             "simulation against measurement, RMSE over {} samples: position {}, orientation {}, springs {}, IMUs {}",
-            log.len(),
+            grid.len(),
             show(rmse[0], "mm"),
             show(rmse[1], "deg"),
             show(rmse[2], "mm"),
@@ -214,7 +167,7 @@ fn replay(robot: &RobotSpec, session: &std::path::Path) -> Result<Report> {
         ),
         json: json!({
             "rmse": {"pos_mm": rmse[0], "ori_deg": rmse[1], "springs_mm": rmse[2], "imu_deg": rmse[3]},
-            "samples": log.len(),
+            "samples": grid.len(),
         }),
     })
 }

@@ -1,0 +1,240 @@
+//! What a healthy rig looks like: its nuisance parameters and what is left over at best.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::noise::{Noise, bridged, start};
+use super::replay::{Knob, Row, knobs, left_over, move_arm, nominal};
+use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
+use super::{GapError, Progress, Stage};
+use crate::robot::RobotSpec;
+use crate::sim::effects::{Active, EffectError, Simulated};
+
+/// A commissioned rig, or the factory model.
+#[derive(Clone, Debug)]
+pub struct Baseline {
+    /// Values of the knobs.
+    pub values: Vec<f64>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+    /// What a healthy session leaves over.
+    pub noise: Noise,
+    /// Its size on data that were not fitted.
+    pub floor: Rmse,
+    /// Innovations of the healthy session, fitted on its other half; none for the factory model.
+    pub healthy: Option<DMatrix<f64>>,
+    /// Name and hash of the healthy session.
+    pub session: Option<[String; 2]>,
+}
+
+/// Root mean squares over the channels of a kind and over time; `None` where nothing was measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Rmse {
+    /// End pad's origin, m.
+    pub position_m: Option<f64>,
+    /// End pad's rotation, rad.
+    pub rotation_rad: Option<f64>,
+    /// One spring, m.
+    pub spring_m: Option<f64>,
+    /// One IMU's rotation, rad.
+    pub imu_rad: Option<f64>,
+}
+
+/// Root mean squares of residual rows, from the end of the start-up on, in rows `pick` chooses.
+pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
+    let group = |channels: std::ops::Range<usize>, per: usize| {
+        let (mut sum, mut n) = (0.0, 0usize);
+        for (k, row) in rows.iter().enumerate().skip(start()) {
+            if !pick(k) {
+                continue;
+            }
+            for c in channels.clone().step_by(per) {
+                let square: f64 = (c..c + per).map(|c| row[c] * row[c]).sum();
+                if square.is_finite() {
+                    sum += square;
+                    n += 1;
+                }
+            }
+        }
+        (n > 0).then(|| (sum / n as f64).sqrt())
+    };
+    Rmse {
+        position_m: group(0..3, 3),
+        rotation_rad: group(3..6, 3),
+        spring_m: group(SPRING_0..IMU_0, 1),
+        imu_rad: group(IMU_0..CHANNELS, 3),
+    }
+}
+
+/// Newton steps of the fit.
+const STEPS: usize = 4;
+
+/// The factory model: nominal values, uncertain by their priors.
+pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
+    let priors = knobs().into_iter().map(|k| k.prior().powi(2));
+    Baseline {
+        values: nominal(),
+        covariance: DMatrix::from_diagonal(&DVector::from_iterator(knobs().len(), priors)),
+        noise: Noise::usual(present),
+        floor: Rmse::default(),
+        healthy: None,
+        session: None,
+    }
+}
+
+/// Fits the knobs to a healthy session by maximum a posteriori.
+///
+/// # Errors
+/// [`GapError`] when the model cannot follow the session.
+pub fn commission(
+    robot: &RobotSpec,
+    grid: &Grid,
+    progress: &dyn Progress,
+) -> Result<Baseline, GapError> {
+    let knobs = knobs();
+    let start_values = nominal();
+    let weight =
+        DVector::from_iterator(knobs.len(), knobs.iter().map(|k| k.prior().powi(2).recip()));
+    let mut values = start_values.clone();
+    let mut noise = Noise::usual(&grid.present);
+    let mut rows_per_fact = 20.0;
+    for step in 0..STEPS {
+        progress.at(Stage::Commission, step as f64 / (STEPS + 1) as f64)?;
+        let moved = move_arm(robot, grid, &values, &[])?;
+        let rows = left_over(robot, grid, &moved, &values, &[]);
+        let columns = sensitivities(robot, grid, &values, &[], &moved)?;
+        let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
+        let e = noise.innovations(&rows);
+        let off = DVector::from_fn(values.len(), |i, _| start_values[i] - values[i]);
+        let (normal, right) = normal_equations(&w, &e, |_| true);
+        let normal = normal / rows_per_fact + DMatrix::from_diagonal(&weight);
+        let right = right / rows_per_fact + weight.component_mul(&off);
+        let Some(solver) = normal.cholesky() else {
+            return Err(GapError::Degenerate);
+        };
+        let change = solver.solve(&right);
+        for (v, d) in values.iter_mut().zip(change.iter()) {
+            *v += d;
+        }
+        if let Some(i) = knobs.iter().position(|k| *k == Knob::Damping) {
+            values[i] = values[i].max(0.0);
+        }
+        if step == 1 {
+            // From here on the channels weigh as they turned out, but statics keep their say.
+            let moved = move_arm(robot, grid, &values, &[])?;
+            let rows = left_over(robot, grid, &moved, &values, &[]);
+            let whole = Noise::from_healthy(&rows, &grid.present);
+            rows_per_fact = whole.correlation_rows();
+            noise = whole.without_memory();
+        }
+    }
+    progress.at(Stage::Commission, STEPS as f64 / (STEPS + 1) as f64)?;
+    let moved = move_arm(robot, grid, &values, &[])?;
+    let rows = bridged(&left_over(robot, grid, &moved, &values, &[]));
+    let columns = sensitivities(robot, grid, &values, &[], &moved)?;
+    let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
+    let e = noise.innovations(&rows);
+    let off = DVector::from_fn(values.len(), |i, _| start_values[i] - values[i]);
+    let prior = DMatrix::from_diagonal(&weight);
+    // Each half as a fit to the other one leaves it.
+    let half = grid.len() / 2;
+    let mut unseen = rows.clone();
+    for first in [true, false] {
+        let (normal, right) = normal_equations(&w, &e, |k| (k < half) == first);
+        let Some(solver) = (normal / rows_per_fact + &prior).cholesky() else {
+            return Err(GapError::Degenerate);
+        };
+        let change = solver.solve(&(right / rows_per_fact + weight.component_mul(&off)));
+        for k in (0..rows.len()).filter(|k| (*k < half) != first) {
+            for (column, d) in columns.iter().zip(change.iter()) {
+                for c in 0..CHANNELS {
+                    if column[k][c].is_finite() {
+                        unseen[k][c] -= d * column[k][c];
+                    }
+                }
+            }
+        }
+    }
+    let (normal, _) = normal_equations(&w, &e, |_| true);
+    let Some(solver) = (normal / rows_per_fact + prior).cholesky() else {
+        return Err(GapError::Degenerate);
+    };
+    let noise = Noise::from_healthy(&unseen, &grid.present);
+    Ok(Baseline {
+        values,
+        covariance: solver.inverse(),
+        healthy: Some(noise.innovations(&unseen)),
+        noise,
+        floor: rmse(&masked(&unseen, grid), |_| true),
+        session: Some([grid.session.name.clone(), grid.session.hash.clone()]),
+    })
+}
+
+/// Rows without what was never measured.
+fn masked(rows: &[Row], grid: &Grid) -> Vec<Row> {
+    let mut out = rows.to_vec();
+    for row in &mut out {
+        for c in (0..CHANNELS).filter(|c| !grid.present[*c]) {
+            row[c] = f64::NAN;
+        }
+    }
+    out
+}
+
+/// ∂(predicted row)/∂(knob), one series per knob, by differences.
+pub fn sensitivities(
+    robot: &RobotSpec,
+    grid: &Grid,
+    values: &[f64],
+    effects: &[Active],
+    moved: &Simulated,
+) -> Result<Vec<Vec<Row>>, EffectError> {
+    let knobs = knobs();
+    let base = left_over(robot, grid, moved, values, effects);
+    let jobs: Vec<usize> = (0..knobs.len()).collect();
+    super::parallel(&jobs, |&i| {
+        let knob = knobs[i];
+        let step = 0.1 * knob.prior();
+        let mut shifted = values.to_vec();
+        shifted[i] += step;
+        let rows = if knob.is_mechanical() {
+            let moved = move_arm(robot, grid, &shifted, effects)?;
+            left_over(robot, grid, &moved, &shifted, effects)
+        } else {
+            left_over(robot, grid, moved, &shifted, effects)
+        };
+        Ok(difference(&base, &rows, step))
+    })
+    .into_iter()
+    .collect()
+}
+
+/// (a − b)/step, row by row: residuals fall where predictions rise.
+pub fn difference(a: &[Row], b: &[Row], step: f64) -> Vec<Row> {
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| std::array::from_fn(|c| (a[c] - b[c]) / step))
+        .collect()
+}
+
+/// JᵀJ and Jᵀe over the rows that `pick` chooses.
+pub fn normal_equations(
+    columns: &[DMatrix<f64>],
+    e: &DMatrix<f64>,
+    pick: impl Fn(usize) -> bool,
+) -> (DMatrix<f64>, DVector<f64>) {
+    let n = columns.len();
+    let rows: Vec<usize> = (0..e.ncols()).filter(|k| pick(*k)).collect();
+    let stack = |m: &DMatrix<f64>| {
+        DVector::from_iterator(
+            rows.len() * m.nrows(),
+            rows.iter()
+                .flat_map(|k| m.column(*k).iter().copied().collect::<Vec<_>>()),
+        )
+    };
+    let all = DMatrix::from_columns(&columns.iter().map(stack).collect::<Vec<_>>());
+    let e = stack(e);
+    if n == 0 {
+        return (DMatrix::zeros(0, 0), DVector::zeros(0));
+    }
+    (all.tr_mul(&all), all.tr_mul(&e))
+}

@@ -1,0 +1,128 @@
+//! The gap finder: where simulation and measurement disagree, which effect is missing, and by how
+//! much the gap shrinks when it is added.
+
+mod commission;
+mod noise;
+mod patch;
+mod replay;
+mod session;
+
+pub use commission::{Baseline, Rmse, commission, factory, rmse};
+pub use noise::Noise;
+pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
+pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};
+pub use session::{CHANNELS, Grid, IMU_0, SPRING_0, Session, channel_name};
+
+use crate::sim::effects::EffectError;
+
+/// Why nothing can be said.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GapError {
+    /// Too little data.
+    #[error(
+        "session '{session}' is {seconds:.0} s long: at least {} s are needed to tell an effect from noise",
+        session::SECONDS_MIN
+    )]
+    TooShort {
+        /// The session.
+        session: String,
+        /// Its length, s.
+        seconds: f64,
+    },
+    /// Nothing moves.
+    #[error(
+        "no pressure of session '{session}' moves by more than {:.2} kPa: drive the arm through its range and record again",
+        spread_pa / 1e3
+    )]
+    Still {
+        /// The session.
+        session: String,
+        /// Largest movement, Pa.
+        spread_pa: f64,
+    },
+    /// No pressures.
+    #[error(
+        "more than half of the measured pressures of chamber {chamber} are missing in session '{session}': \
+         the model cannot follow it"
+    )]
+    NoPressure {
+        /// The session.
+        session: String,
+        /// The chamber (1-based).
+        chamber: usize,
+    },
+    /// The normal equations cannot be solved.
+    #[error("the session does not determine the model's parameters: numbers in it are not finite")]
+    Degenerate,
+    /// The model cannot follow the session.
+    #[error(transparent)]
+    Sim(#[from] EffectError),
+    /// Stopped from outside.
+    #[error("stopped on request")]
+    Stopped,
+}
+
+/// Part of the work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Fitting the healthy rig.
+    Commission,
+    /// Replaying the suspect session.
+    Replay,
+    /// Describing where it differs.
+    Locate,
+    /// Trying effects.
+    Explain,
+    /// Comparing with chance.
+    Decide,
+    /// Testing on held-out data.
+    Prove,
+}
+
+/// Told how far the work is, and asked whether to go on.
+pub trait Progress: Sync {
+    /// `share` (0..1) of `stage` is done.
+    ///
+    /// # Errors
+    /// [`GapError::Stopped`] to stop.
+    fn at(&self, stage: Stage, share: f64) -> Result<(), GapError>;
+}
+
+/// Nobody watches.
+pub struct Unwatched;
+
+impl Progress for Unwatched {
+    fn at(&self, _: Stage, _: f64) -> Result<(), GapError> {
+        Ok(())
+    }
+}
+
+/// Does jobs on all cores, results in order.
+pub(crate) fn parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
+    let workers = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
+        let hands: Vec<_> = (0..workers.min(jobs.len()).max(1))
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut mine = Vec::new();
+                    loop {
+                        let i = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                        let Some(job) = jobs.get(i) else { break };
+                        mine.push((i, work(job)));
+                    }
+                    mine
+                })
+            })
+            .collect();
+        hands
+            .into_iter()
+            .flat_map(|h| match h.join() {
+                Ok(mine) => mine,
+                Err(panic) => std::panic::resume_unwind(panic),
+            })
+            .collect()
+    });
+    done.sort_by_key(|(i, _)| *i);
+    done.into_iter().map(|(_, r)| r).collect()
+}

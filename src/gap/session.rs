@@ -1,0 +1,269 @@
+//! What the finder is given: one session of a rig, and its thinned-out grid.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::GapError;
+use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
+
+/// A session: columns of equal length. NaN (or `None`) marks a gap.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Session {
+    /// Its name.
+    pub name: String,
+    /// Hash of its data, hexadecimal; empty if it came from no file.
+    pub hash: String,
+    /// Mass the operator believes is attached, kg.
+    pub payload_kg: f64,
+    /// Rising times, s.
+    pub t_s: Vec<f64>,
+    /// Measured gauge pressure, Pa.
+    pub chamber_pa: Vec<[f64; CHAMBERS]>,
+    /// Commanded gauge pressure, Pa, if it was logged.
+    pub commanded_pa: Option<Vec<[f64; CHAMBERS]>>,
+    /// The 24 signals.
+    pub sensors: Vec<SensorVec>,
+    /// Motion capture of the end pad, base from tip.
+    pub captured: Vec<Option<Pose>>,
+}
+
+/// Residual channels of the arm: end pad x, y, z (m), its rotation vector (rad, base frame), twelve
+/// springs (m), four IMUs (rotation vectors in the pad frame, rad).
+pub const CHANNELS: usize = 6 + SPRINGS + 3 * IMUS;
+/// First channel of the springs.
+pub const SPRING_0: usize = 6;
+/// First channel of the IMUs.
+pub const IMU_0: usize = 6 + SPRINGS;
+
+/// Name of a residual channel.
+pub fn channel_name(c: usize) -> String {
+    const TIP: [&str; 6] = ["tip x", "tip y", "tip z", "tip rx", "tip ry", "tip rz"];
+    match c {
+        0..6 => TIP[c].to_owned(),
+        c if c < IMU_0 => format!("spring {}", c - SPRING_0 + 1),
+        c => format!(
+            "IMU {} {}",
+            (c - IMU_0) / 3 + 1,
+            ["x", "y", "z"][(c - IMU_0) % 3]
+        ),
+    }
+}
+
+/// Shortest session that says anything, s.
+pub const SECONDS_MIN: f64 = 20.0;
+/// Rate of the grid, Hz: pressures ramp over seconds, and the arm follows in tenths.
+pub const GRID_HZ: f64 = 10.0;
+/// Start of a session that is not judged, s: the arm may still fall into its shape.
+pub const START_S: f64 = 1.0;
+/// Largest share of missing samples in a channel that is used.
+const GAPS_MAX: f64 = 0.5;
+/// Pressures that move less than this excite nothing, Pa.
+const MOVES_MIN_PA: f64 = 1e3;
+
+/// A session averaged into bins.
+#[derive(Clone, Debug)]
+pub struct Grid {
+    /// Where it is from.
+    pub session: Session,
+    /// Gap-free measured pressures at the session's own times, Pa.
+    pub gauge_pa: Vec<[f64; CHAMBERS]>,
+    /// First sample of each bin, and the end.
+    pub first: Vec<usize>,
+    /// Mean time of each bin, s.
+    pub t_s: Vec<f64>,
+    /// Mean signals.
+    pub sensors: Vec<SensorVec>,
+    /// Mean captured pose.
+    pub captured: Vec<Option<Pose>>,
+    /// Which channels hold enough data.
+    pub present: [bool; CHANNELS],
+}
+
+impl Grid {
+    /// Averages a session into bins of 1/[`GRID_HZ`].
+    ///
+    /// # Errors
+    /// [`GapError`] when the session is too short, its pressures are missing or do not move.
+    pub fn new(session: Session) -> Result<Self, GapError> {
+        Self::at_rate(session, GRID_HZ)
+    }
+
+    /// Averages a session into bins of 1/`rate_hz`; a rate above the session's own keeps every sample.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn at_rate(session: Session, rate_hz: f64) -> Result<Self, GapError> {
+        let n = session.t_s.len();
+        let seconds = match (session.t_s.first(), session.t_s.last()) {
+            (Some(a), Some(b)) => b - a,
+            _ => 0.0,
+        };
+        if seconds < SECONDS_MIN || n < 100 {
+            return Err(GapError::TooShort {
+                session: session.name,
+                seconds,
+            });
+        }
+        let gauge_pa = filled(&session)?;
+        let spread = (0..CHAMBERS)
+            .map(|i| {
+                let (low, high) = gauge_pa
+                    .iter()
+                    .fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[i]), h.max(p[i])));
+                high - low
+            })
+            .fold(0.0, f64::max);
+        if spread < MOVES_MIN_PA {
+            return Err(GapError::Still {
+                session: session.name,
+                spread_pa: spread,
+            });
+        }
+        let mut first = Vec::new();
+        let mut bin = -1.0;
+        for (k, t) in session.t_s.iter().enumerate() {
+            let b = ((t - session.t_s[0]) * rate_hz + 1e-6).floor();
+            if b > bin {
+                first.push(k);
+                bin = b;
+            }
+        }
+        first.push(n);
+        let ranges = || first.windows(2).map(|w| w[0]..w[1]);
+        let t_s = ranges()
+            .map(|r| mean(session.t_s[r].iter().copied()))
+            .collect();
+        let sensors: Vec<SensorVec> = ranges()
+            .map(|r| SensorVec {
+                spring_m: std::array::from_fn(|i| {
+                    mean(session.sensors[r.clone()].iter().map(|s| s.spring_m[i]))
+                }),
+                imu_ypr_rad: std::array::from_fn(|i| {
+                    let turns = session.sensors[r.clone()]
+                        .iter()
+                        .filter(|s| s.imu_ypr_rad[i].iter().all(|a| a.is_finite()))
+                        .map(|s| UnitQuaternion::from(s.base_from_imu_pad(i)));
+                    mean_turn(turns).map_or([f64::NAN; 3], |q| crate::signal::ypr_from_rotation(&q))
+                }),
+            })
+            .collect();
+        let captured: Vec<Option<Pose>> = ranges()
+            .map(|r| {
+                let poses = || session.captured[r.clone()].iter().flatten();
+                let rotation = mean_turn(poses().map(|p| p.rotation))?;
+                let count = poses().count() as f64;
+                let sum: Vector3<f64> = poses().map(|p| p.translation.vector).sum();
+                Some(Pose::from_parts((sum / count).into(), rotation))
+            })
+            .collect();
+        let bins = sensors.len() as f64;
+        let share = |missing: usize| missing as f64 / bins <= GAPS_MAX;
+        let present = std::array::from_fn(|c| match c {
+            0..6 => share(captured.iter().filter(|p| p.is_none()).count()),
+            c if c < IMU_0 => share(
+                sensors
+                    .iter()
+                    .filter(|s| s.spring_m[c - SPRING_0].is_nan())
+                    .count(),
+            ),
+            c => share(
+                sensors
+                    .iter()
+                    .filter(|s| s.imu_ypr_rad[(c - IMU_0) / 3][0].is_nan())
+                    .count(),
+            ),
+        });
+        Ok(Self {
+            session,
+            gauge_pa,
+            first,
+            t_s,
+            sensors,
+            captured,
+            present,
+        })
+    }
+
+    /// Number of bins.
+    pub fn len(&self) -> usize {
+        self.t_s.len()
+    }
+
+    /// Whether there is no bin (never, for a grid that was made).
+    pub fn is_empty(&self) -> bool {
+        self.t_s.is_empty()
+    }
+
+    /// Bin means of a series at the session's own times.
+    pub fn binned(&self, series: &[[f64; CHAMBERS]]) -> Vec<[f64; CHAMBERS]> {
+        self.first
+            .windows(2)
+            .map(|w| std::array::from_fn(|i| mean(series[w[0]..w[1]].iter().map(|row| row[i]))))
+            .collect()
+    }
+}
+
+/// Mean of the finite values; NaN without any.
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut n) = (0.0, 0usize);
+    for v in values.filter(|v| v.is_finite()) {
+        sum += v;
+        n += 1;
+    }
+    sum / n as f64
+}
+
+/// Mean of rotations that lie close together.
+fn mean_turn(turns: impl Iterator<Item = UnitQuaternion<f64>>) -> Option<UnitQuaternion<f64>> {
+    let mut sum: Option<Quaternion<f64>> = None;
+    for q in turns {
+        let q = q.into_inner();
+        sum = Some(match sum {
+            None => q,
+            Some(s) if s.dot(&q) < 0.0 => s - q,
+            Some(s) => s + q,
+        });
+    }
+    sum.map(UnitQuaternion::from_quaternion)
+}
+
+/// Measured pressures with short gaps bridged by straight lines.
+fn filled(session: &Session) -> Result<Vec<[f64; CHAMBERS]>, GapError> {
+    let mut out = session.chamber_pa.clone();
+    for i in 0..CHAMBERS {
+        let known: Vec<usize> = (0..out.len()).filter(|k| out[*k][i].is_finite()).collect();
+        if known.len() * 2 < out.len() {
+            return Err(GapError::NoPressure {
+                session: session.name.clone(),
+                chamber: i + 1,
+            });
+        }
+        bridge(
+            &session.t_s,
+            &known,
+            |k| session.chamber_pa[k][i],
+            |k, v| out[k][i] = v,
+        );
+    }
+    Ok(out)
+}
+
+/// Fills what lies between known places along straight lines; the ends are held.
+pub(super) fn bridge(
+    t_s: &[f64],
+    known: &[usize],
+    value: impl Fn(usize) -> f64,
+    mut put: impl FnMut(usize, f64),
+) {
+    let (Some(&start), Some(&end)) = (known.first(), known.last()) else {
+        return;
+    };
+    (0..start).for_each(|k| put(k, value(start)));
+    (end + 1..t_s.len()).for_each(|k| put(k, value(end)));
+    for w in known.windows(2) {
+        let (a, b) = (w[0], w[1]);
+        for k in a + 1..b {
+            let share = (t_s[k] - t_s[a]) / (t_s[b] - t_s[a]);
+            put(k, value(a) + share * (value(b) - value(a)));
+        }
+    }
+}
