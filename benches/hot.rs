@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use springtwin::learn::{Model as Networks, PoseMap};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Goal;
-use springtwin::sim::{Inputs, Model, State, observe, settle};
+use springtwin::sim::{Inputs, Model, Moving, State, observe, settle, swing};
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/reference.safetensors");
 
@@ -42,6 +42,29 @@ fn rod(c: &mut Criterion) {
             settle(&model, &mut state, black_box(&inputs)).map(|o| o.iterations)
         });
     });
+}
+
+fn dynamics(c: &mut Criterion) {
+    let model = Model::nominal(&RobotSpec::reference());
+    for (name, tau_s) in [
+        ("dynamics, 1 kHz step, damped", 0.02),
+        ("dynamics, 1 kHz step, undamped", 0.0),
+    ] {
+        c.bench_function(name, |b| {
+            let mut k = 0;
+            let mut moving = Moving::from_rest(&State::rest(&model));
+            b.iter(|| {
+                k += 1;
+                // The same ten second course over and over.
+                let inputs = Inputs {
+                    chamber_pa: pressures(k % 10_000),
+                    payload_kg: 0.3,
+                    ..Inputs::default()
+                };
+                swing(&model, &mut moving, black_box(&inputs), tau_s, 1e-3).map(|o| o.iterations)
+            });
+        });
+    }
 }
 
 fn networks(c: &mut Criterion) {
@@ -87,5 +110,5 @@ fn networks(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, rod, networks);
+criterion_group!(benches, rod, dynamics, networks);
 criterion_main!(benches);
