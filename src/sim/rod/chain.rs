@@ -135,8 +135,7 @@ fn add(z: &mut Twist, x: &Vector3<f64>, f: &Vector3<f64>) {
 
 /// Slope of the strain energy per length after the six strains.
 fn local_slope(section: &Section, tube_n: &[f64], xi: &[f64; 6]) -> [f64; 6] {
-    let mut g: [f64; 6] =
-        std::array::from_fn(|i| section.rigidity[i] * (xi[i] - section.rest[i]));
+    let mut g: [f64; 6] = std::array::from_fn(|i| section.rigidity[i] * (xi[i] - section.rest[i]));
     let kappa = Vector3::new(xi[0], xi[1], xi[2]);
     let v = Vector3::new(xi[3], xi[4], xi[5]);
     for (tube, push) in section.tubes.iter().zip(tube_n) {

@@ -75,12 +75,12 @@ pub fn energy(rod: &Rod, loads: &Loads, motion: &Motion) -> Energy {
 }
 
 /// A Newton step below this (strain times section length) ends the iteration.
-const STEP_TOLERANCE: f64 = 1e-9;
+const STEP_TOLERANCE: f64 = 1e-10;
 const MAX_ITERATIONS: usize = 40;
 /// A step that shrinks less than this from one iteration to the next calls for a new matrix.
-const SLOW: f64 = 0.2;
+const SLOW: f64 = 0.5;
 /// So does a step in time that takes more iterations than this.
-const MANY_ITERATIONS: usize = 5;
+const MANY_ITERATIONS: usize = 10;
 
 /// What a motion's steps hand on to each other: memory, a matrix and a guess. Holds no result; one
 /// that comes from another motion costs time only.
@@ -90,8 +90,8 @@ pub struct Stride {
     factor: Factor,
     made_for_s: Option<[f64; 2]>,
     assembly: Assembly,
-    /// Changes of the strains over the last step and the one before.
-    taken: [Vec<f64>; 2],
+    /// Change of the strains over the last step.
+    taken: Vec<f64>,
     start: Chain,
     middle: Chain,
     end: Chain,
@@ -182,7 +182,7 @@ impl Stride {
         let d = rod.strains.indices();
         if self.q1.len() != n {
             self.made_for_s = None;
-            self.taken = [vec![0.0; n], vec![0.0; n]];
+            self.taken = vec![0.0; n];
             self.impulse = vec![0.0; n];
         }
         self.start.place(rod, &motion.q);
@@ -191,16 +191,16 @@ impl Stride {
         for s in &rod.sections {
             let l = s.length_m / s.elements as f64;
             let first = self.drag.len();
-            self.drag.extend(d.iter().map(|&i| 0.5 * tau_s * drag(s, l, i)));
+            self.drag
+                .extend(d.iter().map(|&i| 0.5 * tau_s * drag(s, l, i)));
             for _ in 1..s.elements {
                 self.drag.extend_from_within(first..first + d.len());
             }
         }
-        // q̇ as it was, and its rate.
-        let [last, before] = &self.taken;
+        // The guess: on it goes at the same rate.
         self.q1.clear();
-        let guess = motion.q.iter().zip(last).zip(before);
-        self.q1.extend(guess.map(|((q, a), b)| q + 2.0 * a - b));
+        let guess = motion.q.iter().zip(&self.taken);
+        self.q1.extend(guess.map(|(q, taken)| q + taken));
     }
 
     /// `change` = J₀ᵀ m (x₁ − x₀)/h + h/2 Π'(q½) + τ/2 D (q₁ − q₀) − p₀.
@@ -223,7 +223,10 @@ impl Stride {
             self.impulse[k] = 0.5 * dt_s * self.impulse[k] + drag;
         }
         self.momenta.clear();
-        let moves = self.bodies.iter().zip(self.start.nodes.iter().zip(&self.end.nodes));
+        let moves = self
+            .bodies
+            .iter()
+            .zip(self.start.nodes.iter().zip(&self.end.nodes));
         self.momenta.extend(moves.map(|(body, (from, to))| {
             let moved = body.moved(from, to);
             Twist {
@@ -260,7 +263,11 @@ impl Stride {
         let mut shift = 0.0;
         let mean = (0..n).map(|k| a[k * n + k].abs()).sum::<f64>() / n as f64;
         while !self.factor.compute(&a, n, shift) {
-            shift = if shift > 0.0 { 8.0 * shift } else { 1e-4 * mean };
+            shift = if shift > 0.0 {
+                8.0 * shift
+            } else {
+                1e-4 * mean
+            };
             if !(shift.is_finite() && shift > 0.0) {
                 return false;
             }
@@ -270,8 +277,7 @@ impl Stride {
 
     /// Moves `motion` to the end of the step just balanced.
     fn finish(&mut self, rod: &Rod, motion: &mut Motion) {
-        self.taken.swap(0, 1);
-        for (k, taken) in self.taken[0].iter_mut().enumerate() {
+        for (k, taken) in self.taken.iter_mut().enumerate() {
             *taken = self.q1[k] - motion.q[k];
             motion.p[k] = -self.impulse[k];
         }
@@ -367,7 +373,8 @@ mod tests {
                 points(&rod, &loads, &q)
             };
             let ends = moved(1e-6).into_iter().zip(moved(-1e-6));
-            ends.map(|(a, b)| ((a.0 - b.0) / 2e-6, a.1)).collect::<Vec<_>>()
+            ends.map(|(a, b)| ((a.0 - b.0) / 2e-6, a.1))
+                .collect::<Vec<_>>()
         };
         let j: Vec<_> = (0..n).map(velocity).collect();
         let mut carried = Vec::new();
