@@ -343,7 +343,6 @@ mod tests {
     #[test]
     fn shut_air_is_a_spring_that_gives_back_what_it_takes() {
         let [coarse, fine] = [1e-3, 0.5e-3].map(departure);
-        println!("DEP {coarse} {fine}");
         assert!(coarse < 0.1, "{coarse}");
         assert!(fine < 0.3 * coarse, "{fine} {coarse}: not of second order");
     }
