@@ -19,9 +19,11 @@
 //! Source: J. E. Marsden, M. West, "Discrete mechanics and variational integrators",
 //! Acta Numerica 2001, doi:10.1017/S096249290100006X.
 
+use nalgebra::DVector;
+
 use super::assemble::{Assembly, drag, screws};
 use super::chain::{Chain, Wrenches, gradient};
-use super::inertia::{Body, bodies, mass_matrix};
+use super::inertia::{Body, Place, bodies, mass_matrix};
 use super::se3::Twist;
 use super::{Factor, Loads, Outcome, Rod};
 
@@ -59,7 +61,11 @@ pub fn energy(rod: &Rod, loads: &Loads, motion: &Motion) -> Energy {
     let mut carried = Vec::new();
     bodies(rod, loads, &mut carried);
     let (_, screws) = screws(rod, &motion.q);
-    let mass = mass_matrix(rod, &carried, &at.nodes, &screws);
+    let place = Place {
+        nodes: &at.nodes,
+        screws: &screws,
+    };
+    let mass = mass_matrix(rod, &carried, &place, &place);
     let mut factor = Factor::default();
     let kinetic_j = if factor.compute(&mass, motion.q.len(), 0.0) {
         let mut rate = motion.p.clone();
@@ -81,6 +87,8 @@ const MAX_ITERATIONS: usize = 40;
 const SLOW: f64 = 0.5;
 /// So does a step in time that takes more iterations than this.
 const MANY_ITERATIONS: usize = 10;
+/// After this many iterations the exact derivative takes over, costly as it is.
+const PATIENCE: usize = 20;
 
 /// What a motion's steps hand on to each other: memory, a matrix and a guess. Holds no result; one
 /// that comes from another motion costs time only.
@@ -128,14 +136,20 @@ pub fn step(
     for iteration in 1..=MAX_ITERATIONS {
         outcome.iterations = iteration;
         work.balance(rod, loads, motion, dt_s);
-        if renew {
-            let made = work.renew(rod, loads, dt_s);
-            work.made_for_s = made.then_some([dt_s, tau_s]);
-            if !made {
+        if iteration > PATIENCE {
+            if !work.solve_exactly(rod, loads, motion, dt_s) {
                 return outcome;
             }
+        } else {
+            if renew {
+                let made = work.renew(rod, loads, dt_s);
+                work.made_for_s = made.then_some([dt_s, tau_s]);
+                if !made {
+                    return outcome;
+                }
+            }
+            work.factor.solve(&mut work.change);
         }
-        work.factor.solve(&mut work.change);
         let size = size(rod, &work.change);
         if !size.is_finite() {
             work.made_for_s = None;
@@ -251,7 +265,11 @@ impl Stride {
         self.assembly
             .evaluate(rod, loads, &self.q_middle, &self.q_middle);
         let (_, screws) = screws(rod, &self.q_middle);
-        let mut a = mass_matrix(rod, &self.bodies, &self.middle.nodes, &screws);
+        let place = Place {
+            nodes: &self.middle.nodes,
+            screws: &screws,
+        };
+        let mut a = mass_matrix(rod, &self.bodies, &place, &place);
         for (a, h) in a.iter_mut().zip(&self.assembly.hessian) {
             *a = *a / dt_s + 0.25 * dt_s * h;
         }
@@ -272,6 +290,44 @@ impl Stride {
                 return false;
             }
         }
+        true
+    }
+
+    /// `change` by Newton's method proper, with J₀ᵀ m J₁/h + h/4 Π'' + τ/2 D at the present guess.
+    /// Returns false when that is singular.
+    fn solve_exactly(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, dt_s: f64) -> bool {
+        let n = self.q1.len();
+        let loads = &Loads {
+            viscosity: 0.0,
+            ..loads.clone()
+        };
+        self.assembly
+            .evaluate(rod, loads, &self.q_middle, &self.q_middle);
+        let ends = [screws(rod, &motion.q).1, screws(rod, &self.q1).1];
+        let [from, to] =
+            [(&self.start, &ends[0]), (&self.end, &ends[1])].map(|(chain, screws)| Place {
+                nodes: &chain.nodes,
+                screws,
+            });
+        let lower = mass_matrix(rod, &self.bodies, &from, &to);
+        let upper = mass_matrix(rod, &self.bodies, &to, &from);
+        let mut a = self.assembly.jacobian(rod, loads) * (0.25 * dt_s);
+        for i in 0..n {
+            a[(i, i)] += self.drag[i];
+            for j in 0..n {
+                let m = if j <= i {
+                    lower[i * n + j]
+                } else {
+                    upper[j * n + i]
+                };
+                a[(i, j)] += m / dt_s;
+            }
+        }
+        let rest = DVector::from_column_slice(&self.change);
+        let Some(change) = a.lu().solve(&rest) else {
+            return false;
+        };
+        self.change.copy_from_slice(change.as_slice());
         true
     }
 
@@ -382,7 +438,11 @@ mod tests {
         let mut chain = Chain::default();
         chain.place(&rod, &q);
         let (_, screws) = screws(&rod, &q);
-        let mass = mass_matrix(&rod, &carried, &chain.nodes, &screws);
+        let place = Place {
+            nodes: &chain.nodes,
+            screws: &screws,
+        };
+        let mass = mass_matrix(&rod, &carried, &place, &place);
         for b in 0..n {
             for a in 0..=b {
                 let both = j[a].iter().zip(&j[b]);
@@ -390,6 +450,35 @@ mod tests {
                 assert!((num - mass[b * n + a]).abs() < 1e-9, "{a} {b}");
             }
         }
+    }
+
+    #[test]
+    fn the_exact_derivative_of_the_balance_agrees_with_differences() {
+        let (rod, loads, q0) = moved_rod();
+        let motion = Motion::at_rest(q0.clone());
+        let mut work = Stride::default();
+        let dt_s = 1e-2;
+        work.begin(&rod, &loads, &motion, 0.01);
+        let q1: Vec<f64> = (0..q0.len())
+            .map(|i| q0[i] + 0.1 * (2.3 * i as f64).cos())
+            .collect();
+        let mut balance = |q1: Vec<f64>| {
+            work.q1 = q1;
+            work.balance(&rod, &loads, &motion, dt_s);
+            DVector::from_column_slice(&work.change)
+        };
+        let rest = balance(q1.clone());
+        // A step of Newton's method along which the balance falls at the rate of its size.
+        work.q1.clone_from(&q1);
+        assert!(work.solve_exactly(&rod, &loads, &motion, dt_s));
+        let change = work.change.clone();
+        let mut along = |eps: f64| {
+            work.q1 = q1.iter().zip(&change).map(|(q, c)| q + eps * c).collect();
+            work.balance(&rod, &loads, &motion, dt_s);
+            DVector::from_column_slice(&work.change)
+        };
+        let slope = (along(1e-5) - along(-1e-5)) / 2e-5;
+        assert!((slope - &rest).norm() < 1e-6 * rest.norm());
     }
 
     #[test]

@@ -42,36 +42,6 @@ impl Body {
         self
     }
 
-    fn plus(&self, other: &Self) -> Self {
-        Self {
-            kg: self.kg + other.kg,
-            first: self.first + other.first,
-            second: self.second + other.second,
-        }
-    }
-
-    /// The same body seen from the base when its frame stands at `at`.
-    fn seen_from_base(&self, at: &Frame) -> Self {
-        let h = at.r * self.first;
-        let cross = at.p * h.transpose();
-        Self {
-            kg: self.kg,
-            first: at.p * self.kg + h,
-            second: at.p * at.p.transpose() * self.kg
-                + cross
-                + cross.transpose()
-                + at.r * self.second * at.r.transpose(),
-        }
-    }
-
-    /// Momentum under the twist `s`, both in this body's frame.
-    fn times(&self, s: &Twist) -> Twist {
-        Twist {
-            w: s.w * self.second.trace() - self.second * s.w + self.first.cross(&s.v),
-            v: s.v * self.kg + s.w.cross(&self.first),
-        }
-    }
-
     /// Σ m (x₀ × (x₁ − x₀), x₁ − x₀) about the base origin for a move of the frame. As
     /// x₀ × x₁ = x₁ × (x₁ − x₀), it serves the momentum at both ends of the move.
     pub fn moved(&self, from: &Frame, to: &Frame) -> Twist {
@@ -116,32 +86,67 @@ pub(super) fn bodies(rod: &Rod, loads: &Loads, out: &mut Vec<Body>) {
     }
 }
 
-/// M, lower triangle of a row-major matrix, from the nodes and the screws of the strains.
-pub(super) fn mass_matrix(
-    rod: &Rod,
-    bodies: &[Body],
-    nodes: &[Frame],
-    screws: &[Twist],
-) -> Vec<f64> {
-    let n = screws.len();
+/// Bodies summed as seen from the base, in two places at once: h₀ = Σ m x₀, h₁ = Σ m x₁,
+/// C = Σ m x₀ x₁ᵀ.
+struct Composite {
+    kg: f64,
+    first: [Vector3<f64>; 2],
+    second: Matrix3<f64>,
+}
+
+impl Composite {
+    fn add(&mut self, body: &Body, from: &Frame, to: &Frame) {
+        let (h0, h1) = (from.r * body.first, to.r * body.first);
+        self.kg += body.kg;
+        self.first[0] += from.p * body.kg + h0;
+        self.first[1] += to.p * body.kg + h1;
+        self.second += (from.p * body.kg + h0) * to.p.transpose()
+            + from.p * h1.transpose()
+            + from.r * body.second * to.r.transpose();
+    }
+
+    /// Iᵀ S₀: paired with a twist S₁ gives Σ m (ω₀ × x₀ + v₀)·(ω₁ × x₁ + v₁).
+    fn times(&self, s: &Twist) -> Twist {
+        let [h0, h1] = &self.first;
+        Twist {
+            w: s.w * self.second.trace() - self.second * s.w + h1.cross(&s.v),
+            v: s.v * self.kg + s.w.cross(h0),
+        }
+    }
+}
+
+/// The rod in one place: its nodes and the screws of its strains.
+pub(super) struct Place<'a> {
+    pub nodes: &'a [Frame],
+    pub screws: &'a [Twist],
+}
+
+/// J₀ᵀ m J₁, lower triangle of a row-major matrix; the mass matrix when both places are the same.
+/// The upper triangle is the lower one with the places exchanged.
+pub(super) fn mass_matrix(rod: &Rod, bodies: &[Body], from: &Place, to: &Place) -> Vec<f64> {
+    let n = from.screws.len();
     let d = rod.strains.indices().len();
     let mut out = vec![0.0; n * n];
-    let mut composite = Body::nothing();
+    let mut composite = Composite {
+        kg: 0.0,
+        first: [Vector3::zeros(); 2],
+        second: Matrix3::zeros(),
+    };
     let mut element = n / d;
     for (si, s) in rod.sections.iter().enumerate().rev() {
         for _ in 0..s.elements {
             let end = element + si;
-            composite = composite.plus(&bodies[end].seen_from_base(&nodes[end]));
+            composite.add(&bodies[end], &from.nodes[end], &to.nodes[end]);
             element -= 1;
             for b in element * d..(element + 1) * d {
-                let momentum = composite.times(&screws[b]);
-                for (o, s) in out[b * n..=b * n + b].iter_mut().zip(screws) {
+                let momentum = composite.times(&from.screws[b]);
+                for (o, s) in out[b * n..=b * n + b].iter_mut().zip(to.screws) {
                     *o = momentum.dot(s);
                 }
             }
         }
         let start = element + si;
-        composite = composite.plus(&bodies[start].seen_from_base(&nodes[start]));
+        composite.add(&bodies[start], &from.nodes[start], &to.nodes[start]);
     }
     out
 }
