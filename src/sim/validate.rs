@@ -16,9 +16,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::rod::se3::Frame;
 use super::rod::{Loads, Rod, Section, Strains, Workspace, is_stable, poses, solve};
-use super::{
-    Inputs, Model, Moving, Parameters, Resolution, State, mechanical_energy, observe, settle, swing,
-};
+use super::{Inputs, Model, Moving, State, mechanical_energy, observe, settle, swing};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, ypr_from_rotation};
 
