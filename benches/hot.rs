@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use springtwin::learn::{Model as Networks, PoseMap};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Goal;
-use springtwin::sim::{Inputs, Model, State, observe, settle};
+use springtwin::sim::{Inputs, Model, Moving, State, observe, settle, swing};
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/reference.safetensors");
 
@@ -42,6 +42,41 @@ fn rod(c: &mut Criterion) {
             settle(&model, &mut state, black_box(&inputs)).map(|o| o.iterations)
         });
     });
+}
+
+fn dynamics(c: &mut Criterion) {
+    let model = Model::nominal(&RobotSpec::reference());
+    c.bench_function("dynamics, 1 kHz step, driven", |b| {
+        let mut k = 0;
+        let mut moving = Moving::from_rest(&State::rest(&model));
+        b.iter(|| {
+            k += 1;
+            let inputs = Inputs {
+                chamber_pa: pressures(k),
+                payload_kg: 0.3,
+                ..Inputs::default()
+            };
+            swing(&model, &mut moving, black_box(&inputs), 0.02, 1e-3).map(|o| o.iterations)
+        });
+    });
+    for (name, tau_s) in [
+        ("dynamics, 1 kHz step, let go", 0.02),
+        ("dynamics, 1 kHz step, let go, undamped", 0.0),
+    ] {
+        c.bench_function(name, |b| {
+            let mut state = State::rest(&model);
+            let bent = Inputs {
+                chamber_pa: pressures(300),
+                ..Inputs::default()
+            };
+            assert!(settle(&model, &mut state, &bent).is_ok());
+            let rest = Inputs::default();
+            let mut moving = Moving::from_rest(&state);
+            b.iter(|| {
+                swing(&model, &mut moving, black_box(&rest), tau_s, 1e-3).map(|o| o.iterations)
+            });
+        });
+    }
 }
 
 fn networks(c: &mut Criterion) {
@@ -87,5 +122,5 @@ fn networks(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, rod, networks);
+criterion_group!(benches, rod, dynamics, networks);
 criterion_main!(benches);

@@ -1,13 +1,15 @@
 //! The robot in motion: [`rod::step`] with the robot's inputs.
 
 use super::model::{Inputs, Model, SimError, State, check};
-use super::rod::{self, Energy, Motion, Outcome};
+use super::rod::{self, Energy, Motion, Outcome, Stride};
 
 /// A state that moves.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Moving {
     /// Strains and momenta.
     pub motion: Motion,
+    /// Integrator memory; holds no result.
+    pub work: Stride,
 }
 
 impl Moving {
@@ -15,6 +17,7 @@ impl Moving {
     pub fn from_rest(state: &State) -> Self {
         Self {
             motion: Motion::at_rest(state.strains.clone()),
+            work: Stride::default(),
         }
     }
 
@@ -41,7 +44,8 @@ pub fn swing(
 ) -> Result<Outcome, SimError> {
     check(inputs)?;
     let loads = model.loads(inputs, 0.0);
-    let outcome = rod::step(&model.rod, &loads, &mut moving.motion, dt_s, tau_s);
+    let Moving { motion, work } = moving;
+    let outcome = rod::step(&model.rod, &loads, motion, dt_s, tau_s, work);
     if outcome.converged {
         Ok(outcome)
     } else {
@@ -97,12 +101,12 @@ mod tests {
     fn a_step_that_cannot_be_made_leaves_the_motion_alone() {
         let model = Model::nominal(&RobotSpec::reference());
         let mut moving = Moving::from_rest(&State::rest(&model));
-        let before = moving.clone();
+        let before = moving.motion.clone();
         let inputs = Inputs {
             payload_kg: f64::NAN,
             ..Inputs::default()
         };
         assert!(swing(&model, &mut moving, &inputs, 0.0, 1e-3).is_err());
-        assert_eq!(moving, before);
+        assert_eq!(moving.motion, before);
     }
 }

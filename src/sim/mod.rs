@@ -2,6 +2,7 @@
 //!
 //! A [`Model`] is constant, a [`State`] changes; [`settle`] finds the static state, [`creep_to`]
 //! the next state of an overdamped motion and [`swing`] the next one of a motion with inertia.
+//! [`pneumatics`] puts pumps, lines and air between a command and that motion.
 //! The [`mesh`] is the second simulator, built on geometry.
 
 #[cfg(test)]
@@ -11,6 +12,7 @@ mod dynamics;
 pub mod effects;
 pub mod mesh;
 mod model;
+pub mod pneumatics;
 pub mod rod;
 pub mod sensors;
 pub mod validate;

@@ -82,7 +82,7 @@ pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPR
 }
 
 /// L_i = Σ l |v + κ × r_i|, m.
-fn bellows_lengths(model: &Model, strains: &[f64]) -> [f64; CHAMBERS] {
+pub(super) fn bellows_lengths(model: &Model, strains: &[f64]) -> [f64; CHAMBERS] {
     let idx = model.rod.strains.indices();
     let d = idx.len();
     let mut out = [0.0; CHAMBERS];

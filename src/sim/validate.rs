@@ -16,9 +16,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::rod::se3::Frame;
 use super::rod::{Loads, Rod, Section, Strains, Workspace, is_stable, poses, solve};
-use super::{
-    Inputs, Model, Moving, Parameters, Resolution, State, mechanical_energy, observe, settle, swing,
-};
+use super::{Inputs, Model, Moving, State, mechanical_energy, observe, settle, swing};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, ypr_from_rotation};
 
@@ -353,16 +351,9 @@ fn released(model: &Model, tau_s: f64) -> Option<(f64, f64)> {
 }
 
 fn energy(out: &mut Vec<Case>) {
-    // The reference robot let go from a bent state. Two elements per segment keep its stiffest
-    // modes, which the step does not resolve, few.
-    let model = Model::new(
-        &RobotSpec::reference(),
-        &Parameters::default(),
-        Resolution {
-            elements: 2,
-            strains: Strains::NoShear,
-        },
-    );
+    // The reference robot let go from a bent state, its stiffest modes, which the step does not
+    // resolve, included.
+    let model = Model::nominal(&RobotSpec::reference());
     let departure = released(&model, 0.0).map_or(f64::NAN, |r| r.0);
     let gain = released(&model, 0.01).map_or(f64::NAN, |r| r.1);
     out.push(Case::new(

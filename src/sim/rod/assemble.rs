@@ -76,6 +76,7 @@ impl Dead {
 }
 
 /// What is kept of one element between the passes.
+#[derive(Clone, Debug)]
 struct ElementPass {
     start: Frame,
     exp: ExpMap,
@@ -84,7 +85,7 @@ struct ElementPass {
 }
 
 /// Scratch memory and results of one evaluation.
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Assembly {
     pub energy: f64,
     pub gradient: Vec<f64>,
@@ -94,7 +95,7 @@ pub(super) struct Assembly {
     moved: Vec<[f64; 9]>,
 }
 
-fn strain_of(section: &Section, idx: &[usize], q: &[f64]) -> [f64; 6] {
+pub(super) fn strain_of(section: &Section, idx: &[usize], q: &[f64]) -> [f64; 6] {
     let mut xi = section.rest;
     for (k, &i) in idx.iter().enumerate() {
         xi[i] = q[k];
@@ -102,7 +103,7 @@ fn strain_of(section: &Section, idx: &[usize], q: &[f64]) -> [f64; 6] {
     xi
 }
 
-fn twist_of(xi: &[f64; 6], scale: f64) -> Twist {
+pub(super) fn twist_of(xi: &[f64; 6], scale: f64) -> Twist {
     Twist {
         w: Vector3::new(xi[0], xi[1], xi[2]) * scale,
         v: Vector3::new(xi[3], xi[4], xi[5]) * scale,
@@ -479,7 +480,7 @@ pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
 }
 
 /// Calls `each(node, point, force)` for every dead force on a section; node 0 is its start.
-fn for_dead_forces(
+pub(super) fn for_dead_forces(
     rod: &Rod,
     loads: &Loads,
     si: usize,

@@ -1,8 +1,7 @@
 //! Motion with inertia: a symplectic integrator on the rod's own energy.
 //!
-//! Mass sits in points fixed to the element ends: the bodies', and the rod's own shared by its
-//! tubes, which gives it rotary inertia. With x(q) their places and J = ∂x/∂q, the discrete
-//! Lagrangian over a step h
+//! Mass sits in bodies fixed to the element ends (see [`super::inertia`]). With x(q) the places of
+//! their points and J = ∂x/∂q, the discrete Lagrangian over a step h
 //!
 //! L_d(q₀, q₁) = Σ m |x(q₁) − x(q₀)|² / 2h − h Π((q₀ + q₁)/2)
 //!
@@ -11,15 +10,22 @@
 //! p₀ = J₀ᵀ m (x₁ − x₀)/h + h/2 Π'(q½) + τ/2 D (q₁ − q₀)   (implicit in q₁)
 //! p₁ = J₁ᵀ m (x₁ − x₀)/h − h/2 Π'(q½) − τ/2 D (q₁ − q₀)
 //!
-//! It needs the exact Hessian of Π and no derivative of the mass matrix; for a linear rod it is
-//! the implicit midpoint rule, stable at any step.
+//! For a linear rod this is the implicit midpoint rule, stable at any step. It needs gradients
+//! only: the first line is solved by a Newton iteration with the matrix
+//!
+//! A = M/h + h/4 Π'' + τ/2 D
+//!
+//! which is kept over the iterations, and over the steps, until it no longer serves.
 //! Source: J. E. Marsden, M. West, "Discrete mechanics and variational integrators",
 //! Acta Numerica 2001, doi:10.1017/S096249290100006X.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::DVector;
 
-use super::assemble::{Assembly, Kinematics, drag, screws};
-use super::{Loads, Outcome, Rod};
+use super::assemble::{Assembly, drag, screws};
+use super::chain::{Chain, Wrenches, gradient};
+use super::inertia::{Body, Place, bodies, mass_matrix};
+use super::se3::Twist;
+use super::{Factor, Loads, Outcome, Rod};
 
 /// Where the rod is and how it moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,108 +44,6 @@ impl Motion {
     }
 }
 
-/// A mass fixed to an element end.
-struct Mass {
-    section: usize,
-    node: usize,
-    /// Number of elements upstream.
-    upstream: usize,
-    at_m: Vector3<f64>,
-    kg: f64,
-}
-
-fn masses(rod: &Rod, loads: &Loads) -> Vec<Mass> {
-    let mut out = Vec::new();
-    let mut upstream = 0;
-    for (section, s) in rod.sections.iter().enumerate() {
-        let lump_kg = s.kg_per_m * s.length_m / s.elements as f64;
-        let places: Vec<Vector3<f64>> = if s.tubes.is_empty() {
-            vec![Vector3::zeros()]
-        } else {
-            s.tubes.iter().map(|t| t.r_m).collect()
-        };
-        let mut put = |node: usize, at_m: Vector3<f64>, kg: f64| {
-            // Masses on the base do not move.
-            if upstream + node > 0 && kg > 0.0 {
-                out.push(Mass {
-                    section,
-                    node,
-                    upstream: upstream + node,
-                    at_m,
-                    kg,
-                });
-            }
-        };
-        for node in 0..=s.elements {
-            let share = if node == 0 || node == s.elements {
-                0.5
-            } else {
-                1.0
-            };
-            for at_m in &places {
-                put(node, *at_m, lump_kg * share / places.len() as f64);
-            }
-        }
-        let last = section + 1 == rod.sections.len();
-        let extra = if last {
-            loads.tip_masses.as_slice()
-        } else {
-            &[]
-        };
-        for m in s.masses.iter().chain(extra) {
-            put(s.elements, m.at_m, m.kg);
-        }
-        upstream += s.elements;
-    }
-    out
-}
-
-fn places(masses: &[Mass], kin: &Kinematics) -> DVector<f64> {
-    let mut x = DVector::zeros(3 * masses.len());
-    for (k, m) in masses.iter().enumerate() {
-        let at = kin.nodes[m.section][m.node].point(&m.at_m);
-        x.fixed_rows_mut::<3>(3 * k).copy_from(&at);
-    }
-    x
-}
-
-/// Places of the masses and J.
-fn places_and_jacobian(rod: &Rod, masses: &[Mass], q: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
-    let d = rod.strains.indices().len();
-    let (kin, screws) = screws(rod, q);
-    let x = places(masses, &kin);
-    let mut j = DMatrix::zeros(x.len(), q.len());
-    for (k, m) in masses.iter().enumerate() {
-        let at: Vector3<f64> = x.fixed_rows::<3>(3 * k).into();
-        for (c, s) in screws[..m.upstream * d].iter().enumerate() {
-            // ẋ = ω × x + v
-            let v = s.w.cross(&at) + s.v;
-            j.fixed_view_mut::<3, 1>(3 * k, c).copy_from(&v);
-        }
-    }
-    (x, j)
-}
-
-fn weighted(masses: &[Mass], mut x: DVector<f64>, factor: f64) -> DVector<f64> {
-    for (k, m) in masses.iter().enumerate() {
-        for v in x.fixed_rows_mut::<3>(3 * k).iter_mut() {
-            *v *= m.kg * factor;
-        }
-    }
-    x
-}
-
-/// Jᵀ m, ready to be multiplied.
-fn weighted_transpose(masses: &[Mass], j: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut t = j.transpose();
-    for (k, m) in masses.iter().enumerate() {
-        for mut c in t.columns_mut(3 * k, 3).column_iter_mut() {
-            c *= m.kg;
-        }
-    }
-    t
-}
-
 /// Energy of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Energy {
@@ -152,143 +56,464 @@ pub struct Energy {
 /// Energy of `motion` under `loads`. The kinetic part is not a number when the masses leave a
 /// strain without inertia.
 pub fn energy(rod: &Rod, loads: &Loads, motion: &Motion) -> Energy {
-    let masses = masses(rod, loads);
-    let (_, j) = places_and_jacobian(rod, &masses, &motion.q);
-    let mass_matrix = weighted_transpose(&masses, &j) * &j;
-    let p = DVector::from_column_slice(&motion.p);
+    let mut at = Chain::default();
+    at.place(rod, &motion.q);
+    let mut carried = Vec::new();
+    bodies(rod, loads, &mut carried);
+    let (_, screws) = screws(rod, &motion.q);
+    let place = Place {
+        nodes: &at.nodes,
+        screws: &screws,
+    };
+    let mass = mass_matrix(rod, &carried, &place, &place);
+    let mut factor = Factor::default();
+    let kinetic_j = if factor.compute(&mass, motion.q.len(), 0.0) {
+        let mut rate = motion.p.clone();
+        factor.solve(&mut rate);
+        0.5 * rate.iter().zip(&motion.p).map(|(r, p)| r * p).sum::<f64>()
+    } else {
+        f64::NAN
+    };
     Energy {
-        kinetic_j: mass_matrix
-            .cholesky()
-            .map_or(f64::NAN, |m| 0.5 * p.dot(&m.solve(&p))),
+        kinetic_j,
         potential_j: Assembly::energy_only(rod, loads, &motion.q, &motion.q),
     }
 }
 
 /// A Newton step below this (strain times section length) ends the iteration.
-const STEP_TOLERANCE: f64 = 1e-9;
-const MAX_ITERATIONS: usize = 30;
+const STEP_TOLERANCE: f64 = 1e-10;
+const MAX_ITERATIONS: usize = 40;
+/// A step that shrinks less than this from one iteration to the next calls for a new matrix.
+const SLOW: f64 = 0.5;
+/// So does a step in time that takes more iterations than this.
+const MANY_ITERATIONS: usize = 10;
+/// After this many iterations the exact derivative takes over, costly as it is.
+const PATIENCE: usize = 20;
+
+/// What a motion's steps hand on to each other: memory, a matrix and a guess. Holds no result; one
+/// that comes from another motion costs time only.
+#[derive(Clone, Debug, Default)]
+pub struct Stride {
+    /// A, and the step and damping it was made for.
+    factor: Factor,
+    made_for_s: Option<[f64; 2]>,
+    assembly: Assembly,
+    /// Change of the strains over the last step.
+    taken: Vec<f64>,
+    start: Chain,
+    middle: Chain,
+    end: Chain,
+    bodies: Vec<Body>,
+    wrenches: Wrenches,
+    /// m (x₁ − x₀)/h of every body about the base origin.
+    momenta: Vec<Twist>,
+    /// τ/2 D, the diagonal.
+    drag: Vec<f64>,
+    /// h/2 Π'(q½) + τ/2 D (q₁ − q₀).
+    impulse: Vec<f64>,
+    change: Vec<f64>,
+    q1: Vec<f64>,
+    q_middle: Vec<f64>,
+}
 
 /// One step of `dt_s` under constant `loads`, with stiffness-proportional damping `tau_s`
 /// (`loads.viscosity` is not used). On failure `motion` is left as it was.
-pub fn step(rod: &Rod, loads: &Loads, motion: &mut Motion, dt_s: f64, tau_s: f64) -> Outcome {
-    let n = motion.q.len();
-    let loads = &Loads {
-        viscosity: 0.0,
-        ..loads.clone()
-    };
-    let masses = masses(rod, loads);
-    let damping = damping_diagonal(rod, 0.5 * tau_s);
-    let length_m = rod.sections.iter().map(|s| s.length_m).sum::<f64>() / rod.sections.len() as f64;
-    let d = rod.strains.indices();
-    let (x0, j0) = places_and_jacobian(rod, &masses, &motion.q);
-    let j0m = weighted_transpose(&masses, &j0);
-    let q0 = DVector::from_column_slice(&motion.q);
-    let p0 = DVector::from_column_slice(&motion.p);
-    let mut q1 = q0.clone();
-    let mut assembly = Assembly::default();
+pub fn step(
+    rod: &Rod,
+    loads: &Loads,
+    motion: &mut Motion,
+    dt_s: f64,
+    tau_s: f64,
+    work: &mut Stride,
+) -> Outcome {
+    work.begin(rod, loads, motion, tau_s);
     let mut outcome = Outcome {
         converged: false,
         iterations: 0,
         last_step: f64::INFINITY,
     };
+    let mut renew = work.made_for_s != Some([dt_s, tau_s]);
     for iteration in 1..=MAX_ITERATIONS {
-        let middle = (&q0 + &q1) * 0.5;
-        assembly.evaluate(rod, loads, middle.as_slice(), middle.as_slice());
-        let slope = DVector::from_column_slice(&assembly.gradient) * (0.5 * dt_s);
-        let drag = damping.component_mul(&(&q1 - &q0));
-        let (x1, j1) = places_and_jacobian(rod, &masses, q1.as_slice());
-        let rest = &j0m * ((x1 - &x0) / dt_s) + slope + drag - &p0;
-        let mut a = &j0m * &j1 / dt_s;
-        for i in 0..n {
-            for j in 0..n {
-                a[(i, j)] += 0.25 * dt_s * assembly.hessian[i.max(j) * n + i.min(j)];
-            }
-            a[(i, i)] += damping[i];
-        }
-        let Some(change) = a.lu().solve(&rest) else {
-            return outcome;
-        };
-        q1 -= &change;
         outcome.iterations = iteration;
-        outcome.last_step = change
-            .iter()
-            .enumerate()
-            .map(|(k, s)| s.abs() * if d[k % d.len()] < 3 { length_m } else { 1.0 })
-            .fold(0.0, f64::max);
-        if !outcome.last_step.is_finite() {
+        work.balance(rod, loads, motion, dt_s);
+        if iteration > PATIENCE {
+            if !work.solve_exactly(rod, loads, motion, dt_s) {
+                return outcome;
+            }
+        } else {
+            if renew {
+                let made = work.renew(rod, loads, dt_s);
+                work.made_for_s = made.then_some([dt_s, tau_s]);
+                if !made {
+                    return outcome;
+                }
+            }
+            work.factor.solve(&mut work.change);
+        }
+        let size = size(rod, &work.change);
+        if !size.is_finite() {
+            work.made_for_s = None;
             return outcome;
         }
-        if outcome.last_step < STEP_TOLERANCE {
+        renew = iteration > 1 && size > SLOW * outcome.last_step;
+        outcome.last_step = size;
+        if size < STEP_TOLERANCE {
             outcome.converged = true;
             break;
         }
+        for (q, change) in work.q1.iter_mut().zip(&work.change) {
+            *q -= change;
+        }
     }
-    if !outcome.converged {
-        return outcome;
+    if outcome.converged {
+        work.finish(rod, motion);
     }
-    // The last change was tiny: the slope at its middle still holds to its square.
-    let middle = (&q0 + &q1) * 0.5;
-    assembly.evaluate(rod, loads, middle.as_slice(), middle.as_slice());
-    let slope = DVector::from_column_slice(&assembly.gradient) * (0.5 * dt_s);
-    let drag = damping.component_mul(&(&q1 - &q0));
-    let (x1, j1) = places_and_jacobian(rod, &masses, q1.as_slice());
-    let p1 = j1.tr_mul(&weighted(&masses, x1 - x0, 1.0 / dt_s)) - slope - drag;
-    motion.q.copy_from_slice(q1.as_slice());
-    motion.p.copy_from_slice(p1.as_slice());
+    if !outcome.converged || outcome.iterations > MANY_ITERATIONS {
+        work.made_for_s = None;
+    }
     outcome
 }
 
-/// factor · D: each strain's rigidity, tubes included.
-fn damping_diagonal(rod: &Rod, factor: f64) -> DVector<f64> {
-    let mut out = Vec::with_capacity(rod.unknowns());
-    for s in &rod.sections {
-        let l = s.length_m / s.elements as f64;
-        for _ in 0..s.elements {
-            out.extend(
-                rod.strains
-                    .indices()
-                    .iter()
-                    .map(|&i| factor * drag(s, l, i)),
-            );
+/// Largest component of a change of strains, in units of strain times section length.
+fn size(rod: &Rod, change: &[f64]) -> f64 {
+    let length_m = rod.sections.iter().map(|s| s.length_m).sum::<f64>() / rod.sections.len() as f64;
+    let idx = rod.strains.indices();
+    let mut most: f64 = 0.0;
+    for element in change.chunks_exact(idx.len()) {
+        for (s, &i) in element.iter().zip(idx) {
+            let s = s.abs() * if i < 3 { length_m } else { 1.0 };
+            // Unlike `f64::max`, keeps what is not a number.
+            most = if s > most || s.is_nan() { s } else { most };
         }
     }
-    DVector::from_vec(out)
+    most
+}
+
+impl Stride {
+    /// Everything that stays the same over a step, and the first guess of its end.
+    fn begin(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, tau_s: f64) {
+        let n = motion.q.len();
+        let d = rod.strains.indices();
+        if self.q1.len() != n {
+            self.made_for_s = None;
+            self.taken = vec![0.0; n];
+            self.impulse = vec![0.0; n];
+        }
+        self.start.place(rod, &motion.q);
+        bodies(rod, loads, &mut self.bodies);
+        self.drag.clear();
+        for s in &rod.sections {
+            let l = s.length_m / s.elements as f64;
+            let first = self.drag.len();
+            self.drag
+                .extend(d.iter().map(|&i| 0.5 * tau_s * drag(s, l, i)));
+            for _ in 1..s.elements {
+                self.drag.extend_from_within(first..first + d.len());
+            }
+        }
+        // The guess: on it goes at the same rate.
+        self.q1.clear();
+        let guess = motion.q.iter().zip(&self.taken);
+        self.q1.extend(guess.map(|(q, taken)| q + taken));
+    }
+
+    /// `change` = J₀ᵀ m (x₁ − x₀)/h + h/2 Π'(q½) + τ/2 D (q₁ − q₀) − p₀.
+    fn balance(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, dt_s: f64) {
+        self.q_middle.clear();
+        let ends = motion.q.iter().zip(&self.q1);
+        self.q_middle.extend(ends.map(|(a, b)| 0.5 * (a + b)));
+        self.middle.place(rod, &self.q_middle);
+        self.end.place(rod, &self.q1);
+        gradient(
+            rod,
+            loads,
+            &self.q_middle,
+            &self.middle,
+            &mut self.wrenches,
+            &mut self.impulse,
+        );
+        for k in 0..self.impulse.len() {
+            let drag = self.drag[k] * (self.q1[k] - motion.q[k]);
+            self.impulse[k] = 0.5 * dt_s * self.impulse[k] + drag;
+        }
+        self.momenta.clear();
+        let moves = self
+            .bodies
+            .iter()
+            .zip(self.start.nodes.iter().zip(&self.end.nodes));
+        self.momenta.extend(moves.map(|(body, (from, to))| {
+            let moved = body.moved(from, to);
+            Twist {
+                w: moved.w / dt_s,
+                v: moved.v / dt_s,
+            }
+        }));
+        self.change.clear();
+        let rest = self.impulse.iter().zip(&motion.p);
+        self.change.extend(rest.map(|(i, p)| i - p));
+        self.start
+            .pull_back(rod, &self.momenta, &[], 1.0, &mut self.change);
+    }
+
+    /// Factorises A at the middle. Returns false when it holds no finite numbers.
+    fn renew(&mut self, rod: &Rod, loads: &Loads, dt_s: f64) -> bool {
+        let n = self.q1.len();
+        let loads = &Loads {
+            viscosity: 0.0,
+            ..loads.clone()
+        };
+        self.assembly
+            .evaluate(rod, loads, &self.q_middle, &self.q_middle);
+        let (_, screws) = screws(rod, &self.q_middle);
+        let place = Place {
+            nodes: &self.middle.nodes,
+            screws: &screws,
+        };
+        let mut a = mass_matrix(rod, &self.bodies, &place, &place);
+        for (a, h) in a.iter_mut().zip(&self.assembly.hessian) {
+            *a = *a / dt_s + 0.25 * dt_s * h;
+        }
+        for k in 0..n {
+            a[k * n + k] += self.drag[k];
+        }
+        // Where the energy curves downwards faster than inertia and step make up for, a stiffer
+        // matrix still leads to the same solution, in shorter steps.
+        let mut shift = 0.0;
+        let mean = (0..n).map(|k| a[k * n + k].abs()).sum::<f64>() / n as f64;
+        while !self.factor.compute(&a, n, shift) {
+            shift = if shift > 0.0 {
+                8.0 * shift
+            } else {
+                1e-4 * mean
+            };
+            if !(shift.is_finite() && shift > 0.0) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// `change` by Newton's method proper, with J₀ᵀ m J₁/h + h/4 Π'' + τ/2 D at the present guess.
+    /// Returns false when that is singular.
+    fn solve_exactly(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, dt_s: f64) -> bool {
+        let n = self.q1.len();
+        let loads = &Loads {
+            viscosity: 0.0,
+            ..loads.clone()
+        };
+        self.assembly
+            .evaluate(rod, loads, &self.q_middle, &self.q_middle);
+        let ends = [screws(rod, &motion.q).1, screws(rod, &self.q1).1];
+        let [from, to] =
+            [(&self.start, &ends[0]), (&self.end, &ends[1])].map(|(chain, screws)| Place {
+                nodes: &chain.nodes,
+                screws,
+            });
+        let lower = mass_matrix(rod, &self.bodies, &from, &to);
+        let upper = mass_matrix(rod, &self.bodies, &to, &from);
+        let mut a = self.assembly.jacobian(rod, loads) * (0.25 * dt_s);
+        for i in 0..n {
+            a[(i, i)] += self.drag[i];
+            for j in 0..n {
+                let m = if j <= i {
+                    lower[i * n + j]
+                } else {
+                    upper[j * n + i]
+                };
+                a[(i, j)] += m / dt_s;
+            }
+        }
+        let rest = DVector::from_column_slice(&self.change);
+        let Some(change) = a.lu().solve(&rest) else {
+            return false;
+        };
+        self.change.copy_from_slice(change.as_slice());
+        true
+    }
+
+    /// Moves `motion` to the end of the step just balanced.
+    fn finish(&mut self, rod: &Rod, motion: &mut Motion) {
+        for (k, taken) in self.taken.iter_mut().enumerate() {
+            *taken = self.q1[k] - motion.q[k];
+            motion.p[k] = -self.impulse[k];
+        }
+        motion.q.copy_from_slice(&self.q1);
+        self.end
+            .pull_back(rod, &self.momenta, &[], 1.0, &mut motion.p);
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::super::assemble::kinematics;
     use super::*;
     use crate::robot::RobotSpec;
     use crate::sim::rod::se3::Frame;
-    use crate::sim::rod::{Section, Strains, Workspace, solve};
+    use crate::sim::rod::{PointMass, Section, Strains, Workspace, solve};
     use crate::sim::{Model, Parameters, Resolution};
 
-    #[test]
-    fn velocities_of_the_masses_agree_with_differences() {
+    fn moved_rod() -> (Rod, Loads, Vec<f64>) {
         let model = Model::new(
             &RobotSpec::reference(),
-            &Parameters::default(),
+            &Parameters {
+                hardening: 0.3,
+                ..Parameters::default()
+            },
             Resolution {
                 elements: 2,
                 strains: Strains::All,
             },
         );
-        let rod = &model.rod;
+        let rod = model.rod;
         let mut q = rod.rest_state();
         for (i, x) in q.iter_mut().enumerate() {
             *x += 0.3 * (1.7 * i as f64).sin();
         }
-        let masses = masses(rod, &Loads::default());
-        let (_, j) = places_and_jacobian(rod, &masses, &q);
-        for c in 0..q.len() {
+        let loads = Loads {
+            tube_n: vec![200.0, -100.0, 50.0, 30.0, -200.0, 120.0],
+            tip_force_n: Vector3::new(10.0, -7.0, 3.0),
+            tip_masses: vec![PointMass {
+                at_m: Vector3::new(0.01, 0.02, -0.1),
+                kg: 0.5,
+            }],
+            ..Loads::default()
+        };
+        (rod, loads, q)
+    }
+
+    /// Every mass of the rod as a point: place and kg.
+    fn points(rod: &Rod, loads: &Loads, q: &[f64]) -> Vec<(Vector3<f64>, f64)> {
+        let kin = kinematics(rod, q);
+        let mut out = Vec::new();
+        for (si, s) in rod.sections.iter().enumerate() {
+            let lump_kg = s.kg_per_m * s.length_m / s.elements as f64;
+            for (i, node) in kin.nodes[si].iter().enumerate() {
+                let share = if i == 0 || i == s.elements { 0.5 } else { 1.0 };
+                for t in &s.tubes {
+                    out.push((node.point(&t.r_m), lump_kg * share / s.tubes.len() as f64));
+                }
+            }
+            let end = &kin.nodes[si][s.elements];
+            let extra: &[PointMass] = if si == 1 { &loads.tip_masses } else { &[] };
+            for m in s.masses.iter().chain(extra) {
+                out.push((end.point(&m.at_m), m.kg));
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn both_gradients_agree() {
+        let (rod, loads, q) = moved_rod();
+        let mut assembly = Assembly::default();
+        assembly.evaluate(&rod, &loads, &q, &q);
+        let mut chain = Chain::default();
+        chain.place(&rod, &q);
+        let mut got = vec![f64::NAN; q.len()];
+        gradient(&rod, &loads, &q, &chain, &mut Wrenches::default(), &mut got);
+        for (a, b) in got.iter().zip(&assembly.gradient) {
+            assert!((a - b).abs() < 1e-11 * b.abs().max(1.0), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn the_mass_matrix_agrees_with_differences_of_points() {
+        let (rod, loads, q) = moved_rod();
+        let n = q.len();
+        let velocity = |c: usize| {
             let moved = |eps: f64| {
                 let mut q = q.clone();
                 q[c] += eps;
-                places(&masses, &kinematics(rod, &q))
+                points(&rod, &loads, &q)
             };
-            let num = (moved(1e-6) - moved(-1e-6)) / 2e-6;
-            assert!((num - j.column(c)).amax() < 1e-8, "{c}");
+            let ends = moved(1e-6).into_iter().zip(moved(-1e-6));
+            ends.map(|(a, b)| ((a.0 - b.0) / 2e-6, a.1))
+                .collect::<Vec<_>>()
+        };
+        let j: Vec<_> = (0..n).map(velocity).collect();
+        let mut carried = Vec::new();
+        bodies(&rod, &loads, &mut carried);
+        let mut chain = Chain::default();
+        chain.place(&rod, &q);
+        let (_, screws) = screws(&rod, &q);
+        let place = Place {
+            nodes: &chain.nodes,
+            screws: &screws,
+        };
+        let mass = mass_matrix(&rod, &carried, &place, &place);
+        for b in 0..n {
+            for a in 0..=b {
+                let both = j[a].iter().zip(&j[b]);
+                let num: f64 = both.map(|(x, y)| x.1 * x.0.dot(&y.0)).sum();
+                assert!((num - mass[b * n + a]).abs() < 1e-9, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_exact_derivative_of_the_balance_agrees_with_differences() {
+        let (rod, loads, q0) = moved_rod();
+        let motion = Motion::at_rest(q0.clone());
+        let mut work = Stride::default();
+        let dt_s = 1e-2;
+        work.begin(&rod, &loads, &motion, 0.01);
+        let q1: Vec<f64> = (0..q0.len())
+            .map(|i| q0[i] + 0.1 * (2.3 * i as f64).cos())
+            .collect();
+        let mut balance = |q1: Vec<f64>| {
+            work.q1 = q1;
+            work.balance(&rod, &loads, &motion, dt_s);
+            DVector::from_column_slice(&work.change)
+        };
+        let rest = balance(q1.clone());
+        // A step of Newton's method along which the balance falls at the rate of its size.
+        work.q1.clone_from(&q1);
+        assert!(work.solve_exactly(&rod, &loads, &motion, dt_s));
+        let change = work.change.clone();
+        let mut along = |eps: f64| {
+            work.q1 = q1.iter().zip(&change).map(|(q, c)| q + eps * c).collect();
+            work.balance(&rod, &loads, &motion, dt_s);
+            DVector::from_column_slice(&work.change)
+        };
+        let slope = (along(1e-5) - along(-1e-5)) / 2e-5;
+        assert!((slope - &rest).norm() < 1e-6 * rest.norm());
+    }
+
+    #[test]
+    fn a_step_obeys_its_equations_on_points() {
+        let (rod, loads, q0) = moved_rod();
+        let (dt_s, tau_s) = (1e-3, 0.01);
+        let before = Motion::at_rest(q0.clone());
+        let mut after = before.clone();
+        let mut work = Stride::default();
+        assert!(step(&rod, &loads, &mut after, dt_s, tau_s, &mut work).converged);
+        let x0 = points(&rod, &loads, &q0);
+        let x1 = points(&rod, &loads, &after.q);
+        let lagrangian = |q0: &[f64], q1: &[f64]| {
+            let (x0, x1) = (points(&rod, &loads, q0), points(&rod, &loads, q1));
+            let moves = x0.iter().zip(&x1);
+            let kinetic: f64 = moves
+                .map(|(a, b)| a.1 * (b.0 - a.0).norm_squared() / (2.0 * dt_s))
+                .sum();
+            let q: Vec<f64> = q0.iter().zip(q1).map(|(a, b)| 0.5 * (a + b)).collect();
+            kinetic - dt_s * Assembly::energy_only(&rod, &loads, &q, &q)
+        };
+        assert!(x0.iter().zip(&x1).any(|(a, b)| (a.0 - b.0).norm() > 1e-4));
+        for k in 0..q0.len() {
+            let drag = work.drag[k] * (after.q[k] - q0[k]);
+            let slope = |which: usize| {
+                let at = |eps: f64| {
+                    let mut ends = [q0.clone(), after.q.clone()];
+                    ends[which][k] += eps;
+                    lagrangian(&ends[0], &ends[1])
+                };
+                (at(1e-5) - at(-1e-5)) / 2e-5
+            };
+            // p₀ = −∂L/∂q₀ + drag, p₁ = ∂L/∂q₁ − drag
+            assert!((drag - slope(0) - before.p[k]).abs() < 1e-7, "{k}");
+            assert!((slope(1) - drag - after.p[k]).abs() < 1e-7, "{k}");
         }
     }
 
@@ -318,11 +543,12 @@ mod tests {
         };
         assert!(solve(&rod, &push, &mut q, &mut Workspace::default()).converged);
         let mut motion = Motion::at_rest(q);
+        let mut work = Stride::default();
         let dt_s = 0.01;
         let mut crossings_s = Vec::new();
         let mut before_m = kinematics(&rod, &motion.q).tip().p.x;
         for k in 1..=1000 {
-            assert!(step(&rod, &Loads::default(), &mut motion, dt_s, 0.002).converged);
+            assert!(step(&rod, &Loads::default(), &mut motion, dt_s, 0.002, &mut work).converged);
             let now_m = kinematics(&rod, &motion.q).tip().p.x;
             if before_m > 0.0 && now_m <= 0.0 {
                 crossings_s.push(dt_s * (k as f64 - now_m / (now_m - before_m)));

@@ -22,8 +22,10 @@
 //! dynamics", IEEE T-RO 2018, doi:10.1109/TRO.2018.2868815 (kinematics); the energy is ours.
 
 mod assemble;
+mod chain;
 mod dense;
 mod dynamics;
+mod inertia;
 pub mod se3;
 mod solve;
 
@@ -31,7 +33,7 @@ use nalgebra::Vector3;
 
 pub use assemble::Kinematics;
 pub use dense::Factor;
-pub use dynamics::{Energy, Motion, energy, step};
+pub use dynamics::{Energy, Motion, Stride, energy, step};
 use se3::Frame;
 pub use solve::{Outcome, Workspace, is_stable, poses, solve};
 

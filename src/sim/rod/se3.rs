@@ -126,6 +126,7 @@ const fn reciprocal_factorials() -> [f64; 32] {
 const INV_FACT: [f64; 32] = reciprocal_factorials();
 
 /// Series coefficients at one u = |φ|².
+#[derive(Clone, Copy, Debug)]
 struct Series {
     /// sin θ/θ, (1−cos θ)/θ², (θ−sin θ)/θ³.
     s: [f64; 3],
@@ -180,6 +181,7 @@ fn series(u: f64) -> Series {
 }
 
 /// The exponential of a twist with what is needed of its derivatives.
+#[derive(Clone, Copy, Debug)]
 pub struct ExpMap {
     x: Twist,
     series: Series,
@@ -212,6 +214,17 @@ impl ExpMap {
             out = out.plus(self.series.c[n - 1], &y[n]);
         }
         (out, y)
+    }
+
+    /// J_lᵀ z for a wrench z: `self.tangent_transpose(z) · e = z · J_l e` for all e.
+    pub fn tangent_transpose(&self, z: &Twist) -> Twist {
+        let mut power = *z;
+        let mut out = *z;
+        for c in self.series.c {
+            power = self.x.coad(&power);
+            out = out.plus(c, &power);
+        }
+        out
     }
 
     /// What a wrench z needs to be contracted with the derivative of the left Jacobian.
@@ -300,6 +313,7 @@ mod tests {
             for a in 0..6 {
                 let e = Twist::unit(a);
                 let (t, y) = map.tangent(&e);
+                assert!((map.tangent_transpose(&z).dot(&e) - z.dot(&t)).abs() < 1e-12);
                 let h = 1e-6;
                 let plus = ExpMap::new(x.plus(h, &e)).frame;
                 let minus = ExpMap::new(x.plus(-h, &e)).frame;

@@ -1,0 +1,170 @@
+//! Gradient of the rod's energy alone, in one pass down the chain and one back up.
+//!
+//! A wrench z = (M, F) about the base origin, acting on everything downstream of an element that
+//! starts at (R, p), does the work z·S_a in the element's strain a. With the tangent map's
+//! transpose all of them come at once:
+//!
+//! (S_a·z)_a = l J_lᵀ (Rᵀ (M − p × F), Rᵀ F)
+//!
+//! [`super::assemble`] has the Hessian too, and costs accordingly.
+
+use nalgebra::Vector3;
+
+use super::assemble::{for_dead_forces, strain_of, twist_of};
+use super::se3::{ExpMap, Frame, Twist};
+use super::{Loads, Rod, Section};
+
+/// The rod at given strains.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Chain {
+    /// Element ends in the base frame, section after section: its start, then every element's end.
+    pub nodes: Vec<Frame>,
+    maps: Vec<ExpMap>,
+}
+
+impl Chain {
+    /// Places the rod at the strains `q`.
+    pub fn place(&mut self, rod: &Rod, q: &[f64]) {
+        let idx = rod.strains.indices();
+        self.nodes.clear();
+        self.maps.clear();
+        let mut at = rod.base;
+        let mut strains = q.chunks_exact(idx.len());
+        for s in &rod.sections {
+            let l = s.length_m / s.elements as f64;
+            self.nodes.push(at);
+            for q in strains.by_ref().take(s.elements) {
+                let map = ExpMap::new(twist_of(&strain_of(s, idx, q), l));
+                at = at.then(&map.frame);
+                self.nodes.push(at);
+                self.maps.push(map);
+            }
+            at = at.shifted(&s.offset_m);
+        }
+    }
+
+    /// Adds factor · Jᵀ z to `out` for the wrenches `z` at the nodes (about the base origin) and
+    /// `across` each section (between its start and its end).
+    pub fn pull_back(
+        &self,
+        rod: &Rod,
+        z: &[Twist],
+        across: &[Twist],
+        factor: f64,
+        out: &mut [f64],
+    ) {
+        let idx = rod.strains.indices();
+        let d = idx.len();
+        let mut dead = Twist::zero();
+        let mut element = self.maps.len();
+        for (si, s) in rod.sections.iter().enumerate().rev() {
+            let l = s.length_m / s.elements as f64;
+            for _ in 0..s.elements {
+                element -= 1;
+                let start = element + si;
+                dead = dead.plus(1.0, &z[start + 1]);
+                let all = across.get(si).map_or(dead, |a| dead.plus(1.0, a));
+                let Frame { r, p } = &self.nodes[start];
+                let seen = Twist {
+                    w: r.tr_mul(&(all.w - p.cross(&all.v))),
+                    v: r.tr_mul(&all.v),
+                };
+                let work = self.maps[element].tangent_transpose(&seen);
+                for (o, &i) in out[element * d..][..d].iter_mut().zip(idx) {
+                    *o += factor * l * work.get(i);
+                }
+            }
+            dead = dead.plus(1.0, &z[element + si]);
+        }
+    }
+}
+
+/// Scratch memory of [`gradient`].
+#[derive(Clone, Debug, Default)]
+pub(super) struct Wrenches {
+    nodes: Vec<Twist>,
+    across: Vec<Twist>,
+}
+
+/// Π'(q) into `out`, with `chain` placed at `q`. `loads.viscosity` is not used.
+pub(super) fn gradient(
+    rod: &Rod,
+    loads: &Loads,
+    q: &[f64],
+    chain: &Chain,
+    work: &mut Wrenches,
+    out: &mut [f64],
+) {
+    let idx = rod.strains.indices();
+    let d = idx.len();
+    let Wrenches { nodes, across } = work;
+    nodes.clear();
+    nodes.resize(chain.nodes.len(), Twist::zero());
+    across.clear();
+    let (mut element, mut tube) = (0, 0);
+    for (si, s) in rod.sections.iter().enumerate() {
+        let l = s.length_m / s.elements as f64;
+        let tube_n = &loads.tube_n[tube..tube + s.tubes.len()];
+        let first = element + si;
+        for k in element * d..(element + s.elements) * d {
+            if k % d == 0 {
+                let slope = local_slope(s, tube_n, &strain_of(s, idx, &q[k..k + d]));
+                for (o, &i) in out[k..k + d].iter_mut().zip(idx) {
+                    *o = l * slope[i];
+                }
+            }
+        }
+        let ends = &chain.nodes[first..=first + s.elements];
+        for_dead_forces(rod, loads, si, ends, |node, x, f| {
+            add(&mut nodes[first + node], x, f);
+        });
+        across.push(pull_of_links(s, &ends[0], &ends[s.elements]));
+        element += s.elements;
+        tube += s.tubes.len();
+    }
+    if let Some(tip) = nodes.last_mut() {
+        tip.w += loads.tip_moment_nm;
+    }
+    chain.pull_back(rod, nodes, across, -1.0, out);
+}
+
+fn add(z: &mut Twist, x: &Vector3<f64>, f: &Vector3<f64>) {
+    z.w += x.cross(f);
+    z.v += f;
+}
+
+/// Slope of the strain energy per length after the six strains.
+fn local_slope(section: &Section, tube_n: &[f64], xi: &[f64; 6]) -> [f64; 6] {
+    let mut g: [f64; 6] = std::array::from_fn(|i| section.rigidity[i] * (xi[i] - section.rest[i]));
+    let kappa = Vector3::new(xi[0], xi[1], xi[2]);
+    let v = Vector3::new(xi[3], xi[4], xi[5]);
+    for (tube, push) in section.tubes.iter().zip(tube_n) {
+        let d = v + kappa.cross(&tube.r_m);
+        let stretch = d.norm();
+        let x = stretch - tube.rest_stretch;
+        let tension = (tube.stiffness_n + tube.cubic_n * x * x) * x - push;
+        // ∂λ/∂v = n, ∂λ/∂κ = r × n
+        let f = d * (tension / stretch);
+        let m = tube.r_m.cross(&f);
+        for i in 0..3 {
+            g[i] += m[i];
+            g[i + 3] += f[i];
+        }
+    }
+    g
+}
+
+/// Wrench of a section's tension springs on its end.
+fn pull_of_links(s: &Section, start: &Frame, end: &Frame) -> Twist {
+    let mut z = Twist::zero();
+    for link in &s.links {
+        let x = end.point(&link.bottom_m);
+        let d = x - start.point(&link.top_m);
+        let dist = d.norm();
+        let stretch = dist - link.free_m;
+        if stretch > 0.0 {
+            add(&mut z, &x, &(d * (-link.rate_n_m * stretch / dist)));
+        }
+    }
+    z
+}
