@@ -26,6 +26,7 @@ mod dense;
 mod dynamics;
 pub mod se3;
 mod solve;
+mod tangent;
 
 use nalgebra::Vector3;
 
@@ -34,6 +35,7 @@ pub use dense::Factor;
 pub use dynamics::{Energy, Motion, energy, step};
 use se3::Frame;
 pub use solve::{Outcome, Workspace, is_stable, poses, solve};
+pub use tangent::Tangent;
 
 /// Which strains are free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -166,5 +168,7 @@ impl Rod {
     }
 }
 
+#[cfg(test)]
+mod sweeps;
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,362 @@
+//! The rod over its whole range: derivatives against differences, and solves that are checked by
+//! other means than the solver's own.
+
+use std::ops::ControlFlow;
+use std::sync::LazyLock;
+
+use nalgebra::{DMatrix, Matrix3, SVector, UnitVector3, Vector3};
+use rand::Rng;
+use rand_pcg::Pcg64Mcg;
+
+use super::assemble::Assembly;
+use super::se3::Frame;
+use super::{Loads, Strains, poses};
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, SPRINGS};
+use crate::sim::dataset::{normal, parallel, sample_rng};
+use crate::sim::{
+    GRAVITY_M_S2, INPUTS, Inputs, Model, Parameters, Resolution, Sensitivity, SimError, State,
+    observe, sensitivity, settle,
+};
+
+static MODEL: LazyLock<Model> = LazyLock::new(|| Model::nominal(&RobotSpec::reference()));
+
+const HEAVIEST_KG: f64 = 0.6;
+const STRONGEST_N: f64 = 40.0;
+
+/// Pressures in the box, in every other sample at its bounds; payload and force up to their most.
+fn drawn(seed: u64, index: usize) -> (Inputs, Pcg64Mcg) {
+    let mut rng = sample_rng(seed, index);
+    let limits = &MODEL.robot.pressure;
+    let chamber_pa = std::array::from_fn(|_| {
+        let p = rng.random_range(limits.min_pa..=limits.max_pa);
+        match (index.is_multiple_of(2), p < 0.0) {
+            (false, _) => p,
+            (true, true) => limits.min_pa,
+            (true, false) => limits.max_pa,
+        }
+    });
+    let direction = Vector3::from_fn(|_, _| normal(&mut rng)).normalize();
+    let inputs = Inputs {
+        chamber_pa,
+        payload_kg: rng.random_range(0.0..=HEAVIEST_KG),
+        tip_force_n: (direction * rng.random_range(0.0..=STRONGEST_N)).into(),
+        ..Inputs::default()
+    };
+    (inputs, rng)
+}
+
+/// Runs `work` for every index below `n` on two threads.
+fn sweep<T: Send>(n: usize, work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+    let out = parallel(0..n, 2, &mut |_| ControlFlow::Continue(()), work);
+    assert_eq!(out.len(), n);
+    out
+}
+
+/// Angle between the axes of two cross-sections, deg.
+fn bend_deg(a: &Frame, b: &Frame) -> f64 {
+    let cos = a.r.column(2).dot(&b.r.column(2));
+    cos.clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+/// f'(0) by five points: f(h), f(−h), f(2h), f(−2h).
+fn slope<const N: usize>(h: f64, mut f: impl FnMut(f64) -> SVector<f64, N>) -> SVector<f64, N> {
+    ((f(h) - f(-h)) * 8.0 - (f(2.0 * h) - f(-2.0 * h))) / (12.0 * h)
+}
+
+#[test]
+fn derivatives_of_the_energy_agree_with_differences_everywhere() {
+    const ELEMENTS: usize = 3;
+    const STATES: usize = 1000;
+    let model_of = |strains| {
+        let hard = Parameters {
+            hardening: 0.3,
+            ..Parameters::default()
+        };
+        let resolution = Resolution {
+            elements: ELEMENTS,
+            strains,
+        };
+        Model::new(&MODEL.robot, &hard, resolution)
+    };
+    let models = [model_of(Strains::NoShear), model_of(Strains::All)];
+    let found = sweep(STATES, &|index| {
+        let rod = &models[index / 2 % 2].rod;
+        let (inputs, mut rng) = drawn(11, index);
+        let loads = Loads {
+            viscosity: 0.1,
+            ..models[index / 2 % 2].loads(&inputs, 0.0)
+        };
+        let d = rod.strains.indices().len();
+        let rest = rod.rest_state();
+        // Bends of up to 140 deg per segment, unevenly along it.
+        let mut q = rest.clone();
+        for section in q.chunks_mut(d * ELEMENTS) {
+            let most = 140f64.to_radians() / MODEL.robot.rest_length_m;
+            let (bend, about) = (rng.random_range(0.0..most), rng.random_range(0.0..6.3f64));
+            let kappa = [bend * about.cos(), bend * about.sin(), 0.0];
+            for xi in section.chunks_mut(d) {
+                for (k, x) in xi.iter_mut().enumerate() {
+                    *x += if k < 3 {
+                        kappa[k] + rng.random_range(-2.0..2.0)
+                    } else {
+                        rng.random_range(-0.3..0.3)
+                    };
+                }
+            }
+        }
+        let mut at = Assembly::default();
+        at.evaluate(rod, &loads, &q, &rest);
+        let n = q.len();
+        let (exact_g, exact_h) = (at.gradient.clone(), at.hessian.clone());
+        let full = |i: usize, j: usize| exact_h[i.max(j) * n + i.min(j)];
+        let moved = |j: usize, by: f64| {
+            let mut q = q.clone();
+            q[j] += by;
+            q
+        };
+        let (mut worst_g, mut norm_g, mut worst_h) = (0.0f64, 0.0f64, 0.0f64);
+        for j in 0..n {
+            let g = slope::<1>(1e-3, |by| {
+                SVector::repeat(Assembly::energy_only(rod, &loads, &moved(j, by), &rest))
+            });
+            worst_g += (g[0] - exact_g[j]).powi(2);
+            norm_g += exact_g[j].powi(2);
+            let column = slope::<36>(1e-3, |by| {
+                at.evaluate(rod, &loads, &moved(j, by), &rest);
+                SVector::from_fn(|i, _| at.gradient.get(i).copied().unwrap_or(0.0))
+            });
+            let (mut off, mut norm) = (0.0, 0.0);
+            for i in 0..n {
+                off += (column[i] - full(i, j)).powi(2);
+                norm += full(i, j).powi(2);
+            }
+            worst_h = worst_h.max((off / norm).sqrt());
+        }
+        let nodes = poses(rod, &q).nodes;
+        let bend = nodes
+            .iter()
+            .map(|s| bend_deg(&s[0], &s[ELEMENTS]))
+            .fold(0.0, f64::max);
+        ((worst_g / norm_g).sqrt(), worst_h, bend)
+    });
+    let worst_g = found.iter().map(|f| f.0).fold(0.0, f64::max);
+    let worst_h = found.iter().map(|f| f.1).fold(0.0, f64::max);
+    let bent = found.iter().filter(|f| f.2 > 80.0).count();
+    println!(
+        "{STATES} states, {bent} bent beyond 80 deg: gradient {worst_g:.1e}, Hessian {worst_h:.1e}"
+    );
+    assert!(bent > STATES / 4, "only {bent} states bend beyond 80 deg");
+    assert!(worst_g < 1e-6, "gradient off by {worst_g:.1e}");
+    assert!(worst_h < 1e-6, "Hessian off by {worst_h:.1e}");
+}
+
+/// Rotation vector of `a` against `b`, both close together.
+fn turned(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Vector3<f64> {
+    let r = a * b.transpose();
+    let v = Vector3::new(
+        r[(2, 1)] - r[(1, 2)],
+        r[(0, 2)] - r[(2, 0)],
+        r[(1, 0)] - r[(0, 1)],
+    ) * 0.5;
+    let sin = v.norm();
+    if sin == 0.0 {
+        v
+    } else {
+        v * (sin.asin() / sin)
+    }
+}
+
+fn nudged(inputs: &Inputs, column: usize, by: f64) -> Inputs {
+    let mut out = inputs.clone();
+    match column {
+        i if i < CHAMBERS => out.chamber_pa[i] += by,
+        CHAMBERS => out.payload_kg += by,
+        i => out.tip_force_n[i - CHAMBERS - 1] += by,
+    }
+    out
+}
+
+#[test]
+fn sensitivities_agree_with_differences_everywhere() {
+    const STATES: usize = 1000;
+    /// Tip twist, middle twist, springs.
+    const ROWS: usize = 12 + SPRINGS;
+    let found = sweep(STATES, &|index| {
+        let (inputs, _) = drawn(12, index);
+        let mut state = State::rest(&MODEL);
+        settle(&MODEL, &mut state, &inputs).ok()?;
+        let s: Sensitivity =
+            sensitivity(&MODEL, &state, &inputs).expect("a settled state is stable");
+        let ends = |state: &State| {
+            let nodes = poses(&MODEL.rod, &state.strains).nodes;
+            [1, 0].map(|s| nodes[s][nodes[s].len() - 1])
+        };
+        let base = ends(&state);
+        let mut worst = 0.0f64;
+        for column in 0..INPUTS {
+            let h = match column {
+                i if i < CHAMBERS => 40.0,
+                CHAMBERS => 5e-3,
+                _ => 0.05,
+            };
+            let num = slope::<ROWS>(h, |by| {
+                let mut near = State {
+                    strains: state.strains.clone(),
+                    ..State::default()
+                };
+                settle(&MODEL, &mut near, &nudged(&inputs, column, by)).expect("settles nearby");
+                let mut out = SVector::zeros();
+                for (k, (a, b)) in ends(&near).iter().zip(&base).enumerate() {
+                    out.fixed_rows_mut::<3>(6 * k)
+                        .copy_from(&turned(&a.r, &b.r));
+                    out.fixed_rows_mut::<3>(6 * k + 3).copy_from(&(a.p - b.p));
+                }
+                let springs = observe(&MODEL, &near).sensors.spring_m;
+                out.fixed_rows_mut::<SPRINGS>(12)
+                    .copy_from(&SVector::from(springs));
+                out
+            });
+            let mut exact = SVector::<f64, ROWS>::zeros();
+            exact
+                .fixed_rows_mut::<6>(0)
+                .copy_from(&s.tip.column(column));
+            exact
+                .fixed_rows_mut::<6>(6)
+                .copy_from(&s.middle.column(column));
+            exact
+                .fixed_rows_mut::<SPRINGS>(12)
+                .copy_from(&s.spring.column(column));
+            // Each of the three against its own size; a chamber of segment 2 hardly moves the
+            // middle pad, so the column as a whole bounds what can be resolved there.
+            for (from, rows) in [(0, 6), (6, 6), (12, SPRINGS)] {
+                let off = (num - exact).rows(from, rows).norm();
+                worst = worst.max(off / exact.rows(from, rows).norm().max(1e-2 * exact.norm()));
+            }
+        }
+        Some((worst, bend_deg(&MODEL.rod.base, &base[0])))
+    });
+    let settled: Vec<_> = found.into_iter().flatten().collect();
+    let worst = settled.iter().map(|f| f.0).fold(0.0, f64::max);
+    let bent = settled.iter().filter(|f| f.1 > 80.0).count();
+    println!(
+        "{} of {STATES} states settled, {bent} bent beyond 80 deg: sensitivities {worst:.1e}",
+        settled.len()
+    );
+    assert!(settled.len() > STATES * 9 / 10);
+    assert!(bent > 20, "only {bent} states bend beyond 80 deg");
+    assert!(worst < 1e-6, "off by {worst:.1e}");
+}
+
+#[test]
+fn an_unstable_state_has_no_sensitivity() {
+    // The straight arm, compressed along its own axis far beyond what it can hold.
+    let state = State::rest(&MODEL);
+    let inputs = Inputs {
+        tip_force_n: [0.0, 0.0, 3000.0],
+        ..Inputs::default()
+    };
+    assert_eq!(sensitivity(&MODEL, &state, &inputs), None);
+}
+
+/// What is left over, as a share of the forces and moments at play: every component of the gradient
+/// per element length, forces over the largest bellows force, moments over that at its radius.
+fn imbalance(gradient: &[f64]) -> f64 {
+    let robot = &MODEL.robot;
+    let force_n = robot.pressure.max_pa * robot.area_m2;
+    let moment_nm = force_n * robot.bellows_m[0].norm();
+    let idx = MODEL.rod.strains.indices();
+    let l = robot.rest_length_m / MODEL.rod.sections[0].elements as f64;
+    gradient
+        .iter()
+        .enumerate()
+        .map(|(k, g)| {
+            let of = if idx[k % idx.len()] < 3 {
+                moment_nm
+            } else {
+                force_n
+            };
+            (g / l / of).abs()
+        })
+        .fold(0.0, f64::max)
+}
+
+/// Settles by raising all loads slowly from the unloaded arm, one small step after the other.
+fn followed(inputs: &Inputs, steps: usize) -> Result<State, SimError> {
+    let mut state = State::rest(&MODEL);
+    for k in 0..=steps {
+        let share = k as f64 / steps as f64;
+        let part = Inputs {
+            chamber_pa: inputs.chamber_pa.map(|p| p * share),
+            payload_kg: inputs.payload_kg * share,
+            tip_force_n: inputs.tip_force_n.map(|f| f * share),
+            ..Inputs::default()
+        };
+        settle(&MODEL, &mut state, &part)?;
+    }
+    Ok(state)
+}
+
+#[test]
+fn ten_thousand_solves_are_right_or_refused() {
+    const SOLVES: usize = 10_000;
+    #[derive(Default)]
+    struct Found {
+        refused: bool,
+        imbalance: f64,
+        softest: f64,
+        /// Distance of the tip from where slow loading leads, m.
+        apart_m: Option<f64>,
+        slow_refused: bool,
+    }
+    let found = sweep(SOLVES, &|index| {
+        let (inputs, _) = drawn(13, index);
+        let mut state = State::rest(&MODEL);
+        let before = state.strains.clone();
+        if let Err(e) = settle(&MODEL, &mut state, &inputs) {
+            assert!(matches!(e, SimError::NoEquilibrium { .. }), "{index}: {e}");
+            assert!(e.to_string().contains("beyond what the arm can hold"));
+            assert_eq!(state.strains, before, "{index}: a refusal moved the arm");
+            return Found {
+                refused: true,
+                slow_refused: followed(&inputs, 64).is_err(),
+                ..Found::default()
+            };
+        }
+        let (rod, q) = (&MODEL.rod, &state.strains);
+        let mut at = Assembly::default();
+        at.evaluate(rod, &MODEL.loads(&inputs, 0.0), q, q);
+        let n = q.len();
+        let h = DMatrix::from_fn(n, n, |i, j| at.hessian[i.max(j) * n + i.min(j)]);
+        let apart_m = index.is_multiple_of(20).then(|| {
+            followed(&inputs, 64).map_or(f64::INFINITY, |slow| {
+                (poses(rod, q).tip().p - poses(rod, &slow.strains).tip().p).norm()
+            })
+        });
+        Found {
+            imbalance: imbalance(&at.gradient),
+            softest: h.symmetric_eigenvalues().min(),
+            apart_m,
+            ..Found::default()
+        }
+    });
+    let refused = found.iter().filter(|f| f.refused).count();
+    let slow_refused = found.iter().filter(|f| f.slow_refused).count();
+    let worst = found.iter().map(|f| f.imbalance).fold(0.0, f64::max);
+    let softest = found
+        .iter()
+        .filter(|f| !f.refused)
+        .map(|f| f.softest)
+        .fold(f64::INFINITY, f64::min);
+    let followed: Vec<f64> = found.iter().filter_map(|f| f.apart_m).collect();
+    let elsewhere = followed.iter().filter(|d| **d > 1e-6).count();
+    println!(
+        "{SOLVES} solves: {refused} refused ({slow_refused} of them also when loaded slowly), imbalance \
+         {worst:.1e}, softest curvature {softest:.1e}; {elsewhere} of {} lie elsewhere than slow loading leads",
+        followed.len()
+    );
+    assert!(worst < 1e-9, "out of balance by {worst:.1e}");
+    assert!(softest > 0.0, "an unstable state was accepted: {softest}");
+    assert_eq!(refused, 0);
+    assert_eq!(elsewhere, 0);
+}
