@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
 
-use nalgebra::{DMatrix, Matrix3, SVector, UnitVector3, Vector3};
+use nalgebra::{DMatrix, Matrix3, SVector, Vector3};
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
@@ -64,6 +64,50 @@ fn slope<const N: usize>(h: f64, mut f: impl FnMut(f64) -> SVector<f64, N>) -> S
     ((f(h) - f(-h)) * 8.0 - (f(2.0 * h) - f(-2.0 * h))) / (12.0 * h)
 }
 
+/// Bends of up to 120 deg per segment, unevenly along it, with twist, stretch and shear.
+fn scattered_strains(model: &Model, rng: &mut Pcg64Mcg) -> Vec<f64> {
+    let d = model.rod.strains.indices().len();
+    let mut q = model.rod.rest_state();
+    for section in q.chunks_mut(d * model.rod.sections[0].elements) {
+        let most = 120f64.to_radians() / model.robot.rest_length_m;
+        let (bend, about) = (rng.random_range(0.0..most), rng.random_range(0.0..6.3f64));
+        let kappa = [bend * about.cos(), bend * about.sin(), 0.0];
+        for xi in section.chunks_mut(d) {
+            for (k, x) in xi.iter_mut().enumerate() {
+                *x += if k < 3 {
+                    kappa[k] + rng.random_range(-2.0..2.0)
+                } else {
+                    rng.random_range(-0.3..0.3)
+                };
+            }
+        }
+    }
+    q
+}
+
+/// Whether the energy is smooth about `q`: no spring is about to go slack, and no bellows has
+/// shrunk to a point.
+fn is_smooth(model: &Model, q: &[f64]) -> bool {
+    let state = State {
+        strains: q.to_vec(),
+        ..State::default()
+    };
+    let springs = observe(model, &state).sensors.spring_m;
+    let d = model.rod.strains.indices().len();
+    let elements = model.rod.sections[0].elements;
+    let long = q.chunks(d).enumerate().all(|(e, xi)| {
+        let section = &model.rod.sections[e / elements];
+        let shear = if d == 6 { [xi[3], xi[4]] } else { [0.0; 2] };
+        let v = Vector3::new(shear[0], shear[1], xi[d - 1]);
+        let kappa = Vector3::new(xi[0], xi[1], xi[2]);
+        let mut tubes = section.tubes.iter();
+        tubes.all(|t| (v + kappa.cross(&t.r_m)).norm() > 0.2)
+    });
+    long && springs
+        .iter()
+        .all(|l| (l - model.robot.spring.free_length_m).abs() > 1e-3)
+}
+
 #[test]
 fn derivatives_of_the_energy_agree_with_differences_everywhere() {
     const ELEMENTS: usize = 3;
@@ -89,21 +133,9 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
         };
         let d = rod.strains.indices().len();
         let rest = rod.rest_state();
-        // Bends of up to 140 deg per segment, unevenly along it.
-        let mut q = rest.clone();
-        for section in q.chunks_mut(d * ELEMENTS) {
-            let most = 140f64.to_radians() / MODEL.robot.rest_length_m;
-            let (bend, about) = (rng.random_range(0.0..most), rng.random_range(0.0..6.3f64));
-            let kappa = [bend * about.cos(), bend * about.sin(), 0.0];
-            for xi in section.chunks_mut(d) {
-                for (k, x) in xi.iter_mut().enumerate() {
-                    *x += if k < 3 {
-                        kappa[k] + rng.random_range(-2.0..2.0)
-                    } else {
-                        rng.random_range(-0.3..0.3)
-                    };
-                }
-            }
+        let mut q = scattered_strains(&models[index / 2 % 2], &mut rng);
+        while !is_smooth(&models[index / 2 % 2], &q) {
+            q = scattered_strains(&models[index / 2 % 2], &mut rng);
         }
         let mut at = Assembly::default();
         at.evaluate(rod, &loads, &q, &rest);
@@ -206,7 +238,7 @@ fn sensitivities_agree_with_differences_everywhere() {
                     ..State::default()
                 };
                 settle(&MODEL, &mut near, &nudged(&inputs, column, by)).expect("settles nearby");
-                let mut out = SVector::zeros();
+                let mut out = SVector::<f64, ROWS>::zeros();
                 for (k, (a, b)) in ends(&near).iter().zip(&base).enumerate() {
                     out.fixed_rows_mut::<3>(6 * k)
                         .copy_from(&turned(&a.r, &b.r));
@@ -359,4 +391,167 @@ fn ten_thousand_solves_are_right_or_refused() {
     assert!(softest > 0.0, "an unstable state was accepted: {softest}");
     assert_eq!(refused, 0);
     assert_eq!(elsewhere, 0);
+}
+
+fn tip(inputs: &Inputs) -> Frame {
+    let mut state = State::rest(&MODEL);
+    settle(&MODEL, &mut state, inputs).expect("settles");
+    poses(&MODEL.rod, &state.strains).tip()
+}
+
+fn kpa(values: [f64; CHAMBERS]) -> Inputs {
+    Inputs {
+        chamber_pa: values.map(|p| p * 1e3),
+        ..Inputs::default()
+    }
+}
+
+/// Where a push of 40 N in the direction `deg` about the vertical moves the tip, m.
+fn pushed(at: &Inputs, deg: f64) -> Vector3<f64> {
+    let a = deg.to_radians();
+    let push = Inputs {
+        tip_force_n: [STRONGEST_N * a.cos(), STRONGEST_N * a.sin(), 0.0],
+        ..at.clone()
+    };
+    tip(&push).p - tip(at).p
+}
+
+fn about_z(deg: f64) -> Matrix3<f64> {
+    *nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), deg.to_radians()).matrix()
+}
+
+const EIGHT_DEG: [f64; 8] = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0];
+
+#[test]
+fn forty_newtons_from_eight_sides_are_held() {
+    // Straight arms: short, as built, long. They are their own mirror images in the plane of x and
+    // z, and their own images after a third of a turn.
+    for p in [-40.0, 0.0, 40.0] {
+        let at = kpa([p; CHAMBERS]);
+        for deg in EIGHT_DEG {
+            let moved = pushed(&at, deg);
+            let lateral = moved.xy();
+            let wanted = nalgebra::Vector2::new(deg.to_radians().cos(), deg.to_radians().sin());
+            let astray = lateral.angle(&wanted).to_degrees();
+            println!(
+                "{p} kPa, {deg} deg: {:.1} mm, {astray:.2} deg astray, {:.1} mm up",
+                lateral.norm() * 1e3,
+                moved.z * 1e3
+            );
+            assert!(lateral.norm() > 0.01 && astray < 5.0, "{deg}: {moved}");
+            assert!(moved.z > 0.0, "{deg}: pushed aside the arm rises: {moved}");
+            let mirrored = pushed(&at, -deg);
+            let back = Vector3::new(mirrored.x, -mirrored.y, mirrored.z);
+            assert!((back - moved).norm() < 1e-9, "{deg}: {moved} {mirrored}");
+            let turned = about_z(120.0) * moved - pushed(&at, deg + 120.0);
+            assert!(turned.norm() < 1e-9, "{deg}: {turned}");
+        }
+    }
+    // Bent arms: the push works on the arm, and a third of a turn of all turns all.
+    for p in [
+        [40.0, -40.0, -40.0, 0.0, 0.0, 0.0],
+        [40.0, -40.0, -40.0, 40.0, -40.0, 40.0],
+        [25.0, -10.0, -30.0, 5.0, 30.0, -20.0],
+    ] {
+        let at = kpa(p);
+        let next = kpa([p[2], p[0], p[1], p[5], p[3], p[4]]);
+        for deg in EIGHT_DEG {
+            let moved = pushed(&at, deg);
+            let push = Vector3::new(deg.to_radians().cos(), deg.to_radians().sin(), 0.0);
+            println!(
+                "{p:?} kPa, {deg} deg: {:.1} mm along the push of {:.1} mm",
+                moved.dot(&push) * 1e3,
+                moved.norm() * 1e3
+            );
+            assert!(moved.dot(&push) > 0.005, "{p:?} {deg}: {moved}");
+            let turned = about_z(120.0) * moved - pushed(&next, deg + 120.0);
+            assert!(turned.norm() < 1e-9, "{p:?} {deg}: {turned}");
+        }
+    }
+}
+
+#[test]
+fn half_a_kilogram_stretches_the_straight_arm_as_by_hand() {
+    let robot = &MODEL.robot;
+    let m = 0.5;
+    for p in [-20.0, 0.0, 20.0] {
+        let at = kpa([p; CHAMBERS]);
+        let loaded = Inputs {
+            payload_kg: m,
+            ..at.clone()
+        };
+        let (light, heavy) = (tip(&at).p, tip(&loaded).p);
+        let sunk = light.z - heavy.z;
+        // Springs: length d between ends a apart sideways, d² = L² + a²; the pull along the arm of
+        // one is T L / d, its stiffness c [(L/d)² + (1 − d₀/d)(1 − (L/d)²)].
+        let mut state = State::rest(&MODEL);
+        settle(&MODEL, &mut state, &at).expect("settles");
+        let o = observe(&MODEL, &state);
+        let mut by_hand = 0.0;
+        for segment in 0..2 {
+            let length = o.bellows_m[3 * segment];
+            let mut stiffness = 3.0 * robot.axial_stiffness_n_m;
+            for d in &o.sensors.spring_m[6 * segment..6 * segment + 6] {
+                let along = (length / d).powi(2);
+                let slack = 1.0 - robot.spring.free_length_m / d;
+                stiffness += robot.spring.rate_n_m * (along + slack * (1.0 - along));
+            }
+            by_hand += m * GRAVITY_M_S2 / stiffness;
+        }
+        println!(
+            "{p} kPa: sinks {:.3} mm, by hand {:.3} mm",
+            sunk * 1e3,
+            by_hand * 1e3
+        );
+        assert!((sunk / by_hand - 1.0).abs() < 2e-3, "{sunk} {by_hand}");
+        assert!((heavy - light).xy().norm() < 1e-9);
+    }
+}
+
+#[test]
+fn half_a_kilogram_bends_an_arm_down_and_settles_lowest() {
+    for index in 0..200 {
+        let (mut at, _) = drawn(14, index);
+        at.tip_force_n = [0.0; 3];
+        at.payload_kg = 0.0;
+        let loaded = Inputs {
+            payload_kg: 0.5,
+            ..at.clone()
+        };
+        let settled = |inputs: &Inputs| {
+            let mut state = State::rest(&MODEL);
+            settle(&MODEL, &mut state, inputs).expect("settles");
+            state.strains
+        };
+        let (light, heavy) = (settled(&at), settled(&loaded));
+        let energy = |inputs: &Inputs, q: &[f64]| {
+            Assembly::energy_only(&MODEL.rod, &MODEL.loads(inputs, 0.0), q, q)
+        };
+        // Each shape has the least energy under its own load.
+        assert!(energy(&loaded, &heavy) < energy(&loaded, &light), "{index}");
+        assert!(energy(&at, &light) < energy(&at, &heavy), "{index}");
+        // The payload itself has come down, and with it the energy of everything it hangs on.
+        let payload = |q: &[f64]| {
+            let com = Vector3::new(0.0, 0.0, -MODEL.robot.payload_com_m);
+            poses(&MODEL.rod, q).tip().point(&com).z
+        };
+        let sunk = payload(&light) - payload(&heavy);
+        assert!(sunk > 5e-4, "{index}: {sunk}");
+        assert!(
+            energy(&loaded, &heavy) < energy(&at, &light) + 0.5 * GRAVITY_M_S2 * payload(&light)
+        );
+    }
+    // An arm bent to one side hangs more steeply under load.
+    let bent = kpa([40.0, -40.0, -40.0, 0.0, 0.0, 0.0]);
+    let loaded = Inputs {
+        payload_kg: 0.5,
+        ..bent.clone()
+    };
+    let (light, heavy) = (tip(&bent), tip(&loaded));
+    assert!(heavy.p.z < light.p.z - 2e-3, "{} {}", light.p, heavy.p);
+    assert!(
+        heavy.p.xy().norm() < light.p.xy().norm(),
+        "swings in under the base"
+    );
+    assert!(bend_deg(&MODEL.rod.base, &heavy) < bend_deg(&MODEL.rod.base, &light));
 }
