@@ -131,7 +131,6 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
             viscosity: 0.1,
             ..models[index / 2 % 2].loads(&inputs, 0.0)
         };
-        let d = rod.strains.indices().len();
         let rest = rod.rest_state();
         let mut q = scattered_strains(&models[index / 2 % 2], &mut rng);
         while !is_smooth(&models[index / 2 % 2], &q) {
@@ -329,68 +328,88 @@ fn followed(inputs: &Inputs, steps: usize) -> Result<State, SimError> {
     Ok(state)
 }
 
-#[test]
-fn ten_thousand_solves_are_right_or_refused() {
-    const SOLVES: usize = 10_000;
-    #[derive(Default)]
-    struct Found {
-        refused: bool,
-        imbalance: f64,
-        softest: f64,
-        /// Distance of the tip from where slow loading leads, m.
-        apart_m: Option<f64>,
-        slow_refused: bool,
+/// What a solve that was not refused is worth, found without the solver's own diagnostics.
+struct Verified {
+    strains: Vec<f64>,
+    imbalance: f64,
+    /// Smallest eigenvalue of the Hessian.
+    softest: f64,
+}
+
+/// Settles from rest. A refusal must be of the kind that tells why and leave the arm where it was.
+fn solved(inputs: &Inputs) -> Option<Verified> {
+    let mut state = State::rest(&MODEL);
+    let before = state.strains.clone();
+    if let Err(e) = settle(&MODEL, &mut state, inputs) {
+        assert!(matches!(e, SimError::NoEquilibrium { .. }), "{e}");
+        assert!(e.to_string().contains("beyond what the arm can hold"));
+        assert_eq!(state.strains, before, "a refusal moved the arm");
+        return None;
     }
-    let found = sweep(SOLVES, &|index| {
-        let (inputs, _) = drawn(13, index);
-        let mut state = State::rest(&MODEL);
-        let before = state.strains.clone();
-        if let Err(e) = settle(&MODEL, &mut state, &inputs) {
-            assert!(matches!(e, SimError::NoEquilibrium { .. }), "{index}: {e}");
-            assert!(e.to_string().contains("beyond what the arm can hold"));
-            assert_eq!(state.strains, before, "{index}: a refusal moved the arm");
-            return Found {
-                refused: true,
-                slow_refused: followed(&inputs, 64).is_err(),
-                ..Found::default()
-            };
-        }
-        let (rod, q) = (&MODEL.rod, &state.strains);
-        let mut at = Assembly::default();
-        at.evaluate(rod, &MODEL.loads(&inputs, 0.0), q, q);
-        let n = q.len();
-        let h = DMatrix::from_fn(n, n, |i, j| at.hessian[i.max(j) * n + i.min(j)]);
-        let apart_m = index.is_multiple_of(20).then(|| {
-            followed(&inputs, 64).map_or(f64::INFINITY, |slow| {
-                (poses(rod, q).tip().p - poses(rod, &slow.strains).tip().p).norm()
-            })
-        });
-        Found {
-            imbalance: imbalance(&at.gradient),
-            softest: h.symmetric_eigenvalues().min(),
-            apart_m,
-            ..Found::default()
-        }
-    });
-    let refused = found.iter().filter(|f| f.refused).count();
-    let slow_refused = found.iter().filter(|f| f.slow_refused).count();
-    let worst = found.iter().map(|f| f.imbalance).fold(0.0, f64::max);
-    let softest = found
-        .iter()
-        .filter(|f| !f.refused)
-        .map(|f| f.softest)
-        .fold(f64::INFINITY, f64::min);
-    let followed: Vec<f64> = found.iter().filter_map(|f| f.apart_m).collect();
-    let elsewhere = followed.iter().filter(|d| **d > 1e-6).count();
-    println!(
-        "{SOLVES} solves: {refused} refused ({slow_refused} of them also when loaded slowly), imbalance \
-         {worst:.1e}, softest curvature {softest:.1e}; {elsewhere} of {} lie elsewhere than slow loading leads",
-        followed.len()
+    let q = &state.strains;
+    let mut at = Assembly::default();
+    at.evaluate(&MODEL.rod, &MODEL.loads(inputs, 0.0), q, q);
+    let n = q.len();
+    let h = DMatrix::from_fn(n, n, |i, j| at.hessian[i.max(j) * n + i.min(j)]);
+    let imbalance = imbalance(&at.gradient);
+    let softest = h.symmetric_eigenvalues().min();
+    assert!(at.gradient.iter().all(|g| g.is_finite()) && softest.is_finite());
+    assert!(
+        imbalance < 1e-9,
+        "{inputs:?}: out of balance by {imbalance:.1e}"
     );
-    assert!(worst < 1e-9, "out of balance by {worst:.1e}");
-    assert!(softest > 0.0, "an unstable state was accepted: {softest}");
-    assert_eq!(refused, 0);
-    assert_eq!(elsewhere, 0);
+    assert!(
+        softest > 0.0,
+        "{inputs:?}: an unstable state was accepted: {softest}"
+    );
+    Some(Verified {
+        strains: state.strains,
+        imbalance,
+        softest,
+    })
+}
+
+fn summary(found: &[Option<Verified>]) -> String {
+    let held = found.iter().flatten();
+    let worst = held.clone().map(|f| f.imbalance).fold(0.0, f64::max);
+    let softest = held.map(|f| f.softest).fold(f64::INFINITY, f64::min);
+    let refused = found.iter().filter(|f| f.is_none()).count();
+    format!(
+        "{} solves: {refused} refused, imbalance {worst:.1e}, softest curvature {softest:.1e}",
+        found.len()
+    )
+}
+
+#[test]
+fn ten_thousand_solves_are_right() {
+    let found = sweep(10_000, &|index| solved(&drawn(13, index).0));
+    println!("{}", summary(&found));
+    assert!(
+        found.iter().all(Option::is_some),
+        "a load in range was refused"
+    );
+    // No second equilibrium was jumped to: slow loading leads to the same place.
+    let apart = sweep(500, &|index| {
+        let slow = followed(&drawn(13, index).0, 64).expect("held at every share of the load");
+        let strains = &found[index].as_ref().expect("held").strains;
+        let tip = |q: &[f64]| poses(&MODEL.rod, q).tip().p;
+        (tip(&slow.strains) - tip(strains)).norm()
+    });
+    assert!(apart.iter().all(|d| *d < 1e-9), "{apart:?}");
+}
+
+#[test]
+fn loads_beyond_reason_are_right_or_refused() {
+    // Forces up to 100 times the strongest, with 60 kg: nothing the arm is for.
+    let found = sweep(1000, &|index| {
+        let (mut inputs, _) = drawn(15, index);
+        inputs.payload_kg *= 100.0;
+        inputs.tip_force_n = inputs.tip_force_n.map(|f| f * 100.0);
+        solved(&inputs)
+    });
+    println!("{}", summary(&found));
+    let refused = found.iter().filter(|f| f.is_none()).count();
+    assert!(refused < 500, "{refused} refused");
 }
 
 fn tip(inputs: &Inputs) -> Frame {
