@@ -359,6 +359,11 @@ mod tests {
         let text = other.to_string();
         assert!(text.contains("\"seed 3\", not \"seed 4\""), "{text}");
         assert_eq!(DatasetJournal::open(&out, &about(3)).unwrap().samples, 10);
+        // A file of somebody else is not touched either.
+        let path = dir.join("d.parquet.resume");
+        std::fs::write(&path, "notes").unwrap();
+        assert!(DatasetJournal::open(&out, &about(3)).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"notes");
         std::fs::remove_dir_all(dir).unwrap();
     }
 }
