@@ -8,7 +8,8 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use springtwin::learn::{Model as Networks, PoseMap};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Goal;
-use springtwin::sim::{Inputs, Model, Moving, State, observe, settle, swing};
+use springtwin::sim::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
+use springtwin::sim::{Inputs, Model, Moving, State, observe, sensitivity, settle, swing};
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/reference.safetensors");
 
@@ -42,6 +43,57 @@ fn rod(c: &mut Criterion) {
             settle(&model, &mut state, black_box(&inputs)).map(|o| o.iterations)
         });
     });
+}
+
+fn derivatives(c: &mut Criterion) {
+    let model = Model::nominal(&RobotSpec::reference());
+    let mut state = State::rest(&model);
+    let inputs = Inputs {
+        chamber_pa: pressures(700),
+        ..Inputs::default()
+    };
+    if settle(&model, &mut state, &inputs).is_err() {
+        unreachable!("the pressures are in the box");
+    }
+    c.bench_function("rod sensitivity, 24 x 10", |b| {
+        b.iter(|| sensitivity(&model, black_box(&state), &inputs).map(|s| s.tip));
+    });
+}
+
+fn mesh(c: &mut Criterion) {
+    let Ok(model) = MeshModel::new(&RobotSpec::reference()) else {
+        unreachable!("the reference robot meshes: a test checks it");
+    };
+    let mut group = c.benchmark_group("mesh");
+    group.sample_size(20);
+    // Steps as between neighbouring samples of a path: each starts where the last one ended.
+    group.bench_function("mesh sample, warm (0.4 % steps)", |b| {
+        let mut k = 0;
+        let mut state = MeshState::rest(&model);
+        b.iter(|| {
+            k += 1;
+            let inputs = Inputs {
+                chamber_pa: pressures(k),
+                ..Inputs::default()
+            };
+            settle_mesh(&model, &mut state, black_box(&inputs))
+                .map(|_| observe_mesh(&model, &state).base_from_tip)
+        });
+    });
+    group.bench_function("mesh sample, cold", |b| {
+        let mut k = 0;
+        b.iter(|| {
+            k += 101;
+            let mut state = MeshState::rest(&model);
+            let inputs = Inputs {
+                chamber_pa: pressures(k),
+                ..Inputs::default()
+            };
+            settle_mesh(&model, &mut state, black_box(&inputs))
+                .map(|_| observe_mesh(&model, &state).base_from_tip)
+        });
+    });
+    group.finish();
 }
 
 fn dynamics(c: &mut Criterion) {
@@ -122,5 +174,5 @@ fn networks(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, rod, dynamics, networks);
+criterion_group!(benches, rod, derivatives, dynamics, mesh, networks);
 criterion_main!(benches);

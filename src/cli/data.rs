@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::{Report, args, live, model};
 use springtwin::learn::{self, Recipe, to_pose};
-use springtwin::recording::{read_dataset, read_session, write_dataset};
+use springtwin::recording::{DatasetJournal, read_dataset, read_session, write_dataset};
 use springtwin::rig::board::Readings;
 use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
@@ -20,7 +20,8 @@ use springtwin::sim::mesh::MeshModel;
 
 #[derive(Subcommand)]
 pub enum DatasetCommand {
-    /// Draw pressures, settle the arm, store what the sensors read
+    /// Draw pressures, settle the arm, store what the sensors read. A run of the rod or the mesh that
+    /// was stopped goes on where it was when it is started again
     Generate(GenerateArgs),
     /// Join shards into the file that one run would have made
     Merge {
@@ -114,43 +115,124 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
     let (i, n) = a.shard;
     let range = (i - 1) * draw.len() / n..i * draw.len() / n;
     let bar = bar(range.len(), quiet);
-    let mut progress = |done: usize| {
-        bar.set_position(done as u64);
-        ControlFlow::Continue(())
-    };
     #[expect(
         clippy::disallowed_methods,
         reason = "wall time of the command, for the report"
     )]
     let start = std::time::Instant::now();
-    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let (data, left_out) = match a.simulator {
-        Source::Rod => generate(robot, &plan, range, threads, &mut progress),
+    let made = match a.simulator {
+        Source::Rig => {
+            let mut progress = |done: usize| {
+                bar.set_position(done as u64);
+                ControlFlow::Continue(())
+            };
+            let (data, left_out) = rig_samples(robot, &plan, range, &mut progress)?;
+            write_dataset(&a.out, &data)?;
+            Made {
+                samples: data.samples.len(),
+                left_out,
+                taken_over: 0,
+                source: data.source,
+            }
+        }
+        Source::Rod => resumable("rod", 4, a, robot, &plan, range, &bar, &|part| {
+            generate(robot, &plan, part, threads(), &mut go_on)
+        })?,
         Source::Mesh => {
             let mesh = MeshModel::new(robot)?;
-            generate_mesh(&mesh, &plan, range, threads, &mut progress)
+            resumable("mesh", 1, a, robot, &plan, range, &bar, &|part| {
+                generate_mesh(&mesh, &plan, part, threads(), &mut go_on)
+            })?
         }
-        Source::Rig => rig_samples(robot, &plan, range, &mut progress)?,
     };
     bar.finish_and_clear();
-    write_dataset(&a.out, &data)?;
     let seconds = start.elapsed().as_secs_f64();
+    let mut notes = String::new();
+    if made.left_out > 0 {
+        notes += &format!(" ({} without equilibrium left out)", made.left_out);
+    }
+    if made.taken_over > 0 {
+        notes += &format!(
+            " ({} taken over from a run that was stopped)",
+            made.taken_over
+        );
+    }
     Ok(Report {
         text: format!(
-            "{} settled samples by the {} in {seconds:.1} s to {}{}",
-            data.samples.len(),
-            data.source,
+            "{} settled samples by the {} in {seconds:.1} s to {}{notes}",
+            made.samples,
+            made.source,
             a.out.display(),
-            if left_out > 0 {
-                format!(" ({left_out} without equilibrium left out)")
-            } else {
-                String::new()
-            },
         ),
         json: json!({
-            "samples": data.samples.len(), "left_out": left_out, "seconds": seconds,
-            "simulator": data.source, "simulated": true,
+            "samples": made.samples, "left_out": made.left_out, "taken_over": made.taken_over,
+            "seconds": seconds, "simulator": made.source, "simulated": true,
         }),
+    })
+}
+
+struct Made {
+    samples: usize,
+    left_out: usize,
+    /// Samples that an earlier, stopped run had computed.
+    taken_over: usize,
+    source: String,
+}
+
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, |n| n.get())
+}
+
+fn go_on(_: usize) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// Generates `range` in parts of `rounds` times 64 indices per thread and keeps every part in a
+/// journal beside the output: a run that was stopped goes on where it was, to the same bytes.
+fn resumable(
+    source: &str,
+    rounds: usize,
+    a: &GenerateArgs,
+    robot: &RobotSpec,
+    plan: &Plan,
+    range: std::ops::Range<usize>,
+    bar: &ProgressBar,
+    part: &dyn Fn(std::ops::Range<usize>) -> (Dataset, usize),
+) -> Result<Made> {
+    let about = [
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("simulator", source.to_owned()),
+        ("robot", robot.hash.clone()),
+        ("draw", format!("{:?}", plan.draw)),
+        ("shard", format!("{range:?}")),
+        ("seed", plan.seed.to_string()),
+        ("payload-max", plan.payload_max_kg.to_string()),
+        ("force", plan.tip_force_sd_n.to_string()),
+        ("deviation", plan.deviation_sd.to_string()),
+        ("disturbed-share", plan.disturbed_share.to_string()),
+    ];
+    let mut journal = DatasetJournal::open(&a.out, &about)?;
+    let taken_over = journal.samples;
+    let block = rounds * 64 * threads();
+    while journal.done < range.len() {
+        bar.set_position(journal.done as u64);
+        let from = range.start + journal.done;
+        let to = (from + block).min(range.end);
+        let (data, _) = part(from..to);
+        journal.append(to - from, &data.samples)?;
+    }
+    let (samples, left_out) = (journal.samples, journal.done - journal.samples);
+    journal.finish(&Dataset {
+        samples: Vec::new(),
+        source: source.to_owned(),
+        seed: plan.seed,
+        robot_hash: robot.hash.clone(),
+    })?;
+    Ok(Made {
+        samples,
+        left_out,
+        taken_over,
+        source: source.to_owned(),
     })
 }
 

@@ -36,8 +36,8 @@ const SCHEMA: &str = "1";
 /// Rows per row group.
 const GROUP_ROWS: usize = 4096;
 /// Columns that are read back; three derived ones follow them in the file.
-const EXACT_COLUMNS: usize = CHAMBERS + 1 + 3 + SPRINGS + 3 * IMUS + 7;
-const COLUMNS: usize = EXACT_COLUMNS + 3;
+pub(super) const EXACT_COLUMNS: usize = CHAMBERS + 1 + 3 + SPRINGS + 3 * IMUS + 7;
+pub(super) const COLUMNS: usize = EXACT_COLUMNS + 3;
 
 /// Names of the columns, in the file's order.
 pub fn dataset_columns() -> Vec<String> {
@@ -54,7 +54,7 @@ pub fn dataset_columns() -> Vec<String> {
     names
 }
 
-fn row_of(s: &Sample) -> [f64; COLUMNS] {
+pub(super) fn row_of(s: &Sample) -> [f64; COLUMNS] {
     let mut row = [0.0; COLUMNS];
     let p = &s.base_from_tip.translation;
     let q = &s.base_from_tip.rotation;
@@ -74,7 +74,7 @@ fn row_of(s: &Sample) -> [f64; COLUMNS] {
 }
 
 /// The sample in a row, or the sentence why it is none.
-fn sample_of(row: &[f64; EXACT_COLUMNS]) -> Result<Sample, &'static str> {
+pub(super) fn sample_of(row: &[f64; EXACT_COLUMNS]) -> Result<Sample, &'static str> {
     if row.iter().any(|v| !v.is_finite()) {
         return Err("a value is not finite");
     }
@@ -251,7 +251,7 @@ pub fn read_dataset(path: &Path) -> Result<Dataset, RecordingError> {
     }
 }
 
-fn refuse(path: &Path, text: String) -> RecordingError {
+pub(super) fn refuse(path: &Path, text: String) -> RecordingError {
     RecordingError::Dataset {
         path: path.to_owned(),
         text,

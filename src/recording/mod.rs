@@ -5,12 +5,14 @@
 //!   [`Recorder`] writes one on a thread of its own.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
 //! - [`inspect`] tells what is in either.
-//! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet.
+//! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet. [`DatasetJournal`]
+//!   keeps what a long run has computed, until its data set is whole.
 
 mod csv;
 mod dataset;
 mod error;
 mod inspect;
+mod journal;
 mod log;
 mod recorder;
 #[cfg(feature = "rrd")]
@@ -23,6 +25,7 @@ mod types;
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use error::RecordingError;
 pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
+pub use journal::DatasetJournal;
 pub use log::{SessionLog, parse_log, read_session, write_session};
 pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
 pub use rrd::{RecordingWriter, read_rrd};

@@ -14,6 +14,7 @@ pub mod mesh;
 mod model;
 pub mod pneumatics;
 pub mod rod;
+mod sensitivity;
 pub mod sensors;
 pub mod validate;
 
@@ -21,4 +22,5 @@ pub use dynamics::{Moving, mechanical_energy, swing};
 pub use model::{
     GRAVITY_M_S2, Inputs, Model, Parameters, Resolution, SimError, State, creep_to, settle,
 };
+pub use sensitivity::{INPUTS, Sensitivity, sensitivity};
 pub use sensors::{Observation, observe};

@@ -241,6 +241,14 @@ pub enum SimError {
         /// Last step.
         last_step: f64,
     },
+    /// The equilibrium has a bellows pressed through itself, which no arm can do.
+    #[error(
+        "the load presses segment {segment} through itself: it is beyond what the arm can hold"
+    )]
+    InsideOut {
+        /// 1 or 2.
+        segment: usize,
+    },
     /// The mesh did not come to rest.
     #[error(
         "the mesh model is still {residual_n:.1e} N out of balance after {iterations} iterations: \
@@ -286,8 +294,8 @@ pub(super) fn check(inputs: &Inputs) -> Result<(), SimError> {
 /// Settles the arm under `inputs`, starting from `state`.
 ///
 /// # Errors
-/// [`SimError`] when an input is not finite or no stable equilibrium is found; `state` is then
-/// left as it was.
+/// [`SimError`] when an input is not finite, no stable equilibrium is found, or the one found has a
+/// bellows pressed through itself; `state` is then left as it was.
 pub fn settle(model: &Model, state: &mut State, inputs: &Inputs) -> Result<Outcome, SimError> {
     advance(model, state, inputs, 0.0)
 }
@@ -323,6 +331,26 @@ fn advance(
             last_step: outcome.last_step,
         });
     }
+    if let Some(segment) = inside_out(model, &q) {
+        return Err(SimError::InsideOut { segment });
+    }
     state.strains = q;
     Ok(outcome)
+}
+
+/// The first segment (1, 2) in which a bellows no longer points downstream: it would have passed
+/// through zero length, where its energy has another, meaningless, branch.
+fn inside_out(model: &Model, q: &[f64]) -> Option<usize> {
+    let d = model.rod.strains.indices().len();
+    let mut elements = q.chunks_exact(d);
+    for (s, section) in model.rod.sections.iter().enumerate() {
+        for xi in elements.by_ref().take(section.elements) {
+            // v + κ × r along the axis, −z at rest; κx, κy come first and vz last in both choices.
+            let through = |r: &Vector3<f64>| xi[d - 1] + xi[0] * r.y - xi[1] * r.x >= 0.0;
+            if section.tubes.iter().any(|t| through(&t.r_m)) {
+                return Some(s + 1);
+            }
+        }
+    }
+    None
 }

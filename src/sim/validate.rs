@@ -2,10 +2,10 @@
 //!
 //! | case | source |
 //! |---|---|
-//! | elastica | K. Mattiasson, "Numerical results from large deflection beam and frame problems analysed by means of elliptic integrals", IJNME 1981, doi:10.1002/nme.1620170113 |
+//! | elastica | K. Mattiasson, "Numerical results from large deflection beam and frame problems analysed by means of elliptic integrals", IJNME 17, 1981, 145-153, doi:10.1002/nme.1620170113 |
 //! | ring, helix, Euler's column | geometry and linear stability; L. Euler 1744 |
-//! | column under its own weight | A. G. Greenhill 1881 |
-//! | 45° bend | K.-J. Bathe, S. Bolourchi, IJNME 1979, doi:10.1002/nme.1620140703; the reference values are those of J. C. Simo, L. Vu-Quoc, CMAME 1986 |
+//! | column under its own weight | A. G. Greenhill, "Determination of the greatest height consistent with stability that a vertical pole or mast can be made", Proc. Cambridge Phil. Soc. 4, 1881 |
+//! | 45° bend | K.-J. Bathe, S. Bolourchi, "Large displacement analysis of three-dimensional beam structures", IJNME 14, 1979, 961-986, doi:10.1002/nme.1620140703; the values are those of J. C. Simo, L. Vu-Quoc, "A three-dimensional finite-strain rod model, part II", CMAME 58, 1986, 79-116, doi:10.1016/0045-7825(86)90079-4 |
 //! | shear | S. P. Timoshenko's cantilever, both customary shear factors |
 //! | energy | conserved without damping, only lost with it |
 //! | reference robot | an independent multibody model with rigid discs |

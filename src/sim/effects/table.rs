@@ -98,7 +98,7 @@ pub const EFFECTS: &[Effect] = &[
         doc: "F_k = clamp(F_{k−1} + (F_max/w) Δx, ±F_max): dry friction in the bellows' folds; \
               up and down differ.",
         source: "Prandtl's elastic-plastic stop; M. Brokate, J. Sprekels, Hysteresis and Phase \
-                 Transitions, 1996, ch. 2",
+                 Transitions, Springer 1996, doi:10.1007/978-1-4612-4048-8",
         side: Side::Mechanics,
         target: Target::Chamber,
         parameters: &[
@@ -113,8 +113,8 @@ pub const EFFECTS: &[Effect] = &[
         name: "Creep",
         doc: "F = k x + B, dB/dt = c k dx/dt − B/τ: standard linear solid; a step of pressure \
               moves the arm at first by about 1/(1 + c) of its way.",
-        source: "W. N. Findley et al., Creep and Relaxation of Nonlinear Viscoelastic Materials, \
-                 1976, ch. 5",
+        source: "W. N. Findley, J. S. Lai, K. Onaran, Creep and Relaxation of Nonlinear \
+                 Viscoelastic Materials, North-Holland 1976, ch. 5 (linear viscoelasticity)",
         side: Side::Mechanics,
         target: Target::Chamber,
         parameters: &[

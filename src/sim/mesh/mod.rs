@@ -26,8 +26,8 @@
 //! reference robot the tips are then 1.2 mm apart in the median over the pressure box, 4 mm in its
 //! corners: every bellows may leave the common cross-section, which the rod's cannot.
 //!
-//! Source: G. Fang et al., "Kinematics of soft robots by geometric computing", IEEE T-RO 2020,
-//! doi:10.1109/TRO.2020.2985583, whose idea this is; local step, weights, growth, boundary and
+//! Source: G. Fang et al., "Kinematics of soft robots by geometric computing", IEEE T-RO 36,
+//! 2020, 1272-1286, whose idea this is; local step, weights, growth, boundary and
 //! stopping rule are ours.
 
 mod anderson;

@@ -28,6 +28,7 @@ mod dynamics;
 mod inertia;
 pub mod se3;
 mod solve;
+mod tangent;
 
 use nalgebra::Vector3;
 
@@ -36,6 +37,7 @@ pub use dense::Factor;
 pub use dynamics::{Energy, Motion, Stride, energy, step};
 use se3::Frame;
 pub use solve::{Outcome, Workspace, is_stable, poses, solve};
+pub use tangent::Tangent;
 
 /// Which strains are free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,5 +170,7 @@ impl Rod {
     }
 }
 
+#[cfg(test)]
+mod sweeps;
 #[cfg(test)]
 mod tests;

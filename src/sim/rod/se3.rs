@@ -4,7 +4,7 @@
 //! (ad² + u)² ad = 0, so every analytic function of ad_x is a polynomial of degree four whose
 //! coefficients are entire series in u. The series below are exact to double precision for
 //! |φ| ≤ π and need no small-angle branch.
-//! Source: J. M. Selig, "Geometric Fundamentals of Robotics", 2005, ch. 4;
+//! Source: J. M. Selig, "Geometric Fundamentals of Robotics", Springer 2005;
 //! coefficients rederived from ad^{2k+1} = (−u)^{k−1}(k ad³ + (k−1) u ad).
 
 use nalgebra::{Matrix3, Vector3};

@@ -1,0 +1,103 @@
+//! First-order change of a settled rod, by the implicit function theorem.
+//!
+//! At an equilibrium g(q, u) = ∂Π/∂q = 0, so a change of a load u moves the strains by
+//!
+//! dq/du = −H⁻¹ ∂g/∂u,   H = ∂²Π/∂q²
+//!
+//! and with it every point of the rod through the screws of its strains. H is factorised once.
+//!
+//! | load u | −∂g/∂u_a, strain a |
+//! |---|---|
+//! | pushing force of tube i | l ∂λ_i/∂q_a, in the elements of its section |
+//! | force component k on a point x | (ω_a × x + v_a)_k, for a upstream of x |
+
+use nalgebra::Vector3;
+
+use super::assemble::{Assembly, Kinematics, screws};
+use super::se3::Twist;
+use super::{Factor, Loads, Rod};
+
+/// A settled rod with what is needed to move it a little.
+pub struct Tangent {
+    /// Poses of all element ends.
+    pub kinematics: Kinematics,
+    /// Spatial screw of every strain: rad and m per unit of strain.
+    pub screws: Vec<Twist>,
+    factor: Factor,
+    /// Number of the first strain of each section, and of the end.
+    first: Vec<usize>,
+}
+
+impl Tangent {
+    /// Linearises the rod at the strains `q`. `None` when the energy does not curve upwards there:
+    /// the state is not stable and its change under a load is not defined. A tip moment is not
+    /// allowed for (it has no energy).
+    pub fn at(rod: &Rod, loads: &Loads, q: &[f64]) -> Option<Self> {
+        let mut assembly = Assembly::default();
+        assembly.evaluate(rod, loads, q, q);
+        let mut factor = Factor::default();
+        if !factor.compute(&assembly.hessian, q.len(), 0.0) {
+            return None;
+        }
+        let (kinematics, screws) = screws(rod, q);
+        let d = rod.strains.indices().len();
+        let mut first = vec![0];
+        for s in &rod.sections {
+            first.push(first[first.len() - 1] + d * s.elements);
+        }
+        Some(Self {
+            kinematics,
+            screws,
+            factor,
+            first,
+        })
+    }
+
+    /// dq per newton of the pushing force of tube `tube` of section `section`.
+    pub fn by_tube(&self, rod: &Rod, q: &[f64], section: usize, tube: usize) -> Vec<f64> {
+        let idx = rod.strains.indices();
+        let s = &rod.sections[section];
+        let r = s.tubes[tube].r_m;
+        let l = s.length_m / s.elements as f64;
+        let mut out = vec![0.0; q.len()];
+        for start in (self.first[section]..self.first[section + 1]).step_by(idx.len()) {
+            let mut xi = s.rest;
+            for (k, &i) in idx.iter().enumerate() {
+                xi[i] = q[start + k];
+            }
+            let kappa = Vector3::new(xi[0], xi[1], xi[2]);
+            // λ = |v + κ × r|; ∂λ/∂κ = r × n, ∂λ/∂v = n
+            let n = (Vector3::new(xi[3], xi[4], xi[5]) + kappa.cross(&r)).normalize();
+            let along = Twist {
+                w: r.cross(&n),
+                v: n,
+            };
+            for (k, &i) in idx.iter().enumerate() {
+                out[start + k] = l * along.get(i);
+            }
+        }
+        self.factor.solve(&mut out);
+        out
+    }
+
+    /// dq per newton of a force along `direction` on a point `x_m` (base frame) fixed to the tip.
+    pub fn by_tip_force(&self, x_m: &Vector3<f64>, direction: &Vector3<f64>) -> Vec<f64> {
+        let mut out: Vec<f64> = self
+            .screws
+            .iter()
+            .map(|s| (s.w.cross(x_m) + s.v).dot(direction))
+            .collect();
+        self.factor.solve(&mut out);
+        out
+    }
+
+    /// Spatial twist of the end of section `section` when the strains move by `dq`: everything
+    /// fixed to that end moves with ω × x + v. `None` for the base gives zero.
+    pub fn end_twist(&self, section: Option<usize>, dq: &[f64]) -> Twist {
+        let end = section.map_or(0, |s| self.first[s + 1]);
+        self.screws[..end]
+            .iter()
+            .zip(dq)
+            .fold(Twist::zero(), |sum, (s, dq)| sum.plus(*dq, s))
+    }
+}

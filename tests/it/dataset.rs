@@ -1,0 +1,86 @@
+//! Data sets made in pieces: shards, and runs that were killed.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use crate::program::{json, scratch, springtwin};
+
+/// Arguments of one data set: loads, forces and deviations on.
+fn generate<'a>(samples: &'a str, seed: &'a str, out: &'a str) -> Vec<&'a str> {
+    let mut args = vec!["dataset", "generate", "--json", "--payload-max", "0.5"];
+    args.extend(["--force", "3", "--deviation", "0.02"]);
+    args.extend(["--samples", samples, "--seed", seed, "--out", out]);
+    args
+}
+
+fn utf8(path: &Path) -> &str {
+    path.to_str().expect("utf-8")
+}
+
+#[test]
+fn sixteen_shards_merge_to_the_bytes_of_one_run() {
+    let dir = scratch("shards");
+    let (whole, merged) = (dir.join("whole.parquet"), dir.join("merged.parquet"));
+    let v = json(&generate("1000", "9", utf8(&whole)));
+    assert_eq!(v["samples"], 1000, "{v}");
+    let shards: Vec<_> = (1..=16).map(|i| dir.join(format!("{i}.parquet"))).collect();
+    for (i, out) in shards.iter().enumerate() {
+        let shard = format!("{}/16", i + 1);
+        let mut args = generate("1000", "9", utf8(out));
+        args.extend(["--shard", &shard]);
+        json(&args);
+    }
+    let mut args = vec!["dataset", "merge", "--json", "--out", utf8(&merged)];
+    args.extend(shards.iter().map(|s| utf8(s)));
+    assert_eq!(json(&args)["samples"], 1000);
+    let read = |p: &Path| std::fs::read(p).expect("data set");
+    assert!(read(&whole) == read(&merged), "the merged file differs");
+    assert!(read(&whole) != read(&shards[0]));
+}
+
+#[test]
+fn a_killed_run_goes_on_to_the_same_bytes() {
+    let dir = scratch("killed-dataset");
+    let (whole, out) = (dir.join("whole.parquet"), dir.join("d.parquet"));
+    json(&generate("6000", "4", utf8(&whole)));
+    let journal = dir.join("d.parquet.resume");
+    let mut run = Command::new(env!("CARGO_BIN_EXE_springtwin"))
+        .args(generate("6000", "4", utf8(&out)))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    // A sample takes more than 400 bytes: some hundred are in.
+    while std::fs::metadata(&journal).map_or(0, |m| m.len()) < 400_000 {
+        let ended = run.try_wait().expect("still there");
+        assert!(
+            ended.is_none(),
+            "ended before it could be killed: {ended:?}"
+        );
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    run.kill().expect("kill");
+    let status = run.wait().expect("wait");
+    assert!(!status.success(), "{status}");
+    assert!(
+        !out.exists(),
+        "a killed run left a file under the final name"
+    );
+
+    // Another seed would mix two data sets: refused, in one sentence, and nothing is lost.
+    let other = springtwin(&generate("6000", "5", utf8(&out)));
+    let text = String::from_utf8_lossy(&other.stderr).trim().to_owned();
+    assert_eq!(other.status.code(), Some(1), "{text}");
+    assert!(
+        text.lines().count() == 1 && text.contains("seed 4") && text.contains("remove the file"),
+        "{text}"
+    );
+
+    let v = json(&generate("6000", "4", utf8(&out)));
+    let taken_over = v["taken_over"].as_u64().expect("taken_over");
+    assert!(taken_over >= 256 && taken_over < 6000, "{v}");
+    let read = |p: &Path| std::fs::read(p).expect("data set");
+    assert!(read(&whole) == read(&out), "the resumed file differs");
+    assert!(!journal.exists(), "the journal is left over");
+}
