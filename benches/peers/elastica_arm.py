@@ -32,7 +32,7 @@ class Simulation:
     def __init__(self, arm: Arm, elements: int, step_s: float, damping_1_s: float, shear: float):
         self.arm, self.n, self.step_s = arm, elements, step_s
         self.rod = rod = _rod(arm, elements, shear)
-        self.unknowns = 6 * 2 * elements
+        self.unknowns = 6 * (2 * elements + 2)  # free nodes and directors
         system = _System()
         system.append(rod)
         system.constrain(rod).using(
@@ -40,7 +40,8 @@ class Simulation:
             constrained_position_idx=(0, 1),
             constrained_director_idx=(0,),
         )
-        system.add_forcing_to(rod).using(_Loads, arm=arm, n=elements, rod=rod)
+        system.constrain(rod).using(_Bellows)
+        system.add_forcing_to(rod).using(_Loads, arm=arm, n=elements)
         if damping_1_s > 0.0:
             system.dampen(rod).using(
                 elastica.AnalyticalLinearDamper,
@@ -87,6 +88,10 @@ class Simulation:
     def tip_m(self) -> np.ndarray:
         """Origin of the end pad."""
         return self.rod.position_collection[:, 2 * self.n + 2].copy()
+
+    def failed(self) -> bool:
+        """An unstable rod shows in its tip."""
+        return False
 
 
 def _rod(arm: Arm, n: int, shear: float):
@@ -137,10 +142,34 @@ def _rod(arm: Arm, n: int, shear: float):
     return rod
 
 
-class _Loads(elastica.NoForces):
-    """Weight, the tension springs, and rigidities held against PyElastica's thinning."""
+class _Bellows(elastica.ConstraintBase):
+    """Holds the rigidities against PyElastica's thinning: its rod keeps its volume, bellows do not."""
 
-    def __init__(self, arm: Arm, n: int, rod):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        rod = self.system
+        self.shear = np.array([rod.shear_matrix[i, i] for i in range(3)])
+        self.bend = np.array([rod.bend_matrix[i, i] for i in range(3)])
+
+    def constrain_values(self, system, time):
+        _hold(
+            self.shear,
+            self.bend,
+            system.position_collection,
+            system.rest_lengths,
+            system.rest_voronoi_lengths,
+            system.shear_matrix,
+            system.bend_matrix,
+        )
+
+    def constrain_rates(self, system, time):
+        pass
+
+
+class _Loads(elastica.NoForces):
+    """Weight and the tension springs."""
+
+    def __init__(self, arm: Arm, n: int):
         super().__init__()
         self.n = n
         turn = np.array([1.0, -1.0])  # from the base's axes to the rod's
@@ -150,8 +179,6 @@ class _Loads(elastica.NoForces):
         self.bottom = np.zeros((2, 6, 3))
         self.bottom[..., :2] = arm.spring_bottom_m * turn
         self.rate, self.free = arm.spring_rate_n_m, arm.spring_free_m
-        self.shear = np.array([rod.shear_matrix[i, i] for i in range(3)])
-        self.bend = np.array([rod.bend_matrix[i, i] for i in range(3)])
 
     def apply_forces(self, system, time=0.0):
         _weight(system.mass, system.external_forces)
@@ -166,34 +193,33 @@ class _Loads(elastica.NoForces):
             system.external_forces,
             system.external_torques,
         )
-        _hold(
-            self.shear,
-            self.bend,
-            system.dilatation,
-            system.voronoi_dilatation,
-            system.shear_matrix,
-            system.bend_matrix,
-        )
 
 
-@njit(cache=True)
+@njit
 def _weight(mass, forces):
     for k in range(mass.shape[0]):
         forces[2, k] -= GRAVITY_M_S2 * mass[k]
 
 
-@njit(cache=True)
-def _hold(shear0, bend0, stretch, hinge_stretch, shear, bend):
-    # PyElastica's rod keeps its volume: its rigidities fall with stretch, by 1/e against stretch and
-    # 1/e³ (per length) against bending. Bellows do not thin: undo it for the next step.
-    for i in range(3):
-        for k in range(stretch.shape[0]):
-            shear[i, i, k] = shear0[i, k] * stretch[k]
-        for k in range(hinge_stretch.shape[0]):
-            bend[i, i, k] = bend0[i, k] * hinge_stretch[k] ** 3
+@njit
+def _hold(shear0, bend0, position, rest, hinge_rest, shear, bend):
+    # PyElastica divides by e against stretch and shear, by e³ against bending and twist.
+    before = 0.0
+    for k in range(rest.shape[0]):
+        x = position[0, k + 1] - position[0, k]
+        y = position[1, k + 1] - position[1, k]
+        z = position[2, k + 1] - position[2, k]
+        length = np.sqrt(x * x + y * y + z * z)
+        for i in range(3):
+            shear[i, i, k] = shear0[i, k] * length / rest[k]
+        if k > 0:
+            hinge = 0.5 * (before + length) / hinge_rest[k - 1]
+            for i in range(3):
+                bend[i, i, k - 1] = bend0[i, k - 1] * hinge**3
+        before = length
 
 
-@njit(cache=True)
+@njit
 def _springs(n, top, bottom, rate, free, position, director, forces, torques):
     a, b, d = np.zeros(3), np.zeros(3), np.zeros(3)
     for s in range(2):
@@ -225,7 +251,7 @@ def _springs(n, top, bottom, rate, free, position, director, forces, torques):
                 _torque(top[s, i], pull, d, above, director, torques)
 
 
-@njit(cache=True)
+@njit
 def _torque(arm, factor, d, element, director, torques):
     # r × Q f in the element's own axes
     f = np.zeros(3)

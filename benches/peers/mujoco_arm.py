@@ -8,6 +8,9 @@ from arm import GRAVITY_M_S2, Arm
 NAME = "MuJoCo"
 VERSION = mujoco.__version__
 
+# Warnings are counted in the data (see `failed`); without this they go to a file beside the user.
+mujoco.set_mju_user_warning(lambda _text: None)
+
 
 class Simulation:
     """One disc per element. Each element bends in its middle (three hinges) and stretches (one slide),
@@ -39,6 +42,10 @@ class Simulation:
         """Origin of the end pad."""
         mujoco.mj_kinematics(self.model, self.data)
         return self.data.xpos[self.tip].copy()
+
+    def failed(self) -> bool:
+        """Whether MuJoCo has given up and started over since `start`."""
+        return any(self.data.warning[w].number > 0 for w in range(len(self.data.warning)))
 
 
 def _xml(arm: Arm, n: int, step_s: float, damping_s: float) -> str:
