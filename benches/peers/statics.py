@@ -46,7 +46,7 @@ WARM_UP = 20  # steps that compile and fill caches
 # The fastest settling that `--tune` found stable at every pose; for MuJoCo also at its default step.
 # With a step and damping of 1 s its motion means nothing any more: every step is one of a Newton
 # method that takes the joints' stiffness for the whole.
-ELASTICA = {"step_s": 4.5e-4, "damping_1_s": 35.0, "shear": 3.0}
+ELASTICA = {"step_s": 4e-4, "damping_1_s": 35.0, "shear": 3.0}
 MUJOCO_DEFAULT = {"step_s": 0.002, "damping_s": 0.07}
 MUJOCO_RELAXED = {"step_s": 1.0, "damping_s": 1.0}
 
