@@ -27,6 +27,8 @@ const CLOSE_ENOUGH: f64 = 0.05;
 /// Sample rates of the drafts that size an effect and of the session that tells the floor, Hz.
 const DRAFT_HZ: f64 = 25.0;
 const FLOOR_HZ: f64 = 10.0;
+/// As much of the healthy session tells the floor, s.
+const FLOOR_S: f64 = 60.0;
 
 /// What a case is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -279,6 +281,7 @@ pub fn floor(robot: &RobotSpec, plan: &SessionPlan) -> Result<Vec<f64>, SessionE
     let healthy = SessionPlan {
         hidden: Vec::new(),
         rate_hz: FLOOR_HZ,
+        seconds: plan.seconds.min(FLOOR_S),
         ..plan.clone()
     };
     let s = generate(robot, &healthy, Noise::On, Fineness::Full)?;
@@ -464,6 +467,29 @@ mod tests {
         let half = case_of(&robot, 4, CaseKind::Single, &[kind], 2.0).expect("drawn");
         let ratio = half.suspect.hidden[0].values[0] / answer.params["mass"].value;
         assert!((0.4..0.6).contains(&ratio), "{ratio}");
+    }
+
+    /// Prints the floors of a rig and how strong usual effects are; asserts nothing.
+    #[test]
+    #[ignore = "prints a table"]
+    fn how_strong_usual_effects_are() {
+        let robot = RobotSpec::reference();
+        let plan = SessionPlan::default();
+        let floor = floor(&robot, &plan).expect("runs");
+        println!("{floor:.6?}");
+        let sizing = Sizing::new(&robot, &plan, floor).expect("runs");
+        for kind in HIDDEN {
+            let target = (kind.scope != Scope::Common).then_some(0);
+            let usual = Hidden::new(kind.id, target, &[]).expect("kind");
+            let sized = sizing.size(&usual, 4.0);
+            println!(
+                "{:24} usual {:.2}, at 4: {:.2} {:?}",
+                kind.id,
+                sizing.strength(&usual),
+                sized.reached,
+                sized.hidden.values
+            );
+        }
     }
 
     #[test]

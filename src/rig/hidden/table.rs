@@ -192,7 +192,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "damping",
-        doc: "A dashpot on an elastic seat (four times the bellows' rate) in each bellows, a fifth \
+        doc: "A dashpot on an elastic seat (2.5 times the bellows' rate) in each bellows, a fifth \
               scattered; the tube between them does not damp: not proportional to stiffness.",
         class: Class::Known,
         side: Side::Mechanics,
@@ -310,7 +310,7 @@ pub const HIDDEN: &[Kind] = &[
     Kind {
         id: "torsion",
         doc: "k_t → f k_t (1 + 0.3 (θ/0.1)²) in place of a constant factor; θ is the twist of the \
-              segment's ends.",
+              segment's ends. Only weight that hangs beside the bent arm twists it: weak at best.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::Segment,
@@ -321,7 +321,7 @@ pub const HIDDEN: &[Kind] = &[
             "",
             1.0,
             [0.1, 10.0],
-            [0.25, 0.6],
+            [0.1, 0.3],
             Geometric,
             Fixed,
         )],

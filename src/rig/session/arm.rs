@@ -17,7 +17,7 @@ use crate::sim::{
 /// Shares and times of the creep's terms.
 const PRONY: [[f64; 2]; 3] = [[0.45, 0.4], [0.35, 1.0], [0.2, 2.5]];
 /// Rate of a dashpot's seat over the bellows' rate.
-const SEAT_RATIO: f64 = 4.0;
+const SEAT_RATIO: f64 = 2.5;
 /// Lengths at which a fold snaps in and out, m.
 const SNAP_M: [f64; 2] = [0.135, 0.150];
 const SNAP_S: f64 = 0.08;
@@ -101,7 +101,7 @@ impl<'a> Arm<'a> {
             },
         };
         let nature = Nature {
-            viscous_s: rng.random_range(0.04..0.07),
+            viscous_s: rng.random_range(0.02..0.03),
             friction: std::array::from_fn(|_| [rng.random_range(0.8..1.6), 6e-3]),
             scatter: std::array::from_fn(|_| 1.0 + 0.08 * normal(&mut rng)),
             side_rad: rng.random_range(0.0..std::f64::consts::TAU),

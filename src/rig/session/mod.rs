@@ -26,6 +26,8 @@ use supply::Supply;
 
 /// Step of the gas, s.
 const GAS_STEP_S: f64 = 0.0025;
+/// Longest step of the arm, s: its memory forces are one step behind.
+const ARM_STEP_S: f64 = 0.02;
 /// Fastest rate of a healthy supply, Pa/s.
 const FLOW_PA_S: f64 = 40e3;
 
@@ -183,8 +185,10 @@ pub fn generate(
         Arm::new(robot, plan.specimen, plan.payload_kg, d, fineness).map_err(failed(0.0))?;
     let mut supply = Supply::new(supply::Fittings::new(plan.specimen), d, plan.seed);
     let mut gauge_rng = sample_rng(plan.seed, 0x6a06);
-    let substeps = (dt_s / GAS_STEP_S).ceil().max(1.0) as usize;
-    let h_s = dt_s / substeps as f64;
+    let arm_steps = (dt_s / ARM_STEP_S - 1e-9).ceil().max(1.0) as usize;
+    let arm_s = dt_s / arm_steps as f64;
+    let gas_steps = (arm_s / GAS_STEP_S - 1e-9).ceil().max(1.0) as usize;
+    let gas_s = arm_s / gas_steps as f64;
     let mut motion = Vec::with_capacity(watched);
     let mut activity_pa_s = Vec::with_capacity(watched);
     let mut out = Session {
@@ -199,12 +203,13 @@ pub fn generate(
     };
     for k in 0..watched {
         let t_s = k as f64 * dt_s;
-        if k > 0 {
-            for j in 0..substeps {
-                let at_s = t_s - dt_s + j as f64 * h_s;
-                supply.step(at_s, &drive.at(at_s), h_s);
+        for step in 0..if k > 0 { arm_steps } else { 0 } {
+            let from_s = t_s - dt_s + step as f64 * arm_s;
+            for j in 0..gas_steps {
+                let at_s = from_s + j as f64 * gas_s;
+                supply.step(at_s, &drive.at(at_s), gas_s);
             }
-            arm.step(t_s, &supply.chamber_pa(), dt_s)
+            arm.step(from_s + arm_s, &supply.chamber_pa(), arm_s)
                 .map_err(failed(t_s))?;
         }
         motion.push(arm.moment());
@@ -223,18 +228,19 @@ pub fn generate(
         }
     }
     let fittings = readings::Fittings::new(plan.specimen);
-    out.sensors = readings::sensors(
+    let seen = readings::Seen {
         robot,
-        &fittings,
-        d,
-        &motion,
-        &activity_pa_s,
+        fittings: &fittings,
+        defects: d,
+        motion: &motion,
+        activity_pa_s: &activity_pa_s,
         n,
         dt_s,
-        plan.seed,
+        seed: plan.seed,
         noise,
-    );
-    out.captured = readings::capture(&fittings, d, &motion, n, dt_s, plan.seed, noise);
+    };
+    out.sensors = readings::sensors(&seen);
+    out.captured = readings::capture(&seen);
     Ok(out)
 }
 

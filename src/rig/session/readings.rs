@@ -70,32 +70,38 @@ fn wander(n: usize, dt_s: f64, tau_s: f64, rng: &mut Pcg64Mcg) -> Vec<f64> {
         .collect()
 }
 
-/// The 24 signals of the first `n` moments; `activity_pa_s` is Σ |dp/dt| at each.
-pub fn sensors(
-    robot: &RobotSpec,
-    fittings: &Fittings,
-    defects: &Defects,
-    motion: &[Moment],
-    activity_pa_s: &[f64],
-    n: usize,
-    dt_s: f64,
-    seed: u64,
-    noise: Noise,
-) -> Vec<SensorVec> {
+/// What the sensors look at.
+pub struct Seen<'a> {
+    pub robot: &'a RobotSpec,
+    pub fittings: &'a Fittings,
+    pub defects: &'a Defects,
+    /// The arm at every sample, and for some time afterwards.
+    pub motion: &'a [Moment],
+    /// Σ |dp/dt| at every sample, Pa/s.
+    pub activity_pa_s: &'a [f64],
+    /// Number of samples of the log.
+    pub n: usize,
+    pub dt_s: f64,
+    pub seed: u64,
+    pub noise: Noise,
+}
+
+/// The 24 signals of every sample.
+pub fn sensors(seen: &Seen) -> Vec<SensorVec> {
+    let &Seen {
+        robot,
+        fittings,
+        defects,
+        motion,
+        n,
+        dt_s,
+        seed,
+        noise,
+        ..
+    } = seen;
     let mut columns = lagged_springs(defects, motion, n, dt_s);
     for i in 0..SPRINGS {
-        read_spring(
-            robot,
-            fittings,
-            defects,
-            motion,
-            activity_pa_s,
-            &mut columns[i],
-            i,
-            dt_s,
-            sample_rng(seed, 0x5b00 + i),
-            noise,
-        );
+        read_spring(seen, &mut columns[i], i);
     }
     let mut out: Vec<SensorVec> = (0..n)
         .map(|k| SensorVec {
@@ -156,19 +162,11 @@ fn lagged_springs(d: &Defects, motion: &[Moment], n: usize, dt_s: f64) -> Vec<Ve
 }
 
 /// One spring's column from its length to its reading.
-fn read_spring(
-    robot: &RobotSpec,
-    fittings: &Fittings,
-    d: &Defects,
-    motion: &[Moment],
-    activity_pa_s: &[f64],
-    column: &mut [f64],
-    i: usize,
-    dt_s: f64,
-    mut rng: Pcg64Mcg,
-    noise: Noise,
-) {
-    let l0 = robot.rest_length_m;
+fn read_spring(seen: &Seen, column: &mut [f64], i: usize) {
+    let (d, dt_s, noise) = (seen.defects, seen.dt_s, seen.noise);
+    let (motion, fittings) = (seen.motion, seen.fittings);
+    let mut rng = sample_rng(seen.seed, 0x5b00 + i);
+    let l0 = seen.robot.rest_length_m;
     let [gain, offset_m] = d.spring_gain[i];
     let [own_gain, own_offset_m] = fittings.spring[i];
     let mut released = sample_rng(rng.random(), i);
@@ -185,7 +183,7 @@ fn read_spring(
         // r τ (1 − e^{−t/τ})
         let warm_s = -WARM_UP_S * (-t_s / WARM_UP_S).exp_m1();
         l += d.spring_drift_m_s[i] * fittings.warmth[i] * warm_s;
-        l += d.interference_m_s_pa * activity_pa_s[k];
+        l += d.interference_m_s_pa * seen.activity_pa_s[k];
         l = own_offset_m + own_gain * l;
         let mut read = l + noise.of(SPRING_NOISE_M) * normal(&mut rng);
         let breaks_free = released.random::<f64>() < dt_s / 12.0;
@@ -211,16 +209,18 @@ pub fn capture_margin_s(d: &Defects, seconds: f64) -> f64 {
     if early > 0.0 { early + 0.1 } else { 0.0 }
 }
 
-/// What the motion capture says of the end pad at the first `n` instants.
-pub fn capture(
-    fittings: &Fittings,
-    d: &Defects,
-    motion: &[Moment],
-    n: usize,
-    dt_s: f64,
-    seed: u64,
-    noise: Noise,
-) -> Vec<Pose> {
+/// What the motion capture says of the end pad at every sample.
+pub fn capture(seen: &Seen) -> Vec<Pose> {
+    let &Seen {
+        fittings,
+        defects: d,
+        motion,
+        n,
+        dt_s,
+        seed,
+        noise,
+        ..
+    } = seen;
     let mut rng = sample_rng(seed, 0xca97);
     let mut clock = sample_rng(seed, 0xc10c);
     let walk = wander(n, dt_s, 15.0, &mut clock);

@@ -41,7 +41,7 @@ impl Fittings {
         let mut rng = sample_rng(specimen, 0x5011);
         Self {
             regulator_s: std::array::from_fn(|_| 0.09 * (1.0 + 0.08 * normal(&mut rng))),
-            line_s: std::array::from_fn(|_| rng.random_range(0.015..0.04)),
+            line_s: std::array::from_fn(|_| rng.random_range(0.008..0.02)),
             gauge: std::array::from_fn(|_| {
                 [1.0 + 1.5e-3 * normal(&mut rng), 30.0 * normal(&mut rng)]
             }),
