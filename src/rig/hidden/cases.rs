@@ -124,13 +124,9 @@ pub fn draw_case(
     strength: f64,
 ) -> Result<Case, SessionError> {
     let mut rng = sample_rng(seed, 0xca5e);
-    let wanted = |class| move |k: &&&Kind| k.class == class;
     let mut one = |from: Vec<&'static Kind>| from[rng.random_range(0..from.len())];
-    let of = |class| {
-        HIDDEN
-            .iter()
-            .filter(|k| wanted(class)(&k))
-            .collect::<Vec<_>>()
+    let of = |class: Class| -> Vec<&'static Kind> {
+        HIDDEN.iter().filter(|k| k.class == class).collect()
     };
     let kinds = match kind {
         CaseKind::Null => Vec::new(),

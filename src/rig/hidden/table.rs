@@ -7,10 +7,6 @@ use Signed::{Fixed, Free};
 
 type Range = [f64; 2];
 
-#[expect(
-    clippy::too_many_arguments,
-    reason = "one line of the table per parameter"
-)]
 const fn m(
     name: &'static str,
     unit: &'static str,
@@ -321,7 +317,7 @@ pub const HIDDEN: &[Kind] = &[
             "",
             1.0,
             [0.1, 10.0],
-            [0.1, 0.3],
+            [0.1, 0.15],
             Geometric,
             Fixed,
         )],

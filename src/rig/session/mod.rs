@@ -203,7 +203,8 @@ pub fn generate(
     };
     for k in 0..watched {
         let t_s = k as f64 * dt_s;
-        for step in 0..if k > 0 { arm_steps } else { 0 } {
+        let steps = if k > 0 { arm_steps } else { 0 };
+        for step in 0..steps {
             let from_s = t_s - dt_s + step as f64 * arm_s;
             for j in 0..gas_steps {
                 let at_s = from_s + j as f64 * gas_s;

@@ -27,7 +27,7 @@ fn clean(plan: &SessionPlan) -> Session {
 fn shown(shows: Shows) -> (std::ops::Range<usize>, [f64; 2]) {
     match shows {
         Shows::Pressure => (0..6, [40.0; 2]),
-        Shows::Pose => (6..12, [0.1e-3, 1e-3]),
+        Shows::Pose => (6..12, [0.1e-3, 0.9e-3]),
         Shows::Springs => (12..24, [0.1e-3; 2]),
         Shows::Imus => (24..36, [4.4e-3; 2]),
     }
