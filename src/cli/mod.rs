@@ -10,6 +10,7 @@ mod gap;
 mod live;
 mod model;
 mod ports;
+mod session;
 mod simulate;
 #[cfg(feature = "gui")]
 mod window;
@@ -62,8 +63,15 @@ enum Command {
     Inspect(files::InspectArgs),
     /// Check adapter, ports, viewer and files, and say what to do
     Doctor,
-    /// The virtual rig on a pseudo-terminal, speaking the wire protocol; prints the port
-    Rig(live::RigArgs),
+    /// The virtual rig on a pseudo-terminal, speaking the wire protocol (prints the port); or a
+    /// session of it, made offline
+    #[command(args_conflicts_with_subcommands = true)]
+    Rig {
+        #[command(flatten)]
+        live: live::RigArgs,
+        #[command(subcommand)]
+        offline: Option<Offline>,
+    },
     /// A picture of a screen, made without a window
     #[cfg(feature = "gui")]
     Screenshot(window::ScreenshotArgs),
@@ -74,6 +82,15 @@ enum Command {
     },
     /// Print the man page (roff)
     Man,
+}
+
+/// What the virtual rig does without a pseudo-terminal.
+#[derive(Subcommand)]
+enum Offline {
+    /// Write a session log of the virtual rig, with anything hidden in it
+    Session(session::SessionArgs),
+    /// List what can be hidden in a session
+    Effects,
 }
 
 /// What a command has to say: for people, and for scripts.
@@ -185,7 +202,11 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Record(a)) => live::record(a, cli.robot.as_deref(), &robot),
         Some(Command::Inspect(a)) => files::inspect_command(a),
         Some(Command::Doctor) => files::doctor(&robot),
-        Some(Command::Rig(a)) => live::rig(a, &robot),
+        Some(Command::Rig { live, offline }) => match offline {
+            None => live::rig(live, &robot),
+            Some(Offline::Session(a)) => session::run(a, &robot),
+            Some(Offline::Effects) => Ok(session::effects()),
+        },
         Some(Command::Completions { shell }) => {
             clap_complete::generate(
                 *shell,

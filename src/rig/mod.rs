@@ -6,10 +6,12 @@
 
 pub mod board;
 pub mod circuit;
+pub mod hidden;
 pub mod inertial;
 pub mod plant;
 #[cfg(unix)]
 pub mod pty;
+pub mod session;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -23,6 +25,7 @@ use board::{Board, BoardSetup, Readings, SpringReading};
 use circuit::{Circuit, USUAL_SCATTER};
 use inertial::{Inertial, InertialErrors};
 pub use plant::{Plant, Surroundings, Unit};
+pub use session::{Session, SessionPlan, session};
 
 /// Period of the physics and of all sensors, s.
 pub const PHYSICS_STEP_S: f64 = 0.01;

@@ -1,0 +1,248 @@
+//! `rig session`: a session of the virtual rig, made offline, with anything hidden in it.
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use serde_json::json;
+
+use super::{Report, args};
+use springtwin::recording::{SessionLog, write_session};
+use springtwin::rig::hidden::cases::Answer;
+use springtwin::rig::hidden::{HIDDEN, Hidden};
+use springtwin::rig::session::Excitation;
+use springtwin::rig::{Session, SessionPlan, session};
+use springtwin::robot::RobotSpec;
+
+#[derive(Args)]
+pub struct SessionArgs {
+    /// Folder for log.csv and session.toml
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Length, s
+    #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
+    seconds: f64,
+    /// Samples per second
+    #[arg(long, value_name = "HZ", default_value = "50", value_parser = args::not_negative)]
+    rate: f64,
+    /// Seed of the commands and of the noise
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// Which manufactured rig
+    #[arg(long, value_name = "N", default_value = "1")]
+    specimen: u64,
+    /// How it is moved: mixed, holds, steps, loads, reversals, sines, single, axial or still
+    #[arg(long, value_name = "NAME", default_value = "mixed", value_parser = excitation)]
+    excitation: Excitation,
+    /// Mass in the gripper, kg (the operator knows of it)
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    payload: f64,
+    /// Hide an effect: id, channel (1-based, all without it), values in SI units (usual ones without
+    /// them)
+    #[arg(long, value_name = "ID[:TARGET][=VALUE,..]", value_parser = hidden)]
+    hide: Vec<Hidden>,
+    /// Write what is hidden to this file
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+}
+
+fn excitation(text: &str) -> Result<Excitation, String> {
+    Excitation::from_name(text).ok_or_else(|| {
+        let names = Excitation::ALL.map(Excitation::name).join(", ");
+        format!("there is no excitation '{text}': choose from {names}")
+    })
+}
+
+fn hidden(text: &str) -> Result<Hidden, String> {
+    let (what, values) = text.split_once('=').unwrap_or((text, ""));
+    let (id, target) = what.split_once(':').unwrap_or((what, ""));
+    let target = match target {
+        "" => None,
+        number => Some(
+            number
+                .parse::<usize>()
+                .ok()
+                .and_then(|n| n.checked_sub(1))
+                .ok_or_else(|| format!("'{number}' is not a channel: count from 1"))?,
+        ),
+    };
+    let values: Vec<f64> = match values {
+        "" => Vec::new(),
+        list => list
+            .split(',')
+            .map(|v| {
+                v.trim()
+                    .parse()
+                    .map_err(|_| format!("'{v}' is not a number"))
+            })
+            .collect::<Result<_, String>>()?,
+    };
+    Hidden::new(id, target, &values).map_err(|e| e.to_string())
+}
+
+/// A session of the rig as a session log.
+pub fn log_of(s: Session) -> SessionLog {
+    SessionLog {
+        name: s.name,
+        rate_hz: s.rate_hz,
+        payload_kg: s.payload_kg,
+        t_s: s.t_s,
+        chamber_pa: s.chamber_pa,
+        sensors: s.sensors,
+        truth: s.captured.into_iter().map(Some).collect(),
+        commanded_pa: Some(s.commanded_pa),
+        payload_column_kg: None,
+        hash: String::new(),
+    }
+}
+
+/// `rig session`.
+pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
+    args::payload_in_range(robot, a.payload)?;
+    // The answer must not lie beside the question.
+    if let Some(truth) = &a.truth {
+        let folder = truth.parent().unwrap_or_else(|| std::path::Path::new(""));
+        let inside = std::path::absolute(folder)?.starts_with(std::path::absolute(&a.out)?);
+        anyhow::ensure!(
+            !inside,
+            "the answer {} would lie in the session's folder: name a place outside of it",
+            truth.display()
+        );
+    }
+    // The folder's name, so that the name tells nothing of what is hidden.
+    let name = a.out.file_name().unwrap_or_default().to_string_lossy();
+    let plan = SessionPlan {
+        name: name.into_owned(),
+        seed: a.seed,
+        specimen: a.specimen,
+        seconds: a.seconds,
+        rate_hz: a.rate,
+        excitation: a.excitation,
+        payload_kg: a.payload,
+        hidden: a.hide.clone(),
+    };
+    let log = log_of(session(robot, &plan)?);
+    write_session(&a.out, &log)?;
+    if let Some(path) = &a.truth {
+        let answers: Vec<Answer> = a.hide.iter().map(Answer::new).collect();
+        let text = serde_json::to_string_pretty(&json!({
+            "specimen": a.specimen, "seed": a.seed, "effects": answers,
+        }))?;
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(Report {
+        text: format!(
+            "{} samples of a simulated rig in {}",
+            log.len(),
+            a.out.display()
+        ),
+        json: json!({
+            "samples": log.len(), "seconds": a.seconds, "rate_hz": a.rate,
+            "excitation": a.excitation.name(), "simulated": true,
+        }),
+    })
+}
+
+/// `rig effects`: what can be hidden.
+pub fn effects() -> Report {
+    let mut text = String::from("What `rig session --hide` can hide (values in SI units):");
+    let mut list = Vec::new();
+    for kind in HIDDEN {
+        let names: Vec<String> = kind
+            .magnitudes
+            .iter()
+            .map(|m| match m.unit {
+                "" => m.name.to_owned(),
+                unit => format!("{} ({unit})", m.name),
+            })
+            .collect();
+        text.push_str(&format!("\n{}={}: {}", kind.id, names.join(","), kind.doc));
+        list.push(json!({
+            "id": kind.id, "class": format!("{:?}", kind.class).to_lowercase(), "doc": kind.doc,
+            "params": kind.magnitudes.iter().map(|m| json!({
+                "name": m.name, "unit": m.unit, "none": m.none, "bounds": m.bounds, "usual": m.usual,
+            })).collect::<Vec<_>>(),
+        }));
+    }
+    Report {
+        text,
+        json: json!({ "hidden": list }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_to_hide_is_parsed_and_refused_with_reason() {
+        let h = hidden("spring-calibration:10=0.93,0.002").expect("fits");
+        assert_eq!((h.id, h.target), ("spring-calibration", Some(9)));
+        assert_eq!(h.values, [0.93, 0.002]);
+        assert!(hidden("payload").is_ok_and(|h| h.target.is_none() && h.values[0] > 0.0));
+        assert!(hidden("clock-offset=-0.4").is_ok_and(|h| h.values == [-0.4]));
+        for (text, said) in [
+            ("nonsense", "no hidden effect"),
+            ("leak:7", "there are 6"),
+            ("leak:0", "count from 1"),
+            ("leak:1=x", "not a number"),
+            ("leak:1=99", "must lie in"),
+            ("leak:1=0.1,0.2", "1 parameters"),
+        ] {
+            let e = hidden(text).expect_err(text);
+            assert!(e.contains(said), "{text}: {e}");
+        }
+    }
+
+    #[test]
+    fn the_live_rig_keeps_its_options_beside_the_offline_ones() {
+        use clap::{CommandFactory as _, Parser as _};
+        crate::cli::Cli::command().debug_assert();
+        for line in [
+            "springtwin rig --link /tmp/arm --seed 3",
+            "springtwin rig session --out a --seed 3 --hide leak:2 --hide payload=0.2",
+            "springtwin rig effects",
+        ] {
+            assert!(
+                crate::cli::Cli::try_parse_from(line.split(' ')).is_ok(),
+                "{line}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_folder_holds_the_log_alone_and_the_same_bytes_every_time() {
+        let dir = std::env::temp_dir().join(format!("springtwin-session-{}", std::process::id()));
+        let args = |out: &str, truth: &str| SessionArgs {
+            out: dir.join(out),
+            seconds: 4.0,
+            rate: 25.0,
+            seed: 3,
+            specimen: 2,
+            excitation: Excitation::Steps,
+            payload: 0.0,
+            hide: vec![hidden("hysteresis").expect("kind")],
+            truth: Some(dir.join(truth)),
+        };
+        let robot = RobotSpec::reference();
+        for out in ["one/x", "two/x"] {
+            run(&args(out, "answer.json"), &robot).expect("writes");
+        }
+        let mut names: Vec<_> = std::fs::read_dir(dir.join("one/x"))
+            .expect("there")
+            .map(|e| e.expect("entry").file_name())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["log.csv", "session.toml"]);
+        for name in names {
+            let read = |d: &str| std::fs::read(dir.join(d).join("x").join(&name)).expect("reads");
+            assert_eq!(read("one"), read("two"));
+            assert!(!String::from_utf8_lossy(&read("one")).contains("hysteresis"));
+        }
+        let answer = std::fs::read_to_string(dir.join("answer.json")).expect("there");
+        assert!(answer.contains("\"hysteresis\""));
+        let refused = run(&args("one/x", "one/x/answer.json"), &robot).expect_err("inside");
+        assert!(refused.to_string().contains("outside"));
+        std::fs::remove_dir_all(&dir).expect("cleans up");
+    }
+}
