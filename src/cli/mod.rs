@@ -8,6 +8,8 @@ mod data;
 mod files;
 mod live;
 mod model;
+#[cfg(feature = "gui")]
+mod picture;
 mod ports;
 mod simulate;
 #[cfg(feature = "gui")]

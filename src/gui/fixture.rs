@@ -159,9 +159,8 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             limits,
         )),
         shape: Some(Arc::new(shape)),
-        alarms: Vec::new(),
         payload_kg: 0.035,
-        recording: None,
+        ..Snapshot::default()
     }
 }
 
