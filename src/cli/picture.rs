@@ -1,8 +1,10 @@
 //! Pictures of the arm at rest, by either simulator.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::scene::{Picking, Scene, SceneInput, Theme};
@@ -75,6 +77,8 @@ pub fn arm(
 ) -> Result<image::RgbaImage> {
     let (title, details) = caption(snapshot);
     let palette = Palette::of(theme);
+    // Between ceiling plate and floor there is more room than the arm needs.
+    scene.camera.distance_m *= 0.82;
     let picture = offscreen.render(|ui| {
         let bar = egui::Frame::new()
             .fill(palette.panel)
@@ -119,6 +123,21 @@ fn caption(snapshot: &Snapshot) -> (String, String) {
         details.push_str(&format!(", {:.0} g", snapshot.payload_kg * 1e3));
     }
     (title.to_owned(), details)
+}
+
+/// Writes a picture as small as PNG makes it; a window is opaque, so its alpha says nothing.
+pub fn save(picture: image::RgbaImage, out: &Path) -> Result<()> {
+    let refused = || format!("cannot write {}", out.display());
+    let file = std::fs::File::create(out).with_context(refused)?;
+    let encoder = PngEncoder::new_with_quality(
+        std::io::BufWriter::new(file),
+        CompressionType::Best,
+        FilterType::Adaptive,
+    );
+    image::DynamicImage::ImageRgba8(picture)
+        .into_rgb8()
+        .write_with_encoder(encoder)
+        .with_context(refused)
 }
 
 #[cfg(test)]

@@ -362,9 +362,7 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
         }
         _ => offscreen.render(|ui| app.frame(ui))?,
     };
-    picture
-        .save(&a.out)
-        .with_context(|| format!("cannot write {}", a.out.display()))?;
+    picture::save(picture, &a.out)?;
     Ok(Report {
         text: format!("{} ({}x{})", a.out.display(), pixels[0], pixels[1]),
         json: json!({"out": a.out, "width": pixels[0], "height": pixels[1]}),

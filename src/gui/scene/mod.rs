@@ -455,7 +455,7 @@ impl Scene {
         }
         overlay::paint_labels(&painter, &stage, &palette, input);
         overlay::paint_triad(&painter, &stage, &palette);
-        overlay::paint_scale(&painter, &stage, &palette, &self.robot);
+        overlay::paint_scale(&painter, &stage, &palette, &self.robot, input.theme);
         if let (Some(entity), Some(at)) = (output.hovered, pointer) {
             let text = entity.label(input.snapshot);
             let ink = overlay::colour(palette.ink);

@@ -45,7 +45,7 @@ impl Composer<'_> {
     /// Rings and rows of one column. The simulator's triangles come in pairs that share a diagonal, from the
     /// upper ring (a, b) to the lower one (d, e): (a, d, e) and (a, e, b).
     fn mesh_lines(&mut self, skin: &Skin, vertices: &[Vertex], range: std::ops::Range<usize>) {
-        let colour = with_alpha(self.palette.fixture, 0.55);
+        let colour = with_alpha(self.palette.fixture, 0.42);
         let at = |i: u32| {
             let v = &vertices[i as usize];
             Vec3::from(v.position) + Vec3::from(v.normal) * LIFT_M
