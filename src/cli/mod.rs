@@ -9,6 +9,8 @@ mod files;
 mod gap;
 mod live;
 mod model;
+#[cfg(feature = "gui")]
+mod picture;
 mod ports;
 mod session;
 mod simulate;

@@ -4,20 +4,21 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::live::{Kind, board_config, rig_options};
 use super::ports::{InProcess, SerialRig};
-use super::{Report, args, model};
+use super::simulate::Simulator;
+use super::{Report, args, model, picture};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::panels::Screen;
 use springtwin::gui::scene::Scene;
 use springtwin::gui::{App, RecordingEntry, Services, services::ready};
 use springtwin::recording::{inspect, read_rrd, read_session};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{Goal, Snapshot, Trace};
+use springtwin::signal::{CHAMBERS, Goal, Snapshot, Trace};
 use springtwin::twin::{Command, Port, Runner, Twin, run_in_simulated_time, spawn};
 
 /// Points of the reachable set that the view shows.
@@ -284,10 +285,27 @@ pub struct ScreenshotArgs {
     /// Preview this target, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
     preview: Option<[f64; 3]>,
+    /// Draw the arm by this simulator
+    #[arg(long, value_enum, default_value_t = Simulator::Rod, conflicts_with = "recording")]
+    simulator: Simulator,
+    /// Show the arm at rest under six gauge pressures instead of the virtual rig, kPa
+    #[arg(
+        long,
+        value_name = "P1,..,P6",
+        value_parser = args::six_kpa,
+        allow_hyphen_values = true,
+        conflicts_with_all = ["recording", "preview"]
+    )]
+    pressures: Option<[f64; CHAMBERS]>,
+    /// Mass in the gripper with --pressures, kg
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative, requires = "pressures")]
+    payload: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ScreenName {
+    /// The arm alone, with its pressures
+    Arm,
     Operate,
     Sensors,
     Accuracy,
@@ -300,16 +318,21 @@ enum ThemeName {
     Dark,
 }
 
-/// `screenshot`: a screen with twelve seconds of the virtual rig (or a recording) in it.
+/// `screenshot`: a screen with twelve seconds of the virtual rig, a recording, or the arm at rest in it.
 pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
+    args::payload_in_range(robot, a.payload)?;
     let maps = model::maps(None)?;
     let reachable = hull(&maps);
-    let snapshots: Vec<Snapshot> = match &a.recording {
-        Some(path) => load(path).map_err(anyhow::Error::msg)?.snapshots,
-        None => demonstration(robot, maps, a.preview)?,
+    let mut snapshots: Vec<Snapshot> = match (&a.recording, &a.pressures) {
+        (Some(path), _) => load(path).map_err(anyhow::Error::msg)?.snapshots,
+        (None, Some(chamber_pa)) => vec![picture::at_rest(robot, chamber_pa, a.payload)?],
+        (None, None) => demonstration(robot, maps, a.preview)?,
     };
+    if let (Simulator::Mesh, Some(last)) = (a.simulator, snapshots.last_mut()) {
+        picture::show_mesh(robot, last)?;
+    }
     let screen = match a.screen {
-        ScreenName::Operate => Screen::Operate,
+        ScreenName::Arm | ScreenName::Operate => Screen::Operate,
         ScreenName::Sensors => Screen::Sensors,
         ScreenName::Accuracy => Screen::Accuracy,
         ScreenName::Recordings => Screen::Recordings,
@@ -331,10 +354,15 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     if let Some(target_m) = a.preview {
         app.operate.draft.set(target_m, &mut Vec::new());
     }
-    let picture = offscreen.render(|ui| app.frame(ui))?;
-    picture
-        .save(&a.out)
-        .with_context(|| format!("cannot write {}", a.out.display()))?;
+    let picture = match (a.screen, snapshots.last()) {
+        (ScreenName::Arm, Some(last)) => {
+            offscreen.context.set_theme(theme);
+            let scene = Scene::new(offscreen.render_state(), robot);
+            picture::arm(&mut offscreen, scene, theme, last)?
+        }
+        _ => offscreen.render(|ui| app.frame(ui))?,
+    };
+    picture::save(picture, &a.out)?;
     Ok(Report {
         text: format!("{} ({}x{})", a.out.display(), pixels[0], pixels[1]),
         json: json!({"out": a.out, "width": pixels[0], "height": pixels[1]}),

@@ -7,8 +7,8 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use crate::robot::RobotSpec;
 use crate::signal::{
     ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, LinkStatus, Matrix6,
-    Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SPRINGS, SensorFrame, SensorVec,
-    Snapshot, Stamp, Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
+    MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SPRINGS, SensorFrame,
+    SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
 };
 
 // A few-sine stand-in for noise: deterministic, mean near zero, amplitude 1.
@@ -159,9 +159,47 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             limits,
         )),
         shape: Some(Arc::new(shape)),
-        alarms: Vec::new(),
         payload_kg: 0.035,
-        recording: None,
+        ..Snapshot::default()
+    }
+}
+
+/// A skin of plain cylinders around a snapshot's bellows and tubes, on the snapshot's shape.
+pub fn mesh(of: &Snapshot) -> MeshShape {
+    const SECTORS: usize = 12;
+    let spec = RobotSpec::reference();
+    let shape = of.shape.as_deref().cloned().unwrap_or_default();
+    let mut skin = Skin::default();
+    for column in 0..CHAMBERS + 2 {
+        let (segment, centre, radius_m) = if column < CHAMBERS {
+            let radius_m = 0.5 * spec.bellows_outer_diameter_m;
+            (column / 3, spec.bellows_m[column], radius_m)
+        } else {
+            (column - CHAMBERS, Vector3::zeros(), 0.01)
+        };
+        let first = skin.triangles.len();
+        for (layer, frame) in shape.base_from_section[segment].iter().enumerate() {
+            for j in 0..SECTORS {
+                let a = std::f64::consts::TAU * j as f64 / SECTORS as f64;
+                let out = Vector3::new(a.cos(), a.sin(), 0.0);
+                let at = frame * nalgebra::Point3::from(centre + out * radius_m);
+                if layer > 0 {
+                    let here = skin.positions_m.len() - j;
+                    let id = |back: usize, j: usize| (here - back * SECTORS + j % SECTORS) as u32;
+                    let (a, b, d, e) = (id(1, j), id(1, j + 1), id(0, j), id(0, j + 1));
+                    skin.triangles.extend([[a, d, e], [a, e, b]]);
+                }
+                skin.positions_m.push(at.coords.into());
+                skin.normals.push((frame.rotation * out).into());
+            }
+        }
+        skin.columns.push(first..skin.triangles.len());
+    }
+    MeshShape {
+        stamp: of.stamp,
+        shape,
+        skin,
+        apart_m: Some(4.2e-3),
     }
 }
 

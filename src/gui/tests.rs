@@ -14,7 +14,7 @@ use super::panels::player::Player;
 use super::services::{RecordingEntry, Services, ready};
 use crate::robot::RobotSpec;
 use crate::signal::{
-    Alarm, ChannelHealth, Goal, Mode, ReachState, Severity, Snapshot, Stamp, TruthSource,
+    Alarm, ChannelHealth, Goal, Mode, ReachState, Severity, Simulator, Snapshot, Stamp, TruthSource,
 };
 use crate::twin::{Command, Event, Handle};
 
@@ -274,6 +274,37 @@ fn safe_shows_its_reason_and_a_reset() {
     press(&mut h, "Reset");
     assert_eq!(twin.taken(), [Command::Reset]);
     assert!(is_disabled(&h, "▮▮ HOLD"));
+}
+
+#[test]
+fn the_simulator_is_switched_by_a_command_and_its_state_is_told() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    press(&mut h, "Rod");
+    assert_eq!(twin.taken(), [], "the rod model is shown already");
+    press(&mut h, "Mesh");
+    assert_eq!(twin.taken(), [Command::Show(Simulator::Mesh)]);
+    let mut s = fixture::snapshot(1.1);
+    s.simulator = Simulator::Mesh;
+    twin.publish(s.clone());
+    h.run();
+    h.get_by_label_contains("The mesh is being built");
+    s.mesh = Some(Arc::new(fixture::mesh(&s)));
+    twin.publish(s.clone());
+    h.run();
+    h.get_by_label("4.2 mm from the rod model");
+    let trouble = "The mesh is 1.2 s old: this computer does not keep up with the arm.";
+    s.mesh_trouble = Some(trouble.into());
+    twin.publish(s);
+    h.run();
+    h.get_by_label(&format!("▲ {trouble}"));
+    press(&mut h, "Rod");
+    assert_eq!(twin.taken(), [Command::Show(Simulator::Rod)]);
+    // In a replay the switch is off.
+    let mut player = Player::new(fixture::trace("circle", 4)).expect("not empty");
+    player.playing = false;
+    h.state_mut().player = Some(player);
+    h.run();
+    assert!(is_disabled(&h, "Mesh"));
 }
 
 #[test]

@@ -3,7 +3,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ArmShape, BOARDS, Goal, Matrix6, Pose, PressureCommand, RawFrame, SensorFrame, SensorRef, Stamp,
+    ArmShape, BOARDS, Goal, Matrix6, MeshShape, Pose, PressureCommand, RawFrame, SensorFrame,
+    SensorRef, Simulator, Stamp,
 };
 
 /// Where the tip is, as the sensors tell it.
@@ -153,12 +154,36 @@ pub struct Snapshot {
     pub command: Option<PressureCommand>,
     /// Shape by the twin's own model at the measured pressures.
     pub shape: Option<Arc<ArmShape>>,
+    /// Which simulator the operator wants to see.
+    pub simulator: Simulator,
+    /// Newest shape by the geometric simulator, while that one is shown.
+    pub mesh: Option<Arc<MeshShape>>,
+    /// Why `mesh` is missing or stale: one sentence.
+    pub mesh_trouble: Option<String>,
     /// What is abnormal now, most urgent first.
     pub alarms: Vec<Alarm>,
     /// Mass the operator declared to be in the gripper, kg.
     pub payload_kg: f64,
     /// Name of the recording being written, if any.
     pub recording: Option<String>,
+}
+
+impl Snapshot {
+    /// The geometric simulator's shape, if that is what the operator sees.
+    pub fn shown_mesh(&self) -> Option<&MeshShape> {
+        match self.simulator {
+            Simulator::Rod => None,
+            Simulator::Mesh => self.mesh.as_deref(),
+        }
+    }
+
+    /// The shape to draw: by the simulator the operator wants to see, or by the rod model until that has one.
+    pub fn shown_shape(&self) -> Option<&ArmShape> {
+        match self.shown_mesh() {
+            Some(mesh) => Some(&mesh.shape),
+            None => self.shape.as_deref(),
+        }
+    }
 }
 
 /// Snapshots on a time base: a recording or a log in memory.

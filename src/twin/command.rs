@@ -2,7 +2,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
-use crate::signal::{Goal, Gripper, Snapshot, Stamp};
+use crate::signal::{Goal, Gripper, Simulator, Snapshot, Stamp};
 
 /// What the operator (or a script) asks of the twin.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +31,8 @@ pub enum Command {
     DeclarePayload(f64),
     /// Open or close the gripper.
     Grip(Gripper),
+    /// Draw the arm by this simulator. Nothing moves.
+    Show(Simulator),
     /// Record to this file.
     StartRecording(PathBuf),
     /// Close the recording.

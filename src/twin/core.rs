@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::{Command, Event};
+use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
     Controller, ControllerKind, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput,
     reach,
@@ -15,7 +15,8 @@ use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
     Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus,
-    Mode, PressureCommand, RawFrame, Reach, SensorFrame, SensorRef, Severity, Snapshot, Stamp,
+    MeshShape, Mode, PressureCommand, RawFrame, Reach, SensorFrame, SensorRef, Severity, Simulator,
+    Snapshot, Stamp,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
 use crate::task::{Goto, GotoState};
@@ -32,6 +33,10 @@ const LOSS_MIN_FRAMES: u64 = 50;
 const SPRINGS_NEEDED: usize = 9;
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
+/// The mesh is asked for at most this often, s: it takes about half of that on one core.
+const MESH_PERIOD_S: f64 = 0.1;
+/// A mesh older than this is called stale, s.
+const MESH_STALE_S: f64 = 0.5;
 
 /// The maps that a twin works with.
 #[derive(Clone)]
@@ -63,6 +68,10 @@ pub struct Twin {
     shape_state: State,
     shape: Option<Arc<ArmShape>>,
     shape_at: Option<Stamp>,
+    simulator: Simulator,
+    mesh: Option<Arc<MeshShape>>,
+    mesh_failure: Option<String>,
+    mesh_at: Option<Stamp>,
     now: Stamp,
     phase: Phase,
     link: LinkStatus,
@@ -105,6 +114,10 @@ impl Twin {
             shape_state,
             shape: None,
             shape_at: None,
+            simulator: Simulator::default(),
+            mesh: None,
+            mesh_failure: None,
+            mesh_at: None,
             now: Stamp::ZERO,
             phase: Phase::Disarmed,
             link: LinkStatus::default(),
@@ -163,6 +176,50 @@ impl Twin {
         self.recording = name;
     }
 
+    /// What the geometric simulator shall settle, if it is shown and its shape is due.
+    pub fn mesh_question(&mut self) -> Option<MeshQuestion> {
+        let waited_s = self.mesh_at.map(|t| self.now.since(t));
+        if self.simulator == Simulator::Rod || waited_s.is_some_and(|t| t < MESH_PERIOD_S) {
+            return None;
+        }
+        let inputs = self.drawn_inputs()?;
+        self.mesh_at = Some(self.now);
+        Some(MeshQuestion {
+            stamp: self.now,
+            inputs,
+        })
+    }
+
+    /// What the geometric simulator found. A failure keeps the last good shape.
+    pub fn observe_mesh(&mut self, answer: MeshAnswer) {
+        if self.simulator == Simulator::Rod {
+            return;
+        }
+        match answer {
+            Ok(mesh) => {
+                self.mesh = Some(Arc::new(mesh));
+                self.mesh_failure = None;
+            }
+            Err(reason) => self.mesh_failure = Some(reason),
+        }
+    }
+
+    /// Why the mesh is missing or stale. Nothing while the first one is in work.
+    fn mesh_trouble(&self) -> Option<String> {
+        let age_s = self.mesh.as_ref().map(|m| self.now.since(m.stamp));
+        match (age_s, &self.mesh_failure) {
+            (None, None) => None,
+            (None, Some(reason)) => Some(format!("The rod model is drawn, because {reason}.")),
+            (Some(age_s), Some(reason)) => {
+                Some(format!("The mesh is {age_s:.1} s old, because {reason}."))
+            }
+            (Some(age_s), None) if age_s > MESH_STALE_S => Some(format!(
+                "The mesh is {age_s:.1} s old: this computer does not keep up with the arm."
+            )),
+            (Some(_), None) => None,
+        }
+    }
+
     /// Whether the boards must be told to stop.
     pub fn is_safe(&self) -> bool {
         matches!(self.phase, Phase::Safe(_))
@@ -187,6 +244,9 @@ impl Twin {
             sensor_ref: self.sensor_ref,
             command: self.command.clone(),
             shape: self.shape.clone(),
+            simulator: self.simulator,
+            mesh: self.mesh.clone(),
+            mesh_trouble: self.mesh_trouble(),
             alarms: self.alarms.clone(),
             payload_kg: self.payload_kg,
             recording: self.recording.clone(),
@@ -450,6 +510,14 @@ impl Twin {
                 }
             }
             Command::Grip(gripper) => self.gripper = *gripper,
+            Command::Show(simulator) => {
+                self.simulator = *simulator;
+                self.mesh_at = None;
+                self.mesh_failure = None;
+                if *simulator == Simulator::Rod {
+                    self.mesh = None;
+                }
+            }
             // Files belong to whoever runs the twin.
             Command::StartRecording(_) | Command::StopRecording => {}
         }
@@ -603,6 +671,16 @@ impl Twin {
         Some(command)
     }
 
+    /// What acts on the drawn arm: the measured pressures and the declared payload.
+    fn drawn_inputs(&self) -> Option<Inputs> {
+        let sensors = self.sensors.as_ref()?;
+        Some(Inputs {
+            chamber_pa: sensors.chamber_pa,
+            payload_kg: self.payload_kg,
+            ..Inputs::default()
+        })
+    }
+
     /// The shape by the twin's own model at the measured pressures, at drawing rate.
     fn draw(&mut self) {
         if self
@@ -611,13 +689,10 @@ impl Twin {
         {
             return;
         }
-        let Some(sensors) = &self.sensors else { return };
-        self.shape_at = Some(self.now);
-        let inputs = Inputs {
-            chamber_pa: sensors.chamber_pa,
-            payload_kg: self.payload_kg,
-            ..Inputs::default()
+        let Some(inputs) = self.drawn_inputs() else {
+            return;
         };
+        self.shape_at = Some(self.now);
         // A load that the model cannot hold keeps the last shape on screen.
         if settle(&self.model, &mut self.shape_state, &inputs).is_ok() {
             self.shape = Some(Arc::new(observe(&self.model, &self.shape_state).shape));

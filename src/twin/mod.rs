@@ -2,10 +2,13 @@
 
 mod command;
 mod core;
+mod mesh;
+mod newest;
 mod runner;
 
 pub use command::{Command, Event, Handle};
 pub use core::{Maps, Twin};
+pub use mesh::{MeshAnswer, MeshQuestion, MeshSolver};
 pub use runner::{
     Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,
     spawn,

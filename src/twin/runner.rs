@@ -5,7 +5,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use super::{Command, Event, Handle, Twin};
+use super::mesh::mesh_worker;
+use super::newest::Newest;
+use super::{Command, Event, Handle, MeshAnswer, MeshQuestion, Twin};
 use crate::recording::{ArmDrawing, Recorder, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
@@ -49,6 +51,8 @@ pub struct Runner {
     port: Box<dyn Port>,
     robot: RobotSpec,
     recorder: Option<(PathBuf, Recorder)>,
+    /// Started when the mesh is shown for the first time.
+    pub(super) mesh: Option<Newest<MeshQuestion, MeshAnswer>>,
     was_safe: bool,
 }
 
@@ -60,6 +64,7 @@ impl Runner {
             port,
             robot: robot.clone(),
             recorder: None,
+            mesh: None,
             was_safe: false,
         }
     }
@@ -106,6 +111,7 @@ impl Runner {
         for event in &events {
             log::info!("{:9.3} s  {}", now.seconds(), event.text());
         }
+        self.exchange_mesh();
         let snapshot = Arc::new(self.twin.snapshot());
         if let Some((_, recorder)) = &self.recorder {
             recorder.push(Arc::clone(&snapshot));
@@ -114,6 +120,27 @@ impl Runner {
             }
         }
         (snapshot, events)
+    }
+
+    /// Hands the mesh's thread its next question and fetches what it has found; waits for nothing.
+    fn exchange_mesh(&mut self) {
+        if let Some(question) = self.twin.mesh_question() {
+            if self.mesh.is_none() {
+                match mesh_worker(&self.robot) {
+                    Ok(worker) => self.mesh = Some(worker),
+                    Err(e) => {
+                        let reason = format!("a thread for the mesh cannot be started ({e})");
+                        self.twin.observe_mesh(Err(reason));
+                    }
+                }
+            }
+            if let Some(worker) = &self.mesh {
+                worker.ask(question);
+            }
+        }
+        if let Some(answer) = self.mesh.as_ref().and_then(Newest::answer) {
+            self.twin.observe_mesh(answer);
+        }
     }
 
     fn start_recording(

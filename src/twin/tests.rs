@@ -10,8 +10,8 @@ use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::{
-    CHAMBERS, Goal, GroundTruth, ImuRaw, LinkStatus, Mode, Pose, RawFrame, SIGNALS, Stamp,
-    TruthSource,
+    CHAMBERS, Goal, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame, SIGNALS,
+    Simulator, Stamp, TruthSource,
 };
 
 /// Position from the lengths' mean and two differences: crude, but smooth and exact in its Jacobian.
@@ -239,4 +239,93 @@ fn hardware_must_be_armed_before_it_goes() {
         events.iter().any(|e| e.text().contains("arm")),
         "{events:?}"
     );
+}
+
+/// A port that delivers a healthy frame per tick.
+struct Frames(u32);
+
+impl Port for Frames {
+    fn poll(&mut self, _now: Stamp) -> Arrivals {
+        self.0 += 1;
+        Arrivals {
+            frames: vec![frame(self.0)],
+            status: LinkStatus {
+                connected: true,
+                simulated: true,
+                ..LinkStatus::default()
+            },
+            ..Arrivals::default()
+        }
+    }
+    fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}
+    fn estop(&mut self, _now: Stamp) {}
+    fn reset(&mut self, _now: Stamp) {}
+}
+
+#[test]
+fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_told() {
+    use std::sync::mpsc::sync_channel;
+    let mut runner = Runner::new(twin(), Box::new(Frames(0)), &RobotSpec::reference());
+    // A mesh that says when it begins and takes as long as the test wants.
+    let (began_tx, began) = sync_channel(8);
+    let (answer_tx, answers) = sync_channel::<MeshAnswer>(8);
+    let worker = super::newest::Newest::spawn("test", move |question: MeshQuestion| {
+        began_tx.send(question.stamp).expect("the test listens");
+        answers.recv().expect("the test answers")
+    });
+    runner.mesh = Some(worker.expect("a thread"));
+    let mesh = |stamp| MeshShape {
+        stamp,
+        ..MeshShape::default()
+    };
+    let (snapshot, _) = runner.tick(at(0), &[]);
+    assert_eq!(snapshot.simulator, Simulator::Rod);
+    let mut k = 1;
+    runner.tick(at(k), &[Command::Show(Simulator::Mesh)]);
+    let asked = began.recv().expect("the mesh was asked");
+    // Two seconds of ticks while the mesh is busy: all of them come through, none has a mesh.
+    for _ in 0..200 {
+        k += 1;
+        let (snapshot, _) = runner.tick(at(k), &[]);
+        assert_eq!(snapshot.simulator, Simulator::Mesh);
+        assert!(snapshot.mesh.is_none() && snapshot.mesh_trouble.is_none());
+        assert!(snapshot.shown_shape().is_some(), "the rod model stands in");
+    }
+    answer_tx.send(Ok(mesh(asked))).expect("the mesh listens");
+    // It takes up the newest question; the many in between were dropped.
+    let second = began.recv().expect("the mesh goes on");
+    assert!(at(k).since(second) < 0.12, "{second:?}");
+    // From here on each tick is late enough for another question.
+    k += 20;
+    let (snapshot, _) = runner.tick(at(k), &[]);
+    assert_eq!(snapshot.mesh.as_ref().map(|m| m.stamp), Some(asked));
+    let trouble = snapshot.mesh_trouble.clone().expect("two seconds old");
+    assert!(trouble.contains("2.2 s old"), "{trouble}");
+    // A mesh that does not come to rest keeps the last good shape and says why.
+    let reason = "it is out of balance".to_owned();
+    answer_tx.send(Err(reason)).expect("the mesh listens");
+    let third = began.recv().expect("the mesh goes on");
+    k += 20;
+    let (snapshot, _) = runner.tick(at(k), &[]);
+    assert_eq!(snapshot.mesh.as_ref().map(|m| m.stamp), Some(asked));
+    let trouble = snapshot.mesh_trouble.clone().expect("it failed");
+    assert!(
+        trouble.ends_with("because it is out of balance."),
+        "{trouble}"
+    );
+    // A fresh shape ends the trouble.
+    answer_tx.send(Ok(mesh(third))).expect("the mesh listens");
+    began.recv().expect("the mesh goes on");
+    k += 1;
+    let (snapshot, _) = runner.tick(at(k), &[]);
+    assert_eq!(snapshot.mesh.as_ref().map(|m| m.stamp), Some(third));
+    assert_eq!(snapshot.mesh_trouble, None);
+    // Back to the rod model: the mesh is gone, nothing more is asked, a late answer is left alone.
+    let (snapshot, _) = runner.tick(at(k + 1), &[Command::Show(Simulator::Rod)]);
+    assert!(snapshot.mesh.is_none() && snapshot.shown_mesh().is_none());
+    runner.twin.observe_mesh(Ok(mesh(third)));
+    runner.tick(at(k + 50), &[]);
+    assert!(runner.twin.mesh_question().is_none());
+    assert!(runner.twin.snapshot().mesh.is_none());
+    answer_tx.send(Ok(mesh(third))).expect("the mesh listens");
 }

@@ -11,6 +11,7 @@ pub mod pose;
 pub mod recordings;
 pub mod sensors;
 pub mod shell;
+pub mod simulator;
 pub mod strips;
 pub mod target;
 pub mod view3d;

@@ -10,7 +10,7 @@ use super::plot::TimeWindow;
 use super::strips::StripChoice;
 use super::target::TargetDraft;
 use super::view3d::{View3d, scene_view};
-use super::{View, chambers, dashboard, pose, strips, target};
+use super::{View, chambers, dashboard, pose, simulator, strips, target};
 use crate::gui::theme::Palette;
 use crate::twin::Command;
 
@@ -139,6 +139,8 @@ impl Behavior<Pane> for Panes<'_, '_> {
             ui.set_min_size(ui.available_size());
             match pane {
                 Pane::View3d => {
+                    ui.spacing_mut().item_spacing.y = 0.0;
+                    simulator::ui(ui, self.view, self.commands);
                     let draft_m = self.draft.parse().ok();
                     let out = scene_view(self.view3d, ui, self.view, draft_m);
                     if let (Some(target_m), None) = (out.clicked_target, self.view.replay) {

@@ -104,7 +104,7 @@ fn side_view(ui: &mut Ui, view: &View<'_>, draft_m: Option<[f64; 3]>) -> View3dO
     let origin = pos2(rect.center().x, rect.top() + 0.04 * scale);
     let at = |m: [f64; 3]| origin + vec2(m[0] as f32, -m[2] as f32) * scale;
     grid(&painter, rect, origin, scale, &p);
-    if let Some(shape) = &view.snapshot.shape {
+    if let Some(shape) = view.snapshot.shown_shape() {
         let radius_m = f64::from(0.05_f32) + 0.012;
         for frames in &shape.base_from_section {
             for f in frames {

@@ -1,15 +1,17 @@
 //! From a snapshot to what is drawn: parts with their places and colours, lines, section frames.
 
 mod marks;
+mod skin;
 
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use glam::{Affine3A, Mat3A, Quat, Vec2, Vec3};
 
 use super::camera::Camera;
 use super::colours::{Palette, Rgb, sequential};
 use super::convert;
-use super::mesh::{self, Part};
+use super::mesh::{self, Part, Vertex};
 use super::{Entity, SceneInput};
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{ArmShape, Gripper, IMUS, Pose, SPRINGS};
@@ -64,11 +66,24 @@ pub enum Layer {
     Ghost,
 }
 
+/// A surface that comes with every snapshot, in world coordinates.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SkinDrawing {
+    /// Corners.
+    pub vertices: Vec<Vertex>,
+    /// Three per triangle.
+    pub indices: Vec<u32>,
+    /// Indices and look of each column.
+    pub columns: Vec<(Range<u32>, Instance)>,
+}
+
 /// What one picture consists of.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Drawing {
     /// Parts; sorted by layer and part when complete.
     pub parts: Vec<(Layer, Part, Instance)>,
+    /// The geometric simulator's surface; without one the bellows are swept along the sections.
+    pub skin: Option<SkinDrawing>,
     /// Lines.
     pub lines: Vec<Line>,
     /// Three rows per section frame; always [`SEGMENTS`] × [`FRAMES`] × 3.
@@ -148,8 +163,12 @@ pub fn compose(
         .command
         .as_ref()
         .map_or(Gripper::Open, |command| command.gripper());
-    if let Some(shape) = snapshot.shape.as_deref().filter(|s| is_drawable(s)) {
-        c.arm(shape, 0);
+    if let Some(shape) = snapshot.shown_shape().filter(|s| is_drawable(s)) {
+        match snapshot.shown_mesh() {
+            Some(mesh) => c.skin(&mesh.skin, snapshot.mesh_trouble.is_some()),
+            None => c.bellows(shape, 0),
+        }
+        c.pads(shape);
         c.springs(shape, input.selected_spring);
         c.imus(shape);
         c.gripper(&shape.base_from_pad[2], gripper, snapshot.payload_kg);
@@ -157,7 +176,8 @@ pub fn compose(
     }
     if let Some(ghost) = input.ghost.filter(|s| is_drawable(s)) {
         c.layer = Layer::Ghost;
-        c.arm(ghost, 2);
+        c.bellows(ghost, 2);
+        c.pads(ghost);
         c.gripper(&ghost.base_from_pad[2], gripper, 0.0);
         c.layer = Layer::Solid;
     } else if let Some((goal, reach)) = &snapshot.preview {
@@ -227,6 +247,12 @@ fn with_alpha(c: Rgb, alpha: f32) -> [f32; 4] {
 
 impl Composer<'_> {
     fn push(&mut self, part: Part, place: [[f32; 4]; 3], surface: Surface, entity: Option<Entity>) {
+        let instance = self.instance(place, surface, entity);
+        self.drawing.parts.push((self.layer, part, instance));
+    }
+
+    /// One place of a part as the layer and the pointer make it look.
+    fn instance(&self, place: [[f32; 4]; 3], surface: Surface, entity: Option<Entity>) -> Instance {
         let ghost = self.layer == Layer::Ghost;
         let hovered = entity.is_some() && entity == self.hovered && !ghost;
         let lift = if hovered { 0.16 } else { 0.0 };
@@ -237,7 +263,7 @@ impl Composer<'_> {
             surface.colour.map(|x| x + (1.0 - x) * lift)
         };
         let alpha = if ghost { GHOST_ALPHA } else { 1.0 };
-        let instance = Instance {
+        Instance {
             rows: place,
             colour: with_alpha(colour, alpha),
             material: [
@@ -251,8 +277,7 @@ impl Composer<'_> {
             } else {
                 entity.map_or(0, Entity::id)
             },
-        };
-        self.drawing.parts.push((self.layer, part, instance));
+        }
     }
 
     fn rigid(&mut self, part: Part, t: Affine3A, surface: Surface, entity: Option<Entity>) {
@@ -303,8 +328,8 @@ impl Composer<'_> {
         self.rigid(Part::TopPad, at(top_m), pad, Some(Entity::Pad(0)));
     }
 
-    /// Bellows, tube and the two moving pads; `slot` is the shader's first segment for them.
-    fn arm(&mut self, shape: &ArmShape, slot: usize) {
+    /// Bellows and tubes along the sections; `slot` is the shader's first segment for them.
+    fn bellows(&mut self, shape: &ArmShape, slot: usize) {
         for (k, sections) in shape.base_from_section.iter().enumerate() {
             let first = (slot + k) * FRAMES * 3;
             for (i, (position, rotation)) in resample(sections).into_iter().enumerate() {
@@ -327,6 +352,10 @@ impl Composer<'_> {
             let place = [[0.0, 0.0, segment, tube_m], [0.0; 4], [0.0; 4]];
             self.push(Part::Tube, place, Surface::shiny(self.palette.tube), None);
         }
+    }
+
+    /// The two moving pads.
+    fn pads(&mut self, shape: &ArmShape) {
         let pad = Surface::matt(self.palette.pad);
         for (i, part) in [(1, Part::MiddlePad), (2, Part::EndPad)] {
             let t = convert::affine(&shape.base_from_pad[i]);

@@ -95,7 +95,7 @@ impl Scene {
         };
         let snapshot = input.snapshot;
         let mut items: Vec<(String, String, Vec3)> = Vec::new();
-        if let Some(shape) = snapshot.shape.as_deref() {
+        if let Some(shape) = snapshot.shown_shape() {
             for (i, ends) in shape.spring_ends_m.iter().enumerate() {
                 let [a, b] = ends.map(convert::vec3);
                 let label = Entity::Spring(i).label(snapshot);

@@ -16,7 +16,7 @@ use wgpu::util::DeviceExt;
 
 use super::Entity;
 use super::compose::{BLOBS, Drawing, FRAMES, Instance, Layer, Line, SEGMENTS};
-use super::mesh::{self, Part};
+use super::mesh::{self, Motion, Part, Vertex};
 use crate::robot::RobotSpec;
 use pick::PickTargets;
 use pipelines::{ByMotion, Layouts, Pipelines};
@@ -99,6 +99,8 @@ struct Inner {
     parts: Vec<std::ops::Range<u32>>,
     vertices: wgpu::Buffer,
     indices: wgpu::Buffer,
+    skin_vertices: wgpu::Buffer,
+    skin_indices: wgpu::Buffer,
     instances: wgpu::Buffer,
     lines: wgpu::Buffer,
     globals: wgpu::Buffer,
@@ -281,6 +283,8 @@ impl Inner {
             parts,
             vertices,
             indices,
+            skin_vertices: buffer(device, "scene skin", 2048 * size_of::<Vertex>(), VERTEX),
+            skin_indices: buffer(device, "scene skin indices", 4 * 8192, INDEX),
             instances: buffer(device, "scene parts", 128 * size_of::<Instance>(), VERTEX),
             lines: buffer(device, "scene lines", 4096 * size_of::<Line>(), VERTEX),
             globals,
@@ -329,18 +333,32 @@ impl Inner {
 
     fn upload(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, picture: &Picture) {
         let drawing = &picture.drawing;
-        let instances: Vec<Instance> = drawing.parts.iter().map(|(_, _, i)| *i).collect();
+        let columns = drawing.skin.iter().flat_map(|skin| &skin.columns);
+        let instances: Vec<Instance> = drawing
+            .parts
+            .iter()
+            .map(|(_, _, i)| *i)
+            .chain(columns.map(|(_, i)| *i))
+            .collect();
         fill(
             device,
             queue,
             &mut self.instances,
             bytemuck::cast_slice(&instances),
+            VERTEX,
         );
+        if let Some(skin) = &drawing.skin {
+            let vertices = bytemuck::cast_slice(&skin.vertices);
+            fill(device, queue, &mut self.skin_vertices, vertices, VERTEX);
+            let indices = bytemuck::cast_slice(&skin.indices);
+            fill(device, queue, &mut self.skin_indices, indices, INDEX);
+        }
         fill(
             device,
             queue,
             &mut self.lines,
             bytemuck::cast_slice(&drawing.lines),
+            VERTEX,
         );
         queue.write_buffer(&self.frames, 0, bytemuck::cast_slice(&drawing.frames));
         queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&picture.globals));
@@ -404,6 +422,15 @@ impl Inner {
             }
             first = last;
         }
+        if let (Some(skin), Layer::Solid) = (&drawing.skin, layer) {
+            pass.set_vertex_buffer(0, self.skin_vertices.slice(..));
+            pass.set_index_buffer(self.skin_indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.set_pipeline(&pipelines[Motion::Rigid as usize]);
+            // Their places follow those of the parts.
+            for (place, (indices, _)) in (first..).zip(&skin.columns) {
+                pass.draw_indexed(indices.clone(), 0, place..place + 1);
+            }
+        }
     }
 
     fn encode_shadow(&self, encoder: &mut wgpu::CommandEncoder, drawing: &Drawing) {
@@ -455,6 +482,7 @@ impl Inner {
 }
 
 const VERTEX: wgpu::BufferUsages = wgpu::BufferUsages::VERTEX;
+const INDEX: wgpu::BufferUsages = wgpu::BufferUsages::INDEX;
 
 fn buffer(
     device: &wgpu::Device,
@@ -470,14 +498,20 @@ fn buffer(
     })
 }
 
-/// Writes bytes into a vertex buffer, which grows when they do not fit.
-fn fill(device: &wgpu::Device, queue: &wgpu::Queue, into: &mut wgpu::Buffer, bytes: &[u8]) {
+/// Writes bytes into a buffer, which grows when they do not fit.
+fn fill(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    into: &mut wgpu::Buffer,
+    bytes: &[u8],
+    usage: wgpu::BufferUsages,
+) {
     if bytes.len() as u64 > into.size() {
         *into = buffer(
             device,
             "scene grown buffer",
             bytes.len().next_power_of_two(),
-            VERTEX,
+            usage,
         );
     }
     queue.write_buffer(into, 0, bytes);

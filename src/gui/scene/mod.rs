@@ -182,7 +182,7 @@ impl Scene {
 
     /// A sphere around the arm as it is.
     fn arm_bounds_m(&self, snapshot: &Snapshot) -> (Vec3, f32) {
-        let Some(shape) = &snapshot.shape else {
+        let Some(shape) = snapshot.shown_shape() else {
             return compose::bounds_m(&self.robot);
         };
         let tip = convert::affine(&shape.base_from_pad[2]);
@@ -204,7 +204,7 @@ impl Scene {
     fn tip_m(&self, snapshot: &Snapshot) -> Vec3 {
         if let Some(estimate) = &snapshot.estimate {
             convert::parts(&estimate.base_from_tip).0
-        } else if let Some(shape) = &snapshot.shape {
+        } else if let Some(shape) = snapshot.shown_shape() {
             convert::parts(&shape.base_from_pad[2]).0
         } else {
             Vec3::NEG_Z * (2.0 * self.robot.rest_length_m + self.robot.pad_thickness_m) as f32
@@ -455,7 +455,7 @@ impl Scene {
         }
         overlay::paint_labels(&painter, &stage, &palette, input);
         overlay::paint_triad(&painter, &stage, &palette);
-        overlay::paint_scale(&painter, &stage, &palette, &self.robot);
+        overlay::paint_scale(&painter, &stage, &palette, &self.robot, input.theme);
         if let (Some(entity), Some(at)) = (output.hovered, pointer) {
             let text = entity.label(input.snapshot);
             let ink = overlay::colour(palette.ink);

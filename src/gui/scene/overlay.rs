@@ -181,6 +181,7 @@ pub fn paint_scale(
     stage: &Stage<'_>,
     palette: &Palette,
     robot: &RobotSpec,
+    theme: Theme,
 ) {
     let ink = colour(palette.ink);
     let font = FontId::proportional(11.5);
@@ -207,6 +208,9 @@ pub fn paint_scale(
     // The top corner: the tip and its labels live further down.
     let corner = stage.rect.right_top() + vec2(-22.0 - 190.0, 26.0);
     let bar = Rect::from_min_size(corner, vec2(190.0, 7.0));
+    // The ceiling plate may lie behind it.
+    let behind = Rect::from_min_max(bar.min - vec2(8.0, 19.0), bar.max + vec2(8.0, 7.0));
+    painter.rect_filled(behind, 4.0, plate(theme));
     let mut mesh = egui::Mesh::default();
     const STEPS: u32 = 24;
     for k in 0..=STEPS {
@@ -243,6 +247,14 @@ pub fn paint_scale(
     }
 }
 
+/// What keeps text readable over anything.
+fn plate(theme: Theme) -> Color32 {
+    match theme {
+        Theme::Dark => Color32::from_rgba_unmultiplied(20, 22, 25, 205),
+        Theme::Light => Color32::from_rgba_unmultiplied(252, 252, 252, 215),
+    }
+}
+
 /// Text on a plate that keeps it readable over anything.
 pub fn paint_tag(
     painter: &egui::Painter,
@@ -254,11 +266,7 @@ pub fn paint_tag(
 ) {
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(12.0), c);
     let rect = align.anchor_size(at, galley.size()).expand2(vec2(6.0, 3.0));
-    let plate = match theme {
-        Theme::Dark => Color32::from_rgba_unmultiplied(20, 22, 25, 205),
-        Theme::Light => Color32::from_rgba_unmultiplied(252, 252, 252, 215),
-    };
-    painter.rect_filled(rect, 4.0, plate);
+    painter.rect_filled(rect, 4.0, plate(theme));
     painter.galley(rect.min + vec2(6.0, 3.0), galley, c);
 }
 

@@ -204,6 +204,56 @@ fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
 }
 
 #[test]
+fn the_mesh_skin_is_drawn_in_place_of_the_bellows_and_follows_the_arm() {
+    let robot = RobotSpec::reference();
+    let camera = Camera::framing(Vec3::new(0.0, 0.0, -0.2), 0.3);
+    let draw = |s: &Snapshot| {
+        let input = SceneInput::new(s);
+        compose::compose(&robot, &input, &camera, Vec2::splat(400.0), None)
+    };
+    let swept = |d: &compose::Drawing| d.parts.iter().any(|p| p.1 == mesh::Part::Bellows);
+    let mut snapshot = snapshot_of(bent_shape(&robot, [0.40, 0.62], [3.3, -0.25]));
+    let rod = draw(&snapshot);
+    assert!(swept(&rod) && rod.skin.is_none());
+    // The mesh exists but is not what the operator wants to see.
+    let fixture = crate::gui::fixture::mesh(&snapshot);
+    snapshot.mesh = Some(Arc::new(fixture.clone()));
+    assert_eq!(draw(&snapshot), rod);
+    snapshot.simulator = crate::signal::Simulator::Mesh;
+    let bent = draw(&snapshot);
+    let skin = bent.skin.as_ref().expect("a skin");
+    assert!(!swept(&bent));
+    assert_eq!(skin.vertices.len(), fixture.skin.positions_m.len());
+    assert_eq!(skin.indices.len(), 3 * fixture.skin.triangles.len());
+    let picks: Vec<u32> = skin.columns.iter().map(|c| c.1.pick_id).collect();
+    let chambers = (0..CHAMBERS).map(|i| Entity::Bellows(i).id());
+    assert_eq!(picks, chambers.chain([0, 0]).collect::<Vec<_>>());
+    // A stale one says so by its colour.
+    snapshot.mesh_trouble = Some("The mesh is 2.0 s old.".into());
+    let stale = draw(&snapshot).skin.expect("a skin");
+    assert_ne!(stale.columns[0].1.colour, skin.columns[0].1.colour);
+    assert_eq!(stale.vertices, skin.vertices);
+    snapshot.mesh_trouble = None;
+    // Another pose moves it, in the drawing and in the picture.
+    let mut other = snapshot_of(bent_shape(&robot, [0.0, 0.3], [0.0, 2.0]));
+    other.mesh = Some(Arc::new(crate::gui::fixture::mesh(&other)));
+    other.simulator = crate::signal::Simulator::Mesh;
+    assert_ne!(draw(&other).skin.as_ref(), Some(skin));
+    let mut offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");
+    let mut scene = Scene::new(offscreen.render_state(), &robot);
+    let mut shot = |s: &Snapshot| picture(&mut offscreen, &mut scene, &SceneInput::new(s));
+    let (a, b) = (shot(&snapshot), shot(&other));
+    snapshot.simulator = crate::signal::Simulator::Rod;
+    let c = shot(&snapshot);
+    save(&a, "mesh");
+    assert!(difference_percent(&a, &b) > 3.0);
+    assert!(
+        difference_percent(&a, &c) > 3.0,
+        "folds against a plain skin"
+    );
+}
+
+#[test]
 fn each_verdict_looks_different() {
     let robot = RobotSpec::reference();
     let mut snapshot = snapshot_of(bent_shape(&robot, [0.2, 0.3], [0.0, 1.0]));
