@@ -135,7 +135,7 @@ fn replay(robot: &RobotSpec, session: &Path, patch: Option<&Path>) -> Result<Rep
     args::payload_in_range(robot, session.payload_kg)?;
     let name = session.name.clone();
     // Every sample for itself: nothing is averaged away.
-    let grid = Grid::at_rate(session, f64::INFINITY)?;
+    let grid = Grid::at_rate(session, 1e4)?;
     let (values, effects) = match patch {
         Some(path) => {
             let patch = super::gap::read_patch(path, robot)?;

@@ -187,7 +187,7 @@ pub fn move_arm(
 ) -> Result<Simulated, EffectError> {
     let model = Model::new(robot, &parameters(values), Resolution::default());
     let fine = &grid.session.t_s;
-    let chamber_pa = if effects.iter().any(|a| is_pressure(a)) {
+    let chamber_pa = if effects.iter().any(is_pressure) {
         grid.binned(&effects::behind_gauges(
             robot,
             fine,

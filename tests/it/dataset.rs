@@ -79,7 +79,7 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
 
     let v = json(&generate("6000", "4", utf8(&out)));
     let taken_over = v["taken_over"].as_u64().expect("taken_over");
-    assert!(taken_over >= 256 && taken_over < 6000, "{v}");
+    assert!((256..6000).contains(&taken_over), "{v}");
     let read = |p: &Path| std::fs::read(p).expect("data set");
     assert!(read(&whole) == read(&out), "the resumed file differs");
     assert!(!journal.exists(), "the journal is left over");
