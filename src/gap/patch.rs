@@ -127,6 +127,8 @@ impl Knob {
             Self::Mounting(i, a) => format!("imu-{}-{}", i + 1, ["x", "y", "z"][a]),
             Self::Frame(k) => format!("mocap-{}", ["x", "y", "z", "rx", "ry", "rz"][k]),
             Self::Clock => "mocap-clock".to_owned(),
+            Self::Body(k) => format!("tracked-body-{}", ["x", "y", "z", "rx", "ry", "rz"][k]),
+            Self::SpringEnds(s) => format!("segment-{}-spring-ends", s + 1),
         }
     }
 }

@@ -1,10 +1,10 @@
 //! A session through the model: what differs from arm to arm, and what is left over.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, IMUS, SPRINGS, pose_error};
+use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, pose_error};
 use crate::sim::effects::{self, Active, EffectError, Simulated};
 use crate::sim::{Model, Parameters, Resolution};
 
@@ -40,6 +40,10 @@ pub enum Knob {
     Frame(usize),
     /// Clock of the motion capture, s.
     Clock,
+    /// The tracked body on the end pad against the pad itself: x, y, z (m), rotation vector (rad).
+    Body(usize),
+    /// Height at which a segment's springs are fixed to both of its pads, m.
+    SpringEnds(usize),
 }
 
 impl Knob {
@@ -52,6 +56,7 @@ impl Knob {
                 | Self::Mounting(..)
                 | Self::Frame(_)
                 | Self::Clock
+                | Self::Body(_)
         )
     }
 
@@ -77,8 +82,9 @@ impl Knob {
             Self::SpringOffset(_) => 2e-3,
             Self::SpringGain(_) => 0.02,
             Self::Mounting(..) => 0.02,
-            Self::Frame(k) if k < 3 => 3e-3,
-            Self::Frame(_) => 0.01,
+            Self::Frame(k) | Self::Body(k) if k < 3 => 10e-3,
+            Self::Frame(_) | Self::Body(_) => 0.01,
+            Self::SpringEnds(_) => 10e-3,
             Self::Clock => 0.03,
         }
     }
@@ -103,6 +109,8 @@ pub fn knobs() -> Vec<Knob> {
     }
     out.extend((0..6).map(Knob::Frame));
     out.push(Knob::Clock);
+    out.extend((0..6).map(Knob::Body));
+    out.extend((0..2).map(Knob::SpringEnds));
     out
 }
 
@@ -128,6 +136,35 @@ pub fn parameters(values: &[f64]) -> Parameters {
         }
     }
     p
+}
+
+/// The model at these knobs.
+pub fn model(robot: &RobotSpec, values: &[f64]) -> Model {
+    let mut robot = robot.clone();
+    for (knob, &v) in knobs().iter().zip(values) {
+        if let Knob::SpringEnds(s) = *knob {
+            let (top_m, bottom_m) = (&mut robot.spring_top_m, &mut robot.spring_bottom_m);
+            for i in 6 * s..6 * s + 6 {
+                top_m[i].z += v;
+                bottom_m[i].z += v;
+            }
+        }
+    }
+    Model::new(&robot, &parameters(values), Resolution::default())
+}
+
+/// The tracked body in the end pad's frame.
+fn pad_from_body(values: &[f64]) -> Pose {
+    let mut b = [0.0; 6];
+    for (knob, &v) in knobs().iter().zip(values) {
+        if let Knob::Body(k) = *knob {
+            b[k] = v;
+        }
+    }
+    Pose::from_parts(
+        Vector3::new(b[0], b[1], b[2]).into(),
+        UnitQuaternion::from_scaled_axis(Vector3::new(b[3], b[4], b[5])),
+    )
 }
 
 fn act(id: &str, target: Option<usize>, values: Vec<f64>) -> Option<Active> {
@@ -185,7 +222,7 @@ pub fn move_arm(
     values: &[f64],
     effects: &[Active],
 ) -> Result<Simulated, EffectError> {
-    let model = Model::new(robot, &parameters(values), Resolution::default());
+    let model = model(robot, values);
     let fine = &grid.session.t_s;
     let chamber_pa = if effects.iter().any(is_pressure) {
         grid.binned(&effects::behind_gauges(
@@ -241,11 +278,12 @@ pub fn left_over(
     let mut acting = readings(robot, values);
     acting.extend(effects.iter().cloned());
     effects::read(robot, &grid.t_s, &mut read, &acting);
+    let pad_from_body = pad_from_body(values);
     (0..grid.len())
         .map(|k| {
             let mut row = [f64::NAN; CHANNELS];
             if let Some(truth) = &grid.captured[k] {
-                let e = pose_error(truth, &read.captured[k][1]);
+                let e = pose_error(truth, &(read.captured[k][1] * pad_from_body));
                 row[..6].copy_from_slice(e.as_slice());
             }
             let (seen, told) = (&grid.sensors[k], &read.sensors[k]);
