@@ -21,11 +21,18 @@ pub enum GapCommand {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
+    /// probe
+    Probe { baseline: PathBuf, session: PathBuf },
 }
 
 pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
         GapCommand::Commission { session, out } => commission(robot, session, out),
+        GapCommand::Probe { baseline, session } => {
+            let b = gap::commission(robot, &Grid::new(read(baseline)?)?, &gap::Unwatched)?;
+            gap::probe(robot, &Grid::new(read(session)?)?, &b)?;
+            Ok(Report { text: String::new(), json: json!({}) })
+        }
     }
 }
 

@@ -128,6 +128,29 @@ pub fn commission(
         }
     }
     progress.at(Stage::Commission, STEPS as f64 / (STEPS + 1) as f64)?;
+    // What the arm does while it moves tells of times; lasting errors must not drown it.
+    for _ in 0..2 {
+        let moved = move_arm(robot, grid, &values, &[])?;
+        let rows = left_over(robot, grid, &moved, &values, &[]);
+        let timed = Noise::from_healthy(&rows, &grid.present);
+        let times: Vec<usize> = (0..knobs.len())
+            .filter(|i| matches!(knobs[*i], Knob::Clock | Knob::Damping))
+            .collect();
+        let w: Vec<DMatrix<f64>> = sensitivities_of(robot, grid, &values, &[], &moved, &times)?
+            .iter()
+            .map(|c| timed.innovations(c))
+            .collect();
+        let (normal, right) = normal_equations(&w, &timed.innovations(&rows), |_| true);
+        if let Some(solver) = normal.cholesky() {
+            let change = solver.solve(&right);
+            for (i, d) in times.iter().zip(change.iter()) {
+                values[*i] += d;
+                if knobs[*i] == Knob::Damping {
+                    values[*i] = values[*i].max(0.0);
+                }
+            }
+        }
+    }
     let moved = move_arm(robot, grid, &values, &[])?;
     let rows = bridged(&left_over(robot, grid, &moved, &values, &[]));
     let columns = sensitivities(robot, grid, &values, &[], &moved)?;
@@ -188,10 +211,22 @@ pub fn sensitivities(
     effects: &[Active],
     moved: &Simulated,
 ) -> Result<Vec<Vec<Row>>, EffectError> {
+    let all: Vec<usize> = (0..values.len()).collect();
+    sensitivities_of(robot, grid, values, effects, moved, &all)
+}
+
+/// The same for some knobs only.
+fn sensitivities_of(
+    robot: &RobotSpec,
+    grid: &Grid,
+    values: &[f64],
+    effects: &[Active],
+    moved: &Simulated,
+    which: &[usize],
+) -> Result<Vec<Vec<Row>>, EffectError> {
     let knobs = knobs();
     let base = left_over(robot, grid, moved, values, effects);
-    let jobs: Vec<usize> = (0..knobs.len()).collect();
-    super::parallel(&jobs, |&i| {
+    super::parallel(which, |&i| {
         let knob = knobs[i];
         let step = 0.1 * knob.prior();
         let mut shifted = values.to_vec();

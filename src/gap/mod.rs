@@ -1,13 +1,19 @@
 //! The gap finder: where simulation and measurement disagree, which effect is missing, and by how
 //! much the gap shrinks when it is added.
 
+mod candidates;
 mod commission;
+mod explain;
+mod finder;
+mod fit;
 mod noise;
 mod patch;
+mod problem;
 mod replay;
 mod session;
 
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
+pub use finder::probe;
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};

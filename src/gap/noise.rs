@@ -129,7 +129,19 @@ impl Noise {
 
     /// Innovations, one column per row of the session. The start of the session is zero.
     pub fn innovations(&self, rows: &[Row]) -> DMatrix<f64> {
-        let z = self.mixed(&bridged(rows));
+        self.filtered(&self.mixed(&bridged(rows)))
+    }
+
+    /// Innovations of a combination that follows `shape` at its healthy size, the others at zero.
+    pub fn response(&self, combination: usize, shape: &[f64]) -> DMatrix<f64> {
+        let mut z = DMatrix::zeros(self.channels.len(), shape.len());
+        for (k, v) in shape.iter().enumerate() {
+            z[(combination, k)] = *v;
+        }
+        self.filtered(&z)
+    }
+
+    fn filtered(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
         let mut w = DMatrix::zeros(z.nrows(), z.ncols());
         for k in start().max(1)..z.ncols() {
             for i in 0..z.nrows() {

@@ -1,6 +1,6 @@
 //! What the finder is given: one session of a rig, and its thinned-out grid.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::GapError;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
@@ -243,8 +243,64 @@ fn filled(session: &Session) -> Result<Vec<[f64; CHAMBERS]>, GapError> {
             |k| session.chamber_pa[k][i],
             |k, v| out[k][i] = v,
         );
+        let bridged: Vec<f64> = out.iter().map(|p| p[i]).collect();
+        for (row, v) in out.iter_mut().zip(smoothed(&session.t_s, &bridged)) {
+            row[i] = v;
+        }
     }
     Ok(out)
+}
+
+/// Half windows in which a pressure is smoothed, longest first, s.
+const SMOOTH_S: [f64; 4] = [0.5, 0.3, 0.15, 0.06];
+/// A window is used when a parabola leaves no more than this times the noise in it.
+const SMOOTH_MISFIT: f64 = 1.3;
+
+/// A parabola through the neighbourhood of every sample, taken at the sample, in the longest window
+/// that it fits: the noise of a gauge would move the model, and any lag would then look better than
+/// none, while corners must stay corners.
+/// Source: A. Savitzky, M. J. E. Golay, Analytical Chemistry 1964, doi:10.1021/ac60214a047.
+fn smoothed(t_s: &[f64], x: &[f64]) -> Vec<f64> {
+    // For white noise of size s, second differences have size √6 s; their median tells it apart
+    // from what moves.
+    let mut second: Vec<f64> = x
+        .windows(3)
+        .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
+        .collect();
+    second.sort_by(f64::total_cmp);
+    let noise = second[second.len() / 2] / (0.6745 * 6f64.sqrt());
+    (0..x.len())
+        .map(|k| {
+            SMOOTH_S
+                .iter()
+                .filter_map(|half_s| parabola(t_s, x, k, *half_s))
+                .find(|(_, misfit)| *misfit <= SMOOTH_MISFIT * noise)
+                .map_or(x[k], |(value, _)| value)
+        })
+        .collect()
+}
+
+/// Value at sample `k` of the parabola through its neighbourhood, and the residual's size.
+fn parabola(t_s: &[f64], x: &[f64], k: usize, half_s: f64) -> Option<(f64, f64)> {
+    let near = |j: &usize| (t_s[*j] - t_s[k]).abs() <= half_s;
+    let from = (0..=k).rev().take_while(near).last()?;
+    let to = (k..x.len()).take_while(near).last()?;
+    let n = to - from + 1;
+    if n < 5 {
+        return None;
+    }
+    let basis = |j: usize| {
+        let u = (t_s[j] - t_s[k]) / half_s;
+        Vector3::new(1.0, u, u * u)
+    };
+    let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
+    for j in from..=to {
+        a += basis(j) * basis(j).transpose();
+        b += basis(j) * x[j];
+    }
+    let c = a.cholesky()?.solve(&b);
+    let square: f64 = (from..=to).map(|j| (x[j] - c.dot(&basis(j))).powi(2)).sum();
+    Some((c[0], (square / (n - 3) as f64).sqrt()))
 }
 
 /// Fills what lies between known places along straight lines; the ends are held.

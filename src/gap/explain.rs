@@ -1,0 +1,242 @@
+//! Which effects explain what is left over: a score test of all, a full fit of the best.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::candidates::{Candidate, Start, candidates, starts_in};
+use super::fit::{Fit, fit};
+use super::problem::{Losses, Problem};
+use super::session::{CHANNELS, IMU_0, SPRING_0};
+use super::{GapError, Progress, Stage, parallel};
+use crate::sim::effects::{Effect, Residual};
+
+/// One way to start a candidate, as columns −∂r/∂α at the effects found so far.
+pub struct Column {
+    /// Index into the candidates.
+    pub candidate: usize,
+    /// The start.
+    pub start: Start,
+    /// One column per moved parameter, for a full move.
+    pub columns: DMatrix<f64>,
+}
+
+/// A candidate after its fit.
+#[derive(Clone, Debug)]
+pub struct Explained {
+    /// Which.
+    pub candidate: Candidate,
+    /// Fit of all effects so far and this one.
+    pub fit: Fit,
+    /// Loss on held-out blocks.
+    pub losses: Losses,
+    /// Gain over the effects so far, nats.
+    pub gain: f64,
+    /// Its standard error.
+    pub se: f64,
+}
+
+/// Candidates that go from the score test into a full fit.
+const FULL_FITS: usize = 10;
+/// At most so many channels of one effect among them.
+const SAME_EFFECT: usize = 3;
+/// Steps of a full fit.
+const STEPS: usize = 8;
+
+/// Candidates that this session can speak of: their effect shows in a channel that is there.
+pub fn admitted(problem: &Problem, keep: impl Fn(&Effect) -> bool) -> Vec<Candidate> {
+    let present = &problem.grid.present;
+    let tip = present[..6].iter().any(|p| *p);
+    let springs = present[SPRING_0..IMU_0].iter().any(|p| *p);
+    let imus = present[IMU_0..CHANNELS].iter().any(|p| *p);
+    candidates(|e| {
+        keep(e)
+            && e.residuals.iter().any(|r| match r {
+                Residual::R1 => false,
+                Residual::R2 => tip || springs || imus,
+                Residual::R3 => springs,
+                Residual::R4 => imus,
+                Residual::R5 => springs && imus,
+            })
+    })
+    .into_iter()
+    .filter(|c| match (c.effect.target, c.target) {
+        (crate::sim::effects::Target::Spring, Some(i)) => present[SPRING_0 + i],
+        (crate::sim::effects::Target::Imu, Some(i)) => present[IMU_0 + 3 * i],
+        _ => true,
+    })
+    .collect()
+}
+
+/// Columns of all starts of all candidates, on top of the effects of `so_far`.
+pub fn columns(
+    problem: &Problem,
+    all: &[Candidate],
+    so_far: &[(Candidate, Vec<f64>)],
+) -> Result<Vec<Column>, GapError> {
+    let base: Vec<_> = so_far.iter().map(|(c, v)| c.with(v)).collect();
+    let r0 = problem.residual(&base)?;
+    let jobs: Vec<(usize, Start)> = all
+        .iter()
+        .enumerate()
+        .flat_map(|(i, c)| {
+            starts_in(c, problem.grid)
+                .into_iter()
+                .map(move |s| (i, s))
+        })
+        .collect();
+    let done = parallel(&jobs, |(i, start)| {
+        let candidate = all[*i];
+        let nominal = candidate.nominal();
+        let mut out = DMatrix::zeros(r0.len(), start.moves.len());
+        for (k, &moved) in start.moves.iter().enumerate() {
+            // Parameters that only shape the effect take their starting values; of those that are
+            // moved, one at a time.
+            let mut values = start.at.clone();
+            for &other in &start.moves {
+                values[other] = nominal[other];
+            }
+            values[moved] = start.at[moved];
+            if candidate.effect.id == "flow-limit" {
+                values.clone_from(&start.at);
+            }
+            let mut effects = base.clone();
+            effects.push(candidate.with(&values));
+            let r = problem.residual(&effects).ok()?;
+            out.set_column(k, &(&r0 - r));
+        }
+        Some(Column {
+            candidate: *i,
+            start: start.clone(),
+            columns: out,
+        })
+    });
+    Ok(done.into_iter().flatten().collect())
+}
+
+/// Score ½ bᵀG⁻¹b of columns with cleaned residual, and the coefficients G⁻¹b.
+pub fn score(gram: &DMatrix<f64>, right: &DVector<f64>) -> (f64, DVector<f64>) {
+    let mut g = gram.clone();
+    for i in 0..g.nrows() {
+        g[(i, i)] += 1e-9 * gram[(i, i)] + 1e-12;
+    }
+    match g.cholesky() {
+        Some(c) => {
+            let x = c.solve(right);
+            (0.5 * x.dot(right), x)
+        }
+        None => (0.0, DVector::zeros(right.len())),
+    }
+}
+
+/// Fits the most promising candidates on top of `so_far` and orders them by held-out gain.
+///
+/// # Errors
+/// [`GapError`] when stopped, or the effects so far cannot be simulated.
+pub fn explain(
+    problem: &Problem,
+    all: &[Candidate],
+    ready: &[Column],
+    so_far: Option<&Explained>,
+    progress: &dyn Progress,
+) -> Result<Vec<Explained>, GapError> {
+    let base = so_far.map(|e| e.fit.effects.clone()).unwrap_or_default();
+    let (r0, losses0) = match so_far {
+        Some(e) => (e.fit.residual.clone(), e.losses.clone()),
+        None => {
+            let r = problem.residual(&[])?;
+            let l = problem.held_out(&r, &DMatrix::zeros(r.len(), 0), &DVector::zeros(0));
+            (r, l)
+        }
+    };
+    let r = DMatrix::from_column_slice(r0.len(), 1, r0.as_slice());
+    // What the effects so far can still absorb is not new.
+    let held = so_far.map(|e| e.fit.columns.clone());
+    let clean = problem.cleaned(&r);
+    let mut scored: Vec<(f64, usize, DVector<f64>)> = parallel(ready, |c| {
+        let mut g = problem.product(&c.columns, &c.columns);
+        let mut b = DVector::from_column_slice(c.columns.tr_mul(&clean).as_slice());
+        if let Some(h) = &held {
+            let hh = problem.product(h, h);
+            let hc = problem.product(h, &c.columns);
+            let hr = DVector::from_column_slice(h.tr_mul(&clean).as_slice());
+            let mut hh = hh;
+            for i in 0..hh.nrows() {
+                hh[(i, i)] += 1e-9 + 1e-9 * hh[(i, i)];
+            }
+            if let Some(s) = hh.cholesky() {
+                g -= hc.tr_mul(&s.solve(&hc));
+                b -= hc.tr_mul(&s.solve(&hr));
+            }
+        }
+        score(&g, &b)
+    })
+    .into_iter()
+    .enumerate()
+    .map(|(i, (s, x))| (s, i, x))
+    .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut chosen: Vec<(Candidate, Vec<f64>)> = Vec::new();
+    for (_, i, x) in &scored {
+        let column = &ready[*i];
+        let candidate = all[column.candidate];
+        let taken = |c: &Candidate| base.iter().any(|(b, _)| b == c);
+        let same = chosen
+            .iter()
+            .filter(|(c, _)| c.effect.id == candidate.effect.id)
+            .count();
+        if taken(&candidate) || chosen.iter().any(|(c, _)| *c == candidate) || same >= SAME_EFFECT {
+            continue;
+        }
+        let nominal = candidate.nominal();
+        let mut values = column.start.at.clone();
+        for (k, &moved) in column.start.moves.iter().enumerate() {
+            let p = &candidate.effect.parameters[moved];
+            // Neither nothing (a stationary point) nor beyond the bounds.
+            let share = if x[k].abs() < 0.02 { 0.02 } else { x[k] };
+            let v = nominal[moved] + share * (column.start.at[moved] - nominal[moved]);
+            values[moved] = if p.bounds[0] >= p.nominal && v <= p.nominal {
+                nominal[moved] + 0.1 * (column.start.at[moved] - nominal[moved])
+            } else {
+                v.clamp(p.bounds[0], p.bounds[1])
+            };
+        }
+        if matches!(candidate.effect.id, "contact" | "spring-stuck" | "flow-limit") {
+            values.clone_from(&column.start.at);
+        }
+        chosen.push((candidate, values));
+        if chosen.len() >= FULL_FITS {
+            break;
+        }
+    }
+    let step = std::sync::atomic::AtomicUsize::new(0);
+    let fitted = parallel(&chosen, |(candidate, values)| -> Result<Option<Explained>, GapError> {
+        let n = step.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        progress.at(Stage::Explain, n as f64 / chosen.len() as f64)?;
+        let mut effects = base.clone();
+        effects.push((*candidate, values.clone()));
+        let Some(fit) = fit(problem, effects, STEPS) else {
+            return Ok(None);
+        };
+        let weak = weak_prior(&fit);
+        let losses = problem.held_out(&fit.residual, &fit.columns, &weak);
+        let (gain, se) = losses.gain_over(&losses0);
+        Ok(Some(Explained {
+            candidate: *candidate,
+            fit,
+            losses,
+            gain,
+            se,
+        }))
+    });
+    let mut out = Vec::new();
+    for f in fitted {
+        out.extend(f?);
+    }
+    out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    Ok(out)
+}
+
+/// Precision of a very wide prior on each parameter.
+pub fn weak_prior(fit: &Fit) -> DVector<f64> {
+    let scale: Vec<f64> = fit.effects.iter().flat_map(|(c, _)| c.scale()).collect();
+    DVector::from_iterator(scale.len(), scale.iter().map(|s| 1e-4 / (s * s)))
+}

@@ -1,0 +1,274 @@
+//! A session against a baseline as a least-squares problem in innovations.
+//!
+//! r(α) = w(measured − predicted(α)); the nuisance parameters δ enter linearly with their prior:
+//! min over δ of |r − N δ|² + δᵀ Λ δ = rᵀ M r, M = I − N (NᵀN + Λ)⁻¹ Nᵀ.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use super::GapError;
+use super::candidates::Candidate;
+use super::commission::{Baseline, sensitivities};
+use super::replay::{Row, knobs, left_over, move_arm};
+use super::session::Grid;
+use crate::robot::RobotSpec;
+use crate::signal::CHAMBERS;
+use crate::sim::effects::{Active, EffectError, Simulated};
+
+/// Contiguous pieces of a session that gains are summed over.
+pub const BLOCKS: usize = 12;
+/// Blocks b with b mod FOLDS = f are held out together.
+pub const FOLDS: usize = 4;
+/// Share of its prior by which a nuisance parameter may have wandered since commissioning.
+const WANDER: f64 = 0.01;
+/// Size of the model's own error where the pressures differ from the healthy session's: standard
+/// deviation, in units of what the healthy session leaves over, per pressure at its usual size.
+const FORM: f64 = 0.15;
+/// The same for how fast a pressure changes.
+const FORM_RATE: f64 = 0.15;
+
+/// The problem.
+pub struct Problem<'a> {
+    /// The robot.
+    pub robot: &'a RobotSpec,
+    /// The session.
+    pub grid: &'a Grid,
+    /// The healthy rig.
+    pub baseline: &'a Baseline,
+    healthy: Simulated,
+    nuisance: DMatrix<f64>,
+    /// NᵀN + Λ.
+    normal: Cholesky<f64, Dyn>,
+    lambda: DMatrix<f64>,
+    /// Gram matrix of the nuisance per block.
+    grams: Vec<DMatrix<f64>>,
+    edges: Vec<usize>,
+}
+
+/// Log-likelihood on held-out blocks, relative to a perfect fit.
+#[derive(Clone, Debug, Default)]
+pub struct Losses(pub Vec<f64>);
+
+impl<'a> Problem<'a> {
+    /// Sets the problem up: one replay per nuisance parameter.
+    ///
+    /// # Errors
+    /// [`GapError`] when the healthy model cannot follow the session.
+    pub fn new(
+        robot: &'a RobotSpec,
+        grid: &'a Grid,
+        baseline: &'a Baseline,
+    ) -> Result<Self, GapError> {
+        let values = &baseline.values;
+        let healthy = move_arm(robot, grid, values, &[])?;
+        let columns = sensitivities(robot, grid, values, &[], &healthy)?;
+        let stacked: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
+        let mut stacked = stacked;
+        let knob_count = stacked.len();
+        let mut form = Vec::new();
+        for (shape, sd) in shapes(grid) {
+            for c in 0..baseline.noise.channels.len() {
+                let w = baseline.noise.response(c, &shape);
+                stacked.push(DVector::from_column_slice(w.as_slice()));
+                form.push(1.0 / (sd * sd));
+            }
+        }
+        let nuisance = DMatrix::from_columns(&stacked);
+        let mut covariance = baseline.covariance.clone();
+        for (i, k) in knobs().into_iter().enumerate() {
+            covariance[(i, i)] += (std::env::var("WANDER").ok().and_then(|x| x.parse().ok()).unwrap_or(WANDER) * k.prior()).powi(2);
+        }
+        let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
+        let mut lambda = DMatrix::zeros(stacked.len(), stacked.len());
+        lambda.view_mut((0, 0), (knob_count, knob_count)).copy_from(&known);
+        for (i, precision) in form.iter().enumerate() {
+            lambda[(knob_count + i, knob_count + i)] = *precision;
+        }
+        let per_row = baseline.noise.channels.len();
+        let edges: Vec<usize> = (0..=BLOCKS)
+            .map(|b| b * grid.len() / BLOCKS * per_row)
+            .collect();
+        let grams: Vec<DMatrix<f64>> = edges
+            .windows(2)
+            .map(|w| {
+                let n = nuisance.rows(w[0], w[1] - w[0]);
+                n.tr_mul(&n)
+            })
+            .collect();
+        let mut whole = lambda.clone();
+        for g in &grams {
+            whole += g;
+        }
+        let normal = whole.cholesky().ok_or(GapError::Degenerate)?;
+        Ok(Self {
+            robot,
+            grid,
+            baseline,
+            healthy,
+            nuisance,
+            normal,
+            lambda,
+            grams,
+            edges,
+        })
+    }
+
+    /// Number of innovations.
+    pub fn len(&self) -> usize {
+        self.nuisance.nrows()
+    }
+
+    /// Measured less predicted with these effects.
+    ///
+    /// # Errors
+    /// [`EffectError`] when the arm finds no equilibrium with them.
+    pub fn rows(&self, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
+        let values = &self.baseline.values;
+        let anew = effects.iter().any(|a| {
+            Candidate {
+                effect: a.effect,
+                target: a.target,
+            }
+            .moves_arm()
+        });
+        if anew {
+            let moved = move_arm(self.robot, self.grid, values, effects)?;
+            Ok(left_over(self.robot, self.grid, &moved, values, effects))
+        } else {
+            Ok(left_over(self.robot, self.grid, &self.healthy, values, effects))
+        }
+    }
+
+    /// Innovations with these effects.
+    ///
+    /// # Errors
+    /// As [`Self::rows`].
+    pub fn residual(&self, effects: &[Active]) -> Result<DVector<f64>, EffectError> {
+        Ok(stack(self.baseline, &self.rows(effects)?))
+    }
+
+    /// temporary
+    pub fn absorbed(&self) {
+        let r = self.residual(&[]).unwrap();
+        let d = self.normal.solve(&self.nuisance.tr_mul(&r));
+        let cov = self.lambda.clone().cholesky().unwrap().inverse();
+        for (i, k) in knobs().into_iter().enumerate() {
+            eprintln!("{:?} {:.5} of prior {:.2} of sd {:.2}", k, d[i], d[i] / k.prior(), d[i] / cov[(i, i)].sqrt());
+        }
+    }
+
+    /// Nᵀ x.
+    fn seen_by_nuisance(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
+        self.nuisance.tr_mul(x)
+    }
+
+    /// Aᵀ M B for stacked columns.
+    pub fn product(&self, a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+        let na = self.seen_by_nuisance(a);
+        let nb = self.seen_by_nuisance(b);
+        a.tr_mul(b) - na.tr_mul(&self.normal.solve(&nb))
+    }
+
+    /// M x.
+    pub fn cleaned(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
+        x - &self.nuisance * self.normal.solve(&self.seen_by_nuisance(x))
+    }
+
+    /// Half the squared innovations of every block, when nuisance and the columns `j` are fitted to
+    /// the other folds. `weak` is the precision of the columns' prior about zero.
+    pub fn held_out(&self, r: &DVector<f64>, j: &DMatrix<f64>, weak: &DVector<f64>) -> Losses {
+        let (k, p) = (self.nuisance.ncols(), j.ncols());
+        let blocks: Vec<(DMatrix<f64>, DVector<f64>)> = (0..BLOCKS)
+            .map(|b| {
+                let (from, n) = (self.edges[b], self.edges[b + 1] - self.edges[b]);
+                let nb = self.nuisance.rows(from, n);
+                let jb = j.rows(from, n);
+                let rb = r.rows(from, n);
+                let mut gram = DMatrix::zeros(k + p, k + p);
+                gram.view_mut((0, 0), (k, k)).copy_from(&self.grams[b]);
+                if p > 0 {
+                    let cross = nb.tr_mul(&jb);
+                    gram.view_mut((0, k), (k, p)).copy_from(&cross);
+                    gram.view_mut((k, 0), (p, k)).copy_from(&cross.transpose());
+                    gram.view_mut((k, k), (p, p)).copy_from(&jb.tr_mul(&jb));
+                }
+                let mut right = DVector::zeros(k + p);
+                right.rows_mut(0, k).copy_from(&nb.tr_mul(&rb));
+                if p > 0 {
+                    right.rows_mut(k, p).copy_from(&jb.tr_mul(&rb));
+                }
+                (gram, right)
+            })
+            .collect();
+        let mut losses = vec![f64::INFINITY; BLOCKS];
+        for fold in 0..FOLDS {
+            let mut gram = DMatrix::zeros(k + p, k + p);
+            gram.view_mut((0, 0), (k, k)).copy_from(&self.lambda);
+            for i in 0..p {
+                gram[(k + i, k + i)] = weak[i];
+            }
+            let mut right = DVector::zeros(k + p);
+            for (b, (g, x)) in blocks.iter().enumerate() {
+                if b % FOLDS != fold {
+                    gram += g;
+                    right += x;
+                }
+            }
+            let Some(solver) = gram.cholesky() else {
+                continue;
+            };
+            let fitted = solver.solve(&right);
+            for b in (0..BLOCKS).filter(|b| b % FOLDS == fold) {
+                let (from, n) = (self.edges[b], self.edges[b + 1] - self.edges[b]);
+                let rb = r.rows(from, n).norm_squared();
+                let (g, x) = &blocks[b];
+                // |r − X f|² = |r|² − 2 fᵀXᵀr + fᵀXᵀX f
+                losses[b] = 0.5 * (rb - 2.0 * fitted.dot(x) + fitted.dot(&(g * &fitted)));
+            }
+        }
+        Losses(losses)
+    }
+}
+
+/// What the model's own error may follow: a constant, the pressures, how fast they change; each of
+/// unit size, with its standard deviation.
+fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
+    let p = grid.binned(&grid.gauge_pa);
+    let n = p.len();
+    let form = std::env::var("FORM").ok().and_then(|x| x.parse().ok()).unwrap_or(FORM);
+    let form_rate = std::env::var("FORMR").ok().and_then(|x| x.parse().ok()).unwrap_or(FORM_RATE);
+    let mut out = vec![(vec![1.0; n], form)];
+    for i in 0..CHAMBERS {
+        let level: Vec<f64> = p.iter().map(|row| row[i] / USUAL_PA).collect();
+        let rate = (0..n)
+            .map(|k| {
+                let (a, b) = (k.saturating_sub(2), (k + 2).min(n - 1));
+                (p[b][i] - p[a][i]) / (grid.t_s[b] - grid.t_s[a]) / USUAL_PA_S
+            })
+            .collect();
+        out.push((level, form));
+        out.push((rate, form_rate));
+    }
+    out
+}
+
+/// Usual size of a pressure, Pa.
+const USUAL_PA: f64 = 15e3;
+/// Usual size of its rate, Pa/s.
+const USUAL_PA_S: f64 = 5e3;
+
+fn stack(baseline: &Baseline, rows: &[Row]) -> DVector<f64> {
+    let w = baseline.noise.innovations(rows);
+    DVector::from_column_slice(w.as_slice())
+}
+
+impl Losses {
+    /// How much better than `other`, in nats, and its standard error from block to block.
+    pub fn gain_over(&self, other: &Self) -> (f64, f64) {
+        let d: Vec<f64> = other.0.iter().zip(&self.0).map(|(o, s)| o - s).collect();
+        let n = d.len() as f64;
+        let sum: f64 = d.iter().sum();
+        let mean = sum / n;
+        let var = d.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        (sum, (n * var).sqrt())
+    }
+}
