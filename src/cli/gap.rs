@@ -31,7 +31,10 @@ pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
         GapCommand::Probe { baseline, session } => {
             let b = gap::commission(robot, &Grid::new(read(baseline)?)?, &gap::Unwatched)?;
             gap::probe(robot, &Grid::new(read(session)?)?, &b)?;
-            Ok(Report { text: String::new(), json: json!({}) })
+            Ok(Report {
+                text: String::new(),
+                json: json!({}),
+            })
         }
     }
 }

@@ -61,7 +61,11 @@ impl Candidate {
                     .filter(|s| s.moves.contains(&i))
                     .map(|s| (s.at[i] - nominal[i]).abs())
                     .fold(0.0, f64::max);
-                if moved > 0.0 { moved } else { 0.3 * starts[0].at[i].abs() }
+                if moved > 0.0 {
+                    moved
+                } else {
+                    0.3 * starts[0].at[i].abs()
+                }
             })
             .collect()
     }

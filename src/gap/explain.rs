@@ -2,10 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::candidates::{Candidate, Start, candidates, starts_in};
+use super::candidates::{Candidate, Start, candidates};
 use super::fit::{Fit, fit};
 use super::problem::{Losses, Problem};
-use super::session::{CHANNELS, IMU_0, SPRING_0};
+use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage, parallel};
 use crate::sim::effects::{Effect, Residual};
 
@@ -42,8 +42,8 @@ const SAME_EFFECT: usize = 3;
 const STEPS: usize = 8;
 
 /// Candidates that this session can speak of: their effect shows in a channel that is there.
-pub fn admitted(problem: &Problem, keep: impl Fn(&Effect) -> bool) -> Vec<Candidate> {
-    let present = &problem.grid.present;
+pub fn admitted(grid: &Grid, keep: impl Fn(&Effect) -> bool) -> Vec<Candidate> {
+    let present = &grid.present;
     let tip = present[..6].iter().any(|p| *p);
     let springs = present[SPRING_0..IMU_0].iter().any(|p| *p);
     let imus = present[IMU_0..CHANNELS].iter().any(|p| *p);
@@ -70,6 +70,7 @@ pub fn admitted(problem: &Problem, keep: impl Fn(&Effect) -> bool) -> Vec<Candid
 pub fn columns(
     problem: &Problem,
     all: &[Candidate],
+    places: &dyn Fn(&Candidate) -> Vec<Start>,
     so_far: &[(Candidate, Vec<f64>)],
 ) -> Result<Vec<Column>, GapError> {
     let base: Vec<_> = so_far.iter().map(|(c, v)| c.with(v)).collect();
@@ -77,11 +78,7 @@ pub fn columns(
     let jobs: Vec<(usize, Start)> = all
         .iter()
         .enumerate()
-        .flat_map(|(i, c)| {
-            starts_in(c, problem.grid)
-                .into_iter()
-                .map(move |s| (i, s))
-        })
+        .flat_map(|(i, c)| places(c).into_iter().map(move |s| (i, s)))
         .collect();
     let done = parallel(&jobs, |(i, start)| {
         let candidate = all[*i];
@@ -199,7 +196,10 @@ pub fn explain(
                 v.clamp(p.bounds[0], p.bounds[1])
             };
         }
-        if matches!(candidate.effect.id, "contact" | "spring-stuck" | "flow-limit") {
+        if matches!(
+            candidate.effect.id,
+            "contact" | "spring-stuck" | "flow-limit"
+        ) {
             values.clone_from(&column.start.at);
         }
         chosen.push((candidate, values));
@@ -208,25 +208,28 @@ pub fn explain(
         }
     }
     let step = std::sync::atomic::AtomicUsize::new(0);
-    let fitted = parallel(&chosen, |(candidate, values)| -> Result<Option<Explained>, GapError> {
-        let n = step.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        progress.at(Stage::Explain, n as f64 / chosen.len() as f64)?;
-        let mut effects = base.clone();
-        effects.push((*candidate, values.clone()));
-        let Some(fit) = fit(problem, effects, STEPS) else {
-            return Ok(None);
-        };
-        let weak = weak_prior(&fit);
-        let losses = problem.held_out(&fit.residual, &fit.columns, &weak);
-        let (gain, se) = losses.gain_over(&losses0);
-        Ok(Some(Explained {
-            candidate: *candidate,
-            fit,
-            losses,
-            gain,
-            se,
-        }))
-    });
+    let fitted = parallel(
+        &chosen,
+        |(candidate, values)| -> Result<Option<Explained>, GapError> {
+            let n = step.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            progress.at(Stage::Explain, n as f64 / chosen.len() as f64)?;
+            let mut effects = base.clone();
+            effects.push((*candidate, values.clone()));
+            let Some(fit) = fit(problem, effects, STEPS) else {
+                return Ok(None);
+            };
+            let weak = weak_prior(&fit);
+            let losses = problem.held_out(&fit.residual, &fit.columns, &weak);
+            let (gain, se) = losses.gain_over(&losses0);
+            Ok(Some(Explained {
+                candidate: *candidate,
+                fit,
+                losses,
+                gain,
+                se,
+            }))
+        },
+    );
     let mut out = Vec::new();
     for f in fitted {
         out.extend(f?);

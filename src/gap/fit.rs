@@ -95,7 +95,10 @@ pub fn fit(problem: &Problem, effects: Vec<(Candidate, Vec<f64>)>, steps: usize)
             break;
         }
         let gram = problem.product(&columns, &columns);
-        let right = problem.product(&columns, &DMatrix::from_column_slice(r.len(), 1, r.as_slice()));
+        let right = problem.product(
+            &columns,
+            &DMatrix::from_column_slice(r.len(), 1, r.as_slice()),
+        );
         let mut improved = false;
         for _ in 0..6 {
             // Parameters pushed against a bound stay there.

@@ -5,6 +5,7 @@ mod candidates;
 mod commission;
 mod explain;
 mod finder;
+mod finding;
 mod fit;
 mod noise;
 mod patch;
@@ -14,6 +15,9 @@ mod session;
 
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use finder::probe;
+pub use finding::{
+    ChannelError, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces, Verdict,
+};
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};

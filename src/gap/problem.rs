@@ -6,13 +6,12 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
-use super::candidates::Candidate;
 use super::commission::{Baseline, sensitivities};
 use super::replay::{Row, knobs, left_over, move_arm};
 use super::session::Grid;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use crate::sim::effects::{Active, EffectError, Simulated};
+use crate::sim::effects::{Active, EffectError, Operator, Simulated};
 
 /// Contiguous pieces of a session that gains are summed over.
 pub const BLOCKS: usize = 12;
@@ -26,15 +25,12 @@ const FORM: f64 = 0.15;
 /// The same for how fast a pressure changes.
 const FORM_RATE: f64 = 0.15;
 
+/// Innovations with these effects at work.
+type Evaluate<'a> = Box<dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError> + Sync + 'a>;
+
 /// The problem.
 pub struct Problem<'a> {
-    /// The robot.
-    pub robot: &'a RobotSpec,
-    /// The session.
-    pub grid: &'a Grid,
-    /// The healthy rig.
-    pub baseline: &'a Baseline,
-    healthy: Simulated,
+    evaluate: Evaluate<'a>,
     nuisance: DMatrix<f64>,
     /// NᵀN + Λ.
     normal: Cholesky<f64, Dyn>,
@@ -48,45 +44,116 @@ pub struct Problem<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Losses(pub Vec<f64>);
 
-impl<'a> Problem<'a> {
-    /// Sets the problem up: one replay per nuisance parameter.
+/// A session against its baseline: the arm moves through the measured pressures.
+pub struct Replayed<'a> {
+    /// The robot.
+    pub robot: &'a RobotSpec,
+    /// The session.
+    pub grid: &'a Grid,
+    /// The healthy rig.
+    pub baseline: &'a Baseline,
+    healthy: Simulated,
+}
+
+impl<'a> Replayed<'a> {
+    /// Moves the healthy arm through the session.
     ///
     /// # Errors
-    /// [`GapError`] when the healthy model cannot follow the session.
+    /// [`EffectError`] when it cannot follow.
     pub fn new(
         robot: &'a RobotSpec,
         grid: &'a Grid,
         baseline: &'a Baseline,
-    ) -> Result<Self, GapError> {
-        let values = &baseline.values;
-        let healthy = move_arm(robot, grid, values, &[])?;
-        let columns = sensitivities(robot, grid, values, &[], &healthy)?;
-        let stacked: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
-        let mut stacked = stacked;
-        let knob_count = stacked.len();
+    ) -> Result<Self, EffectError> {
+        let healthy = move_arm(robot, grid, &baseline.values, &[])?;
+        Ok(Self {
+            robot,
+            grid,
+            baseline,
+            healthy,
+        })
+    }
+
+    /// Measured less predicted with these effects.
+    ///
+    /// # Errors
+    /// [`EffectError`] when the arm finds no equilibrium with them.
+    pub fn rows(&self, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
+        let values = &self.baseline.values;
+        let anew = effects.iter().any(|a| {
+            matches!(
+                a.effect.operator,
+                Operator::Mechanics(_) | Operator::Pressure(_)
+            )
+        });
+        if anew {
+            let moved = move_arm(self.robot, self.grid, values, effects)?;
+            Ok(left_over(self.robot, self.grid, &moved, values, effects))
+        } else {
+            Ok(left_over(
+                self.robot,
+                self.grid,
+                &self.healthy,
+                values,
+                effects,
+            ))
+        }
+    }
+
+    /// As a least-squares problem: one replay per nuisance parameter.
+    ///
+    /// # Errors
+    /// [`GapError`] when the healthy model cannot follow the session.
+    pub fn problem(&self) -> Result<Problem<'_>, GapError> {
+        let baseline = self.baseline;
+        let columns = sensitivities(self.robot, self.grid, &baseline.values, &[], &self.healthy)?;
+        let mut stacked: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
+        let mut covariance = baseline.covariance.clone();
+        for (i, k) in knobs().into_iter().enumerate() {
+            covariance[(i, i)] += (WANDER * k.prior()).powi(2);
+        }
+        let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
+        let count = stacked.len();
         let mut form = Vec::new();
-        for (shape, sd) in shapes(grid) {
+        for (shape, sd) in shapes(self.grid) {
             for c in 0..baseline.noise.channels.len() {
                 let w = baseline.noise.response(c, &shape);
                 stacked.push(DVector::from_column_slice(w.as_slice()));
                 form.push(1.0 / (sd * sd));
             }
         }
-        let nuisance = DMatrix::from_columns(&stacked);
-        let mut covariance = baseline.covariance.clone();
-        for (i, k) in knobs().into_iter().enumerate() {
-            covariance[(i, i)] += (std::env::var("WANDER").ok().and_then(|x| x.parse().ok()).unwrap_or(WANDER) * k.prior()).powi(2);
-        }
-        let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
         let mut lambda = DMatrix::zeros(stacked.len(), stacked.len());
-        lambda.view_mut((0, 0), (knob_count, knob_count)).copy_from(&known);
+        lambda.view_mut((0, 0), (count, count)).copy_from(&known);
         for (i, precision) in form.iter().enumerate() {
-            lambda[(knob_count + i, knob_count + i)] = *precision;
+            lambda[(count + i, count + i)] = *precision;
         }
-        let per_row = baseline.noise.channels.len();
-        let edges: Vec<usize> = (0..=BLOCKS)
-            .map(|b| b * grid.len() / BLOCKS * per_row)
-            .collect();
+        let per_bin = baseline.noise.channels.len();
+        Problem::new(
+            Box::new(|effects| Ok(stack(baseline, &self.rows(effects)?))),
+            DMatrix::from_columns(&stacked),
+            lambda,
+            &block_edges(self.grid.len(), per_bin),
+        )
+    }
+}
+
+/// Boundaries of the blocks among `bins` times `per_bin` stacked innovations.
+pub fn block_edges(bins: usize, per_bin: usize) -> Vec<usize> {
+    (0..=BLOCKS).map(|b| b * bins / BLOCKS * per_bin).collect()
+}
+
+impl<'a> Problem<'a> {
+    /// A problem from its innovations, its nuisance columns with the precision of their prior about
+    /// zero, and the boundaries of its blocks.
+    ///
+    /// # Errors
+    /// [`GapError::Degenerate`] when something is not finite.
+    pub fn new(
+        evaluate: Evaluate<'a>,
+        nuisance: DMatrix<f64>,
+        lambda: DMatrix<f64>,
+        edges: &[usize],
+    ) -> Result<Self, GapError> {
         let grams: Vec<DMatrix<f64>> = edges
             .windows(2)
             .map(|w| {
@@ -100,15 +167,12 @@ impl<'a> Problem<'a> {
         }
         let normal = whole.cholesky().ok_or(GapError::Degenerate)?;
         Ok(Self {
-            robot,
-            grid,
-            baseline,
-            healthy,
+            evaluate,
             nuisance,
             normal,
             lambda,
             grams,
-            edges,
+            edges: edges.to_vec(),
         })
     }
 
@@ -117,43 +181,12 @@ impl<'a> Problem<'a> {
         self.nuisance.nrows()
     }
 
-    /// Measured less predicted with these effects.
-    ///
-    /// # Errors
-    /// [`EffectError`] when the arm finds no equilibrium with them.
-    pub fn rows(&self, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
-        let values = &self.baseline.values;
-        let anew = effects.iter().any(|a| {
-            Candidate {
-                effect: a.effect,
-                target: a.target,
-            }
-            .moves_arm()
-        });
-        if anew {
-            let moved = move_arm(self.robot, self.grid, values, effects)?;
-            Ok(left_over(self.robot, self.grid, &moved, values, effects))
-        } else {
-            Ok(left_over(self.robot, self.grid, &self.healthy, values, effects))
-        }
-    }
-
     /// Innovations with these effects.
     ///
     /// # Errors
-    /// As [`Self::rows`].
+    /// [`EffectError`] when they cannot be simulated.
     pub fn residual(&self, effects: &[Active]) -> Result<DVector<f64>, EffectError> {
-        Ok(stack(self.baseline, &self.rows(effects)?))
-    }
-
-    /// temporary
-    pub fn absorbed(&self) {
-        let r = self.residual(&[]).unwrap();
-        let d = self.normal.solve(&self.nuisance.tr_mul(&r));
-        let cov = self.lambda.clone().cholesky().unwrap().inverse();
-        for (i, k) in knobs().into_iter().enumerate() {
-            eprintln!("{:?} {:.5} of prior {:.2} of sd {:.2}", k, d[i], d[i] / k.prior(), d[i] / cov[(i, i)].sqrt());
-        }
+        (self.evaluate)(effects)
     }
 
     /// Nᵀ x.
@@ -234,9 +267,7 @@ impl<'a> Problem<'a> {
 fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
     let p = grid.binned(&grid.gauge_pa);
     let n = p.len();
-    let form = std::env::var("FORM").ok().and_then(|x| x.parse().ok()).unwrap_or(FORM);
-    let form_rate = std::env::var("FORMR").ok().and_then(|x| x.parse().ok()).unwrap_or(FORM_RATE);
-    let mut out = vec![(vec![1.0; n], form)];
+    let mut out = vec![(vec![1.0; n], FORM)];
     for i in 0..CHAMBERS {
         let level: Vec<f64> = p.iter().map(|row| row[i] / USUAL_PA).collect();
         let rate = (0..n)
@@ -245,8 +276,8 @@ fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
                 (p[b][i] - p[a][i]) / (grid.t_s[b] - grid.t_s[a]) / USUAL_PA_S
             })
             .collect();
-        out.push((level, form));
-        out.push((rate, form_rate));
+        out.push((level, FORM));
+        out.push((rate, FORM_RATE));
     }
     out
 }

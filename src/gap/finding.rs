@@ -1,0 +1,160 @@
+//! What the finder has to say, in the form that is printed, drawn and written.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::patch::PatchValue;
+
+/// The verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Nothing gains more than chance would, and what is left over is what a healthy rig leaves.
+    NothingMissing,
+    /// One set of effects explains it, and no other does nearly as well.
+    Named,
+    /// Several effects explain it as well as each other.
+    Indistinguishable,
+    /// Something is there, and no known effect explains it.
+    Unknown,
+    /// The session moves too little to tell.
+    NotExcited,
+}
+
+/// An effect that was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundEffect {
+    /// Its id in the table.
+    pub id: String,
+    /// Where it sits.
+    pub side: String,
+    /// Chamber, spring, IMU or segment (1-based); `None` for the whole.
+    pub target: Option<usize>,
+    /// Its parameters with 95 % intervals, SI.
+    pub params: BTreeMap<String, PatchValue>,
+}
+
+/// A candidate and how much better it predicts held-out data than the model without it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ranked {
+    /// Effect.
+    pub id: String,
+    /// Its channel (1-based).
+    pub target: Option<usize>,
+    /// Gain in held-out log-likelihood, nats.
+    pub gain: f64,
+    /// Its standard error.
+    pub se: f64,
+}
+
+/// Where a residual goes along with something.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Located {
+    /// `r1` .. `r5`.
+    pub residual: String,
+    /// Channel of the residual.
+    pub channel: String,
+    /// What it goes along with.
+    pub regressor: String,
+    /// Share of its variance that this explains on held-out blocks, 0..1.
+    pub share: f64,
+}
+
+/// The gap, in the unit of the residual that shows it best, on held-out data.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GapSize {
+    /// Root mean square without the effects.
+    pub before: f64,
+    /// With them.
+    pub after: f64,
+    /// Of a healthy session.
+    pub floor: f64,
+    /// (before − after)/(before − floor).
+    pub closed: f64,
+    /// mm, deg or kPa.
+    pub unit: String,
+}
+
+/// Error of one group of channels on held-out data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelError {
+    /// Residual (`r1`..`r4`) and channel group.
+    pub name: String,
+    /// mm, deg or kPa.
+    pub unit: String,
+    /// Root mean square without the effects.
+    pub before: f64,
+    /// With them.
+    pub after: f64,
+    /// 95 % interval of `after`, from block to block.
+    pub after_ci95: [f64; 2],
+    /// With the effects driven by shuffled inputs: must not help.
+    pub shuffled: Option<f64>,
+    /// Of a healthy session.
+    pub floor: Option<f64>,
+}
+
+/// What to run to tell effects apart.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeparateBy {
+    /// Name of an excitation of the rig.
+    pub excitation: String,
+    /// The effects that it separates.
+    pub effects: Vec<String>,
+    /// Why.
+    pub why: String,
+}
+
+/// Series for pictures: one entry per bin of the grid.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Traces {
+    /// Times, s.
+    pub t_s: Vec<f64>,
+    /// Channel names of the rows of `before` and `after`.
+    pub channels: Vec<String>,
+    /// Residual per channel and bin without the effects, in units of the floor.
+    pub before: Vec<Vec<f64>>,
+    /// With the effects.
+    pub after: Vec<Vec<f64>>,
+    /// Measured end pad x, y, z, m.
+    pub measured_m: Vec<[f64; 3]>,
+    /// Simulated without the effects.
+    pub before_m: Vec<[f64; 3]>,
+    /// With the effects.
+    pub after_m: Vec<[f64; 3]>,
+    /// Orientation of the end pad (quaternion w, x, y, z): measured, without, with.
+    pub turns: [Vec<[f64; 4]>; 3],
+}
+
+/// All of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// What is to be added to the model; for [`Verdict::Indistinguishable`] the alternatives.
+    pub effects: Vec<FoundEffect>,
+    /// Everything that was fitted, best first.
+    pub candidates: Vec<Ranked>,
+    /// Gain that chance reaches in 5 % of healthy sessions, nats.
+    pub threshold: f64,
+    /// Where the residuals go along with something.
+    pub located: Vec<Located>,
+    /// The gap before and after.
+    pub gap: GapSize,
+    /// Channel groups that got worse on held-out data.
+    pub worse: Vec<ChannelError>,
+    /// All channel groups.
+    pub channels: Vec<ChannelError>,
+    /// What to run to tell the alternatives apart.
+    pub separate_by: Option<SeparateBy>,
+    /// What weakens the verdict, one sentence each; and for [`Verdict::Unknown`] what is there.
+    pub notes: Vec<String>,
+    /// Names and hashes of the data: baseline and suspect session.
+    pub data: BTreeMap<String, String>,
+    /// Wall time, s.
+    pub seconds: f64,
+    /// For pictures.
+    #[serde(skip)]
+    pub traces: Traces,
+}
