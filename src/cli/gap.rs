@@ -7,7 +7,7 @@ use clap::Subcommand;
 use serde_json::json;
 
 use super::Report;
-use springtwin::gap::{self, Grid, Patch, Session};
+use springtwin::gap::{self, GapError, Grid, Options, Patch, Progress, Session, Stage};
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 
@@ -21,21 +21,33 @@ pub enum GapCommand {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
-    /// probe
-    Probe { baseline: PathBuf, session: PathBuf },
+    /// Find what is missing in the model of a rig
+    Run(RunArgs),
+}
+
+#[derive(clap::Args)]
+pub struct RunArgs {
+    /// Session of the healthy rig; the factory model without it
+    #[arg(long, value_name = "SESSION")]
+    baseline: Option<PathBuf>,
+    /// Session in which something may be wrong
+    #[arg(long, value_name = "SESSION")]
+    session: PathBuf,
+    /// Folder for patch, report and recording
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Effects to leave out of the table
+    #[arg(long, value_name = "ID")]
+    without: Vec<String>,
+    /// Seed of the chance sessions behind the threshold
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
 }
 
 pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
         GapCommand::Commission { session, out } => commission(robot, session, out),
-        GapCommand::Probe { baseline, session } => {
-            let b = gap::commission(robot, &Grid::new(read(baseline)?)?, &gap::Unwatched)?;
-            gap::probe(robot, &Grid::new(read(session)?)?, &b)?;
-            Ok(Report {
-                text: String::new(),
-                json: json!({}),
-            })
-        }
+        GapCommand::Run(a) => find(robot, a),
     }
 }
 
@@ -90,4 +102,49 @@ pub fn read_patch(path: &Path, robot: &RobotSpec) -> Result<Patch> {
         .check_robot(robot)
         .with_context(|| path.display().to_string())?;
     Ok(patch)
+}
+
+/// Tells on standard error how far the finder is.
+struct Told;
+
+impl Progress for Told {
+    fn at(&self, stage: Stage, share: f64) -> Result<(), GapError> {
+        log::info!("{stage:?} {:.0} %", 100.0 * share);
+        Ok(())
+    }
+}
+
+fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the run, for the report"
+    )]
+    let start = std::time::Instant::now();
+    for id in &a.without {
+        if springtwin::sim::effects::effect(id).is_none() {
+            anyhow::bail!("there is no effect '{id}' to leave out: see springtwin gap effects");
+        }
+    }
+    let healthy = a.baseline.as_deref().map(|p| read(p)).transpose()?;
+    let healthy = healthy.map(Grid::new).transpose()?;
+    let suspect = Grid::new(read(&a.session)?)?;
+    let options = Options {
+        without: a.without.clone(),
+        seed: a.seed,
+        excitations: Vec::new(),
+    };
+    let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Told)?;
+    found.finding.seconds = start.elapsed().as_secs_f64();
+    if let Some(dir) = &a.out {
+        std::fs::create_dir_all(dir)
+            .with_context(|| format!("cannot make the folder {}", dir.display()))?;
+        let file = dir.join("patch.toml");
+        std::fs::write(&file, found.patch.to_toml())
+            .with_context(|| format!("cannot write {}", file.display()))?;
+    }
+    let f = &found.finding;
+    Ok(Report {
+        text: format!("{:?}: {:?}", f.verdict, f.effects),
+        json: serde_json::to_value(f)?,
+    })
 }

@@ -145,23 +145,6 @@ fn replay(robot: &RobotSpec, session: &Path, patch: Option<&Path>) -> Result<Rep
     };
     let moved = gap::move_arm(robot, &grid, &values, &effects).with_context(|| name)?;
     let rows = gap::left_over(robot, &grid, &moved, &values, &effects);
-    if let Ok(f) = std::env::var("DUMP") {
-        let text: String = rows
-            .iter()
-            .zip(&grid.t_s)
-            .zip(&moved.base_from_pad)
-            .map(|((r, t), p)| {
-                format!(
-                    "{t},{},{},{},{}\n",
-                    p[2].translation.vector.x,
-                    p[2].translation.vector.y,
-                    p[2].translation.vector.z,
-                    r.map(|x| x.to_string()).join(",")
-                )
-            })
-            .collect();
-        std::fs::write(f, text)?;
-    }
     let e = gap::rmse(&rows, |_| true);
     let mm = |x: Option<f64>| x.map(|x| x * 1e3);
     let deg = |x: Option<f64>| x.map(f64::to_degrees);

@@ -1,7 +1,7 @@
 //! What is tried: every effect of the table on every channel it can sit on, with starting shapes.
 
 use super::session::Grid;
-use crate::sim::effects::{Active, EFFECTS, Effect, Operator, Target};
+use crate::sim::effects::{Active, EFFECTS, Effect, Target};
 
 /// An effect on a channel (0-based; `None`: all of them, or nothing to choose).
 #[derive(Clone, Copy, Debug)]
@@ -40,14 +40,6 @@ impl Candidate {
     /// Values without the effect.
     pub fn nominal(&self) -> Vec<f64> {
         self.effect.parameters.iter().map(|p| p.nominal).collect()
-    }
-
-    /// Whether the arm has to be moved anew for it.
-    pub fn moves_arm(&self) -> bool {
-        matches!(
-            self.effect.operator,
-            Operator::Mechanics(_) | Operator::Pressure(_)
-        )
     }
 
     /// Usual size of each parameter's departure, for steps and scaling.

@@ -20,6 +20,8 @@ pub struct Baseline {
     pub noise: Noise,
     /// Its size on data that were not fitted.
     pub floor: Rmse,
+    /// The same per channel.
+    pub channel_floor: [f64; CHANNELS],
     /// Innovations of the healthy session, fitted on its other half; none for the factory model.
     pub healthy: Option<DMatrix<f64>>,
     /// Name and hash of the healthy session.
@@ -76,6 +78,7 @@ pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
         covariance: DMatrix::from_diagonal(&DVector::from_iterator(knobs().len(), priors)),
         noise: Noise::usual(present),
         floor: Rmse::default(),
+        channel_floor: [f64::NAN; CHANNELS],
         healthy: None,
         session: None,
     }
@@ -188,6 +191,11 @@ pub fn commission(
         healthy: Some(noise.innovations(&unseen)),
         noise,
         floor: rmse(&masked(&unseen, grid), |_| true),
+        channel_floor: std::array::from_fn(|c| {
+            let judged = &unseen[start()..];
+            let sum: f64 = judged.iter().map(|row| row[c] * row[c]).sum();
+            (sum / judged.len() as f64).sqrt()
+        }),
         session: Some([grid.session.name.clone(), grid.session.hash.clone()]),
     })
 }

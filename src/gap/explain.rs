@@ -17,6 +17,8 @@ pub struct Column {
     pub start: Start,
     /// One column per moved parameter, for a full move.
     pub columns: DMatrix<f64>,
+    /// The same with the nuisance projected out.
+    pub cleaned: DMatrix<f64>,
 }
 
 /// A candidate after its fit.
@@ -103,11 +105,59 @@ pub fn columns(
         Some(Column {
             candidate: *i,
             start: start.clone(),
+            cleaned: problem.cleaned(&out),
             columns: out,
         })
     });
     Ok(done.into_iter().flatten().collect())
 }
+
+/// Largest score that healthy innovations reach by chance, over all columns: the 95 % quantile of
+/// `draws` sessions put together from blocks of `healthy`.
+pub fn chance(
+    problem: &Problem,
+    ready: &[Column],
+    healthy: &DMatrix<f64>,
+    rng: &mut impl rand::Rng,
+    draws: usize,
+) -> f64 {
+    let per_bin = healthy.nrows();
+    let bins = problem.len() / per_bin;
+    let start = super::noise::start();
+    let usable = healthy.ncols() - start;
+    let block = CHANCE_BLOCK.min(usable);
+    let series: Vec<DVector<f64>> = (0..draws)
+        .map(|_| {
+            let mut r = DVector::zeros(problem.len());
+            let mut k = start;
+            while k < bins {
+                let from = start + rng.random_range(0..=usable - block);
+                for j in 0..block.min(bins - k) {
+                    r.rows_mut((k + j) * per_bin, per_bin)
+                        .copy_from(&healthy.column(from + j));
+                }
+                k += block;
+            }
+            r
+        })
+        .collect();
+    let r = DMatrix::from_columns(&series);
+    let best = parallel(ready, |c| {
+        let g = c.columns.tr_mul(&c.cleaned);
+        let b = c.cleaned.tr_mul(&r);
+        b.column_iter()
+            .map(|b| score(&g, &b.into_owned()).0)
+            .collect::<Vec<f64>>()
+    });
+    let mut most: Vec<f64> = (0..draws)
+        .map(|d| best.iter().map(|b| b[d]).fold(0.0, f64::max))
+        .collect();
+    most.sort_by(f64::total_cmp);
+    most[(0.95 * (draws - 1) as f64).round() as usize]
+}
+
+/// Length of the blocks that chance puts together, bins: longer than what lasts in a healthy rig.
+const CHANCE_BLOCK: usize = 50;
 
 /// Score ½ bᵀG⁻¹b of columns with cleaned residual, and the coefficients G⁻¹b.
 pub fn score(gram: &DMatrix<f64>, right: &DVector<f64>) -> (f64, DVector<f64>) {
@@ -145,24 +195,24 @@ pub fn explain(
         }
     };
     let r = DMatrix::from_column_slice(r0.len(), 1, r0.as_slice());
-    // What the effects so far can still absorb is not new.
-    let held = so_far.map(|e| e.fit.columns.clone());
     let clean = problem.cleaned(&r);
+    // What the effects so far can still absorb is not new.
+    let held = so_far.map(|e| &e.fit.columns);
+    let held_gram = held.map(|h| {
+        let mut g = problem.product(h, h);
+        for i in 0..g.nrows() {
+            g[(i, i)] += 1e-9 + 1e-9 * g[(i, i)];
+        }
+        g.cholesky()
+    });
     let mut scored: Vec<(f64, usize, DVector<f64>)> = parallel(ready, |c| {
-        let mut g = problem.product(&c.columns, &c.columns);
-        let mut b = DVector::from_column_slice(c.columns.tr_mul(&clean).as_slice());
-        if let Some(h) = &held {
-            let hh = problem.product(h, h);
-            let hc = problem.product(h, &c.columns);
+        let mut g = c.columns.tr_mul(&c.cleaned);
+        let mut b = DVector::from_column_slice(c.cleaned.tr_mul(&r).as_slice());
+        if let (Some(h), Some(Some(s))) = (held, &held_gram) {
+            let hc = h.tr_mul(&c.cleaned);
             let hr = DVector::from_column_slice(h.tr_mul(&clean).as_slice());
-            let mut hh = hh;
-            for i in 0..hh.nrows() {
-                hh[(i, i)] += 1e-9 + 1e-9 * hh[(i, i)];
-            }
-            if let Some(s) = hh.cholesky() {
-                g -= hc.tr_mul(&s.solve(&hc));
-                b -= hc.tr_mul(&s.solve(&hr));
-            }
+            g -= hc.tr_mul(&s.solve(&hc));
+            b -= hc.tr_mul(&s.solve(&hr));
         }
         score(&g, &b)
     })

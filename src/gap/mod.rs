@@ -4,17 +4,19 @@
 mod candidates;
 mod commission;
 mod explain;
-mod finder;
+mod find;
 mod finding;
 mod fit;
+mod locate;
 mod noise;
 mod patch;
 mod problem;
+mod prove;
 mod replay;
 mod session;
 
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
-pub use finder::probe;
+pub use find::{Found, Options, find};
 pub use finding::{
     ChannelError, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces, Verdict,
 };
@@ -61,6 +63,11 @@ pub enum GapError {
         /// The chamber (1-based).
         chamber: usize,
     },
+    /// No channel in both sessions.
+    #[error(
+        "the two sessions have no measured channel in common: springs, IMUs or motion capture must be in both"
+    )]
+    NothingCommon,
     /// The normal equations cannot be solved.
     #[error("the session does not determine the model's parameters: numbers in it are not finite")]
     Degenerate,

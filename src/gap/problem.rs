@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
 use super::commission::{Baseline, sensitivities};
-use super::replay::{Row, knobs, left_over, move_arm};
+use super::replay::{Row, knobs, left_over, move_arm, pretend};
 use super::session::Grid;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -38,6 +38,7 @@ pub struct Problem<'a> {
     /// Gram matrix of the nuisance per block.
     grams: Vec<DMatrix<f64>>,
     edges: Vec<usize>,
+    per_bin: usize,
 }
 
 /// Log-likelihood on held-out blocks, relative to a perfect fit.
@@ -133,7 +134,52 @@ impl<'a> Replayed<'a> {
             DMatrix::from_columns(&stacked),
             lambda,
             &block_edges(self.grid.len(), per_bin),
+            per_bin,
         )
+    }
+}
+
+impl Replayed<'_> {
+    /// How far apart two explanations would be under the pressures of `grid`, in nats, after the
+    /// second is refitted to the first as far as a linear change of its parameters allows.
+    pub fn apart(&self, grid: &Grid, a: &[Active], b: &[Active]) -> Option<f64> {
+        let values = &self.baseline.values;
+        let grid = pretend(self.robot, grid, values, a).ok()?;
+        let rows = |b: &[Active]| -> Option<DVector<f64>> {
+            let moved = move_arm(self.robot, &grid, values, b).ok()?;
+            Some(stack(
+                self.baseline,
+                &left_over(self.robot, &grid, &moved, values, b),
+            ))
+        };
+        let r = rows(b)?;
+        let mut columns = Vec::new();
+        for (k, effect) in b.iter().enumerate() {
+            for (i, p) in effect.effect.parameters.iter().enumerate() {
+                let v = effect.values[i];
+                let size = 0.02
+                    * (v - p.nominal)
+                        .abs()
+                        .max(0.01 * (p.bounds[1] - p.bounds[0]));
+                let step = if v + size <= p.bounds[1] { size } else { -size };
+                let mut shifted = b.to_vec();
+                shifted[k].values[i] += step;
+                if let Some(moved) = rows(&shifted) {
+                    columns.push((&r - moved) / step);
+                }
+            }
+        }
+        let mut left = r.norm_squared();
+        if !columns.is_empty() {
+            let j = DMatrix::from_columns(&columns);
+            let mut g = j.tr_mul(&j);
+            for i in 0..g.nrows() {
+                g[(i, i)] += 1e-9 + 1e-9 * g[(i, i)];
+            }
+            let right = j.tr_mul(&r);
+            left -= g.cholesky()?.solve(&right).dot(&right);
+        }
+        Some(0.5 * left.max(0.0))
     }
 }
 
@@ -144,7 +190,7 @@ pub fn block_edges(bins: usize, per_bin: usize) -> Vec<usize> {
 
 impl<'a> Problem<'a> {
     /// A problem from its innovations, its nuisance columns with the precision of their prior about
-    /// zero, and the boundaries of its blocks.
+    /// zero, the boundaries of its blocks and the number of innovations per bin.
     ///
     /// # Errors
     /// [`GapError::Degenerate`] when something is not finite.
@@ -153,6 +199,7 @@ impl<'a> Problem<'a> {
         nuisance: DMatrix<f64>,
         lambda: DMatrix<f64>,
         edges: &[usize],
+        per_bin: usize,
     ) -> Result<Self, GapError> {
         let grams: Vec<DMatrix<f64>> = edges
             .windows(2)
@@ -173,6 +220,7 @@ impl<'a> Problem<'a> {
             lambda,
             grams,
             edges: edges.to_vec(),
+            per_bin,
         })
     }
 
@@ -206,9 +254,53 @@ impl<'a> Problem<'a> {
         x - &self.nuisance * self.normal.solve(&self.seen_by_nuisance(x))
     }
 
+    /// Innovations per bin.
+    pub fn per_bin(&self) -> usize {
+        self.per_bin
+    }
+
+    /// Variance of the columns' coefficients from how the blocks disagree (sandwich estimate, the
+    /// blocks being independent). `weak` as in [`Self::held_out`].
+    pub fn sandwich(
+        &self,
+        r: &DVector<f64>,
+        j: &DMatrix<f64>,
+        weak: &DVector<f64>,
+    ) -> DVector<f64> {
+        let p = j.ncols();
+        let clean_j = self.cleaned(j);
+        let clean_r = self.cleaned(&DMatrix::from_column_slice(r.len(), 1, r.as_slice()));
+        let mut a = j.tr_mul(&clean_j);
+        for i in 0..p {
+            a[(i, i)] += weak[i] + 1e-9;
+        }
+        let mut meat = DMatrix::zeros(p, p);
+        for w in self.edges.windows(2) {
+            let s = clean_j
+                .rows(w[0], w[1] - w[0])
+                .tr_mul(&clean_r.rows(w[0], w[1] - w[0]));
+            meat += &s * s.transpose();
+        }
+        let blocks = (self.edges.len() - 1) as f64;
+        match a.try_inverse() {
+            Some(inv) => (&inv * meat * &inv).diagonal() * (blocks / (blocks - 1.0)),
+            None => DVector::from_element(p, f64::NAN),
+        }
+    }
+
     /// Half the squared innovations of every block, when nuisance and the columns `j` are fitted to
     /// the other folds. `weak` is the precision of the columns' prior about zero.
     pub fn held_out(&self, r: &DVector<f64>, j: &DMatrix<f64>, weak: &DVector<f64>) -> Losses {
+        self.folds(r, j, weak).0
+    }
+
+    /// As [`Self::held_out`], with the change of the columns' coefficients in every fold.
+    pub fn folds(
+        &self,
+        r: &DVector<f64>,
+        j: &DMatrix<f64>,
+        weak: &DVector<f64>,
+    ) -> (Losses, Vec<DVector<f64>>) {
         let (k, p) = (self.nuisance.ncols(), j.ncols());
         let blocks: Vec<(DMatrix<f64>, DVector<f64>)> = (0..BLOCKS)
             .map(|b| {
@@ -233,6 +325,7 @@ impl<'a> Problem<'a> {
             })
             .collect();
         let mut losses = vec![f64::INFINITY; BLOCKS];
+        let mut changes = vec![DVector::zeros(p); FOLDS];
         for fold in 0..FOLDS {
             let mut gram = DMatrix::zeros(k + p, k + p);
             gram.view_mut((0, 0), (k, k)).copy_from(&self.lambda);
@@ -250,6 +343,7 @@ impl<'a> Problem<'a> {
                 continue;
             };
             let fitted = solver.solve(&right);
+            changes[fold] = fitted.rows(k, p).into_owned();
             for b in (0..BLOCKS).filter(|b| b % FOLDS == fold) {
                 let (from, n) = (self.edges[b], self.edges[b + 1] - self.edges[b]);
                 let rb = r.rows(from, n).norm_squared();
@@ -258,7 +352,7 @@ impl<'a> Problem<'a> {
                 losses[b] = 0.5 * (rb - 2.0 * fitted.dot(x) + fitted.dot(&(g * &fitted)));
             }
         }
-        Losses(losses)
+        (Losses(losses), changes)
     }
 }
 

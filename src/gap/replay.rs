@@ -154,7 +154,7 @@ pub fn model(robot: &RobotSpec, values: &[f64]) -> Model {
 }
 
 /// The tracked body in the end pad's frame.
-fn pad_from_body(values: &[f64]) -> Pose {
+pub(super) fn pad_from_body(values: &[f64]) -> Pose {
     let mut b = [0.0; 6];
     for (knob, &v) in knobs().iter().zip(values) {
         if let Knob::Body(k) = *knob {
@@ -266,6 +266,45 @@ pub fn is_mechanical(a: &Active) -> bool {
     matches!(a.effect.operator, effects::Operator::Mechanics(_))
 }
 
+/// The grid as it would have been measured on an arm with these knobs and effects, without noise.
+///
+/// # Errors
+/// As [`move_arm`].
+pub fn pretend(
+    robot: &RobotSpec,
+    grid: &Grid,
+    values: &[f64],
+    effects: &[Active],
+) -> Result<Grid, EffectError> {
+    let moved = move_arm(robot, grid, values, effects)?;
+    let read = read_off(robot, grid, &moved, values, effects);
+    let pad_from_body = pad_from_body(values);
+    Ok(Grid {
+        captured: read
+            .captured
+            .iter()
+            .map(|pads| Some(pads[1] * pad_from_body))
+            .collect(),
+        sensors: read.sensors,
+        ..grid.clone()
+    })
+}
+
+/// What sensors and motion capture would tell of a motion.
+fn read_off(
+    robot: &RobotSpec,
+    grid: &Grid,
+    moved: &Simulated,
+    values: &[f64],
+    effects: &[Active],
+) -> Simulated {
+    let mut read = moved.clone();
+    let mut acting = readings(robot, values);
+    acting.extend(effects.iter().cloned());
+    effects::read(robot, &grid.t_s, &mut read, &acting);
+    read
+}
+
 /// Measured less predicted, for a motion and what knobs and `effects` do to the readings.
 pub fn left_over(
     robot: &RobotSpec,
@@ -274,10 +313,7 @@ pub fn left_over(
     values: &[f64],
     effects: &[Active],
 ) -> Vec<Row> {
-    let mut read = moved.clone();
-    let mut acting = readings(robot, values);
-    acting.extend(effects.iter().cloned());
-    effects::read(robot, &grid.t_s, &mut read, &acting);
+    let read = read_off(robot, grid, moved, values, effects);
     let pad_from_body = pad_from_body(values);
     (0..grid.len())
         .map(|k| {

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::GapError;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
+use crate::sim::effects::Trajectory;
 
 /// A session: columns of equal length. NaN (or `None`) marks a gap.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -181,6 +182,26 @@ impl Grid {
             captured,
             present,
         })
+    }
+
+    /// A session of the same rig under other pressures; what would be measured is left empty.
+    pub fn driven_by(&self, drive: &Trajectory) -> Option<Self> {
+        let n = drive.t_s.len();
+        let blank = SensorVec {
+            spring_m: [0.0; SPRINGS],
+            imu_ypr_rad: [[0.0; 3]; IMUS],
+        };
+        Self::new(Session {
+            name: self.session.name.clone(),
+            hash: String::new(),
+            payload_kg: self.session.payload_kg,
+            t_s: drive.t_s.clone(),
+            chamber_pa: drive.chamber_pa.clone(),
+            commanded_pa: None,
+            sensors: vec![blank; n],
+            captured: vec![Some(Pose::identity()); n],
+        })
+        .ok()
     }
 
     /// Number of bins.

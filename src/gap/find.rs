@@ -1,0 +1,539 @@
+//! The whole way: commission, replay, locate, explain, decide, patch, prove.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng as _;
+
+use super::candidates::{Candidate, starts_in};
+use super::commission::{Baseline, commission, factory};
+use super::explain::{Explained, admitted, chance, columns, explain, weak_prior};
+use super::finding::{Finding, FoundEffect, GapSize, Ranked, SeparateBy, Verdict};
+use super::fit::{cost, fit};
+use super::patch::{Patch, PatchEffect, PatchValue, VERSION};
+use super::problem::{Problem, Replayed};
+use super::prove::prove;
+use super::session::Grid;
+use super::{GapError, Progress, Stage};
+use crate::robot::RobotSpec;
+use crate::sim::effects::{Side, Trajectory};
+
+/// What may be asked of the finder.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Effects (ids) to leave out of the table.
+    pub without: Vec<String>,
+    /// Seed of the chance sessions.
+    pub seed: u64,
+    /// Excitations that could be run, by name, to tell alternatives apart: times (s) and pressures (Pa).
+    pub excitations: Vec<(String, Trajectory)>,
+}
+
+/// A finding with the patch that brings it into the model.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// What was found.
+    pub finding: Finding,
+    /// The rig's nuisance parameters and the effects; the first alternative of a set.
+    pub patch: Patch,
+}
+
+/// At most so many effects at once.
+const EFFECTS_MAX: usize = 3;
+/// Chance sessions behind the threshold.
+const DRAWS: usize = 100;
+/// Share of the excess over the floor that has to go before an effect is named.
+const CLOSED_MIN: f64 = 0.6;
+/// A best effect that leaves more than this share of the excess is not at the floor.
+const AT_FLOOR: f64 = 0.05;
+/// A rival is excluded when it leaves this many times what the best one leaves.
+const RIVAL_LEAVES: f64 = 2.0;
+/// A further effect has to bring some combination of channels this much closer to its floor.
+const FURTHER_MIN: f64 = 0.6;
+/// Pressures that all stay within this excite little, Pa.
+const EXCITED_PA: f64 = 8e3;
+
+/// Finds what is missing in the model of a rig.
+///
+/// `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
+/// verdict is weaker, which the notes say.
+///
+/// # Errors
+/// [`GapError`] when a session says nothing, or the model cannot follow it.
+pub fn find(
+    robot: &RobotSpec,
+    healthy: Option<&Grid>,
+    suspect: &Grid,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Found, GapError> {
+    let baseline = match healthy {
+        Some(grid) => {
+            let mut common = grid.clone();
+            for (c, there) in common.present.iter_mut().zip(suspect.present) {
+                *c &= there;
+            }
+            if !common.present.iter().any(|c| *c) {
+                return Err(GapError::NothingCommon);
+            }
+            commission(robot, &common, progress)?
+        }
+        None => factory(&suspect.present),
+    };
+    let mut notes = notes(healthy, suspect);
+    progress.at(Stage::Replay, 0.0)?;
+    let replayed = Replayed::new(robot, suspect, &baseline)?;
+    let problem = replayed.problem()?;
+    let r0 = problem.residual(&[])?;
+    if !r0.iter().all(|x| x.is_finite()) {
+        return Err(GapError::Degenerate);
+    }
+    progress.at(Stage::Locate, 0.0)?;
+    let located = super::locate::locate(&replayed)?;
+    let all = admitted(suspect, |e| !options.without.iter().any(|id| id == e.id));
+    progress.at(Stage::Explain, 0.0)?;
+    let ready = columns(&problem, &all, &|c| starts_in(c, suspect), &[])?;
+    progress.at(Stage::Decide, 0.0)?;
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
+    // Without a healthy session nothing tells noise from effects but the assumed noise itself.
+    let quiet = match &baseline.healthy {
+        Some(h) => h.clone(),
+        None => DMatrix::from_fn(baseline.noise.channels.len(), suspect.len(), |_, _| {
+            crate::sim::dataset::normal(&mut rng)
+        }),
+    };
+    let threshold = chance(&problem, &ready, &quiet, &mut rng, DRAWS);
+    let n = problem.len() as f64;
+    let before = cost(&problem, &r0) / n;
+    let floor = healthy_level(&problem, &quiet);
+
+    let mut chosen: Option<Explained> = None;
+    let mut ranked: Vec<Explained> = Vec::new();
+    let mut first: Vec<Explained> = Vec::new();
+    for stage in 0..EFFECTS_MAX {
+        let found = explain(&problem, &all, &ready, chosen.as_ref(), progress)?;
+        if stage == 0 {
+            first.clone_from(&found);
+        }
+        let best = found.first().cloned();
+        ranked.extend(found);
+        let Some(best) = best else { break };
+        if best.gain <= threshold || best.gain <= 2.0 * best.se {
+            break;
+        }
+        if let Some(so_far) = &chosen
+            && !pays(&problem, so_far, &best, floor)
+        {
+            break;
+        }
+        chosen = Some(best);
+        let left = chosen.as_ref().map_or(before, |e| e.fit.cost / n);
+        if left - floor <= AT_FLOOR * (before - floor) {
+            // Nothing is left to explain, but a small sensor fault can hide under a large effect:
+            // look once more, then stop by the rule above.
+            continue;
+        }
+    }
+    if let Some(e) = &chosen {
+        chosen = Some(dropped(&problem, e.clone(), threshold));
+    }
+    ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+
+    let mut verdict = Verdict::NothingMissing;
+    let mut rivals: Vec<Explained> = Vec::new();
+    if let Some(best) = &chosen {
+        let left = best.fit.cost / n - floor;
+        let excess = before - floor;
+        let closed = (excess - left) / excess;
+        let on_bound = best.fit.on_bound.iter().any(|b| *b);
+        verdict = if closed < CLOSED_MIN {
+            Verdict::Unknown
+        } else {
+            if best.fit.effects.len() == 1 {
+                rivals = rivals_of(&first, best, left, excess, n, floor);
+            }
+            if rivals.is_empty() {
+                Verdict::Named
+            } else {
+                Verdict::Indistinguishable
+            }
+        };
+        if on_bound && verdict == Verdict::Named {
+            notes.push(
+                "A parameter rests on its bound: the true value may lie beyond it.".to_owned(),
+            );
+        }
+        if verdict == Verdict::Unknown {
+            let what = located.first().map_or_else(
+                || "no single channel stands out".to_owned(),
+                |l| {
+                    format!(
+                        "unmodelled term in {}, {}, along with {} ({:.0} % of its variance)",
+                        l.residual,
+                        l.channel,
+                        l.regressor,
+                        100.0 * l.share
+                    )
+                },
+            );
+            notes.push(format!(
+                "The best effect of the table closes only {:.0} % of the excess: {what}.",
+                100.0 * closed
+            ));
+        }
+    } else if before - floor > UNEXPLAINED * floor {
+        verdict = Verdict::Unknown;
+        notes.push(
+            "What is left over is larger than a healthy rig leaves, and no effect of the table explains it."
+                .to_owned(),
+        );
+    } else if range_pa(suspect) < EXCITED_PA {
+        verdict = Verdict::NotExcited;
+        notes.push(format!(
+            "No pressure moves by more than {:.1} kPa: most effects would not show. Drive the arm through its range.",
+            range_pa(suspect) / 1e3
+        ));
+    }
+
+    progress.at(Stage::Prove, 0.0)?;
+    let accepted = match verdict {
+        Verdict::Named | Verdict::Indistinguishable => chosen.as_ref(),
+        _ => None,
+    };
+    // For a verdict without a name the best attempt is still measured, but never patched in.
+    let measured = chosen.as_ref().or(first.first());
+    let proof = prove(&replayed, &problem, measured)?;
+    let mut effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
+    for r in &rivals {
+        effects.extend(described(&problem, r));
+    }
+    let separate_by = match (accepted, rivals.first()) {
+        (Some(a), Some(b)) => separate(&replayed, a, b, &rivals, &options.excitations),
+        _ => None,
+    };
+    let mut data = BTreeMap::new();
+    if let Some([name, hash]) = &baseline.session {
+        data.insert("baseline".to_owned(), name.clone());
+        data.insert("baseline_sha256".to_owned(), hash.clone());
+    }
+    data.insert("session".to_owned(), suspect.session.name.clone());
+    data.insert("session_sha256".to_owned(), suspect.session.hash.clone());
+    let gap = if accepted.is_some() {
+        proof.gap
+    } else {
+        GapSize {
+            after: proof.gap.before,
+            closed: 0.0,
+            ..proof.gap
+        }
+    };
+    let finding = Finding {
+        verdict,
+        effects,
+        candidates: unique(&ranked),
+        threshold,
+        located,
+        gap,
+        worse: proof.worse,
+        channels: proof.channels,
+        separate_by,
+        notes,
+        data: data.clone(),
+        seconds: 0.0,
+        traces: proof.traces,
+    };
+    let mut patch = Patch {
+        version: VERSION,
+        name: format!("found in {}", suspect.session.name),
+        robot: robot.hash.clone(),
+        verdict: verdict_id(verdict).to_owned(),
+        data,
+        rig: BTreeMap::new(),
+        floor: floors(&baseline),
+        effects: accepted.map_or_else(Vec::new, |e| {
+            described(&problem, e)
+                .into_iter()
+                .map(|e| PatchEffect {
+                    id: e.id,
+                    target: e.target,
+                    params: e.params,
+                })
+                .collect()
+        }),
+    };
+    patch.set_values(&baseline.values);
+    Ok(Found { finding, patch })
+}
+
+/// Excess over the floor, relative to it, that is not chance even when nothing explains it.
+const UNEXPLAINED: f64 = 0.5;
+
+fn verdict_id(v: Verdict) -> &'static str {
+    match v {
+        Verdict::NothingMissing => "nothing-missing",
+        Verdict::Named => "named",
+        Verdict::Indistinguishable => "indistinguishable",
+        Verdict::Unknown => "unknown",
+        Verdict::NotExcited => "not-excited",
+    }
+}
+
+/// What a healthy session looks like in this problem, per innovation.
+fn healthy_level(problem: &Problem, quiet: &DMatrix<f64>) -> f64 {
+    let start = super::noise::start();
+    let judged = quiet.columns(start, quiet.ncols() - start);
+    // The nuisance of the session at hand takes as much from chance as it has effective parameters;
+    // against thousands of innovations this is left out.
+    let level = judged.norm_squared() / judged.len() as f64;
+    level * (problem.len() - start * quiet.nrows()) as f64 / problem.len() as f64
+}
+
+fn floors(baseline: &Baseline) -> BTreeMap<String, f64> {
+    let f = baseline.floor;
+    [
+        ("position_m", f.position_m),
+        ("rotation_rad", f.rotation_rad),
+        ("spring_m", f.spring_m),
+        ("imu_rad", f.imu_rad),
+    ]
+    .into_iter()
+    .filter_map(|(k, v)| Some((k.to_owned(), v?)))
+    .collect()
+}
+
+fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
+    let mut out = Vec::new();
+    match healthy {
+        None => out.push(
+            "No healthy session was given: the factory model is the baseline, and differences \
+             between this arm and the nominal one can look like effects."
+                .to_owned(),
+        ),
+        Some(h) => {
+            if h.present != suspect.present {
+                out.push(
+                    "The two sessions do not hold the same channels: only the common ones count."
+                        .to_owned(),
+                );
+            }
+        }
+    }
+    let gone: Vec<String> = (0..super::session::CHANNELS)
+        .filter(|c| !suspect.present[*c])
+        .map(super::session::channel_name)
+        .collect();
+    if !gone.is_empty() {
+        out.push(format!("Not measured: {}.", gone.join(", ")));
+    }
+    if suspect.session.commanded_pa.is_none() {
+        out.push(
+            "The commanded pressures were not logged: nothing can be said of the way from command to gauge."
+                .to_owned(),
+        );
+    }
+    out
+}
+
+fn range_pa(grid: &Grid) -> f64 {
+    (0..crate::signal::CHAMBERS)
+        .map(|i| {
+            let values = grid.gauge_pa.iter().map(|p| p[i]);
+            values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+        })
+        .fold(0.0, f64::max)
+}
+
+/// Mean squared innovation per combination of channels, nuisance projected out.
+fn profile(problem: &Problem, r: &DVector<f64>, per_bin: usize) -> Vec<f64> {
+    let clean = problem.cleaned(&DMatrix::from_column_slice(r.len(), 1, r.as_slice()));
+    let bins = r.len() / per_bin;
+    (0..per_bin)
+        .map(|i| {
+            (0..bins)
+                .map(|k| clean[(k * per_bin + i, 0)].powi(2))
+                .sum::<f64>()
+                / bins as f64
+        })
+        .collect()
+}
+
+/// Whether a further effect brings some combination of channels close to its floor.
+fn pays(problem: &Problem, so_far: &Explained, next: &Explained, floor: f64) -> bool {
+    let per_bin = problem.per_bin();
+    let before = profile(problem, &so_far.fit.residual, per_bin);
+    let after = profile(problem, &next.fit.residual, per_bin);
+    before
+        .iter()
+        .zip(&after)
+        .filter(|(b, _)| **b > 2.0 * floor)
+        .any(|(b, a)| (b - a) / (b - floor) >= FURTHER_MIN)
+}
+
+/// Without the effects that the others make superfluous.
+fn dropped(problem: &Problem, mut whole: Explained, threshold: f64) -> Explained {
+    let mut i = 0;
+    while whole.fit.effects.len() > 1 && i < whole.fit.effects.len() {
+        let mut rest = whole.fit.effects.clone();
+        rest.remove(i);
+        if let Some(fit) = fit(problem, rest, 6) {
+            let losses = problem.held_out(&fit.residual, &fit.columns, &weak_prior(&fit));
+            let (lost, se) = whole.losses.gain_over(&losses);
+            if lost <= threshold || lost <= 2.0 * se {
+                let (candidate, _) = fit.effects[0].clone();
+                whole = Explained {
+                    candidate,
+                    fit,
+                    losses,
+                    gain: whole.gain - lost,
+                    se: whole.se,
+                };
+                i = 0;
+                continue;
+            }
+        }
+        i += 1;
+    }
+    whole
+}
+
+/// Single effects that cannot be excluded beside the best one.
+fn rivals_of(
+    found: &[Explained],
+    best: &Explained,
+    left: f64,
+    excess: f64,
+    n: f64,
+    floor: f64,
+) -> Vec<Explained> {
+    let at_floor = left <= AT_FLOOR * excess;
+    let count = |e: &Explained| e.fit.parameters().len();
+    found
+        .iter()
+        .filter(|e| e.candidate != best.candidate)
+        .filter(|e| e.gain > 0.0 && (excess - (e.fit.cost / n - floor)) / excess >= CLOSED_MIN)
+        .filter(|e| {
+            let (margin, se) = best.losses.gain_over(&e.losses);
+            if margin <= 2.0 * se {
+                // As good, and not merely a wordier form of the same.
+                return count(e) <= count(best) || margin < -2.0 * se || margin <= 0.2 * se;
+            }
+            // When even the best one leaves a misfit, its form is not right, and a rival that
+            // leaves little more is not excluded by likelihood.
+            !at_floor && count(e) <= count(best) && e.fit.cost / n - floor <= RIVAL_LEAVES * left
+        })
+        .cloned()
+        .collect()
+}
+
+/// Effects of a fit with their intervals.
+fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
+    let fit = &e.fit;
+    let columns = &fit.columns;
+    let mut gram = problem.product(columns, columns);
+    let free: Vec<usize> = (0..gram.nrows()).filter(|i| gram[(*i, *i)] > 0.0).collect();
+    // Innovations are not quite white and the effect's form is not quite right: the spread from
+    // block to block tells how much wider the interval is.
+    let level = (fit.cost / problem.len() as f64).max(1.0);
+    let scale: Vec<f64> = fit.effects.iter().flat_map(|(c, _)| c.scale()).collect();
+    for i in 0..gram.nrows() {
+        gram[(i, i)] += 1e-6 / scale[i].powi(2);
+    }
+    let spread = problem.sandwich(&fit.residual, columns, &weak_prior(fit));
+    let plain = gram.try_inverse();
+    let mut at = 0;
+    let mut out = Vec::new();
+    for (c, values) in &fit.effects {
+        let mut params = BTreeMap::new();
+        for (p, v) in c.effect.parameters.iter().zip(values) {
+            let i = at;
+            at += 1;
+            let variance = plain.as_ref().map_or(f64::NAN, |g| g[(i, i)] * level);
+            let sd = variance.max(spread[i]).sqrt();
+            let ci95 = (free.contains(&i) && sd.is_finite()).then(|| {
+                [
+                    (v - 2.2 * sd).max(p.bounds[0]),
+                    (v + 2.2 * sd).min(p.bounds[1]),
+                ]
+            });
+            params.insert(
+                p.name.to_owned(),
+                PatchValue {
+                    value: *v,
+                    unit: p.unit.to_owned(),
+                    ci95,
+                },
+            );
+        }
+        out.push(FoundEffect {
+            id: c.effect.id.to_owned(),
+            side: side(c.effect.side).to_owned(),
+            target: c.target.map(|t| t + 1),
+            params,
+        });
+    }
+    out
+}
+
+fn side(s: Side) -> &'static str {
+    match s {
+        Side::Actuation => "actuation",
+        Side::Mechanics => "mechanics",
+        Side::Sensing => "sensing",
+        Side::FrameAndTime => "frame-and-time",
+    }
+}
+
+/// Every candidate once, with its best gain.
+fn unique(ranked: &[Explained]) -> Vec<Ranked> {
+    let mut seen: Vec<Candidate> = Vec::new();
+    let mut out = Vec::new();
+    for e in ranked {
+        if seen.contains(&e.candidate) {
+            continue;
+        }
+        seen.push(e.candidate);
+        out.push(Ranked {
+            id: e.candidate.effect.id.to_owned(),
+            target: e.candidate.target.map(|t| t + 1),
+            gain: e.gain,
+            se: e.se,
+        });
+    }
+    out
+}
+
+/// The excitation in which two alternatives differ most, after each is fitted to the other as well
+/// as a linear change of its parameters allows.
+fn separate(
+    replayed: &Replayed,
+    a: &Explained,
+    b: &Explained,
+    rivals: &[Explained],
+    excitations: &[(String, Trajectory)],
+) -> Option<SeparateBy> {
+    let mut names: Vec<String> = vec![a.candidate.effect.id.to_owned()];
+    names.extend(rivals.iter().map(|r| r.candidate.effect.id.to_owned()));
+    let mut best: Option<(f64, &str)> = None;
+    let (a, b) = (a.fit.active(), b.fit.active());
+    let here = replayed.apart(replayed.grid, &a, &b)?;
+    for (name, drive) in excitations {
+        let Some(grid) = replayed.grid.driven_by(drive) else {
+            continue;
+        };
+        let Some(apart) = replayed.apart(&grid, &a, &b) else {
+            continue;
+        };
+        if best.is_none_or(|(most, _)| apart > most) {
+            best = Some((apart, name));
+        }
+    }
+    let (apart, name) = best?;
+    Some(SeparateBy {
+        excitation: name.to_owned(),
+        effects: names,
+        why: format!(
+            "under '{name}' the first two alternatives would be {apart:.0} nats apart, against {here:.0} \
+             under the pressures of this session"
+        ),
+    })
+}
