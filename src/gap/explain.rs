@@ -38,6 +38,8 @@ pub struct Explained {
 
 /// Candidates that go from the score test into a full fit.
 const FULL_FITS: usize = 10;
+/// The same once an effect was found: the score test is then sharp.
+const FURTHER_FITS: usize = 4;
 /// At most so many channels of one effect among them.
 const SAME_EFFECT: usize = 3;
 /// Steps of a full fit.
@@ -253,7 +255,7 @@ pub fn explain(
             values.clone_from(&column.start.at);
         }
         chosen.push((candidate, values));
-        if chosen.len() >= FULL_FITS {
+        if chosen.len() >= if so_far.is_some() { FURTHER_FITS } else { FULL_FITS } {
             break;
         }
     }

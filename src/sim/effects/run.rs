@@ -6,7 +6,7 @@
 //! f = w(x(f)), where the compliance ∂x/∂f is measured once and kept up to date by Broyden's rule;
 //! their memory moves on once per instant:
 //!
-//! F_k = clamp(F_{k−1} + (F_max/w) Δx, ±F_max),   B_k = a B_{k−1} + c (τ/Δt)(1 − a) Δx,  a = e^{−Δt/τ}
+//! F_k = ±F_max + (F_{k−1} ∓ F_max) e^{−|Δx|/w},   B_k = a B_{k−1} + c (τ/Δt)(1 − a) Δx,  a = e^{−Δt/τ}
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -373,12 +373,11 @@ impl Plant {
         for i in 0..CHAMBERS {
             let dx_m = x[i] - m.bellows_m[i];
             let [most_n, width_m] = self.friction[i];
-            let rate_n_m = most_n / width_m;
-            let elastic_n = m.friction_n[i] + rate_n_m * dx_m;
-            out.friction_n[i] = elastic_n.clamp(-most_n, most_n);
-            if elastic_n.abs() < most_n {
-                out.slope_n_m[i] += rate_n_m;
-            }
+            // dF/dx = (F_max − F)/w on the way up, (F_max + F)/w on the way down
+            let most_n = most_n.copysign(dx_m);
+            let left = (-dx_m.abs() / width_m).exp();
+            out.friction_n[i] = most_n + (m.friction_n[i] - most_n) * left;
+            out.slope_n_m[i] += ((most_n - m.friction_n[i]) * left / width_m).abs();
             let [rate_n_m, tau_s] = self.branch[i];
             let decay = (-dt_s / tau_s).exp();
             let rate_n_m = rate_n_m * (tau_s / dt_s) * (1.0 - decay);

@@ -95,10 +95,10 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         id: "hysteresis",
         name: "Hysteresis",
-        doc: "F_k = clamp(F_{k−1} + (F_max/w) Δx, ±F_max): dry friction in the bellows' folds; \
-              up and down differ.",
-        source: "Prandtl's elastic-plastic stop; M. Brokate, J. Sprekels, Hysteresis and Phase \
-                 Transitions, Springer 1996, doi:10.1007/978-1-4612-4048-8",
+        doc: "dF/dx = (F_max − F sgn ẋ)/w: dry friction in the bellows' folds, built up over a \
+              travel w after every reversal; up and down differ.",
+        source: "Dahl's solid friction model; P. R. Dahl, Solid friction damping of mechanical \
+                 vibrations, AIAA Journal 1976, doi:10.2514/3.61511",
         side: Side::Mechanics,
         target: Target::Chamber,
         parameters: &[
