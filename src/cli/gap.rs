@@ -7,9 +7,13 @@ use clap::Subcommand;
 use serde_json::json;
 
 use super::Report;
-use springtwin::gap::{self, GapError, Grid, Options, Patch, Progress, Session, Stage};
+use springtwin::gap::{
+    self, Finding, FoundEffect, GapError, Grid, Options, Patch, Progress, Session, Stage, Verdict,
+};
 use springtwin::recording;
+use springtwin::rig::session::excitation::{Drive, Excitation};
 use springtwin::robot::RobotSpec;
+use springtwin::sim::effects::{self, EFFECTS, Trajectory};
 
 #[derive(Subcommand)]
 pub enum GapCommand {
@@ -23,6 +27,8 @@ pub enum GapCommand {
     },
     /// Find what is missing in the model of a rig
     Run(RunArgs),
+    /// The effects that are known
+    Effects,
 }
 
 #[derive(clap::Args)]
@@ -48,6 +54,7 @@ pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
         GapCommand::Commission { session, out } => commission(robot, session, out),
         GapCommand::Run(a) => find(robot, a),
+        GapCommand::Effects => Ok(table()),
     }
 }
 
@@ -131,7 +138,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     let options = Options {
         without: a.without.clone(),
         seed: a.seed,
-        excitations: Vec::new(),
+        excitations: excitations(),
     };
     let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Told)?;
     found.finding.seconds = start.elapsed().as_secs_f64();
@@ -142,9 +149,105 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         std::fs::write(&file, found.patch.to_toml())
             .with_context(|| format!("cannot write {}", file.display()))?;
     }
-    let f = &found.finding;
     Ok(Report {
-        text: format!("{:?}: {:?}", f.verdict, f.effects),
-        json: serde_json::to_value(f)?,
+        text: told(&found.finding),
+        json: serde_json::to_value(&found.finding)?,
     })
+}
+
+/// What the rig could be driven with to tell alternatives apart.
+fn excitations() -> Vec<(String, Trajectory)> {
+    const SECONDS: f64 = 60.0;
+    const RATE_HZ: f64 = 20.0;
+    Excitation::ALL
+        .into_iter()
+        .filter(|e| *e != Excitation::Still)
+        .map(|e| {
+            let drive = Drive::new(e, 1, SECONDS);
+            let t_s: Vec<f64> = (0..(SECONDS * RATE_HZ) as usize)
+                .map(|k| k as f64 / RATE_HZ)
+                .collect();
+            let chamber_pa = t_s.iter().map(|t| drive.at(*t)).collect();
+            (e.name().to_owned(), Trajectory { t_s, chamber_pa })
+        })
+        .collect()
+}
+
+/// A finding for people.
+fn told(f: &Finding) -> String {
+    let name = |id: &str| effects::effect(id).map_or(id.to_owned(), |e| e.name.to_lowercase());
+    let all = |e: &FoundEffect| {
+        let at = e.target.map_or(String::new(), |t| format!(" {t}"));
+        let values: Vec<String> = e
+            .params
+            .iter()
+            .map(|(k, p)| {
+                let within = p
+                    .ci95
+                    .map_or(String::new(), |[a, b]| format!(" [{a:.4}, {b:.4}]"));
+                format!("{k} {:.4} {}{within}", p.value, p.unit)
+            })
+            .collect();
+        format!("{}{at}: {}", name(&e.id), values.join(", "))
+    };
+    let list = |s: &str| {
+        let lines: Vec<String> = f.effects.iter().map(|e| format!("  {}", all(e))).collect();
+        format!("{s}\n{}", lines.join("\n"))
+    };
+    let mut text = match f.verdict {
+        Verdict::NothingMissing => {
+            "Nothing is missing: no effect of the table explains more than chance would.".to_owned()
+        }
+        Verdict::Named => list("Missing in the model:"),
+        Verdict::Indistinguishable => {
+            list("One of these is missing, and this session cannot tell which:")
+        }
+        Verdict::Unknown => "Something is missing, and it is none of the known effects.".to_owned(),
+        Verdict::NotExcited => "The session moves too little to tell.".to_owned(),
+    };
+    if !f.effects.is_empty() {
+        let g = &f.gap;
+        text += &format!(
+            "\nheld-out error {:.2} -> {:.2} {} (floor {:.2}): {:.0} % of the gap closed",
+            g.before,
+            g.after,
+            g.unit,
+            g.floor,
+            100.0 * g.closed
+        );
+    }
+    for c in &f.worse {
+        text += &format!(
+            "\nworse: {} {:.2} -> {:.2} {}",
+            c.name, c.before, c.after, c.unit
+        );
+    }
+    if let Some(s) = &f.separate_by {
+        text += &format!("\nto tell them apart: {}", s.why);
+    }
+    for n in &f.notes {
+        text += &format!("\n{n}");
+    }
+    text + &format!("\n{:.0} s", f.seconds)
+}
+
+/// The table of effects.
+fn table() -> Report {
+    let rows = EFFECTS.iter().map(|e| {
+        json!({
+            "id": e.id, "name": e.name, "doc": e.doc, "source": e.source,
+            "parameters": e.parameters.iter().map(|p| json!({
+                "name": p.name, "unit": p.unit, "nominal": p.nominal, "bounds": p.bounds,
+            })).collect::<Vec<_>>(),
+            "residuals": e.residuals.iter().map(|r| format!("{r:?}").to_lowercase()).collect::<Vec<_>>(),
+        })
+    });
+    let text: Vec<String> = EFFECTS
+        .iter()
+        .map(|e| format!("{:20} {}: {}", e.id, e.name, e.doc))
+        .collect();
+    Report {
+        text: text.join("\n"),
+        json: json!({"effects": rows.collect::<Vec<_>>()}),
+    }
 }

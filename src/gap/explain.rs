@@ -255,7 +255,13 @@ pub fn explain(
             values.clone_from(&column.start.at);
         }
         chosen.push((candidate, values));
-        if chosen.len() >= if so_far.is_some() { FURTHER_FITS } else { FULL_FITS } {
+        if chosen.len()
+            >= if so_far.is_some() {
+                FURTHER_FITS
+            } else {
+                FULL_FITS
+            }
+        {
             break;
         }
     }

@@ -5,6 +5,7 @@
 
 use std::path::PathBuf;
 
+use springtwin::gap;
 use springtwin::recording::read_session;
 use springtwin::signal::TruthSource;
 
@@ -65,4 +66,60 @@ fn rig_a_rest_pose_is_in_the_base_frame() {
     let sensors = &first.sensors.as_ref().unwrap().sensors;
     assert!((sensors.spring_m[0] - 0.1539).abs() < 1e-12);
     assert!((sensors.imu_ypr_rad[0][0] - (-0.5366f64).to_radians()).abs() < 1e-12);
+}
+
+fn grid(name: &str) -> gap::Grid {
+    let log = read_session(&data_dir().join("sessions/rig-a").join(name)).unwrap();
+    gap::Grid::new(gap::Session {
+        name: log.name,
+        hash: log.hash,
+        payload_kg: log.payload_kg,
+        t_s: log.t_s,
+        chamber_pa: log.chamber_pa,
+        commanded_pa: log.commanded_pa,
+        sensors: log.sensors,
+        captured: log.truth,
+    })
+    .unwrap()
+}
+
+/// Sessions of an engine that is not ours, with and without something hidden in them.
+#[test]
+fn the_gap_finder_names_what_rig_a_hides() {
+    let robot = springtwin::robot::RobotSpec::reference();
+    let healthy = grid("commissioning");
+    let find = |name: &str, without: &[&str]| {
+        let options = gap::Options {
+            without: without.iter().map(|s| (*s).to_owned()).collect(),
+            ..gap::Options::default()
+        };
+        gap::find(
+            &robot,
+            Some(&healthy),
+            &grid(name),
+            &options,
+            &gap::Unwatched,
+        )
+        .unwrap()
+        .finding
+    };
+    let none = find("none", &[]);
+    assert_eq!(none.verdict, gap::Verdict::NothingMissing, "{none:?}");
+    let payload = find("payload", &[]);
+    assert_eq!(payload.verdict, gap::Verdict::Named);
+    assert_eq!(payload.effects[0].id, "payload");
+    // The answer: 0.396 kg.
+    assert!((payload.effects[0].params["mass"].value - 0.396).abs() < 0.05);
+    assert!(payload.gap.closed > 0.8, "{:?}", payload.gap);
+    let drift = find("imu-drift", &[]);
+    assert_eq!(drift.verdict, gap::Verdict::Named);
+    assert_eq!(
+        (drift.effects[0].id.as_str(), drift.effects[0].target),
+        ("imu-drift", Some(2))
+    );
+    assert!(drift.gap.closed > 0.8, "{:?}", drift.gap);
+    // A cause that is not in the table must not become another cause's name.
+    let nameless = find("payload", &["payload"]);
+    assert_ne!(nameless.verdict, gap::Verdict::Named, "{nameless:?}");
+    assert_ne!(nameless.verdict, gap::Verdict::NothingMissing);
 }

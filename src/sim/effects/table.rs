@@ -98,7 +98,7 @@ pub const EFFECTS: &[Effect] = &[
         doc: "dF/dx = (F_max − F sgn ẋ)/w: dry friction in the bellows' folds, built up over a \
               travel w after every reversal; up and down differ.",
         source: "Dahl's solid friction model; P. R. Dahl, Solid friction damping of mechanical \
-                 vibrations, AIAA Journal 1976, doi:10.2514/3.61511",
+                 vibrations, AIAA Journal 1976",
         side: Side::Mechanics,
         target: Target::Chamber,
         parameters: &[
