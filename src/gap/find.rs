@@ -158,12 +158,22 @@ pub fn find(
                 Verdict::Indistinguishable
             }
         };
+        if verdict == Verdict::Named
+            && let Some(force_n) = weight(best)
+            && !all.iter().any(|c| c.effect.id == "payload")
+        {
+            verdict = Verdict::Unknown;
+            notes.push(format!(
+                "Unmodelled term in r2, along with the direction of gravity: a force of {force_n:.2} N \
+                 straight down fits, which is what a weight does, and no weight is in the table."
+            ));
+        }
         if on_bound && verdict == Verdict::Named {
             notes.push(
                 "A parameter rests on its bound: the true value may lie beyond it.".to_owned(),
             );
         }
-        if verdict == Verdict::Unknown {
+        if verdict == Verdict::Unknown && closed < CLOSED_MIN {
             let what = located.first().map_or_else(
                 || "no single channel stands out".to_owned(),
                 |l| {
@@ -267,6 +277,21 @@ pub fn find(
 
 /// Excess over the floor, relative to it, that is not chance even when nothing explains it.
 const UNEXPLAINED: f64 = 0.5;
+
+/// A force within this of straight down is a weight, rad: a cable would not hang so by chance.
+const DOWN_RAD: f64 = 0.05;
+
+/// The size of a single tip force that points straight down, N.
+fn weight(e: &Explained) -> Option<f64> {
+    let [(c, values)] = e.fit.effects.as_slice() else {
+        return None;
+    };
+    if c.effect.id != "tip-force" {
+        return None;
+    }
+    let aside = values[0].hypot(values[1]);
+    (values[2] < 0.0 && aside < DOWN_RAD * -values[2]).then_some(-values[2])
+}
 
 fn verdict_id(v: Verdict) -> &'static str {
     match v {
