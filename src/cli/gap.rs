@@ -21,12 +21,15 @@ pub enum GapCommand {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
+    /// Run and score the blind test: hidden effects, none, unknown ones, pairs
+    Bench(super::gap_bench::BenchArgs),
     /// probe
     Probe { baseline: PathBuf, session: PathBuf },
 }
 
-pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
+pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -> Result<Report> {
     match command {
+        GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission { session, out } => commission(robot, session, out),
         GapCommand::Probe { baseline, session } => {
             let b = gap::commission(robot, &Grid::new(read(baseline)?)?, &gap::Unwatched)?;
