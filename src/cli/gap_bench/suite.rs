@@ -117,7 +117,6 @@ impl Suite {
         out
     }
 
-    #[expect(clippy::too_many_arguments, reason = "each is a field of the case")]
     fn planned(
         &self,
         seed: u64,
