@@ -16,7 +16,7 @@ fn fake(dir: &Path, says: &str, code: u8) -> String {
         asked.display()
     );
     std::fs::write(&script, text).expect("writes");
-    std::fs::set_permissions(&script, PermissionsExt::from_mode(0o755)).expect("executable");
+    std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).expect("executable");
     script.to_string_lossy().into_owned()
 }
 
