@@ -29,6 +29,8 @@ pub enum GapCommand {
     Run(RunArgs),
     /// The effects that are known
     Effects,
+    /// Run and score the blind test: hidden effects, none, unknown ones, pairs
+    Bench(super::gap_bench::BenchArgs),
 }
 
 #[derive(clap::Args)]
@@ -50,8 +52,9 @@ pub struct RunArgs {
     seed: u64,
 }
 
-pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
+pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -> Result<Report> {
     match command {
+        GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission { session, out } => commission(robot, session, out),
         GapCommand::Run(a) => find(robot, a),
         GapCommand::Effects => Ok(table()),

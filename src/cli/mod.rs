@@ -7,6 +7,7 @@ mod args;
 mod data;
 mod files;
 mod gap;
+mod gap_bench;
 mod live;
 mod model;
 #[cfg(feature = "gui")]
@@ -93,6 +94,9 @@ enum Offline {
     Session(session::SessionArgs),
     /// List what can be hidden in a session
     Effects,
+    /// Write a case of a blind test: two sessions, and elsewhere what is hidden
+    #[command(hide = true)]
+    Case(gap_bench::CaseArgs),
 }
 
 /// What a command has to say: for people, and for scripts.
@@ -182,7 +186,7 @@ fn run(cli: &Cli) -> Result<Report> {
         ),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
-        Some(Command::Gap(c)) => gap::run(c, &robot),
+        Some(Command::Gap(c)) => gap::run(c, &robot, cli.robot.as_deref()),
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
         #[cfg(feature = "gui")]
@@ -207,6 +211,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Rig { live, offline }) => match offline {
             None => live::rig(live, &robot),
             Some(Offline::Session(a)) => session::run(a, &robot),
+            Some(Offline::Case(a)) => gap_bench::rig_case(a, &robot),
             Some(Offline::Effects) => Ok(session::effects()),
         },
         Some(Command::Completions { shell }) => {

@@ -13,6 +13,7 @@ mod patch;
 mod problem;
 mod prove;
 mod replay;
+pub mod score;
 mod session;
 
 pub use commission::{Baseline, Rmse, commission, factory, rmse};

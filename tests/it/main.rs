@@ -2,6 +2,8 @@
 
 mod dataset;
 mod edges;
+#[cfg(unix)]
+mod gap_bench;
 mod program;
 mod real_data;
 mod shaders;

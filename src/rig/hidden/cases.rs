@@ -153,11 +153,27 @@ pub fn case_of(
     kinds: &[&'static Kind],
     strength: f64,
 ) -> Result<Case, SessionError> {
+    case_like(&SessionPlan::default(), robot, seed, kind, kinds, strength)
+}
+
+/// A case whose sessions are like `plan` in length, rate, excitation and payload.
+///
+/// # Errors
+/// As [`draw_case`].
+pub fn case_like(
+    plan: &SessionPlan,
+    robot: &RobotSpec,
+    seed: u64,
+    kind: CaseKind,
+    kinds: &[&'static Kind],
+    strength: f64,
+) -> Result<Case, SessionError> {
     let commissioning = SessionPlan {
         name: "commissioning".to_owned(),
         seed: sub_seed(seed, 1),
         specimen: sub_seed(seed, 3),
-        ..SessionPlan::default()
+        hidden: Vec::new(),
+        ..plan.clone()
     };
     let healthy = SessionPlan {
         name: "suspect".to_owned(),

@@ -1,0 +1,259 @@
+//! `gap bench`: the blind test of the gap finder.
+//!
+//! Three parties that share no memory: a generator that writes sessions and, elsewhere, their answer
+//! keys; a finder that is given the sessions alone; and the scoring, which reads keys and verdicts
+//! once, after the last verdict is on disk. The first two are processes of their own.
+
+mod finder;
+mod generator;
+mod suite;
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use sha2::{Digest as _, Sha256};
+
+use super::{Report, args};
+pub use generator::{CaseArgs, run as rig_case};
+use springtwin::gap::score::{Key, Said, Scored, score};
+use springtwin::robot::RobotSpec;
+use suite::{Part, Planned, Suite};
+
+/// The suite, per seed S (all figures: RMS change in the most sensitive channel over the floor):
+///
+///   singles  three effects of the table at 2, 4 and 8 times the floor: effects 10 S, 10 S + 9 and
+///            10 S + 18 (modulo the number of effects); nine seeds in a row have every effect once,
+///            27 have every effect at each of the strengths
+///   ladder   every third seed one more single, at 0.5 and 1 times the floor in turn
+///   nulls    one session without an effect (every case is another rig, with its own scatter)
+///   aliens   even seeds: one of five effects that the table does not have; odd seeds: one of the
+///            table, which the finder has to do without (`gap run --without ID`); 4 times the floor
+///   pairs    two effects of different sides, each 4 times the floor
+///
+/// 30 seeds are 190 cases. Channels, signs and sizes are drawn from the seed. An effect whose bounds
+/// keep it from the strength stands on the rung that it reaches.
+///
+/// DIR/cases/NAME/{commissioning,suspect} are the sessions, verdict.json beside them is what the
+/// finder said; DIR/keys/NAME.json is what was hidden. The finder runs with a cleared environment, in
+/// another working directory, on those two folders. Scoring starts when all verdicts are written:
+/// DIR/report.md and DIR/report.json. A run that was stopped goes on where it was; cases keep their
+/// sessions, and their verdicts as long as the finder's program is the same file.
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct BenchArgs {
+    /// Number of seeds
+    #[arg(long, value_name = "N", default_value = "30")]
+    seeds: u64,
+    /// First seed
+    #[arg(long, value_name = "S", default_value = "1")]
+    first_seed: u64,
+    /// Folder for cases, keys, verdicts and the report
+    #[arg(long, value_name = "DIR", default_value = "gap-bench")]
+    out: PathBuf,
+    /// Only these parts of the suite
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,..")]
+    only: Vec<Part>,
+    /// Finders at a time; each uses all cores
+    #[arg(long, value_name = "N", default_value = "1")]
+    jobs: NonZeroUsize,
+    /// A finder that takes longer is ended and has failed, s
+    #[arg(long, value_name = "S", default_value = "900", value_parser = args::not_negative)]
+    limit: f64,
+    /// Length of the sessions, s
+    #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative, hide = true)]
+    seconds: f64,
+    /// Program that finds
+    #[arg(long, value_name = "FILE", hide = true)]
+    finder: Option<PathBuf>,
+}
+
+/// Where things are.
+struct Places {
+    cases: PathBuf,
+    keys: PathBuf,
+}
+
+impl Places {
+    fn case(&self, planned: &Planned) -> PathBuf {
+        self.cases.join(&planned.name)
+    }
+
+    fn key(&self, planned: &Planned) -> PathBuf {
+        self.keys.join(format!("{}.json", planned.name))
+    }
+}
+
+/// `gap bench`.
+pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
+    let suite = Suite {
+        first_seed: a.first_seed,
+        seeds: a.seeds,
+        parts: a.only.clone(),
+        seconds: a.seconds,
+        robot: robot.hash.clone(),
+    };
+    let planned = suite.cases();
+    anyhow::ensure!(
+        !planned.is_empty(),
+        "no case to run: --seeds or --only leaves nothing"
+    );
+    let out = std::path::absolute(&a.out)?;
+    let places = Places {
+        cases: out.join("cases"),
+        keys: out.join("keys"),
+    };
+    for dir in [&places.cases, &places.keys] {
+        std::fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
+    }
+    let robot_file = robot_file.map(std::path::absolute).transpose()?;
+    let program = std::env::current_exe().context("cannot tell where this program is")?;
+
+    let maker = generator::Maker {
+        program: &program,
+        robot_file: robot_file.as_deref(),
+        seconds: a.seconds,
+    };
+    let cores = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let made = each("making cases", &planned, cores, |p| {
+        maker.make(p, &places.case(p), &places.key(p))
+    })?;
+    let mut ready = Vec::new();
+    let mut not_made = Vec::new();
+    for (p, outcome) in planned.iter().zip(made) {
+        match outcome {
+            Ok(()) => ready.push(p),
+            Err(e) => {
+                log::warn!("case {} is left out: {e:#}", p.name);
+                not_made.push(p.name.clone());
+            }
+        }
+    }
+
+    let finder = match &a.finder {
+        Some(path) => std::path::absolute(path)?,
+        None => program.clone(),
+    };
+    let seeker = finder::Seeker {
+        hash: file_hash(&finder)?,
+        program: &finder,
+        robot_file: robot_file.as_deref(),
+        limit_s: a.limit,
+    };
+    let sought = each("finding", &ready, a.jobs, |p| {
+        seeker.seek(&places.case(p), p.without)
+    })?;
+    // All verdicts are on disk, or there is no score.
+    sought.into_iter().collect::<Result<Vec<()>>>()?;
+
+    let scored: Vec<Scored> = ready
+        .iter()
+        .map(|p| read_case(p, &places))
+        .collect::<Result<_>>()?;
+    let score = score(&scored);
+    let last = a.first_seed.saturating_add(a.seeds.saturating_sub(1));
+    let left_out = match not_made.len() {
+        0 => String::new(),
+        n => format!(" {n} more cases could not be made: the arm cannot hold what they hide."),
+    };
+    let head = format!(
+        "Seeds {} to {last}, {} s sessions, springtwin {}, finder {}.{left_out}",
+        a.first_seed,
+        a.seconds,
+        env!("CARGO_PKG_VERSION"),
+        &seeker.hash[..12],
+    );
+    let text = score.markdown(&head);
+    let json = json!({
+        "simulated": true, "first_seed": a.first_seed, "seeds": a.seeds, "seconds": a.seconds,
+        "version": env!("CARGO_PKG_VERSION"), "finder": seeker.hash, "robot": robot.hash,
+        "not_made": not_made, "score": score,
+    });
+    let paths = [out.join("report.md"), out.join("report.json")];
+    write(&paths[0], &text)?;
+    write(&paths[1], &format!("{json:#}"))?;
+    Ok(Report {
+        text: format!("{text}\nWritten to {}", paths[0].display()),
+        json,
+    })
+}
+
+fn read_case(planned: &Planned, places: &Places) -> Result<Scored> {
+    let path = places.key(planned);
+    let key: Key = serde_json::from_str(&super::read_text(&path)?)
+        .with_context(|| format!("the key {} does not read", path.display()))?;
+    let said = Said::from_json(&super::read_text(
+        &places.case(planned).join(finder::VERDICT),
+    )?);
+    Ok(Scored {
+        name: planned.name.clone(),
+        key,
+        said,
+    })
+}
+
+/// Does `work` on every item, `workers` at a time, behind a progress bar; results in order.
+fn each<T: Sync>(
+    what: &'static str,
+    items: &[T],
+    workers: NonZeroUsize,
+    work: impl Fn(&T) -> Result<()> + Sync,
+) -> Result<Vec<Result<()>>> {
+    let style = ProgressStyle::with_template("{msg:14} {bar:40} {pos}/{len} {eta}");
+    let bar = ProgressBar::new(items.len() as u64)
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        .with_message(what);
+    bar.tick();
+    let next = AtomicUsize::new(0);
+    let mine = || {
+        let mut done = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(i) else { break };
+            done.push((i, work(item)));
+            bar.inc(1);
+        }
+        done
+    };
+    let mut done = std::thread::scope(|scope| -> Result<Vec<_>> {
+        let mut hands = Vec::new();
+        for i in 0..workers.get().min(items.len()) {
+            let name = format!("bench-{i}");
+            let hand = std::thread::Builder::new().name(name);
+            hands.push(hand.spawn_scoped(scope, mine)?);
+        }
+        let mut done = Vec::new();
+        for hand in hands {
+            match hand.join() {
+                Ok(some) => done.extend(some),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        Ok(done)
+    })?;
+    bar.finish_and_clear();
+    done.sort_by_key(|(i, _)| *i);
+    Ok(done.into_iter().map(|(_, r)| r).collect())
+}
+
+/// Writes beside the target and renames: what is there is whole.
+fn write(path: &Path, text: &str) -> Result<()> {
+    let part = path.with_extension("part");
+    std::fs::write(&part, text)
+        .and_then(|()| std::fs::rename(&part, path))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn file_hash(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path)
+        .with_context(|| format!("cannot read the program {}", path.display()))?;
+    Ok(hex(&Sha256::digest(bytes)))
+}

@@ -1,0 +1,188 @@
+//! Has verdicts made by a process that is shown the sessions and nothing else.
+
+use std::fs::File;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context as _, Result};
+use serde_json::{Value, json};
+
+use super::write;
+
+/// What the finder said.
+pub const VERDICT: &str = "verdict.json";
+/// What said it.
+const RUN: &str = "run.json";
+/// Its standard error.
+const LOG: &str = "finder.log";
+/// All that may be in a case's folder.
+const ALLOWED: [&str; 7] = [
+    "commissioning",
+    "suspect",
+    VERDICT,
+    "verdict.part",
+    RUN,
+    "run.part",
+    LOG,
+];
+/// How often it is looked whether the finder is done.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Starts finders.
+pub struct Seeker<'a> {
+    /// The program.
+    pub program: &'a Path,
+    /// Its hash.
+    pub hash: String,
+    /// Robot file, if not the reference robot.
+    pub robot_file: Option<&'a Path>,
+    /// Longest time, s.
+    pub limit_s: f64,
+}
+
+impl Seeker<'_> {
+    /// The finder's command line: the sessions of the case, and what it has to do without.
+    fn command(&self, folder: &Path, without: Option<&str>) -> Command {
+        let mut command = Command::new(self.program);
+        command.env_clear().current_dir(std::env::temp_dir());
+        if let Some(file) = self.robot_file {
+            command.arg("--robot").arg(file);
+        }
+        command.args(["gap", "run", "--json"]);
+        command.arg("--baseline").arg(folder.join("commissioning"));
+        command.arg("--session").arg(folder.join("suspect"));
+        if let Some(id) = without {
+            command.args(["--without", id]);
+        }
+        command
+    }
+
+    /// Has the verdict of a case written, unless this very program has written it before. A finder
+    /// that fails is a verdict too; it is tried again the next time.
+    ///
+    /// # Errors
+    /// When the verdict cannot be written, or something lies in the folder that does not belong there.
+    pub fn seek(&self, folder: &Path, without: Option<&str>) -> Result<()> {
+        only_sessions(folder)?;
+        let run = json!({"finder": self.hash, "without": without});
+        if done(folder, &run) {
+            return Ok(());
+        }
+        let verdict = match self.ask(folder, without) {
+            Ok(verdict) => verdict,
+            Err(e) => json!({"verdict": null, "error": format!("{e:#}")}),
+        };
+        write(&folder.join(VERDICT), &format!("{verdict:#}"))?;
+        write(&folder.join(RUN), &run.to_string())
+    }
+
+    fn ask(&self, folder: &Path, without: Option<&str>) -> Result<Value> {
+        // To files: a pipe that nobody empties would stop the finder.
+        let (said, log) = (folder.join("verdict.part"), folder.join(LOG));
+        let child = self
+            .command(folder, without)
+            .stdin(Stdio::null())
+            .stdout(File::create(&said)?)
+            .stderr(File::create(&log)?)
+            .spawn()
+            .with_context(|| format!("cannot start the finder {}", self.program.display()))?;
+        let status = wait(child, self.limit_s)?;
+        let complaint = std::fs::read_to_string(&log).unwrap_or_default();
+        anyhow::ensure!(
+            status.success(),
+            "the finder ended with {status}: {}",
+            complaint.lines().last().unwrap_or_default()
+        );
+        let text = std::fs::read_to_string(&said)?;
+        let value: Value = serde_json::from_str(&text).context("the finder did not print JSON")?;
+        anyhow::ensure!(
+            value["verdict"].is_string(),
+            "the finder's JSON has no verdict"
+        );
+        Ok(value)
+    }
+}
+
+/// Waits for a process and ends it when it takes longer than `limit_s`.
+fn wait(mut child: Child, limit_s: f64) -> Result<ExitStatus> {
+    // Looks are counted: no clock is needed for a limit of minutes.
+    let looks = (limit_s / LOOK.as_secs_f64()).ceil() as u64;
+    for _ in 0..looks {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status);
+        }
+        std::thread::sleep(LOOK);
+    }
+    child.kill()?;
+    child.wait()?;
+    anyhow::bail!("the finder took more than {limit_s} s")
+}
+
+/// Whether this run is on disk, and did not fail.
+fn done(folder: &Path, run: &Value) -> bool {
+    let read = |name: &str| -> Option<Value> {
+        serde_json::from_str(&std::fs::read_to_string(folder.join(name)).ok()?).ok()
+    };
+    read(RUN).as_ref() == Some(run) && read(VERDICT).is_some_and(|v| v["verdict"].is_string())
+}
+
+/// Refuses a folder in which the finder could come across more than the sessions.
+fn only_sessions(folder: &Path) -> Result<()> {
+    let entries = std::fs::read_dir(folder)
+        .with_context(|| format!("cannot read the case {}", folder.display()))?;
+    for entry in entries {
+        let name = entry?.file_name();
+        anyhow::ensure!(
+            ALLOWED.iter().any(|a| name == *a),
+            "'{}' does not belong into the case {}: the finder must see the sessions alone",
+            name.to_string_lossy(),
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_finder_is_told_the_sessions_and_nothing_else() {
+        let seeker = Seeker {
+            program: Path::new("/bin/finder"),
+            hash: "h".to_owned(),
+            robot_file: None,
+            limit_s: 1.0,
+        };
+        let list = |without| -> Vec<String> {
+            let command = seeker.command(Path::new("/b/cases/c1"), without);
+            assert_eq!(command.get_envs().count(), 0);
+            assert_ne!(command.get_current_dir(), None);
+            let args = command.get_args();
+            args.map(|a| a.to_string_lossy().into_owned()).collect()
+        };
+        let sessions = [
+            "gap",
+            "run",
+            "--json",
+            "--baseline",
+            "/b/cases/c1/commissioning",
+            "--session",
+            "/b/cases/c1/suspect",
+        ];
+        assert_eq!(list(None), sessions);
+        assert_eq!(list(Some("leak"))[7..], ["--without", "leak"]);
+    }
+
+    #[test]
+    fn a_folder_with_more_than_the_sessions_is_refused() {
+        let dir = std::env::temp_dir().join(format!("springtwin-blind-{}", std::process::id()));
+        std::fs::create_dir_all(dir.join("suspect")).expect("folder");
+        assert!(only_sessions(&dir).is_ok());
+        std::fs::write(dir.join("key.json"), "{}").expect("writes");
+        let refused = only_sessions(&dir).expect_err("a key");
+        assert!(refused.to_string().contains("'key.json' does not belong"));
+        std::fs::remove_dir_all(&dir).expect("cleans up");
+    }
+}

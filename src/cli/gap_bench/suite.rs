@@ -1,0 +1,226 @@
+//! What the blind test consists of: the same seeds, the same cases.
+
+use clap::ValueEnum;
+use rand::Rng as _;
+use sha2::{Digest as _, Sha256};
+
+use super::hex;
+use springtwin::gap::score::About;
+use springtwin::rig::hidden::{Class, HIDDEN, Kind};
+use springtwin::sim::dataset::sample_rng;
+
+/// A part of the suite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Part {
+    /// One effect at 2, 4 and 8 times the floor
+    Singles,
+    /// No effect
+    Nulls,
+    /// An effect that the finder does not know
+    Aliens,
+    /// Two effects
+    Pairs,
+    /// One effect at 0.5 and 1 times the floor
+    Ladder,
+}
+
+/// Strengths of the singles of every seed, times the floor.
+const SINGLES: [f64; 3] = [2.0, 4.0, 8.0];
+/// Strengths of the additional singles, in turn.
+const LOW: [f64; 2] = [0.5, 1.0];
+/// Every so many seeds there is one of those.
+const LOW_EVERY: u64 = 3;
+/// Strength of aliens and of each member of a pair.
+const CLEAR: f64 = 4.0;
+/// Changes when the same plan makes other sessions.
+const EDITION: u32 = 1;
+
+/// The plan of a suite.
+pub struct Suite {
+    /// First seed.
+    pub first_seed: u64,
+    /// Number of seeds.
+    pub seeds: u64,
+    /// Parts; all of them if empty.
+    pub parts: Vec<Part>,
+    /// Length of the sessions, s.
+    pub seconds: f64,
+    /// Hash of the robot file.
+    pub robot: String,
+}
+
+/// A case to be made and solved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Planned {
+    /// Its folder; tells nothing of what is hidden.
+    pub name: String,
+    /// Its part.
+    pub part: Part,
+    /// What it is about.
+    pub about: About,
+    /// Its own seed: every case is another rig.
+    pub seed: u64,
+    /// Times the floor.
+    pub strength: f64,
+    /// What is to be hidden.
+    pub effects: Vec<&'static str>,
+    /// What the finder has to do without.
+    pub without: Option<&'static str>,
+}
+
+impl Suite {
+    /// All cases, in the order of their names, which is none.
+    pub fn cases(&self) -> Vec<Planned> {
+        let wanted = |p: &Planned| self.parts.is_empty() || self.parts.contains(&p.part);
+        let seeds = (0..self.seeds).map(|i| self.first_seed.wrapping_add(i));
+        let all = seeds.flat_map(|s| self.of_seed(s));
+        let mut out: Vec<Planned> = all.filter(wanted).collect();
+        out.sort_by(|a, b| a.name.cmp(&b.name));
+        out
+    }
+
+    fn of_seed(&self, seed: u64) -> Vec<Planned> {
+        let (known, aliens) = (of(Class::Known), of(Class::Alien));
+        // Ten is coprime with the 27 effects, and nine seeds make one round of all.
+        let nth = |i: u64, step: u64, from: u64| {
+            let n = known.len() as u64;
+            known[((i % n * step + from) % n) as usize]
+        };
+        let mut out = Vec::new();
+        let mut add = |part, about, strength, kinds: &[&'static Kind], without| {
+            let effects = kinds.iter().map(|k| k.id).collect();
+            out.push(self.planned(seed, out.len(), part, about, strength, effects, without));
+        };
+        for (k, strength) in SINGLES.into_iter().enumerate() {
+            let kind = nth(seed, 10, 9 * k as u64);
+            add(Part::Singles, About::Single, strength, &[kind], None);
+        }
+        add(Part::Nulls, About::Null, 0.0, &[], None);
+        let turn = seed / 2;
+        if seed.is_multiple_of(2) {
+            let kind = aliens[(turn % aliens.len() as u64) as usize];
+            add(Part::Aliens, About::Alien, CLEAR, &[kind], None);
+        } else {
+            let kind = nth(turn, 10, 13);
+            add(Part::Aliens, About::Alien, CLEAR, &[kind], Some(kind.id));
+        }
+        let first = nth(seed, 10, 4);
+        let others: Vec<_> = known.iter().filter(|k| k.side != first.side).collect();
+        let second = others[sample_rng(seed, 0x9a18).random_range(0..others.len())];
+        add(Part::Pairs, About::Pair, CLEAR, &[first, second], None);
+        if seed.is_multiple_of(LOW_EVERY) {
+            let turn = seed / LOW_EVERY;
+            let strength = LOW[(turn % 2) as usize];
+            let kind = nth(turn, 10, 5);
+            add(Part::Ladder, About::Single, strength, &[kind], None);
+        }
+        out
+    }
+
+    fn planned(
+        &self,
+        seed: u64,
+        slot: usize,
+        part: Part,
+        about: About,
+        strength: f64,
+        effects: Vec<&'static str>,
+        without: Option<&'static str>,
+    ) -> Planned {
+        let case_seed = sample_rng(seed, 0xbe00 + slot).random();
+        let version = env!("CARGO_PKG_VERSION");
+        let (seconds, robot) = (self.seconds, &self.robot);
+        let all = format!(
+            "{EDITION} {version} {robot} {seconds} {case_seed} {about:?} {strength} {effects:?} {without:?}"
+        );
+        Planned {
+            name: hex(&Sha256::digest(all)[..6]),
+            part,
+            about,
+            seed: case_seed,
+            strength,
+            effects,
+            without,
+        }
+    }
+}
+
+fn of(class: Class) -> Vec<&'static Kind> {
+    HIDDEN.iter().filter(|k| k.class == class).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use super::*;
+
+    fn suite(first_seed: u64, seeds: u64, parts: &[Part]) -> Vec<Planned> {
+        let suite = Suite {
+            first_seed,
+            seeds,
+            parts: parts.to_vec(),
+            seconds: 90.0,
+            robot: "r".to_owned(),
+        };
+        suite.cases()
+    }
+
+    #[test]
+    fn a_seed_has_the_same_cases_in_every_suite() {
+        assert_eq!(suite(1, 30, &[]), suite(1, 30, &[]));
+        let (some, all) = (suite(7, 2, &[]), suite(1, 30, &[]));
+        assert!(some.len() >= 12 && some.iter().all(|c| all.contains(c)));
+        let nulls = suite(1, 30, &[Part::Nulls]);
+        assert!(nulls.len() == 30 && nulls.iter().all(|c| all.contains(c)));
+        let names: BTreeSet<_> = all.iter().map(|c| &c.name).collect();
+        let seeds: BTreeSet<_> = all.iter().map(|c| c.seed).collect();
+        assert_eq!((names.len(), seeds.len()), (190, 190));
+    }
+
+    #[test]
+    fn effects_strengths_and_parts_are_balanced() {
+        let all = suite(1, 30, &[]);
+        let count = |p: Part| all.iter().filter(|c| c.part == p).count();
+        use Part::{Aliens, Ladder, Nulls, Pairs, Singles};
+        assert_eq!(
+            [Singles, Nulls, Aliens, Pairs, Ladder].map(count),
+            [90, 30, 30, 30, 10]
+        );
+        // 27 seeds: every effect once at each strength.
+        let mut times: BTreeMap<(&str, u64), usize> = BTreeMap::new();
+        for c in suite(5, 27, &[Singles]) {
+            *times.entry((c.effects[0], c.strength as u64)).or_default() += 1;
+        }
+        assert_eq!(times.len(), 3 * 27);
+        assert!(times.values().all(|n| *n == 1));
+        // Nine: every effect once.
+        let ids: BTreeSet<_> = suite(1, 9, &[Singles])
+            .iter()
+            .map(|c| c.effects[0])
+            .collect();
+        assert_eq!(ids.len(), 27);
+        let left_out = all.iter().filter(|c| c.without.is_some());
+        let ids: BTreeSet<_> = left_out.map(|c| c.effects[0]).collect();
+        assert_eq!(ids.len(), 15);
+        let low: Vec<f64> = all
+            .iter()
+            .filter(|c| c.part == Ladder)
+            .map(|c| c.strength)
+            .collect();
+        assert_eq!(low.iter().filter(|s| **s == 0.5).count(), 5);
+        for c in &all {
+            let sides: Vec<_> = HIDDEN
+                .iter()
+                .filter(|k| c.effects.contains(&k.id))
+                .map(|k| (k.class, k.side))
+                .collect();
+            match c.about {
+                About::Null => assert!(sides.is_empty()),
+                About::Pair => assert!(sides.len() == 2 && sides[0].1 != sides[1].1),
+                About::Alien => assert_eq!(c.without.is_some(), sides[0].0 == Class::Known),
+                About::Single => assert_eq!(sides[0].0, Class::Known),
+            }
+        }
+    }
+}

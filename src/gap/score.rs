@@ -1,0 +1,331 @@
+//! How well the finder does on cases whose answer is known: counting, no more.
+//!
+//! A case is a [`Key`] (what was hidden) and a [`Said`] (what the finder made of it). [`score`]
+//! counts; [`Score::markdown`] writes the tables.
+
+mod counting;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::finding::Verdict;
+pub use counting::{median, median_ci95, score, wilson};
+
+/// The rungs of the ladder, times the floor.
+pub const RUNGS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
+/// From here on an effect has to be found, times the floor.
+pub const FINDABLE: f64 = 2.0;
+/// From here on it is strong, times the floor.
+pub const STRONG: f64 = 4.0;
+
+/// What a case is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum About {
+    /// One effect of the table.
+    Single,
+    /// Nothing.
+    Null,
+    /// One that the finder's table does not have.
+    Alien,
+    /// Two effects.
+    Pair,
+}
+
+/// The answer key of a case.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Key {
+    /// What the case is about.
+    pub kind: About,
+    /// Strength that was asked for, times the floor; 0 for nothing.
+    pub strength: f64,
+    /// What is hidden.
+    pub effects: Vec<KeyEffect>,
+}
+
+/// One hidden effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct KeyEffect {
+    /// Its id.
+    pub id: String,
+    /// Channel (1-based); `None`: all of them, or there are none.
+    pub target: Option<usize>,
+    /// Its parameters.
+    pub params: BTreeMap<String, KeyValue>,
+    /// Strength that it has, times the floor.
+    pub reached: Option<f64>,
+    /// Whether a bound kept it from the strength that was asked for.
+    pub capped: bool,
+}
+
+/// A parameter of a hidden effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct KeyValue {
+    /// The value, SI.
+    pub value: f64,
+    /// Its unit.
+    pub unit: String,
+    /// Value without the effect, where the distance from it is what counts.
+    pub none: Option<f64>,
+}
+
+/// What the finder said, as far as it is scored; the other keys of its JSON are passed over.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct Said {
+    /// The verdict; `None` when the finder failed.
+    pub verdict: Option<Verdict>,
+    /// The effects; for an indistinguishable set the alternatives.
+    #[serde(default)]
+    pub effects: Vec<SaidEffect>,
+    /// The gap before and after.
+    #[serde(default)]
+    pub gap: Option<SaidGap>,
+    /// Wall time, s.
+    #[serde(default)]
+    pub seconds: Option<f64>,
+    /// Why there is no verdict.
+    #[serde(default)]
+    pub error: Option<String>,
+}
+
+/// An effect that was named.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct SaidEffect {
+    /// Its id.
+    pub id: String,
+    /// Channel (1-based) or none.
+    pub target: Option<usize>,
+    /// Its parameters.
+    #[serde(default)]
+    pub params: BTreeMap<String, SaidValue>,
+}
+
+/// A parameter that was fitted.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct SaidValue {
+    /// The value, SI.
+    pub value: Option<f64>,
+    /// 95 % interval.
+    #[serde(default)]
+    pub ci95: Option<[f64; 2]>,
+}
+
+/// The gap.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct SaidGap {
+    /// (before − after)/(before − floor).
+    #[serde(default)]
+    pub closed: Option<f64>,
+}
+
+/// A case with its answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scored {
+    /// Name of the case.
+    pub name: String,
+    /// What was hidden.
+    pub key: Key,
+    /// What was said.
+    pub said: Said,
+}
+
+/// So many of so many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Share {
+    /// Hits.
+    pub hits: usize,
+    /// Of so many.
+    pub of: usize,
+    /// Their ratio.
+    pub share: Option<f64>,
+    /// Wilson's 95 % interval of it.
+    pub ci95: Option<[f64; 2]>,
+}
+
+/// Naming of single effects at one strength.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Rung {
+    /// Strength, times the floor; 0: below the lowest rung.
+    pub strength: f64,
+    /// The first effect that is named is the right one.
+    pub top1: Share,
+    /// It is the only one that is named.
+    pub exact: Share,
+    /// A set that cannot be told apart holds it.
+    pub in_set: Share,
+    /// Named first, or in the set.
+    pub right_or_in_set: Share,
+}
+
+/// What became of pairs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Pairs {
+    /// Both are named.
+    pub both: Share,
+    /// Both of the pairs whose members both have the strength that was asked for.
+    pub both_full_strength: Share,
+    /// One of them is.
+    pub one: Share,
+    /// None is named, but one at least is in a set that cannot be told apart.
+    pub in_set: Share,
+}
+
+/// What became of effects that the finder cannot know.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Aliens {
+    /// Effects of the table are claimed: by name, or as a set.
+    pub named_wrongly: Share,
+    /// Those among them that the table never had.
+    pub never_known: Share,
+    /// Those among them that were taken out of the table.
+    pub left_out: Share,
+    /// Rightly called unknown.
+    pub unknown: Share,
+    /// Passed over.
+    pub nothing: Share,
+}
+
+/// What became of sessions without an effect.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Nulls {
+    /// Something is claimed: named, as a set, or unknown.
+    pub false_positive: Share,
+    /// Named or as a set.
+    pub named: Share,
+    /// Unknown.
+    pub unknown: Share,
+}
+
+/// One parameter over all cases in which its effect was named on the right channel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParamLine {
+    /// `effect.parameter`.
+    pub name: String,
+    /// Median of the relative error.
+    pub error_median: Option<f64>,
+    /// Cases.
+    pub cases: usize,
+    /// The 95 % interval holds the true value.
+    pub covered: Share,
+}
+
+/// A number with its 95 % interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Middle {
+    /// Median.
+    pub median: Option<f64>,
+    /// Interval of the median from the order of the values; six are needed.
+    pub ci95: Option<[f64; 2]>,
+    /// Values.
+    pub of: usize,
+    /// Largest.
+    pub max: Option<f64>,
+}
+
+/// How a figure compares with its target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// As good as wanted.
+    Met,
+    /// Worse.
+    Missed,
+    /// There was nothing to count.
+    NoData,
+}
+
+/// A target and what was measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Target {
+    /// What is measured.
+    pub what: String,
+    /// Smallest and largest figure that is good.
+    pub wanted: [Option<f64>; 2],
+    /// The figure.
+    pub measured: Option<f64>,
+    /// Its 95 % interval.
+    pub ci95: Option<[f64; 2]>,
+    /// `%` for shares that are given as ratios, `s` for seconds.
+    pub unit: String,
+    /// Cases behind it.
+    pub of: usize,
+    /// Met or missed, by the figure itself and not by its interval.
+    pub state: State,
+}
+
+/// A case in one line.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Line {
+    /// Name of the case.
+    pub name: String,
+    /// What it is about.
+    pub kind: About,
+    /// Strength that was asked for, times the floor.
+    pub strength: f64,
+    /// Strength of the weakest of its effects.
+    pub reached: Option<f64>,
+    /// What was hidden, `id:target` joined by ` + `.
+    pub truth: String,
+    /// What was said.
+    pub said: String,
+    /// Whether that is right.
+    pub right: bool,
+    /// Share of the gap that was closed.
+    pub closed: Option<f64>,
+    /// Wall time, s.
+    pub seconds: Option<f64>,
+    /// Why there is no verdict.
+    pub error: Option<String>,
+}
+
+/// How often each truth was given each name: truth, then what was said.
+pub type Confusion = BTreeMap<String, BTreeMap<String, usize>>;
+
+/// All figures of a suite.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Score {
+    /// Cases.
+    pub cases: usize,
+    /// Cases on which the finder failed; they count as wrong.
+    pub failed: usize,
+    /// Measured figures against the targets.
+    pub targets: Vec<Target>,
+    /// Single effects by the strength that they have.
+    pub ladder: Vec<Rung>,
+    /// The same by the strength that was asked for.
+    pub ladder_asked: Vec<Rung>,
+    /// Single effects that a bound kept from the strength that was asked for.
+    pub capped: usize,
+    /// Right channel among effects that are named rightly, from [`FINDABLE`] on.
+    pub channel: Share,
+    /// The same among those that have a channel to choose.
+    pub channel_of_choice: Share,
+    /// Right side among single effects from [`FINDABLE`] on that were given a name.
+    pub side: Share,
+    /// Single effects from [`FINDABLE`] on, nulls and aliens.
+    pub confusion: Confusion,
+    /// Weaker single effects.
+    pub confusion_weak: Confusion,
+    /// Sessions with nothing in them.
+    pub nulls: Nulls,
+    /// Effects that the finder cannot know.
+    pub aliens: Aliens,
+    /// Pairs.
+    pub pairs: Pairs,
+    /// Relative error of all parameters of effects that were named on the right channel.
+    pub param_error: Middle,
+    /// How often their 95 % interval holds the true value.
+    pub param_covered: Share,
+    /// The same by parameter.
+    pub params: Vec<ParamLine>,
+    /// Share of the gap that is closed where effects were named.
+    pub gap_closed: Middle,
+    /// Wall time, s.
+    pub seconds: Middle,
+    /// Every case.
+    pub lines: Vec<Line>,
+}
