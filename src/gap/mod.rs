@@ -11,6 +11,7 @@ mod noise;
 mod patch;
 mod problem;
 mod replay;
+pub mod report;
 mod session;
 
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
