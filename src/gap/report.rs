@@ -450,11 +450,11 @@ fn found_effect(found: &FoundEffect) -> String {
         .iter()
         .map(|(name, value)| {
             let q = words::quantity(&found.id, name, value);
+            let with_unit = |text: String| escape(format!("{text} {}", q.unit).trim_end());
             vec![
                 escape(name),
-                q.value,
-                q.interval.unwrap_or_else(|| "–".to_owned()),
-                escape(&q.unit),
+                with_unit(q.value),
+                q.interval.map_or("–".to_owned(), with_unit),
             ]
         })
         .collect();
@@ -463,7 +463,7 @@ fn found_effect(found: &FoundEffect) -> String {
         escape(&effect_name(&found.id, found.target)),
         escape(&found.side),
         escape(&found.id),
-        table(&["parameter", "value", "95 % interval", "unit"], &rows, 1)
+        table(&["parameter", "value", "95 % interval"], &rows, 1)
     )
 }
 

@@ -57,6 +57,20 @@ pub(super) fn fixed(x: f64, decimals: usize) -> String {
     }
 }
 
+/// `value ± error`, to two digits of the error.
+pub(super) fn with_error(value: f64, error: f64) -> String {
+    if !(error.is_finite() && error > 0.0) {
+        return number(value);
+    }
+    let decimals = decimals(error);
+    format!("{} ± {}", fixed(value, decimals), fixed(error, decimals))
+}
+
+/// Decimals that show two digits of an uncertainty.
+pub(super) fn decimals(uncertainty: f64) -> usize {
+    (1 - uncertainty.log10().floor() as i32).clamp(0, 6) as usize
+}
+
 /// A share as percent; an en dash where there is none.
 pub(super) fn percent(share: f64) -> String {
     if share.is_finite() {
@@ -86,8 +100,10 @@ pub(super) fn base64(bytes: &[u8]) -> String {
 
 /// An SVG element with a title that reading aids tell. `width` and `height` are in its own units.
 pub(super) fn svg(width: f64, height: f64, title: &str, body: &str) -> String {
+    // Wide pictures scroll on a phone before their text gets too small.
+    let class = if width > 600.0 { "wide" } else { "narrow" };
     format!(
-        "<div class=\"scroll\"><svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" \
+        "<div class=\"scroll\"><svg class=\"{class}\" xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" \
          role=\"img\"><title>{}</title>\n{body}</svg></div>\n",
         at(width),
         at(height),

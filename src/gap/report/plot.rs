@@ -1,7 +1,7 @@
 //! The other pictures: size of the gap, ranking, groups of channels, way of the tip.
 
 use super::heat::time_axis;
-use super::markup::{fixed, label, line, number, path, percent, rect, svg, ticks};
+use super::markup::{fixed, label, line, number, path, percent, rect, svg, ticks, with_error};
 use super::words::ranked_name;
 use crate::gap::finding::{ChannelError, GapSize, Ranked, Traces};
 
@@ -13,13 +13,15 @@ const POINTS: usize = 700;
 
 /// Before, after and floor as bars.
 pub(super) fn gap(g: &GapSize) -> String {
-    const LEFT: f64 = 150.0;
-    const BAR: f64 = 26.0;
+    // Narrow, so that it reads on a phone.
+    const WIDTH: f64 = 480.0;
+    const LEFT: f64 = 140.0;
+    const BAR: f64 = 24.0;
     let most = [g.before, g.after, g.floor]
         .into_iter()
         .filter(|v| v.is_finite())
         .fold(0.0, f64::max);
-    let wide = WIDTH - LEFT - 130.0;
+    let wide = WIDTH - LEFT - 80.0;
     let mut body = String::new();
     let rows = [
         ("without the effect", g.before, "before"),
@@ -83,12 +85,16 @@ pub(super) fn ranking(candidates: &[Ranked], threshold: f64) -> String {
     let x = |gain: f64| LEFT + wide * ((bent(gain) - least) / (most - least)).clamp(0.0, 1.0);
     let bottom = TOP + ROW * drawn.len() as f64;
     let mut body = String::new();
-    let mut marks = vec![0.0];
-    let mut mark = 10f64.powf(unit.log10().ceil());
-    while bent(mark) < most && marks.len() < 9 {
-        marks.push(mark);
-        mark *= 10.0;
+    let mut marks = vec![0.0, unit];
+    let first = unit.log10().floor() as i32;
+    for mark in (first..first + 12).flat_map(|k| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(k))) {
+        let apart = marks.iter().all(|m| (x(*m) - x(mark)).abs() > 44.0);
+        if mark > unit && bent(mark) < most && apart {
+            marks.push(mark);
+        }
     }
+    // The threshold has a line and a label of its own.
+    marks.remove(1);
     for m in marks {
         body += &line([x(m), TOP], [x(m), bottom], "grid");
         body += &label(x(m), bottom + 16.0, "mid small", &number(m));
@@ -107,7 +113,7 @@ pub(super) fn ranking(candidates: &[Ranked], threshold: f64) -> String {
             body += &line([x(c.gain - c.se), y], [x(c.gain + c.se), y], "whisker");
         }
         body += &rect([x(c.gain) - 4.0, y - 4.0], [8.0, 8.0], class);
-        let text = format!("{} ± {}", number(c.gain), number(c.se));
+        let text = with_error(c.gain, c.se);
         body += &label(LEFT + wide + 8.0, y + 4.0, "small", &text);
     }
     if threshold.is_finite() {
@@ -189,7 +195,7 @@ pub(super) fn groups(channels: &[ChannelError]) -> String {
 
 /// x, y and z of the tip over time, mm.
 pub(super) fn tip(traces: &Traces) -> String {
-    const LEFT: f64 = 60.0;
+    const LEFT: f64 = 92.0;
     const HIGH: f64 = 130.0;
     const STEP: f64 = 146.0;
     let t = &traces.t_s;
@@ -233,7 +239,8 @@ pub(super) fn tip(traces: &Traces) -> String {
             body += &line([LEFT, y(v)], [LEFT + wide, y(v)], "grid");
             body += &label(LEFT - 6.0, y(v) + 3.5, "end small", &fixed(v, decimals));
         }
-        body += &label(LEFT + 6.0, top + 14.0, "strong", &format!("{name}, mm"));
+        let middle = top + HIGH / 2.0 + 4.0;
+        body += &label(4.0, middle, "strong", &format!("{name}, mm"));
         for (points, class) in series {
             let line = t.iter().zip(points).step_by(stride);
             body += &path(

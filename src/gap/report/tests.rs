@@ -1,10 +1,10 @@
 use std::collections::BTreeMap;
 
-use super::markup::{at, base64, escape, fixed, number, ticks};
+use super::markup::{at, base64, escape, fixed, number, ticks, with_error};
 use super::*;
 use crate::gap::finding::{GapSize, Located, Ranked, SeparateBy, Traces};
 use crate::gap::patch::PatchValue;
-use crate::sim::effects::EFFECTS;
+use crate::sim::effects::{EFFECTS, Target};
 
 const VERDICTS: [(Verdict, &str); 5] = [
     (Verdict::NothingMissing, "Nothing is missing"),
@@ -305,7 +305,7 @@ fn the_page_holds_what_was_found() {
     let page = html(&finding(Verdict::Named), PATCH, Origin::Measured);
     for wanted in [
         "Undeclared payload",
-        "<td class=\"n\">412</td><td class=\"n\">398 to 427</td><td class=\"n\">g</td>",
+        "<td class=\"n\">412 g</td><td class=\"n\">398 to 427 g</td>",
         "Closed 94 %",
         "812 ± 41",
         "▲ worse",
@@ -516,6 +516,9 @@ fn numbers_read_well() {
     ] {
         assert_eq!(number(x), says);
     }
+    assert_eq!(with_error(812.3, 41.2), "812 ± 41");
+    assert_eq!(with_error(0.4, 1.04), "0.4 ± 1.0");
+    assert_eq!(with_error(-6.0, f64::NAN), "−6.00");
     assert_eq!(fixed(-0.04, 1), "0.0");
     assert_eq!(at(f64::NAN), "0");
     assert_eq!(at(-0.01), "0");
@@ -523,6 +526,53 @@ fn numbers_read_well() {
     assert_eq!(ticks(0.0, 90.0, 8), [0.0, 20.0, 40.0, 60.0, 80.0]);
     assert_eq!(ticks(-1.0, 1.0, 4), [-1.0, -0.5, 0.0, 0.5, 1.0]);
     assert!(ticks(1.0, 1.0, 4).is_empty() && ticks(0.0, f64::NAN, 4).is_empty());
+}
+
+/// The guide's table of effects.
+fn guide_table() -> String {
+    let mut out =
+        String::from("| id | name | what it is | sits on | shows in |\n|---|---|---|---|---|\n");
+    for e in EFFECTS {
+        // The meaning without the equation before it.
+        let meaning = match e.doc.split_once(": ") {
+            Some((equation, meaning)) if equation.contains(['=', '≤', '→']) => meaning,
+            _ => e.doc,
+        };
+        let on = match e.target {
+            Target::Chamber => "chamber",
+            Target::Spring => "spring",
+            Target::Imu => "IMU",
+            Target::Segment => "segment",
+            Target::None => "–",
+        };
+        let shows: Vec<String> = e
+            .residuals
+            .iter()
+            .map(|r| format!("{r:?}").to_lowercase())
+            .collect();
+        out += &format!(
+            "| `{}` | {} | {meaning} | {on} | {} |\n",
+            e.id,
+            e.name,
+            shows.join(", ")
+        );
+    }
+    out
+}
+
+#[test]
+fn the_guide_has_every_effect_and_verdict() {
+    const GUIDE: &str = include_str!("../../../assets/guide/finding-a-gap.md");
+    let table = guide_table();
+    assert!(
+        GUIDE.contains(&table),
+        "the guide's table should be\n{table}"
+    );
+    for verdict in VERDICTS.map(|(v, _)| v) {
+        let name = verdict_name(verdict).to_lowercase();
+        assert!(GUIDE.contains(&format!("| **{name}**")), "{name}");
+    }
+    assert!(include_str!("../../../assets/guide/SUMMARY.md").contains("(finding-a-gap.md)"));
 }
 
 /// Writes the pages, to be looked at: `REPORT_PAGES=DIR cargo test -- --ignored pages_to_look_at`.

@@ -1,6 +1,6 @@
 //! A finding in words: names, units a person thinks in, one sentence per verdict.
 
-use super::markup::{fixed, number};
+use super::markup::{decimals, fixed, number};
 use crate::gap::finding::{Finding, FoundEffect, Ranked, Verdict};
 use crate::gap::patch::PatchValue;
 use crate::sim::effects::{Target, effect};
@@ -72,7 +72,7 @@ pub(super) fn quantity(id: &str, name: &str, given: &PatchValue) -> Quantity {
             unit: unit.to_owned(),
         };
     };
-    let decimals = (1 - (0.5 * (high - low)).log10().floor() as i32).clamp(0, 6) as usize;
+    let decimals = decimals(0.5 * (high - low));
     Quantity {
         value: fixed(value, decimals),
         interval: Some(format!(
