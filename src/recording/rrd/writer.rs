@@ -195,6 +195,8 @@ pub(super) enum BatchError {
     Encode(#[from] EncodeError),
     #[error(transparent)]
     Stream(#[from] rerun::RecordingStreamError),
+    #[error(transparent)]
+    Serialize(#[from] rerun::SerializationError),
 }
 
 impl From<BatchError> for std::io::Error {
