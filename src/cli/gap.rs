@@ -44,6 +44,9 @@ pub struct RunArgs {
     /// Folder for patch, report and recording
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Label figures and pictures as simulated
+    #[arg(long)]
+    simulated: bool,
     /// Effects to leave out of the table
     #[arg(long, value_name = "ID")]
     without: Vec<String>,
@@ -146,16 +149,55 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Told)?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     if let Some(dir) = &a.out {
-        std::fs::create_dir_all(dir)
-            .with_context(|| format!("cannot make the folder {}", dir.display()))?;
-        let file = dir.join("patch.toml");
-        std::fs::write(&file, found.patch.to_toml())
-            .with_context(|| format!("cannot write {}", file.display()))?;
+        write_all(dir, &found, a.simulated)?;
     }
     Ok(Report {
         text: told(&found.finding),
         json: serde_json::to_value(&found.finding)?,
     })
+}
+
+/// Patch, finding, report and overlay of a run, in one folder.
+fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
+    let f = &found.finding;
+    std::fs::create_dir_all(dir)
+        .with_context(|| format!("cannot make the folder {}", dir.display()))?;
+    let write = |name: &str, bytes: &[u8]| {
+        let file = dir.join(name);
+        std::fs::write(&file, bytes).with_context(|| format!("cannot write {}", file.display()))
+    };
+    let patch = found.patch.to_toml();
+    let origin = if simulated {
+        gap::report::Origin::Simulated
+    } else {
+        gap::report::Origin::Measured
+    };
+    write("patch.toml", patch.as_bytes())?;
+    write("finding.json", &serde_json::to_vec_pretty(f)?)?;
+    write("report.html", gap::report::html(f, &patch, origin).as_bytes())?;
+    let t = &f.traces;
+    let series = |position_m, turn_wxyz| recording::TipSeries {
+        position_m,
+        turn_wxyz,
+    };
+    let name = f.data.get("session").map_or("session", String::as_str);
+    let overlay = recording::Overlay {
+        name,
+        simulated,
+        t_s: &t.t_s,
+        measured: series(&t.measured_m, &t.turns[0]),
+        before: series(&t.before_m, &t.turns[1]),
+        after: series(&t.after_m, &t.turns[2]),
+        channels: &t.channels,
+        residual_before: &t.before,
+        residual_after: &t.after,
+        residual_unit: "floors",
+    };
+    match recording::write_overlay(&dir.join("overlay.rrd"), &overlay) {
+        // A program built without Rerun still writes everything else.
+        Err(recording::RecordingError::WithoutRrd { .. }) => Ok(()),
+        other => Ok(other?),
+    }
 }
 
 /// What the rig could be driven with to tell alternatives apart.

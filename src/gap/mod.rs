@@ -14,6 +14,7 @@ mod problem;
 mod prove;
 mod replay;
 pub mod score;
+pub mod report;
 mod session;
 
 pub use commission::{Baseline, Rmse, commission, factory, rmse};

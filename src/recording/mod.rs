@@ -3,6 +3,7 @@
 //! - Recordings ([`RecordingWriter`], [`read_rrd`]): `.rrd` files that hold whole snapshots, for
 //!   replay and for the Rerun viewer. Only the submodule `rrd` knows rerun.
 //!   [`Recorder`] writes one on a thread of its own.
+//!   [`write_overlay`] writes a comparison of one way measured and simulated, for the viewer alone.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
 //! - [`inspect`] tells what is in either.
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet. [`DatasetJournal`]
@@ -14,6 +15,7 @@ mod error;
 mod inspect;
 mod journal;
 mod log;
+mod overlay;
 mod recorder;
 #[cfg(feature = "rrd")]
 mod rrd;
@@ -27,8 +29,9 @@ pub use error::RecordingError;
 pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
 pub use journal::DatasetJournal;
 pub use log::{SessionLog, parse_log, read_session, write_session};
+pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
-pub use rrd::{RecordingWriter, read_rrd};
+pub use rrd::{RecordingWriter, read_rrd, write_overlay};
 pub use types::{
     ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,
 };

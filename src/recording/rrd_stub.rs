@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
+use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
 /// Writes snapshots to an `.rrd` file. This build cannot.
@@ -63,6 +63,15 @@ impl RecordingWriter {
 /// # Errors
 /// [`RecordingError::WithoutRrd`].
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
+    Err(without(path))
+}
+
+/// Writes a comparison. In this build always an error.
+///
+/// # Errors
+/// [`RecordingError::WithoutRrd`]; [`RecordingError::Unsupported`] as in a build that can.
+pub fn write_overlay(path: &Path, overlay: &Overlay) -> Result<(), RecordingError> {
+    overlay.check(path)?;
     Err(without(path))
 }
 

@@ -2,11 +2,13 @@
 
 mod blueprint;
 mod frames;
+mod overlay;
 mod reader;
 mod scene;
 mod schema;
 mod writer;
 
+pub use overlay::write_overlay;
 pub use reader::read_rrd;
 pub use writer::RecordingWriter;
 

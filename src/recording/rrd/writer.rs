@@ -186,7 +186,7 @@ fn lists(
 
 /// Anything that can go wrong between rows and file.
 #[derive(Debug, thiserror::Error)]
-enum BatchError {
+pub(super) enum BatchError {
     #[error(transparent)]
     Arrow(#[from] arrow::error::ArrowError),
     #[error(transparent)]
@@ -195,6 +195,8 @@ enum BatchError {
     Encode(#[from] EncodeError),
     #[error(transparent)]
     Stream(#[from] rerun::RecordingStreamError),
+    #[error(transparent)]
+    Serialize(#[from] rerun::SerializationError),
 }
 
 impl From<BatchError> for std::io::Error {
@@ -693,16 +695,15 @@ fn opening(meta: &RecordingMeta) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
         .enabled(true)
         .recording_name(meta.name.clone())
         .memory()?;
-    let text = |s: &str| Arc::new(StringArray::from(vec![s.to_owned()])) as ArrayRef;
     let property = DynamicArchetype::new(schema::PREFIX)
-        .with_component_from_data("schema", text(&schema::SCHEMA_VERSION.to_string()))
-        .with_component_from_data("name", text(&meta.name))
-        .with_component_from_data("robot", text(&meta.robot))
-        .with_component_from_data("robot_hash", text(&meta.robot_hash))
-        .with_component_from_data("source", text(&meta.source))
-        .with_component_from_data("simulated", text(&meta.simulated.to_string()))
-        .with_component_from_data("payload_kg", text(&meta.payload_kg.to_string()))
-        .with_component_from_data("program", text(env!("CARGO_PKG_VERSION")));
+        .with_component_from_data("schema", text_column(&schema::SCHEMA_VERSION.to_string()))
+        .with_component_from_data("name", text_column(&meta.name))
+        .with_component_from_data("robot", text_column(&meta.robot))
+        .with_component_from_data("robot_hash", text_column(&meta.robot_hash))
+        .with_component_from_data("source", text_column(&meta.source))
+        .with_component_from_data("simulated", text_column(&meta.simulated.to_string()))
+        .with_component_from_data("payload_kg", text_column(&meta.payload_kg.to_string()))
+        .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
     stream.send_property(schema::PROPERTY, &property)?;
     log_styles(&stream, meta.drawing.as_ref())?;
     for spec in SPECS.iter().filter(|s| s.scalars > 1) {
@@ -719,6 +720,11 @@ fn opening(meta: &RecordingMeta) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
         None => StoreId::random(rerun::StoreKind::Recording, schema::APPLICATION),
     };
     Ok((store_id, storage.take()))
+}
+
+/// One text as a property's value.
+pub(super) fn text_column(text: &str) -> ArrayRef {
+    Arc::new(StringArray::from(vec![text.to_owned()]))
 }
 
 /// Names of an entity's plotted series.

@@ -1,0 +1,182 @@
+//! Text that is safe in markup, and numbers that are safe in pictures.
+
+use std::fmt::Write as _;
+
+/// Text as it may stand between tags and in quoted attributes. Characters that no markup may hold
+/// are left out.
+pub(super) fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            '\n' | '\t' => out.push(c),
+            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => {}
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A coordinate with one decimal. What is not finite ends up at 0; callers leave such points out.
+pub(super) fn at(x: f64) -> String {
+    let x = if x.is_finite() { x } else { 0.0 };
+    let text = format!("{x:.1}");
+    if text == "-0.0" {
+        return "0".to_owned();
+    }
+    text.strip_suffix(".0").unwrap_or(&text).to_owned()
+}
+
+/// A number for reading, three significant digits; an en dash where there is none.
+pub(super) fn number(x: f64) -> String {
+    if !x.is_finite() {
+        return "–".to_owned();
+    }
+    if x == 0.0 {
+        return "0".to_owned();
+    }
+    // Exponent after rounding to three digits: 9.996 has one digit before the point less than it shows.
+    let digits = x.abs().log10() + 0.000_217;
+    fixed(x, (2 - digits.floor() as i32).clamp(0, 6) as usize)
+}
+
+/// A number with `decimals` behind the point and a true minus sign.
+pub(super) fn fixed(x: f64, decimals: usize) -> String {
+    if !x.is_finite() {
+        return "–".to_owned();
+    }
+    let text = format!("{x:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
+        Some(rest) => format!("−{rest}"),
+        None => text,
+    }
+}
+
+/// `value ± error`, to two digits of the error.
+pub(super) fn with_error(value: f64, error: f64) -> String {
+    if !(error.is_finite() && error > 0.0) {
+        return number(value);
+    }
+    let decimals = decimals(error);
+    format!("{} ± {}", fixed(value, decimals), fixed(error, decimals))
+}
+
+/// Decimals that show two digits of an uncertainty.
+pub(super) fn decimals(uncertainty: f64) -> usize {
+    (1 - uncertainty.log10().floor() as i32).clamp(0, 6) as usize
+}
+
+/// A share as percent; an en dash where there is none.
+pub(super) fn percent(share: f64) -> String {
+    if share.is_finite() {
+        format!("{} %", fixed(100.0 * share, 0))
+    } else {
+        "–".to_owned()
+    }
+}
+
+/// Bytes as base64 (RFC 4648, section 4).
+pub(super) fn base64(bytes: &[u8]) -> String {
+    const SIGNS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let at = |i: usize| u32::from(chunk.get(i).copied().unwrap_or(0));
+        let word = at(0) << 16 | at(1) << 8 | at(2);
+        for i in 0..4 {
+            if i <= chunk.len() {
+                out.push(char::from(SIGNS[(word >> (18 - 6 * i) & 63) as usize]));
+            } else {
+                out.push('=');
+            }
+        }
+    }
+    out
+}
+
+/// An SVG element with a title that reading aids tell. `width` and `height` are in its own units.
+pub(super) fn svg(width: f64, height: f64, title: &str, body: &str) -> String {
+    // Wide pictures scroll on a phone before their text gets too small.
+    let class = if width > 600.0 { "wide" } else { "narrow" };
+    format!(
+        "<div class=\"scroll\"><svg class=\"{class}\" xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" \
+         role=\"img\"><title>{}</title>\n{body}</svg></div>\n",
+        at(width),
+        at(height),
+        escape(title)
+    )
+}
+
+/// A text in a picture; `class` chooses colour and anchor.
+pub(super) fn label(x: f64, y: f64, class: &str, text: &str) -> String {
+    format!(
+        "<text x=\"{}\" y=\"{}\" class=\"{class}\">{}</text>\n",
+        at(x),
+        at(y),
+        escape(text)
+    )
+}
+
+/// A straight line.
+pub(super) fn line(from: [f64; 2], to: [f64; 2], class: &str) -> String {
+    format!(
+        "<line x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\" class=\"{class}\"/>\n",
+        at(from[0]),
+        at(from[1]),
+        at(to[0]),
+        at(to[1])
+    )
+}
+
+/// A filled rectangle.
+pub(super) fn rect(at_xy: [f64; 2], size: [f64; 2], class: &str) -> String {
+    format!(
+        "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" class=\"{class}\"/>\n",
+        at(at_xy[0]),
+        at(at_xy[1]),
+        at(size[0].max(0.0)),
+        at(size[1].max(0.0))
+    )
+}
+
+/// A polyline that breaks where a point is missing or not finite.
+pub(super) fn path(points: impl IntoIterator<Item = [f64; 2]>, class: &str) -> String {
+    let mut d = String::new();
+    let mut pen_up = true;
+    for [x, y] in points {
+        if !(x.is_finite() && y.is_finite()) {
+            pen_up = true;
+            continue;
+        }
+        let sign = if pen_up { 'M' } else { 'L' };
+        // Writing to a string does not fail.
+        let _ = write!(d, "{sign}{} {}", at(x), at(y));
+        pen_up = false;
+    }
+    if d.is_empty() {
+        return String::new();
+    }
+    format!("<path d=\"{d}\" class=\"{class}\"/>\n")
+}
+
+/// Round steps that cover `low..=high` with about `count` of them: 1, 2 or 5 times a power of ten.
+pub(super) fn ticks(low: f64, high: f64, count: usize) -> Vec<f64> {
+    let span = high - low;
+    if !(span.is_finite() && low.is_finite() && span > 0.0) {
+        return Vec::new();
+    }
+    let rough = span / count.max(1) as f64;
+    let power = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|m| m * power)
+        .find(|s| *s >= rough * 0.999)
+        .unwrap_or(10.0 * power);
+    let first = (low / step - 1e-9).ceil() as i64;
+    let last = (high / step + 1e-9).floor() as i64;
+    (first..=last).map(|k| k as f64 * step).collect()
+}

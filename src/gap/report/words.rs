@@ -1,0 +1,200 @@
+//! A finding in words: names, units a person thinks in, one sentence per verdict.
+
+use super::markup::{decimals, fixed, number};
+use crate::gap::finding::{Finding, FoundEffect, Ranked, Verdict};
+use crate::gap::patch::PatchValue;
+use crate::sim::effects::{Target, effect};
+
+/// Name of an effect for people, with where it sits: `Leak, chamber 3`. An id that the table does not
+/// have stands for itself.
+pub fn effect_name(id: &str, target: Option<usize>) -> String {
+    let known = effect(id);
+    let name = known.map_or(id, |e| e.name);
+    let one = |what: &str| match target {
+        Some(n) => format!("{name}, {what} {n}"),
+        None => format!("{name}, every {what}"),
+    };
+    match (known.map(|e| e.target), target) {
+        (Some(Target::Chamber), _) => one("chamber"),
+        (Some(Target::Spring), _) => one("spring"),
+        (Some(Target::Imu), _) => one("IMU"),
+        (Some(Target::Segment), _) => one("segment"),
+        (Some(Target::None), _) | (None, None) => name.to_owned(),
+        (None, Some(n)) => format!("{name}, channel {n}"),
+    }
+}
+
+/// Factor from SI to the unit that a person thinks in, and that unit.
+fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
+    match unit {
+        "m" => (1e3, "mm"),
+        "Pa" => (1e-3, "kPa"),
+        "Pa/s" => (1e-3, "kPa/s"),
+        "rad" => (1f64.to_degrees(), "deg"),
+        "rad/s" => (60f64.to_degrees(), "deg/min"),
+        "m/s" => (6e4, "mm/min"),
+        "kg" => (1e3, "g"),
+        "N" => (1.0, "N"),
+        "N/m" => (1.0, "N/m"),
+        "s" => (1.0, "s"),
+        "1/s" => (1.0, "1/s"),
+        // Ratios: shares in percent, factors as they are.
+        "" => match (id, name) {
+            ("clock-skew", _) => (1e3, "‰"),
+            (_, "share") => (100.0, "%"),
+            _ => (1.0, ""),
+        },
+        _ => (1.0, ""),
+    }
+}
+
+/// A parameter's value in a unit that a person thinks in, its 95 % interval, and the unit; the interval's
+/// width tells how many digits are worth writing.
+pub(super) struct Quantity {
+    pub(super) value: String,
+    pub(super) interval: Option<String>,
+    pub(super) unit: String,
+}
+
+pub(super) fn quantity(id: &str, name: &str, given: &PatchValue) -> Quantity {
+    let (factor, unit) = friendly(id, name, &given.unit);
+    // A unit that is not in the list is shown as it came.
+    let unit = if unit.is_empty() { &given.unit } else { unit };
+    let value = given.value * factor;
+    let ends = given
+        .ci95
+        .map(|[a, b]| [a * factor, b * factor])
+        .filter(|ends| ends.iter().all(|v| v.is_finite()));
+    let Some([low, high]) = ends.filter(|[a, b]| b > a) else {
+        return Quantity {
+            value: number(value),
+            interval: None,
+            unit: unit.to_owned(),
+        };
+    };
+    let decimals = decimals(0.5 * (high - low));
+    Quantity {
+        value: fixed(value, decimals),
+        interval: Some(format!(
+            "{} to {}",
+            fixed(low, decimals),
+            fixed(high, decimals)
+        )),
+        unit: unit.to_owned(),
+    }
+}
+
+/// A parameter in one phrase: `mass 412 g (398 to 427)`; the interval is the 95 % interval.
+pub fn parameter(id: &str, name: &str, value: &PatchValue) -> String {
+    let q = quantity(id, name, value);
+    let unit = match q.unit.as_str() {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    let interval = q.interval.map_or(String::new(), |i| format!(" ({i})"));
+    format!("{name} {}{unit}{interval}", q.value)
+}
+
+/// Names of the effects in a finding.
+fn names(effects: &[FoundEffect]) -> Vec<String> {
+    effects
+        .iter()
+        .map(|e| effect_name(&e.id, e.target))
+        .collect()
+}
+
+fn listed(names: &[String], last: &str) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [rest @ .., end] => format!("{} {last} {end}", rest.join("; ")),
+    }
+}
+
+/// The short form of a verdict.
+pub fn verdict_name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::NothingMissing => "Nothing missing",
+        Verdict::Named => "Named",
+        Verdict::Indistinguishable => "Cannot be told apart",
+        Verdict::Unknown => "Unknown",
+        Verdict::NotExcited => "Not excited",
+    }
+}
+
+/// The verdict as one plain sentence.
+pub fn sentence(finding: &Finding) -> String {
+    let found = names(&finding.effects);
+    match finding.verdict {
+        Verdict::NothingMissing => {
+            "Nothing is missing: what the model leaves over is no more than a healthy rig leaves."
+                .to_owned()
+        }
+        Verdict::Named => {
+            let closed = finding.gap.closed;
+            let how_much = if closed.is_finite() {
+                format!(
+                    " With {} in it, {} % of the gap is closed.",
+                    if found.len() > 1 { "them" } else { "it" },
+                    fixed(100.0 * closed, 0)
+                )
+            } else {
+                String::new()
+            };
+            let what = if found.len() > 1 { "are" } else { "is" };
+            format!(
+                "{} {what} missing from the model.{how_much}",
+                listed(&found, "and")
+            )
+        }
+        Verdict::Indistinguishable => {
+            let next = match &finding.separate_by {
+                Some(s) => format!(
+                    " Record a session with the excitation “{}” to tell.",
+                    s.excitation
+                ),
+                None => String::new(),
+            };
+            format!(
+                "Something is missing from the model, and this session cannot tell which: {}.{next}",
+                listed(&found, "or")
+            )
+        }
+        Verdict::Unknown => {
+            let place = match finding.located.first() {
+                Some(l) => format!(
+                    " It shows in {} of {} and goes along with {}.",
+                    l.channel,
+                    residual_name(&l.residual),
+                    l.regressor
+                ),
+                None => String::new(),
+            };
+            format!(
+                "Something is missing from the model, and no effect the program knows explains it.{place}"
+            )
+        }
+        Verdict::NotExcited => {
+            "The arm moves too little in this session to tell: drive it through its \
+                                range and record again."
+                .to_owned()
+        }
+    }
+}
+
+/// What a residual compares.
+pub fn residual_name(id: &str) -> &str {
+    match id {
+        "r1" => "r1 (measured against commanded pressure)",
+        "r2" => "r2 (motion capture against the model)",
+        "r3" => "r3 (springs against motion capture)",
+        "r4" => "r4 (IMUs against motion capture)",
+        "r5" => "r5 (springs against IMUs)",
+        other => other,
+    }
+}
+
+/// Name of a ranked candidate.
+pub(super) fn ranked_name(r: &Ranked) -> String {
+    effect_name(&r.id, r.target)
+}
