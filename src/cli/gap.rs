@@ -21,12 +21,15 @@ pub enum GapCommand {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
+    /// Put a patch on a robot file, or take the last one back
+    Apply(super::patch::ApplyArgs),
     /// probe
     Probe { baseline: PathBuf, session: PathBuf },
 }
 
-pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
+pub fn run(command: &GapCommand, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     match command {
+        GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Commission { session, out } => commission(robot, session, out),
         GapCommand::Probe { baseline, session } => {
             let b = gap::commission(robot, &Grid::new(read(baseline)?)?, &gap::Unwatched)?;

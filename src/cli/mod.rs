@@ -9,6 +9,7 @@ mod files;
 mod gap;
 mod live;
 mod model;
+mod patch;
 #[cfg(feature = "gui")]
 mod picture;
 mod ports;
@@ -26,6 +27,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use serde_json::Value;
 
 use springtwin::robot::RobotSpec;
+use springtwin::sim::patch::Correction;
 
 #[derive(Parser)]
 #[command(name = "springtwin", version, about, max_term_width = 100)]
@@ -182,7 +184,7 @@ fn run(cli: &Cli) -> Result<Report> {
         ),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
-        Some(Command::Gap(c)) => gap::run(c, &robot),
+        Some(Command::Gap(c)) => gap::run(c, cli.robot.as_deref(), &robot),
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
         #[cfg(feature = "gui")]
@@ -244,8 +246,14 @@ fn load_robot(path: Option<&Path>) -> Result<RobotSpec> {
     let Some(path) = path else {
         return Ok(RobotSpec::reference());
     };
-    let text = read_text(path)?;
-    RobotSpec::from_toml(&text).with_context(|| path.display().to_string())
+    robot_of(&read_text(path)?).with_context(|| path.display().to_string())
+}
+
+/// The robot of a file's text, with patches that mean something.
+fn robot_of(text: &str) -> Result<RobotSpec> {
+    let robot = RobotSpec::from_toml(text)?;
+    Correction::of(&robot)?;
+    Ok(robot)
 }
 
 /// Reads a text file; a refusal names it.
