@@ -66,7 +66,10 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::gap::nominal;
+    use crate::gap::{Grid, Session, left_over, move_arm, nominal};
+    use crate::robot::{REFERENCE, with_patch};
+    use crate::signal::{Pose, SensorVec, pose_error};
+    use crate::sim::{Inputs, Model, State, observe, settle};
 
     fn patch() -> Patch {
         let mut patch = Patch {
@@ -138,5 +141,65 @@ mod tests {
         other.hash = "0".repeat(64);
         assert!(patch().check_robot(&other).is_err());
         assert!(patch().check_robot(&RobotSpec::reference()).is_ok());
+    }
+
+    /// The robot with the patch is the arm that a replay with the patch moves.
+    #[test]
+    fn a_patched_robot_is_the_replayed_arm() {
+        let mut patch = patch();
+        for (knob, v) in [
+            ("segment-2-spring-ends", 4e-3),
+            ("base-tilt-x", 0.01),
+            ("damping", 0.08),
+            ("spring-2-offset", 1e-3),
+            ("tracked-body-x", 2e-3),
+        ] {
+            patch.rig.insert(knob.to_owned(), v);
+        }
+        let base = RobotSpec::reference();
+        let patched = RobotSpec::from_toml(&with_patch(REFERENCE, &patch)).expect("reads");
+        let t_s: Vec<f64> = (0..125).map(|k| 0.2 * f64::from(k)).collect();
+        let n = t_s.len();
+        let at = |t: f64| std::array::from_fn(|i| 12e3 * (0.2 * t + i as f64).sin());
+        let grid = Grid::new(Session {
+            payload_kg: 0.1,
+            chamber_pa: t_s.iter().map(|t| at(*t)).collect(),
+            sensors: vec![
+                SensorVec {
+                    spring_m: [0.15; 12],
+                    imu_ypr_rad: [[0.0; 3]; 4],
+                };
+                n
+            ],
+            captured: vec![Some(Pose::identity()); n],
+            t_s,
+            ..Session::default()
+        })
+        .expect("a session");
+        let (values, effects) = (
+            patch.values().expect("known"),
+            patch.active().expect("acts"),
+        );
+        let by_patch = move_arm(&base, &grid, &values, &effects).expect("moves");
+        let by_robot = move_arm(&patched, &grid, &nominal(), &[]).expect("moves");
+        assert_eq!(by_patch, by_robot);
+        let model = Model::nominal(&patched);
+        let mut state = State::rest(&model);
+        let inputs = Inputs {
+            chamber_pa: by_patch.chamber_pa[0],
+            payload_kg: 0.1,
+            ..Inputs::default()
+        };
+        settle(&model, &mut state, &inputs).expect("settles");
+        let tip = observe(&model, &state).base_from_tip;
+        let apart = pose_error(&tip, &by_patch.base_from_pad[0][2]).norm();
+        assert!(apart < 1e-9, "{apart:.1e}");
+        assert_ne!(
+            by_patch,
+            move_arm(&base, &grid, &nominal(), &[]).expect("moves")
+        );
+        let rows = left_over(&base, &grid, &by_patch, &values, &effects);
+        assert_eq!(rows, left_over(&patched, &grid, &by_robot, &nominal(), &[]));
+        assert_ne!(rows, left_over(&base, &grid, &by_patch, &nominal(), &[]));
     }
 }
