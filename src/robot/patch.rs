@@ -2,7 +2,7 @@
 //!
 //! A patched file is the text it was applied to, byte for byte, then one comment line with the
 //! SHA-256 of that text, then a `[[patches]]` table. Patches stack; the last one can be taken back.
-//! What the names in a patch mean is told by [`crate::sim`]'s table, not here.
+//! What the names in a patch mean is told by the simulators, not here.
 
 use std::collections::BTreeMap;
 

@@ -413,6 +413,9 @@ fn goto_reaches_its_target_with_a_patched_robot() {
         "--json",
     ]);
     assert_eq!(v["reached"], true, "{v}");
-    assert!(v["target_error_mm"].as_f64().expect("mm") < 6.0, "{v}");
-    assert!(v["tip_error_mm"]["mean"].as_f64().expect("mm") < 6.0, "{v}");
+    assert!(v["target_error_mm"].as_f64().expect("mm") <= 3.0, "{v}");
+    assert!(
+        v["tip_error_mm"]["mean"].as_f64().expect("mm") <= 3.0,
+        "{v}"
+    );
 }
