@@ -55,6 +55,7 @@ struct Check {
 /// `doctor`: checks the graphics adapter, ports, viewer and files, and says what to do.
 pub fn doctor(robot: &RobotSpec) -> Result<Report> {
     let mut checks = vec![
+        patches(robot),
         networks(robot),
         calibration(robot),
         ports(),
@@ -85,10 +86,24 @@ pub fn doctor(robot: &RobotSpec) -> Result<Report> {
     })
 }
 
+fn patches(robot: &RobotSpec) -> Check {
+    let names: Vec<&str> = robot.patches.iter().map(|a| &*a.patch.name).collect();
+    Check {
+        name: "patches",
+        ok: true,
+        says: match names.len() {
+            0 => "the robot file carries no patch".to_owned(),
+            n => format!("the robot file carries {n}: {}", names.join("; ")),
+        },
+    }
+}
+
 fn networks(robot: &RobotSpec) -> Check {
     let (ok, says) = match model::model(None) {
-        Ok(m) if m.scores.smap.data.robot_hash == robot.hash => (true, "the networks belong to this robot file".to_owned()),
-        Ok(_) => (false, "the networks were trained for another robot file: run `springtwin dataset generate` and `springtwin train`".to_owned()),
+        Ok(m) => match model::trained_for_another(&m, robot) {
+            None => (true, "the networks belong to this robot file".to_owned()),
+            Some(notice) => (false, notice.to_owned()),
+        },
         Err(e) => (false, format!("{e:#}")),
     };
     Check {

@@ -29,6 +29,8 @@ pub enum GapCommand {
     Run(RunArgs),
     /// The effects that are known
     Effects,
+    /// Put a patch on a robot file, or take the last one back
+    Apply(super::patch::ApplyArgs),
     /// Run and score the blind test: hidden effects, none, unknown ones, pairs
     Bench(super::gap_bench::BenchArgs),
 }
@@ -57,6 +59,7 @@ pub struct RunArgs {
 
 pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -> Result<Report> {
     match command {
+        GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission { session, out } => commission(robot, session, out),
         GapCommand::Run(a) => find(robot, a),

@@ -246,7 +246,7 @@ pub fn board_config(robot: &RobotSpec) -> Config {
 /// `run --headless`.
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    let maps = model::maps(None)?;
+    let maps = model::maps_for(robot)?;
     let twin = Twin::new(
         robot,
         maps,

@@ -10,6 +10,7 @@ mod gap;
 mod gap_bench;
 mod live;
 mod model;
+mod patch;
 #[cfg(feature = "gui")]
 mod picture;
 mod ports;
@@ -27,6 +28,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use serde_json::Value;
 
 use springtwin::robot::RobotSpec;
+use springtwin::sim::patch::Correction;
 
 #[derive(Parser)]
 #[command(name = "springtwin", version, about, max_term_width = 100)]
@@ -249,8 +251,14 @@ fn load_robot(path: Option<&Path>) -> Result<RobotSpec> {
     let Some(path) = path else {
         return Ok(RobotSpec::reference());
     };
-    let text = read_text(path)?;
-    RobotSpec::from_toml(&text).with_context(|| path.display().to_string())
+    robot_of(&read_text(path)?).with_context(|| path.display().to_string())
+}
+
+/// The robot of a file's text, with patches that mean something.
+fn robot_of(text: &str) -> Result<RobotSpec> {
+    let robot = RobotSpec::from_toml(text)?;
+    Correction::of(&robot)?;
+    Ok(robot)
 }
 
 /// Reads a text file; a refusal names it.

@@ -8,6 +8,7 @@ use anyhow::{Context as _, Result};
 use springtwin::learn::Model;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
+use springtwin::sim::patch::{Correction, SensorErrors};
 use springtwin::twin::Maps;
 
 const MODEL: &[u8] = include_bytes!("../../assets/networks/reference.safetensors");
@@ -25,7 +26,35 @@ pub fn model(path: Option<&Path>) -> Result<Model> {
     }
 }
 
-/// What a twin works with.
+/// Why networks that were trained for one robot only roughly fit another; nothing if they belong to
+/// it.
+pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static str> {
+    let trained_for = &model.scores.smap.data.robot_hash;
+    if *trained_for == robot.hash {
+        None
+    } else if *trained_for == robot.base_hash {
+        Some(
+            "the networks were trained for this robot without its patches: predictions and first guesses are \
+             the unpatched robot's, what the sensors tell corrects the motion; for networks of the patched one \
+             run `springtwin dataset generate` and `springtwin train` with it",
+        )
+    } else {
+        Some(
+            "the networks were trained for another robot file: run `springtwin dataset generate` and \
+             `springtwin train`",
+        )
+    }
+}
+
+/// What a twin of `robot` works with.
+pub fn maps_for(robot: &RobotSpec) -> Result<Maps> {
+    if let Some(notice) = trained_for_another(&model(None)?, robot) {
+        log::warn!("{notice}");
+    }
+    maps(None)
+}
+
+/// The maps of the shipped model, or of the one in a file.
 pub fn maps(path: Option<&Path>) -> Result<Maps> {
     let model = model(path)?;
     let seeds = model
@@ -46,7 +75,8 @@ pub fn maps(path: Option<&Path>) -> Result<Maps> {
     })
 }
 
-/// Sensing with the shipped calibration of the virtual rig, or the one in a file.
+/// Sensing with the shipped calibration of the virtual rig, or the one in a file, corrected by what
+/// the robot's patches say of its sensors.
 pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
     let calibration = match path {
         None => {
@@ -57,5 +87,11 @@ pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
             Calibration::from_toml(&text).with_context(|| path.display().to_string())?
         }
     };
-    Ok(Sensing::new(robot, calibration))
+    if robot.patches.is_empty() {
+        return Ok(Sensing::new(robot, calibration));
+    }
+    let errors = SensorErrors::of(robot);
+    let calibration = calibration.corrected(&errors.spring, &errors.imu);
+    let geometry = Correction::known(robot).geometry(robot);
+    Ok(Sensing::new(&geometry, calibration))
 }

@@ -31,6 +31,9 @@ pub enum SimCommand {
         /// Force on the end pad, N
         #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", value_parser = args::xyz_n, allow_hyphen_values = true)]
         force: [f64; 3],
+        /// Patch of the model to apply
+        #[arg(long, value_name = "FILE")]
+        patch: Option<PathBuf>,
     },
     /// Measured pressures of a session through the model, against its motion capture
     Replay {
@@ -59,8 +62,10 @@ pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
             simulator,
             payload,
             force,
+            patch,
         } => {
             args::payload_in_range(robot, *payload)?;
+            let robot = &super::patch::on_top(robot, patch.as_deref())?;
             solve(robot, *simulator, pressures, *payload, force)
         }
         SimCommand::Replay { session, patch } => replay(robot, session, patch.as_deref()),
@@ -136,15 +141,10 @@ fn replay(robot: &RobotSpec, session: &Path, patch: Option<&Path>) -> Result<Rep
     let name = session.name.clone();
     // Every sample for itself: nothing is averaged away.
     let grid = Grid::at_rate(session, 1e4)?;
-    let (values, effects) = match patch {
-        Some(path) => {
-            let patch = super::gap::read_patch(path, robot)?;
-            (patch.values()?, patch.active()?)
-        }
-        None => (gap::nominal(), Vec::new()),
-    };
-    let moved = gap::move_arm(robot, &grid, &values, &effects).with_context(|| name)?;
-    let rows = gap::left_over(robot, &grid, &moved, &values, &effects);
+    let robot = &super::patch::on_top(robot, patch)?;
+    let values = gap::nominal();
+    let moved = gap::move_arm(robot, &grid, &values, &[]).with_context(|| name)?;
+    let rows = gap::left_over(robot, &grid, &moved, &values, &[]);
     let e = gap::rmse(&rows, |_| true);
     let mm = |x: Option<f64>| x.map(|x| x * 1e3);
     let deg = |x: Option<f64>| x.map(f64::to_degrees);

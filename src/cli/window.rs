@@ -47,7 +47,7 @@ pub fn open(
         reason = "the command owns the session's time"
     )]
     let start = std::time::Instant::now();
-    let maps = model::maps(None)?;
+    let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
     let twin = Twin::new(robot, maps, model::sensing(robot, None)?, kind.into());
     let port: Box<dyn Port> = match rig {
@@ -321,7 +321,7 @@ enum ThemeName {
 /// `screenshot`: a screen with twelve seconds of the virtual rig, a recording, or the arm at rest in it.
 pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    let maps = model::maps(None)?;
+    let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
     let mut snapshots: Vec<Snapshot> = match (&a.recording, &a.pressures) {
         (Some(path), _) => load(path).map_err(anyhow::Error::msg)?.snapshots,

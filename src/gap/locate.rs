@@ -16,6 +16,7 @@ use super::replay::{Knob, Row, knobs, move_arm, pad_from_body, readings};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects::{self, Simulated};
+use crate::sim::patch::Correction;
 use crate::sim::sensors::spring_lengths;
 
 /// Channels that go along with something by less than this are not told.
@@ -73,19 +74,20 @@ pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
 /// Residuals in which the sides are kept apart.
 fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
     let (grid, values) = (replayed.grid, &replayed.baseline.values);
+    let known = Correction::known(replayed.robot).and(values, &[]).values;
     let moved: Simulated = move_arm(replayed.robot, grid, values, &[])?;
     let mut rows = replayed.rows(&[])?;
     // Undo frame, clock and tracked body so that the captured pose is the end pad's own.
     let mut frame = moved.clone();
-    let only: Vec<_> = readings(replayed.robot, values)
+    let only: Vec<_> = readings(replayed.robot, &known)
         .into_iter()
         .filter(|a| a.effect.id == "mocap-frame" || a.effect.id == "clock-offset")
         .collect();
     effects::read(replayed.robot, &grid.t_s, &mut frame, &only);
-    let body = pad_from_body(values);
+    let body = pad_from_body(&known);
     let gain: Vec<f64> = knobs()
         .iter()
-        .zip(values)
+        .zip(&known)
         .filter_map(|(k, v)| matches!(k, Knob::SpringGain(_)).then_some(*v))
         .collect();
     for (k, row) in rows.iter_mut().enumerate() {

@@ -1,136 +1,13 @@
 //! What was found, as a file: it turns the factory model into the commissioned one and adds the
 //! missing effects. Patches stack in order and can be taken back.
 
-use std::collections::BTreeMap;
-
-use serde::{Deserialize, Serialize};
-
-use super::replay::{Knob, knobs, nominal};
+use super::replay::knobs;
 use crate::robot::RobotSpec;
-use crate::sim::effects::{Active, EffectError};
-
-/// Version of the format that is written.
-pub const VERSION: u32 = 1;
-
-/// A patch of the model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Patch {
-    /// Format.
-    pub version: u32,
-    /// For people.
-    pub name: String,
-    /// Hash of the robot file it was made for.
-    pub robot: String,
-    /// The verdict behind it.
-    #[serde(default)]
-    pub verdict: String,
-    /// Hashes of the data behind it, by role.
-    #[serde(default)]
-    pub data: BTreeMap<String, String>,
-    /// Departures of this rig from the nominal one, SI, by knob.
-    #[serde(default)]
-    pub rig: BTreeMap<String, f64>,
-    /// Errors on data that were not fitted, SI.
-    #[serde(default)]
-    pub floor: BTreeMap<String, f64>,
-    /// Effects to add.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub effects: Vec<PatchEffect>,
-}
-
-/// An effect of a patch.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PatchEffect {
-    /// Which effect.
-    pub id: String,
-    /// Chamber, spring, IMU or segment (1-based); all of them without it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub target: Option<usize>,
-    /// Its parameters.
-    pub params: BTreeMap<String, PatchValue>,
-}
-
-/// A parameter of a patch.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PatchValue {
-    /// Value in `unit`.
-    pub value: f64,
-    /// SI unit.
-    #[serde(default)]
-    pub unit: String,
-    /// 95 % interval.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ci95: Option<[f64; 2]>,
-}
-
-/// Why a patch is not accepted.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PatchError {
-    /// Not TOML of this form.
-    #[error("the patch does not read: {0}")]
-    Syntax(String),
-    /// Another format.
-    #[error("the patch has format {0}: this program reads format {VERSION}")]
-    Version(u32),
-    /// Another robot.
-    #[error(
-        "the patch was made for robot file {made_for}, but this robot file is {given}: \
-         give the robot file it was made for with --robot"
-    )]
-    Robot {
-        /// Start of the hash in the patch.
-        made_for: String,
-        /// Start of the hash of the robot in use.
-        given: String,
-    },
-    /// A knob that does not exist.
-    #[error("the patch sets '{0}', which this program does not know")]
-    Knob(String),
-    /// A value is not finite.
-    #[error("the patch sets '{0}' to a value that is not finite")]
-    NotFinite(String),
-    /// A parameter is missing or not known.
-    #[error("the patch gives effect '{id}' the wrong parameters: it has {wanted}")]
-    Parameters {
-        /// The effect.
-        id: String,
-        /// Names of its parameters.
-        wanted: String,
-    },
-    /// The effect cannot be.
-    #[error(transparent)]
-    Effect(#[from] EffectError),
-}
+pub use crate::robot::{PATCH_VERSION as VERSION, Patch, PatchEffect, PatchValue};
+pub use crate::sim::patch::PatchError;
 
 fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
-}
-
-impl Knob {
-    /// Its name in a patch file.
-    pub fn id(self) -> String {
-        match self {
-            Self::Stiffness(i) => format!("chamber-{}-stiffness", i + 1),
-            Self::Area(i) => format!("chamber-{}-area", i + 1),
-            Self::RestLength(i) => format!("chamber-{}-rest-length", i + 1),
-            Self::Hardening => "hardening".to_owned(),
-            Self::Bending(s) => format!("segment-{}-bending", s + 1),
-            Self::Torsion(s) => format!("segment-{}-torsion", s + 1),
-            Self::Gripper => "gripper-mass".to_owned(),
-            Self::Tilt(a) => format!("base-tilt-{}", ["x", "y"][a]),
-            Self::Damping => "damping".to_owned(),
-            Self::SpringOffset(i) => format!("spring-{}-offset", i + 1),
-            Self::SpringGain(i) => format!("spring-{}-gain", i + 1),
-            Self::Mounting(i, a) => format!("imu-{}-{}", i + 1, ["x", "y", "z"][a]),
-            Self::Frame(k) => format!("mocap-{}", ["x", "y", "z", "rx", "ry", "rz"][k]),
-            Self::Clock => "mocap-clock".to_owned(),
-            Self::Body(k) => format!("tracked-body-{}", ["x", "y", "z", "rx", "ry", "rz"][k]),
-            Self::SpringEnds(s) => format!("segment-{}-spring-ends", s + 1),
-        }
-    }
 }
 
 impl Patch {
@@ -158,45 +35,19 @@ impl Patch {
         }
     }
 
-    /// Holds the patch against the robot it is to be used on.
+    /// Holds the patch against the robot it is to be used on: it must have been made for that robot
+    /// as it is, or before some of its patches.
     ///
     /// # Errors
     /// [`PatchError::Robot`] when it was made for another robot file.
     pub fn check_robot(&self, robot: &RobotSpec) -> Result<(), PatchError> {
-        if self.robot == robot.hash {
+        if robot.accepts(self) {
             return Ok(());
         }
         Err(PatchError::Robot {
             made_for: short(&self.robot),
             given: short(&robot.hash),
         })
-    }
-
-    /// Values of all knobs.
-    ///
-    /// # Errors
-    /// [`PatchError`] for a knob that does not exist or a value that is not finite.
-    pub fn values(&self) -> Result<Vec<f64>, PatchError> {
-        let mut values = nominal();
-        let ids: Vec<String> = knobs().into_iter().map(Knob::id).collect();
-        for (id, v) in &self.rig {
-            let Some(i) = ids.iter().position(|k| k == id) else {
-                return Err(PatchError::Knob(id.clone()));
-            };
-            if !v.is_finite() {
-                return Err(PatchError::NotFinite(id.clone()));
-            }
-            values[i] = *v;
-        }
-        Ok(values)
-    }
-
-    /// Its effects, ready to act.
-    ///
-    /// # Errors
-    /// [`PatchError`] for unknown effects, wrong parameters or values out of bounds.
-    pub fn active(&self) -> Result<Vec<Active>, PatchError> {
-        self.effects.iter().map(PatchEffect::active).collect()
     }
 
     /// Puts knob values into the patch; nominal ones are left out.
@@ -210,35 +61,15 @@ impl Patch {
     }
 }
 
-impl PatchEffect {
-    fn active(&self) -> Result<Active, PatchError> {
-        let Some(effect) = crate::sim::effects::effect(&self.id) else {
-            return Err(EffectError::Unknown(self.id.clone()).into());
-        };
-        let names: Vec<&str> = effect.parameters.iter().map(|p| p.name).collect();
-        let known = self.params.keys().all(|k| names.contains(&k.as_str()));
-        let values: Option<Vec<f64>> = names
-            .iter()
-            .map(|n| self.params.get(*n).map(|p| p.value))
-            .collect();
-        let (true, Some(values)) = (known, values) else {
-            return Err(PatchError::Parameters {
-                id: self.id.clone(),
-                wanted: names.join(", "),
-            });
-        };
-        // Files count from one; zero names nothing.
-        let target = match self.target {
-            Some(0) => Some(usize::MAX - 1),
-            t => t.map(|t| t - 1),
-        };
-        Ok(Active::new(&self.id, target, &values)?)
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::gap::{Grid, Session, left_over, move_arm, nominal};
+    use crate::robot::{REFERENCE, with_patch};
+    use crate::signal::{Pose, SensorVec, pose_error};
+    use crate::sim::{Inputs, Model, State, observe, settle};
 
     fn patch() -> Patch {
         let mut patch = Patch {
@@ -310,5 +141,65 @@ mod tests {
         other.hash = "0".repeat(64);
         assert!(patch().check_robot(&other).is_err());
         assert!(patch().check_robot(&RobotSpec::reference()).is_ok());
+    }
+
+    /// The robot with the patch is the arm that a replay with the patch moves.
+    #[test]
+    fn a_patched_robot_is_the_replayed_arm() {
+        let mut patch = patch();
+        for (knob, v) in [
+            ("segment-2-spring-ends", 4e-3),
+            ("base-tilt-x", 0.01),
+            ("damping", 0.08),
+            ("spring-2-offset", 1e-3),
+            ("tracked-body-x", 2e-3),
+        ] {
+            patch.rig.insert(knob.to_owned(), v);
+        }
+        let base = RobotSpec::reference();
+        let patched = RobotSpec::from_toml(&with_patch(REFERENCE, &patch)).expect("reads");
+        let t_s: Vec<f64> = (0..125).map(|k| 0.2 * f64::from(k)).collect();
+        let n = t_s.len();
+        let at = |t: f64| std::array::from_fn(|i| 12e3 * (0.2 * t + i as f64).sin());
+        let grid = Grid::new(Session {
+            payload_kg: 0.1,
+            chamber_pa: t_s.iter().map(|t| at(*t)).collect(),
+            sensors: vec![
+                SensorVec {
+                    spring_m: [0.15; 12],
+                    imu_ypr_rad: [[0.0; 3]; 4],
+                };
+                n
+            ],
+            captured: vec![Some(Pose::identity()); n],
+            t_s,
+            ..Session::default()
+        })
+        .expect("a session");
+        let (values, effects) = (
+            patch.values().expect("known"),
+            patch.active().expect("acts"),
+        );
+        let by_patch = move_arm(&base, &grid, &values, &effects).expect("moves");
+        let by_robot = move_arm(&patched, &grid, &nominal(), &[]).expect("moves");
+        assert_eq!(by_patch, by_robot);
+        let model = Model::nominal(&patched);
+        let mut state = State::rest(&model);
+        let inputs = Inputs {
+            chamber_pa: by_patch.chamber_pa[0],
+            payload_kg: 0.1,
+            ..Inputs::default()
+        };
+        settle(&model, &mut state, &inputs).expect("settles");
+        let tip = observe(&model, &state).base_from_tip;
+        let apart = pose_error(&tip, &by_patch.base_from_pad[0][2]).norm();
+        assert!(apart < 1e-9, "{apart:.1e}");
+        assert_ne!(
+            by_patch,
+            move_arm(&base, &grid, &nominal(), &[]).expect("moves")
+        );
+        let rows = left_over(&base, &grid, &by_patch, &values, &effects);
+        assert_eq!(rows, left_over(&patched, &grid, &by_robot, &nominal(), &[]));
+        assert_ne!(rows, left_over(&base, &grid, &by_patch, &nominal(), &[]));
     }
 }

@@ -629,6 +629,14 @@ pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError>
     write_whole(&dir.join("session.toml"), |w| w.write_all(text.as_bytes()))
 }
 
+/// Writes a text file that is whole or not there.
+///
+/// # Errors
+/// [`RecordingError::Io`] when it cannot be written.
+pub fn write_text(path: &Path, text: &str) -> Result<(), RecordingError> {
+    write_whole(path, |w| w.write_all(text.as_bytes()))
+}
+
 /// Writes beside the target and renames, so that a reader never sees half a file.
 pub(crate) fn write_whole(
     path: &Path,

@@ -28,7 +28,7 @@ pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use error::RecordingError;
 pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
 pub use journal::DatasetJournal;
-pub use log::{SessionLog, parse_log, read_session, write_session};
+pub use log::{SessionLog, parse_log, read_session, write_session, write_text};
 pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
 pub use rrd::{RecordingWriter, read_rrd, write_overlay};

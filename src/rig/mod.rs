@@ -21,6 +21,7 @@ use crate::robot::RobotSpec;
 use crate::signal::{BOARDS, CHAMBERS, Pose};
 use crate::sim::SimError;
 use crate::sim::dataset::normal;
+use crate::sim::patch::SensorErrors;
 use board::{Board, BoardSetup, Readings, SpringReading};
 use circuit::{Circuit, USUAL_SCATTER};
 use inertial::{Inertial, InertialErrors};
@@ -52,6 +53,7 @@ pub struct VirtualRig {
     /// The arm.
     pub plant: Plant,
     circuit: Circuit,
+    sensor_errors: SensorErrors,
     inertial: Inertial,
     boards: [Board; BOARDS],
     readings: [Readings; BOARDS],
@@ -83,10 +85,13 @@ impl VirtualRig {
                 clock_offset_s,
             })
         };
+        let sensor_errors = SensorErrors::of(robot);
+        let mounted = sensor_errors.mounted(robot);
         let mut rig = Self {
             plant,
             circuit: circuit_of(robot, options.unit),
-            inertial: Inertial::new(robot, options.unit.0, InertialErrors::default()),
+            sensor_errors,
+            inertial: Inertial::new(&mounted, options.unit.0, InertialErrors::default()),
             boards: [board(0, 38e-6, 3.1), board(1, -21e-6, 1207.4)],
             readings: [Readings::default(); BOARDS],
             rng: Pcg64Mcg::seed_from_u64(options.seed ^ 0x7269_6721),
@@ -149,8 +154,9 @@ impl VirtualRig {
     /// [`SimError`] when the load is beyond what the arm can hold.
     pub fn settle_at(&mut self, chamber_pa: &[f64; CHAMBERS]) -> Result<(), SimError> {
         self.plant.settle_at(chamber_pa)?;
+        let spring_m = &self.plant.observation().sensors.spring_m;
         self.circuit
-            .settle(&self.plant.observation().sensors.spring_m);
+            .settle(&self.sensor_errors.read_springs(spring_m));
         self.measure();
         Ok(())
     }
@@ -161,9 +167,9 @@ impl VirtualRig {
     }
 
     fn measure(&mut self) {
-        let observation = self.plant.observation();
-        self.circuit
-            .step(PHYSICS_STEP_S, &observation.sensors.spring_m);
+        let spring_m = &self.plant.observation().sensors.spring_m;
+        let read_m = self.sensor_errors.read_springs(spring_m);
+        self.circuit.step(PHYSICS_STEP_S, &read_m);
         let (counts, gates) = self.circuit.read(&mut self.rng);
         let [middle, end] = self.plant.pads();
         let imu = self

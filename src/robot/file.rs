@@ -2,8 +2,8 @@
 
 use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 
+use super::patch::{Patch, applied, hash_of};
 use super::{ImuMount, PadId, RobotSpec, SpringSpec};
 use crate::signal::{CHAMBERS, PressureLimits};
 
@@ -30,6 +30,17 @@ pub enum RobotError {
         /// What it must be.
         must: &'static str,
     },
+    /// A patch at the end of the file does not hold.
+    #[error("patch {number} at the end of the robot file {why}")]
+    Patch {
+        /// Its number in the file, from 1.
+        number: usize,
+        /// What is wrong with it, and what to do.
+        why: &'static str,
+    },
+    /// Nothing to take back.
+    #[error("the robot file carries no patch that could be taken back")]
+    NoPatch,
 }
 
 #[derive(Deserialize)]
@@ -44,6 +55,8 @@ struct File {
     springs: Springs,
     imus: Vec<Imu>,
     motion: Motion,
+    #[serde(default)]
+    patches: Vec<Patch>,
 }
 
 #[derive(Deserialize)]
@@ -138,6 +151,8 @@ impl RobotSpec {
     pub fn from_toml(text: &str) -> Result<Self, RobotError> {
         let f: File = toml::from_str(text).map_err(|e| syntax(text, &e))?;
         check(&f)?;
+        let patches = applied(text, f.patches)?;
+        let hash = hash_of(text);
         let on_circle = |radius_mm: f64, deg: f64| {
             let a = deg.to_radians();
             Vector3::new(a.cos(), a.sin(), 0.0) * radius_mm * 1e-3
@@ -204,7 +219,9 @@ impl RobotSpec {
             },
             imus: std::array::from_fn(|i| mount(&f.imus[i])),
             tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
-            hash: hex(&Sha256::digest(text.as_bytes())),
+            base_hash: patches.first().map_or(&hash, |a| &a.onto).clone(),
+            hash,
+            patches,
         })
     }
 }
@@ -217,10 +234,6 @@ fn syntax(text: &str, e: &toml::de::Error) -> RobotError {
         column: before.chars().rev().take_while(|c| *c != '\n').count() + 1,
         message: e.message().replace('\n', " "),
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 fn check(f: &File) -> Result<(), RobotError> {
@@ -318,7 +331,7 @@ mod tests {
     use super::*;
     use crate::signal::SPRINGS;
 
-    const REFERENCE: &str = include_str!("../../assets/robots/reference.toml");
+    use crate::robot::REFERENCE;
 
     #[test]
     fn reference_robot_has_the_geometry_of_its_description() {

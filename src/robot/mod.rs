@@ -5,11 +5,18 @@
 //! kPa and degrees; [`RobotSpec`] is SI throughout.
 
 mod file;
+mod patch;
 
 use nalgebra::{Rotation3, Vector3};
 
 use crate::signal::{CHAMBERS, IMUS, PressureLimits, SPRINGS};
 pub use file::RobotError;
+pub use patch::{
+    Applied, PATCH_VERSION, Patch, PatchEffect, PatchValue, with_patch, without_last_patch,
+};
+
+/// Text of the robot file that ships with the program.
+pub const REFERENCE: &str = include_str!("../../assets/robots/reference.toml");
 
 /// Which pad carries an IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,12 +108,17 @@ pub struct RobotSpec {
     pub tip_speed_max_m_s: f64,
     /// SHA-256 of the robot file, hexadecimal.
     pub hash: String,
+    /// The same of the file without its patches.
+    pub base_hash: String,
+    /// What the file is patched with, in order. The fields above are the robot without it: the
+    /// simulators apply it.
+    pub patches: Vec<Applied>,
 }
 
 impl RobotSpec {
     /// The robot that ships with the program, `assets/robots/reference.toml`.
     pub fn reference() -> Self {
-        match Self::from_toml(include_str!("../../assets/robots/reference.toml")) {
+        match Self::from_toml(REFERENCE) {
             Ok(spec) => spec,
             // The file is part of the binary and a test loads it.
             Err(e) => unreachable!("the built-in robot file does not load: {e}"),

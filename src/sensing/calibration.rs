@@ -16,7 +16,7 @@ use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 
 use super::mounting::MountingFit;
-use crate::signal::SPRINGS;
+use crate::signal::{IMUS, SPRINGS};
 
 /// What a spring's reading is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -265,6 +265,38 @@ impl Calibration {
             },
         });
         self.imus.sort_by_key(|m| m.imu);
+    }
+
+    /// The calibration of sensors that were found to read wrong with this one: spring i, which
+    /// reads g l + o, by its gain g and offset o (m); IMU i, which reads R exp(δ), by exp(δ).
+    #[must_use]
+    pub fn corrected(
+        mut self,
+        spring: &[[f64; 2]; SPRINGS],
+        imu: &[UnitQuaternion<f64>; IMUS],
+    ) -> Self {
+        for s in &mut self.springs {
+            let Some([gain, offset_m]) = s.spring.checked_sub(1).and_then(|i| spring.get(i)) else {
+                continue;
+            };
+            // l = (y − o)/g, and y is a polynomial.
+            s.curve.coefficients_m[0] -= offset_m;
+            for c in &mut s.curve.coefficients_m {
+                *c /= gain;
+            }
+        }
+        for (i, off) in imu.iter().enumerate() {
+            if off.angle() > 0.0 {
+                let known = self.imus.iter().find(|m| m.imu == i + 1);
+                let fit = MountingFit {
+                    correction_rad: off.scaled_axis(),
+                    residual_rad: known.map_or(0.0, |m| m.fit.residual_rad),
+                    samples: known.map_or(0, |m| m.fit.samples),
+                };
+                self.set_imu(i, fit);
+            }
+        }
+        self
     }
 
     /// Springs (1-based) that will read as missing with this calibration.

@@ -12,6 +12,7 @@ mod dynamics;
 pub mod effects;
 pub mod mesh;
 mod model;
+pub mod patch;
 pub mod pneumatics;
 pub mod rod;
 mod sensitivity;

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::patch::Correction;
 use super::rod::{
     Link, Loads, Outcome, PointMass, Rod, Section, Strains, Tube, Workspace, se3::Frame, solve,
 };
@@ -91,11 +92,25 @@ pub struct Model {
     pub rod: Rod,
     /// Effective area of each chamber, m².
     pub area_m2: [f64; CHAMBERS],
+    /// Mass that hangs on the gripper besides the payload of the inputs, kg.
+    pub hidden_kg: f64,
+    /// Where payload hangs in the end pad's frame, m.
+    pub payload_m: Vector3<f64>,
+    /// Force on the end pad's origin besides the one of the inputs, base frame, N.
+    pub hidden_force_n: Vector3<f64>,
 }
 
 impl Model {
-    /// The robot as a rod.
+    /// The robot as a rod, with its patches ([`super::patch`]) and `parameters` on top of them.
     pub fn new(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
+        if robot.patches.is_empty() {
+            return Self::bare(robot, parameters, resolution);
+        }
+        Correction::known(robot).arm(robot, parameters, resolution)
+    }
+
+    /// The robot as a rod, without its patches.
+    pub fn bare(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
         let sections = (0..2)
             .map(|s| section(robot, parameters, resolution, s))
             .collect();
@@ -110,24 +125,27 @@ impl Model {
                 base: Frame::identity(),
             },
             area_m2: std::array::from_fn(|i| robot.area_m2 * parameters.chamber_area[i]),
+            hidden_kg: 0.0,
+            payload_m: Vector3::new(0.0, 0.0, -robot.payload_com_m),
+            hidden_force_n: Vector3::zeros(),
         }
     }
 
-    /// The twin's own model of a robot: nominal parameters, default resolution.
+    /// The twin's own model of a robot: its patches, else nominal parameters; default resolution.
     pub fn nominal(robot: &RobotSpec) -> Self {
         Self::new(robot, &Parameters::default(), Resolution::default())
     }
 
     pub(super) fn loads(&self, inputs: &Inputs, viscosity: f64) -> Loads {
         let payload = PointMass {
-            at_m: Vector3::new(0.0, 0.0, -self.robot.payload_com_m),
-            kg: inputs.payload_kg,
+            at_m: self.payload_m,
+            kg: inputs.payload_kg + self.hidden_kg,
         };
         Loads {
             tube_n: (0..CHAMBERS)
                 .map(|i| inputs.chamber_pa[i] * self.area_m2[i] - inputs.tension_n[i])
                 .collect(),
-            tip_force_n: Vector3::from(inputs.tip_force_n),
+            tip_force_n: Vector3::from(inputs.tip_force_n) + self.hidden_force_n,
             tip_moment_nm: Vector3::zeros(),
             tip_masses: vec![payload],
             viscosity,

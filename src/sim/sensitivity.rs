@@ -33,7 +33,7 @@ pub fn sensitivity(model: &Model, state: &State, inputs: &Inputs) -> Option<Sens
     let nodes = &tangent.kinematics.nodes;
     let end = |s: usize| nodes[s][nodes[s].len() - 1];
     let tip = end(1);
-    let payload_m = tip.point(&Vector3::new(0.0, 0.0, -model.robot.payload_com_m));
+    let payload_m = tip.point(&model.payload_m);
     let mut out = Sensitivity {
         tip: SMatrix::zeros(),
         middle: SMatrix::zeros(),

@@ -565,13 +565,19 @@ impl Twin {
         self.enter(Phase::Hold, events);
     }
 
+    /// Payload as the plant's network is to know it: the declared one and what the robot's patches
+    /// hang on the gripper, within what the network has seen.
+    fn carried_kg(&self) -> f64 {
+        (self.payload_kg + self.model.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
+    }
+
     fn reach(&self, goal: &Goal) -> Result<Reach, String> {
         reach(
             goal,
             &self.robot,
             self.maps.pose.as_ref(),
             self.maps.plant.as_ref(),
-            self.payload_kg,
+            self.carried_kg(),
             &self.maps.seeds,
             &ReachConfig::default(),
         )
@@ -610,6 +616,7 @@ impl Twin {
 
     /// The command of this tick, if the phase has one.
     fn steer(&mut self, events: &mut Vec<Event>) -> Option<PressureCommand> {
+        let carried_kg = self.carried_kg();
         let sensors = self.sensors.as_ref()?;
         let mut stall = None;
         let wanted_pa = match &mut self.phase {
@@ -629,7 +636,7 @@ impl Twin {
                     &StepInput {
                         frame: sensors,
                         eval,
-                        payload_kg: self.payload_kg,
+                        payload_kg: carried_kg,
                         previous: self.command.as_ref(),
                         stamp: self.now,
                     },

@@ -263,3 +263,159 @@ fn a_killed_rig_leads_to_safe_and_leaves_the_recording_intact() {
     assert_eq!(v["complete"], true, "{v}");
     assert!(v["seconds"].as_f64().expect("seconds") > 5.0, "{v}");
 }
+
+/// A patch that hangs `kg` more on the gripper of the reference robot and turns a spring's reading.
+fn payload_patch(robot_hash: &str, kg: f64) -> String {
+    format!(
+        "version = 1\nname = \"a forgotten weight\"\nrobot = \"{robot_hash}\"\n\
+         [rig]\nspring-4-offset = 0.002\nmocap-clock = 0.01\n\
+         [[effects]]\nid = \"payload\"\n[effects.params.mass]\nvalue = {kg:?}\nunit = \"kg\"\n"
+    )
+}
+
+#[test]
+fn patches_go_onto_a_robot_file_and_come_off_byte_for_byte() {
+    let dir = scratch("patches");
+    let file = |name: &str| dir.join(name).to_str().expect("path").to_owned();
+    let text = include_str!("../../assets/robots/reference.toml");
+    let hash = springtwin::robot::RobotSpec::reference().hash;
+    let (base, one, two) = (file("base.toml"), file("one.toml"), file("two.toml"));
+    std::fs::write(&base, text).expect("writes");
+    let (p1, p2) = (file("p1.toml"), file("p2.toml"));
+    std::fs::write(&p1, payload_patch(&hash, 0.2)).expect("writes");
+    let v = json(&[
+        "gap", "apply", &p1, "--robot", &base, "--out", &one, "--json",
+    ]);
+    assert_eq!(v["patches"], 1, "{v}");
+    assert_eq!(v["acts"]["arm"][0], "payload");
+    assert_eq!(v["acts"]["sensors"][0], "spring-4-offset");
+    assert_eq!(v["acts"]["replay_only"][0], "mocap-clock");
+    let on_one = payload_patch(v["hash"].as_str().expect("hash"), 0.1);
+    std::fs::write(&p2, on_one).expect("writes");
+    json(&[
+        "gap", "apply", &p2, "--robot", &one, "--out", &two, "--json",
+    ]);
+
+    // The patched robot is the robot with that payload.
+    let tip = |extra: &[&str]| {
+        let mut args = vec!["sim", "solve", "--pressures", "20,-10,5,0,15,-5", "--json"];
+        args.extend(extra);
+        json(&args)["tip_mm"].clone()
+    };
+    let near = |a: &Value, b: &Value| {
+        (0..3).all(|k| (a[k].as_f64().expect("mm") - b[k].as_f64().expect("mm")).abs() < 1e-6)
+    };
+    let loaded = tip(&["--payload", "0.2"]);
+    assert!(near(&tip(&["--robot", &one]), &loaded));
+    assert!(near(&tip(&["--patch", &p1]), &loaded));
+    assert!(near(&tip(&["--robot", &two]), &tip(&["--payload", "0.3"])));
+    assert!(!near(&tip(&[]), &loaded));
+
+    let (back, again) = (file("back.toml"), file("again.toml"));
+    json(&["gap", "apply", "--undo", &two, "--out", &back, "--json"]);
+    assert_eq!(
+        std::fs::read(&back).expect("is"),
+        std::fs::read(&one).expect("is")
+    );
+    json(&["gap", "apply", "--undo", &back, "--out", &again, "--json"]);
+    assert_eq!(std::fs::read(&again).expect("is"), text.as_bytes());
+
+    let says = |args: &[&str], what: &str| {
+        let (code, text) = refusal(args);
+        assert!(code == 1 && text.contains(what), "{code} {text}");
+    };
+    let new = file("new.toml");
+    says(
+        &["gap", "apply", "--undo", &again, "--out", &new],
+        "no patch",
+    );
+    says(
+        &["gap", "apply", &p1, "--robot", &base, "--out", &one],
+        "exists already",
+    );
+    says(
+        &["gap", "apply", &p1, "--robot", &one, "--out", &new],
+        "already",
+    );
+    says(
+        &["gap", "apply", &p2, "--robot", &base, "--out", &new],
+        "was made for robot file",
+    );
+    says(
+        &["sim", "solve", "--pressures", "0,0,0,0,0,0", "--patch", &p2],
+        "was made for",
+    );
+    std::fs::write(&p2, payload_patch(&hash, 40.0)).expect("writes");
+    says(
+        &["gap", "apply", &p2, "--robot", &base, "--out", &new],
+        "must lie in",
+    );
+    let edited = std::fs::read_to_string(&one)
+        .expect("is")
+        .replace("54.0", "55.0");
+    std::fs::write(&two, edited).expect("writes");
+    says(
+        &["gap", "apply", "--undo", &two, "--out", &new],
+        "does not fit the text above",
+    );
+    says(
+        &[
+            "sim",
+            "solve",
+            "--pressures",
+            "0,0,0,0,0,0",
+            "--robot",
+            &two,
+        ],
+        "does not fit",
+    );
+    assert!(!PathBuf::from(&new).exists());
+
+    let v = json(&["doctor", "--robot", &one, "--json"]);
+    let check = |name: &str| {
+        let all = v["checks"].as_array().expect("checks").clone();
+        all.into_iter()
+            .find(|c| c["name"] == name)
+            .expect("is there")
+    };
+    assert!(
+        check("patches")["says"]
+            .as_str()
+            .expect("says")
+            .contains("a forgotten weight")
+    );
+    let networks = check("networks");
+    assert_eq!(networks["ok"], false);
+    assert!(
+        networks["says"]
+            .as_str()
+            .expect("says")
+            .contains("without its patches")
+    );
+}
+
+/// Twin and virtual rig with 0.2 kg that nobody declares, and a spring that reads 2 mm too long.
+#[test]
+fn goto_reaches_its_target_with_a_patched_robot() {
+    let dir = scratch("patched-goto");
+    let file = |name: &str| dir.join(name).to_str().expect("path").to_owned();
+    let (patch, robot) = (file("patch.toml"), file("robot.toml"));
+    let hash = springtwin::robot::RobotSpec::reference().hash;
+    std::fs::write(&patch, payload_patch(&hash, 0.2)).expect("writes");
+    json(&["gap", "apply", &patch, "--out", &robot, "--json"]);
+    let v = json(&[
+        "goto",
+        "40,20,-300",
+        "--robot",
+        &robot,
+        "--seconds",
+        "60",
+        "--json",
+    ]);
+    assert_eq!(v["reached"], true, "{v}");
+    assert!(v["target_error_mm"].as_f64().expect("mm") <= 3.0, "{v}");
+    assert!(
+        v["tip_error_mm"]["mean"].as_f64().expect("mm") <= 3.0,
+        "{v}"
+    );
+}

@@ -5,6 +5,7 @@
 
 use std::path::PathBuf;
 
+use crate::program::{json, scratch};
 use springtwin::gap;
 use springtwin::recording::read_session;
 use springtwin::signal::TruthSource;
@@ -122,4 +123,32 @@ fn the_gap_finder_names_what_rig_a_hides() {
     let nameless = find("payload", &["payload"]);
     assert_ne!(nameless.verdict, gap::Verdict::Named, "{nameless:?}");
     assert_ne!(nameless.verdict, gap::Verdict::NothingMissing);
+}
+
+/// The factory model, commissioned on one session, follows another one of the same rig; and it does
+/// so too when the patch has become part of the robot file.
+#[test]
+fn a_commissioned_model_replays_a_healthy_session() {
+    let rig = data_dir().join("sessions/rig-a");
+    let session = |name: &str| rig.join(name).to_str().unwrap().to_owned();
+    let dir = scratch("commissioned");
+    let file = |name: &str| dir.join(name).to_str().unwrap().to_owned();
+    let (patch, robot) = (file("rig-a.toml"), file("robot.toml"));
+    json(&[
+        "gap",
+        "commission",
+        &session("commissioning"),
+        "--out",
+        &patch,
+        "--json",
+    ]);
+    let none = session("none");
+    let by_patch = json(&["sim", "replay", &none, "--patch", &patch, "--json"]);
+    let rmse = |key: &str| by_patch["rmse"][key].as_f64().unwrap();
+    assert!(rmse("pos_mm") <= 1.5, "{by_patch}");
+    assert!(rmse("ori_deg") <= 0.5, "{by_patch}");
+    assert!(rmse("springs_mm") <= 0.6, "{by_patch}");
+    json(&["gap", "apply", &patch, "--out", &robot, "--json"]);
+    let by_robot = json(&["sim", "replay", &none, "--robot", &robot, "--json"]);
+    assert_eq!(by_patch["rmse"], by_robot["rmse"]);
 }

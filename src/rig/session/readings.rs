@@ -10,6 +10,7 @@ use crate::rig::hidden::Defects;
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{IMUS, Pose, SPRINGS, SensorVec, ypr_from_rotation};
 use crate::sim::dataset::{normal, sample_rng};
+use crate::sim::patch::SensorErrors;
 
 const SPRING_NOISE_M: f64 = 0.1e-3;
 const SPRING_STEP_M: f64 = 0.1e-3;
@@ -109,6 +110,7 @@ pub fn sensors(seen: &Seen) -> Vec<SensorVec> {
             imu_ypr_rad: [[0.0; 3]; IMUS],
         })
         .collect();
+    let patched = SensorErrors::of(robot);
     for i in 0..IMUS {
         let pad = match robot.imus[i].pad {
             PadId::Middle => 1,
@@ -130,7 +132,8 @@ pub fn sensors(seen: &Seen) -> Vec<SensorVec> {
             let lean = (true_rotation.inverse() * Vector3::z()).xy().norm();
             let seat = UnitQuaternion::from_scaled_axis(off * (1.0 + 0.05 * lean));
             let jitter = turn(noise.of(IMU_NOISE_RAD), &mut rng);
-            let read = drifted * true_rotation * fittings.imu_off[i] * seat * jitter;
+            let mounted = true_rotation * patched.imu[i] * fittings.imu_off[i];
+            let read = drifted * mounted * seat * jitter;
             out[k].imu_ypr_rad[i] = ypr_from_rotation(&read);
         }
     }
@@ -169,6 +172,7 @@ fn read_spring(seen: &Seen, column: &mut [f64], i: usize) {
     let l0 = seen.robot.rest_length_m;
     let [gain, offset_m] = d.spring_gain[i];
     let [own_gain, own_offset_m] = fittings.spring[i];
+    let [patched_gain, patched_offset_m] = SensorErrors::of(seen.robot).spring[i];
     let mut released = sample_rng(rng.random(), i);
     let mut held: Option<f64> = None;
     let mut free_until_s = f64::MIN;
@@ -184,7 +188,7 @@ fn read_spring(seen: &Seen, column: &mut [f64], i: usize) {
         let warm_s = -WARM_UP_S * (-t_s / WARM_UP_S).exp_m1();
         l += d.spring_drift_m_s[i] * fittings.warmth[i] * warm_s;
         l += d.interference_m_s_pa * seen.activity_pa_s[k];
-        l = own_offset_m + own_gain * l;
+        l = own_offset_m + own_gain * (patched_offset_m + patched_gain * l);
         let mut read = l + noise.of(SPRING_NOISE_M) * normal(&mut rng);
         let breaks_free = released.random::<f64>() < dt_s / 12.0;
         if t_s >= d.spring_stuck_s[i] {

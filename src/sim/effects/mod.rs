@@ -20,6 +20,7 @@ use nalgebra::Vector3;
 use super::{Model, SimError};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
+pub(super) use run::built_in;
 pub use run::{arm_only, behind_gauges, gauges, read, simulate};
 pub use table::EFFECTS;
 

@@ -112,6 +112,18 @@ pub fn arm_only(
     arm(model, t_s, chamber_pa, payload_kg, &ordered(effects))
 }
 
+/// A model with effects in it that need no history; what others do is lost.
+pub(in crate::sim) fn built_in(model: &Model, effects: &[Active]) -> Model {
+    let mut plant = Plant::new(model, 0.0);
+    plant.act(&[0.0], &ordered(effects));
+    Model {
+        hidden_kg: plant.payload_kg,
+        payload_m: plant.payload_m,
+        hidden_force_n: plant.tip_force_n,
+        ..plant.model
+    }
+}
+
 /// In the order of the table.
 fn ordered(effects: &[Active]) -> Vec<&Active> {
     let place = |a: &&Active| super::EFFECTS.iter().position(|e| e.id == a.effect.id);
@@ -129,11 +141,7 @@ fn arm(
 ) -> Result<Simulated, EffectError> {
     let robot = &model.robot;
     let mut plant = Plant::new(model, payload_kg);
-    for a in ordered {
-        if let Operator::Mechanics(f) = a.effect.operator {
-            f(&call(robot, t_s, a), &mut plant);
-        }
-    }
+    plant.act(t_s, ordered);
     let mut out = plant.run(t_s, chamber_pa)?;
     read_in_order(robot, t_s, &mut out, ordered);
     out.chamber_pa = chamber_pa.to_vec();
@@ -194,16 +202,30 @@ const MAX_FORCE_ITERATIONS: usize = 60;
 const PROBE_N: f64 = 0.2;
 
 impl Plant {
+    /// What the model has hidden in it becomes part of the plant, where effects can change it.
     fn new(model: &Model, payload_kg: f64) -> Self {
         Self {
-            model: model.clone(),
-            payload_kg,
-            payload_m: Vector3::new(0.0, 0.0, -model.robot.payload_com_m),
-            tip_force_n: Vector3::zeros(),
+            model: Model {
+                hidden_kg: 0.0,
+                hidden_force_n: Vector3::zeros(),
+                ..model.clone()
+            },
+            payload_kg: payload_kg + model.hidden_kg,
+            payload_m: model.payload_m,
+            tip_force_n: model.hidden_force_n,
             tau_s: 0.0,
             friction: [[0.0, 1.0]; CHAMBERS],
             branch: [[0.0, 1.0]; CHAMBERS],
             floor: None,
+        }
+    }
+
+    fn act(&mut self, t_s: &[f64], ordered: &[&Active]) {
+        let robot = self.model.robot.clone();
+        for a in ordered {
+            if let Operator::Mechanics(f) = a.effect.operator {
+                f(&call(&robot, t_s, a), self);
+            }
         }
     }
 

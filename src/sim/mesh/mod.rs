@@ -26,6 +26,9 @@
 //! reference robot the tips are then 1.2 mm apart in the median over the pressure box, 4 mm in its
 //! corners: every bellows may leave the common cross-section, which the rod's cannot.
 //!
+//! Of a robot's patches the mesh knows the loads (payload and its place, tip force), not what they
+//! change in stiffness or lengths.
+//!
 //! Source: G. Fang et al., "Kinematics of soft robots by geometric computing", IEEE T-RO 36,
 //! 2020, 1272-1286, whose idea this is; local step, weights, growth, boundary and
 //! stopping rule are ours.
@@ -79,6 +82,10 @@ pub struct MeshModel {
     reduced: SMatrix<f64, 8, 8>,
     rest_pads: [Frame; 2],
     triangles: Vec<[u32; 3]>,
+    /// Mass (kg) that the robot's patches hang on the gripper, and the place of all payload (m).
+    hidden: (f64, Vector3<f64>),
+    /// Force of the robot's patches on the end pad's origin, N.
+    hidden_force_n: Vector3<f64>,
 }
 
 /// The changing part: nodes, pads, growths.
@@ -128,7 +135,12 @@ impl MeshModel {
     /// cannot be solved.
     pub fn new(robot: &RobotSpec) -> Result<Self, SimError> {
         let inputs = calibration_bend(robot);
-        let rod = Model::nominal(robot);
+        // The walls are those of the robot without its patches.
+        let plain = &RobotSpec {
+            patches: Vec::new(),
+            ..robot.clone()
+        };
+        let rod = Model::nominal(plain);
         let mut state = State::rest(&rod);
         settle(&rod, &mut state, &inputs)?;
         let wanted = bend_rad(&observe_rod(&rod, &state).base_from_tip);
@@ -137,7 +149,7 @@ impl MeshModel {
         let beam = 0.25 * (ri * ri + ro * ro) * robot.axial_stiffness_n_m;
         let guess = (robot.bending_stiffness_nm_rad / (3.0 * beam)).max(1.2);
         let bend = |beta: f64| -> Result<f64, SimError> {
-            let model = Self::with_walls(robot, beta)?;
+            let model = Self::with_walls(plain, beta)?;
             let mut state = MeshState::rest(&model);
             settle_mesh(&model, &mut state, &inputs)?;
             Ok(bend_rad(&observe_mesh(&model, &state).base_from_tip) - wanted)
@@ -191,7 +203,10 @@ impl MeshModel {
             p,
             ..Frame::identity()
         };
+        let rod = Model::nominal(robot);
         Ok(Self {
+            hidden: (rod.hidden_kg, rod.payload_m),
+            hidden_force_n: rod.hidden_force_n,
             robot: robot.clone(),
             wall_ratio,
             triangles: observe::triangles(&columns),
@@ -416,13 +431,15 @@ fn settle_to(
 ) -> Result<MeshOutcome, SimError> {
     let aims = model.aims(inputs);
     let mut acting = model.acting.clone();
-    acting
-        .dead
-        .push(hanging(1, model.robot.payload_com_m, inputs.payload_kg));
+    let (hidden_kg, payload_m) = model.hidden;
+    acting.dead.push(Dead {
+        at_m: payload_m,
+        ..hanging(1, 0.0, inputs.payload_kg + hidden_kg)
+    });
     acting.dead.push(Dead {
         pad: 1,
         at_m: Vector3::zeros(),
-        force_n: Vector3::from(inputs.tip_force_n),
+        force_n: Vector3::from(inputs.tip_force_n) + model.hidden_force_n,
     });
     let mut at = state.clone();
     let mut plain: Option<MeshState> = None;

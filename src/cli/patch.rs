@@ -1,0 +1,123 @@
+//! `gap apply`: a patch onto a robot file and back off it, and which part of it acts where.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use serde_json::json;
+
+use super::{Report, gap, read_text, robot_of};
+use springtwin::recording;
+use springtwin::robot::{Patch, REFERENCE, RobotSpec, with_patch, without_last_patch};
+use springtwin::sim::patch::{Acts, Correction};
+
+#[derive(Args)]
+pub struct ApplyArgs {
+    /// Patch to put on the robot file (--robot; the reference robot without it)
+    #[arg(value_name = "PATCH", required_unless_present = "undo")]
+    patch: Option<PathBuf>,
+    /// Take the last patch back off this robot file instead
+    #[arg(long, value_name = "ROBOT", conflicts_with = "patch")]
+    undo: Option<PathBuf>,
+    /// Robot file to write; must not exist
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// `gap apply`.
+pub fn apply(a: &ApplyArgs, robot_file: Option<&Path>) -> Result<Report> {
+    match (&a.patch, &a.undo) {
+        (Some(patch), None) => put_on(patch, robot_file, &a.out),
+        (_, Some(file)) => take_off(file, &a.out),
+        (None, None) => anyhow::bail!("give a patch, or --undo with a robot file"),
+    }
+}
+
+fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> {
+    let text = match robot_file {
+        Some(file) => read_text(file)?,
+        None => REFERENCE.to_owned(),
+    };
+    let robot = robot_of(&text)?;
+    let patch = gap::read_patch(path, &robot)?;
+    refuse_twice(&robot, &patch)?;
+    let parts = patch.parts()?;
+    let new = with_patch(&text, &patch);
+    // What is written is read first: a patch that would not hold is not written.
+    let patched = robot_of(&new).with_context(|| path.display().to_string())?;
+    write_new(out, &new)?;
+    let of = |where_: Acts| -> Vec<&str> {
+        let there = parts.iter().filter(|(_, acts)| *acts == where_);
+        there.map(|(name, _)| name.as_str()).collect()
+    };
+    let (arm, sensors, replay) = (of(Acts::Arm), of(Acts::Sensors), of(Acts::Replay));
+    let line = |what: &str, names: &[&str]| {
+        let names = match names.len() {
+            0 => "nothing".to_owned(),
+            _ => names.join(", "),
+        };
+        format!("\n  {what}: {names}")
+    };
+    Ok(Report {
+        text: format!(
+            "'{}' is patch {} of {}{}{}{}",
+            patch.name,
+            patched.patches.len(),
+            out.display(),
+            line("in twin, datasets, virtual rig and replay", &arm),
+            line("in the sensors of twin, virtual rig and replay", &sensors),
+            line("in `sim replay` alone", &replay),
+        ),
+        json: json!({
+            "out": out, "hash": patched.hash, "base_hash": patched.base_hash,
+            "patches": patched.patches.len(),
+            "acts": {"arm": arm, "sensors": sensors, "replay_only": replay},
+        }),
+    })
+}
+
+fn take_off(file: &Path, out: &Path) -> Result<Report> {
+    let text = read_text(file)?;
+    let old = without_last_patch(&text).with_context(|| file.display().to_string())?;
+    let left = RobotSpec::from_toml(old)?.patches.len();
+    write_new(out, old)?;
+    Ok(Report {
+        text: format!(
+            "{} is {} before its last patch; it carries {left} more",
+            out.display(),
+            file.display()
+        ),
+        json: json!({"out": out, "patches": left}),
+    })
+}
+
+fn write_new(out: &Path, text: &str) -> Result<()> {
+    anyhow::ensure!(
+        !out.exists(),
+        "{} exists already: give --out the name of a new file",
+        out.display()
+    );
+    recording::write_text(out, text)?;
+    Ok(())
+}
+
+fn refuse_twice(robot: &RobotSpec, patch: &Patch) -> Result<()> {
+    anyhow::ensure!(
+        robot.patches.iter().all(|a| a.patch != *patch),
+        "the robot file carries the patch '{}' already",
+        patch.name
+    );
+    Ok(())
+}
+
+/// The robot with one more patch from a file, if there is one.
+pub fn on_top(robot: &RobotSpec, path: Option<&Path>) -> Result<RobotSpec> {
+    let Some(path) = path else {
+        return Ok(robot.clone());
+    };
+    let patch = gap::read_patch(path, robot)?;
+    refuse_twice(robot, &patch)?;
+    let patched = robot.patched(patch);
+    Correction::of(&patched).with_context(|| path.display().to_string())?;
+    Ok(patched)
+}
