@@ -21,6 +21,18 @@ pub enum GapCommand {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
+    /// What is missing between command and gauge, from pressures alone
+    Actuation {
+        /// Session with commands, or a 38-column log of the ASU arm
+        #[arg(long, value_name = "FILE")]
+        session: PathBuf,
+        /// Session of the same supply in order
+        #[arg(long, value_name = "FILE")]
+        baseline: Option<PathBuf>,
+        /// Sessions to test the result on
+        #[arg(long, value_name = "FILE")]
+        prove: Vec<PathBuf>,
+    },
     /// probe
     Probe { baseline: PathBuf, session: PathBuf },
 }
@@ -28,6 +40,11 @@ pub enum GapCommand {
 pub fn run(command: &GapCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
         GapCommand::Commission { session, out } => commission(robot, session, out),
+        GapCommand::Actuation {
+            session,
+            baseline,
+            prove,
+        } => super::gap_actuation::run_actuation(session, baseline.as_deref(), prove, robot),
         GapCommand::Probe { baseline, session } => {
             let b = gap::commission(robot, &Grid::new(read(baseline)?)?, &gap::Unwatched)?;
             gap::probe(robot, &Grid::new(read(session)?)?, &b)?;

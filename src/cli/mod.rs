@@ -7,6 +7,7 @@ mod args;
 mod data;
 mod files;
 mod gap;
+mod gap_actuation;
 mod live;
 mod model;
 #[cfg(feature = "gui")]

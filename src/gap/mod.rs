@@ -1,6 +1,7 @@
 //! The gap finder: where simulation and measurement disagree, which effect is missing, and by how
 //! much the gap shrinks when it is added.
 
+mod actuation;
 mod candidates;
 mod commission;
 mod explain;
@@ -13,6 +14,12 @@ mod problem;
 mod replay;
 mod session;
 
+pub use actuation::{
+    Actuation, Chance, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,
+    PressureLog, PressureNoise, Proof, Regulator, Stages, actuation_only, commission_supply,
+    decide_supply, gauge_pressures, ideal_supply, line_rmse_pa, line_rows, prove_supply,
+    supply_stages,
+};
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use finder::probe;
 pub use finding::{
@@ -60,6 +67,15 @@ pub enum GapError {
         session: String,
         /// The chamber (1-based).
         chamber: usize,
+    },
+    /// No commands.
+    #[error(
+        "session '{session}' has no chamber with both commanded and measured pressure: log the commands \
+         (u1_kpa .. u6_kpa) to look at the supply"
+    )]
+    NoCommand {
+        /// The session.
+        session: String,
     },
     /// The normal equations cannot be solved.
     #[error("the session does not determine the model's parameters: numbers in it are not finite")]
