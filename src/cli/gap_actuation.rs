@@ -77,7 +77,10 @@ pub fn run_actuation(
     prove: &[PathBuf],
     robot: &RobotSpec,
 ) -> Result<Report> {
-    #[expect(clippy::disallowed_methods, reason = "wall time of a command is reported")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of a command is reported"
+    )]
     let begun = Instant::now();
     let suspect = read(session)?;
     let healthy = baseline.map(read).transpose()?;
@@ -126,7 +129,9 @@ fn text(found: &gap::Actuation, log: &Log) -> String {
     };
     let mut out = vec![verdict.to_owned()];
     for e in &f.effects {
-        let place = e.target.map_or_else(String::new, |t| format!(" (chamber {t})"));
+        let place = e
+            .target
+            .map_or_else(String::new, |t| format!(" (chamber {t})"));
         let params: Vec<String> = e
             .params
             .iter()

@@ -66,7 +66,9 @@ fn parse(reader: impl BufRead, path: &Path) -> Result<AsuArmLog, RecordingError>
     };
     loop {
         let line = lines.line + 1;
-        let Some(text) = lines.next_line()? else { break };
+        let Some(text) = lines.next_line()? else {
+            break;
+        };
         if text.trim().is_empty() {
             continue;
         }
@@ -151,6 +153,11 @@ mod tests {
         assert!(wrong(&(line(1.0) + &line(1.0))).contains("line 2, column 1"));
         assert!(wrong(&line(1.0).replacen(",3,", ",x,", 1)).contains("column 4: 'x'"));
         assert!(wrong("").contains("empty"));
-        assert!(read(&line(1.0).replacen(",4,", ",,", 1)).unwrap().measured_pa[0][0].is_nan());
+        assert!(
+            read(&line(1.0).replacen(",4,", ",,", 1))
+                .unwrap()
+                .measured_pa[0][0]
+                .is_nan()
+        );
     }
 }

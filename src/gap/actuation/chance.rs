@@ -4,8 +4,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::Rng as _;
 
 use crate::gap::explain::Column;
-use crate::gap::problem::{BLOCKS, FOLDS};
 use crate::gap::parallel;
+use crate::gap::problem::{BLOCKS, FOLDS};
 use crate::sim::dataset::sample_rng;
 
 /// Reshuffled sessions.
@@ -94,10 +94,9 @@ pub fn chance(
             .collect();
         // Loss less ½|r|², which all share: −fᵀXᵀr + ½ fᵀXᵀX f.
         let loss = |ready: &Ready| {
-            let part = |b: usize| DVector::from_iterator(
-                ready.which.len(),
-                ready.which.iter().map(|i| seen[b][*i]),
-            );
+            let part = |b: usize| {
+                DVector::from_iterator(ready.which.len(), ready.which.iter().map(|i| seen[b][*i]))
+            };
             let mut sum = 0.0;
             for (fold, solver) in ready.folds.iter().enumerate() {
                 let Some(solver) = solver else { continue };
@@ -113,7 +112,10 @@ pub fn chance(
             sum
         };
         let base = loss(&ready[0]);
-        let best = ready[1..].iter().map(|g| base - loss(g)).fold(0.0, f64::max);
+        let best = ready[1..]
+            .iter()
+            .map(|g| base - loss(g))
+            .fold(0.0, f64::max);
         [best, r.norm_squared() / r.len() as f64]
     });
     let quantile = |pick: fn(&[f64; 2]) -> f64| {

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
-use super::healthy::{LineBaseline, LineModel, commission_supply, ideal_supply};
+use super::healthy::{LineBaseline, LineModel, PRIOR, commission_supply, ideal_supply};
 use super::line::{
-    GAIN, KNOBS, Lag, LineRow, OFFSET, PressureGrid, gauge_pressures, line_rmse_pa, line_rows,
+    GAIN, KNOBS, Lag, LineRow, OFFSET, PressureGrid, Regulator, gauge_pressures, line_rmse_pa,
+    line_rows,
 };
 use super::search::{EffectSet, Stages, same, supply_stages};
 use crate::gap::explain::Explained;
@@ -92,7 +93,8 @@ pub fn actuation_only(
     })
 }
 
-/// Error of another session without effects and with the best set, nothing fitted to it.
+/// Error of another session without effects and with the best set, nothing fitted to it. Of gauge
+/// departures that were fitted beside the effects, the share that is expected to last is carried.
 pub fn prove_supply(
     robot: &RobotSpec,
     grid: &PressureGrid,
@@ -101,7 +103,11 @@ pub fn prove_supply(
 ) -> Proof {
     let error = |base: &LineBaseline, set: Option<&EffectSet>| {
         let effects = set.map_or_else(Vec::new, |s| s.explained.fit.active());
-        let p = gauge_pressures(robot, grid, &base.regulators, &effects, Lag::BeforeGauge);
+        let mut regulators = base.regulators;
+        if baseline.healthy.is_none() {
+            regulators = regulators.map(lasting);
+        }
+        let p = gauge_pressures(robot, grid, &regulators, &effects, Lag::BeforeGauge);
         line_rmse_pa(grid, &line_rows(grid, &p), |_| true)
     };
     let best = found.sets.first();
@@ -110,6 +116,21 @@ pub fn prove_supply(
         rmse_before_pa: error(baseline, None),
         rmse_after_pa: error(best.map_or(baseline, |s| &s.baseline), best),
     }
+}
+
+/// How far the gauge of an unknown supply wanders from day to day: gain, offset (Pa).
+const DAY: [f64; 2] = [0.04, 2e3];
+
+/// What one session tells of a gauge on another day. Its departure there is a lasting part of
+/// standard deviation σ plus one of the day, δ: of what was seen, σ²/(σ² + δ²) is expected to last.
+fn lasting(seen: Regulator) -> Regulator {
+    let mut out = seen;
+    for (k, day) in [GAIN, OFFSET].into_iter().zip(DAY) {
+        let nominal = Regulator::default().0[k];
+        let [lasts, varies] = [PRIOR[k], day].map(|sd| sd * sd);
+        out.0[k] = nominal + lasts / (lasts + varies) * (seen.0[k] - nominal);
+    }
+    out
 }
 
 /// The verdict, with its figures.
@@ -146,8 +167,7 @@ pub fn decide_supply(
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None => Verdict::NothingMissing,
         Some(set) => {
-            let share =
-                (found.mean_square - set.mean_square) / (found.mean_square - 1.0).max(1e-9);
+            let share = (found.mean_square - set.mean_square) / (found.mean_square - 1.0).max(1e-9);
             let fails = if commissioned {
                 set.mean_square > limit && share < CLOSES
             } else {
@@ -173,7 +193,10 @@ pub fn decide_supply(
     let channels = channels(grid, &before, &after, baseline);
     let mut data = BTreeMap::from([("suspect".to_owned(), label(grid))]);
     if let Some([name, hash]) = &baseline.session {
-        data.insert("baseline".to_owned(), format!("{name} {hash}").trim().to_owned());
+        data.insert(
+            "baseline".to_owned(),
+            format!("{name} {hash}").trim().to_owned(),
+        );
     }
     Ok(Finding {
         verdict,
@@ -183,7 +206,11 @@ pub fn decide_supply(
         threshold: found.chance.gain,
         located,
         gap,
-        worse: channels.iter().filter(|c| c.after > c.before).cloned().collect(),
+        worse: channels
+            .iter()
+            .filter(|c| c.after > c.before)
+            .cloned()
+            .collect(),
         channels,
         notes,
         data,
@@ -193,7 +220,9 @@ pub fn decide_supply(
 }
 
 fn label(grid: &PressureGrid) -> String {
-    format!("{} {}", grid.log.name, grid.log.hash).trim().to_owned()
+    format!("{} {}", grid.log.name, grid.log.hash)
+        .trim()
+        .to_owned()
 }
 
 fn still(grid: &PressureGrid, baseline: &LineBaseline) -> Finding {

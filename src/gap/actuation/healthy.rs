@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::line::{
-    DELAY, KNOBS, LAG, Lag, LineRow, PressureGrid, Regulator, gauge_pressures, line_rmse_pa, line_rows,
+    DELAY, KNOBS, LAG, Lag, LineRow, PressureGrid, Regulator, gauge_pressures, line_rmse_pa,
+    line_rows,
 };
 use crate::gap::GapError;
 use crate::gap::problem::{Problem, block_edges};
@@ -50,8 +51,7 @@ impl PressureNoise {
             let phi = (both / now).clamp(0.0, PHI_MAX);
             let rest = (next - 2.0 * phi * both + phi * phi * now).max(0.0);
             out.phi[i] = phi;
-            out.sd_pa[i] =
-                (rest / (rows.len() - 1).max(1) as f64 + SMALLEST_PA.powi(2)).sqrt();
+            out.sd_pa[i] = (rest / (rows.len() - 1).max(1) as f64 + SMALLEST_PA.powi(2)).sqrt();
         }
         out
     }
@@ -90,7 +90,7 @@ pub struct LineBaseline {
 }
 
 /// Standard deviations of an unknown supply's dead time (s), lag (s), gain, offset (Pa).
-const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3];
+pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3];
 /// By how much they may have wandered since commissioning.
 const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0];
 /// Steps by which sensitivities are measured.
@@ -116,10 +116,7 @@ pub fn ideal_supply(grid: &PressureGrid) -> LineBaseline {
 ///
 /// # Errors
 /// [`GapError`] when numbers in it are not finite.
-pub fn commission_supply(
-    robot: &RobotSpec,
-    grid: &PressureGrid,
-) -> Result<LineBaseline, GapError> {
+pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineBaseline, GapError> {
     let mut model = LineModel {
         robot,
         grid,

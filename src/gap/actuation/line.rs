@@ -317,8 +317,7 @@ fn late(t_s: &[f64], x: &[f64], delay_s: f64) -> Vec<f64> {
 /// Root mean square over the chambers in use and the bins that `pick` chooses, Pa.
 pub fn line_rmse_pa(grid: &PressureGrid, rows: &[LineRow], pick: impl Fn(usize) -> bool) -> f64 {
     let (mut sum, mut n) = (0.0, 0usize);
-    for (k, row) in rows.iter().enumerate().filter(|(k, _)| pick(*k)) {
-        let _ = k;
+    for (_, row) in rows.iter().enumerate().filter(|(k, _)| pick(*k)) {
         for i in grid.chambers() {
             sum += row[i] * row[i];
             n += 1;

@@ -89,7 +89,9 @@ fn starts_for(grid: &PressureGrid, candidate: &Candidate) -> Vec<Start> {
                 .zip(grid.t_s.windows(APART + 1))
                 .flat_map(|(p, t)| {
                     let h_s = t[APART] - t[0];
-                    chambers.iter().map(move |i| (p[APART][*i] - p[0][*i]).abs() / h_s)
+                    chambers
+                        .iter()
+                        .map(move |i| (p[APART][*i] - p[0][*i]).abs() / h_s)
                 })
                 .collect();
             rates.sort_by(f64::total_cmp);
@@ -202,7 +204,11 @@ impl Search<'_> {
     }
 
     /// One pass with the noise of `model`.
-    fn pass(&self, mut model: LineModel, healthy: Option<&DVector<f64>>) -> Result<Stages, GapError> {
+    fn pass(
+        &self,
+        mut model: LineModel,
+        healthy: Option<&DVector<f64>>,
+    ) -> Result<Stages, GapError> {
         if !self.commissioned {
             model.refit_regulators(&[])?;
         }
@@ -227,7 +233,10 @@ impl Search<'_> {
         let singles = explain(&problem, &self.all, &ready, None, self.progress)?;
         let mut begun: Vec<&str> = Vec::new();
         let mut grown: Vec<(EffectSet, Vec<Vec<Explained>>)> = Vec::new();
-        for e in singles.iter().filter(|e| e.gain > threshold && e.gain > e.se) {
+        for e in singles
+            .iter()
+            .filter(|e| e.gain > threshold && e.gain > e.se)
+        {
             if begun.contains(&e.candidate.effect.id) || begun.len() >= BEGINNINGS {
                 continue;
             }
