@@ -230,7 +230,16 @@ impl Search<'_> {
             },
         };
         let threshold = chance.gain.max(LEAST);
-        let singles = explain(&problem, &self.all, &ready, None, self.progress)?;
+        let mut singles = explain(&problem, &self.all, &ready, None, self.progress)?;
+        if !self.commissioned {
+            // Regulators that were fitted without an effect take its part: each common effect is
+            // judged with the regulators that go with it.
+            for e in singles.iter_mut().filter(|e| e.candidate.target.is_none()) {
+                *e = self.settle(&mut model.clone(), e)?;
+                (e.gain, e.se) = e.losses.gain_over(&losses);
+            }
+            singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        }
         let mut begun: Vec<&str> = Vec::new();
         let mut grown: Vec<(EffectSet, Vec<Vec<Explained>>)> = Vec::new();
         for e in singles
