@@ -6,7 +6,7 @@ use rand::Rng as _;
 use crate::gap::explain::Column;
 use crate::gap::parallel;
 use crate::gap::problem::{BLOCKS, FOLDS};
-use crate::sim::dataset::sample_rng;
+use crate::sim::dataset::{normal, sample_rng};
 
 /// Reshuffled sessions.
 const ROUNDS: usize = 200;
@@ -24,9 +24,12 @@ pub struct Chance {
 
 /// Contiguous pieces of `healthy` (stacked innovations, `per_bin` a bin), drawn with replacement,
 /// in the place of a session of `edges`; nuisance and one candidate at a time are fitted to them.
+/// `lambda` is the precision of the nuisance; fits hold it `stiffness` times as tight.
+#[expect(clippy::too_many_arguments, reason = "one problem, taken apart")]
 pub fn chance(
     nuisance: &DMatrix<f64>,
     lambda: &DMatrix<f64>,
+    stiffness: f64,
     edges: &[usize],
     columns: &[Column],
     healthy: &DVector<f64>,
@@ -34,6 +37,11 @@ pub fn chance(
     seed: u64,
 ) -> Chance {
     let k = nuisance.ncols();
+    let held = lambda * stiffness;
+    // Numbers that are not fitted may have wandered: δ = L⁻ᵀ z, L Lᵀ = Λ.
+    let wander = (stiffness > 1.0)
+        .then(|| lambda.clone().cholesky())
+        .flatten();
     // Groups of columns behind the nuisance: none at first, for comparison.
     let mut groups: Vec<Vec<usize>> = vec![Vec::new()];
     let mut all: Vec<DVector<f64>> = nuisance.column_iter().map(|c| c.into_owned()).collect();
@@ -58,7 +66,7 @@ pub fn chance(
         let folds = (0..FOLDS)
             .map(|fold| {
                 let mut g = DMatrix::zeros(which.len(), which.len());
-                g.view_mut((0, 0), (k, k)).copy_from(lambda);
+                g.view_mut((0, 0), (k, k)).copy_from(&held);
                 for (_, part) in grams.iter().enumerate().filter(|(b, _)| b % FOLDS != fold) {
                     g += part;
                 }
@@ -88,6 +96,12 @@ pub fn chance(
             r.rows_mut(at * per_bin, n * per_bin)
                 .copy_from(&healthy.rows(from * per_bin, n * per_bin));
             at += n;
+        }
+        if let Some(wander) = &wander {
+            let z = DVector::from_fn(k, |_, _| normal(&mut rng));
+            if let Some(delta) = wander.l().tr_solve_lower_triangular(&z) {
+                r += nuisance * delta;
+            }
         }
         let seen: Vec<DVector<f64>> = (0..BLOCKS)
             .map(|b| block(b).tr_mul(&r.rows(edges[b], edges[b + 1] - edges[b])))

@@ -167,12 +167,8 @@ pub fn decide_supply(
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None => Verdict::NothingMissing,
         Some(set) => {
-            let share = (found.mean_square - set.mean_square) / (found.mean_square - 1.0).max(1e-9);
-            let fails = if commissioned {
-                set.mean_square > limit && share < CLOSES
-            } else {
-                gap.closed < CLOSES
-            };
+            let above = !commissioned || set.mean_square > limit;
+            let fails = above && gap.closed < CLOSES;
             if fails || at_bound(&set.explained) {
                 Verdict::Unknown
             } else if alternatives.is_empty() {

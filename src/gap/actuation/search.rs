@@ -20,6 +20,9 @@ const MOST: usize = 3;
 const BEGINNINGS: usize = 4;
 /// Steps of a fit.
 const STEPS: usize = 12;
+/// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
+/// an effect leaves over of itself is no effect.
+const FORM: f64 = 0.01;
 /// Least gain that counts, nats: one parameter's worth by the Bayesian criterion.
 const LEAST: f64 = 4.0;
 
@@ -167,7 +170,8 @@ impl Search<'_> {
             let mut wider = model.clone();
             let settled = self.settle(&mut wider, &next)?;
             let (gain, se) = settled.losses.gain_over(&best.losses);
-            if gain < threshold || gain < se {
+            let (so_far, _) = best.losses.gain_over(base);
+            if gain < threshold.max(FORM * so_far) || gain < se {
                 break;
             }
             drop(problem);
@@ -183,7 +187,8 @@ impl Search<'_> {
                 let mut narrower = model.clone();
                 let settled = self.settle(&mut narrower, &less)?;
                 let (lost, se) = best.losses.gain_over(&settled.losses);
-                if lost < threshold || lost < se {
+                let (whole, _) = best.losses.gain_over(base);
+                if lost < threshold.max(FORM * whole) || lost < se {
                     (best, model) = (settled, narrower);
                     again = best.fit.effects.len() > 1;
                     break;
@@ -222,7 +227,16 @@ impl Search<'_> {
             Some(healthy) => {
                 let (nuisance, lambda) = model.nuisance(&[])?;
                 let edges = model.edges();
-                chance(&nuisance, &lambda, &edges, &ready, healthy, per_bin, SEED)
+                chance(
+                    &nuisance,
+                    &lambda,
+                    model.stiffness(),
+                    &edges,
+                    &ready,
+                    healthy,
+                    per_bin,
+                    SEED,
+                )
             }
             None => Chance {
                 gain: LEAST,
