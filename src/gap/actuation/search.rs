@@ -22,7 +22,7 @@ const BEGINNINGS: usize = 4;
 const STEPS: usize = 12;
 /// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
 /// an effect leaves over of itself is no effect.
-const FORM: f64 = 0.01;
+const FORM: f64 = 0.1;
 /// Least gain that counts, nats: one parameter's worth by the Bayesian criterion.
 const LEAST: f64 = 4.0;
 
