@@ -25,7 +25,6 @@ pub struct Chance {
 /// Contiguous pieces of `healthy` (stacked innovations, `per_bin` a bin), drawn with replacement,
 /// in the place of a session of `edges`; nuisance and one candidate at a time are fitted to them.
 /// `lambda` is the precision of the nuisance; fits hold it `stiffness` times as tight.
-#[expect(clippy::too_many_arguments, reason = "one problem, taken apart")]
 pub fn chance(
     nuisance: &DMatrix<f64>,
     lambda: &DMatrix<f64>,
