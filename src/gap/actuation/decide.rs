@@ -288,9 +288,17 @@ fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
 
 /// Sets that the best one does not beat by more than two standard errors.
 fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
+    // Each block by its own scale, ln(loss/loss): what even the best leaves over is larger where
+    // more happens, and a single block would decide.
+    let per_block = best.explained.fit.residual.len() as f64 / BLOCKS as f64;
     let close = |e: &Explained| {
-        let (margin, se) = best.explained.losses.gain_over(&e.losses);
-        margin <= MARGIN_SE * se
+        let logs: Vec<f64> = (e.losses.0.iter().zip(&best.explained.losses.0))
+            .map(|(other, best)| ((other + 0.5 * per_block) / (best + 0.5 * per_block)).ln())
+            .collect();
+        let n = logs.len() as f64;
+        let margin = logs.iter().sum::<f64>() / n;
+        let var = logs.iter().map(|d| (d - margin).powi(2)).sum::<f64>() / (n - 1.0);
+        margin <= MARGIN_SE * (var / n).sqrt()
     };
     let mut out: Vec<EffectSet> = found
         .sets

@@ -23,6 +23,8 @@ const STEPS: usize = 12;
 /// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
 /// an effect leaves over of itself is no effect.
 const FORM: f64 = 0.1;
+/// Share of the mean square that effects of an unknown supply may leave at most.
+const WITHOUT_HEALTHY: f64 = 0.8;
 /// Least gain that counts, nats: one parameter's worth by the Bayesian criterion.
 const LEAST: f64 = 4.0;
 
@@ -274,7 +276,9 @@ impl Search<'_> {
         let mut sets: Vec<EffectSet> = Vec::new();
         for (set, _) in grown {
             let known = sets.iter().any(|s| same(&s.explained, &set.explained));
-            if set.explained.gain > threshold && !known {
+            // Regulators that nobody measured take small effects' part as well as the effects do.
+            let more = self.commissioned || set.mean_square < WITHOUT_HEALTHY * mean_square;
+            if set.explained.gain > threshold && more && !known {
                 sets.push(set);
             }
         }
