@@ -46,6 +46,12 @@ pub struct RunArgs {
     /// Folder for patch, report and recording
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Look only at the way from command to gauge; also reads 38-column logs of the ASU arm
+    #[arg(long)]
+    actuation_only: bool,
+    /// With --actuation-only: sessions to test the result on
+    #[arg(long, value_name = "SESSION", requires = "actuation_only")]
+    prove: Vec<PathBuf>,
     /// Label figures and pictures as simulated
     #[arg(long)]
     simulated: bool,
@@ -62,6 +68,9 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
         GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission { session, out } => commission(robot, session, out),
+        GapCommand::Run(a) if a.actuation_only => {
+            super::gap_actuation::run_actuation(&a.session, a.baseline.as_deref(), &a.prove, robot)
+        }
         GapCommand::Run(a) => find(robot, a),
         GapCommand::Effects => Ok(table()),
     }
@@ -177,7 +186,10 @@ fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
     };
     write("patch.toml", patch.as_bytes())?;
     write("finding.json", &serde_json::to_vec_pretty(f)?)?;
-    write("report.html", gap::report::html(f, &patch, origin).as_bytes())?;
+    write(
+        "report.html",
+        gap::report::html(f, &patch, origin).as_bytes(),
+    )?;
     let t = &f.traces;
     let series = |position_m, turn_wxyz| recording::TipSeries {
         position_m,

@@ -7,6 +7,7 @@ mod args;
 mod data;
 mod files;
 mod gap;
+mod gap_actuation;
 mod gap_bench;
 mod live;
 mod model;

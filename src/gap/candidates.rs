@@ -53,7 +53,8 @@ impl Candidate {
                     .filter(|s| s.moves.contains(&i))
                     .map(|s| (s.at[i] - nominal[i]).abs())
                     .fold(0.0, f64::max);
-                if moved > 0.0 {
+                // A limit that does not limit lies far away: its distance is no size.
+                if moved > 0.0 && self.effect.id != "flow-limit" {
                     moved
                 } else {
                     0.3 * starts[0].at[i].abs()
@@ -130,7 +131,7 @@ pub fn starts_in(candidate: &Candidate, grid: &Grid) -> Vec<Start> {
 }
 
 /// Starting shapes of an effect. `places`: floor heights (m) or times (s) to try.
-fn starts(id: &str, places: &[f64]) -> Vec<Start> {
+pub fn starts(id: &str, places: &[f64]) -> Vec<Start> {
     let one = |at: &[f64], moves: &[usize]| Start {
         at: at.to_vec(),
         moves: moves.to_vec(),

@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng as _;
 
+use super::actuation::{
+    Lag, PressureGrid, PressureLog, commission_supply, decide_supply, supply_stages,
+};
 use super::candidates::{Candidate, starts_in};
 use super::commission::{Baseline, commission, factory};
 use super::explain::{Explained, admitted, chance, columns, explain, weak_prior};
@@ -237,7 +240,7 @@ pub fn find(
             ..proof.gap
         }
     };
-    let finding = Finding {
+    let mut finding = Finding {
         verdict,
         effects,
         candidates: unique(&ranked),
@@ -252,6 +255,11 @@ pub fn find(
         seconds: 0.0,
         traces: proof.traces,
     };
+    let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
+    if let Some(supply) = supply(robot, healthy, suspect, progress)? {
+        found_effects.extend(add_supply(&mut finding, supply));
+    }
+    let verdict = finding.verdict;
     let mut patch = Patch {
         version: VERSION,
         name: format!("found in {}", suspect.session.name),
@@ -260,19 +268,81 @@ pub fn find(
         data,
         rig: BTreeMap::new(),
         floor: floors(&baseline),
-        effects: accepted.map_or_else(Vec::new, |e| {
-            described(&problem, e)
-                .into_iter()
-                .map(|e| PatchEffect {
-                    id: e.id,
-                    target: e.target,
-                    params: e.params,
-                })
-                .collect()
-        }),
+        effects: found_effects
+            .into_iter()
+            .map(|e| PatchEffect {
+                id: e.id,
+                target: e.target,
+                params: e.params,
+            })
+            .collect(),
     };
     patch.set_values(&baseline.values);
     Ok(Found { finding, patch })
+}
+
+/// What is to be said of the way from command to gauge, when the commands were logged.
+fn supply(
+    robot: &RobotSpec,
+    healthy: Option<&Grid>,
+    suspect: &Grid,
+    progress: &dyn Progress,
+) -> Result<Option<Finding>, GapError> {
+    let log = |g: &Grid| {
+        PressureLog::of(&g.session)
+            .map(PressureGrid::new)
+            .transpose()
+    };
+    let (Some(h), Some(s)) = (healthy.map(log).transpose()?.flatten(), log(suspect)?) else {
+        return Ok(None);
+    };
+    if !s.moves() {
+        return Ok(None);
+    }
+    let baseline = commission_supply(robot, &h)?;
+    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, progress)?;
+    decide_supply(robot, &s, &baseline, Lag::BehindGauge, &stages).map(Some)
+}
+
+/// Puts the supply's finding beside the arm's: they come from residuals that do not share a cause,
+/// except for a gauge. Gives the effects that belong into the patch.
+fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
+    arm.located.extend(supply.located);
+    arm.channels.extend(supply.channels);
+    arm.candidates.extend(supply.candidates);
+    let says = |v: Verdict| matches!(v, Verdict::Named | Verdict::Indistinguishable);
+    let quiet = matches!(arm.verdict, Verdict::NothingMissing | Verdict::NotExcited);
+    if !says(supply.verdict) {
+        if quiet && supply.verdict == Verdict::Unknown {
+            arm.verdict = Verdict::Unknown;
+            arm.notes.extend(supply.notes);
+        }
+        return Vec::new();
+    }
+    let new: Vec<FoundEffect> = supply
+        .effects
+        .into_iter()
+        .filter(|s| {
+            !arm.effects
+                .iter()
+                .any(|a| a.id == s.id && a.target == s.target)
+        })
+        .collect();
+    arm.worse.extend(supply.worse);
+    if quiet {
+        arm.verdict = supply.verdict;
+        arm.gap = supply.gap;
+        arm.threshold = supply.threshold;
+        arm.separate_by = supply.separate_by;
+    } else if says(arm.verdict) && supply.verdict == Verdict::Indistinguishable {
+        arm.verdict = Verdict::Indistinguishable;
+    }
+    arm.effects.extend(new.iter().cloned());
+    // Of a set only its first alternative goes into the patch.
+    match supply.verdict {
+        Verdict::Indistinguishable => new.into_iter().take(1).collect(),
+        _ => new,
+    }
 }
 
 /// Excess over the floor, relative to it, that is not chance even when nothing explains it.

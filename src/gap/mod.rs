@@ -1,6 +1,7 @@
 //! The gap finder: where simulation and measurement disagree, which effect is missing, and by how
 //! much the gap shrinks when it is added.
 
+mod actuation;
 mod candidates;
 mod commission;
 mod explain;
@@ -13,10 +14,16 @@ mod patch;
 mod problem;
 mod prove;
 mod replay;
-pub mod score;
 pub mod report;
+pub mod score;
 mod session;
 
+pub use actuation::{
+    Actuation, Chance, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,
+    PressureLog, PressureNoise, Proof, Regulator, Stages, actuation_only, commission_supply,
+    decide_supply, gauge_pressures, ideal_supply, line_rmse_pa, line_rows, prove_supply,
+    supply_stages,
+};
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use find::{Found, Options, find};
 pub use finding::{
@@ -70,6 +77,15 @@ pub enum GapError {
         "the two sessions have no measured channel in common: springs, IMUs or motion capture must be in both"
     )]
     NothingCommon,
+    /// No commands.
+    #[error(
+        "session '{session}' has no chamber with both commanded and measured pressure: log the commands \
+         (u1_kpa .. u6_kpa) to look at the supply"
+    )]
+    NoCommand {
+        /// The session.
+        session: String,
+    },
     /// The normal equations cannot be solved.
     #[error("the session does not determine the model's parameters: numbers in it are not finite")]
     Degenerate,

@@ -9,6 +9,7 @@
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet. [`DatasetJournal`]
 //!   keeps what a long run has computed, until its data set is whole.
 
+mod asu;
 mod csv;
 mod dataset;
 mod error;
@@ -24,6 +25,7 @@ mod rrd;
 mod rrd;
 mod types;
 
+pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use error::RecordingError;
 pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};

@@ -84,6 +84,19 @@ fn grid(name: &str) -> gap::Grid {
     .unwrap()
 }
 
+fn asu_arm(name: &str) -> springtwin::gap::PressureGrid {
+    let path = data_dir().join("asu-arm").join(name);
+    let log = springtwin::recording::read_asu_arm(&path).unwrap();
+    springtwin::gap::PressureGrid::new(springtwin::gap::PressureLog {
+        name: log.name,
+        hash: log.hash,
+        t_s: log.t_s,
+        commanded_pa: log.commanded_pa,
+        measured_pa: log.measured_pa,
+    })
+    .unwrap()
+}
+
 /// Sessions of an engine that is not ours, with and without something hidden in them.
 #[test]
 fn the_gap_finder_names_what_rig_a_hides() {
@@ -151,4 +164,31 @@ fn a_commissioned_model_replays_a_healthy_session() {
     json(&["gap", "apply", &patch, "--out", &robot, "--json"]);
     let by_robot = json(&["sim", "replay", &none, "--robot", &robot, "--json"]);
     assert_eq!(by_patch["rmse"], by_robot["rmse"]);
+}
+
+/// The supply of a real arm: fitted on one run, tested on its repeat and on another day.
+#[test]
+fn the_supply_of_a_real_arm_is_explained() {
+    use springtwin::gap::{Unwatched, Verdict, actuation_only};
+    use springtwin::recording::PSI_PA;
+    let robot = springtwin::robot::RobotSpec::reference();
+    let others = [asu_arm("apr18-2.csv"), asu_arm("apr05-1.csv")];
+    let run = asu_arm("apr18-1.csv");
+    let found = actuation_only(&robot, None, &run, &others, &Unwatched).unwrap();
+    let psi = |pa: f64| pa / PSI_PA;
+    let [repeat, other_day] = &found.proof[..] else {
+        panic!("{:?}", found.proof);
+    };
+    assert!(psi(repeat.rmse_before_pa) > 3.0, "{repeat:?}");
+    assert!(psi(repeat.rmse_after_pa) <= 0.6, "{repeat:?}");
+    assert!(psi(other_day.rmse_before_pa) > 3.0, "{other_day:?}");
+    assert!(psi(other_day.rmse_after_pa) <= 1.5, "{other_day:?}");
+    let f = &found.finding;
+    let named = [Verdict::Named, Verdict::Indistinguishable];
+    assert!(named.contains(&f.verdict), "{:?}", f.verdict);
+    let timing = ["flow-limit", "pressure-lag", "pressure-delay"];
+    assert!(!f.effects.is_empty());
+    for e in &f.effects {
+        assert!(timing.contains(&e.id.as_str()), "{e:?}");
+    }
 }

@@ -1,0 +1,342 @@
+//! Healthy regulators, what they leave over, and the problem that a pressure log poses.
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+use super::line::{
+    DELAY, KNOBS, LAG, Lag, LineRow, PressureGrid, Regulator, gauge_pressures, line_rmse_pa,
+    line_rows,
+};
+use crate::gap::GapError;
+use crate::gap::problem::{Problem, block_edges};
+use crate::robot::RobotSpec;
+use crate::signal::CHAMBERS;
+use crate::sim::effects::Active;
+
+/// What healthy regulators leave over: per chamber w_t = (e_t − φ e_{t−1})/σ.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PressureNoise {
+    /// Standard deviation of an innovation, Pa.
+    pub sd_pa: [f64; CHAMBERS],
+    /// Autoregressive coefficient from bin to bin.
+    pub phi: [f64; CHAMBERS],
+}
+
+/// Largest autoregressive coefficient.
+const PHI_MAX: f64 = 0.97;
+/// Smallest standard deviation, Pa: no gauge resolves less.
+const SMALLEST_PA: f64 = 10.0;
+
+impl PressureNoise {
+    /// Before a healthy session is known: a hundredth of the commanded range, short memory.
+    pub fn usual(grid: &PressureGrid) -> Self {
+        Self {
+            sd_pa: grid.range_pa().map(|r| (0.01 * r).max(50.0)),
+            phi: [0.8; CHAMBERS],
+        }
+    }
+
+    /// From what was left over.
+    pub fn from_rows(rows: &[LineRow]) -> Self {
+        let mut out = Self {
+            sd_pa: [SMALLEST_PA; CHAMBERS],
+            phi: [0.0; CHAMBERS],
+        };
+        for i in 0..CHAMBERS {
+            let (mut now, mut next, mut both) = (1e-12, 1e-12, 0.0);
+            for w in rows.windows(2) {
+                now += w[0][i].powi(2);
+                next += w[1][i].powi(2);
+                both += w[0][i] * w[1][i];
+            }
+            let phi = (both / now).clamp(0.0, PHI_MAX);
+            let rest = (next - 2.0 * phi * both + phi * phi * now).max(0.0);
+            out.phi[i] = phi;
+            out.sd_pa[i] = (rest / (rows.len() - 1).max(1) as f64 + SMALLEST_PA.powi(2)).sqrt();
+        }
+        out
+    }
+
+    /// Innovations of unit variance.
+    pub fn innovations(&self, rows: &[LineRow]) -> Vec<LineRow> {
+        (0..rows.len())
+            .map(|k| {
+                std::array::from_fn(|i| {
+                    let phi = self.phi[i];
+                    match k {
+                        0 => rows[0][i] * (1.0 - phi * phi).sqrt() / self.sd_pa[i],
+                        _ => (rows[k][i] - phi * rows[k - 1][i]) / self.sd_pa[i],
+                    }
+                })
+            })
+            .collect()
+    }
+}
+
+/// A commissioned supply, or the ideal one.
+#[derive(Clone, Debug)]
+pub struct LineBaseline {
+    /// Its regulators.
+    pub regulators: [Regulator; CHAMBERS],
+    /// Covariance of each one's numbers.
+    pub covariance: [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS],
+    /// What it leaves over.
+    pub noise: PressureNoise,
+    /// Root mean square of that on data that were not fitted, Pa; `None` for the ideal supply.
+    pub floor_pa: Option<f64>,
+    /// Innovations of the healthy session, each half as a fit to the other one leaves it.
+    pub healthy: Option<Vec<LineRow>>,
+    /// Name and hash of the healthy session.
+    pub session: Option<[String; 2]>,
+}
+
+/// Standard deviations of an unknown supply's dead time (s), lag (s), gain, offset (Pa).
+pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3];
+/// By how much they may have wandered since commissioning.
+const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0];
+/// Steps by which sensitivities are measured.
+const STEP: [f64; KNOBS] = [5e-3, 5e-3, 0.01, 100.0];
+
+fn prior_covariance() -> SMatrix<f64, KNOBS, KNOBS> {
+    SMatrix::from_diagonal(&SVector::from(PRIOR.map(|s| s * s)))
+}
+
+/// The ideal supply: delivers at once what is commanded, uncertain by the prior.
+pub fn ideal_supply(grid: &PressureGrid) -> LineBaseline {
+    LineBaseline {
+        regulators: [Regulator::default(); CHAMBERS],
+        covariance: [prior_covariance(); CHAMBERS],
+        noise: PressureNoise::usual(grid),
+        floor_pa: None,
+        healthy: None,
+        session: None,
+    }
+}
+
+/// Fits the regulators to a healthy session by maximum a posteriori.
+///
+/// # Errors
+/// [`GapError`] when numbers in it are not finite.
+pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineBaseline, GapError> {
+    let mut model = LineModel {
+        robot,
+        grid,
+        baseline: ideal_supply(grid),
+        lag: Lag::BehindGauge,
+        seen: None,
+    };
+    for _ in 0..2 {
+        model.refit_regulators(&[])?;
+        model.baseline.noise = PressureNoise::from_rows(&model.rows(&[]));
+    }
+    let covariance = model.refit_regulators(&[])?;
+    let half = grid.len() / 2;
+    let mut unseen = Vec::with_capacity(grid.len());
+    for first in [true, false] {
+        let mut other = LineModel {
+            baseline: model.baseline.clone(),
+            seen: Some((0..grid.len()).map(|k| (k < half) != first).collect()),
+            ..model
+        };
+        other.refit_regulators(&[])?;
+        let rows = other.rows(&[]);
+        unseen.extend(&rows[if first { 0..half } else { half..grid.len() }]);
+    }
+    let noise = PressureNoise::from_rows(&unseen);
+    Ok(LineBaseline {
+        regulators: model.baseline.regulators,
+        covariance,
+        floor_pa: Some(line_rmse_pa(grid, &unseen, |_| true)),
+        healthy: Some(noise.innovations(&unseen)),
+        noise,
+        session: Some([grid.log.name.clone(), grid.log.hash.clone()]),
+    })
+}
+
+/// A pressure log against a supply.
+#[derive(Clone, Debug)]
+pub struct LineModel<'a> {
+    /// The robot.
+    pub robot: &'a RobotSpec,
+    /// The log.
+    pub grid: &'a PressureGrid,
+    /// The supply.
+    pub baseline: LineBaseline,
+    /// What `pressure-lag` means.
+    pub lag: Lag,
+    /// Bins that count; `None` for all.
+    pub seen: Option<Vec<bool>>,
+}
+
+impl LineModel<'_> {
+    /// Measured less predicted with these effects, Pa.
+    pub fn rows(&self, effects: &[Active]) -> Vec<LineRow> {
+        let p = gauge_pressures(
+            self.robot,
+            self.grid,
+            &self.baseline.regulators,
+            effects,
+            self.lag,
+        );
+        line_rows(self.grid, &p)
+    }
+
+    /// Innovations of residual rows; zero where nothing is to be seen.
+    fn innovations(&self, rows: &[LineRow]) -> Vec<LineRow> {
+        let mut w = self.baseline.noise.innovations(rows);
+        if let Some(seen) = &self.seen {
+            for (w, _) in w.iter_mut().zip(seen).filter(|(_, seen)| !**seen) {
+                *w = [0.0; CHAMBERS];
+            }
+        }
+        w
+    }
+
+    /// Innovations of the chambers in use, bin after bin.
+    pub fn stack(&self, rows: &[LineRow]) -> DVector<f64> {
+        let chambers = self.grid.chambers();
+        let w = self.innovations(rows);
+        DVector::from_iterator(
+            w.len() * chambers.len(),
+            w.iter().flat_map(|row| chambers.iter().map(|i| row[*i])),
+        )
+    }
+
+    /// Boundaries of the blocks among the stacked innovations.
+    pub fn edges(&self) -> Vec<usize> {
+        block_edges(self.grid.len(), self.grid.chambers().len())
+    }
+
+    /// ∂(prediction)/∂(number) of all chambers at once: a regulator shows in its own chamber alone.
+    fn sensitivities(&self, effects: &[Active]) -> [Vec<LineRow>; KNOBS] {
+        let base = self.rows(effects);
+        std::array::from_fn(|k| {
+            let mut moved = self.clone();
+            for r in &mut moved.baseline.regulators {
+                r.0[k] += STEP[k];
+            }
+            let rows = moved.rows(effects);
+            base.iter()
+                .zip(rows)
+                .map(|(a, b)| std::array::from_fn(|i| (a[i] - b[i]) / STEP[k]))
+                .collect()
+        })
+    }
+
+    /// Fits the regulators with these effects at work, about the ideal supply; gives their
+    /// covariances.
+    ///
+    /// # Errors
+    /// [`GapError::Degenerate`] when numbers are not finite.
+    pub fn refit_regulators(
+        &mut self,
+        effects: &[Active],
+    ) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
+        const STEPS: usize = 8;
+        let weight = SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&SVector::from(
+            PRIOR.map(|s| 1.0 / (s * s)),
+        ));
+        let nominal = SVector::from(Regulator::default().0);
+        let mut covariance = [prior_covariance(); CHAMBERS];
+        let mut share = [1.0; CHAMBERS];
+        let mut change = [SVector::<f64, KNOBS>::zeros(); CHAMBERS];
+        let mut before = [f64::INFINITY; CHAMBERS];
+        let mut from = self.baseline.regulators;
+        for step in 0..=STEPS {
+            let e = self.innovations(&self.rows(effects));
+            let last = step == STEPS;
+            let columns = self.sensitivities(effects).map(|c| self.innovations(&c));
+            for i in self.grid.chambers() {
+                let off = nominal - SVector::from(self.baseline.regulators[i].0);
+                let cost: f64 =
+                    e.iter().map(|w| w[i] * w[i]).sum::<f64>() + off.dot(&(weight * off));
+                if !cost.is_finite() {
+                    return Err(GapError::Degenerate);
+                }
+                if cost > before[i] {
+                    // Too far: half the way from where it was.
+                    share[i] *= 0.5;
+                } else {
+                    before[i] = cost;
+                    from[i] = self.baseline.regulators[i];
+                    share[i] = 1.0;
+                    let mut normal = weight;
+                    let mut right = weight * off;
+                    for (t, w) in e.iter().enumerate() {
+                        let j = SVector::<f64, KNOBS>::from_fn(|k, _| columns[k][t][i]);
+                        normal += j * j.transpose();
+                        right += j * w[i];
+                    }
+                    let solver = normal.cholesky().ok_or(GapError::Degenerate)?;
+                    change[i] = solver.solve(&right);
+                    covariance[i] = solver.inverse();
+                }
+                let mut r = from[i].0;
+                if !last {
+                    for k in 0..KNOBS {
+                        r[k] += share[i] * change[i][k];
+                    }
+                }
+                r[DELAY] = r[DELAY].max(0.0);
+                r[LAG] = r[LAG].max(0.0);
+                self.baseline.regulators[i] = Regulator(r);
+            }
+        }
+        Ok(covariance)
+    }
+
+    /// Nuisance columns at these effects, and the precision of their prior.
+    ///
+    /// # Errors
+    /// [`GapError::Degenerate`] when numbers are not finite.
+    pub fn nuisance(&self, effects: &[Active]) -> Result<(DMatrix<f64>, DMatrix<f64>), GapError> {
+        let chambers = self.grid.chambers();
+        let columns = self.sensitivities(effects);
+        let n = chambers.len() * KNOBS;
+        let mut lambda = DMatrix::zeros(n, n);
+        let mut stacked = Vec::with_capacity(n);
+        for (c, &i) in chambers.iter().enumerate() {
+            let wander = SMatrix::from_diagonal(&SVector::from(WANDER.map(|s| s * s)));
+            let known = (self.baseline.covariance[i] + wander)
+                .cholesky()
+                .ok_or(GapError::Degenerate)?
+                .inverse();
+            lambda
+                .view_mut((c * KNOBS, c * KNOBS), (KNOBS, KNOBS))
+                .copy_from(&known);
+            for column in &columns {
+                let alone: Vec<LineRow> = column
+                    .iter()
+                    .map(|row| std::array::from_fn(|j| if j == i { row[j] } else { 0.0 }))
+                    .collect();
+                stacked.push(self.stack(&alone));
+            }
+        }
+        Ok((DMatrix::from_columns(&stacked), lambda))
+    }
+
+    /// Factor on the prior's precision. A commissioned supply is held where it is: gauges resolve
+    /// so finely that its numbers would take any effect's part. How far it may have wandered counts
+    /// in what chance reaches.
+    pub fn stiffness(&self) -> f64 {
+        if self.baseline.healthy.is_some() {
+            1e8
+        } else {
+            1.0
+        }
+    }
+
+    /// As a least-squares problem, with the regulators free about where they are at `effects`.
+    ///
+    /// # Errors
+    /// [`GapError::Degenerate`] when numbers are not finite.
+    pub fn problem(&self, effects: &[Active]) -> Result<Problem<'_>, GapError> {
+        let (nuisance, lambda) = self.nuisance(effects)?;
+        Problem::new(
+            Box::new(|effects| Ok(self.stack(&self.rows(effects)))),
+            nuisance,
+            lambda * self.stiffness(),
+            &self.edges(),
+            self.grid.chambers().len(),
+        )
+    }
+}

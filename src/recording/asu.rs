@@ -1,0 +1,163 @@
+//! Pressure logs of the ASU RISE Lab's two-segment arm: no header, 38 columns, psi.
+//!
+//! | column (1-based) | |
+//! |---|---|
+//! | 1 | time, s |
+//! | 2-4, 5-7 | desired and measured pressure of chambers 1-3, psi |
+//! | 8-10, 11-13 | the same of chambers 4-6 |
+//! | 14-38 | wire encoders (V) and tracked bodies; not read |
+
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use super::RecordingError;
+use super::csv::{Lines, fields};
+use super::log::hex;
+use crate::signal::CHAMBERS;
+
+/// Pa per psi.
+pub const PSI_PA: f64 = 6_894.757_293_168;
+/// Columns of the file.
+const COLUMNS: usize = 38;
+
+/// Commanded and measured pressures, gauge, Pa; an empty cell is NaN.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AsuArmLog {
+    /// Name of the file, without its ending.
+    pub name: String,
+    /// SHA-256 of the file, hexadecimal.
+    pub hash: String,
+    /// Rising times, s.
+    pub t_s: Vec<f64>,
+    /// Desired, Pa.
+    pub commanded_pa: Vec<[f64; CHAMBERS]>,
+    /// Measured, Pa.
+    pub measured_pa: Vec<[f64; CHAMBERS]>,
+}
+
+/// Reads such a file.
+///
+/// # Errors
+/// [`RecordingError::Cell`] with line and column for anything that is not a table of numbers of
+/// that width with rising times, [`RecordingError::Io`] when the file cannot be read.
+pub fn read_asu_arm(path: &Path) -> Result<AsuArmLog, RecordingError> {
+    let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    Ok(AsuArmLog {
+        name: name.into_owned(),
+        ..parse(BufReader::new(file), path)?
+    })
+}
+
+/// The table; `path` is for refusals.
+fn parse(reader: impl BufRead, path: &Path) -> Result<AsuArmLog, RecordingError> {
+    let mut hasher = Sha256::new();
+    let mut tap = |bytes: &[u8]| hasher.update(bytes);
+    let mut lines = Lines::new(reader, path, &mut tap);
+    let mut log = AsuArmLog::default();
+    let refuse = |line: usize, column: usize, text: String| RecordingError::Cell {
+        path: path.to_owned(),
+        line,
+        column,
+        text,
+    };
+    loop {
+        let line = lines.line + 1;
+        let Some(text) = lines.next_line()? else {
+            break;
+        };
+        if text.trim().is_empty() {
+            continue;
+        }
+        let cells = fields(text).map_err(|(c, what)| refuse(line, c, what.to_owned()))?;
+        if cells.len() != COLUMNS {
+            return Err(refuse(
+                line,
+                cells.len().min(COLUMNS) + 1,
+                format!(
+                    "{} columns: a pressure log of this arm has {COLUMNS} (time, then desired and \
+                     measured pressures in psi, encoders, tracked bodies) and no header",
+                    cells.len()
+                ),
+            ));
+        }
+        let number = |c: usize| -> Result<f64, RecordingError> {
+            let text = &cells[c];
+            if text.is_empty() || text.eq_ignore_ascii_case("nan") {
+                return Ok(f64::NAN);
+            }
+            match text.parse::<f64>() {
+                Ok(v) if v.is_finite() => Ok(v),
+                _ => Err(refuse(line, c + 1, format!("'{text}' is not a number"))),
+            }
+        };
+        let t_s = number(0)?;
+        let rises = log.t_s.last().is_none_or(|last| t_s > *last);
+        if !t_s.is_finite() || !rises {
+            return Err(refuse(
+                line,
+                1,
+                "the time must be there and rise from line to line".to_owned(),
+            ));
+        }
+        let (mut commanded, mut measured) = ([0.0; CHAMBERS], [0.0; CHAMBERS]);
+        for i in 0..CHAMBERS {
+            let first = 1 + 6 * (i / 3) + i % 3;
+            commanded[i] = number(first)? * PSI_PA;
+            measured[i] = number(first + 3)? * PSI_PA;
+        }
+        log.t_s.push(t_s);
+        log.commanded_pa.push(commanded);
+        log.measured_pa.push(measured);
+    }
+    if log.t_s.is_empty() {
+        return Err(refuse(1, 1, "the file is empty".to_owned()));
+    }
+    log.hash = hex(&hasher.finalize());
+    Ok(log)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<AsuArmLog, RecordingError> {
+        parse(text.as_bytes(), Path::new("arm.csv"))
+    }
+
+    fn line(t: f64) -> String {
+        let cells: Vec<String> = (1..COLUMNS).map(|c| c.to_string()).collect();
+        format!("{t},{}\n", cells.join(","))
+    }
+
+    #[test]
+    fn columns_go_where_they_belong() {
+        let log = read(&(line(0.5) + &line(0.53))).unwrap();
+        assert_eq!(log.t_s, [0.5, 0.53]);
+        let psi = |v: f64| v * PSI_PA;
+        assert_eq!(log.commanded_pa[0], [1.0, 2.0, 3.0, 7.0, 8.0, 9.0].map(psi));
+        assert_eq!(
+            log.measured_pa[1],
+            [4.0, 5.0, 6.0, 10.0, 11.0, 12.0].map(psi)
+        );
+        assert_eq!(log.hash.len(), 64);
+    }
+
+    #[test]
+    fn refusals_say_where() {
+        let wrong = |text: &str| read(text).unwrap_err().to_string();
+        assert!(wrong("1,2,3\n").contains("line 1, column 4: 3 columns"));
+        assert!(wrong(&(line(1.0) + &line(1.0))).contains("line 2, column 1"));
+        assert!(wrong(&line(1.0).replacen(",3,", ",x,", 1)).contains("column 4: 'x'"));
+        assert!(wrong("").contains("empty"));
+        assert!(
+            read(&line(1.0).replacen(",4,", ",,", 1))
+                .unwrap()
+                .measured_pa[0][0]
+                .is_nan()
+        );
+    }
+}
