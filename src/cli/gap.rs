@@ -150,7 +150,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
             anyhow::bail!("there is no effect '{id}' to leave out: see springtwin gap effects");
         }
     }
-    let healthy = a.baseline.as_deref().map(|p| read(p)).transpose()?;
+    let healthy = a.baseline.as_deref().map(read).transpose()?;
     let healthy = healthy.map(Grid::new).transpose()?;
     let suspect = Grid::new(read(&a.session)?)?;
     let options = Options {

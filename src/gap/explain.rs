@@ -34,6 +34,8 @@ pub struct Explained {
     pub gain: f64,
     /// Its standard error.
     pub se: f64,
+    /// Whether the gain is more than the luck of some blocks.
+    pub firm: bool,
 }
 
 /// Candidates that go from the score test into a full fit.
@@ -279,7 +281,9 @@ pub fn explain(
             let weak = weak_prior(&fit);
             let losses = problem.held_out(&fit.residual, &fit.columns, &weak);
             let (gain, se) = losses.gain_over(&losses0);
+            let firm = losses.firmly_over(&losses0);
             Ok(Some(Explained {
+                firm,
                 candidate: *candidate,
                 fit,
                 losses,

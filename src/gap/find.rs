@@ -121,7 +121,7 @@ pub fn find(
         let best = found.first().cloned();
         ranked.extend(found);
         let Some(best) = best else { break };
-        if best.gain <= threshold || best.gain <= 2.0 * best.se {
+        if best.gain <= threshold || !best.firm {
             break;
         }
         if let Some(so_far) = &chosen
@@ -472,8 +472,8 @@ fn dropped(problem: &Problem, mut whole: Explained, threshold: f64) -> Explained
         rest.remove(i);
         if let Some(fit) = fit(problem, rest, 6) {
             let losses = problem.held_out(&fit.residual, &fit.columns, &weak_prior(&fit));
-            let (lost, se) = whole.losses.gain_over(&losses);
-            if lost <= threshold || lost <= 2.0 * se {
+            let (lost, _) = whole.losses.gain_over(&losses);
+            if lost <= threshold || !whole.losses.firmly_over(&losses) {
                 let (candidate, _) = fit.effects[0].clone();
                 whole = Explained {
                     candidate,
@@ -481,6 +481,7 @@ fn dropped(problem: &Problem, mut whole: Explained, threshold: f64) -> Explained
                     losses,
                     gain: whole.gain - lost,
                     se: whole.se,
+                    firm: whole.firm,
                 };
                 i = 0;
                 continue;
@@ -508,7 +509,7 @@ fn rivals_of(
         .filter(|e| e.gain > 0.0 && (excess - (e.fit.cost / n - floor)) / excess >= CLOSED_MIN)
         .filter(|e| {
             let (margin, se) = best.losses.gain_over(&e.losses);
-            if margin <= 2.0 * se {
+            if !best.losses.firmly_over(&e.losses) {
                 // As good, and not merely a wordier form of the same.
                 return count(e) <= count(best) || margin < -2.0 * se || margin <= 0.2 * se;
             }

@@ -396,4 +396,12 @@ impl Losses {
         let var = d.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
         (sum, (n * var).sqrt())
     }
+
+    /// Whether the gain over `other` is more than the luck of some blocks: twice its standard error,
+    /// or a gain in all blocks but one (a drift gains far more in some blocks than in others).
+    pub fn firmly_over(&self, other: &Self) -> bool {
+        let (gain, se) = self.gain_over(other);
+        let won = other.0.iter().zip(&self.0).filter(|(o, s)| o > s).count();
+        gain > 0.0 && (gain > 2.0 * se || won + 1 >= self.0.len())
+    }
 }

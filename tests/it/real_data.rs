@@ -70,7 +70,8 @@ fn rig_a_rest_pose_is_in_the_base_frame() {
 }
 
 fn grid(name: &str) -> gap::Grid {
-    let log = read_session(&data_dir().join("sessions/rig-a").join(name)).unwrap();
+    let log =
+        read_session(&data_dir().join("sessions/rig-a").join(name)).expect("the session reads");
     gap::Grid::new(gap::Session {
         name: log.name,
         hash: log.hash,
@@ -81,12 +82,12 @@ fn grid(name: &str) -> gap::Grid {
         sensors: log.sensors,
         captured: log.truth,
     })
-    .unwrap()
+    .expect("the session says something")
 }
 
 fn asu_arm(name: &str) -> springtwin::gap::PressureGrid {
     let path = data_dir().join("asu-arm").join(name);
-    let log = springtwin::recording::read_asu_arm(&path).unwrap();
+    let log = springtwin::recording::read_asu_arm(&path).expect("the log reads");
     springtwin::gap::PressureGrid::new(springtwin::gap::PressureLog {
         name: log.name,
         hash: log.hash,
@@ -94,7 +95,7 @@ fn asu_arm(name: &str) -> springtwin::gap::PressureGrid {
         commanded_pa: log.commanded_pa,
         measured_pa: log.measured_pa,
     })
-    .unwrap()
+    .expect("the session says something")
 }
 
 /// Sessions of an engine that is not ours, with and without something hidden in them.

@@ -116,12 +116,12 @@ fn steps() -> PressureLog {
     for k in 0..1500_u32 {
         t_s += 0.01 + 0.04 * f64::from((k * 7919) % 13) / 12.0;
         let mut u = [f64::NAN; CHAMBERS];
-        u[1] = if (t_s / 5.0) as u32 % 2 == 0 {
+        u[1] = if ((t_s / 5.0) as u32).is_multiple_of(2) {
             20e3
         } else {
             0.0
         };
-        u[4] = if (t_s / 3.7) as u32 % 3 == 0 {
+        u[4] = if ((t_s / 3.7) as u32).is_multiple_of(3) {
             15e3
         } else {
             -5e3

@@ -23,7 +23,10 @@ fn key(kind: About, strength: f64, effects: Vec<KeyEffect>) -> Key {
 }
 
 /// The finder's JSON with these effects, each with one parameter.
-fn said(verdict: &str, effects: &[(&str, Option<usize>, &str, f64, [f64; 2])]) -> Said {
+/// Id, channel, parameter, value, interval.
+type Heard<'a> = (&'a str, Option<usize>, &'a str, f64, [f64; 2]);
+
+fn said(verdict: &str, effects: &[Heard]) -> Said {
     let list: Vec<_> = effects
         .iter()
         .map(|(id, target, name, value, ci95)| {
