@@ -321,7 +321,8 @@ impl Plant {
                 compliance.insert(c)
             }
         };
-        let mut off_before = f64::INFINITY;
+        let mut best_off = f64::INFINITY;
+        let mut best = (force_n, x);
         let mut share = 1.0;
         for _ in 0..MAX_FORCE_ITERATIONS {
             let wanted = self.reaction(&x, t_s, memory);
@@ -329,10 +330,15 @@ impl Plant {
             if off < FORCE_TOLERANCE_N {
                 return Ok((o, wanted));
             }
-            if off > off_before {
-                share = (0.5f64 * share).max(0.05);
+            if off < best_off {
+                best_off = off;
+                best = (force_n, x);
+                share = (2.0f64 * share).min(1.0);
+            } else {
+                // Back to the best place, with what the trial has told of the compliance.
+                share *= 0.5;
+                (force_n, x) = best;
             }
-            off_before = off;
             let target_n = self.balance(&x, &force_n, c, t_s, memory);
             let step_n = (target_n - force_n) * share;
             let next_n = force_n + step_n;
@@ -348,7 +354,7 @@ impl Plant {
         }
         Err(SimError::NoEquilibrium {
             iterations: MAX_FORCE_ITERATIONS,
-            last_step: off_before,
+            last_step: best_off,
         })
     }
 
@@ -371,10 +377,21 @@ impl Plant {
             let Some(step) = (Compliance::identity() - j).lu().solve(&(w.total_n - f)) else {
                 return w.total_n;
             };
-            f += step;
             if step.amax() < 0.1 * FORCE_TOLERANCE_N {
                 break;
             }
+            // The reactions bend where a motion turns round: shorten until it helps.
+            let off = (w.total_n - f).norm();
+            let mut part = 1.0;
+            while part > 1e-3 {
+                let trial = f + step * part;
+                let at = x + compliance * (trial - force_n);
+                if (self.reaction(&at, t_s, memory).total_n - trial).norm() < off {
+                    break;
+                }
+                part *= 0.5;
+            }
+            f += step * part;
         }
         f
     }
