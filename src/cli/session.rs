@@ -101,8 +101,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     // The answer must not lie beside the question.
     if let Some(truth) = &a.truth {
-        let folder = truth.parent().unwrap_or_else(|| std::path::Path::new(""));
-        let inside = std::path::absolute(folder)?.starts_with(std::path::absolute(&a.out)?);
+        let inside = std::path::absolute(truth)?.starts_with(std::path::absolute(&a.out)?);
         anyhow::ensure!(
             !inside,
             "the answer {} would lie in the session's folder: name a place outside of it",

@@ -24,8 +24,8 @@ pub enum Origin {
 }
 
 /// How a patch is put into force and taken back.
-const APPLY: &str = "springtwin gap apply patch.toml";
-const UNDO: &str = "springtwin gap apply --undo";
+const APPLY: &str = "springtwin gap apply patch.toml --out robot.toml";
+const UNDO: &str = "springtwin gap apply --undo robot.toml --out before.toml";
 /// Rows of the table of places.
 const LOCATED: usize = 12;
 

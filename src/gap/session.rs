@@ -80,7 +80,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Averages a session into bins of 1/[`GRID_HZ`].
+    /// Averages a session into bins of a tenth of a second.
     ///
     /// # Errors
     /// [`GapError`] when the session is too short, its pressures are missing or do not move.

@@ -44,7 +44,7 @@ pub enum CaseKind {
     Pair,
 }
 
-/// A blind case. The sessions are made by [`crate::rig::session`].
+/// A blind case. The sessions are made by [`crate::rig::session()`].
 #[derive(Clone, Debug)]
 pub struct Case {
     /// The rig when it was healthy.
