@@ -47,6 +47,8 @@ const EFFECTS_MAX: usize = 3;
 const DRAWS: usize = 100;
 /// Share of the excess over the floor that has to go before an effect is named.
 const CLOSED_MIN: f64 = 0.6;
+/// Share of the held-out gap that has to close before an effect is named.
+const PROVEN_MIN: f64 = 0.5;
 /// A best effect that leaves more than this share of the excess is not at the floor.
 const AT_FLOOR: f64 = 0.05;
 /// A rival is excluded when it leaves this many times what the best one leaves.
@@ -209,13 +211,23 @@ pub fn find(
     }
 
     progress.at(Stage::Prove, 0.0)?;
+    // For a verdict without a name the best attempt is still measured, but never patched in.
+    let measured = chosen.as_ref().or(first.first());
+    let proof = prove(&replayed, &problem, measured)?;
+    if matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
+        && proof.gap.closed < PROVEN_MIN
+    {
+        verdict = Verdict::Unknown;
+        rivals.clear();
+        notes.push(format!(
+            "The best effect of the table closes only {:.0} % of the held-out gap.",
+            100.0 * proof.gap.closed
+        ));
+    }
     let accepted = match verdict {
         Verdict::Named | Verdict::Indistinguishable => chosen.as_ref(),
         _ => None,
     };
-    // For a verdict without a name the best attempt is still measured, but never patched in.
-    let measured = chosen.as_ref().or(first.first());
-    let proof = prove(&replayed, &problem, measured)?;
     let mut effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
     for r in &rivals {
         effects.extend(described(&problem, r));
