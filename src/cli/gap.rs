@@ -105,8 +105,7 @@ fn commission(robot: &RobotSpec, session: &Path, out: &Path) -> Result<Report> {
         effects: Vec::new(),
     };
     patch.set_values(&baseline.values);
-    std::fs::write(out, patch.to_toml())
-        .with_context(|| format!("cannot write {}", out.display()))?;
+    recording::write_text(out, &patch.to_toml())?;
     let f = baseline.floor;
     Ok(Report {
         text: format!(
@@ -174,22 +173,16 @@ fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
     let f = &found.finding;
     std::fs::create_dir_all(dir)
         .with_context(|| format!("cannot make the folder {}", dir.display()))?;
-    let write = |name: &str, bytes: &[u8]| {
-        let file = dir.join(name);
-        std::fs::write(&file, bytes).with_context(|| format!("cannot write {}", file.display()))
-    };
+    let write = |name: &str, text: &str| recording::write_text(&dir.join(name), text);
     let patch = found.patch.to_toml();
     let origin = if simulated {
         gap::report::Origin::Simulated
     } else {
         gap::report::Origin::Measured
     };
-    write("patch.toml", patch.as_bytes())?;
-    write("finding.json", &serde_json::to_vec_pretty(f)?)?;
-    write(
-        "report.html",
-        gap::report::html(f, &patch, origin).as_bytes(),
-    )?;
+    write("patch.toml", &patch)?;
+    write("finding.json", &serde_json::to_string_pretty(f)?)?;
+    write("report.html", &gap::report::html(f, &patch, origin))?;
     let t = &f.traces;
     let series = |position_m, turn_wxyz| recording::TipSeries {
         position_m,

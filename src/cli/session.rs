@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::Args;
 use serde_json::json;
 
@@ -127,7 +127,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
         let text = serde_json::to_string_pretty(&json!({
             "specimen": a.specimen, "seed": a.seed, "effects": answers,
         }))?;
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        springtwin::recording::write_text(path, &text)?;
     }
     Ok(Report {
         text: format!(

@@ -132,12 +132,6 @@ pub fn find(
             break;
         }
         chosen = Some(best);
-        let left = chosen.as_ref().map_or(before, |e| e.fit.cost / n);
-        if left - floor <= AT_FLOOR * (before - floor) {
-            // Nothing is left to explain, but a small sensor fault can hide under a large effect:
-            // look once more, then stop by the rule above.
-            continue;
-        }
     }
     if let Some(e) = &chosen {
         chosen = Some(dropped(&problem, e.clone(), threshold));
@@ -228,7 +222,8 @@ pub fn find(
         Verdict::Named | Verdict::Indistinguishable => chosen.as_ref(),
         _ => None,
     };
-    let mut effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
+    let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
+    let mut effects = found_effects.clone();
     for r in &rivals {
         effects.extend(described(&problem, r));
     }
@@ -267,7 +262,6 @@ pub fn find(
         seconds: 0.0,
         traces: proof.traces,
     };
-    let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
     if let Some(supply) = supply(robot, healthy, suspect, progress)? {
         found_effects.extend(add_supply(&mut finding, supply));
     }

@@ -12,10 +12,10 @@ use super::GapError;
 use super::finding::Located;
 use super::noise::{bridged, start};
 use super::problem::{BLOCKS, Replayed};
-use super::replay::{Knob, Row, knobs, move_arm, pad_from_body, readings};
+use super::replay::{Knob, Row, knobs, pad_from_body, readings};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
-use crate::sim::effects::{self, Simulated};
+use crate::sim::effects;
 use crate::sim::patch::Correction;
 use crate::sim::sensors::spring_lengths;
 
@@ -75,7 +75,7 @@ pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
 fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
     let (grid, values) = (replayed.grid, &replayed.baseline.values);
     let known = Correction::known(replayed.robot).and(values, &[]).values;
-    let moved: Simulated = move_arm(replayed.robot, grid, values, &[])?;
+    let moved = replayed.healthy();
     let mut rows = replayed.rows(&[])?;
     // Undo frame, clock and tracked body so that the captured pose is the end pad's own.
     let mut frame = moved.clone();

@@ -75,6 +75,11 @@ impl<'a> Replayed<'a> {
         })
     }
 
+    /// How the healthy arm moves through the session.
+    pub fn healthy(&self) -> &Simulated {
+        &self.healthy
+    }
+
     /// Measured less predicted with these effects.
     ///
     /// # Errors

@@ -9,7 +9,7 @@ use super::noise::{bridged, start};
 use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
 use super::replay::{Row, move_arm};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
-use crate::sim::effects::{Active, Target};
+use crate::sim::effects::{Active, Simulated, Target};
 
 /// The proof.
 pub struct Proof {
@@ -193,14 +193,11 @@ fn traces(
 ) -> Result<Traces, GapError> {
     let values = &replayed.baseline.values;
     let grid = replayed.grid;
-    let tip = |effects: &[Active]| -> Result<Vec<crate::signal::Pose>, GapError> {
-        Ok(move_arm(replayed.robot, grid, values, effects)?
-            .base_from_pad
-            .iter()
-            .map(|p| p[2])
-            .collect())
+    let tips = |moved: &Simulated| -> Vec<crate::signal::Pose> {
+        moved.base_from_pad.iter().map(|p| p[2]).collect()
     };
-    let (plain, patched) = (tip(&[])?, tip(effects)?);
+    let plain = tips(replayed.healthy());
+    let patched = tips(&move_arm(replayed.robot, grid, values, effects)?);
     let place = |p: &crate::signal::Pose| -> [f64; 3] { p.translation.vector.into() };
     let turn = |p: &crate::signal::Pose| {
         let q = p.rotation;
