@@ -149,6 +149,7 @@ impl Model {
             tip_moment_nm: Vector3::zeros(),
             tip_masses: vec![payload],
             viscosity,
+            ..Loads::default()
         }
     }
 }
@@ -340,9 +341,13 @@ fn advance(
     viscosity: f64,
 ) -> Result<Outcome, SimError> {
     check(inputs)?;
-    let loads = model.loads(inputs, viscosity);
+    relax(model, state, &model.loads(inputs, viscosity))
+}
+
+/// Brings the arm into balance with loads of any kind.
+pub(super) fn relax(model: &Model, state: &mut State, loads: &Loads) -> Result<Outcome, SimError> {
     let mut q = state.strains.clone();
-    let outcome = solve(&model.rod, &loads, &mut q, &mut state.work);
+    let outcome = solve(&model.rod, loads, &mut q, &mut state.work);
     if !outcome.converged {
         return Err(SimError::NoEquilibrium {
             iterations: outcome.iterations,

@@ -1,6 +1,6 @@
 //! What the sensors would read at a state: geometry only, no noise.
 
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion};
 
 use super::model::{Model, State};
 use super::rod::{poses, se3::Frame};
@@ -83,26 +83,6 @@ pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPR
 
 /// L_i = Σ l |v + κ × r_i|, m.
 pub(super) fn bellows_lengths(model: &Model, strains: &[f64]) -> [f64; CHAMBERS] {
-    let idx = model.rod.strains.indices();
-    let d = idx.len();
-    let mut out = [0.0; CHAMBERS];
-    let mut k = 0;
-    for (si, s) in model.rod.sections.iter().enumerate() {
-        let l = s.length_m / s.elements as f64;
-        for _ in 0..s.elements {
-            let mut xi = s.rest;
-            for (m, &i) in idx.iter().enumerate() {
-                xi[i] = strains[k + m];
-            }
-            let (kappa, v) = (
-                Vector3::new(xi[0], xi[1], xi[2]),
-                Vector3::new(xi[3], xi[4], xi[5]),
-            );
-            for (t, tube) in s.tubes.iter().enumerate() {
-                out[3 * si + t] += l * (v + kappa.cross(&tube.r_m)).norm();
-            }
-            k += d;
-        }
-    }
-    out
+    let lengths_m = model.rod.tube_lengths_m(strains);
+    std::array::from_fn(|i| lengths_m[i])
 }

@@ -17,6 +17,7 @@ mod table;
 
 use nalgebra::Vector3;
 
+use super::rod::{Floor, Memory};
 use super::{Model, SimError};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
@@ -170,12 +171,10 @@ pub struct Plant {
     pub tip_force_n: Vector3<f64>,
     /// Time constant of stiffness-proportional damping, s (0: settled at every instant).
     pub tau_s: f64,
-    /// Dry friction in each bellows: largest force (N), travel until it is reached (m).
-    pub friction: [[f64; 2]; CHAMBERS],
-    /// Spring and damper in series beside each bellows: rate (N/m), time constant (s).
-    pub branch: [[f64; 2]; CHAMBERS],
-    /// An elastic floor: height of its surface (m), rate (N/m).
-    pub floor: Option<[f64; 2]>,
+    /// Dry friction and viscoelastic branches of each bellows.
+    pub memory: [Memory; CHAMBERS],
+    /// A floor.
+    pub floor: Option<Floor>,
 }
 
 /// An effect at work.

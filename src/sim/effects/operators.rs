@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Call, Line, Plant};
 use crate::signal::{CHAMBERS, Pose, SensorVec, ypr_from_rotation};
+use crate::sim::rod::{Branch, Floor, Friction};
 
 /// First-order lag of a series: y' = (x − y)/τ, exact for inputs held between instants.
 fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
@@ -132,13 +133,25 @@ pub(super) fn gauge_error(c: &Call, line: &mut Line) {
 
 pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
     for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-        plant.friction[i] = [c.values[0], c.values[1]];
+        if c.values[0] > 0.0 {
+            plant.memory[i].friction.push(Friction {
+                most_n: c.values[0],
+                width_m: c.values[1],
+                force_n: 0.0,
+            });
+        }
     }
 }
 
 pub(super) fn creep(c: &Call, plant: &mut Plant) {
     for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-        plant.branch[i] = [c.values[0] * c.robot.axial_stiffness_n_m, c.values[1]];
+        if c.values[0] > 0.0 {
+            plant.memory[i].branches.push(Branch {
+                rate_n_m: c.values[0] * c.robot.axial_stiffness_n_m,
+                tau_s: c.values[1],
+                force_n: 0.0,
+            });
+        }
     }
 }
 
@@ -202,7 +215,10 @@ pub(super) fn tip_force(c: &Call, plant: &mut Plant) {
 }
 
 pub(super) fn contact(c: &Call, plant: &mut Plant) {
-    plant.floor = Some([c.values[0], c.values[1]]);
+    plant.floor = Some(Floor {
+        height_m: c.values[0],
+        rate_n_m: c.values[1],
+    });
 }
 
 pub(super) fn torsion(c: &Call, plant: &mut Plant) {

@@ -13,12 +13,13 @@
 //! ∂g_i/∂q_j − ∂g_j/∂q_i = −(ω_j × ω_i)·M,
 //!
 //! which the Hessian leaves out and [`Assembly::jacobian`] has. Tension springs span one section, so they
-//! add their forces, and their stiffness through the screws, to that section alone.
+//! add their forces, and their stiffness through the screws, to that section alone. What a bellows
+//! remembers is a function W of its whole length x, and adds W″ ∇x ∇xᵀ over its section.
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::se3::{ExpMap, Frame, Twist};
-use super::{Loads, Rod, Section};
+use super::{Loads, Rod, Section, Tube};
 
 /// Poses along the rod.
 #[derive(Clone, Debug, Default)]
@@ -133,6 +134,38 @@ pub(super) fn kinematics(rod: &Rod, q: &[f64]) -> Kinematics {
     Kinematics { nodes }
 }
 
+/// ∂(v + κ × r)/∂ξ: e_i × r for κ_i, e_i for v_i.
+fn path_columns(tube: &Tube) -> [Vector3<f64>; 6] {
+    let r = tube.r_m;
+    [
+        Vector3::new(0.0, -r.z, r.y),
+        Vector3::new(r.z, 0.0, -r.x),
+        Vector3::new(-r.y, r.x, 0.0),
+        Vector3::x(),
+        Vector3::y(),
+        Vector3::z(),
+    ]
+}
+
+/// What the tubes remember at the strains q: energy, pushing forces with it, and stiffness.
+fn remembered(rod: &Rod, loads: &Loads, q: &[f64]) -> (f64, Vec<f64>, Vec<f64>) {
+    let mut tube_n = loads.tube_n.clone();
+    if loads.memory.is_empty() {
+        return (0.0, tube_n, Vec::new());
+    }
+    let mut energy = 0.0;
+    let mut slopes_n_m = Vec::with_capacity(tube_n.len());
+    let lengths_m = rod.tube_lengths_m(q);
+    for ((memory, x_m), push_n) in loads.memory.iter().zip(lengths_m).zip(&mut tube_n) {
+        let w = memory.at(x_m);
+        // In the elements' energy the force at x counts as a dead one, F x in all.
+        energy += w.energy - w.force_n * x_m;
+        *push_n -= w.force_n;
+        slopes_n_m.push(w.slope_n_m);
+    }
+    (energy, tube_n, slopes_n_m)
+}
+
 /// Strain energy of one element with its first two derivatives after the six strains.
 fn local(
     section: &Section,
@@ -149,13 +182,8 @@ fn local(
         g[i] += l * section.rigidity[i] * dx;
         h[i][i] += l * section.rigidity[i];
     }
-    let (kappa, v) = (
-        Vector3::new(xi[0], xi[1], xi[2]),
-        Vector3::new(xi[3], xi[4], xi[5]),
-    );
     for (tube, push) in section.tubes.iter().zip(tube_n) {
-        // d = v + κ × r is linear in the strain: ∂d/∂κ_i = e_i × r, ∂d/∂v_i = e_i.
-        let d = v + kappa.cross(&tube.r_m);
+        let d = tube.along(xi);
         let stretch = d.norm();
         let n = d / stretch;
         let x = stretch - tube.rest_stretch;
@@ -163,15 +191,7 @@ fn local(
             l * (0.5 * tube.stiffness_n * x * x + 0.25 * tube.cubic_n * x.powi(4) - push * stretch);
         let d1 = l * (tube.stiffness_n * x + tube.cubic_n * x.powi(3) - push);
         let d2 = l * (tube.stiffness_n + 3.0 * tube.cubic_n * x * x);
-        let r = tube.r_m;
-        let columns = [
-            Vector3::new(0.0, -r.z, r.y),
-            Vector3::new(r.z, 0.0, -r.x),
-            Vector3::new(-r.y, r.x, 0.0),
-            Vector3::x(),
-            Vector3::y(),
-            Vector3::z(),
-        ];
+        let columns = path_columns(tube);
         let along = columns.map(|c| n.dot(&c));
         for i in 0..6 {
             g[i] += d1 * along[i];
@@ -190,10 +210,14 @@ impl Assembly {
         let idx = rod.strains.indices();
         let d = idx.len();
         let kin = kinematics(rod, q);
-        let (mut e, mut k, mut t) = (0.0, 0, 0);
+        let (mut e, all_n, _) = remembered(rod, loads, q);
+        let (mut k, mut t) = (0, 0);
+        if let Some(floor) = &loads.floor {
+            e += floor.at(kin.tip().p.z).energy;
+        }
         for (si, s) in rod.sections.iter().enumerate() {
             let l = s.length_m / s.elements as f64;
-            let tube_n = &loads.tube_n[t..t + s.tubes.len()];
+            let tube_n = &all_n[t..t + s.tubes.len()];
             for _ in 0..s.elements {
                 let xi = strain_of(s, idx, &q[k..k + d]);
                 e += local(s, l, tube_n, &xi).0;
@@ -231,7 +255,9 @@ impl Assembly {
         self.moved.clear();
         self.moved.resize(n, [0.0; 9]);
 
-        let nodes = self.forward(rod, loads, q, previous);
+        let (energy, tube_n, slopes_n_m) = remembered(rod, loads, q);
+        self.energy += energy;
+        let nodes = self.forward(rod, loads, &tube_n, q, previous);
 
         // Backward: from the tip to the base, dead loads accumulate.
         let mut dead = Dead::zero();
@@ -247,6 +273,12 @@ impl Assembly {
                 energy -= x.dot(f);
                 forces[node].push((*x, *f));
             });
+            let floor = loads.floor.filter(|_| si + 1 == rod.sections.len());
+            if let Some(floor) = floor {
+                let push = floor.at(end.p.z);
+                energy += push.energy;
+                forces[s.elements].push((end.p, Vector3::z() * push.force_n));
+            }
             self.energy += energy;
             for e in (0..s.elements).rev() {
                 for (x, f) in &forces[e + 1] {
@@ -298,8 +330,59 @@ impl Assembly {
             element_end = first;
         }
         self.couple(rod, n, d);
+        self.stiffen(rod, q, &slopes_n_m);
+        if let (Some(floor), Some(end)) = (loads.floor, nodes.last().and_then(|c| c.last())) {
+            let rate_n_m = floor.at(end.p.z).slope_n_m;
+            if rate_n_m > 0.0 {
+                let rise: Vec<f64> = self
+                    .elements
+                    .iter()
+                    .flat_map(|e| &e.screws[..d])
+                    .map(|(s, _)| (s.w.cross(&end.p) + s.v).z)
+                    .collect();
+                self.add_outer(0, &rise, rate_n_m);
+            }
+        }
         if loads.tip_moment_nm.norm() > 0.0 {
             self.symmetrise(&loads.tip_moment_nm, n, d);
+        }
+    }
+
+    /// Adds the stiffness of what the tubes remember.
+    fn stiffen(&mut self, rod: &Rod, q: &[f64], slopes_n_m: &[f64]) {
+        if slopes_n_m.is_empty() {
+            return;
+        }
+        let idx = rod.strains.indices();
+        let d = idx.len();
+        let (mut from, mut t) = (0, 0);
+        for s in &rod.sections {
+            let l = s.length_m / s.elements as f64;
+            let to = from + d * s.elements;
+            for (tube, slope_n_m) in s.tubes.iter().zip(&slopes_n_m[t..]) {
+                let columns = path_columns(tube);
+                let longer: Vec<f64> = q[from..to]
+                    .chunks_exact(d)
+                    .flat_map(|xi| {
+                        let n = tube.along(&strain_of(s, idx, xi)).normalize();
+                        idx.iter().map(move |&i| l * n.dot(&columns[i]))
+                    })
+                    .collect();
+                self.add_outer(from, &longer, *slope_n_m);
+            }
+            from = to;
+            t += s.tubes.len();
+        }
+    }
+
+    /// H += k v vᵀ for the unknowns from `from` on.
+    fn add_outer(&mut self, from: usize, v: &[f64], k: f64) {
+        let n = self.gradient.len();
+        for (i, a) in v.iter().enumerate() {
+            let row = (from + i) * n + from;
+            for (h, b) in self.hessian[row..=row + i].iter_mut().zip(v) {
+                *h += k * a * b;
+            }
         }
     }
 
@@ -334,6 +417,7 @@ impl Assembly {
         &mut self,
         rod: &Rod,
         loads: &Loads,
+        all_n: &[f64],
         q: &[f64],
         previous: &[f64],
     ) -> Vec<Vec<Frame>> {
@@ -344,7 +428,7 @@ impl Assembly {
         let mut nodes = Vec::with_capacity(rod.sections.len());
         for s in &rod.sections {
             let l = s.length_m / s.elements as f64;
-            let tube_n = &loads.tube_n[t..t + s.tubes.len()];
+            let tube_n = &all_n[t..t + s.tubes.len()];
             let mut chain = Vec::with_capacity(s.elements + 1);
             chain.push(at);
             for _ in 0..s.elements {

@@ -26,6 +26,7 @@ mod chain;
 mod dense;
 mod dynamics;
 mod inertia;
+mod memory;
 pub mod se3;
 mod solve;
 mod tangent;
@@ -35,6 +36,7 @@ use nalgebra::Vector3;
 pub use assemble::Kinematics;
 pub use dense::Factor;
 pub use dynamics::{Energy, Motion, Stride, energy, step};
+pub use memory::{Branch, Floor, Friction, Memory};
 use se3::Frame;
 pub use solve::{Outcome, Workspace, is_stable, poses, solve};
 pub use tangent::Tangent;
@@ -69,6 +71,17 @@ pub struct Tube {
     pub rest_stretch: f64,
     /// Cubic hardening: force β (λ − λ₀)³, N.
     pub cubic_n: f64,
+}
+
+impl Tube {
+    /// Where its path runs, per reference length: v + κ × r; its norm is the stretch.
+    fn along(&self, xi: &[f64; 6]) -> Vector3<f64> {
+        let (kappa, v) = (
+            Vector3::new(xi[0], xi[1], xi[2]),
+            Vector3::new(xi[3], xi[4], xi[5]),
+        );
+        v + kappa.cross(&self.r_m)
+    }
 }
 
 /// A tension spring between the two ends of a section; slack below its free length.
@@ -143,6 +156,11 @@ pub struct Loads {
     /// Viscous resistance to a change of strain since `previous`, as a share of each strain's
     /// rigidity (0: statics).
     pub viscosity: f64,
+    /// What the tubes remember, in their order; empty when they remember nothing. Statics alone
+    /// knows of it: in [`step`] forces come from the present state.
+    pub memory: Vec<Memory>,
+    /// A floor under the last section's end, for statics.
+    pub floor: Option<Floor>,
 }
 
 impl Rod {
@@ -155,6 +173,24 @@ impl Rod {
     /// Number of tubes.
     pub fn tubes(&self) -> usize {
         self.sections.iter().map(|s| s.tubes.len()).sum()
+    }
+
+    /// Lengths of all tubes along their own paths, m.
+    pub fn tube_lengths_m(&self, q: &[f64]) -> Vec<f64> {
+        let idx = self.strains.indices();
+        let mut elements = q.chunks_exact(idx.len());
+        let mut out = Vec::with_capacity(self.tubes());
+        for s in &self.sections {
+            let from = out.len();
+            out.resize(from + s.tubes.len(), 0.0);
+            for xi in elements.by_ref().take(s.elements) {
+                let xi = assemble::strain_of(s, idx, xi);
+                for (sum, tube) in out[from..].iter_mut().zip(&s.tubes) {
+                    *sum += s.length_m / s.elements as f64 * tube.along(&xi).norm();
+                }
+            }
+        }
+        out
     }
 
     /// The unloaded state.

@@ -32,6 +32,27 @@ fn gradient_and_hessian_agree_with_differences() {
                 kg: 0.5,
             }],
             viscosity: 0.2,
+            // Long memories of forces that are far from saturated, over a floor that is felt.
+            memory: (0..6)
+                .map(|i| Memory {
+                    length_m: 0.12,
+                    dt_s: 0.1,
+                    friction: vec![Friction {
+                        most_n: 60.0,
+                        width_m: 0.08,
+                        force_n: 20.0 * jitter(i),
+                    }],
+                    branches: vec![Branch {
+                        rate_n_m: 300.0,
+                        tau_s: 0.2,
+                        force_n: 30.0 * jitter(i + 7),
+                    }],
+                })
+                .collect(),
+            floor: Some(Floor {
+                height_m: 1.0,
+                rate_n_m: 200.0,
+            }),
             ..Loads::default()
         };
         let rest = rod.rest_state();
