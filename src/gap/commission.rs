@@ -115,11 +115,8 @@ pub fn commission(
             return Err(GapError::Degenerate);
         };
         let change = solver.solve(&right);
-        for (v, d) in values.iter_mut().zip(change.iter()) {
-            *v += d;
-        }
-        if let Some(i) = knobs.iter().position(|k| *k == Knob::Damping) {
-            values[i] = values[i].max(0.0);
+        for ((v, d), k) in values.iter_mut().zip(change.iter()).zip(&knobs) {
+            *v = (*v + d).max(k.least());
         }
         if step == 1 {
             // From here on the channels weigh as they turned out, but statics keep their say.
@@ -147,10 +144,7 @@ pub fn commission(
         if let Some(solver) = normal.cholesky() {
             let change = solver.solve(&right);
             for (i, d) in times.iter().zip(change.iter()) {
-                values[*i] += d;
-                if knobs[*i] == Knob::Damping {
-                    values[*i] = values[*i].max(0.0);
-                }
+                values[*i] = (values[*i] + d).max(knobs[*i].least());
             }
         }
     }

@@ -146,7 +146,12 @@ pub fn find(
         let closed = (excess - left) / excess;
         let on_bound = best.fit.on_bound.iter().any(|b| *b);
         verdict = if closed < CLOSED_MIN {
-            Verdict::Unknown
+            // A term that gains a little where nothing is to be gained is chance, or the model's form.
+            if excess > UNEXPLAINED * floor {
+                Verdict::Unknown
+            } else {
+                Verdict::NothingMissing
+            }
         } else {
             if best.fit.effects.len() == 1 {
                 rivals = rivals_of(&first, best, left, excess, n, floor);

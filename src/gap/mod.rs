@@ -10,6 +10,7 @@ mod finding;
 mod fit;
 mod locate;
 mod noise;
+mod nuisance;
 mod patch;
 mod problem;
 mod prove;

@@ -132,13 +132,10 @@ impl Noise {
         self.filtered(&self.mixed(&bridged(rows)))
     }
 
-    /// Innovations of a combination that follows `shape` at its healthy size, the others at zero.
-    pub fn response(&self, combination: usize, shape: &[f64]) -> DMatrix<f64> {
-        let mut z = DMatrix::zeros(self.channels.len(), shape.len());
-        for (k, v) in shape.iter().enumerate() {
-            z[(combination, k)] = *v;
-        }
-        self.filtered(&z)
+    /// Innovations when every combination follows `shape` at its healthy size, bin by bin.
+    pub fn responses(&self, shape: &[f64]) -> Vec<f64> {
+        let z = DMatrix::from_fn(self.channels.len(), shape.len(), |_, k| shape[k]);
+        self.filtered(&z).as_slice().to_vec()
     }
 
     fn filtered(&self, z: &DMatrix<f64>) -> DMatrix<f64> {

@@ -7,6 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
 use super::commission::{Baseline, sensitivities};
+use super::nuisance::Nuisance;
 use super::replay::{Row, knobs, left_over, move_arm, pretend};
 use super::session::Grid;
 use crate::robot::RobotSpec;
@@ -31,10 +32,11 @@ type Evaluate<'a> = Box<dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError> +
 /// The problem.
 pub struct Problem<'a> {
     evaluate: Evaluate<'a>,
-    nuisance: DMatrix<f64>,
+    nuisance: Nuisance,
     /// NᵀN + Λ.
     normal: Cholesky<f64, Dyn>,
-    lambda: DMatrix<f64>,
+    /// The same without the blocks that a fold holds out.
+    without: Vec<Cholesky<f64, Dyn>>,
     /// Gram matrix of the nuisance per block.
     grams: Vec<DMatrix<f64>>,
     edges: Vec<usize>,
@@ -113,31 +115,31 @@ impl<'a> Replayed<'a> {
     pub fn problem(&self) -> Result<Problem<'_>, GapError> {
         let baseline = self.baseline;
         let columns = sensitivities(self.robot, self.grid, &baseline.values, &[], &self.healthy)?;
-        let mut stacked: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
+        let dense: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
         let mut covariance = baseline.covariance.clone();
         for (i, k) in knobs().into_iter().enumerate() {
             covariance[(i, i)] += (WANDER * k.prior()).powi(2);
         }
         let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
-        let count = stacked.len();
-        let mut form = Vec::new();
-        for (shape, sd) in shapes(self.grid) {
-            for c in 0..baseline.noise.channels.len() {
-                let w = baseline.noise.response(c, &shape);
-                stacked.push(DVector::from_column_slice(w.as_slice()));
-                form.push(1.0 / (sd * sd));
+        let count = dense.len();
+        let per_bin = baseline.noise.channels.len();
+        let (own, sds): (Vec<Vec<f64>>, Vec<f64>) = shapes(self.grid)
+            .into_iter()
+            .map(|(shape, sd)| (baseline.noise.responses(&shape), sd))
+            .unzip();
+        let nuisance = Nuisance::new(DMatrix::from_columns(&dense), &own, per_bin);
+        let mut lambda = DMatrix::zeros(nuisance.columns(), nuisance.columns());
+        lambda.view_mut((0, 0), (count, count)).copy_from(&known);
+        for c in 0..per_bin {
+            for (s, sd) in sds.iter().enumerate() {
+                let i = count + c * sds.len() + s;
+                lambda[(i, i)] = 1.0 / (sd * sd);
             }
         }
-        let mut lambda = DMatrix::zeros(stacked.len(), stacked.len());
-        lambda.view_mut((0, 0), (count, count)).copy_from(&known);
-        for (i, precision) in form.iter().enumerate() {
-            lambda[(count + i, count + i)] = *precision;
-        }
-        let per_bin = baseline.noise.channels.len();
         Problem::new(
             Box::new(|effects| Ok(stack(baseline, &self.rows(effects)?))),
-            DMatrix::from_columns(&stacked),
-            lambda,
+            nuisance,
+            &lambda,
             &block_edges(self.grid.len(), per_bin),
             per_bin,
         )
@@ -201,28 +203,29 @@ impl<'a> Problem<'a> {
     /// [`GapError::Degenerate`] when something is not finite.
     pub fn new(
         evaluate: Evaluate<'a>,
-        nuisance: DMatrix<f64>,
-        lambda: DMatrix<f64>,
+        nuisance: Nuisance,
+        lambda: &DMatrix<f64>,
         edges: &[usize],
         per_bin: usize,
     ) -> Result<Self, GapError> {
-        let grams: Vec<DMatrix<f64>> = edges
-            .windows(2)
-            .map(|w| {
-                let n = nuisance.rows(w[0], w[1] - w[0]);
-                n.tr_mul(&n)
-            })
-            .collect();
-        let mut whole = lambda.clone();
-        for g in &grams {
-            whole += g;
-        }
-        let normal = whole.cholesky().ok_or(GapError::Degenerate)?;
+        let ranges: Vec<_> = edges.windows(2).map(|w| w[0]..w[1]).collect();
+        let grams = super::parallel(&ranges, |rows| nuisance.gram(rows.clone()));
+        let with = |pick: &dyn Fn(usize) -> bool| {
+            let mut sum = lambda.clone();
+            for (_, g) in grams.iter().enumerate().filter(|(b, _)| pick(*b)) {
+                sum += g;
+            }
+            sum.cholesky().ok_or(GapError::Degenerate)
+        };
+        let normal = with(&|_| true)?;
+        let without = (0..FOLDS)
+            .map(|fold| with(&|b| b % FOLDS != fold))
+            .collect::<Result<_, _>>()?;
         Ok(Self {
             evaluate,
-            nuisance,
             normal,
-            lambda,
+            without,
+            nuisance,
             grams,
             edges: edges.to_vec(),
             per_bin,
@@ -231,7 +234,7 @@ impl<'a> Problem<'a> {
 
     /// Number of innovations.
     pub fn len(&self) -> usize {
-        self.nuisance.nrows()
+        self.nuisance.rows()
     }
 
     /// Innovations with these effects.
@@ -244,7 +247,7 @@ impl<'a> Problem<'a> {
 
     /// Nᵀ x.
     fn seen_by_nuisance(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
-        self.nuisance.tr_mul(x)
+        self.nuisance.seen(x, 0..x.nrows())
     }
 
     /// Aᵀ M B for stacked columns.
@@ -256,7 +259,9 @@ impl<'a> Problem<'a> {
 
     /// M x.
     pub fn cleaned(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
-        x - &self.nuisance * self.normal.solve(&self.seen_by_nuisance(x))
+        x - self
+            .nuisance
+            .times(&self.normal.solve(&self.seen_by_nuisance(x)))
     }
 
     /// Innovations per bin.
@@ -306,55 +311,62 @@ impl<'a> Problem<'a> {
         j: &DMatrix<f64>,
         weak: &DVector<f64>,
     ) -> (Losses, Vec<DVector<f64>>) {
-        let (k, p) = (self.nuisance.ncols(), j.ncols());
-        let blocks: Vec<(DMatrix<f64>, DVector<f64>)> = (0..BLOCKS)
+        let p = j.ncols();
+        // Per block: NᵀJ, Nᵀr, JᵀJ, Jᵀr.
+        struct Block {
+            nj: DMatrix<f64>,
+            nr: DMatrix<f64>,
+            jj: DMatrix<f64>,
+            jr: DMatrix<f64>,
+        }
+        let r = DMatrix::from_column_slice(r.len(), 1, r.as_slice());
+        let blocks: Vec<Block> = (0..BLOCKS)
             .map(|b| {
-                let (from, n) = (self.edges[b], self.edges[b + 1] - self.edges[b]);
-                let nb = self.nuisance.rows(from, n);
-                let jb = j.rows(from, n);
-                let rb = r.rows(from, n);
-                let mut gram = DMatrix::zeros(k + p, k + p);
-                gram.view_mut((0, 0), (k, k)).copy_from(&self.grams[b]);
-                if p > 0 {
-                    let cross = nb.tr_mul(&jb);
-                    gram.view_mut((0, k), (k, p)).copy_from(&cross);
-                    gram.view_mut((k, 0), (p, k)).copy_from(&cross.transpose());
-                    gram.view_mut((k, k), (p, p)).copy_from(&jb.tr_mul(&jb));
+                let rows = self.edges[b]..self.edges[b + 1];
+                let jb = j.rows(rows.start, rows.len());
+                Block {
+                    nj: self.nuisance.seen(j, rows.clone()),
+                    nr: self.nuisance.seen(&r, rows.clone()),
+                    jj: jb.tr_mul(&jb),
+                    jr: jb.tr_mul(&r.rows(rows.start, rows.len())),
                 }
-                let mut right = DVector::zeros(k + p);
-                right.rows_mut(0, k).copy_from(&nb.tr_mul(&rb));
-                if p > 0 {
-                    right.rows_mut(k, p).copy_from(&jb.tr_mul(&rb));
-                }
-                (gram, right)
             })
             .collect();
         let mut losses = vec![f64::INFINITY; BLOCKS];
         let mut changes = vec![DVector::zeros(p); FOLDS];
         for fold in 0..FOLDS {
-            let mut gram = DMatrix::zeros(k + p, k + p);
-            gram.view_mut((0, 0), (k, k)).copy_from(&self.lambda);
-            for i in 0..p {
-                gram[(k + i, k + i)] = weak[i];
+            let k = self.nuisance.columns();
+            let (mut nj, mut nr) = (DMatrix::zeros(k, p), DMatrix::zeros(k, 1));
+            let mut jj = DMatrix::from_diagonal(weak);
+            let mut jr = DMatrix::zeros(p, 1);
+            for (_, b) in blocks.iter().enumerate().filter(|(b, _)| b % FOLDS != fold) {
+                nj += &b.nj;
+                nr += &b.nr;
+                jj += &b.jj;
+                jr += &b.jr;
             }
-            let mut right = DVector::zeros(k + p);
-            for (b, (g, x)) in blocks.iter().enumerate() {
-                if b % FOLDS != fold {
-                    gram += g;
-                    right += x;
-                }
+            // The columns first, the nuisance eliminated.
+            let solver = &self.without[fold];
+            let (sj, sr) = (solver.solve(&nj), solver.solve(&nr));
+            let mut a = DMatrix::zeros(p, 1);
+            if p > 0 {
+                let Some(schur) = (jj - nj.tr_mul(&sj)).cholesky() else {
+                    continue;
+                };
+                a = schur.solve(&(jr - nj.tr_mul(&sr)));
             }
-            let Some(solver) = gram.cholesky() else {
-                continue;
-            };
-            let fitted = solver.solve(&right);
-            changes[fold] = fitted.rows(k, p).into_owned();
+            changes[fold] = a.column(0).into_owned();
+            let d = sr - sj * &a;
             for b in (0..BLOCKS).filter(|b| b % FOLDS == fold) {
-                let (from, n) = (self.edges[b], self.edges[b + 1] - self.edges[b]);
-                let rb = r.rows(from, n).norm_squared();
-                let (g, x) = &blocks[b];
-                // |r − X f|² = |r|² − 2 fᵀXᵀr + fᵀXᵀX f
-                losses[b] = 0.5 * (rb - 2.0 * fitted.dot(x) + fitted.dot(&(g * &fitted)));
+                let rows = self.edges[b]..self.edges[b + 1];
+                let Block { nj, nr, jj, jr } = &blocks[b];
+                // |r − N d − J a|²
+                let left = r.rows(rows.start, rows.len()).norm_squared()
+                    - 2.0 * (d.dot(nr) + a.dot(jr))
+                    + d.dot(&(&self.grams[b] * &d))
+                    + 2.0 * d.dot(&(nj * &a))
+                    + a.dot(&(jj * &a));
+                losses[b] = 0.5 * left;
             }
         }
         (Losses(losses), changes)

@@ -6,7 +6,7 @@ use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use crate::robot::RobotSpec;
 use crate::signal::{IMUS, Pose, SPRINGS, pose_error};
 use crate::sim::effects::{self, Active, EffectError, Simulated};
-use crate::sim::patch::{Correction, unbounded};
+use crate::sim::patch::{Correction, motions};
 pub use crate::sim::patch::{Knob, knobs, nominal, parameters, readings};
 
 impl Knob {
@@ -21,6 +21,12 @@ impl Knob {
             Self::Gripper => 0.05,
             Self::Tilt(_) => 0.01,
             Self::Damping => 0.05,
+            Self::Friction(_) => 2.0,
+            Self::FrictionTravel => 3e-3,
+            Self::Creep => 0.05,
+            Self::CreepTime => 3.0,
+            Self::Lag => 0.02,
+            Self::Drift(_) => 5e-5,
             Self::SpringOffset(_) => 2e-3,
             Self::SpringGain(_) => 0.02,
             Self::Mounting(..) => 0.02,
@@ -60,45 +66,27 @@ pub fn move_arm(
     values: &[f64],
     effects: &[Active],
 ) -> Result<Simulated, EffectError> {
-    let Correction { values, effects } = Correction::known(robot).and(values, effects);
-    let (values, effects) = (&values[..], &effects[..]);
-    let model = crate::sim::patch::model(robot, values);
+    let Correction {
+        values,
+        mut effects,
+    } = Correction::known(robot).and(values, effects);
+    effects.extend(motions(&values));
+    let model = crate::sim::patch::model(robot, &values);
     let fine = &grid.session.t_s;
-    let chamber_pa = if effects.iter().any(is_pressure) {
-        grid.binned(&effects::behind_gauges(
-            robot,
-            fine,
-            &grid.gauge_pa,
-            effects,
-        ))
-    } else {
-        grid.binned(&grid.gauge_pa)
-    };
-    let mut acting: Vec<Active> = effects
-        .iter()
-        .filter(|a| is_mechanical(a))
-        .cloned()
-        .collect();
-    let damping_s = knobs()
-        .iter()
-        .zip(values)
-        .find_map(|(k, v)| (*k == Knob::Damping).then_some(*v));
-    acting.extend(unbounded(
-        "damping",
-        None,
-        vec![damping_s.unwrap_or(0.0).max(0.0)],
+    let chamber_pa = grid.binned(&effects::behind_gauges(
+        robot,
+        fine,
+        &grid.gauge_pa,
+        &effects,
     ));
+    effects.retain(is_mechanical);
     effects::arm_only(
         &model,
         &grid.t_s,
         &chamber_pa,
         grid.session.payload_kg,
-        &acting,
+        &effects,
     )
-}
-
-fn is_pressure(a: &Active) -> bool {
-    matches!(a.effect.operator, effects::Operator::Pressure(_))
 }
 
 /// Whether an effect acts on the arm itself.

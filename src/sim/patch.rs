@@ -7,7 +7,7 @@
 //! |---|---|
 //! | stiffness, area, rest length, hardening, bending, torsion, gripper mass, base tilt, spring ends; `chamber-stiffness`, `stiffening`, `payload`, `com-offset`, `base-tilt`, `tip-force`, `torsion` | every [`Model`]: twin, datasets, virtual rig, replay |
 //! | spring gain and offset, IMU mounting; `spring-calibration`, `imu-misalignment` | the calibration of the sensing, the sensors of the virtual rig, replay ([`SensorErrors`]) |
-//! | damping, motion capture's frame, clock and body; every other effect | replay alone: they need a history, or motion capture |
+//! | damping, friction, creep, lag behind the gauges, drift of the IMUs, motion capture's frame, clock and body; every other effect | replay alone: they need a history, or motion capture |
 //!
 //! **Stacking.** A knob of a patch departs from the robot that the patch was made for: it adds to the
 //! patches below that robot and replaces the ones between. Effects add up.
@@ -41,6 +41,18 @@ pub enum Knob {
     Tilt(usize),
     /// Time constant of the arm's own damping, s.
     Damping,
+    /// Dry friction of a bellows, N.
+    Friction(usize),
+    /// Travel over which it builds up, m.
+    FrictionTravel,
+    /// Share of every bellows' rate that creeps.
+    Creep,
+    /// How long that takes, s.
+    CreepTime,
+    /// Lag of the chambers behind their gauges, s.
+    Lag,
+    /// Drift of an IMU's heading, rad/s.
+    Drift(usize),
     /// Offset of a spring, m.
     SpringOffset(usize),
     /// Gain of a spring about its rest length, less one.
@@ -70,6 +82,12 @@ impl Knob {
             Self::Gripper => "gripper-mass".to_owned(),
             Self::Tilt(a) => format!("base-tilt-{}", ["x", "y"][a]),
             Self::Damping => "damping".to_owned(),
+            Self::Friction(i) => format!("chamber-{}-friction", i + 1),
+            Self::FrictionTravel => "friction-travel".to_owned(),
+            Self::Creep => "creep".to_owned(),
+            Self::CreepTime => "creep-time".to_owned(),
+            Self::Lag => "pressure-lag".to_owned(),
+            Self::Drift(i) => format!("imu-{}-drift", i + 1),
             Self::SpringOffset(i) => format!("spring-{}-offset", i + 1),
             Self::SpringGain(i) => format!("spring-{}-gain", i + 1),
             Self::Mounting(i, a) => format!("imu-{}-{}", i + 1, ["x", "y", "z"][a]),
@@ -82,14 +100,21 @@ impl Knob {
 
     /// Whether it changes the motion of the arm, not only what is read.
     pub fn is_mechanical(self) -> bool {
-        self == Self::Damping || self.acts() == Acts::Arm
+        let moving = match self {
+            Self::Damping | Self::Friction(_) | Self::FrictionTravel | Self::Lag => true,
+            Self::Creep | Self::CreepTime => true,
+            _ => false,
+        };
+        moving || self.acts() == Acts::Arm
     }
 
     /// Where it acts.
     pub fn acts(self) -> Acts {
         match self {
             Self::SpringOffset(_) | Self::SpringGain(_) | Self::Mounting(..) => Acts::Sensors,
-            Self::Damping | Self::Frame(_) | Self::Clock | Self::Body(_) => Acts::Replay,
+            Self::Frame(_) | Self::Clock | Self::Body(_) | Self::Drift(_) => Acts::Replay,
+            Self::Damping | Self::Friction(_) | Self::FrictionTravel => Acts::Replay,
+            Self::Creep | Self::CreepTime | Self::Lag => Acts::Replay,
             _ => Acts::Arm,
         }
     }
@@ -98,12 +123,14 @@ impl Knob {
     pub fn nominal(self) -> f64 {
         match self {
             Self::Damping => 0.05,
+            Self::FrictionTravel => 6e-3,
+            Self::CreepTime => 5.0,
             _ => 0.0,
         }
     }
 
     /// The smallest value that an arm can have.
-    fn least(self) -> f64 {
+    pub fn least(self) -> f64 {
         match self {
             Self::Stiffness(_)
             | Self::Area(_)
@@ -112,7 +139,9 @@ impl Knob {
             | Self::Torsion(_)
             | Self::SpringGain(_) => -0.9,
             Self::Gripper => -1.0,
-            Self::Damping => 0.0,
+            Self::Damping | Self::Friction(_) | Self::Creep | Self::Lag => 0.0,
+            Self::FrictionTravel => 1e-3,
+            Self::CreepTime => 0.2,
             _ => f64::MIN,
         }
     }
@@ -130,11 +159,15 @@ pub fn knobs() -> Vec<Knob> {
     out.push(Knob::Gripper);
     out.extend((0..2).map(Knob::Tilt));
     out.push(Knob::Damping);
+    out.extend((0..CHAMBERS).map(Knob::Friction));
+    out.extend([Knob::FrictionTravel, Knob::Creep, Knob::CreepTime]);
+    out.push(Knob::Lag);
     out.extend((0..SPRINGS).map(Knob::SpringOffset));
     out.extend((0..SPRINGS).map(Knob::SpringGain));
     for i in 0..IMUS {
         out.extend((0..3).map(|a| Knob::Mounting(i, a)));
     }
+    out.extend((0..IMUS).map(Knob::Drift));
     out.extend((0..6).map(Knob::Frame));
     out.push(Knob::Clock);
     out.extend((0..6).map(Knob::Body));
@@ -199,6 +232,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
     let mut offset_m = [0.0; SPRINGS];
     let mut gain = [0.0; SPRINGS];
     let mut mounting = [[0.0; 3]; IMUS];
+    let mut drift_rad_s = [0.0; IMUS];
     let mut frame = vec![0.0; 6];
     let mut clock_s = 0.0;
     for (knob, &v) in knobs().iter().zip(values) {
@@ -206,6 +240,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
             Knob::SpringOffset(i) => offset_m[i] = v,
             Knob::SpringGain(i) => gain[i] = v,
             Knob::Mounting(i, a) => mounting[i][a] = v,
+            Knob::Drift(i) => drift_rad_s[i] = v,
             Knob::Frame(k) => frame[k] = v,
             Knob::Clock => clock_s = v,
             _ => {}
@@ -217,11 +252,35 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
         ("spring-calibration", Some(i), vec![1.0 + gain[i], shift_m])
     });
     let imus = (0..IMUS).map(|i| ("imu-misalignment", Some(i), mounting[i].to_vec()));
+    let drifts = (0..IMUS).map(|i| ("imu-drift", Some(i), vec![drift_rad_s[i]]));
     springs
         .chain(imus)
+        .chain(drifts)
         .chain([
             ("clock-offset", None, vec![clock_s]),
             ("mocap-frame", None, frame.clone()),
+        ])
+        .filter_map(|(id, target, values)| unbounded(id, target, values))
+        .collect()
+}
+
+/// What knobs do to the motion that needs a history, as effects.
+pub fn motions(values: &[f64]) -> Vec<Active> {
+    let value = |wanted: Knob| {
+        let found = knobs().into_iter().zip(values).find(|(k, _)| *k == wanted);
+        found.map_or(0.0, |(k, v)| v.max(k.least()))
+    };
+    let friction = |i: usize| {
+        let both = vec![value(Knob::Friction(i)), value(Knob::FrictionTravel)];
+        ("hysteresis", Some(i), both)
+    };
+    let creep = vec![value(Knob::Creep), value(Knob::CreepTime)];
+    (0..CHAMBERS)
+        .map(friction)
+        .chain([
+            ("damping", None, vec![value(Knob::Damping)]),
+            ("creep", None, creep),
+            ("pressure-lag", None, vec![value(Knob::Lag)]),
         ])
         .filter_map(|(id, target, values)| unbounded(id, target, values))
         .collect()

@@ -7,6 +7,7 @@ use super::line::{
     line_rows,
 };
 use crate::gap::GapError;
+use crate::gap::nuisance::Nuisance;
 use crate::gap::problem::{Problem, block_edges};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -333,8 +334,8 @@ impl LineModel<'_> {
         let (nuisance, lambda) = self.nuisance(effects)?;
         Problem::new(
             Box::new(|effects| Ok(self.stack(&self.rows(effects)))),
-            nuisance,
-            lambda * self.stiffness(),
+            Nuisance::new(nuisance, &[], self.grid.chambers().len()),
+            &(lambda * self.stiffness()),
             &self.edges(),
             self.grid.chambers().len(),
         )

@@ -20,6 +20,23 @@ fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     y
 }
 
+/// The same, exact for inputs that run straight between instants: what was measured, not commanded.
+pub(super) fn lagged_ramps(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
+    let mut y = x.to_vec();
+    for k in 1..x.len() {
+        let dt_s = t_s[k] - t_s[k - 1];
+        // y runs behind x by τ dx/dt once the transient has gone.
+        let behind = tau_s * (x[k] - x[k - 1]) / dt_s;
+        let left = if tau_s > 0.0 {
+            (-dt_s / tau_s).exp()
+        } else {
+            0.0
+        };
+        y[k] = x[k] - behind + (y[k - 1] - x[k - 1] + behind) * left;
+    }
+    y
+}
+
 /// The place of time `at` among `t_s`: index of the instant before it and the share of the way to
 /// the next; held at both ends.
 fn place(t_s: &[f64], at: f64) -> (usize, f64) {
@@ -36,6 +53,13 @@ fn place(t_s: &[f64], at: f64) -> (usize, f64) {
 
 fn column(series: &[[f64; CHAMBERS]], i: usize) -> Vec<f64> {
     series.iter().map(|row| row[i]).collect()
+}
+
+/// What chambers hold that follow their gauges with the lag of `c`.
+pub(super) fn behind_lag(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        change(chamber_pa, i, |x| lagged_ramps(c.t_s, x, c.values[0]));
+    }
 }
 
 /// Replaces channel `i` of a series by what `f` makes of it.
@@ -255,7 +279,10 @@ pub(super) fn spring_lag(c: &Call, sensors: &mut [SensorVec]) {
             continue;
         }
         let l_m: Vec<f64> = sensors.iter().map(|s| s.spring_m[i]).collect();
-        for (s, y) in sensors.iter_mut().zip(lagged(c.t_s, &l_m, c.values[0])) {
+        for (s, y) in sensors
+            .iter_mut()
+            .zip(lagged_ramps(c.t_s, &l_m, c.values[0]))
+        {
             s.spring_m[i] = y;
         }
     }

@@ -5,6 +5,7 @@
 
 use nalgebra::Vector3;
 
+use super::operators::behind_lag;
 use super::{Active, Call, EffectError, Line, Operator, Plant, Simulated, Trajectory};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -73,24 +74,19 @@ pub fn behind_gauges(
     gauge_pa: &[[f64; CHAMBERS]],
     effects: &[Active],
 ) -> Vec<[f64; CHAMBERS]> {
-    let mut line = Line {
-        chamber_pa: gauge_pa.to_vec(),
-        gauge_pa: gauge_pa.to_vec(),
-    };
+    let mut chamber_pa = gauge_pa.to_vec();
     for a in effects.iter().filter(|a| a.effect.id == "gauge-error") {
         let c = call(robot, t_s, a);
-        for row in &mut line.chamber_pa {
+        for row in &mut chamber_pa {
             for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
                 row[i] = (row[i] - a.values[1]) / a.values[0];
             }
         }
     }
     for a in effects.iter().filter(|a| a.effect.id == "pressure-lag") {
-        if let Operator::Pressure(f) = a.effect.operator {
-            f(&call(robot, t_s, a), &mut line);
-        }
+        behind_lag(&call(robot, t_s, a), &mut chamber_pa);
     }
-    line.chamber_pa
+    chamber_pa
 }
 
 /// Moves the arm through given chamber pressures with the effects of mechanics, sensors and motion
