@@ -68,9 +68,13 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
         GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission { session, out } => commission(robot, session, out),
-        GapCommand::Run(a) if a.actuation_only => {
-            super::gap_actuation::run_actuation(&a.session, a.baseline.as_deref(), &a.prove, robot)
-        }
+        GapCommand::Run(a) if a.actuation_only => super::gap_actuation::run_actuation(
+            &a.session,
+            a.baseline.as_deref(),
+            &a.prove,
+            &a.without,
+            robot,
+        ),
         GapCommand::Run(a) => find(robot, a),
         GapCommand::Effects => Ok(table()),
     }

@@ -70,11 +70,13 @@ fn is_asu_arm(path: &Path) -> Result<bool> {
 }
 
 /// Finds what is missing in `session` between command and gauge, against `baseline` (a session of
-/// the supply in order) or the ideal supply, and tests it on the sessions of `prove`.
+/// the supply in order) or the ideal supply, and tests it on the sessions of `prove`; effects in
+/// `without` are left out of the table.
 pub fn run_actuation(
     session: &Path,
     baseline: Option<&Path>,
     prove: &[PathBuf],
+    without: &[String],
     robot: &RobotSpec,
 ) -> Result<Report> {
     #[expect(
@@ -93,6 +95,7 @@ pub fn run_actuation(
         healthy.as_ref().map(|h| &h.grid),
         &suspect.grid,
         &others,
+        without,
         &gap::Unwatched,
     )?;
     found.finding.seconds = begun.elapsed().as_secs_f64();

@@ -74,9 +74,8 @@ enum Reach {
 fn reach(effect: &Effect) -> Reach {
     match (effect.target, effect.id) {
         (Target::None, _) | (_, "spring-drift") => Reach::Common,
-        (_, "chamber-stiffness" | "spring-calibration" | "spring-stuck") | (Target::Imu, _) => {
-            Reach::Single
-        }
+        (_, "chamber-stiffness" | "gauge-error" | "leak") => Reach::Single,
+        (_, "spring-calibration" | "spring-stuck") | (Target::Imu, _) => Reach::Single,
         _ => Reach::Either,
     }
 }
@@ -122,8 +121,12 @@ pub fn starts_in(candidate: &Candidate, grid: &Grid) -> Vec<Start> {
                 .collect()
         }
         "spring-stuck" => {
-            let (a, b) = (grid.t_s[0], grid.t_s[grid.len() - 1]);
-            (0..10).map(|k| (b - a) * f64::from(k) / 10.0).collect()
+            let seconds = grid.t_s[grid.len() - 1] - grid.t_s[0];
+            let throughout = (0..10).map(|k| seconds * f64::from(k) / 10.0);
+            // A fault that has just begun shows for a few seconds only.
+            throughout
+                .chain([6.0, 4.0, 3.0, 2.0, 1.0].map(|left| seconds - left))
+                .collect()
         }
         _ => vec![-0.3],
     };
@@ -150,7 +153,7 @@ pub fn starts(id: &str, places: &[f64]) -> Vec<Start> {
             .iter()
             .map(|w| one(&[4.0, *w], &[0]))
             .collect(),
-        "creep" => [0.7, 3.0, 12.0, 60.0]
+        "creep" => [1.0, 3.0, 12.0, 60.0]
             .iter()
             .map(|t| one(&[0.1, *t], &[0]))
             .collect(),
@@ -161,7 +164,10 @@ pub fn starts(id: &str, places: &[f64]) -> Vec<Start> {
         "com-offset" => vec![one(&[0.02, 0.02, 0.02], &[0, 1, 2])],
         "base-tilt" => vec![one(&[0.03, 0.03], &[0, 1])],
         "tip-force" => vec![one(&[0.5, 0.5, 0.5], &[0, 1, 2])],
-        "contact" => places.iter().map(|z| one(&[*z, 300.0], &[0])).collect(),
+        "contact" => places
+            .iter()
+            .map(|z| one(&[*z, 300.0, 0.2], &[0]))
+            .collect(),
         "torsion" => vec![one(&[1.3], &[0])],
         "spring-lag" => vec![one(&[0.1], &[0]), one(&[0.6], &[0])],
         "spring-crosstalk" => vec![one(&[0.03], &[0])],

@@ -229,7 +229,12 @@ pub fn explain(
     for (_, i, x) in &scored {
         let column = &ready[*i];
         let candidate = all[column.candidate];
-        let taken = |c: &Candidate| base.iter().any(|(b, _)| b == c);
+        // All channels and one more of the same is scatter of one effect, not two.
+        let taken = |c: &Candidate| {
+            base.iter().any(|(b, _)| {
+                b == c || (b.effect.id == c.effect.id && (b.target.is_none() || c.target.is_none()))
+            })
+        };
         let same = chosen
             .iter()
             .filter(|(c, _)| c.effect.id == candidate.effect.id)
@@ -282,6 +287,19 @@ pub fn explain(
             let losses = problem.held_out(&fit.residual, &fit.columns, &weak);
             let (gain, se) = losses.gain_over(&losses0);
             let firm = losses.firmly_over(&losses0);
+            log::debug!(
+                "{} {:?} {:.4?}: cost {:.0}, gain {gain:.0} +- {se:.0}, per block {:.0?}",
+                candidate.effect.id,
+                candidate.target,
+                fit.parameters(),
+                fit.cost,
+                losses0
+                    .0
+                    .iter()
+                    .zip(&losses.0)
+                    .map(|(a, b)| a - b)
+                    .collect::<Vec<_>>()
+            );
             Ok(Some(Explained {
                 firm,
                 candidate: *candidate,

@@ -13,10 +13,11 @@ use super::commission::{Baseline, commission, factory};
 use super::explain::{Explained, admitted, chance, columns, explain, weak_prior};
 use super::finding::{Finding, FoundEffect, GapSize, Ranked, SeparateBy, Verdict};
 use super::fit::{cost, fit};
+use super::noise::{bridged, start};
 use super::patch::{Patch, PatchEffect, PatchValue, VERSION};
 use super::problem::{Problem, Replayed};
 use super::prove::prove;
-use super::session::Grid;
+use super::session::{CHANNELS, Grid};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use crate::sim::effects::{Side, Trajectory};
@@ -95,7 +96,9 @@ pub fn find(
     }
     progress.at(Stage::Locate, 0.0)?;
     let located = super::locate::locate(&replayed)?;
-    let all = admitted(suspect, |e| !options.without.iter().any(|id| id == e.id));
+    let supply = supply(robot, healthy, suspect, &options.without, progress)?;
+    let mut all = admitted(suspect, |e| !options.without.iter().any(|id| id == e.id));
+    all.retain(|c| c.effect.id != "gauge-error" || may_misread(supply.as_ref(), c));
     progress.at(Stage::Explain, 0.0)?;
     let ready = columns(&problem, &all, &|c| starts_in(c, suspect), &[])?;
     progress.at(Stage::Decide, 0.0)?;
@@ -113,31 +116,39 @@ pub fn find(
     let floor = healthy_level(&problem, &quiet);
 
     let mut chosen: Option<Explained> = None;
-    let mut ranked: Vec<Explained> = Vec::new();
-    let mut first: Vec<Explained> = Vec::new();
+    let mut rankings: Vec<Vec<Explained>> = Vec::new();
     for stage in 0..EFFECTS_MAX {
         let found = explain(&problem, &all, &ready, chosen.as_ref(), progress)?;
-        if stage == 0 {
-            first.clone_from(&found);
-        }
         let best = found.first().cloned();
-        ranked.extend(found);
+        rankings.push(found);
         let Some(best) = best else { break };
         if best.gain <= threshold || !best.firm {
             break;
         }
-        if let Some(so_far) = &chosen
-            && !pays(&problem, so_far, &best, floor)
-        {
-            break;
+        if let Some(so_far) = &chosen {
+            // What the first one's form leaves over drives others into a bound.
+            let at_bound = best.fit.on_bound.iter().any(|b| *b);
+            if at_bound || !pays(&replayed, &problem, so_far, &best, floor)? {
+                break;
+            }
         }
+        log::debug!("effect {} is {}", stage + 1, best.candidate.effect.id);
         chosen = Some(best);
     }
+    let first: &[Explained] = rankings.first().map_or(&[], |r| r);
+    let mut ranked: Vec<Explained> = rankings.iter().flatten().cloned().collect();
     if let Some(e) = &chosen {
         chosen = Some(dropped(&problem, e.clone(), threshold));
     }
     ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
 
+    log::debug!(
+        "profile before {:.2?}, after {:.2?}, floor {floor:.2}",
+        profile(&problem, &r0, problem.per_bin()),
+        chosen
+            .as_ref()
+            .map(|e| profile(&problem, &e.fit.residual, problem.per_bin()))
+    );
     let mut verdict = Verdict::NothingMissing;
     let mut rivals: Vec<Explained> = Vec::new();
     if let Some(best) = &chosen {
@@ -153,9 +164,7 @@ pub fn find(
                 Verdict::NothingMissing
             }
         } else {
-            if best.fit.effects.len() == 1 {
-                rivals = rivals_of(&first, best, left, excess, n, floor);
-            }
+            rivals = rivals_of(&rankings, best, before * n, floor * n, supply.as_ref());
             if rivals.is_empty() {
                 Verdict::Named
             } else {
@@ -230,7 +239,8 @@ pub fn find(
     let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
     let mut effects = found_effects.clone();
     for r in &rivals {
-        effects.extend(described(&problem, r));
+        // The last one: those before it are the same.
+        effects.extend(described(&problem, r).pop());
     }
     let separate_by = match (accepted, rivals.first()) {
         (Some(a), Some(b)) => separate(&replayed, a, b, &rivals, &options.excitations),
@@ -267,7 +277,7 @@ pub fn find(
         seconds: 0.0,
         traces: proof.traces,
     };
-    if let Some(supply) = supply(robot, healthy, suspect, progress)? {
+    if let Some(supply) = supply {
         found_effects.extend(add_supply(&mut finding, supply));
     }
     let verdict = finding.verdict;
@@ -297,6 +307,7 @@ fn supply(
     robot: &RobotSpec,
     healthy: Option<&Grid>,
     suspect: &Grid,
+    without: &[String],
     progress: &dyn Progress,
 ) -> Result<Option<Finding>, GapError> {
     let log = |g: &Grid| {
@@ -311,8 +322,23 @@ fn supply(
         return Ok(None);
     }
     let baseline = commission_supply(robot, &h)?;
-    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, progress)?;
+    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, without, progress)?;
     decide_supply(robot, &s, &baseline, Lag::BehindGauge, &stages).map(Some)
+}
+
+/// Whether a gauge can be wrong: the regulator follows its gauge, so the way from command to gauge
+/// shows it, when that was logged and understood.
+fn may_misread(supply: Option<&Finding>, gauge: &Candidate) -> bool {
+    supply.is_none_or(|f| f.verdict == Verdict::Unknown) || named_by(supply, gauge)
+}
+
+/// Whether the way from command to gauge has already named it.
+fn named_by(supply: Option<&Finding>, c: &Candidate) -> bool {
+    let target = c.target.map(|t| t + 1);
+    supply.is_some_and(|f| {
+        let mut named = f.effects.iter();
+        named.any(|e| e.id == c.effect.id && e.target == target)
+    })
 }
 
 /// Puts the supply's finding beside the arm's: they come from residuals that do not share a cause,
@@ -463,16 +489,48 @@ fn profile(problem: &Problem, r: &DVector<f64>, per_bin: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Whether a further effect brings some combination of channels close to its floor.
-fn pays(problem: &Problem, so_far: &Explained, next: &Explained, floor: f64) -> bool {
+/// Whether a further effect brings some combination of channels, or some channel, close to its floor.
+fn pays(
+    replayed: &Replayed,
+    problem: &Problem,
+    so_far: &Explained,
+    next: &Explained,
+    floor: f64,
+) -> Result<bool, GapError> {
     let per_bin = problem.per_bin();
+    let closes = |before: f64, after: f64, floor: f64| {
+        before > 2.0 * floor && (before - after) / (before - floor) >= FURTHER_MIN
+    };
     let before = profile(problem, &so_far.fit.residual, per_bin);
     let after = profile(problem, &next.fit.residual, per_bin);
-    before
+    if before
         .iter()
         .zip(&after)
-        .filter(|(b, _)| **b > 2.0 * floor)
-        .any(|(b, a)| (b - a) / (b - floor) >= FURTHER_MIN)
+        .any(|(b, a)| closes(*b, *a, floor))
+    {
+        return Ok(true);
+    }
+    if matches!(
+        next.candidate.effect.side,
+        Side::Actuation | Side::Mechanics
+    ) {
+        return Ok(false);
+    }
+    // What lasts in a reading is hardly seen in innovations: mean squares of the readings themselves.
+    let square = |e: &Explained| -> Result<Vec<f64>, GapError> {
+        let rows = bridged(&replayed.rows(&e.fit.active())?);
+        let judged = &rows[start()..];
+        let mean = |c: usize| judged.iter().map(|r| r[c] * r[c]).sum::<f64>() / judged.len() as f64;
+        Ok((0..CHANNELS).map(mean).collect())
+    };
+    let (before, after) = (square(so_far)?, square(next)?);
+    Ok((0..CHANNELS).any(|c| {
+        closes(
+            before[c],
+            after[c],
+            replayed.baseline.channel_floor[c].powi(2),
+        )
+    }))
 }
 
 /// Without the effects that the others make superfluous.
@@ -503,33 +561,54 @@ fn dropped(problem: &Problem, mut whole: Explained, threshold: f64) -> Explained
     whole
 }
 
-/// Single effects that cannot be excluded beside the best one.
+/// Effects that cannot be excluded in the place of one of `best`. `rankings` holds what was compared
+/// at every stage, `cost` what is left without any effect, `floor` what a healthy rig leaves. What the
+/// supply has named has none.
 fn rivals_of(
-    found: &[Explained],
+    rankings: &[Vec<Explained>],
     best: &Explained,
-    left: f64,
-    excess: f64,
-    n: f64,
+    cost: f64,
     floor: f64,
+    supply: Option<&Finding>,
 ) -> Vec<Explained> {
-    let at_floor = left <= AT_FLOOR * excess;
+    // Of forms that explain as much, the one with fewer numbers stands: that a wordier one should
+    // look just like it would be a coincidence.
     let count = |e: &Explained| e.fit.parameters().len();
-    found
-        .iter()
-        .filter(|e| e.candidate != best.candidate)
-        .filter(|e| e.gain > 0.0 && (excess - (e.fit.cost / n - floor)) / excess >= CLOSED_MIN)
-        .filter(|e| {
-            let (margin, se) = best.losses.gain_over(&e.losses);
-            if !best.losses.firmly_over(&e.losses) {
-                // As good, and not merely a wordier form of the same.
-                return count(e) <= count(best) || margin < -2.0 * se || margin <= 0.2 * se;
+    let stages = best.fit.effects.len();
+    let mut out = Vec::new();
+    let mut without = cost;
+    for (k, found) in rankings.iter().enumerate().take(stages) {
+        let Some(own) = found.first() else { break };
+        // An effect that was dropped later takes its stage's comparison with it.
+        if own.candidate != best.fit.effects[k].0 {
+            break;
+        }
+        let (left, excess) = (own.fit.cost - floor, without - floor);
+        let rival = |e: &&Explained| {
+            let explains = without - e.fit.cost >= CLOSED_MIN * (without - own.fit.cost);
+            let other = !best.fit.effects.iter().any(|(c, _)| *c == e.candidate)
+                && !out.iter().any(|o: &Explained| o.candidate == e.candidate);
+            if !explains || !other || e.gain <= 0.0 {
+                return false;
+            }
+            let (margin, se) = own.losses.gain_over(&e.losses);
+            if !own.losses.firmly_over(&e.losses) {
+                return count(e) <= count(own) || margin < -2.0 * se;
             }
             // When even the best one leaves a misfit, its form is not right, and a rival that
             // leaves little more is not excluded by likelihood.
-            !at_floor && count(e) <= count(best) && e.fit.cost / n - floor <= RIVAL_LEAVES * left
-        })
-        .cloned()
-        .collect()
+            stages == 1
+                && left > AT_FLOOR * excess
+                && count(e) <= count(own)
+                && e.fit.cost - floor <= RIVAL_LEAVES * left
+        };
+        if !named_by(supply, &own.candidate) {
+            let more: Vec<Explained> = found.iter().filter(rival).cloned().collect();
+            out.extend(more);
+        }
+        without = own.fit.cost;
+    }
+    out
 }
 
 /// Effects of a fit with their intervals.

@@ -26,6 +26,9 @@ const FORM: f64 = 0.15;
 /// The same for how fast a pressure changes.
 const FORM_RATE: f64 = 0.15;
 
+/// Share of what some blocks gain that others may lose.
+const LOST: f64 = 0.1;
+
 /// Innovations with these effects at work.
 type Evaluate<'a> = Box<dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError> + Sync + 'a>;
 
@@ -415,10 +418,17 @@ impl Losses {
     }
 
     /// Whether the gain over `other` is more than the luck of some blocks: twice its standard error,
-    /// or a gain in all blocks but one (a drift gains far more in some blocks than in others).
+    /// or won somewhere and lost next to nowhere. Drifts, touches and faults that begin in the middle
+    /// gain far more in some blocks than in others.
     pub fn firmly_over(&self, other: &Self) -> bool {
+        self.beats(other, 2.0)
+    }
+
+    /// The same with so many standard errors.
+    pub fn beats(&self, other: &Self, errors: f64) -> bool {
         let (gain, se) = self.gain_over(other);
-        let won = other.0.iter().zip(&self.0).filter(|(o, s)| o > s).count();
-        gain > 0.0 && (gain > 2.0 * se || won + 1 >= self.0.len())
+        let each = other.0.iter().zip(&self.0).map(|(o, s)| o - s);
+        let won: f64 = each.map(|d| d.max(0.0)).sum();
+        gain > 0.0 && (gain > errors * se || won - gain <= LOST * won)
     }
 }

@@ -72,6 +72,15 @@ pub fn prove(
     let mut whole: Vec<Active> = Vec::new();
     if let Some(e) = e {
         whole = e.fit.active();
+        let whole_rows = replayed.rows(&whole)?;
+        let misfit = |rows: &[Row], pick: &dyn Fn(usize) -> bool| -> f64 {
+            let w = replayed.baseline.noise.innovations(rows);
+            let columns = w.column_iter().enumerate();
+            columns
+                .filter(|(k, _)| pick(*k))
+                .map(|(_, c)| c.norm_squared())
+                .sum()
+        };
         let (_, changes) = problem.folds(&e.fit.residual, &e.fit.columns, &weak_prior(&e.fit));
         for (fold, change) in changes.iter().enumerate().take(FOLDS) {
             let mut at = 0;
@@ -82,10 +91,14 @@ pub fn prove(
                     at += 1;
                 }
             }
-            // A refit that cannot be simulated keeps the whole fit: it is then not held out, so
-            // the blocks keep their error from before.
-            let Ok(rows) = replayed.rows(&effects) else {
-                continue;
+            // The change is a linear guess. One that cannot be simulated, or does not even suit the
+            // blocks it was made from, is dropped for the whole fit.
+            let training = |k: usize| block_of(k) % FOLDS != fold;
+            let rows = match replayed.rows(&effects) {
+                Ok(rows) if misfit(&rows, &training) <= 1.05 * misfit(&whole_rows, &training) => {
+                    rows
+                }
+                _ => whole_rows.clone(),
             };
             let rows = bridged(&rows);
             for k in (0..n).filter(|k| block_of(*k) % FOLDS == fold) {

@@ -141,7 +141,7 @@ impl Knob {
             Self::Gripper => -1.0,
             Self::Damping | Self::Friction(_) | Self::Creep | Self::Lag => 0.0,
             Self::FrictionTravel => 1e-3,
-            Self::CreepTime => 0.2,
+            Self::CreepTime => 0.8,
             _ => f64::MIN,
         }
     }

@@ -175,7 +175,7 @@ fn the_supply_of_a_real_arm_is_explained() {
     let robot = springtwin::robot::RobotSpec::reference();
     let others = [asu_arm("apr18-2.csv"), asu_arm("apr05-1.csv")];
     let run = asu_arm("apr18-1.csv");
-    let found = actuation_only(&robot, None, &run, &others, &Unwatched).unwrap();
+    let found = actuation_only(&robot, None, &run, &others, &[], &Unwatched).unwrap();
     let psi = |pa: f64| pa / PSI_PA;
     let [repeat, other_day] = &found.proof[..] else {
         panic!("{:?}", found.proof);

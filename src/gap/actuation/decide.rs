@@ -55,7 +55,7 @@ pub struct Proof {
 
 /// What is missing between command and gauge, for sessions that hold nothing else. `healthy` is a
 /// session of the same supply in order; without it the ideal supply is the measure. The result is
-/// tested on the sessions of `proof`.
+/// tested on the sessions of `proof`. Effects in `without` (ids) are left out of the table.
 ///
 /// # Errors
 /// [`GapError`] when stopped, or numbers are not finite.
@@ -64,6 +64,7 @@ pub fn actuation_only(
     healthy: Option<&PressureGrid>,
     suspect: &PressureGrid,
     proof: &[PressureGrid],
+    without: &[String],
     progress: &dyn Progress,
 ) -> Result<Actuation, GapError> {
     progress.at(Stage::Commission, 0.0)?;
@@ -78,7 +79,14 @@ pub fn actuation_only(
             proof: Vec::new(),
         });
     }
-    let found = supply_stages(robot, suspect, &baseline, Lag::BeforeGauge, progress)?;
+    let found = supply_stages(
+        robot,
+        suspect,
+        &baseline,
+        Lag::BeforeGauge,
+        without,
+        progress,
+    )?;
     progress.at(Stage::Decide, 0.0)?;
     let finding = decide_supply(robot, suspect, &baseline, Lag::BeforeGauge, &found)?;
     progress.at(Stage::Prove, 0.0)?;
@@ -300,6 +308,11 @@ fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
         let var = logs.iter().map(|d| (d - margin).powi(2)).sum::<f64>() / (n - 1.0);
         margin <= MARGIN_SE * (var / n).sqrt()
     };
+    // A wordier set that explains no more would do so by coincidence.
+    let numbers = |e: &Explained| e.fit.parameters().len();
+    let most = numbers(&best.explained);
+    let close =
+        |e: &Explained| numbers(e) <= most && !same_but_for_reach(e, &best.explained) && close(e);
     let mut out: Vec<EffectSet> = found
         .sets
         .iter()
@@ -319,6 +332,20 @@ fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
         }
     }
     out
+}
+
+/// Whether two sets name the same effects, one in all chambers and the other in those that show it:
+/// the name is the same, and chambers that were not driven hard enough say nothing.
+fn same_but_for_reach(a: &Explained, b: &Explained) -> bool {
+    let covered = |a: &Explained, b: &Explained| {
+        a.fit.effects.iter().all(|(c, _)| {
+            b.fit.effects.iter().any(|(d, _)| {
+                c.effect.id == d.effect.id
+                    && (c.target == d.target || c.target.is_none() || d.target.is_none())
+            })
+        })
+    };
+    covered(a, b) && covered(b, a)
 }
 
 /// Whether a parameter rests on a bound that does not mean "no effect".

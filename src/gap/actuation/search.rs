@@ -63,10 +63,16 @@ pub fn shows(effect: &Effect, lag: Lag) -> bool {
         || (lag == Lag::BeforeGauge && effect.id == "pressure-lag")
 }
 
-fn admitted(grid: &PressureGrid, lag: Lag, commissioned: bool) -> Vec<Candidate> {
+fn admitted(
+    grid: &PressureGrid,
+    lag: Lag,
+    commissioned: bool,
+    without: &[String],
+) -> Vec<Candidate> {
     let several = grid.chambers().len() > 1;
     candidates(|e| {
         shows(e, lag)
+            && !without.iter().any(|id| id == e.id)
             // Without a healthy session nobody knows what the gauges should read.
             && (commissioned || e.id != "gauge-error")
             && (several || e.id != "supply-coupling")
@@ -166,14 +172,15 @@ impl Search<'_> {
             let next = ranked.first().cloned();
             stages.push(ranked);
             let Some(next) = next else { break };
-            if next.gain < threshold || next.gain < next.se {
+            if next.gain < threshold || !next.losses.beats(&best.losses, 1.0) {
                 break;
             }
             let mut wider = model.clone();
             let settled = self.settle(&mut wider, &next)?;
-            let (gain, se) = settled.losses.gain_over(&best.losses);
+            let (gain, _) = settled.losses.gain_over(&best.losses);
             let (so_far, _) = best.losses.gain_over(base);
-            if gain < threshold.max(FORM * so_far) || gain < se {
+            let sure = settled.losses.beats(&best.losses, 1.0);
+            if gain < threshold.max(FORM * so_far) || !sure {
                 break;
             }
             drop(problem);
@@ -188,9 +195,10 @@ impl Search<'_> {
                 less.fit.effects.remove(out);
                 let mut narrower = model.clone();
                 let settled = self.settle(&mut narrower, &less)?;
-                let (lost, se) = best.losses.gain_over(&settled.losses);
+                let (lost, _) = best.losses.gain_over(&settled.losses);
                 let (whole, _) = best.losses.gain_over(base);
-                if lost < threshold.max(FORM * whole) || lost < se {
+                let sure = best.losses.beats(&settled.losses, 1.0);
+                if lost < threshold.max(FORM * whole) || !sure {
                     (best, model) = (settled, narrower);
                     again = best.fit.effects.len() > 1;
                     break;
@@ -260,7 +268,7 @@ impl Search<'_> {
         let mut grown: Vec<(EffectSet, Vec<Vec<Explained>>)> = Vec::new();
         for e in singles
             .iter()
-            .filter(|e| e.gain > threshold && e.gain > e.se)
+            .filter(|e| e.gain > threshold && e.losses.beats(&losses, 1.0))
         {
             if begun.contains(&e.candidate.effect.id) || begun.len() >= BEGINNINGS {
                 continue;
@@ -322,7 +330,8 @@ pub fn same(a: &Explained, b: &Explained) -> bool {
     a.len() == b.len() && a.iter().all(|(c, _)| b.iter().any(|(d, _)| c == d))
 }
 
-/// Explains a pressure log, against a commissioned supply or an ideal one. Against an ideal one,
+/// Explains a pressure log, against a commissioned supply or an ideal one, with the table's effects
+/// but for those in `without` (ids). Against an ideal one,
 /// regulators are fitted beside the effects and the noise is what the best of them leave over.
 ///
 /// # Errors
@@ -332,11 +341,12 @@ pub fn supply_stages(
     grid: &PressureGrid,
     baseline: &LineBaseline,
     lag: Lag,
+    without: &[String],
     progress: &dyn Progress,
 ) -> Result<Stages, GapError> {
     let commissioned = baseline.healthy.is_some();
     let search = Search {
-        all: admitted(grid, lag, commissioned),
+        all: admitted(grid, lag, commissioned, without),
         commissioned,
         progress,
     };

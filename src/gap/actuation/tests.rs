@@ -32,7 +32,7 @@ fn found(hidden: Vec<Hidden>) -> Finding {
     let robot = RobotSpec::reference();
     let healthy = PressureGrid::new(log(1, Vec::new())).unwrap();
     let suspect = PressureGrid::new(log(2, hidden)).unwrap();
-    actuation_only(&robot, Some(&healthy), &suspect, &[], &Unwatched)
+    actuation_only(&robot, Some(&healthy), &suspect, &[], &[], &Unwatched)
         .unwrap()
         .finding
 }
@@ -198,6 +198,6 @@ fn what_cannot_be_judged_is_refused_or_said() {
         (*u, *p) = ([5e3; CHAMBERS], [5e3; CHAMBERS]);
     }
     let grid = PressureGrid::new(rest).unwrap();
-    let a = actuation_only(&RobotSpec::reference(), None, &grid, &[], &Unwatched).unwrap();
+    let a = actuation_only(&RobotSpec::reference(), None, &grid, &[], &[], &Unwatched).unwrap();
     assert_eq!(a.finding.verdict, Verdict::NotExcited);
 }

@@ -1,6 +1,6 @@
 //! What each effect does. The equations stand in the table.
 
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use super::{Call, Line, Plant};
 use crate::signal::{CHAMBERS, Pose, SensorVec, ypr_from_rotation};
@@ -242,6 +242,9 @@ pub(super) fn contact(c: &Call, plant: &mut Plant) {
     plant.floor = Some(Floor {
         height_m: c.values[0],
         rate_n_m: c.values[1],
+        friction: c.values[2],
+        at_m: Vector3::zeros(),
+        grip_n: Vector2::zeros(),
     });
 }
 

@@ -226,6 +226,13 @@ impl Plant {
                 }
             }
             let pads = o.shape.base_from_pad;
+            let end_m = pads[2].translation.vector;
+            if let Some(floor) = &mut self.floor {
+                match dt_s {
+                    Some(_) => floor.move_to(&end_m),
+                    None => floor.at_m = end_m,
+                }
+            }
             out.sensors.push(o.sensors);
             out.base_from_pad.push(pads);
             out.captured.push([pads[1], pads[2]]);

@@ -119,7 +119,8 @@ pub const EFFECTS: &[Effect] = &[
         target: Target::Chamber,
         parameters: &[
             p("share", "", 0.0, 0.0, 1.0),
-            p("time", "s", 10.0, 0.2, 300.0),
+            // What relaxes faster is damping.
+            p("time", "s", 10.0, 0.8, 300.0),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::creep),
@@ -216,14 +217,16 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         id: "contact",
         name: "Contact",
-        doc: "N = k max(0, z_floor − z): the end pad's origin rests on an elastic floor. \
-              A floor that presses the arm until it folds has no equilibrium.",
-        source: "penalty contact",
+        doc: "N = k max(0, z_floor − z): the end pad's origin rests on an elastic floor and drags \
+              over it with at most μ N. A floor that presses the arm until it folds has no equilibrium.",
+        source: "penalty contact with regularised Coulomb friction; K. L. Johnson, Contact Mechanics, \
+                 Cambridge University Press 1985",
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
             p("height", "m", -0.7, -0.7, -0.25),
             p("rate", "N/m", 1000.0, 50.0, 5000.0),
+            p("friction", "", 0.0, 0.0, 1.0),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::contact),

@@ -213,7 +213,7 @@ impl Assembly {
         let (mut e, all_n, _) = remembered(rod, loads, q);
         let (mut k, mut t) = (0, 0);
         if let Some(floor) = &loads.floor {
-            e += floor.at(kin.tip().p.z).energy;
+            e += floor.at(&kin.tip().p).energy;
         }
         for (si, s) in rod.sections.iter().enumerate() {
             let l = s.length_m / s.elements as f64;
@@ -275,9 +275,9 @@ impl Assembly {
             });
             let floor = loads.floor.filter(|_| si + 1 == rod.sections.len());
             if let Some(floor) = floor {
-                let push = floor.at(end.p.z);
+                let push = floor.at(&end.p);
                 energy += push.energy;
-                forces[s.elements].push((end.p, Vector3::z() * push.force_n));
+                forces[s.elements].push((end.p, push.force_n));
             }
             self.energy += energy;
             for e in (0..s.elements).rev() {
@@ -332,16 +332,7 @@ impl Assembly {
         self.couple(rod, n, d);
         self.stiffen(rod, q, &slopes_n_m);
         if let (Some(floor), Some(end)) = (loads.floor, nodes.last().and_then(|c| c.last())) {
-            let rate_n_m = floor.at(end.p.z).slope_n_m;
-            if rate_n_m > 0.0 {
-                let rise: Vec<f64> = self
-                    .elements
-                    .iter()
-                    .flat_map(|e| &e.screws[..d])
-                    .map(|(s, _)| (s.w.cross(&end.p) + s.v).z)
-                    .collect();
-                self.add_outer(0, &rise, rate_n_m);
-            }
+            self.rest_on(&floor.at(&end.p).stiffness_n_m, end, d);
         }
         if loads.tip_moment_nm.norm() > 0.0 {
             self.symmetrise(&loads.tip_moment_nm, n, d);
@@ -372,6 +363,26 @@ impl Assembly {
             }
             from = to;
             t += s.tubes.len();
+        }
+    }
+
+    /// Adds the stiffness K of a floor at the last end: H += Jᵀ K J, J the end's motion per strain.
+    fn rest_on(&mut self, k: &Matrix3<f64>, end: &Frame, d: usize) {
+        if k.amax() == 0.0 {
+            return;
+        }
+        let moved: Vec<Vector3<f64>> = self
+            .elements
+            .iter()
+            .flat_map(|e| &e.screws[..d])
+            .map(|(s, _)| s.w.cross(&end.p) + s.v)
+            .collect();
+        let n = moved.len();
+        for (i, a) in moved.iter().enumerate() {
+            let pull = k * a;
+            for (j, b) in moved[..=i].iter().enumerate() {
+                self.hessian[i * n + j] += pull.dot(b);
+            }
         }
     }
 

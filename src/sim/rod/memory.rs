@@ -8,8 +8,11 @@
 //! | friction (Dahl) | ±F_max + (F₀ ∓ F_max) e^{−\|Δ\|/w}, + when the bellows grows | F |
 //! | branch (Maxwell) | a B₀ + c (τ/Δt) (1 − a) Δ, a = e^{−Δt/τ} | B |
 //! | floor | k max(0, z_floor − z) on the tip, upwards | none |
+//! | its grip | G₀ − k_g Δ sideways, no longer than μ N, N the push at the instant before | G |
 //!
 //! Forces pull the bellows together when positive.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// Dry friction of a bellows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,13 +49,30 @@ pub struct Memory {
     pub branches: Vec<Branch>,
 }
 
-/// An elastic floor under the last section's end.
+/// An elastic floor under the last section's end, with dry friction along it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
     /// Height of its surface in the base frame, m.
     pub height_m: f64,
     /// Its rate, N/m.
     pub rate_n_m: f64,
+    /// Largest grip over push.
+    pub friction: f64,
+    /// Where the end was at the instant before, m.
+    pub at_m: Vector3<f64>,
+    /// Grip at the instant before, N (x, y).
+    pub grip_n: Vector2<f64>,
+}
+
+/// Rate at which grip builds up as the end is moved along the floor, N/m.
+const GRIP_N_M: f64 = 1e3;
+
+/// What a floor does: energy (J), force on the end (N) and stiffness −∂F/∂x (N/m).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Push {
+    pub energy: f64,
+    pub force_n: Vector3<f64>,
+    pub stiffness_n_m: Matrix3<f64>,
 }
 
 /// A potential with its first two derivatives: J, N, N/m.
@@ -124,14 +144,46 @@ impl Memory {
 }
 
 impl Floor {
-    /// Push on a point at height `z_m`, with its potential; force upwards.
-    pub(super) fn at(&self, z_m: f64) -> Potential {
-        let depth_m = (self.height_m - z_m).max(0.0);
-        Potential {
+    /// Push and grip on a point at `p_m`.
+    pub(super) fn at(&self, p_m: &Vector3<f64>) -> Push {
+        let depth_m = (self.height_m - p_m.z).max(0.0);
+        let mut out = Push {
             energy: 0.5 * self.rate_n_m * depth_m * depth_m,
-            force_n: self.rate_n_m * depth_m,
-            slope_n_m: if depth_m > 0.0 { self.rate_n_m } else { 0.0 },
+            force_n: Vector3::new(0.0, 0.0, self.rate_n_m * depth_m),
+            stiffness_n_m: Matrix3::zeros(),
+        };
+        if depth_m > 0.0 {
+            out.stiffness_n_m[(2, 2)] = self.rate_n_m;
         }
+        let most_n = self.friction * self.rate_n_m * (self.height_m - self.at_m.z).max(0.0);
+        if most_n > 0.0 {
+            // A spring to where the grip would be none, that slips at its largest force (Huber's
+            // potential).
+            let slack_m = self.at_m.xy() + self.grip_n / GRIP_N_M;
+            let u = p_m.xy() - slack_m;
+            let (way, sticks) = (u.norm(), GRIP_N_M * u.norm() <= most_n);
+            let pull_n = if sticks { GRIP_N_M * way } else { most_n };
+            out.energy += if sticks {
+                0.5 * GRIP_N_M * way * way
+            } else {
+                most_n * (way - 0.5 * most_n / GRIP_N_M)
+            };
+            if way > 0.0 {
+                let n = u / way;
+                let nn = n * n.transpose();
+                let along = if sticks { GRIP_N_M } else { 0.0 };
+                let k = nn * along + (Matrix2::identity() - nn) * (pull_n / way);
+                out.force_n.fixed_rows_mut::<2>(0).copy_from(&(-n * pull_n));
+                out.stiffness_n_m.fixed_view_mut::<2, 2>(0, 0).copy_from(&k);
+            }
+        }
+        out
+    }
+
+    /// The same floor once the end has come to `p_m`.
+    pub fn move_to(&mut self, p_m: &Vector3<f64>) {
+        self.grip_n = self.at(p_m).force_n.xy();
+        self.at_m = *p_m;
     }
 }
 

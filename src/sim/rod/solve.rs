@@ -36,7 +36,7 @@ impl Workspace {
 
 /// A step below this (strain times section length) ends the iteration; Newton converges
 /// quadratically, so the remaining error is near the square of it.
-const STEP_TOLERANCE: f64 = 1e-8;
+const STEP_TOLERANCE: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 60;
 /// Largest change of any strain in one iteration, relative to 1/m and 1.
 const MAX_CURVATURE_STEP_1_M: f64 = 8.0;

@@ -52,6 +52,9 @@ fn gradient_and_hessian_agree_with_differences() {
             floor: Some(Floor {
                 height_m: 1.0,
                 rate_n_m: 200.0,
+                friction: 0.3,
+                at_m: nalgebra::Vector3::new(0.01, -0.02, 0.2),
+                grip_n: nalgebra::Vector2::new(20.0, 5.0),
             }),
             ..Loads::default()
         };
