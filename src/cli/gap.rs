@@ -1,5 +1,6 @@
 //! `gap`: find the missing effect, patch the model, prove it.
 
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
@@ -82,10 +83,11 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
 
 /// Reads a session log for the finder.
 pub fn read(path: &Path) -> Result<Session> {
-    let log = recording::read_session(path)?;
+    let log = recording::read_log(path)?;
     Ok(Session {
         name: log.name,
         hash: log.hash,
+        robot: log.robot,
         payload_kg: log.payload_kg,
         t_s: log.t_s,
         chamber_pa: log.chamber_pa,
@@ -96,7 +98,9 @@ pub fn read(path: &Path) -> Result<Session> {
 }
 
 fn commission(robot: &RobotSpec, session: &Path, out: &Path) -> Result<Report> {
-    let grid = Grid::new(read(session)?)?;
+    let session = read(session)?;
+    gap::same_robot(robot, &session)?;
+    let grid = Grid::new(session)?;
     let baseline = gap::commission(robot, &grid, &gap::Unwatched)?;
     let mut patch = Patch {
         version: gap::VERSION,
@@ -113,12 +117,31 @@ fn commission(robot: &RobotSpec, session: &Path, out: &Path) -> Result<Report> {
     let f = baseline.floor;
     Ok(Report {
         text: format!(
-            "{} knobs to {}; floor {f:?}",
+            "{} numbers of this rig in {}; {}",
             patch.rig.len(),
-            out.display()
+            out.display(),
+            left_over(&f)
         ),
         json: json!({"out": out, "rig": patch.rig, "floor": f}),
     })
+}
+
+/// What a healthy session leaves over, for people.
+fn left_over(f: &gap::Rmse) -> String {
+    let parts = [
+        ("end pad", f.position_m, 1e3, "mm"),
+        ("its rotation", f.rotation_rad, 180.0 / PI, "deg"),
+        ("springs", f.spring_m, 1e3, "mm"),
+        ("IMUs", f.imu_rad, 180.0 / PI, "deg"),
+    ];
+    let told: Vec<String> = parts
+        .into_iter()
+        .filter_map(|(what, v, factor, unit)| Some(format!("{what} {:.2} {unit}", v? * factor)))
+        .collect();
+    format!(
+        "left over on data that were not fitted: {}",
+        told.join(", ")
+    )
 }
 
 /// Reads a patch for `robot`.

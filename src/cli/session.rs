@@ -80,8 +80,8 @@ fn hidden(text: &str) -> Result<Hidden, String> {
     Hidden::new(id, target, &values).map_err(|e| e.to_string())
 }
 
-/// A session of the rig as a session log.
-pub fn log_of(s: Session) -> SessionLog {
+/// A session of `robot`'s rig as a session log.
+pub fn log_of(s: Session, robot: &RobotSpec) -> SessionLog {
     SessionLog {
         name: s.name,
         rate_hz: s.rate_hz,
@@ -93,6 +93,7 @@ pub fn log_of(s: Session) -> SessionLog {
         commanded_pa: Some(s.commanded_pa),
         payload_column_kg: None,
         hash: String::new(),
+        robot: robot.hash.clone(),
     }
 }
 
@@ -120,7 +121,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
         payload_kg: a.payload,
         hidden: a.hide.clone(),
     };
-    let log = log_of(session(robot, &plan)?);
+    let log = log_of(session(robot, &plan)?, robot);
     write_session(&a.out, &log)?;
     if let Some(path) = &a.truth {
         let answers: Vec<Answer> = a.hide.iter().map(Answer::new).collect();

@@ -7,7 +7,7 @@ use super::fit::{Fit, fit};
 use super::problem::{Losses, Problem};
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage, parallel};
-use crate::sim::effects::{Effect, Residual};
+use crate::sim::effects::{Effect, Parameter, Residual, Side};
 
 /// One way to start a candidate, as columns −∂r/∂α at the effects found so far.
 pub struct Column {
@@ -316,6 +316,19 @@ pub fn explain(
     }
     out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     Ok(out)
+}
+
+/// How far a well-fitted value may be off because the law is an idealisation (standard deviation):
+/// the same quantity in another law of the same physics comes out different by about a tenth. For
+/// sensors, frames and clocks the law is nearly a definition. A place and a moment belong to no law.
+pub fn form_sd(effect: &Effect, parameter: &Parameter, value: f64) -> f64 {
+    let share = match (effect.id, parameter.name) {
+        ("contact", "height") | ("spring-stuck", _) => 0.0,
+        ("gauge-error" | "pressure-delay", _) => 0.03,
+        _ if matches!(effect.side, Side::Actuation | Side::Mechanics) => 0.1,
+        _ => 0.03,
+    };
+    share * (value - parameter.nominal).abs().min(value.abs())
 }
 
 /// Precision of a very wide prior on each parameter.

@@ -10,14 +10,14 @@ use super::actuation::{
 };
 use super::candidates::{Candidate, starts_in};
 use super::commission::{Baseline, commission, factory};
-use super::explain::{Explained, admitted, chance, columns, explain, weak_prior};
+use super::explain::{Explained, admitted, chance, columns, explain, form_sd, weak_prior};
 use super::finding::{Finding, FoundEffect, GapSize, Ranked, SeparateBy, Verdict};
 use super::fit::{cost, fit};
 use super::noise::{bridged, start};
 use super::patch::{Patch, PatchEffect, PatchValue, VERSION};
 use super::problem::{Problem, Replayed};
 use super::prove::prove;
-use super::session::{CHANNELS, Grid};
+use super::session::{CHANNELS, Grid, same_robot};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use crate::sim::effects::{Side, Trajectory};
@@ -73,6 +73,9 @@ pub fn find(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Found, GapError> {
+    for grid in healthy.into_iter().chain([suspect]) {
+        same_robot(robot, &grid.session)?;
+    }
     let baseline = match healthy {
         Some(grid) => {
             let mut common = grid.clone();
@@ -118,7 +121,8 @@ pub fn find(
     let mut chosen: Option<Explained> = None;
     let mut rankings: Vec<Vec<Explained>> = Vec::new();
     for stage in 0..EFFECTS_MAX {
-        let found = explain(&problem, &all, &ready, chosen.as_ref(), progress)?;
+        let mut found = explain(&problem, &all, &ready, chosen.as_ref(), progress)?;
+        simplest_first(&mut found);
         let best = found.first().cloned();
         rankings.push(found);
         let Some(best) = best else { break };
@@ -489,6 +493,24 @@ fn profile(problem: &Problem, r: &DVector<f64>, per_bin: usize) -> Vec<f64> {
         .collect()
 }
 
+/// The one-standard-error rule: of effects that explain as much as the best within the scatter from
+/// block to block, the one with the fewest numbers leads.
+fn simplest_first(found: &mut Vec<Explained>) {
+    let count = |e: &Explained| e.fit.parameters().len();
+    let Some(best) = found.first() else { return };
+    let as_good = |e: &Explained| {
+        let (margin, se) = best.losses.gain_over(&e.losses);
+        margin <= se && !best.losses.firmly_over(&e.losses)
+    };
+    let simplest = (0..found.len())
+        .filter(|k| as_good(&found[*k]))
+        .min_by_key(|k| (count(&found[*k]), *k));
+    if let Some(k) = simplest {
+        let lead = found.remove(k);
+        found.insert(0, lead);
+    }
+}
+
 /// Whether a further effect brings some combination of channels, or some channel, close to its floor.
 fn pays(
     replayed: &Replayed,
@@ -571,8 +593,7 @@ fn rivals_of(
     floor: f64,
     supply: Option<&Finding>,
 ) -> Vec<Explained> {
-    // Of forms that explain as much, the one with fewer numbers stands: that a wordier one should
-    // look just like it would be a coincidence.
+    // A form with more numbers that explains no more would do so by coincidence.
     let count = |e: &Explained| e.fit.parameters().len();
     let stages = best.fit.effects.len();
     let mut out = Vec::new();
@@ -634,7 +655,10 @@ fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
             let i = at;
             at += 1;
             let variance = plain.as_ref().map_or(f64::NAN, |g| g[(i, i)] * level);
-            let sd = variance.max(spread[i]).sqrt();
+            let sd = variance
+                .max(spread[i])
+                .sqrt()
+                .hypot(form_sd(c.effect, p, *v));
             let ci95 = (free.contains(&i) && sd.is_finite()).then(|| {
                 [
                     (v - 2.2 * sd).max(p.bounds[0]),

@@ -33,7 +33,7 @@ pub use finding::{
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};
-pub use session::{CHANNELS, Grid, IMU_0, SPRING_0, Session, channel_name};
+pub use session::{CHANNELS, Grid, IMU_0, SPRING_0, Session, channel_name, same_robot};
 
 use crate::sim::effects::EffectError;
 
@@ -78,6 +78,19 @@ pub enum GapError {
         "the two sessions have no measured channel in common: springs, IMUs or motion capture must be in both"
     )]
     NothingCommon,
+    /// Another robot.
+    #[error(
+        "session '{session}' was recorded with robot file {recorded}, but this robot file is {given}: \
+         give the robot file it was recorded with (--robot)"
+    )]
+    OtherRobot {
+        /// The session.
+        session: String,
+        /// Start of the hash of its robot file.
+        recorded: String,
+        /// Start of the hash of the robot file in use.
+        given: String,
+    },
     /// No commands.
     #[error(
         "session '{session}' has no chamber with both commanded and measured pressure: log the commands \

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::GapError;
+use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
 use crate::sim::effects::Trajectory;
 
@@ -13,6 +14,8 @@ pub struct Session {
     pub name: String,
     /// Hash of its data, hexadecimal; empty if it came from no file.
     pub hash: String,
+    /// Hash of the robot file it was recorded with; empty when it does not say.
+    pub robot: String,
     /// Mass the operator believes is attached, kg.
     pub payload_kg: f64,
     /// Rising times, s.
@@ -25,6 +28,25 @@ pub struct Session {
     pub sensors: Vec<SensorVec>,
     /// Motion capture of the end pad, base from tip.
     pub captured: Vec<Option<Pose>>,
+}
+
+/// Whether a session is of this robot, as far as it says.
+///
+/// # Errors
+/// [`GapError::OtherRobot`] when it was recorded with another robot file.
+pub fn same_robot(robot: &RobotSpec, session: &Session) -> Result<(), GapError> {
+    let known = session.robot.is_empty()
+        || session.robot == robot.hash
+        || robot.patches.iter().any(|a| a.onto == session.robot);
+    if known {
+        return Ok(());
+    }
+    let start = |hash: &str| hash.chars().take(8).collect();
+    Err(GapError::OtherRobot {
+        session: session.name.clone(),
+        recorded: start(&session.robot),
+        given: start(&robot.hash),
+    })
 }
 
 /// Residual channels of the arm: end pad x, y, z (m), its rotation vector (rad, base frame), twelve
@@ -194,6 +216,7 @@ impl Grid {
         Self::new(Session {
             name: self.session.name.clone(),
             hash: String::new(),
+            robot: self.session.robot.clone(),
             payload_kg: self.session.payload_kg,
             t_s: drive.t_s.clone(),
             chamber_pa: drive.chamber_pa.clone(),

@@ -49,8 +49,10 @@ pub struct SessionLog {
     pub commanded_pa: Option<Vec<[f64; CHAMBERS]>>,
     /// Attached mass, kg, if it was logged per sample; NaN where missing.
     pub payload_column_kg: Option<Vec<f64>>,
-    /// SHA-256 of `log.csv`, hexadecimal; empty for a log that came from no file.
+    /// SHA-256 of the file, hexadecimal; empty for a log that came from no file.
     pub hash: String,
+    /// Hash of the robot file it was recorded with; empty when it does not say.
+    pub robot: String,
 }
 
 /// `session.toml`.
@@ -62,6 +64,8 @@ struct SessionFile {
     rate_hz: f64,
     #[serde(default)]
     payload_kg: f64,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    robot: String,
 }
 
 fn default_log() -> String {
@@ -88,6 +92,7 @@ pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
             log: String::new(),
             rate_hz: f64::NAN,
             payload_kg: 0.0,
+            robot: String::new(),
         };
         (session, path.to_owned())
     } else {
@@ -104,6 +109,7 @@ pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
     let mut log = parse_log(BufReader::new(file), &log_path)?;
     log.name = session.name;
     log.payload_kg = session.payload_kg;
+    log.robot = session.robot;
     let median_s = median_step_s(&log.t_s);
     if session.rate_hz.is_finite() {
         log.rate_hz = session.rate_hz;
@@ -300,6 +306,7 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
         commanded_pa: None,
         payload_column_kg: None,
         hash: String::new(),
+        robot: String::new(),
     };
     let mut header_line = 0;
     loop {
@@ -548,6 +555,7 @@ impl SessionLog {
             commanded_pa: None,
             payload_column_kg: None,
             hash: String::new(),
+            robot: String::new(),
         };
         let mut commanded = Vec::new();
         let mut last = None;
@@ -620,6 +628,7 @@ pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError>
         log: default_log(),
         rate_hz: log.rate_hz,
         payload_kg: log.payload_kg,
+        robot: log.robot.clone(),
     };
     let text = toml::to_string(&session).map_err(|e| RecordingError::Session {
         path: dir.join("session.toml"),

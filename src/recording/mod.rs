@@ -5,13 +5,14 @@
 //!   [`Recorder`] writes one on a thread of its own.
 //!   [`write_overlay`] writes a comparison of one way measured and simulated, for the viewer alone.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
-//! - [`inspect`] tells what is in either.
+//! - [`read_log`] reads the signals of either, [`inspect`] tells what is in them.
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet. [`DatasetJournal`]
 //!   keeps what a long run has computed, until its data set is whole.
 
 mod asu;
 mod csv;
 mod dataset;
+mod either;
 mod error;
 mod inspect;
 mod journal;
@@ -27,6 +28,7 @@ mod types;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
+pub use either::read_log;
 pub use error::RecordingError;
 pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
 pub use journal::DatasetJournal;

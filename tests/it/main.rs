@@ -4,6 +4,7 @@ mod dataset;
 mod edges;
 #[cfg(unix)]
 mod gap_bench;
+mod gap_find;
 mod program;
 mod real_data;
 mod shaders;

@@ -40,7 +40,7 @@ fn json_in_real_time(args: &[&str]) -> Value {
 }
 
 /// Exit code and the only line on standard error.
-fn refusal(args: &[&str]) -> (i32, String) {
+pub fn refusal(args: &[&str]) -> (i32, String) {
     let out = springtwin(args);
     let text = String::from_utf8_lossy(&out.stderr).trim().to_owned();
     assert_eq!(

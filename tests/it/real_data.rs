@@ -75,6 +75,7 @@ fn grid(name: &str) -> gap::Grid {
     gap::Grid::new(gap::Session {
         name: log.name,
         hash: log.hash,
+        robot: log.robot,
         payload_kg: log.payload_kg,
         t_s: log.t_s,
         chamber_pa: log.chamber_pa,

@@ -81,7 +81,7 @@ pub fn run(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
     );
     let (case, logs) = draw(a, robot)?;
     for (name, log) in ["commissioning", "suspect"].into_iter().zip(logs) {
-        write_session(&out.join(name), &log_of(log))?;
+        write_session(&out.join(name), &log_of(log, robot))?;
     }
     // Last: where there is a key, there is a whole case.
     write(&key, &serde_json::to_string_pretty(&key_of(&case))?)?;

@@ -10,7 +10,7 @@ use super::line::{
     line_rows,
 };
 use super::search::{EffectSet, Stages, same, supply_stages};
-use crate::gap::explain::Explained;
+use crate::gap::explain::{Explained, form_sd};
 use crate::gap::finding::{
     ChannelError, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces, Verdict,
 };
@@ -398,7 +398,8 @@ fn add_effects(
             .zip(values)
             .map(|(p, v)| {
                 let model_var = inverse[(at, at)] * set.mean_square.max(1.0);
-                let sd = model_var.max(robust[(at, at)]).sqrt();
+                let form = form_sd(candidate.effect, p, *v);
+                let sd = model_var.max(robust[(at, at)]).sqrt().hypot(form);
                 let held = e.fit.on_bound[at];
                 at += 1;
                 let ci95 = (!held).then(|| {

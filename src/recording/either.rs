@@ -1,0 +1,29 @@
+//! Sessions from whatever they were recorded as.
+
+use std::path::Path;
+
+use sha2::{Digest as _, Sha256};
+
+use super::log::{hex, median_step_s};
+use super::{RecordingError, SessionLog, read_rrd, read_session};
+
+/// Reads a session log (folder, `session.toml`, `.csv`) or the calibrated sensors, motion capture
+/// and commands of a recording (`.rrd`).
+///
+/// # Errors
+/// As [`read_session`] and [`read_rrd`].
+pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
+    let is_rrd = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
+    if !is_rrd {
+        return read_session(path);
+    }
+    let read = read_rrd(path)?;
+    let mut log = SessionLog::from_trace(&read.trace, 0.0);
+    log.rate_hz = median_step_s(&log.t_s).map_or(0.0, |dt_s| 1.0 / dt_s);
+    let bytes = std::fs::read(path).map_err(RecordingError::io(path, "read"))?;
+    log.hash = hex(&Sha256::digest(&bytes));
+    log.robot = read.meta.robot_hash;
+    Ok(log)
+}

@@ -1,0 +1,141 @@
+//! The gap finder from sessions on disk to verdicts: two effects at once, alternatives that only
+//! another excitation tells apart, and logs it must not believe.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::program::{json, refusal, scratch};
+
+/// A session of the virtual rig.
+fn session(dir: &Path, name: &str, args: &[&str]) -> String {
+    let out = dir.join(name).to_str().expect("a path").to_owned();
+    let mut all = vec!["rig", "session", "--out", &out, "--json"];
+    all.extend(args);
+    json(&all);
+    out
+}
+
+fn find(baseline: &str, suspect: &str, more: &[&str]) -> Value {
+    let mut all = vec!["gap", "run", "--baseline", baseline, "--session", suspect];
+    all.extend(more);
+    all.push("--json");
+    json(&all)
+}
+
+fn names(finding: &Value) -> Vec<(String, Option<u64>)> {
+    let effects = finding["effects"].as_array().expect("a list");
+    let name = |e: &Value| (e["id"].as_str().unwrap().to_owned(), e["target"].as_u64());
+    let mut out: Vec<_> = effects.iter().map(name).collect();
+    out.sort();
+    out
+}
+
+#[test]
+fn two_effects_in_one_session_are_both_named() {
+    let dir = scratch("gap-two");
+    let healthy = session(&dir, "healthy", &["--seed", "1", "--seconds", "60"]);
+    let suspect = session(
+        &dir,
+        "suspect",
+        &[
+            "--seed",
+            "2",
+            "--seconds",
+            "60",
+            "--hide",
+            "payload=0.4",
+            "--hide",
+            "imu-drift:3=0.0015",
+        ],
+    );
+    let found = find(&healthy, &suspect, &[]);
+    assert_eq!(found["verdict"], "named", "{found}");
+    let wanted = [
+        ("imu-drift".to_owned(), Some(3)),
+        ("payload".to_owned(), None),
+    ];
+    assert_eq!(names(&found), wanted);
+    assert!(found["gap"]["closed"].as_f64().unwrap() > 0.8, "{found}");
+}
+
+#[test]
+fn sessions_that_cannot_be_believed_are_refused_or_say_less() {
+    let dir = scratch("gap-bad");
+    let healthy = session(&dir, "healthy", &["--seed", "1", "--seconds", "30"]);
+    let short = session(&dir, "short", &["--seed", "2", "--seconds", "8"]);
+    let still = session(
+        &dir,
+        "still",
+        &["--seed", "2", "--seconds", "30", "--excitation", "still"],
+    );
+    let run =
+        |suspect: &str| refusal(&["gap", "run", "--baseline", &healthy, "--session", suspect]).1;
+    assert!(run(&short).contains("8 s long: at least 20 s are needed"));
+    assert!(run(&still).contains("drive the arm through its range"));
+
+    // Recorded with another robot file.
+    let other = dir.join("other");
+    std::fs::create_dir_all(&other).unwrap();
+    std::fs::copy(Path::new(&healthy).join("log.csv"), other.join("log.csv")).unwrap();
+    let about = std::fs::read_to_string(Path::new(&healthy).join("session.toml")).unwrap();
+    let robot = about
+        .lines()
+        .find(|l| l.starts_with("robot"))
+        .expect("says its robot");
+    let about = about.replace(robot, "robot = \"0123456789abcdef\"");
+    std::fs::write(other.join("session.toml"), about).unwrap();
+    let complaint = run(other.to_str().unwrap());
+    assert!(
+        complaint.contains("01234567") && complaint.contains("--robot"),
+        "{complaint}"
+    );
+
+    // No springs, motion capture lost for a while: what is left is used, and it is said what is not.
+    let poor = dir.join("poor");
+    std::fs::create_dir_all(&poor).unwrap();
+    let suspect = session(
+        &dir,
+        "suspect",
+        &[
+            "--seed",
+            "3",
+            "--seconds",
+            "30",
+            "--hide",
+            "mocap-frame=0.01,0,0,0,0,0.02",
+        ],
+    );
+    let log = std::fs::read_to_string(Path::new(&suspect).join("log.csv")).unwrap();
+    let mut lines = log.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let mut text = header.join(",");
+    for (n, line) in lines.enumerate() {
+        let cells: Vec<&str> = line.split(',').collect();
+        let kept: Vec<&str> = header
+            .iter()
+            .zip(&cells)
+            .map(|(name, cell)| {
+                let captured = name.starts_with("vicon");
+                let lost = name.starts_with("spring") || (captured && (500..700).contains(&n));
+                if lost { "" } else { cell }
+            })
+            .collect();
+        text.push('\n');
+        text.push_str(&kept.join(","));
+    }
+    std::fs::write(poor.join("log.csv"), text).unwrap();
+    std::fs::copy(
+        Path::new(&suspect).join("session.toml"),
+        poor.join("session.toml"),
+    )
+    .unwrap();
+    let found = find(&healthy, poor.to_str().unwrap(), &[]);
+    let notes = found["notes"].to_string();
+    assert!(
+        notes.contains("Not measured: spring 1, spring 2"),
+        "{notes}"
+    );
+    assert!(notes.contains("only the common ones count"), "{notes}");
+    assert_eq!(names(&found), [("mocap-frame".to_owned(), None)], "{found}");
+}
