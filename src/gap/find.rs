@@ -44,16 +44,19 @@ pub struct Found {
 
 /// At most so many effects at once.
 const EFFECTS_MAX: usize = 3;
+/// Times the threshold from which a gain counts: chance is drawn from one healthy session, and the
+/// model's own error is not quite the same in the next.
+const WEAK: f64 = 2.0;
 /// Chance sessions behind the threshold.
 const DRAWS: usize = 100;
 /// Share of the excess over the floor that has to go before an effect is named.
-const CLOSED_MIN: f64 = 0.6;
+const CLOSED_MIN: f64 = 0.5;
 /// Share of the held-out gap that has to close before an effect is named.
 const PROVEN_MIN: f64 = 0.5;
 /// A best effect that leaves more than this share of the excess is not at the floor.
 const AT_FLOOR: f64 = 0.05;
 /// A rival is excluded when it leaves this many times what the best one leaves.
-const RIVAL_LEAVES: f64 = 2.0;
+const RIVAL_LEAVES: f64 = 1.2;
 /// A further effect has to bring some combination of channels this much closer to its floor.
 const FURTHER_MIN: f64 = 0.6;
 /// Pressures that all stay within this excite little, Pa.
@@ -126,7 +129,7 @@ pub fn find(
         let best = found.first().cloned();
         rankings.push(found);
         let Some(best) = best else { break };
-        if best.gain <= threshold || !best.firm {
+        if best.gain <= WEAK * threshold || !best.firm {
             break;
         }
         if let Some(so_far) = &chosen {

@@ -418,8 +418,9 @@ impl Losses {
     }
 
     /// Whether the gain over `other` is more than the luck of some blocks: twice its standard error,
-    /// or won somewhere and lost next to nowhere. Drifts, touches and faults that begin in the middle
-    /// gain far more in some blocks than in others.
+    /// or won somewhere and lost next to nowhere (drifts, touches and faults that begin in the middle
+    /// gain far more in some blocks than in others), or twice its standard error when every block
+    /// counts by its own scale, ln(loss/loss) (where more happens, more is left over).
     pub fn firmly_over(&self, other: &Self) -> bool {
         self.beats(other, 2.0)
     }
@@ -427,8 +428,16 @@ impl Losses {
     /// The same with so many standard errors.
     pub fn beats(&self, other: &Self, errors: f64) -> bool {
         let (gain, se) = self.gain_over(other);
-        let each = other.0.iter().zip(&self.0).map(|(o, s)| o - s);
-        let won: f64 = each.map(|d| d.max(0.0)).sum();
-        gain > 0.0 && (gain > errors * se || won - gain <= LOST * won)
+        let each = other.0.iter().zip(&self.0);
+        let won: f64 = each.clone().map(|(o, s)| (o - s).max(0.0)).sum();
+        let typical = self.0.iter().sum::<f64>() / self.0.len() as f64;
+        let logs: Vec<f64> = each
+            .map(|(o, s)| ((o + 0.5 * typical) / (s + 0.5 * typical)).ln())
+            .collect();
+        let n = logs.len() as f64;
+        let mean = logs.iter().sum::<f64>() / n;
+        let var = logs.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let even = mean > errors * (var / n).sqrt();
+        gain > 0.0 && (gain > errors * se || won - gain <= LOST * won || even)
     }
 }
