@@ -4,6 +4,7 @@
 mod actuation;
 mod candidates;
 mod commission;
+mod describe;
 mod explain;
 mod find;
 mod finding;
@@ -17,7 +18,9 @@ mod prove;
 mod replay;
 pub mod report;
 pub mod score;
+mod select;
 mod session;
+mod sides;
 
 pub use actuation::{
     Actuation, Chance, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,

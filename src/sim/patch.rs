@@ -100,11 +100,11 @@ impl Knob {
 
     /// Whether it changes the motion of the arm, not only what is read.
     pub fn is_mechanical(self) -> bool {
-        let moving = match self {
-            Self::Damping | Self::Friction(_) | Self::FrictionTravel | Self::Lag => true,
-            Self::Creep | Self::CreepTime => true,
-            _ => false,
-        };
+        let moving = matches!(
+            self,
+            Self::Damping | Self::Friction(_) | Self::FrictionTravel | Self::Lag
+        );
+        let moving = moving || matches!(self, Self::Creep | Self::CreepTime);
         moving || self.acts() == Acts::Arm
     }
 

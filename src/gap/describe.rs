@@ -1,0 +1,170 @@
+//! A fit in the words of a finding.
+
+use std::collections::BTreeMap;
+
+use super::candidates::Candidate;
+use super::explain::{Explained, form_sd, weak_prior};
+use super::finding::{FoundEffect, Ranked, SeparateBy};
+use super::patch::PatchValue;
+use super::problem::{Problem, Replayed};
+use super::session::Grid;
+use crate::sim::effects::{Side, Trajectory};
+
+/// Effects of a fit with their intervals.
+pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
+    let fit = &e.fit;
+    let columns = &fit.columns;
+    let mut gram = problem.product(columns, columns);
+    let free: Vec<usize> = (0..gram.nrows()).filter(|i| gram[(*i, *i)] > 0.0).collect();
+    // Innovations are not quite white and the effect's form is not quite right: the spread from
+    // block to block tells how much wider the interval is.
+    let level = (fit.cost / problem.len() as f64).max(1.0);
+    let scale: Vec<f64> = fit.effects.iter().flat_map(|(c, _)| c.scale()).collect();
+    for i in 0..gram.nrows() {
+        gram[(i, i)] += 1e-6 / scale[i].powi(2);
+    }
+    let spread = problem.sandwich(&fit.residual, columns, &weak_prior(fit));
+    let plain = gram.try_inverse();
+    let mut at = 0;
+    let mut out = Vec::new();
+    for (c, values) in &fit.effects {
+        let mut params = BTreeMap::new();
+        for (p, v) in c.effect.parameters.iter().zip(values) {
+            let i = at;
+            at += 1;
+            let variance = plain.as_ref().map_or(f64::NAN, |g| g[(i, i)] * level);
+            let sd = variance
+                .max(spread[i])
+                .sqrt()
+                .hypot(form_sd(c.effect, p, *v));
+            let ci95 = (free.contains(&i) && sd.is_finite()).then(|| {
+                [
+                    (v - 2.2 * sd).max(p.bounds[0]),
+                    (v + 2.2 * sd).min(p.bounds[1]),
+                ]
+            });
+            params.insert(
+                p.name.to_owned(),
+                PatchValue {
+                    value: *v,
+                    unit: p.unit.to_owned(),
+                    ci95,
+                },
+            );
+        }
+        out.push(FoundEffect {
+            id: c.effect.id.to_owned(),
+            side: side(c.effect.side).to_owned(),
+            target: c.target.map(|t| t + 1),
+            params,
+        });
+    }
+    out
+}
+
+fn side(s: Side) -> &'static str {
+    match s {
+        Side::Actuation => "actuation",
+        Side::Mechanics => "mechanics",
+        Side::Sensing => "sensing",
+        Side::FrameAndTime => "frame-and-time",
+    }
+}
+
+/// Every candidate once, with its best gain.
+pub fn unique(ranked: &[Explained]) -> Vec<Ranked> {
+    let mut seen: Vec<Candidate> = Vec::new();
+    let mut out = Vec::new();
+    for e in ranked {
+        if seen.contains(&e.candidate) {
+            continue;
+        }
+        seen.push(e.candidate);
+        out.push(Ranked {
+            id: e.candidate.effect.id.to_owned(),
+            target: e.candidate.target.map(|t| t + 1),
+            gain: e.gain,
+            se: e.se,
+        });
+    }
+    out
+}
+
+/// The excitation in which two alternatives differ most, after each is fitted to the other as well
+/// as a linear change of its parameters allows.
+pub fn separate(
+    replayed: &Replayed,
+    a: &Explained,
+    b: &Explained,
+    rivals: &[Explained],
+    excitations: &[(String, Trajectory)],
+) -> Option<SeparateBy> {
+    let mut names: Vec<String> = vec![a.candidate.effect.id.to_owned()];
+    names.extend(rivals.iter().map(|r| r.candidate.effect.id.to_owned()));
+    let mut best: Option<(f64, &str)> = None;
+    let (a, b) = (a.fit.active(), b.fit.active());
+    let here = replayed.apart(replayed.grid, &a, &b)?;
+    for (name, drive) in excitations {
+        let Some(grid) = replayed.grid.driven_by(drive) else {
+            continue;
+        };
+        let Some(apart) = replayed.apart(&grid, &a, &b) else {
+            continue;
+        };
+        if best.is_none_or(|(most, _)| apart > most) {
+            best = Some((apart, name));
+        }
+    }
+    let (apart, name) = best?;
+    Some(SeparateBy {
+        excitation: name.to_owned(),
+        effects: names,
+        why: format!(
+            "under '{name}' the first two alternatives would be {apart:.0} nats apart, against {here:.0} \
+             under the pressures of this session"
+        ),
+    })
+}
+/// What limits any verdict on these sessions.
+pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
+    let mut out = Vec::new();
+    match healthy {
+        None => out.push(
+            "No healthy session was given: the factory model is the baseline, and differences \
+             between this arm and the nominal one can look like effects."
+                .to_owned(),
+        ),
+        Some(h) => {
+            if h.present != suspect.present {
+                out.push(
+                    "The two sessions do not hold the same channels: only the common ones count."
+                        .to_owned(),
+                );
+            }
+        }
+    }
+    let gone: Vec<String> = (0..super::session::CHANNELS)
+        .filter(|c| !suspect.present[*c])
+        .map(super::session::channel_name)
+        .collect();
+    if !gone.is_empty() {
+        out.push(format!("Not measured: {}.", gone.join(", ")));
+    }
+    if suspect.session.commanded_pa.is_none() {
+        out.push(
+            "The commanded pressures were not logged: nothing can be said of the way from command to gauge."
+                .to_owned(),
+        );
+    }
+    out
+}
+
+/// Largest movement of any pressure, Pa.
+pub fn range_pa(grid: &Grid) -> f64 {
+    (0..crate::signal::CHAMBERS)
+        .map(|i| {
+            let values = grid.gauge_pa.iter().map(|p| p[i]);
+            values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+        })
+        .fold(0.0, f64::max)
+}

@@ -1,0 +1,91 @@
+//! The two sides of a rig: from command to gauge, and from gauge to motion. What the first says
+//! binds the second.
+
+use super::actuation::{
+    Lag, PressureGrid, PressureLog, commission_supply, decide_supply, supply_stages,
+};
+use super::candidates::Candidate;
+use super::finding::{Finding, FoundEffect, Verdict};
+use super::session::Grid;
+use super::{GapError, Progress};
+use crate::robot::RobotSpec;
+
+/// What is to be said of the way from command to gauge, when the commands were logged.
+pub fn supply(
+    robot: &RobotSpec,
+    healthy: Option<&Grid>,
+    suspect: &Grid,
+    without: &[String],
+    progress: &dyn Progress,
+) -> Result<Option<Finding>, GapError> {
+    let log = |g: &Grid| {
+        PressureLog::of(&g.session)
+            .map(PressureGrid::new)
+            .transpose()
+    };
+    let (Some(h), Some(s)) = (healthy.map(log).transpose()?.flatten(), log(suspect)?) else {
+        return Ok(None);
+    };
+    if !s.moves() {
+        return Ok(None);
+    }
+    let baseline = commission_supply(robot, &h)?;
+    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, without, progress)?;
+    decide_supply(robot, &s, &baseline, Lag::BehindGauge, &stages).map(Some)
+}
+
+/// Whether a gauge can be wrong: the regulator follows its gauge, so the way from command to gauge
+/// shows it, when that was logged and understood.
+pub fn may_misread(supply: Option<&Finding>, gauge: &Candidate) -> bool {
+    supply.is_none_or(|f| f.verdict == Verdict::Unknown) || named_by(supply, gauge)
+}
+
+/// Whether the way from command to gauge has already named it.
+pub fn named_by(supply: Option<&Finding>, c: &Candidate) -> bool {
+    let target = c.target.map(|t| t + 1);
+    supply.is_some_and(|f| {
+        let mut named = f.effects.iter();
+        named.any(|e| e.id == c.effect.id && e.target == target)
+    })
+}
+
+/// Puts the supply's finding beside the arm's: they come from residuals that do not share a cause,
+/// except for a gauge. Gives the effects that belong into the patch.
+pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
+    arm.located.extend(supply.located);
+    arm.channels.extend(supply.channels);
+    arm.candidates.extend(supply.candidates);
+    let says = |v: Verdict| matches!(v, Verdict::Named | Verdict::Indistinguishable);
+    let quiet = matches!(arm.verdict, Verdict::NothingMissing | Verdict::NotExcited);
+    if !says(supply.verdict) {
+        if quiet && supply.verdict == Verdict::Unknown {
+            arm.verdict = Verdict::Unknown;
+            arm.notes.extend(supply.notes);
+        }
+        return Vec::new();
+    }
+    let new: Vec<FoundEffect> = supply
+        .effects
+        .into_iter()
+        .filter(|s| {
+            !arm.effects
+                .iter()
+                .any(|a| a.id == s.id && a.target == s.target)
+        })
+        .collect();
+    arm.worse.extend(supply.worse);
+    if quiet {
+        arm.verdict = supply.verdict;
+        arm.gap = supply.gap;
+        arm.threshold = supply.threshold;
+        arm.separate_by = supply.separate_by;
+    } else if says(arm.verdict) && supply.verdict == Verdict::Indistinguishable {
+        arm.verdict = Verdict::Indistinguishable;
+    }
+    arm.effects.extend(new.iter().cloned());
+    // Of a set only its first alternative goes into the patch.
+    match supply.verdict {
+        Verdict::Indistinguishable => new.into_iter().take(1).collect(),
+        _ => new,
+    }
+}
