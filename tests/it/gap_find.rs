@@ -25,7 +25,12 @@ fn find(baseline: &str, suspect: &str, more: &[&str]) -> Value {
 
 fn names(finding: &Value) -> Vec<(String, Option<u64>)> {
     let effects = finding["effects"].as_array().expect("a list");
-    let name = |e: &Value| (e["id"].as_str().unwrap().to_owned(), e["target"].as_u64());
+    let name = |e: &Value| {
+        (
+            e["id"].as_str().expect("an id").to_owned(),
+            e["target"].as_u64(),
+        )
+    };
     let mut out: Vec<_> = effects.iter().map(name).collect();
     out.sort();
     out
