@@ -126,13 +126,12 @@ fn pays(
     {
         return Ok(true);
     }
-    if matches!(
-        next.candidate.effect.side,
-        Side::Actuation | Side::Mechanics
-    ) {
+    // What lasts is hardly seen in innovations: mean squares of the readings themselves. What the
+    // form of one effect of the arm leaves over lasts too, and is no second one.
+    let moves = |c: &Candidate| matches!(c.effect.side, Side::Actuation | Side::Mechanics);
+    if moves(&next.candidate) && so_far.fit.effects.iter().any(|(c, _)| moves(c)) {
         return Ok(false);
     }
-    // What lasts in a reading is hardly seen in innovations: mean squares of the readings themselves.
     let square = |e: &Explained| -> Result<Vec<f64>, GapError> {
         let rows = bridged(&replayed.rows(&e.fit.active())?);
         let judged = &rows[start()..];

@@ -64,30 +64,30 @@ fn two_effects_in_one_session_are_both_named() {
     assert!(found["gap"]["closed"].as_f64().unwrap() > 0.8, "{found}");
 }
 
-/// A lag between gauge and chamber and a rubber that resists motion look alike in slow moves. The
-/// finder says so and names a motion; on a session of that motion it names the cause.
+/// Rubber that resists motion, rubber that creeps fast and a lag behind the gauge look alike in a
+/// little of everything. The finder says so and names a motion; from that motion it names the cause.
 #[test]
 fn alternatives_are_told_apart_by_the_excitation_that_is_proposed() {
     let dir = scratch("gap-pair");
     let healthy = session(&dir, "healthy", &["--seed", "1", "--seconds", "60"]);
     let suspect = |name: &str, excitation: &str| {
-        let hidden = ["--hide", "pressure-lag=0.1", "--excitation", excitation];
+        let hidden = ["--hide", "damping=0.15", "--excitation", excitation];
         let more = [&["--seed", "2", "--seconds", "60"][..], &hidden].concat();
         session(&dir, name, &more)
     };
-    let first = find(&healthy, &suspect("first", "reversals"), &[]);
+    let first = find(&healthy, &suspect("first", "mixed"), &[]);
     assert_eq!(first["verdict"], "indistinguishable", "{first}");
-    let both = [
-        ("damping".to_owned(), None),
-        ("pressure-lag".to_owned(), None),
-    ];
-    assert_eq!(names(&first), both);
+    let set = names(&first);
+    assert!(
+        set.len() >= 2 && set.contains(&("damping".to_owned(), None)),
+        "{set:?}"
+    );
     let proposed = first["separate_by"]["excitation"]
         .as_str()
         .expect("a motion");
     let second = find(&healthy, &suspect("second", proposed), &[]);
     assert_eq!(second["verdict"], "named", "{second}");
-    assert_eq!(names(&second), [("pressure-lag".to_owned(), None)]);
+    assert_eq!(names(&second), [("damping".to_owned(), None)]);
 }
 
 #[test]
