@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::candidates::Candidate;
 use super::explain::{Explained, form_sd, weak_prior};
 use super::finding::{FoundEffect, Ranked, SeparateBy};
+use super::left::Left;
 use super::patch::PatchValue;
 use super::problem::{Problem, Replayed};
 use super::session::Grid;
@@ -18,7 +19,7 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
     let free: Vec<usize> = (0..gram.nrows()).filter(|i| gram[(*i, *i)] > 0.0).collect();
     // Innovations are not quite white and the effect's form is not quite right: the spread from
     // block to block tells how much wider the interval is.
-    let level = (fit.cost / problem.len() as f64).max(1.0);
+    let level = Left::of(problem, &fit.residual).mean_quick().max(1.0);
     let scale: Vec<f64> = fit.effects.iter().flat_map(|(c, _)| c.scale()).collect();
     for i in 0..gram.nrows() {
         gram[(i, i)] += 1e-6 / scale[i].powi(2);

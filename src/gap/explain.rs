@@ -319,16 +319,29 @@ pub fn explain(
 }
 
 /// How far a well-fitted value may be off because the law is an idealisation (standard deviation):
-/// the same quantity in another law of the same physics comes out different by about a tenth. For
-/// sensors, frames and clocks the law is nearly a definition. A place and a moment belong to no law.
+/// the same quantity in another law of the same physics comes out different. For sensors, frames and
+/// clocks the law is nearly a definition. A moment belongs to no law.
 pub fn form_sd(effect: &Effect, parameter: &Parameter, value: f64) -> f64 {
-    let share = match (effect.id, parameter.name) {
-        ("contact", "height") | ("spring-stuck", _) => 0.0,
-        ("gauge-error" | "pressure-delay", _) => 0.03,
-        _ if matches!(effect.side, Side::Actuation | Side::Mechanics) => 0.1,
-        _ => 0.03,
-    };
-    share * (value - parameter.nominal).abs().min(value.abs())
+    let departure = (value - parameter.nominal).abs().min(value.abs());
+    match (effect.id, parameter.name) {
+        ("spring-stuck", _) => 0.0,
+        // A floor gives before it carries.
+        ("contact", "height") => 3e-3,
+        // Set points are held for a period; whether that counts as delay is a matter of words.
+        ("pressure-delay", _) => 1e-2 + 0.1 * departure,
+        // Where a law has a scale of its own besides its size: one exponential for a spectrum, one
+        // travel for a rounded loop.
+        ("creep" | "supply-coupling", "time") | ("hysteresis", "travel") | ("contact", "rate") => {
+            0.25 * value.abs()
+        }
+        ("supply-coupling" | "damping", _) => 0.2 * departure,
+        // No drift is even: its rate over one stretch is not that over the next.
+        ("imu-drift" | "spring-drift", _) => 0.2 * departure,
+        ("spring-lag" | "clock-skew", _) => 0.1 * departure,
+        ("gauge-error", _) => 0.03 * departure,
+        _ if matches!(effect.side, Side::Actuation | Side::Mechanics) => 0.1 * departure,
+        _ => 0.03 * departure,
+    }
 }
 
 /// Precision of a very wide prior on each parameter.

@@ -11,15 +11,17 @@ use super::describe::{described, notes, range_pa, separate, unique};
 use super::explain::{Explained, admitted, chance, columns};
 use super::finding::{Finding, GapSize, Located, Verdict};
 use super::fit::cost;
+use super::left::Left;
+use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
-use super::problem::{Problem, Replayed};
+use super::problem::Replayed;
 use super::prove::prove;
 use super::select::{Selected, rivals_of, select};
 use super::session::{Grid, same_robot};
 use super::sides::{add_supply, may_misread, supply};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
-use crate::sim::effects::Trajectory;
+use crate::sim::effects::{Side, Trajectory};
 
 /// What may be asked of the finder.
 #[derive(Clone, Debug, Default)]
@@ -45,12 +47,12 @@ pub struct Found {
 const DRAWS: usize = 100;
 /// Share of the excess over the floor that has to go before an effect is named.
 const CLOSED_MIN: f64 = 0.5;
+/// The same for sensors, frames, clocks and steady loads, whose laws are nearly definitions.
+const CLOSED_MIN_EXACT: f64 = 0.8;
 /// Share of the held-out gap that has to close before an effect is named.
 const PROVEN_MIN: f64 = 0.5;
 /// Pressures that all stay within this excite little, Pa.
 const EXCITED_PA: f64 = 8e3;
-/// Excess over the floor, relative to it, that is not chance even when nothing explains it.
-const UNEXPLAINED: f64 = 0.5;
 
 /// Finds what is missing in the model of a rig.
 ///
@@ -100,23 +102,34 @@ pub fn find(
     progress.at(Stage::Decide, 0.0)?;
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
     // Without a healthy session nothing tells noise from effects but the assumed noise itself.
+    let combinations = baseline.noise.channels.len();
     let quiet = match &baseline.healthy {
-        Some(h) => h.clone(),
-        None => DMatrix::from_fn(baseline.noise.channels.len(), suspect.len(), |_, _| {
-            crate::sim::dataset::normal(&mut rng)
-        }),
+        Some(rows) => baseline.noise.evidence(rows, suspect.len()),
+        None => {
+            let mut quiet = DMatrix::zeros(2 * combinations, suspect.len());
+            for x in quiet.rows_mut(0, combinations).iter_mut() {
+                *x = crate::sim::dataset::normal(&mut rng);
+            }
+            quiet
+        }
     };
     let threshold = chance(&problem, &ready, &quiet, &mut rng, DRAWS);
-    let n = problem.len() as f64;
-    let before = cost(&problem, &r0) / n;
-    let floor = healthy_level(&problem, &quiet);
+    let before = Left::of(&problem, &r0);
+    let judged = quiet.ncols() - start();
+    let floor = quiet.rows(0, combinations).norm_squared() / (combinations * judged) as f64;
+    log::debug!(
+        "innovations {:.3} (healthy {floor:.3}), readings {:.2?}, rig's change {:.2}, threshold {threshold:.1}",
+        before.mean_quick(),
+        before.lasting,
+        before.change
+    );
 
     let Selected { chosen, rankings } = select(
-        &replayed,
         &problem,
         (&all, &ready),
         threshold,
         floor,
+        supply.as_ref(),
         progress,
     )?;
     let first: &[Explained] = rankings.first().map_or(&[], |r| r);
@@ -128,11 +141,21 @@ pub fn find(
         notes: reasons,
     } = match &chosen {
         Some(best) => {
-            let rivals = rivals_of(&rankings, best, before * n, floor * n, supply.as_ref());
-            let left = best.fit.cost / n;
-            judge(best, rivals, [before, left, floor], &all, &located)
+            let n = problem.len() as f64;
+            let healthy = quiet.norm_squared() * n / quiet.len() as f64;
+            let cost = cost(&problem, &r0);
+            let rivals = rivals_of(&problem, &rankings, best, [cost, healthy], supply.as_ref());
+            let after = Left::of(&problem, &best.fit.residual);
+            log::debug!(
+                "left over: innovations {:.3}, readings {:.2?}, rig's change {:.2}; closed {:.2}",
+                after.mean_quick(),
+                after.lasting,
+                after.change,
+                before.closed(&after, floor)
+            );
+            judge(best, rivals, [&before, &after], floor, &all, &located)
         }
-        None => unexplained(suspect, before, floor),
+        None => unexplained(suspect, &before, floor),
     };
     notes.extend(reasons);
 
@@ -228,24 +251,32 @@ struct Judged {
     notes: Vec<String>,
 }
 
-/// The verdict when an effect was taken; mean squares of innovations before it, after it and in a
-/// healthy rig.
+/// The verdict when an effect was taken; what is left over before and after it, and the mean square
+/// of a healthy innovation.
 fn judge(
     best: &Explained,
     rivals: Vec<Explained>,
-    [before, left, floor]: [f64; 3],
+    [before, after]: [&Left; 2],
+    floor: f64,
     all: &[Candidate],
     located: &[Located],
 ) -> Judged {
-    let excess = before - floor;
-    let closed = (before - left) / excess;
+    let closed = before.closed(after, floor);
+    let exact = |c: &Candidate| {
+        matches!(c.effect.side, Side::Sensing | Side::FrameAndTime)
+            || ["payload", "com-offset", "base-tilt", "tip-force"].contains(&c.effect.id)
+    };
+    let least = match best.fit.effects.iter().all(|(c, _)| exact(c)) {
+        true => CLOSED_MIN_EXACT,
+        false => CLOSED_MIN,
+    };
     let judged = |verdict, rivals, notes| Judged {
         verdict,
         rivals,
         notes,
     };
-    if closed < CLOSED_MIN {
-        if excess <= UNEXPLAINED * floor {
+    if closed < least {
+        if !before.exceeds(floor) {
             // A term that gains a little where nothing is to be gained is chance, or the model's form.
             return judged(Verdict::NothingMissing, Vec::new(), Vec::new());
         }
@@ -270,13 +301,7 @@ fn judge(
     if !rivals.is_empty() {
         return judged(Verdict::Indistinguishable, rivals, Vec::new());
     }
-    if let Some(force_n) = weight(best)
-        && !all.iter().any(|c| c.effect.id == "payload")
-    {
-        let note = format!(
-            "Unmodelled term in r2, along with the direction of gravity: a force of {force_n:.2} N \
-             straight down fits, which is what a weight does, and no weight is in the table."
-        );
+    if let Some(note) = gravity(best, all) {
         return judged(Verdict::Unknown, rivals, vec![note]);
     }
     let bound =
@@ -287,9 +312,9 @@ fn judge(
 }
 
 /// The verdict when no effect was taken.
-fn unexplained(suspect: &Grid, before: f64, floor: f64) -> Judged {
+fn unexplained(suspect: &Grid, before: &Left, floor: f64) -> Judged {
     let range_pa = range_pa(suspect);
-    let (verdict, note) = if before - floor > UNEXPLAINED * floor {
+    let (verdict, note) = if before.exceeds(floor) {
         let note = "What is left over is larger than a healthy rig leaves, and no effect of the table \
                     explains it.";
         (Verdict::Unknown, Some(note.to_owned()))
@@ -310,19 +335,36 @@ fn unexplained(suspect: &Grid, before: f64, floor: f64) -> Judged {
     }
 }
 
-/// A force within this of straight down is a weight, rad: a cable would not hang so by chance.
-const DOWN_RAD: f64 = 0.05;
+/// A force within this of straight down is a weight, of level a leaning base, rad: a cable would not
+/// pull so by chance.
+const ALONG_RAD: f64 = 0.1;
 
-/// The size of a single tip force that points straight down, N.
-fn weight(e: &Explained) -> Option<f64> {
+/// A single tip force that goes along with gravity, while the effect that gravity has so is not in
+/// the table.
+fn gravity(e: &Explained, all: &[Candidate]) -> Option<String> {
     let [(c, values)] = e.fit.effects.as_slice() else {
         return None;
     };
     if c.effect.id != "tip-force" {
         return None;
     }
-    let aside = values[0].hypot(values[1]);
-    (values[2] < 0.0 && aside < DOWN_RAD * -values[2]).then_some(-values[2])
+    let absent = |id: &str| !all.iter().any(|c| c.effect.id == id);
+    let (aside, up) = (values[0].hypot(values[1]), values[2]);
+    let (way, what) = if up < 0.0 && aside < ALONG_RAD * -up && absent("payload") {
+        ("straight down", "a weight does, and no weight")
+    } else if up.abs() < ALONG_RAD * aside && absent("base-tilt") {
+        (
+            "level",
+            "gravity does to a base that leans, and no such base",
+        )
+    } else {
+        return None;
+    };
+    Some(format!(
+        "Unmodelled term in r2, along with the direction of gravity: a force of {:.2} N fits that is \
+         {way}, which is what {what} is in the table.",
+        aside.hypot(up)
+    ))
 }
 
 fn verdict_id(v: Verdict) -> &'static str {
@@ -333,16 +375,6 @@ fn verdict_id(v: Verdict) -> &'static str {
         Verdict::Unknown => "unknown",
         Verdict::NotExcited => "not-excited",
     }
-}
-
-/// What a healthy session looks like in this problem, per innovation.
-fn healthy_level(problem: &Problem, quiet: &DMatrix<f64>) -> f64 {
-    let start = super::noise::start();
-    let judged = quiet.columns(start, quiet.ncols() - start);
-    // The nuisance of the session at hand takes as much from chance as it has effective parameters;
-    // against thousands of innovations this is left out.
-    let level = judged.norm_squared() / judged.len() as f64;
-    level * (problem.len() - start * quiet.nrows()) as f64 / problem.len() as f64
 }
 
 fn floors(baseline: &Baseline) -> BTreeMap<String, f64> {

@@ -9,6 +9,7 @@ mod explain;
 mod find;
 mod finding;
 mod fit;
+mod left;
 mod locate;
 mod noise;
 mod nuisance;

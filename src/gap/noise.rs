@@ -37,7 +37,13 @@ pub struct Noise {
     whiten: DMatrix<f64>,
     phi: DVector<f64>,
     sd: DVector<f64>,
+    /// Healthy size of each channel.
+    size: DVector<f64>,
 }
+
+/// How many independent looks at what lasts a session gives: an offset, a drift, a tilt stay, and
+/// innovations of errors that last hardly see them.
+pub const LOOKS: f64 = 2.0;
 
 impl Noise {
     /// Independent channels of usual size: before a healthy session is known.
@@ -50,6 +56,7 @@ impl Noise {
             whiten: DMatrix::from_diagonal(&inverse),
             phi: DVector::zeros(n),
             sd: DVector::from_element(n, 1.0),
+            size: inverse.map(f64::recip),
         }
     }
 
@@ -75,6 +82,7 @@ impl Noise {
             }
             sigma[(i, i)] += SMALLEST[kind(channels[i])].powi(2);
         }
+        let size = sigma.diagonal().map(f64::sqrt);
         let whiten = match sigma.clone().cholesky() {
             Some(l) => {
                 let mut inverse = DMatrix::identity(n, n);
@@ -88,6 +96,7 @@ impl Noise {
             whiten,
             phi: DVector::zeros(n),
             sd: DVector::from_element(n, 1.0),
+            size,
         };
         let z = out.mixed(rows);
         for i in 0..n {
@@ -130,6 +139,24 @@ impl Noise {
     /// Innovations, one column per row of the session. The start of the session is zero.
     pub fn innovations(&self, rows: &[Row]) -> DMatrix<f64> {
         self.filtered(&self.mixed(&bridged(rows)))
+    }
+
+    /// What `rows` say, one column per row of a session of `bins` rows: innovations, and below them the
+    /// readings of every channel in units of its healthy size, so weighted that the sum of their
+    /// squares over the session counts as [`LOOKS`] looks. The start of the session is zero.
+    pub fn evidence(&self, rows: &[Row], bins: usize) -> DMatrix<f64> {
+        let rows = bridged(rows);
+        let n = self.channels.len();
+        let weight = (LOOKS / bins.saturating_sub(start()).max(1) as f64).sqrt();
+        let w = self.filtered(&self.mixed(&rows));
+        let mut out = DMatrix::zeros(2 * n, rows.len());
+        for k in start()..rows.len() {
+            for i in 0..n {
+                out[(i, k)] = w[(i, k)];
+                out[(n + i, k)] = weight * rows[k][self.channels[i]] / self.size[i];
+            }
+        }
+        out
     }
 
     /// Innovations when every combination follows `shape` at its healthy size, bin by bin.

@@ -4,25 +4,26 @@ use std::ops::Range;
 
 use nalgebra::DMatrix;
 
-/// Nuisance columns N over stacked innovations (bin by bin, `per_bin` of them each).
+/// Nuisance columns N over stacked rows (bin by bin, `per_bin` of them each).
 ///
-/// Some columns are dense. The others come in equal number for every combination of channels and
-/// are zero in all other combinations; of them only what is not zero is kept.
+/// Some columns are dense. The others come in equal number for each of the first `owners` rows of a
+/// bin (combinations of channels) and are zero in all others; of them only what is not zero is kept.
 pub struct Nuisance {
     dense: DMatrix<f64>,
-    /// Per innovation the values of its own combination's columns.
+    /// Per bin and owner the values of its own columns.
     own: Vec<f64>,
     each: usize,
+    owners: usize,
     per_bin: usize,
 }
 
 impl Nuisance {
     /// From dense columns; `own` holds, for one shape after the other, the column of every
     /// combination in its own rows.
-    pub fn new(dense: DMatrix<f64>, own: &[Vec<f64>], per_bin: usize) -> Self {
+    pub fn new(dense: DMatrix<f64>, own: &[Vec<f64>], [owners, per_bin]: [usize; 2]) -> Self {
         let each = own.len();
-        let rows = dense.nrows();
-        let mut packed = vec![0.0; rows * each];
+        let bins = dense.nrows() / per_bin;
+        let mut packed = vec![0.0; bins * owners * each];
         for (s, column) in own.iter().enumerate() {
             for (k, v) in column.iter().enumerate() {
                 packed[k * each + s] = *v;
@@ -32,22 +33,28 @@ impl Nuisance {
             dense,
             own: packed,
             each,
+            owners,
             per_bin,
         }
     }
 
-    /// Number of innovations.
+    /// Number of stacked rows.
     pub fn rows(&self) -> usize {
         self.dense.nrows()
     }
 
     /// Number of columns: the dense ones, then those of every combination in turn.
     pub fn columns(&self) -> usize {
-        self.dense.ncols() + self.per_bin * self.each
+        self.dense.ncols() + self.owners * self.each
     }
 
     fn own(&self, row: usize) -> &[f64] {
-        &self.own[row * self.each..(row + 1) * self.each]
+        let (bin, owner) = (row / self.per_bin, row % self.per_bin);
+        if owner >= self.owners {
+            return &[];
+        }
+        let at = (bin * self.owners + owner) * self.each;
+        &self.own[at..at + self.each]
     }
 
     /// First own column of a row's combination.
@@ -126,24 +133,29 @@ mod tests {
 
     #[test]
     fn zeros_that_are_not_kept_change_nothing() {
-        let (bins, per_bin, d, each) = (7, 3, 2, 2);
+        let (bins, per_bin, owners, d, each) = (7, 4, 3, 2, 2);
         let n = bins * per_bin;
         let value = |i: usize| ((i * 37 + 11) as f64 * 0.7).sin();
         let dense = DMatrix::from_fn(n, d, |k, i| value(k + 100 * i));
         let own: Vec<Vec<f64>> = (0..each)
-            .map(|s| (0..n).map(|k| value(k + 1000 * (s + 1))).collect())
+            .map(|s| {
+                (0..bins * owners)
+                    .map(|k| value(k + 1000 * (s + 1)))
+                    .collect()
+            })
             .collect();
-        let mut full = DMatrix::zeros(n, d + per_bin * each);
+        let mut full = DMatrix::zeros(n, d + owners * each);
         full.columns_mut(0, d).copy_from(&dense);
-        for k in 0..n {
+        for k in 0..bins * owners {
             for (s, column) in own.iter().enumerate() {
-                full[(k, d + k % per_bin * each + s)] = column[k];
+                let (bin, owner) = (k / owners, k % owners);
+                full[(bin * per_bin + owner, d + owner * each + s)] = column[k];
             }
         }
-        let kept = Nuisance::new(dense, &own, per_bin);
+        let kept = Nuisance::new(dense, &own, [owners, per_bin]);
         let x = DMatrix::from_fn(n, 2, |k, i| value(k + 7 * i + 3));
         let c = DMatrix::from_fn(full.ncols(), 2, |k, i| value(k + 5 * i));
-        for rows in [0..n, 6..12] {
+        for rows in [0..n, 8..16] {
             let part = full.rows(rows.start, rows.len());
             let wanted = part.transpose() * x.rows(rows.start, rows.len());
             assert!((kept.seen(&x, rows.clone()) - wanted).amax() < 1e-12);

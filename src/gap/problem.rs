@@ -6,7 +6,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
-use super::commission::{Baseline, sensitivities};
+use super::commission::{Baseline, sensitivities, wander};
 use super::nuisance::Nuisance;
 use super::replay::{Row, knobs, left_over, move_arm, pretend};
 use super::session::Grid;
@@ -18,8 +18,6 @@ use crate::sim::effects::{Active, EffectError, Operator, Simulated};
 pub const BLOCKS: usize = 12;
 /// Blocks b with b mod FOLDS = f are held out together.
 pub const FOLDS: usize = 4;
-/// Share of its prior by which a nuisance parameter may have wandered since commissioning.
-const WANDER: f64 = 0.01;
 /// Size of the model's own error where the pressures differ from the healthy session's: standard
 /// deviation, in units of what the healthy session leaves over, per pressure at its usual size.
 const FORM: f64 = 0.15;
@@ -36,6 +34,9 @@ type Evaluate<'a> = Box<dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError> +
 pub struct Problem<'a> {
     evaluate: Evaluate<'a>,
     nuisance: Nuisance,
+    lambda: DMatrix<f64>,
+    /// Whether what the nuisance's own prior says counts in [`Self::held_out`].
+    prior_counts: bool,
     /// NᵀN + Λ.
     normal: Cholesky<f64, Dyn>,
     /// The same without the blocks that a fold holds out.
@@ -119,33 +120,32 @@ impl<'a> Replayed<'a> {
         let baseline = self.baseline;
         let columns = sensitivities(self.robot, self.grid, &baseline.values, &[], &self.healthy)?;
         let dense: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
-        let mut covariance = baseline.covariance.clone();
-        for (i, k) in knobs().into_iter().enumerate() {
-            covariance[(i, i)] += (WANDER * k.prior()).powi(2);
-        }
+        let covariance = &baseline.covariance + wander(&knobs());
         let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
         let count = dense.len();
-        let per_bin = baseline.noise.channels.len();
+        let combinations = baseline.noise.channels.len();
+        let per_bin = 2 * combinations;
         let (own, sds): (Vec<Vec<f64>>, Vec<f64>) = shapes(self.grid)
             .into_iter()
             .map(|(shape, sd)| (baseline.noise.responses(&shape), sd))
             .unzip();
-        let nuisance = Nuisance::new(DMatrix::from_columns(&dense), &own, per_bin);
+        let nuisance = Nuisance::new(DMatrix::from_columns(&dense), &own, [combinations, per_bin]);
         let mut lambda = DMatrix::zeros(nuisance.columns(), nuisance.columns());
         lambda.view_mut((0, 0), (count, count)).copy_from(&known);
-        for c in 0..per_bin {
+        for c in 0..combinations {
             for (s, sd) in sds.iter().enumerate() {
                 let i = count + c * sds.len() + s;
                 lambda[(i, i)] = 1.0 / (sd * sd);
             }
         }
-        Problem::new(
+        let problem = Problem::new(
             Box::new(|effects| Ok(stack(baseline, &self.rows(effects)?))),
             nuisance,
             &lambda,
             &block_edges(self.grid.len(), per_bin),
             per_bin,
-        )
+        )?;
+        Ok(problem.with_prior())
     }
 }
 
@@ -228,11 +228,30 @@ impl<'a> Problem<'a> {
             evaluate,
             normal,
             without,
+            lambda: lambda.clone(),
+            prior_counts: false,
             nuisance,
             grams,
             edges: edges.to_vec(),
             per_bin,
         })
+    }
+
+    /// Counts how far the nuisance has to move from what is known of it: what a session says of the
+    /// rig's parameters then weighs against a commissioning that says otherwise.
+    pub fn with_prior(mut self) -> Self {
+        self.prior_counts = true;
+        self
+    }
+
+    /// How far the nuisance moves from what is known of it, δᵀΛδ over its expectation for a rig that
+    /// is as known: about 1 where nothing is missing.
+    pub fn change(&self, r: &DVector<f64>) -> f64 {
+        let r = DMatrix::from_column_slice(r.len(), 1, r.as_slice());
+        let d = self.normal.solve(&self.seen_by_nuisance(&r));
+        let moved = d.dot(&(&self.lambda * &d));
+        let expected = d.nrows() as f64 - self.normal.solve(&self.lambda).trace();
+        moved / expected
     }
 
     /// Number of innovations.
@@ -301,7 +320,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Half the squared innovations of every block, when nuisance and the columns `j` are fitted to
+    /// Half the squared innovations (and a share of the prior) of every block, when nuisance and the columns `j` are fitted to
     /// the other folds. `weak` is the precision of the columns' prior about zero.
     pub fn held_out(&self, r: &DVector<f64>, j: &DMatrix<f64>, weak: &DVector<f64>) -> Losses {
         self.folds(r, j, weak).0
@@ -360,6 +379,10 @@ impl<'a> Problem<'a> {
             }
             changes[fold] = a.column(0).into_owned();
             let d = sr - sj * &a;
+            let prior = match self.prior_counts {
+                true => d.dot(&(&self.lambda * &d)) / BLOCKS as f64,
+                false => 0.0,
+            };
             for b in (0..BLOCKS).filter(|b| b % FOLDS == fold) {
                 let rows = self.edges[b]..self.edges[b + 1];
                 let Block { nj, nr, jj, jr } = &blocks[b];
@@ -369,7 +392,7 @@ impl<'a> Problem<'a> {
                     + d.dot(&(&self.grams[b] * &d))
                     + 2.0 * d.dot(&(nj * &a))
                     + a.dot(&(jj * &a));
-                losses[b] = 0.5 * left;
+                losses[b] = 0.5 * (left + prior);
             }
         }
         (Losses(losses), changes)
@@ -402,7 +425,7 @@ const USUAL_PA: f64 = 15e3;
 const USUAL_PA_S: f64 = 5e3;
 
 fn stack(baseline: &Baseline, rows: &[Row]) -> DVector<f64> {
-    let w = baseline.noise.innovations(rows);
+    let w = baseline.noise.evidence(rows, rows.len());
     DVector::from_column_slice(w.as_slice())
 }
 

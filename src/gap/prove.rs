@@ -166,6 +166,9 @@ fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
     square.is_finite().then(|| square.sqrt() * g.factor)
 }
 
+/// The group of an effect says nothing of it when it does not exceed its floor by this factor.
+const OWN_MIN: f64 = 1.5;
+
 /// The gap in the group that belongs to the (first) effect, or where it is largest.
 fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
     let own = effects.first().and_then(|a| {
@@ -175,7 +178,9 @@ fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
             (Target::Spring | Target::Imu, None) => return None,
             _ => "r2 tip position".to_owned(),
         };
-        channels.iter().find(|c| c.name == name)
+        channels
+            .iter()
+            .find(|c| c.name == name && c.before > OWN_MIN * c.floor.unwrap_or(0.0))
     });
     let excess = |c: &ChannelError| c.before / c.floor.unwrap_or(1.0).max(1e-9);
     let largest = channels

@@ -1,14 +1,11 @@
 //! Which effects are taken: forward search, backward deletion, and who cannot be excluded.
 
-use nalgebra::{DMatrix, DVector};
-
 use super::candidates::Candidate;
 use super::explain::{Column, Explained, explain, weak_prior};
 use super::finding::Finding;
 use super::fit::fit;
-use super::noise::{bridged, start};
-use super::problem::{Problem, Replayed};
-use super::session::CHANNELS;
+use super::left::Left;
+use super::problem::Problem;
 use super::sides::named_by;
 use super::{GapError, Progress};
 use crate::sim::effects::Side;
@@ -41,31 +38,36 @@ pub struct Selected {
 /// # Errors
 /// [`GapError`] when stopped, or an effect cannot be simulated.
 pub fn select(
-    replayed: &Replayed,
     problem: &Problem,
     (all, ready): (&[Candidate], &[Column]),
     threshold: f64,
     floor: f64,
+    supply: Option<&Finding>,
     progress: &dyn Progress,
 ) -> Result<Selected, GapError> {
     let mut chosen: Option<Explained> = None;
     let mut rankings: Vec<Vec<Explained>> = Vec::new();
     for stage in 0..EFFECTS_MAX {
         let mut found = explain(problem, all, ready, chosen.as_ref(), progress)?;
-        simplest_first(&mut found);
-        let best = found.first().cloned();
+        simplest_first(&mut found, supply);
+        let counts = |e: &Explained| {
+            // What the first one's form leaves over drives others into a bound, or looks like more of
+            // the same.
+            let further = chosen.as_ref().is_none_or(|so_far| {
+                let free = !e.fit.on_bound.iter().any(|b| *b);
+                free && (named_by(supply, &e.candidate) || pays(problem, so_far, e, floor))
+            });
+            e.gain > WEAK * threshold && e.firm && further
+        };
+        let lead = match stage {
+            0 => found.first().filter(|e| counts(e)).map(|_| 0),
+            _ => found.iter().position(counts),
+        };
+        // Those passed over are no alternatives either.
+        found.drain(..lead.unwrap_or(0));
         rankings.push(found);
+        let best = lead.and_then(|_| rankings.last()?.first().cloned());
         let Some(best) = best else { break };
-        if best.gain <= WEAK * threshold || !best.firm {
-            break;
-        }
-        if let Some(so_far) = &chosen {
-            // What the first one's form leaves over drives others into a bound.
-            let at_bound = best.fit.on_bound.iter().any(|b| *b);
-            if at_bound || !pays(replayed, problem, so_far, &best, floor)? {
-                break;
-            }
-        }
         log::debug!("effect {} is {}", stage + 1, best.candidate.effect.id);
         chosen = Some(best);
     }
@@ -73,23 +75,11 @@ pub fn select(
     Ok(Selected { chosen, rankings })
 }
 
-/// Mean squared innovation per combination of channels, nuisance projected out.
-fn profile(problem: &Problem, r: &DVector<f64>, per_bin: usize) -> Vec<f64> {
-    let clean = problem.cleaned(&DMatrix::from_column_slice(r.len(), 1, r.as_slice()));
-    let bins = r.len() / per_bin;
-    (0..per_bin)
-        .map(|i| {
-            (0..bins)
-                .map(|k| clean[(k * per_bin + i, 0)].powi(2))
-                .sum::<f64>()
-                / bins as f64
-        })
-        .collect()
-}
-
 /// The one-standard-error rule: of effects that explain as much as the best within the scatter from
 /// block to block, the one with the fewest numbers leads.
-fn simplest_first(found: &mut Vec<Explained>) {
+///
+/// What the supply has named goes before all of them.
+fn simplest_first(found: &mut Vec<Explained>, supply: Option<&Finding>) {
     let count = |e: &Explained| e.fit.parameters().len();
     let Some(best) = found.first() else { return };
     let as_good = |e: &Explained| {
@@ -98,7 +88,13 @@ fn simplest_first(found: &mut Vec<Explained>) {
     };
     let simplest = (0..found.len())
         .filter(|k| as_good(&found[*k]))
-        .min_by_key(|k| (count(&found[*k]), *k));
+        .min_by_key(|k| {
+            (
+                !named_by(supply, &found[*k].candidate),
+                count(&found[*k]),
+                *k,
+            )
+        });
     if let Some(k) = simplest {
         let lead = found.remove(k);
         found.insert(0, lead);
@@ -106,46 +102,13 @@ fn simplest_first(found: &mut Vec<Explained>) {
 }
 
 /// Whether a further effect brings some combination of channels, or some channel, close to its floor.
-fn pays(
-    replayed: &Replayed,
-    problem: &Problem,
-    so_far: &Explained,
-    next: &Explained,
-    floor: f64,
-) -> Result<bool, GapError> {
-    let per_bin = problem.per_bin();
-    let closes = |before: f64, after: f64, floor: f64| {
-        before > 2.0 * floor && (before - after) / (before - floor) >= FURTHER_MIN
-    };
-    let before = profile(problem, &so_far.fit.residual, per_bin);
-    let after = profile(problem, &next.fit.residual, per_bin);
-    if before
-        .iter()
-        .zip(&after)
-        .any(|(b, a)| closes(*b, *a, floor))
-    {
-        return Ok(true);
-    }
-    // What lasts is hardly seen in innovations: mean squares of the readings themselves. What the
-    // form of one effect of the arm leaves over lasts too, and is no second one.
+fn pays(problem: &Problem, so_far: &Explained, next: &Explained, floor: f64) -> bool {
+    // What the form of one effect of the arm leaves over lasts, and is no second one.
     let moves = |c: &Candidate| matches!(c.effect.side, Side::Actuation | Side::Mechanics);
-    if moves(&next.candidate) && so_far.fit.effects.iter().any(|(c, _)| moves(c)) {
-        return Ok(false);
-    }
-    let square = |e: &Explained| -> Result<Vec<f64>, GapError> {
-        let rows = bridged(&replayed.rows(&e.fit.active())?);
-        let judged = &rows[start()..];
-        let mean = |c: usize| judged.iter().map(|r| r[c] * r[c]).sum::<f64>() / judged.len() as f64;
-        Ok((0..CHANNELS).map(mean).collect())
-    };
-    let (before, after) = (square(so_far)?, square(next)?);
-    Ok((0..CHANNELS).any(|c| {
-        closes(
-            before[c],
-            after[c],
-            replayed.baseline.channel_floor[c].powi(2),
-        )
-    }))
+    let form = moves(&next.candidate) && so_far.fit.effects.iter().any(|(c, _)| moves(c));
+    let before = Left::of(problem, &so_far.fit.residual);
+    let after = Left::of(problem, &next.fit.residual);
+    before.brings(&after, floor, FURTHER_MIN, !form)
 }
 
 /// Without the effects that the others make superfluous.
@@ -180,10 +143,10 @@ fn dropped(problem: &Problem, mut whole: Explained, threshold: f64) -> Explained
 /// at every stage, `cost` what is left without any effect, `floor` what a healthy rig leaves. What the
 /// supply has named has none.
 pub fn rivals_of(
+    problem: &Problem,
     rankings: &[Vec<Explained>],
     best: &Explained,
-    cost: f64,
-    floor: f64,
+    [cost, floor]: [f64; 2],
     supply: Option<&Finding>,
 ) -> Vec<Explained> {
     // A form with more numbers that explains no more would do so by coincidence.
@@ -217,10 +180,29 @@ pub fn rivals_of(
                 && e.fit.cost - floor <= RIVAL_LEAVES * left
         };
         if !named_by(supply, &own.candidate) {
-            let more: Vec<Explained> = found.iter().filter(rival).cloned().collect();
+            let stands = |e: &&Explained| k + 1 == stages || replaces(problem, best, k, e);
+            let more: Vec<Explained> = found
+                .iter()
+                .filter(|e| rival(e) && stands(e))
+                .cloned()
+                .collect();
             out.extend(more);
         }
         without = own.fit.cost;
     }
     out
+}
+
+/// Whether the effects of `best`, with the `k`-th one replaced by `other`, explain as much: what was
+/// found later may have been what the other one stood for.
+fn replaces(problem: &Problem, best: &Explained, k: usize, other: &Explained) -> bool {
+    let mut effects = best.fit.effects.clone();
+    let Some(own) = other.fit.effects.last() else {
+        return false;
+    };
+    effects[k] = own.clone();
+    fit(problem, effects, 6).is_some_and(|fit| {
+        let losses = problem.held_out(&fit.residual, &fit.columns, &weak_prior(&fit));
+        !best.losses.firmly_over(&losses)
+    })
 }

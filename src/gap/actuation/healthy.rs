@@ -334,7 +334,7 @@ impl LineModel<'_> {
         let (nuisance, lambda) = self.nuisance(effects)?;
         Problem::new(
             Box::new(|effects| Ok(self.stack(&self.rows(effects)))),
-            Nuisance::new(nuisance, &[], self.grid.chambers().len()),
+            Nuisance::new(nuisance, &[], [0, self.grid.chambers().len()]),
             &(lambda * self.stiffness()),
             &self.edges(),
             self.grid.chambers().len(),
