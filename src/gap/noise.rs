@@ -143,7 +143,7 @@ impl Noise {
 
     /// What `rows` say, one column per row of a session of `bins` rows: innovations, and below them the
     /// readings of every channel in units of its healthy size, so weighted that the sum of their
-    /// squares over the session counts as [`LOOKS`] looks. The start of the session is zero.
+    /// squares over the session counts as two independent looks. The start of the session is zero.
     pub fn evidence(&self, rows: &[Row], bins: usize) -> DMatrix<f64> {
         let rows = bridged(rows);
         let n = self.channels.len();
