@@ -47,7 +47,7 @@ pub struct Found {
 const DRAWS: usize = 100;
 /// Share of the excess over the floor that has to go before an effect is named.
 const CLOSED_MIN: f64 = 0.5;
-/// The same for sensors, frames, clocks and steady loads, whose laws are nearly definitions.
+/// The same for sensors, frames and steady loads, whose laws are nearly definitions. Clocks wander.
 const CLOSED_MIN_EXACT: f64 = 0.8;
 /// Share of the held-out gap that has to close before an effect is named.
 const PROVEN_MIN: f64 = 0.5;
@@ -263,8 +263,15 @@ fn judge(
 ) -> Judged {
     let closed = before.closed(after, floor);
     let exact = |c: &Candidate| {
-        matches!(c.effect.side, Side::Sensing | Side::FrameAndTime)
-            || ["payload", "com-offset", "base-tilt", "tip-force"].contains(&c.effect.id)
+        c.effect.side == Side::Sensing
+            || [
+                "mocap-frame",
+                "payload",
+                "com-offset",
+                "base-tilt",
+                "tip-force",
+            ]
+            .contains(&c.effect.id)
     };
     let least = match best.fit.effects.iter().all(|(c, _)| exact(c)) {
         true => CLOSED_MIN_EXACT,
