@@ -36,7 +36,7 @@ pub enum DatasetCommand {
 
 #[derive(Args)]
 pub struct GenerateArgs {
-    /// So many samples, pressures uniform in their range
+    /// So many samples
     #[arg(
         long,
         value_name = "N",
@@ -44,6 +44,9 @@ pub struct GenerateArgs {
         required_unless_present = "grid"
     )]
     samples: Option<usize>,
+    /// How pressures of samples are spread over their range
+    #[arg(long, value_enum, default_value_t = Density::Uniform, conflicts_with = "grid")]
+    density: Density,
     /// Every combination of this many pressures per chamber (3: 729 samples)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=6))]
     grid: Option<u8>,
@@ -56,18 +59,30 @@ pub struct GenerateArgs {
     /// Heaviest payload, drawn from 0; kg
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload_max: f64,
-    /// Standard deviation of a force on the tip of disturbed samples, per axis; N
+    /// Largest standard deviation of a force on the tip of disturbed samples, per axis; N
     #[arg(long, value_name = "N", default_value = "0", value_parser = args::not_negative)]
     force: f64,
     /// Relative standard deviation of stiffnesses of disturbed samples
     #[arg(long, value_name = "RATIO", default_value = "0", value_parser = args::not_negative)]
     deviation: f64,
+    /// Largest standard deviation by which the pads of disturbed samples stand off where the model has
+    /// them, per axis; mm
+    #[arg(long, value_name = "MM", default_value = "0", value_parser = args::not_negative)]
+    free_pads: f64,
     /// Make only part i of n
     #[arg(long, value_name = "I/N", default_value = "1/1", value_parser = args::shard)]
     shard: (usize, usize),
     /// Where to put them
     #[arg(long, value_name = "F.parquet")]
     out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Density {
+    /// Evenly
+    Uniform,
+    /// More towards the ends of the range, for networks that have to be right there too
+    Arcsine,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -104,12 +119,16 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
     );
     let draw = match (a.grid, a.samples) {
         (Some(n), _) => Draw::Grid(usize::from(n)),
-        (None, n) => Draw::Uniform(n.unwrap_or(0)),
+        (None, n) => match a.density {
+            Density::Uniform => Draw::Uniform(n.unwrap_or(0)),
+            Density::Arcsine => Draw::Arcsine(n.unwrap_or(0)),
+        },
     };
     let plan = Plan {
         payload_max_kg: a.payload_max,
         tip_force_sd_n: a.force,
         deviation_sd: a.deviation,
+        free_pads_sd_m: a.free_pads * 1e-3,
         ..Plan::nominal(draw, a.seed)
     };
     let (i, n) = a.shard;
@@ -209,6 +228,7 @@ fn resumable(
         ("payload-max", plan.payload_max_kg.to_string()),
         ("force", plan.tip_force_sd_n.to_string()),
         ("deviation", plan.deviation_sd.to_string()),
+        ("free-pads", plan.free_pads_sd_m.to_string()),
         ("disturbed-share", plan.disturbed_share.to_string()),
     ];
     let mut journal = DatasetJournal::open(&a.out, &about)?;
@@ -374,7 +394,14 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     } else {
         ProgressBar::new_spinner()
     };
+    // Wall time from one stage's last epoch to the next one's.
+    let mut stages: Vec<(learn::Stage, f64)> = Vec::new();
     let mut watch = |p: learn::Progress| {
+        let now = start.elapsed().as_secs_f64();
+        match stages.last_mut() {
+            Some((stage, until)) if *stage == p.stage => *until = now,
+            _ => stages.push((p.stage, now)),
+        }
         bar.set_message(format!(
             "{:?} network {}: epoch {}/{}, validation loss {:.2e}",
             p.stage,
@@ -394,13 +421,25 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
         .with_context(|| format!("cannot write {}", file.display()))?;
     let seconds = start.elapsed().as_secs_f64();
     let scores = serde_json::to_value(&trained.scores)?;
+    let mut by_stage = serde_json::Map::new();
+    let mut from = 0.0;
+    for (stage, until) in stages {
+        let name = match stage {
+            learn::Stage::SensorMap => "sensor-map",
+            learn::Stage::TranslationCorrection => "translation-correction",
+            learn::Stage::RotationCorrection => "rotation-correction",
+            learn::Stage::Plant => "plant",
+        };
+        by_stage.insert(name.to_owned(), json!(until - from));
+        from = until;
+    }
     Ok(Report {
         text: format!(
             "trained in {seconds:.1} s to {}\n{}",
             file.display(),
             serde_json::to_string_pretty(&scores)?
         ),
-        json: json!({"seconds": seconds, "file": file, "scores": scores}),
+        json: json!({"seconds": seconds, "seconds_by_stage": by_stage, "file": file, "scores": scores}),
     })
 }
 

@@ -10,7 +10,9 @@ use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::scene::{Picking, Scene, SceneInput, Theme};
 use springtwin::gui::theme::Palette;
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{CHAMBERS, Health, LinkStatus, SensorFrame, Simulator, Snapshot, Stamp};
+use springtwin::signal::{
+    CHAMBERS, Health, LinkStatus, SIGNALS, SensorFrame, Simulator, Snapshot, Stamp,
+};
 use springtwin::sim::{Inputs, Model, State, observe, settle};
 use springtwin::twin::{MeshQuestion, MeshSolver};
 
@@ -38,6 +40,7 @@ pub fn at_rest(
         },
         sensors: Some(SensorFrame {
             stamp: Stamp::ZERO,
+            doubt: [0.0; SIGNALS],
             sensors: seen.sensors,
             chamber_pa: *chamber_pa,
             health: Health::default(),

@@ -7,8 +7,9 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use crate::robot::RobotSpec;
 use crate::signal::{
     ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, LinkStatus, Matrix6,
-    MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SPRINGS, SensorFrame,
-    SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
+    MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SIGNALS, SPRINGS,
+    SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr,
+    ypr_from_rotation,
 };
 
 // A few-sine stand-in for noise: deterministic, mean near zero, amplitude 1.
@@ -132,6 +133,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         raw: Some(raw),
         sensors: Some(SensorFrame {
             stamp,
+            doubt: [0.0; SIGNALS],
             sensors,
             chamber_pa,
             health: Health::default(),

@@ -10,7 +10,7 @@
 
 use nalgebra::{SMatrix, SMatrixView, SVector, Vector3};
 
-use super::kernel::Kernel;
+use super::kernel::{Kernel, Scratch};
 use super::mlp::Mlp;
 use super::recipe::{Channels, MEMBERS_MAX, Noise};
 use super::scores::to_pose;
@@ -194,16 +194,17 @@ impl Cascade {
     fn members(
         &self,
         sensors: &SVector<f64, SIGNALS>,
+        scratch: &mut Scratch,
     ) -> (Vector6, SMatrix<f64, 6, SIGNALS>, Matrix6) {
         let n = self.smap.len() as f64;
         let mut poses = [Vector6::zeros(); MEMBERS_MAX];
         let mut mean = Vector6::zeros();
         let mut jacobian = SMatrix::<f64, 6, SIGNALS>::zeros();
         for (kernel, pose) in self.smap.iter().zip(&mut poses) {
-            let (y, j) = kernel.value_and_jacobian(sensors.as_slice());
-            *pose = Vector6::from_column_slice(&y);
+            let (y, j) = kernel.value_and_jacobian_in(sensors.as_slice(), scratch);
+            *pose = Vector6::from_column_slice(y);
             mean += *pose / n;
-            jacobian += SMatrixView::<f64, 6, SIGNALS>::from_slice(&j) / n;
+            jacobian += SMatrixView::<f64, 6, SIGNALS>::from_slice(j) / n;
         }
         let mut spread = Matrix6::zeros();
         if self.smap.len() > 1 {
@@ -218,14 +219,16 @@ impl Cascade {
 
 impl PoseMap for Cascade {
     fn pose(&self, sensors: &SVector<f64, SIGNALS>) -> PoseEval {
-        let (mut pose, mut jacobian, mut spread) = self.members(sensors);
+        let mut scratch = Scratch::default();
+        let (mut pose, mut jacobian, mut spread) = self.members(sensors, &mut scratch);
         if let Some(kernels) = &self.correction {
             let input = correction_input(&pose, sensors);
             // I + ∂δ/∂p and ∂δ/∂s
             let mut through = Matrix6::identity();
             let mut direct = SMatrix::<f64, 6, SIGNALS>::zeros();
             for (kernel, at) in kernels.iter().zip([0, 3]) {
-                let (delta, d) = kernel.value_and_jacobian(&input[..kernel.inputs()]);
+                let (delta, d) =
+                    kernel.value_and_jacobian_in(&input[..kernel.inputs()], &mut scratch);
                 for (j, column) in d.chunks_exact(3).enumerate() {
                     for (i, v) in column.iter().enumerate() {
                         if j < 6 {

@@ -53,6 +53,18 @@ pub struct PoseEval {
     pub training_distance: f64,
 }
 
+impl PoseEval {
+    /// Adds what signals that are in doubt by these standard deviations (m, then rad) do to the pose:
+    /// J diag(σ²) Jᵀ.
+    pub fn doubt(&mut self, sd: &[f64; SIGNALS]) {
+        for (sd, column) in sd.iter().zip(self.jacobian.column_iter()) {
+            if *sd > 0.0 {
+                self.covariance.ger(sd * sd, &column, &column, 1.0);
+            }
+        }
+    }
+}
+
 /// What the arm's sensors would read at given pressures, with the derivative.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantEval {

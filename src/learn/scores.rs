@@ -211,7 +211,9 @@ pub struct PoseReport {
 pub struct CorrectionReport {
     /// The test part without the correction.
     pub before: PoseScores,
-    /// With it.
+    /// Whether it was better than none on the validation part and was kept.
+    pub kept: bool,
+    /// With it, if it was kept.
     pub after: PoseReport,
 }
 

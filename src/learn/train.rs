@@ -42,6 +42,19 @@ pub enum TrainError {
         /// How many there are.
         got: usize,
     },
+    /// Blocks too long for the data.
+    #[error(
+        "{what} has {samples} samples: in blocks of {block} they do not fill training, validation and test; \
+         make split.block smaller in the recipe"
+    )]
+    Split {
+        /// Which data.
+        what: &'static str,
+        /// How many there are.
+        samples: usize,
+        /// Consecutive samples that stay together.
+        block: usize,
+    },
     /// A sample is not a number.
     #[error("sample {index} of {what} holds a value that is not finite; generate the data again")]
     NotFinite {
@@ -115,7 +128,7 @@ pub fn train_smap(
 ) -> Result<(Cascade, PoseReport), TrainError> {
     recipe.check()?;
     check(&data.samples, "the sensor-map data set")?;
-    let parts = split(data.samples.len(), &recipe.split, recipe.seed);
+    let parts = dealt(&data.samples, recipe, "the sensor-map data set")?;
     let signals: Vec<f64> = rows(data, &parts.train, |s| s.sensors.to_vector());
     let poses: Vec<f64> = rows(data, &parts.train, |s| pose_vector(&s.base_from_tip));
     let input = noisy_scaling(&signals, recipe);
@@ -207,7 +220,7 @@ pub fn train_s2r(
 ) -> Result<(Cascade, CorrectionReport), TrainError> {
     recipe.check()?;
     check(&real.samples, "the sim-to-real data set")?;
-    let parts = split(real.samples.len(), &recipe.split, recipe.seed);
+    let parts = dealt(&real.samples, recipe, "the sim-to-real data set")?;
     let inputs = match recipe.correction_input {
         CorrectionInput::Pose => 6,
         CorrectionInput::PoseAndSensors => 6 + SIGNALS,
@@ -283,11 +296,31 @@ pub fn train_s2r(
         correction: Some(correction),
         ..cascade.parts().clone()
     })?;
-    let (cascade, after) = finish(uncalibrated, real, &parts, &QUIET, recipe, best_epochs)?;
+    // What does not help on samples that it has not seen only adds noise.
+    let without = Cascade::new(CascadeParts {
+        correction: None,
+        ..uncalibrated.parts().clone()
+    })?;
+    let score = |cascade: &Cascade| {
+        let pairs: Vec<(Vector6, Pose)> = parts
+            .validation
+            .iter()
+            .map(|i| {
+                let s = &real.samples[*i];
+                (cascade.pose(&s.sensors.to_vector()).pose, s.base_from_tip)
+            })
+            .collect();
+        let scores = PoseScores::of(&pairs);
+        scores.translation_mm.rmse * scores.rotation_deg.rmse
+    };
+    let kept = score(&uncalibrated) < score(&without);
+    let chosen = if kept { uncalibrated } else { without };
+    let (cascade, after) = finish(chosen, real, &parts, &QUIET, recipe, best_epochs)?;
     Ok((
         cascade,
         CorrectionReport {
             before: PoseScores::of(&before),
+            kept,
             after,
         },
     ))
@@ -316,7 +349,7 @@ pub fn train_plant(
         &free.samples,
         "the plant data set (samples without an external force)",
     )?;
-    let parts = split(free.samples.len(), &recipe.split, recipe.seed);
+    let parts = dealt(&free.samples, recipe, "the plant data set")?;
     let pressures = |part: &[usize]| -> Vec<f64> {
         part.iter()
             .flat_map(|i| {
@@ -401,6 +434,26 @@ fn check(samples: &[Sample], what: &'static str) -> Result<(), TrainError> {
         Some(index) => Err(TrainError::NotFinite { what, index }),
         None => Ok(()),
     }
+}
+
+/// The samples dealt to training, validation and test, none of which may be empty.
+fn dealt(
+    samples: &[Sample],
+    recipe: &Recipe,
+    what: &'static str,
+) -> Result<data::Parts, TrainError> {
+    let parts = split(samples.len(), &recipe.split, recipe.seed);
+    if [&parts.train, &parts.validation, &parts.test]
+        .iter()
+        .any(|p| p.is_empty())
+    {
+        return Err(TrainError::Split {
+            what,
+            samples: samples.len(),
+            block: recipe.split.block,
+        });
+    }
+    Ok(parts)
 }
 
 fn sizes(inputs: usize, schedule: &Schedule, outputs: usize) -> Vec<usize> {

@@ -24,8 +24,8 @@ use sha2::{Digest, Sha256};
 use super::RecordingError;
 use super::csv::{Lines, fields};
 use crate::signal::{
-    CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, SPRINGS, SensorFrame, SensorVec,
-    Snapshot, Stamp, Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
+    CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, SIGNALS, SPRINGS, SensorFrame,
+    SensorVec, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
 };
 
 /// A session log in memory: columns of equal length, SI units.
@@ -514,6 +514,7 @@ impl SessionLog {
                     stamp,
                     sensors: Some(SensorFrame {
                         stamp,
+                        doubt: [0.0; SIGNALS],
                         sensors: SensorVec {
                             spring_m: held_spring_m,
                             imu_ypr_rad: held_ypr_rad,

@@ -3,7 +3,7 @@
 //! [`Sensing::update`] takes one [`RawFrame`] and gives one [`SensorFrame`]: twelve lengths by the
 //! calibration, four pad orientations by the IMU filters with their heading anchored to the springs,
 //! six pressures, and the health of every channel. Channels that cannot be believed hold their last
-//! good value; nothing that is not finite leaves this room.
+//! good value, or what the others say in their place; nothing that is not finite leaves this room.
 
 pub mod bench;
 pub mod calibration;
@@ -26,8 +26,8 @@ use spring::SpringReading;
 
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{
-    BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, SensorVec,
-    Stamp, ypr_from_rotation,
+    BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, Pose, RawFrame, SIGNALS, SPRINGS, SensorFrame,
+    SensorVec, Stamp, UNKNOWN_M, UNKNOWN_RAD, ypr_from_rotation,
 };
 
 /// A length cannot change faster than this between two frames, m/s.
@@ -38,6 +38,8 @@ const JUMP_FRAMES: u32 = 5;
 const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 /// A board's data older than this is suspect, and older than that is gone, s.
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
+/// Standard deviation of a pad's orientation by the springs, or by one IMU for another, rad.
+const TOLD_RAD: f64 = 0.005;
 /// A longer gap between frames starts the monitors anew, s.
 const GAP_S: f64 = 1.0;
 
@@ -95,6 +97,9 @@ pub struct Sensing {
     pairs: [PairMonitor; 2],
     chamber_pa: [f64; CHAMBERS],
     pads: SpringPads,
+    /// Per spring: length and its standard deviation as the rest of its segment has it, where the
+    /// spring itself is not believed, m.
+    told_m: [Option<(f64, f64)>; SPRINGS],
     last: Option<SensorFrame>,
 }
 
@@ -126,6 +131,7 @@ impl Sensing {
                 base_from_pad: platform::pads(spec, &rest),
                 by_springs_alone: [false; 2],
             },
+            told_m: [None; SPRINGS],
             last: None,
             segments,
             calibration,
@@ -174,6 +180,7 @@ impl Sensing {
         let chambers = self.read_chambers(frame, &board);
         let out = self.frame(
             frame.stamp,
+            &samples,
             Health {
                 springs: springs.health,
                 imus,
@@ -320,9 +327,22 @@ impl Sensing {
                     }),
                     upper_from_lower: self.segment_by_imus(k, samples),
                 };
-                let found = solve(&self.segments[k], &known, &self.believed_pose[k]);
-                plausible(&self.segments[k], &found)
+                let segment = &self.segments[k];
+                let pose = plausible(segment, &solve(segment, &known, &self.believed_pose[k]));
+                let lengths_m = segment.lengths_m(&pose);
+                for i in 0..LEGS {
+                    self.told_m[at + i] = match known.length_m[i] {
+                        Some(_) => None,
+                        None => segment
+                            .length_sd_m(&known, &pose, i)
+                            .map(|sd_m| (lengths_m[i], sd_m)),
+                    };
+                }
+                pose
             };
+            if *trusted {
+                self.told_m[at..at + LEGS].fill(None);
+            }
         }
         self.pads = SpringPads {
             base_from_pad: platform::pads(&self.spec, &self.believed_pose),
@@ -394,22 +414,58 @@ impl Sensing {
         })
     }
 
-    fn frame(&self, stamp: Stamp, health: Health) -> SensorFrame {
+    fn frame(&self, stamp: Stamp, samples: &[Sample; IMUS], health: Health) -> SensorFrame {
         let rest_m = self.segments.each_ref().map(|s| s.lengths_m(&s.rest()));
+        let mut doubt = [0.0; SIGNALS];
+        let spring_m = std::array::from_fn(|i| {
+            if let Some((length_m, sd_m)) = self.told_m[i] {
+                doubt[i] = sd_m;
+                return length_m;
+            }
+            if !health.springs[i].usable() {
+                doubt[i] = UNKNOWN_M;
+            }
+            // Before the first reading: the length at rest.
+            self.lengths[i].good_m.unwrap_or(rest_m[i / LEGS][i % LEGS])
+        });
+        let imu_ypr_rad = std::array::from_fn(|i| {
+            let mut turned = self.tracks[i].base_from_pad();
+            if health.imus[i] != ChannelHealth::Ok {
+                let (told, sd_rad) = match self.pad_without_imu(i, samples) {
+                    Some(told) => (told, TOLD_RAD),
+                    None if health.imus[i].usable() => (turned, 0.0),
+                    None => (turned, UNKNOWN_RAD),
+                };
+                turned = told;
+                doubt[SPRINGS + 3 * i..SPRINGS + 3 * i + 3].fill(sd_rad);
+            }
+            ypr_from_rotation(&turned)
+        });
         SensorFrame {
             stamp,
             sensors: SensorVec {
-                // Before the first reading: the length at rest.
-                spring_m: std::array::from_fn(|i| {
-                    self.lengths[i].good_m.unwrap_or(rest_m[i / LEGS][i % LEGS])
-                }),
-                imu_ypr_rad: std::array::from_fn(|i| {
-                    ypr_from_rotation(&self.tracks[i].base_from_pad())
-                }),
+                spring_m,
+                imu_ypr_rad,
             },
+            doubt,
             chamber_pa: self.chamber_pa,
             health,
         }
+    }
+
+    /// Orientation of the pad under IMU `i` by the springs, or by the pad's other IMU.
+    fn pad_without_imu(&self, i: usize, samples: &[Sample; IMUS]) -> Option<UnitQuaternion<f64>> {
+        let pad = self.spec.imus[i].pad;
+        let p = match pad {
+            PadId::Middle => 0,
+            PadId::End => 1,
+        };
+        if self.pads.by_springs_alone[p] {
+            return Some(self.pads.base_from_pad[p].rotation);
+        }
+        let mut others = *samples;
+        others[i] = Sample::Lost;
+        self.pad_by_imus(pad, &others)
     }
 }
 

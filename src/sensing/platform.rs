@@ -25,6 +25,8 @@ const LEVER_M: f64 = 0.075;
 const LENGTH_SIGMA_M: f64 = 0.15e-3;
 /// Noise of an IMU's rotation across a segment, rad.
 const ROTATION_SIGMA_RAD: f64 = 0.01;
+const LENGTH_WEIGHT: f64 = 1.0 / (LENGTH_SIGMA_M * LENGTH_SIGMA_M);
+const TURN_WEIGHT: f64 = 1.0 / (ROTATION_SIGMA_RAD * LEVER_M * ROTATION_SIGMA_RAD * LEVER_M);
 /// A step is cut to this size, m.
 const STEP_MAX_M: f64 = 0.03;
 const ITERATIONS_MAX: usize = 25;
@@ -108,12 +110,51 @@ impl Segment {
         j
     }
 
+    /// Standard deviation of leg `i`'s length at a pose that was found from what is known, m; `None`
+    /// when that does not fix the pose.
+    pub fn length_sd_m(&self, known: &Known, upper_from_lower: &Pose, i: usize) -> Option<f64> {
+        let legs = known.length_m.iter().flatten().count();
+        let turns = if known.upper_from_lower.is_some() {
+            3
+        } else {
+            0
+        };
+        if legs + turns < 6 {
+            return None;
+        }
+        let jacobian = self.jacobian(upper_from_lower);
+        let row = jacobian.row(i).transpose();
+        let factor = information(&jacobian, known).cholesky()?;
+        Some(row.dot(&factor.solve(&row)).sqrt())
+    }
+
     /// How the rotation found from six lengths errs per error of each length; `None` where the
     /// platform is singular.
     pub fn rotation_per_length(&self, upper_from_lower: &Pose) -> Option<RotationPerLength> {
         let inverse = self.jacobian(upper_from_lower).try_inverse()?;
         Some(inverse.fixed_view::<3, LEGS>(3, 0) / LEVER_M)
     }
+}
+
+/// Σ wᵢ Jᵢᵀ Jᵢ over what is known, as [`Segment::jacobian`] has its columns.
+fn information(jacobian: &Matrix6<f64>, known: &Known) -> Matrix6<f64> {
+    // Keeps the matrix regular where nothing is measured, six decades below the rest.
+    let mut normal = Matrix6::from_diagonal_element(1e-6 * LENGTH_WEIGHT);
+    for (i, _) in known
+        .length_m
+        .iter()
+        .enumerate()
+        .filter(|(_, l)| l.is_some())
+    {
+        let row = jacobian.row(i).transpose();
+        normal += row * row.transpose() * LENGTH_WEIGHT;
+    }
+    if known.upper_from_lower.is_some() {
+        for k in 3..6 {
+            normal[(k, k)] += TURN_WEIGHT;
+        }
+    }
+    normal
 }
 
 /// Finds the pose that fits the known lengths (and rotation, if given), starting from `start`.
@@ -127,27 +168,22 @@ pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
         converged: false,
         iterations: 0,
     };
-    let length_weight = LENGTH_SIGMA_M.powi(-2);
-    let turn_weight = (ROTATION_SIGMA_RAD * LEVER_M).powi(-2);
     for iteration in 1..=ITERATIONS_MAX {
-        // Keeps the normal matrix regular where nothing is measured, six decades below the rest.
-        let mut normal = Matrix6::from_diagonal_element(1e-6 * length_weight);
-        let mut right = Vector6::zeros();
         let jacobian = segment.jacobian(&pose);
+        let normal = information(&jacobian, known);
+        let mut right = Vector6::zeros();
         for (i, length_m) in known.length_m.iter().enumerate() {
             if let Some(length_m) = length_m {
                 let row = jacobian.row(i).transpose();
                 let residual = length_m - segment.leg(&pose, i).0.norm();
-                normal += row * row.transpose() * length_weight;
-                right += row * residual * length_weight;
+                right += row * residual * LENGTH_WEIGHT;
             }
         }
         if let Some(wanted) = &known.upper_from_lower {
             // log(R_imu Rᵀ) is where the rotation has to go, in the upper frame.
             let turn = (wanted * pose.rotation.inverse()).scaled_axis() * LEVER_M;
             for k in 0..3 {
-                normal[(3 + k, 3 + k)] += turn_weight;
-                right[3 + k] += turn[k] * turn_weight;
+                right[3 + k] += turn[k] * TURN_WEIGHT;
             }
         }
         let Some(factor) = normal.cholesky() else {

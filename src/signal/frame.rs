@@ -148,15 +148,32 @@ impl Health {
     }
 }
 
+/// Doubt about a length that is only held, m.
+pub const UNKNOWN_M: f64 = 0.02;
+/// Doubt about an angle that is only held, rad.
+pub const UNKNOWN_RAD: f64 = 0.35;
+
 /// Calibrated sensors at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorFrame {
     /// When the raw frame was sampled.
     pub stamp: Stamp,
-    /// The 24 signals. Unusable channels hold their last good value.
+    /// The 24 signals. For channels that cannot be believed it is what the other channels say that
+    /// they would read; where these cannot tell, the last good value is held.
     pub sensors: SensorVec,
+    /// Standard deviation by which each of the 24 signals may be off because it was not read but told
+    /// by others, m and rad; 0 for signals as read, [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones.
+    pub doubt: [f64; SIGNALS],
     /// Gauge pressure of each chamber, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Which channels may be used.
     pub health: Health,
+}
+
+impl SensorFrame {
+    /// Whether there are signals that neither their sensors nor the others tell.
+    pub fn is_blind(&self) -> bool {
+        let (springs, imus) = self.doubt.split_at(SPRINGS);
+        springs.iter().any(|sd| *sd >= UNKNOWN_M) || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)
+    }
 }

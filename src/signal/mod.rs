@@ -14,7 +14,9 @@ mod time;
 
 pub use command::{Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
-pub use frame::{BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec};
+pub use frame::{
+    BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD,
+};
 pub use pose::{Goal, Matrix6, Pose, Vector6, pose_error, pose_from_ypr, ypr_from_rotation};
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{

@@ -9,16 +9,22 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use nalgebra::{UnitQuaternion, Vector3};
+
 use super::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
+use super::sensors::pads_read;
 use super::{Inputs, Model, Observation, Parameters, Resolution, SimError, State, observe, settle};
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Dataset, Sample};
+use crate::signal::{CHAMBERS, Dataset, Pose, Sample};
 
 /// Which pressures are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Draw {
     /// So many samples, uniform in the pressure box.
     Uniform(usize),
+    /// So many samples, by the arcsine density in each pressure: dense where pressures end, so that
+    /// networks need not reach beyond their samples in the corners of the box.
+    Arcsine(usize),
     /// Every combination of this many evenly spaced pressures per chamber (3: 729 samples).
     Grid(usize),
 }
@@ -27,7 +33,7 @@ impl Draw {
     /// How many samples that makes.
     pub fn len(self) -> usize {
         match self {
-            Self::Uniform(n) => n,
+            Self::Uniform(n) | Self::Arcsine(n) => n,
             Self::Grid(n) => n.pow(CHAMBERS as u32),
         }
     }
@@ -47,11 +53,17 @@ pub struct Plan {
     pub seed: u64,
     /// Heaviest payload; drawn uniformly from 0, kg.
     pub payload_max_kg: f64,
-    /// Standard deviation of each component of a force on the tip, N.
+    /// Largest standard deviation of each component of a force on the tip, N; every disturbed sample
+    /// draws its own, uniformly from 0.
     pub tip_force_sd_n: f64,
     /// Relative standard deviation of stiffnesses, areas and rest lengths (the last a fifth of it):
     /// how much arms differ from the nominal one.
     pub deviation_sd: f64,
+    /// Largest standard deviation by which both pads stand off where the model has them, each as seen
+    /// from the pad above: per axis of translation, m, and per axis of rotation times the radius of the
+    /// springs' ends. Every disturbed sample draws its own, uniformly from 0. What no model foresees
+    /// (shear, an odd bellows, a bump) looks like this to the sensors.
+    pub free_pads_sd_m: f64,
     /// Share of the samples that get a force and a deviation; the others are the nominal arm, from
     /// which the plant is learned.
     pub disturbed_share: f64,
@@ -66,6 +78,7 @@ impl Plan {
             payload_max_kg: 0.0,
             tip_force_sd_n: 0.0,
             deviation_sd: 0.0,
+            free_pads_sd_m: 0.0,
             disturbed_share: 0.5,
         }
     }
@@ -108,6 +121,10 @@ pub fn pressures(
     let (lo, hi) = (robot.pressure.min_pa, robot.pressure.max_pa);
     match draw {
         Draw::Uniform(_) => std::array::from_fn(|_| rng.random_range(lo..=hi)),
+        Draw::Arcsine(_) => std::array::from_fn(|_| {
+            let angle = std::f64::consts::PI * rng.random::<f64>();
+            0.5 * (lo + hi) - 0.5 * (hi - lo) * angle.cos()
+        }),
         Draw::Grid(n) => std::array::from_fn(|i| {
             let level = index / n.pow(i as u32) % n;
             lo + (hi - lo) * level as f64 / (n - 1).max(1) as f64
@@ -115,13 +132,25 @@ pub fn pressures(
     }
 }
 
+/// What a sample is drawn to be.
+struct Drawn {
+    inputs: Inputs,
+    parameters: Parameters,
+    /// Per segment: the lower pad where it is, in the lower pad where the model has it.
+    off: Option<[Pose; 2]>,
+}
+
 /// What sample `index` of a plan subjects the arm to, and how that arm deviates from the nominal one.
-fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> (Inputs, Parameters) {
+fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> Drawn {
     let mut rng = sample_rng(plan.seed, index);
     let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
     let payload_kg = plan.payload_max_kg * rng.random::<f64>();
     let disturbed = rng.random::<f64>() < plan.disturbed_share;
-    let force_sd_n = if disturbed { plan.tip_force_sd_n } else { 0.0 };
+    let force_sd_n = if disturbed {
+        plan.tip_force_sd_n * rng.random::<f64>()
+    } else {
+        0.0
+    };
     let tip_force_n = std::array::from_fn(|_| force_sd_n * normal(&mut rng));
     let parameters = if disturbed && plan.deviation_sd > 0.0 {
         scattered(plan.deviation_sd, &mut rng)
@@ -134,16 +163,38 @@ fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> (Inputs, Parameters) {
         tip_force_n,
         ..Inputs::default()
     };
-    (inputs, parameters)
+    let off = (disturbed && plan.free_pads_sd_m > 0.0).then(|| {
+        let sd_m = plan.free_pads_sd_m * rng.random::<f64>();
+        let radius_m = robot.spring_bottom_m[0].xy().norm();
+        std::array::from_fn(|_| {
+            let shift = Vector3::from_fn(|_, _| sd_m * normal(&mut rng));
+            let turn = Vector3::from_fn(|_, _| sd_m / radius_m * normal(&mut rng));
+            Pose::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn))
+        })
+    });
+    Drawn {
+        inputs,
+        parameters,
+        off,
+    }
 }
 
-fn sampled(inputs: &Inputs, o: Observation) -> Sample {
+fn sampled(robot: &RobotSpec, drawn: &Drawn, o: Observation) -> Sample {
+    let (base_from_tip, sensors) = match &drawn.off {
+        None => (o.base_from_tip, o.sensors),
+        Some(off) => {
+            let [top, middle, end] = o.shape.base_from_pad;
+            let moved = middle * off[0];
+            let pads = [top, moved, moved * (middle.inverse() * end) * off[1]];
+            (pads[2], pads_read(robot, &pads))
+        }
+    };
     Sample {
-        chamber_pa: inputs.chamber_pa,
-        payload_kg: inputs.payload_kg,
-        tip_force_n: inputs.tip_force_n,
-        sensors: o.sensors,
-        base_from_tip: o.base_from_tip,
+        chamber_pa: drawn.inputs.chamber_pa,
+        payload_kg: drawn.inputs.payload_kg,
+        tip_force_n: drawn.inputs.tip_force_n,
+        sensors,
+        base_from_tip,
     }
 }
 
@@ -152,11 +203,11 @@ fn sampled(inputs: &Inputs, o: Observation) -> Sample {
 /// # Errors
 /// [`SimError::NoEquilibrium`] for loads beyond what the arm can hold.
 pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, SimError> {
-    let (inputs, parameters) = drawn(robot, plan, index);
-    let model = Model::new(robot, &parameters, Resolution::default());
+    let drawn = drawn(robot, plan, index);
+    let model = Model::new(robot, &drawn.parameters, Resolution::default());
     let mut state = State::rest(&model);
-    settle(&model, &mut state, &inputs)?;
-    Ok(sampled(&inputs, observe(&model, &state)))
+    settle(&model, &mut state, &drawn.inputs)?;
+    Ok(sampled(robot, &drawn, observe(&model, &state)))
 }
 
 /// Sample `index` of a plan through the mesh. The mesh is the nominal arm: pressures, payload and
@@ -165,10 +216,10 @@ pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, Si
 /// # Errors
 /// [`SimError::MeshUnsettled`] for loads beyond what the arm can hold.
 pub fn sample_mesh(mesh: &MeshModel, plan: &Plan, index: usize) -> Result<Sample, SimError> {
-    let (inputs, _) = drawn(&mesh.robot, plan, index);
+    let drawn = drawn(&mesh.robot, plan, index);
     let mut state = MeshState::rest(mesh);
-    settle_mesh(mesh, &mut state, &inputs)?;
-    Ok(sampled(&inputs, observe_mesh(mesh, &state)))
+    settle_mesh(mesh, &mut state, &drawn.inputs)?;
+    Ok(sampled(&mesh.robot, &drawn, observe_mesh(mesh, &state)))
 }
 
 /// Samples `range` of a plan on `threads` threads. `progress` is told how many are done and may

@@ -42,13 +42,7 @@ pub fn observe(model: &Model, state: &State) -> Observation {
         spring_ends_m[i] = [top.into(), bottom.into()];
     }
     let pads = [pose(&ends[0].0), pose(&ends[0].1), pose(&ends[1].1)];
-    let imu_ypr_rad: [[f64; 3]; IMUS] = std::array::from_fn(|i| {
-        let pad = match robot.imus[i].pad {
-            PadId::Middle => &pads[1],
-            PadId::End => &pads[2],
-        };
-        ypr_from_rotation(&pad.rotation)
-    });
+    let imu_ypr_rad = orientations(robot, &pads);
     Observation {
         base_from_tip: pads[2],
         sensors: SensorVec {
@@ -79,6 +73,25 @@ pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPR
         let bottom = base_from_pad[i / 6 + 1] * nalgebra::Point3::from(robot.spring_bottom_m[i]);
         (bottom - top).norm()
     })
+}
+
+/// Yaw, pitch and roll of the pads that carry the IMUs, rad.
+fn orientations(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [[f64; 3]; IMUS] {
+    std::array::from_fn(|i| {
+        let pad = match robot.imus[i].pad {
+            PadId::Middle => &base_from_pad[1],
+            PadId::End => &base_from_pad[2],
+        };
+        ypr_from_rotation(&pad.rotation)
+    })
+}
+
+/// What the sensors read with top, middle and end pad there.
+pub fn pads_read(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> SensorVec {
+    SensorVec {
+        spring_m: spring_lengths(robot, base_from_pad),
+        imu_ypr_rad: orientations(robot, base_from_pad),
+    }
 }
 
 /// L_i = Σ l |v + κ × r_i|, m.

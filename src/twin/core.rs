@@ -31,6 +31,9 @@ const LOSS_SAFE: f64 = 0.1;
 const LOSS_MIN_FRAMES: u64 = 50;
 /// So many springs must be usable for motion.
 const SPRINGS_NEEDED: usize = 9;
+/// After so many frames in a row with signals that nothing tells, the twin does not move.
+const BLIND_FRAMES: u32 = 10;
+const BLIND: &str = "too few sensors left to tell where the arm is";
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
 /// The mesh is asked for at most this often, s: it takes about half of that on one core.
@@ -90,6 +93,8 @@ pub struct Twin {
     payload_kg: f64,
     last_frame: Option<Stamp>,
     bad_frames: u32,
+    /// Frames in a row with signals that nothing tells.
+    blind_frames: u32,
     alarms: Vec<Alarm>,
     recording: Option<String>,
 }
@@ -135,6 +140,7 @@ impl Twin {
             payload_kg: 0.0,
             last_frame: None,
             bad_frames: 0,
+            blind_frames: 0,
             alarms: Vec::new(),
             recording: None,
         }
@@ -281,7 +287,8 @@ impl Twin {
             self.raw = Some(raw);
             return;
         }
-        let eval = self.maps.pose.pose(&vector);
+        let mut eval = self.maps.pose.pose(&vector);
+        eval.doubt(&frame.doubt);
         if eval.pose.iter().any(|x| !x.is_finite()) {
             self.bad_frames += 1;
             return;
@@ -290,6 +297,11 @@ impl Twin {
         self.last_frame = Some(self.now);
         self.estimate = Some(estimate(frame.stamp, &eval));
         self.eval = Some(eval);
+        self.blind_frames = if frame.is_blind() {
+            self.blind_frames + 1
+        } else {
+            0
+        };
         self.sensors = Some(frame);
         self.raw = Some(raw);
     }
@@ -378,6 +390,12 @@ impl Twin {
                 .position(|p| *p > self.robot.over_pressure_pa);
             if usable < SPRINGS_NEEDED && moving {
                 self.go_safe("too few springs give a reading", events);
+            }
+            if self.blind_frames > BLIND_FRAMES {
+                if moving {
+                    self.go_safe(BLIND, events);
+                }
+                alarms.push((Severity::Critical, format!("There are {BLIND}.")));
             }
             if let Some(i) = over
                 && moving
@@ -547,6 +565,9 @@ impl Twin {
                     "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
                     s.health.springs_usable()
                 )),
+                Some(_) if self.blind_frames > BLIND_FRAMES => {
+                    Some(format!("There are {BLIND}: mend springs or IMUs first."))
+                }
                 _ => None,
             },
         }

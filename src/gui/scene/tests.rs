@@ -9,7 +9,7 @@ use super::*;
 use crate::gui::offscreen::Offscreen;
 use crate::signal::{
     CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, Matrix6, Pose, PressureCommand,
-    Reach, SPRINGS, SensorFrame, SensorVec, Stamp, TruthSource,
+    Reach, SIGNALS, SPRINGS, SensorFrame, SensorVec, Stamp, TruthSource,
 };
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -67,6 +67,7 @@ pub fn snapshot_of(shape: ArmShape) -> Snapshot {
     Snapshot {
         sensors: Some(SensorFrame {
             stamp: Default::default(),
+            doubt: [0.0; SIGNALS],
             sensors,
             chamber_pa: [0.0; CHAMBERS],
             health: Health::default(),

@@ -15,7 +15,7 @@ use super::writer::SAFE_PREFIX;
 use crate::recording::{Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta};
 use crate::signal::{
     BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
-    Matrix6, Mode, Pose, PressureCommand, PressureLimits, RawFrame, SPRINGS, SensorFrame,
+    Matrix6, Mode, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS, SPRINGS, SensorFrame,
     SensorRef, SensorVec, Snapshot, Stamp, Trace, TruthSource,
 };
 
@@ -397,6 +397,7 @@ impl Content {
         let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMUS].row(t))?;
         Some(SensorFrame {
             stamp: Stamp(codes[0]),
+            doubt: [0.0; SIGNALS],
             sensors: SensorVec {
                 spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
                 imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
