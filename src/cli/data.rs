@@ -8,14 +8,12 @@ use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::{Report, args, live, model};
+use super::{Report, args, bench_rig, live, model};
 use springtwin::learn::{self, Recipe, to_pose};
 use springtwin::recording::{DatasetJournal, read_dataset, read_session, write_dataset};
-use springtwin::rig::board::Readings;
-use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{BOARDS, Dataset, RawFrame, Sample, Stamp, pose_error, ypr_from_rotation};
-use springtwin::sim::dataset::{Draw, Plan, generate, generate_mesh, pressures, sample_rng};
+use springtwin::signal::{Dataset, Sample, pose_error, ypr_from_rotation};
+use springtwin::sim::dataset::{Draw, Plan, generate, generate_mesh};
 use springtwin::sim::mesh::MeshModel;
 
 #[derive(Subcommand)]
@@ -145,7 +143,7 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
                 bar.set_position(done as u64);
                 ControlFlow::Continue(())
             };
-            let (data, left_out) = rig_samples(robot, &plan, range, &mut progress)?;
+            let (data, left_out) = bench_rig::settled(robot, &plan, range, &mut progress)?;
             write_dataset(&a.out, &data)?;
             Made {
                 samples: data.samples.len(),
@@ -254,81 +252,6 @@ fn resumable(
         taken_over,
         source: source.to_owned(),
     })
-}
-
-/// Frames read at each settled pose: enough for the orientation filters to settle.
-const FRAMES_PER_POSE: u32 = 40;
-
-/// Settled samples of the virtual rig, read through its circuits, the calibration and the filters.
-fn rig_samples(
-    robot: &RobotSpec,
-    plan: &Plan,
-    range: std::ops::Range<usize>,
-    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
-) -> Result<(Dataset, usize)> {
-    let options = RigOptions {
-        seed: plan.seed,
-        ..live::rig_options(0.0, plan.seed)
-    };
-    let mut rig = VirtualRig::new(robot, &options)?;
-    let mut sensing = model::sensing(robot, None)?;
-    let mut data = Dataset {
-        source: "virtual rig".to_owned(),
-        seed: plan.seed,
-        robot_hash: robot.hash.clone(),
-        ..Dataset::default()
-    };
-    let (mut left_out, mut seq) = (0, 0);
-    let start = range.start;
-    for index in range {
-        let mut rng = sample_rng(plan.seed, index);
-        let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
-        if rig.settle_at(&chamber_pa).is_err() {
-            left_out += 1;
-            continue;
-        }
-        sensing.reset();
-        let mut sum = nalgebra::SVector::<f64, 24>::zeros();
-        let mut kept = 0.0;
-        for k in 0..FRAMES_PER_POSE {
-            seq += 1;
-            rig.settle_at(&chamber_pa)?;
-            let frame = sensing.update(&raw_frame(seq, rig.readings()));
-            // The first half settles the filters, the second half is averaged.
-            if k >= FRAMES_PER_POSE / 2 {
-                sum += frame.sensors.to_vector();
-                kept += 1.0;
-            }
-        }
-        data.samples.push(Sample {
-            chamber_pa,
-            payload_kg: 0.0,
-            tip_force_n: [0.0; 3],
-            sensors: springtwin::signal::SensorVec::from_vector(&(sum / kept)),
-            base_from_tip: rig.mocap_pose(),
-        });
-        if progress(index + 1 - start).is_break() {
-            break;
-        }
-    }
-    Ok((data, left_out))
-}
-
-/// Both boards' readings as one frame, without the line in between.
-fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
-    let spring = |i: usize| readings[i / 6].springs[i % 6].unwrap_or_default();
-    RawFrame {
-        seq,
-        stamp: Stamp::from_seconds(f64::from(seq) * PHYSICS_STEP_S),
-        spring_counts: std::array::from_fn(|i| spring(i).count),
-        spring_gate_ticks: std::array::from_fn(|i| spring(i).gate_ticks),
-        tick_rate_hz: f64::from(springtwin::link::wire::TICK_RATE_HZ),
-        imu: std::array::from_fn(|i| readings[i / 2].imus[i % 2].unwrap_or_default()),
-        chamber_pa: std::array::from_fn(|i| readings[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)),
-        present: RawFrame::ALL_PRESENT,
-        board_age_s: [0.0; BOARDS],
-        faults: 0,
-    }
 }
 
 fn merge(shards: &[PathBuf], out: &Path) -> Result<Report> {

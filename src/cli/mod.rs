@@ -4,6 +4,7 @@
 //! on success, 2 on bad usage, 1 otherwise, with one plain sentence.
 
 mod args;
+mod bench_rig;
 mod data;
 mod files;
 mod gap;
@@ -17,6 +18,7 @@ mod picture;
 mod ports;
 mod session;
 mod simulate;
+mod study;
 #[cfg(feature = "gui")]
 mod window;
 
@@ -57,6 +59,8 @@ enum Command {
     Gap(gap::GapCommand),
     /// Train the networks
     Train(data::TrainArgs),
+    /// The paper's tables on sensing, made anew on the virtual rig
+    Study(study::StudyArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
     Estimate(data::EstimateArgs),
     /// Run the twin on a rig
@@ -191,6 +195,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
         Some(Command::Gap(c)) => gap::run(c, &robot, cli.robot.as_deref()),
         Some(Command::Train(a)) => data::train(a, cli.json),
+        Some(Command::Study(a)) => study::run(a, &robot, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
         #[cfg(feature = "gui")]
         Some(Command::Screenshot(a)) => window::screenshot(a, &robot),

@@ -8,8 +8,9 @@
 //! δ stacks the translation and the rotation network. When the networks also take the signals,
 //! J gains ∂δ/∂s.
 
-use nalgebra::{SMatrix, SMatrixView, SVector, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::calibrate::{Calibration, Hints};
 use super::kernel::{Kernel, Scratch};
 use super::mlp::Mlp;
 use super::recipe::{Channels, MEMBERS_MAX, Noise};
@@ -92,16 +93,6 @@ pub(super) fn used_channels(channels: Channels) -> [bool; SIGNALS] {
         Channels::Springs => i < SPRINGS,
         Channels::Imus => i >= SIGNALS - 3 * IMUS,
     })
-}
-
-/// What the residuals on validation data say about the error.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Calibration {
-    /// Covariance of the pose inside the data (m and rad, yaw-pitch-roll order).
-    pub covariance: Matrix6,
-    /// 95th percentile of the training distance inside the data. Beyond it the covariance grows
-    /// with the square of the distance.
-    pub distance_p95: f64,
 }
 
 /// The two sim-to-real networks.
@@ -204,7 +195,9 @@ impl Cascade {
             let (y, j) = kernel.value_and_jacobian_in(sensors.as_slice(), scratch);
             *pose = Vector6::from_column_slice(y);
             mean += *pose / n;
-            jacobian += SMatrixView::<f64, 6, SIGNALS>::from_slice(j) / n;
+            for (sum, d) in jacobian.iter_mut().zip(j) {
+                *sum += f64::from(*d) / n;
+            }
         }
         let mut spread = Matrix6::zeros();
         if self.smap.len() > 1 {
@@ -215,10 +208,9 @@ impl Cascade {
         }
         (mean, jacobian, spread)
     }
-}
 
-impl PoseMap for Cascade {
-    fn pose(&self, sensors: &SVector<f64, SIGNALS>) -> PoseEval {
+    /// The pose, and what it says about its error.
+    pub(super) fn evaluate(&self, sensors: &SVector<f64, SIGNALS>) -> (Vector6, Hints) {
         let mut scratch = Scratch::default();
         let (mut pose, mut jacobian, mut spread) = self.members(sensors, &mut scratch);
         if let Some(kernels) = &self.correction {
@@ -232,9 +224,9 @@ impl PoseMap for Cascade {
                 for (j, column) in d.chunks_exact(3).enumerate() {
                     for (i, v) in column.iter().enumerate() {
                         if j < 6 {
-                            through[(at + i, j)] += v;
+                            through[(at + i, j)] += f64::from(*v);
                         } else {
-                            direct[(at + i, j - 6)] += v;
+                            direct[(at + i, j - 6)] += f64::from(*v);
                         }
                     }
                 }
@@ -245,14 +237,23 @@ impl PoseMap for Cascade {
             jacobian = through * jacobian + direct;
             spread = through * spread * through.transpose();
         }
-        let training_distance = self.parts.spread.distance(sensors);
-        let calibration = &self.parts.calibration;
-        let beyond = (training_distance / calibration.distance_p95).max(1.0);
+        let hints = Hints {
+            jacobian,
+            spread,
+            training_distance: self.parts.spread.distance(sensors),
+        };
+        (pose, hints)
+    }
+}
+
+impl PoseMap for Cascade {
+    fn pose(&self, sensors: &SVector<f64, SIGNALS>) -> PoseEval {
+        let (pose, hints) = self.evaluate(sensors);
         PoseEval {
             pose,
-            jacobian,
-            covariance: calibration.covariance * (beyond * beyond) + spread,
-            training_distance,
+            covariance: self.parts.calibration.covariance(&hints),
+            jacobian: hints.jacobian,
+            training_distance: hints.training_distance,
         }
     }
 }
@@ -365,8 +366,8 @@ mod tests {
             correction,
             spread: SensorSpread::of(&signals, &noise, Channels::Fusion),
             calibration: Calibration {
-                covariance: Matrix6::identity() * 1e-6,
-                distance_p95: 1.3,
+                moment: Matrix6::identity() * 1e-6,
+                ..Calibration::uncalibrated(&noise, 1.3)
             },
         })
         .expect("the shapes are right")

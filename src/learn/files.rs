@@ -6,7 +6,8 @@
 //! | `smap.M.input`, `smap.M.output` | f64, 2 × width: mean, standard deviation |
 //! | `translation.…`, `rotation.…`, `plant.…` | the same for the other networks |
 //! | `spread.mean`, `spread.whitening` | f64, 24 and 24 × 24 (row-major) |
-//! | `calibration.covariance`, `calibration.distance_p95` | f64, 6 × 6 and 1 |
+//! | `calibration.noise`, `calibration.shares` | f64, 24, and 3 × 2: noise, spread and rest, for translation and rotation |
+//! | `calibration.moment`, `calibration.distance_p95` | f64, 6 × 6 and 1 |
 //! | `plant.bounds` | f64, 7 × 2: lowest and highest of each pressure and of the payload |
 //! | `guess` | f32, samples × 37: pressures, payload, signals, pose |
 //!
@@ -17,11 +18,12 @@
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
 
-use super::cascade::{Calibration, Cascade, CascadeParts, Correction, SensorSpread, ShapeError};
+use super::calibrate::Calibration;
+use super::cascade::{Cascade, CascadeParts, Correction, SensorSpread, ShapeError};
 use super::guess::{GuessSet, ROW};
 use super::mlp::{Mlp, Scaling};
 use super::plant::{PlantBounds, PlantNet};
@@ -30,7 +32,7 @@ use super::scores::{CorrectionReport, PlantReport, PoseReport};
 use crate::signal::{CHAMBERS, Matrix6, SIGNALS};
 
 /// Number of the layout written here.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// Name of the metadata entry.
 const ENTRY: &str = "springtwin";
 /// Longest header that is looked at, bytes.
@@ -139,12 +141,17 @@ impl Model {
             &shape,
             whitening.as_slice(),
         );
-        let covariance = parts.calibration.covariance.transpose();
+        let calibration = &parts.calibration;
+        let noise = calibration.noise.as_slice();
+        put(&mut tensors, "calibration.noise", &[SIGNALS], noise);
+        let shares = calibration.shares.as_flattened();
+        put(&mut tensors, "calibration.shares", &[3, 2], shares);
+        let moment = calibration.moment.transpose();
         put(
             &mut tensors,
-            "calibration.covariance",
+            "calibration.moment",
             &[6, 6],
-            covariance.as_slice(),
+            moment.as_slice(),
         );
         let distance = [parts.calibration.distance_p95];
         put(&mut tensors, "calibration.distance_p95", &[1], &distance);
@@ -219,7 +226,17 @@ impl Model {
                 &[SIGNALS, SIGNALS],
             )?),
         };
-        let covariance = get::<f64>(&tensors, "calibration.covariance", &[6, 6])?;
+        let noise = get::<f64>(&tensors, "calibration.noise", &[SIGNALS])?;
+        let shares = get::<f64>(&tensors, "calibration.shares", &[3, 2])?;
+        for (name, values) in [
+            ("calibration.noise", &noise),
+            ("calibration.shares", &shares),
+        ] {
+            if values.iter().any(|x| *x < 0.0) {
+                return Err(ModelError::Value(name.to_owned()));
+            }
+        }
+        let moment = get::<f64>(&tensors, "calibration.moment", &[6, 6])?;
         let distance_p95 = get::<f64>(&tensors, "calibration.distance_p95", &[1])?[0];
         if distance_p95 <= 0.0 {
             return Err(ModelError::Value("calibration.distance_p95".to_owned()));
@@ -229,7 +246,9 @@ impl Model {
             correction,
             spread,
             calibration: Calibration {
-                covariance: Matrix6::from_row_slice(&covariance),
+                noise: SVector::from_column_slice(&noise),
+                shares: std::array::from_fn(|k| [shares[2 * k], shares[2 * k + 1]]),
+                moment: Matrix6::from_row_slice(&moment),
                 distance_p95,
             },
         })?;

@@ -88,7 +88,7 @@ fn refusals_name_what_is_wrong() {
         "plant.bias.0",
     );
     check(&edited("\"spread.mean\"", "\"spread.meen\""), "spread.mean");
-    check(&edited(r#"format\":1"#, r#"format\":9"#), "format 9");
+    check(&edited(r#"format\":2"#, r#"format\":9"#), "format 9");
     check(&edited(r#"members\":2"#, r#"members\":7"#), "7 sensor maps");
     check(
         &edited("\"springtwin\"", "\"somethings\""),

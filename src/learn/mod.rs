@@ -5,6 +5,7 @@
 //! [`GuessSet`] finds where to start. Training runs in f32 on whole batches (`mlp`, `fit`),
 //! the control loop in f64 on single samples (`kernel`).
 
+mod calibrate;
 mod cascade;
 mod data;
 mod files;
@@ -19,9 +20,8 @@ mod scores;
 mod synthetic;
 mod train;
 
-pub use cascade::{
-    Calibration, Cascade, CascadeParts, Correction, SensorSpread, ShapeError, estimate,
-};
+pub use calibrate::Calibration;
+pub use cascade::{Cascade, CascadeParts, Correction, SensorSpread, ShapeError, estimate};
 pub use data::{Parts, add_noise, data_hash, pose_vector, split};
 pub use files::{Model, ModelError, Scores};
 pub use fit::{Progress, Stage};
@@ -64,6 +64,9 @@ impl PoseEval {
         }
     }
 }
+
+/// Signals whose training distance is larger are unlike anything that the networks have seen.
+pub const FAR_DISTANCE: f64 = 2.0;
 
 /// What the arm's sensors would read at given pressures, with the derivative.
 #[derive(Clone, Debug, PartialEq)]

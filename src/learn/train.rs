@@ -10,9 +10,9 @@ use nalgebra::SVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
+use super::calibrate::{Calibration, Hints};
 use super::cascade::{
-    Calibration, Cascade, CascadeParts, Correction, SensorSpread, ShapeError, correction_input,
-    used_channels,
+    Cascade, CascadeParts, Correction, SensorSpread, ShapeError, correction_input, used_channels,
 };
 use super::data::{add_noise, data_hash, is_finite, pose_vector, split};
 use super::files::{Model, Scores};
@@ -22,8 +22,8 @@ use super::mlp::{Mlp, Scaling};
 use super::plant::{PlantBounds, PlantNet, input};
 use super::recipe::{CorrectionInput, Noise, Recipe, RecipeError, Schedule};
 use super::scores::{
-    CHI_SQUARE_3, CorrectionReport, Coverage, DataOrigin, PlantReport, PoseReport, PoseScores,
-    SignalScores, quantile, squared_distance, wrapped,
+    CorrectionReport, Coverage, DataOrigin, PlantReport, PoseReport, PoseScores, SignalScores,
+    quantile, wrapped,
 };
 use super::{PoseMap, data};
 use crate::signal::{CHAMBERS, Dataset, Matrix6, Pose, SIGNALS, SPRINGS, Sample, Vector6};
@@ -189,10 +189,7 @@ pub fn train_smap(
     let uncalibrated = Cascade::new(CascadeParts {
         smap,
         correction: None,
-        calibration: Calibration {
-            covariance: Matrix6::identity(),
-            distance_p95: distance_p95(&spread, &vectors),
-        },
+        calibration: Calibration::uncalibrated(&recipe.noise, distance_p95(&spread, &vectors)),
         spread,
     })?;
     finish(
@@ -542,12 +539,18 @@ fn finish(
         }
         e
     };
-    let residuals: Vec<Vector6> = evaluate(&uncalibrated, &parts.validation, noise)
+    let mut rng = Pcg64Mcg::seed_from_u64(recipe.seed ^ 0xca11);
+    let errors: Vec<(Vector6, Hints)> = parts
+        .validation
         .iter()
-        .map(|(eval, truth)| residual(&eval.pose, truth))
+        .map(|i| {
+            let s = &data.samples[*i];
+            let (pose, hints) = uncalibrated.evaluate(&noisy(s, noise, &mut rng));
+            (residual(&pose, &s.base_from_tip), hints)
+        })
         .collect();
     let mut all = uncalibrated.parts().clone();
-    all.calibration.covariance = calibrated(&residuals);
+    all.calibration.fit(&errors);
     let cascade = Cascade::new(all)?;
 
     let scores = |part: &[usize], noise: &Noise| {
@@ -571,29 +574,6 @@ fn finish(
         coverage: Coverage::of(&stated),
     };
     Ok((cascade, report))
-}
-
-/// Second moment of the residuals, its translation and rotation parts scaled so that 95 % of the
-/// residuals lie within the 95 % ellipsoid: real errors have heavier tails than a normal
-/// distribution, and the outer limit is the one that matters.
-fn calibrated(residuals: &[Vector6]) -> Matrix6 {
-    let mut moment = Matrix6::identity() * 1e-14;
-    for e in residuals {
-        moment.ger(1.0 / residuals.len() as f64, e, e, 1.0);
-    }
-    let factor = |at: usize| {
-        let block = moment.fixed_view::<3, 3>(at, at).into_owned();
-        let mut distances: Vec<f64> = residuals
-            .iter()
-            .map(|e| squared_distance(&e.fixed_rows::<3>(at).into_owned(), &block))
-            .filter(|d| d.is_finite())
-            .collect();
-        distances.sort_by(f64::total_cmp);
-        (quantile(&distances, 0.95) / CHI_SQUARE_3[1]).sqrt()
-    };
-    let (t, r) = (factor(0).max(1e-3), factor(3).max(1e-3));
-    let scale = Matrix6::from_diagonal(&Vector6::new(t, t, t, r, r, r));
-    scale * moment * scale
 }
 
 fn bounds(samples: &[Sample]) -> PlantBounds {

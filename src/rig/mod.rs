@@ -115,17 +115,22 @@ impl VirtualRig {
         }
         while self.steps < due {
             self.steps += 1;
-            let set_pa = self.set_pa();
-            if self.plant.step(&set_pa, PHYSICS_STEP_S).is_err() {
-                self.refused_steps += 1;
-            }
-            self.measure();
+            self.step(&self.set_pa());
         }
         let mut out = Vec::new();
         for (board, readings) in self.boards.iter_mut().zip(&self.readings) {
             out.extend(board.poll(t_s, readings));
         }
         out
+    }
+
+    /// One step of [`PHYSICS_STEP_S`] with the chambers driven to `set_pa`, past the boards; gives new
+    /// readings.
+    pub fn step(&mut self, set_pa: &[Option<f64>; CHAMBERS]) {
+        if self.plant.step(set_pa, PHYSICS_STEP_S).is_err() {
+            self.refused_steps += 1;
+        }
+        self.measure();
     }
 
     /// What the boards drive the chambers to now; `None`: pumps off.

@@ -6,11 +6,10 @@ use super::View;
 use super::widgets::{cell, cell_left, dense, note, number, status};
 use crate::gui::history::{POSE_NAMES, display_difference, error_norms, pose_for_display};
 use crate::gui::theme::{Level, Palette};
+use crate::learn::FAR_DISTANCE;
 
 // Truth and estimate further apart than this are not compared here, s.
 const PAIR_S: f64 = 0.1;
-// Above this distance the sensors are far from the training data.
-const FAR_DISTANCE: f64 = 3.0;
 
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {

@@ -1,0 +1,296 @@
+//! What the studies share: data, networks and motions, each made once.
+
+use std::ops::ControlFlow;
+use std::rc::Rc;
+
+use anyhow::Result;
+use serde_json::{Value, json};
+
+use super::super::bench_rig::{Moment, Motion, Push, motion, settled};
+use super::super::model;
+use super::bound::{SensorNoise, cramer_rao};
+use springtwin::learn::{
+    Cascade, Channels, Coverage, Model, PoseMap as _, PoseScores, Recipe, Schedule, data_hash,
+    train_s2r, train_smap,
+};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{Dataset, Matrix6, Pose, SPRINGS, Vector6};
+use springtwin::sim::dataset::{Draw, Plan, generate, generate_mesh};
+use springtwin::sim::mesh::MeshModel;
+use springtwin::sim::sensors::spring_lengths;
+
+/// How large the studies are.
+#[derive(Clone, Copy, Debug)]
+pub struct Sizes {
+    pub seed: u64,
+    pub samples: usize,
+    pub geometric_samples: usize,
+    pub epochs: usize,
+    /// Per motion.
+    pub seconds: f64,
+}
+
+/// Motions per condition.
+const MOTIONS: u64 = 3;
+
+/// How a pose map came out on some moments.
+#[derive(Clone, Debug)]
+pub struct Score {
+    pub scores: PoseScores,
+    pub coverage: Coverage,
+}
+
+impl Score {
+    /// Translation, yaw, pitch, roll: the mean errors that the paper prints.
+    pub fn cells(&self) -> Vec<Option<f64>> {
+        let s = &self.scores;
+        [s.translation_mm, s.yaw_deg, s.pitch_deg, s.roll_deg]
+            .iter()
+            .map(|e| Some(e.mean))
+            .collect()
+    }
+}
+
+/// See [`Score::cells`].
+pub const COLUMNS: [&str; 4] = ["translation, mm", "yaw, deg", "pitch, deg", "roll, deg"];
+
+pub struct Lab {
+    pub robot: RobotSpec,
+    pub sizes: Sizes,
+    /// The networks that the program ships with.
+    pub shipped: Model,
+    sim: Option<Rc<Dataset>>,
+    geometric: Option<Rc<Dataset>>,
+    real: Option<Rc<Dataset>>,
+    motions: Vec<(Motion, Rc<Vec<Moment>>)>,
+}
+
+impl Lab {
+    pub fn new(robot: RobotSpec, sizes: Sizes) -> Result<Self> {
+        Ok(Self {
+            robot,
+            sizes,
+            shipped: model::model(None)?,
+            sim: None,
+            geometric: None,
+            real: None,
+            motions: Vec::new(),
+        })
+    }
+
+    /// Samples of the rod model as the shipped networks have seen: loads, scatter, free pads.
+    pub fn sim(&mut self) -> Rc<Dataset> {
+        if self.sim.is_none() {
+            let data = self.rod(self.sizes.samples);
+            self.sim = Some(Rc::new(data));
+        }
+        self.sim.clone().unwrap_or_default()
+    }
+
+    /// So many of them.
+    pub fn rod(&self, samples: usize) -> Dataset {
+        let plan = Plan {
+            payload_max_kg: 0.5,
+            tip_force_sd_n: 20.0,
+            deviation_sd: 0.02,
+            free_pads_sd_m: 3e-3,
+            ..Plan::nominal(Draw::Arcsine(samples), self.sizes.seed)
+        };
+        generate(&self.robot, &plan, 0..samples, threads(), &mut go_on).0
+    }
+
+    /// Samples as the paper has them: the geometric simulator, the nominal arm, no load, pressures
+    /// spread evenly.
+    pub fn geometric(&mut self) -> Result<Rc<Dataset>> {
+        if self.geometric.is_none() {
+            let n = self.sizes.geometric_samples;
+            let mesh = MeshModel::new(&self.robot)?;
+            let plan = Plan::nominal(Draw::Uniform(n), self.sizes.seed);
+            let (data, _) = generate_mesh(&mesh, &plan, 0..n, threads(), &mut go_on);
+            self.geometric = Some(Rc::new(data));
+        }
+        Ok(self.geometric.clone().unwrap_or_default())
+    }
+
+    /// 3⁶ settled samples of the rig without load, as the paper measures them.
+    pub fn real(&mut self) -> Result<Rc<Dataset>> {
+        if self.real.is_none() {
+            let plan = Plan::nominal(Draw::Grid(3), self.sizes.seed);
+            let (data, _) = settled(&self.robot, &plan, 0..729, &mut go_on)?;
+            self.real = Some(Rc::new(data));
+        }
+        Ok(self.real.clone().unwrap_or_default())
+    }
+
+    /// The recipe of the studies: the paper's two layers of 120 neurons.
+    pub fn recipe(&self) -> Recipe {
+        let shipped = &self.shipped.recipe;
+        let epochs = self.sizes.epochs;
+        Recipe {
+            seed: self.sizes.seed,
+            members: 1,
+            smap: Schedule {
+                hidden: vec![120, 120],
+                epochs,
+                patience: epochs,
+                ..shipped.smap.clone()
+            },
+            ..shipped.clone()
+        }
+    }
+
+    /// A sensor map of these channels trained on `data`.
+    pub fn smap(&self, data: &Dataset, recipe: &Recipe) -> Result<Cascade> {
+        Ok(train_smap(data, recipe, &mut |_| ControlFlow::Continue(()))?.0)
+    }
+
+    /// The same with sim-to-real networks from the rig's settled samples, where they help.
+    pub fn cascade(&mut self, data: &Dataset, recipe: &Recipe) -> Result<Cascade> {
+        let map = self.smap(data, recipe)?;
+        let real = self.real()?;
+        Ok(train_s2r(&map, &real, recipe, &mut |_| ControlFlow::Continue(()))?.0)
+    }
+
+    /// Ours with springs alone, or IMUs alone.
+    pub fn only(&mut self, channels: Channels) -> Result<Cascade> {
+        let data = self.sim();
+        let recipe = Recipe {
+            channels,
+            ..self.recipe()
+        };
+        self.cascade(&data, &recipe)
+    }
+
+    /// As the paper trains it: unloaded samples of the geometric simulator, then the rig's.
+    pub fn paper_way(&mut self) -> Result<Cascade> {
+        let data = self.geometric()?;
+        let recipe = self.recipe();
+        self.cascade(&data, &recipe)
+    }
+
+    /// Three motions under one condition.
+    pub fn motions(
+        &mut self,
+        payload_kg: f64,
+        speed_m_s: f64,
+        push: Push,
+    ) -> Result<Vec<Rc<Vec<Moment>>>> {
+        (0..MOTIONS)
+            .map(|k| {
+                let m = Motion {
+                    payload_kg,
+                    speed_m_s,
+                    push,
+                    seconds: self.sizes.seconds,
+                    seed: self.sizes.seed * 100 + k,
+                };
+                if let Some((_, known)) = self.motions.iter().find(|(known, _)| *known == m) {
+                    return Ok(known.clone());
+                }
+                let made = Rc::new(motion(&self.robot, &m, &mut |_, _| {})?);
+                self.motions.push((m, made.clone()));
+                Ok(made)
+            })
+            .collect()
+    }
+
+    /// What was made, with hashes.
+    pub fn data(&self) -> Vec<Value> {
+        [
+            ("rod, randomised", &self.sim),
+            ("geometric, nominal", &self.geometric),
+            ("virtual rig, settled grid", &self.real),
+        ]
+        .iter()
+        .filter_map(|(name, data)| {
+            let data = data.as_ref()?;
+            Some(json!({
+                "name": name, "samples": data.samples.len(), "seed": data.seed, "sha256": data_hash(data),
+            }))
+        })
+        .collect()
+    }
+}
+
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, |n| n.get())
+}
+
+fn go_on(_: usize) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// Scores a map on moments.
+pub fn score<'a>(map: &Cascade, moments: impl IntoIterator<Item = &'a Moment>) -> Score {
+    let mut pairs: Vec<(Vector6, Pose)> = Vec::new();
+    let mut stated: Vec<(Vector6, Matrix6)> = Vec::new();
+    for m in moments {
+        let mut eval = map.pose(&m.frame.sensors.to_vector());
+        eval.doubt(&m.frame.doubt);
+        let truth = m.base_from_pad[2];
+        stated.push((error(&eval.pose, &truth), eval.covariance));
+        pairs.push((eval.pose, truth));
+    }
+    Score {
+        scores: PoseScores::of(&pairs),
+        coverage: Coverage::of(&stated),
+    }
+}
+
+/// Predicted minus true: m, then yaw, pitch, roll in rad.
+pub fn error(predicted: &Vector6, truth: &Pose) -> Vector6 {
+    let mut e = predicted - springtwin::learn::pose_vector(truth);
+    for k in 3..6 {
+        let turns = (e[k] / std::f64::consts::TAU).round();
+        e[k] -= turns * std::f64::consts::TAU;
+    }
+    e
+}
+
+/// All moments of some motions.
+pub fn all(motions: &[Rc<Vec<Moment>>]) -> impl Iterator<Item = &Moment> {
+    motions.iter().flat_map(|m| m.iter())
+}
+
+/// Root mean square errors of the sensors themselves over some moments.
+pub fn sensor_noise<'a>(
+    robot: &RobotSpec,
+    moments: impl IntoIterator<Item = &'a Moment>,
+) -> SensorNoise {
+    let (mut springs, mut imus, mut n) = (0.0, 0.0, 0.0);
+    for m in moments {
+        let lengths_m = spring_lengths(robot, &m.base_from_pad);
+        let s = &m.frame.sensors;
+        for (got, want) in s.spring_m.iter().zip(lengths_m) {
+            springs += (got - want).powi(2) / SPRINGS as f64;
+        }
+        for i in 0..4 {
+            let pad = m.base_from_pad[1 + i / 2].rotation.to_rotation_matrix();
+            let off = (s.base_from_imu_pad(i).inverse() * pad).angle();
+            imus += off * off / 12.0;
+        }
+        n += 1.0;
+    }
+    SensorNoise {
+        spring_m: f64::sqrt(springs / n),
+        imu_rad: f64::sqrt(imus / n),
+    }
+}
+
+/// Mean over some moments of the smallest mean error that is possible without a prior: 0.92 of the root
+/// of the summed variances, which is the mean length of a normal vector with three equal axes. mm, deg.
+pub fn least_error(
+    robot: &RobotSpec,
+    moments: &[&Moment],
+    noise: &SensorNoise,
+) -> Option<[f64; 2]> {
+    let mut sum = [0.0; 2];
+    let mut n = 0.0;
+    for m in moments.iter().step_by(20) {
+        let [t, r] = cramer_rao(robot, &m.base_from_pad, noise)?;
+        sum[0] += 0.921 * t * 1e3;
+        sum[1] += 0.921 * r.to_degrees();
+        n += 1.0;
+    }
+    (n > 0.0).then(|| sum.map(|s| s / n))
+}
