@@ -5,6 +5,7 @@
 //! the same data and recipe give the same bytes.
 
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use nalgebra::SVector;
 use rand::SeedableRng;
@@ -147,9 +148,7 @@ pub fn train_smap(
         output.scale_into(pose, &mut targets);
     }
 
-    let mut smap = Vec::new();
-    let mut best_epochs = Vec::new();
-    for member in 0..recipe.members {
+    let member = |member: usize, watch: Watch| {
         let mut rng = Pcg64Mcg::seed_from_u64(recipe.seed.wrapping_add(member as u64));
         let mut noise_rng = Pcg64Mcg::seed_from_u64(recipe.seed.wrapping_add(member as u64) ^ 0x4e);
         let sizes = sizes(SIGNALS, &recipe.smap, 6);
@@ -167,19 +166,21 @@ pub fn train_smap(
             stage: Stage::SensorMap,
             member,
         };
-        let n = parts.train.len();
-        best_epochs.push(fit(
+        let best_epoch = fit(
             &mut net,
-            n,
+            parts.train.len(),
             &mut fill,
             &validation,
             &recipe.smap,
             &mut rng,
             run,
-            progress,
-        )?);
-        smap.push(net);
-    }
+            watch,
+        )?;
+        Ok((net, best_epoch))
+    };
+    let (smap, best_epochs) = members(recipe.members, &member, progress)?
+        .into_iter()
+        .unzip();
 
     let vectors: Vec<SVector<f64, SIGNALS>> = signals
         .chunks_exact(SIGNALS)
@@ -200,6 +201,56 @@ pub fn train_smap(
         recipe,
         best_epochs,
     )
+}
+
+/// Trains members side by side, as many as there are processors; which one is done first changes
+/// nothing.
+fn members(
+    count: usize,
+    train: &(dyn Fn(usize, Watch) -> Result<(Mlp, usize), TrainError> + Sync),
+    progress: Watch,
+) -> Result<Vec<(Mlp, usize)>, TrainError> {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let (send, receive) = std::sync::mpsc::channel::<Progress>();
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(count))
+            .map(|_| {
+                let (send, next, stop) = (send.clone(), &next, &stop);
+                scope.spawn(move || {
+                    let mut done = Vec::new();
+                    loop {
+                        let member = next.fetch_add(1, Ordering::Relaxed);
+                        if member >= count {
+                            return done;
+                        }
+                        let mut watch = |p: Progress| {
+                            if send.send(p).is_err() || stop.load(Ordering::Relaxed) {
+                                return ControlFlow::Break(());
+                            }
+                            ControlFlow::Continue(())
+                        };
+                        done.push((member, train(member, &mut watch)));
+                    }
+                })
+            })
+            .collect();
+        drop(send);
+        while let Ok(p) = receive.recv() {
+            if progress(p).is_break() {
+                stop.store(true, Ordering::Relaxed);
+            }
+        }
+        let mut all = Vec::new();
+        for worker in workers {
+            match worker.join() {
+                Ok(done) => all.extend(done),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        all.sort_by_key(|(member, _)| *member);
+        all.into_iter().map(|(_, result)| result).collect()
+    })
 }
 
 /// Trains the sim-to-real correction on measured samples; the cascade's own correction, if any, is
