@@ -1,7 +1,7 @@
 //! How far off a pose may be: what noise of the sensors does to it, how far the members of the ensemble
 //! are apart, and the rest, weighed so that the errors on samples that no network has seen fit.
 //!
-//! C = F₁ J S Jᵀ F₁ + F₂ P F₂ + F₃ M F₃
+//! C = F₁ J S Jᵀ F₁ + F₂ P F₂ + G F₃ M F₃ G
 //!
 //! | symbol | meaning |
 //! |---|---|
@@ -10,12 +10,13 @@
 //! | P | spread of the members |
 //! | M | second moment of the errors |
 //! | F | diagonal, one root of a share for translation and one for rotation |
+//! | G | diagonal, (d / d₉₅)^(g/2) with d the training distance: errors grow towards the rim of the data |
 //!
 //! The shares maximise the likelihood of the errors; errors have heavier tails than a normal
 //! distribution, so they are then scaled to put both 68 % and 95 % where they belong as well as one
 //! factor can.
 
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::recipe::Noise;
 use super::scores::{CHI_SQUARE_3, quantile, squared_distance};
@@ -23,6 +24,9 @@ use crate::signal::{Matrix6, SIGNALS, SPRINGS, Vector6};
 
 /// The parts of C.
 const PARTS: usize = 3;
+const REST: usize = 2;
+/// Growths that are tried.
+const GROWTHS: [f64; 6] = [0.0, 1.0, 2.0, 3.0, 4.0, 6.0];
 
 /// What a [`super::Cascade`] knows of its errors.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +35,8 @@ pub struct Calibration {
     pub noise: SVector<f64, SIGNALS>,
     /// Shares of noise, spread and rest; each for translation and rotation.
     pub shares: [[f64; 2]; PARTS],
+    /// g: how steeply the rest grows with the training distance, for translation and rotation.
+    pub growth: [f64; 2],
     /// Second moment of the errors (m and rad, yaw-pitch-roll order).
     pub moment: Matrix6,
     /// 95th percentile of the training distance inside the data. Beyond it the covariance grows
@@ -57,9 +63,15 @@ impl Calibration {
                 Some(_) => noise.imu_rad,
             }),
             shares: [[0.0; 2], [0.0; 2], [1.0; 2]],
+            growth: [0.0; 2],
             moment: Matrix6::identity(),
             distance_p95,
         }
+    }
+
+    /// Training distance against that inside of which 95 % of the data are.
+    fn reach(&self, hints: &Hints) -> f64 {
+        (hints.training_distance / self.distance_p95).max(0.1)
     }
 
     fn parts(&self, hints: &Hints) -> [Matrix6; PARTS] {
@@ -73,15 +85,21 @@ impl Calibration {
     /// C, grown with the square of the distance beyond the training data.
     pub(super) fn covariance(&self, hints: &Hints) -> Matrix6 {
         let mut sum = Matrix6::zeros();
-        for (part, share) in self.parts(hints).iter().zip(&self.shares) {
-            let f = share.map(f64::sqrt);
+        let reach = self.reach(hints);
+        for (k, (part, share)) in self.parts(hints).iter().zip(&self.shares).enumerate() {
+            let mut f = share.map(f64::sqrt);
+            if k == REST {
+                for (f, g) in f.iter_mut().zip(self.growth) {
+                    *f *= reach.powf(0.5 * g);
+                }
+            }
             for i in 0..6 {
                 for j in 0..6 {
                     sum[(i, j)] += f[i / 3] * f[j / 3] * part[(i, j)];
                 }
             }
         }
-        let beyond = (hints.training_distance / self.distance_p95).max(1.0);
+        let beyond = reach.max(1.0);
         sum * (beyond * beyond)
     }
 
@@ -93,19 +111,28 @@ impl Calibration {
         }
         for block in 0..2 {
             let at = 3 * block;
-            let samples: Vec<(nalgebra::Vector3<f64>, [Matrix3<f64>; PARTS])> = errors
-                .iter()
-                .map(|(e, hints)| {
-                    let beyond = (hints.training_distance / self.distance_p95).max(1.0);
-                    let parts = self
-                        .parts(hints)
-                        .map(|p| p.fixed_view::<3, 3>(at, at).into_owned() * (beyond * beyond));
-                    (e.fixed_rows::<3>(at).into_owned(), parts)
-                })
-                .collect();
-            let shares = fitted(&samples);
-            for (all, share) in self.shares.iter_mut().zip(shares) {
-                all[block] = share;
+            let mut best = f64::INFINITY;
+            for growth in GROWTHS {
+                let samples: Vec<(Vector3<f64>, [Matrix3<f64>; PARTS])> = errors
+                    .iter()
+                    .map(|(e, hints)| {
+                        let reach = self.reach(hints);
+                        let beyond = reach.max(1.0);
+                        let mut parts = self
+                            .parts(hints)
+                            .map(|p| p.fixed_view::<3, 3>(at, at).into_owned() * (beyond * beyond));
+                        parts[REST] *= reach.powf(growth);
+                        (e.fixed_rows::<3>(at).into_owned(), parts)
+                    })
+                    .collect();
+                let (shares, cost) = fitted(&samples);
+                if cost < best {
+                    best = cost;
+                    self.growth[block] = growth;
+                    for (all, share) in self.shares.iter_mut().zip(shares) {
+                        all[block] = share;
+                    }
+                }
             }
         }
     }
@@ -115,8 +142,8 @@ fn mixed(parts: &[Matrix3<f64>; PARTS], shares: &[f64; PARTS]) -> Matrix3<f64> {
     parts.iter().zip(shares).map(|(p, s)| p * *s).sum()
 }
 
-/// Shares of greatest likelihood, scaled to the quantiles.
-fn fitted(samples: &[(nalgebra::Vector3<f64>, [Matrix3<f64>; PARTS])]) -> [f64; PARTS] {
+/// Shares of greatest likelihood, scaled to the quantiles, and the likelihood's negative logarithm.
+fn fitted(samples: &[(Vector3<f64>, [Matrix3<f64>; PARTS])]) -> ([f64; PARTS], f64) {
     const LEAST: f64 = 1e-4;
     let cost = |shares: &[f64; PARTS]| -> f64 {
         samples
@@ -157,7 +184,7 @@ fn fitted(samples: &[(nalgebra::Vector3<f64>, [Matrix3<f64>; PARTS])]) -> [f64; 
     distances.sort_by(f64::total_cmp);
     let ratio = |q: f64, expected: f64| (quantile(&distances, q) / expected).max(1e-6);
     let scale = (ratio(0.6827, CHI_SQUARE_3[0]) * ratio(0.95, CHI_SQUARE_3[1])).sqrt();
-    shares.map(|s| s * scale)
+    (shares.map(|s| s * scale), best)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! | `smap.M.input`, `smap.M.output` | f64, 2 × width: mean, standard deviation |
 //! | `translation.…`, `rotation.…`, `plant.…` | the same for the other networks |
 //! | `spread.mean`, `spread.whitening` | f64, 24 and 24 × 24 (row-major) |
-//! | `calibration.noise`, `calibration.shares` | f64, 24, and 3 × 2: noise, spread and rest, for translation and rotation |
+//! | `calibration.noise`, `calibration.shares` | f64, 24, and 4 × 2: noise, spread, rest and its growth, for translation and rotation |
 //! | `calibration.moment`, `calibration.distance_p95` | f64, 6 × 6 and 1 |
 //! | `plant.bounds` | f64, 7 × 2: lowest and highest of each pressure and of the payload |
 //! | `guess` | f32, samples × 37: pressures, payload, signals, pose |
@@ -144,8 +144,14 @@ impl Model {
         let calibration = &parts.calibration;
         let noise = calibration.noise.as_slice();
         put(&mut tensors, "calibration.noise", &[SIGNALS], noise);
-        let shares = calibration.shares.as_flattened();
-        put(&mut tensors, "calibration.shares", &[3, 2], shares);
+        let mut shares = calibration.shares.to_vec();
+        shares.push(calibration.growth);
+        put(
+            &mut tensors,
+            "calibration.shares",
+            &[4, 2],
+            shares.as_flattened(),
+        );
         let moment = calibration.moment.transpose();
         put(
             &mut tensors,
@@ -227,7 +233,7 @@ impl Model {
             )?),
         };
         let noise = get::<f64>(&tensors, "calibration.noise", &[SIGNALS])?;
-        let shares = get::<f64>(&tensors, "calibration.shares", &[3, 2])?;
+        let shares = get::<f64>(&tensors, "calibration.shares", &[4, 2])?;
         for (name, values) in [
             ("calibration.noise", &noise),
             ("calibration.shares", &shares),
@@ -248,6 +254,7 @@ impl Model {
             calibration: Calibration {
                 noise: SVector::from_column_slice(&noise),
                 shares: std::array::from_fn(|k| [shares[2 * k], shares[2 * k + 1]]),
+                growth: [shares[6], shares[7]],
                 moment: Matrix6::from_row_slice(&moment),
                 distance_p95,
             },

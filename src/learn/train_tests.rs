@@ -144,3 +144,30 @@ fn training_can_be_cancelled_and_refuses_bad_data() {
     let e = train_plant(&data, &recipe(), &mut go).expect_err("too few");
     assert!(e.to_string().contains("10 samples"), "{e}");
 }
+
+#[test]
+fn a_correction_that_does_not_help_is_left_out() {
+    let data = synthetic::dataset(2000, 1);
+    let recipe = recipe();
+    let (cascade, _) = train_smap(&data, &recipe, &mut go).expect("it trains");
+    // What the training part says is not so in the others.
+    let mut real = synthetic::dataset(300, 9);
+    for i in split(300, &recipe.split, recipe.seed).train {
+        real.samples[i].base_from_tip.translation.vector.x += 0.05;
+    }
+    let (map, report) = train_s2r(&cascade, &real, &recipe, &mut go).expect("it trains");
+    assert!(!report.kept && map.parts().correction.is_none());
+    // With a gap that can be learned it stays.
+    let real = gap(&synthetic::dataset(300, 3));
+    let (map, report) = train_s2r(&cascade, &real, &recipe, &mut go).expect("it trains");
+    assert!(report.kept && map.parts().correction.is_some());
+}
+
+#[test]
+fn blocks_that_leave_a_part_empty_are_refused() {
+    let data = synthetic::dataset(300, 1);
+    let mut recipe = recipe();
+    recipe.split.block = 200;
+    let e = train_smap(&data, &recipe, &mut go).expect_err("two blocks for three parts");
+    assert!(e.to_string().contains("split.block"), "{e}");
+}

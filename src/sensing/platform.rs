@@ -24,7 +24,7 @@ const LEVER_M: f64 = 0.075;
 /// Noise of a length, m.
 const LENGTH_SIGMA_M: f64 = 0.15e-3;
 /// Noise of an IMU's rotation across a segment, rad.
-const ROTATION_SIGMA_RAD: f64 = 0.01;
+const ROTATION_SIGMA_RAD: f64 = 0.005;
 const LENGTH_WEIGHT: f64 = 1.0 / (LENGTH_SIGMA_M * LENGTH_SIGMA_M);
 const TURN_WEIGHT: f64 = 1.0 / (ROTATION_SIGMA_RAD * LEVER_M * ROTATION_SIGMA_RAD * LEVER_M);
 /// A step is cut to this size, m.

@@ -440,3 +440,61 @@ proptest! {
         }
     }
 }
+
+/// Runs ten seconds of motion, then ten more with frames spoiled; what came out of those.
+fn spoiled(spoil: impl Fn(&mut RawFrame)) -> (Rig, Vec<(SensorFrame, [f64; SPRINGS], [Pose; 2])>) {
+    let mut rig = Rig::new(sway);
+    let mut sensing = sensing();
+    while rig.t_s() < 10.0 {
+        sensing.update(&rig.next());
+    }
+    let mut out = Vec::new();
+    while rig.t_s() < 20.0 {
+        let mut raw = rig.next();
+        spoil(&mut raw);
+        let frame = sensing.update(&raw);
+        out.push((frame, rig.lengths_m(), rig.pads(rig.t_s())));
+    }
+    (rig, out)
+}
+
+#[test]
+fn five_springs_and_the_imus_stand_in_for_the_sixth() {
+    for victim in [1, 8] {
+        let (_, frames) = spoiled(|raw| raw.present &= !(1 << victim));
+        let (mut squares, mut stated) = (0.0, 0.0);
+        for (frame, lengths_m, _) in &frames {
+            assert!(frame.doubt[victim] > 0.0 && !frame.is_blind());
+            let others = frame.doubt.iter().enumerate().filter(|(i, _)| *i != victim);
+            assert!(others.map(|(_, d)| *d).sum::<f64>() == 0.0);
+            squares += (frame.sensors.spring_m[victim] - lengths_m[victim]).powi(2);
+            stated += frame.doubt[victim].powi(2);
+        }
+        let n = frames.len() as f64;
+        let (off_m, stated_m) = (f64::sqrt(squares / n), f64::sqrt(stated / n));
+        // The last good length would be off by centimetres.
+        assert!(off_m < 2e-3, "spring {victim}: {off_m}");
+        assert!(
+            (0.2..1.5).contains(&(off_m / stated_m)),
+            "{off_m} against {stated_m}"
+        );
+    }
+}
+
+#[test]
+fn the_springs_stand_in_for_the_imus() {
+    let (_, frames) = spoiled(|raw| raw.present &= !(0b1111 << SPRINGS));
+    for (frame, _, pads) in &frames {
+        assert!(!frame.is_blind());
+        for i in 0..IMUS {
+            assert!(off_deg(frame, i, pads) < 0.7, "IMU {i}");
+            assert!(frame.doubt[SPRINGS + 3 * i] > 0.0);
+        }
+    }
+}
+
+#[test]
+fn nothing_stands_in_for_a_spring_without_imus() {
+    let (_, frames) = spoiled(|raw| raw.present &= !(1 << 4 | 0b1111 << SPRINGS));
+    assert!(frames.iter().skip(5).all(|(frame, _, _)| frame.is_blind()));
+}

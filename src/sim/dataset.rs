@@ -364,6 +364,50 @@ mod tests {
     }
 
     #[test]
+    fn free_pads_move_disturbed_samples_only_and_keep_signals_and_pose_of_one_arm() {
+        let robot = RobotSpec::reference();
+        let plan = Plan::nominal(Draw::Uniform(200), 3);
+        let free = Plan {
+            free_pads_sd_m: 3e-3,
+            ..plan.clone()
+        };
+        let mut off_mm = Vec::new();
+        for i in 0..200 {
+            let (a, b) = (
+                sample(&robot, &plan, i).expect("settles"),
+                sample(&robot, &free, i).expect("settles"),
+            );
+            assert_eq!(a.chamber_pa, b.chamber_pa);
+            let off = b.base_from_tip.translation.vector - a.base_from_tip.translation.vector;
+            if off.norm() == 0.0 {
+                assert_eq!(a, b);
+                continue;
+            }
+            off_mm.push(off.norm() * 1e3);
+            // The IMUs of the end pad say what the pose says.
+            let by_imu = b.sensors.base_from_imu_pad(2);
+            let by_pose = b.base_from_tip.rotation.to_rotation_matrix();
+            assert!((by_imu.matrix() - by_pose.matrix()).amax() < 1e-9);
+            assert_ne!(a.sensors.spring_m, b.sensors.spring_m);
+        }
+        assert!((70..130).contains(&off_mm.len()), "{}", off_mm.len());
+        let mean = off_mm.iter().sum::<f64>() / off_mm.len() as f64;
+        assert!((2.0..8.0).contains(&mean), "{mean}");
+    }
+
+    #[test]
+    fn the_arcsine_density_is_dense_at_the_ends() {
+        let robot = RobotSpec::reference();
+        let mut rng = sample_rng(5, 5);
+        let near = (0..2000)
+            .map(|i| pressures(Draw::Arcsine(2000), &robot, i, &mut rng))
+            .filter(|p| p[2].abs() > 0.9 * robot.pressure.max_pa)
+            .count();
+        // 1 − (2/π) asin 0.9 = 29 %; evenly spread it would be 10 %.
+        assert!((500..660).contains(&near), "{near}");
+    }
+
+    #[test]
     fn grid_visits_every_corner_once() {
         let robot = RobotSpec::reference();
         let mut rng = sample_rng(1, 1);

@@ -329,3 +329,24 @@ fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_told() {
     assert!(runner.twin.snapshot().mesh.is_none());
     answer_tx.send(Ok(mesh(third))).expect("the mesh listens");
 }
+
+#[test]
+fn a_blind_twin_goes_safe_and_says_why_it_does_not_move() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
+    assert_eq!(twin.mode(), Mode::Hold);
+    for k in 21..60 {
+        let mut f = frame(k);
+        // A spring and all IMUs are silent; the boards and their gauges are not.
+        f.present &= !(1 << 2 | 0b1111 << 12);
+        twin.tick(at(k), Some(f), &[]);
+        if k < 25 {
+            assert!(!twin.is_safe(), "a frame or two is no reason: tick {k}");
+        }
+    }
+    let Mode::Safe(reason) = twin.mode() else {
+        panic!("not SAFE but {:?}", twin.mode())
+    };
+    assert!(reason.contains("too few sensors"), "{reason}");
+}

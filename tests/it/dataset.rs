@@ -84,3 +84,34 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
     assert!(read(&whole) == read(&out), "the resumed file differs");
     assert!(!journal.exists(), "the journal is left over");
 }
+
+/// A study from end to end, short: the shipped networks on the rig, within the wide margins of 15 s of
+/// motion.
+#[test]
+fn a_study_scores_the_shipped_networks_on_the_rig() {
+    let out = scratch("study");
+    let v = json(&[
+        "study",
+        "coverage",
+        "--json",
+        "--seconds",
+        "5",
+        "--out",
+        utf8(&out),
+    ]);
+    let table = &v["studies"][0];
+    let rows = table["rows"].as_array().expect("rows");
+    let cell = |label: &str, k: usize| {
+        let row = rows.iter().find(|r| r["label"] == label);
+        row.and_then(|r| r["cells"][k].as_f64()).expect("a figure")
+    };
+    assert!(cell("no load, 5 mm/s", 1) > 85.0, "{table}");
+    assert!(cell("500 g, 5 mm/s", 1) > 85.0, "{table}");
+    // What was never seen is called strange, what is usual is not.
+    assert!(cell("no load, 5 mm/s", 4) < 1.0, "{table}");
+    assert!(cell("one spring 40 mm off, unnoticed", 4) > 90.0, "{table}");
+    for ending in ["md", "json", "svg"] {
+        let path = out.join(format!("coverage.{ending}"));
+        assert!(path.metadata().expect("written").len() > 200, "{ending}");
+    }
+}

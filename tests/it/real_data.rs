@@ -194,3 +194,16 @@ fn the_supply_of_a_real_arm_is_explained() {
         assert!(timing.contains(&e.id.as_str()), "{e:?}");
     }
 }
+
+/// Networks trained on our simulation alone, on another engine's arm with sensors of its own.
+#[test]
+fn the_shipped_networks_place_another_engines_arm() {
+    let session = data_dir().join("sessions/rig-a/none");
+    let v = json(&["estimate", session.to_str().expect("utf-8"), "--json"]);
+    let e = &v["error"];
+    let figure = |key: &str| e[key].as_f64().expect("a figure");
+    assert!(figure("mean_mm") <= 1.2, "{e}");
+    for angle in ["yaw_deg", "pitch_deg", "roll_deg"] {
+        assert!(figure(angle) <= 0.5, "{angle}: {e}");
+    }
+}

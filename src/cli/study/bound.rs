@@ -50,6 +50,8 @@ pub fn cramer_rao(robot: &RobotSpec, pads: &[Pose; 3], noise: &SensorNoise) -> O
         }
         for i in 0..IMUS {
             let turn = b.base_from_imu_pad(i).inverse() * a.base_from_imu_pad(i);
+            // The logarithm of a matrix this close to the identity would lose half its digits.
+            let turn = UnitQuaternion::from_rotation_matrix(&turn);
             let rate = turn.scaled_axis() / (2.0 * H) / noise.imu_rad;
             for axis in 0..3 {
                 jacobian[(SPRINGS + 3 * i + axis, k)] = rate[axis];

@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::rc::Rc;
 
 use anyhow::Result;
+use nalgebra::UnitQuaternion;
 use serde_json::{Value, json};
 
 use super::super::bench_rig::{Moment, Motion, Push, motion, settled};
@@ -265,8 +266,8 @@ pub fn sensor_noise<'a>(
             springs += (got - want).powi(2) / SPRINGS as f64;
         }
         for i in 0..4 {
-            let pad = m.base_from_pad[1 + i / 2].rotation.to_rotation_matrix();
-            let off = (s.base_from_imu_pad(i).inverse() * pad).angle();
+            let by_imu = UnitQuaternion::from_rotation_matrix(&s.base_from_imu_pad(i));
+            let off = by_imu.angle_to(&m.base_from_pad[1 + i / 2].rotation);
             imus += off * off / 12.0;
         }
         n += 1.0;
