@@ -16,7 +16,7 @@ use springtwin::sim::dataset::{Plan, normal, pressures, sample_rng};
 use springtwin::sim::{Inputs, Model, State, observe, settle};
 
 /// Frames read at each settled pose until one is kept: enough for the orientation filters to settle.
-const FRAMES_PER_POSE: u32 = 30;
+const FRAMES_PER_POSE: u32 = 200;
 
 /// Settled samples of the virtual rig, read through its circuits, the calibration and the filters.
 pub fn settled(
@@ -50,7 +50,7 @@ pub fn settled(
         let mut frame = None;
         for _ in 0..FRAMES_PER_POSE {
             seq += 1;
-            rig.settle_at(&chamber_pa)?;
+            rig.dwell();
             frame = Some(sensing.update(&raw_frame(seq, rig.readings())));
         }
         let Some(frame) = frame else { continue };

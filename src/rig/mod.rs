@@ -166,6 +166,11 @@ impl VirtualRig {
         Ok(())
     }
 
+    /// [`PHYSICS_STEP_S`] more of readings with the arm where it is.
+    pub fn dwell(&mut self) {
+        self.measure();
+    }
+
     /// The newest readings of both boards.
     pub fn readings(&self) -> &[Readings; BOARDS] {
         &self.readings

@@ -1,6 +1,7 @@
 //! What the studies share: data, networks and motions, each made once.
 
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::rc::Rc;
 
 use anyhow::Result;
@@ -58,7 +59,7 @@ pub const COLUMNS: [&str; 4] = ["translation, mm", "yaw, deg", "pitch, deg", "ro
 pub struct Lab {
     pub robot: RobotSpec,
     pub sizes: Sizes,
-    /// The networks that the program ships with.
+    /// The networks that the program ships with, or those in a file.
     pub shipped: Model,
     sim: Option<Rc<Dataset>>,
     geometric: Option<Rc<Dataset>>,
@@ -67,11 +68,11 @@ pub struct Lab {
 }
 
 impl Lab {
-    pub fn new(robot: RobotSpec, sizes: Sizes) -> Result<Self> {
+    pub fn new(robot: RobotSpec, networks: Option<&Path>, sizes: Sizes) -> Result<Self> {
         Ok(Self {
             robot,
             sizes,
-            shipped: model::model(None)?,
+            shipped: model::model(networks)?,
             sim: None,
             geometric: None,
             real: None,

@@ -28,6 +28,9 @@ pub struct StudyArgs {
     /// Folder for tables (JSON, Markdown) and pictures (SVG)
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Networks in the place of the shipped ones
+    #[arg(long, value_name = "F.safetensors")]
+    model: Option<PathBuf>,
     /// Seed of every random choice
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
@@ -108,6 +111,7 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     };
     let mut lab = Lab::new(
         robot.clone(),
+        a.model.as_deref(),
         lab::Sizes {
             seed: a.seed,
             samples: a.samples as usize,
