@@ -203,16 +203,20 @@ pub fn train_smap(
     )
 }
 
+/// Trains one member; gives it with the epoch of its parameters.
+type TrainMember<'a> = dyn Fn(usize, Watch) -> Result<(Mlp, usize), TrainError> + Sync + 'a;
+
 /// Trains members side by side, as many as there are processors; which one is done first changes
 /// nothing.
 fn members(
     count: usize,
-    train: &(dyn Fn(usize, Watch) -> Result<(Mlp, usize), TrainError> + Sync),
+    train: &TrainMember,
     progress: Watch,
 ) -> Result<Vec<(Mlp, usize)>, TrainError> {
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
     let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let (send, receive) = std::sync::mpsc::channel::<Progress>();
+    // Told once per epoch: room for a few of each is never full for long.
+    let (send, receive) = std::sync::mpsc::sync_channel::<Progress>(64);
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(count))
             .map(|_| {
