@@ -97,16 +97,16 @@ pub enum Push {
     Shocks(f64),
 }
 
-/// A motion of the rig along straight lines in pressure space at a constant speed of the tip.
+/// A motion of the rig along straight lines in pressure space, each at a constant rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Mass in the gripper, kg.
     pub payload_kg: f64,
-    /// Speed of the tip, m/s.
+    /// Mean speed of the tip along each line, m/s.
     pub speed_m_s: f64,
     /// What disturbs it.
     pub push: Push,
-    /// Length, s.
+    /// Least length, s; a motion with pushes or blows ends with a line.
     pub seconds: f64,
     /// Seed of the way and of all noise.
     pub seed: u64,
@@ -195,6 +195,7 @@ pub fn motion(
     }
     let end_s = REST_S + m.seconds;
     let mut push_rng = sample_rng(m.seed, 0x90);
+    let mut tries = 0;
     while now_s < end_s {
         let to_pa = waypoint();
         let Some(length_m) = way_length_m(&plan, m.payload_kg, &at_pa, &to_pa) else {
@@ -223,6 +224,11 @@ pub fn motion(
             }
         }
     }
+    anyhow::ensure!(
+        rig.refused_steps == 0,
+        "the arm could not follow {} steps of a motion: load or push it less",
+        rig.refused_steps
+    );
     Ok(out)
 }
 

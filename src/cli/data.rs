@@ -115,6 +115,15 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
         a.simulator != Source::Mesh || a.deviation == 0.0,
         "the mesh simulator has one arm only: leave --deviation out, or use --simulator rod"
     );
+    anyhow::ensure!(
+        a.force > 0.0 || (a.deviation == 0.0 && a.free_pads == 0.0),
+        "--deviation and --free-pads need --force: samples without a force are the nominal arm, from which \
+         `train` learns the plant"
+    );
+    anyhow::ensure!(
+        a.simulator != Source::Rig || (a.force == 0.0 && a.payload_max == 0.0),
+        "the virtual rig settles without loads: leave --payload-max, --force, --deviation and --free-pads out"
+    );
     let draw = match (a.grid, a.samples) {
         (Some(n), _) => Draw::Grid(usize::from(n)),
         (None, n) => match a.density {

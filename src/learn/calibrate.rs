@@ -1,5 +1,5 @@
 //! How far off a pose may be: what noise of the sensors does to it, how far the members of the ensemble
-//! are apart, and the rest, weighed so that the errors on samples that no network has seen fit.
+//! are apart, and the rest, weighed so that the errors on samples that no optimiser has seen fit.
 //!
 //! C = F₁ J S Jᵀ F₁ + F₂ P F₂ + G F₃ M F₃ G
 //!

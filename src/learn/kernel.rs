@@ -35,7 +35,7 @@ struct Layer {
     slope: Vec<f32>,
 }
 
-/// A multiple of what fits into the registers of any processor.
+/// A multiple of what fits into the registers that the code is compiled for.
 fn padded(n: usize) -> usize {
     n.next_multiple_of(8)
 }
@@ -139,7 +139,7 @@ impl Kernel {
     }
 
     /// As [`Self::value`], in buffers that are used again.
-    pub fn value_in<'a>(&self, x: &[f64], scratch: &'a mut Scratch) -> &'a [f64] {
+    fn value_in<'a>(&self, x: &[f64], scratch: &'a mut Scratch) -> &'a [f64] {
         Arch::new().dispatch(Pass {
             kernel: self,
             x,
@@ -150,7 +150,7 @@ impl Kernel {
     }
 
     /// As [`Self::value_and_jacobian`], in buffers that are used again.
-    pub fn value_and_jacobian_in<'a>(
+    pub(super) fn value_and_jacobian_in<'a>(
         &self,
         x: &[f64],
         scratch: &'a mut Scratch,
@@ -244,7 +244,7 @@ impl Kernel {
 
 /// Buffers of an evaluation, to be used again.
 #[derive(Clone, Debug, Default)]
-pub struct Scratch {
+pub(super) struct Scratch {
     /// After every layer, padded.
     activations: Vec<Vec<f64>>,
     /// 1 − a² of one layer, padded.
@@ -344,7 +344,8 @@ fn scale_columns(rows: &mut [f32], a: &[f64], slopes: &mut Vec<f32>) {
 #[inline(always)]
 fn vector_product<S: Simd>(simd: S, x: &[f64], w: &[f64], y: &mut [f64]) {
     const T: usize = 4;
-    let (w, _) = S::as_simd_f64s(w);
+    let (w, rest) = S::as_simd_f64s(w);
+    debug_assert!(rest.is_empty(), "rows are padded");
     let (y, _) = S::as_mut_simd_f64s(y);
     let n = y.len();
     let mut j = 0;
@@ -388,7 +389,8 @@ fn product<S: Simd>(simd: S, a: &[f32], r: usize, m: usize, b: &[f32], c: &mut [
 #[inline(always)]
 fn tiles<S: Simd, const R: usize>(simd: S, a: &[f32], m: usize, b: &[f32], c: &mut [f32]) {
     let rows: [&[f32]; R] = std::array::from_fn(|r| &a[r * padded(m)..][..m]);
-    let (b, _) = S::as_simd_f32s(b);
+    let (b, rest) = S::as_simd_f32s(b);
+    debug_assert!(rest.is_empty(), "rows are padded");
     let (c, _) = S::as_mut_simd_f32s(c);
     let n = c.len() / R;
     let mut j = 0;

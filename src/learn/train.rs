@@ -240,7 +240,8 @@ fn members(
             })
             .collect();
         drop(send);
-        while let Ok(p) = receive.recv() {
+        // The receiver goes with the loop: should `progress` panic, nobody waits for it.
+        for p in receive {
             if progress(p).is_break() {
                 stop.store(true, Ordering::Relaxed);
             }
@@ -251,6 +252,9 @@ fn members(
                 Ok(done) => all.extend(done),
                 Err(panic) => std::panic::resume_unwind(panic),
             }
+        }
+        if stop.load(Ordering::Relaxed) {
+            return Err(TrainError::Cancelled);
         }
         all.sort_by_key(|(member, _)| *member);
         all.into_iter().map(|(_, result)| result).collect()
@@ -348,7 +352,7 @@ pub fn train_s2r(
         correction: Some(correction),
         ..cascade.parts().clone()
     })?;
-    // What does not help on samples that it has not seen only adds noise.
+    // What does not help on samples that the optimiser has not seen only adds noise.
     let without = Cascade::new(CascadeParts {
         correction: None,
         ..uncalibrated.parts().clone()

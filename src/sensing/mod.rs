@@ -38,6 +38,11 @@ const JUMP_FRAMES: u32 = 5;
 const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 /// A board's data older than this is suspect, and older than that is gone, s.
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
+/// Standard deviation of an orientation that is read but argued against, rad.
+const DISPUTED_RAD: f64 = 0.05;
+/// How fast a heading that no spring holds may go astray: the gyro's bias, as far as it is not known,
+/// rad/s.
+const ASTRAY_RAD_S: f64 = 0.03 * std::f64::consts::PI / 180.0;
 /// Standard deviation of a pad's orientation by the springs, or by one IMU for another, rad.
 const TOLD_RAD: f64 = 0.005;
 /// A longer gap between frames starts the monitors anew, s.
@@ -97,6 +102,8 @@ pub struct Sensing {
     pairs: [PairMonitor; 2],
     chamber_pa: [f64; CHAMBERS],
     pads: SpringPads,
+    /// Per pad: how long the springs have not held its IMUs' headings, s.
+    astray_s: [f64; 2],
     /// Per spring: length and its standard deviation as the rest of its segment has it, where the
     /// spring itself is not believed, m.
     told_m: [Option<(f64, f64)>; SPRINGS],
@@ -131,6 +138,7 @@ impl Sensing {
                 base_from_pad: platform::pads(spec, &rest),
                 by_springs_alone: [false; 2],
             },
+            astray_s: [0.0; 2],
             told_m: [None; SPRINGS],
             last: None,
             segments,
@@ -328,14 +336,17 @@ impl Sensing {
                     upper_from_lower: self.segment_by_imus(k, samples),
                 };
                 let segment = &self.segments[k];
-                let pose = plausible(segment, &solve(segment, &known, &self.believed_pose[k]));
+                let found = solve(segment, &known, &self.believed_pose[k]);
+                let pose = plausible(segment, &found);
+                // A pose that was not found tells no length.
+                let is_found = pose == found.upper_from_lower;
                 let lengths_m = segment.lengths_m(&pose);
                 for i in 0..LEGS {
                     self.told_m[at + i] = match known.length_m[i] {
-                        Some(_) => None,
-                        None => segment
+                        None if is_found => segment
                             .length_sd_m(&known, &pose, i)
                             .map(|sd_m| (lengths_m[i], sd_m)),
+                        _ => None,
                     };
                 }
                 pose
@@ -364,6 +375,10 @@ impl Sensing {
             let on_pad: Vec<usize> = (0..IMUS)
                 .filter(|i| self.spec.imus[*i].pad == pad)
                 .collect();
+            match by_springs {
+                Some(_) => self.astray_s[p] = 0.0,
+                None => self.astray_s[p] += dt_s,
+            }
             if let Some(by_springs) = &by_springs {
                 for &i in &on_pad {
                     let track = &mut self.tracks[i];
@@ -433,12 +448,18 @@ impl Sensing {
             if health.imus[i] != ChannelHealth::Ok {
                 let (told, sd_rad) = match self.pad_without_imu(i, samples) {
                     Some(told) => (told, TOLD_RAD),
-                    None if health.imus[i].usable() => (turned, 0.0),
+                    None if health.imus[i].usable() && self.tracks[i].aligned() => {
+                        (turned, DISPUTED_RAD)
+                    }
                     None => (turned, UNKNOWN_RAD),
                 };
                 turned = told;
                 doubt[SPRINGS + 3 * i..SPRINGS + 3 * i + 3].fill(sd_rad);
             }
+            // Above all about the vertical.
+            let heading = &mut doubt[SPRINGS + 3 * i];
+            *heading =
+                heading.hypot(ASTRAY_RAD_S * self.astray_s[pad_index(self.spec.imus[i].pad)]);
             ypr_from_rotation(&turned)
         });
         SensorFrame {
@@ -456,16 +477,20 @@ impl Sensing {
     /// Orientation of the pad under IMU `i` by the springs, or by the pad's other IMU.
     fn pad_without_imu(&self, i: usize, samples: &[Sample; IMUS]) -> Option<UnitQuaternion<f64>> {
         let pad = self.spec.imus[i].pad;
-        let p = match pad {
-            PadId::Middle => 0,
-            PadId::End => 1,
-        };
+        let p = pad_index(pad);
         if self.pads.by_springs_alone[p] {
             return Some(self.pads.base_from_pad[p].rotation);
         }
         let mut others = *samples;
         others[i] = Sample::Lost;
         self.pad_by_imus(pad, &others)
+    }
+}
+
+fn pad_index(pad: PadId) -> usize {
+    match pad {
+        PadId::Middle => 0,
+        PadId::End => 1,
     }
 }
 

@@ -161,8 +161,9 @@ pub struct SensorFrame {
     /// The 24 signals. For channels that cannot be believed it is what the other channels say that
     /// they would read; where these cannot tell, the last good value is held.
     pub sensors: SensorVec,
-    /// Standard deviation by which each of the 24 signals may be off because it was not read but told
-    /// by others, m and rad; 0 for signals as read, [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones.
+    /// Standard deviation by which each of the 24 signals may be off beyond its usual noise, m and rad:
+    /// because others told it, argue against it, or have not confirmed its heading for a while;
+    /// [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
     pub doubt: [f64; SIGNALS],
     /// Gauge pressure of each chamber, Pa.
     pub chamber_pa: [f64; CHAMBERS],

@@ -211,7 +211,7 @@ pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, Si
 }
 
 /// Sample `index` of a plan through the mesh. The mesh is the nominal arm: pressures, payload and
-/// force are those of [`sample`], `deviation_sd` has no effect.
+/// force are those of [`sample`], and so is what its pads stand off; `deviation_sd` has no effect.
 ///
 /// # Errors
 /// [`SimError::MeshUnsettled`] for loads beyond what the arm can hold.

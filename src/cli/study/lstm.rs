@@ -6,8 +6,8 @@
 //! i = σ(Wᵢ x + bᵢ), g = tanh(W_g x + b_g), o = σ(Wₒ x + bₒ), c = i g, h = o tanh c, y = V h + b
 //!
 //! Source: S. Hochreiter, J. Schmidhuber, "Long short-term memory" (1997),
-//! doi:10.1162/neco.1997.9.8.1735. Trained as the others are: squared error, Adam, cosine decay, noise
-//! drawn anew for every batch.
+//! doi:10.1162/neco.1997.9.8.1735. Trained as the others are (squared error, Adam, cosine decay, noise
+//! drawn anew for every batch), but to the last epoch.
 
 use std::f64::consts::PI;
 

@@ -1,7 +1,8 @@
 //! `study`: the paper's tables and figures on sensing, made anew on the virtual rig.
 //!
 //! Every study trains what it compares on simulated samples and scores it on the rig, which is another
-//! simulator with sensors of its own; the paper's figures, from hardware, stand beside ours.
+//! simulator with sensors of its own; sim-to-real networks and stated uncertainties come from settled
+//! samples of the same rig, motions are new. The paper's figures, from hardware, stand beside ours.
 
 mod bound;
 mod cases;
@@ -140,12 +141,20 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
         tables.push(table);
     }
     let data: Vec<Value> = lab.data();
+    let networks = match &a.model {
+        None => "as shipped".to_owned(),
+        Some(path) => path.display().to_string(),
+    };
     let head = format!(
         "# Studies\n\nOur figures are simulated: networks trained on the twin's simulators, scored on the virtual rig \
-         (finer elements, shear, hysteresis, scatter, sensors with noise, lag and drift). The paper's are from its \
-         hardware. springtwin {}, seed {}.\n\nData: {}\n\n",
+         (finer elements, shear, hysteresis, scatter, sensors with noise, lag and drift). Sim-to-real networks and \
+         stated uncertainties come from settled samples of the same unit of the rig; the motions are new. The paper's \
+         figures are from its hardware. springtwin {}, seed {}; networks under test: {}, their simulated samples SHA-256 \
+         {}.\n\nData: {}\n\n",
         env!("CARGO_PKG_VERSION"),
         a.seed,
+        networks,
+        lab.shipped.scores.smap.data.hash,
         data.iter()
             .map(|d| format!(
                 "{} ({} samples, SHA-256 {})",
@@ -167,7 +176,7 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     Ok(Report {
         text,
         json: json!({
-            "studies": tables, "data": data, "seed": a.seed, "seconds": start.elapsed().as_secs_f64(), "simulated": true,
+            "studies": tables, "data": data, "networks": networks, "seed": a.seed, "seconds": start.elapsed().as_secs_f64(), "simulated": true,
         }),
     })
 }

@@ -173,10 +173,7 @@ impl Table {
                     let bar = [(0.0, at + 0.15), (*y, at + 0.85)];
                     chart.draw_series([Rectangle::new(bar, colour(row.source).filled())])?;
                     let (x_px, y_px) = chart.backend_coord(&(0.0, at + 0.5));
-                    let text = match row.source {
-                        Source::Simulated => row.label.clone(),
-                        Source::Paper => format!("{} ({})", row.label, row.source.words()),
-                    };
+                    let text = format!("{} ({})", row.label, row.source.words());
                     let style = ("sans-serif", 13).into_text_style(&root).pos(
                         plotters::style::text_anchor::Pos::new(
                             plotters::style::text_anchor::HPos::Right,
