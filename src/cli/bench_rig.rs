@@ -199,6 +199,11 @@ pub fn motion(
     while now_s < end_s {
         let to_pa = waypoint();
         let Some(length_m) = way_length_m(&plan, m.payload_kg, &at_pa, &to_pa) else {
+            tries += 1;
+            anyhow::ensure!(
+                tries < 100,
+                "the arm can carry its load nowhere near its range"
+            );
             continue;
         };
         let steps = (length_m / (m.speed_m_s * PHYSICS_STEP_S)).ceil().max(1.0) as usize;

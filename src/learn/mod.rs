@@ -65,9 +65,6 @@ impl PoseEval {
     }
 }
 
-/// Signals whose training distance is larger are unlike anything that the networks have seen.
-pub const FAR_DISTANCE: f64 = 2.0;
-
 /// What the arm's sensors would read at given pressures, with the derivative.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantEval {

@@ -20,8 +20,8 @@ pub use frame::{
 pub use pose::{Goal, Matrix6, Pose, Vector6, pose_error, pose_from_ypr, ypr_from_rotation};
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    Alarm, Estimate, GroundTruth, LinkStatus, Mode, Reach, ReachState, Severity, Snapshot, Trace,
-    TruthSource,
+    Alarm, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState, Severity,
+    Snapshot, Trace, TruthSource,
 };
 pub use time::Stamp;
 

@@ -7,6 +7,9 @@ use super::{
     SensorRef, Simulator, Stamp,
 };
 
+/// Signals whose training distance is larger are unlike anything that the networks have seen.
+pub const FAR_DISTANCE: f64 = 2.0;
+
 /// Where the tip is, as the sensors tell it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {

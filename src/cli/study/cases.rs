@@ -13,10 +13,9 @@ use super::lab::{COLUMNS, Lab, Score, all, error, least_error, score, sensor_noi
 use super::lstm::Lstm;
 use super::table::{Drawn, Table};
 use springtwin::learn::{
-    Cascade, Channels, FAR_DISTANCE, PoseMap as _, PoseScores, Recipe, Schedule, data_hash,
-    train_s2r, train_smap,
+    Cascade, Channels, PoseMap as _, PoseScores, Recipe, Schedule, data_hash, train_s2r, train_smap,
 };
-use springtwin::signal::{ChannelHealth, Dataset, Health, IMUS, RawFrame, SPRINGS};
+use springtwin::signal::{ChannelHealth, Dataset, FAR_DISTANCE, Health, IMUS, RawFrame, SPRINGS};
 
 /// Fastest the paper moves, m/s.
 const FAST_M_S: f64 = 5e-3;

@@ -6,7 +6,7 @@ use super::View;
 use super::widgets::{cell, cell_left, dense, note, number, status};
 use crate::gui::history::{POSE_NAMES, display_difference, error_norms, pose_for_display};
 use crate::gui::theme::{Level, Palette};
-use crate::learn::FAR_DISTANCE;
+use crate::signal::FAR_DISTANCE;
 
 // Truth and estimate further apart than this are not compared here, s.
 const PAIR_S: f64 = 0.1;
