@@ -982,7 +982,7 @@ def show_single(r: dict) -> None:
     if ours:
         ci = f"{ours['seconds'] * 1e6:.1f} ({ours['low'] * 1e6:.1f}-{ours['high'] * 1e6:.1f})"
         rows.append(["springtwin, with covariance (criterion's mean, 95 % interval)"])
-        rows[0] += ["float64", "1", ci, "1.0" if r["shipped"] else "-"]
+        rows[0] += ["float64, Jacobian float32", "1", ci, "1.0" if r["shipped"] else "-"]
     for x in r["fastest"]:
         row = [f"{x['group']}: {x['way']}", x["dtype"], x["threads"], micros(x["seconds"])]
         rows.append([*row, ratio(x["ratio"])])

@@ -344,6 +344,21 @@ mod tests {
     }
 
     #[test]
+    fn the_recipes_that_ship_differ_in_what_a_trajectory_needs_only() {
+        let shipped = include_str!("../../assets/networks/recipe.toml");
+        let session = include_str!("../../assets/networks/session.toml");
+        let shipped = Recipe::from_toml(shipped).expect("the shipped recipe");
+        let session = Recipe::from_toml(session).expect("the recipe for sessions");
+        let as_shipped = Recipe {
+            split: shipped.split,
+            s2r: shipped.s2r.clone(),
+            ..session.clone()
+        };
+        assert_eq!(as_shipped, shipped);
+        assert!(session.split.block > 1 && session.s2r.weight_decay > shipped.s2r.weight_decay);
+    }
+
+    #[test]
     fn refusals_name_key_or_line() {
         let check = |text: &str, wants: &str| {
             let e = Recipe::from_toml(text).expect_err(text).to_string();
