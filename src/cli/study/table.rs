@@ -164,6 +164,7 @@ impl Table {
                     .build_cartesian_2d(0.0..top, 0.0..n)?;
                 chart
                     .configure_mesh()
+                    .max_light_lines(1)
                     .disable_y_mesh()
                     .y_labels(0)
                     .x_desc(self.columns[0])
@@ -215,6 +216,7 @@ impl Table {
                     .build_cartesian_2d(lo - pad..hi + pad, 0.0..top)?;
                 chart
                     .configure_mesh()
+                    .max_light_lines(1)
                     .x_desc(x)
                     .y_desc(self.columns[0])
                     .x_label_formatter(&|v| {
@@ -240,6 +242,7 @@ impl Table {
                 }
                 chart
                     .configure_series_labels()
+                    .position(SeriesLabelPosition::LowerLeft)
                     .background_style(WHITE)
                     .border_style(BLACK)
                     .draw()?;
