@@ -9,7 +9,7 @@ use rand::Rng as _;
 
 use super::{live, model};
 use springtwin::rig::board::Readings;
-use springtwin::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
+use springtwin::rig::{PHYSICS_STEP_S, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, CHAMBERS, Dataset, Pose, RawFrame, Sample, SensorFrame, Stamp};
 use springtwin::sim::dataset::{Plan, normal, pressures, sample_rng};
@@ -25,10 +25,7 @@ pub fn settled(
     range: std::ops::Range<usize>,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<(Dataset, usize)> {
-    let options = RigOptions {
-        seed: plan.seed,
-        ..live::rig_options(0.0, plan.seed)
-    };
+    let options = live::rig_options(0.0, plan.seed);
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut sensing = model::sensing(robot, None)?;
     let mut data = Dataset {
@@ -140,8 +137,7 @@ pub fn motion(
     m: &Motion,
     spoil: &mut dyn FnMut(f64, &mut RawFrame),
 ) -> Result<Vec<Moment>> {
-    let mut options = live::rig_options(m.payload_kg, m.seed);
-    options.seed = m.seed;
+    let options = live::rig_options(m.payload_kg, m.seed);
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut sensing = model::sensing(robot, None)?;
     let mut rng = sample_rng(m.seed, 0x7a7);

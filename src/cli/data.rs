@@ -205,11 +205,13 @@ struct Made {
     source: String,
 }
 
-fn threads() -> usize {
+/// As many as there are processors.
+pub fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get())
 }
 
-fn go_on(_: usize) -> ControlFlow<()> {
+/// Progress that never stops a run.
+pub fn go_on(_: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 

@@ -93,6 +93,15 @@ pub fn to_pose(p: &Vector6) -> Pose {
     pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]])
 }
 
+/// Predicted minus true: m, then yaw, pitch, roll within ±π, rad.
+pub fn pose_residual(predicted: &Vector6, truth: &Pose) -> Vector6 {
+    let mut e = predicted - pose_vector(truth);
+    for k in 3..6 {
+        e[k] = wrapped(e[k]);
+    }
+    e
+}
+
 /// The angle within ±π, rad.
 pub(super) fn wrapped(angle_rad: f64) -> f64 {
     use std::f64::consts::{PI, TAU};

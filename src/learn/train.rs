@@ -24,7 +24,7 @@ use super::plant::{PlantBounds, PlantNet, input};
 use super::recipe::{CorrectionInput, Noise, Recipe, RecipeError, Schedule};
 use super::scores::{
     CorrectionReport, Coverage, DataOrigin, PlantReport, PoseReport, PoseScores, SignalScores,
-    quantile, wrapped,
+    pose_residual, quantile, wrapped,
 };
 use super::{PoseMap, data};
 use crate::signal::{CHAMBERS, Dataset, Matrix6, Pose, SIGNALS, SPRINGS, Sample, Vector6};
@@ -591,13 +591,6 @@ fn finish(
             })
             .collect::<Vec<_>>()
     };
-    let residual = |p: &Vector6, truth: &Pose| {
-        let mut e = p - pose_vector(truth);
-        for k in 3..6 {
-            e[k] = wrapped(e[k]);
-        }
-        e
-    };
     let mut rng = Pcg64Mcg::seed_from_u64(recipe.seed ^ 0xca11);
     let errors: Vec<(Vector6, Hints)> = parts
         .validation
@@ -605,7 +598,7 @@ fn finish(
         .map(|i| {
             let s = &data.samples[*i];
             let (pose, hints) = uncalibrated.evaluate(&noisy(s, noise, &mut rng));
-            (residual(&pose, &s.base_from_tip), hints)
+            (pose_residual(&pose, &s.base_from_tip), hints)
         })
         .collect();
     let mut all = uncalibrated.parts().clone();
@@ -621,7 +614,7 @@ fn finish(
     };
     let stated: Vec<(Vector6, Matrix6)> = evaluate(&cascade, &parts.test, noise)
         .iter()
-        .map(|(eval, truth)| (residual(&eval.pose, truth), eval.covariance))
+        .map(|(eval, truth)| (pose_residual(&eval.pose, truth), eval.covariance))
         .collect();
     let report = PoseReport {
         data: origin(data),

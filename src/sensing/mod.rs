@@ -322,6 +322,7 @@ impl Sensing {
 
     fn place_pads(&mut self, samples: &[Sample; IMUS], springs: &Springs) {
         let mut trusted = [false; 2];
+        self.told_m = [None; SPRINGS];
         for (k, trusted) in trusted.iter_mut().enumerate() {
             let at = LEGS * k;
             let health = &springs.health[at..at + LEGS];
@@ -339,21 +340,16 @@ impl Sensing {
                 let found = solve(segment, &known, &self.believed_pose[k]);
                 let pose = plausible(segment, &found);
                 // A pose that was not found tells no length.
-                let is_found = pose == found.upper_from_lower;
-                let lengths_m = segment.lengths_m(&pose);
-                for i in 0..LEGS {
-                    self.told_m[at + i] = match known.length_m[i] {
-                        None if is_found => segment
+                if pose == found.upper_from_lower {
+                    let lengths_m = segment.lengths_m(&pose);
+                    for i in (0..LEGS).filter(|i| known.length_m[*i].is_none()) {
+                        self.told_m[at + i] = segment
                             .length_sd_m(&known, &pose, i)
-                            .map(|sd_m| (lengths_m[i], sd_m)),
-                        _ => None,
-                    };
+                            .map(|sd_m| (lengths_m[i], sd_m));
+                    }
                 }
                 pose
             };
-            if *trusted {
-                self.told_m[at..at + LEGS].fill(None);
-            }
         }
         self.pads = SpringPads {
             base_from_pad: platform::pads(&self.spec, &self.believed_pose),

@@ -9,11 +9,12 @@ use rand::{Rng as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 
 use super::super::bench_rig::{Moment, Motion, Push, motion};
-use super::lab::{COLUMNS, Lab, Score, all, error, least_error, score, sensor_noise};
+use super::lab::{COLUMNS, Lab, Score, all, least_error, means, score, sensor_noise};
 use super::lstm::Lstm;
 use super::table::{Drawn, Table};
 use springtwin::learn::{
-    Cascade, Channels, PoseMap as _, PoseScores, Recipe, Schedule, data_hash, train_s2r, train_smap,
+    Cascade, Channels, PoseMap as _, PoseScores, Recipe, Schedule, data_hash, pose_residual,
+    train_s2r, train_smap,
 };
 use springtwin::signal::{ChannelHealth, Dataset, FAR_DISTANCE, Health, IMUS, RawFrame, SPRINGS};
 
@@ -33,13 +34,6 @@ fn table(name: &'static str, title: &'static str, columns: &[&'static str], draw
 
 fn some(cells: &[f64]) -> Vec<Option<f64>> {
     cells.iter().map(|c| Some(*c)).collect()
-}
-
-fn scores(s: &PoseScores) -> Vec<Option<f64>> {
-    [s.translation_mm, s.yaw_deg, s.pitch_deg, s.roll_deg]
-        .iter()
-        .map(|e| Some(e.mean))
-        .collect()
 }
 
 /// Springs, IMUs, or both.
@@ -105,13 +99,13 @@ pub fn layers(lab: &mut Lab) -> Result<Table> {
             ..recipe
         };
         let (map, report) = train_smap(&data, &recipe, &mut |_| ControlFlow::Continue(()))?;
-        let mut cells = scores(&report.test);
+        let mut cells = means(&report.test);
         cells.push(score(&map, all(&motions)).cells()[0]);
         let words: Vec<String> = hidden.iter().map(usize::to_string).collect();
         t.ours(words.join(" + "), cells);
     }
     let (net, test) = Lstm::train(240, &data, &lab.recipe());
-    let mut cells = scores(&PoseScores::of(&test));
+    let mut cells = means(&PoseScores::of(&test));
     let pairs: Vec<_> = all(&motions)
         .map(|m| {
             let pose = net.pose(m.frame.sensors.to_vector().as_slice());
@@ -195,10 +189,10 @@ pub fn s2r(lab: &mut Lab) -> Result<Table> {
     for (label, data) in [("the paper's way", lab.geometric()?), ("ours", lab.sim())] {
         let map = lab.smap(&data, &recipe)?;
         let (after, report) = train_s2r(&map, &real, &recipe, &mut |_| ControlFlow::Continue(()))?;
-        let mut cells = scores(&report.before);
+        let mut cells = means(&report.before);
         cells.push(score(&map, all(&motions)).cells()[0]);
         t.ours(format!("{label}, without"), cells);
-        let mut cells = scores(&report.after.test);
+        let mut cells = means(&report.after.test);
         cells.push(score(&after, all(&motions)).cells()[0]);
         let kept = if report.kept {
             ""
@@ -477,7 +471,7 @@ pub fn lateral(lab: &mut Lab) -> Result<Table> {
         let mut n = 0.0;
         for m in all(&motions) {
             let eval = lab.shipped.cascade.pose(&m.frame.sensors.to_vector());
-            let e = error(&eval.pose, &m.base_from_pad[2]);
+            let e = pose_residual(&eval.pose, &m.base_from_pad[2]);
             for k in 0..3 {
                 axes[k] += e[k].abs() * 1e3;
             }

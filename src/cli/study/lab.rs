@@ -9,11 +9,12 @@ use nalgebra::UnitQuaternion;
 use serde_json::{Value, json};
 
 use super::super::bench_rig::{Moment, Motion, Push, motion, settled};
+use super::super::data::{go_on, threads};
 use super::super::model;
 use super::bound::{SensorNoise, cramer_rao};
 use springtwin::learn::{
     Cascade, Channels, Coverage, Model, PoseMap as _, PoseScores, Recipe, Schedule, data_hash,
-    train_s2r, train_smap,
+    pose_residual, train_s2r, train_smap,
 };
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Dataset, Matrix6, Pose, SPRINGS, Vector6};
@@ -45,15 +46,19 @@ pub struct Score {
 impl Score {
     /// Translation, yaw, pitch, roll: the mean errors that the paper prints.
     pub fn cells(&self) -> Vec<Option<f64>> {
-        let s = &self.scores;
-        [s.translation_mm, s.yaw_deg, s.pitch_deg, s.roll_deg]
-            .iter()
-            .map(|e| Some(e.mean))
-            .collect()
+        means(&self.scores)
     }
 }
 
-/// See [`Score::cells`].
+/// Mean translation, yaw, pitch and roll errors.
+pub fn means(s: &PoseScores) -> Vec<Option<f64>> {
+    [s.translation_mm, s.yaw_deg, s.pitch_deg, s.roll_deg]
+        .iter()
+        .map(|e| Some(e.mean))
+        .collect()
+}
+
+/// See [`means`].
 pub const COLUMNS: [&str; 4] = ["translation, mm", "yaw, deg", "pitch, deg", "roll, deg"];
 
 pub struct Lab {
@@ -221,14 +226,6 @@ impl Lab {
     }
 }
 
-fn threads() -> usize {
-    std::thread::available_parallelism().map_or(1, |n| n.get())
-}
-
-fn go_on(_: usize) -> ControlFlow<()> {
-    ControlFlow::Continue(())
-}
-
 /// Scores a map on moments.
 pub fn score<'a>(map: &Cascade, moments: impl IntoIterator<Item = &'a Moment>) -> Score {
     let mut pairs: Vec<(Vector6, Pose)> = Vec::new();
@@ -237,23 +234,13 @@ pub fn score<'a>(map: &Cascade, moments: impl IntoIterator<Item = &'a Moment>) -
         let mut eval = map.pose(&m.frame.sensors.to_vector());
         eval.doubt(&m.frame.doubt);
         let truth = m.base_from_pad[2];
-        stated.push((error(&eval.pose, &truth), eval.covariance));
+        stated.push((pose_residual(&eval.pose, &truth), eval.covariance));
         pairs.push((eval.pose, truth));
     }
     Score {
         scores: PoseScores::of(&pairs),
         coverage: Coverage::of(&stated),
     }
-}
-
-/// Predicted minus true: m, then yaw, pitch, roll in rad.
-pub fn error(predicted: &Vector6, truth: &Pose) -> Vector6 {
-    let mut e = predicted - springtwin::learn::pose_vector(truth);
-    for k in 3..6 {
-        let turns = (e[k] / std::f64::consts::TAU).round();
-        e[k] -= turns * std::f64::consts::TAU;
-    }
-    e
 }
 
 /// All moments of some motions.
