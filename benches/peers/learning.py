@@ -33,6 +33,8 @@ try:
 except ImportError as e:
     sys.exit(f"{e.name} is missing: run `pip install -r benches/peers/requirements.txt`")
 
+from program import run, spread
+
 warnings.filterwarnings("ignore", category=FutureWarning)  # PyTorch's compiler about itself
 
 SHIPPED = ROOT / "assets/networks/reference.safetensors"
@@ -69,10 +71,6 @@ def first_line(e: Exception) -> str:
     return (str(e).splitlines() or [type(e).__name__])[0]
 
 
-def spread(values) -> dict:
-    return {"median": statistics.median(values), "min": min(values), "max": max(values)}
-
-
 # The program
 
 
@@ -84,17 +82,7 @@ class Springtwin:
         self.version = self._run("--version").split()[-1]
 
     def _run(self, *args):
-        command = [str(self.path), *map(str, args)]
-        try:
-            return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        except FileNotFoundError:
-            sys.exit(
-                f"there is no program at {self.path}: run `cargo build --release`, "
-                "or give its place with --program"
-            )
-        except (OSError, subprocess.CalledProcessError) as e:
-            why = (getattr(e, "stderr", None) or str(e)).strip()
-            sys.exit(f"`{' '.join(command)}` failed: {why}")
+        return run(self.path, *args, option="--program")
 
     def generate(self, file: Path) -> None:
         self._run("dataset", "generate", "--samples", SAMPLES, *DATA, "--out", file)

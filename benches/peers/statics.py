@@ -9,7 +9,6 @@ import json
 import os
 import platform
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -31,6 +30,8 @@ try:
     import mujoco_arm
 except ImportError as e:
     sys.exit(f"{e.name} is missing: run `pip install -r benches/peers/requirements.txt`")
+
+from program import run, spread
 
 # The poses of the robot's design page, kPa; more are drawn uniformly from the pressure range.
 NAMED_KPA = [
@@ -117,20 +118,10 @@ class Springtwin:
         self.version = self._run("--version", as_json=False).split()[-1]
 
     def _run(self, *args, as_json=True):
-        command = [str(self.path), *args]
         if as_json:
-            command += ["--robot", str(self.robot_file), "--json"]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, check=True)
-        except FileNotFoundError:
-            sys.exit(
-                f"there is no program at {self.path}: run `cargo build --release`, "
-                "or give its place with --springtwin"
-            )
-        except (OSError, subprocess.CalledProcessError) as e:
-            why = (getattr(e, "stderr", None) or str(e)).strip()
-            sys.exit(f"`{' '.join(command)}` failed: {why}")
-        return json.loads(done.stdout) if as_json else done.stdout
+            args += ("--robot", self.robot_file, "--json")
+        out = run(self.path, *args, option="--springtwin")
+        return json.loads(out) if as_json else out
 
     def solve(self, pose_kpa) -> dict:
         """One settled pose from a cold start."""
@@ -184,10 +175,6 @@ def tune(arm, poses_kpa, tolerance_m: float) -> None:
         except Unstable as e:
             found = str(e)
         print(f"{make.__name__:9} {settings}: {found}", flush=True)
-
-
-def spread(values) -> dict:
-    return {"median": statistics.median(values), "min": min(values), "max": max(values)}
 
 
 def compare(options, arm, program, poses_kpa) -> dict:
