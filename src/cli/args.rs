@@ -2,6 +2,7 @@
 
 use springtwin::robot::RobotSpec;
 use springtwin::signal::CHAMBERS;
+use springtwin::task::Item;
 
 fn numbers<const N: usize>(text: &str, what: &str) -> Result<[f64; N], String> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
@@ -37,6 +38,62 @@ pub fn xyz_n(text: &str) -> Result<[f64; 3], String> {
 /// Six pressures in kPa, to Pa.
 pub fn six_kpa(text: &str) -> Result<[f64; CHAMBERS], String> {
     numbers::<CHAMBERS>(text, "pressures (six values in kPa)").map(|v| v.map(|x| x * 1e3))
+}
+
+/// `X,Y,Z` that is not all zero.
+pub fn direction(text: &str) -> Result<[f64; 3], String> {
+    let d = numbers::<3>(text, "a direction (x,y,z)")?;
+    match d.iter().any(|v| *v != 0.0) {
+        true => Ok(d),
+        false => Err("a direction of 0,0,0 points nowhere: 0,0,-1 is straight down".to_owned()),
+    }
+}
+
+/// `X,Y,Z,KG`: where to grasp it (mm), and its mass.
+pub fn item(text: &str) -> Result<Item, String> {
+    let [x, y, z, mass_kg] = numbers::<4>(text, "an item (x,y,z in mm and its mass in kg)")?;
+    if mass_kg < 0.0 {
+        return Err(format!("{mass_kg} kg is no mass: it must be 0 or more"));
+    }
+    Ok(Item {
+        name: format!("item of {:.0} g", mass_kg * 1e3),
+        grasp_m: [x * 1e-3, y * 1e-3, z * 1e-3],
+        mass_kg,
+    })
+}
+
+fn within(text: &str, range: std::ops::RangeInclusive<f64>, what: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if range.contains(&v) => Ok(v),
+        _ => Err(format!(
+            "'{text}' is no {what}: it must be a number from {} to {}",
+            range.start(),
+            range.end()
+        )),
+    }
+}
+
+/// A factor on the arm's stiffness.
+pub fn stiffness(text: &str) -> Result<f64, String> {
+    within(text, 0.3..=3.0, "stiffness")
+}
+
+/// Half the extent of a path, mm.
+pub fn size_mm(text: &str) -> Result<f64, String> {
+    within(text, 1.0..=300.0, "size in mm")
+}
+
+/// A speed along a path, mm/s.
+pub fn speed_mm_s(text: &str) -> Result<f64, String> {
+    within(text, 0.1..=50.0, "speed in mm/s")
+}
+
+/// A number of waypoints.
+pub fn waypoints(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(n) if (3..=2000).contains(&n) => Ok(n),
+        _ => Err(format!("'{text}' is no number of waypoints: 3 to 2000")),
+    }
 }
 
 /// A number that is finite and not negative.

@@ -1,4 +1,4 @@
-//! `run`, `rig`, `goto`, `record`: commands with a rig at the other end.
+//! `run`, `rig`, `record`: commands with a rig at the other end.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -7,13 +7,16 @@ use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use super::drive::commands::objects;
 use super::ports::{InProcess, SerialRig};
 use super::{Report, args, model};
-use springtwin::control::ControllerKind;
+use springtwin::control::{ControllerKind, Gains};
+use springtwin::learn::ErrorStats;
 use springtwin::link::wire::Config;
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, Mode, Snapshot, Stamp, pose_error};
+use springtwin::task::Item;
 use springtwin::twin::{
     Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
     run_in_simulated_time,
@@ -60,12 +63,13 @@ pub enum Kind {
     Ours,
 }
 
-impl From<Kind> for ControllerKind {
-    fn from(kind: Kind) -> Self {
-        match kind {
-            Kind::Paper => Self::Paper,
-            Kind::Ours => Self::Ours,
-        }
+impl Kind {
+    /// Its tuning.
+    pub fn gains(self) -> Gains {
+        Gains::of(match self {
+            Self::Paper => ControllerKind::Paper,
+            Self::Ours => ControllerKind::Ours,
+        })
     }
 }
 
@@ -86,6 +90,12 @@ pub struct RigArgs {
     /// Send emulated motion capture to this address
     #[arg(long, value_name = "IP:PORT")]
     vicon: Option<std::net::SocketAddr>,
+    /// Stiffness of the arm as a factor
+    #[arg(long, value_name = "K", default_value = "1", value_parser = args::stiffness)]
+    stiffness: f64,
+    /// Something to pick up: where the tip grasps it (mm) and its mass (kg); may be given several times
+    #[arg(long, value_name = "X,Y,Z,KG", value_parser = args::item, allow_hyphen_values = true)]
+    object: Vec<Item>,
     /// End when the starting process ends
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -96,16 +106,7 @@ pub fn spread(errors: &[f64]) -> Value {
     if errors.is_empty() {
         return Value::Null;
     }
-    let mut sorted = errors.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len() as f64;
-    let p95 = sorted[((0.95 * n).ceil() as usize).clamp(1, sorted.len()) - 1];
-    json!({
-        "mean": sorted.iter().sum::<f64>() / n,
-        "rmse": (sorted.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
-        "p95": p95,
-        "max": sorted[sorted.len() - 1],
-    })
+    json!(ErrorStats::of(errors.to_vec()))
 }
 
 /// What a run adds up to.
@@ -235,6 +236,7 @@ pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
             payload_kg,
             ..Surroundings::default()
         },
+        objects: Vec::new(),
     }
 }
 
@@ -251,7 +253,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         robot,
         maps,
         model::sensing(robot, None)?,
-        a.controller.into(),
+        a.controller.gains(),
     );
     #[expect(
         clippy::disallowed_methods,
@@ -266,9 +268,8 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             board_config(robot),
         )?)
     } else if a.rig == "pty" {
-        Box::new(SerialRig::spawn(
-            a.payload, a.seed, robot_file, robot, start,
-        )?)
+        let options = rig_options(a.payload, a.seed);
+        Box::new(SerialRig::spawn(&options, robot_file, robot, start)?)
     } else {
         Box::new(SerialRig::open(&a.rig, robot, start)?)
     };
@@ -328,44 +329,6 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     Ok(tally.report(pace, end.seconds(), a.record.as_deref()))
 }
 
-/// `goto`: the same as `run --headless --target`, until the goal is kept.
-#[derive(Args)]
-pub struct GotoArgs {
-    /// Where to, mm
-    #[arg(value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
-    target: [f64; 3],
-    /// Longest time, s
-    #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative)]
-    seconds: f64,
-    /// Where the boards are: `sim`, `pty`, or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
-    rig: String,
-    /// Mass in the virtual rig's gripper, kg (also declared to the twin)
-    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
-    payload: f64,
-    /// Seed of the virtual rig's noise
-    #[arg(long, value_name = "N", default_value = "1")]
-    seed: u64,
-    /// Which controller steers
-    #[arg(long, value_enum, default_value_t = Kind::Ours)]
-    controller: Kind,
-}
-
-/// `goto`.
-pub fn goto(a: &GotoArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
-    let run_args = RunArgs {
-        headless: true,
-        seconds: a.seconds,
-        rig: a.rig.clone(),
-        record: None,
-        target: Some(a.target),
-        payload: a.payload,
-        seed: a.seed,
-        controller: a.controller,
-    };
-    run(&run_args, robot_file, robot)
-}
-
 /// `record`: the same as `run --headless --record`.
 #[derive(Args)]
 pub struct RecordArgs {
@@ -404,10 +367,12 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     use std::io::Write as _;
 
     args::payload_in_range(robot, a.payload)?;
-    let options = RigOptions {
+    let mut options = RigOptions {
         unit: Unit(a.unit),
+        objects: objects(&a.object),
         ..rig_options(a.payload, a.seed)
     };
+    options.surroundings.stiffness = a.stiffness;
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut pty = springtwin::rig::pty::Pty::open(a.link.as_deref())?;
     println!("{}", pty.port.display());

@@ -6,6 +6,7 @@
 mod args;
 mod bench_rig;
 mod data;
+mod drive;
 mod files;
 mod gap;
 mod gap_actuation;
@@ -66,7 +67,13 @@ enum Command {
     /// Run the twin on a rig
     Run(live::RunArgs),
     /// Steer the tip to a point and tell how it went
-    Goto(live::GotoArgs),
+    Goto(drive::commands::GotoArgs),
+    /// Follow a path and tell how it went
+    Follow(drive::commands::FollowArgs),
+    /// Pick things up and put them into a basket
+    PickPlace(drive::commands::PickPlaceArgs),
+    /// Whether the tip can get to a point; nothing moves
+    Reach(drive::commands::ReachArgs),
     /// Record a rig for a while
     Record(live::RecordArgs),
     /// What is in a recording or session
@@ -212,7 +219,10 @@ fn run(cli: &Cli) -> Result<Report> {
             )
         }
         Some(Command::Run(a)) => live::run(a, cli.robot.as_deref(), &robot),
-        Some(Command::Goto(a)) => live::goto(a, cli.robot.as_deref(), &robot),
+        Some(Command::Goto(a)) => drive::commands::goto(a, cli.robot.as_deref(), &robot),
+        Some(Command::Follow(a)) => drive::commands::follow(a, cli.robot.as_deref(), &robot),
+        Some(Command::PickPlace(a)) => drive::commands::pick_place(a, cli.robot.as_deref(), &robot),
+        Some(Command::Reach(a)) => drive::commands::reach_command(a, &robot),
         Some(Command::Record(a)) => live::record(a, cli.robot.as_deref(), &robot),
         Some(Command::Inspect(a)) => files::inspect_command(a),
         Some(Command::Doctor) => files::doctor(&robot),

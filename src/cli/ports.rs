@@ -23,9 +23,13 @@ use springtwin::twin::{Arrivals, Port};
 /// The line is looked at this often in simulated time, s.
 const LINE_STEP_S: f64 = 0.001;
 
+/// What happens to a virtual rig: it is called with the time (s) after every millisecond.
+pub type Script = Box<dyn FnMut(f64, &mut VirtualRig) + Send>;
+
 /// A virtual rig in this process. Bytes still pass through the wire protocol.
 pub struct InProcess {
     rig: VirtualRig,
+    script: Option<Script>,
     session: HostSession,
     line_steps: u64,
     to_rig: Vec<u8>,
@@ -40,10 +44,17 @@ impl InProcess {
     ) -> std::result::Result<Self, SimError> {
         Ok(Self {
             rig: VirtualRig::new(robot, options)?,
+            script: None,
             session: HostSession::new("virtual rig", Origin::Simulated, config),
             line_steps: 0,
             to_rig: Vec::new(),
         })
+    }
+
+    /// Lets `script` see and disturb the rig.
+    pub fn with_script(mut self, script: Script) -> Self {
+        self.script = Some(script);
+        self
     }
 }
 
@@ -57,6 +68,9 @@ impl Port for InProcess {
             self.to_rig.extend(self.session.poll(at));
             let from_rig = self.rig.advance(t_s, &std::mem::take(&mut self.to_rig));
             self.session.on_bytes(at, &from_rig);
+            if let Some(script) = &mut self.script {
+                script(t_s, &mut self.rig);
+            }
             if self.line_steps.is_multiple_of(10) {
                 arrivals.truths.push(GroundTruth {
                     stamp: at,
@@ -121,8 +135,7 @@ impl SerialRig {
 
     /// Starts a rig process behind a pseudo-terminal and opens its port.
     pub fn spawn(
-        payload_kg: f64,
-        seed: u64,
+        options: &RigOptions,
         robot_file: Option<&Path>,
         robot: &RobotSpec,
         start: Instant,
@@ -130,6 +143,7 @@ impl SerialRig {
         let any_port = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         let mocap = MocapReceiver::open(any_port, &[Ipv4Addr::LOCALHOST.into()], start)?;
         let program = std::env::current_exe().context("cannot find this program's own file")?;
+        let arm = &options.surroundings;
         let mut command = std::process::Command::new(program);
         command
             .args([
@@ -138,14 +152,16 @@ impl SerialRig {
                 "--vicon",
                 &mocap.address().to_string(),
             ])
-            .args([
-                "--payload",
-                &payload_kg.to_string(),
-                "--seed",
-                &seed.to_string(),
-            ])
+            .args(["--payload", &arm.payload_kg.to_string()])
+            .args(["--stiffness", &arm.stiffness.to_string()])
+            .args(["--seed", &options.seed.to_string()])
+            .args(["--unit", &options.unit.0.to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::piped());
+        for o in &options.objects {
+            let [x, y, z] = o.grasp_m.map(|v| v * 1e3);
+            command.args(["--object", &format!("{x},{y},{z},{}", o.mass_kg)]);
+        }
         if let Some(file) = robot_file {
             command.arg("--robot").arg(file);
         }

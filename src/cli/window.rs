@@ -49,7 +49,7 @@ pub fn open(
     let start = std::time::Instant::now();
     let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
-    let twin = Twin::new(robot, maps, model::sensing(robot, None)?, kind.into());
+    let twin = Twin::new(robot, maps, model::sensing(robot, None)?, kind.gains());
     let port: Box<dyn Port> = match rig {
         "sim" => Box::new(InProcess::new(
             robot,
@@ -57,7 +57,10 @@ pub fn open(
             board_config(robot),
         )?),
         "pty" if cfg!(unix) => Box::new(SerialRig::spawn(
-            payload_kg, seed, robot_file, robot, start,
+            &rig_options(payload_kg, seed),
+            robot_file,
+            robot,
+            start,
         )?),
         "pty" => Box::new(InProcess::new(
             robot,
@@ -375,7 +378,12 @@ fn demonstration(
     maps: springtwin::twin::Maps,
     preview: Option<[f64; 3]>,
 ) -> Result<Vec<Snapshot>> {
-    let twin = Twin::new(robot, maps, model::sensing(robot, None)?, Kind::Ours.into());
+    let twin = Twin::new(
+        robot,
+        maps,
+        model::sensing(robot, None)?,
+        Kind::Ours.gains(),
+    );
     let port = InProcess::new(robot, &rig_options(0.0, 1), board_config(robot))?;
     let mut runner = Runner::new(twin, Box::new(port), robot);
     let mut kept: Vec<Snapshot> = Vec::new();

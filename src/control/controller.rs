@@ -20,7 +20,7 @@ use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::signal::{
     CHAMBERS, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SPRINGS, SensorFrame,
-    SensorRef, Stamp, Vector6,
+    SensorRef, Stamp, Vector6, Via,
 };
 
 /// Which controller steers.
@@ -44,17 +44,22 @@ pub struct Gains {
     pub outer_period_s: f64,
     /// How far a set pressure may lead the measured one, Pa.
     pub lead_pa: f64,
+    /// Pull towards the middle of the pressure range inside the null space, relative to the bandwidth of the loop
+    /// (ours alone); 0 leaves the spare pressures where they are.
+    pub centring: f64,
     /// Settings of the sensor-space solver; its weights and σ hold for the whole controller.
     pub solver: SolverConfig,
 }
 
-impl Default for Gains {
-    fn default() -> Self {
+impl Gains {
+    /// The tuning of a controller.
+    pub fn of(kind: ControllerKind) -> Self {
         Self {
-            kind: ControllerKind::default(),
+            kind,
             adrc: AdrcGains::default(),
             outer_period_s: 0.2,
             lead_pa: 2000.0,
+            centring: 1.0,
             solver: SolverConfig {
                 max_iterations: 60,
                 ..SolverConfig::default()
@@ -96,6 +101,9 @@ pub struct Stall {
     pub chamber: (usize, f64),
 }
 
+/// Time since some fixed instant, to time the controller with. It decides nothing.
+pub type Stopwatch = fn() -> std::time::Duration;
+
 /// The outcome of one tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlOut {
@@ -111,12 +119,16 @@ pub struct ControlOut {
     pub steps: u64,
     /// Set once the goal proves unreachable from here.
     pub stall: Option<Stall>,
+    /// Time that the controller took, s, if it solved for something new in this tick and there is a stopwatch.
+    pub solve_s: Option<f64>,
 }
 
 /// What one tick looks like to a controller.
 pub(super) struct Tick<'a> {
     pub maps: Maps<'a>,
     pub goal: &'a Goal,
+    /// Where the tip shall be now, on the way to the goal.
+    pub via: Option<&'a Via>,
     /// Pressures of the reachability solution.
     pub guess_pa: Option<&'a [f64; CHAMBERS]>,
     pub payload_kg: f64,
@@ -147,6 +159,8 @@ pub(super) struct RateOut {
     pub sensor_ref: SensorRef,
     /// Whether the estimated pose is being driven (not yet while approaching an initial guess).
     pub refining: bool,
+    /// Whether something was solved for, not only stepped on.
+    pub solved: bool,
 }
 
 enum Inner {
@@ -162,6 +176,7 @@ struct Memory {
     rate_pa_s: Vector6,
     sensor_ref: SensorRef,
     refining: bool,
+    solve_s: Option<f64>,
 }
 
 /// The chambers at one tick.
@@ -185,6 +200,7 @@ struct Progress {
 
 struct Active {
     goal: Goal,
+    via: Option<Via>,
     guess_pa: Option<[f64; CHAMBERS]>,
     inner: Option<Inner>,
     memory: Option<Memory>,
@@ -199,6 +215,7 @@ pub struct Controller {
     tip_speed_max_m_s: f64,
     gains: Gains,
     active: Option<Active>,
+    stopwatch: Option<Stopwatch>,
 }
 
 /// The longest time step the loop believes in, as [`PressureCommand::limited`] does, s.
@@ -229,6 +246,22 @@ impl Controller {
             tip_speed_max_m_s: robot.tip_speed_max_m_s,
             gains,
             active: None,
+            stopwatch: None,
+        }
+    }
+
+    /// Times what is solved from now on.
+    pub fn time_with(&mut self, stopwatch: Stopwatch) {
+        self.stopwatch = Some(stopwatch);
+    }
+
+    /// Steers by these gains from now on; the other controller starts without a bump.
+    pub fn choose(&mut self, gains: Gains) {
+        self.gains = gains;
+        if let Some(active) = &mut self.active {
+            active.inner = None;
+            active.memory = None;
+            active.progress = None;
         }
     }
 
@@ -239,12 +272,32 @@ impl Controller {
             .filter(|q| q.iter().all(|v| v.is_finite()));
         self.active = Some(Active {
             goal,
+            via: None,
             guess_pa,
             inner: None,
             memory: None,
             progress: None,
             steps: 0,
         });
+    }
+
+    /// Moves on to `goal`, the next waypoint of a path, by way of the point `via`. What the observers know
+    /// stays; there is no initial guess but the present state. Call it in every tick on a path.
+    pub fn lead(&mut self, goal: Goal, via: Option<Via>) {
+        match &mut self.active {
+            None => self.set_goal(goal, None),
+            Some(active) => {
+                if active.goal != goal {
+                    active.goal = goal;
+                    active.inner.iter_mut().for_each(Inner::retarget);
+                }
+                active.guess_pa = None;
+                active.progress = None;
+            }
+        }
+        if let Some(active) = &mut self.active {
+            active.via = via;
+        }
     }
 
     /// Forgets the goal: the set pressures stay as they are.
@@ -273,6 +326,7 @@ impl Controller {
             done: false,
             steps,
             stall: None,
+            solve_s: None,
         };
         let Some(mut active) = self.active.take() else {
             return hold(0);
@@ -338,7 +392,8 @@ impl Controller {
         let done = within(&residual, &active.goal, weights);
         // An orientation counts like the position it weighs as much as.
         let effort_m = residual.norm() / weights.per_m;
-        let stall = match memory.refining && !done {
+        // On a path the point moves on by itself.
+        let stall = match memory.refining && !done && active.via.is_none() {
             true => self.stalled(
                 &mut active.progress,
                 effort_m,
@@ -358,6 +413,7 @@ impl Controller {
             done,
             steps: active.steps,
             stall,
+            solve_s: memory.solve_s.filter(|_| fresh),
         })
     }
 
@@ -403,6 +459,7 @@ impl Controller {
         let tick = Tick {
             maps,
             goal: &active.goal,
+            via: active.via.as_ref(),
             guess_pa: active.guess_pa.as_ref(),
             payload_kg: input.payload_kg,
             sensors,
@@ -419,6 +476,7 @@ impl Controller {
             lo_pa_s,
             hi_pa_s,
         };
+        let began = self.stopwatch.map(|now| now());
         let inner = active.inner.get_or_insert_with(|| match self.gains.kind {
             ControllerKind::Paper => Inner::Paper(Box::new(Paper::new(&tick, &self.gains))),
             ControllerKind::Ours => Inner::Ours(Ours::new()),
@@ -426,6 +484,10 @@ impl Controller {
         let mut out = match inner {
             Inner::Paper(paper) => paper.rate(&tick, &self.gains),
             Inner::Ours(ours) => ours.rate(&tick, &self.gains),
+        };
+        let solve_s = match (self.stopwatch, began, out.solved) {
+            (Some(now), Some(began), true) => Some((now() - began).as_secs_f64()),
+            _ => None,
         };
         let finite = out
             .rate_pa_s
@@ -443,6 +505,7 @@ impl Controller {
             rate_pa_s: out.rate_pa_s,
             sensor_ref: out.sensor_ref,
             refining: out.refining,
+            solve_s,
         });
         true
     }
@@ -507,6 +570,15 @@ impl Controller {
 }
 
 impl Inner {
+    /// The goal has moved on.
+    fn retarget(&mut self) {
+        match self {
+            Self::Paper(paper) => paper.retarget(),
+            // It measures against the moving point in every tick.
+            Self::Ours(_) => {}
+        }
+    }
+
     fn restart(&mut self) {
         match self {
             Self::Paper(paper) => paper.restart(),

@@ -4,7 +4,7 @@
 use super::super::reach::{ReachConfig, StartSample, reach};
 use super::super::toy::{ToyArm, pump_step};
 use super::*;
-use crate::signal::{ChannelHealth, Gripper, ReachState};
+use crate::signal::{Aim, ChannelHealth, Gripper, ReachState};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -100,13 +100,6 @@ impl Loop {
     }
 }
 
-fn gains(kind: ControllerKind) -> Gains {
-    Gains {
-        kind,
-        ..Gains::default()
-    }
-}
-
 fn check_reaches(kind: ControllerKind) {
     for position_m in [
         [0.06, 0.04, -0.30],
@@ -117,7 +110,7 @@ fn check_reaches(kind: ControllerKind) {
         let goal = Goal::position(position_m);
         let verdict = sim.verdict(&goal);
         assert_eq!(verdict.state, ReachState::Reachable);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         sim.run(&mut controller, 40.0);
         // It must get there and stay.
@@ -147,7 +140,7 @@ fn ours_reaches_three_targets_with_a_wrong_model_and_load() {
 fn both_reach_without_an_initial_guess() {
     for kind in [ControllerKind::Paper, ControllerKind::Ours] {
         let mut sim = Loop::new();
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
         let out = sim.run(&mut controller, 40.0);
         assert!(
@@ -171,7 +164,7 @@ fn both_reach_the_edge_of_the_workspace_without_an_initial_guess() {
         ] {
             let mut sim = Loop::new();
             let goal = Goal::position(sim.nominal.tip_m(&q));
-            let mut controller = Controller::new(&sim.robot, gains(kind));
+            let mut controller = Controller::new(&sim.robot, Gains::of(kind));
             controller.set_goal(goal, None);
             let distance_m = sim.run(&mut controller, 60.0).distance_m.unwrap();
             assert!(distance_m <= bound_m, "{kind:?} {q:?}: {distance_m} m");
@@ -196,11 +189,11 @@ fn both_reach_an_orientation() {
             crate::signal::pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
         let goal = Goal {
             position_m: [pose[0], pose[1], pose[2]],
-            base_from_tip_rotation: Some(target.rotation),
+            aim: Aim::Rotation(target.rotation),
             tolerance_m: 1e-3,
         };
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         let out = sim.run(&mut controller, 60.0);
         assert!(
@@ -216,7 +209,7 @@ fn tip_keeps_to_its_speed_limit() {
         let mut sim = Loop::new();
         let goal = Goal::position([0.06, 0.04, -0.30]);
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         let mut last = None;
         for _ in 0..300 {
@@ -241,7 +234,7 @@ fn an_unreachable_goal_is_reported_within_two_seconds_of_saturation() {
         sim.chamber_pa = [38e3; CHAMBERS];
         let goal = Goal::position([0.0, 0.0, -0.6]);
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         let mut approach = Vec::new();
         let mut reported = None;
@@ -283,7 +276,7 @@ fn both_stay_at_the_goal_under_sensor_noise() {
         let mut sim = Loop::new();
         let goal = Goal::position([0.03, -0.02, -0.31]);
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal.clone(), Some(&verdict));
         let mut noise = |sigma: f64| {
             // Sum of twelve uniform numbers: nearly normal.
@@ -331,7 +324,7 @@ fn both_reach_with_a_pose_map_that_is_steep_off_the_manifold() {
         });
         let goal = Goal::position([0.06, 0.04, -0.30]);
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         let out = sim.run(&mut controller, 60.0);
         assert!(
@@ -348,7 +341,7 @@ fn a_dead_spring_does_not_stop_the_arm() {
     sim.nominal.masked_spring = Some(3);
     let goal = Goal::position([0.06, 0.04, -0.30]);
     let verdict = sim.verdict(&goal);
-    let mut controller = Controller::new(&sim.robot, Gains::default());
+    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::Paper));
     controller.set_goal(goal, Some(&verdict));
     let held_m = sim
         .real
@@ -373,7 +366,7 @@ fn leaving_saturation_is_immediate() {
         sim.chamber_pa = [38e3; CHAMBERS];
         let far = Goal::position([0.0, 0.0, -0.6]);
         let verdict = sim.verdict(&far);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(far, Some(&verdict));
         sim.run(&mut controller, 30.0);
         let near = Goal::position([0.0, 0.0, -0.40]);
@@ -389,7 +382,7 @@ fn leaving_saturation_is_immediate() {
 #[test]
 fn hold_keeps_the_set_pressures() {
     let mut sim = Loop::new();
-    let mut controller = Controller::new(&sim.robot, Gains::default());
+    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::Paper));
     controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
     sim.run(&mut controller, 3.0);
     controller.hold();
@@ -405,7 +398,7 @@ fn values_that_are_not_finite_make_it_hold_and_recover() {
         let mut sim = Loop::new();
         let goal = Goal::position([0.03, -0.02, -0.31]);
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         sim.run(&mut controller, 3.0);
         let set = *sim.command.as_ref().unwrap().chamber_pa();
@@ -438,7 +431,7 @@ fn a_pump_that_does_not_deliver_winds_nothing_up() {
         let mut sim = Loop::new();
         let goal = Goal::position([0.06, 0.04, -0.30]);
         let verdict = sim.verdict(&goal);
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, Some(&verdict));
         let mut longest_pa: f64 = 0.0;
         for _ in 0..400 {
@@ -462,7 +455,7 @@ fn a_dead_gauge_does_not_stop_the_arm() {
     let mut sim = Loop::new();
     let goal = Goal::position([0.03, -0.02, -0.31]);
     let verdict = sim.verdict(&goal);
-    let mut controller = Controller::new(&sim.robot, Gains::default());
+    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::Paper));
     controller.set_goal(goal, Some(&verdict));
     let mut distance_m = f64::INFINITY;
     for _ in 0..800 {
@@ -490,7 +483,7 @@ proptest! {
         sim.chamber_pa = start;
         let goal = Goal::position(goal);
         let verdict = guess.then(|| sim.verdict(&goal));
-        let mut controller = Controller::new(&sim.robot, gains(kind));
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
         controller.set_goal(goal, verdict.as_ref());
         sim.run(&mut controller, 3.0);
     }

@@ -100,8 +100,13 @@ impl Paper {
         self.inner = None;
     }
 
+    /// The next waypoint: solved for at once, from the signals as they are at the last one.
+    pub(super) fn retarget(&mut self) {
+        self.stage = Stage::Refine { solved: None };
+    }
+
     pub(super) fn rate(&mut self, tick: &Tick, gains: &Gains) -> RateOut {
-        self.outer(tick, gains);
+        let solved = self.outer(tick, gains);
         let output = |frame: &Frame| {
             virtual_output(
                 &tick.sensors,
@@ -153,11 +158,12 @@ impl Paper {
             rate_pa_s,
             sensor_ref: self.sensor_ref,
             refining,
+            solved,
         }
     }
 
-    /// Advances the stage and, when it is time, solves for a new reference.
-    fn outer(&mut self, tick: &Tick, gains: &Gains) {
+    /// Advances the stage and, when it is time, solves for a new reference; whether it did.
+    fn outer(&mut self, tick: &Tick, gains: &Gains) -> bool {
         let distance_pa = self.inner.as_ref().map(|(adrc, _)| adrc.y.amax());
         if let (Stage::Approach { best_pa, since }, Some(y_pa)) = (&mut self.stage, distance_pa) {
             if y_pa < 0.98 * *best_pa {
@@ -173,7 +179,9 @@ impl Paper {
             *solved = Some(tick.now);
             let out = solve(&tick.sensors, tick.goal, tick.maps.pose, &gains.solver);
             self.sensor_ref = out.sensor_ref;
+            return true;
         }
+        false
     }
 }
 

@@ -1,14 +1,14 @@
 //! Can the tip get there? Answered before anything moves.
 //!
 //! Levenberg–Marquardt over the six pressures q within their bounds on r(f(plant(q))), from several
-//! starts; where only the position matters, the three spare pressures are then drawn to the middle
-//! of their range inside the null space (min |q − q_mid|² subject to r = 0), so the centring costs
-//! no accuracy. In actuator space every point is feasible, unlike in the sensor space of Algorithm 1.
+//! starts; the spare pressures (three where only the position matters, one with a direction) are then drawn
+//! to the middle of their range inside the null space (min |q − q_mid|² subject to r = 0), so the centring
+//! costs no accuracy. In actuator space every point is feasible, unlike in the sensor space of Algorithm 1.
 
 use nalgebra::SVector;
 
 use super::box_qp::solve_free;
-use super::residual::{TaskWeights, goal_residual, task_jacobian};
+use super::residual::{TaskWeights, goal_residual, null_space, task_jacobian};
 use crate::learn::{PlantMap, PoseMap};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Goal, Matrix6, Reach, ReachState, Vector6};
@@ -170,12 +170,10 @@ impl Problem<'_> {
     fn centre(&self, start: Point) -> Point {
         let mut best = start;
         for _ in 0..4 {
-            // N = I − Jᵀ (J Jᵀ)⁻¹ J over the task's rows
-            let j = best.jacobian.fixed_rows::<3>(0).into_owned();
-            let Some(inverse) = (j * j.transpose()).try_inverse() else {
+            let pull = null_space(&best.jacobian) * best.x;
+            if pull.amax() < 1e-3 {
                 break;
-            };
-            let pull = best.x - j.transpose() * (inverse * (j * best.x));
+            }
             let x = (best.x - pull * 0.8).map(|v| v.clamp(-1.0, 1.0));
             let Some(moved) = self.evaluate(&x) else {
                 break;
@@ -251,7 +249,7 @@ pub fn reach(
             continue;
         };
         let mut found = problem.descend(start, config.max_iterations);
-        if found.residual.norm() <= EXACT && goal.base_from_tip_rotation.is_none() {
+        if found.residual.norm() <= EXACT {
             found = problem.centre(found);
         }
         // Among exact solutions the one with most pressure to spare, else the nearest.
@@ -271,12 +269,9 @@ pub fn reach(
 }
 
 fn check(goal: &Goal, payload_kg: f64) -> Result<(), ReachError> {
-    let rotation_finite = goal
-        .base_from_tip_rotation
-        .is_none_or(|r| r.coords.iter().all(|v| v.is_finite()));
     let parts = [
         ("position", goal.position_m.iter().all(|v| v.is_finite())),
-        ("orientation", rotation_finite),
+        ("orientation", goal.aim.is_finite()),
         (
             "tolerance",
             goal.tolerance_m.is_finite() && goal.tolerance_m > 0.0,
@@ -334,7 +329,7 @@ mod tests {
     use super::super::toy::ToyArm;
     use super::*;
     use crate::learn::{PlantEval, PoseEval};
-    use crate::signal::{SensorRef, pose_from_ypr};
+    use crate::signal::{Aim, SensorRef, pose_from_ypr};
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -470,12 +465,12 @@ mod tests {
         let target = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
         let mut goal = Goal {
             position_m: [pose[0], pose[1], pose[2]],
-            base_from_tip_rotation: Some(target.rotation),
+            aim: Aim::Rotation(target.rotation),
             tolerance_m: 1e-3,
         };
         let r = ask(&goal, &samples(&arm, 500)).unwrap();
         assert_eq!(r.state, ReachState::Reachable, "{r:?}");
-        goal.base_from_tip_rotation = Some(pose_from_ypr([0.0; 3], [0.0, 2.5, 0.0]).rotation);
+        goal.aim = Aim::Rotation(pose_from_ypr([0.0; 3], [0.0, 2.5, 0.0]).rotation);
         let r = ask(&goal, &samples(&arm, 500)).unwrap();
         assert_eq!(r.state, ReachState::Unreachable, "{r:?}");
     }

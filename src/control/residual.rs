@@ -1,11 +1,12 @@
 //! How far a pose is from a goal, in one unit, and how that changes with what the pose depends on.
 //!
-//! r = [w_t (x − x_goal), w_r log(R R_goalᵀ)]; the rotation rows are zero for a position-only goal.
+//! r = [w_t (x − x_goal), w_r log(R R_goalᵀ)]; the rotation rows are zero for a position-only goal, and for a
+//! direction R_goal is the nearest rotation that points there, so they have rank two.
 //! Source: paper eq. 4 with erratum 6 (one weight between mm and degrees, SO(3) logarithm).
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
-use crate::signal::{Goal, SIGNALS, SPRINGS, Vector6, pose_error, pose_from_ypr};
+use crate::signal::{Aim, Goal, Matrix6, SIGNALS, SPRINGS, Vector6, pose_error, pose_from_ypr};
 
 /// What makes a metre and a radian comparable.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,9 +64,7 @@ pub fn goal_residual(pose: &SVector<f64, 6>, goal: &Goal, weights: &TaskWeights)
     let actual = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
     let mut wanted = actual;
     wanted.translation.vector = Vector3::from(goal.position_m);
-    if let Some(rotation) = goal.base_from_tip_rotation {
-        wanted.rotation = rotation;
-    }
+    wanted.rotation = goal.aim.nearest(&actual.rotation);
     let e = pose_error(&actual, &wanted);
     Vector6::from_fn(|i, _| {
         let weight = if i < 3 {
@@ -99,10 +98,36 @@ pub fn task_jacobian<const C: usize>(
     let mut out = SMatrix::<f64, 6, C>::zeros();
     out.fixed_rows_mut::<3>(0)
         .copy_from(&(jacobian.fixed_rows::<3>(0) * weights.per_m));
-    if goal.base_from_tip_rotation.is_some() {
-        let e = rotation_rate_from_ypr([pose[3], pose[4], pose[5]]);
-        out.fixed_rows_mut::<3>(3)
-            .copy_from(&(e * jacobian.fixed_rows::<3>(3) * weights.per_rad));
+    let turning = match goal.aim {
+        Aim::Free => return out,
+        // Turning about the wanted direction changes nothing.
+        Aim::Direction(d) => Matrix3::identity() - d.into_inner() * d.transpose(),
+        Aim::Rotation(_) => Matrix3::identity(),
+    };
+    let e = rotation_rate_from_ypr([pose[3], pose[4], pose[5]]);
+    out.fixed_rows_mut::<3>(3)
+        .copy_from(&(turning * e * jacobian.fixed_rows::<3>(3) * weights.per_rad));
+    out
+}
+
+/// N, the projector on what moves the six inputs without moving the task: N = V₀ V₀ᵀ over the right
+/// singular vectors of `a` whose singular values vanish.
+///
+/// Rank three of six for a position, one for a position with a direction, none for a whole pose. A direction that
+/// is merely weak is none of them.
+pub fn null_space(a: &Matrix6) -> Matrix6 {
+    /// Relative to the largest singular value.
+    const VANISHES: f64 = 1e-9;
+    let svd = a.svd(false, true);
+    let Some(v_t) = svd.v_t else {
+        return Matrix6::zeros();
+    };
+    let largest = svd.singular_values.amax();
+    let mut out = Matrix6::zeros();
+    for (row, value) in v_t.row_iter().zip(&svd.singular_values) {
+        if *value <= VANISHES * largest {
+            out += row.transpose() * row;
+        }
     }
     out
 }
@@ -123,7 +148,7 @@ mod tests {
     fn a_millimetre_weighs_as_much_as_a_degree() {
         let goal = Goal {
             position_m: [0.0, 0.0, -0.3],
-            base_from_tip_rotation: Some(UnitQuaternion::identity()),
+            aim: Aim::Rotation(UnitQuaternion::identity()),
             tolerance_m: 1e-3,
         };
         let w = TaskWeights::default();

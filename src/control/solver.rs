@@ -147,12 +147,12 @@ mod tests {
     use super::*;
     use crate::learn::PlantMap;
     use crate::robot::RobotSpec;
-    use crate::signal::pose_from_ypr;
+    use crate::signal::{Aim, pose_from_ypr};
 
     fn oriented_goal() -> Goal {
         Goal {
             position_m: [0.05, 0.02, -0.31],
-            base_from_tip_rotation: Some(pose_from_ypr([0.0; 3], [0.3, -0.4, 0.2]).rotation),
+            aim: Aim::Rotation(pose_from_ypr([0.0; 3], [0.3, -0.4, 0.2]).rotation),
             tolerance_m: 1e-3,
         }
     }

@@ -7,7 +7,7 @@ use rand::seq::index;
 use rand_pcg::Pcg64Mcg;
 
 use super::data::pose_vector;
-use crate::signal::{CHAMBERS, Goal, Pose, PressureLimits, SIGNALS, Sample, pose_from_ypr};
+use crate::signal::{Aim, CHAMBERS, Goal, Pose, PressureLimits, SIGNALS, Sample, pose_from_ypr};
 
 /// A chamber counts as saturated beyond this fraction of its limit.
 pub const SATURATED_RATIO: f64 = 0.9;
@@ -126,7 +126,11 @@ impl GuessSet {
     ) -> Vec<&GuessSample> {
         let position = goal.position_m.map(|x| x as f32);
         let weight = (rotation_weight_m_rad * rotation_weight_m_rad) as f32;
-        let turn = goal.base_from_tip_rotation.map(quaternion);
+        let turn = match goal.aim {
+            Aim::Rotation(rotation) => Some(quaternion(rotation)),
+            // Samples point down by and large: position decides.
+            Aim::Free | Aim::Direction(_) => None,
+        };
         let mut found: Vec<(f32, &GuessSample)> = Vec::with_capacity(k + 1);
         for (sample, rotation) in self.samples.iter().zip(&self.rotations) {
             let mut distance: f32 = (0..3).map(|i| (sample.pose[i] - position[i]).powi(2)).sum();
@@ -189,7 +193,7 @@ mod tests {
         let truth = synthetic::dataset(1, 22).samples[0].base_from_tip;
         let goal = Goal {
             position_m: truth.translation.vector.into(),
-            base_from_tip_rotation: Some(truth.rotation),
+            aim: Aim::Rotation(truth.rotation),
             tolerance_m: 1e-3,
         };
         let weight = 0.1;

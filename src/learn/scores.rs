@@ -37,7 +37,7 @@ impl ErrorStats {
 }
 
 /// The smallest of `sorted` that is not exceeded by a fraction `q` of them; 0 when empty.
-pub(super) fn quantile(sorted: &[f64], q: f64) -> f64 {
+pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = (q * sorted.len() as f64).ceil() as usize;
     sorted
         .get(at.saturating_sub(1).min(sorted.len().saturating_sub(1)))

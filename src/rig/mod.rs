@@ -18,7 +18,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use crate::robot::RobotSpec;
-use crate::signal::{BOARDS, CHAMBERS, Pose};
+use crate::signal::{BOARDS, CHAMBERS, Gripper, IMUS, Pose, SPRINGS};
 use crate::sim::SimError;
 use crate::sim::dataset::normal;
 use crate::sim::patch::SensorErrors;
@@ -37,6 +37,11 @@ const GAUGE_NOISE_PA: f64 = 30.0;
 const MOCAP_NOISE_M: f64 = 0.1e-3;
 const MOCAP_NOISE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
+/// The gripper takes what is this close to it, m.
+const GRASP_M: f64 = 10e-3;
+/// How fast a weight comes onto the gripper and leaves it, kg/s.
+const LIFT_KG_S: f64 = 1.0;
+
 /// Which rig, and what is in its gripper.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RigOptions {
@@ -46,6 +51,30 @@ pub struct RigOptions {
     pub seed: u64,
     /// What acts on the arm.
     pub surroundings: Surroundings,
+    /// What lies about to be picked up.
+    pub objects: Vec<Object>,
+}
+
+/// Something that the gripper can pick up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Object {
+    /// Where the end pad's origin must be to grasp it; where it was last let go, m.
+    pub grasp_m: [f64; 3],
+    /// Its mass, kg.
+    pub mass_kg: f64,
+    /// Whether the gripper has it.
+    pub held: bool,
+}
+
+/// What is broken, or disturbed, on purpose.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Faults {
+    /// Springs whose reading stays as it is.
+    pub stuck_springs: [bool; SPRINGS],
+    /// IMUs that answer no more.
+    pub dead_imus: [bool; IMUS],
+    /// Whether nothing that the boards say arrives.
+    pub line_cut: bool,
 }
 
 /// The arm, its sensors and its boards.
@@ -55,6 +84,12 @@ pub struct VirtualRig {
     circuit: Circuit,
     sensor_errors: SensorErrors,
     inertial: Inertial,
+    /// What is broken.
+    pub faults: Faults,
+    objects: Vec<Object>,
+    gripper: Gripper,
+    /// Mass in the gripper beyond the surroundings' payload, kg.
+    lifted_kg: f64,
     boards: [Board; BOARDS],
     readings: [Readings; BOARDS],
     rng: Pcg64Mcg,
@@ -92,6 +127,10 @@ impl VirtualRig {
             circuit: circuit_of(robot, options.unit),
             sensor_errors,
             inertial: Inertial::new(&mounted, options.unit.0, InertialErrors::default()),
+            faults: Faults::default(),
+            objects: options.objects.clone(),
+            gripper: Gripper::Open,
+            lifted_kg: 0.0,
             boards: [board(0, 38e-6, 3.1), board(1, -21e-6, 1207.4)],
             readings: [Readings::default(); BOARDS],
             rng: Pcg64Mcg::seed_from_u64(options.seed ^ 0x7269_6721),
@@ -121,12 +160,55 @@ impl VirtualRig {
         for (board, readings) in self.boards.iter_mut().zip(&self.readings) {
             out.extend(board.poll(t_s, readings));
         }
+        if self.faults.line_cut {
+            out.clear();
+        }
         out
+    }
+
+    /// What lies about, and where.
+    pub fn objects(&self) -> &[Object] {
+        &self.objects
+    }
+
+    /// The gripper takes what is in its reach and lets go of what it holds.
+    fn grip(&mut self) {
+        let gripper = self.boards[1].gripper();
+        let tip_m = self.plant.observation().base_from_tip.translation.vector;
+        match (self.gripper, gripper) {
+            (Gripper::Open, Gripper::Closed) => {
+                let off_m = |o: &Object| (Vector3::from(o.grasp_m) - tip_m).norm();
+                let nearest = self
+                    .objects
+                    .iter_mut()
+                    .min_by(|a, b| off_m(a).total_cmp(&off_m(b)));
+                if let Some(object) = nearest.filter(|o| off_m(o) <= GRASP_M) {
+                    object.held = true;
+                }
+            }
+            (Gripper::Closed, Gripper::Open) => {
+                for object in self.objects.iter_mut().filter(|o| o.held) {
+                    object.held = false;
+                    object.grasp_m = tip_m.into();
+                }
+            }
+            _ => {}
+        }
+        self.gripper = gripper;
+        let held = self.objects.iter().filter(|o| o.held);
+        let wanted_kg: f64 = held.map(|o| o.mass_kg).sum();
+        let step_kg = PHYSICS_STEP_S * LIFT_KG_S;
+        let change_kg = (wanted_kg - self.lifted_kg).clamp(-step_kg, step_kg);
+        self.lifted_kg += change_kg;
+        self.plant.surroundings.payload_kg += change_kg;
     }
 
     /// One step of [`PHYSICS_STEP_S`] with the chambers driven to `set_pa`, past the boards; gives new
     /// readings.
     pub fn step(&mut self, set_pa: &[Option<f64>; CHAMBERS]) {
+        if !self.objects.is_empty() {
+            self.grip();
+        }
         if self.plant.step(set_pa, PHYSICS_STEP_S).is_err() {
             self.refused_steps += 1;
         }
@@ -186,14 +268,18 @@ impl VirtualRig {
             .inertial
             .read(PHYSICS_STEP_S, middle, end, &mut self.rng);
         for b in 0..BOARDS {
+            let before = self.readings[b];
             self.readings[b] = Readings {
-                springs: std::array::from_fn(|k| {
-                    Some(SpringReading {
+                springs: std::array::from_fn(|k| match self.faults.stuck_springs[6 * b + k] {
+                    true => before.springs[k],
+                    false => Some(SpringReading {
                         count: counts[6 * b + k],
                         gate_ticks: gates[6 * b + k],
-                    })
+                    }),
                 }),
-                imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
+                imus: std::array::from_fn(|k| {
+                    (!self.faults.dead_imus[2 * b + k]).then_some(imu[2 * b + k])
+                }),
                 chamber_pa: std::array::from_fn(|k| {
                     Some(
                         self.plant.chamber_pa()[3 * b + k] + GAUGE_NOISE_PA * normal(&mut self.rng),

@@ -44,12 +44,24 @@ impl Default for Unit {
 }
 
 /// What the operator (or nature) does to the arm.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Surroundings {
+    /// Stiffness of bellows and tube, as a factor on the unit's own. Fixed when the arm is made.
+    pub stiffness: f64,
     /// Mass in the gripper, kg.
     pub payload_kg: f64,
     /// Force on the end pad in the base frame, N.
     pub tip_force_n: [f64; 3],
+}
+
+impl Default for Surroundings {
+    fn default() -> Self {
+        Self {
+            stiffness: 1.0,
+            payload_kg: 0.0,
+            tip_force_n: [0.0; 3],
+        }
+    }
 }
 
 /// The arm with its pumps.
@@ -78,11 +90,16 @@ impl Plant {
         surroundings: Surroundings,
     ) -> Result<Self, SimError> {
         let mut rng = sample_rng(0x5eed, unit.0 as usize);
-        let parameters = Parameters {
+        let mut parameters = Parameters {
             hardening: 0.15,
             shear: 0.4,
             ..scattered(0.012, &mut rng)
         };
+        let factors = parameters.chamber_stiffness.iter_mut();
+        let factors = factors.chain(&mut parameters.bending);
+        for factor in factors.chain(&mut parameters.torsion) {
+            *factor *= surroundings.stiffness;
+        }
         let resolution = Resolution {
             elements: 8,
             strains: Strains::All,
@@ -137,7 +154,8 @@ impl Plant {
     /// [`SimError`] when the load is beyond what the arm can hold; the arm then stays where it is.
     pub fn step(&mut self, set_pa: &[Option<f64>; CHAMBERS], dt_s: f64) -> Result<(), SimError> {
         let robot = &self.model.robot;
-        let compliance = robot.area_m2.powi(2) / robot.axial_stiffness_n_m;
+        let stiffness_n_m = robot.axial_stiffness_n_m * self.surroundings.stiffness;
+        let compliance = robot.area_m2.powi(2) / stiffness_n_m;
         let before_pa = self.chamber_pa;
         for i in 0..CHAMBERS {
             let p = before_pa[i];

@@ -17,11 +17,13 @@ pub use dataset::{Dataset, Sample};
 pub use frame::{
     BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD,
 };
-pub use pose::{Goal, Matrix6, Pose, Vector6, pose_error, pose_from_ypr, ypr_from_rotation};
+pub use pose::{
+    Aim, Goal, Matrix6, Pose, Vector6, Via, pose_error, pose_from_ypr, ypr_from_rotation,
+};
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    Alarm, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState, Severity,
-    Snapshot, Trace, TruthSource,
+    Alarm, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState, RoutineStatus,
+    Severity, Snapshot, Trace, TruthSource,
 };
 pub use time::Stamp;
 

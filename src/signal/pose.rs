@@ -1,4 +1,6 @@
-use nalgebra::{Isometry3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Rotation3, SMatrix, SVector, Translation3, Unit, UnitQuaternion, Vector3,
+};
 
 /// A rigid transform (rotation and translation in m), named `a_from_b` where it is used.
 pub type Pose = Isometry3<f64>;
@@ -30,13 +32,53 @@ pub fn pose_error(actual: &Pose, wanted: &Pose) -> Vector6 {
     Vector6::new(d.x, d.y, d.z, w.x, w.y, w.z)
 }
 
+/// How the end pad shall be turned at a goal.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Aim {
+    /// It does not matter: three of the six pressures are spare.
+    #[default]
+    Free,
+    /// Where the gripper points (the end pad's −z) in the base frame: one pressure is spare.
+    Direction(Unit<Vector3<f64>>),
+    /// Base from tip: nothing is spare.
+    Rotation(UnitQuaternion<f64>),
+}
+
+impl Aim {
+    /// The rotation nearest to `rotation` that fulfils it.
+    pub fn nearest(&self, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+        match self {
+            Self::Free => *rotation,
+            Self::Rotation(wanted) => *wanted,
+            Self::Direction(wanted) => {
+                let points = rotation * -Vector3::z();
+                // The shortest turn; of all the half turns back, the one about some level axis.
+                let turn = UnitQuaternion::rotation_between(&points, wanted).unwrap_or_else(|| {
+                    let axis = Unit::new_normalize(rotation * Vector3::x());
+                    UnitQuaternion::from_axis_angle(&axis, std::f64::consts::PI)
+                });
+                turn * rotation
+            }
+        }
+    }
+
+    /// Whether every number of it is finite.
+    pub fn is_finite(&self) -> bool {
+        match self {
+            Self::Free => true,
+            Self::Direction(d) => d.iter().all(|v| v.is_finite()),
+            Self::Rotation(r) => r.coords.iter().all(|v| v.is_finite()),
+        }
+    }
+}
+
 /// Where the tip shall go.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
     /// Wanted position of the end pad's origin in the base frame, m.
     pub position_m: [f64; 3],
-    /// Wanted orientation, or `None` when only the position matters.
-    pub base_from_tip_rotation: Option<UnitQuaternion<f64>>,
+    /// Wanted orientation.
+    pub aim: Aim,
     /// The goal counts as reached within this distance, m.
     pub tolerance_m: f64,
 }
@@ -46,8 +88,35 @@ impl Goal {
     pub fn position(position_m: [f64; 3]) -> Self {
         Self {
             position_m,
-            base_from_tip_rotation: None,
+            aim: Aim::Free,
             tolerance_m: 1e-3,
         }
+    }
+}
+
+/// Where the tip shall be at this instant, on the way to a goal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Via {
+    /// In the base frame, m.
+    pub position_m: [f64; 3],
+    /// How that point moves, m/s.
+    pub velocity_m_s: [f64; 3],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_rotation_points_there_and_turns_no_further_than_it_must() {
+        let at = UnitQuaternion::from_euler_angles(0.3, -0.5, 0.8);
+        let wanted = Unit::new_normalize(Vector3::new(0.2, -0.4, -0.7));
+        let found = Aim::Direction(wanted).nearest(&at);
+        assert!((found * -Vector3::z() - wanted.into_inner()).norm() < 1e-12);
+        let angle = (at * -Vector3::z()).angle(&wanted);
+        assert!((found.angle_to(&at) - angle).abs() < 1e-12);
+        assert_eq!(Aim::Free.nearest(&at), at);
+        let back = Aim::Direction(Unit::new_normalize(at * Vector3::z())).nearest(&at);
+        assert!((back * Vector3::z() + at * Vector3::z()).norm() < 1e-9);
     }
 }

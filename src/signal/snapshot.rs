@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     ArmShape, BOARDS, Goal, Matrix6, MeshShape, Pose, PressureCommand, RawFrame, SensorFrame,
-    SensorRef, Simulator, Stamp,
+    SensorRef, Simulator, Stamp, Via,
 };
 
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
@@ -130,6 +130,21 @@ pub struct Reach {
     pub chamber_pa: [f64; super::CHAMBERS],
 }
 
+/// How far a plan has come.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RoutineStatus {
+    /// Its name.
+    pub name: String,
+    /// Legs done.
+    pub legs_done: usize,
+    /// Legs in all.
+    pub legs: usize,
+    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one.
+    pub waypoint: Option<(usize, usize)>,
+    /// Where the tip shall be now.
+    pub via: Option<Via>,
+}
+
 /// Everything known at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
@@ -149,10 +164,14 @@ pub struct Snapshot {
     pub truth: Option<GroundTruth>,
     /// Where the tip shall go, if anywhere.
     pub goal: Option<Goal>,
+    /// The plan under way or on hold, if any. Not kept in recordings.
+    pub routine: Option<RoutineStatus>,
     /// The goal under preview with its verdict, if any.
     pub preview: Option<(Goal, Reach)>,
     /// The sensor signals the inner loop steers to, if it does.
     pub sensor_ref: Option<SensorRef>,
+    /// How long the controller took, s, if it solved in this tick and is timed. Not kept in recordings.
+    pub solve_s: Option<f64>,
     /// Newest command.
     pub command: Option<PressureCommand>,
     /// Shape by the twin's own model at the measured pressures.

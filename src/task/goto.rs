@@ -1,4 +1,4 @@
-//! Point to point: preview, go, moving, at the goal (system S12).
+//! Point to point: on the way, at the goal (system S12).
 
 use crate::signal::{Estimate, Goal, Pose, Reach, ReachState, Stamp, Vector6, pose_error};
 
@@ -15,9 +15,6 @@ const RAD_PER_M: f64 = std::f64::consts::PI / 180.0 / 1e-3;
 /// Why the arm does not go.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GotoError {
-    /// `go` without a preview.
-    #[error("Pick a target first.")]
-    NoPreview,
     /// The bounds of the pressures keep the tip away.
     #[error(
         "The target cannot be reached: {:.0} mm short{}. The nearest point is {:.0}, {:.0}, {:.0} mm.",
@@ -40,29 +37,15 @@ fn chamber_text(reach: &Reach) -> String {
 }
 
 /// Where the task is.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum GotoState {
-    /// Nothing asked.
-    #[default]
-    Idle,
-    /// A goal with its verdict; nothing moves.
-    Preview(Goal, Reach),
     /// On the way.
     Moving {
-        /// Where to.
-        goal: Goal,
-        /// When it set out.
-        since: Stamp,
         /// Since when the smoothed error has been within tolerance.
         within_since: Option<Stamp>,
     },
     /// There, and kept there.
-    AtGoal {
-        /// Where.
-        goal: Goal,
-        /// When it set out.
-        since: Stamp,
-    },
+    AtGoal,
 }
 
 /// The tip has settled at the goal.
@@ -74,79 +57,53 @@ pub struct Arrival {
     pub duration_s: f64,
 }
 
-/// The point-to-point task.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The point-to-point task: under way, or there.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Goto {
+    goal: Goal,
+    /// When it set out.
+    since: Stamp,
     state: GotoState,
     /// Smoothed error and when it was last updated.
     error: Option<(Vector6, Stamp)>,
 }
 
+/// Whether a verdict allows to set out.
+///
+/// # Errors
+/// [`GotoError`] with the reason.
+pub fn allowed(reach: &Reach) -> Result<(), GotoError> {
+    match reach.state {
+        ReachState::Reachable | ReachState::Marginal => Ok(()),
+        ReachState::Unreachable => Err(GotoError::Unreachable(Box::new(reach.clone()))),
+        ReachState::OutsideData => Err(GotoError::OutsideData),
+    }
+}
+
 impl Goto {
+    /// Sets out to a goal.
+    pub fn new(goal: Goal, now: Stamp) -> Self {
+        Self {
+            goal,
+            since: now,
+            state: GotoState::Moving { within_since: None },
+            error: None,
+        }
+    }
+
     /// Where the task is.
     pub fn state(&self) -> &GotoState {
         &self.state
     }
 
-    /// The goal it moves to or keeps.
-    pub fn goal(&self) -> Option<&Goal> {
-        match &self.state {
-            GotoState::Moving { goal, .. } | GotoState::AtGoal { goal, .. } => Some(goal),
-            GotoState::Idle | GotoState::Preview(..) => None,
-        }
-    }
-
-    /// Shows a goal with its verdict. A move under way ends: hold the arm.
-    pub fn preview(&mut self, goal: Goal, reach: Reach) {
-        *self = Self {
-            state: GotoState::Preview(goal, reach),
-            error: None,
-        };
-    }
-
-    /// Back to nothing asked, from any state.
-    pub fn cancel(&mut self) {
-        *self = Self::default();
-    }
-
-    /// Sets out to the goal under preview; returns it with its verdict for the controller.
-    ///
-    /// # Errors
-    /// [`GotoError`] when there is no preview or its verdict forbids the move; the state stays.
-    pub fn go(&mut self, now: Stamp) -> Result<(Goal, Reach), GotoError> {
-        let GotoState::Preview(goal, reach) = &self.state else {
-            return Err(GotoError::NoPreview);
-        };
-        match reach.state {
-            ReachState::Reachable | ReachState::Marginal => {}
-            ReachState::Unreachable => {
-                return Err(GotoError::Unreachable(Box::new(reach.clone())));
-            }
-            ReachState::OutsideData => return Err(GotoError::OutsideData),
-        }
-        let accepted = (goal.clone(), reach.clone());
-        self.state = GotoState::Moving {
-            goal: accepted.0.clone(),
-            since: now,
-            within_since: None,
-        };
-        self.error = None;
-        Ok(accepted)
-    }
-
     /// Takes note of an estimate; returns the arrival in the one update in which the goal becomes
     /// reached. Estimates that are not finite or not newer are ignored.
     pub fn update(&mut self, estimate: &Estimate) -> Option<Arrival> {
-        let goal = self.goal()?.clone();
-        let (error, dt_s) = self.smooth(estimate, &goal)?;
-        let (ratio, distance_m) = tolerance_ratio(&error, &goal);
+        let (error, dt_s) = self.smooth(estimate)?;
+        let (ratio, distance_m) = tolerance_ratio(&error, &self.goal);
         let now = estimate.stamp;
         match &mut self.state {
-            GotoState::Moving {
-                since,
-                within_since,
-                ..
-            } => {
+            GotoState::Moving { within_since } => {
                 if ratio > 1.0 {
                     *within_since = None;
                     return None;
@@ -161,29 +118,24 @@ impl Goto {
                 if now.since(start) < SETTLED_S {
                     return None;
                 }
-                let since = *since;
-                self.state = GotoState::AtGoal { goal, since };
+                self.state = GotoState::AtGoal;
                 Some(Arrival {
                     distance_m,
-                    duration_s: now.since(since),
+                    duration_s: now.since(self.since),
                 })
             }
-            GotoState::AtGoal { since, .. } if ratio > LOST_RATIO => {
-                let since = *since;
-                self.state = GotoState::Moving {
-                    goal,
-                    since,
-                    within_since: None,
-                };
+            GotoState::AtGoal => {
+                if ratio > LOST_RATIO {
+                    self.state = GotoState::Moving { within_since: None };
+                }
                 None
             }
-            _ => None,
         }
     }
 
     /// The smoothed error with this estimate in it, and the time since the last one.
-    fn smooth(&mut self, estimate: &Estimate, goal: &Goal) -> Option<(Vector6, f64)> {
-        let error = goal_error(&estimate.base_from_tip, goal);
+    fn smooth(&mut self, estimate: &Estimate) -> Option<(Vector6, f64)> {
+        let error = goal_error(&estimate.base_from_tip, &self.goal);
         if !error.iter().all(|v| v.is_finite()) {
             return None;
         }
@@ -210,9 +162,7 @@ impl Goto {
 fn goal_error(base_from_tip: &Pose, goal: &Goal) -> Vector6 {
     let mut wanted = *base_from_tip;
     wanted.translation.vector = goal.position_m.into();
-    if let Some(rotation) = goal.base_from_tip_rotation {
-        wanted.rotation = rotation;
-    }
+    wanted.rotation = goal.aim.nearest(&base_from_tip.rotation);
     pose_error(base_from_tip, &wanted)
 }
 
@@ -227,7 +177,7 @@ fn tolerance_ratio(error: &Vector6, goal: &Goal) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::{Matrix6, pose_from_ypr};
+    use crate::signal::{Aim, Matrix6, pose_from_ypr};
 
     const GOAL_M: [f64; 3] = [0.06, 0.04, -0.3];
 
@@ -251,10 +201,7 @@ mod tests {
     }
 
     fn moving() -> Goto {
-        let mut task = Goto::default();
-        task.preview(Goal::position(GOAL_M), verdict(ReachState::Reachable));
-        task.go(Stamp::ZERO).unwrap();
-        task
+        Goto::new(Goal::position(GOAL_M), Stamp::ZERO)
     }
 
     /// Feeds one offset over a time span at 50 Hz; the arrivals with their times.
@@ -276,7 +223,7 @@ mod tests {
         // The mean takes 0.2 s · ln(49.5 / 0.5) to come within 1 mm, then half a second passes.
         assert!((t - (2.0 + 0.92 + 0.5)).abs() < 0.05, "{t}");
         assert!((arrival.duration_s - t).abs() < 1e-9 && arrival.distance_m <= 1e-3);
-        assert!(matches!(task.state(), GotoState::AtGoal { .. }));
+        assert!(matches!(task.state(), GotoState::AtGoal));
         // Pushed away, it is on its way again and arrives anew.
         assert!(feed(&mut task, 6.0, 7.0, 0.01).is_empty());
         assert!(matches!(task.state(), GotoState::Moving { .. }));
@@ -305,33 +252,34 @@ mod tests {
 
     #[test]
     fn an_orientation_must_be_met_too() {
-        let mut task = Goto::default();
         let goal = Goal {
-            base_from_tip_rotation: Some(pose_from_ypr([0.0; 3], [0.0, 0.05, 0.0]).rotation),
+            aim: Aim::Rotation(pose_from_ypr([0.0; 3], [0.0, 0.05, 0.0]).rotation),
             ..Goal::position(GOAL_M)
         };
-        task.preview(goal, verdict(ReachState::Reachable));
-        task.go(Stamp::ZERO).unwrap();
+        let mut task = Goto::new(goal, Stamp::ZERO);
         assert!(feed(&mut task, 0.0, 3.0, 0.0).is_empty());
+        let down = Goal {
+            aim: Aim::Direction(-nalgebra::Vector3::z_axis()),
+            ..Goal::position(GOAL_M)
+        };
+        let mut task = Goto::new(down, Stamp::ZERO);
+        assert_eq!(feed(&mut task, 0.0, 3.0, 0.0).len(), 1);
     }
 
     #[test]
-    fn moves_only_on_a_favourable_preview() {
-        let mut task = Goto::default();
-        assert_eq!(task.go(Stamp::ZERO), Err(GotoError::NoPreview));
-        task.preview(Goal::position(GOAL_M), verdict(ReachState::OutsideData));
-        assert_eq!(task.go(Stamp::ZERO), Err(GotoError::OutsideData));
-        task.preview(Goal::position(GOAL_M), verdict(ReachState::Unreachable));
-        let text = task.go(Stamp::ZERO).unwrap_err().to_string();
+    fn sets_out_only_on_a_favourable_verdict() {
+        assert_eq!(
+            allowed(&verdict(ReachState::OutsideData)),
+            Err(GotoError::OutsideData)
+        );
+        let text = allowed(&verdict(ReachState::Unreachable))
+            .unwrap_err()
+            .to_string();
         assert!(
             text.contains("12 mm short") && text.contains("chamber 4 at +40 kPa"),
             "{text}"
         );
-        assert!(matches!(task.state(), GotoState::Preview(..)));
-        task.cancel();
-        assert_eq!(task.state(), &GotoState::Idle);
-        task.preview(Goal::position(GOAL_M), verdict(ReachState::Marginal));
-        assert!(task.go(Stamp::ZERO).is_ok());
-        assert_eq!(task.goal(), Some(&Goal::position(GOAL_M)));
+        assert_eq!(allowed(&verdict(ReachState::Marginal)), Ok(()));
+        assert_eq!(allowed(&verdict(ReachState::Reachable)), Ok(()));
     }
 }

@@ -1,9 +1,14 @@
-//! What the operator asks the arm to do: go to a point, later follow a path, pick and place.
+//! What the operator asks the arm to do: go to a point, follow a path, pick and place.
 //!
-//! Pure state machines over estimates and verdicts; they command no pressure and read no clock.
+//! Pure state machines over estimates and verdicts; they command no pressure and read no clock. A [`Plan`] is a
+//! row of legs, a [`Routine`] is a plan under way.
 
 mod goto;
 mod path;
+mod plan;
+mod routine;
 
-pub use goto::{Arrival, Goto, GotoError, GotoState};
+pub use goto::{Arrival, Goto, GotoError, GotoState, allowed};
 pub use path::{PATH_WAYPOINTS, Path, circle, figure_eight};
+pub use plan::{Follow, GRIP_S, Item, Leg, Plan, Stop};
+pub use routine::{Happening, Routine, Target};

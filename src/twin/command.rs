@@ -2,7 +2,9 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
+use crate::control::ControllerKind;
 use crate::signal::{Goal, Gripper, Simulator, Snapshot, Stamp};
+use crate::task::Plan;
 
 /// What the operator (or a script) asks of the twin.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +29,10 @@ pub enum Command {
     Go,
     /// Preview and go in one step. Refused unless the goal is reachable.
     Goto(Goal),
+    /// Check every stop of a plan and, when all are reachable, carry it out. Refused as a whole otherwise.
+    Start(Plan),
+    /// Steer by this controller from now on.
+    Steer(ControllerKind),
     /// What the operator believes is in the gripper, kg.
     DeclarePayload(f64),
     /// Open or close the gripper.
@@ -65,6 +71,13 @@ pub enum Event {
         /// Control steps since the goal was set.
         steps: u64,
     },
+    /// A plan is carried out.
+    Finished {
+        /// When.
+        stamp: Stamp,
+        /// Which.
+        name: String,
+    },
     /// A recording began or ended.
     Recording {
         /// When.
@@ -95,6 +108,7 @@ impl Event {
                     distance_m * 1e3
                 )
             }
+            Self::Finished { name, .. } => format!("Done: {name}"),
             Self::Recording { text, .. } | Self::Notice { text, .. } => text.clone(),
         }
     }

@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
-    Controller, ControllerKind, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput,
-    reach,
+    Controller, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput, Stopwatch, reach,
 };
 use crate::learn::{PlantMap, PoseEval, PoseMap, estimate};
 use crate::link::fault_words;
@@ -15,11 +14,11 @@ use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
     Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus,
-    MeshShape, Mode, PressureCommand, RawFrame, Reach, SensorFrame, SensorRef, Severity, Simulator,
-    Snapshot, Stamp,
+    MeshShape, Mode, PressureCommand, RawFrame, Reach, ReachState, RoutineStatus, SensorFrame,
+    SensorRef, Severity, Simulator, Snapshot, Stamp,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
-use crate::task::{Goto, GotoState};
+use crate::task::{Happening, Plan, Routine, Stop, Target, allowed};
 
 /// A frame older than this is worth a warning, s.
 pub const STALE_WARN_S: f64 = 0.030;
@@ -33,6 +32,9 @@ const LOSS_MIN_FRAMES: u64 = 50;
 const SPRINGS_NEEDED: usize = 9;
 /// After so many frames in a row with signals that nothing tells, the twin does not move.
 const BLIND_FRAMES: u32 = 10;
+/// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
+const CHECKS_PER_TICK: usize = 4;
+const NOTHING_TO_RESUME: &str = "There is nothing to resume: pick a target first.";
 const BLIND: &str = "too few sensors left to tell where the arm is";
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
@@ -57,8 +59,19 @@ pub struct Maps {
 enum Phase {
     Disarmed,
     Hold,
-    Moving { task: Box<Goto>, steps: u64 },
+    Moving {
+        routine: Box<Routine>,
+        /// Since the last goal was reached.
+        steps: u64,
+    },
     Safe(String),
+}
+
+/// A plan whose stops are looked at, a few in every tick, before it may begin.
+struct Check {
+    plan: Plan,
+    stops: Vec<Stop>,
+    reaches: Vec<Reach>,
 }
 
 /// The digital twin. Owns no port, no file, no clock.
@@ -86,7 +99,11 @@ pub struct Twin {
     eval: Option<PoseEval>,
     truth: Option<GroundTruth>,
     preview: Option<(Goal, Reach)>,
+    check: Option<Check>,
+    /// What Resume goes on with.
+    paused: Option<Box<Routine>>,
     sensor_ref: Option<SensorRef>,
+    solve_s: Option<f64>,
     command: Option<PressureCommand>,
     held_pa: Option<[f64; CHAMBERS]>,
     gripper: Gripper,
@@ -101,18 +118,12 @@ pub struct Twin {
 
 impl Twin {
     /// A twin of `robot`, disarmed.
-    pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing, kind: ControllerKind) -> Self {
+    pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing, gains: Gains) -> Self {
         let model = Model::nominal(robot);
         let shape_state = State::rest(&model);
         Self {
             robot: robot.clone(),
-            controller: Controller::new(
-                robot,
-                Gains {
-                    kind,
-                    ..Gains::default()
-                },
-            ),
+            controller: Controller::new(robot, gains),
             maps,
             sensing,
             model,
@@ -133,7 +144,10 @@ impl Twin {
             eval: None,
             truth: None,
             preview: None,
+            check: None,
+            paused: None,
             sensor_ref: None,
+            solve_s: None,
             command: None,
             held_pa: None,
             gripper: Gripper::Open,
@@ -144,6 +158,11 @@ impl Twin {
             alarms: Vec::new(),
             recording: None,
         }
+    }
+
+    /// Times the controller from now on: the figures are shown and decide nothing.
+    pub fn time_with(&mut self, stopwatch: Stopwatch) {
+        self.controller.time_with(stopwatch);
     }
 
     /// One step: takes what arrived, answers with a command for the boards (or none) and events.
@@ -162,6 +181,7 @@ impl Twin {
         for command in commands {
             self.obey(command, &mut events);
         }
+        self.go_on_checking(&mut events);
         let out = self.steer(&mut events);
         self.draw();
         (out, events)
@@ -233,9 +253,10 @@ impl Twin {
 
     /// Everything known now.
     pub fn snapshot(&self) -> Snapshot {
-        let goal = match &self.phase {
-            Phase::Moving { task, .. } => task.goal().cloned(),
-            _ => None,
+        let goal = match self.target() {
+            Some(Target::Goal(goal, _)) => Some(goal.clone()),
+            Some(Target::Along(goal, _)) => Some(goal),
+            None => None,
         };
         Snapshot {
             stamp: self.now,
@@ -246,8 +267,10 @@ impl Twin {
             estimate: self.estimate.clone(),
             truth: self.truth.clone(),
             goal,
+            routine: self.routine_status(),
             preview: self.preview.clone(),
             sensor_ref: self.sensor_ref,
+            solve_s: self.solve_s,
             command: self.command.clone(),
             shape: self.shape.clone(),
             simulator: self.simulator,
@@ -264,12 +287,34 @@ impl Twin {
         match &self.phase {
             Phase::Disarmed => Mode::Disarmed,
             Phase::Hold => Mode::Hold,
-            Phase::Moving { task, .. } => match task.state() {
-                GotoState::AtGoal { .. } => Mode::AtGoal,
-                _ => Mode::Moving,
-            },
+            Phase::Moving { routine, .. } if routine.is_at_end() => Mode::AtGoal,
+            Phase::Moving { .. } => Mode::Moving,
             Phase::Safe(reason) => Mode::Safe(reason.clone()),
         }
+    }
+
+    fn target(&self) -> Option<Target<'_>> {
+        match &self.phase {
+            Phase::Moving { routine, .. } => routine.target(),
+            Phase::Disarmed | Phase::Hold | Phase::Safe(_) => None,
+        }
+    }
+
+    fn routine_status(&self) -> Option<RoutineStatus> {
+        let routine = match &self.phase {
+            Phase::Moving { routine, .. } => routine,
+            _ => self.paused.as_ref()?,
+        };
+        Some(RoutineStatus {
+            name: routine.plan().name.clone(),
+            legs_done: routine.legs_done(),
+            legs: routine.plan().legs.len(),
+            waypoint: routine.waypoint(),
+            via: match routine.target() {
+                Some(Target::Along(_, via)) => Some(via),
+                _ => None,
+            },
+        })
     }
 
     /// Calibrates a frame and estimates the pose. A frame that makes no sense is dropped; the last
@@ -452,6 +497,8 @@ impl Twin {
         self.enter(Phase::Safe(reason.to_owned()), events);
         self.command = None;
         self.preview = None;
+        self.check = None;
+        self.paused = None;
     }
 
     fn enter(&mut self, phase: Phase, events: &mut Vec<Event>) {
@@ -489,6 +536,8 @@ impl Twin {
                 if !self.is_safe() {
                     self.enter(Phase::Disarmed, events);
                     self.command = None;
+                    self.check = None;
+                    self.paused = None;
                 }
             }
             Command::Arm | Command::Hold => {
@@ -499,10 +548,16 @@ impl Twin {
                 }
             }
             Command::Resume => {
-                if matches!(self.phase, Phase::Hold) && self.preview.is_some() {
+                if !matches!(self.phase, Phase::Hold) {
+                    self.refuse(NOTHING_TO_RESUME, events);
+                } else if self.preview.is_some() {
                     self.go(events);
+                } else if let Some(reason) = self.not_ready() {
+                    self.refuse(reason, events);
+                } else if let Some(routine) = self.paused.take() {
+                    self.set_out(routine, events);
                 } else {
-                    self.refuse("There is nothing to resume: pick a target first.", events);
+                    self.refuse(NOTHING_TO_RESUME, events);
                 }
             }
             Command::Preview(goal) => self.preview(goal, events),
@@ -514,6 +569,8 @@ impl Twin {
                     self.go(events);
                 }
             }
+            Command::Start(plan) => self.start(plan, events),
+            Command::Steer(kind) => self.controller.choose(Gains::of(*kind)),
             Command::DeclarePayload(kg) => {
                 if (0.0..=self.robot.payload_max_kg).contains(kg) {
                     self.payload_kg = *kg;
@@ -573,41 +630,127 @@ impl Twin {
         }
     }
 
+    /// Why nothing may set out now.
+    fn not_allowed(&self) -> Option<String> {
+        self.not_ready().or_else(|| {
+            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.simulated;
+            unarmed.then(|| "Disarmed: arm the rig first.".to_owned())
+        })
+    }
+
     fn hold(&mut self, events: &mut Vec<Event>) {
         let last = self.command.as_ref().map(|c| *c.chamber_pa());
         self.held_pa = last.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa));
-        if let Phase::Moving { task, .. } = &self.phase
-            && self.preview.is_none()
-            && let Some(goal) = task.goal().cloned()
-        {
-            // Remember the goal, so that Resume can go on.
-            self.preview = self.reach(&goal).ok().map(|reach| (goal, reach));
+        self.check = None;
+        if let Phase::Moving { routine, .. } = &self.phase {
+            self.paused = Some(routine.clone());
         }
         self.enter(Phase::Hold, events);
     }
 
     /// Payload as the plant's network is to know it: the declared one and what the robot's patches
     /// hang on the gripper, within what the network has seen.
-    fn carried_kg(&self) -> f64 {
-        (self.payload_kg + self.model.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
+    fn carried_kg(&self, held_kg: f64) -> f64 {
+        (held_kg + self.model.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
     }
 
-    fn reach(&self, goal: &Goal) -> Result<Reach, String> {
-        reach(
-            goal,
-            &self.robot,
-            self.maps.pose.as_ref(),
-            self.maps.plant.as_ref(),
-            self.carried_kg(),
-            &self.maps.seeds,
-            &ReachConfig::default(),
-        )
-        .map_err(|e| e.to_string())
+    /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
+    fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
+        let ask = |seeds: &[StartSample]| {
+            reach(
+                goal,
+                &self.robot,
+                self.maps.pose.as_ref(),
+                self.maps.plant.as_ref(),
+                self.carried_kg(held_kg),
+                seeds,
+                &ReachConfig::default(),
+            )
+            .map_err(|e| e.to_string())
+        };
+        if let Some(near) = near {
+            let found = ask(&[(near.chamber_pa, near.nearest_m)])?;
+            if found.state == ReachState::Reachable {
+                return Ok(found);
+            }
+        }
+        ask(&self.maps.seeds)
+    }
+
+    /// Takes a plan in hand: it sets out once every stop has been found reachable.
+    fn start(&mut self, plan: &Plan, events: &mut Vec<Event>) {
+        if let Some(reason) = self.not_allowed() {
+            return self.refuse(reason, events);
+        }
+        let stops = plan.stops(self.payload_kg);
+        let known = 0.0..=self.robot.payload_max_kg;
+        if let Some(stop) = stops.iter().find(|s| !known.contains(&s.payload_kg)) {
+            let (kg, most) = (stop.payload_kg, self.robot.payload_max_kg);
+            return self.refuse(
+                format!("The plan lifts {kg} kg, but the arm carries 0 to {most} kg: nothing was started."),
+                events,
+            );
+        }
+        if matches!(self.phase, Phase::Moving { .. }) {
+            self.hold(events);
+        }
+        self.check = Some(Check {
+            plan: plan.clone(),
+            stops,
+            reaches: Vec::new(),
+        });
+    }
+
+    /// Looks at the next stops of the plan in hand; the last one lets it begin.
+    fn go_on_checking(&mut self, events: &mut Vec<Event>) {
+        let Some(mut check) = self.check.take() else {
+            return;
+        };
+        for _ in 0..CHECKS_PER_TICK {
+            let Some(stop) = check.stops.get(check.reaches.len()) else {
+                break;
+            };
+            let found = self.reach(&stop.goal, stop.payload_kg, check.reaches.last());
+            let verdict = found.and_then(|r| allowed(&r).map(|()| r).map_err(|e| e.to_string()));
+            match verdict {
+                Ok(reach) => check.reaches.push(reach),
+                Err(reason) => {
+                    let text = format!("Not started, because of {}. {reason}", stop.name);
+                    return self.refuse(text, events);
+                }
+            }
+        }
+        if check.reaches.len() < check.stops.len() {
+            self.check = Some(check);
+            return;
+        }
+        let mut of_leg = vec![None; check.plan.legs.len()];
+        // The first stop of a leg: its only one, or the start of a path.
+        for (stop, reach) in check.stops.iter().zip(check.reaches).rev() {
+            of_leg[stop.leg] = Some(reach);
+        }
+        if let Some(reason) = self.not_allowed() {
+            return self.refuse(reason, events);
+        }
+        let routine = Routine::new(check.plan, of_leg, self.now);
+        self.set_out(Box::new(routine), events);
+    }
+
+    /// Begins a routine, or goes on with one.
+    fn set_out(&mut self, routine: Box<Routine>, events: &mut Vec<Event>) {
+        self.preview = None;
+        self.paused = None;
+        if let Some(Target::Goal(goal, reach)) = routine.target() {
+            self.controller.set_goal(goal.clone(), reach);
+        } else {
+            self.controller.hold();
+        }
+        self.enter(Phase::Moving { routine, steps: 0 }, events);
     }
 
     fn preview(&mut self, goal: &Goal, events: &mut Vec<Event>) {
         self.preview = None;
-        match self.reach(goal) {
+        match self.reach(goal, self.payload_kg, None) {
             Ok(reach) => self.preview = Some((goal.clone(), reach)),
             Err(reason) => self.refuse(reason, events),
         }
@@ -617,19 +760,14 @@ impl Twin {
         let Some((goal, reach)) = self.preview.clone() else {
             return self.refuse("Pick a target first.", events);
         };
-        if let Some(reason) = self.not_ready() {
+        if let Some(reason) = self.not_allowed() {
             return self.refuse(reason, events);
         }
-        if matches!(self.phase, Phase::Disarmed) && !self.link.simulated {
-            return self.refuse("Disarmed: arm the rig first.", events);
-        }
-        let mut task = Box::new(Goto::default());
-        task.preview(goal, reach);
-        match task.go(self.now) {
-            Ok((goal, reach)) => {
-                self.preview = None;
-                self.controller.set_goal(goal, Some(&reach));
-                self.enter(Phase::Moving { task, steps: 0 }, events);
+        match allowed(&reach) {
+            Ok(()) => {
+                self.check = None;
+                let routine = Routine::new(Plan::goto(goal), vec![Some(reach)], self.now);
+                self.set_out(Box::new(routine), events);
             }
             Err(reason) => self.refuse(reason.to_string(), events),
         }
@@ -637,17 +775,51 @@ impl Twin {
 
     /// The command of this tick, if the phase has one.
     fn steer(&mut self, events: &mut Vec<Event>) -> Option<PressureCommand> {
-        let carried_kg = self.carried_kg();
+        let carried_kg = self.carried_kg(self.payload_kg);
         let sensors = self.sensors.as_ref()?;
         let mut stall = None;
+        self.solve_s = None;
         let wanted_pa = match &mut self.phase {
             Phase::Disarmed | Phase::Safe(_) => {
                 self.command = None;
                 return None;
             }
             Phase::Hold => self.held_pa.unwrap_or(sensors.chamber_pa),
-            Phase::Moving { task, steps } => {
+            Phase::Moving { routine, steps } => {
                 let (estimate, eval) = (self.estimate.as_ref()?, self.eval.as_ref()?);
+                *steps += 1;
+                for happening in routine.update(self.now, estimate) {
+                    match happening {
+                        Happening::Arrived(arrival) => {
+                            events.push(Event::Reached {
+                                stamp: self.now,
+                                distance_m: arrival.distance_m,
+                                steps: *steps,
+                            });
+                            *steps = 0;
+                        }
+                        Happening::Gripped(gripper, payload_kg) => {
+                            self.gripper = gripper;
+                            self.payload_kg = payload_kg;
+                        }
+                        Happening::Finished => events.push(Event::Finished {
+                            stamp: self.now,
+                            name: routine.plan().name.clone(),
+                        }),
+                    }
+                }
+                match routine.target() {
+                    Some(Target::Goal(goal, reach)) => {
+                        // A path that has ended is settled from where it led.
+                        if reach.is_none() {
+                            self.controller.lead(goal.clone(), None);
+                        } else if self.controller.goal() != Some(goal) {
+                            self.controller.set_goal(goal.clone(), reach);
+                        }
+                    }
+                    Some(Target::Along(goal, via)) => self.controller.lead(goal, Some(via)),
+                    None => self.controller.hold(),
+                }
                 let maps = ControlMaps {
                     pose: self.maps.pose.as_ref(),
                     plant: self.maps.plant.as_ref(),
@@ -663,14 +835,7 @@ impl Twin {
                     },
                 );
                 self.sensor_ref = out.sensor_ref;
-                *steps += 1;
-                if let Some(arrival) = task.update(estimate) {
-                    events.push(Event::Reached {
-                        stamp: self.now,
-                        distance_m: arrival.distance_m,
-                        steps: *steps,
-                    });
-                }
+                self.solve_s = out.solve_s;
                 stall = out.stall;
                 out.wanted_pa
             }

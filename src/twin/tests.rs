@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{SMatrix, SVector};
 
 use super::*;
-use crate::control::ControllerKind;
+use crate::control::{ControllerKind, Gains};
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
@@ -61,7 +61,7 @@ fn twin() -> Twin {
         seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
     };
     let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-    let mut twin = Twin::new(&robot, maps, sensing, ControllerKind::Ours);
+    let mut twin = Twin::new(&robot, maps, sensing, Gains::of(ControllerKind::Ours));
     twin.observe_link(LinkStatus {
         connected: true,
         simulated: true,

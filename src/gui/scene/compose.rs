@@ -14,7 +14,7 @@ use super::convert;
 use super::mesh::{self, Part, Vertex};
 use super::{Entity, SceneInput};
 use crate::robot::{PadId, RobotSpec};
-use crate::signal::{ArmShape, Gripper, IMUS, Pose, SPRINGS};
+use crate::signal::{Aim, ArmShape, Gripper, IMUS, Pose, SPRINGS};
 
 /// Section frames per segment as the shader holds them.
 pub const FRAMES: usize = 33;
@@ -181,7 +181,7 @@ pub fn compose(
         c.gripper(&ghost.base_from_pad[2], gripper, 0.0);
         c.layer = Layer::Solid;
     } else if let Some((goal, reach)) = &snapshot.preview {
-        c.ghost_tip(goal.base_from_tip_rotation, reach.nearest_m, input, gripper);
+        c.ghost_tip(&goal.aim, reach.nearest_m, input, gripper);
     }
     for at in input.reachable {
         let colour = with_alpha(c.palette.predicted, 0.28);
@@ -455,17 +455,14 @@ impl Composer<'_> {
     /// Ghost of the end pad and gripper where a preview ends.
     fn ghost_tip(
         &mut self,
-        rotation: Option<nalgebra::UnitQuaternion<f64>>,
+        aim: &Aim,
         position_m: [f64; 3],
         input: &SceneInput<'_>,
         gripper: Gripper,
     ) {
-        let rotation = rotation
-            .or_else(|| {
-                let estimate = input.snapshot.estimate.as_ref()?;
-                Some(estimate.base_from_tip.rotation)
-            })
-            .unwrap_or_default();
+        let estimate = input.snapshot.estimate.as_ref();
+        let rotation =
+            aim.nearest(&estimate.map_or_else(Default::default, |e| e.base_from_tip.rotation));
         let pose = Pose::from_parts(
             nalgebra::Translation3::from(nalgebra::Vector3::from(position_m)),
             rotation,

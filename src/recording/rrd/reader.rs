@@ -14,7 +14,7 @@ use super::schema::{self, SPECS, table};
 use super::writer::SAFE_PREFIX;
 use crate::recording::{Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta};
 use crate::signal::{
-    BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
+    Aim, BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
     Matrix6, Mode, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS, SPRINGS, SensorFrame,
     SensorRef, SensorVec, Snapshot, Stamp, Trace, TruthSource,
 };
@@ -435,11 +435,17 @@ impl Content {
     }
 
     fn goal(&mut self, t: i64) -> Option<Goal> {
-        let [present, has_rotation] = fixed(self.ints[table::GOAL].latest(t))?;
+        let [present, aim] = fixed(self.ints[table::GOAL].latest(t))?;
         let values = self.exact[table::GOAL].latest(t)?;
         (present != 0).then(|| Goal {
             position_m: [values[0], values[1], values[2]],
-            base_from_tip_rotation: (has_rotation != 0).then(|| pose(values).rotation),
+            aim: match aim {
+                0 => Aim::Free,
+                1 => Aim::Rotation(pose(values).rotation),
+                _ => Aim::Direction(nalgebra::Unit::new_normalize(nalgebra::Vector3::new(
+                    values[3], values[4], values[5],
+                ))),
+            },
             tolerance_m: values[7],
         })
     }

@@ -18,7 +18,7 @@ use super::scene::{Part, Scene, log_styles};
 use super::schema::{self, SPECS, Spec, table};
 use crate::recording::{RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{
-    Alarm, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp, TruthSource,
+    Aim, Alarm, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp, TruthSource,
     pose_error, ypr_from_rotation,
 };
 
@@ -658,12 +658,12 @@ fn goal_row(goal: Option<&Goal>) -> ([f64; 8], [i64; 2]) {
         return ([0.0; 8], [0, 0]);
     };
     let [x, y, z] = goal.position_m;
-    let q = goal.base_from_tip_rotation.unwrap_or_default();
-    let has_rotation = i64::from(goal.base_from_tip_rotation.is_some());
-    (
-        [x, y, z, q.i, q.j, q.k, q.w, goal.tolerance_m],
-        [1, has_rotation],
-    )
+    let (aim, [i, j, k, w]) = match goal.aim {
+        Aim::Free => (0, [0.0, 0.0, 0.0, 1.0]),
+        Aim::Rotation(q) => (1, [q.i, q.j, q.k, q.w]),
+        Aim::Direction(d) => (2, [d.x, d.y, d.z, 0.0]),
+    };
+    ([x, y, z, i, j, k, w, goal.tolerance_m], [1, aim])
 }
 
 fn mode_code(mode: &Mode) -> i64 {

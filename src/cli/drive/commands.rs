@@ -1,0 +1,582 @@
+//! `goto`, `follow`, `pick-place`, `reach`.
+
+use std::path::{Path as FilePath, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::{Args, ValueEnum};
+use nalgebra::{Unit, Vector3};
+use serde_json::{Value, json};
+
+use super::measures::{self, PathMeasures};
+use super::{Drive, Driven, drive, pictures};
+use crate::cli::live::{Kind, rig_options};
+use crate::cli::{Report, args, model};
+use springtwin::control::{ReachConfig, reach};
+use springtwin::learn::ErrorStats;
+use springtwin::rig::{Object, RigOptions};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{Aim, Goal, Reach, ReachState};
+use springtwin::task::{Follow, Item, Leg, PATH_WAYPOINTS, Path, Plan, circle, figure_eight};
+use springtwin::twin::Event;
+
+/// Centre of the shipped paths, m.
+pub const PATH_CENTRE_M: [f64; 3] = [0.0, 0.0, -0.31];
+/// Radius of the circle and half the length of the 8, m.
+pub const PATH_SIZE_M: f64 = 0.05;
+/// Where the basket is: the tip lets go there, m.
+pub const BASKET_M: [f64; 3] = [0.09, 0.03, -0.30];
+/// How much higher the tip travels with something in the gripper, m.
+pub const LIFT_M: f64 = 0.03;
+/// A fruit that lands this close to the basket's middle is in it, m.
+const BASKET_RADIUS_M: f64 = 0.02;
+
+/// What every drive has.
+#[derive(Args, Clone)]
+pub struct Common {
+    /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
+    /// pseudo-terminal), or a serial port
+    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    rig: String,
+    /// Which controller steers
+    #[arg(long, value_enum, default_value_t = Kind::Ours)]
+    controller: Kind,
+    /// Mass in the virtual rig's gripper, kg (also declared to the twin)
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    payload: f64,
+    /// Stiffness of the virtual rig's arm as a factor; the twin is not told
+    #[arg(long, value_name = "K", default_value = "1", value_parser = args::stiffness)]
+    stiffness: f64,
+    /// Seed of the virtual rig's noise
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// Folder for a log of every tick (CSV) and pictures (SVG)
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Record to this file
+    #[arg(long, value_name = "F.rrd")]
+    record: Option<PathBuf>,
+}
+
+impl Common {
+    fn options(&self, robot: &RobotSpec) -> Result<RigOptions> {
+        args::payload_in_range(robot, self.payload)?;
+        let mut options = rig_options(self.payload, self.seed);
+        options.surroundings.stiffness = self.stiffness;
+        Ok(options)
+    }
+
+    fn drive<'a>(
+        &'a self,
+        robot: &'a RobotSpec,
+        robot_file: Option<&'a FilePath>,
+        plan: Plan,
+        seconds: f64,
+    ) -> Result<Drive<'a>> {
+        Ok(Drive {
+            robot,
+            robot_file,
+            rig: &self.rig,
+            options: self.options(robot)?,
+            declared_kg: self.payload,
+            gains: self.controller.gains(),
+            plan,
+            seconds,
+            after_s: 2.0,
+            script: None,
+            record: self.record.clone(),
+        })
+    }
+
+    fn write(&self, driven: &Driven, path: Option<&Path>, errors_mm: &[f64]) -> Result<()> {
+        match &self.out {
+            Some(out) => pictures::write(out, driven, path, errors_mm),
+            None => Ok(()),
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct GotoArgs {
+    /// Where to, mm
+    #[arg(value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    target: [f64; 3],
+    /// Where the gripper shall point, in the base frame (0,0,-1: straight down)
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::direction, allow_hyphen_values = true)]
+    direction: Option<[f64; 3]>,
+    /// Longest time, s
+    #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative)]
+    seconds: f64,
+    #[command(flatten)]
+    common: Common,
+}
+
+fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Goal {
+    Goal {
+        aim: direction.map_or(Aim::Free, |d| {
+            Aim::Direction(Unit::new_normalize(Vector3::from(d)))
+        }),
+        ..Goal::position(position_m)
+    }
+}
+
+/// What a refused or interrupted drive says.
+fn ensure_carried_out(driven: &Driven, seconds: f64) -> Result<()> {
+    if let Some(reason) = &driven.refused {
+        anyhow::bail!("{reason}");
+    }
+    if let Some(reason) = &driven.safe {
+        anyhow::bail!("the arm went SAFE: {reason}");
+    }
+    anyhow::ensure!(
+        driven.finished_s.is_some(),
+        "the plan was not carried out within {seconds} s: give it more time with --seconds"
+    );
+    Ok(())
+}
+
+/// `goto`.
+pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
+    let goal = goal(a.target, a.direction);
+    let plan = Plan::goto(goal.clone());
+    let driven = drive(a.common.drive(robot, robot_file, plan, a.seconds)?)?;
+    ensure_no_refusal(&driven)?;
+    let m = measures::of_move(&driven.rows, &goal, robot).context("there was no motion")?;
+    let reached = driven.finished_s.is_some();
+    let steps = driven.events.iter().find_map(|e| match e {
+        Event::Reached { steps, .. } => Some(*steps),
+        _ => None,
+    });
+    let predicted = predicted_mm(&driven);
+    let solve = measures::solve_micros(&driven.rows);
+    a.common.write(&driven, None, &[])?;
+    let [ticks, missed] = [driven.pace.ticks, driven.pace.missed];
+    let json = json!({
+        "ticks": ticks, "missed_ticks": missed, "frames": driven.frames[0], "frames_lost": driven.frames[1],
+        "tip_error_mm": predicted, "target_error_mm": m.final_mm, "rotation_error_deg": m.final_deg,
+        "reached": reached, "steps": steps, "settled_steps": m.steps, "settled_s": m.settled_s,
+        "saturated_ratio": m.saturated_ratio, "solve_micros": solve_json(solve), "success": reached,
+        "seconds": driven.rows.last().map(|r| r.t_s), "simulated": driven.simulated,
+    });
+    let text = format!(
+        "{}\ntrue tip {:.2} mm from the target{}\nwithin 1 mm for good after {}; {:.0} % of the steps saturated{}",
+        match steps {
+            Some(steps) => format!("reached after {steps} steps{}", label(&driven)),
+            None => format!("not reached within {} s{}", a.seconds, label(&driven)),
+        },
+        m.final_mm,
+        match goal.aim {
+            Aim::Free => String::new(),
+            _ => format!(", {:.2} deg from the direction", m.final_deg),
+        },
+        m.settled_s
+            .map_or("never".to_owned(), |s| format!("{s:.1} s")),
+        m.saturated_ratio * 100.0,
+        solve_text(solve),
+    );
+    Ok(Report { text, json })
+}
+
+fn ensure_no_refusal(driven: &Driven) -> Result<()> {
+    match (&driven.refused, &driven.safe) {
+        (Some(reason), _) => anyhow::bail!("{reason}"),
+        (None, Some(reason)) => anyhow::bail!("the arm went SAFE: {reason}"),
+        (None, None) => Ok(()),
+    }
+}
+
+fn label(driven: &Driven) -> &'static str {
+    if driven.simulated {
+        " (simulated rig)"
+    } else {
+        ""
+    }
+}
+
+fn solve_json(solve: Option<[f64; 2]>) -> Value {
+    solve.map_or(
+        Value::Null,
+        |[median, p95]| json!({"median": median, "p95": p95}),
+    )
+}
+
+fn solve_text(solve: Option<[f64; 2]>) -> String {
+    solve.map_or(String::new(), |[median, p95]| {
+        format!("\ncontroller: {median:.0} us median, {p95:.0} us 95 %")
+    })
+}
+
+/// Predicted against true tip, mm.
+fn predicted_mm(driven: &Driven) -> Value {
+    let off = |r: &super::Row| {
+        let (a, b) = (r.estimate?, r.truth?);
+        Some((a.translation.vector - b.translation.vector).norm() * 1e3)
+    };
+    let errors: Vec<f64> = driven.rows.iter().filter_map(off).collect();
+    if errors.is_empty() {
+        Value::Null
+    } else {
+        json!(ErrorStats::of(errors))
+    }
+}
+
+/// The paper's two paths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Shape {
+    /// A level circle
+    Circle,
+    /// A level figure 8
+    Eight,
+}
+
+impl Shape {
+    /// The path of that shape.
+    pub fn path(self, centre_m: [f64; 3], size_m: f64, waypoints: usize) -> Path {
+        match self {
+            Self::Circle => circle(centre_m, size_m, waypoints),
+            Self::Eight => figure_eight(centre_m, size_m, waypoints),
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct FollowArgs {
+    /// Which path
+    #[arg(long, value_enum)]
+    path: Shape,
+    /// Waypoints, evenly spread
+    #[arg(long, value_name = "N", default_value_t = PATH_WAYPOINTS, value_parser = args::waypoints)]
+    waypoints: usize,
+    /// Middle of the path, mm
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    centre: Option<[f64; 3]>,
+    /// Radius of the circle, or half the length of the 8, mm
+    #[arg(long, value_name = "MM", default_value_t = PATH_SIZE_M * 1e3, value_parser = args::size_mm)]
+    size: f64,
+    /// Speed along the path, mm/s
+    #[arg(long, value_name = "MM/S", default_value = "3", value_parser = args::speed_mm_s)]
+    speed: f64,
+    /// How many times round
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    laps: u32,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// `follow`.
+pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
+    let speed_m_s = a.speed * 1e-3;
+    anyhow::ensure!(
+        speed_m_s <= robot.tip_speed_max_m_s,
+        "a speed of {} mm/s is more than the tip's {} mm/s: choose a lower one",
+        a.speed,
+        robot.tip_speed_max_m_s * 1e3
+    );
+    let path = a.path.path(
+        a.centre.unwrap_or(PATH_CENTRE_M),
+        a.size * 1e-3,
+        a.waypoints,
+    );
+    let plan = Plan::follow(Follow {
+        path: path.clone(),
+        speed_m_s,
+        laps: a.laps,
+    })
+    .context("a path needs waypoints")?;
+    let seconds = longest_s(&path, speed_m_s, a.laps);
+    let driven = drive(a.common.drive(robot, robot_file, plan, seconds)?)?;
+    ensure_carried_out(&driven, seconds)?;
+    let m = measures::of_path(&driven, &path.waypoints_m, robot);
+    a.common.write(&driven, Some(&path), &m.at_waypoints_mm)?;
+    follow_report(&path, &driven, &m)
+}
+
+/// A time in which a path is followed even if it takes a while to get to it, s.
+pub fn longest_s(path: &Path, speed_m_s: f64, laps: u32) -> f64 {
+    let waypoints = path.waypoints_m.iter().map(|p| Vector3::from(*p));
+    let next = waypoints.clone().cycle().skip(1);
+    let length_m: f64 = waypoints.zip(next).map(|(a, b)| (a - b).norm()).sum();
+    120.0 + 1.2 * f64::from(laps) * length_m / speed_m_s
+}
+
+fn follow_report(path: &Path, driven: &Driven, m: &PathMeasures) -> Result<Report> {
+    let s = m
+        .spread
+        .context("there is no ground truth: errors cannot be measured")?;
+    let solve = measures::solve_micros(&driven.rows);
+    let plant = model::maps(None)?.plant;
+    let robot = RobotSpec::reference();
+    let off_manifold =
+        measures::off_manifold_mm(&driven.rows, plant.as_ref(), driven.declared_kg, &robot);
+    let text = format!(
+        "{}{}: {} waypoints in {:.0} s\ntrue tip from each waypoint: mean {:.2} mm, RMSE {:.2}, 95 % {:.2}, largest {:.2}\n\
+         true tip from the path: mean {:.2} mm\n{:.1} % of {} steps saturated, {} ticks missed{}",
+        path.name,
+        label(driven),
+        m.at_waypoints_mm.len(),
+        m.seconds,
+        s.mean,
+        s.rmse,
+        s.p95,
+        s.max,
+        m.off_path.map_or(f64::NAN, |o| o.mean),
+        m.saturated_ratio * 100.0,
+        m.steps,
+        driven.pace.missed,
+        solve_text(solve),
+    );
+    let json = json!({
+        "path": path.name, "waypoints": m.at_waypoints_mm.len(),
+        "mean_mm": s.mean, "rmse_mm": s.rmse, "p95_mm": s.p95, "max_mm": s.max,
+        "off_path_mm": m.off_path, "tip_error_mm": predicted_mm(driven),
+        "steps": m.steps, "saturated_ratio": m.saturated_ratio, "solve_micros": solve_json(solve),
+        "off_manifold_mm": off_manifold, "success": driven.finished_s.is_some(),
+        "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
+        "frames": driven.frames[0], "frames_lost": driven.frames[1],
+        "seconds": driven.rows.last().map(|r| r.t_s), "simulated": driven.simulated,
+    });
+    Ok(Report { text, json })
+}
+
+/// The paper's fruit, where it lies here.
+pub fn fruit() -> Vec<Item> {
+    [
+        ("tomato", [-0.07, -0.05, -0.32], 0.12),
+        ("lemon", [-0.08, 0.0, -0.32], 0.21),
+        ("guava", [-0.07, 0.05, -0.32], 0.17),
+    ]
+    .into_iter()
+    .map(|(name, grasp_m, mass_kg)| Item {
+        name: name.to_owned(),
+        grasp_m,
+        mass_kg,
+    })
+    .collect()
+}
+
+#[derive(Args)]
+pub struct PickPlaceArgs {
+    /// Something to pick up: where the tip grasps it (mm) and its mass (kg). May be given several times; without it,
+    /// the paper's tomato, lemon and guava
+    #[arg(long, value_name = "X,Y,Z,KG", value_parser = args::item, allow_hyphen_values = true)]
+    item: Vec<Item>,
+    /// Where the tip lets go, mm
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    basket: Option<[f64; 3]>,
+    /// Longest time, s
+    #[arg(long, value_name = "S", default_value = "900", value_parser = args::not_negative)]
+    seconds: f64,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// `pick-place`.
+pub fn pick_place(
+    a: &PickPlaceArgs,
+    robot_file: Option<&FilePath>,
+    robot: &RobotSpec,
+) -> Result<Report> {
+    let items = if a.item.is_empty() {
+        fruit()
+    } else {
+        a.item.clone()
+    };
+    let basket_m = a.basket.unwrap_or(BASKET_M);
+    let plan = Plan::pick_and_place(&items, basket_m, LIFT_M);
+    let mut d = a.common.drive(robot, robot_file, plan.clone(), a.seconds)?;
+    d.options.objects = objects(&items);
+    let driven = drive(d)?;
+    ensure_carried_out(&driven, a.seconds)?;
+    a.common.write(&driven, None, &[])?;
+    let p = of_pick_place(&driven, &plan, basket_m, robot);
+    let solve = measures::solve_micros(&driven.rows);
+    let in_basket = match p.in_basket {
+        Some(n) => format!("{n} of {} in the basket", items.len()),
+        None => "what is in the basket is not known here".to_owned(),
+    };
+    let text = format!(
+        "{}{}: {in_basket}, {} steps, {:.0} s\ntrue tip when it grips and lets go: mean {:.2} mm, largest {:.2}\n\
+         {:.1} % of the steps saturated{}",
+        plan.name,
+        label(&driven),
+        driven.rows.len(),
+        driven.finished_s.unwrap_or(f64::NAN),
+        p.at_grips.mean,
+        p.at_grips.max,
+        p.saturated_ratio * 100.0,
+        solve_text(solve),
+    );
+    let json = json!({
+        "items": items.len(), "in_basket": p.in_basket, "success": p.in_basket.is_none_or(|n| n == items.len()),
+        "mean_mm": p.at_grips.mean, "rmse_mm": p.at_grips.rmse, "p95_mm": p.at_grips.p95, "max_mm": p.at_grips.max,
+        "steps": driven.rows.len(), "saturated_ratio": p.saturated_ratio, "solve_micros": solve_json(solve),
+        "seconds": driven.finished_s, "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
+        "simulated": driven.simulated,
+    });
+    Ok(Report { text, json })
+}
+
+/// How pick-and-place went.
+pub struct PickPlaceMeasures {
+    /// How many things lie in the basket; `None` where nobody can tell.
+    pub in_basket: Option<usize>,
+    /// True tip from where it should be when the gripper moves, mm.
+    pub at_grips: ErrorStats,
+    /// Share of saturated steps.
+    pub saturated_ratio: f64,
+}
+
+/// Of the plan's drive.
+pub fn of_pick_place(
+    driven: &Driven,
+    plan: &Plan,
+    basket_m: [f64; 3],
+    robot: &RobotSpec,
+) -> PickPlaceMeasures {
+    let mut at_grips = Vec::new();
+    for (leg, part) in plan.legs.iter().enumerate() {
+        let (Leg::Grip { .. }, Some(Leg::Move(goal))) =
+            (part, leg.checked_sub(1).map(|k| &plan.legs[k]))
+        else {
+            continue;
+        };
+        let row = driven.rows.iter().find(|r| r.legs_done == leg);
+        if let Some(truth) = row.and_then(|r| r.truth) {
+            let off = truth.translation.vector - Vector3::from(goal.position_m);
+            at_grips.push(off.norm() * 1e3);
+        }
+    }
+    let lies_in = |o: &&Object| {
+        let off = Vector3::from(o.grasp_m) - Vector3::from(basket_m);
+        !o.held && off.xy().norm() <= BASKET_RADIUS_M
+    };
+    let known = !driven.objects.is_empty() && driven.rows.iter().any(|r| r.truth.is_some());
+    PickPlaceMeasures {
+        in_basket: known.then(|| driven.objects.iter().filter(lies_in).count()),
+        at_grips: ErrorStats::of(at_grips),
+        saturated_ratio: measures::saturated_ratio(&driven.rows, robot),
+    }
+}
+
+/// The items as things of the virtual rig.
+pub fn objects(items: &[Item]) -> Vec<Object> {
+    let object = |i: &Item| Object {
+        grasp_m: i.grasp_m,
+        mass_kg: i.mass_kg,
+        held: false,
+    };
+    items.iter().map(object).collect()
+}
+
+#[derive(Args)]
+pub struct ReachArgs {
+    /// Where to, mm
+    #[arg(value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    target: [f64; 3],
+    /// Where the gripper shall point, in the base frame (0,0,-1: straight down)
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::direction, allow_hyphen_values = true)]
+    direction: Option<[f64; 3]>,
+    /// Mass in the gripper, kg
+    #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
+    payload: f64,
+}
+
+/// `reach`.
+pub fn reach_command(a: &ReachArgs, robot: &RobotSpec) -> Result<Report> {
+    args::payload_in_range(robot, a.payload)?;
+    let maps = model::maps_for(robot)?;
+    let goal = goal(a.target, a.direction);
+    let ask = || {
+        let config = ReachConfig::default();
+        let (pose, plant) = (maps.pose.as_ref(), maps.plant.as_ref());
+        reach(&goal, robot, pose, plant, a.payload, &maps.seeds, &config)
+    };
+    ask()?;
+    // The first answer fetches everything into the caches.
+    let before = super::stopwatch();
+    let found = ask()?;
+    let micros = (super::stopwatch() - before).as_secs_f64() * 1e6;
+    let state = serde_json::to_value(found.state)?;
+    let chamber = found.limiting_chamber;
+    let json = json!({
+        "state": state, "distance_mm": found.distance_m * 1e3, "nearest_mm": found.nearest_m.map(|x| x * 1e3),
+        "limiting_chamber": chamber.map(|(i, pa)| json!({"chamber": i, "kpa": pa * 1e-3})),
+        "chamber_kpa": found.chamber_pa.map(|p| p * 1e-3), "micros": micros,
+    });
+    Ok(Report {
+        text: reach_text(&found, micros),
+        json,
+    })
+}
+
+fn reach_text(found: &Reach, micros: f64) -> String {
+    let kpa = found
+        .chamber_pa
+        .map(|p| format!("{:+.1}", p * 1e-3))
+        .join(", ");
+    let chamber = found.limiting_chamber.map_or(String::new(), |(i, pa)| {
+        format!(", chamber {i} at {:+.0} kPa", pa * 1e-3)
+    });
+    let verdict = match found.state {
+        ReachState::Reachable => "reachable".to_owned(),
+        ReachState::Marginal => {
+            format!("marginal: {:.1} mm short{chamber}", found.distance_m * 1e3)
+        }
+        ReachState::Unreachable => {
+            let [x, y, z] = found.nearest_m.map(|v| v * 1e3);
+            let short_mm = found.distance_m * 1e3;
+            format!(
+                "unreachable: {short_mm:.0} mm short{chamber}; the nearest point is {x:.0}, {y:.0}, {z:.0} mm"
+            )
+        }
+        ReachState::OutsideData => {
+            "outside of what the model was trained on: no verdict".to_owned()
+        }
+    };
+    format!("{verdict}\npressures {kpa} kPa, found in {micros:.0} us")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_tasks_fit_the_reference_robot() {
+        let maps = model::maps(None).expect("built in");
+        let robot = RobotSpec::reference();
+        let paths = [Shape::Circle, Shape::Eight].map(|s| {
+            let path = s.path(PATH_CENTRE_M, PATH_SIZE_M, PATH_WAYPOINTS);
+            let follow = Follow {
+                path,
+                speed_m_s: 3e-3,
+                laps: 1,
+            };
+            Plan::follow(follow).expect("has waypoints")
+        });
+        let fruit = Plan::pick_and_place(&fruit(), BASKET_M, LIFT_M);
+        for plan in paths.into_iter().chain([fruit]) {
+            for payload_kg in [0.0, 0.5] {
+                for stop in plan.stops(payload_kg) {
+                    let config = ReachConfig::default();
+                    let (pose, plant) = (maps.pose.as_ref(), maps.plant.as_ref());
+                    let found = reach(
+                        &stop.goal,
+                        &robot,
+                        pose,
+                        plant,
+                        stop.payload_kg,
+                        &maps.seeds,
+                        &config,
+                    )
+                    .expect("finite");
+                    assert_eq!(
+                        found.state,
+                        ReachState::Reachable,
+                        "{} {}: {found:?}",
+                        plan.name,
+                        stop.name
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! What a drive adds up to. Errors are of the true tip, which the twin never sees.
+
+use nalgebra::Vector3;
+
+use super::{Driven, Row};
+use springtwin::control::virtual_output;
+use springtwin::learn::{ErrorStats, PlantMap, quantile};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
+
+/// A chamber set this close to its bound counts as saturated, Pa.
+const SATURATED_PA: f64 = 50.0;
+/// Settled: within so much of the goal for good.
+const SETTLED_M: f64 = 1e-3;
+const SETTLED_RAD: f64 = std::f64::consts::PI / 180.0;
+/// The last stretch of a move, over which its final error is taken, s.
+const FINAL_S: f64 = 1.0;
+/// One row in so many is asked how far its reference is off what the arm can do.
+const OFF_MANIFOLD_EVERY: usize = 20;
+
+/// `None` of nothing.
+fn spread(values: Vec<f64>) -> Option<ErrorStats> {
+    (!values.is_empty()).then(|| ErrorStats::of(values))
+}
+
+/// Distance of the true tip from a point, mm.
+fn off_mm(truth: &Pose, point_m: [f64; 3]) -> f64 {
+    (truth.translation.vector - Vector3::from(point_m)).norm() * 1e3
+}
+
+/// How a move to a goal went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MoveMeasures {
+    /// True error over the last second, mm and degrees.
+    pub final_mm: f64,
+    pub final_deg: f64,
+    /// When the true tip came within 1 mm (and 1°) for good, s and control steps; `None`: never.
+    pub settled_s: Option<f64>,
+    pub steps: Option<usize>,
+    pub saturated_ratio: f64,
+}
+
+/// Of the rows of one move, from the moment it set out.
+pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasures> {
+    let (first, last) = (rows.first()?, rows.last()?);
+    let error = |r: &Row| {
+        let truth = r.truth?;
+        let mut wanted = truth;
+        wanted.translation.vector = Vector3::from(goal.position_m);
+        wanted.rotation = goal.aim.nearest(&truth.rotation);
+        let e = pose_error(&truth, &wanted);
+        Some([e.fixed_rows::<3>(0).norm(), e.fixed_rows::<3>(3).norm()])
+    };
+    let errors: Vec<[f64; 2]> = rows.iter().filter_map(error).collect();
+    let outside = |e: &[f64; 2]| e[0] > SETTLED_M || e[1] > SETTLED_RAD;
+    let settled = match errors.iter().rposition(outside) {
+        None => Some(0),
+        Some(k) if k + 1 < errors.len() => Some(k + 1),
+        Some(_) => None,
+    };
+    let end: Vec<[f64; 2]> = rows
+        .iter()
+        .filter(|r| r.t_s > last.t_s - FINAL_S)
+        .filter_map(error)
+        .collect();
+    let mean = |k: usize| end.iter().map(|e| e[k]).sum::<f64>() / end.len() as f64;
+    Some(MoveMeasures {
+        final_mm: mean(0) * 1e3,
+        final_deg: mean(1).to_degrees(),
+        settled_s: settled.map(|k| rows[k].t_s - first.t_s),
+        steps: settled,
+        saturated_ratio: saturated_ratio(rows, robot),
+    })
+}
+
+/// How a path went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathMeasures {
+    /// True distance from each waypoint when its time was over, mm.
+    pub at_waypoints_mm: Vec<f64>,
+    /// The same from the path itself, at every tick, mm.
+    pub off_path: Option<ErrorStats>,
+    pub spread: Option<ErrorStats>,
+    pub saturated_ratio: f64,
+    /// Control steps on the path.
+    pub steps: usize,
+    pub seconds: f64,
+}
+
+/// Of the rows on a path.
+pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> PathMeasures {
+    let rows: Vec<Row> = driven
+        .rows
+        .iter()
+        .filter(|r| r.waypoint.is_some())
+        .cloned()
+        .collect();
+    let n = waypoints_m.len().max(1);
+    let mut at_waypoints_mm = Vec::new();
+    for (k, row) in rows.iter().enumerate() {
+        let now = row.waypoint.unwrap_or_default();
+        let next = rows.get(k + 1).and_then(|r| r.waypoint);
+        if next != Some(now)
+            && now > 0
+            && let Some(truth) = &row.truth
+        {
+            at_waypoints_mm.push(off_mm(truth, waypoints_m[now % n]));
+        }
+    }
+    let off: Vec<f64> = rows
+        .iter()
+        .filter_map(|r| Some(from_path_mm(r.truth.as_ref()?, waypoints_m)))
+        .collect();
+    PathMeasures {
+        spread: spread(at_waypoints_mm.clone()),
+        at_waypoints_mm,
+        off_path: spread(off),
+        saturated_ratio: saturated_ratio(&rows, robot),
+        steps: rows.len(),
+        seconds: match (rows.first(), rows.last()) {
+            (Some(a), Some(b)) => b.t_s - a.t_s,
+            _ => 0.0,
+        },
+    }
+}
+
+/// Distance of the true tip from a closed path, mm.
+fn from_path_mm(truth: &Pose, waypoints_m: &[[f64; 3]]) -> f64 {
+    let tip = truth.translation.vector;
+    let n = waypoints_m.len();
+    (0..n)
+        .map(|k| {
+            let (a, b) = (
+                Vector3::from(waypoints_m[k]),
+                Vector3::from(waypoints_m[(k + 1) % n]),
+            );
+            let along = b - a;
+            let share = ((tip - a).dot(&along) / along.norm_squared().max(1e-18)).clamp(0.0, 1.0);
+            (tip - a - along * share).norm() * 1e3
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// Share of the steered rows with a chamber set to its bound.
+pub fn saturated_ratio(rows: &[Row], robot: &RobotSpec) -> f64 {
+    let limits = &robot.pressure;
+    let steered: Vec<&[f64; CHAMBERS]> = rows
+        .iter()
+        .filter(|r| r.steered)
+        .filter_map(|r| r.set_pa.as_ref())
+        .collect();
+    let saturated = steered.iter().filter(|q| {
+        let spare = |p: &f64| (limits.max_pa - p).min(p - limits.min_pa);
+        q.iter().any(|p| spare(p) <= SATURATED_PA)
+    });
+    saturated.count() as f64 / steered.len().max(1) as f64
+}
+
+/// Times of the controller, µs: median and 95th percentile.
+pub fn solve_micros(rows: &[Row]) -> Option<[f64; 2]> {
+    let mut us: Vec<f64> = rows
+        .iter()
+        .filter_map(|r| r.solve_s)
+        .map(|s| s * 1e6)
+        .collect();
+    us.sort_by(f64::total_cmp);
+    (!us.is_empty()).then(|| [quantile(&us, 0.5), quantile(&us, 0.95)])
+}
+
+/// How far the springs of the references are off what any pressures can make (by the twin's own
+/// plant), mm: norm over the twelve, mean over a sample of the rows.
+pub fn off_manifold_mm(
+    rows: &[Row],
+    plant: &dyn PlantMap,
+    payload_kg: f64,
+    robot: &RobotSpec,
+) -> Option<f64> {
+    let far: Vec<f64> = rows
+        .iter()
+        .step_by(OFF_MANIFOLD_EVERY)
+        .filter_map(|r| {
+            let start = r.set_pa?;
+            Some(springs_off_mm(
+                &r.sensor_ref?,
+                start,
+                plant,
+                payload_kg,
+                robot,
+            ))
+        })
+        .collect();
+    spread(far).map(|s| s.mean)
+}
+
+/// Gauss-Newton over the pressures, within their bounds.
+fn springs_off_mm(
+    wanted: &SensorRef,
+    start_pa: [f64; CHAMBERS],
+    plant: &dyn PlantMap,
+    payload_kg: f64,
+    robot: &RobotSpec,
+) -> f64 {
+    const STEPS: usize = 12;
+    let limits = &robot.pressure;
+    let weights = springtwin::control::SignalSigma::default()
+        .to_vector()
+        .map(|s| 1.0 / s);
+    let mut q = start_pa;
+    let off = |q: &[f64; CHAMBERS]| {
+        let e = wanted - plant.sensors(q, payload_kg).sensors;
+        let weighted = e.component_mul(&weights).norm();
+        (weighted, e.rows(0, SPRINGS).norm() * 1e3)
+    };
+    let mut best = off(&q);
+    for _ in 0..STEPS {
+        let at = plant.sensors(&q, payload_kg);
+        // Chambers at a bound that want to leave the box stay there.
+        let mut free = [true; CHAMBERS];
+        for _ in 0..2 {
+            let Some(y) = virtual_output(&at.sensors, wanted, &at.jacobian, &weights, &free) else {
+                break;
+            };
+            for i in 0..CHAMBERS {
+                let next = q[i] - y[i];
+                if q[i] >= limits.max_pa && next > q[i] || q[i] <= limits.min_pa && next < q[i] {
+                    free[i] = false;
+                }
+            }
+        }
+        let Some(y) = virtual_output(&at.sensors, wanted, &at.jacobian, &weights, &free) else {
+            break;
+        };
+        let next: [f64; CHAMBERS] =
+            std::array::from_fn(|i| (q[i] - y[i]).clamp(limits.min_pa, limits.max_pa));
+        let found = off(&next);
+        if found.0 >= best.0 {
+            break;
+        }
+        (q, best) = (next, found);
+    }
+    best.1
+}

@@ -1,0 +1,307 @@
+//! A twin on a rig carries out a plan, and everything that happens is kept: for `goto`, `follow`,
+//! `pick-place`, and for the studies on control.
+
+pub mod commands;
+pub mod measures;
+pub mod pictures;
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+
+use super::live::board_config;
+use super::model;
+use super::ports::{InProcess, Script, SerialRig};
+use springtwin::control::Gains;
+use springtwin::rig::{Object, RigOptions};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::{CHAMBERS, Goal, Mode, Pose, PressureCommand, SensorRef, Snapshot};
+use springtwin::task::Plan;
+use springtwin::twin::{
+    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
+    run_in_simulated_time,
+};
+
+/// Time the boards get to introduce themselves, s.
+const HELLO_S: f64 = 5.0;
+
+/// What is to be driven where.
+pub struct Drive<'a> {
+    /// The robot.
+    pub robot: &'a RobotSpec,
+    /// The file it came from, if any.
+    pub robot_file: Option<&'a Path>,
+    /// `sim`, `pty`, or a serial port.
+    pub rig: &'a str,
+    /// The virtual rig.
+    pub options: RigOptions,
+    /// What the twin is told to be in the gripper at the start, kg.
+    pub declared_kg: f64,
+    /// The controller and its tuning.
+    pub gains: Gains,
+    /// What to do.
+    pub plan: Plan,
+    /// Longest time, s.
+    pub seconds: f64,
+    /// How long to go on once the plan is carried out, s.
+    pub after_s: f64,
+    /// What happens to the rig meanwhile (`sim` only).
+    pub script: Option<Script>,
+    /// Where to record.
+    pub record: Option<PathBuf>,
+}
+
+/// What was so at one tick on the way.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Since the start of the program, s.
+    pub t_s: f64,
+    /// Legs done.
+    pub legs_done: usize,
+    /// Index of the waypoint travelled to.
+    pub waypoint: Option<usize>,
+    /// Where the tip shall be now.
+    pub goal: Option<Goal>,
+    /// The point that moves along a path, m.
+    pub via_m: Option<[f64; 3]>,
+    /// Where the tip truly is: exactly for a rig in this process, else by motion capture.
+    pub truth: Option<Pose>,
+    /// Where the twin believes it to be.
+    pub estimate: Option<Pose>,
+    /// Set pressures, Pa.
+    pub set_pa: Option<[f64; CHAMBERS]>,
+    /// Measured pressures, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// Measured signals.
+    pub sensors: SensorRef,
+    /// Reference signals.
+    pub sensor_ref: Option<SensorRef>,
+    /// Time the controller took, s.
+    pub solve_s: Option<f64>,
+    /// Whether the arm is steered.
+    pub steered: bool,
+}
+
+/// How a drive went.
+pub struct Driven {
+    /// From the moment the plan was given, one per tick.
+    pub rows: Vec<Row>,
+    /// In order, with the plan's own.
+    pub events: Vec<Event>,
+    /// Ticks run and missed.
+    pub pace: Pace,
+    /// Frames received and lost.
+    pub frames: [u64; 2],
+    /// When the plan was carried out, s after it was given.
+    pub finished_s: Option<f64>,
+    /// Why it was refused or stopped.
+    pub refused: Option<String>,
+    /// Why the arm went SAFE.
+    pub safe: Option<String>,
+    /// Whether the rig is simulated.
+    pub simulated: bool,
+    /// What lay about, where it is at the end (`sim` only).
+    pub objects: Vec<Object>,
+    /// Payload declared at the start, kg.
+    pub declared_kg: f64,
+}
+
+/// What the script of a rig in this process sees.
+#[derive(Clone, Debug, Default)]
+struct Nature {
+    base_from_tip: Option<Pose>,
+    objects: Vec<Object>,
+    broken: Option<String>,
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the stopwatch of the command, handed to the controller"
+)]
+fn stopwatch() -> Duration {
+    static START: OnceLock<Instant> = OnceLock::new();
+    START.get_or_init(Instant::now).elapsed()
+}
+
+/// Carries out the plan. A pressure command beyond range or rate is an error, whoever made it.
+pub fn drive(d: Drive<'_>) -> Result<Driven> {
+    let robot = d.robot;
+    let mut twin = Twin::new(
+        robot,
+        model::maps_for(robot)?,
+        model::sensing(robot, None)?,
+        d.gains,
+    );
+    twin.time_with(stopwatch);
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the command owns the main thread and its time"
+    )]
+    let start = Instant::now();
+    let nature = Arc::new(Mutex::new(Nature::default()));
+    let simulated_time = d.rig == "sim";
+    let port: Box<dyn Port> = match d.rig {
+        "sim" => {
+            let rig = InProcess::new(robot, &d.options, board_config(robot))?;
+            Box::new(rig.with_script(watched(robot, d.script, Arc::clone(&nature))))
+        }
+        "pty" => Box::new(SerialRig::spawn(&d.options, d.robot_file, robot, start)?),
+        port => Box::new(SerialRig::open(port, robot, start)?),
+    };
+    let mut runner = Runner::new(twin, port, robot);
+    let mut out = Driven {
+        rows: Vec::new(),
+        events: Vec::new(),
+        pace: Pace::default(),
+        frames: [0; 2],
+        finished_s: None,
+        refused: None,
+        safe: None,
+        simulated: false,
+        objects: d.options.objects.clone(),
+        declared_kg: d.declared_kg,
+    };
+    let mut given_s = None;
+    let mut last: Option<PressureCommand> = None;
+    let mut broken = None;
+    let mut first = true;
+    let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
+        let t_s = snapshot.stamp.seconds();
+        if std::mem::take(&mut first) {
+            commands.push(Command::DeclarePayload(d.declared_kg));
+            commands.extend(d.record.clone().map(Command::StartRecording));
+        }
+        let ready = snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES;
+        if ready && given_s.is_none() {
+            given_s = Some(t_s);
+            commands.extend([Command::Arm, Command::Start(d.plan.clone())]);
+        }
+        for event in events {
+            match event {
+                Event::Refused { reason, .. } => out.refused = Some(reason.clone()),
+                Event::Finished { .. } => out.finished_s = given_s.map(|g| t_s - g),
+                _ => {}
+            }
+            out.events.push(event.clone());
+        }
+        if let Mode::Safe(reason) = &snapshot.mode {
+            out.safe.get_or_insert(reason.clone());
+        }
+        out.frames = [snapshot.link.frames, snapshot.link.frames_lost];
+        out.simulated = snapshot.link.simulated;
+        if let Some(command) = &snapshot.command {
+            broken = broken.take().or(over_limits(robot, last.as_ref(), command));
+        }
+        last.clone_from(&snapshot.command);
+        let seen = nature.lock().map(|n| n.clone()).unwrap_or_default();
+        if given_s.is_some() {
+            out.rows.push(row(snapshot, seen.base_from_tip));
+        }
+        broken = broken.take().or(seen.broken);
+        if simulated_time {
+            out.objects = seen.objects;
+        }
+        let over = out
+            .finished_s
+            .is_some_and(|f| given_s.is_some_and(|g| t_s >= g + f + d.after_s));
+        let stopped = out.refused.is_some() || out.safe.is_some() || broken.is_some();
+        let late = t_s > HELLO_S && !snapshot.link.connected && given_s.is_none();
+        if over || stopped || late || t_s >= d.seconds {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    out.pace = if simulated_time {
+        run_in_simulated_time(&mut runner, each)
+    } else {
+        run_in_real_time(&mut runner, start, each)
+    };
+    let end = out.rows.last().map_or(0.0, |r| r.t_s);
+    runner.stop_recording(
+        springtwin::signal::Stamp::from_seconds(end),
+        &mut out.events,
+    );
+    if let Some(what) = broken {
+        anyhow::bail!("a limit was broken: {what}");
+    }
+    anyhow::ensure!(
+        !out.rows.is_empty(),
+        "no data from the boards on {} within {HELLO_S} s: check the cable, the boards' power and the firmware",
+        d.rig
+    );
+    Ok(out)
+}
+
+/// The rig's own script, then a look at the rig.
+fn watched(robot: &RobotSpec, mut script: Option<Script>, nature: Arc<Mutex<Nature>>) -> Script {
+    let limits = robot.pressure.clone();
+    Box::new(move |t_s, rig| {
+        if let Some(script) = &mut script {
+            script(t_s, rig);
+        }
+        let Ok(mut seen) = nature.lock() else { return };
+        seen.base_from_tip = Some(rig.plant.observation().base_from_tip);
+        seen.objects.clear();
+        seen.objects.extend_from_slice(rig.objects());
+        // Codes of the wire are 1 Pa or so wide.
+        let allowed = limits.min_pa - 2.0..=limits.max_pa + 2.0;
+        let set_pa = rig.set_pa();
+        if let Some(i) = set_pa
+            .iter()
+            .position(|p| p.is_some_and(|p| !allowed.contains(&p)))
+        {
+            seen.broken = Some(format!(
+                "the boards drive chamber {} to {set_pa:?} Pa",
+                i + 1
+            ));
+        }
+    })
+}
+
+/// What is wrong with a command after the one before it.
+fn over_limits(
+    robot: &RobotSpec,
+    last: Option<&PressureCommand>,
+    command: &PressureCommand,
+) -> Option<String> {
+    let limits = &robot.pressure;
+    (0..CHAMBERS).find_map(|i| {
+        let pa = command.chamber_pa()[i];
+        if !(limits.min_pa..=limits.max_pa).contains(&pa) {
+            return Some(format!("chamber {} was commanded to {pa} Pa", i + 1));
+        }
+        let last = last?;
+        let dt_s = command.stamp().since(last.stamp());
+        let step_pa = (pa - last.chamber_pa()[i]).abs();
+        (step_pa > limits.rate_pa_s * dt_s + 1e-6).then(|| {
+            format!(
+                "chamber {} was commanded by {step_pa} Pa within {dt_s} s",
+                i + 1
+            )
+        })
+    })
+}
+
+fn row(snapshot: &Snapshot, truth: Option<Pose>) -> Row {
+    let routine = snapshot.routine.as_ref();
+    let frame = snapshot.sensors.as_ref();
+    Row {
+        t_s: snapshot.stamp.seconds(),
+        legs_done: routine.map_or(0, |r| r.legs_done),
+        waypoint: routine.and_then(|r| r.waypoint).map(|(k, _)| k),
+        goal: snapshot.goal.clone(),
+        via_m: routine.and_then(|r| r.via.as_ref()).map(|v| v.position_m),
+        truth: truth.or_else(|| snapshot.truth.as_ref().map(|t| t.base_from_tip)),
+        estimate: snapshot.estimate.as_ref().map(|e| e.base_from_tip),
+        set_pa: snapshot.command.as_ref().map(|c| *c.chamber_pa()),
+        chamber_pa: frame.map_or([f64::NAN; CHAMBERS], |f| f.chamber_pa),
+        sensors: frame.map_or_else(SensorRef::zeros, |f| f.sensors.to_vector()),
+        sensor_ref: snapshot.sensor_ref,
+        solve_s: snapshot.solve_s,
+        steered: matches!(snapshot.mode, Mode::Moving | Mode::AtGoal),
+    }
+}

@@ -1,0 +1,389 @@
+//! A plan under way: which leg, where the tip shall be now, what has happened.
+
+use super::goto::{Arrival, Goto, GotoState};
+use super::path::Path;
+use super::plan::{Follow, GRIP_S, Leg, Plan};
+use crate::signal::{Estimate, Goal, Gripper, Reach, Stamp, Via};
+
+/// Time in which the point on a path reaches its speed, s.
+const RAMP_S: f64 = 1.0;
+
+/// Something that happened in an update.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Happening {
+    /// The tip has settled at a goal.
+    Arrived(Arrival),
+    /// The gripper has been told, and holds so much (kg) from now on.
+    Gripped(Gripper, f64),
+    /// Nothing is left to do; the last goal is kept.
+    Finished,
+}
+
+/// What to steer to.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Target<'a> {
+    /// A goal, with its verdict if there is one.
+    Goal(&'a Goal, Option<&'a Reach>),
+    /// The next waypoint of a path, and the point that moves along it.
+    Along(Goal, Via),
+}
+
+/// A point that moves along a path at an even speed.
+#[derive(Clone, Debug, PartialEq)]
+struct Tracker {
+    /// Distance from the first waypoint to each, the last one being the end of the last lap, m.
+    length_m: Vec<f64>,
+    waypoints_m: Vec<[f64; 3]>,
+    speed_m_s: f64,
+    travelled_m: f64,
+    /// Since it set out.
+    moving_s: f64,
+    now: Option<Stamp>,
+}
+
+impl Tracker {
+    fn new(follow: &Follow) -> Self {
+        let waypoints_m = laps(&follow.path, follow.laps);
+        let mut length_m = Vec::with_capacity(waypoints_m.len());
+        let mut total_m = 0.0;
+        for (k, p) in waypoints_m.iter().enumerate() {
+            total_m += k
+                .checked_sub(1)
+                .map_or(0.0, |before| distance(&waypoints_m[before], p));
+            length_m.push(total_m);
+        }
+        Self {
+            length_m,
+            waypoints_m,
+            speed_m_s: follow.speed_m_s,
+            travelled_m: 0.0,
+            moving_s: 0.0,
+            now: None,
+        }
+    }
+
+    fn advance(&mut self, now: Stamp) {
+        // A pause of the program is not time on the path.
+        let dt_s = self.now.map_or(0.0, |t| now.since(t).clamp(0.0, 0.1));
+        self.now = Some(now);
+        self.travelled_m += self.speed_now_m_s() * dt_s;
+        self.moving_s += dt_s;
+    }
+
+    fn speed_now_m_s(&self) -> f64 {
+        self.speed_m_s * ((self.moving_s + 0.01) / RAMP_S).min(1.0)
+    }
+
+    /// Index of the waypoint it travels to.
+    fn next(&self) -> usize {
+        let passed = self.length_m.partition_point(|l| *l <= self.travelled_m);
+        passed.min(self.length_m.len() - 1)
+    }
+
+    fn has_ended(&self) -> bool {
+        self.length_m.last().is_none_or(|l| self.travelled_m >= *l)
+    }
+
+    fn via(&self) -> Via {
+        let next = self.next();
+        let (b, a) = (
+            self.waypoints_m[next],
+            self.waypoints_m[next.saturating_sub(1)],
+        );
+        let from_m = self.length_m[next.saturating_sub(1)];
+        let span_m = (self.length_m[next] - from_m).max(1e-9);
+        let share = ((self.travelled_m - from_m) / span_m).clamp(0.0, 1.0);
+        let speed = self.speed_now_m_s();
+        Via {
+            position_m: std::array::from_fn(|i| a[i] + share * (b[i] - a[i])),
+            velocity_m_s: std::array::from_fn(|i| speed * (b[i] - a[i]) / span_m),
+        }
+    }
+}
+
+/// The waypoints of all laps, from the first back to the first.
+fn laps(path: &Path, laps: u32) -> Vec<[f64; 3]> {
+    let once = path.waypoints_m.iter();
+    let mut all: Vec<[f64; 3]> = (0..laps.max(1))
+        .flat_map(|_| once.clone())
+        .copied()
+        .collect();
+    all.extend(path.waypoints_m.first());
+    all
+}
+
+fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    (nalgebra::Vector3::from(*a) - nalgebra::Vector3::from(*b)).norm()
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Doing {
+    /// Going to a goal, or keeping it.
+    Going(Goto),
+    /// On a path.
+    Following(Box<Tracker>),
+    /// The gripper moves, and has since then; the arm keeps its last goal.
+    Gripping(Option<Stamp>),
+}
+
+/// A plan under way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Routine {
+    plan: Plan,
+    /// The verdict on the goal of each leg that has one.
+    reaches: Vec<Option<Reach>>,
+    leg: usize,
+    doing: Doing,
+    /// The goal of the present leg, or of the last one that had one.
+    kept: Option<(Goal, Option<Reach>)>,
+}
+
+impl Routine {
+    /// A plan from its first leg on. `reaches` holds, per leg, the verdict on its goal: `None` for legs
+    /// without one (paths, grips).
+    pub fn new(plan: Plan, reaches: Vec<Option<Reach>>, now: Stamp) -> Self {
+        let mut routine = Self {
+            doing: Doing::Gripping(None),
+            plan,
+            reaches,
+            leg: 0,
+            kept: None,
+        };
+        routine.begin(now);
+        routine
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// How many legs are done.
+    pub fn legs_done(&self) -> usize {
+        self.leg
+    }
+
+    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one.
+    pub fn waypoint(&self) -> Option<(usize, usize)> {
+        match &self.doing {
+            Doing::Following(t) => Some((t.next(), t.length_m.len() - 1)),
+            Doing::Going(_) | Doing::Gripping(_) => None,
+        }
+    }
+
+    /// Whether every leg is done and the last goal is kept.
+    pub fn is_at_end(&self) -> bool {
+        let kept = match &self.doing {
+            Doing::Going(goto) => matches!(goto.state(), GotoState::AtGoal),
+            Doing::Following(_) | Doing::Gripping(_) => true,
+        };
+        self.is_over() && kept
+    }
+
+    /// What to steer to now; `None` before the first goal.
+    pub fn target(&self) -> Option<Target<'_>> {
+        if let Doing::Following(t) = &self.doing {
+            let goal = Goal::position(t.waypoints_m[t.next()]);
+            return Some(Target::Along(goal, t.via()));
+        }
+        let (goal, reach) = self.kept.as_ref()?;
+        Some(Target::Goal(goal, reach.as_ref()))
+    }
+
+    /// Takes note of the time and of an estimate; what has happened, in order.
+    pub fn update(&mut self, now: Stamp, estimate: &Estimate) -> Vec<Happening> {
+        let mut happened = Vec::new();
+        let over = self.is_over();
+        match &mut self.doing {
+            Doing::Going(goto) => {
+                if let Some(arrival) = goto.update(estimate) {
+                    happened.push(Happening::Arrived(arrival));
+                    self.proceed(now);
+                }
+            }
+            Doing::Following(tracker) => {
+                tracker.advance(now);
+                if tracker.has_ended() {
+                    // It settles at the end of the path before anything else.
+                    let end = Goal::position(tracker.waypoints_m[tracker.waypoints_m.len() - 1]);
+                    self.doing = Doing::Going(Goto::new(end.clone(), now));
+                    self.kept = Some((end, None));
+                }
+            }
+            Doing::Gripping(since) => {
+                let first = since.is_none();
+                let since = *since.get_or_insert(now);
+                if first
+                    && let Some(Leg::Grip {
+                        gripper,
+                        payload_kg,
+                    }) = self.plan.legs.get(self.leg)
+                {
+                    happened.push(Happening::Gripped(*gripper, *payload_kg));
+                }
+                if now.since(since) >= GRIP_S {
+                    self.proceed(now);
+                }
+            }
+        }
+        if self.is_over() && !over {
+            happened.push(Happening::Finished);
+        }
+        happened
+    }
+
+    fn is_over(&self) -> bool {
+        self.leg >= self.plan.legs.len()
+    }
+
+    /// On to the next leg, if there is one; at the end the last goal is kept.
+    fn proceed(&mut self, now: Stamp) {
+        if !self.is_over() {
+            self.leg += 1;
+            self.begin(now);
+        }
+    }
+
+    fn begin(&mut self, now: Stamp) {
+        match self.plan.legs.get(self.leg) {
+            Some(Leg::Move(goal)) => {
+                let reach = self.reaches.get(self.leg).cloned().flatten();
+                self.doing = Doing::Going(Goto::new(goal.clone(), now));
+                self.kept = Some((goal.clone(), reach));
+            }
+            Some(Leg::Follow(follow)) if follow.path.waypoints_m.is_empty() => self.proceed(now),
+            Some(Leg::Follow(follow)) => {
+                self.doing = Doing::Following(Box::new(Tracker::new(follow)));
+            }
+            Some(Leg::Grip { .. }) => self.doing = Doing::Gripping(None),
+            None => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::path::circle;
+    use super::super::plan::Item;
+    use super::*;
+    use crate::signal::{Matrix6, pose_from_ypr};
+
+    /// Runs a plan with a tip that is always where it shall be; what happened, with times and tip positions.
+    fn run(plan: Plan, seconds: f64) -> (Routine, Vec<(f64, Happening)>, Vec<[f64; 3]>) {
+        let legs = plan.legs.len();
+        let mut routine = Routine::new(plan, vec![None; legs], Stamp::ZERO);
+        let (mut log, mut way) = (Vec::new(), Vec::new());
+        let mut tip_m = [0.0, 0.0, -0.3];
+        for k in 0..(seconds * 100.0) as u32 {
+            let t_s = f64::from(k) * 0.01;
+            let now = Stamp::from_seconds(t_s);
+            match routine.target() {
+                Some(Target::Goal(goal, _)) => tip_m = goal.position_m,
+                Some(Target::Along(_, via)) => {
+                    tip_m = via.position_m;
+                    way.push(tip_m);
+                }
+                None => {}
+            }
+            let estimate = Estimate {
+                stamp: now,
+                base_from_tip: pose_from_ypr(tip_m, [0.0; 3]),
+                covariance: Matrix6::zeros(),
+                training_distance: 1.0,
+            };
+            let happened = routine.update(now, &estimate);
+            log.extend(happened.into_iter().map(|h| (t_s, h)));
+        }
+        (routine, log, way)
+    }
+
+    #[test]
+    fn a_path_is_followed_at_its_speed_and_ends_where_it_began() {
+        let path = circle([0.0, 0.0, -0.3], 0.05, 60);
+        let length_m = 60.0 * 2.0 * 0.05 * (std::f64::consts::PI / 60.0).sin();
+        let plan = Plan::follow(Follow {
+            path: path.clone(),
+            speed_m_s: 5e-3,
+            laps: 1,
+        });
+        let (routine, log, way) = run(plan.expect("has waypoints"), 80.0);
+        assert!(routine.is_at_end() && routine.waypoint().is_none());
+        let on_path_s = way.len() as f64 * 0.01;
+        // Half of the ramp is lost.
+        assert!(
+            (on_path_s - (length_m / 5e-3 + 0.5)).abs() < 0.05,
+            "{on_path_s}"
+        );
+        for pair in way.windows(2) {
+            assert!(distance(&pair[0], &pair[1]) <= 5e-3 * 0.01 + 1e-9);
+        }
+        let end = way[way.len() - 1];
+        assert!(distance(&end, &path.waypoints_m[0]) < 1e-4, "{end:?}");
+        for p in &way {
+            let off_m = ((p[0].hypot(p[1])) - 0.05).abs();
+            assert!(
+                off_m < 0.08e-3,
+                "chords of 6 degrees leave the circle by 0.07 mm: {off_m}"
+            );
+        }
+        let words: Vec<&Happening> = log.iter().map(|(_, h)| h).collect();
+        assert!(
+            matches!(
+                words[..],
+                [
+                    Happening::Arrived(_),
+                    Happening::Arrived(_),
+                    Happening::Finished
+                ]
+            ),
+            "{words:?}"
+        );
+    }
+
+    #[test]
+    fn the_velocity_is_that_of_the_point() {
+        let mut tracker = Tracker::new(&Follow {
+            path: circle([0.0, 0.0, -0.3], 0.05, 60),
+            speed_m_s: 4e-3,
+            laps: 3,
+        });
+        for k in 0..2000 {
+            tracker.advance(Stamp::from_seconds(f64::from(k) * 0.01));
+        }
+        let before = tracker.via();
+        tracker.advance(Stamp::from_seconds(20.0));
+        let after = tracker.via();
+        for i in 0..3 {
+            let rate = (after.position_m[i] - before.position_m[i]) / 0.01;
+            assert!((rate - after.velocity_m_s[i]).abs() < 5e-4, "{rate}");
+        }
+        let speed = nalgebra::Vector3::from(after.velocity_m_s).norm();
+        assert!((speed - 4e-3).abs() < 1e-12);
+        assert_eq!(tracker.length_m.len(), 181);
+    }
+
+    #[test]
+    fn pick_and_place_grips_where_it_should_and_waits() {
+        let item = Item {
+            name: "tomato".to_owned(),
+            grasp_m: [-0.08, 0.0, -0.33],
+            mass_kg: 0.12,
+        };
+        let plan = Plan::pick_and_place(&[item], [0.08, 0.0, -0.31], 0.04);
+        let (routine, log, _) = run(plan, 30.0);
+        assert!(routine.is_at_end());
+        let grips: Vec<(f64, &Happening)> = log
+            .iter()
+            .filter(|(_, h)| matches!(h, Happening::Gripped(..)))
+            .map(|(t, h)| (*t, h))
+            .collect();
+        assert_eq!(grips[0].1, &Happening::Gripped(Gripper::Closed, 0.12));
+        assert_eq!(grips[1].1, &Happening::Gripped(Gripper::Open, 0.0));
+        let next = log
+            .iter()
+            .find(|(t, h)| *t > grips[0].0 && matches!(h, Happening::Arrived(_)))
+            .expect("goes on");
+        assert!(next.0 - grips[0].0 > GRIP_S, "did not wait for the gripper");
+        assert_eq!(log.last().map(|(_, h)| h), Some(&Happening::Finished));
+    }
+}
