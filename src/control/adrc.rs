@@ -22,15 +22,6 @@ pub struct AdrcGains {
     pub observer_ratio: f64,
 }
 
-impl Default for AdrcGains {
-    fn default() -> Self {
-        Self {
-            settle_s: 4.0,
-            observer_ratio: 4.0,
-        }
-    }
-}
-
 impl AdrcGains {
     /// k_p, 1/s.
     pub fn k_p(&self) -> f64 {
@@ -93,10 +84,14 @@ mod tests {
     use super::*;
 
     const DT_S: f64 = 0.02;
+    const GAINS: AdrcGains = AdrcGains {
+        settle_s: 4.0,
+        observer_ratio: 4.0,
+    };
 
     /// An integrator with disturbance from y = 10; returns y and the applied input over time.
     fn simulate(limit: f64, disturbance: f64, seconds: f64) -> Vec<(f64, f64)> {
-        let gains = AdrcGains::default();
+        let gains = GAINS;
         let mut y = Vector6::repeat(10.0);
         let mut adrc = Adrc::new(&y);
         let mut applied = Vector6::zeros();
@@ -114,7 +109,7 @@ mod tests {
 
     #[test]
     fn observer_poles_are_where_they_were_placed() {
-        let g = AdrcGains::default();
+        let g = GAINS;
         let (l1, l2) = g.observer(DT_S);
         let z = (-g.observer_ratio * g.k_p() * DT_S).exp();
         // (I − L C) A has trace 2z and determinant z².
@@ -148,7 +143,7 @@ mod tests {
 
     #[test]
     fn a_new_reference_is_not_taken_for_a_disturbance() {
-        let gains = AdrcGains::default();
+        let gains = GAINS;
         let mut adrc = Adrc::new(&Vector6::zeros());
         adrc.shift(&Vector6::repeat(5.0));
         adrc.observe(&Vector6::repeat(5.0), &Vector6::zeros(), DT_S, &gains);

@@ -14,6 +14,7 @@ use nalgebra::{SMatrix, SVector};
 use super::adrc::AdrcGains;
 use super::ours::Ours;
 use super::paper::Paper;
+use super::reach::StartSample;
 use super::residual::{SignalSigma, goal_residual, within};
 use super::solver::SolverConfig;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
@@ -33,6 +34,16 @@ pub enum ControllerKind {
     Ours,
 }
 
+/// Where the paper's controller starts the first solution for a goal from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum InitialGuess {
+    /// The nearest sample of the training set without a saturated chamber (S11).
+    #[default]
+    Nearest,
+    /// The signals as they are.
+    Present,
+}
+
 /// Tuning of a controller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gains {
@@ -42,6 +53,8 @@ pub struct Gains {
     pub adrc: AdrcGains,
     /// Time between two runs of the sensor-space solver, s.
     pub outer_period_s: f64,
+    /// Where the first solution for a goal starts (the paper's alone).
+    pub guess: InitialGuess,
     /// How far a set pressure may lead the measured one, Pa.
     pub lead_pa: f64,
     /// Pull towards the middle of the pressure range inside the null space, relative to the bandwidth of the loop
@@ -52,14 +65,22 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// The tuning of a controller.
+    /// The tuning of a controller: the best of 48 candidates each, on the same tasks (`springtwin study tuning`).
     pub fn of(kind: ControllerKind) -> Self {
+        let (settle_s, observer_ratio, lead_pa) = match kind {
+            ControllerKind::Paper => (0.7, 4.06, 3900.0),
+            ControllerKind::Ours => (1.44, 3.21, 1370.0),
+        };
         Self {
             kind,
-            adrc: AdrcGains::default(),
-            outer_period_s: 0.2,
-            lead_pa: 2000.0,
-            centring: 1.0,
+            adrc: AdrcGains {
+                settle_s,
+                observer_ratio,
+            },
+            outer_period_s: 0.04,
+            guess: InitialGuess::default(),
+            lead_pa,
+            centring: 0.94,
             solver: SolverConfig {
                 max_iterations: 60,
                 ..SolverConfig::default()
@@ -75,6 +96,8 @@ pub struct Maps<'a> {
     pub pose: &'a dyn PoseMap,
     /// Pressures to signals.
     pub plant: &'a dyn PlantMap,
+    /// Settled samples of the training set.
+    pub samples: &'a [StartSample],
 }
 
 /// What is known at one tick.
@@ -130,7 +153,7 @@ pub(super) struct Tick<'a> {
     /// Where the tip shall be now, on the way to the goal.
     pub via: Option<&'a Via>,
     /// Pressures of the reachability solution.
-    pub guess_pa: Option<&'a [f64; CHAMBERS]>,
+    pub reach_pa: Option<&'a [f64; CHAMBERS]>,
     pub payload_kg: f64,
     pub sensors: SensorRef,
     pub eval: &'a PoseEval,
@@ -201,7 +224,7 @@ struct Progress {
 struct Active {
     goal: Goal,
     via: Option<Via>,
-    guess_pa: Option<[f64; CHAMBERS]>,
+    reach_pa: Option<[f64; CHAMBERS]>,
     inner: Option<Inner>,
     memory: Option<Memory>,
     progress: Option<Progress>,
@@ -265,15 +288,15 @@ impl Controller {
         }
     }
 
-    /// Starts to steer to `goal`. `reach` is the verdict on it and gives the initial guess.
+    /// Starts to steer to `goal`. `reach` is the verdict on it: its pressures are where ours takes what is spare.
     pub fn set_goal(&mut self, goal: Goal, reach: Option<&Reach>) {
-        let guess_pa = reach
+        let reach_pa = reach
             .map(|r| r.chamber_pa)
             .filter(|q| q.iter().all(|v| v.is_finite()));
         self.active = Some(Active {
             goal,
             via: None,
-            guess_pa,
+            reach_pa,
             inner: None,
             memory: None,
             progress: None,
@@ -291,7 +314,7 @@ impl Controller {
                     active.goal = goal;
                     active.inner.iter_mut().for_each(Inner::retarget);
                 }
-                active.guess_pa = None;
+                active.reach_pa = None;
                 active.progress = None;
             }
         }
@@ -460,7 +483,7 @@ impl Controller {
             maps,
             goal: &active.goal,
             via: active.via.as_ref(),
-            guess_pa: active.guess_pa.as_ref(),
+            reach_pa: active.reach_pa.as_ref(),
             payload_kg: input.payload_kg,
             sensors,
             eval,

@@ -19,12 +19,20 @@ struct Loop {
     payload_kg: f64,
     command: Option<PressureCommand>,
     now: Stamp,
+    samples: Vec<StartSample>,
 }
 
 impl Loop {
     fn new() -> Self {
         let robot = RobotSpec::reference();
+        let arm = ToyArm::nominal(&robot);
+        let mut rng = Pcg64::seed_from_u64(17);
+        let mut sample = || {
+            let q = std::array::from_fn(|_| rng.random_range(-40e3..40e3));
+            (q, arm.tip_m(&q))
+        };
         Self {
+            samples: (0..2000).map(|_| sample()).collect(),
             nominal: ToyArm::nominal(&robot),
             real: ToyArm::mismatched(&robot),
             robot,
@@ -61,6 +69,7 @@ impl Loop {
         let maps = Maps {
             pose: &self.nominal,
             plant: &self.nominal,
+            samples: &self.samples,
         };
         let input = StepInput {
             frame: &frame,
@@ -97,6 +106,14 @@ impl Loop {
             self.tick(controller);
         }
         self.tick(controller)
+    }
+}
+
+/// Without an initial guess.
+fn blind(kind: ControllerKind) -> Gains {
+    Gains {
+        guess: InitialGuess::Present,
+        ..Gains::of(kind)
     }
 }
 
@@ -140,7 +157,7 @@ fn ours_reaches_three_targets_with_a_wrong_model_and_load() {
 fn both_reach_without_an_initial_guess() {
     for kind in [ControllerKind::Paper, ControllerKind::Ours] {
         let mut sim = Loop::new();
-        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
+        let mut controller = Controller::new(&sim.robot, blind(kind));
         controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
         let out = sim.run(&mut controller, 40.0);
         assert!(
@@ -164,7 +181,7 @@ fn both_reach_the_edge_of_the_workspace_without_an_initial_guess() {
         ] {
             let mut sim = Loop::new();
             let goal = Goal::position(sim.nominal.tip_m(&q));
-            let mut controller = Controller::new(&sim.robot, Gains::of(kind));
+            let mut controller = Controller::new(&sim.robot, blind(kind));
             controller.set_goal(goal, None);
             let distance_m = sim.run(&mut controller, 60.0).distance_m.unwrap();
             assert!(distance_m <= bound_m, "{kind:?} {q:?}: {distance_m} m");

@@ -28,7 +28,7 @@ mod toy;
 pub use adrc::{Adrc, AdrcGains};
 pub use box_qp::{BoxQp, solve_box_qp};
 pub use controller::{
-    ControlOut, Controller, ControllerKind, Gains, Maps, Stall, StepInput, Stopwatch,
+    ControlOut, Controller, ControllerKind, Gains, InitialGuess, Maps, Stall, StepInput, Stopwatch,
 };
 pub use paper::virtual_output;
 pub use reach::{ReachConfig, ReachError, StartSample, reach};

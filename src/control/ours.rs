@@ -88,7 +88,7 @@ impl Ours {
 fn centring(tick: &Tick, a: &Matrix6, gains: &Gains) -> Vector6 {
     let mid_pa = 0.5 * (tick.limits.min_pa + tick.limits.max_pa);
     let offset = Vector6::from_fn(|i, _| {
-        let target = tick.guess_pa.map_or(mid_pa, |q| q[i]);
+        let target = tick.reach_pa.map_or(mid_pa, |q| q[i]);
         (target - tick.set_pa[i]) / PA_PER_KPA
     });
     null_space(a) * offset * (gains.centring * gains.adrc.k_p())

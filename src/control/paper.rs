@@ -6,15 +6,16 @@
 //! Solving again from the *measured* s each outer period then takes the estimated pose itself to
 //! the goal: load and model errors end up in the set pressures, which integrate.
 //!
-//! First stage, with an initial guess q₀: s_ref is solved for from plant(q₀), on the manifold near
-//! the goal. Second stage: from the measured s.
+//! First stage, with an initial guess q₀ (the nearest training sample that is not saturated): s_ref is solved for
+//! from plant(q₀), on the manifold near the goal. Second stage: from the measured s.
 
 use super::adrc::Adrc;
 use super::box_qp::solve_free;
-use super::controller::{Gains, RateOut, Tick};
+use super::controller::{Gains, InitialGuess, RateOut, Tick};
 use super::solver::solve;
+use crate::learn::SATURATED_RATIO;
 use crate::signal::{CHAMBERS, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, Vector3};
 
 /// ∂s/∂q, per Pa.
 type PlantJacobian = SMatrix<f64, SIGNALS, CHAMBERS>;
@@ -74,9 +75,14 @@ pub(super) struct Paper {
 
 impl Paper {
     pub(super) fn new(tick: &Tick, gains: &Gains) -> Self {
-        match tick.guess_pa {
+        let guess_pa = match gains.guess {
+            // Waypoints are close: the last one's signals are the guess.
+            InitialGuess::Nearest if tick.via.is_none() => nearest_unsaturated(tick),
+            _ => None,
+        };
+        match guess_pa {
             Some(q) => {
-                let near = tick.maps.plant.sensors(q, tick.payload_kg).sensors;
+                let near = tick.maps.plant.sensors(&q, tick.payload_kg).sensors;
                 let solved = solve(&near, tick.goal, tick.maps.pose, &gains.solver);
                 Self {
                     stage: Stage::Approach {
@@ -183,6 +189,21 @@ impl Paper {
         }
         false
     }
+}
+
+/// Pressures of the training sample nearest to the goal, of those without a saturated chamber.
+fn nearest_unsaturated(tick: &Tick) -> Option<[f64; CHAMBERS]> {
+    let limits = tick.limits;
+    let free = |q: &[f64; CHAMBERS]| {
+        let within = SATURATED_RATIO * limits.min_pa..=SATURATED_RATIO * limits.max_pa;
+        q.iter().all(|p| within.contains(p))
+    };
+    let goal_m = Vector3::from(tick.goal.position_m);
+    let off_m = |tip_m: &[f64; 3]| (Vector3::from(*tip_m) - goal_m).norm_squared();
+    let unsaturated = tick.maps.samples.iter().filter(|(q, _)| free(q));
+    unsaturated
+        .min_by(|a, b| off_m(&a.1).total_cmp(&off_m(&b.1)))
+        .map(|(q, _)| *q)
 }
 
 /// The virtual output with the chambers taken out that sit on a bound and want to go beyond it:

@@ -7,6 +7,16 @@ use crate::signal::{Estimate, Goal, Gripper, Reach, Stamp, Via};
 
 /// Time in which the point on a path reaches its speed, s.
 const RAMP_S: f64 = 1.0;
+/// A tip that is this far behind does not slow the point down, m.
+const LAG_FREE_M: f64 = 0.4e-3;
+/// So much further behind, the point stands still, m.
+const LAG_STOP_M: f64 = 3e-3;
+/// The pace falls to nothing in this time when the tip is twice as far behind as is free, and recovers as fast, s.
+const PACE_S: f64 = 4.0;
+/// The pace never falls below this: a tip that is held off its path is not waited for without end.
+const PACE_MIN: f64 = 0.1;
+/// Time constant of the mean of the lag, s: a single estimate is noisier than what is free.
+const LAG_SMOOTHING_S: f64 = 0.2;
 
 /// Something that happened in an update.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +38,8 @@ pub enum Target<'a> {
     Along(Goal, Via),
 }
 
-/// A point that moves along a path at an even speed.
+/// A point that moves along a path at an even speed, and waits for a tip that falls behind: pumps may be too slow
+/// for the speed asked for.
 #[derive(Clone, Debug, PartialEq)]
 struct Tracker {
     /// Distance from the first waypoint to each, the last one being the end of the last lap, m.
@@ -38,6 +49,10 @@ struct Tracker {
     travelled_m: f64,
     /// Since it set out.
     moving_s: f64,
+    /// How far the tip is behind, smoothed, m.
+    lag_m: f64,
+    /// Share of the speed that the tip can keep.
+    pace: f64,
     now: Option<Stamp>,
 }
 
@@ -58,20 +73,33 @@ impl Tracker {
             speed_m_s: follow.speed_m_s,
             travelled_m: 0.0,
             moving_s: 0.0,
+            lag_m: 0.0,
+            pace: 1.0,
             now: None,
         }
     }
 
-    fn advance(&mut self, now: Stamp) {
+    fn advance(&mut self, now: Stamp, tip_m: &[f64; 3]) {
         // A pause of the program is not time on the path.
         let dt_s = self.now.map_or(0.0, |t| now.since(t).clamp(0.0, 0.1));
         self.now = Some(now);
+        let via = self.via();
+        let along = nalgebra::Vector3::from(via.velocity_m_s).try_normalize(0.0);
+        let behind = nalgebra::Vector3::from(via.position_m) - nalgebra::Vector3::from(*tip_m);
+        let lag_m = along.map_or(0.0, |a| a.dot(&behind));
+        if lag_m.is_finite() {
+            self.lag_m += (lag_m - self.lag_m) * (1.0 - (-dt_s / LAG_SMOOTHING_S).exp());
+        }
+        self.pace += (1.0 - self.lag_m / LAG_FREE_M) * dt_s / PACE_S;
+        self.pace = self.pace.clamp(PACE_MIN, 1.0);
         self.travelled_m += self.speed_now_m_s() * dt_s;
         self.moving_s += dt_s;
     }
 
     fn speed_now_m_s(&self) -> f64 {
-        self.speed_m_s * ((self.moving_s + 0.01) / RAMP_S).min(1.0)
+        let ramp = ((self.moving_s + 0.01) / RAMP_S).min(1.0);
+        let wait = 1.0 - ((self.lag_m - LAG_FREE_M) / LAG_STOP_M).clamp(0.0, 1.0 - PACE_MIN);
+        self.speed_m_s * ramp * self.pace * wait
     }
 
     /// Index of the waypoint it travels to.
@@ -202,7 +230,7 @@ impl Routine {
                 }
             }
             Doing::Following(tracker) => {
-                tracker.advance(now);
+                tracker.advance(now, &estimate.base_from_tip.translation.vector.into());
                 if tracker.has_ended() {
                     // It settles at the end of the path before anything else.
                     let end = Goal::position(tracker.waypoints_m[tracker.waypoints_m.len() - 1]);
@@ -341,6 +369,37 @@ mod tests {
     }
 
     #[test]
+    fn the_point_waits_for_a_tip_that_cannot_keep_up() {
+        let mut tracker = Tracker::new(&Follow {
+            path: circle([0.0, 0.0, -0.3], 0.05, 60),
+            speed_m_s: 4e-3,
+            laps: 1,
+        });
+        let mut tip = nalgebra::Vector3::from(tracker.via().position_m);
+        let mut lags = Vec::new();
+        for k in 0..6000 {
+            // This tip makes 2.5 mm/s.
+            let way = nalgebra::Vector3::from(tracker.via().position_m) - tip;
+            tip += way * (25e-6 / way.norm()).min(1.0);
+            tracker.advance(Stamp::from_seconds(f64::from(k) * 0.01), &tip.into());
+            lags.push(way.norm());
+        }
+        let late = &lags[3000..];
+        let mean_m = late.iter().sum::<f64>() / late.len() as f64;
+        assert!(
+            mean_m < 0.6e-3 && lags.iter().all(|l| *l < 4e-3),
+            "{mean_m}"
+        );
+        let passed_m = tracker.travelled_m;
+        assert!((0.12..0.151).contains(&passed_m), "{passed_m} m in 60 s");
+        // Held fast, it is not waited for without end.
+        for k in 6000..12_000 {
+            tracker.advance(Stamp::from_seconds(f64::from(k) * 0.01), &tip.into());
+        }
+        assert!(tracker.travelled_m > passed_m + 1e-3);
+    }
+
+    #[test]
     fn the_velocity_is_that_of_the_point() {
         let mut tracker = Tracker::new(&Follow {
             path: circle([0.0, 0.0, -0.3], 0.05, 60),
@@ -348,10 +407,11 @@ mod tests {
             laps: 3,
         });
         for k in 0..2000 {
-            tracker.advance(Stamp::from_seconds(f64::from(k) * 0.01));
+            let tip_m = tracker.via().position_m;
+            tracker.advance(Stamp::from_seconds(f64::from(k) * 0.01), &tip_m);
         }
         let before = tracker.via();
-        tracker.advance(Stamp::from_seconds(20.0));
+        tracker.advance(Stamp::from_seconds(20.0), &before.position_m);
         let after = tracker.via();
         for i in 0..3 {
             let rate = (after.position_m[i] - before.position_m[i]) / 0.01;

@@ -823,6 +823,7 @@ impl Twin {
                 let maps = ControlMaps {
                     pose: self.maps.pose.as_ref(),
                     plant: self.maps.plant.as_ref(),
+                    samples: &self.maps.seeds,
                 };
                 let out = self.controller.step(
                     maps,

@@ -25,6 +25,7 @@ const COLOURS: [RGBColor; 8] = [
 ];
 
 /// A line with its name.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     pub name: String,
     pub points: Vec<(f64, f64)>,
@@ -35,13 +36,13 @@ pub struct Line {
 }
 
 /// Lines over one pair of axes.
-pub struct Chart<'a> {
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chart {
     pub title: String,
-    pub x: &'a str,
-    pub y: &'a str,
+    pub x: &'static str,
+    pub y: &'static str,
     pub lines: Vec<Line>,
-    /// One millimetre is as long on both axes.
-    pub equal: Aspect,
+    pub aspect: Aspect,
 }
 
 /// How the axes are scaled.
@@ -53,7 +54,7 @@ pub enum Aspect {
     Equal,
 }
 
-impl Chart<'_> {
+impl Chart {
     /// As SVG.
     pub fn svg(&self) -> Result<String> {
         let mut out = String::new();
@@ -77,7 +78,7 @@ impl Chart<'_> {
             return Err("there is nothing to draw".into());
         }
         let (mut x, mut y) = (span(&|p| p.0), span(&|p| p.1));
-        let size = match self.equal {
+        let size = match self.aspect {
             Aspect::Free => (900, 420),
             Aspect::Equal => {
                 // The plot itself is square: both axes get the wider span.
@@ -172,7 +173,7 @@ fn start_s(rows: &[Row]) -> f64 {
 }
 
 /// Seen from below: x and y of the true tip, and of the path.
-fn trajectory(rows: &[Row], path: Option<&Path>, label: &str) -> Chart<'static> {
+fn trajectory(rows: &[Row], path: Option<&Path>, label: &str) -> Chart {
     let xy = |p: [f64; 3]| (p[0] * 1e3, p[1] * 1e3);
     let mut lines = Vec::new();
     if let Some(path) = path {
@@ -189,12 +190,12 @@ fn trajectory(rows: &[Row], path: Option<&Path>, label: &str) -> Chart<'static> 
         x: "x, mm",
         y: "y, mm",
         lines,
-        equal: Aspect::Equal,
+        aspect: Aspect::Equal,
     }
 }
 
 /// Set pressures over time.
-fn pressures(rows: &[Row], label: &str) -> Chart<'static> {
+fn pressures(rows: &[Row], label: &str) -> Chart {
     let start = start_s(rows);
     let chamber = |i: usize| {
         let points = rows.iter().step_by(DRAWN_EVERY);
@@ -206,12 +207,12 @@ fn pressures(rows: &[Row], label: &str) -> Chart<'static> {
         x: "time, s",
         y: "kPa",
         lines: (0..CHAMBERS).map(chamber).collect(),
-        equal: Aspect::Free,
+        aspect: Aspect::Free,
     }
 }
 
 /// The first spring of each pair as measured and as wanted.
-fn springs(rows: &[Row], label: &str) -> Chart<'static> {
+fn springs(rows: &[Row], label: &str) -> Chart {
     let start = start_s(rows);
     let mut lines = Vec::new();
     for (k, i) in (0..SPRINGS).step_by(2).enumerate() {
@@ -228,12 +229,12 @@ fn springs(rows: &[Row], label: &str) -> Chart<'static> {
         x: "time, s",
         y: "mm",
         lines,
-        equal: Aspect::Free,
+        aspect: Aspect::Free,
     }
 }
 
 /// True error at each waypoint.
-fn errors(errors_mm: &[f64], label: &str) -> Chart<'static> {
+fn errors(errors_mm: &[f64], label: &str) -> Chart {
     let points = errors_mm
         .iter()
         .enumerate()
@@ -244,7 +245,7 @@ fn errors(errors_mm: &[f64], label: &str) -> Chart<'static> {
         x: "waypoint",
         y: "mm",
         lines: vec![line("", 0, zero), line("", 2, points.collect())],
-        equal: Aspect::Free,
+        aspect: Aspect::Free,
     }
 }
 

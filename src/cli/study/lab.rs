@@ -31,6 +31,8 @@ pub struct Sizes {
     pub epochs: usize,
     /// Per motion.
     pub seconds: f64,
+    /// Candidates per controller when it is tuned.
+    pub candidates: usize,
 }
 
 /// Motions per condition.

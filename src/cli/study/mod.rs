@@ -6,6 +6,7 @@
 
 mod bound;
 mod cases;
+mod control;
 mod lab;
 mod lstm;
 mod table;
@@ -17,6 +18,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Report;
+use super::drive::commands::Shape;
 use lab::Lab;
 use springtwin::robot::RobotSpec;
 use table::Table;
@@ -47,6 +49,9 @@ pub struct StudyArgs {
     /// Seconds that the rig moves, per condition and seed (three seeds each)
     #[arg(long, value_name = "S", default_value = "60", value_parser = clap::value_parser!(u32).range(5..=3600))]
     seconds: u32,
+    /// Candidates per controller when it is tuned
+    #[arg(long, value_name = "N", default_value = "48", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    candidates: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -77,6 +82,16 @@ enum Name {
     Faults,
     /// Whether stated uncertainties hold, and whether strange signals are noticed
     Coverage,
+    /// Both controllers tuned with the same budget
+    Tuning,
+    /// A circle, by both controllers, over loads and stiffnesses
+    Circle,
+    /// A figure 8, likewise
+    Eight,
+    /// Point to point: near, middle, far
+    Moves,
+    /// The paper's fruit into a basket
+    PickPlace,
 }
 
 impl Name {
@@ -95,6 +110,11 @@ impl Name {
             Self::Shocks => cases::shocks(lab),
             Self::Faults => cases::faults(lab),
             Self::Coverage => cases::coverage(lab),
+            Self::Circle => control::tasks::path(&lab.robot, Shape::Circle),
+            Self::Eight => control::tasks::path(&lab.robot, Shape::Eight),
+            Self::Moves => control::tasks::moves(&lab.robot),
+            Self::PickPlace => control::tasks::pick_place(&lab.robot),
+            Self::Tuning => control::tuning::tuning(&lab.robot, lab.sizes.candidates),
         }
     }
 }
@@ -119,6 +139,7 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
             geometric_samples: a.geometric_samples as usize,
             epochs: a.epochs as usize,
             seconds: f64::from(a.seconds),
+            candidates: a.candidates as usize,
         },
     )?;
     #[expect(

@@ -6,6 +6,8 @@ use anyhow::{Context as _, Result};
 use plotters::prelude::*;
 use serde_json::{Value, json};
 
+use super::super::drive::pictures::Chart;
+
 /// Where a row's figures come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
@@ -35,8 +37,8 @@ pub struct Row {
     pub cells: Vec<Option<f64>>,
 }
 
-/// How a table is drawn: its first column over the rows.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How a table is drawn: its first column over the rows, or a chart of its own.
+#[derive(Clone, Debug, PartialEq)]
 pub enum Drawn {
     /// A bar per row.
     Bars,
@@ -47,6 +49,8 @@ pub enum Drawn {
         /// Whether they are spread by their logarithm.
         logarithmic: bool,
     },
+    /// Lines that the study drew itself.
+    Chart(Box<Chart>),
 }
 
 /// A table of a study.
@@ -133,6 +137,9 @@ impl Table {
     }
 
     fn picture(&self) -> Result<String> {
+        if let Drawn::Chart(chart) = &self.drawn {
+            return chart.svg();
+        }
         let mut out = String::new();
         self.draw(&mut out)
             .map_err(|e| anyhow::anyhow!("cannot draw {}: {e}", self.name))?;
@@ -150,7 +157,8 @@ impl Table {
             Source::Simulated => RGBColor(0x1b, 0x6c, 0xa8),
             Source::Paper => RGBColor(0xc7, 0x7b, 0x0a),
         };
-        match self.drawn {
+        match &self.drawn {
+            Drawn::Chart(_) => {}
             Drawn::Bars => {
                 let height = 90 + 30 * drawn.len() as u32;
                 let root = SVGBackend::with_string(out, (900, height)).into_drawing_area();
@@ -194,7 +202,7 @@ impl Table {
                 }
                 root.present()?;
             }
-            Drawn::Line { x, logarithmic } => {
+            &Drawn::Line { x, logarithmic } => {
                 let points: Vec<(f64, f64, Source)> = drawn
                     .iter()
                     .filter_map(|(r, y)| Some((leading_number(&r.label)?, *y, r.source)))

@@ -1,0 +1,144 @@
+//! The same budget of tuning for both controllers: so many candidates, drawn alike, on the same tasks.
+
+use anyhow::Result;
+
+use super::super::table::{Drawn, Table};
+use super::{KINDS, Measured, Outcome, Task, Trial, mean, run_all};
+use crate::cli::drive::commands::Shape;
+use springtwin::control::{AdrcGains, ControllerKind, Gains};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::Goal;
+
+/// Seed of the rig's noise: no other study uses it.
+const SEED: u64 = 1000;
+/// Payload, kg: neither of those that the tables are made for.
+const PAYLOAD_KG: f64 = 0.06;
+/// Stiffness of the arms, as factors: neither of those either.
+const STIFFNESSES: [f64; 2] = [0.7, 1.4];
+/// What a second until a move has settled weighs against a millimetre on a path.
+const MM_PER_S: f64 = 0.1;
+/// A move that does not settle counts as long as this, s.
+const NEVER_S: f64 = 90.0;
+
+/// The moves: one short, one long, m.
+const MOVES_M: [[f64; 3]; 2] = [[0.02, -0.03, -0.31], [-0.09, 0.05, -0.27]];
+
+/// Numbers in 0..1 that fill the space evenly (R. Kronecker with the generalised golden ratio).
+fn spread(k: usize, dimension: usize) -> f64 {
+    // φ⁵ = φ + 1
+    const PHI: f64 = 1.167_303_978_261_418_7;
+    (0.5 + (k as f64 + 1.0) * PHI.powi(-(dimension as i32 + 1))).fract()
+}
+
+/// Candidate `k`: bandwidths, lead, and what else each has (the period of the paper's outer loop, our pull in the
+/// null space).
+fn candidate(kind: ControllerKind, k: usize) -> Gains {
+    let between = |d: usize, lo: f64, hi: f64| lo * (hi / lo).powf(spread(k, d));
+    let mut gains = Gains {
+        adrc: AdrcGains {
+            settle_s: between(0, 0.6, 8.0),
+            observer_ratio: between(1, 3.0, 10.0),
+        },
+        lead_pa: between(2, 400.0, 4000.0),
+        ..Gains::of(kind)
+    };
+    match kind {
+        ControllerKind::Paper => gains.outer_period_s = between(3, 0.02, 1.0),
+        ControllerKind::Ours => gains.centring = between(3, 0.1, 3.0),
+    }
+    gains
+}
+
+fn cost(outcome: &Outcome) -> f64 {
+    match &outcome.measured {
+        Some(Measured::Path(m)) if outcome.driven.finished_s.is_some() => {
+            m.spread.map_or(f64::INFINITY, |s| s.mean)
+        }
+        Some(Measured::Move(m)) => MM_PER_S * m.settled_s.unwrap_or(NEVER_S),
+        _ => f64::INFINITY,
+    }
+}
+
+/// The table: candidates of both in order of their cost, the best first.
+pub fn tuning(robot: &RobotSpec, budget: usize) -> Result<Table> {
+    let tasks = || {
+        let path = |s| Task::Path(s, 1);
+        let move_to = |m| Task::Goto(Goal::position(m));
+        [
+            (path(Shape::Circle), STIFFNESSES[0]),
+            (path(Shape::Eight), STIFFNESSES[1]),
+            (move_to(MOVES_M[0]), STIFFNESSES[1]),
+            (move_to(MOVES_M[1]), STIFFNESSES[0]),
+        ]
+        .into_iter()
+    };
+    let mut t = Table {
+        name: "tuning",
+        title: "Tuning of both controllers",
+        notes: vec![format!(
+            "{budget} candidates of each, spread evenly over the same ranges, on a circle, an 8 and two moves with \
+             {:.0} g, on an arm of {} and one of {} of the stiffness that the twin knows (a load, a seed and arms that \
+             no table uses). Cost: mean true error at the waypoints in mm, and {MM_PER_S} \
+             per second until a move has settled within 1 mm for good; mean over the four tasks. The best five of each, \
+             and the gains that ship.",
+            PAYLOAD_KG * 1e3,
+            STIFFNESSES[0],
+            STIFFNESSES[1],
+        )],
+        columns: vec![
+            "cost",
+            "settling time, s",
+            "observer ratio",
+            "lead, kPa",
+            "outer period, s",
+            "centring",
+        ],
+        rows: Vec::new(),
+        drawn: Drawn::Bars,
+    };
+    for (kind, name) in KINDS {
+        let shipped = std::iter::once(Gains::of(kind));
+        let all: Vec<Gains> = shipped
+            .chain((0..budget).map(|k| candidate(kind, k)))
+            .collect();
+        let trials = all.iter().flat_map(|gains| {
+            tasks().map(|(task, stiffness)| Trial {
+                stiffness,
+                payload_kg: PAYLOAD_KG,
+                declared_kg: PAYLOAD_KG,
+                ..Trial::new(gains.clone(), task, SEED)
+            })
+        });
+        let costs = run_all(robot, trials.collect(), |o| cost(&o))?;
+        let per = tasks().count();
+        let costs: Vec<f64> = costs
+            .chunks(per)
+            .map(|c| mean(c.iter().copied()).unwrap_or(f64::INFINITY))
+            .collect();
+        let mut order: Vec<usize> = (1..all.len()).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        for (rank, k) in std::iter::once(0)
+            .chain(order.into_iter().take(5))
+            .enumerate()
+        {
+            let g = &all[k];
+            let label = match rank {
+                0 => format!("{name}, as shipped"),
+                _ => format!("{name}, candidate {k}"),
+            };
+            let paper = kind == ControllerKind::Paper;
+            t.ours(
+                label,
+                vec![
+                    Some(costs[k]),
+                    Some(g.adrc.settle_s),
+                    Some(g.adrc.observer_ratio),
+                    Some(g.lead_pa * 1e-3),
+                    paper.then_some(g.outer_period_s),
+                    (!paper).then_some(g.centring),
+                ],
+            );
+        }
+    }
+    Ok(t)
+}
