@@ -11,6 +11,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::adapt::{Adaptation, PlantGain, SEGMENTS, adapted};
 use super::adrc::AdrcGains;
 use super::ours::Ours;
 use super::paper::Paper;
@@ -55,6 +56,8 @@ pub struct Gains {
     pub outer_period_s: f64,
     /// Where the first solution for a goal starts (the paper's alone).
     pub guess: InitialGuess,
+    /// Whether the stiffness of the arm is learned (ours alone).
+    pub adaptation: Adaptation,
     /// How far a set pressure may lead the measured one, Pa.
     pub lead_pa: f64,
     /// Pull towards the middle of the pressure range inside the null space, relative to the bandwidth of the loop
@@ -79,6 +82,10 @@ impl Gains {
             },
             outer_period_s: 0.04,
             guess: InitialGuess::default(),
+            adaptation: match kind {
+                ControllerKind::Paper => Adaptation::Off,
+                ControllerKind::Ours => Adaptation::Gated,
+            },
             lead_pa,
             centring: 0.94,
             solver: SolverConfig {
@@ -238,6 +245,7 @@ pub struct Controller {
     tip_speed_max_m_s: f64,
     gains: Gains,
     active: Option<Active>,
+    plant_gain: PlantGain,
     stopwatch: Option<Stopwatch>,
 }
 
@@ -267,6 +275,7 @@ impl Controller {
             limits: robot.pressure.clone(),
             pump_rate_pa_s,
             tip_speed_max_m_s: robot.tip_speed_max_m_s,
+            plant_gain: PlantGain::new(gains.adaptation),
             gains,
             active: None,
             stopwatch: None,
@@ -280,6 +289,7 @@ impl Controller {
 
     /// Steers by these gains from now on; the other controller starts without a bump.
     pub fn choose(&mut self, gains: Gains) {
+        self.plant_gain = PlantGain::new(gains.adaptation);
         self.gains = gains;
         if let Some(active) = &mut self.active {
             active.inner = None;
@@ -333,6 +343,11 @@ impl Controller {
         self.active.as_ref().map(|a| &a.goal)
     }
 
+    /// How much more the segments give way to pressure than the plant map has it, as learned so far.
+    pub fn plant_gains(&self) -> [f64; SEGMENTS] {
+        self.plant_gain.gains()
+    }
+
     /// The tuning in use.
     pub fn gains(&self) -> &Gains {
         &self.gains
@@ -375,7 +390,7 @@ impl Controller {
 
     /// `None` when something is not finite.
     fn steer(
-        &self,
+        &mut self,
         active: &mut Active,
         maps: Maps,
         input: &StepInput,
@@ -443,7 +458,7 @@ impl Controller {
     /// Runs the controller on a new frame and leaves the rates in the memory; `false` when
     /// something is not finite.
     fn compute(
-        &self,
+        &mut self,
         active: &mut Active,
         maps: Maps,
         input: &StepInput,
@@ -458,7 +473,10 @@ impl Controller {
         if !finite {
             return false;
         }
-        let plant = maps.plant.sensors(&pressures.chamber_pa, input.payload_kg);
+        let (kg, limits) = (input.payload_kg, &self.limits);
+        self.plant_gain.learn(input.frame, kg, maps.plant, limits);
+        let gains = self.plant_gain.gains();
+        let plant = adapted(maps.plant, gains, limits, &pressures.chamber_pa, kg);
         if !plant.jacobian.iter().all(|v| v.is_finite()) {
             return false;
         }

@@ -14,6 +14,7 @@
 //! | W | diag(1/σ) of the signals | 1/m, 1/rad |
 //! | r | task residual, weighted so that 1 = 1 mm = 1° | mm, ° |
 
+mod adapt;
 mod adrc;
 mod box_qp;
 mod controller;
@@ -25,6 +26,7 @@ mod solver;
 #[cfg(test)]
 mod toy;
 
+pub use adapt::{Adaptation, SEGMENTS};
 pub use adrc::{Adrc, AdrcGains};
 pub use box_qp::{BoxQp, solve_box_qp};
 pub use controller::{

@@ -7,6 +7,7 @@
 
 use nalgebra::SVector;
 
+use super::adapt::SEGMENTS;
 use super::box_qp::solve_free;
 use super::residual::{TaskWeights, goal_residual, null_space, task_jacobian};
 use crate::learn::{PlantMap, PoseMap};
@@ -25,6 +26,8 @@ pub struct ReachConfig {
     pub margin_ratio: f64,
     /// Training distance beyond which there is no verdict.
     pub training_distance_max: f64,
+    /// How much more each segment of this arm gives way to pressure than the plant map has it.
+    pub plant_gains: [f64; SEGMENTS],
     /// How many nearest samples are tried.
     pub starts: usize,
     /// Most steps from each start.
@@ -39,6 +42,7 @@ impl Default for ReachConfig {
             tolerance_m: 2e-3,
             margin_ratio: 0.05,
             training_distance_max: 3.0,
+            plant_gains: [1.0; SEGMENTS],
             starts: 3,
             max_iterations: 15,
             weights: TaskWeights::default(),
@@ -74,8 +78,9 @@ struct Problem<'a> {
     pose_map: &'a dyn PoseMap,
     plant: &'a dyn PlantMap,
     payload_kg: f64,
-    mid_pa: f64,
-    half_pa: f64,
+    /// Pressures of the map's own arm: those of this arm times its gains.
+    mid_pa: Vector6,
+    half_pa: Vector6,
     config: &'a ReachConfig,
 }
 
@@ -107,7 +112,7 @@ impl Point {
 
 impl Problem<'_> {
     fn pressures(&self, x: &Vector6) -> [f64; CHAMBERS] {
-        std::array::from_fn(|i| self.mid_pa + self.half_pa * x[i])
+        std::array::from_fn(|i| self.mid_pa[i] + self.half_pa[i] * x[i])
     }
 
     /// `None` when the maps do not give finite values there.
@@ -115,7 +120,10 @@ impl Problem<'_> {
         let plant = self.plant.sensors(&self.pressures(x), self.payload_kg);
         let eval = self.pose_map.pose(&plant.sensors);
         let residual = goal_residual(&eval.pose, self.goal, &self.config.weights);
-        let after_x = eval.jacobian * plant.jacobian * self.half_pa;
+        let mut after_x = eval.jacobian * plant.jacobian;
+        for (mut column, half_pa) in after_x.column_iter_mut().zip(&self.half_pa) {
+            column *= *half_pa;
+        }
         let jacobian = task_jacobian(&after_x, &eval.pose, self.goal, &self.config.weights);
         let finite = residual
             .iter()
@@ -194,7 +202,7 @@ fn nearest_starts(problem: &Problem, samples: &[StartSample]) -> Vec<Vector6> {
     let limit = 1.0 - problem.config.margin_ratio;
     let mut nearest: Vec<(f64, Vector6)> = Vec::with_capacity(problem.config.starts + 1);
     for (chamber_pa, tip_m) in samples {
-        let x = Vector6::from_fn(|i, _| (chamber_pa[i] - problem.mid_pa) / problem.half_pa);
+        let x = Vector6::from_fn(|i, _| (chamber_pa[i] - problem.mid_pa[i]) / problem.half_pa[i]);
         let mut distance_m = (SVector::<f64, 3>::from(*tip_m) - goal_m).norm();
         if !(distance_m.is_finite() && x.iter().all(|v| v.is_finite())) {
             continue;
@@ -231,13 +239,20 @@ pub fn reach(
 ) -> Result<Reach, ReachError> {
     check(goal, payload_kg)?;
     let limits = &robot.pressure;
+    // An arm that gives way more is like the map's own at higher pressures, of which the map knows those
+    // within the robot's range.
+    let gain = |i: usize| config.plant_gains[i * SEGMENTS / CHAMBERS].min(1.0);
+    let (mid_pa, half_pa) = (
+        0.5 * (limits.min_pa + limits.max_pa),
+        0.5 * (limits.max_pa - limits.min_pa),
+    );
     let problem = Problem {
         goal,
         pose_map,
         plant,
         payload_kg,
-        mid_pa: 0.5 * (limits.min_pa + limits.max_pa),
-        half_pa: 0.5 * (limits.max_pa - limits.min_pa),
+        mid_pa: Vector6::from_fn(|i, _| mid_pa * gain(i)),
+        half_pa: Vector6::from_fn(|i, _| half_pa * gain(i)),
         config,
     };
     let mut starts = nearest_starts(&problem, samples);
@@ -289,23 +304,30 @@ fn verdict(problem: &Problem, best: &Point) -> Reach {
     let bound = config.weights.per_m * config.tolerance_m.max(problem.goal.tolerance_m);
     let residual = best.residual.norm();
     let edge = 1.0 - config.margin_ratio;
-    let chamber_pa = problem.pressures(&best.x);
+    let gain = |i: usize| config.plant_gains[i * SEGMENTS / CHAMBERS];
+    let alike_pa = problem.pressures(&best.x);
+    let chamber_pa = std::array::from_fn(|i| alike_pa[i] / gain(i));
+    // To first order, releasing chamber i lowers the cost by |∂(½|r|²)/∂x_i| per unit of x.
+    let gradient = best.gradient();
+    let blocking = (0..CHAMBERS)
+        .filter(|&i| best.blocked(i, &gradient))
+        .max_by(|&a, &b| gradient[a].abs().total_cmp(&gradient[b].abs()));
     let state = if best.training_distance > config.training_distance_max {
         ReachState::OutsideData
     } else if residual > bound {
-        ReachState::Unreachable
+        // At a bound of what the map knows, a softer arm has pressure to spare: nobody can tell.
+        match blocking.is_some_and(|i| gain(i) > 1.0 + 2.0 * config.margin_ratio) {
+            true => ReachState::OutsideData,
+            false => ReachState::Unreachable,
+        }
     } else if residual > POSITIVE || best.x.amax() > edge {
         ReachState::Marginal
     } else {
         ReachState::Reachable
     };
-    // To first order, releasing chamber i lowers the cost by |∂(½|r|²)/∂x_i| per unit of x.
-    let gradient = best.gradient();
     let in_the_way = match state {
         ReachState::Reachable => None,
-        _ if residual > POSITIVE => (0..CHAMBERS)
-            .filter(|&i| best.blocked(i, &gradient))
-            .max_by(|&a, &b| gradient[a].abs().total_cmp(&gradient[b].abs())),
+        _ if residual > POSITIVE => blocking,
         _ => (0..CHAMBERS)
             .filter(|&i| best.x[i].abs() > edge)
             .max_by(|&a, &b| best.x[a].abs().total_cmp(&best.x[b].abs())),
@@ -387,8 +409,8 @@ mod tests {
             pose_map: &arm,
             plant: &arm,
             payload_kg: 0.0,
-            mid_pa: 0.0,
-            half_pa: 40e3,
+            mid_pa: Vector6::zeros(),
+            half_pa: Vector6::repeat(40e3),
             config: &config,
         };
         let start = Vector6::new(0.8, -0.8, 0.1, -0.9, 0.7, 0.4);

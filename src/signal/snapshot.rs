@@ -170,6 +170,9 @@ pub struct Snapshot {
     pub preview: Option<(Goal, Reach)>,
     /// The sensor signals the inner loop steers to, if it does.
     pub sensor_ref: Option<SensorRef>,
+    /// How much more the segments give way to pressure than the plant map has it, as learned by the controller.
+    /// Not kept in recordings.
+    pub plant_gains: Option<[f64; 2]>,
     /// How long the controller took, s, if it solved in this tick and is timed. Not kept in recordings.
     pub solve_s: Option<f64>,
     /// Newest command.

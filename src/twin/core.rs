@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
-    Controller, Gains, Maps as ControlMaps, ReachConfig, StartSample, StepInput, Stopwatch, reach,
+    Controller, Gains, Maps as ControlMaps, ReachConfig, SEGMENTS, StartSample, StepInput,
+    Stopwatch, reach,
 };
 use crate::learn::{PlantMap, PoseEval, PoseMap, estimate};
 use crate::link::fault_words;
@@ -271,6 +272,7 @@ impl Twin {
             preview: self.preview.clone(),
             sensor_ref: self.sensor_ref,
             solve_s: self.solve_s,
+            plant_gains: Some(self.controller.plant_gains()),
             command: self.command.clone(),
             shape: self.shape.clone(),
             simulator: self.simulator,
@@ -656,6 +658,11 @@ impl Twin {
 
     /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
     fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
+        let gains = self.controller.plant_gains();
+        let config = ReachConfig {
+            plant_gains: gains,
+            ..ReachConfig::default()
+        };
         let ask = |seeds: &[StartSample]| {
             reach(
                 goal,
@@ -664,12 +671,14 @@ impl Twin {
                 self.maps.plant.as_ref(),
                 self.carried_kg(held_kg),
                 seeds,
-                &ReachConfig::default(),
+                &config,
             )
             .map_err(|e| e.to_string())
         };
         if let Some(near) = near {
-            let found = ask(&[(near.chamber_pa, near.nearest_m)])?;
+            let alike_pa =
+                std::array::from_fn(|i| near.chamber_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
+            let found = ask(&[(alike_pa, near.nearest_m)])?;
             if found.state == ReachState::Reachable {
                 return Ok(found);
             }
