@@ -258,6 +258,9 @@ pub struct FollowArgs {
     /// How many times round
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     laps: u32,
+    /// Share of the mean error at each waypoint that the next lap is corrected by
+    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = args::not_negative)]
+    learning: f64,
     #[command(flatten)]
     common: Common,
 }
@@ -280,6 +283,7 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
         path: path.clone(),
         speed_m_s,
         laps: a.laps,
+        learning: a.learning,
     })
     .context("a path needs waypoints")?;
     let seconds = longest_s(&path, speed_m_s, a.laps);
@@ -324,8 +328,9 @@ fn follow_report(path: &Path, driven: &Driven, m: &PathMeasures) -> Result<Repor
         driven.pace.missed,
         solve_text(solve),
     );
+    let laps = m.at_waypoints_mm.chunks(path.waypoints_m.len());
     let json = json!({
-        "path": path.name, "waypoints": m.at_waypoints_mm.len(),
+        "path": path.name, "laps_mm": laps.map(|l| ErrorStats::of(l.to_vec())).collect::<Vec<_>>(), "waypoints": m.at_waypoints_mm.len(),
         "mean_mm": s.mean, "rmse_mm": s.rmse, "p95_mm": s.p95, "max_mm": s.max,
         "off_path_mm": m.off_path, "tip_error_mm": predicted_mm(driven),
         "steps": m.steps, "saturated_ratio": m.saturated_ratio, "solve_micros": solve_json(solve),
@@ -549,6 +554,7 @@ mod tests {
                 path,
                 speed_m_s: 3e-3,
                 laps: 1,
+                learning: 0.0,
             };
             Plan::follow(follow).expect("has waypoints")
         });
