@@ -31,8 +31,6 @@ pub struct Follow {
     pub speed_m_s: f64,
     /// How many times round.
     pub laps: u32,
-    /// Share of the mean error at each waypoint that the next lap is corrected by (iterative learning); 0: none.
-    pub learning: f64,
 }
 
 /// Something to pick up.
@@ -171,7 +169,6 @@ mod tests {
             path: circle([0.0, 0.0, -0.3], 0.05, 60),
             speed_m_s: 3e-3,
             laps: 2,
-            learning: 0.0,
         };
         let plan = Plan::follow(follow).expect("has waypoints");
         let stops = plan.stops(0.1);

@@ -53,11 +53,6 @@ struct Tracker {
     lag_m: f64,
     /// Share of the speed that the tip can keep.
     pace: f64,
-    learning: f64,
-    /// Per waypoint of a lap: by how much the point is led beside the path, m.
-    correction_m: Vec<[f64; 3]>,
-    /// Sum and number of the errors on the way to the present waypoint.
-    errors: ([f64; 3], u32),
     now: Option<Stamp>,
 }
 
@@ -80,9 +75,6 @@ impl Tracker {
             moving_s: 0.0,
             lag_m: 0.0,
             pace: 1.0,
-            learning: follow.learning,
-            correction_m: vec![[0.0; 3]; follow.path.waypoints_m.len()],
-            errors: ([0.0; 3], 0),
             now: None,
         }
     }
@@ -91,12 +83,7 @@ impl Tracker {
         // A pause of the program is not time on the path.
         let dt_s = self.now.map_or(0.0, |t| now.since(t).clamp(0.0, 0.1));
         self.now = Some(now);
-        let via = self.on_path();
-        let before = self.next();
-        for i in 0..3 {
-            self.errors.0[i] += tip_m[i] - via.position_m[i];
-        }
-        self.errors.1 += 1;
+        let via = self.via();
         let along = nalgebra::Vector3::from(via.velocity_m_s).try_normalize(0.0);
         let behind = nalgebra::Vector3::from(via.position_m) - nalgebra::Vector3::from(*tip_m);
         let lag_m = along.map_or(0.0, |a| a.dot(&behind));
@@ -107,17 +94,6 @@ impl Tracker {
         self.pace = self.pace.clamp(PACE_MIN, 1.0);
         self.travelled_m += self.speed_now_m_s() * dt_s;
         self.moving_s += dt_s;
-        if self.next() != before {
-            let n = self.correction_m.len();
-            let (sum, count) = std::mem::take(&mut self.errors);
-            // Half of the errors lie on the way to this waypoint, half of the last ones did.
-            for (k, share) in [(before % n, 0.5), ((before + n - 1) % n, 0.5)] {
-                for i in 0..3 {
-                    self.correction_m[k][i] -=
-                        self.learning * share * sum[i] / f64::from(count.max(1));
-                }
-            }
-        }
     }
 
     fn speed_now_m_s(&self) -> f64 {
@@ -136,27 +112,7 @@ impl Tracker {
         self.length_m.last().is_none_or(|l| self.travelled_m >= *l)
     }
 
-    /// The point that the tip is led to: the one on the path, corrected by what the last laps taught.
     fn via(&self) -> Via {
-        let on_path = self.on_path();
-        let next = self.next();
-        let n = self.correction_m.len();
-        let from_m = self.length_m[next.saturating_sub(1)];
-        let span_m = (self.length_m[next] - from_m).max(1e-9);
-        let share = ((self.travelled_m - from_m) / span_m).clamp(0.0, 1.0);
-        let (b, a) = (
-            self.correction_m[next % n],
-            self.correction_m[(next + n - 1) % n],
-        );
-        Via {
-            position_m: std::array::from_fn(|i| {
-                on_path.position_m[i] + a[i] + share * (b[i] - a[i])
-            }),
-            ..on_path
-        }
-    }
-
-    fn on_path(&self) -> Via {
         let next = self.next();
         let (b, a) = (
             self.waypoints_m[next],
@@ -377,7 +333,6 @@ mod tests {
             path: path.clone(),
             speed_m_s: 5e-3,
             laps: 1,
-            learning: 0.0,
         });
         let (routine, log, way) = run(plan.expect("has waypoints"), 80.0);
         assert!(routine.is_at_end() && routine.waypoint().is_none());
@@ -419,7 +374,6 @@ mod tests {
             path: circle([0.0, 0.0, -0.3], 0.05, 60),
             speed_m_s: 4e-3,
             laps: 1,
-            learning: 0.0,
         });
         let mut tip = nalgebra::Vector3::from(tracker.via().position_m);
         let mut lags = Vec::new();
@@ -451,7 +405,6 @@ mod tests {
             path: circle([0.0, 0.0, -0.3], 0.05, 60),
             speed_m_s: 4e-3,
             laps: 3,
-            learning: 0.0,
         });
         for k in 0..2000 {
             let tip_m = tracker.via().position_m;

@@ -258,9 +258,6 @@ pub struct FollowArgs {
     /// How many times round
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     laps: u32,
-    /// Share of the mean error at each waypoint that the next lap is corrected by
-    #[arg(long, value_name = "SHARE", default_value = "0", value_parser = args::not_negative)]
-    learning: f64,
     #[command(flatten)]
     common: Common,
 }
@@ -283,7 +280,6 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
         path: path.clone(),
         speed_m_s,
         laps: a.laps,
-        learning: a.learning,
     })
     .context("a path needs waypoints")?;
     let seconds = longest_s(&path, speed_m_s, a.laps);
@@ -554,7 +550,6 @@ mod tests {
                 path,
                 speed_m_s: 3e-3,
                 laps: 1,
-                learning: 0.0,
             };
             Plan::follow(follow).expect("has waypoints")
         });

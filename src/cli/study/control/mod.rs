@@ -120,7 +120,6 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
                 path,
                 speed_m_s: SPEED_M_S,
                 laps: *laps,
-                learning: 0.0,
             };
             let plan = Plan::follow(follow).unwrap_or_else(|| Plan::goto(Goal::position([0.0; 3])));
             (plan, seconds)
