@@ -261,6 +261,8 @@ const PROGRESS_M: f64 = 0.2e-3;
 const STALL_S: f64 = 1.1;
 /// Time constant of the distance that progress is judged by, s.
 const SMOOTHING_S: f64 = 0.2;
+/// In this time a pump makes up for most of a chamber's lag, s.
+const PUMP_LAG_S: f64 = 0.3;
 /// A set pressure this close to its bound is saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
 
@@ -312,6 +314,13 @@ impl Controller {
             progress: None,
             steps: 0,
         });
+    }
+
+    /// A new verdict on the present goal.
+    pub fn inform(&mut self, reach: &Reach) {
+        if let Some(active) = &mut self.active {
+            active.reach_pa = Some(reach.chamber_pa).filter(|q| q.iter().all(|v| v.is_finite()));
+        }
     }
 
     /// Moves on to `goal`, the next waypoint of a path, by way of the point `via`. What the observers know
@@ -538,7 +547,7 @@ impl Controller {
         if !finite {
             return false;
         }
-        out.rate_pa_s = limit_tip_speed(out.rate_pa_s, &tick);
+        out.rate_pa_s = limit_tip_speed(out.rate_pa_s, &tick, pressures);
         active.memory = Some(Memory {
             frame_stamp: input.frame.stamp,
             chamber_pa: pressures.chamber_pa,
@@ -644,18 +653,30 @@ fn signal_weights(frame: &SensorFrame, sigma: &SignalSigma) -> SensorRef {
     })
 }
 
-/// Slows all chambers by one factor so that the tip keeps to its speed limit.
-fn limit_tip_speed(rate_pa_s: Vector6, tick: &Tick) -> Vector6 {
+/// Slows all chambers by one factor so that the tip keeps to its speed limit, now and when chambers that lag have
+/// caught up.
+fn limit_tip_speed(rate_pa_s: Vector6, tick: &Tick, pressures: &Pressures) -> Vector6 {
     let tip_from_signals: SMatrix<f64, 3, SIGNALS> =
         tick.eval.jacobian.fixed_rows::<3>(0).into_owned();
+    let tip_from_pa = tip_from_signals * tick.plant.jacobian;
     // v = ∂x/∂s B₀ u
-    let tip_m_s: SVector<f64, 3> = tip_from_signals * (tick.plant.jacobian * rate_pa_s);
-    let excess = tip_m_s.norm() / tick.tip_speed_max_m_s;
-    if excess > 1.0 {
-        rate_pa_s / excess
-    } else {
-        rate_pa_s
+    let tip_m_s: SVector<f64, 3> = tip_from_pa * rate_pa_s;
+    let excess = (tip_m_s.norm() / tick.tip_speed_max_m_s).max(1.0);
+    let rate_pa_s = rate_pa_s / excess;
+    // A chamber makes up for its lead over the pump's time constant: v = ∂x/∂s B₀ (q_set − q) / τ
+    let ahead = Vector6::from_fn(|i, _| {
+        pressures.set_pa[i] + rate_pa_s[i] * pressures.dt_s - pressures.chamber_pa[i]
+    });
+    let coming_m_s: SVector<f64, 3> = tip_from_pa * ahead / PUMP_LAG_S;
+    let excess = coming_m_s.norm() / tick.tip_speed_max_m_s;
+    if excess <= 1.0 {
+        return rate_pa_s;
     }
+    Vector6::from_fn(|i, _| {
+        let next_pa = pressures.chamber_pa[i] + ahead[i] / excess;
+        let rate = (next_pa - pressures.set_pa[i]) / pressures.dt_s.max(1e-4);
+        rate.clamp(tick.lo_pa_s[i], tick.hi_pa_s[i])
+    })
 }
 
 #[cfg(test)]

@@ -461,7 +461,7 @@ fn a_pump_that_does_not_deliver_winds_nothing_up() {
         // One tick of the pump is in the measure.
         let lead_pa = controller.gains().lead_pa;
         assert!(
-            longest_pa <= lead_pa + 1.0 && longest_pa > 0.5 * lead_pa,
+            longest_pa <= lead_pa + 1.0 && longest_pa > 100.0,
             "{longest_pa}"
         );
     }

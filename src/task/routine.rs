@@ -186,6 +186,17 @@ impl Routine {
         &self.plan
     }
 
+    /// A new verdict on the goal of a leg that is not done; legs without one (paths, grips) stay without.
+    pub fn judge(&mut self, leg: usize, reach: Reach) {
+        let is_move = matches!(self.plan.legs.get(leg), Some(Leg::Move(_)));
+        if let (true, Some(slot)) = (is_move, self.reaches.get_mut(leg)) {
+            if let (true, Some((_, kept))) = (leg == self.leg, &mut self.kept) {
+                *kept = Some(reach.clone());
+            }
+            *slot = Some(reach);
+        }
+    }
+
     /// How many legs are done.
     pub fn legs_done(&self) -> usize {
         self.leg

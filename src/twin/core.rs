@@ -1,41 +1,34 @@
 //! The twin without I/O: one tick from a raw frame to a pressure command.
 
+mod orders;
+mod watch;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
-    Controller, Gains, Maps as ControlMaps, ReachConfig, SEGMENTS, StartSample, StepInput,
-    Stopwatch, reach,
+    Controller, Gains, Maps as ControlMaps, SEGMENTS, StartSample, StepInput, Stopwatch,
 };
 use crate::learn::{PlantMap, PoseEval, PoseMap, estimate};
-use crate::link::fault_words;
-use crate::link::wire::fault;
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
-    Alarm, ArmShape, CHAMBERS, ChannelHealth, Estimate, Goal, Gripper, GroundTruth, LinkStatus,
-    MeshShape, Mode, PressureCommand, RawFrame, Reach, ReachState, RoutineStatus, SensorFrame,
-    SensorRef, Severity, Simulator, Snapshot, Stamp,
+    Alarm, ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, LinkStatus, MeshShape, Mode,
+    PressureCommand, RawFrame, Reach, RoutineStatus, SensorFrame, SensorRef, Simulator, Snapshot,
+    Stamp,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
-use crate::task::{Happening, Plan, Routine, Stop, Target, allowed};
+use crate::task::{Happening, Routine, Target};
 
 /// A frame older than this is worth a warning, s.
 pub const STALE_WARN_S: f64 = 0.030;
 /// A frame older than this puts the twin into SAFE, s.
 pub const STALE_SAFE_S: f64 = 0.100;
-/// More than this share of the last second's frames lost puts the twin into SAFE.
-const LOSS_SAFE: f64 = 0.1;
-/// Frames within that second below which a share says little.
-const LOSS_MIN_FRAMES: u64 = 50;
 /// So many springs must be usable for motion.
 const SPRINGS_NEEDED: usize = 9;
 /// After so many frames in a row with signals that nothing tells, the twin does not move.
 const BLIND_FRAMES: u32 = 10;
-/// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
-const CHECKS_PER_TICK: usize = 4;
-const NOTHING_TO_RESUME: &str = "There is nothing to resume: pick a target first.";
 const BLIND: &str = "too few sensors left to tell where the arm is";
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
@@ -68,13 +61,6 @@ enum Phase {
     Safe(String),
 }
 
-/// A plan whose stops are looked at, a few in every tick, before it may begin.
-struct Check {
-    plan: Plan,
-    stops: Vec<Stop>,
-    reaches: Vec<Reach>,
-}
-
 /// The digital twin. Owns no port, no file, no clock.
 pub struct Twin {
     robot: RobotSpec,
@@ -100,9 +86,11 @@ pub struct Twin {
     eval: Option<PoseEval>,
     truth: Option<GroundTruth>,
     preview: Option<(Goal, Reach)>,
-    check: Option<Check>,
+    check: Option<orders::Check>,
     /// What Resume goes on with.
     paused: Option<Box<Routine>>,
+    /// Gains of the plant that the verdicts on the routine under way were given for.
+    judged_gains: [f64; SEGMENTS],
     sensor_ref: Option<SensorRef>,
     solve_s: Option<f64>,
     command: Option<PressureCommand>,
@@ -147,6 +135,7 @@ impl Twin {
             preview: None,
             check: None,
             paused: None,
+            judged_gains: [1.0; SEGMENTS],
             sensor_ref: None,
             solve_s: None,
             command: None,
@@ -182,6 +171,7 @@ impl Twin {
         for command in commands {
             self.obey(command, &mut events);
         }
+        self.judge_anew();
         self.go_on_checking(&mut events);
         let out = self.steer(&mut events);
         self.draw();
@@ -353,156 +343,6 @@ impl Twin {
         self.raw = Some(raw);
     }
 
-    /// Alarms, and SAFE when the data are too old, too wrong or too few.
-    fn watch(&mut self, events: &mut Vec<Event>) {
-        let mut alarms: Vec<(Severity, String)> = Vec::new();
-        let age_s = self.last_frame.map(|t| self.now.since(t));
-        let moving = matches!(self.phase, Phase::Hold | Phase::Moving { .. });
-        match age_s {
-            Some(age) if age > STALE_SAFE_S => {
-                let text = format!(
-                    "No data from the boards for {:.0} ms: check the cable and the boards' power.",
-                    age * 1e3
-                );
-                if moving {
-                    self.go_safe("no data from the boards for 100 ms", events);
-                }
-                alarms.push((Severity::Critical, text));
-            }
-            Some(age) if age > STALE_WARN_S => {
-                alarms.push((
-                    Severity::Warning,
-                    format!("Data are {:.0} ms old.", age * 1e3),
-                ));
-            }
-            Some(_) => {}
-            None => alarms.push((Severity::Info, "Waiting for the first data.".to_owned())),
-        }
-        let silent = self.raw.as_ref().and_then(|r| {
-            let stale = |age: &f64| *age > STALE_SAFE_S;
-            r.board_age_s.iter().position(stale)
-        });
-        if let Some(board) = silent {
-            let text = format!("no data from board {} for 100 ms", board + 1);
-            if moving {
-                self.go_safe(&text, events);
-            }
-            let text = format!("There is {text}: check its cable and power.");
-            alarms.push((Severity::Critical, text));
-        }
-        if self.bad_frames > 1 && moving {
-            self.go_safe("the boards send values that make no sense", events);
-        }
-        let faults = self.raw.as_ref().map_or(0, |r| r.faults);
-        if faults & fault::SAFE != 0 && moving {
-            let words = fault_words(faults & !fault::SAFE);
-            self.go_safe(
-                &format!("the boards switched their pumps off: {words}"),
-                events,
-            );
-        }
-        if let Some(ratio) = self.loss_ratio()
-            && ratio > LOSS_SAFE
-        {
-            let text = format!(
-                "{:.0} % of the last second's frames were lost",
-                ratio * 100.0
-            );
-            if moving {
-                self.go_safe(&text, events);
-            }
-            alarms.push((Severity::Warning, format!("{text}: check the cable.")));
-        }
-        if let Some(sensors) = &self.sensors {
-            let usable = sensors.health.springs_usable();
-            for (i, h) in sensors.health.springs.iter().enumerate() {
-                if *h != ChannelHealth::Ok {
-                    alarms.push((
-                        Severity::Warning,
-                        format!("Spring {} is {}.", i + 1, describe(*h)),
-                    ));
-                }
-            }
-            for (i, h) in sensors.health.imus.iter().enumerate() {
-                if *h != ChannelHealth::Ok {
-                    alarms.push((
-                        Severity::Warning,
-                        format!("IMU {} is {}.", i + 1, describe(*h)),
-                    ));
-                }
-            }
-            let over = sensors
-                .chamber_pa
-                .iter()
-                .position(|p| *p > self.robot.over_pressure_pa);
-            if usable < SPRINGS_NEEDED && moving {
-                self.go_safe("too few springs give a reading", events);
-            }
-            if self.blind_frames > BLIND_FRAMES {
-                if moving {
-                    self.go_safe(BLIND, events);
-                }
-                alarms.push((Severity::Critical, format!("There are {BLIND}.")));
-            }
-            if let Some(i) = over
-                && moving
-            {
-                self.go_safe(&format!("over-pressure in chamber {}", i + 1), events);
-            }
-        }
-        if let Phase::Safe(reason) = &self.phase {
-            alarms.push((
-                Severity::Critical,
-                format!("SAFE: {reason}. Remove the cause, then press Reset."),
-            ));
-        }
-        alarms.sort_by_key(|(severity, _)| std::cmp::Reverse(*severity));
-        let since = |text: &str, old: &[Alarm], now: Stamp| {
-            // Ages inside a text change; its first words do not.
-            let key = |t: &str| t.chars().take_while(|c| !c.is_ascii_digit()).count().max(6);
-            old.iter()
-                .find(|a| a.text.get(..key(text)) == text.get(..key(text)))
-                .map_or(now, |a| a.since)
-        };
-        self.alarms = alarms
-            .into_iter()
-            .map(|(severity, text)| Alarm {
-                since: since(&text, &self.alarms, self.now),
-                severity,
-                text,
-            })
-            .collect();
-    }
-
-    /// Share of the last second's frames that were lost, if there were enough to tell.
-    fn loss_ratio(&mut self) -> Option<f64> {
-        self.traffic
-            .push_back((self.now, self.link.frames, self.link.frames_lost));
-        while self
-            .traffic
-            .front()
-            .is_some_and(|t| self.now.since(t.0) > 1.0)
-        {
-            self.traffic.pop_front();
-        }
-        let (_, frames, lost) = *self.traffic.front()?;
-        // A link that was opened anew counts from zero again.
-        let lost = self.link.frames_lost.checked_sub(lost)?;
-        let all = self.link.frames.checked_sub(frames)? + lost;
-        (all >= LOSS_MIN_FRAMES).then(|| lost as f64 / all as f64)
-    }
-
-    fn go_safe(&mut self, reason: &str, events: &mut Vec<Event>) {
-        if self.is_safe() {
-            return;
-        }
-        self.enter(Phase::Safe(reason.to_owned()), events);
-        self.command = None;
-        self.preview = None;
-        self.check = None;
-        self.paused = None;
-    }
-
     fn enter(&mut self, phase: Phase, events: &mut Vec<Event>) {
         self.phase = phase;
         self.sensor_ref = None;
@@ -517,269 +357,6 @@ impl Twin {
             stamp: self.now,
             mode,
         });
-    }
-
-    fn refuse(&self, reason: impl Into<String>, events: &mut Vec<Event>) {
-        events.push(Event::Refused {
-            stamp: self.now,
-            reason: reason.into(),
-        });
-    }
-
-    fn obey(&mut self, command: &Command, events: &mut Vec<Event>) {
-        match command {
-            Command::Stop => self.go_safe("stopped by the operator", events),
-            Command::Reset => {
-                if self.is_safe() {
-                    self.enter(Phase::Disarmed, events);
-                }
-            }
-            Command::Disarm => {
-                if !self.is_safe() {
-                    self.enter(Phase::Disarmed, events);
-                    self.command = None;
-                    self.check = None;
-                    self.paused = None;
-                }
-            }
-            Command::Arm | Command::Hold => {
-                if let Some(reason) = self.not_ready() {
-                    self.refuse(reason, events);
-                } else {
-                    self.hold(events);
-                }
-            }
-            Command::Resume => {
-                if !matches!(self.phase, Phase::Hold) {
-                    self.refuse(NOTHING_TO_RESUME, events);
-                } else if self.preview.is_some() {
-                    self.go(events);
-                } else if let Some(reason) = self.not_ready() {
-                    self.refuse(reason, events);
-                } else if let Some(routine) = self.paused.take() {
-                    self.set_out(routine, events);
-                } else {
-                    self.refuse(NOTHING_TO_RESUME, events);
-                }
-            }
-            Command::Preview(goal) => self.preview(goal, events),
-            Command::CancelPreview => self.preview = None,
-            Command::Go => self.go(events),
-            Command::Goto(goal) => {
-                self.preview(goal, events);
-                if self.preview.is_some() {
-                    self.go(events);
-                }
-            }
-            Command::Start(plan) => self.start(plan, events),
-            Command::Steer(kind) => self.controller.choose(Gains::of(*kind)),
-            Command::DeclarePayload(kg) => {
-                if (0.0..=self.robot.payload_max_kg).contains(kg) {
-                    self.payload_kg = *kg;
-                } else {
-                    self.refuse(
-                        format!(
-                            "A payload of {kg} kg is outside of 0 to {} kg: nothing was changed.",
-                            self.robot.payload_max_kg
-                        ),
-                        events,
-                    );
-                }
-            }
-            Command::Grip(gripper) => self.gripper = *gripper,
-            Command::Show(simulator) => {
-                self.simulator = *simulator;
-                self.mesh_at = None;
-                self.mesh_failure = None;
-                if *simulator == Simulator::Rod {
-                    self.mesh = None;
-                }
-            }
-            // Files belong to whoever runs the twin.
-            Command::StartRecording(_) | Command::StopRecording => {}
-        }
-    }
-
-    /// Why motion is not allowed now.
-    fn not_ready(&self) -> Option<String> {
-        if let Phase::Safe(reason) = &self.phase {
-            return Some(format!(
-                "SAFE ({reason}): remove the cause, then press Reset."
-            ));
-        }
-        if self
-            .raw
-            .as_ref()
-            .is_some_and(|r| r.faults & fault::SAFE != 0)
-        {
-            return Some("The boards are SAFE: press Stop, then Reset.".to_owned());
-        }
-        match self.last_frame {
-            None => Some("No data from the boards yet: connect a rig first.".to_owned()),
-            Some(t) if self.now.since(t) > STALE_WARN_S => {
-                Some("The data from the boards are too old to move on.".to_owned())
-            }
-            Some(_) => match &self.sensors {
-                Some(s) if s.health.springs_usable() < SPRINGS_NEEDED => Some(format!(
-                    "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
-                    s.health.springs_usable()
-                )),
-                Some(_) if self.blind_frames > BLIND_FRAMES => {
-                    Some(format!("There are {BLIND}: mend springs or IMUs first."))
-                }
-                _ => None,
-            },
-        }
-    }
-
-    /// Why nothing may set out now.
-    fn not_allowed(&self) -> Option<String> {
-        self.not_ready().or_else(|| {
-            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.simulated;
-            unarmed.then(|| "Disarmed: arm the rig first.".to_owned())
-        })
-    }
-
-    fn hold(&mut self, events: &mut Vec<Event>) {
-        let last = self.command.as_ref().map(|c| *c.chamber_pa());
-        self.held_pa = last.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa));
-        self.check = None;
-        if let Phase::Moving { routine, .. } = &self.phase {
-            self.paused = Some(routine.clone());
-        }
-        self.enter(Phase::Hold, events);
-    }
-
-    /// Payload as the plant's network is to know it: the declared one and what the robot's patches
-    /// hang on the gripper, within what the network has seen.
-    fn carried_kg(&self, held_kg: f64) -> f64 {
-        (held_kg + self.model.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
-    }
-
-    /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
-    fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
-        let gains = self.controller.plant_gains();
-        let config = ReachConfig {
-            plant_gains: gains,
-            ..ReachConfig::default()
-        };
-        let ask = |seeds: &[StartSample]| {
-            reach(
-                goal,
-                &self.robot,
-                self.maps.pose.as_ref(),
-                self.maps.plant.as_ref(),
-                self.carried_kg(held_kg),
-                seeds,
-                &config,
-            )
-            .map_err(|e| e.to_string())
-        };
-        if let Some(near) = near {
-            let alike_pa =
-                std::array::from_fn(|i| near.chamber_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
-            let found = ask(&[(alike_pa, near.nearest_m)])?;
-            if found.state == ReachState::Reachable {
-                return Ok(found);
-            }
-        }
-        ask(&self.maps.seeds)
-    }
-
-    /// Takes a plan in hand: it sets out once every stop has been found reachable.
-    fn start(&mut self, plan: &Plan, events: &mut Vec<Event>) {
-        if let Some(reason) = self.not_allowed() {
-            return self.refuse(reason, events);
-        }
-        let stops = plan.stops(self.payload_kg);
-        let known = 0.0..=self.robot.payload_max_kg;
-        if let Some(stop) = stops.iter().find(|s| !known.contains(&s.payload_kg)) {
-            let (kg, most) = (stop.payload_kg, self.robot.payload_max_kg);
-            return self.refuse(
-                format!("The plan lifts {kg} kg, but the arm carries 0 to {most} kg: nothing was started."),
-                events,
-            );
-        }
-        if matches!(self.phase, Phase::Moving { .. }) {
-            self.hold(events);
-        }
-        self.check = Some(Check {
-            plan: plan.clone(),
-            stops,
-            reaches: Vec::new(),
-        });
-    }
-
-    /// Looks at the next stops of the plan in hand; the last one lets it begin.
-    fn go_on_checking(&mut self, events: &mut Vec<Event>) {
-        let Some(mut check) = self.check.take() else {
-            return;
-        };
-        for _ in 0..CHECKS_PER_TICK {
-            let Some(stop) = check.stops.get(check.reaches.len()) else {
-                break;
-            };
-            let found = self.reach(&stop.goal, stop.payload_kg, check.reaches.last());
-            let verdict = found.and_then(|r| allowed(&r).map(|()| r).map_err(|e| e.to_string()));
-            match verdict {
-                Ok(reach) => check.reaches.push(reach),
-                Err(reason) => {
-                    let text = format!("Not started, because of {}. {reason}", stop.name);
-                    return self.refuse(text, events);
-                }
-            }
-        }
-        if check.reaches.len() < check.stops.len() {
-            self.check = Some(check);
-            return;
-        }
-        let mut of_leg = vec![None; check.plan.legs.len()];
-        // The first stop of a leg: its only one, or the start of a path.
-        for (stop, reach) in check.stops.iter().zip(check.reaches).rev() {
-            of_leg[stop.leg] = Some(reach);
-        }
-        if let Some(reason) = self.not_allowed() {
-            return self.refuse(reason, events);
-        }
-        let routine = Routine::new(check.plan, of_leg, self.now);
-        self.set_out(Box::new(routine), events);
-    }
-
-    /// Begins a routine, or goes on with one.
-    fn set_out(&mut self, routine: Box<Routine>, events: &mut Vec<Event>) {
-        self.preview = None;
-        self.paused = None;
-        if let Some(Target::Goal(goal, reach)) = routine.target() {
-            self.controller.set_goal(goal.clone(), reach);
-        } else {
-            self.controller.hold();
-        }
-        self.enter(Phase::Moving { routine, steps: 0 }, events);
-    }
-
-    fn preview(&mut self, goal: &Goal, events: &mut Vec<Event>) {
-        self.preview = None;
-        match self.reach(goal, self.payload_kg, None) {
-            Ok(reach) => self.preview = Some((goal.clone(), reach)),
-            Err(reason) => self.refuse(reason, events),
-        }
-    }
-
-    fn go(&mut self, events: &mut Vec<Event>) {
-        let Some((goal, reach)) = self.preview.clone() else {
-            return self.refuse("Pick a target first.", events);
-        };
-        if let Some(reason) = self.not_allowed() {
-            return self.refuse(reason, events);
-        }
-        match allowed(&reach) {
-            Ok(()) => {
-                self.check = None;
-                let routine = Routine::new(Plan::goto(goal), vec![Some(reach)], self.now);
-                self.set_out(Box::new(routine), events);
-            }
-            Err(reason) => self.refuse(reason.to_string(), events),
-        }
     }
 
     /// The command of this tick, if the phase has one.
@@ -900,15 +477,5 @@ impl Twin {
         if settle(&self.model, &mut self.shape_state, &inputs).is_ok() {
             self.shape = Some(Arc::new(observe(&self.model, &self.shape_state).shape));
         }
-    }
-}
-
-fn describe(health: ChannelHealth) -> &'static str {
-    match health {
-        ChannelHealth::Ok => "ok",
-        ChannelHealth::Suspect => "in disagreement with the others",
-        ChannelHealth::Stuck => "stuck",
-        ChannelHealth::OutOfRange => "outside of its calibrated range",
-        ChannelHealth::Missing => "not delivering",
     }
 }

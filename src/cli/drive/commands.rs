@@ -389,6 +389,9 @@ pub fn pick_place(
     ensure_carried_out(&driven, a.seconds)?;
     a.common.write(&driven, None, &[])?;
     let p = of_pick_place(&driven, &plan, basket_m, robot);
+    let at_grips = p
+        .at_grips
+        .context("there is no ground truth: errors cannot be measured")?;
     let solve = measures::solve_micros(&driven.rows);
     let in_basket = match p.in_basket {
         Some(n) => format!("{n} of {} in the basket", items.len()),
@@ -401,14 +404,14 @@ pub fn pick_place(
         label(&driven),
         driven.rows.len(),
         driven.finished_s.unwrap_or(f64::NAN),
-        p.at_grips.mean,
-        p.at_grips.max,
+        at_grips.mean,
+        at_grips.max,
         p.saturated_ratio * 100.0,
         solve_text(solve),
     );
     let json = json!({
         "items": items.len(), "in_basket": p.in_basket, "success": p.in_basket.is_none_or(|n| n == items.len()),
-        "mean_mm": p.at_grips.mean, "rmse_mm": p.at_grips.rmse, "p95_mm": p.at_grips.p95, "max_mm": p.at_grips.max,
+        "mean_mm": at_grips.mean, "rmse_mm": at_grips.rmse, "p95_mm": at_grips.p95, "max_mm": at_grips.max,
         "steps": driven.rows.len(), "saturated_ratio": p.saturated_ratio, "solve_micros": solve_json(solve),
         "seconds": driven.finished_s, "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
         "simulated": driven.simulated,
@@ -421,7 +424,7 @@ pub struct PickPlaceMeasures {
     /// How many things lie in the basket; `None` where nobody can tell.
     pub in_basket: Option<usize>,
     /// True tip from where it should be when the gripper moves, mm.
-    pub at_grips: ErrorStats,
+    pub at_grips: Option<ErrorStats>,
     /// Share of saturated steps.
     pub saturated_ratio: f64,
 }
@@ -453,7 +456,7 @@ pub fn of_pick_place(
     let known = !driven.objects.is_empty() && driven.rows.iter().any(|r| r.truth.is_some());
     PickPlaceMeasures {
         in_basket: known.then(|| driven.objects.iter().filter(lies_in).count()),
-        at_grips: ErrorStats::of(at_grips),
+        at_grips: measures::spread(at_grips),
         saturated_ratio: measures::saturated_ratio(&driven.rows, robot),
     }
 }

@@ -13,13 +13,15 @@ const SATURATED_PA: f64 = 50.0;
 /// Settled: within so much of the goal for good.
 const SETTLED_M: f64 = 1e-3;
 const SETTLED_RAD: f64 = std::f64::consts::PI / 180.0;
+/// Stretch over which a speed is taken, s.
+const SPEED_OVER_S: f64 = 0.2;
 /// The last stretch of a move, over which its final error is taken, s.
 const FINAL_S: f64 = 1.0;
 /// One row in so many is asked how far its reference is off what the arm can do.
 const OFF_MANIFOLD_EVERY: usize = 20;
 
 /// `None` of nothing.
-fn spread(values: Vec<f64>) -> Option<ErrorStats> {
+pub fn spread(values: Vec<f64>) -> Option<ErrorStats> {
     (!values.is_empty()).then(|| ErrorStats::of(values))
 }
 
@@ -154,6 +156,28 @@ pub fn saturated_ratio(rows: &[Row], robot: &RobotSpec) -> f64 {
         q.iter().any(|p| spare(p) <= SATURATED_PA)
     });
     saturated.count() as f64 / steered.len().max(1) as f64
+}
+
+/// Fastest that the true tip moved over any stretch of [`SPEED_OVER_S`], mm/s.
+pub fn fastest_mm_s(rows: &[Row]) -> Option<f64> {
+    let first = rows.first()?.t_s;
+    let mut behind = rows.iter().peekable();
+    let mut fastest: Option<f64> = None;
+    for row in rows.iter().filter(|r| r.t_s >= first + SPEED_OVER_S) {
+        while behind
+            .peek()
+            .is_some_and(|b| b.t_s < row.t_s - SPEED_OVER_S - 1e-6)
+        {
+            behind.next();
+        }
+        let (Some(from), Some(to)) = (behind.peek().and_then(|b| b.truth), row.truth) else {
+            continue;
+        };
+        let moved_m = (to.translation.vector - from.translation.vector).norm();
+        let speed = moved_m * 1e3 / SPEED_OVER_S;
+        fastest = Some(fastest.map_or(speed, |f| f.max(speed)));
+    }
+    fastest
 }
 
 /// Times of the controller, µs: median and 95th percentile.

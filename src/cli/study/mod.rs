@@ -92,6 +92,8 @@ enum Name {
     Moves,
     /// The paper's fruit into a basket
     PickPlace,
+    /// Pushes, blows, a swapped load, dead sensors and lost frames on a path
+    Disturbances,
 }
 
 impl Name {
@@ -114,6 +116,7 @@ impl Name {
             Self::Eight => control::tasks::path(&lab.robot, Shape::Eight),
             Self::Moves => control::tasks::moves(&lab.robot),
             Self::PickPlace => control::tasks::pick_place(&lab.robot),
+            Self::Disturbances => control::disturbances::disturbances(&lab.robot),
             Self::Tuning => control::tuning::tuning(&lab.robot, lab.sizes.candidates),
         }
     }

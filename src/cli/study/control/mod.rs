@@ -1,6 +1,7 @@
 //! Studies on control: both controllers on the same tasks, loads, arms and seeds, with the same budget of
 //! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
 
+pub mod disturbances;
 pub mod tasks;
 pub mod tuning;
 
@@ -82,18 +83,11 @@ pub struct Outcome {
     pub measured: Option<Measured>,
     pub solve_us: Option<[f64; 2]>,
     pub off_manifold_mm: Option<f64>,
+    pub fastest_mm_s: Option<f64>,
     pub driven: Driven,
 }
 
 impl Outcome {
-    /// Of a path, mm: the mean over its waypoints.
-    pub fn path(&self) -> Option<&PathMeasures> {
-        match &self.measured {
-            Some(Measured::Path(m)) => Some(m),
-            _ => None,
-        }
-    }
-
     /// Of a move.
     pub fn moved(&self) -> Option<&MoveMeasures> {
         match &self.measured {
@@ -159,6 +153,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
     Ok(Outcome {
         measured,
         solve_us: measures::solve_micros(rows),
+        fastest_mm_s: measures::fastest_mm_s(rows),
         off_manifold_mm: measures::off_manifold_mm(rows, plant.as_ref(), kg, robot),
         driven,
     })

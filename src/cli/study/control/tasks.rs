@@ -212,7 +212,9 @@ pub fn moves(robot: &RobotSpec) -> Result<Table> {
             "saturated, % of steps",
             "off the manifold, mm",
             "solve, us",
+            "fastest, mm/s",
             "settled, %",
+            "given up with a reason, %",
         ],
         rows: Vec::new(),
         drawn: Drawn::Bars,
@@ -243,7 +245,8 @@ pub fn moves(robot: &RobotSpec) -> Result<Table> {
     });
     let kept = run_all(robot, trials.collect(), |o| {
         let (solve, off) = (o.solve_us.map(|s| s[0]), o.off_manifold_mm);
-        (o.moved().cloned(), solve, off)
+        let refused = o.driven.refused.is_some();
+        (o.moved().cloned(), solve, off, o.fastest_mm_s, refused)
     })?;
     for (c, group) in conditions.iter().zip(kept.chunks(SEEDS.len())) {
         let moved = || group.iter().filter_map(|g| g.0.as_ref());
@@ -259,7 +262,9 @@ pub fn moves(robot: &RobotSpec) -> Result<Table> {
                 mean(moved().map(|m| percent(m.saturated_ratio))),
                 mean(group.iter().filter_map(|g| g.2)),
                 mean(group.iter().filter_map(|g| g.1)),
+                group.iter().filter_map(|g| g.3).reduce(f64::max),
                 settled.or(Some(0.0)),
+                mean(group.iter().map(|g| percent(f64::from(u8::from(g.4))))),
             ],
         );
     }
@@ -317,8 +322,10 @@ pub fn pick_place(robot: &RobotSpec) -> Result<Table> {
             format!("{}, stiffness {}", c.2, c.0),
             vec![
                 mean(in_basket),
-                mean(all().map(|(m, ..)| m.at_grips.mean)),
-                all().map(|(m, ..)| m.at_grips.max).reduce(f64::max),
+                mean(all().filter_map(|(m, ..)| m.at_grips.map(|e| e.mean))),
+                all()
+                    .filter_map(|(m, ..)| m.at_grips.map(|e| e.max))
+                    .reduce(f64::max),
                 mean(all().map(|(_, _, steps, _)| *steps as f64)),
                 mean(all().map(|(m, ..)| percent(m.saturated_ratio))),
                 mean(all().filter_map(|(_, solve, ..)| *solve)),

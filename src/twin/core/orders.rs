@@ -1,0 +1,351 @@
+//! What the operator asks for: verdicts before anything moves, plans, hold and resume.
+
+use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
+use crate::control::{Gains, ReachConfig, SEGMENTS, StartSample, reach};
+use crate::link::wire::fault;
+use crate::signal::{CHAMBERS, Goal, Reach, ReachState, Simulator};
+use crate::task::{Plan, Routine, Stop, Target, allowed};
+use crate::twin::{Command, Event};
+
+/// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
+const CHECKS_PER_TICK: usize = 4;
+const NOTHING_TO_RESUME: &str = "There is nothing to resume: pick a target first.";
+/// Change of a plant gain after which the goals ahead are looked at again.
+const GAIN_CHANGE_RATIO: f64 = 0.1;
+
+/// Stops that are looked at, a few in every tick.
+pub(super) struct Check {
+    stops: Vec<Stop>,
+    reaches: Vec<Reach>,
+    then: Then,
+}
+
+/// What follows when every stop is reachable.
+enum Then {
+    /// The plan begins.
+    Begin(Plan),
+    /// The routine under way goes on.
+    GoOn,
+}
+
+impl Twin {
+    pub(super) fn refuse(&self, reason: impl Into<String>, events: &mut Vec<Event>) {
+        events.push(Event::Refused {
+            stamp: self.now,
+            reason: reason.into(),
+        });
+    }
+
+    pub(super) fn obey(&mut self, command: &Command, events: &mut Vec<Event>) {
+        match command {
+            Command::Stop => self.go_safe("stopped by the operator", events),
+            Command::Reset => {
+                if self.is_safe() {
+                    self.enter(Phase::Disarmed, events);
+                }
+            }
+            Command::Disarm => {
+                if !self.is_safe() {
+                    self.enter(Phase::Disarmed, events);
+                    self.command = None;
+                    self.check = None;
+                    self.paused = None;
+                }
+            }
+            Command::Arm | Command::Hold => {
+                if let Some(reason) = self.not_ready() {
+                    self.refuse(reason, events);
+                } else {
+                    self.hold(events);
+                }
+            }
+            Command::Resume => {
+                if !matches!(self.phase, Phase::Hold) {
+                    self.refuse(NOTHING_TO_RESUME, events);
+                } else if self.preview.is_some() {
+                    self.go(events);
+                } else if let Some(reason) = self.not_ready() {
+                    self.refuse(reason, events);
+                } else if let Some(routine) = self.paused.take() {
+                    self.set_out(routine, events);
+                } else {
+                    self.refuse(NOTHING_TO_RESUME, events);
+                }
+            }
+            Command::Preview(goal) => self.preview(goal, events),
+            Command::CancelPreview => self.preview = None,
+            Command::Go => self.go(events),
+            Command::Goto(goal) => {
+                self.preview(goal, events);
+                if self.preview.is_some() {
+                    self.go(events);
+                }
+            }
+            Command::Start(plan) => self.start(plan, events),
+            Command::Steer(kind) => self.controller.choose(Gains::of(*kind)),
+            Command::DeclarePayload(kg) => {
+                if (0.0..=self.robot.payload_max_kg).contains(kg) {
+                    self.payload_kg = *kg;
+                } else {
+                    self.refuse(
+                        format!(
+                            "A payload of {kg} kg is outside of 0 to {} kg: nothing was changed.",
+                            self.robot.payload_max_kg
+                        ),
+                        events,
+                    );
+                }
+            }
+            Command::Grip(gripper) => self.gripper = *gripper,
+            Command::Show(simulator) => {
+                self.simulator = *simulator;
+                self.mesh_at = None;
+                self.mesh_failure = None;
+                if *simulator == Simulator::Rod {
+                    self.mesh = None;
+                }
+            }
+            // Files belong to whoever runs the twin.
+            Command::StartRecording(_) | Command::StopRecording => {}
+        }
+    }
+
+    /// Why motion is not allowed now.
+    fn not_ready(&self) -> Option<String> {
+        if let Phase::Safe(reason) = &self.phase {
+            return Some(format!(
+                "SAFE ({reason}): remove the cause, then press Reset."
+            ));
+        }
+        if self
+            .raw
+            .as_ref()
+            .is_some_and(|r| r.faults & fault::SAFE != 0)
+        {
+            return Some("The boards are SAFE: press Stop, then Reset.".to_owned());
+        }
+        match self.last_frame {
+            None => Some("No data from the boards yet: connect a rig first.".to_owned()),
+            Some(t) if self.now.since(t) > STALE_WARN_S => {
+                Some("The data from the boards are too old to move on.".to_owned())
+            }
+            Some(_) => match &self.sensors {
+                Some(s) if s.health.springs_usable() < SPRINGS_NEEDED => Some(format!(
+                    "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
+                    s.health.springs_usable()
+                )),
+                Some(_) if self.blind_frames > BLIND_FRAMES => {
+                    Some(format!("There are {BLIND}: mend springs or IMUs first."))
+                }
+                _ => None,
+            },
+        }
+    }
+
+    /// Why nothing may set out now.
+    fn not_allowed(&self) -> Option<String> {
+        self.not_ready().or_else(|| {
+            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.simulated;
+            unarmed.then(|| "Disarmed: arm the rig first.".to_owned())
+        })
+    }
+
+    pub(super) fn hold(&mut self, events: &mut Vec<Event>) {
+        let last = self.command.as_ref().map(|c| *c.chamber_pa());
+        self.held_pa = last.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa));
+        self.check = None;
+        if let Phase::Moving { routine, .. } = &self.phase {
+            self.paused = Some(routine.clone());
+        }
+        self.enter(Phase::Hold, events);
+    }
+
+    /// Payload as the plant's network is to know it: the declared one and what the robot's patches
+    /// hang on the gripper, within what the network has seen.
+    pub(super) fn carried_kg(&self, held_kg: f64) -> f64 {
+        (held_kg + self.model.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
+    }
+
+    /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
+    fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
+        let gains = self.controller.plant_gains();
+        let config = ReachConfig {
+            plant_gains: gains,
+            ..ReachConfig::default()
+        };
+        let ask = |seeds: &[StartSample]| {
+            reach(
+                goal,
+                &self.robot,
+                self.maps.pose.as_ref(),
+                self.maps.plant.as_ref(),
+                self.carried_kg(held_kg),
+                seeds,
+                &config,
+            )
+            .map_err(|e| e.to_string())
+        };
+        if let Some(near) = near {
+            let alike_pa =
+                std::array::from_fn(|i| near.chamber_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
+            let found = ask(&[(alike_pa, near.nearest_m)])?;
+            if found.state == ReachState::Reachable {
+                return Ok(found);
+            }
+        }
+        ask(&self.maps.seeds)
+    }
+
+    /// Takes a plan in hand: it sets out once every stop has been found reachable.
+    fn start(&mut self, plan: &Plan, events: &mut Vec<Event>) {
+        if let Some(reason) = self.not_allowed() {
+            return self.refuse(reason, events);
+        }
+        let stops = plan.stops(self.payload_kg);
+        let known = 0.0..=self.robot.payload_max_kg;
+        if let Some(stop) = stops.iter().find(|s| !known.contains(&s.payload_kg)) {
+            let (kg, most) = (stop.payload_kg, self.robot.payload_max_kg);
+            return self.refuse(
+                format!("The plan lifts {kg} kg, but the arm carries 0 to {most} kg: nothing was started."),
+                events,
+            );
+        }
+        if matches!(self.phase, Phase::Moving { .. }) {
+            self.hold(events);
+        }
+        self.check = Some(Check {
+            stops,
+            reaches: Vec::new(),
+            then: Then::Begin(plan.clone()),
+        });
+    }
+
+    /// Looks at the goals ahead again when the arm has turned out to be of another stiffness than they were judged
+    /// for.
+    pub(super) fn judge_anew(&mut self) {
+        let Phase::Moving { routine, .. } = &self.phase else {
+            return;
+        };
+        let gains = self.controller.plant_gains();
+        let changed = |k: usize| (gains[k] / self.judged_gains[k] - 1.0).abs() > GAIN_CHANGE_RATIO;
+        if self.check.is_some() || !(0..SEGMENTS).any(changed) {
+            return;
+        }
+        let mut stops = routine.plan().stops(self.payload_kg);
+        stops.retain(|s| s.leg >= routine.legs_done());
+        self.judged_gains = gains;
+        self.check = Some(Check {
+            stops,
+            reaches: Vec::new(),
+            then: Then::GoOn,
+        });
+    }
+
+    /// Looks at the next stops in hand; the last one lets the plan begin.
+    pub(super) fn go_on_checking(&mut self, events: &mut Vec<Event>) {
+        let Some(mut check) = self.check.take() else {
+            return;
+        };
+        for _ in 0..CHECKS_PER_TICK {
+            let Some(stop) = check.stops.get(check.reaches.len()) else {
+                break;
+            };
+            let found = self.reach(&stop.goal, stop.payload_kg, check.reaches.last());
+            let verdict = found.and_then(|r| {
+                let refused = allowed(&r).map_err(|e| e.to_string());
+                match check.then {
+                    Then::Begin(_) => refused.map(|()| r),
+                    // Where nobody can tell, what has begun goes on.
+                    Then::GoOn if r.state == ReachState::OutsideData => Ok(r),
+                    Then::GoOn => refused.map(|()| r),
+                }
+            });
+            match (verdict, &check.then) {
+                (Ok(reach), _) => check.reaches.push(reach),
+                (Err(reason), Then::Begin(plan)) if plan.legs.len() == 1 => {
+                    return self.refuse(reason, events);
+                }
+                (Err(reason), Then::Begin(_)) => {
+                    let text = format!("Not started, because of {}. {reason}", stop.name);
+                    return self.refuse(text, events);
+                }
+                (Err(reason), Then::GoOn) => {
+                    let [a, b] = self.judged_gains.map(|g| 1.0 / g);
+                    let text = format!(
+                        "The arm has turned out to be {a:.1} (segment 1) and {b:.1} (segment 2) times as stiff as its \
+                         model: {} is out of reach. {reason} Holding.",
+                        stop.name
+                    );
+                    self.refuse(text, events);
+                    return self.hold(events);
+                }
+            }
+        }
+        if check.reaches.len() < check.stops.len() {
+            self.check = Some(check);
+            return;
+        }
+        match check.then {
+            Then::Begin(plan) => {
+                let mut of_leg = vec![None; plan.legs.len()];
+                // The first stop of a leg: its only one, or the start of a path.
+                for (stop, reach) in check.stops.iter().zip(check.reaches).rev() {
+                    of_leg[stop.leg] = Some(reach);
+                }
+                if let Some(reason) = self.not_allowed() {
+                    return self.refuse(reason, events);
+                }
+                let routine = Routine::new(plan, of_leg, self.now);
+                self.set_out(Box::new(routine), events);
+            }
+            Then::GoOn => {
+                if let Phase::Moving { routine, .. } = &mut self.phase {
+                    for (stop, reach) in check.stops.iter().zip(check.reaches) {
+                        routine.judge(stop.leg, reach);
+                    }
+                    if let Some(Target::Goal(_, Some(reach))) = routine.target() {
+                        self.controller.inform(reach);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Begins a routine, or goes on with one.
+    fn set_out(&mut self, routine: Box<Routine>, events: &mut Vec<Event>) {
+        self.preview = None;
+        self.paused = None;
+        self.judged_gains = self.controller.plant_gains();
+        if let Some(Target::Goal(goal, reach)) = routine.target() {
+            self.controller.set_goal(goal.clone(), reach);
+        } else {
+            self.controller.hold();
+        }
+        self.enter(Phase::Moving { routine, steps: 0 }, events);
+    }
+
+    fn preview(&mut self, goal: &Goal, events: &mut Vec<Event>) {
+        self.preview = None;
+        match self.reach(goal, self.payload_kg, None) {
+            Ok(reach) => self.preview = Some((goal.clone(), reach)),
+            Err(reason) => self.refuse(reason, events),
+        }
+    }
+
+    fn go(&mut self, events: &mut Vec<Event>) {
+        let Some((goal, reach)) = self.preview.clone() else {
+            return self.refuse("Pick a target first.", events);
+        };
+        if let Some(reason) = self.not_allowed() {
+            return self.refuse(reason, events);
+        }
+        match allowed(&reach) {
+            Ok(()) => {
+                self.check = None;
+                let routine = Routine::new(Plan::goto(goal), vec![Some(reach)], self.now);
+                self.set_out(Box::new(routine), events);
+            }
+            Err(reason) => self.refuse(reason.to_string(), events),
+        }
+    }
+}
