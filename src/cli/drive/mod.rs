@@ -15,7 +15,7 @@ use anyhow::Result;
 use super::live::board_config;
 use super::model;
 use super::ports::{InProcess, Script, SerialRig};
-use springtwin::control::Gains;
+use springtwin::control::{Gains, SEGMENTS};
 use springtwin::rig::{Object, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Pose, PressureCommand, SensorRef, Snapshot};
@@ -107,6 +107,8 @@ pub struct Driven {
     pub objects: Vec<Object>,
     /// Payload declared at the start, kg.
     pub declared_kg: f64,
+    /// What the controller has learned of the arm's stiffness.
+    pub plant_gains: Option<[f64; SEGMENTS]>,
 }
 
 /// What the script of a rig in this process sees.
@@ -163,6 +165,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         simulated: false,
         objects: d.options.objects.clone(),
         declared_kg: d.declared_kg,
+        plant_gains: None,
     };
     let mut given_s = None;
     let mut last: Option<PressureCommand> = None;
@@ -192,6 +195,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         }
         out.frames = [snapshot.link.frames, snapshot.link.frames_lost];
         out.simulated = snapshot.link.simulated;
+        out.plant_gains = snapshot.plant_gains;
         if let Some(command) = &snapshot.command {
             broken = broken.take().or(over_limits(robot, last.as_ref(), command));
         }

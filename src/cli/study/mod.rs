@@ -92,6 +92,10 @@ enum Name {
     Moves,
     /// The paper's fruit into a basket
     PickPlace,
+    /// What learning the arm's stiffness is good for
+    Adaptation,
+    /// Saturation avoided in the null space
+    NullSpace,
     /// Pushes, blows, a swapped load, dead sensors and lost frames on a path
     Disturbances,
 }
@@ -116,6 +120,8 @@ impl Name {
             Self::Eight => control::tasks::path(&lab.robot, Shape::Eight),
             Self::Moves => control::tasks::moves(&lab.robot),
             Self::PickPlace => control::tasks::pick_place(&lab.robot),
+            Self::Adaptation => control::adaptation::adaptation(&lab.robot),
+            Self::NullSpace => control::null_space::null_space(&lab.robot),
             Self::Disturbances => control::disturbances::disturbances(&lab.robot),
             Self::Tuning => control::tuning::tuning(&lab.robot, lab.sizes.candidates),
         }

@@ -50,7 +50,7 @@ pub const ALL: [(Disturbance, &str); 8] = [
     (Disturbance::Load(0.0), "load 115 to 0 g, not told"),
     (Disturbance::StuckSpring(3), "spring 4 stuck"),
     (Disturbance::DeadImu(2), "IMU 3 dead"),
-    (Disturbance::LostFrames(0.08), "80 ms of lost frames"),
+    (Disturbance::LostFrames(0.06), "60 ms of lost frames"),
     (Disturbance::LostFrames(0.15), "150 ms of lost frames"),
 ];
 
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn lost_frames_are_borne_or_end_in_safe() {
-        check(Disturbance::LostFrames(0.08), 2.0);
+        check(Disturbance::LostFrames(0.06), 2.0);
         check(Disturbance::LostFrames(0.15), 2.0);
     }
 }

@@ -1,7 +1,9 @@
 //! Studies on control: both controllers on the same tasks, loads, arms and seeds, with the same budget of
 //! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
 
+pub mod adaptation;
 pub mod disturbances;
+pub mod null_space;
 pub mod tasks;
 pub mod tuning;
 
@@ -49,6 +51,8 @@ pub struct Trial {
     pub declared_kg: f64,
     pub stiffness: f64,
     pub seed: u64,
+    /// How long to go on at the end, s.
+    pub after_s: f64,
     pub script: Option<Script>,
 }
 
@@ -62,6 +66,7 @@ impl Trial {
             declared_kg: 0.0,
             stiffness: 1.0,
             seed,
+            after_s: 2.0,
             script: None,
         }
     }
@@ -118,7 +123,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
             let plan = Plan::follow(follow).unwrap_or_else(|| Plan::goto(Goal::position([0.0; 3])));
             (plan, seconds)
         }
-        Task::Goto(goal) => (Plan::goto(goal.clone()), MOVE_S),
+        Task::Goto(goal) => (Plan::goto(goal.clone()), MOVE_S + trial.after_s),
         Task::PickPlace => {
             options.objects = objects(&fruit());
             (Plan::pick_and_place(&fruit(), BASKET_M, LIFT_M), 900.0)
@@ -133,7 +138,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
         gains: trial.gains,
         plan: plan.clone(),
         seconds,
-        after_s: 2.0,
+        after_s: trial.after_s,
         script: trial.script,
         record: None,
     })?;
