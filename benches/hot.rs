@@ -5,9 +5,12 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use springtwin::control::{Controller, Gains, InitialGuess, Maps, StepInput};
 use springtwin::learn::{Model as Networks, PoseMap};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::Goal;
+use springtwin::signal::{
+    CHAMBERS, ChannelHealth, ControllerKind, Goal, Health, SIGNALS, SPRINGS, SensorFrame, Stamp,
+};
 use springtwin::sim::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
 use springtwin::sim::{Inputs, Model, Moving, State, observe, sensitivity, settle, swing};
 
@@ -174,5 +177,64 @@ fn networks(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, rod, derivatives, dynamics, mesh, networks);
+/// One tick of each controller on a fresh frame: the paper's with its descent, ours with its quadratic programme.
+fn controllers(c: &mut Criterion) {
+    let robot = RobotSpec::reference();
+    let Ok(networks) = Networks::from_bytes(NETWORKS) else {
+        unreachable!("the shipped networks load: a test checks it");
+    };
+    let model = Model::nominal(&robot);
+    let observation = observe(&model, &State::rest(&model));
+    let maps = Maps {
+        pose: &networks.cascade,
+        plant: &networks.plant,
+        samples: &[],
+    };
+    let eval = networks.cascade.pose(&observation.sensors.to_vector());
+    for (name, kind) in [
+        ("controller, ours, one tick", ControllerKind::Ours),
+        ("controller, paper's, one target", ControllerKind::Paper),
+    ] {
+        let gains = Gains {
+            outer_period_s: 0.0,
+            guess: InitialGuess::Present,
+            ..Gains::of(kind)
+        };
+        let mut controller = Controller::new(&robot, gains);
+        controller.set_goal(Goal::position([0.06, 0.04, -0.30]), None);
+        let mut frame = SensorFrame {
+            stamp: Stamp::ZERO,
+            doubt: [0.0; SIGNALS],
+            sensors: observation.sensors.clone(),
+            chamber_pa: [0.0; CHAMBERS],
+            health: Health {
+                springs: [ChannelHealth::Ok; SPRINGS],
+                ..Health::default()
+            },
+        };
+        c.bench_function(name, |b| {
+            b.iter(|| {
+                frame.stamp = frame.stamp.plus(0.01);
+                let input = StepInput {
+                    frame: &frame,
+                    eval: &eval,
+                    payload_kg: 0.0,
+                    previous: None,
+                    stamp: frame.stamp,
+                };
+                controller.step(black_box(maps), &input).wanted_pa
+            });
+        });
+    }
+}
+
+criterion_group!(
+    benches,
+    controllers,
+    rod,
+    derivatives,
+    dynamics,
+    mesh,
+    networks
+);
 criterion_main!(benches);

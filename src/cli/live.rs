@@ -10,11 +10,12 @@ use serde_json::{Value, json};
 use super::drive::commands::objects;
 use super::ports::{InProcess, SerialRig};
 use super::{Report, args, model};
-use springtwin::control::{ControllerKind, Gains};
+use springtwin::control::Gains;
 use springtwin::learn::ErrorStats;
 use springtwin::link::wire::Config;
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::signal::{Goal, Mode, Snapshot, Stamp, pose_error};
 use springtwin::task::Item;
 use springtwin::twin::{

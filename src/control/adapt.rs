@@ -149,6 +149,14 @@ impl PlantGain {
     }
 }
 
+/// The gains that verdicts go by: hysteresis makes every arm look a little stiffer on its way back than it is, so
+/// small departures from the model are not believed.
+pub fn judging_gains(gains: [f64; SEGMENTS]) -> [f64; SEGMENTS] {
+    /// Departures up to this are the model's own error.
+    const KNOWN: f64 = 0.15;
+    gains.map(|g| if (g - 1.0).abs() <= KNOWN { 1.0 } else { g })
+}
+
 /// The plant map of an arm of this stiffness near `chamber_pa`: the map's signals and derivatives at the pressures
 /// that bend its own arm alike, the derivatives after the true pressures. Beyond the robot's range the map knows
 /// nothing: it answers as at the bound.

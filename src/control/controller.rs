@@ -21,19 +21,9 @@ use super::solver::SolverConfig;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::signal::{
-    CHAMBERS, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SPRINGS, SensorFrame,
-    SensorRef, Stamp, Vector6, Via,
+    CHAMBERS, ControllerKind, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SPRINGS,
+    SensorFrame, SensorRef, Stamp, Vector6, Via,
 };
-
-/// Which controller steers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ControllerKind {
-    /// The paper's: sensor-space descent and ADRC.
-    #[default]
-    Paper,
-    /// Ours: a bounded quadratic programme in actuator space.
-    Ours,
-}
 
 /// Where the paper's controller starts the first solution for a goal from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

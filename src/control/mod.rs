@@ -26,11 +26,11 @@ mod solver;
 #[cfg(test)]
 mod toy;
 
-pub use adapt::{Adaptation, SEGMENTS};
+pub use adapt::{Adaptation, SEGMENTS, judging_gains};
 pub use adrc::{Adrc, AdrcGains};
 pub use box_qp::{BoxQp, solve_box_qp};
 pub use controller::{
-    ControlOut, Controller, ControllerKind, Gains, InitialGuess, Maps, Stall, StepInput, Stopwatch,
+    ControlOut, Controller, Gains, InitialGuess, Maps, Stall, StepInput, Stopwatch,
 };
 pub use paper::virtual_output;
 pub use reach::{ReachConfig, ReachError, StartSample, reach};

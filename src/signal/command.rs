@@ -13,6 +13,16 @@ pub enum Gripper {
     Closed,
 }
 
+/// Which controller steers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ControllerKind {
+    /// The paper's: sensor-space descent and ADRC.
+    Paper,
+    /// Ours: a bounded quadratic programme in actuator space.
+    #[default]
+    Ours,
+}
+
 /// The bounds every pressure command obeys. Read from the robot file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PressureLimits {

@@ -12,7 +12,7 @@ mod shape;
 mod snapshot;
 mod time;
 
-pub use command::{Gripper, PressureCommand, PressureLimits, SensorRef};
+pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
 pub use frame::{
     BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD,

@@ -3,8 +3,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ArmShape, BOARDS, Goal, Matrix6, MeshShape, Pose, PressureCommand, RawFrame, SensorFrame,
-    SensorRef, Simulator, Stamp, Via,
+    ArmShape, BOARDS, ControllerKind, Goal, Matrix6, MeshShape, Pose, PressureCommand, RawFrame,
+    SensorFrame, SensorRef, Simulator, Stamp, Via,
 };
 
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
@@ -152,6 +152,8 @@ pub struct Snapshot {
     pub stamp: Stamp,
     /// What the twin is doing.
     pub mode: Mode,
+    /// Which controller steers. Not kept in recordings.
+    pub controller: ControllerKind,
     /// State of the link.
     pub link: LinkStatus,
     /// Newest raw frame.

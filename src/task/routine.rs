@@ -81,7 +81,12 @@ impl Tracker {
 
     fn advance(&mut self, now: Stamp, tip_m: &[f64; 3]) {
         // A pause of the program is not time on the path.
-        let dt_s = self.now.map_or(0.0, |t| now.since(t).clamp(0.0, 0.1));
+        let since_s = self.now.map_or(0.0, |t| now.since(t));
+        let dt_s = if (0.0..=0.1).contains(&since_s) {
+            since_s
+        } else {
+            0.0
+        };
         self.now = Some(now);
         let via = self.via();
         let along = nalgebra::Vector3::from(via.velocity_m_s).try_normalize(0.0);

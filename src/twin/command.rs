@@ -2,7 +2,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
-use crate::control::ControllerKind;
+use crate::signal::ControllerKind;
 use crate::signal::{Goal, Gripper, Simulator, Snapshot, Stamp};
 use crate::task::Plan;
 

@@ -252,6 +252,7 @@ impl Twin {
         Snapshot {
             stamp: self.now,
             mode: self.mode(),
+            controller: self.controller.gains().kind,
             link: self.link.clone(),
             raw: self.raw.clone(),
             sensors: self.sensors.clone(),

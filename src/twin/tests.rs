@@ -5,10 +5,11 @@ use std::sync::Arc;
 use nalgebra::{SMatrix, SVector};
 
 use super::*;
-use crate::control::{ControllerKind, Gains};
+use crate::control::Gains;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
+use crate::signal::ControllerKind;
 use crate::signal::{
     CHAMBERS, Goal, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame, SIGNALS,
     Simulator, Stamp, TruthSource,
@@ -349,4 +350,106 @@ fn a_blind_twin_goes_safe_and_says_why_it_does_not_move() {
         panic!("not SAFE but {:?}", twin.mode())
     };
     assert!(reason.contains("too few sensors"), "{reason}");
+}
+
+fn texts(events: &[Event]) -> Vec<String> {
+    events.iter().map(Event::text).collect()
+}
+
+#[test]
+fn a_plan_with_one_stop_out_of_reach_moves_nothing() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    let goal = |z_m: f64| crate::task::Leg::Move(Goal::position([0.0, 0.0, z_m]));
+    let plan = crate::task::Plan {
+        name: "two stops".to_owned(),
+        legs: vec![goal(-0.304), goal(-5.0)],
+    };
+    let (_, mut events) = twin.tick(
+        at(20),
+        Some(frame(20)),
+        &[Command::Arm, Command::Start(plan)],
+    );
+    events.extend(feed(&mut twin, 21, 20));
+    let said = texts(&events);
+    assert!(
+        said.iter().any(|t| t.contains("stop 2 of the plan")),
+        "{said:?}"
+    );
+    assert_eq!((twin.mode(), twin.snapshot().routine), (Mode::Hold, None));
+}
+
+#[test]
+fn a_plan_on_hold_goes_on_where_it_was() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    let waypoints_m = (0..40)
+        .map(|k| [0.0, 0.0, -0.304 - 1e-4 * f64::from(k)])
+        .collect();
+    let path = crate::task::Path {
+        name: "line".to_owned(),
+        waypoints_m,
+    };
+    let follow = crate::task::Follow {
+        path,
+        speed_m_s: 1e-3,
+        laps: 1,
+    };
+    let mut plan = crate::task::Plan::follow(follow).expect("has waypoints");
+    // At once onto the path.
+    plan.legs.remove(0);
+    twin.tick(
+        at(20),
+        Some(frame(20)),
+        &[Command::Arm, Command::Start(plan)],
+    );
+    feed(&mut twin, 21, 150);
+    assert_eq!(twin.mode(), Mode::Moving);
+    let before = twin.snapshot().routine.expect("under way");
+    twin.tick(at(171), Some(frame(171)), &[Command::Hold]);
+    feed(&mut twin, 172, 300);
+    assert_eq!(twin.mode(), Mode::Hold);
+    assert_eq!(twin.snapshot().routine.as_ref(), Some(&before));
+    twin.tick(at(472), Some(frame(472)), &[Command::Resume]);
+    assert_eq!(twin.mode(), Mode::Moving);
+    let after = twin.snapshot().routine.expect("under way");
+    assert_eq!(after.waypoint, before.waypoint);
+    // A stop is the end of it.
+    twin.tick(at(473), Some(frame(473)), &[Command::Stop]);
+    twin.tick(at(474), Some(frame(474)), &[Command::Reset]);
+    feed(&mut twin, 475, 5);
+    let (_, events) = twin.tick(at(480), Some(frame(480)), &[Command::Arm, Command::Resume]);
+    assert!(
+        texts(&events)
+            .iter()
+            .any(|t| t.contains("nothing to resume")),
+        "{events:?}"
+    );
+}
+
+#[test]
+fn the_controller_can_be_changed_on_the_way() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    let goal = Goal::position([0.0, 0.0, -0.306]);
+    twin.tick(
+        at(20),
+        Some(frame(20)),
+        &[Command::Arm, Command::Goto(goal)],
+    );
+    feed(&mut twin, 21, 50);
+    let before = twin.snapshot();
+    assert_eq!(before.controller, ControllerKind::Ours);
+    let (command, _) = twin.tick(
+        at(71),
+        Some(frame(71)),
+        &[Command::Steer(ControllerKind::Paper)],
+    );
+    let (old, new) = (before.command.expect("moves"), command.expect("moves"));
+    let limits = &RobotSpec::reference().pressure;
+    for (a, b) in old.chamber_pa().iter().zip(new.chamber_pa()) {
+        assert!((a - b).abs() <= limits.rate_pa_s * 0.011, "{a} {b}");
+    }
+    assert_eq!(twin.snapshot().controller, ControllerKind::Paper);
+    assert_eq!(twin.mode(), Mode::Moving);
 }

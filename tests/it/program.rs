@@ -419,3 +419,160 @@ fn goto_reaches_its_target_with_a_patched_robot() {
         "{v}"
     );
 }
+
+#[test]
+fn both_controllers_follow_the_papers_paths() {
+    for (path, controller, payload, bound_mm) in [
+        ("circle", "ours", "0.115", 1.0),
+        ("eight", "ours", "0.5", 2.0),
+        ("eight", "paper", "0", 3.3),
+    ] {
+        let dir = scratch(&format!("follow-{path}-{controller}"));
+        let out = dir.to_str().expect("utf-8");
+        let v = json(&[
+            "follow",
+            "--path",
+            path,
+            "--controller",
+            controller,
+            "--payload",
+            payload,
+            "--out",
+            out,
+            "--json",
+        ]);
+        assert_eq!(v["success"], true, "{v}");
+        assert_eq!(
+            (&v["waypoints"], &v["missed_ticks"]),
+            (&60.into(), &0.into()),
+            "{v}"
+        );
+        let mean_mm = v["mean_mm"].as_f64().expect("mean_mm");
+        assert!(mean_mm <= bound_mm, "{path} by {controller}: {mean_mm} mm");
+        for key in [
+            "rmse_mm",
+            "p95_mm",
+            "max_mm",
+            "steps",
+            "saturated_ratio",
+            "off_manifold_mm",
+        ] {
+            assert!(v[key].is_number(), "{key} in {v}");
+        }
+        assert!(
+            v["solve_micros"]["median"]
+                .as_f64()
+                .is_some_and(|us| us > 0.0),
+            "{v}"
+        );
+        for name in [
+            "trajectory.svg",
+            "errors.svg",
+            "pressures.svg",
+            "springs.svg",
+        ] {
+            let text = std::fs::read_to_string(dir.join(name)).expect(name);
+            assert!(
+                text.contains("simulated rig") && text.contains("<poly"),
+                "{name}"
+            );
+        }
+        let log = std::fs::read_to_string(dir.join("log.csv")).expect("log");
+        let columns = log.lines().next().expect("a head").split(',').count();
+        assert!(
+            log.lines().all(|l| l.split(',').count() == columns) && log.lines().count() > 10_000
+        );
+    }
+}
+
+#[test]
+fn fruit_lands_in_the_basket() {
+    let v = json(&["pick-place", "--json"]);
+    assert_eq!(
+        (&v["in_basket"], &v["success"]),
+        (&3.into(), &true.into()),
+        "{v}"
+    );
+    assert!(v["max_mm"].as_f64().expect("max_mm") < 2.0, "{v}");
+    // What lies elsewhere is not grasped, and the plan is carried out all the same.
+    let v = json(&[
+        "pick-place",
+        "--item",
+        "-70,0,-320,0.1",
+        "--basket",
+        "60,0,-310",
+        "--json",
+    ]);
+    assert_eq!(v["in_basket"], 1, "{v}");
+}
+
+#[test]
+fn a_plan_with_a_stop_out_of_reach_is_refused_as_a_whole() {
+    let (code, text) = refusal(&["follow", "--path", "circle", "--size", "260"]);
+    assert!(
+        code == 1 && text.contains("stop 1 of the plan") && text.contains("mm short"),
+        "{text}"
+    );
+    let (code, text) = refusal(&[
+        "follow",
+        "--path",
+        "eight",
+        "--centre",
+        "60,0,-300",
+        "--size",
+        "190",
+    ]);
+    assert!(
+        code == 1 && text.contains("waypoint") && text.contains("chamber"),
+        "{text}"
+    );
+    let (code, text) = refusal(&["pick-place", "--item", "-70,0,-320,0.9"]);
+    assert!(
+        code == 1 && text.contains("0.9 kg") && text.contains("0.6 kg"),
+        "{text}"
+    );
+    let (code, text) = refusal(&["follow", "--path", "circle", "--speed", "9"]);
+    assert!(code == 1 && text.contains("5 mm/s"), "{text}");
+    let (code, text) = refusal(&["follow", "--path", "circle", "--stiffness", "9"]);
+    assert!(code == 2 && text.contains("from 0.3 to 3"), "{text}");
+}
+
+#[test]
+fn a_verdict_comes_with_its_reason_and_pressures() {
+    let v = json(&["reach", "60,40,-300", "--json"]);
+    assert_eq!(
+        (&v["state"], &v["distance_mm"]),
+        (&"reachable".into(), &0.0.into()),
+        "{v}"
+    );
+    assert_eq!(v["chamber_kpa"].as_array().map(Vec::len), Some(6));
+    let v = json(&["reach", "250,0,-300", "--json"]);
+    assert_eq!(v["state"], "unreachable", "{v}");
+    assert!(
+        v["limiting_chamber"]["chamber"].is_number() && v["micros"].is_number(),
+        "{v}"
+    );
+    // Sideways there is no way to get there.
+    let v = json(&["reach", "60,40,-300", "--direction", "1,0,0", "--json"]);
+    assert_eq!(v["state"], "unreachable", "{v}");
+    let (code, text) = refusal(&["reach", "60,40,-300", "--direction", "0,0,0"]);
+    assert!(code == 2 && text.contains("points nowhere"), "{text}");
+}
+
+#[test]
+fn a_direction_is_met_with_the_spare_pressure_within_bounds() {
+    let v = json(&["goto", "60,40,-300", "--direction", "0,0,-1", "--json"]);
+    assert_eq!(v["success"], true, "{v}");
+    assert!(v["rotation_error_deg"].as_f64().expect("deg") < 1.0, "{v}");
+    assert!(v["target_error_mm"].as_f64().expect("mm") < 2.0, "{v}");
+    assert_eq!(v["saturated_ratio"], 0.0, "{v}");
+}
+
+#[test]
+fn an_arm_that_turns_out_too_stiff_gives_up_on_the_way_and_says_why() {
+    let (code, text) = refusal(&["goto", "-120,80,-240", "--stiffness", "2"]);
+    assert!(
+        code == 1 && text.contains("times as stiff") && text.contains("mm short"),
+        "{text}"
+    );
+}

@@ -5,7 +5,7 @@ use egui::{Button, RichText, TextEdit, Ui, vec2};
 use super::View;
 use super::widgets::{Gate, gated, heading, note, number};
 use crate::gui::theme::{Level, Palette};
-use crate::signal::{CHAMBERS, Goal, Gripper, Mode, Reach, ReachState, Severity};
+use crate::signal::{CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState, Severity};
 use crate::twin::Command;
 
 /// How long Go is held on hardware, s.
@@ -203,6 +203,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
     });
     progress(ui, view);
     ui.separator();
+    controller(ui, view, commands);
     hand(ui, view, commands);
 }
 
@@ -330,6 +331,31 @@ fn progress(ui: &mut Ui, view: &View<'_>) {
     note(ui, format!("{} mm to the present goal", number(d * 1e3, 1))).on_hover_text(format!(
         "Goal at {x}, {y}, {z} mm. Distance by the estimate, not by motion capture."
     ));
+}
+
+fn controller(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
+    let gate = view.live();
+    ui.horizontal(|ui| {
+        note(ui, "Controller");
+        for (kind, name, hover) in [
+            (
+                ControllerKind::Ours,
+                "Bounded",
+                "Steer by a bounded quadratic programme in actuator space, from now on",
+            ),
+            (
+                ControllerKind::Paper,
+                "Paper",
+                "Steer by the paper's sensor-space descent and ADRC, from now on",
+            ),
+        ] {
+            let chosen = view.snapshot.controller == kind;
+            let button = Button::selectable(chosen, name).frame_when_inactive(true);
+            if gated(ui, &gate, button, hover).clicked() && !chosen {
+                commands.push(Command::Steer(kind));
+            }
+        }
+    });
 }
 
 fn hand(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {

@@ -1,7 +1,7 @@
 //! What the operator asks for: verdicts before anything moves, plans, hold and resume.
 
 use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
-use crate::control::{Gains, ReachConfig, SEGMENTS, StartSample, reach};
+use crate::control::{Gains, ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
 use crate::link::wire::fault;
 use crate::signal::{CHAMBERS, Goal, Reach, ReachState, Simulator};
 use crate::task::{Plan, Routine, Stop, Target, allowed};
@@ -168,7 +168,7 @@ impl Twin {
 
     /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
     fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
-        let gains = self.controller.plant_gains();
+        let gains = judging_gains(self.controller.plant_gains());
         let config = ReachConfig {
             plant_gains: gains,
             ..ReachConfig::default()
@@ -226,7 +226,7 @@ impl Twin {
         let Phase::Moving { routine, .. } = &self.phase else {
             return;
         };
-        let gains = self.controller.plant_gains();
+        let gains = judging_gains(self.controller.plant_gains());
         let changed = |k: usize| (gains[k] / self.judged_gains[k] - 1.0).abs() > GAIN_CHANGE_RATIO;
         if self.check.is_some() || !(0..SEGMENTS).any(changed) {
             return;
@@ -315,7 +315,7 @@ impl Twin {
     fn set_out(&mut self, routine: Box<Routine>, events: &mut Vec<Event>) {
         self.preview = None;
         self.paused = None;
-        self.judged_gains = self.controller.plant_gains();
+        self.judged_gains = judging_gains(self.controller.plant_gains());
         if let Some(Target::Goal(goal, reach)) = routine.target() {
             self.controller.set_goal(goal.clone(), reach);
         } else {

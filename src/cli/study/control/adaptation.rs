@@ -9,8 +9,9 @@ use super::super::table::{Drawn, Table};
 use super::tasks::{SEEDS, STIFFNESSES};
 use super::{Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
-use springtwin::control::{Adaptation, ControllerKind, Gains, ReachConfig, SEGMENTS, reach};
+use springtwin::control::{Adaptation, Gains, ReachConfig, SEGMENTS, judging_gains, reach};
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::signal::{CHAMBERS, Goal, ReachState};
 use springtwin::sim::dataset::sample_rng;
 use springtwin::sim::{Inputs, Model, Parameters, Resolution, State, observe, sensitivity, settle};
@@ -132,7 +133,7 @@ fn wrong(
 ) -> Result<[f64; 3]> {
     let maps = model::maps(None)?;
     let config = ReachConfig {
-        plant_gains,
+        plant_gains: judging_gains(plant_gains),
         ..ReachConfig::default()
     };
     let mut counts = [0usize; 3];

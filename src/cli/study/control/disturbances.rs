@@ -11,9 +11,10 @@ use super::super::table::{Drawn, Table};
 use super::tasks::SEEDS;
 use super::{KINDS, Outcome, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
-use springtwin::control::{ControllerKind, Gains};
+use springtwin::control::Gains;
 use springtwin::rig::VirtualRig;
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::sim::dataset::{normal, sample_rng};
 
 /// When it begins, s: on the path.

@@ -21,8 +21,9 @@ use super::super::drive::measures::{self, MoveMeasures, PathMeasures};
 use super::super::drive::{Drive, Driven, drive};
 use super::super::live::rig_options;
 use super::super::{model, ports::Script};
-use springtwin::control::{ControllerKind, Gains};
+use springtwin::control::Gains;
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 use springtwin::task::{Follow, PATH_WAYPOINTS, Path, Plan};
 

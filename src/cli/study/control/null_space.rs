@@ -6,8 +6,9 @@ use super::super::table::{Drawn, Table};
 use super::tasks::{SEEDS, TARGETS_M};
 use super::{Measured, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
-use springtwin::control::{ControllerKind, Gains};
+use springtwin::control::Gains;
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 
 /// The table.

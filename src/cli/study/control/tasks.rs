@@ -6,9 +6,10 @@ use super::super::super::drive::pictures::{Aspect, Chart, Line};
 use super::super::table::{Drawn, Table};
 use super::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
-use springtwin::control::{ControllerKind, Gains, InitialGuess};
+use springtwin::control::{Gains, InitialGuess};
 use springtwin::learn::ErrorStats;
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 
 /// The paper's loads, kg.

@@ -5,8 +5,9 @@ use anyhow::Result;
 use super::super::table::{Drawn, Table};
 use super::{KINDS, Measured, Outcome, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
-use springtwin::control::{AdrcGains, ControllerKind, Gains};
+use springtwin::control::{AdrcGains, Gains};
 use springtwin::robot::RobotSpec;
+use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 
 /// Seed of the rig's noise: no other study uses it.
