@@ -60,7 +60,7 @@ enum Command {
     Gap(gap::GapCommand),
     /// Train the networks
     Train(data::TrainArgs),
-    /// The paper's tables on sensing, made anew on the virtual rig
+    /// The paper's tables on sensing and control, made anew on the virtual rig
     Study(study::StudyArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
     Estimate(data::EstimateArgs),

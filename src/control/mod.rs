@@ -1,6 +1,6 @@
 //! From a goal to chamber pressures: the sensor-space solver, ADRC, reachability, the controllers.
 //!
-//! Source: the paper, section IV (systems S9 to S12), with errata 4 to 8 applied; ours beside it.
+//! Source: the paper, section IV (systems S9 to S12, S16), with errata 4 to 8 applied; ours beside it.
 //! Everything here works on the learned maps ([`PoseMap`](crate::learn::PoseMap),
 //! [`PlantMap`](crate::learn::PlantMap)) and on measured signals. Absent by design: simulators,
 //! motion capture, clocks, I/O.
@@ -13,6 +13,7 @@
 //! | B₀ | ∂s/∂q of the plant map, 24 × 6 | per Pa |
 //! | W | diag(1/σ) of the signals | 1/m, 1/rad |
 //! | r | task residual, weighted so that 1 = 1 mm = 1° | mm, ° |
+//! | g | how much more a segment gives way to pressure than the plant map has it | 1 |
 
 mod adapt;
 mod adrc;

@@ -21,7 +21,7 @@ use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Pose, PressureCommand, SensorRef, Snapshot};
 use springtwin::task::Plan;
 use springtwin::twin::{
-    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
+    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, Twin, run_in_real_time,
     run_in_simulated_time,
 };
 
@@ -155,7 +155,8 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     };
     let mut runner = Runner::new(twin, port, robot);
     let mut out = Driven {
-        rows: Vec::new(),
+        // To grow it on the way would copy it, and miss a tick.
+        rows: Vec::with_capacity((d.seconds.min(3600.0) / TICK_S) as usize + 1),
         events: Vec::new(),
         pace: Pace::default(),
         frames: [0; 2],

@@ -118,12 +118,14 @@ impl Chart {
                     .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour));
             }
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.8))
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
+        if self.lines.iter().any(|l| !l.name.is_empty()) {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE.mix(0.8))
+                .border_style(BLACK.mix(0.3))
+                .draw()?;
+        }
         root.present()?;
         Ok(())
     }

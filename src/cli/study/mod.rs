@@ -1,4 +1,4 @@
-//! `study`: the paper's tables and figures on sensing, made anew on the virtual rig.
+//! `study`: the paper's tables and figures on sensing and control, made anew on the virtual rig.
 //!
 //! Every study trains what it compares on simulated samples and scores it on the rig, which is another
 //! simulator with sensors of its own; sim-to-real networks and stated uncertainties come from settled

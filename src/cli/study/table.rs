@@ -161,14 +161,21 @@ impl Table {
             Drawn::Chart(_) => {}
             Drawn::Bars => {
                 let height = 90 + 30 * drawn.len() as u32;
-                let root = SVGBackend::with_string(out, (900, height)).into_drawing_area();
+                // Letters of this size are 7 px wide or so.
+                let words = |(r, _): &(&Row, f64)| {
+                    r.label.chars().count() + r.source.words().chars().count() + 3
+                };
+                let longest = drawn.iter().map(words).max().unwrap_or(0) as u32;
+                let label_px = (7 * longest + 12).max(300);
+                let root =
+                    SVGBackend::with_string(out, (600 + label_px, height)).into_drawing_area();
                 root.fill(&WHITE)?;
                 let n = drawn.len() as f64;
                 let mut chart = ChartBuilder::on(&root)
                     .caption(self.title, ("sans-serif", 18))
                     .margin(10)
                     .x_label_area_size(36)
-                    .y_label_area_size(300)
+                    .y_label_area_size(label_px)
                     .build_cartesian_2d(0.0..top, 0.0..n)?;
                 chart
                     .configure_mesh()

@@ -120,7 +120,7 @@ pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
     let mut rows = kept.chunks(SEEDS.len());
     let mut lines = Vec::new();
     for stiffness in STIFFNESSES {
-        for (k, (kind, who)) in KINDS.into_iter().enumerate() {
+        for (kind, who) in KINDS {
             let mut points = Vec::new();
             for payload_kg in LOADS_KG {
                 let group = rows.next().unwrap_or_default();
@@ -130,10 +130,13 @@ pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
                 t.ours(format!("{who}, {load:.0} g, stiffness {stiffness}"), cells);
             }
             lines.push(Line {
-                name: format!("{who}, stiffness {stiffness}"),
+                name: match kind {
+                    ControllerKind::Paper => format!("{who} (dashed), stiffness {stiffness}"),
+                    ControllerKind::Ours => format!("{who}, stiffness {stiffness}"),
+                },
                 points,
                 dashed: kind == ControllerKind::Paper,
-                colour: 1 + lines.len() / 2 + 3 * k,
+                colour: 1 + lines.len() / KINDS.len(),
             });
         }
     }
