@@ -322,9 +322,9 @@ impl Controller {
                 if active.goal != goal {
                     active.goal = goal;
                     active.inner.iter_mut().for_each(Inner::retarget);
+                    active.progress = None;
                 }
                 active.reach_pa = None;
-                active.progress = None;
             }
         }
         if let Some(active) = &mut self.active {
@@ -472,6 +472,7 @@ impl Controller {
         if !finite {
             return false;
         }
+        let began = self.stopwatch.map(|now| now());
         let (kg, limits) = (input.payload_kg, &self.limits);
         self.plant_gain.learn(input.frame, kg, maps.plant, limits);
         let gains = self.plant_gain.gains();
@@ -516,7 +517,8 @@ impl Controller {
             lo_pa_s,
             hi_pa_s,
         };
-        let began = self.stopwatch.map(|now| now());
+        // A new controller solves for its first reference.
+        let anew = active.inner.is_none();
         let inner = active.inner.get_or_insert_with(|| match self.gains.kind {
             ControllerKind::Paper => Inner::Paper(Box::new(Paper::new(&tick, &self.gains))),
             ControllerKind::Ours => Inner::Ours(Ours::new()),
@@ -525,7 +527,7 @@ impl Controller {
             Inner::Paper(paper) => paper.rate(&tick, &self.gains),
             Inner::Ours(ours) => ours.rate(&tick, &self.gains),
         };
-        let solve_s = match (self.stopwatch, began, out.solved) {
+        let solve_s = match (self.stopwatch, began, out.solved || anew) {
             (Some(now), Some(began), true) => Some((now() - began).as_secs_f64()),
             _ => None,
         };

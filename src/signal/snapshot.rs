@@ -189,7 +189,7 @@ pub struct Snapshot {
     pub mesh_trouble: Option<String>,
     /// What is abnormal now, most urgent first.
     pub alarms: Vec<Alarm>,
-    /// Mass the operator declared to be in the gripper, kg.
+    /// Mass in the gripper as declared by the operator, or by the plan that gripped it, kg.
     pub payload_kg: f64,
     /// Name of the recording being written, if any.
     pub recording: Option<String>,

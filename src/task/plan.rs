@@ -17,7 +17,7 @@ pub enum Leg {
     Grip {
         /// Where to.
         gripper: Gripper,
-        /// What it holds from then on, kg.
+        /// What it holds from then on besides what it held when the plan began, kg.
         payload_kg: f64,
     },
 }
@@ -72,7 +72,7 @@ impl Plan {
         })
     }
 
-    /// Every item in turn into the basket (system S15): over the item, down, grip, up, over the basket,
+    /// Opens the gripper, then every item in turn into the basket (system S15): over the item, down, grip, up, over the basket,
     /// down, let go, up. `drop_m` is where the tip is when it lets go, `lift_m` how much higher it travels.
     pub fn pick_and_place(items: &[Item], drop_m: [f64; 3], lift_m: f64) -> Self {
         let over = |[x, y, z]: [f64; 3]| Leg::Move(Goal::position([x, y, z + lift_m]));
@@ -96,14 +96,17 @@ impl Plan {
         let names: Vec<&str> = items.iter().map(|i| i.name.as_str()).collect();
         Self {
             name: format!("pick and place: {}", names.join(", ")),
-            legs: legs.collect(),
+            legs: std::iter::once(grip(Gripper::Open, 0.0))
+                .chain(legs)
+                .collect(),
         }
     }
 
     /// Every goal on the way with the leg it belongs to and what the gripper holds then, kg: all of them must be
-    /// reachable before anything moves. `payload_kg` is held at the start.
-    pub fn stops(&self, mut payload_kg: f64) -> Vec<Stop> {
+    /// reachable before anything moves. `base_kg` is held at the start.
+    pub fn stops(&self, base_kg: f64) -> Vec<Stop> {
         let mut out = Vec::new();
+        let mut payload_kg = base_kg;
         for (leg, part) in self.legs.iter().enumerate() {
             let mut stop = |goal: Goal, name: String| {
                 out.push(Stop {
@@ -122,7 +125,7 @@ impl Plan {
                         stop(goal, format!("waypoint {} of {n}", k + 1));
                     }
                 }
-                Leg::Grip { payload_kg: kg, .. } => payload_kg = *kg,
+                Leg::Grip { payload_kg: kg, .. } => payload_kg = base_kg + kg,
             }
         }
         out
@@ -155,12 +158,12 @@ mod tests {
             mass_kg: 0.21,
         };
         let plan = Plan::pick_and_place(&[item], [0.09, 0.0, -0.30], 0.04);
-        let stops = plan.stops(0.0);
+        let stops = plan.stops(0.1);
         let held: Vec<f64> = stops.iter().map(|s| s.payload_kg).collect();
-        assert_eq!(held, [0.0, 0.0, 0.21, 0.21, 0.21, 0.0]);
+        assert_eq!(held, [0.1, 0.1, 0.31, 0.31, 0.31, 0.1]);
         assert_eq!(stops[1].goal.position_m, [-0.09, 0.0, -0.33]);
         assert!((stops[3].goal.position_m[2] + 0.26).abs() < 1e-12);
-        assert_eq!(stops[5].leg, 7);
+        assert_eq!(stops[5].leg, 8);
     }
 
     #[test]

@@ -1,19 +1,18 @@
 //! A plan under way: which leg, where the tip shall be now, what has happened.
 
 use super::goto::{Arrival, Goto, GotoState};
-use super::path::Path;
-use super::plan::{Follow, GRIP_S, Leg, Plan};
+use super::plan::{Follow, GRIP_S, Leg, Plan, Stop};
 use crate::signal::{Estimate, Goal, Gripper, Reach, Stamp, Via};
 
 /// Time in which the point on a path reaches its speed, s.
 const RAMP_S: f64 = 1.0;
 /// A tip that is this far behind does not slow the point down, m.
 const LAG_FREE_M: f64 = 0.4e-3;
-/// So much further behind, the point stands still, m.
-const LAG_STOP_M: f64 = 3e-3;
+/// So much further behind, the point goes at its slowest, m.
+const LAG_SLOW_M: f64 = 3e-3;
 /// The pace falls to nothing in this time when the tip is twice as far behind as is free, and recovers as fast, s.
 const PACE_S: f64 = 4.0;
-/// The pace never falls below this: a tip that is held off its path is not waited for without end.
+/// Slowest share of the speed: a tip that is held off its path is not waited for without end.
 const PACE_MIN: f64 = 0.1;
 /// Time constant of the mean of the lag, s: a single estimate is noisier than what is free.
 const LAG_SMOOTHING_S: f64 = 0.2;
@@ -42,10 +41,14 @@ pub enum Target<'a> {
 /// for the speed asked for.
 #[derive(Clone, Debug, PartialEq)]
 struct Tracker {
-    /// Distance from the first waypoint to each, the last one being the end of the last lap, m.
+    /// Distance along a lap from the first waypoint to each, then to the first again, m.
     length_m: Vec<f64>,
+    /// Of one lap.
     waypoints_m: Vec<[f64; 3]>,
+    laps: u32,
     speed_m_s: f64,
+    /// Laps done, and the way on the present one, m.
+    laps_done: u32,
     travelled_m: f64,
     /// Since it set out.
     moving_s: f64,
@@ -58,19 +61,19 @@ struct Tracker {
 
 impl Tracker {
     fn new(follow: &Follow) -> Self {
-        let waypoints_m = laps(&follow.path, follow.laps);
-        let mut length_m = Vec::with_capacity(waypoints_m.len());
+        let waypoints_m = follow.path.waypoints_m.clone();
+        let mut length_m = vec![0.0];
         let mut total_m = 0.0;
-        for (k, p) in waypoints_m.iter().enumerate() {
-            total_m += k
-                .checked_sub(1)
-                .map_or(0.0, |before| distance(&waypoints_m[before], p));
+        for (a, b) in waypoints_m.iter().zip(waypoints_m.iter().cycle().skip(1)) {
+            total_m += distance(a, b);
             length_m.push(total_m);
         }
         Self {
             length_m,
             waypoints_m,
+            laps: follow.laps.max(1),
             speed_m_s: follow.speed_m_s,
+            laps_done: 0,
             travelled_m: 0.0,
             moving_s: 0.0,
             lag_m: 0.0,
@@ -99,31 +102,47 @@ impl Tracker {
         self.pace = self.pace.clamp(PACE_MIN, 1.0);
         self.travelled_m += self.speed_now_m_s() * dt_s;
         self.moving_s += dt_s;
+        let lap_m = self.length_m[self.waypoints_m.len()];
+        if self.travelled_m >= lap_m && self.laps_done + 1 < self.laps {
+            self.laps_done += 1;
+            self.travelled_m -= lap_m;
+        }
     }
 
     fn speed_now_m_s(&self) -> f64 {
         let ramp = ((self.moving_s + 0.01) / RAMP_S).min(1.0);
-        let wait = 1.0 - ((self.lag_m - LAG_FREE_M) / LAG_STOP_M).clamp(0.0, 1.0 - PACE_MIN);
-        self.speed_m_s * ramp * self.pace * wait
+        let wait = 1.0 - ((self.lag_m - LAG_FREE_M) / LAG_SLOW_M).clamp(0.0, 1.0);
+        self.speed_m_s * ramp * (self.pace * wait).max(PACE_MIN)
     }
 
-    /// Index of the waypoint it travels to.
+    /// Index of the waypoint it travels to on this lap: the number of waypoints stands for the first again.
     fn next(&self) -> usize {
         let passed = self.length_m.partition_point(|l| *l <= self.travelled_m);
-        passed.min(self.length_m.len() - 1)
+        passed.clamp(1, self.waypoints_m.len())
+    }
+
+    fn waypoint(&self, k: usize) -> [f64; 3] {
+        self.waypoints_m[k % self.waypoints_m.len()]
+    }
+
+    /// Of all laps: the waypoint it travels to, and the last one.
+    fn count(&self) -> (usize, usize) {
+        let n = self.waypoints_m.len();
+        (
+            self.laps_done as usize * n + self.next(),
+            self.laps as usize * n,
+        )
     }
 
     fn has_ended(&self) -> bool {
-        self.length_m.last().is_none_or(|l| self.travelled_m >= *l)
+        self.laps_done + 1 >= self.laps
+            && self.length_m.last().is_none_or(|l| self.travelled_m >= *l)
     }
 
     fn via(&self) -> Via {
         let next = self.next();
-        let (b, a) = (
-            self.waypoints_m[next],
-            self.waypoints_m[next.saturating_sub(1)],
-        );
-        let from_m = self.length_m[next.saturating_sub(1)];
+        let (b, a) = (self.waypoint(next), self.waypoint(next - 1));
+        let from_m = self.length_m[next - 1];
         let span_m = (self.length_m[next] - from_m).max(1e-9);
         let share = ((self.travelled_m - from_m) / span_m).clamp(0.0, 1.0);
         let speed = self.speed_now_m_s();
@@ -132,17 +151,6 @@ impl Tracker {
             velocity_m_s: std::array::from_fn(|i| speed * (b[i] - a[i]) / span_m),
         }
     }
-}
-
-/// The waypoints of all laps, from the first back to the first.
-fn laps(path: &Path, laps: u32) -> Vec<[f64; 3]> {
-    let once = path.waypoints_m.iter();
-    let mut all: Vec<[f64; 3]> = (0..laps.max(1))
-        .flat_map(|_| once.clone())
-        .copied()
-        .collect();
-    all.extend(path.waypoints_m.first());
-    all
 }
 
 fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
@@ -165,6 +173,8 @@ pub struct Routine {
     plan: Plan,
     /// The verdict on the goal of each leg that has one.
     reaches: Vec<Option<Reach>>,
+    /// In the gripper when the plan began, kg.
+    base_kg: f64,
     leg: usize,
     doing: Doing,
     /// The goal of the present leg, or of the last one that had one.
@@ -173,12 +183,13 @@ pub struct Routine {
 
 impl Routine {
     /// A plan from its first leg on. `reaches` holds, per leg, the verdict on its goal: `None` for legs
-    /// without one (paths, grips).
-    pub fn new(plan: Plan, reaches: Vec<Option<Reach>>, now: Stamp) -> Self {
+    /// without one (paths, grips). `base_kg` is in the gripper at the start.
+    pub fn new(plan: Plan, reaches: Vec<Option<Reach>>, base_kg: f64, now: Stamp) -> Self {
         let mut routine = Self {
             doing: Doing::Gripping(None),
             plan,
             reaches,
+            base_kg,
             leg: 0,
             kept: None,
         };
@@ -202,6 +213,30 @@ impl Routine {
         }
     }
 
+    /// The stops that are not passed yet.
+    pub fn stops_ahead(&self) -> Vec<Stop> {
+        let mut stops = self.plan.stops(self.base_kg);
+        let mut of_leg = 0;
+        stops.retain(|s| {
+            if s.leg != self.leg {
+                return s.leg > self.leg;
+            }
+            of_leg += 1;
+            match &self.doing {
+                Doing::Following(t) => {
+                    let n = t.waypoints_m.len();
+                    let (k, last) = t.count();
+                    // On the last lap, from the waypoint that it travels to.
+                    k + n <= last || of_leg > k + n - last
+                }
+                // At the end of a path, or on the way to a goal.
+                Doing::Going(_) => matches!(self.plan.legs.get(self.leg), Some(Leg::Move(_))),
+                Doing::Gripping(_) => true,
+            }
+        });
+        stops
+    }
+
     /// How many legs are done.
     pub fn legs_done(&self) -> usize {
         self.leg
@@ -210,7 +245,7 @@ impl Routine {
     /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one.
     pub fn waypoint(&self) -> Option<(usize, usize)> {
         match &self.doing {
-            Doing::Following(t) => Some((t.next(), t.length_m.len() - 1)),
+            Doing::Following(t) => Some(t.count()),
             Doing::Going(_) | Doing::Gripping(_) => None,
         }
     }
@@ -227,7 +262,7 @@ impl Routine {
     /// What to steer to now; `None` before the first goal.
     pub fn target(&self) -> Option<Target<'_>> {
         if let Doing::Following(t) = &self.doing {
-            let goal = Goal::position(t.waypoints_m[t.next()]);
+            let goal = Goal::position(t.waypoint(t.next()));
             return Some(Target::Along(goal, t.via()));
         }
         let (goal, reach) = self.kept.as_ref()?;
@@ -249,7 +284,7 @@ impl Routine {
                 tracker.advance(now, &estimate.base_from_tip.translation.vector.into());
                 if tracker.has_ended() {
                     // It settles at the end of the path before anything else.
-                    let end = Goal::position(tracker.waypoints_m[tracker.waypoints_m.len() - 1]);
+                    let end = Goal::position(tracker.waypoint(0));
                     self.doing = Doing::Going(Goto::new(end.clone(), now));
                     self.kept = Some((end, None));
                 }
@@ -263,7 +298,7 @@ impl Routine {
                         payload_kg,
                     }) = self.plan.legs.get(self.leg)
                 {
-                    happened.push(Happening::Gripped(*gripper, *payload_kg));
+                    happened.push(Happening::Gripped(*gripper, self.base_kg + payload_kg));
                 }
                 if now.since(since) >= GRIP_S {
                     self.proceed(now);
@@ -315,7 +350,7 @@ mod tests {
     /// Runs a plan with a tip that is always where it shall be; what happened, with times and tip positions.
     fn run(plan: Plan, seconds: f64) -> (Routine, Vec<(f64, Happening)>, Vec<[f64; 3]>) {
         let legs = plan.legs.len();
-        let mut routine = Routine::new(plan, vec![None; legs], Stamp::ZERO);
+        let mut routine = Routine::new(plan, vec![None; legs], 0.0, Stamp::ZERO);
         let (mut log, mut way) = (Vec::new(), Vec::new());
         let mut tip_m = [0.0, 0.0, -0.3];
         for k in 0..(seconds * 100.0) as u32 {
@@ -407,7 +442,7 @@ mod tests {
             "{mean_m}"
         );
         let passed_m = tracker.travelled_m;
-        assert!((0.12..0.151).contains(&passed_m), "{passed_m} m in 60 s");
+        assert!((0.12..0.155).contains(&passed_m), "{passed_m} m in 60 s");
         // Held fast, it is not waited for without end.
         for k in 6000..12_000 {
             tracker.advance(Stamp::from_seconds(f64::from(k) * 0.01), &tip.into());
@@ -435,7 +470,25 @@ mod tests {
         }
         let speed = nalgebra::Vector3::from(after.velocity_m_s).norm();
         assert!((speed - 4e-3).abs() < 1e-12);
-        assert_eq!(tracker.length_m.len(), 181);
+        assert_eq!(tracker.count().1, 180);
+    }
+
+    #[test]
+    fn what_is_passed_is_no_stop_ahead() {
+        let path = circle([0.0, 0.0, -0.3], 0.05, 60);
+        let follow = Follow {
+            path,
+            speed_m_s: 5e-3,
+            laps: 2,
+        };
+        let plan = Plan::follow(follow).expect("has waypoints");
+        let ahead_after = |seconds: f64| run(plan.clone(), seconds).0.stops_ahead().len();
+        assert_eq!(ahead_after(0.1), 61);
+        // On the first lap all of them come again.
+        assert_eq!(ahead_after(40.0), 60);
+        let half = ahead_after(0.6 + 62.8 + 31.4);
+        assert!((28..=31).contains(&half), "{half}");
+        assert_eq!(ahead_after(140.0), 0);
     }
 
     #[test]
@@ -453,6 +506,9 @@ mod tests {
             .filter(|(_, h)| matches!(h, Happening::Gripped(..)))
             .map(|(t, h)| (*t, h))
             .collect();
+        // It opens before it begins.
+        assert_eq!(grips[0].1, &Happening::Gripped(Gripper::Open, 0.0));
+        let grips = &grips[1..];
         assert_eq!(grips[0].1, &Happening::Gripped(Gripper::Closed, 0.12));
         assert_eq!(grips[1].1, &Happening::Gripped(Gripper::Open, 0.0));
         let next = log

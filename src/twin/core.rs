@@ -96,6 +96,8 @@ pub struct Twin {
     command: Option<PressureCommand>,
     held_pa: Option<[f64; CHAMBERS]>,
     gripper: Gripper,
+    /// What was declared before a plan closed the gripper, kg.
+    before_grip_kg: Option<f64>,
     payload_kg: f64,
     last_frame: Option<Stamp>,
     bad_frames: u32,
@@ -141,6 +143,7 @@ impl Twin {
             command: None,
             held_pa: None,
             gripper: Gripper::Open,
+            before_grip_kg: None,
             payload_kg: 0.0,
             last_frame: None,
             bad_frames: 0,
@@ -386,8 +389,20 @@ impl Twin {
                             *steps = 0;
                         }
                         Happening::Gripped(gripper, payload_kg) => {
+                            self.before_grip_kg = match gripper {
+                                Gripper::Closed => Some(self.payload_kg),
+                                Gripper::Open => None,
+                            };
                             self.gripper = gripper;
                             self.payload_kg = payload_kg;
+                            let what = match gripper {
+                                Gripper::Closed => "closes on",
+                                Gripper::Open => "opens; left in it:",
+                            };
+                            events.push(Event::Notice {
+                                stamp: self.now,
+                                text: format!("The gripper {what} {:.0} g.", payload_kg * 1e3),
+                            });
                         }
                         Happening::Finished => events.push(Event::Finished {
                             stamp: self.now,

@@ -494,7 +494,6 @@ fn fruit_lands_in_the_basket() {
         "{v}"
     );
     assert!(v["max_mm"].as_f64().expect("max_mm") < 2.0, "{v}");
-    // What lies elsewhere is not grasped, and the plan is carried out all the same.
     let v = json(&[
         "pick-place",
         "--item",

@@ -6,7 +6,7 @@ use super::{Driven, Row};
 use springtwin::control::virtual_output;
 use springtwin::learn::{ErrorStats, PlantMap, quantile};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
+use springtwin::signal::{Aim, CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
 
 /// A chamber set this close to its bound counts as saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
@@ -33,9 +33,9 @@ fn off_mm(truth: &Pose, point_m: [f64; 3]) -> f64 {
 /// How a move to a goal went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MoveMeasures {
-    /// True error over the last second, mm and degrees.
-    pub final_mm: f64,
-    pub final_deg: f64,
+    /// True error over the last second, mm and degrees (of what the goal asks for); `None` without ground truth.
+    pub final_mm: Option<ErrorStats>,
+    pub final_deg: Option<f64>,
     /// When the true tip came within 1 mm (and 1°) for good, s and control steps; `None`: never.
     pub settled_s: Option<f64>,
     pub steps: Option<usize>,
@@ -53,22 +53,29 @@ pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasu
         let e = pose_error(&truth, &wanted);
         Some([e.fixed_rows::<3>(0).norm(), e.fixed_rows::<3>(3).norm()])
     };
-    let errors: Vec<[f64; 2]> = rows.iter().filter_map(error).collect();
-    let outside = |e: &[f64; 2]| e[0] > SETTLED_M || e[1] > SETTLED_RAD;
-    let settled = match errors.iter().rposition(outside) {
-        None => Some(0),
-        Some(k) if k + 1 < errors.len() => Some(k + 1),
-        Some(_) => None,
-    };
-    let end: Vec<[f64; 2]> = rows
+    let errors: Vec<(usize, [f64; 2])> = rows
         .iter()
-        .filter(|r| r.t_s > last.t_s - FINAL_S)
-        .filter_map(error)
+        .enumerate()
+        .filter_map(|(k, r)| Some((k, error(r)?)))
         .collect();
-    let mean = |k: usize| end.iter().map(|e| e[k]).sum::<f64>() / end.len() as f64;
+    let outside = |(_, e): &(usize, [f64; 2])| e[0] > SETTLED_M || e[1] > SETTLED_RAD;
+    let settled = match errors.iter().rposition(outside) {
+        None => errors.first().map(|(k, _)| *k),
+        Some(at) => errors.get(at + 1).map(|(k, _)| *k),
+    };
+    let end = || {
+        let late = errors
+            .iter()
+            .filter(|(k, _)| rows[*k].t_s > last.t_s - FINAL_S);
+        late.map(|(_, e)| *e)
+    };
+    let deg = spread(end().map(|e| e[1].to_degrees()).collect());
     Some(MoveMeasures {
-        final_mm: mean(0) * 1e3,
-        final_deg: mean(1).to_degrees(),
+        final_mm: spread(end().map(|e| e[0] * 1e3).collect()),
+        final_deg: match goal.aim {
+            Aim::Free => None,
+            _ => deg.map(|d| d.mean),
+        },
         settled_s: settled.map(|k| rows[k].t_s - first.t_s),
         steps: settled,
         saturated_ratio: saturated_ratio(rows, robot),
@@ -102,10 +109,8 @@ pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> 
     for (k, row) in rows.iter().enumerate() {
         let now = row.waypoint.unwrap_or_default();
         let next = rows.get(k + 1).and_then(|r| r.waypoint);
-        if next != Some(now)
-            && now > 0
-            && let Some(truth) = &row.truth
-        {
+        let passed = next.map_or(driven.finished_s.is_some(), |next| next != now);
+        if passed && let Some(truth) = &row.truth {
             at_waypoints_mm.push(off_mm(truth, waypoints_m[now % n]));
         }
     }
@@ -127,7 +132,7 @@ pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> 
 }
 
 /// Distance of the true tip from a closed path, mm.
-fn from_path_mm(truth: &Pose, waypoints_m: &[[f64; 3]]) -> f64 {
+pub fn from_path_mm(truth: &Pose, waypoints_m: &[[f64; 3]]) -> f64 {
     let tip = truth.translation.vector;
     let n = waypoints_m.len();
     (0..n)

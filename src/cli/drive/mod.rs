@@ -103,8 +103,8 @@ pub struct Driven {
     pub safe: Option<String>,
     /// Whether the rig is simulated.
     pub simulated: bool,
-    /// What lay about, where it is at the end (`sim` only).
-    pub objects: Vec<Object>,
+    /// What lay about, where it is at the end; `None` where nobody can tell.
+    pub objects: Option<Vec<Object>>,
     /// Payload declared at the start, kg.
     pub declared_kg: f64,
     /// What the controller has learned of the arm's stiffness.
@@ -164,7 +164,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         refused: None,
         safe: None,
         simulated: false,
-        objects: d.options.objects.clone(),
+        objects: None,
         declared_kg: d.declared_kg,
         plant_gains: None,
     };
@@ -207,7 +207,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         }
         broken = broken.take().or(seen.broken);
         if simulated_time {
-            out.objects = seen.objects;
+            out.objects = Some(seen.objects);
         }
         let over = out
             .finished_s

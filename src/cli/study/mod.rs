@@ -31,10 +31,10 @@ pub struct StudyArgs {
     /// Folder for tables (JSON, Markdown) and pictures (SVG)
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Networks in the place of the shipped ones
+    /// Networks in the place of the shipped ones, for the studies on sensing
     #[arg(long, value_name = "F.safetensors")]
     model: Option<PathBuf>,
-    /// Seed of every random choice
+    /// Seed of every random choice of the studies on sensing; those on control have seeds of their own
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// Simulated samples that networks are trained on
@@ -101,6 +101,14 @@ enum Name {
 }
 
 impl Name {
+    fn is_on_control(self) -> bool {
+        use Name::*;
+        matches!(
+            self,
+            Tuning | Circle | Eight | Moves | PickPlace | Adaptation | NullSpace | Disturbances
+        )
+    }
+
     fn run(self, lab: &mut Lab) -> Result<Table> {
         match self {
             Self::All => anyhow::bail!("not a single study"),
@@ -139,6 +147,10 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
             .collect(),
         one => vec![one],
     };
+    anyhow::ensure!(
+        a.model.is_none() || !a.name.is_on_control(),
+        "the studies on control run the twin with the networks that ship: leave out --model"
+    );
     let mut lab = Lab::new(
         robot.clone(),
         a.model.as_deref(),

@@ -3,12 +3,12 @@
 use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
 use crate::control::{Gains, ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
 use crate::link::wire::fault;
-use crate::signal::{CHAMBERS, Goal, Reach, ReachState, Simulator};
+use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState, Simulator};
 use crate::task::{Plan, Routine, Stop, Target, allowed};
 use crate::twin::{Command, Event};
 
 /// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
-const CHECKS_PER_TICK: usize = 4;
+const CHECKS_PER_TICK: usize = 2;
 const NOTHING_TO_RESUME: &str = "There is nothing to resume: pick a target first.";
 /// Change of a plant gain after which the goals ahead are looked at again.
 const GAIN_CHANGE_RATIO: f64 = 0.1;
@@ -24,6 +24,8 @@ pub(super) struct Check {
 enum Then {
     /// The plan begins.
     Begin(Plan),
+    /// The routine on hold goes on.
+    Resume,
     /// The routine under way goes on.
     GoOn,
 }
@@ -60,16 +62,20 @@ impl Twin {
                 }
             }
             Command::Resume => {
-                if !matches!(self.phase, Phase::Hold) {
-                    self.refuse(NOTHING_TO_RESUME, events);
-                } else if self.preview.is_some() {
-                    self.go(events);
-                } else if let Some(reason) = self.not_ready() {
-                    self.refuse(reason, events);
-                } else if let Some(routine) = self.paused.take() {
-                    self.set_out(routine, events);
-                } else {
-                    self.refuse(NOTHING_TO_RESUME, events);
+                let paused = self.paused.as_ref().map(|r| r.stops_ahead());
+                match (&self.phase, paused) {
+                    (Phase::Hold, Some(stops)) => match self.not_ready() {
+                        Some(reason) => self.refuse(reason, events),
+                        None => {
+                            self.check = Some(Check {
+                                stops,
+                                reaches: Vec::new(),
+                                then: Then::Resume,
+                            });
+                        }
+                    },
+                    (Phase::Hold, None) if self.preview.is_some() => self.go(events),
+                    _ => self.refuse(NOTHING_TO_RESUME, events),
                 }
             }
             Command::Preview(goal) => self.preview(goal, events),
@@ -96,7 +102,14 @@ impl Twin {
                     );
                 }
             }
-            Command::Grip(gripper) => self.gripper = *gripper,
+            Command::Grip(gripper) => {
+                self.gripper = *gripper;
+                if *gripper == Gripper::Open
+                    && let Some(kg) = self.before_grip_kg.take()
+                {
+                    self.payload_kg = kg;
+                }
+            }
             Command::Show(simulator) => {
                 self.simulator = *simulator;
                 self.mesh_at = None;
@@ -231,8 +244,7 @@ impl Twin {
         if self.check.is_some() || !(0..SEGMENTS).any(changed) {
             return;
         }
-        let mut stops = routine.plan().stops(self.payload_kg);
-        stops.retain(|s| s.leg >= routine.legs_done());
+        let stops = routine.stops_ahead();
         self.judged_gains = gains;
         self.check = Some(Check {
             stops,
@@ -254,16 +266,19 @@ impl Twin {
             let verdict = found.and_then(|r| {
                 let refused = allowed(&r).map_err(|e| e.to_string());
                 match check.then {
-                    Then::Begin(_) => refused.map(|()| r),
                     // Where nobody can tell, what has begun goes on.
                     Then::GoOn if r.state == ReachState::OutsideData => Ok(r),
-                    Then::GoOn => refused.map(|()| r),
+                    _ => refused.map(|()| r),
                 }
             });
             match (verdict, &check.then) {
                 (Ok(reach), _) => check.reaches.push(reach),
                 (Err(reason), Then::Begin(plan)) if plan.legs.len() == 1 => {
                     return self.refuse(reason, events);
+                }
+                (Err(reason), Then::Resume) => {
+                    let text = format!("Not resumed, because of {}. {reason}", stop.name);
+                    return self.refuse(text, events);
                 }
                 (Err(reason), Then::Begin(_)) => {
                     let text = format!("Not started, because of {}. {reason}", stop.name);
@@ -295,8 +310,16 @@ impl Twin {
                 if let Some(reason) = self.not_allowed() {
                     return self.refuse(reason, events);
                 }
-                let routine = Routine::new(plan, of_leg, self.now);
+                let routine = Routine::new(plan, of_leg, self.payload_kg, self.now);
                 self.set_out(Box::new(routine), events);
+            }
+            Then::Resume => {
+                if let (None, Some(mut routine)) = (self.not_allowed(), self.paused.take()) {
+                    for (stop, reach) in check.stops.iter().zip(check.reaches) {
+                        routine.judge(stop.leg, reach);
+                    }
+                    self.set_out(routine, events);
+                }
             }
             Then::GoOn => {
                 if let Phase::Moving { routine, .. } = &mut self.phase {
@@ -333,8 +356,13 @@ impl Twin {
     }
 
     fn go(&mut self, events: &mut Vec<Event>) {
-        let Some((goal, reach)) = self.preview.clone() else {
+        let Some((goal, _)) = self.preview.clone() else {
             return self.refuse("Pick a target first.", events);
+        };
+        // Load and stiffness may be others than when it was previewed.
+        let reach = match self.reach(&goal, self.payload_kg, None) {
+            Ok(reach) => reach,
+            Err(reason) => return self.refuse(reason, events),
         };
         if let Some(reason) = self.not_allowed() {
             return self.refuse(reason, events);
@@ -342,7 +370,12 @@ impl Twin {
         match allowed(&reach) {
             Ok(()) => {
                 self.check = None;
-                let routine = Routine::new(Plan::goto(goal), vec![Some(reach)], self.now);
+                let routine = Routine::new(
+                    Plan::goto(goal),
+                    vec![Some(reach)],
+                    self.payload_kg,
+                    self.now,
+                );
                 self.set_out(Box::new(routine), events);
             }
             Err(reason) => self.refuse(reason.to_string(), events),

@@ -165,7 +165,7 @@ pub fn adaptation(robot: &RobotSpec) -> Result<Table> {
             format!(
                 "Gains: how much more the segments give way than the model has it, at the end (the arm's own is one \
                  over its stiffness). Verdicts after that on {GOALS} random goals, against the same mechanics at the arm's \
-                 true stiffness, which the twin does not see; goals within {:.1} to {:.0} mm of the bound are left out.",
+                 true stiffness, which the twin does not see; goals whose nearest reachable point is {:.1} to {:.0} mm away are left out.",
                 DOUBTFUL_M[0] * 1e3,
                 DOUBTFUL_M[1] * 1e3
             ),
@@ -215,7 +215,9 @@ pub fn adaptation(robot: &RobotSpec) -> Result<Table> {
                 robot,
                 trials(Task::Path(Shape::Circle, 1), 2.0).into(),
                 |o| match o.measured {
-                    Some(super::Measured::Path(m)) => m.spread.map(|s| (s.mean, m.steps)),
+                    Some(super::Measured::Path(m)) if o.driven.finished_s.is_some() => {
+                        m.spread.map(|s| (s.mean, m.steps))
+                    }
                     _ => None,
                 },
             )?;

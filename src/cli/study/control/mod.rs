@@ -10,7 +10,7 @@ pub mod tuning;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 
 use super::super::data::threads;
 use super::super::drive::commands::{
@@ -121,7 +121,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
                 speed_m_s: SPEED_M_S,
                 laps: *laps,
             };
-            let plan = Plan::follow(follow).unwrap_or_else(|| Plan::goto(Goal::position([0.0; 3])));
+            let plan = Plan::follow(follow).context("a path needs waypoints")?;
             (plan, seconds)
         }
         Task::Goto(goal) => (Plan::goto(goal.clone()), MOVE_S + trial.after_s),

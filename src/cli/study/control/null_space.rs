@@ -61,13 +61,13 @@ pub fn null_space(robot: &RobotSpec) -> Result<Table> {
                     let set = o.driven.rows.iter().filter(|r| r.steered);
                     let largest = mean(set.filter_map(|r| r.set_pa.as_ref()).map(largest));
                     let (saturated, error_mm, steps) = match &o.measured {
-                        Some(Measured::Path(m)) => (
+                        Some(Measured::Path(m)) if o.driven.finished_s.is_some() => (
                             Some(m.saturated_ratio),
                             m.spread.map(|s| s.mean),
                             Some(m.steps),
                         ),
                         Some(Measured::Move(m)) => {
-                            (Some(m.saturated_ratio), Some(m.final_mm), m.steps)
+                            (Some(m.saturated_ratio), m.final_mm.map(|e| e.mean), m.steps)
                         }
                         _ => (None, None, None),
                     };

@@ -6,6 +6,7 @@ use super::super::super::drive::pictures::{Aspect, Chart, Line};
 use super::super::table::{Drawn, Table};
 use super::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
+use crate::cli::drive::measures::PathMeasures;
 use springtwin::control::{Gains, InitialGuess};
 use springtwin::learn::ErrorStats;
 use springtwin::robot::RobotSpec;
@@ -34,12 +35,10 @@ fn percent(share: f64) -> f64 {
 
 /// What a table keeps of an outcome.
 struct Kept {
-    errors_mm: Vec<f64>,
-    off_path_mm: f64,
-    saturated: f64,
+    /// Of a path that was finished.
+    measured: Option<PathMeasures>,
     off_manifold_mm: Option<f64>,
     solve_us: Option<[f64; 2]>,
-    steps: usize,
     success: bool,
 }
 
@@ -49,13 +48,10 @@ fn keep_path(o: Outcome) -> Kept {
         unreachable!("a path was asked for")
     };
     Kept {
-        off_path_mm: m.off_path.map_or(f64::NAN, |s| s.mean),
-        saturated: m.saturated_ratio,
-        steps: m.steps,
-        errors_mm: m.at_waypoints_mm,
+        success,
+        measured: success.then_some(m),
         off_manifold_mm: o.off_manifold_mm,
         solve_us: o.solve_us,
-        success,
     }
 }
 
@@ -78,8 +74,9 @@ pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
         title,
         notes: vec![
             format!(
-                "60 waypoints, {:.0} mm/s, the same schedule for both controllers. {NOT_TOLD} Error: distance from each \
-                 waypoint when its time is over. Off the path: distance from the path at every tick. Off the manifold: how \
+                "60 waypoints. A point moves along the path at {:.0} mm/s and waits for a tip that is behind it; ours is led by that \
+                 point, the paper's controller is given the waypoint ahead of it. {NOT_TOLD} Error: distance from each \
+                 waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
                  far the springs of the reference are from what any pressures can make.",
                 SPEED_M_S * 1e3
             ),
@@ -158,9 +155,9 @@ pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
 }
 
 fn path_cells(group: &[Kept]) -> Vec<Option<f64>> {
-    let errors: Vec<f64> = group
-        .iter()
-        .flat_map(|k| k.errors_mm.iter().copied())
+    let finished = || group.iter().filter_map(|k| k.measured.as_ref());
+    let errors: Vec<f64> = finished()
+        .flat_map(|m| m.at_waypoints_mm.iter().copied())
         .collect();
     let e = (!errors.is_empty()).then(|| ErrorStats::of(errors));
     let of = |f: &dyn Fn(&Kept) -> Option<f64>| mean(group.iter().filter_map(f));
@@ -169,12 +166,12 @@ fn path_cells(group: &[Kept]) -> Vec<Option<f64>> {
         e.map(|e| e.rmse),
         e.map(|e| e.p95),
         e.map(|e| e.max),
-        of(&|k| Some(k.off_path_mm)),
-        of(&|k| Some(percent(k.saturated))),
+        mean(finished().filter_map(|m| m.off_path.map(|o| o.mean))),
+        mean(finished().map(|m| percent(m.saturated_ratio))),
         of(&|k| k.off_manifold_mm),
         of(&|k| k.solve_us.map(|s| s[0])),
         of(&|k| k.solve_us.map(|s| s[1])),
-        of(&|k| Some(k.steps as f64)),
+        mean(finished().map(|m| m.steps as f64)),
         of(&|k| Some(percent(f64::from(u8::from(k.success))))),
     ]
 }
@@ -262,7 +259,7 @@ pub fn moves(robot: &RobotSpec) -> Result<Table> {
             vec![
                 mean(steps).filter(|_| all_settled),
                 mean(moved().filter_map(|m| m.settled_s)).filter(|_| all_settled),
-                mean(moved().map(|m| m.final_mm)),
+                mean(moved().filter_map(|m| m.final_mm.map(|e| e.mean))),
                 mean(moved().map(|m| percent(m.saturated_ratio))),
                 mean(group.iter().filter_map(|g| g.2)),
                 mean(group.iter().filter_map(|g| g.1)),
@@ -311,7 +308,7 @@ pub fn pick_place(robot: &RobotSpec) -> Result<Table> {
     });
     let kept = run_all(robot, trials.collect(), |o| {
         let (solve, steps) = (o.solve_us.map(|s| s[0]), o.driven.rows.len());
-        let objects = o.driven.objects.len();
+        let objects = o.driven.objects.as_ref().map_or(0, Vec::len);
         match o.measured {
             Some(Measured::PickPlace(m)) => Some((m, solve, steps, objects)),
             _ => None,
