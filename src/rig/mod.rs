@@ -172,8 +172,7 @@ impl VirtualRig {
     }
 
     /// The gripper takes what is in its reach and lets go of what it holds.
-    fn grip(&mut self) {
-        let gripper = self.boards[1].gripper();
+    fn grip(&mut self, gripper: Gripper) {
         let tip_m = self.plant.observation().base_from_tip.translation.vector;
         match (self.gripper, gripper) {
             (Gripper::Open, Gripper::Closed) => {
@@ -207,7 +206,7 @@ impl VirtualRig {
     /// readings.
     pub fn step(&mut self, set_pa: &[Option<f64>; CHAMBERS]) {
         if !self.objects.is_empty() {
-            self.grip();
+            self.grip(self.boards[1].gripper());
         }
         if self.plant.step(set_pa, PHYSICS_STEP_S).is_err() {
             self.refused_steps += 1;
@@ -287,5 +286,71 @@ impl VirtualRig {
                 }),
             };
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gripper_takes_what_is_in_its_reach_and_leaves_the_rest() {
+        let robot = RobotSpec::reference();
+        let tip_m = VirtualRig::new(&robot, &RigOptions::default())
+            .expect("settles")
+            .plant
+            .observation()
+            .base_from_tip
+            .translation
+            .vector;
+        let object = |off_m: f64| Object {
+            grasp_m: (tip_m + Vector3::x() * off_m).into(),
+            mass_kg: 0.2,
+            held: false,
+        };
+        for (off_m, held) in [(8e-3, true), (12e-3, false)] {
+            let options = RigOptions {
+                objects: vec![object(off_m)],
+                ..RigOptions::default()
+            };
+            let mut rig = VirtualRig::new(&robot, &options).expect("settles");
+            // 0.2 kg take 0.2 s to come onto the gripper.
+            for _ in 0..30 {
+                rig.grip(Gripper::Closed);
+            }
+            assert_eq!(rig.objects()[0].held, held, "{off_m}");
+            let payload_kg = rig.plant.surroundings.payload_kg;
+            assert!(
+                (payload_kg - if held { 0.2 } else { 0.0 }).abs() < 1e-9,
+                "{payload_kg}"
+            );
+            for _ in 0..30 {
+                rig.grip(Gripper::Open);
+            }
+            assert!(rig.plant.surroundings.payload_kg.abs() < 1e-9 && !rig.objects()[0].held);
+            let left_m = Vector3::from(rig.objects()[0].grasp_m);
+            assert_eq!(
+                left_m == tip_m,
+                held,
+                "what was held lies where it was let go"
+            );
+        }
+    }
+
+    #[test]
+    fn a_stiffer_arm_gives_way_less() {
+        let robot = RobotSpec::reference();
+        let bend_m = |stiffness: f64| {
+            let mut options = RigOptions::default();
+            options.surroundings.stiffness = stiffness;
+            let mut rig = VirtualRig::new(&robot, &options).expect("settles");
+            rig.settle_at(&[15e3, -15e3, -15e3, 0.0, 0.0, 0.0])
+                .expect("settles");
+            rig.plant.observation().base_from_tip.translation.x
+        };
+        let ratio = bend_m(0.5) / bend_m(1.0);
+        assert!((1.5..2.5).contains(&ratio), "{ratio}");
+        let ratio = bend_m(2.0) / bend_m(1.0);
+        assert!((0.4..0.6).contains(&ratio), "{ratio}");
     }
 }
