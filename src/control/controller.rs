@@ -61,8 +61,8 @@ impl Gains {
     /// The tuning of a controller: the best of 48 candidates each, on the same tasks (`springtwin study tuning`).
     pub fn of(kind: ControllerKind) -> Self {
         let (settle_s, observer_ratio, lead_pa) = match kind {
-            ControllerKind::Paper => (0.7, 4.06, 3900.0),
-            ControllerKind::Ours => (1.44, 3.21, 1370.0),
+            ControllerKind::Paper => (0.39, 4.15, 2140.0),
+            ControllerKind::Ours => (1.02, 6.12, 600.0),
         };
         Self {
             kind,
@@ -70,14 +70,14 @@ impl Gains {
                 settle_s,
                 observer_ratio,
             },
-            outer_period_s: 0.04,
+            outer_period_s: 0.05,
             guess: InitialGuess::default(),
             adaptation: match kind {
                 ControllerKind::Paper => Adaptation::Off,
                 ControllerKind::Ours => Adaptation::Gated,
             },
             lead_pa,
-            centring: 0.94,
+            centring: 0.15,
             solver: SolverConfig {
                 max_iterations: 60,
                 ..SolverConfig::default()
