@@ -55,7 +55,7 @@ pub fn default_layout() -> Tree<Pane> {
         tiles.insert_container(Container::Linear(linear))
     };
     let left = split(LinearDir::Vertical, &[(view, 0.64), (strips, 0.36)]);
-    let middle = split(LinearDir::Vertical, &[(target, 0.6), (chambers, 0.4)]);
+    let middle = split(LinearDir::Vertical, &[(target, 0.655), (chambers, 0.345)]);
     let right = split(LinearDir::Vertical, &[(pose, 0.46), (sensors, 0.54)]);
     let root = split(
         LinearDir::Horizontal,

@@ -245,7 +245,7 @@ fn verdict_box(
         .inner_margin(8)
         .show(ui, |ui| {
             ui.set_width(ui.available_width());
-            ui.set_min_height(62.0);
+            ui.set_min_height(56.0);
             ui.spacing_mut().item_spacing.y = 3.0;
             let Some(reach) = reach else {
                 let text = match parsed {

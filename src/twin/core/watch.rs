@@ -3,7 +3,7 @@
 use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin};
 use crate::link::fault_words;
 use crate::link::wire::fault;
-use crate::signal::{Alarm, ChannelHealth, Severity, Stamp};
+use crate::signal::{Alarm, BOARDS, ChannelHealth, Severity, Stamp};
 use crate::twin::Event;
 
 /// More than this share of the last second's frames lost puts the twin into SAFE.
@@ -147,7 +147,8 @@ impl Twin {
         let (_, frames, lost) = *self.traffic.front()?;
         // A link that was opened anew counts from zero again.
         let lost = self.link.frames_lost.checked_sub(lost)?;
-        let all = self.link.frames.checked_sub(frames)? + lost;
+        // What is lost is counted per board, a frame has one part of each.
+        let all = self.link.frames.checked_sub(frames)? * BOARDS as u64 + lost;
         (all >= LOSS_MIN_FRAMES).then(|| lost as f64 / all as f64)
     }
 
