@@ -8,7 +8,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::{Report, args, bench_rig, live, model};
+use super::drive::measures::spread;
+use super::{Report, args, bench_rig, model};
 use springtwin::learn::{self, Recipe, to_pose};
 use springtwin::recording::{DatasetJournal, read_dataset, read_session, write_dataset};
 use springtwin::robot::RobotSpec;
@@ -455,7 +456,7 @@ pub fn estimate(a: &EstimateArgs) -> Result<Report> {
         a.session.display()
     );
     let n = distance_mm.len();
-    let spread = live::spread(&distance_mm);
+    let spread = json!(spread(distance_mm));
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let [yaw, pitch, roll] = [0, 1, 2].map(|i| mean(&angle_deg[i]));
     let coverage = inside.map(|c| c as f64 / (3 * n) as f64);

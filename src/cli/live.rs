@@ -8,10 +8,10 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::drive::commands::objects;
+use super::drive::measures::spread;
 use super::ports::{InProcess, SerialRig};
 use super::{Report, args, model};
 use springtwin::control::Gains;
-use springtwin::learn::ErrorStats;
 use springtwin::link::wire::Config;
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
@@ -102,14 +102,6 @@ pub struct RigArgs {
     with_parent: bool,
 }
 
-/// Mean, RMSE, 95th percentile and maximum of errors.
-pub fn spread(errors: &[f64]) -> Value {
-    if errors.is_empty() {
-        return Value::Null;
-    }
-    json!(ErrorStats::of(errors.to_vec()))
-}
-
 /// What a run adds up to.
 #[derive(Default)]
 struct Tally {
@@ -158,8 +150,8 @@ impl Tally {
     }
 
     fn report(&self, pace: Pace, seconds: f64, record: Option<&Path>) -> Report {
-        let tip = spread(&self.tip_error_mm);
-        let rotation = spread(&self.rotation_error_deg);
+        let tip = json!(spread(self.tip_error_mm.clone()));
+        let rotation = json!(spread(self.rotation_error_deg.clone()));
         let target = (!self.target_error_mm.is_empty())
             .then(|| self.target_error_mm.iter().sum::<f64>() / self.target_error_mm.len() as f64);
         let link = self

@@ -39,12 +39,11 @@ const UNLIKE_RATIO: f64 = 0.5;
 const GAIN_RANGE: [f64; 2] = [0.3, 3.0];
 
 /// When the gains are learned.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Adaptation {
     /// Never: the plant map is believed.
     Off,
     /// While the motion tells something about them.
-    #[default]
     Gated,
     /// Always: to show what the gate is good for.
     Always,
@@ -123,8 +122,8 @@ impl PlantGain {
         };
         // Half way along the plant map is as good as its mean.
         let middle = std::array::from_fn(|i| 0.5 * (frame.chamber_pa[i] + old_pa[i]));
-        let local = adapted(plant, self.gains(), limits, &middle, payload_kg);
         let present = self.gains();
+        let local = adapted(plant, present, limits, &middle, payload_kg);
         for k in 0..SEGMENTS {
             let (mut zz, mut zs, mut ss) = (0.0, 0.0, 0.0);
             for i in SPRINGS_EACH * k..SPRINGS_EACH * (k + 1) {

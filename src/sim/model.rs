@@ -131,6 +131,12 @@ impl Model {
         }
     }
 
+    /// Payload as the plant's network is to know it, kg: `held_kg` and what the robot's patches hang on the gripper,
+    /// within what the network has seen.
+    pub fn carried_kg(&self, held_kg: f64) -> f64 {
+        (held_kg + self.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
+    }
+
     /// The twin's own model of a robot: its patches, else nominal parameters; default resolution.
     pub fn nominal(robot: &RobotSpec) -> Self {
         Self::new(robot, &Parameters::default(), Resolution::default())

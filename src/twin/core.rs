@@ -365,7 +365,7 @@ impl Twin {
 
     /// The command of this tick, if the phase has one.
     fn steer(&mut self, events: &mut Vec<Event>) -> Option<PressureCommand> {
-        let carried_kg = self.carried_kg(self.payload_kg);
+        let carried_kg = self.model.carried_kg(self.payload_kg);
         let sensors = self.sensors.as_ref()?;
         let mut stall = None;
         self.solve_s = None;

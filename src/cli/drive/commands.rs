@@ -214,11 +214,7 @@ fn predicted_mm(driven: &Driven) -> Value {
         Some((a.translation.vector - b.translation.vector).norm() * 1e3)
     };
     let errors: Vec<f64> = driven.rows.iter().filter_map(off).collect();
-    if errors.is_empty() {
-        Value::Null
-    } else {
-        json!(ErrorStats::of(errors))
-    }
+    json!(measures::spread(errors))
 }
 
 /// The paper's two paths.
@@ -310,9 +306,7 @@ fn follow_report(
         .spread
         .context("there is no ground truth: errors cannot be measured")?;
     let solve = measures::solve_micros(&driven.rows);
-    let plant = model::maps(None)?.plant;
-    let off_manifold =
-        measures::off_manifold_mm(&driven.rows, plant.as_ref(), driven.declared_kg, robot);
+    let off_manifold = measures::off_manifold_mm(driven, robot);
     let text = format!(
         "{}{}: {} waypoints in {:.0} s\ntrue tip from each waypoint: mean {:.2} mm, RMSE {:.2}, 95 % {:.2}, largest {:.2}\n\
          true tip from the path: mean {:.2} mm\n{:.1} % of {} steps saturated, {} ticks missed{}",
@@ -498,8 +492,7 @@ pub fn reach_command(a: &ReachArgs, robot: &RobotSpec) -> Result<Report> {
     let maps = model::maps_for(robot)?;
     let goal = goal(a.target, a.direction);
     // What the robot's patches hang on the gripper is carried too, as far as the plant knows such loads.
-    let hidden_kg = springtwin::sim::Model::nominal(robot).hidden_kg;
-    let carried_kg = (a.payload + hidden_kg).clamp(0.0, robot.payload_max_kg);
+    let carried_kg = springtwin::sim::Model::nominal(robot).carried_kg(a.payload);
     let ask = || {
         let config = ReachConfig::default();
         let (pose, plant) = (maps.pose.as_ref(), maps.plant.as_ref());

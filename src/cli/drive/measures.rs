@@ -98,12 +98,8 @@ pub struct PathMeasures {
 
 /// Of the rows on a path.
 pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> PathMeasures {
-    let rows: Vec<Row> = driven
-        .rows
-        .iter()
-        .filter(|r| r.waypoint.is_some())
-        .cloned()
-        .collect();
+    let on_path = driven.rows.iter().filter(|r| r.waypoint.is_some());
+    let rows: Vec<&Row> = on_path.collect();
     let n = waypoints_m.len().max(1);
     let mut at_waypoints_mm = Vec::new();
     for (k, row) in rows.iter().enumerate() {
@@ -122,7 +118,7 @@ pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> 
         spread: spread(at_waypoints_mm.clone()),
         at_waypoints_mm,
         off_path: spread(off),
-        saturated_ratio: saturated_ratio(&rows, robot),
+        saturated_ratio: saturated_ratio(rows.iter().copied(), robot),
         steps: rows.len(),
         seconds: match (rows.first(), rows.last()) {
             (Some(a), Some(b)) => b.t_s - a.t_s,
@@ -149,10 +145,10 @@ pub fn from_path_mm(truth: &Pose, waypoints_m: &[[f64; 3]]) -> f64 {
 }
 
 /// Share of the steered rows with a chamber set to its bound.
-pub fn saturated_ratio(rows: &[Row], robot: &RobotSpec) -> f64 {
+pub fn saturated_ratio<'a>(rows: impl IntoIterator<Item = &'a Row>, robot: &RobotSpec) -> f64 {
     let limits = &robot.pressure;
     let steered: Vec<&[f64; CHAMBERS]> = rows
-        .iter()
+        .into_iter()
         .filter(|r| r.steered)
         .filter_map(|r| r.set_pa.as_ref())
         .collect();
@@ -198,13 +194,10 @@ pub fn solve_micros(rows: &[Row]) -> Option<[f64; 2]> {
 
 /// How far the springs of the references are off what any pressures can make (by the twin's own
 /// plant), mm: norm over the twelve, mean over a sample of the rows.
-pub fn off_manifold_mm(
-    rows: &[Row],
-    plant: &dyn PlantMap,
-    payload_kg: f64,
-    robot: &RobotSpec,
-) -> Option<f64> {
-    let far: Vec<f64> = rows
+pub fn off_manifold_mm(driven: &Driven, robot: &RobotSpec) -> Option<f64> {
+    let (plant, payload_kg) = (driven.plant.as_ref(), driven.declared_kg);
+    let far: Vec<f64> = driven
+        .rows
         .iter()
         .step_by(OFF_MANIFOLD_EVERY)
         .filter_map(|r| {

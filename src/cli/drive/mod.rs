@@ -16,6 +16,7 @@ use super::live::board_config;
 use super::model;
 use super::ports::{InProcess, Script, SerialRig};
 use springtwin::control::{Gains, SEGMENTS};
+use springtwin::learn::PlantMap;
 use springtwin::rig::{Object, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Pose, PressureCommand, SensorRef, Snapshot};
@@ -107,6 +108,8 @@ pub struct Driven {
     pub objects: Option<Vec<Object>>,
     /// Payload declared at the start, kg.
     pub declared_kg: f64,
+    /// The twin's plant.
+    pub plant: Arc<dyn PlantMap>,
     /// What the controller has learned of the arm's stiffness.
     pub plant_gains: Option<[f64; SEGMENTS]>,
 }
@@ -131,12 +134,9 @@ fn stopwatch() -> Duration {
 /// Carries out the plan. A pressure command beyond range or rate is an error, whoever made it.
 pub fn drive(d: Drive<'_>) -> Result<Driven> {
     let robot = d.robot;
-    let mut twin = Twin::new(
-        robot,
-        model::maps_for(robot)?,
-        model::sensing(robot, None)?,
-        d.gains,
-    );
+    let maps = model::maps_for(robot)?;
+    let plant = Arc::clone(&maps.plant);
+    let mut twin = Twin::new(robot, maps, model::sensing(robot, None)?, d.gains);
     twin.time_with(stopwatch);
     #[expect(
         clippy::disallowed_methods,
@@ -166,6 +166,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         simulated: false,
         objects: None,
         declared_kg: d.declared_kg,
+        plant,
         plant_gains: None,
     };
     let mut given_s = None;

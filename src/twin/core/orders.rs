@@ -177,12 +177,6 @@ impl Twin {
         self.enter(Phase::Hold, events);
     }
 
-    /// Payload as the plant's network is to know it: the declared one and what the robot's patches
-    /// hang on the gripper, within what the network has seen.
-    pub(super) fn carried_kg(&self, held_kg: f64) -> f64 {
-        (held_kg + self.model.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
-    }
-
     /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
     fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
         let gains = judging_gains(self.controller.plant_gains());
@@ -196,7 +190,7 @@ impl Twin {
                 &self.robot,
                 self.maps.pose.as_ref(),
                 self.maps.plant.as_ref(),
-                self.carried_kg(held_kg),
+                self.model.carried_kg(held_kg),
                 seeds,
                 &config,
             )

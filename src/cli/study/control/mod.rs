@@ -20,7 +20,7 @@ use super::super::drive::commands::{
 use super::super::drive::measures::{self, MoveMeasures, PathMeasures};
 use super::super::drive::{Drive, Driven, drive};
 use super::super::live::rig_options;
-use super::super::{model, ports::Script};
+use super::super::ports::Script;
 use springtwin::control::Gains;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
@@ -154,13 +154,12 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
             &driven, &plan, BASKET_M, robot,
         ))),
     };
-    let plant = model::maps(None)?.plant;
-    let (rows, kg) = (&driven.rows, trial.declared_kg);
+    let rows = &driven.rows;
     Ok(Outcome {
         measured,
         solve_us: measures::solve_micros(rows),
         fastest_mm_s: measures::fastest_mm_s(rows),
-        off_manifold_mm: measures::off_manifold_mm(rows, plant.as_ref(), kg, robot),
+        off_manifold_mm: measures::off_manifold_mm(&driven, robot),
         driven,
     })
 }

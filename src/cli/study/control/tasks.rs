@@ -6,9 +6,8 @@ use super::super::super::drive::pictures::{Aspect, Chart, Line};
 use super::super::table::{Drawn, Table};
 use super::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
-use crate::cli::drive::measures::PathMeasures;
+use crate::cli::drive::measures::{PathMeasures, spread};
 use springtwin::control::{Gains, InitialGuess};
-use springtwin::learn::ErrorStats;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
@@ -159,7 +158,7 @@ fn path_cells(group: &[Kept]) -> Vec<Option<f64>> {
     let errors: Vec<f64> = finished()
         .flat_map(|m| m.at_waypoints_mm.iter().copied())
         .collect();
-    let e = (!errors.is_empty()).then(|| ErrorStats::of(errors));
+    let e = spread(errors);
     let of = |f: &dyn Fn(&Kept) -> Option<f64>| mean(group.iter().filter_map(f));
     vec![
         e.map(|e| e.mean),
