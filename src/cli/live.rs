@@ -13,6 +13,8 @@ use super::ports::{InProcess, SerialRig};
 use super::{Report, args, model};
 use springtwin::control::Gains;
 use springtwin::link::wire::Config;
+#[cfg(unix)]
+use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
@@ -76,9 +78,16 @@ impl Kind {
 
 #[derive(Args)]
 pub struct RigArgs {
-    /// Put a symbolic link to the port here
+    /// Put a symbolic link to the port here; with a line for each board: PATH-1 and PATH-2
     #[arg(long, value_name = "PATH")]
     link: Option<PathBuf>,
+    /// Number of serial lines: one that both boards share, or one each
+    #[arg(long, value_name = "1|2", default_value = "1", value_parser = clap::value_parser!(u8).range(1..=2))]
+    lines: u8,
+    /// Let the boards run the real firmware in a simulator, a line for each: the folder that
+    /// `make -C assets/firmware OUT=DIR` made
+    #[arg(long, value_name = "DIR")]
+    firmware: Option<PathBuf>,
     /// Mass in the gripper, kg
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload: f64,
@@ -367,15 +376,35 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     };
     options.surroundings.stiffness = a.stiffness;
     let mut rig = VirtualRig::new(robot, &options)?;
-    let mut pty = springtwin::rig::pty::Pty::open(a.link.as_deref())?;
-    println!("{}", pty.port.display());
+    if let Some(folder) = &a.firmware {
+        rig.use_firmware(folder)?;
+    }
+    let mut lines = open_lines(a)?;
+    println!("{}", lines.ports());
     std::io::stdout().flush().context("cannot print the port")?;
     let parent = nix::unistd::getppid();
     // A rig that belongs to a program has nobody left to serve when that is gone.
-    pty.run(&mut rig, a.vicon, || {
+    lines.run(&mut rig, a.vicon, || {
         !a.with_parent || nix::unistd::getppid() == parent
     })?;
     Ok(super::silent())
+}
+
+/// One line for both boards, or one each.
+#[cfg(unix)]
+fn open_lines(a: &RigArgs) -> Result<Lines> {
+    if a.lines == 1 && a.firmware.is_none() {
+        return Ok(Lines::Shared(Pty::open(a.link.as_deref())?));
+    }
+    let open = |board: usize| {
+        let link = a.link.as_ref().map(|link| {
+            let mut name = link.clone().into_os_string();
+            name.push(format!("-{board}"));
+            PathBuf::from(name)
+        });
+        Pty::open(link.as_deref())
+    };
+    Ok(Lines::Each([open(1)?, open(2)?]))
 }
 
 /// `rig` where there are no pseudo-terminals.

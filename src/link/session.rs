@@ -97,7 +97,8 @@ pub enum Origin {
 }
 
 impl HostSession {
-    /// A session with open ports and unknown boards. `source` is shown to the operator.
+    /// A session with open ports and unknown boards. `source` is shown to the operator. A board that
+    /// says that its arm is simulated overrules `origin`.
     pub fn new(source: &str, origin: Origin, config: Config) -> Self {
         Self {
             source: source.into(),
@@ -438,6 +439,7 @@ impl HostSession {
                 self.interrupt();
                 self.event(LinkEvent::BoardRebooted { board });
             }
+            self.simulated |= packet.flags & flag::SIMULATED != 0;
             let peer = &mut self.peers[board];
             peer.silent = false;
             peer.in_order(now, packet.seq);

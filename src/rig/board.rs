@@ -18,10 +18,12 @@ use crate::link::wire::{
 };
 use crate::signal::{CHAMBERS, Gripper, IMUS, ImuRaw, SPRINGS};
 
-/// Springs, IMUs and chambers of one board.
+/// Springs of one board.
 const SPRINGS_EACH: usize = SPRINGS / 2;
+/// IMUs of one board.
 const IMUS_EACH: usize = IMUS / 2;
-const CHAMBERS_EACH: usize = CHAMBERS / 2;
+/// Chambers of one board.
+pub const CHAMBERS_EACH: usize = CHAMBERS / 2;
 /// Time between two checks of the gauges, s.
 const CHECK_PERIOD_S: f64 = 0.005;
 /// Checks running that must agree before the pumps go off.
@@ -204,7 +206,7 @@ impl Board {
     }
 
     fn send(&mut self, t_s: f64, body: Body) {
-        let mut flags = 0;
+        let mut flags = flag::SIMULATED;
         for (bit, set) in [
             (flag::CONFIGURED, self.config.is_some()),
             (flag::PUMPS_ON, self.setpoint.is_some()),

@@ -1,17 +1,21 @@
 //! The virtual rig: an emulated arm with its boards, behind the same wire protocol as hardware.
 //!
 //! [`VirtualRig`] is the whole rig without I/O: bytes from the host in, bytes to the host out, time
-//! passed in. [`pty`] puts it behind a pseudo-terminal that any serial program can open.
+//! passed in. [`pty`] puts it behind a pseudo-terminal that any serial program can open. Its boards are
+//! [`board`]s, or run the real firmware in a simulator ([`firmware`]).
 //! Everything it yields is simulated.
 
 pub mod board;
 pub mod circuit;
+pub mod firmware;
 pub mod hidden;
 pub mod inertial;
 pub mod plant;
 #[cfg(unix)]
 pub mod pty;
 pub mod session;
+
+use std::path::Path;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -22,8 +26,9 @@ use crate::signal::{BOARDS, CHAMBERS, Gripper, IMUS, Pose, SPRINGS};
 use crate::sim::SimError;
 use crate::sim::dataset::normal;
 use crate::sim::patch::SensorErrors;
-use board::{Board, BoardSetup, Readings, SpringReading};
+use board::{Board, BoardSetup, CHAMBERS_EACH, Readings, SpringReading};
 use circuit::{Circuit, USUAL_SCATTER};
+use firmware::{FirmwareBoard, FirmwareError};
 use inertial::{Inertial, InertialErrors};
 pub use plant::{Plant, Surroundings, Unit};
 pub use session::{Session, SessionPlan, session};
@@ -32,6 +37,8 @@ pub use session::{Session, SessionPlan, session};
 pub const PHYSICS_STEP_S: f64 = 0.01;
 /// Clock rate of the boards, ticks/s.
 const TICK_RATE_HZ: u32 = 2_000_000;
+/// How much too fast the boards' clocks run, s/s.
+const CLOCK_SKEW: [f64; BOARDS] = [38e-6, -21e-6];
 /// Standard deviations of the emulated gauges and of the emulated motion capture.
 const GAUGE_NOISE_PA: f64 = 30.0;
 const MOCAP_NOISE_M: f64 = 0.1e-3;
@@ -90,12 +97,63 @@ pub struct VirtualRig {
     gripper: Gripper,
     /// Mass in the gripper beyond the surroundings' payload, kg.
     lifted_kg: f64,
-    boards: [Board; BOARDS],
+    boards: [RigBoard; BOARDS],
     readings: [Readings; BOARDS],
     rng: Pcg64Mcg,
     steps: u64,
     /// Loads that the arm could not hold, counted; the arm stays where it was.
     pub refused_steps: u64,
+}
+
+/// A board of the rig.
+#[derive(Debug)]
+pub enum RigBoard {
+    /// As its firmware should behave.
+    Emulated(Box<Board>),
+    /// As its firmware does behave.
+    Firmware(FirmwareBoard),
+}
+
+impl RigBoard {
+    /// Takes bytes from the host.
+    pub fn on_bytes(&mut self, t_s: f64, bytes: &[u8]) {
+        match self {
+            Self::Emulated(b) => b.on_bytes(t_s, bytes),
+            Self::Firmware(b) => b.on_bytes(bytes),
+        }
+    }
+
+    /// Lets the board run up to `t_s` and gives what it says.
+    pub fn poll(&mut self, t_s: f64, readings: &Readings) -> Vec<u8> {
+        match self {
+            Self::Emulated(b) => b.poll(t_s, readings),
+            Self::Firmware(b) => b.poll(t_s, readings),
+        }
+    }
+
+    /// Set gauge pressure of the board's chambers, Pa; `None`: pumps off.
+    pub fn setpoint_pa(&self) -> Option<[f64; CHAMBERS_EACH]> {
+        match self {
+            Self::Emulated(b) => b.setpoint_pa(),
+            Self::Firmware(b) => b.setpoint_pa(),
+        }
+    }
+
+    /// What the gripper was last told.
+    pub fn gripper(&self) -> Gripper {
+        match self {
+            Self::Emulated(b) => b.gripper(),
+            Self::Firmware(b) => b.gripper(),
+        }
+    }
+
+    /// Power off and on again. An emulated board takes `boot_nonce`, the firmware counts its boots.
+    pub fn reboot(&mut self, t_s: f64, boot_nonce: u32) {
+        match self {
+            Self::Emulated(b) => b.reboot(t_s, boot_nonce),
+            Self::Firmware(b) => b.reboot(),
+        }
+    }
 }
 
 /// The spring circuits of one manufactured arm.
@@ -111,14 +169,14 @@ impl VirtualRig {
     pub fn new(robot: &RobotSpec, options: &RigOptions) -> Result<Self, SimError> {
         let plant = Plant::new(robot, options.unit, options.surroundings.clone())?;
         // Boards are switched on at different times and no two quartzes agree.
-        let board = |id: u8, clock_skew: f64, clock_offset_s: f64| {
-            Board::new(BoardSetup {
+        let board = |id: u8, clock_offset_s: f64| {
+            RigBoard::Emulated(Box::new(Board::new(BoardSetup {
                 id,
                 boot_nonce: (options.seed as u32).wrapping_mul(2_654_435_761) ^ u32::from(id),
                 tick_rate_hz: TICK_RATE_HZ,
-                clock_skew,
+                clock_skew: CLOCK_SKEW[usize::from(id)],
                 clock_offset_s,
-            })
+            })))
         };
         let sensor_errors = SensorErrors::of(robot);
         let mounted = sensor_errors.mounted(robot);
@@ -131,7 +189,7 @@ impl VirtualRig {
             objects: options.objects.clone(),
             gripper: Gripper::Open,
             lifted_kg: 0.0,
-            boards: [board(0, 38e-6, 3.1), board(1, -21e-6, 1207.4)],
+            boards: [board(0, 3.1), board(1, 1207.4)],
             readings: [Readings::default(); BOARDS],
             rng: Pcg64Mcg::seed_from_u64(options.seed ^ 0x7269_6721),
             steps: 0,
@@ -144,8 +202,13 @@ impl VirtualRig {
     /// Takes what the host sent up to `t_s`, lets the physics catch up, and gives what the boards
     /// say. Call it every millisecond or so; `t_s` must not decrease.
     pub fn advance(&mut self, t_s: f64, from_host: &[u8]) -> Vec<u8> {
-        for board in &mut self.boards {
-            board.on_bytes(t_s, from_host);
+        self.advance_lines(t_s, [from_host; BOARDS]).concat()
+    }
+
+    /// The same with a line for each board.
+    pub fn advance_lines(&mut self, t_s: f64, from_host: [&[u8]; BOARDS]) -> [Vec<u8>; BOARDS] {
+        for (board, bytes) in self.boards.iter_mut().zip(from_host) {
+            board.on_bytes(t_s, bytes);
         }
         // After a pause of the host the rig does not try to catch up for more than a second.
         let due = (t_s / PHYSICS_STEP_S + 1e-6).floor() as u64;
@@ -156,14 +219,24 @@ impl VirtualRig {
             self.steps += 1;
             self.step(&self.set_pa());
         }
-        let mut out = Vec::new();
-        for (board, readings) in self.boards.iter_mut().zip(&self.readings) {
-            out.extend(board.poll(t_s, readings));
+        std::array::from_fn(|b| {
+            let said = self.boards[b].poll(t_s, &self.readings[b]);
+            if self.faults.line_cut {
+                return Vec::new();
+            }
+            said
+        })
+    }
+
+    /// Lets the boards run the firmware in `folder` from now on; time starts at 0.
+    ///
+    /// # Errors
+    /// [`FirmwareError`] when it cannot be started.
+    pub fn use_firmware(&mut self, folder: &Path) -> Result<(), FirmwareError> {
+        for (id, board) in self.boards.iter_mut().enumerate() {
+            *board = RigBoard::Firmware(FirmwareBoard::start(folder, id, CLOCK_SKEW[id])?);
         }
-        if self.faults.line_cut {
-            out.clear();
-        }
-        out
+        Ok(())
     }
 
     /// What lies about, and where.
@@ -220,7 +293,7 @@ impl VirtualRig {
     }
 
     /// The boards, for faults and tests.
-    pub fn boards_mut(&mut self) -> &mut [Board; BOARDS] {
+    pub fn boards_mut(&mut self) -> &mut [RigBoard; BOARDS] {
         &mut self.boards
     }
 

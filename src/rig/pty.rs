@@ -13,6 +13,7 @@ use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 
 use super::VirtualRig;
 use crate::link::wire::objects::{END_PAD, Object, ObjectFrame, encode};
+use crate::signal::BOARDS;
 
 /// Period of the emulated motion capture, s.
 const MOCAP_PERIOD_S: f64 = 0.01;
@@ -46,6 +47,7 @@ pub struct Pty {
     /// What a serial program opens.
     pub port: PathBuf,
     link: Option<PathBuf>,
+    outbox: Vec<u8>,
 }
 
 impl Pty {
@@ -75,13 +77,75 @@ impl Pty {
             _slave: pair.slave,
             port,
             link: link.map(Path::to_owned),
+            outbox: Vec::new(),
         })
+    }
+
+    /// What the other side wrote since the last look. A line that no program has open is silent
+    /// (Linux answers EIO).
+    fn read(&mut self, inbox: &mut [u8]) -> usize {
+        self.master.read(inbox).unwrap_or(0)
+    }
+
+    /// Writes what is due, as far as the line takes it.
+    fn write(&mut self, bytes: Vec<u8>) {
+        self.outbox.extend(bytes);
+        match self.master.write(&self.outbox) {
+            Ok(n) => {
+                self.outbox.drain(..n);
+            }
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+            Err(_) => self.outbox.clear(),
+        }
+        // A line that nobody reads does not fill the memory.
+        if self.outbox.len() > 8192 {
+            self.outbox.clear();
+        }
+    }
+}
+
+/// The lines of the rig: one that both boards share, or one each.
+pub enum Lines {
+    /// Both boards.
+    Shared(Pty),
+    /// In the order of the boards.
+    Each([Pty; BOARDS]),
+}
+
+impl Lines {
+    /// What a serial program opens, separated by a comma.
+    pub fn ports(&self) -> String {
+        match self {
+            Self::Shared(pty) => pty.port.display().to_string(),
+            Self::Each(ptys) => ptys
+                .each_ref()
+                .map(|p| p.port.display().to_string())
+                .join(","),
+        }
+    }
+
+    fn exchange(&mut self, rig: &mut VirtualRig, t_s: f64) {
+        let mut inbox = [[0u8; 4096]; BOARDS];
+        match self {
+            Self::Shared(pty) => {
+                let n = pty.read(&mut inbox[0]);
+                pty.write(rig.advance(t_s, &inbox[0][..n]));
+            }
+            Self::Each(ptys) => {
+                let n: [usize; BOARDS] = std::array::from_fn(|b| ptys[b].read(&mut inbox[b]));
+                let heard: [&[u8]; BOARDS] = std::array::from_fn(|b| &inbox[b][..n[b]]);
+                let said = rig.advance_lines(t_s, heard);
+                for (pty, bytes) in ptys.iter_mut().zip(said) {
+                    pty.write(bytes);
+                }
+            }
+        }
     }
 
     /// Runs the rig in real time until `go_on` says no. Motion-capture packets go to `mocap_to`.
     ///
     /// # Errors
-    /// [`PtyError::Io`] when the line fails for good.
+    /// [`PtyError::Io`] when no packets can be sent there.
     pub fn run(
         &mut self,
         rig: &mut VirtualRig,
@@ -101,29 +165,10 @@ impl Pty {
             }
             None => None,
         };
-        let mut inbox = [0u8; 4096];
-        let mut outbox: Vec<u8> = Vec::new();
         let mut mocap_frame: u32 = 0;
         while go_on() {
             let t_s = start.elapsed().as_secs_f64();
-            let heard = match self.master.read(&mut inbox) {
-                Ok(n) => n,
-                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => 0,
-                // No program has the port open (Linux answers EIO).
-                Err(_) => 0,
-            };
-            outbox.extend(rig.advance(t_s, &inbox[..heard]));
-            match self.master.write(&outbox) {
-                Ok(n) => {
-                    outbox.drain(..n);
-                }
-                Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-                Err(_) => outbox.clear(),
-            }
-            // A line that nobody reads does not fill the memory.
-            if outbox.len() > 8192 {
-                outbox.clear();
-            }
+            self.exchange(rig, t_s);
             let due = (t_s / MOCAP_PERIOD_S) as u32 + 1;
             if due > mocap_frame {
                 mocap_frame = due;

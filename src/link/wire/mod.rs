@@ -80,6 +80,8 @@ pub mod flag {
     pub const PUMPS_ON: u16 = 1 << 1;
     /// Both ways: the gripper is (shall be) closed.
     pub const GRIPPER_CLOSED: u16 = 1 << 2;
+    /// Up: the arm at this board is simulated.
+    pub const SIMULATED: u16 = 1 << 3;
 }
 
 /// Bits of a SAMPLE's `status` and of `RawFrame::faults` (there: both boards' bits or-ed).

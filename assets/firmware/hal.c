@@ -1,0 +1,414 @@
+#include "hal.h"
+
+#include <avr/eeprom.h>
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+#include <avr/wdt.h>
+#include <string.h>
+#include <util/atomic.h>
+#include <util/twi.h>
+
+/* ---- watchdog ---------------------------------------------------------------------------- */
+
+/* After a watchdog reset the dog is still awake with its shortest leash: call it off before main. */
+void early(void) __attribute__((naked, used, section(".init3")));
+void early(void)
+{
+    MCUSR = 0;
+    wdt_disable();
+}
+
+/* ---- clock: timer 1 at 2 MHz --------------------------------------------------------------- */
+
+static volatile uint16_t overflows;
+
+ISR(TIMER1_OVF_vect)
+{
+    overflows++;
+}
+
+/* With interrupts off. */
+static uint32_t ticks(void)
+{
+    uint16_t low = TCNT1;
+    uint16_t high = overflows;
+    /* An overflow that has not been counted yet belongs to a low count read after it. */
+    if ((TIFR1 & _BV(TOV1)) && low < 0x8000)
+        high++;
+    return (uint32_t)high << 16 | low;
+}
+
+uint32_t hal_ticks(void)
+{
+    uint32_t t;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { t = ticks(); }
+    return t;
+}
+
+/* ---- serial line: 500 kbaud, USART 0 -------------------------------------------------------- */
+
+#define SLOTS 4
+static host_frame_t slot[SLOTS];
+static volatile uint8_t slot_in, slot_out;
+static volatile uint8_t fill;
+static volatile bool overlong;
+
+ISR(USART0_RX_vect)
+{
+    uint8_t byte = UDR0;
+    host_frame_t *f = &slot[slot_in];
+    if (byte != 0) {
+        if (fill < HOST_FRAME_MAX)
+            f->bytes[fill++] = byte;
+        else
+            overlong = true;
+        return;
+    }
+    uint8_t next = (slot_in + 1) % SLOTS;
+    if (fill && !overlong && next != slot_out) {
+        f->n = fill;
+        f->t_ticks = ticks();
+        slot_in = next;
+    }
+    fill = 0;
+    overlong = false;
+}
+
+bool hal_receive(host_frame_t *frame)
+{
+    if (slot_out == slot_in)
+        return false;
+    *frame = slot[slot_out];
+    slot_out = (slot_out + 1) % SLOTS;
+    return true;
+}
+
+#define OUTBOX 512 /* a power of two */
+static uint8_t outbox[OUTBOX];
+static volatile uint16_t out_head, out_tail;
+
+ISR(USART0_UDRE_vect)
+{
+    if (out_head == out_tail) {
+        UCSR0B &= ~_BV(UDRIE0);
+        return;
+    }
+    UDR0 = outbox[out_tail];
+    out_tail = (out_tail + 1) & (OUTBOX - 1);
+}
+
+bool hal_send(const uint8_t *bytes, size_t n)
+{
+    uint16_t head = out_head, tail;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { tail = out_tail; }
+    uint16_t room = (uint16_t)(tail - head - 1) & (OUTBOX - 1);
+    if (n > room)
+        return false;
+    while (n--) {
+        outbox[head] = *bytes++;
+        head = (head + 1) & (OUTBOX - 1);
+    }
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        out_head = head;
+        UCSR0B |= _BV(UDRIE0);
+    }
+    return true;
+}
+
+static void serial_init(void)
+{
+    UCSR0A = _BV(U2X0); /* before the rate: some simulators compute it there */
+    UBRR0 = F_CPU / 8 / 500000UL - 1;
+    UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
+    UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
+}
+
+/* ---- gauges: ADC 0 .. 2, 0.5 .. 4.5 V over -50 .. 50 kPa -------------------------------------- */
+
+#define CONVERSIONS 16
+static volatile uint16_t sum[CHAMBERS_EACH];
+static volatile bool sums_fresh;
+
+static void adc_select(uint8_t channel)
+{
+    ADMUX = _BV(REFS0) | channel;
+}
+
+ISR(ADC_vect)
+{
+    static uint8_t channel, n;
+    static uint16_t total;
+    total += ADC;
+    if (++n == CONVERSIONS) {
+        sum[channel] = total;
+        total = 0;
+        n = 0;
+        if (++channel == CHAMBERS_EACH) {
+            channel = 0;
+            sums_fresh = true;
+        }
+        adc_select(channel);
+    }
+    ADCSRA |= _BV(ADSC);
+}
+
+bool hal_gauges(uint16_t code[CHAMBERS_EACH], bool valid[CHAMBERS_EACH])
+{
+    uint16_t s[CHAMBERS_EACH];
+    bool fresh;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        fresh = sums_fresh;
+        sums_fresh = false;
+        for (uint8_t i = 0; i < CHAMBERS_EACH; i++)
+            s[i] = sum[i];
+    }
+    if (!fresh)
+        return false;
+    for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
+        /* A sum of 16384 is 5 V; beyond 0.2 and 4.8 V the gauge is at its rail. */
+        valid[i] = s[i] >= 655 && s[i] <= 15729;
+        /* 25 Pa per mV, 2 Pa per count: count = sum * 5000 / 16384 * 12.5 - 2500 * 12.5 */
+        code[i] = (uint16_t)((uint32_t)s[i] * 15625 / 4096 + 32768UL - 31250UL);
+    }
+    return true;
+}
+
+static void gauges_init(void)
+{
+    adc_select(0);
+    DIDR0 = _BV(ADC0D) | _BV(ADC1D) | _BV(ADC2D);
+    ADCSRA = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0) | _BV(ADSC);
+}
+
+/* ---- counters: six reciprocal counters behind SPI ------------------------------------------- */
+
+#define COUNTERS_SELECT PB0
+
+static uint8_t spi_read(void)
+{
+    SPDR = 0;
+    loop_until_bit_is_set(SPSR, SPIF);
+    return SPDR;
+}
+
+void hal_counters(counter_t counter[SPRINGS_EACH])
+{
+    uint8_t *b = (uint8_t *)counter;
+    PORTB &= ~_BV(COUNTERS_SELECT); /* the falling edge latches all six */
+    for (uint8_t i = 0; i < SPRINGS_EACH * sizeof *counter; i++)
+        b[i] = spi_read();
+    PORTB |= _BV(COUNTERS_SELECT);
+}
+
+static void counters_init(void)
+{
+    PORTB |= _BV(COUNTERS_SELECT);
+    DDRB |= _BV(COUNTERS_SELECT) | _BV(PB1) | _BV(PB2);
+    SPCR = _BV(SPE) | _BV(MSTR); /* 4 MHz */
+}
+
+/* ---- IMUs: two MPU-6050 on the two-wire bus, 400 kHz ---------------------------------------- */
+
+#define IMU_ADDRESS 0x68
+#define TWI_PATIENCE (3 * TICKS_PER_MS / 2)
+
+static struct {
+    uint8_t address;
+    const uint8_t *out;
+    uint8_t out_n;
+    uint8_t *in;
+    uint8_t in_n;
+    volatile enum { TWI_RUNNING, TWI_DONE, TWI_FAILED } state;
+} twi;
+
+static void twi_end(uint8_t state)
+{
+    twi.state = state;
+    TWCR = _BV(TWINT) | _BV(TWEN) | _BV(TWSTO);
+}
+
+/* Polling TWINT would do on the chip; the interrupt also does in a simulator. */
+ISR(TWI_vect)
+{
+    const uint8_t go_on = _BV(TWINT) | _BV(TWEN) | _BV(TWIE);
+    switch (TW_STATUS) {
+    case TW_START:
+        TWDR = (uint8_t)(twi.address << 1);
+        TWCR = go_on;
+        break;
+    case TW_REP_START:
+        TWDR = (uint8_t)(twi.address << 1) | 1;
+        TWCR = go_on;
+        break;
+    case TW_MT_SLA_ACK:
+    case TW_MT_DATA_ACK:
+        if (twi.out_n) {
+            twi.out_n--;
+            TWDR = *twi.out++;
+            TWCR = go_on;
+        } else if (twi.in_n) {
+            TWCR = go_on | _BV(TWSTA);
+        } else {
+            twi_end(TWI_DONE);
+        }
+        break;
+    case TW_MR_SLA_ACK:
+        TWCR = go_on | (twi.in_n > 1 ? _BV(TWEA) : 0);
+        break;
+    case TW_MR_DATA_ACK:
+    case TW_MR_DATA_NACK:
+        *twi.in++ = TWDR;
+        if (--twi.in_n == 0)
+            twi_end(TWI_DONE);
+        else
+            TWCR = go_on | (twi.in_n > 1 ? _BV(TWEA) : 0);
+        break;
+    default:
+        twi_end(TWI_FAILED);
+    }
+}
+
+static bool twi_exchange(uint8_t address, const uint8_t *out, uint8_t out_n, uint8_t *in, uint8_t in_n)
+{
+    twi.address = address;
+    twi.out = out;
+    twi.out_n = out_n;
+    twi.in = in;
+    twi.in_n = in_n;
+    twi.state = TWI_RUNNING;
+    uint32_t start = hal_ticks();
+    TWCR = _BV(TWINT) | _BV(TWEN) | _BV(TWIE) | _BV(TWSTA);
+    while (twi.state == TWI_RUNNING) {
+        if (hal_ticks() - start > TWI_PATIENCE) {
+            TWCR = 0; /* a stuck bus: let go of it */
+            return false;
+        }
+        hal_wait();
+    }
+    return twi.state == TWI_DONE;
+}
+
+static bool imu_register(uint8_t address, uint8_t reg, uint8_t value)
+{
+    const uint8_t out[2] = {reg, value};
+    return twi_exchange(address, out, 2, NULL, 0);
+}
+
+bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3])
+{
+    static bool awake[IMUS_EACH];
+    const uint8_t address = IMU_ADDRESS + which;
+    if (!awake[which]) {
+        /* out of sleep; +-500 deg/s; +-4 g; low pass 94 Hz */
+        awake[which] = imu_register(address, 0x6b, 0x01) && imu_register(address, 0x1b, 0x08) &&
+                       imu_register(address, 0x1c, 0x08) && imu_register(address, 0x1a, 0x02);
+    }
+    uint8_t b[14];
+    const uint8_t first = 0x3b;
+    if (!awake[which] || !twi_exchange(address, &first, 1, b, sizeof b)) {
+        awake[which] = false;
+        return false;
+    }
+    for (uint8_t k = 0; k < 3; k++) {
+        accel[k] = (int16_t)((uint16_t)b[2 * k] << 8 | b[2 * k + 1]);
+        gyro[k] = (int16_t)((uint16_t)b[8 + 2 * k] << 8 | b[9 + 2 * k]);
+    }
+    return true;
+}
+
+static void imus_init(void)
+{
+    TWSR = 0;
+    TWBR = (F_CPU / 400000UL - 16) / 2;
+}
+
+/* ---- pumps and gripper ---------------------------------------------------------------------- */
+
+#define PUMPS_ENABLE PA0
+#define GRIPPER_CLOSE PA1
+#define PWM_TOP 8000
+#define PWM_ZERO (PWM_TOP / 2)
+
+/* Duty of a pressure: the regulators take 0 .. 100 % for -50 .. 50 kPa. */
+static uint16_t duty(uint16_t code)
+{
+    /* 2 Pa per count over 12.5 Pa per step: 4 / 25 */
+    int32_t steps = ((int32_t)code - 32768) * 4;
+    steps += steps < 0 ? -12 : 12;
+    return (uint16_t)(PWM_ZERO + steps / 25);
+}
+
+void hal_pumps(const uint16_t *code)
+{
+    if (!code)
+        PORTA &= ~_BV(PUMPS_ENABLE);
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        OCR4A = code ? duty(code[0]) : PWM_ZERO;
+        OCR4B = code ? duty(code[1]) : PWM_ZERO;
+        OCR4C = code ? duty(code[2]) : PWM_ZERO;
+    }
+    if (code)
+        PORTA |= _BV(PUMPS_ENABLE);
+}
+
+void hal_gripper(bool closed)
+{
+    if (closed)
+        PORTA |= _BV(GRIPPER_CLOSE);
+    else
+        PORTA &= ~_BV(GRIPPER_CLOSE);
+}
+
+static void pumps_init(void)
+{
+    DDRA |= _BV(PUMPS_ENABLE) | _BV(GRIPPER_CLOSE);
+    ICR4 = PWM_TOP; /* fast PWM, 2 kHz */
+    TCCR4A = _BV(COM4A1) | _BV(COM4B1) | _BV(COM4C1) | _BV(WGM41);
+    TCCR4B = _BV(WGM43) | _BV(WGM42) | _BV(CS40);
+    hal_pumps(NULL);
+    DDRH |= _BV(PH3) | _BV(PH4) | _BV(PH5);
+}
+
+/* ---- the rest --------------------------------------------------------------------------------- */
+
+uint8_t hal_board(void)
+{
+    return (PINL & _BV(PL0)) ? 0 : 1;
+}
+
+bool hal_simulated(void)
+{
+    return !(PINL & _BV(PL1));
+}
+
+uint32_t hal_boot_nonce(uint8_t board)
+{
+    uint32_t *const cell = (uint32_t *)16;
+    uint32_t boots = eeprom_read_dword(cell) + 1;
+    eeprom_update_dword(cell, boots);
+    /* Scattered, so that two boards that were switched on equally often still differ. */
+    return (boots * 2 + board) * 2654435761UL;
+}
+
+void hal_wait(void)
+{
+    set_sleep_mode(SLEEP_MODE_IDLE);
+    sleep_mode();
+}
+
+void hal_init(void)
+{
+    pumps_init(); /* first: off */
+    PORTL |= _BV(PL0) | _BV(PL1);
+    TCCR1B = _BV(CS11); /* 16 MHz / 8 */
+    TIMSK1 = _BV(TOIE1);
+    serial_init();
+    gauges_init();
+    counters_init();
+    imus_init();
+    sei();
+}

@@ -1,0 +1,66 @@
+/* The board's hardware: clock, serial line, gauges, counters, IMUs, pumps, gripper. README.md has the pins. */
+#ifndef HAL_H
+#define HAL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "wire.h"
+
+#define TICK_RATE_HZ 2000000UL
+#define TICKS_PER_MS (TICK_RATE_HZ / 1000)
+
+#define SPRINGS_EACH 6
+#define IMUS_EACH 2
+#define CHAMBERS_EACH 3
+
+/* A frame from the host as it came in. */
+typedef struct {
+    uint8_t bytes[HOST_FRAME_MAX];
+    uint8_t n;
+    uint32_t t_ticks; /* when its last byte was there */
+} host_frame_t;
+
+typedef struct {
+    uint16_t count, gate_ticks;
+} counter_t;
+
+void hal_init(void);
+
+/* 0 or 1, by a strap. */
+uint8_t hal_board(void);
+
+/* Whether a simulated arm is at the connectors, by another strap. */
+bool hal_simulated(void);
+
+/* Differs from one boot to the next: counts boots in the EEPROM. */
+uint32_t hal_boot_nonce(uint8_t board);
+
+/* 0.5 us each, wraps every 35.8 minutes. */
+uint32_t hal_ticks(void);
+
+/* Takes the oldest frame from the host, if there is one. */
+bool hal_receive(host_frame_t *frame);
+
+/* Queues bytes for the host, all or none. */
+bool hal_send(const uint8_t *bytes, size_t n);
+
+/* Takes new gauge readings, about every 5 ms: codes of 2 Pa from 32768. A gauge at its rail is not valid. */
+bool hal_gauges(uint16_t code[CHAMBERS_EACH], bool valid[CHAMBERS_EACH]);
+
+/* Latches and reads the six reciprocal counters; a counter without a signal reads zeros. */
+void hal_counters(counter_t counter[SPRINGS_EACH]);
+
+/* Reads an IMU; false if it does not answer. At most 6 ms, usually 0.5 ms. */
+bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3]);
+
+/* Drives the regulators to these pressures (codes), or with NULL cuts them off. */
+void hal_pumps(const uint16_t *code);
+
+void hal_gripper(bool closed);
+
+/* Sleeps until the next interrupt. */
+void hal_wait(void);
+
+#endif

@@ -1,0 +1,318 @@
+/* One board under simavr, in step with a caller: a process of its own, since simavr is GPL-3.
+ *
+ *   simhost board.elf BOARD
+ *
+ * Standard input takes requests, standard output answers each of them. Little-endian, packed.
+ *
+ * | request | |
+ * |---|---|
+ * | 'S', u32 cycles, line, readings | runs so many cycles of the 16 MHz clock |
+ * | 'P' | power off and on; the EEPROM stays |
+ *
+ * line: u16 n, n bytes for the board. They are put on its line one after the other, 22 us each.
+ * readings: 6 x (u16 count, u16 gate ticks); 2 x (u8 answers, 14 register bytes); 3 x u16 gauge, mV.
+ * answer: u64 cycle, u64 cycle of the pump enable's last edge, u8 pumps, u8 gripper, 3 x u16 duty,
+ * u8 runs, u16 n, n bytes from the board.
+ */
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "avr_adc.h"
+#include "avr_eeprom.h"
+#include "avr_ioport.h"
+#include "avr_spi.h"
+#include "avr_twi.h"
+#include "avr_uart.h"
+#include "sim_avr.h"
+#include "sim_elf.h"
+#include "sim_time.h"
+
+#define BYTE_US 22 /* 11 bits at 500 kbaud */
+#define IMU_ADDRESS 0x68
+#define IMU_REGISTERS 128
+#define IMU_DATA 0x3b
+#define IMU_DATA_N 14
+/* Data addresses of the ATmega2560. */
+#define OCR4A_ADDRESS 0xa8
+
+typedef struct {
+    uint8_t address; /* 7 bit */
+    bool answers, selected, addressed;
+    uint8_t at;
+    uint8_t reg[IMU_REGISTERS];
+    avr_irq_t *to_avr;
+} imu_t;
+
+static avr_t *avr;
+static int board_id;
+
+static uint8_t inbox[1 << 16];
+static uint16_t inbox_n, inbox_at;
+static uint8_t outbox[1 << 16];
+static uint32_t outbox_n;
+static avr_irq_t *uart_in;
+
+static uint8_t counters[24];
+static uint8_t counters_at;
+static avr_irq_t *spi_in;
+
+static imu_t imu[2];
+static uint16_t gauge_mv[3];
+static avr_irq_t *adc_in;
+
+/* What a gauge's cable picks up, mV at most either way; the ADC's averages live on it. */
+#define HUM_MV 6
+static uint32_t hum_state = 1;
+
+static avr_cycle_count_t pump_edge;
+static bool pumps, gripper;
+
+/* ---- what the firmware does to its pins ---------------------------------------------------------- */
+
+static void on_uart(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    if (outbox_n < sizeof outbox)
+        outbox[outbox_n++] = (uint8_t)value;
+}
+
+static void on_pumps(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    if (pumps != (value != 0))
+        pump_edge = avr->cycle;
+    pumps = value != 0;
+}
+
+static void on_gripper(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    gripper = value != 0;
+}
+
+static void on_select(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    if (!value)
+        counters_at = 0;
+}
+
+static void on_spi(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)value, (void)param;
+    avr_raise_irq(spi_in, counters_at < sizeof counters ? counters[counters_at++] : 0);
+}
+
+/* An IMU with the registers of an MPU-6050: asleep until woken, then its data registers are live. */
+static void on_twi(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    imu_t *m = param;
+    avr_twi_msg_irq_t v = {.u.v = value};
+    if (v.u.twi.msg & TWI_COND_STOP)
+        m->selected = false;
+    if (v.u.twi.msg & TWI_COND_START) {
+        m->selected = m->answers && (v.u.twi.addr >> 1) == m->address;
+        if (m->selected) {
+            m->addressed = v.u.twi.addr & 1;
+            avr_raise_irq(m->to_avr, avr_twi_irq_msg(TWI_COND_ACK, v.u.twi.addr, 1));
+        }
+    }
+    if (!m->selected)
+        return;
+    if (v.u.twi.msg & TWI_COND_WRITE) {
+        avr_raise_irq(m->to_avr, avr_twi_irq_msg(TWI_COND_ACK, v.u.twi.addr, 1));
+        if (!m->addressed) {
+            m->at = v.u.twi.data;
+            m->addressed = true;
+        } else {
+            m->reg[m->at++ % IMU_REGISTERS] = v.u.twi.data;
+        }
+    }
+    if (v.u.twi.msg & TWI_COND_READ) {
+        const bool data = m->at >= IMU_DATA && m->at < IMU_DATA + IMU_DATA_N;
+        const bool asleep = m->reg[0x6b] & 0x40;
+        const uint8_t byte = data && asleep ? 0 : m->reg[m->at % IMU_REGISTERS];
+        m->at++;
+        avr_raise_irq(m->to_avr, avr_twi_irq_msg(TWI_COND_READ, v.u.twi.addr, byte));
+    }
+}
+
+/* ---- what the world does to the board -------------------------------------------------------------- */
+
+static avr_cycle_count_t feed(avr_t *a, avr_cycle_count_t when, void *param)
+{
+    (void)param;
+    if (inbox_at < inbox_n)
+        avr_raise_irq(uart_in, inbox[inbox_at++]);
+    return when + avr_usec_to_cycles(a, BYTE_US);
+}
+
+/* A conversion begins: the gauges' voltages as they are just then. */
+static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)value, (void)param;
+    for (int i = 0; i < 3; i++) {
+        int hum = 0;
+        for (int k = 0; k < 2; k++) {
+            hum_state = hum_state * 1664525u + 1013904223u;
+            hum += (int)(hum_state >> 24) % (HUM_MV + 1) - HUM_MV / 2;
+        }
+        const int mv = gauge_mv[i] + hum;
+        /* A gauge at its rail or without a cable hums no more. */
+        const bool dead = gauge_mv[i] < 200 || gauge_mv[i] > 4800;
+        avr_raise_irq(adc_in + i, (uint32_t)(dead ? gauge_mv[i] : mv));
+    }
+}
+
+static void world(void)
+{
+    for (int i = 0; i < 2; i++) {
+        avr_irq_t *twi_out = avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT);
+        imu[i].address = (uint8_t)(IMU_ADDRESS + i);
+        imu[i].to_avr = avr_io_getirq(avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
+        avr_irq_register_notify(twi_out, on_twi, &imu[i]);
+    }
+    uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
+    spi_in = avr_io_getirq(avr, AVR_IOCTL_SPI_GETIRQ(0), SPI_IRQ_INPUT);
+    adc_in = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_uart, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_SPI_GETIRQ(0), SPI_IRQ_OUTPUT), on_spi, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 0), on_pumps, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 1), on_gripper, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), 0), on_select, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_conversion, NULL);
+    uint32_t flags = 0;
+    avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
+    flags &= ~(uint32_t)(AVR_UART_FLAG_STDIO | AVR_UART_FLAG_POLL_SLEEP);
+    avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
+}
+
+/* Sets what a reset forgets: the strap, the IMUs' sleep, the line. */
+static void power_up(void)
+{
+    /* Straps: which board, and that the arm is simulated. */
+    avr_ioport_external_t straps = {.name = 'L', .mask = 3, .value = board_id == 0};
+    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('L'), &straps);
+    for (int i = 0; i < 2; i++) {
+        memset(imu[i].reg, 0, sizeof imu[i].reg);
+        imu[i].reg[0x6b] = 0x40;
+    }
+    inbox_n = inbox_at = 0;
+    avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
+}
+
+/* The caller keeps the time: sleeping costs none. */
+static void sleep_no_time(avr_t *a, avr_cycle_count_t cycles)
+{
+    (void)a, (void)cycles;
+}
+
+/* ---- the caller ------------------------------------------------------------------------------------ */
+
+static bool take(void *to, size_t n)
+{
+    return fread(to, 1, n, stdin) == n;
+}
+
+static FILE *answers;
+
+static void give(const void *from, size_t n)
+{
+    fwrite(from, 1, n, answers);
+}
+
+static bool take_readings(void)
+{
+    uint16_t n;
+    if (!take(&n, 2))
+        return false;
+    if (inbox_at == inbox_n)
+        inbox_at = inbox_n = 0;
+    if (inbox_n + n > (int)sizeof inbox / 2)
+        inbox_n = inbox_at = 0; /* nobody sends so much faster than the line: it is lost */
+    if (!take(inbox + inbox_n, n))
+        return false;
+    inbox_n = (uint16_t)(inbox_n + n);
+    if (!take(counters, sizeof counters))
+        return false;
+    for (int i = 0; i < 2; i++) {
+        uint8_t answers;
+        if (!take(&answers, 1) || !take(imu[i].reg + IMU_DATA, IMU_DATA_N))
+            return false;
+        imu[i].answers = answers;
+    }
+    return take(gauge_mv, sizeof gauge_mv);
+}
+
+static void answer(bool runs)
+{
+    const uint64_t cycle = avr->cycle, edge = pump_edge;
+    const uint8_t state[2] = {pumps, gripper};
+    const uint8_t alive = runs;
+    uint16_t n = (uint16_t)(outbox_n > 0xffff ? 0xffff : outbox_n);
+    give(&cycle, 8);
+    give(&edge, 8);
+    give(state, 2);
+    give(avr->data + OCR4A_ADDRESS, 6);
+    give(&alive, 1);
+    give(&n, 2);
+    give(outbox, n);
+    outbox_n = 0;
+    fflush(answers);
+}
+
+int main(int argc, char **argv)
+{
+    elf_firmware_t firmware = {0};
+    /* The simulator prints on standard output: what it says must not get among the answers. */
+    answers = fdopen(dup(STDOUT_FILENO), "wb");
+    if (!answers || !freopen("/dev/null", "w", stdout))
+        return 2;
+    if (argc != 3 || elf_read_firmware(argv[1], &firmware) != 0) {
+        fprintf(stderr, "usage: simhost board.elf 0|1\n");
+        return 2;
+    }
+    board_id = atoi(argv[2]);
+    avr = avr_make_mcu_by_name("atmega2560");
+    if (!avr) {
+        fprintf(stderr, "this simavr does not know the ATmega2560\n");
+        return 2;
+    }
+    avr_init(avr);
+    avr->frequency = 16000000;
+    avr->vcc = avr->avcc = avr->aref = 5000;
+    avr->log = 1;
+    avr_load_firmware(avr, &firmware);
+    avr->frequency = 16000000;
+    avr->sleep = sleep_no_time;
+    world();
+    power_up();
+
+    char request;
+    while (take(&request, 1)) {
+        bool runs = true;
+        if (request == 'P') {
+            avr_reset(avr);
+            power_up();
+        } else if (request == 'S') {
+            uint32_t cycles;
+            if (!take(&cycles, 4) || !take_readings())
+                break;
+            const avr_cycle_count_t until = avr->cycle + cycles;
+            while (runs && avr->cycle < until) {
+                const int state = avr_run(avr);
+                runs = state != cpu_Done && state != cpu_Crashed;
+            }
+        } else {
+            fprintf(stderr, "no such request: %d\n", request);
+            return 2;
+        }
+        answer(runs);
+    }
+    return 0;
+}
