@@ -1,9 +1,9 @@
 //! A board's clock on the session's time base.
 //!
 //! Every 0.98 s the host sends a PING and notes when; the board notes its clock when the PING is
-//! complete and answers. Half way between sending and hearing the answer the host's clock showed
-//! what the board noted, give or take half the round trip. The pairs are fitted by a line with
-//! exponentially aged weights,
+//! complete, and again when it answers. Without the time that the board took, half the round trip
+//! after sending the host's clock showed what the board noted first, give or take that half. The
+//! pairs are fitted by a line with exponentially aged weights,
 //!
 //! host(x) = h₀ + x + o + s·x,   x = (ticks − ticks₀) / rate,
 //!
@@ -19,7 +19,7 @@
 
 use std::collections::VecDeque;
 
-use crate::signal::Stamp;
+use crate::signal::{ClockFit, Stamp};
 
 /// Time between two pings once the fit has settled, s.
 const PING_PERIOD_S: f64 = 0.98;
@@ -114,9 +114,21 @@ impl BoardClock {
         self.rate_hz
     }
 
-    /// Skew of the fit (host seconds per board second, minus 1), once there is one.
-    pub fn skew(&self) -> Option<f64> {
-        self.fit.map(|f| f.skew)
+    /// The fit for the operator, once there is one.
+    pub fn fitted(&self) -> Option<ClockFit> {
+        let f = self.fit?;
+        let board_s = f.ticks as f64 / self.rate_hz;
+        let misses_s = self.pairs.iter().filter_map(|p| {
+            let stamp = self.stamp(p.ticks)?;
+            Some(stamp.since(p.host))
+        });
+        let squares: f64 = misses_s.map(|m| m * m).sum();
+        Some(ClockFit {
+            offset_s: f.host.seconds() + f.offset_s - board_s,
+            skew_ratio: f.skew,
+            residual_s: (squares / self.pairs.len().max(1) as f64).sqrt(),
+            round_trip_s: self.pairs.back().map_or(0.0, |p| p.round_trip_s),
+        })
     }
 
     /// The 64-bit count of a 32-bit one heard at `now`: the one closest to what is expected then.
@@ -170,15 +182,19 @@ impl BoardClock {
         }
     }
 
-    /// Takes the answer to a ping, heard at `now`.
-    pub fn pong(&mut self, id: u32, t_receive: u32, now: Stamp) -> Pong {
+    /// Takes the answer to a ping, heard at `now`: when the board had the ping and when it answered,
+    /// by its clock.
+    pub fn pong(&mut self, id: u32, t_receive: u32, t_answer: u32, now: Stamp) -> Pong {
         let Some(place) = self.outstanding.iter().position(|(i, _)| *i == id) else {
             return Pong::Unknown;
         };
         let Some((_, sent)) = self.outstanding.remove(place) else {
             return Pong::Unknown;
         };
-        let round_trip_s = now.since(sent).max(0.0);
+        let held_s = f64::from(t_answer.wrapping_sub(t_receive) as i32) / self.rate_hz;
+        let there_and_back_s = now.since(sent).max(0.0);
+        // A board that says it took longer than the answer did is not believed.
+        let round_trip_s = there_and_back_s - held_s.clamp(0.0, there_and_back_s);
         let pair = Pair {
             ticks: self.unwrap(t_receive, now),
             host: sent.plus(round_trip_s / 2.0),
@@ -351,20 +367,24 @@ mod tests {
         jumps: &mut Vec<(f64, f64)>,
     ) -> Vec<f64> {
         let mut errors_s = Vec::new();
-        let mut flying: Option<(f64, u32, u32)> = None;
+        let mut flying: Option<(f64, u32, u32, u32)> = None;
         let steps = ((to_s - from_s) * 1e3) as usize;
         for k in 0..steps {
             let t_s = from_s + k as f64 * 1e-3;
-            if let Some((heard_s, id, ticks)) = flying.filter(|f| f.0 <= t_s) {
-                if let Pong::Jumped(by_s) = clock.pong(id, ticks, Stamp::from_seconds(heard_s)) {
+            if let Some((heard_s, id, ticks, answer)) = flying.filter(|f| f.0 <= t_s) {
+                if let Pong::Jumped(by_s) =
+                    clock.pong(id, ticks, answer, Stamp::from_seconds(heard_s))
+                {
                     jumps.push((t_s, by_s));
                 }
                 flying = None;
             }
             if let Some(id) = clock.ping_due(Stamp::from_seconds(t_s)) {
                 let there_s = t_s + line.way_s();
-                let back_s = there_s + line.way_s();
-                flying = Some((back_s, id, line.ticks(there_s)));
+                // The board is busy with a sample more often than not.
+                let answer_s = there_s + line.rng.random_range(0.0..6e-3);
+                let back_s = answer_s + line.way_s();
+                flying = Some((back_s, id, line.ticks(there_s), line.ticks(answer_s)));
             }
             if k % 10 == 0 {
                 let full = clock.unwrap(line.ticks(t_s), Stamp::from_seconds(t_s + 3e-3));
@@ -469,7 +489,7 @@ mod tests {
                 .ping_due(Stamp::from_seconds(t_s))
                 .expect("one a second");
             let ticks = ((t_s + round_trip_s / 2.0) * RATE_HZ) as u32;
-            clock.pong(id, ticks, Stamp::from_seconds(t_s + round_trip_s))
+            clock.pong(id, ticks, ticks, Stamp::from_seconds(t_s + round_trip_s))
         };
         for _ in 0..10 {
             assert_eq!(ask(1e-3), Pong::Accepted);
@@ -481,7 +501,7 @@ mod tests {
         assert_eq!(verdicts[0], Pong::Rejected);
         assert_eq!(verdicts[11], Pong::Accepted);
         assert_eq!(
-            clock.pong(9999, 0, Stamp::from_seconds(99.0)),
+            clock.pong(9999, 0, 0, Stamp::from_seconds(99.0)),
             Pong::Unknown
         );
     }

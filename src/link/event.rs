@@ -59,6 +59,11 @@ pub enum LinkEvent {
         /// 0-based.
         board: usize,
     },
+    /// A board is back that was away, and has not restarted meanwhile: it must be armed anew.
+    BoardBack {
+        /// 0-based.
+        board: usize,
+    },
     /// A board has sent nothing for half a second: it must be armed anew.
     BoardSilent {
         /// 0-based.
@@ -108,6 +113,10 @@ impl LinkEvent {
                     board + 1
                 )
             }
+            Self::BoardBack { board } => format!(
+                "Board {} is back and has not restarted: arm again to go on.",
+                board + 1
+            ),
             Self::BoardSilent { board } => {
                 format!("Board {} is silent: check its cable and supply.", board + 1)
             }

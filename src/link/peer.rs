@@ -65,6 +65,19 @@ pub struct Peer {
     odd_in_a_row: u32,
     samples: VecDeque<Stamp>,
     losses: VecDeque<(Stamp, u64, u64)>,
+    /// Boot nonce of the last HELLO: it outlives silence and a closed port.
+    last_run: Option<u32>,
+}
+
+/// Which run of a board a HELLO comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Run {
+    /// The one that is talking, or the first.
+    Known,
+    /// The one known from before it was away: it kept its supply.
+    Back,
+    /// Another: it restarted.
+    Another,
 }
 
 /// What a HELLO changed.
@@ -98,6 +111,7 @@ impl Peer {
             odd_in_a_row: 0,
             samples: VecDeque::new(),
             losses: VecDeque::new(),
+            last_run: None,
         }
     }
 
@@ -110,6 +124,7 @@ impl Peer {
             silent: self.silent,
             samples: std::mem::take(&mut self.samples),
             losses: std::mem::take(&mut self.losses),
+            last_run: self.last_run,
             ..Self::new(self.board)
         };
     }
@@ -131,9 +146,13 @@ impl Peer {
         self.hello.is_some()
     }
 
-    /// Whether this HELLO comes from another run of the board than the one known.
-    pub(super) fn is_another_run(&self, hello: &Hello) -> bool {
-        self.hello.is_some_and(|h| h.boot_nonce != hello.boot_nonce)
+    /// Whether this HELLO comes from the run of the board that is known, and whether it was away.
+    pub(super) fn recognise(&mut self, hello: &Hello) -> Run {
+        match self.last_run.replace(hello.boot_nonce) {
+            Some(known) if known != hello.boot_nonce => Run::Another,
+            Some(_) if self.hello.is_none() && self.refusal.is_none() => Run::Back,
+            _ => Run::Known,
+        }
     }
 
     /// Takes a HELLO; `ours` is the CRC of the wanted configuration.

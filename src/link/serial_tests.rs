@@ -45,6 +45,7 @@ impl Rig {
                     id: *id,
                     boot_nonce: nonce,
                     tick_rate_hz: TICK_RATE_HZ,
+                    clock_drift_per_s: 0.0,
                     clock_skew: 50e-6,
                     clock_offset_s: 7.0,
                 })

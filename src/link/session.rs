@@ -21,7 +21,7 @@ use std::collections::VecDeque;
 
 use super::clock;
 use super::event::{LinkEvent, Refusal};
-use super::peer::{Counters, Greeting, Peer};
+use super::peer::{Counters, Greeting, Peer, Run};
 use super::wire::{
     ALL_BOARDS, Body, Config, Decoder, HEARTBEAT_PERIOD_S, Packet, Received, SAMPLE_RATE_HZ,
     Setpoint, board_channels, encode, fault, flag, imu_reading, pressure_code, pressure_pa,
@@ -334,6 +334,7 @@ impl HostSession {
                 .last_frame
                 .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),
             board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
+            board_clock: std::array::from_fn(|b| self.peers[b].clock.fitted()),
         }
     }
 
@@ -433,11 +434,14 @@ impl HostSession {
             return;
         };
         if let Body::Hello(hello) = &packet.body {
-            let rebooted = peer.is_another_run(hello);
-            if rebooted {
-                peer.forget();
-                self.interrupt();
-                self.event(LinkEvent::BoardRebooted { board });
+            match peer.recognise(hello) {
+                Run::Known => {}
+                Run::Back => self.event(LinkEvent::BoardBack { board }),
+                Run::Another => {
+                    peer.forget();
+                    self.interrupt();
+                    self.event(LinkEvent::BoardRebooted { board });
+                }
             }
             self.simulated |= packet.flags & flag::SIMULATED != 0;
             let peer = &mut self.peers[board];
@@ -477,7 +481,8 @@ impl HostSession {
                 }
             }
             Body::Pong { id, t_receive } => {
-                if let clock::Pong::Jumped(jump_s) = peer.clock.pong(*id, *t_receive, now) {
+                let pong = peer.clock.pong(*id, *t_receive, packet.t_ticks, now);
+                if let clock::Pong::Jumped(jump_s) = pong {
                     peer.forget_delay();
                     self.event(LinkEvent::ClockJump { board, jump_s });
                 }

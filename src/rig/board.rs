@@ -64,6 +64,8 @@ pub struct BoardSetup {
     pub tick_rate_hz: u32,
     /// How much too fast the clock runs, s/s.
     pub clock_skew: f64,
+    /// How fast that changes, 1/s.
+    pub clock_drift_per_s: f64,
     /// What the clock shows at t = 0, s (may be anything: it wraps).
     pub clock_offset_s: f64,
 }
@@ -125,9 +127,10 @@ impl Board {
     pub fn reboot(&mut self, t_s: f64, boot_nonce: u32) {
         *self = Self::new(BoardSetup {
             boot_nonce,
-            clock_offset_s: -t_s * (1.0 + self.setup.clock_skew),
+            clock_offset_s: 0.0,
             ..self.setup
         });
+        self.setup.clock_offset_s = -self.clock_s(t_s);
     }
 
     /// Moves the board's clock (a fault): `by_s` seconds ahead.
@@ -135,6 +138,11 @@ impl Board {
         self.setup.clock_offset_s += by_s;
         // The firmware's schedule counts elapsed ticks, so samples keep coming.
         self.next_sample_ticks += by_s * f64::from(self.setup.tick_rate_hz);
+    }
+
+    /// What the board's clock shows at `t_s`, not wrapped, s.
+    pub fn clock_s(&self, t_s: f64) -> f64 {
+        self.ticks(t_s) / f64::from(self.setup.tick_rate_hz)
     }
 
     /// Which board this is, 0-based.
@@ -201,7 +209,9 @@ impl Board {
 
     /// Board clock at `t_s`, not wrapped.
     fn ticks(&self, t_s: f64) -> f64 {
-        let board_s = self.setup.clock_offset_s + t_s * (1.0 + self.setup.clock_skew);
+        let s = &self.setup;
+        let gained_s = t_s * (s.clock_skew + 0.5 * t_s * s.clock_drift_per_s);
+        let board_s = s.clock_offset_s + t_s + gained_s;
         board_s * f64::from(self.setup.tick_rate_hz)
     }
 
@@ -434,6 +444,7 @@ mod tests {
             boot_nonce: 77,
             tick_rate_hz: 2_000_000,
             clock_skew: 0.0,
+            clock_drift_per_s: 0.0,
             clock_offset_s: 0.0,
         }
     }

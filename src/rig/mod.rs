@@ -175,6 +175,7 @@ impl VirtualRig {
                 boot_nonce: (options.seed as u32).wrapping_mul(2_654_435_761) ^ u32::from(id),
                 tick_rate_hz: TICK_RATE_HZ,
                 clock_skew: CLOCK_SKEW[usize::from(id)],
+                clock_drift_per_s: 0.0,
                 clock_offset_s,
             })))
         };

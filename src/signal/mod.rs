@@ -22,8 +22,8 @@ pub use pose::{
 };
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    Alarm, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState, RoutineStatus,
-    Severity, Snapshot, Trace, TruthSource,
+    Alarm, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState,
+    RoutineStatus, Severity, Snapshot, Trace, TruthSource,
 };
 pub use time::Stamp;
 

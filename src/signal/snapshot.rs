@@ -77,6 +77,21 @@ pub struct LinkStatus {
     pub age_s: f64,
     /// Frames per second over the last second, per board.
     pub board_rate_hz: [f64; BOARDS],
+    /// How each board's clock lies on the session's time base; `None` before the first fit.
+    pub board_clock: [Option<ClockFit>; BOARDS],
+}
+
+/// How a board's clock lies on the session's time base.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ClockFit {
+    /// Session time less board time at the newest ping, s.
+    pub offset_s: f64,
+    /// Session seconds per board second, minus 1.
+    pub skew_ratio: f64,
+    /// Root mean square of what the fit leaves of the pings, s.
+    pub residual_s: f64,
+    /// Round trip of the newest accepted ping, s.
+    pub round_trip_s: f64,
 }
 
 /// How urgent an alarm is.
