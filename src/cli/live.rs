@@ -18,7 +18,7 @@ use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
-use springtwin::signal::{Goal, Mode, Snapshot, Stamp, pose_error};
+use springtwin::signal::{BOARDS, Goal, LinkStatus, Mode, Snapshot, Stamp, pose_error};
 use springtwin::task::Item;
 use springtwin::twin::{
     Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
@@ -205,7 +205,8 @@ impl Tally {
                         "not settled".to_owned()
                     }
                 )),
-                record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display())),
+                clock_lines(&link)
+                    + &record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display())),
             ),
             json: json!({
                 "ticks": pace.ticks, "missed_ticks": pace.missed,
@@ -213,10 +214,40 @@ impl Tally {
                 "tip_error_mm": tip, "target_error_mm": target,
                 "rotation_error_deg": rotation, "seconds": seconds,
                 "reached": self.reached, "steps": self.steps, "mode": mode,
-                "simulated": link.simulated,
+                "simulated": link.simulated, "boards": boards(&link),
             }),
         }
     }
+}
+
+/// Per board: its rate, and how its clock lies on the time base.
+fn boards(link: &LinkStatus) -> Value {
+    let board = |b: usize| {
+        let clock = link.board_clock[b].map(|c| {
+            json!({
+                "offset_ms": c.offset_s * 1e3, "skew_ppm": c.skew_ratio * 1e6,
+                "residual_ms": c.residual_s * 1e3, "round_trip_ms": c.round_trip_s * 1e3,
+            })
+        });
+        json!({"rate_hz": link.board_rate_hz[b], "clock": clock})
+    };
+    (0..BOARDS).map(board).collect()
+}
+
+fn clock_lines(link: &LinkStatus) -> String {
+    let clocks = link.board_clock.iter().enumerate();
+    clocks
+        .filter_map(|(b, clock)| {
+            let c = (*clock)?;
+            Some(format!(
+                "\nclock of board {}: {:.3} s behind ours, {:+.0} ppm, pings within {:.3} ms",
+                b + 1,
+                c.offset_s,
+                c.skew_ratio * 1e6,
+                c.residual_s * 1e3
+            ))
+        })
+        .collect()
 }
 
 fn mode_word(mode: &Mode) -> &'static str {

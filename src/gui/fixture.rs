@@ -6,8 +6,8 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use crate::robot::RobotSpec;
 use crate::signal::{
-    ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, LinkStatus, Matrix6,
-    MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SIGNALS, SPRINGS,
+    ArmShape, CHAMBERS, ClockFit, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, LinkStatus,
+    Matrix6, MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SIGNALS, SPRINGS,
     SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr,
     ypr_from_rotation,
 };
@@ -129,6 +129,14 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             frames_lost: 3,
             age_s: 0.012,
             board_rate_hz: [100.0, 99.9],
+            board_clock: [(-3.1, -38e-6), (-1207.4, 21e-6)].map(|(offset_s, skew_ratio)| {
+                Some(ClockFit {
+                    offset_s,
+                    skew_ratio,
+                    residual_s: 42e-6,
+                    round_trip_s: 1.1e-3,
+                })
+            }),
         },
         raw: Some(raw),
         sensors: Some(SensorFrame {

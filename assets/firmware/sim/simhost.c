@@ -162,10 +162,14 @@ static void on_conversion(avr_irq_t *irq, uint32_t value, void *param)
             hum_state = hum_state * 1664525u + 1013904223u;
             hum += (int)(hum_state >> 24) % (HUM_MV + 1) - HUM_MV / 2;
         }
-        const int mv = gauge_mv[i] + hum;
         /* A gauge at its rail or without a cable hums no more. */
         const bool dead = gauge_mv[i] < 200 || gauge_mv[i] > 4800;
-        avr_raise_irq(adc_in + i, (uint32_t)(dead ? gauge_mv[i] : mv));
+        const int mv = gauge_mv[i] + (dead ? 0 : hum);
+        /* The chip rounds mV * 1024 / 5000, simavr cuts mV * 1023 / 5000: give it what it makes the
+         * chip's number of. */
+        int code = (mv * 1024 + 2500) / 5000;
+        code = code > 1023 ? 1023 : code;
+        avr_raise_irq(adc_in + i, (uint32_t)((code * 5000 + 1022) / 1023));
     }
 }
 
@@ -293,6 +297,7 @@ int main(int argc, char **argv)
     world();
     power_up();
 
+    avr_cycle_count_t until = avr->cycle;
     char request;
     while (take(&request, 1)) {
         bool runs = true;
@@ -303,7 +308,8 @@ int main(int argc, char **argv)
             uint32_t cycles;
             if (!take(&cycles, 4) || !take_readings())
                 break;
-            const avr_cycle_count_t until = avr->cycle + cycles;
+            /* A sleeping chip wakes a little later: the next step is the shorter for it. */
+            until += cycles;
             while (runs && avr->cycle < until) {
                 const int state = avr_run(avr);
                 runs = state != cpu_Done && state != cpu_Crashed;

@@ -226,6 +226,21 @@ fn boards(ui: &mut Ui, view: &View<'_>) {
                 .on_hover_text("Frames per second over the last second");
             let text = late.map_or("—".into(), |a| format!("{} ms", number(a * 1e3, 1)));
             cell(ui, 70.0, text).on_hover_text("Age of the board's part of the newest frame");
+            let clock = link.board_clock[i];
+            let offset = clock.map_or("—".into(), |c| format!("{} s", number(c.offset_s, 3)));
+            cell(ui, 90.0, offset).on_hover_text(clock.map_or(
+                "The board's clock has not been fitted yet".to_owned(),
+                |c| {
+                    format!(
+                        "Session time less board time. The board's clock runs {} ppm {}; pings agree \
+                         within {} ms, a round trip takes {} ms",
+                        number(c.skew_ratio.abs() * 1e6, 0),
+                        if c.skew_ratio > 0.0 { "slow" } else { "fast" },
+                        number(c.residual_s * 1e3, 3),
+                        number(c.round_trip_s * 1e3, 2)
+                    )
+                },
+            ));
         });
     }
     note(

@@ -1,0 +1,756 @@
+//! What every board must do, whoever made it: the same cases against the rig's emulated board and
+//! against the firmware under simavr. Time is the board's own, never the computer's.
+
+use std::path::PathBuf;
+
+use springtwin::link::wire::{
+    ALL_BOARDS, Body, Config, Decoder, Hello, Packet, Received, SCHEMA_HASH, Sample, Setpoint,
+    VERSION, board_channels, encode, fault, flag, imu_reading, pressure_code, pressure_pa,
+};
+use springtwin::rig::RigBoard;
+use springtwin::rig::board::{Board, BoardSetup, Readings, SpringReading};
+use springtwin::rig::firmware::FirmwareBoard;
+use springtwin::signal::{Gripper, ImuRaw};
+
+/// The board is looked at this often, s.
+const STEP_S: f64 = 0.5e-3;
+/// A regulator's step and rounding, Pa; a gauge's.
+const SET_TOLERANCE_PA: f64 = 8.0;
+const GAUGE_TOLERANCE_PA: f64 = 80.0;
+
+pub fn firmware_folder() -> PathBuf {
+    let folder = std::env::var_os("SPRINGTWIN_FIRMWARE").expect(
+        "SPRINGTWIN_FIRMWARE names the folder with board.elf and simhost: run ./test firmware",
+    );
+    PathBuf::from(folder)
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Emulated,
+    Firmware,
+}
+
+/// A board on a bench.
+struct Bench {
+    board: RigBoard,
+    id: u8,
+    step: u64,
+    seq: u16,
+    readings: Readings,
+    decoder: Decoder,
+    /// When it was heard, s.
+    heard: Vec<(f64, Packet)>,
+    /// Heartbeats come by themselves.
+    alive: bool,
+}
+
+impl Bench {
+    /// A board that has booted and said so.
+    fn new(kind: Kind, id: u8) -> Self {
+        let board = match kind {
+            Kind::Emulated => RigBoard::Emulated(Box::new(Board::new(BoardSetup {
+                id,
+                boot_nonce: 77 + u32::from(id),
+                tick_rate_hz: 2_000_000,
+                clock_skew: 0.0,
+                clock_drift_per_s: 0.0,
+                clock_offset_s: 0.0,
+            }))),
+            Kind::Firmware => RigBoard::Firmware(
+                FirmwareBoard::start(&firmware_folder(), usize::from(id), 0.0).expect("starts"),
+            ),
+        };
+        let mut bench = Self {
+            board,
+            id,
+            step: 0,
+            seq: 0,
+            readings: Readings {
+                springs: std::array::from_fn(|k| {
+                    Some(SpringReading {
+                        count: 11_000 + k as u32,
+                        gate_ticks: 16_000 + k as u32,
+                    })
+                }),
+                imus: std::array::from_fn(|k| {
+                    Some(imu_reading(
+                        [1, -2, 3 + k as i16],
+                        [-4, 5, 8_000 + k as i16],
+                    ))
+                }),
+                chamber_pa: [1e3, -20e3, 20e3].map(Some),
+            },
+            decoder: Decoder::default(),
+            heard: Vec::new(),
+            alive: false,
+        };
+        bench.run(0.05);
+        bench
+    }
+
+    /// A board that follows a set point.
+    fn moving(kind: Kind, id: u8) -> Self {
+        let mut b = Self::new(kind, id);
+        b.tell(Body::Config(Config::built_in()));
+        b.alive = true;
+        b.run(0.1);
+        b.tell(setpoint(10e3, 1000));
+        b.run(0.02);
+        assert!(b.board.setpoint_pa().is_some(), "{kind:?}");
+        b.heard.clear();
+        b
+    }
+
+    fn t_s(&self) -> f64 {
+        self.step as f64 * STEP_S
+    }
+
+    fn run(&mut self, for_s: f64) {
+        for _ in 0..(for_s / STEP_S).round() as usize {
+            if self.alive && self.step.is_multiple_of(100) {
+                self.tell(Body::Heartbeat);
+            }
+            self.step += 1;
+            let t_s = self.t_s();
+            for byte in self.board.poll(t_s, &self.readings) {
+                if let Some(Received::Packet(p)) = self.decoder.push(byte) {
+                    self.heard.push((t_s, p));
+                }
+            }
+        }
+    }
+
+    /// Runs until it is so, at most `for_s`; how long that took.
+    fn run_until(&mut self, for_s: f64, so: impl Fn(&Self) -> bool) -> Option<f64> {
+        let from_s = self.t_s();
+        while !so(self) {
+            if self.t_s() - from_s > for_s {
+                return None;
+            }
+            self.run(STEP_S);
+        }
+        Some(self.t_s() - from_s)
+    }
+
+    fn tell(&mut self, body: Body) {
+        self.tell_as(ALL_BOARDS, flag::GRIPPER_CLOSED, body);
+    }
+
+    fn tell_as(&mut self, address: u8, flags: u16, body: Body) {
+        self.seq = self.seq.wrapping_add(1);
+        let packet = Packet {
+            board: address,
+            seq: self.seq,
+            t_ticks: 0,
+            flags,
+            body,
+        };
+        let mut bytes = Vec::new();
+        encode(&packet, &mut bytes);
+        self.put(&bytes);
+    }
+
+    fn put(&mut self, bytes: &[u8]) {
+        self.board.on_bytes(self.t_s(), bytes);
+    }
+
+    /// What `pick` finds in what was heard since the last call; everything heard is forgotten.
+    fn take<T>(&mut self, pick: impl Fn(&Packet) -> Option<T>) -> Vec<(f64, T)> {
+        let heard = std::mem::take(&mut self.heard);
+        heard
+            .iter()
+            .filter_map(|(t_s, p)| Some((*t_s, pick(p)?)))
+            .collect()
+    }
+
+    fn hellos(&mut self) -> Vec<Hello> {
+        let hello = |p: &Packet| match p.body {
+            Body::Hello(h) => Some(h),
+            _ => None,
+        };
+        self.take(hello).into_iter().map(|(_, h)| h).collect()
+    }
+
+    fn faults(&mut self) -> Vec<(u16, u32)> {
+        let fault = |p: &Packet| match p.body {
+            Body::Fault { code, detail } => Some((code, detail)),
+            _ => None,
+        };
+        self.take(fault).into_iter().map(|(_, f)| f).collect()
+    }
+
+    /// The next sample's, from now on.
+    fn sample(&mut self) -> Sample {
+        self.heard.clear();
+        self.run(0.035);
+        let samples = self.take(|p| match p.body {
+            Body::Sample(s) => Some(s),
+            _ => None,
+        });
+        samples.last().expect("samples come").1
+    }
+
+    fn status(&mut self) -> u16 {
+        self.sample().status
+    }
+
+    fn moves(&self) -> bool {
+        self.board.setpoint_pa().is_some()
+    }
+
+    fn config_crc(&mut self) -> u32 {
+        self.hellos().last().expect("a HELLO").config_crc
+    }
+}
+
+fn setpoint(pa: f64, ttl_ms: u16) -> Body {
+    Body::Setpoint(Setpoint {
+        pressure: std::array::from_fn(|i| pressure_code(pa + 100.0 * i as f64)),
+        ttl_ms,
+    })
+}
+
+/// Every case runs on both kinds of board.
+macro_rules! cases {
+    ($($name:ident),* $(,)?) => {
+        mod emulated {
+            $(#[test] fn $name() { super::$name(super::Kind::Emulated); })*
+        }
+        /// Needs the firmware: `./test firmware`.
+        mod firmware {
+            $(#[test] fn $name() { super::$name(super::Kind::Firmware); })*
+        }
+    };
+}
+
+cases!(
+    a_board_that_boots_says_who_it_is,
+    configurations_are_taken_if_no_looser_than_built_in,
+    nothing_moves_before_configuration_and_heartbeat,
+    set_points_are_the_boards_own_and_clamped,
+    samples_come_at_100_hz_and_say_what_was_measured,
+    absent_channels_are_marked_and_come_back,
+    heartbeat_loss_latches_within_a_quarter_second,
+    a_set_point_expires_but_does_not_latch,
+    over_pressure_stops_the_pumps_within_20_ms,
+    a_short_spike_does_not_trip,
+    a_dead_gauge_stops_the_pumps,
+    a_stop_latches_and_a_reset_acts_once_per_id,
+    a_ping_is_answered_with_the_boards_clock,
+    garbage_harms_nothing,
+    frames_for_others_are_ignored,
+    another_version_is_answered_with_ours,
+    a_power_cycle_forgets_everything,
+);
+
+fn a_board_that_boots_says_who_it_is(kind: Kind) {
+    let hellos = [0, 1].map(|id| {
+        let mut b = Bench::new(kind, id);
+        assert!(b.heard.iter().all(|(_, p)| p.board == b.id));
+        assert_eq!(
+            b.heard[0].1.flags,
+            flag::SIMULATED,
+            "no arm is at these connectors"
+        );
+        b.hellos()[0]
+    });
+    for h in hellos {
+        assert_eq!(h.protocol, u16::from(VERSION));
+        assert_eq!(h.schema, SCHEMA_HASH);
+        assert_eq!((h.tick_rate_hz, h.config_crc), (2_000_000, 0));
+    }
+    assert_ne!(hellos[0].boot_nonce, hellos[1].boot_nonce);
+}
+
+fn configurations_are_taken_if_no_looser_than_built_in(kind: Kind) {
+    let mut b = Bench::new(kind, 0);
+    let built_in = Config::built_in();
+    let try_out = |b: &mut Bench, config: Config| {
+        b.heard.clear();
+        b.tell(Body::Config(config));
+        b.run(0.03);
+        b.config_crc()
+    };
+    for loose in [
+        Config {
+            over_pressure: pressure_code(43e3),
+            ..built_in
+        },
+        Config {
+            pressure_max: pressure_code(41e3),
+            ..built_in
+        },
+        Config {
+            pressure_min: pressure_code(-41e3),
+            ..built_in
+        },
+        Config {
+            heartbeat_timeout_ms: 201,
+            ..built_in
+        },
+        Config {
+            heartbeat_timeout_ms: 0,
+            ..built_in
+        },
+        Config {
+            over_pressure: pressure_code(39e3),
+            ..built_in
+        },
+        Config {
+            pressure_min: pressure_code(40e3),
+            ..built_in
+        },
+    ] {
+        assert_eq!(try_out(&mut b, loose), 0, "{loose:?}");
+    }
+    assert_eq!(try_out(&mut b, built_in), built_in.crc());
+    let narrow = Config {
+        pressure_max: pressure_code(20e3),
+        over_pressure: pressure_code(25e3),
+        ..built_in
+    };
+    assert_eq!(try_out(&mut b, narrow), narrow.crc());
+    let refused = Config {
+        heartbeat_timeout_ms: 500,
+        ..built_in
+    };
+    assert_eq!(
+        try_out(&mut b, refused),
+        narrow.crc(),
+        "the last good one stands"
+    );
+    b.alive = true;
+    b.run(0.1);
+    b.tell(setpoint(30e3, 500));
+    b.run(0.02);
+    let set_pa = b.board.setpoint_pa().expect("moves");
+    assert!((set_pa[0] - 20e3).abs() < SET_TOLERANCE_PA, "{set_pa:?}");
+}
+
+fn nothing_moves_before_configuration_and_heartbeat(kind: Kind) {
+    let mut b = Bench::new(kind, 0);
+    let never = |b: &mut Bench, why: &str| {
+        b.tell(setpoint(1e3, 500));
+        b.run(0.03);
+        assert!(!b.moves(), "{why}");
+    };
+    never(&mut b, "just booted");
+    b.tell(Body::Heartbeat);
+    never(&mut b, "not configured");
+    b.alive = true;
+    b.run(0.3);
+    never(&mut b, "not configured, heartbeats or not");
+    b.tell(Body::Config(Config::built_in()));
+    b.run(0.03);
+    b.tell(setpoint(1e3, 500));
+    b.run(0.03);
+    assert!(b.moves());
+    let mut b = Bench::new(kind, 1);
+    b.tell(Body::Config(Config::built_in()));
+    never(&mut b, "no heartbeat");
+}
+
+fn set_points_are_the_boards_own_and_clamped(kind: Kind) {
+    let mut b = Bench::moving(kind, 1);
+    for (pa, wanted_pa) in [
+        (10e3, [10_300.0, 10_400.0, 10_500.0]),
+        (-33e3, [-32_700.0, -32_600.0, -32_500.0]),
+        (39.6e3, [39_900.0, 40_000.0, 40_000.0]),
+        (60e3, [40e3; 3]),
+        (-65e3, [-40e3; 3]),
+        (-500.0, [-200.0, -100.0, 0.0]),
+    ] {
+        b.tell(setpoint(pa, 500));
+        b.run(0.02);
+        let set_pa = b.board.setpoint_pa().expect("moves");
+        for (set, wanted) in set_pa.iter().zip(wanted_pa) {
+            assert!(
+                (set - wanted).abs() < SET_TOLERANCE_PA,
+                "{set_pa:?}, wanted {wanted_pa:?}"
+            );
+            assert!(set.abs() <= 40e3, "{set_pa:?}");
+        }
+    }
+    assert_eq!(b.board.gripper(), Gripper::Closed);
+    b.tell_as(ALL_BOARDS, 0, setpoint(0.0, 500));
+    b.run(0.02);
+    assert_eq!(b.board.gripper(), Gripper::Open);
+    b.heard.clear();
+    b.run(0.02);
+    let flags = b.heard.last().expect("samples").1.flags;
+    assert_eq!(flags, flag::CONFIGURED | flag::PUMPS_ON | flag::SIMULATED);
+}
+
+fn samples_come_at_100_hz_and_say_what_was_measured(kind: Kind) {
+    for id in 0..2 {
+        let mut b = Bench::new(kind, id);
+        b.heard.clear();
+        b.run(5.0);
+        let samples = b.take(|p| match p.body {
+            Body::Sample(s) => Some((p.t_ticks, p.seq, s)),
+            _ => None,
+        });
+        assert!((499..=501).contains(&samples.len()), "{}", samples.len());
+        for pair in samples.windows(2) {
+            let [(_, (t0, n0, _)), (_, (t1, n1, _))] = pair else {
+                unreachable!()
+            };
+            assert_eq!(n1.wrapping_sub(*n0), 1);
+            let ticks = t1.wrapping_sub(*t0);
+            assert!(
+                (18_500..=21_500).contains(&ticks),
+                "{ticks} ticks between samples"
+            );
+        }
+        // The rhythm is the clock's: no drift beyond one period's jitter over all of them.
+        let (first, last) = (samples[0].1.0, samples[samples.len() - 1].1.0);
+        let mean = f64::from(last.wrapping_sub(first)) / (samples.len() - 1) as f64;
+        assert!((mean - 20_000.0).abs() < 6.0, "{mean}");
+
+        let s = samples[samples.len() - 1].1.2;
+        let board = usize::from(id);
+        assert_eq!(s.present, board_channels(board));
+        assert_eq!(s.status, 0);
+        for k in 0..6 {
+            assert_eq!(u32::from(s.spring_counts[6 * board + k]), 11_000 + k as u32);
+            assert_eq!(
+                u32::from(s.spring_gate_ticks[6 * board + k]),
+                16_000 + k as u32
+            );
+        }
+        for k in 0..2 {
+            assert_eq!(s.gyro[2 * board + k], [1, -2, 3 + k as i16]);
+            assert_eq!(s.accel[2 * board + k], [-4, 5, 8_000 + k as i16]);
+        }
+        for (k, wanted_pa) in [1e3, -20e3, 20e3].into_iter().enumerate() {
+            let pa = pressure_pa(s.pressure[3 * board + k]);
+            assert!(
+                (pa - wanted_pa).abs() < GAUGE_TOLERANCE_PA,
+                "{pa}, wanted {wanted_pa}"
+            );
+        }
+    }
+}
+
+fn absent_channels_are_marked_and_come_back(kind: Kind) {
+    let mut b = Bench::new(kind, 1);
+    let sound = b.readings;
+    b.readings.springs[2] = None;
+    b.readings.imus[0] = None;
+    b.run(0.05);
+    let s = b.sample();
+    let absent = (1 << 8) | (1 << 14);
+    assert_eq!(s.present, board_channels(1) & !absent);
+    assert_eq!(s.status, fault::SPRING_LOST | fault::IMU_LOST);
+    assert_eq!((s.spring_counts[8], s.gyro[2]), (0, [0; 3]));
+    assert_eq!(s.gyro[3], [1, -2, 4], "its neighbour goes on");
+    b.readings = sound;
+    b.run(0.05);
+    let s = b.sample();
+    assert_eq!((s.present, s.status), (board_channels(1), 0));
+    assert_eq!(s.gyro[2], [1, -2, 3]);
+}
+
+fn heartbeat_loss_latches_within_a_quarter_second(kind: Kind) {
+    let mut b = Bench::moving(kind, 0);
+    b.tell(Body::Heartbeat);
+    b.alive = false;
+    b.tell(setpoint(5e3, 1000));
+    assert!(b.run_until(0.19, |b| !b.moves()).is_none(), "too early");
+    let after_s = 0.19 + b.run_until(0.06, |b| !b.moves()).expect("pumps off");
+    println!(
+        "{kind:?}: pumps off {:.1} ms after the last heartbeat",
+        after_s * 1e3
+    );
+    assert!((0.2..=0.25).contains(&after_s), "{after_s}");
+    b.run(0.03);
+    assert_eq!(b.faults(), [(fault::HEARTBEAT_LOST, 0)]);
+    assert_eq!(b.status(), fault::SAFE | fault::HEARTBEAT_LOST);
+    b.alive = true;
+    b.run(0.2);
+    b.tell(setpoint(5e3, 1000));
+    b.run(0.1);
+    assert!(!b.moves(), "latched");
+    b.tell(Body::Reset { id: 31 });
+    b.run(0.1);
+    assert_eq!((b.status(), b.moves()), (0, false), "never by itself");
+    b.tell(setpoint(5e3, 1000));
+    b.run(0.02);
+    assert!(b.moves());
+}
+
+fn a_set_point_expires_but_does_not_latch(kind: Kind) {
+    let mut b = Bench::moving(kind, 0);
+    b.tell(setpoint(1e3, 150));
+    let after_s = b.run_until(0.3, |b| !b.moves()).expect("expires");
+    assert!((0.15..=0.16).contains(&after_s), "{after_s}");
+    assert_eq!(b.status(), fault::SETPOINT_EXPIRED);
+    b.tell(setpoint(1e3, 150));
+    b.run(0.02);
+    assert!(b.moves());
+    assert_eq!(b.status(), 0);
+}
+
+fn over_pressure_stops_the_pumps_within_20_ms(kind: Kind) {
+    // A gauge's tolerance on either side of the bound.
+    for (pa, trips) in [
+        (42.1e3, true),
+        (-42.1e3, true),
+        (41.9e3, false),
+        (-41.9e3, false),
+        (1e6, true),
+    ] {
+        let mut b = Bench::moving(kind, 0);
+        b.readings.chamber_pa[1] = Some(pa);
+        let off_s = b.run_until(0.05, |b| !b.moves());
+        assert_eq!(off_s.is_some(), trips, "{pa} Pa");
+        let Some(off_s) = off_s else { continue };
+        println!("{kind:?}: pumps off {:.1} ms after {pa} Pa", off_s * 1e3);
+        assert!((0.002..=0.020).contains(&off_s), "{pa} Pa: {off_s}");
+        b.run(0.03);
+        assert_eq!(b.faults(), [(fault::OVER_PRESSURE, 1)]);
+        assert_eq!(b.status(), fault::SAFE | fault::OVER_PRESSURE);
+        // A cause that still holds trips again.
+        b.tell(Body::Reset { id: 1 });
+        b.run(0.05);
+        assert_eq!(b.status(), fault::SAFE | fault::OVER_PRESSURE);
+        b.readings.chamber_pa[1] = Some(0.0);
+        b.run(0.05);
+        assert_eq!(b.status(), fault::SAFE | fault::OVER_PRESSURE, "latched");
+        b.tell(Body::Reset { id: 2 });
+        assert_eq!(b.status(), 0);
+    }
+}
+
+fn a_short_spike_does_not_trip(kind: Kind) {
+    let mut b = Bench::moving(kind, 0);
+    for _ in 0..5 {
+        b.readings.chamber_pa[0] = Some(50e3);
+        b.run(0.003);
+        b.readings.chamber_pa[0] = Some(0.0);
+        b.run(0.017);
+        assert!(b.moves());
+    }
+    assert_eq!(b.status() & fault::SAFE, 0);
+}
+
+fn a_dead_gauge_stops_the_pumps(kind: Kind) {
+    let mut b = Bench::moving(kind, 1);
+    b.readings.chamber_pa[2] = None;
+    let off_s = b.run_until(0.05, |b| !b.moves()).expect("pumps off");
+    assert!(off_s <= 0.020, "{off_s}");
+    b.run(0.03);
+    assert_eq!(b.faults(), [(fault::GAUGE_LOST, 5)]);
+    let s = b.sample();
+    assert_eq!(s.status, fault::SAFE | fault::GAUGE_LOST);
+    assert_eq!(s.present, board_channels(1) & !(1 << 21));
+}
+
+fn a_stop_latches_and_a_reset_acts_once_per_id(kind: Kind) {
+    let mut b = Bench::moving(kind, 0);
+    b.tell(Body::Estop);
+    let off_s = b.run_until(0.05, |b| !b.moves()).expect("pumps off");
+    println!("{kind:?}: pumps off {:.1} ms after ESTOP", off_s * 1e3);
+    assert!(off_s <= 0.010, "{off_s}");
+    b.run(0.03);
+    assert_eq!(b.faults(), [(fault::ESTOP, 0)]);
+    b.tell(setpoint(1e3, 500));
+    b.run(0.05);
+    assert!(!b.moves());
+    b.tell(Body::Reset { id: 5 });
+    assert_eq!((b.status(), b.moves()), (0, false));
+    b.tell(Body::Estop);
+    b.run(0.02);
+    b.tell(Body::Reset { id: 5 });
+    assert_eq!(b.status(), fault::SAFE | fault::ESTOP, "no new edge");
+    b.tell(Body::Reset { id: 6 });
+    assert_eq!(b.status(), 0);
+}
+
+fn a_ping_is_answered_with_the_boards_clock(kind: Kind) {
+    let mut b = Bench::new(kind, 0);
+    b.heard.clear();
+    let mut asked = Vec::new();
+    for id in 0..200 {
+        asked.push(b.t_s());
+        b.tell(Body::Ping { id });
+        b.run(0.013);
+    }
+    b.run(0.05);
+    let pongs = b.take(|p| match p.body {
+        Body::Pong { id, t_receive } => Some((id, t_receive, p.t_ticks)),
+        _ => None,
+    });
+    assert_eq!(pongs.len(), asked.len());
+    // All by the clock that the first one showed, whatever else the board does: at most off by the
+    // time that the ping's 22 bytes take on the line.
+    let base = f64::from(pongs[0].1.1) / 2e6 - asked[0];
+    let mut squares = 0.0;
+    for (k, (heard_s, (id, t_receive, t_answer))) in pongs.iter().enumerate() {
+        assert_eq!(*id, k as u32);
+        let off_s = f64::from(*t_receive) / 2e6 - asked[k] - base;
+        assert!(off_s.abs() < 0.48e-3, "ping {k}: {off_s} s");
+        squares += off_s * off_s;
+        let held_s = f64::from(t_answer.wrapping_sub(*t_receive)) / 2e6;
+        assert!(
+            (0.0..0.01).contains(&held_s),
+            "ping {k}: answered after {held_s} s"
+        );
+        assert!(heard_s - asked[k] < 0.02);
+    }
+    let rms_s = f64::sqrt(squares / pongs.len() as f64);
+    println!("{kind:?}: pings noted within {:.3} ms RMS", rms_s * 1e3);
+}
+
+fn garbage_harms_nothing(kind: Kind) {
+    let mut b = Bench::new(kind, 0);
+    b.tell(Body::Config(Config::built_in()));
+    b.alive = true;
+    b.run(0.1);
+    let mut state = 12_345u32;
+    let mut random = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
+    for round in 0..60usize {
+        let n = 1 + usize::from(random()) * (round % 4 + 1) / 4;
+        let mut bytes: Vec<u8> = (0..n).map(|_| random()).collect();
+        if round % 2 == 0 {
+            // A sound set point with one bit turned: the CRC keeps it out.
+            let packet = Packet {
+                board: ALL_BOARDS,
+                seq: 0,
+                t_ticks: 0,
+                flags: 0,
+                body: setpoint(39e3, 500),
+            };
+            bytes.clear();
+            encode(&packet, &mut bytes);
+            let at = 1 + usize::from(random()) % (bytes.len() - 2);
+            bytes[at] ^= 1 << (random() % 8);
+        }
+        b.put(&bytes);
+        b.run(0.01);
+        assert!(!b.moves(), "round {round}");
+    }
+    // Overlong: more than any frame, without a delimiter.
+    b.put(&[7; 3000]);
+    b.run(0.1);
+    // The delimiter before the next frame ends it.
+    b.tell(setpoint(1e3, 500));
+    b.run(0.03);
+    assert!(b.moves());
+    assert_eq!(b.status(), 0);
+    // A message of the wrong length is none.
+    b.tell(Body::Reset { id: 1 });
+    b.run(0.02);
+    let mut wrong = vec![VERSION, 0x81, ALL_BOARDS];
+    wrong.extend([0; 8]);
+    wrong.extend([0x90; 13]);
+    b.put(&frame_of(&wrong));
+    b.run(0.03);
+    assert!(!b.moves());
+}
+
+fn frames_for_others_are_ignored(kind: Kind) {
+    let mut b = Bench::moving(kind, 0);
+    b.tell_as(1, 0, Body::Estop);
+    b.tell_as(1, 0, setpoint(-5e3, 500));
+    b.run(0.03);
+    let set_pa = b.board.setpoint_pa().expect("moves on");
+    assert!((set_pa[0] - 10e3).abs() < SET_TOLERANCE_PA);
+    // Nor is the board moved by what only boards say.
+    b.tell_as(
+        0,
+        0,
+        Body::Fault {
+            code: fault::ESTOP,
+            detail: 0,
+        },
+    );
+    b.run(0.03);
+    assert!(b.moves());
+    b.tell_as(0, 0, Body::Estop);
+    b.run(0.03);
+    assert!(!b.moves());
+}
+
+fn another_version_is_answered_with_ours(kind: Kind) {
+    let mut b = Bench::moving(kind, 0);
+    let mut raw = vec![VERSION + 1, 0x83, ALL_BOARDS];
+    raw.extend([0; 8]);
+    b.put(&frame_of(&raw));
+    b.run(0.03);
+    assert!(b.moves(), "its ESTOP is not ours");
+    assert_eq!(b.hellos().len(), 1);
+}
+
+fn a_power_cycle_forgets_everything(kind: Kind) {
+    let mut b = Bench::moving(kind, 1);
+    b.tell(Body::Estop);
+    b.run(0.05);
+    let nonce = |b: &mut Bench| {
+        b.heard.clear();
+        b.tell(Body::Config(Config {
+            heartbeat_timeout_ms: 0,
+            ..Config::built_in()
+        }));
+        b.run(0.03);
+        let h = b.hellos()[0];
+        (h.boot_nonce, h.config_crc)
+    };
+    let before = nonce(&mut b);
+    assert_eq!(before.1, Config::built_in().crc());
+    b.alive = false;
+    let t_s = b.t_s();
+    b.board.reboot(t_s, 4711);
+    b.run(0.05);
+    let after = nonce(&mut b);
+    assert_ne!(after.0, before.0, "another run");
+    assert_eq!(after.1, 0, "no configuration");
+    assert_eq!(b.status(), 0);
+    b.alive = true;
+    b.run(0.2);
+    b.tell(setpoint(1e3, 500));
+    b.run(0.05);
+    assert!(!b.moves());
+}
+
+/// A frame put together outside of `wire`, with a sound CRC.
+fn frame_of(raw: &[u8]) -> Vec<u8> {
+    let mut raw = raw.to_vec();
+    let mut crc = u32::MAX;
+    for byte in &raw {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg());
+        }
+    }
+    raw.extend((!crc).to_le_bytes());
+    let mut out = vec![0];
+    for block in raw.split(|b| *b == 0) {
+        out.push(block.len() as u8 + 1);
+        out.extend(block);
+    }
+    out.push(0);
+    out
+}
+
+/// A reading that cannot be true is absent too.
+#[test]
+fn an_emulated_board_leaves_out_what_does_not_fit() {
+    let mut b = Bench::new(Kind::Emulated, 1);
+    b.readings.springs[3] = Some(SpringReading {
+        count: 70_000,
+        gate_ticks: 1,
+    });
+    b.readings.imus[1] = Some(ImuRaw {
+        gyro_rad_s: [f64::NAN; 3],
+        ..ImuRaw::default()
+    });
+    assert_eq!(
+        b.sample().present,
+        board_channels(1) & !((1 << 9) | (1 << 15))
+    );
+}
