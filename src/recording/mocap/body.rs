@@ -150,6 +150,7 @@ fn choose<'a>(
                 chosen.push(one);
                 continue;
             }
+            [] if file.markers.is_empty() => "the file holds no markers".to_owned(),
             [] => {
                 let all: Vec<&str> = file.markers.iter().map(|m| m.name.as_str()).collect();
                 format!("there is no marker {name:?}; it has {}", all.join(", "))

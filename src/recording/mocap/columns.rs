@@ -3,7 +3,7 @@
 use nalgebra::UnitQuaternion;
 
 use super::super::RecordingError;
-use super::table::{Row, metres, radians};
+use super::table::{Row, metres, radians, unit_of};
 use super::{FromQuaternion, MocapFormat, MocapRotation, from_euler, from_helical, from_xyzw};
 
 /// Farther from the origin than any room, m.
@@ -382,20 +382,15 @@ fn turn(
 
 /// The units of a block, for the report: that of the position and, behind a comma, that of angles.
 pub(super) fn units_of(block: &Block) -> (&'static str, &'static str) {
-    let length = |to_m: f64| match to_m {
-        m if m == 1e-3 => "mm",
-        m if m == 1e-2 => "cm",
-        _ => "m",
-    };
     match &block.track {
-        Track::Marker(at) => (length(at.to_m[0]), ""),
+        Track::Marker(at) => (unit_of(at.to_m[0]), ""),
         Track::Object(at, turn) => {
             let angle = match turn.form {
                 MocapRotation::Quaternion => "",
                 _ if turn.to_rad[0] == 1.0 => "rad",
                 _ => "deg",
             };
-            (length(at.to_m[0]), angle)
+            (unit_of(at.to_m[0]), angle)
         }
     }
 }

@@ -22,7 +22,7 @@ use nalgebra::Vector3;
 use super::super::RecordingError;
 use super::super::csv::Lines;
 use super::columns::{Position, Turn};
-use super::table::{LINE_MAX, Row, Seen, Table, metres};
+use super::table::{LINE_MAX, Row, Seen, Table, metres, unit_of};
 use super::{
     MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation, RATE_MAX_HZ, unsupported,
 };
@@ -111,11 +111,7 @@ impl About {
         Ok(Self {
             rate_hz,
             to_m,
-            unit: match to_m {
-                m if m == 1e-3 => "mm",
-                m if m == 1e-2 => "cm",
-                _ => "m",
-            },
+            unit: unit_of(to_m),
             rotation,
         })
     }

@@ -18,7 +18,7 @@ type Series<T> = (String, Vec<Option<T>>);
 pub(super) struct Section {
     format: MocapFormat,
     rate_hz: f64,
-    /// The line of its units.
+    /// The line of its rate.
     line: usize,
     units: String,
     rotation: Option<MocapRotation>,
@@ -33,8 +33,7 @@ pub(super) struct Section {
 impl Section {
     pub(super) fn new(
         format: MocapFormat,
-        rate_hz: f64,
-        line: usize,
+        (rate_hz, line): (f64, usize),
         blocks: &[Block],
         has_sub_frame: bool,
     ) -> Self {

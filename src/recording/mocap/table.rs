@@ -194,6 +194,15 @@ pub(super) fn metres(unit: &str) -> Option<f64> {
     }
 }
 
+/// The unit of length that has so many m.
+pub(super) fn unit_of(to_m: f64) -> &'static str {
+    match to_m {
+        1e-3 => "mm",
+        1e-2 => "cm",
+        _ => "m",
+    }
+}
+
 /// rad per unit of angle.
 pub(super) fn radians(unit: &str) -> Option<f64> {
     match unit.to_ascii_lowercase().as_str() {

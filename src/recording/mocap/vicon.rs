@@ -56,7 +56,8 @@ pub(super) fn refuse_others(reader: impl BufRead, path: &Path) -> Result<(), Rec
 #[derive(Default)]
 struct Preamble {
     title: String,
-    rate_hz: Option<f64>,
+    /// With its line.
+    rate_hz: Option<(f64, usize)>,
     names: Vec<String>,
 }
 
@@ -64,7 +65,7 @@ impl Preamble {
     fn take(&mut self, row: &Row<'_>) {
         match row.alone() {
             Some(text) => match text.parse::<f64>() {
-                Ok(rate) => self.rate_hz = Some(rate),
+                Ok(rate) => self.rate_hz = Some((rate, row.line)),
                 // What a section before this one left behind is not of this one.
                 Err(_) => {
                     *self = Self {
@@ -176,9 +177,9 @@ fn step(
                 wanted,
             };
             let blocks = blocks(&source, row, notes)?;
-            let rate_hz = preamble.rate_hz.unwrap_or(0.0);
+            let rate_hz = preamble.rate_hz.unwrap_or_default();
             let sub = has_sub_frame(&columns);
-            let section = Section::new(format, rate_hz, row.line, &blocks, sub);
+            let section = Section::new(format, rate_hz, &blocks, sub);
             Ok(State::Rows(section, blocks))
         }
         State::Rows(section, _) if row.is_blank() => {
@@ -229,7 +230,7 @@ fn columns_of(
         notes.push(format!("a section {title} was passed over"));
         return Ok(State::Over);
     };
-    let sound = |r: f64| r > 0.0 && r <= RATE_MAX_HZ;
+    let sound = |(r, _)| r > 0.0 && r <= RATE_MAX_HZ;
     if !preamble.rate_hz.is_some_and(sound) {
         return Err(row.refuse(
             0,
