@@ -191,6 +191,22 @@ impl Group {
     }
 }
 
+/// A column's name in lower case without blanks; `Euler X`, `Helical X` and `Quaternion X` become `ex`, `hx`
+/// and `qx`. Dashes stay: `X'` is a speed.
+fn canonical(column: &str) -> String {
+    let bare: String = column
+        .to_ascii_lowercase()
+        .chars()
+        .filter(|c| !matches!(c, ' ' | '_' | '(' | ')'))
+        .collect();
+    for (word, letter) in [("euler", 'e'), ("helical", 'h'), ("quaternion", 'q')] {
+        if let Some(axis @ ("x" | "y" | "z" | "w")) = bare.strip_prefix(word) {
+            return format!("{letter}{axis}");
+        }
+    }
+    bare
+}
+
 /// Columns by heading. Tracker may head angles and translations of one object apart.
 fn groups(source: &Source<'_>) -> Vec<Group> {
     let has_sub_frame = has_sub_frame(source.columns);
@@ -204,7 +220,7 @@ fn groups(source: &Source<'_>) -> Vec<Group> {
         .enumerate()
         .skip(1 + usize::from(has_sub_frame))
     {
-        let column = column.to_ascii_lowercase();
+        let column = canonical(column);
         if let Some(text) = source.names.get(c).filter(|t| !t.is_empty()) {
             let heading = name_of(text);
             let joins = at
@@ -334,13 +350,16 @@ fn turn(
         }));
     }
     let euler_columns = group.find(["ex", "ey", "ez"]);
-    let Some([x, y, z]) = euler_columns.or_else(|| group.find(["rx", "ry", "rz"])) else {
+    let helical_columns = group.find(["hx", "hy", "hz"]);
+    let named = euler_columns.or(helical_columns);
+    let Some([x, y, z]) = named.or_else(|| group.find(["rx", "ry", "rz"])) else {
         return Ok(None);
     };
     let said = format!("{} {}", source.title, group.said).to_ascii_lowercase();
     let says = |word: &str| said.contains(word);
     let euler = says("euler") || euler_columns.is_some();
-    let helical = says("helical") || source.format == MocapFormat::ViconSegments;
+    let helical =
+        says("helical") || helical_columns.is_some() || source.format == MocapFormat::ViconSegments;
     if (euler && (helical || says("zyx"))) || says("quaternion") {
         return Err(units.refuse(
             x,

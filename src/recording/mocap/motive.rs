@@ -338,6 +338,10 @@ fn plan(
     };
     file.notes
         .push("the y axis points up, as it does in Motive".to_owned());
+    if matches!(file.rotation, Some(MocapRotation::Euler(_))) {
+        file.notes
+            .push("Euler angles were taken as turning about the body's own moving axes".to_owned());
+    }
     if solved > 0 {
         file.notes.push(format!(
             "{solved} markers stand where the solved body has them, not where they were seen: the file has no others of these names"
