@@ -11,6 +11,7 @@ mod files;
 mod gap;
 mod gap_actuation;
 mod gap_bench;
+mod import;
 mod live;
 mod model;
 mod patch;
@@ -76,6 +77,8 @@ enum Command {
     Reach(drive::commands::ReachArgs),
     /// Record a rig for a while
     Record(live::RecordArgs),
+    /// Make a session of a motion-capture file (Vicon or OptiTrack CSV, C3D)
+    Import(import::ImportArgs),
     /// What is in a recording or session
     Inspect(files::InspectArgs),
     /// Check adapter, ports, viewer and files, and say what to do
@@ -224,6 +227,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::PickPlace(a)) => drive::commands::pick_place(a, cli.robot.as_deref(), &robot),
         Some(Command::Reach(a)) => drive::commands::reach_command(a, &robot),
         Some(Command::Record(a)) => live::record(a, cli.robot.as_deref(), &robot),
+        Some(Command::Import(a)) => import::run(a),
         Some(Command::Inspect(a)) => files::inspect_command(a),
         Some(Command::Doctor) => files::doctor(&robot),
         Some(Command::Rig { live, offline }) => match offline {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::RecordingError;
 
-/// Longest line that is accepted, bytes. A session log's line is about 500.
+/// Longest line that is accepted unless told otherwise, bytes. A session log's line is about 500.
 const LINE_MAX: usize = 64 * 1024;
 
 /// Reads lines with a bound on their length, counting them.
@@ -13,6 +13,8 @@ pub(crate) struct Lines<'a, R> {
     reader: R,
     path: &'a Path,
     buffer: Vec<u8>,
+    /// Longest line that is accepted, bytes.
+    max: usize,
     /// Number of the line that was read last, 1-based.
     pub(crate) line: usize,
     /// Called with all bytes as they stand in the file.
@@ -21,10 +23,21 @@ pub(crate) struct Lines<'a, R> {
 
 impl<'a, R: BufRead> Lines<'a, R> {
     pub(crate) fn new(reader: R, path: &'a Path, tap: &'a mut dyn FnMut(&[u8])) -> Self {
+        Self::with_max(reader, path, tap, LINE_MAX)
+    }
+
+    /// As [`Lines::new`], for files whose lines may be `max` bytes long.
+    pub(crate) fn with_max(
+        reader: R,
+        path: &'a Path,
+        tap: &'a mut dyn FnMut(&[u8]),
+        max: usize,
+    ) -> Self {
         Self {
             reader,
             path,
             buffer: Vec::new(),
+            max,
             line: 0,
             tap,
         }
@@ -34,7 +47,7 @@ impl<'a, R: BufRead> Lines<'a, R> {
     /// `None` at the end of the file.
     pub(crate) fn next_line(&mut self) -> Result<Option<&str>, RecordingError> {
         self.buffer.clear();
-        let mut limited = std::io::Read::take(&mut self.reader, LINE_MAX as u64 + 1);
+        let mut limited = std::io::Read::take(&mut self.reader, self.max as u64 + 1);
         let n = limited
             .read_until(b'\n', &mut self.buffer)
             .map_err(RecordingError::io(self.path, "read"))?;
@@ -43,8 +56,8 @@ impl<'a, R: BufRead> Lines<'a, R> {
         }
         self.line += 1;
         (self.tap)(&self.buffer);
-        if n > LINE_MAX {
-            return Err(self.error(1, format!("the line is longer than {LINE_MAX} bytes")));
+        if n > self.max {
+            return Err(self.error(1, format!("the line is longer than {} bytes", self.max)));
         }
         let mut bytes = self.buffer.as_slice();
         if self.line == 1 {

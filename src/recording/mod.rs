@@ -6,6 +6,8 @@
 //!   [`write_overlay`] writes a comparison of one way measured and simulated, for the viewer alone.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
 //! - [`read_log`] reads the signals of either, [`inspect`] tells what is in them.
+//! - Motion capture ([`read_mocap`]): tables of Vicon and OptiTrack, and C3D; [`marker_body`] makes a pose of
+//!   markers.
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet. [`DatasetJournal`]
 //!   keeps what a long run has computed, until its data set is whole.
 
@@ -17,6 +19,7 @@ mod error;
 mod inspect;
 mod journal;
 mod log;
+mod mocap;
 mod overlay;
 mod recorder;
 #[cfg(feature = "rrd")]
@@ -33,6 +36,10 @@ pub use error::RecordingError;
 pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
 pub use journal::DatasetJournal;
 pub use log::{SessionLog, parse_log, read_session, write_session, write_text};
+pub use mocap::{
+    MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
+    marker_body, read_mocap,
+};
 pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
 pub use rrd::{RecordingWriter, read_rrd, write_overlay};

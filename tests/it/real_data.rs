@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use crate::program::{json, scratch};
+use crate::program::{json, refusal, scratch};
 use springtwin::gap;
 use springtwin::recording::read_session;
 use springtwin::signal::TruthSource;
@@ -205,5 +205,101 @@ fn the_shipped_networks_place_another_engines_arm() {
     assert!(figure("mean_mm") <= 1.2, "{e}");
     for angle in ["yaw_deg", "pitch_deg", "roll_deg"] {
         assert!(figure(angle) <= 0.5, "{angle}: {e}");
+    }
+}
+
+/// The same trial, exported as a table and as C3D.
+#[test]
+fn markers_of_a_table_and_of_c3d_agree() {
+    use springtwin::recording::{MocapFormat, read_mocap};
+    let vicon = data_dir().join("vicon");
+    let table = read_mocap(&vicon.join("nexus-markers.csv"), None).expect("the table reads");
+    let c3d = read_mocap(&vicon.join("nexus-markers.c3d"), None).expect("the C3D reads");
+    assert_eq!(table.format, MocapFormat::ViconTrajectories);
+    assert_eq!(c3d.format, MocapFormat::C3d);
+    assert_eq!(table.frames, c3d.frames);
+    assert_eq!((table.first_frame, table.frames.len()), (1, 580));
+    assert_eq!((table.rate_hz, c3d.rate_hz), (100.0, 100.0));
+    assert_eq!(table.markers.len(), 51);
+    assert_eq!(c3d.markers.len(), 51);
+    let mut gaps = 0;
+    for a in &table.markers {
+        let b = c3d.markers.iter().find(|b| b.name == a.name);
+        let b = b.unwrap_or_else(|| panic!("{} is not in the C3D", a.name));
+        for (n, (p, q)) in a.positions_m.iter().zip(&b.positions_m).enumerate() {
+            match (p, q) {
+                (Some(p), Some(q)) => assert!((p - q).norm() < 1e-5, "{} row {n}", a.name),
+                (None, None) => gaps += 1,
+                (p, q) => panic!("{} row {n}: {p:?} and {q:?}", a.name),
+            }
+        }
+    }
+    assert_eq!(gaps, 305);
+}
+
+/// Segments of Vicon: rotation vectors in degrees.
+#[test]
+fn a_session_is_made_of_vicon_segments() {
+    let file = data_dir().join("vicon/segments-run03.csv");
+    let file = file.to_str().expect("utf-8");
+    let out = scratch("segments").join("session");
+    let out = out.to_str().expect("utf-8");
+    let v = json(&["import", file, "--out", out, "--json"]);
+    assert_eq!(v["format"], "vicon-segments");
+    assert_eq!(v["rate_hz"], 200.0);
+    assert_eq!(v["objects"], serde_json::json!(["test rig:arm"]));
+    assert_eq!((&v["frames"], &v["gaps"]), (&39_315.into(), &0.into()));
+    assert_eq!(
+        (&v["units"], &v["rotation"]),
+        (&"mm, deg".into(), &"helical".into())
+    );
+    let log = read_session(out.as_ref()).expect("the session reads");
+    assert_eq!(log.len(), 39_315);
+    assert_eq!(log.t_s.last(), Some(&196.57));
+    // Its last line: -13.7584, 1.37212, 5.55775 deg; 128.114, 218.609, 487.213 mm.
+    let pose = log.truth.last().copied().flatten().expect("seen");
+    let vector = [-13.7584f64, 1.37212, 5.55775].map(f64::to_radians);
+    let angle = vector.iter().map(|a| a * a).sum::<f64>().sqrt();
+    assert!((pose.rotation.angle() - angle).abs() < 1e-7);
+    let axis = pose.rotation.axis().expect("turned");
+    for (a, b) in axis.iter().zip(vector) {
+        assert!((a - b / angle).abs() < 1e-6, "{axis:?}");
+    }
+    let p_m = pose.translation.vector;
+    assert!((p_m - nalgebra::Vector3::new(0.128114, 0.218609, 0.487213)).norm() < 1e-8);
+    let inspected = json(&["inspect", out, "--json"]);
+    assert_eq!(inspected["samples"], 39_315);
+    let (code, text) = refusal(&["import", file, "--out", out]);
+    assert!(code == 1 && text.contains("exists already"), "{text}");
+}
+
+/// A wooden box of eight markers; a person is the other subject and no rigid body.
+#[test]
+fn a_box_of_markers_is_rigid_and_a_person_is_not() {
+    let dir = scratch("box");
+    for name in ["nexus-markers.csv", "nexus-markers.c3d"] {
+        let file = data_dir().join("vicon").join(name);
+        let file = file.to_str().expect("utf-8");
+        let out = dir.join(name);
+        let out = out.to_str().expect("utf-8");
+        let (code, text) = refusal(&["import", file, "--out", out]);
+        assert!(
+            code == 1 && text.contains("subjects are boite, Daphnee"),
+            "{text}"
+        );
+        let v = json(&["import", file, "--out", out, "--subject", "boite", "--json"]);
+        // 0.318 mm: what eight markers on wood, handled, leave over.
+        let left_mm = v["residual_mm"].as_f64().expect("a figure");
+        assert!((0.25..0.4).contains(&left_mm), "{v}");
+        assert_eq!(v["gaps"], 0);
+        assert_eq!(v["markers"].as_array().map(Vec::len), Some(51));
+        let log = read_session(out.as_ref()).expect("the session reads");
+        assert!(log.truth.iter().all(Option::is_some));
+        let arm = "Daphnee:ACRO_tip,Daphnee:WRIST,Daphnee:T1,Daphnee:INDEX";
+        let moves = dir.join("person");
+        let moves = moves.to_str().expect("utf-8");
+        let v = json(&["import", file, "--out", moves, "--markers", arm, "--json"]);
+        assert!(v["residual_mm"].as_f64().expect("a figure") > 10.0, "{v}");
+        std::fs::remove_dir_all(moves).expect("cleans up");
     }
 }

@@ -1,0 +1,455 @@
+//! `import`: a motion-capture file becomes a session.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+
+use super::Report;
+use springtwin::recording::{
+    MarkerBody, MocapFile, MocapObject, MocapRotation, SessionLog, marker_body, read_mocap,
+    write_session,
+};
+use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec};
+
+/// Largest coordinate that a session log takes, m.
+const COORDINATE_MAX_M: f64 = 10.0;
+/// What the poses of a session without registration are.
+const WORLD: &str = "poses are in the motion capture's own axes, not in the robot's base";
+
+#[derive(Args)]
+pub struct ImportArgs {
+    /// Vicon CSV (Trajectories, Segments, Tracker objects), OptiTrack Motive CSV, or C3D
+    file: PathBuf,
+    /// Folder for the session; must not exist
+    #[arg(long, value_name = "SESSION")]
+    out: PathBuf,
+    /// Which object's pose to take, where the file has several
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["markers", "subject"])]
+    object: Option<String>,
+    /// Take the rigid body of these markers
+    #[arg(
+        long,
+        value_name = "A,B,C",
+        value_delimiter = ',',
+        conflicts_with = "subject"
+    )]
+    markers: Option<Vec<String>>,
+    /// Take the rigid body of all markers of this subject
+    #[arg(long, value_name = "S")]
+    subject: Option<String>,
+    /// How a Vicon Tracker file writes three angles, where it does not say
+    #[arg(long, value_enum)]
+    rotation: Option<Rotation>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Rotation {
+    /// The axis times the angle
+    Helical,
+    /// Angles about the object's own axes: x, the new y, the new z
+    EulerXyz,
+}
+
+impl From<Rotation> for MocapRotation {
+    fn from(rotation: Rotation) -> Self {
+        match rotation {
+            Rotation::Helical => Self::Helical,
+            Rotation::EulerXyz => Self::EULER_XYZ,
+        }
+    }
+}
+
+/// `import`.
+pub fn run(a: &ImportArgs) -> Result<Report> {
+    anyhow::ensure!(
+        !a.out.exists(),
+        "{} exists already: give --out the name of a new folder",
+        a.out.display()
+    );
+    let file = read_mocap(&a.file, a.rotation.map(MocapRotation::from))?;
+    let chosen = choose(&file, a)?;
+    // The frame registration goes here: base from world, in front of every pose.
+    let log = session(&file, chosen.object(), &a.out)?;
+    write_new(&a.out, &log)?;
+    Ok(report(&file, &chosen, &log, &a.out))
+}
+
+/// The pose that was asked for.
+enum Chosen<'a> {
+    Object(&'a MocapObject),
+    Body(MarkerBody),
+}
+
+impl Chosen<'_> {
+    fn object(&self) -> &MocapObject {
+        match self {
+            Self::Object(object) => object,
+            Self::Body(body) => &body.object,
+        }
+    }
+}
+
+fn choose<'a>(file: &'a MocapFile, a: &ImportArgs) -> Result<Chosen<'a>> {
+    if let Some(markers) = &a.markers {
+        let name = format!("markers {}", markers.join(" "));
+        return Ok(Chosen::Body(marker_body(file, &name, markers)?));
+    }
+    if let Some(subject) = &a.subject {
+        let markers: Vec<String> = file
+            .markers
+            .iter()
+            .map(|m| &m.name)
+            .filter(|n| n.split_once(':').is_some_and(|(s, _)| s == subject))
+            .cloned()
+            .collect();
+        anyhow::ensure!(
+            !markers.is_empty(),
+            "{} has no markers of a subject '{subject}'; {}",
+            a.file.display(),
+            subjects(file)
+        );
+        return Ok(Chosen::Body(marker_body(file, subject, &markers)?));
+    }
+    let names: Vec<&str> = file.objects.iter().map(|o| o.name.as_str()).collect();
+    let Some(wanted) = &a.object else {
+        return match &file.objects[..] {
+            [one] => Ok(Chosen::Object(one)),
+            [] => anyhow::bail!(
+                "{} holds markers and no object: make one of three or more with --subject or --markers; {}",
+                a.file.display(),
+                subjects(file)
+            ),
+            _ => anyhow::bail!(
+                "{} holds {} objects: choose one with --object; there are {}",
+                a.file.display(),
+                names.len(),
+                names.join(", ")
+            ),
+        };
+    };
+    let is = |o: &&MocapObject| {
+        o.name == *wanted || o.name.split_once(':').is_some_and(|(_, n)| n == wanted)
+    };
+    let exact = file.objects.iter().find(|o| o.name == *wanted);
+    let mut short = file.objects.iter().filter(is);
+    let found = exact.or(short.next().filter(|_| short.next().is_none()));
+    found.map(Chosen::Object).with_context(|| {
+        format!(
+            "{} has no one object '{wanted}'; it has {}",
+            a.file.display(),
+            if names.is_empty() {
+                "markers only".to_owned()
+            } else {
+                names.join(", ")
+            }
+        )
+    })
+}
+
+fn subjects(file: &MocapFile) -> String {
+    let named = file.subjects();
+    if file.markers.is_empty() {
+        "it holds no markers".to_owned()
+    } else if named.is_empty() {
+        let names: Vec<&str> = file.markers.iter().map(|m| m.name.as_str()).collect();
+        format!("its markers have no subject: {}", names.join(", "))
+    } else {
+        format!("its subjects are {}", named.join(", "))
+    }
+}
+
+/// A session of motion capture alone; every other signal is a gap.
+fn session(file: &MocapFile, object: &MocapObject, out: &Path) -> Result<SessionLog> {
+    anyhow::ensure!(
+        object.poses.iter().any(Option::is_some),
+        "{}: {} is seen in none of its {} frames",
+        file.path.display(),
+        object.name,
+        file.frames.len()
+    );
+    for (frame, pose) in file.frames.iter().zip(&object.poses) {
+        let far_m = pose.map_or(0.0, |p| p.translation.vector.amax());
+        anyhow::ensure!(
+            far_m <= COORDINATE_MAX_M,
+            "{}: {} is {far_m:.1} m from the origin in frame {frame}; a session takes {COORDINATE_MAX_M} m: check the units",
+            file.path.display(),
+            object.name
+        );
+    }
+    let n = file.frames.len();
+    Ok(SessionLog {
+        name: out
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned(),
+        rate_hz: file.rate_hz / usual_step(&file.frames),
+        payload_kg: 0.0,
+        t_s: file.t_s.clone(),
+        chamber_pa: vec![[f64::NAN; CHAMBERS]; n],
+        sensors: vec![
+            SensorVec {
+                spring_m: [f64::NAN; SPRINGS],
+                imu_ypr_rad: [[f64::NAN; 3]; IMUS],
+            };
+            n
+        ],
+        truth: object.poses.clone(),
+        commanded_pa: None,
+        payload_column_kg: None,
+        hash: String::new(),
+        robot: String::new(),
+    })
+}
+
+/// Frames from one line to the next, most of the time: an export may hold every tenth only.
+fn usual_step(frames: &[i64]) -> f64 {
+    let mut steps: Vec<i64> = frames.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_unstable();
+    let middle = |upper: usize| steps.get((steps.len().saturating_sub(1) + upper) / 2);
+    let (Some(low), Some(high)) = (middle(0), middle(1)) else {
+        return 1.0;
+    };
+    // Of a few frames far apart the longer step is the one that the time column shows when it is read.
+    (if *high > 4 * *low { *high } else { *low }) as f64
+}
+
+/// Writes a session into a folder that is whole or not there.
+fn write_new(out: &Path, log: &SessionLog) -> Result<()> {
+    let mut name = out.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.part", std::process::id()));
+    let part = out.with_file_name(name);
+    let written = write_session(&part, log).map_err(anyhow::Error::from);
+    let moved = written.and_then(|()| {
+        std::fs::rename(&part, out).with_context(|| format!("cannot make {}", out.display()))
+    });
+    if moved.is_err() {
+        // The error that matters is the first one.
+        let _ = std::fs::remove_dir_all(&part);
+    }
+    moved
+}
+
+fn report(file: &MocapFile, chosen: &Chosen<'_>, log: &SessionLog, out: &Path) -> Report {
+    let object = chosen.object();
+    let gaps = file.gaps(object);
+    let mut notes = file.notes.clone();
+    notes.push(WORLD.to_owned());
+    let rotation = file.rotation.map(MocapRotation::name);
+    let (first, last) = (
+        file.first_frame,
+        file.frames.last().copied().unwrap_or_default(),
+    );
+    let mut text = format!(
+        "{}: {}, {} Hz, {} frames ({first} to {last}), units {}{}{}",
+        file.path.display(),
+        file.format.name(),
+        file.rate_hz,
+        file.frames.len(),
+        file.units,
+        rotation
+            .as_ref()
+            .map_or(String::new(), |r| format!("; rotations {r}")),
+        file.up.map_or(String::new(), |up| format!("; up: {up}")),
+    );
+    let list = |names: &[&str]| match names.len() {
+        0..=8 => names.join(", "),
+        n => format!("{}, ... ({n} in all)", names[..6].join(", ")),
+    };
+    let objects: Vec<&str> = file.objects.iter().map(|o| o.name.as_str()).collect();
+    let markers: Vec<&str> = file.markers.iter().map(|m| m.name.as_str()).collect();
+    for (what, names) in [("objects", &objects), ("markers", &markers)] {
+        if !names.is_empty() {
+            text.push_str(&format!("\n{what}: {}", list(names)));
+        }
+    }
+    text.push_str(&format!("\n{}: missing in {gaps} frames", object.name));
+    let mut json = json!({
+        "format": file.format.name(), "rate_hz": file.rate_hz, "objects": objects, "markers": markers,
+        "object": object.name, "frames": file.frames.len(), "first_frame": first, "seconds": log.t_s.last(),
+        "gaps": gaps, "units": file.units, "rotation": rotation, "up": file.up, "notes": notes,
+    });
+    if let Chosen::Body(body) = chosen {
+        text.push_str(&body_text(body));
+        json["residual_mm"] = json!(body.residual_m * 1e3);
+        json["reference_frame"] = json!(body.reference_frame);
+        json["marker_residuals_mm"] = body
+            .markers
+            .iter()
+            .map(|m| (m.name.clone(), json!(m.residual_m * 1e3)))
+            .collect::<serde_json::Map<String, Value>>()
+            .into();
+    }
+    for note in &notes {
+        text.push_str(&format!("\nnote: {note}"));
+    }
+    text.push_str(&format!("\n{} samples in {}", log.len(), out.display()));
+    Report { text, json }
+}
+
+fn body_text(body: &MarkerBody) -> String {
+    let worst = body
+        .markers
+        .iter()
+        .max_by(|a, b| a.residual_m.total_cmp(&b.residual_m));
+    format!(
+        "\nfitted to {} markers, shape of frame {}: {:.3} mm left over (root mean square){}",
+        body.markers.len(),
+        body.reference_frame,
+        body.residual_m * 1e3,
+        worst.map_or(String::new(), |w| format!(
+            ", most at {} ({:.3} mm)",
+            w.name,
+            w.residual_m * 1e3
+        ))
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use springtwin::recording::{inspect, read_session};
+
+    /// A folder of one test alone.
+    struct Scratch(PathBuf);
+
+    impl Scratch {
+        fn new(name: &str) -> Self {
+            let dir =
+                std::env::temp_dir().join(format!("springtwin-{name}-{}", std::process::id()));
+            let _ = std::fs::remove_dir_all(&dir);
+            std::fs::create_dir_all(&dir).expect("scratch folder");
+            Self(dir)
+        }
+
+        fn args(&self, text: &str, out: &str) -> ImportArgs {
+            let file = self.0.join("capture.csv");
+            std::fs::write(&file, text).expect("writes");
+            ImportArgs {
+                file,
+                out: self.0.join(out),
+                object: None,
+                markers: None,
+                subject: None,
+                rotation: None,
+            }
+        }
+
+        fn names(&self) -> Vec<String> {
+            let mut names: Vec<String> = std::fs::read_dir(&self.0)
+                .expect("there")
+                .map(|e| e.expect("entry").file_name().to_string_lossy().into_owned())
+                .collect();
+            names.sort();
+            names
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    const TWO: &str = "Segments\n50\n,,arm:pad,,,,,,arm:base,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ,RX,RY,RZ,TX,TY,TZ\n\
+        ,,deg,deg,deg,mm,mm,mm,deg,deg,deg,mm,mm,mm\n\
+        11,0,0,0,90,100,200,-300,0,0,0,1,2,3\n12,0,,,,,,,0,0,0,1,2,3\n15,0,0,0,-30,100,200,-310,0,0,0,1,2,3\n";
+
+    #[test]
+    fn one_object_becomes_a_session_that_the_program_reads() {
+        let s = Scratch::new("import");
+        let mut a = s.args(TWO, "deep/session");
+        let refused = run(&a).expect_err("two objects").to_string();
+        assert!(refused.contains("--object") && refused.contains("arm:pad, arm:base"));
+        a.object = Some("pad".to_owned());
+        let report = run(&a).expect("imports");
+        let v = &report.json;
+        assert_eq!(v["format"], "vicon-segments");
+        assert_eq!(v["rate_hz"], 50.0);
+        assert_eq!(v["frames"], 3);
+        // One empty, two left out.
+        assert_eq!(v["gaps"], 3);
+        assert_eq!(v["rotation"], "helical");
+        assert_eq!(v["units"], "mm, deg");
+        assert_eq!(v["objects"], json!(["arm:pad", "arm:base"]));
+        assert!(v.get("residual_mm").is_none());
+
+        let log = read_session(&a.out).expect("reads");
+        assert_eq!(log.t_s, [0.0, 0.02, 0.08]);
+        assert_eq!(log.rate_hz, 50.0);
+        assert_eq!(log.name, "session");
+        assert!(log.truth[1].is_none());
+        let pose = log.truth[0].expect("seen");
+        assert!((pose.translation.vector.z + 0.3).abs() < 1e-9);
+        assert!((pose.rotation.angle().to_degrees() - 90.0).abs() < 1e-4);
+        assert!(log.chamber_pa.iter().flatten().all(|p| p.is_nan()));
+        let inspected = inspect(&a.out).expect("inspects");
+        let x = inspected.channels.iter().find(|c| c.name == "vicon_x_mm");
+        assert_eq!(x.expect("there").rows, 2);
+
+        let again = run(&a).expect_err("exists").to_string();
+        assert!(again.contains("exists already"), "{again}");
+        a.out = s.0.join("other");
+        a.object = Some("hand".to_owned());
+        let none = run(&a).expect_err("no such object").to_string();
+        assert!(none.contains("'hand'") && none.contains("arm:base"));
+        assert_eq!(s.names(), ["capture.csv", "deep"]);
+    }
+
+    #[test]
+    fn markers_become_a_body_only_when_asked() {
+        let s = Scratch::new("import-markers");
+        let text = "Trajectories\n100\n,,b:p,,,b:q,,,b:r,,,c:s,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z,X,Y,Z,X,Y,Z\n\
+            ,,mm,mm,mm,mm,mm,mm,mm,mm,mm,mm,mm,mm\n\
+            1,0,0,0,0,100,0,0,0,100,0,7,7,7\n2,0,0,0,10,100,0,10,0,100,10,7,7,7\n3,0,0,0,10,,,,0,100,10,7,7,7\n";
+        let mut a = s.args(text, "body");
+        let refused = run(&a).expect_err("markers only").to_string();
+        assert!(
+            refused.contains("--subject") && refused.contains("b, c"),
+            "{refused}"
+        );
+        a.subject = Some("c".to_owned());
+        let few = run(&a).expect_err("one marker").to_string();
+        assert!(few.contains("three"), "{few}");
+        a.subject = Some("b".to_owned());
+        let v = run(&a).expect("imports").json;
+        assert!(v["residual_mm"].as_f64().expect("number") < 1e-9, "{v}");
+        assert_eq!(v["gaps"], 1);
+        assert_eq!(v["rotation"], Value::Null);
+        let log = read_session(&a.out).expect("reads");
+        let step = log.truth[1].expect("seen").translation.vector
+            - log.truth[0].expect("seen").translation.vector;
+        assert!((step.z - 0.01).abs() < 1e-9 && step.x.abs() < 1e-9);
+        a.out = s.0.join("named");
+        a.subject = None;
+        a.markers = Some(["p", "q", "s"].map(str::to_owned).to_vec());
+        assert_eq!(run(&a).expect("imports").json["object"], "markers p q s");
+    }
+
+    #[test]
+    fn a_refusal_leaves_nothing_behind() {
+        let s = Scratch::new("import-refused");
+        let far = TWO.replace("-310", "-31000");
+        for (text, said) in [
+            ("t_s,p1_kpa\n0,1\n".to_owned(), "expected a Vicon CSV"),
+            (TWO.replace("-310", "x"), "line 8, column 8"),
+            (far, "frame 15"),
+        ] {
+            let mut a = s.args(&text, "out");
+            a.object = Some("arm:pad".to_owned());
+            let e = format!("{:#}", run(&a).expect_err(said));
+            assert!(e.contains(said), "{e}");
+            assert_eq!(s.names(), ["capture.csv"]);
+        }
+    }
+
+    #[test]
+    fn every_tenth_frame_is_a_lower_rate() {
+        assert_eq!(usual_step(&[1]), 1.0);
+        assert_eq!(usual_step(&[1, 11, 21, 41]), 10.0);
+        assert_eq!(usual_step(&[11, 12, 15]), 1.0);
+        assert_eq!(usual_step(&[11, 12, 150]), 138.0);
+    }
+}

@@ -1,0 +1,355 @@
+//! Files of motion-capture systems: poses of objects and positions of markers, SI units.
+//!
+//! The format is told by what a file holds, not by its name:
+//!
+//! | format | read | not read |
+//! |---|---|---|
+//! | Vicon Nexus, `Trajectories` (CSV) | X, Y, Z per marker | speeds and accelerations |
+//! | Vicon, `Segments` (CSV) | RX, RY, RZ helical, deg or rad by the units' row; TX, TY, TZ | |
+//! | Vicon Tracker, `Objects` or `Global Angle Subject:Object` (CSV) | RX, RY, RZ (helical or Euler XYZ) or RX, RY, RZ, RW (quaternion); TX, TY, TZ | poses in a parent's frame |
+//! | OptiTrack Motive, format version 1.2 and later (CSV) | rigid bodies (quaternion or Euler angles), markers | bones, errors and qualities |
+//! | C3D (Intel, DEC and MIPS; float and integer) | labelled points | analogue channels, angles, forces and the like among the points |
+//!
+//! A helical rotation is a vector: the axis times the angle. Euler angles turn about the object's
+//! own moving axes, in the order of their name: XYZ is R = Rx · Ry · Rz.
+//!
+//! Other sections of a Vicon table (`Devices`, `Model Outputs`, `Joints`, ...) are passed over, and a note
+//! says so. An empty cell, an invalid point and a frame number that is left out are gaps: nothing is
+//! filled in. Axes stay those of the file.
+
+mod body;
+mod c3d;
+mod columns;
+mod motive;
+mod sections;
+mod table;
+#[cfg(test)]
+mod tests;
+mod vicon;
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
+
+use super::RecordingError;
+use crate::signal::Pose;
+
+pub use body::{MarkerBody, MarkerFit, marker_body};
+
+/// What is accepted, for refusals.
+const ACCEPTED: &str = "expected a Vicon CSV (Trajectories, Segments or Tracker objects), an OptiTrack \
+                        Motive CSV (format version 1.2 or later, with its header) or a C3D file";
+/// Highest frame rate that is believed, Hz.
+const RATE_MAX_HZ: f64 = 100_000.0;
+/// Longest time that a session can hold, s.
+const SPAN_MAX_S: f64 = 3e9;
+
+/// A motion-capture file in memory. Series have one entry per frame; `None` is a gap.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MocapFile {
+    /// The file it came from, for refusals.
+    pub path: PathBuf,
+    /// What kind of file it is.
+    pub format: MocapFormat,
+    /// Frames per second, Hz.
+    pub rate_hz: f64,
+    /// Number of the first frame in the file.
+    pub first_frame: i64,
+    /// Frame numbers, rising; a number that is left out is a gap of everything.
+    pub frames: Vec<i64>,
+    /// Time since the first frame, s: (frame − first frame) / rate.
+    pub t_s: Vec<f64>,
+    /// Objects with a pose.
+    pub objects: Vec<MocapObject>,
+    /// Markers.
+    pub markers: Vec<MocapMarker>,
+    /// How the file writes rotations; `None` without objects.
+    pub rotation: Option<MocapRotation>,
+    /// Units of lengths and, after a comma, angles in the file. In memory they are m and rad.
+    pub units: String,
+    /// The axis that points up, where the format settles it.
+    pub up: Option<char>,
+    /// What was passed over or taken for granted, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// A tracked object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MocapObject {
+    /// Name as in the file, `Subject:Object`.
+    pub name: String,
+    /// Motion capture's world from the object, m, per frame.
+    pub poses: Vec<Option<Pose>>,
+}
+
+/// A marker.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MocapMarker {
+    /// Name as in the file, `Subject:Marker`.
+    pub name: String,
+    /// Position in the motion capture's world, m, per frame.
+    pub positions_m: Vec<Option<Vector3<f64>>>,
+}
+
+/// Kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MocapFormat {
+    /// Table of markers of Vicon Nexus.
+    ViconTrajectories,
+    /// Table of segments of Vicon.
+    ViconSegments,
+    /// Table of objects of Vicon Tracker.
+    ViconTracker,
+    /// Table of OptiTrack Motive.
+    Motive,
+    /// C3D.
+    C3d,
+}
+
+impl MocapFormat {
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ViconTrajectories => "vicon-trajectories",
+            Self::ViconSegments => "vicon-segments",
+            Self::ViconTracker => "vicon-tracker",
+            Self::Motive => "motive",
+            Self::C3d => "c3d",
+        }
+    }
+}
+
+/// How a file writes rotations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MocapRotation {
+    /// The axis times the angle.
+    Helical,
+    /// Angles about the object's own moving axes, in this order (0 is x).
+    Euler([usize; 3]),
+    /// x, y, z, w.
+    Quaternion,
+}
+
+impl MocapRotation {
+    /// Angles about x, then the new y, then the new z.
+    pub const EULER_XYZ: Self = Self::Euler([0, 1, 2]);
+
+    /// Its name in reports: `helical`, `euler-xyz`, `quaternion`.
+    pub fn name(self) -> String {
+        match self {
+            Self::Helical => "helical".to_owned(),
+            Self::Euler(order) => {
+                let axes: String = order.iter().map(|i| ['x', 'y', 'z'][*i % 3]).collect();
+                format!("euler-{axes}")
+            }
+            Self::Quaternion => "quaternion".to_owned(),
+        }
+    }
+}
+
+/// The rotation of a vector along its axis, as long as its angle, rad.
+fn from_helical(v_rad: [f64; 3]) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(Vector3::from(v_rad))
+}
+
+/// Angles about the moving axes in `order`; `angles_rad` are those about x, y, z.
+fn from_euler(order: [usize; 3], angles_rad: [f64; 3]) -> UnitQuaternion<f64> {
+    let axes = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
+    order.iter().fold(UnitQuaternion::identity(), |r, i| {
+        r * UnitQuaternion::from_axis_angle(&axes[*i], angles_rad[*i])
+    })
+}
+
+/// What four numbers x, y, z, w say.
+enum FromQuaternion {
+    Rotation(UnitQuaternion<f64>),
+    /// All of them are 0: an exporter's way to say that there is none.
+    Nothing,
+    NotUnit(f64),
+}
+
+fn from_xyzw([x, y, z, w]: [f64; 4]) -> FromQuaternion {
+    let q = Quaternion::new(w, x, y, z);
+    let norm = q.norm();
+    if norm == 0.0 {
+        FromQuaternion::Nothing
+    } else if (norm - 1.0).abs() < 0.02 {
+        FromQuaternion::Rotation(Unit::new_normalize(q))
+    } else {
+        FromQuaternion::NotUnit(norm)
+    }
+}
+
+fn pose(position_m: [f64; 3], rotation: UnitQuaternion<f64>) -> Pose {
+    Pose::from_parts(Translation3::from(Vector3::from(position_m)), rotation)
+}
+
+/// Reads a motion-capture file of any of the formats above.
+///
+/// `rotation` tells how a Vicon Tracker file writes three angles, which such a file may leave open;
+/// without it they are helical.
+///
+/// # Errors
+/// [`RecordingError::Unsupported`] for any other file, one that holds neither objects nor
+/// markers, and a `rotation` that the file contradicts; [`RecordingError::Cell`] with line and column for a table,
+/// [`RecordingError::Corrupt`] with the byte for C3D, [`RecordingError::Io`] when it cannot be read.
+pub fn read_mocap(
+    path: &Path,
+    rotation: Option<MocapRotation>,
+) -> Result<MocapFile, RecordingError> {
+    let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    let about = file.metadata().map_err(RecordingError::io(path, "read"))?;
+    if !about.is_file() {
+        return Err(unsupported(path, format!("this is no file: {ACCEPTED}")));
+    }
+    let mut head = Vec::new();
+    (&mut file)
+        .take(4096)
+        .read_to_end(&mut head)
+        .map_err(RecordingError::io(path, "read"))?;
+    file.rewind().map_err(RecordingError::io(path, "read"))?;
+    let read = if c3d::is_c3d(&head) {
+        let mut bytes = Vec::new();
+        // Devices can be longer than they say; C3D files cannot.
+        file.take(about.len())
+            .read_to_end(&mut bytes)
+            .map_err(RecordingError::io(path, "read"))?;
+        c3d::parse(&bytes, path)?
+    } else if motive::is_motive(&head) {
+        motive::parse(BufReader::new(file), path)?
+    } else {
+        vicon::refuse_others(BufReader::new(&file), path)?;
+        file.rewind().map_err(RecordingError::io(path, "read"))?;
+        vicon::parse(BufReader::new(file), path, rotation)?
+    };
+    match (rotation, read.rotation) {
+        (Some(wanted), Some(found)) if wanted != found => Err(unsupported(
+            path,
+            format!(
+                "the file writes rotations as {}, not as {}",
+                found.name(),
+                wanted.name()
+            ),
+        )),
+        _ => Ok(read),
+    }
+}
+
+fn unsupported(path: &Path, text: impl Into<String>) -> RecordingError {
+    RecordingError::Unsupported {
+        path: path.to_owned(),
+        text: text.into(),
+    }
+}
+
+impl MocapFile {
+    /// A file without frames.
+    fn new(path: &Path, format: MocapFormat) -> Self {
+        Self {
+            path: path.to_owned(),
+            format,
+            rate_hz: 0.0,
+            first_frame: 0,
+            frames: Vec::new(),
+            t_s: Vec::new(),
+            objects: Vec::new(),
+            markers: Vec::new(),
+            rotation: None,
+            units: String::new(),
+            up: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Sets the times and looks over the whole; frames, rate and series are there.
+    fn finish(mut self) -> Result<Self, RecordingError> {
+        if self.objects.is_empty() && self.markers.is_empty() {
+            let mut text = "the file holds no object and no marker".to_owned();
+            for note in &self.notes {
+                text.push_str("; ");
+                text.push_str(note);
+            }
+            return Err(unsupported(&self.path, format!("{text}; {ACCEPTED}")));
+        }
+        let (Some(first), Some(last)) = (self.frames.first(), self.frames.last()) else {
+            return Err(unsupported(
+                &self.path,
+                "the file holds no frame: export a range that is not empty",
+            ));
+        };
+        let (first, last) = (*first, *last);
+        let at_s = |frame: i64| (frame - first) as f64 / self.rate_hz;
+        if at_s(last) > SPAN_MAX_S {
+            return Err(unsupported(
+                &self.path,
+                format!(
+                    "frames {first} to {last} are more than a lifetime apart: export the file again"
+                ),
+            ));
+        }
+        self.t_s = self.frames.iter().map(|f| at_s(*f)).collect();
+        self.first_frame = first;
+        unique(self.objects.iter_mut().map(|o| &mut o.name));
+        unique(self.markers.iter_mut().map(|m| &mut m.name));
+        self.note_zeros();
+        Ok(self)
+    }
+
+    /// Some exporters write zeros for what they do not see. They are kept, and said.
+    fn note_zeros(&mut self) {
+        let zero = |v: &Vector3<f64>| v.amax() == 0.0;
+        for o in &self.objects {
+            let still = |p: &&Pose| zero(&p.translation.vector) && p.rotation.angle() == 0.0;
+            let n = o.poses.iter().flatten().filter(still).count();
+            if n > 0 {
+                self.notes.push(format!(
+                    "{} stands exactly at the origin, unturned, in {n} frames: the exporter may have meant that it was not seen",
+                    o.name
+                ));
+            }
+        }
+        for m in &self.markers {
+            let n = m.positions_m.iter().flatten().filter(|p| zero(p)).count();
+            if n > 0 {
+                self.notes.push(format!(
+                    "marker {} is exactly at the origin in {n} frames: the exporter may have meant that it was not seen",
+                    m.name
+                ));
+            }
+        }
+    }
+
+    /// Subjects of the markers (what stands before the colon of their names), in the file's order.
+    pub fn subjects(&self) -> Vec<&str> {
+        let mut found: Vec<&str> = Vec::new();
+        for m in &self.markers {
+            if let Some((subject, _)) = m.name.split_once(':')
+                && !found.contains(&subject)
+            {
+                found.push(subject);
+            }
+        }
+        found
+    }
+
+    /// Frames without a pose of `object`, those included whose numbers are left out.
+    pub fn gaps(&self, object: &MocapObject) -> u64 {
+        let empty = object.poses.iter().filter(|p| p.is_none()).count() as u64;
+        let skipped: i64 = self.frames.windows(2).map(|w| w[1] - w[0] - 1).sum();
+        empty + skipped.max(0) as u64
+    }
+}
+
+/// Numbers names that are there more than once.
+fn unique<'a>(names: impl Iterator<Item = &'a mut String>) {
+    let mut times = std::collections::BTreeMap::<String, usize>::new();
+    for name in names {
+        let n = times.entry(name.clone()).or_insert(0);
+        *n += 1;
+        if *n > 1 {
+            *name = format!("{name} #{n}");
+        }
+    }
+}
