@@ -55,6 +55,9 @@ pub struct RunArgs {
     /// Which controller steers
     #[arg(long, value_enum, default_value_t = Kind::Ours)]
     pub controller: Kind,
+    /// Let boards that are SAFE from before leave it; remove the cause first
+    #[arg(long)]
+    pub reset: bool,
 }
 
 /// The two controllers.
@@ -278,6 +281,47 @@ pub fn board_config(robot: &RobotSpec) -> Config {
     Config::new(&robot.pressure, robot.over_pressure_pa)
 }
 
+/// What is done before anything is asked of a rig.
+pub struct Start {
+    /// Whether boards that are SAFE from before may leave it.
+    reset: bool,
+    tried: bool,
+}
+
+impl Start {
+    /// `reset` if boards that are SAFE from before may leave it.
+    pub fn new(reset: bool) -> Self {
+        Self {
+            reset,
+            tried: false,
+        }
+    }
+
+    /// Whether something can be asked of the rig now; why it never can.
+    pub fn ready(
+        &mut self,
+        snapshot: &Snapshot,
+        commands: &mut Vec<Command>,
+    ) -> std::result::Result<bool, String> {
+        if let Mode::Safe(reason) = &snapshot.mode {
+            if !self.reset {
+                return Err(format!(
+                    "SAFE from before ({reason}): remove the cause, then start again with --reset"
+                ));
+            }
+            if self.tried {
+                return Err(format!(
+                    "still SAFE after a reset ({reason}): remove the cause"
+                ));
+            }
+            self.tried = true;
+            commands.push(Command::Reset);
+            return Ok(false);
+        }
+        Ok(snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES)
+    }
+}
+
 /// `run --headless`.
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
@@ -310,6 +354,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     let goal = a.target.map(Goal::position);
     let mut tally = Tally::default();
     let mut asked = false;
+    let mut start_up = Start::new(a.reset);
     let each =
         |snapshot: &std::sync::Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
             let first = tally.last.is_none();
@@ -320,13 +365,17 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                     commands.push(Command::StartRecording(path.clone()));
                 }
             }
-            let ready = snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES;
             if let Some(goal) = &goal
-                && ready
                 && !asked
             {
-                asked = true;
-                commands.extend([Command::Arm, Command::Goto(goal.clone())]);
+                match start_up.ready(snapshot, commands) {
+                    Ok(false) => {}
+                    Ok(true) => {
+                        asked = true;
+                        commands.extend([Command::Arm, Command::Goto(goal.clone())]);
+                    }
+                    Err(why) => tally.refused = Some(why),
+                }
             }
             let late = snapshot.stamp.seconds() > HELLO_S && !snapshot.link.connected && !asked;
             if snapshot.stamp.seconds() >= a.seconds || tally.refused.is_some() || late {
@@ -390,6 +439,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         payload: 0.0,
         seed: 1,
         controller: Kind::Ours,
+        reset: false,
     };
     run(&run_args, robot_file, robot)
 }

@@ -56,23 +56,7 @@ pub fn maps_for(robot: &RobotSpec) -> Result<Maps> {
 
 /// The maps of the shipped model, or of the one in a file.
 pub fn maps(path: Option<&Path>) -> Result<Maps> {
-    let model = model(path)?;
-    let seeds = model
-        .guess
-        .samples()
-        .iter()
-        .map(|s| {
-            (
-                s.chamber_pa.map(f64::from),
-                std::array::from_fn(|k| f64::from(s.pose[k])),
-            )
-        })
-        .collect();
-    Ok(Maps {
-        pose: Arc::new(model.cascade),
-        plant: Arc::new(model.plant),
-        seeds: Arc::new(seeds),
-    })
+    Ok(model(path)?.into())
 }
 
 /// Sensing with the shipped calibration of the virtual rig, or the one in a file, corrected by what

@@ -44,6 +44,8 @@ const PING_SIGMA_S: f64 = 1e-4;
 const SKEW_SIGMA: f64 = 5e-3;
 /// Spread of the skew across a jump: the oscillator stays the same.
 const SKEW_SIGMA_AFTER_JUMP: f64 = 5e-5;
+/// Counting begins one wrap up, so that earlier ticks have room below.
+const EPOCH_TICKS: i64 = 1 << 32;
 /// Pings without an answer that are remembered.
 const MAX_OUTSTANDING: usize = 8;
 
@@ -117,7 +119,7 @@ impl BoardClock {
     /// The fit for the operator, once there is one.
     pub fn fitted(&self) -> Option<ClockFit> {
         let f = self.fit?;
-        let board_s = f.ticks as f64 / self.rate_hz;
+        let board_s = (f.ticks as i64 - EPOCH_TICKS) as f64 / self.rate_hz;
         let misses_s = self.pairs.iter().filter_map(|p| {
             let stamp = self.stamp(p.ticks)?;
             Some(stamp.since(p.host))
@@ -135,8 +137,7 @@ impl BoardClock {
     pub fn unwrap(&mut self, ticks: u32, now: Stamp) -> u64 {
         let expected = match self.last {
             Some((last, heard)) => last as i64 + (now.since(heard) * self.rate_hz) as i64,
-            // One wrap up, so that earlier ticks have room below.
-            None => (1 << 32) + i64::from(ticks),
+            None => EPOCH_TICKS + i64::from(ticks),
         };
         let ahead = ticks.wrapping_sub(expected as u32) as i32;
         let full = (expected + i64::from(ahead)).max(0) as u64;

@@ -48,6 +48,22 @@ pub struct Maps {
     pub seeds: Arc<Vec<StartSample>>,
 }
 
+impl From<Model> for Maps {
+    fn from(model: Model) -> Self {
+        let seed = |s: &GuessSample| {
+            (
+                s.chamber_pa.map(f64::from),
+                std::array::from_fn(|k| f64::from(s.pose[k])),
+            )
+        };
+        Self {
+            seeds: Arc::new(model.guess.samples().iter().map(seed).collect()),
+            pose: Arc::new(model.cascade),
+            plant: Arc::new(model.plant),
+        }
+    }
+}
+
 /// What the twin is doing, with what it needs for that.
 #[derive(Clone, Debug, PartialEq)]
 enum Phase {
@@ -100,6 +116,8 @@ pub struct Twin {
     before_grip_kg: Option<f64>,
     payload_kg: f64,
     last_frame: Option<Stamp>,
+    /// When SAFE was last left.
+    reset_at: Option<Stamp>,
     bad_frames: u32,
     /// Frames in a row with signals that nothing tells.
     blind_frames: u32,
@@ -146,6 +164,7 @@ impl Twin {
             before_grip_kg: None,
             payload_kg: 0.0,
             last_frame: None,
+            reset_at: None,
             bad_frames: 0,
             blind_frames: 0,
             alarms: Vec::new(),

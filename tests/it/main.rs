@@ -4,6 +4,8 @@ mod conformance;
 mod dataset;
 mod edges;
 #[cfg(unix)]
+mod firmware;
+#[cfg(unix)]
 mod gap_bench;
 mod gap_find;
 mod program;

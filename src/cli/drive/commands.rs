@@ -55,6 +55,9 @@ pub struct Common {
     /// Record to this file
     #[arg(long, value_name = "F.rrd")]
     record: Option<PathBuf>,
+    /// Let boards that are SAFE from before leave it; remove the cause first
+    #[arg(long)]
+    reset: bool,
 }
 
 impl Common {
@@ -84,6 +87,7 @@ impl Common {
             after_s: 2.0,
             script: None,
             record: self.record.clone(),
+            reset: self.reset,
         })
     }
 

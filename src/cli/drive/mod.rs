@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
-use super::live::board_config;
+use super::live::{Start, board_config};
 use super::model;
 use super::ports::{InProcess, Script, SerialRig};
 use springtwin::control::{Gains, SEGMENTS};
@@ -22,8 +22,7 @@ use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Pose, PressureCommand, SensorRef, Snapshot};
 use springtwin::task::Plan;
 use springtwin::twin::{
-    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, Twin, run_in_real_time,
-    run_in_simulated_time,
+    Command, Event, Pace, Port, Runner, TICK_S, Twin, run_in_real_time, run_in_simulated_time,
 };
 
 /// Time the boards get to introduce themselves, s.
@@ -53,6 +52,8 @@ pub struct Drive<'a> {
     pub script: Option<Script>,
     /// Where to record.
     pub record: Option<PathBuf>,
+    /// Whether boards that are SAFE from before may leave it.
+    pub reset: bool,
 }
 
 /// What was so at one tick on the way.
@@ -172,6 +173,8 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     let mut given_s = None;
     let mut last: Option<PressureCommand> = None;
     let mut broken = None;
+    let mut unfit = None;
+    let mut start_up = Start::new(d.reset);
     let mut first = true;
     let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
         let t_s = snapshot.stamp.seconds();
@@ -179,10 +182,15 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             commands.push(Command::DeclarePayload(d.declared_kg));
             commands.extend(d.record.clone().map(Command::StartRecording));
         }
-        let ready = snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES;
-        if ready && given_s.is_none() {
-            given_s = Some(t_s);
-            commands.extend([Command::Arm, Command::Start(d.plan.clone())]);
+        if given_s.is_none() {
+            match start_up.ready(snapshot, commands) {
+                Ok(false) => {}
+                Ok(true) => {
+                    given_s = Some(t_s);
+                    commands.extend([Command::Arm, Command::Start(d.plan.clone())]);
+                }
+                Err(why) => unfit = Some(why),
+            }
         }
         for event in events {
             match event {
@@ -192,7 +200,9 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             }
             out.events.push(event.clone());
         }
-        if let Mode::Safe(reason) = &snapshot.mode {
+        if let Mode::Safe(reason) = &snapshot.mode
+            && given_s.is_some()
+        {
             out.safe.get_or_insert(reason.clone());
         }
         out.frames = [snapshot.link.frames, snapshot.link.frames_lost];
@@ -213,7 +223,8 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         let over = out
             .finished_s
             .is_some_and(|f| given_s.is_some_and(|g| t_s >= g + f + d.after_s));
-        let stopped = out.refused.is_some() || out.safe.is_some() || broken.is_some();
+        let stopped =
+            out.refused.is_some() || out.safe.is_some() || broken.is_some() || unfit.is_some();
         let late = t_s > HELLO_S && !snapshot.link.connected && given_s.is_none();
         if over || stopped || late || t_s >= d.seconds {
             ControlFlow::Break(())
@@ -231,6 +242,9 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         springtwin::signal::Stamp::from_seconds(end),
         &mut out.events,
     );
+    if let Some(why) = unfit {
+        anyhow::bail!("{why}");
+    }
     if let Some(what) = broken {
         anyhow::bail!("a limit was broken: {what}");
     }

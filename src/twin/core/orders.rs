@@ -47,6 +47,7 @@ impl Twin {
             Command::Stop => self.go_safe("stopped by the operator", events),
             Command::Reset => {
                 if self.is_safe() {
+                    self.reset_at = Some(self.now);
                     self.enter(Phase::Disarmed, events);
                 }
             }
@@ -139,7 +140,7 @@ impl Twin {
             .as_ref()
             .is_some_and(|r| r.faults & fault::SAFE != 0)
         {
-            return Some("The boards are SAFE: press Stop, then Reset.".to_owned());
+            return Some("The boards have not left SAFE yet: wait a moment.".to_owned());
         }
         match self.last_frame {
             None => Some("No data from the boards yet: connect a rig first.".to_owned()),

@@ -8,6 +8,8 @@ use crate::twin::Event;
 
 /// More than this share of the last second's frames lost puts the twin into SAFE.
 const LOSS_SAFE: f64 = 0.1;
+/// The boards get this long to act on a reset, s.
+const RESET_ACTS_S: f64 = 0.5;
 /// Frames within that second below which a share says little.
 const LOSS_MIN_FRAMES: u64 = 50;
 
@@ -53,12 +55,20 @@ impl Twin {
             self.go_safe("the boards send values that make no sense", events);
         }
         let faults = self.raw.as_ref().map_or(0, |r| r.faults);
-        if faults & fault::SAFE != 0 && moving {
+        if faults & fault::SAFE != 0 {
             let words = fault_words(faults & !fault::SAFE);
-            self.go_safe(
-                &format!("the boards switched their pumps off: {words}"),
-                events,
-            );
+            if moving {
+                self.go_safe(
+                    &format!("the boards switched their pumps off: {words}"),
+                    events,
+                );
+            } else if self
+                .reset_at
+                .is_none_or(|at| self.now.since(at) > RESET_ACTS_S)
+            {
+                // From before this twin was there, or from elsewhere.
+                self.go_safe(&format!("the boards are latched: {words}"), events);
+            }
         }
         if let Some(ratio) = self.loss_ratio()
             && ratio > LOSS_SAFE

@@ -142,6 +142,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
         after_s: trial.after_s,
         script: trial.script,
         record: None,
+        reset: false,
     })?;
     let measured = match &trial.task {
         Task::Path(shape, _) => Some(Measured::Path(measures::of_path(
