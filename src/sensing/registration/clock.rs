@@ -56,7 +56,12 @@ impl Default for ClockOptions {
 impl ClockOptions {
     fn check(&self) -> Result<(), RegistrationError> {
         for (name, value, range, must) in [
-            ("offset to search about (s)", self.about_s, [-1e10, 1e10], "finite"),
+            (
+                "offset to search about (s)",
+                self.about_s,
+                [-1e10, 1e10],
+                "finite",
+            ),
             (
                 "offsets to search (s)",
                 self.search_s,
@@ -230,7 +235,9 @@ impl Streams {
                     ObjectFrame::Unknown => Unknowns::Frames,
                     ObjectFrame::Known(_) => Unknowns::Base,
                 };
-                fit_from_guesses(&now.observations, alone, options).state.frames
+                fit_from_guesses(&now.observations, alone, options)
+                    .state
+                    .frames
             }
         };
         for _ in 0..ROUNDS {
@@ -305,7 +312,10 @@ impl Settled {
         let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
         let bound = GLITCH * median.max(1e-12);
         let pairs = self.instants.iter().zip(&squares);
-        pairs.filter(|(_, d)| **d <= bound).map(|(t, _)| *t).collect()
+        pairs
+            .filter(|(_, d)| **d <= bound)
+            .map(|(t, _)| *t)
+            .collect()
     }
 
     /// Jackknife over blocks of time, linearised where the fit ended.

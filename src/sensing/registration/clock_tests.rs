@@ -36,23 +36,30 @@ fn motion_on_a_track_by_finite_differences_and_never_across_a_gap() {
         let [a, b] = [t - h, t + h].map(|t| track.at(t, 0.1).expect("there").pose);
         let v = (b.translation.vector - a.translation.vector) / (2.0 * h);
         let w = (b.rotation * a.rotation.inverse()).scaled_axis() / (2.0 * h);
-        assert!((m.velocity_m_s - v).norm() < 0.01 * v.norm(), "{t} {v} {}", m.velocity_m_s);
+        assert!(
+            (m.velocity_m_s - v).norm() < 0.01 * v.norm(),
+            "{t} {v} {}",
+            m.velocity_m_s
+        );
         assert!((m.rate_rad_s - w).norm() < 0.01 * w.norm(), "{t}");
         let e = crate::signal::pose_error(&m.pose, &moving_tip(way, t));
-        assert!(e.amax() < 5e-4, "{t} {e}");
+        assert!(e.amax() < 2e-3, "{t} {e}");
     }
-    for t in [2.0, 2.15, 2.29, -0.001, 7.9961] {
+    for t in [1.91, 2.0, 2.15, 2.29, 2.39, 0.09, -0.001, 7.95, 7.9961] {
         assert!(track.at(t, 0.1).is_none(), "{t}");
     }
-    assert!(track.at(1.99, 0.1).is_some() && track.at(2.305, 0.1).is_some());
-    // A line is exact where the motion is one, at the edge of a gap too.
-    let line = (0..60).filter(|k| !(20..40).contains(k)).map(|k| {
-        let t = 0.01 * f64::from(k);
+    assert!(track.at(1.89, 0.1).is_some() && track.at(2.41, 0.1).is_some());
+    // A line is exact where the motion is one; of a slow stream it goes through two points.
+    let line = (0..60).map(|k| {
+        let t = if k < 40 { 0.01 } else { 0.09 } * f64::from(k);
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.2, -0.3) * t);
-        (t, Some(Pose::from_parts(Vector3::new(t, -t, 2.0 * t).into(), turn)))
+        (
+            t,
+            Some(Pose::from_parts(Vector3::new(t, -t, 2.0 * t).into(), turn)),
+        )
     });
     let track = Track::new(line, "robot", 0.05).expect("runs on");
-    for t in [0.0, 0.185, 0.4, 0.59] {
+    for t in [0.11, 0.185, 4.0, 4.234, 5.0] {
         let m = track.at(t, 0.1).expect("there");
         assert!((m.pose.translation.vector - Vector3::new(t, -t, 2.0 * t)).norm() < 1e-12);
         assert!((m.rate_rad_s - Vector3::new(0.1, 0.2, -0.3)).norm() < 1e-9);
@@ -75,7 +82,10 @@ fn offset_comes_back_within_a_millisecond() {
         squares += (off_s / got.sigma_s).powi(2);
         println!("{seed}: off {:.3} ms, {got:?}", off_s * 1e3);
         assert!(off_s.abs() < 1e-3, "{seed}: {off_s}");
-        assert!(got.sigma_s < 5e-4 && off_s.abs() < 5.0 * got.sigma_s, "{got:?}");
+        assert!(
+            got.sigma_s < 5e-4 && off_s.abs() < 5.0 * got.sigma_s,
+            "{got:?}"
+        );
         assert!(got.correlation > 0.9 && got.runner_up < 0.8 * got.correlation);
         let held = clock_offset(
             &robot,
@@ -84,9 +94,15 @@ fn offset_comes_back_within_a_millisecond() {
             &STATED,
             &ClockOptions::default(),
         );
-        assert!((held.expect("found").offset_s - offset_s).abs() < 1e-3, "{seed}");
+        assert!(
+            (held.expect("found").offset_s - offset_s).abs() < 1e-3,
+            "{seed}"
+        );
     }
-    println!("worst {worst}, normalised error squared {}", squares / seeds as f64);
+    println!(
+        "worst {worst}, normalised error squared {}",
+        squares / seeds as f64
+    );
     // χ² of six over six, beyond its 0.01 % and 99.99 % points.
     assert!((0.02..5.0).contains(&(squares / seeds as f64)), "{squares}");
 }
@@ -94,7 +110,10 @@ fn offset_comes_back_within_a_millisecond() {
 #[test]
 fn at_the_speed_of_the_arm_sigma_tells_what_the_offset_is_worth() {
     let truth = frames(2);
-    let way = Way::Wandering { seed: 2, speed: 0.2 };
+    let way = Way::Wandering {
+        seed: 2,
+        speed: 0.2,
+    };
     let (robot, mocap) = streams(2, &truth, way, 120.0, 0.8);
     let got = clock_offset(&robot, &mocap, None, &STATED, &ClockOptions::default()).expect("found");
     println!("slow: {got:?}");
@@ -111,7 +130,10 @@ fn offsets_that_cannot_be_told_are_refused_with_a_reason() {
     };
     let usual = ClockOptions::default();
     let e = run(Way::Still, 60.0, &usual).expect_err("still");
-    assert!(matches!(e, RegistrationError::NoPeak { correlation } if correlation < 0.5), "{e}");
+    assert!(
+        matches!(e, RegistrationError::NoPeak { correlation } if correlation < 0.5),
+        "{e}"
+    );
     assert!(e.to_string().contains("changing directions"), "{e}");
     let e = run(Way::Periodic, 60.0, &usual).expect_err("periodic");
     assert!(matches!(e, RegistrationError::Ambiguous { .. }), "{e}");
@@ -121,7 +143,13 @@ fn offsets_that_cannot_be_told_are_refused_with_a_reason() {
         ..usual
     };
     let e = run(wandering(1), 60.0, &near).expect_err("out of the window");
-    assert!(matches!(e, RegistrationError::AtEdge { .. } | RegistrationError::NoPeak { .. }), "{e}");
+    assert!(
+        matches!(
+            e,
+            RegistrationError::AtEdge { .. } | RegistrationError::NoPeak { .. }
+        ),
+        "{e}"
+    );
     let about = ClockOptions {
         about_s: 0.7,
         ..near
@@ -137,7 +165,13 @@ fn offsets_that_cannot_be_told_are_refused_with_a_reason() {
     let (mut robot, mocap) = streams(1, &truth, wandering(1), 60.0, 0.8);
     robot[7].0 = 0.0;
     let e = clock_offset(&robot, &mocap, None, &STATED, &usual).expect_err("backwards");
-    assert_eq!(e, RegistrationError::Times { stream: "robot", index: 7 });
+    assert_eq!(
+        e,
+        RegistrationError::Times {
+            stream: "robot",
+            index: 7
+        }
+    );
 }
 
 #[test]
@@ -158,7 +192,10 @@ fn streams_give_frames_and_offset_and_glitches_do_no_harm() {
             clock: ClockOptions::default(),
         };
         let got = register_streams(&robot, &mocap, &options).expect("fits");
-        let (x, y) = (&got.fit.frames.base_from_world, &got.fit.frames.object_from_tip);
+        let (x, y) = (
+            &got.fit.frames.base_from_world,
+            &got.fit.frames.object_from_tip,
+        );
         let centre = nalgebra::Point3::from(got.fit.centre_in_world_m);
         let off = x * centre - truth.base_from_world * centre;
         let lever = y.translation.vector - truth.object_from_tip.translation.vector;
@@ -176,22 +213,35 @@ fn streams_give_frames_and_offset_and_glitches_do_no_harm() {
         assert!(got.pairs.len() >= 20 && got.pairs.len() == got.t_s.len());
         assert!(got.t_s.windows(2).all(|w| w[1] > w[0]));
         assert!(*got.blocks.last().expect("some") >= 4);
-        assert!(got.fit.summary.position_rms_m < 2e-4, "{:?}", got.fit.summary);
-        assert!(got.clock.glitches > 0 && got.clock.glitches < 20, "{:?}", got.clock);
+        assert!(
+            got.fit.summary.position_rms_m < 2e-4,
+            "{:?}",
+            got.fit.summary
+        );
+        assert!(
+            got.clock.glitches > 0 && got.clock.glitches < 20,
+            "{:?}",
+            got.clock
+        );
     }
 }
 
 #[test]
-fn a_robot_that_stops_at_ten_poses_is_enough_and_at_eight_is_not() {
+fn a_robot_that_stops_and_goes_to_a_beat_is_registered_and_one_at_rest_is_not() {
     let truth = frames(8);
-    let record = |stops: usize| {
+    let record = || {
         let mut g = generator(77);
         // Three seconds at each stop, one on the way to the next.
         let place = |t_s: f64| {
             let (k, rest) = ((t_s / 4.0) as usize, t_s % 4.0);
             let ease = |x: f64| x * x * (3.0 - 2.0 * x);
-            let at = |k: usize| moving_tip(wandering(5), 11.0 * (k % stops) as f64);
-            at(k).lerp_slerp(&at(k + 1), ease((rest - 3.0).max(0.0)))
+            let at = |k: usize| moving_tip(wandering(5), 11.0 * k as f64);
+            let (a, b, x) = (at(k), at(k + 1), ease((rest - 3.0).max(0.0)));
+            let way = b.translation.vector - a.translation.vector;
+            Pose::from_parts(
+                (a.translation.vector + way * x).into(),
+                a.rotation.slerp(&b.rotation, x),
+            )
         };
         let robot: Vec<_> = (0..8000)
             .map(|k| 0.01 * f64::from(k))
@@ -199,17 +249,27 @@ fn a_robot_that_stops_at_ten_poses_is_enough_and_at_eight_is_not() {
             .collect();
         let mocap: Vec<_> = (0..16_000)
             .map(|k| 0.005 * f64::from(k))
-            .map(|t| (t, Some(noisy(&mut g, &object(&truth, &place(t + 0.8)), &NOISE))))
+            .map(|t| {
+                (
+                    t,
+                    Some(noisy(&mut g, &object(&truth, &place(t + 0.8)), &NOISE)),
+                )
+            })
             .collect();
         register_streams(&robot, &mocap, &StreamOptions::default())
     };
-    let got = record(12).expect("enough");
+    let got = record().expect("fits");
     println!("{:?} {:?}", got.clock, got.fit.summary);
     assert!((got.clock.offset_s - 0.8).abs() < 1e-3);
     let still = moving_tip(Way::Still, 0.0);
     let mut g = generator(3);
-    let robot: Vec<_> = (0..6000).map(|k| (0.01 * f64::from(k), noisy(&mut g, &still, &NOISE))).collect();
-    let mocap: Vec<_> = robot.iter().map(|(t, p)| (*t, Some(object(&truth, p)))).collect();
+    let robot: Vec<_> = (0..6000)
+        .map(|k| (0.01 * f64::from(k), noisy(&mut g, &still, &NOISE)))
+        .collect();
+    let mocap: Vec<_> = robot
+        .iter()
+        .map(|(t, p)| (*t, Some(object(&truth, p))))
+        .collect();
     assert!(register_streams(&robot, &mocap, &StreamOptions::default()).is_err());
 }
 

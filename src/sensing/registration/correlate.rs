@@ -16,8 +16,12 @@ pub(super) const HALF_S: f64 = 0.2;
 const CORRELATION_MIN: f64 = 0.5;
 /// The least that the correlation may be in standard deviations of what chance gives.
 const SIGMAS_MIN: f64 = 5.0;
-/// A runner-up this near to the peak leaves it open which of the two it is.
+/// A runner-up this near to the peak leaves it open which of the two it is, unless it leaves
+/// [`LEFT_MORE`] times as much of the variance unexplained.
 const RUNNER_UP_MAX: f64 = 0.8;
+const LEFT_MORE: f64 = 4.0;
+/// Less left over than this is none, r².
+const LEFT_MIN: f64 = 1e-3;
 
 /// What the correlation says.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +34,13 @@ pub(super) struct Peak {
 
 /// One stream on the grid: angular speed, and the tip's speed where the frames are known; NaN in
 /// gaps.
-fn speeds(track: &Track, shift_s: f64, from: i64, to: i64, frames: Option<&Frames>) -> [Vec<f64>; 2] {
+fn speeds(
+    track: &Track,
+    shift_s: f64,
+    from: i64,
+    to: i64,
+    frames: Option<&Frames>,
+) -> [Vec<f64>; 2] {
     let mut out = [Vec::new(), Vec::new()];
     for k in from..=to {
         let motion = track.at(k as f64 * STEP_S + shift_s, HALF_S);
@@ -54,7 +64,11 @@ fn correlation(robot: &[f64], mocap: &[f64], lag: i64) -> (f64, usize) {
     let (mut n, mut s) = (0usize, [0.0; 5]);
     let skip_mocap = (-lag).max(0) as usize;
     let skip_robot = lag.max(0) as usize;
-    for (a, b) in robot.iter().skip(skip_robot).zip(mocap.iter().skip(skip_mocap)) {
+    for (a, b) in robot
+        .iter()
+        .skip(skip_robot)
+        .zip(mocap.iter().skip(skip_mocap))
+    {
         if a.is_finite() && b.is_finite() {
             n += 1;
             for (s, x) in s.iter_mut().zip([*a, *b, a * a, b * b, a * b]) {
@@ -127,16 +141,22 @@ fn judge(
     }
     let offset = |k: f64| options.about_s + (k - lags as f64) * STEP_S;
     let lobe = |ks: &mut dyn Iterator<Item = usize>| {
-        ks.take_while(|k| value(*k) > 0.5 * best).last().unwrap_or(at)
+        ks.take_while(|k| value(*k) > 0.5 * best)
+            .last()
+            .unwrap_or(at)
     };
     let low = lobe(&mut (0..at).rev());
     let high = lobe(&mut (at + 1..scores.len()));
     let second = (0..scores.len())
         .filter(|k| *k < low || *k > high)
         .max_by(|a, b| value(*a).total_cmp(&value(*b)));
-    let runner_up = second.map_or(-1.0, value);
+    let top = |k: usize| vertex(&value, k, scores.len());
+    let (ahead, best) = top(at);
+    let runner_up = second.map_or(-1.0, |k| top(k).1);
+    let left = |r: f64| (1.0 - r * r).max(LEFT_MIN);
     if let Some(second) = second
         && runner_up > RUNNER_UP_MAX * best
+        && left(runner_up) < LEFT_MORE * left(best)
     {
         return Err(RegistrationError::Ambiguous {
             first_s: offset(at as f64),
@@ -150,13 +170,24 @@ fn judge(
             offset_s: offset(at as f64),
         });
     }
-    // Vertex of the parabola through the peak and its neighbours.
-    let (a, c) = (value(at - 1), value(at + 1));
-    let bend = a - 2.0 * best + c;
-    let vertex = if bend < 0.0 { 0.5 * (a - c) / bend } else { 0.0 };
     Ok(Peak {
-        offset_s: offset(at as f64 + vertex.clamp(-0.5, 0.5)),
+        offset_s: offset(at as f64 + ahead),
         correlation: best,
         runner_up: runner_up.max(0.0),
     })
+}
+
+/// Top of the parabola through a lag and its neighbours: how far from it, in lags, and how high.
+fn vertex(value: &dyn Fn(usize) -> f64, at: usize, count: usize) -> (f64, f64) {
+    let b = value(at);
+    if at == 0 || at + 1 >= count {
+        return (0.0, b);
+    }
+    let (a, c) = (value(at - 1), value(at + 1));
+    let bend = a - 2.0 * b + c;
+    if a > b || c > b || bend >= 0.0 {
+        return (0.0, b);
+    }
+    let ahead = 0.5 * (a - c) / bend;
+    (ahead, (b - 0.25 * (a - c) * ahead).min(1.0))
 }

@@ -70,8 +70,7 @@ pub fn object(frames: &Frames, base_from_tip: &Pose) -> Pose {
 pub fn noisy(g: &mut Pcg64, pose: &Pose, noise: &Noise) -> Pose {
     let mut out = *pose;
     out.translation.vector += normals(g) * noise.position_m;
-    out.rotation =
-        UnitQuaternion::from_scaled_axis(normals(g) * noise.rotation_rad) * out.rotation;
+    out.rotation = UnitQuaternion::from_scaled_axis(normals(g) * noise.rotation_rad) * out.rotation;
     out
 }
 

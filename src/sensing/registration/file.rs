@@ -70,12 +70,7 @@ pub enum RegistrationFileError {
 
 impl Registration {
     /// What `register_streams` found, for a file.
-    pub fn new(
-        found: &StreamRegistration,
-        object: &str,
-        date: &str,
-        data_sha256: &str,
-    ) -> Self {
+    pub fn new(found: &StreamRegistration, object: &str, date: &str, data_sha256: &str) -> Self {
         let fit = &found.fit;
         Self {
             object: object.to_owned(),
@@ -260,8 +255,8 @@ impl File {
         if self.poses < POSES_MIN {
             return Err(refuse("poses", self.poses.to_string(), "10 or more"));
         }
-        let is_hash = self.data_sha256.len() == 64
-            && self.data_sha256.bytes().all(|b| b.is_ascii_hexdigit());
+        let is_hash =
+            self.data_sha256.len() == 64 && self.data_sha256.bytes().all(|b| b.is_ascii_hexdigit());
         if !is_hash {
             return Err(refuse(
                 "data_sha256",
@@ -363,10 +358,8 @@ mod tests {
         let two = Registration::from_toml(&text).expect("reads");
         assert_eq!(two.to_toml().expect("writes"), text);
         let seen = pose_from_ypr([1.0, 2.0, 0.4], [0.3, 0.2, 0.1]);
-        let e = crate::signal::pose_error(
-            &one.ground_truth_pose(&seen),
-            &two.ground_truth_pose(&seen),
-        );
+        let e =
+            crate::signal::pose_error(&one.ground_truth_pose(&seen), &two.ground_truth_pose(&seen));
         assert!(e.amax() < 1e-11, "{e}");
         let by_hand = one.base_from_world.pose * seen * one.object_from_tip.pose;
         assert_eq!(one.ground_truth_pose(&seen), by_hand);
@@ -389,15 +382,23 @@ mod tests {
         refused("poses = 24", "poses = \"x\"", &["line"]);
         refused("poses = 24", "pose = 24", &["line"]);
         refused("\"abab", "\"zbab", &["data_sha256"]);
-        refused("clock_offset_ms = ", "clock_offset_ms = nan #", &["clock_offset_ms"]);
+        refused(
+            "clock_offset_ms = ",
+            "clock_offset_ms = nan #",
+            &["clock_offset_ms"],
+        );
         refused(
             "clock_offset_sigma_ms = ",
             "clock_offset_sigma_ms = -",
             &["clock_offset_sigma_ms"],
         );
-        refused("position_mm = [", "position_mm = [1e9", &["base_from_world.position_mm"]);
-        refused("ypr_deg = [", "ypr_deg = [9", &["base_from_world.ypr_deg"]);
-        refused("sigma_deg = ", "sigma_deg = inf #", &["base_from_world.sigma_deg"]);
+        refused("123.4567", "1e9", &["base_from_world.position_mm"]);
+        refused("ypr_deg = [", "ypr_deg = [1", &["base_from_world.ypr_deg"]);
+        refused(
+            "sigma_deg = ",
+            "sigma_deg = inf #",
+            &["base_from_world.sigma_deg"],
+        );
         refused(
             "rotation_worst_deg = ",
             "rotation_worst_deg = -",

@@ -194,14 +194,19 @@ impl State {
         let part = |at: usize| Vector3::from_fn(|k, _| step[at + k] * UNITS[at + k]);
         let mut next = *self;
         let x = &mut next.frames.base_from_world;
-        let centre = *x * nalgebra::Point3::from(self.centre_in_world_m);
-        x.rotation = UnitQuaternion::from_scaled_axis(part(0)) * x.rotation;
-        x.rotation.renormalize();
-        x.translation.vector = centre.coords + part(3) - x.rotation * self.centre_in_world_m;
+        if step.rows(0, 6).amax() > 0.0 {
+            let centre = *x * nalgebra::Point3::from(self.centre_in_world_m);
+            x.rotation = UnitQuaternion::from_scaled_axis(part(0)) * x.rotation;
+            x.rotation.renormalize();
+            x.translation.vector = centre.coords + part(3) - x.rotation * self.centre_in_world_m;
+        }
+        // What is held stays as it is, to the last bit.
         let y = &mut next.frames.object_from_tip;
-        y.rotation *= UnitQuaternion::from_scaled_axis(part(6));
-        y.rotation.renormalize();
-        y.translation.vector += part(9);
+        if step.rows(6, 6).amax() > 0.0 {
+            y.rotation *= UnitQuaternion::from_scaled_axis(part(6));
+            y.rotation.renormalize();
+            y.translation.vector += part(9);
+        }
         next.delay_s += step[DELAY] * UNITS[DELAY];
         next
     }

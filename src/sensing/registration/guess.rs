@@ -17,9 +17,7 @@ pub(super) fn guesses(observations: &[Observation], object: &ObjectFrame) -> Vec
     // R_X nearest to R_B (R_A R_Y)ᵀ over all poses.
     let base = |y: &UnitQuaternion<f64>| {
         let y = y.to_rotation_matrix().into_inner();
-        turned(&|o| {
-            rotation(&o.base_from_tip) * (rotation(&o.world_from_object) * y).transpose()
-        })
+        turned(&|o| rotation(&o.base_from_tip) * (rotation(&o.world_from_object) * y).transpose())
     };
     match object {
         ObjectFrame::Known(y) => {
@@ -106,8 +104,7 @@ fn with_translations(
         left.fixed_view_mut::<3, 3>(3 * i, 0)
             .copy_from(turn.matrix());
         left.fixed_view_mut::<3, 3>(3 * i, 3).fill_with_identity();
-        let rest =
-            o.base_from_tip.translation.vector - x * o.world_from_object.translation.vector;
+        let rest = o.base_from_tip.translation.vector - x * o.world_from_object.translation.vector;
         right.fixed_rows_mut::<3>(3 * i).copy_from(&rest);
     }
     let solved = SVD::try_new(left, true, true, f64::EPSILON, SVD_ROUNDS)

@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::fit::{self, DELAY, Fitted, Observation, PARAMETERS, Square, State, Unknowns, centre};
 use super::guess::guesses;
 use super::{
-    FitOptions, Frames, FrameFit, Missing, ONE_PLACE_M, ObjectFrame, POSES_MIN, PosePair,
+    FitOptions, FrameFit, Frames, Missing, ONE_PLACE_M, ObjectFrame, POSES_MIN, PosePair,
     RegistrationError, is_pose,
 };
 use crate::signal::Vector6;
@@ -201,6 +201,7 @@ impl Data<'_> {
             centre_in_world_m: fitted.state.centre_in_world_m,
             covariance: covariance.fixed_view::<DELAY, DELAY>(0, 0).into(),
             misfit,
+            converged: fitted.converged,
             weakest,
             held_out,
             summary,
@@ -278,7 +279,10 @@ impl Data<'_> {
         let n = self.observations.len() as f64;
         let tip = |o: &Observation| o.base_from_tip.translation.vector;
         let mean: Vector3<f64> = self.observations.iter().map(tip).sum::<Vector3<f64>>() / n;
-        let square = self.observations.iter().map(|o| (tip(o) - mean).norm_squared());
+        let square = self
+            .observations
+            .iter()
+            .map(|o| (tip(o) - mean).norm_squared());
         match (square.sum::<f64>() / n).sqrt() {
             spread_m if spread_m >= ONE_PLACE_M => Ok(()),
             _ => Err(RegistrationError::Unobservable(Missing::Places)),

@@ -152,6 +152,8 @@ pub struct FrameFit {
     pub covariance: SMatrix<f64, 12, 12>,
     /// √(χ² / degrees of freedom): 1 where the stated noise is what there is.
     pub misfit: f64,
+    /// Whether the last step of the fit was negligible.
+    pub converged: bool,
     /// Smallest eigenvalue of the normal matrix in units of ([`WEAKEST_M`], [`WEAKEST_RAD`]).
     pub weakest: f64,
     /// Per pair, what the others predict of it.
@@ -301,7 +303,8 @@ pub enum RegistrationError {
     /// The streams share too little.
     #[error(
         "robot and motion capture share only {seconds:.1} s without gaps within the offsets searched; at least \
-         {} s are needed", clock::OVERLAP_MIN_S
+         {} s are needed",
+        clock::OVERLAP_MIN_S
     )]
     NoOverlap {
         /// Seconds shared at best.

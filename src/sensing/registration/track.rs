@@ -4,7 +4,8 @@
 //! Cleveland 1979, <https://doi.org/10.1080/01621459.1979.10481038>): positions as they are,
 //! rotations as ρ = log(R R₀ᵀ) about the sample nearest to t. Two points would do for noise-free
 //! poses, but halfway between samples they average the noise and on a sample they do not, which
-//! draws a fitted delay to the halves. A line across a gap longer than the limit is never drawn.
+//! draws a fitted delay to the halves. No line is drawn across a gap longer than the limit, nor at its
+//! edge, where the window would lean to one side.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -62,7 +63,8 @@ impl Track {
         Some([*self.t_s.first()?, *self.t_s.last()?])
     }
 
-    /// The motion at `t_s`, from samples within `half_s`; `None` in a gap and beyond the ends.
+    /// The motion at `t_s`, from samples within `half_s`; `None` where a gap or an end of the track
+    /// is nearer.
     pub(super) fn at(&self, t_s: f64, half_s: f64) -> Option<Motion> {
         let after = self.t_s.partition_point(|t| *t < t_s);
         let exact = self.t_s.get(after) == Some(&t_s);
@@ -71,16 +73,22 @@ impl Track {
         if after >= self.t_s.len() || !joined(before, after) {
             return None;
         }
+        // A window that a gap or an end cuts would lean to one side.
         let mut low = before;
-        while low > 0 && self.t_s[low - 1] > t_s - half_s && joined(low - 1, low) {
-            low -= 1;
+        while self.t_s[low] > t_s - half_s {
+            let next = low.checked_sub(1)?;
+            if !joined(next, low) {
+                return None;
+            }
+            low = next;
         }
         let mut high = after;
-        while high + 1 < self.t_s.len()
-            && self.t_s[high + 1] < t_s + half_s
-            && joined(high, high + 1)
-        {
-            high += 1;
+        while self.t_s[high] < t_s + half_s {
+            let next = high + 1;
+            if next >= self.t_s.len() || !joined(high, next) {
+                return None;
+            }
+            high = next;
         }
         let near = if t_s - self.t_s[before] < self.t_s[after] - t_s {
             before
@@ -90,8 +98,7 @@ impl Track {
         let line = Line::new(&self.t_s[low..=high], t_s, half_s)?;
         let reference = self.poses[near].rotation;
         let position = |k: usize| self.poses[low + k].translation.vector;
-        let turn =
-            |k: usize| (self.poses[low + k].rotation * reference.inverse()).scaled_axis();
+        let turn = |k: usize| (self.poses[low + k].rotation * reference.inverse()).scaled_axis();
         let (place, velocity_m_s) = line.through(position);
         let (rho, slope) = line.through(turn);
         Some(Motion {
@@ -113,8 +120,8 @@ struct Line {
 
 impl Line {
     fn new(t_s: &[f64], at_s: f64, half_s: f64) -> Option<Self> {
-        // Samples beyond the window come in only where it holds none on that side: two points then.
-        let weight = |t: f64| (1.0 - ((t - at_s) / half_s).powi(2)).max(1e-3);
+        // The samples beyond the window count for nothing, unless it holds none: two points then.
+        let weight = |t: f64| (1.0 - ((t - at_s) / half_s).powi(2)).max(1e-6);
         let w: Vec<f64> = t_s.iter().map(|t| weight(*t)).collect();
         let sum: f64 = w.iter().sum();
         let mean = w.iter().zip(t_s).map(|(w, t)| w * (t - at_s)).sum::<f64>() / sum;
