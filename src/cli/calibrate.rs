@@ -20,7 +20,8 @@ use springtwin::signal::{Pose, ypr_from_rotation};
 #[derive(Subcommand)]
 pub enum CalibrateCommand {
     /// Where motion capture's world and object are on the robot, and what its clock reads, from one
-    /// motion that both recorded: half a minute or more of bending to all sides
+    /// motion that both recorded: half a minute or more of bending to all sides. What the robot's
+    /// poses err by alike everywhere cannot be told from where the world is, and goes into it
     Mocap(MocapArgs),
 }
 
@@ -76,6 +77,9 @@ fn mocap(a: &MocapArgs) -> Result<Report> {
         "{} has no poses of motion capture: import it with springtwin import",
         a.mocap.display()
     );
+    // A slow stream has no gaps between its own samples.
+    let slowest_hz = robot.rate_hz.min(seen.rate_hz);
+    let usual = ClockOptions::default();
     let object: Vec<_> = seen.t_s.iter().copied().zip(seen.truth).collect();
     let options = StreamOptions {
         fit: FitOptions {
@@ -88,7 +92,7 @@ fn mocap(a: &MocapArgs) -> Result<Report> {
         clock: ClockOptions {
             about_s: a.about,
             search_s: a.search,
-            ..ClockOptions::default()
+            gap_max_s: usual.gap_max_s.max(2.5 / slowest_hz).min(1.0),
         },
     };
     let found = register_streams(&robot.poses, &object, &options)
@@ -103,6 +107,8 @@ fn mocap(a: &MocapArgs) -> Result<Report> {
 struct RobotPoses {
     /// Time by its clock, s; base from tip.
     poses: Vec<(f64, Pose)>,
+    /// Nominal rate, Hz.
+    rate_hz: f64,
     /// SHA-256 of the file.
     hash: String,
 }
@@ -140,9 +146,12 @@ fn recorded(path: &Path) -> Result<RobotPoses> {
             poses.push((t_s, e.base_from_tip));
         }
     }
+    let span_s = poses.first().zip(poses.last()).map(|(a, b)| b.0 - a.0);
+    let rate_hz = poses.len() as f64 / span_s.unwrap_or_default();
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(RobotPoses {
         poses,
+        rate_hz,
         hash: hex(&Sha256::digest(&bytes)),
     })
 }
@@ -159,6 +168,7 @@ fn estimated(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
         .collect();
     Ok(RobotPoses {
         poses,
+        rate_hz: log.rate_hz,
         hash: log.hash,
     })
 }
@@ -320,8 +330,20 @@ mod tests {
             })
             .collect();
         let mean_m = off_m.iter().sum::<f64>() / off_m.len() as f64;
-        println!("mean {:.2} mm from the truth", mean_m * 1e3);
-        assert!(mean_m < 2e-3, "{mean_m}");
+        // As good as the estimates it was registered to, whose constant part it takes over.
+        let robot = estimated(&dir.join("robot"), None).expect("estimates");
+        let estimates_m: f64 = (0..log.len())
+            .filter_map(|k| {
+                let told = robot.poses.get(k)?.1.translation.vector;
+                Some((told - log.truth[k]?.translation.vector).norm())
+            })
+            .sum();
+        let estimates_m = estimates_m / log.len() as f64;
+        println!("mean from the truth: {mean_m} m, of the estimates {estimates_m} m");
+        assert!(
+            mean_m < 1.1 * estimates_m && mean_m < 2e-3,
+            "{mean_m} {estimates_m}"
+        );
 
         write(Excitation::Still);
         let e = format!("{:#}", mocap(&args(&dir)).expect_err("at rest"));

@@ -101,7 +101,8 @@ pub struct ClockOffset {
 }
 
 /// The offset between the clocks of two streams (time in s by the stream's own clock, pose of the tip
-/// in the base frame; pose of the object in its world, `None` where it was not seen). With `frames`
+/// in the base frame; pose of the object in its world, `None` where it was not seen; poses with
+/// numbers that are not finite count as gaps). With `frames`
 /// they are held and the tip's speed is correlated too; without, they are fitted along.
 ///
 /// # Errors

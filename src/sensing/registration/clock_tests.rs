@@ -58,7 +58,7 @@ fn motion_on_a_track_by_finite_differences_and_never_across_a_gap() {
             Some(Pose::from_parts(Vector3::new(t, -t, 2.0 * t).into(), turn)),
         )
     });
-    let track = Track::new(line, "robot", 0.05).expect("runs on");
+    let track = Track::new(line, "robot", 0.1).expect("runs on");
     for t in [0.11, 0.185, 4.0, 4.234, 5.0] {
         let m = track.at(t, 0.1).expect("there");
         assert!((m.pose.translation.vector - Vector3::new(t, -t, 2.0 * t)).norm() < 1e-12);
@@ -218,6 +218,18 @@ fn streams_give_frames_and_offset_and_glitches_do_no_harm() {
             "{:?}",
             got.fit.summary
         );
+        let known = StreamOptions {
+            fit: FitOptions {
+                object: ObjectFrame::Known(truth.object_from_tip),
+                ..STATED
+            },
+            ..options
+        };
+        let held = register_streams(&robot, &mocap, &known).expect("fits");
+        assert_eq!(held.fit.frames.object_from_tip, truth.object_from_tip);
+        assert!((held.clock.offset_s - 0.8).abs() < 1e-3, "{:?}", held.clock);
+        let x = held.fit.frames.base_from_world;
+        assert!((x * centre - truth.base_from_world * centre).norm() < 1e-4);
         assert!(
             got.clock.glitches > 0 && got.clock.glitches < 20,
             "{:?}",

@@ -300,7 +300,7 @@ impl Data<'_> {
         let Some(eigen) = nalgebra::SymmetricEigen::try_new(n, f64::EPSILON, 1000) else {
             return open(Missing::Directions);
         };
-        let (at, least) = eigen.eigenvalues.argmin();
+        let least = eigen.eigenvalues.min();
         if least >= 1.0 {
             return Ok(least);
         }
@@ -324,8 +324,7 @@ impl Data<'_> {
                 let sign = axis[axis.iamax()].signum();
                 open(Missing::SecondAxis((axis * sign).into()))
             }
-            _ if at < PARAMETERS => open(Missing::Tilts),
-            _ => open(Missing::Directions),
+            _ => open(Missing::Tilts),
         }
     }
 }

@@ -19,6 +19,10 @@
 //! minimise Σ rᵢᵀ Sᵢ⁻¹ rᵢ over twelve parameters (Dornaika and Horaud 1998,
 //! <https://doi.org/10.1109/70.704233>).
 //!
+//! What the robot's poses err by alike everywhere goes into the frames, and no residual shows it: a
+//! registration to the robot's own estimates is no judge of their constant part. Stated noise has to
+//! be that of the robot as a whole, not its repeatability; one sigma never falls below what it says.
+//!
 //! [`register`] fits the frames to settled poses, [`clock_offset`] finds Δ between two streams,
 //! [`register_streams`] does both, [`Registration`] is the file.
 
@@ -200,7 +204,7 @@ impl FrameFit {
 pub enum Missing {
     /// The poses are all in one place.
     Places,
-    /// They lie on one line, or in one place, and do not turn.
+    /// They lie on one line, about which the world could turn.
     Directions,
     /// They are all turned alike.
     Tilts,
@@ -215,7 +219,8 @@ impl std::fmt::Display for Missing {
                 "the tip is in one place in all poses: record poses whose tips lie 50 mm and more apart",
             ),
             Self::Directions => f.write_str(
-                "the tips lie on one line and the end pad does not turn: record poses to all sides",
+                "the poses leave the turn of the motion-capture world open: record poses to all sides, not on one \
+                 line",
             ),
             Self::Tilts => f.write_str(
                 "the end pad is turned alike in all poses, so that the tip's place on the object cannot be \

@@ -292,6 +292,17 @@ fn motion_that_leaves_a_direction_open_is_refused_by_name() {
         };
         assert_eq!(refused(&same, &STATED, scale), Missing::Places);
         assert_eq!(refused(&same, &known, scale), Missing::Places);
+        // On a line, with orientations that say nothing.
+        let on_line = |k: usize| Pose::translation(0.01 * k as f64, 0.0, -0.3);
+        let on_line: Vec<Pose> = (0..20).map(on_line).collect();
+        let deaf = FitOptions {
+            robot: Noise {
+                rotation_rad: 1.0,
+                ..NOISE
+            },
+            ..known
+        };
+        assert_eq!(refused(&on_line, &deaf, scale), Missing::Directions);
         // With the object known, upright poses are enough.
         let pairs = pairs(&mut generator(5), &frames(5), &upright, scale);
         assert!(register(&pairs, &known).is_ok());
