@@ -100,7 +100,12 @@ fn mocap(a: &MocapArgs) -> Result<Report> {
     let data = hex(&Sha256::digest(format!("{}\n{}\n", robot.hash, seen.hash)));
     let registration = Registration::new(&found, &a.object, &a.date, &data);
     write_text(&a.out, &registration.to_toml()?)?;
-    Ok(report(&found, &registration, &a.out))
+    let mut said = report(&found, &registration, &a.out);
+    if robot.simulated == Some(true) {
+        said.text.insert_str(0, "simulated: ");
+    }
+    said.json["simulated"] = json!(robot.simulated);
+    Ok(said)
 }
 
 /// What the robot knew of its tip.
@@ -109,6 +114,8 @@ struct RobotPoses {
     poses: Vec<(f64, Pose)>,
     /// Nominal rate, Hz.
     rate_hz: f64,
+    /// Whether the arm was a simulated one, where the file says.
+    simulated: Option<bool>,
     /// SHA-256 of the file.
     hash: String,
 }
@@ -152,6 +159,7 @@ fn recorded(path: &Path) -> Result<RobotPoses> {
     Ok(RobotPoses {
         poses,
         rate_hz,
+        simulated: Some(read.trace.simulated),
         hash: hex(&Sha256::digest(&bytes)),
     })
 }
@@ -169,6 +177,7 @@ fn estimated(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
     Ok(RobotPoses {
         poses,
         rate_hz: log.rate_hz,
+        simulated: None,
         hash: log.hash,
     })
 }

@@ -4,9 +4,9 @@
 //! the frames known, the tip's speed |v| is too. Both streams are sampled on one grid, gaps stay
 //! gaps, and at each lag Pearson's correlation runs over what both have.
 
+use super::clock::{ClockOptions, OVERLAP_MIN_S};
 use super::track::{Motion, Track};
 use super::{Frames, RegistrationError};
-use crate::sensing::registration::clock::{ClockOptions, OVERLAP_MIN_S};
 
 /// Grid, s.
 const STEP_S: f64 = 0.05;
