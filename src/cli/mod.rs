@@ -5,6 +5,7 @@
 
 mod args;
 mod bench_rig;
+mod calibrate;
 mod data;
 mod drive;
 mod files;
@@ -65,6 +66,9 @@ enum Command {
     Study(study::StudyArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
     Estimate(data::EstimateArgs),
+    /// Register motion capture on the robot
+    #[command(subcommand)]
+    Calibrate(calibrate::CalibrateCommand),
     /// Run the twin on a rig
     Run(live::RunArgs),
     /// Steer the tip to a point and tell how it went
@@ -207,6 +211,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Study(a)) => study::run(a, &robot, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
+        Some(Command::Calibrate(c)) => calibrate::run(c),
         #[cfg(feature = "gui")]
         Some(Command::Screenshot(a)) => window::screenshot(a, &robot),
         #[cfg(feature = "gui")]

@@ -1,7 +1,6 @@
 //! The networks and the calibration that ship with the program.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 

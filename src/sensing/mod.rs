@@ -12,6 +12,7 @@ pub mod health;
 pub mod imu;
 pub mod mounting;
 pub mod platform;
+pub mod registration;
 pub mod score;
 pub mod spring;
 

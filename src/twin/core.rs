@@ -10,7 +10,7 @@ use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
     Controller, Gains, Maps as ControlMaps, SEGMENTS, StartSample, StepInput, Stopwatch,
 };
-use crate::learn::{PlantMap, PoseEval, PoseMap, estimate};
+use crate::learn::{self, PlantMap, PoseEval, PoseMap, estimate};
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
@@ -48,9 +48,9 @@ pub struct Maps {
     pub seeds: Arc<Vec<StartSample>>,
 }
 
-impl From<Model> for Maps {
-    fn from(model: Model) -> Self {
-        let seed = |s: &GuessSample| {
+impl From<learn::Model> for Maps {
+    fn from(model: learn::Model) -> Self {
+        let seed = |s: &learn::GuessSample| {
             (
                 s.chamber_pa.map(f64::from),
                 std::array::from_fn(|k| f64::from(s.pose[k])),

@@ -14,7 +14,7 @@ use springtwin::link::{HostSession, LinkEvent, Origin};
 use springtwin::rig::{RigBoard, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
-use springtwin::signal::{ControllerKind, Goal, Mode, PressureCommand, Stamp};
+use springtwin::signal::{CHAMBERS, ControllerKind, Goal, Gripper, Mode, PressureCommand, Stamp};
 use springtwin::twin::{
     Arrivals, Command, Event, Port, Runner, SETTLING_FRAMES, Twin, run_in_simulated_time,
 };
@@ -90,7 +90,16 @@ fn firmware_that_does_not_match_is_refused_and_named() {
         let mut b = Bench::new(&PathBuf::from(folder));
         for _ in 0..3000 {
             b.step(true);
-            let command = PressureCommand::hold(Stamp::from_seconds(b.t_s()));
+            let limits = &RobotSpec::reference().pressure;
+            let set_pa = [1e3; CHAMBERS];
+            let command = PressureCommand::limited(
+                Stamp::from_seconds(b.t_s()),
+                set_pa,
+                Gripper::Open,
+                None,
+                &set_pa,
+                limits,
+            );
             b.host.set_command(&command);
             assert!(!b.pumps(), "{variant}");
         }
