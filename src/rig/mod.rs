@@ -206,7 +206,7 @@ impl VirtualRig {
         self.advance_lines(t_s, [from_host; BOARDS]).concat()
     }
 
-    /// The same with a line for each board.
+    /// The same with a line for each board, as firmware needs it: it says its frames byte by byte.
     pub fn advance_lines(&mut self, t_s: f64, from_host: [&[u8]; BOARDS]) -> [Vec<u8>; BOARDS] {
         for (board, bytes) in self.boards.iter_mut().zip(from_host) {
             board.on_bytes(t_s, bytes);
