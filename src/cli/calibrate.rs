@@ -7,10 +7,18 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
+mod imus;
+mod springs;
+
+pub use springs::{BenchArgs, bench};
+
 use super::{Report, args, model};
+use imus::ImusArgs;
+use springs::SpringsArgs;
 use springtwin::learn::to_pose;
 use springtwin::link::wire::objects::END_PAD;
 use springtwin::recording::{read_rrd, read_session, write_text};
+use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::{
     ClockOptions, FitOptions, ObjectFrame, Placed, Registration, StreamOptions, StreamRegistration,
     register_streams,
@@ -19,6 +27,10 @@ use springtwin::signal::{Pose, ypr_from_rotation};
 
 #[derive(Subcommand)]
 pub enum CalibrateCommand {
+    /// A curve per spring from the log of a bench that drew them up and down, with a verdict on each
+    Springs(SpringsArgs),
+    /// How the IMUs really sit on their pads, from a recording of slow motion
+    Imus(ImusArgs),
     /// Where motion capture's world and object are on the robot, and what its clock reads, from one
     /// motion that both recorded: half a minute or more of bending to all sides. What the robot's
     /// poses err by alike everywhere cannot be told from where the world is, and goes into it
@@ -63,8 +75,10 @@ pub struct MocapArgs {
 }
 
 /// `calibrate`.
-pub fn run(command: &CalibrateCommand) -> Result<Report> {
+pub fn run(command: &CalibrateCommand, robot: &RobotSpec) -> Result<Report> {
     match command {
+        CalibrateCommand::Springs(a) => springs::springs(a, robot),
+        CalibrateCommand::Imus(a) => imus::imus(a, robot),
         CalibrateCommand::Mocap(a) => mocap(a),
     }
 }

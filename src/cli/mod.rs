@@ -13,6 +13,7 @@ mod gap;
 mod gap_actuation;
 mod gap_bench;
 mod import;
+mod imu;
 mod live;
 mod model;
 mod patch;
@@ -77,6 +78,9 @@ enum Command {
     Follow(drive::commands::FollowArgs),
     /// Pick things up and put them into a basket
     PickPlace(drive::commands::PickPlaceArgs),
+    /// The orientation filter on its own
+    #[command(subcommand)]
+    Imu(imu::ImuCommand),
     /// Whether the tip can get to a point; nothing moves
     Reach(drive::commands::ReachArgs),
     /// Record a rig for a while
@@ -115,6 +119,8 @@ enum Offline {
     Session(session::SessionArgs),
     /// List what can be hidden in a session
     Effects,
+    /// Draw the rig's springs on a bench, up and down, and write the log for `calibrate springs`
+    Bench(calibrate::BenchArgs),
     /// Write a case of a blind test: two sessions, and elsewhere what is hidden
     #[command(hide = true)]
     Case(gap_bench::CaseArgs),
@@ -211,7 +217,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Study(a)) => study::run(a, &robot, cli.json),
         Some(Command::Estimate(a)) => data::estimate(a),
-        Some(Command::Calibrate(c)) => calibrate::run(c),
+        Some(Command::Calibrate(c)) => calibrate::run(c, &robot),
         #[cfg(feature = "gui")]
         Some(Command::Screenshot(a)) => window::screenshot(a, &robot),
         #[cfg(feature = "gui")]
@@ -230,6 +236,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Goto(a)) => drive::commands::goto(a, cli.robot.as_deref(), &robot),
         Some(Command::Follow(a)) => drive::commands::follow(a, cli.robot.as_deref(), &robot),
         Some(Command::PickPlace(a)) => drive::commands::pick_place(a, cli.robot.as_deref(), &robot),
+        Some(Command::Imu(c)) => imu::run(c),
         Some(Command::Reach(a)) => drive::commands::reach_command(a, &robot),
         Some(Command::Record(a)) => live::record(a, cli.robot.as_deref(), &robot),
         Some(Command::Import(a)) => import::run(a),
@@ -240,6 +247,7 @@ fn run(cli: &Cli) -> Result<Report> {
             Some(Offline::Session(a)) => session::run(a, &robot),
             Some(Offline::Case(a)) => gap_bench::rig_case(a, &robot),
             Some(Offline::Effects) => Ok(session::effects()),
+            Some(Offline::Bench(a)) => calibrate::bench(a, &robot),
         },
         Some(Command::Completions { shell }) => {
             clap_complete::generate(

@@ -236,7 +236,15 @@ pub struct BenchPlan {
     pub dwell_s: f64,
     /// Readings averaged at each stop.
     pub readings: usize,
+    /// How much longer a spring is on the way down than on the way up where the motor says the same, m:
+    /// slack in the motor's screw.
+    pub slack_m: f64,
+    /// Springs (0-based) with a loose contact.
+    pub loose: Vec<usize>,
 }
+
+/// Standard deviation that a loose contact adds to what a stop reads, Hz.
+const LOOSE_HZ: f64 = 8e3;
 
 impl BenchPlan {
     /// The robot's spring range with 2 mm beyond either end, so that noise at the ends stays
@@ -248,6 +256,8 @@ impl BenchPlan {
             stops: 44,
             dwell_s: 0.1,
             readings: 32,
+            slack_m: 0.0,
+            loose: Vec::new(),
         }
     }
 }
@@ -266,7 +276,11 @@ pub fn bench<R: Rng + ?Sized>(circuit: &mut Circuit, plan: &BenchPlan, rng: &mut
                 _ => plan.stops - 1 - stop,
             };
             let length_m = low_m + step_m * along as f64;
-            circuit.step(plan.dwell_s, &[length_m; SPRINGS]);
+            let slack_m = match direction {
+                "up" => -0.5 * plan.slack_m,
+                _ => 0.5 * plan.slack_m,
+            };
+            circuit.step(plan.dwell_s, &[length_m + slack_m; SPRINGS]);
             let mut sum_hz = [0.0; SPRINGS];
             for _ in 0..plan.readings {
                 let (counts, gates) = circuit.read(rng);
@@ -275,7 +289,11 @@ pub fn bench<R: Rng + ?Sized>(circuit: &mut Circuit, plan: &BenchPlan, rng: &mut
                 }
             }
             for (i, sum) in sum_hz.iter().enumerate() {
-                let mean_hz = sum / plan.readings as f64;
+                let loose_hz = match plan.loose.contains(&i) {
+                    true => LOOSE_HZ * normal(rng),
+                    false => 0.0,
+                };
+                let mean_hz = sum / plan.readings as f64 + loose_hz;
                 // Writing to a String cannot fail.
                 let _ = writeln!(
                     text,

@@ -76,6 +76,12 @@ impl Curve {
         Self::paper(1.119e-7)
     }
 
+    /// The paper's quartic as it is printed, e = −1.119e-7: not monotone, good for nothing but to be
+    /// refused.
+    pub fn paper_printed() -> Self {
+        Self::paper(-1.119e-7)
+    }
+
     fn paper(e: f64) -> Self {
         Self {
             quantity: Quantity::CircuitReading,
@@ -103,6 +109,17 @@ impl Curve {
             .iter()
             .rev()
             .fold(0.0, |sum, c| sum * u + c)
+    }
+
+    /// Where within its domain the curve is longest: reading and length (m), to a thousandth of the
+    /// domain.
+    pub fn longest_m(&self) -> [f64; 2] {
+        let [low, high] = self.domain;
+        let at = |k: u32| low + (high - low) * f64::from(k) / 1000.0;
+        let lengths = (0..=1000).map(|k| [at(k), self.extended_m(at(k))]);
+        lengths
+            .reduce(|best, now| if now[1] > best[1] { now } else { best })
+            .unwrap_or_default()
     }
 
     /// Lengths at the two ends of the domain, shorter one first, m.
@@ -314,7 +331,7 @@ mod tests {
 
     #[test]
     fn printed_quartic_is_refused_and_the_corrected_one_spans_the_stated_range() {
-        let printed = Curve::paper(-1.119e-7);
+        let printed = Curve::paper_printed();
         assert!(!printed.is_monotone());
         assert!(printed.length_range_m()[1] < 0.021);
         let ours = Curve::paper_corrected();

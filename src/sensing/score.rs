@@ -21,19 +21,36 @@ pub struct OrientationScore {
     pub samples: usize,
 }
 
-/// Scores estimates against references, both earth from IMU, after the heading offset of the first
-/// pair is taken out of all estimates (a filter without magnetometer starts anywhere).
-pub fn score(
-    pairs: impl IntoIterator<Item = (UnitQuaternion<f64>, UnitQuaternion<f64>)>,
-) -> OrientationScore {
+/// An estimate and its reference, both earth from IMU.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// What the filter says.
+    pub estimate: UnitQuaternion<f64>,
+    /// What is true.
+    pub reference: UnitQuaternion<f64>,
+    /// Whether the error counts.
+    pub counts: bool,
+}
+
+/// Scores estimates against references after the heading offset of the first pair, counted or not, is
+/// taken out of all estimates (a filter without magnetometer starts anywhere).
+pub fn score(pairs: impl IntoIterator<Item = Judged>) -> OrientationScore {
     let mut offset: Option<UnitQuaternion<f64>> = None;
     let mut out = OrientationScore::default();
     let mut squares = [0.0; 3];
-    for (estimate, reference) in pairs {
+    for Judged {
+        estimate,
+        reference,
+        counts,
+    } in pairs
+    {
         let turn = offset.get_or_insert_with(|| {
             let heading_rad = heading_between(&reference, &estimate);
             UnitQuaternion::from_scaled_axis(nalgebra::Vector3::z() * heading_rad)
         });
+        if !counts {
+            continue;
+        }
         let error = (reference * (*turn * estimate).inverse()).into_inner();
         // e_total = 2 acos |w|, e_heading = 2 atan |z / w|, e_inclination = 2 acos √(w² + z²)
         let total = 2.0 * error.imag().norm().atan2(error.w.abs());
@@ -59,10 +76,21 @@ mod tests {
     fn tilt_and_turn_are_told_apart_and_the_first_heading_is_free() {
         let q = |roll: f64, yaw: f64| UnitQuaternion::from_euler_angles(roll, 0.0, yaw);
         // The estimate's heading starts 1 rad off and drifts by 0.2; then it tilts by 0.1.
-        let s = score([(q(0.0, 1.0), q(0.0, 0.0)), (q(0.0, 1.2), q(0.0, 0.0))]);
+        let judged = |pairs: &[(UnitQuaternion<f64>, UnitQuaternion<f64>)], from: usize| {
+            score(pairs.iter().enumerate().map(|(k, p)| Judged {
+                estimate: p.0,
+                reference: p.1,
+                counts: k >= from,
+            }))
+        };
+        let turned = [(q(0.0, 1.0), q(0.0, 0.0)), (q(0.0, 1.2), q(0.0, 0.0))];
+        let s = judged(&turned, 0);
         assert!((s.heading_rad - 0.2 / 2.0_f64.sqrt()).abs() < 1e-12);
         assert!(s.inclination_rad < 1e-9 && s.samples == 2);
-        let s = score([(q(0.0, 0.0), q(0.0, 0.0)), (q(0.1, 0.0), q(0.0, 0.0))]);
+        // The first pair sets the heading even where it does not count.
+        let s = judged(&turned, 1);
+        assert!((s.heading_rad - 0.2).abs() < 1e-12 && s.samples == 1);
+        let s = judged(&[(q(0.0, 0.0), q(0.0, 0.0)), (q(0.1, 0.0), q(0.0, 0.0))], 0);
         assert!((s.inclination_rad - 0.1 / 2.0_f64.sqrt()).abs() < 1e-12);
         assert!((s.total_rad - s.inclination_rad).abs() < 1e-12 && s.heading_rad < 1e-9);
         assert_eq!(score([]), OrientationScore::default());

@@ -7,6 +7,7 @@
 mod bound;
 mod cases;
 mod control;
+mod heading;
 mod lab;
 mod lstm;
 mod table;
@@ -82,6 +83,8 @@ enum Name {
     Faults,
     /// Whether stated uncertainties hold, and whether strange signals are noticed
     Coverage,
+    /// Half an hour of drifting gyros: headings with the springs' help
+    Heading,
     /// Both controllers tuned with the same budget
     Tuning,
     /// A circle, by both controllers, over loads and stiffnesses
@@ -124,6 +127,7 @@ impl Name {
             Self::Shocks => cases::shocks(lab),
             Self::Faults => cases::faults(lab),
             Self::Coverage => cases::coverage(lab),
+            Self::Heading => heading::heading(&lab.robot),
             Self::Circle => control::tasks::path(&lab.robot, Shape::Circle),
             Self::Eight => control::tasks::path(&lab.robot, Shape::Eight),
             Self::Moves => control::tasks::moves(&lab.robot),
