@@ -6,11 +6,12 @@ use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::Report;
+use super::{Report, read_text};
 use springtwin::recording::{
     MarkerBody, MocapFile, MocapObject, MocapRotation, SessionLog, marker_body, read_mocap,
     write_session,
 };
+use springtwin::sensing::registration::Registration;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec};
 
 /// Largest coordinate that a session log takes, m.
@@ -39,6 +40,9 @@ pub struct ImportArgs {
     /// Take the rigid body of all markers of this subject
     #[arg(long, value_name = "S")]
     subject: Option<String>,
+    /// Put the poses into the robot's base and onto its clock by this file of `calibrate mocap`
+    #[arg(long, value_name = "F.toml")]
+    registration: Option<PathBuf>,
     /// How a Vicon Tracker file writes three angles, where it does not say
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
@@ -70,10 +74,24 @@ pub fn run(a: &ImportArgs) -> Result<Report> {
     );
     let file = read_mocap(&a.file, a.rotation.map(MocapRotation::from))?;
     let chosen = choose(&file, a)?;
-    // The frame registration goes here: base from world, in front of every pose.
-    let log = session(&file, chosen.object(), &a.out)?;
+    let mut log = session(&file, chosen.object(), &a.out)?;
+    let mut world = WORLD.to_owned();
+    if let Some(path) = &a.registration {
+        let registration = Registration::from_toml(&read_text(path)?)
+            .with_context(|| path.display().to_string())?;
+        for pose in log.truth.iter_mut().flatten() {
+            *pose = registration.ground_truth_pose(pose);
+        }
+        for t_s in &mut log.t_s {
+            *t_s = registration.robot_time_s(*t_s);
+        }
+        world = format!(
+            "poses are of the end pad in the robot's base, on the robot's clock, by {}",
+            path.display()
+        );
+    }
     write_new(&a.out, &log)?;
-    Ok(report(&file, &chosen, &log, &a.out))
+    Ok(report(&file, &chosen, &log, &world, &a.out))
 }
 
 /// The pose that was asked for.
@@ -232,11 +250,17 @@ fn write_new(out: &Path, log: &SessionLog) -> Result<()> {
     moved
 }
 
-fn report(file: &MocapFile, chosen: &Chosen<'_>, log: &SessionLog, out: &Path) -> Report {
+fn report(
+    file: &MocapFile,
+    chosen: &Chosen<'_>,
+    log: &SessionLog,
+    world: &str,
+    out: &Path,
+) -> Report {
     let object = chosen.object();
     let gaps = file.gaps(object);
     let mut notes = file.notes.clone();
-    notes.push(WORLD.to_owned());
+    notes.push(world.to_owned());
     let rotation = file.rotation.map(MocapRotation::name);
     let (first, last) = (
         file.first_frame,
@@ -333,6 +357,7 @@ mod tests {
                 object: None,
                 markers: None,
                 subject: None,
+                registration: None,
                 rotation: None,
             }
         }

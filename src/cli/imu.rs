@@ -11,10 +11,13 @@ use springtwin::recording::{ImuSample, read_imu_log};
 use springtwin::sensing::imu::{ImuFilter, Tuning};
 use springtwin::sensing::score::{Judged, score};
 
+/// The heading is aligned over the first so many seconds with a reference.
+const ALIGN_S: f64 = 1.0;
+
 #[derive(Subcommand)]
 pub enum ImuCommand {
-    /// The filter on a log with an optical reference: gyro and accelerometer only, heading aligned at
-    /// the start, errors over the movement
+    /// The filter on a log with an optical reference: gyro and accelerometer only, heading aligned over
+    /// the first second, errors over the movement
     Eval(EvalArgs),
 }
 
@@ -49,7 +52,8 @@ fn eval(a: &EvalArgs) -> Result<Report> {
             counts: s.movement,
         })
     };
-    let s = score(log.iter().filter_map(&mut step));
+    let pairs: Vec<Judged> = log.iter().filter_map(&mut step).collect();
+    let s = score(&pairs, (ALIGN_S / period_s) as usize);
     anyhow::ensure!(
         s.samples > 0,
         "{} has no sample with movement and a reference: nothing can be scored",

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::drive::commands::objects;
 use super::drive::measures::spread;
-use super::ports::{InProcess, SerialRig};
+use super::ports::{self, MocapSource};
 use super::{Report, args, model};
 use springtwin::control::Gains;
 use springtwin::link::wire::Config;
@@ -21,8 +21,7 @@ use springtwin::signal::ControllerKind;
 use springtwin::signal::{BOARDS, Goal, LinkStatus, Mode, Snapshot, Stamp, pose_error};
 use springtwin::task::Item;
 use springtwin::twin::{
-    Command, Event, Pace, Port, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
-    run_in_simulated_time,
+    Command, Event, Pace, Runner, SETTLING_FRAMES, Twin, run_in_real_time, run_in_simulated_time,
 };
 
 /// Time the boards get to introduce themselves, s.
@@ -58,6 +57,8 @@ pub struct RunArgs {
     /// Let boards that are SAFE from before leave it; remove the cause first
     #[arg(long)]
     pub reset: bool,
+    #[command(flatten)]
+    pub mocap: MocapSource,
 }
 
 /// The two controllers.
@@ -338,18 +339,8 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     )]
     let start = std::time::Instant::now();
     let simulated_time = a.rig == "sim";
-    let port: Box<dyn Port> = if simulated_time {
-        Box::new(InProcess::new(
-            robot,
-            &rig_options(a.payload, a.seed),
-            board_config(robot),
-        )?)
-    } else if a.rig == "pty" {
-        let options = rig_options(a.payload, a.seed);
-        Box::new(SerialRig::spawn(&options, robot_file, robot, start)?)
-    } else {
-        Box::new(SerialRig::open(&a.rig, robot, start)?)
-    };
+    let options = rig_options(a.payload, a.seed);
+    let port = ports::open(&a.rig, &options, robot_file, robot, start, &a.mocap)?;
     let mut runner = Runner::new(twin, port, robot);
     let goal = a.target.map(Goal::position);
     let mut tally = Tally::default();
@@ -440,6 +431,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         seed: 1,
         controller: Kind::Ours,
         reset: false,
+        mocap: MocapSource::default(),
     };
     run(&run_args, robot_file, robot)
 }

@@ -204,6 +204,7 @@ fn run(cli: &Cli) -> Result<Report> {
             0.0,
             1,
             live::Kind::Ours,
+            &ports::MocapSource::default(),
             cli.robot.as_deref(),
             &robot,
         ),
@@ -228,6 +229,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 a.payload,
                 a.seed,
                 a.controller,
+                &a.mocap,
                 cli.robot.as_deref(),
                 &robot,
             )

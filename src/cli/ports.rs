@@ -1,12 +1,13 @@
 //! The two ways to the boards: a rig in this process on simulated time, and a serial port.
 
 use std::io::{BufRead as _, BufReader};
-use std::net::{Ipv4Addr, SocketAddr};
-use std::path::Path;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use clap::Args;
 
 use super::live::board_config;
 use springtwin::link::mocap::{self, MocapReceiver};
@@ -16,9 +17,70 @@ use springtwin::link::wire::objects::END_PAD;
 use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{GroundTruth, LinkStatus, Pose, PressureCommand, Stamp, TruthSource};
+use springtwin::sensing::registration::Registration;
+use springtwin::signal::{GroundTruth, LinkStatus, PressureCommand, Stamp, TruthSource};
 use springtwin::sim::SimError;
 use springtwin::twin::{Arrivals, Port};
+
+/// Where motion capture comes from.
+#[derive(Args, Clone, Debug, Default)]
+pub struct MocapSource {
+    /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,
+    /// port 51001, without it
+    #[arg(long = "mocap-listen", value_name = "IP:PORT")]
+    listen: Option<SocketAddr>,
+    /// Take it from these senders only; from this computer without it
+    #[arg(long = "mocap-from", value_name = "IP,IP", value_delimiter = ',')]
+    from: Vec<IpAddr>,
+    /// Where motion capture's world and object are on the robot, from `calibrate mocap`; without it the
+    /// object is `end_pad` in the robot's base
+    #[arg(long = "registration", value_name = "F.toml")]
+    registration: Option<PathBuf>,
+}
+
+impl MocapSource {
+    fn registration(&self) -> Result<Option<Registration>> {
+        let read = |path: &PathBuf| {
+            let text = super::read_text(path)?;
+            Registration::from_toml(&text).with_context(|| path.display().to_string())
+        };
+        self.registration.as_ref().map(read).transpose()
+    }
+
+    /// Listens; where nobody asked for it, an address that is taken is no error.
+    fn receiver(&self, start: Instant) -> Result<Option<MocapReceiver>> {
+        let loopback = [Ipv4Addr::LOCALHOST.into()];
+        let allowed = match self.from.is_empty() {
+            true => loopback.as_slice(),
+            false => &self.from,
+        };
+        let address = self.listen.unwrap_or_else(mocap::default_address);
+        match MocapReceiver::open(address, allowed, start) {
+            Ok(receiver) => Ok(Some(receiver)),
+            Err(e) if self.listen.is_some() => Err(e.into()),
+            Err(e) => {
+                log::warn!("no motion capture: {e}");
+                Ok(None)
+            }
+        }
+    }
+}
+
+/// The port that `rig` names: `sim`, `pty`, or serial ports.
+pub fn open(
+    rig: &str,
+    options: &RigOptions,
+    robot_file: Option<&Path>,
+    robot: &RobotSpec,
+    start: Instant,
+    mocap: &MocapSource,
+) -> Result<Box<dyn Port>> {
+    Ok(match rig {
+        "pty" if cfg!(unix) => Box::new(SerialRig::spawn(options, robot_file, robot, start)?),
+        "sim" | "pty" => Box::new(InProcess::new(robot, options, board_config(robot))?),
+        names => Box::new(SerialRig::open(names, robot, start, mocap)?),
+    })
+}
 
 /// The line is looked at this often in simulated time, s.
 const LINE_STEP_S: f64 = 0.001;
@@ -108,25 +170,21 @@ impl Port for InProcess {
 pub struct SerialRig {
     link: SerialLink,
     mocap: Option<MocapReceiver>,
+    registration: Option<Registration>,
     truth: TruthSource,
     status: LinkStatus,
     rig: Option<Child>,
 }
 
 impl SerialRig {
-    /// Opens the port(s) of real boards; motion capture is received on loopback if it can be bound.
-    pub fn open(names: &str, robot: &RobotSpec, start: Instant) -> Result<Self> {
+    /// Opens the port(s) of real boards.
+    fn open(names: &str, robot: &RobotSpec, start: Instant, mocap: &MocapSource) -> Result<Self> {
+        let registration = mocap.registration()?;
         let link = serial::open(names, start, board_config(robot), Origin::Hardware)?;
-        let mocap = MocapReceiver::open(
-            mocap::default_address(),
-            &[Ipv4Addr::LOCALHOST.into()],
-            start,
-        )
-        .inspect_err(|e| log::warn!("no motion capture: {e}"))
-        .ok();
         Ok(Self {
             link,
-            mocap,
+            mocap: mocap.receiver(start)?,
+            registration,
             truth: TruthSource::Vicon,
             status: LinkStatus::default(),
             rig: None,
@@ -186,6 +244,7 @@ impl SerialRig {
         Ok(Self {
             link,
             mocap: Some(mocap),
+            registration: None,
             truth: TruthSource::VirtualRig,
             status: LinkStatus::default(),
             rig: Some(rig),
@@ -210,12 +269,17 @@ impl Port for SerialRig {
             }
         }
         if let Some(mocap) = &self.mocap {
+            let object = self.registration.as_ref().map_or(END_PAD, |r| &r.object);
             while let Some(sample) = mocap.try_recv() {
-                if sample.name == END_PAD {
-                    // The motion-capture world is the robot's base until they are registered.
-                    arrivals
-                        .truths
-                        .push(sample.ground_truth(&Pose::identity(), self.truth));
+                if sample.name == object {
+                    let pose = &sample.world_from_object;
+                    let placed = self.registration.as_ref();
+                    arrivals.truths.push(GroundTruth {
+                        stamp: sample.stamp,
+                        // The world is the robot's base until they are registered.
+                        base_from_tip: placed.map_or(*pose, |r| r.ground_truth_pose(pose)),
+                        source: self.truth,
+                    });
                 }
             }
         }

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::live::{Kind, board_config, rig_options};
-use super::ports::{InProcess, SerialRig};
+use super::ports::{self, InProcess, MocapSource};
 use super::simulate::Simulator;
 use super::{Report, args, model, picture};
 use springtwin::gui::offscreen::Offscreen;
@@ -19,7 +19,7 @@ use springtwin::gui::{App, RecordingEntry, Services, services::ready};
 use springtwin::recording::{inspect, read_rrd, read_session};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Snapshot, Trace};
-use springtwin::twin::{Command, Port, Runner, Twin, run_in_simulated_time, spawn};
+use springtwin::twin::{Command, Runner, Twin, run_in_simulated_time, spawn};
 
 /// Points of the reachable set that the view shows.
 const HULL_POINTS: usize = 1500;
@@ -33,6 +33,7 @@ pub fn open(
     payload_kg: f64,
     seed: u64,
     kind: Kind,
+    mocap: &MocapSource,
     robot_file: Option<&Path>,
     robot: &RobotSpec,
 ) -> Result<Report> {
@@ -50,25 +51,8 @@ pub fn open(
     let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
     let twin = Twin::new(robot, maps, model::sensing(robot, None)?, kind.gains());
-    let port: Box<dyn Port> = match rig {
-        "sim" => Box::new(InProcess::new(
-            robot,
-            &rig_options(payload_kg, seed),
-            board_config(robot),
-        )?),
-        "pty" if cfg!(unix) => Box::new(SerialRig::spawn(
-            &rig_options(payload_kg, seed),
-            robot_file,
-            robot,
-            start,
-        )?),
-        "pty" => Box::new(InProcess::new(
-            robot,
-            &rig_options(payload_kg, seed),
-            board_config(robot),
-        )?),
-        port => Box::new(SerialRig::open(port, robot, start)?),
-    };
+    let options = rig_options(payload_kg, seed);
+    let port = ports::open(rig, &options, robot_file, robot, start, mocap)?;
     let runner = Runner::new(twin, port, robot);
     // A newcomer sees the virtual arm move; hardware never moves unasked.
     let first = match rig {

@@ -32,26 +32,28 @@ pub struct Judged {
     pub counts: bool,
 }
 
-/// Scores estimates against references after the heading offset of the first pair, counted or not, is
-/// taken out of all estimates (a filter without magnetometer starts anywhere).
-pub fn score(pairs: impl IntoIterator<Item = Judged>) -> OrientationScore {
-    let mut offset: Option<UnitQuaternion<f64>> = None;
+/// Scores estimates against references after the mean heading offset of the first `align` pairs, counted or
+/// not, is taken out of all estimates (a filter without magnetometer starts anywhere). A single pair
+/// would bring its own noise in.
+pub fn score(pairs: &[Judged], align: usize) -> OrientationScore {
     let mut out = OrientationScore::default();
     let mut squares = [0.0; 3];
+    let (sin, cos) = pairs
+        .iter()
+        .take(align.max(1))
+        .map(|p| heading_between(&p.reference, &p.estimate).sin_cos())
+        .fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
+    let turn = UnitQuaternion::from_scaled_axis(nalgebra::Vector3::z() * sin.atan2(cos));
     for Judged {
         estimate,
         reference,
         counts,
     } in pairs
     {
-        let turn = offset.get_or_insert_with(|| {
-            let heading_rad = heading_between(&reference, &estimate);
-            UnitQuaternion::from_scaled_axis(nalgebra::Vector3::z() * heading_rad)
-        });
         if !counts {
             continue;
         }
-        let error = (reference * (*turn * estimate).inverse()).into_inner();
+        let error = (reference * (turn * estimate).inverse()).into_inner();
         // e_total = 2 acos |w|, e_heading = 2 atan |z / w|, e_inclination = 2 acos √(w² + z²)
         let total = 2.0 * error.imag().norm().atan2(error.w.abs());
         let heading = 2.0 * error.k.abs().atan2(error.w.abs());
@@ -77,11 +79,12 @@ mod tests {
         let q = |roll: f64, yaw: f64| UnitQuaternion::from_euler_angles(roll, 0.0, yaw);
         // The estimate's heading starts 1 rad off and drifts by 0.2; then it tilts by 0.1.
         let judged = |pairs: &[(UnitQuaternion<f64>, UnitQuaternion<f64>)], from: usize| {
-            score(pairs.iter().enumerate().map(|(k, p)| Judged {
+            let pairs = pairs.iter().enumerate().map(|(k, p)| Judged {
                 estimate: p.0,
                 reference: p.1,
                 counts: k >= from,
-            }))
+            });
+            score(&pairs.collect::<Vec<_>>(), 1)
         };
         let turned = [(q(0.0, 1.0), q(0.0, 0.0)), (q(0.0, 1.2), q(0.0, 0.0))];
         let s = judged(&turned, 0);
@@ -93,6 +96,16 @@ mod tests {
         let s = judged(&[(q(0.0, 0.0), q(0.0, 0.0)), (q(0.1, 0.0), q(0.0, 0.0))], 0);
         assert!((s.inclination_rad - 0.1 / 2.0_f64.sqrt()).abs() < 1e-12);
         assert!((s.total_rad - s.inclination_rad).abs() < 1e-12 && s.heading_rad < 1e-9);
-        assert_eq!(score([]), OrientationScore::default());
+        let pairs = turned.map(|(estimate, reference)| Judged {
+            estimate,
+            reference,
+            counts: true,
+        });
+        let s = score(&pairs, 2);
+        assert!(
+            (s.heading_rad - 0.1).abs() < 1e-12,
+            "about the mean of both"
+        );
+        assert_eq!(score(&[], 1), OrientationScore::default());
     }
 }

@@ -303,3 +303,25 @@ fn a_box_of_markers_is_rigid_and_a_person_is_not() {
         std::fs::remove_dir_all(moves).expect("cleans up");
     }
 }
+
+/// The orientation filter on real IMUs beside an optical reference. The bars are those of VQF (6D) on the same
+/// files, heading aligned at the start, errors over the movement, as BROAD counts them.
+#[test]
+fn the_orientation_filter_is_no_worse_than_vqf_on_broad() {
+    for (trial, inclination_deg, total_deg) in [
+        ("02_undisturbed_slow_rotation_B", 0.43, 0.99),
+        ("07_undisturbed_fast_rotation_B", 1.02, 2.12),
+        ("24_disturbed_tapping_A", 0.61, 1.37),
+    ] {
+        let path = data_dir().join(format!("broad/{trial}.parquet"));
+        let said = json(&["imu", "eval", path.to_str().expect("UTF-8"), "--json"]);
+        println!("{trial}: {said}");
+        let two_digits = |key: &str| (said[key].as_f64().expect(key) * 100.0).round() / 100.0;
+        assert!(
+            two_digits("inclination_rmse_deg") <= inclination_deg,
+            "{trial}: {said}"
+        );
+        assert!(two_digits("total_rmse_deg") <= total_deg, "{trial}: {said}");
+        assert!(said["samples"].as_u64().expect("a number") > 30_000);
+    }
+}

@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
+use super::super::ports::MocapSource;
 use super::measures::{self, PathMeasures};
 use super::{Drive, Driven, drive, pictures};
 use crate::cli::live::{Kind, rig_options};
@@ -58,6 +59,8 @@ pub struct Common {
     /// Let boards that are SAFE from before leave it; remove the cause first
     #[arg(long)]
     reset: bool,
+    #[command(flatten)]
+    mocap: MocapSource,
 }
 
 impl Common {
@@ -88,6 +91,7 @@ impl Common {
             script: None,
             record: self.record.clone(),
             reset: self.reset,
+            mocap: self.mocap.clone(),
         })
     }
 

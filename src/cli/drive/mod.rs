@@ -14,7 +14,7 @@ use anyhow::Result;
 
 use super::live::{Start, board_config};
 use super::model;
-use super::ports::{InProcess, Script, SerialRig};
+use super::ports::{self, InProcess, MocapSource, Script};
 use springtwin::control::{Gains, SEGMENTS};
 use springtwin::learn::PlantMap;
 use springtwin::rig::{Object, RigOptions};
@@ -54,6 +54,8 @@ pub struct Drive<'a> {
     pub record: Option<PathBuf>,
     /// Whether boards that are SAFE from before may leave it.
     pub reset: bool,
+    /// Motion capture of a rig behind serial ports.
+    pub mocap: MocapSource,
 }
 
 /// What was so at one tick on the way.
@@ -151,8 +153,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             let rig = InProcess::new(robot, &d.options, board_config(robot))?;
             Box::new(rig.with_script(watched(robot, d.script, Arc::clone(&nature))))
         }
-        "pty" => Box::new(SerialRig::spawn(&d.options, d.robot_file, robot, start)?),
-        port => Box::new(SerialRig::open(port, robot, start)?),
+        rig => ports::open(rig, &d.options, d.robot_file, robot, start, &d.mocap)?,
     };
     let mut runner = Runner::new(twin, port, robot);
     let mut out = Driven {
