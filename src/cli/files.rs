@@ -1,4 +1,4 @@
-//! `inspect` and `doctor`: what files, ports and adapters are like.
+//! `inspect`, `ports` and `doctor`: what files, ports and adapters are like.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,11 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::{Report, model};
+use super::{Report, args, model};
+use springtwin::link::ports::{PortChange, PortInfo, PortWatch};
 use springtwin::recording::inspect;
 use springtwin::robot::RobotSpec;
+use springtwin::signal::Stamp;
 
 #[derive(Args)]
 pub struct InspectArgs {
@@ -126,11 +128,12 @@ fn calibration(robot: &RobotSpec) -> Check {
 }
 
 fn ports() -> Check {
-    let found = springtwin::link::serial::ports();
+    let found = springtwin::link::ports::list();
     let says = if found.is_empty() {
         "no serial port: connect the boards, or use the virtual rig".to_owned()
     } else {
-        found.join(", ")
+        let names: Vec<&str> = found.iter().map(|p| p.name.as_str()).collect();
+        names.join(", ")
     };
     // The virtual rig needs none.
     Check {
@@ -219,4 +222,50 @@ fn display() -> Check {
         ok,
         says: says.to_owned(),
     }
+}
+
+#[derive(Args)]
+pub struct PortsArgs {
+    /// Go on for so many seconds and tell what comes and goes
+    #[arg(long, value_name = "S", default_value = "0", value_parser = args::not_negative)]
+    watch: f64,
+}
+
+/// `ports`.
+pub fn ports_command(a: &PortsArgs, quiet: bool) -> Result<Report> {
+    let shown = |p: &PortInfo| format!("{}  {}", p.name, p.what).trim_end().to_owned();
+    let object = |p: &PortInfo| json!({"name": p.name, "what": p.what});
+    let mut watch = PortWatch::default();
+    let first = watch.known().to_vec();
+    let mut text: Vec<String> = first.iter().map(shown).collect();
+    if text.is_empty() {
+        text.push("no serial ports: plug a board in, or start `springtwin rig`".to_owned());
+    }
+    if a.watch > 0.0 && !quiet {
+        println!("{}", text.join("\n"));
+        text.clear();
+    }
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the command owns the main thread and its time"
+    )]
+    let start = std::time::Instant::now();
+    let mut changes: Vec<Value> = Vec::new();
+    while start.elapsed().as_secs_f64() < a.watch {
+        for change in watch.poll(Stamp::from_seconds(start.elapsed().as_secs_f64())) {
+            if !quiet {
+                println!("{}", change.text());
+            }
+            changes.push(match &change {
+                PortChange::Appeared(p) => json!({"appeared": object(p)}),
+                PortChange::Gone(p) => json!({"gone": object(p)}),
+            });
+        }
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let now: Vec<Value> = watch.known().iter().map(object).collect();
+    Ok(Report {
+        text: text.join("\n"),
+        json: json!({"ports": now, "changes": changes}),
+    })
 }

@@ -89,6 +89,8 @@ enum Command {
     Import(import::ImportArgs),
     /// What is in a recording or session
     Inspect(files::InspectArgs),
+    /// The serial ports there are, and those that come and go
+    Ports(files::PortsArgs),
     /// Check adapter, ports, viewer and files, and say what to do
     Doctor,
     /// The virtual rig on a pseudo-terminal, speaking the wire protocol (prints the port); or a
@@ -243,6 +245,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Record(a)) => live::record(a, cli.robot.as_deref(), &robot),
         Some(Command::Import(a)) => import::run(a),
         Some(Command::Inspect(a)) => files::inspect_command(a),
+        Some(Command::Ports(a)) => files::ports_command(a, cli.json),
         Some(Command::Doctor) => files::doctor(&robot),
         Some(Command::Rig { live, offline }) => match offline {
             None => live::rig(live, &robot),

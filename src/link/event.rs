@@ -1,5 +1,6 @@
 //! What a session notices about the link.
 
+use super::ports::PortChange;
 use super::wire::{SCHEMA_HASH, VERSION, fault};
 
 /// Why a board is not used. The arm cannot be armed while one stands.
@@ -95,6 +96,8 @@ pub enum LinkEvent {
         /// What the system said.
         reason: String,
     },
+    /// A serial port came or went while ours is gone.
+    Ports(PortChange),
     /// The port is back; boards must answer and the arm be armed anew.
     Reconnected,
 }
@@ -140,6 +143,7 @@ impl LinkEvent {
             Self::Disconnected { reason } => {
                 format!("The link is gone ({reason}): check the cable; trying again.")
             }
+            Self::Ports(change) => change.text(),
             Self::Reconnected => "The port is back: arm again to go on.".into(),
         }
     }

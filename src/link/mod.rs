@@ -6,6 +6,7 @@
 //!   against real ports. An in-process rig needs no port and no thread: in simulated time, pass
 //!   the bytes of [`HostSession::poll`] to the boards and theirs to [`HostSession::on_bytes`],
 //!   about every millisecond, and fetch frames and events.
+//! - [`ports`] lists the serial ports, as they come and go.
 //! - [`mocap`] receives motion capture by UDP; [`Replay`] plays a recorded trace.
 //!
 //! Only [`serial`] and [`mocap`] do I/O, each in a thread of its own with bounded queues.
@@ -14,6 +15,7 @@ mod clock;
 mod event;
 pub mod mocap;
 mod peer;
+pub mod ports;
 mod replay;
 pub mod serial;
 mod session;

@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 use serialport::{ClearBuffer, SerialPort};
 
 use super::event::LinkEvent;
+use super::ports::PortWatch;
 use super::session::{HostSession, MAX_PORTS, Origin};
 use super::wire::{BAUD, Config};
 use crate::signal::{LinkStatus, PressureCommand, RawFrame, Stamp};
@@ -103,12 +104,6 @@ pub struct SerialLink {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Names of the serial ports the system knows.
-pub fn ports() -> Vec<String> {
-    let found = serialport::available_ports().unwrap_or_default();
-    found.into_iter().map(|p| p.port_name).collect()
-}
-
 /// Opens the ports named in `names` (one, or one per board separated by commas) at 500 kbaud.
 /// `start` is the session's start: stamps count from it. `config` is what the boards must accept.
 ///
@@ -152,6 +147,7 @@ pub fn open(
         held: VecDeque::new(),
         next_status: Stamp::ZERO,
         next_reopen: Stamp::ZERO,
+        watch: PortWatch::default(),
     };
     let thread = std::thread::Builder::new()
         .name("link".into())
@@ -216,6 +212,8 @@ struct Worker {
     held: VecDeque<LinkInput>,
     next_status: Stamp,
     next_reopen: Stamp,
+    /// Looked at while the ports are gone: a board may come back under another name.
+    watch: PortWatch,
 }
 
 impl Worker {
@@ -293,6 +291,9 @@ impl Worker {
 
     fn reopen(&mut self) {
         let now = self.now();
+        for change in self.watch.poll(now) {
+            self.hold(LinkInput::Event(LinkEvent::Ports(change)));
+        }
         if now < self.next_reopen {
             std::thread::sleep(Duration::from_millis(5));
             return;
@@ -311,10 +312,7 @@ impl Worker {
     fn pass_on(&mut self) {
         let now = self.now();
         while let Some(event) = self.session.next_event() {
-            if self.held.len() == MAX_HELD {
-                self.held.pop_front();
-            }
-            self.held.push_back(LinkInput::Event(event));
+            self.hold(LinkInput::Event(event));
             self.next_status = now;
         }
         while let Some(input) = self.held.pop_front() {
@@ -330,6 +328,13 @@ impl Worker {
             self.next_status = now.plus(STATUS_PERIOD_S);
             self.offer(LinkInput::Status(self.session.status(now)));
         }
+    }
+
+    fn hold(&mut self, input: LinkInput) {
+        if self.held.len() == MAX_HELD {
+            self.held.pop_front();
+        }
+        self.held.push_back(input);
     }
 
     fn offer(&self, input: LinkInput) {

@@ -262,15 +262,27 @@ fn an_unplugged_port_is_noticed_reopened_and_does_not_move_by_itself() {
     // A busy computer may delay one try, not all.
     let mut flagged_s = f64::MAX;
     let mut back_s = f64::MAX;
-    for nonce in 2..5 {
+    // Unplugged with its supply kept, then restarted meanwhile, and again.
+    let mut known = 1;
+    for nonce in [1, 3, 3, 4] {
         get_moving(&link, &[&rig]);
         rig.unplug();
         let gone = |e: &LinkEvent| matches!(e, LinkEvent::Disconnected { .. });
         let (_, took_s) = until(&link, None, |all| event(all, gone));
         flagged_s = flagged_s.min(took_s);
         rig = plug_in(nonce);
-        let (_, took_s) = until(&link, None, |all| connected(all) && frames(all).len() > 10);
+        let (all, took_s) = until(&link, None, |all| connected(all) && frames(all).len() > 10);
         back_s = back_s.min(took_s);
+        for board in 0..2 {
+            let back = event(&all, |e| *e == LinkEvent::BoardBack { board });
+            let rebooted = event(&all, |e| *e == LinkEvent::BoardRebooted { board });
+            assert_eq!(
+                (back, rebooted),
+                (nonce == known, nonce != known),
+                "board {board}"
+            );
+        }
+        known = nonce;
         let _ = link.send(LinkOutput::ClearCommand);
     }
     assert!(flagged_s < 0.05, "flagged after {flagged_s} s");

@@ -575,3 +575,113 @@ fn an_arm_that_turns_out_too_stiff_gives_up_on_the_way_and_says_why() {
         "{text}"
     );
 }
+
+/// A bench log with noise, slack and a loose contact: a verdict on each spring, and the good ones are kept.
+#[test]
+fn springs_are_calibrated_one_by_one() {
+    let dir = scratch("calibrate-springs");
+    let file = |name: &str| dir.join(name).display().to_string();
+    let (bench, cal) = (file("bench.csv"), file("cal.toml"));
+    json(&[
+        "rig", "bench", "--out", &bench, "--noise", "0.15", "--slack", "0.2", "--loose", "7",
+        "--json",
+    ]);
+    let out = springtwin(&["calibrate", "springs", &bench, "--out", &cal, "--json"]);
+    assert_eq!(out.status.code(), Some(1), "one spring is bad");
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(
+        said.contains("spring 7: the curve misses held-out points")
+            && said.contains("the other 11"),
+        "{said}"
+    );
+    let report: Value = serde_json::from_slice(&out.stdout).expect("one JSON object all the same");
+    let springs = report["springs"].as_array().expect("springs");
+    assert_eq!(springs.len(), 12);
+    for s in springs {
+        let good = s["id"] != 7;
+        assert_eq!(s["ok"], good, "{s}");
+        if good {
+            let held_out_mm = s["held_out_rmse_mm"].as_f64().expect("a figure");
+            assert!(held_out_mm < 0.4, "{s}");
+            // The slack is there to be found, and nothing is blamed for it but the motor.
+            let up_down_mm = s["hysteresis_mm"].as_f64().expect("both ways");
+            assert!((0.15..0.45).contains(&up_down_mm), "{s}");
+            assert_eq!(s["monotone"], true);
+        }
+    }
+    let text = std::fs::read_to_string(&cal).expect("written");
+    assert_eq!(text.matches("[[spring]]").count(), 11);
+}
+
+#[test]
+fn the_papers_quartic_is_taken_corrected_and_refused_as_printed() {
+    let dir = scratch("calibrate-paper");
+    let out = dir.join("paper.toml").display().to_string();
+    let (code, said) = refusal(&[
+        "calibrate",
+        "springs",
+        "--preset",
+        "paper-printed",
+        "--out",
+        &out,
+    ]);
+    assert_eq!(code, 1);
+    assert!(
+        said.contains("not monotone") && said.contains("20.5 mm"),
+        "{said}"
+    );
+    assert!(!dir.join("paper.toml").exists());
+    let report = json(&[
+        "calibrate",
+        "springs",
+        "--preset",
+        "paper-corrected",
+        "--out",
+        &out,
+        "--json",
+    ]);
+    let length_mm = report["length_mm"].as_array().expect("two lengths");
+    assert!(
+        length_mm[0].as_f64().expect("mm") <= 70.0 && length_mm[1].as_f64().expect("mm") >= 240.0
+    );
+    // A file that says otherwise is refused when it is read.
+    let text = std::fs::read_to_string(&out).expect("written");
+    std::fs::write(
+        &out,
+        text.replace("0.0000001119", "-0.0000001119")
+            .replace("1.119e-7", "-1.119e-7"),
+    )
+    .expect("writes");
+    let bench = dir.join("b.csv").display().to_string();
+    json(&["rig", "bench", "--out", &bench, "--json"]);
+    let (_, said) = refusal(&["calibrate", "springs", &bench, "--out", &out]);
+    assert!(said.contains("not monotone"), "{said}");
+}
+
+/// A recording of the rig's own slow motion finds the mountings it was built with.
+#[test]
+fn imu_mountings_come_from_a_recording() {
+    let dir = scratch("calibrate-imus");
+    let file = |name: &str| dir.join(name).display().to_string();
+    let (rrd, cal) = (file("motion.rrd"), file("cal.toml"));
+    json(&["follow", "--path", "eight", "--record", &rrd, "--json"]);
+    let report = json(&["calibrate", "imus", &rrd, "--out", &cal, "--json"]);
+    println!("{report}");
+    for imu in report["imus"].as_array().expect("imus") {
+        assert_eq!(imu["ok"], true, "{imu}");
+        assert!(
+            imu["residual_deg"].as_f64().expect("a figure") < 0.2,
+            "{imu}"
+        );
+    }
+    let text = std::fs::read_to_string(&cal).expect("written");
+    assert_eq!(text.matches("[[imu]]").count(), 4);
+    assert_eq!(text.matches("[[spring]]").count(), 12);
+}
+
+#[test]
+fn ports_are_listed() {
+    let report = json(&["ports", "--watch", "0.2", "--json"]);
+    assert!(report["ports"].is_array());
+    assert_eq!(report["changes"].as_array().map(Vec::len), Some(0));
+}
