@@ -25,7 +25,7 @@ use springtwin::twin::{
 };
 
 /// Time the boards get to introduce themselves, s.
-const HELLO_S: f64 = 5.0;
+pub const HELLO_S: f64 = 5.0;
 
 #[derive(Args)]
 pub struct RunArgs {
@@ -323,6 +323,18 @@ impl Start {
     }
 }
 
+/// Says why nothing came of a link, if so.
+pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
+    if let Some(refusal) = &link.refusal {
+        anyhow::bail!("{refusal}");
+    }
+    anyhow::ensure!(
+        link.connected || link.frames > 0,
+        "no data from the boards on {rig} within {HELLO_S} s: check the cable, the boards' power and the firmware"
+    );
+    Ok(())
+}
+
 /// `run --headless`.
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
@@ -390,11 +402,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         anyhow::bail!("{reason}");
     }
     if let Some(snapshot) = &tally.last {
-        anyhow::ensure!(
-            snapshot.link.frames > 0,
-            "no data from the boards on {} within {HELLO_S} s: check the cable, the boards' power and the firmware",
-            a.rig
-        );
+        check_link(&snapshot.link, &a.rig)?;
         if let Mode::Safe(reason) = &snapshot.mode {
             anyhow::bail!("the arm went SAFE: {reason}");
         }

@@ -123,6 +123,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         mode: Mode::Moving,
         link: LinkStatus {
             connected: true,
+            refusal: None,
             source: "virtual rig".into(),
             simulated: true,
             frames: (t_s * 100.0) as u64,

@@ -326,6 +326,7 @@ impl HostSession {
     pub fn status(&self, now: Stamp) -> LinkStatus {
         LinkStatus {
             connected: self.connected(),
+            refusal: self.refusal().map(ToString::to_string),
             source: self.source.clone(),
             simulated: self.simulated,
             frames: self.frames_made,

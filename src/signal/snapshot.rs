@@ -65,6 +65,8 @@ pub enum Mode {
 pub struct LinkStatus {
     /// Whether a port is open and the boards answered with a matching version, schema and config.
     pub connected: bool,
+    /// Why a board that answers is not used: its version, layout or limits do not match.
+    pub refusal: Option<String>,
     /// What is connected, for the operator: `virtual rig`, a port name, a recording's name.
     pub source: String,
     /// Whether the source is simulated.

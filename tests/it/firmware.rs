@@ -26,6 +26,15 @@ use crate::program::json;
 
 const LINE_STEP_S: f64 = 0.001;
 
+/// Where a variant of the firmware is; the empty one is the firmware as it is.
+fn folder_of(variant: &str) -> PathBuf {
+    let mut folder = firmware_folder().into_os_string();
+    if !variant.is_empty() {
+        folder.push(format!("-{variant}"));
+    }
+    PathBuf::from(folder)
+}
+
 /// A rig whose boards run the firmware in `folder`, and a host's end of the link.
 struct Bench {
     rig: VirtualRig,
@@ -88,9 +97,7 @@ fn firmware_that_does_not_match_is_refused_and_named() {
         ("schema", "uses message layout 12345678, this program"),
         ("config", "does not accept the pressure limits"),
     ] {
-        let mut folder = firmware_folder().into_os_string();
-        folder.push(format!("-{variant}"));
-        let mut b = Bench::new(&PathBuf::from(folder));
+        let mut b = Bench::new(&folder_of(variant));
         for _ in 0..3000 {
             b.step(true);
             let limits = &RobotSpec::reference().pressure;
@@ -289,6 +296,30 @@ fn the_loop_closes_and_a_lost_heartbeat_latches_until_a_reset() {
     }
 }
 
+/// The program says it in one sentence, too, and does not end as if all were well.
+#[test]
+fn the_program_says_which_mismatch_it_is() {
+    for (variant, words) in [
+        ("version", "protocol version 2"),
+        ("config", "does not accept the pressure limits"),
+    ] {
+        let rig = RigProcess::start(variant);
+        let run = [
+            "run",
+            "--headless",
+            "--rig",
+            &rig.ports,
+            "--seconds",
+            "9",
+            "--target",
+            "20,10,-300",
+        ];
+        let (code, said) = crate::program::refusal(&run);
+        assert_eq!(code, 1);
+        assert!(said.contains(words), "{said}");
+    }
+}
+
 /// A rig process with the firmware behind two pseudo-terminals.
 struct RigProcess {
     child: Child,
@@ -296,10 +327,11 @@ struct RigProcess {
 }
 
 impl RigProcess {
-    fn start() -> Self {
+    /// With the firmware as it is, or a variant of it.
+    fn start(variant: &str) -> Self {
         let mut child = Process::new(env!("CARGO_BIN_EXE_springtwin"))
             .args(["rig", "--with-parent", "--firmware"])
-            .arg(firmware_folder())
+            .arg(folder_of(variant))
             .stdout(Stdio::piped())
             .spawn()
             .expect("the rig starts");
@@ -326,7 +358,7 @@ impl Drop for RigProcess {
 /// ended, refuse the next run, and take it with `--reset`.
 #[test]
 fn the_program_steers_the_firmware_over_two_ports() {
-    let rig = RigProcess::start();
+    let rig = RigProcess::start("");
     assert_eq!(rig.ports.split(',').count(), 2, "{}", rig.ports);
     let run = [
         "run",

@@ -12,21 +12,20 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
-use super::live::{Start, board_config};
+use super::live::{HELLO_S, Start, board_config, check_link};
 use super::model;
 use super::ports::{self, InProcess, MocapSource, Script};
 use springtwin::control::{Gains, SEGMENTS};
 use springtwin::learn::PlantMap;
 use springtwin::rig::{Object, RigOptions};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{CHAMBERS, Goal, Mode, Pose, PressureCommand, SensorRef, Snapshot};
+use springtwin::signal::{
+    CHAMBERS, Goal, LinkStatus, Mode, Pose, PressureCommand, SensorRef, Snapshot,
+};
 use springtwin::task::Plan;
 use springtwin::twin::{
     Command, Event, Pace, Port, Runner, TICK_S, Twin, run_in_real_time, run_in_simulated_time,
 };
-
-/// Time the boards get to introduce themselves, s.
-const HELLO_S: f64 = 5.0;
 
 /// What is to be driven where.
 pub struct Drive<'a> {
@@ -174,6 +173,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     let mut given_s = None;
     let mut last: Option<PressureCommand> = None;
     let mut broken = None;
+    let mut link = LinkStatus::default();
     let mut unfit = None;
     let mut start_up = Start::new(d.reset);
     let mut first = true;
@@ -207,6 +207,9 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             out.safe.get_or_insert(reason.clone());
         }
         out.frames = [snapshot.link.frames, snapshot.link.frames_lost];
+        if given_s.is_none() {
+            link.clone_from(&snapshot.link);
+        }
         out.simulated = snapshot.link.simulated;
         out.plant_gains = snapshot.plant_gains;
         if let Some(command) = &snapshot.command {
@@ -249,11 +252,13 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     if let Some(what) = broken {
         anyhow::bail!("a limit was broken: {what}");
     }
-    anyhow::ensure!(
-        !out.rows.is_empty(),
-        "no data from the boards on {} within {HELLO_S} s: check the cable, the boards' power and the firmware",
-        d.rig
-    );
+    if out.rows.is_empty() {
+        check_link(&link, d.rig)?;
+        anyhow::bail!(
+            "the boards on {} did not get ready within {HELLO_S} s: check their cables and power",
+            d.rig
+        );
+    }
     Ok(out)
 }
 

@@ -95,6 +95,7 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
         },
         link: LinkStatus {
             connected: true,
+            refusal: None,
             source: "virtual rig".into(),
             simulated: true,
             frames: n as u64 + 1,

@@ -135,6 +135,9 @@ impl Twin {
                 "SAFE ({reason}): remove the cause, then press Reset."
             ));
         }
+        if let Some(refusal) = &self.link.refusal {
+            return Some(refusal.clone());
+        }
         if self
             .raw
             .as_ref()
