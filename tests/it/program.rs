@@ -685,3 +685,105 @@ fn ports_are_listed() {
     assert!(report["ports"].is_array());
     assert_eq!(report["changes"].as_array().map(Vec::len), Some(0));
 }
+
+/// A motion that robot and motion capture both saw, from the export to poses in the robot's base: world,
+/// object and clock are found, and the second import puts the poses where they were.
+#[test]
+fn motion_capture_is_imported_registered_and_put_into_the_base() {
+    use springtwin::recording::{read_rrd, read_session};
+    use springtwin::signal::pose_from_ypr;
+
+    let dir = scratch("mocap-story");
+    let file = |name: &str| dir.join(name).display().to_string();
+    let rrd = file("motion.rrd");
+    json(&[
+        "follow", "--path", "circle", "--record", &rrd, "--seed", "4", "--json",
+    ]);
+    let recording = read_rrd(&dir.join("motion.rrd")).expect("reads");
+    let mut truth: Vec<(f64, springtwin::signal::Pose)> = Vec::new();
+    for t in recording
+        .trace
+        .snapshots
+        .iter()
+        .filter_map(|s| s.truth.as_ref())
+    {
+        let t_s = t.stamp.seconds();
+        if truth.last().is_none_or(|last| t_s > last.0) {
+            truth.push((t_s, t.base_from_tip));
+        }
+    }
+    // As Vicon would export it: its world, its object, its clock, helical degrees, and six frames in a
+    // hundred hidden in a row.
+    let base_from_world = pose_from_ypr([1.1, -0.7, 0.4], [2.0, 0.3, -0.2]);
+    let tip_from_object = pose_from_ypr([0.01, 0.02, -0.03], [0.5, -0.1, 3.0]);
+    let first_s = truth[0].0;
+    let mut csv = String::from(
+        "Segments\n100\n,,pad:pad,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n,,deg,deg,deg,mm,mm,mm\n",
+    );
+    for (t_s, base_from_tip) in &truth {
+        let frame = 1 + ((t_s - first_s) * 100.0).round() as i64;
+        let p = base_from_world.inverse() * base_from_tip * tip_from_object;
+        if frame % 500 < 30 {
+            csv += &format!("{frame},0,,,,,,\n");
+            continue;
+        }
+        let r = p.rotation.scaled_axis().map(f64::to_degrees);
+        let t = p.translation.vector * 1e3;
+        csv += &format!(
+            "{frame},0,{:.5},{:.5},{:.5},{:.4},{:.4},{:.4}\n",
+            r.x, r.y, r.z, t.x, t.y, t.z
+        );
+    }
+    let export = file("trial.csv");
+    std::fs::write(&export, csv).expect("writes");
+    let seen = json(&["import", &export, "--out", &file("mocap"), "--json"]);
+    assert_eq!(
+        (seen["format"].as_str(), seen["rotation"].as_str()),
+        (Some("vicon-segments"), Some("helical"))
+    );
+    assert!(seen["gaps"].as_u64().expect("gaps") > 30);
+    let found = json(&[
+        "calibrate",
+        "mocap",
+        &rrd,
+        &file("mocap"),
+        "--out",
+        &file("registration.toml"),
+        "--json",
+    ]);
+    println!("{found}");
+    let number = |path: &str| found.pointer(path).and_then(Value::as_f64).expect(path);
+    // Motion capture's clock starts with its first frame; the springs lag behind the pads by 15 ms, and
+    // the estimate a little more: that is part of the offset.
+    let lag_ms = number("/offset_ms") - first_s * 1e3;
+    assert!((10.0..40.0).contains(&lag_ms), "{lag_ms}");
+    assert!(number("/poses") >= 10.0);
+    assert!(number("/loo/pos_mm_rms") < 1.0 && number("/loo/rot_deg_rms") < 0.5);
+    json(&[
+        "import",
+        &export,
+        "--out",
+        &file("placed"),
+        "--registration",
+        &file("registration.toml"),
+        "--json",
+    ]);
+    let placed = read_session(&dir.join("placed")).expect("reads");
+    let mut worst_m: f64 = 0.0;
+    let mut hidden = 0;
+    for ((t_s, truth), (placed_s, pose)) in truth.iter().zip(placed.t_s.iter().zip(&placed.truth)) {
+        assert!((t_s - placed_s).abs() < 0.05, "{t_s} {placed_s}");
+        let Some(pose) = pose else {
+            hidden += 1;
+            continue;
+        };
+        worst_m = worst_m.max((pose.translation.vector - truth.translation.vector).norm());
+    }
+    println!(
+        "placed within {:.2} mm, {hidden} frames hidden",
+        worst_m * 1e3
+    );
+    // The robot's own estimate is the yardstick: what it errs by alike everywhere comes along.
+    assert!(worst_m < 2e-3, "{worst_m}");
+    assert!(hidden > 30);
+}
