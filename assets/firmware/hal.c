@@ -85,6 +85,7 @@ bool hal_receive(host_frame_t *frame)
 }
 
 #define OUTBOX 512 /* a power of two */
+#define BYTE_TICKS 44 /* 11 bits at 500 kbaud */
 static uint8_t outbox[OUTBOX];
 static volatile uint16_t out_head, out_tail;
 
@@ -115,6 +116,16 @@ bool hal_send(const uint8_t *bytes, size_t n)
         UCSR0B |= _BV(UDRIE0);
     }
     return true;
+}
+
+uint32_t hal_send_ticks(void)
+{
+    uint32_t t;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        t = ticks() + (uint32_t)((out_head - out_tail) & (OUTBOX - 1)) * BYTE_TICKS;
+    }
+    return t;
 }
 
 static void serial_init(void)
@@ -213,7 +224,9 @@ static void counters_init(void)
 /* ---- IMUs: two MPU-6050 on the two-wire bus, 400 kHz ---------------------------------------- */
 
 #define IMU_ADDRESS 0x68
-#define TWI_PATIENCE (3 * TICKS_PER_MS / 2)
+#define IMU_PATIENCE (3 * TICKS_PER_MS)
+
+static uint32_t twi_deadline;
 
 static struct {
     uint8_t address;
@@ -279,10 +292,9 @@ static bool twi_exchange(uint8_t address, const uint8_t *out, uint8_t out_n, uin
     twi.in = in;
     twi.in_n = in_n;
     twi.state = TWI_RUNNING;
-    uint32_t start = hal_ticks();
     TWCR = _BV(TWINT) | _BV(TWEN) | _BV(TWIE) | _BV(TWSTA);
     while (twi.state == TWI_RUNNING) {
-        if (hal_ticks() - start > TWI_PATIENCE) {
+        if ((int32_t)(hal_ticks() - twi_deadline) > 0) {
             TWCR = 0; /* a stuck bus: let go of it */
             return false;
         }
@@ -301,6 +313,7 @@ bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3])
 {
     static bool awake[IMUS_EACH];
     const uint8_t address = IMU_ADDRESS + which;
+    twi_deadline = hal_ticks() + IMU_PATIENCE;
     if (!awake[which]) {
         /* out of sleep; +-500 deg/s; +-4 g; low pass 94 Hz */
         awake[which] = imu_register(address, 0x6b, 0x01) && imu_register(address, 0x1b, 0x08) &&

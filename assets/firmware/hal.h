@@ -43,6 +43,9 @@ uint32_t hal_ticks(void);
 /* Takes the oldest frame from the host, if there is one. */
 bool hal_receive(host_frame_t *frame);
 
+/* When a frame queued now begins to go out: behind what waits already, 22 us a byte. */
+uint32_t hal_send_ticks(void);
+
 /* Queues bytes for the host, all or none. */
 bool hal_send(const uint8_t *bytes, size_t n);
 
@@ -52,7 +55,7 @@ bool hal_gauges(uint16_t code[CHAMBERS_EACH], bool valid[CHAMBERS_EACH]);
 /* Latches and reads the six reciprocal counters; a counter without a signal reads zeros. */
 void hal_counters(counter_t counter[SPRINGS_EACH]);
 
-/* Reads an IMU; false if it does not answer. At most 6 ms, usually 0.5 ms. */
+/* Reads an IMU; false if it does not answer. At most 3 ms, usually 0.5 ms. */
 bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3]);
 
 /* Drives the regulators to these pressures (codes), or with NULL cuts them off. */

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -128,12 +128,15 @@ fn calibration(robot: &RobotSpec) -> Check {
 }
 
 fn ports() -> Check {
-    let found = springtwin::link::ports::list();
-    let says = if found.is_empty() {
-        "no serial port: connect the boards, or use the virtual rig".to_owned()
-    } else {
-        let names: Vec<&str> = found.iter().map(|p| p.name.as_str()).collect();
-        names.join(", ")
+    let says = match springtwin::link::ports::list() {
+        Err(e) => format!("the system does not list its serial ports: {e}"),
+        Ok(found) if found.is_empty() => {
+            "no serial port: connect the boards, or use the virtual rig".to_owned()
+        }
+        Ok(found) => {
+            let names: Vec<&str> = found.iter().map(|p| p.name.as_str()).collect();
+            names.join(", ")
+        }
     };
     // The virtual rig needs none.
     Check {
@@ -235,6 +238,7 @@ pub struct PortsArgs {
 pub fn ports_command(a: &PortsArgs, quiet: bool) -> Result<Report> {
     let shown = |p: &PortInfo| format!("{}  {}", p.name, p.what).trim_end().to_owned();
     let object = |p: &PortInfo| json!({"name": p.name, "what": p.what});
+    springtwin::link::ports::list().context("the system does not list its serial ports")?;
     let mut watch = PortWatch::default();
     let first = watch.known().to_vec();
     let mut text: Vec<String> = first.iter().map(shown).collect();

@@ -18,7 +18,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
 
-use super::{Report, args};
+use super::{Report, args, hex};
 pub use generator::{CaseArgs, run as rig_case};
 use springtwin::gap::score::{Key, Said, Scored, score};
 use springtwin::robot::RobotSpec;
@@ -246,10 +246,6 @@ fn write(path: &Path, text: &str) -> Result<()> {
     std::fs::write(&part, text)
         .and_then(|()| std::fs::rename(&part, path))
         .with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 fn file_hash(path: &Path) -> Result<String> {

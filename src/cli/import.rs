@@ -40,9 +40,12 @@ pub struct ImportArgs {
     /// Take the rigid body of all markers of this subject
     #[arg(long, value_name = "S")]
     subject: Option<String>,
-    /// Put the poses into the robot's base and onto its clock by this file of `calibrate mocap`
+    /// Put the poses into the robot's base by this file of `calibrate mocap`
     #[arg(long, value_name = "F.toml")]
     registration: Option<PathBuf>,
+    /// This is the very take that was registered: put it onto the clock of the robot's recording, too
+    #[arg(long, requires = "registration")]
+    robot_clock: bool,
     /// How a Vicon Tracker file writes three angles, where it does not say
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
@@ -75,23 +78,50 @@ pub fn run(a: &ImportArgs) -> Result<Report> {
     let file = read_mocap(&a.file, a.rotation.map(MocapRotation::from))?;
     let chosen = choose(&file, a)?;
     let mut log = session(&file, chosen.object(), &a.out)?;
-    let mut world = WORLD.to_owned();
-    if let Some(path) = &a.registration {
-        let registration = Registration::from_toml(&read_text(path)?)
-            .with_context(|| path.display().to_string())?;
-        for pose in log.truth.iter_mut().flatten() {
-            *pose = registration.ground_truth_pose(pose);
-        }
+    let world = match &a.registration {
+        None => WORLD.to_owned(),
+        Some(path) => place(&mut log, &chosen, path, a.robot_clock)?,
+    };
+    write_new(&a.out, &log)?;
+    Ok(report(&file, &chosen, &log, &world, &a.out))
+}
+
+/// Puts the poses into the robot's base, and on request onto its clock; says so.
+fn place(log: &mut SessionLog, chosen: &Chosen<'_>, path: &Path, clock: bool) -> Result<String> {
+    let Chosen::Object(object) = chosen else {
+        anyhow::bail!(
+            "a body of markers has axes of its own in every file, and {} speaks of an object's: define the object \
+             in the motion-capture program, or register this very session with springtwin calibrate mocap",
+            path.display()
+        );
+    };
+    let registration =
+        Registration::from_toml(&read_text(path)?).with_context(|| path.display().to_string())?;
+    anyhow::ensure!(
+        registration.object == object.name,
+        "{} was made for the object '{}', not for '{}': calibrate with --object '{}'",
+        path.display(),
+        registration.object,
+        object.name,
+        object.name
+    );
+    for pose in log.truth.iter_mut().flatten() {
+        *pose = registration.ground_truth_pose(pose);
+    }
+    if clock {
         for t_s in &mut log.t_s {
             *t_s = registration.robot_time_s(*t_s);
         }
-        world = format!(
-            "poses are of the end pad in the robot's base, on the robot's clock, by {}",
-            path.display()
-        );
     }
-    write_new(&a.out, &log)?;
-    Ok(report(&file, &chosen, &log, &world, &a.out))
+    Ok(format!(
+        "poses are of the end pad in the robot's base, by {}; time is {}",
+        path.display(),
+        if clock {
+            "that of the robot's recording"
+        } else {
+            "counted from the first frame"
+        }
+    ))
 }
 
 /// The pose that was asked for.
@@ -203,7 +233,7 @@ fn session(file: &MocapFile, object: &MocapObject, out: &Path) -> Result<Session
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned(),
-        rate_hz: file.rate_hz / usual_step(&file.frames),
+        rate_hz: file.rate_hz / file.usual_step() as f64,
         payload_kg: 0.0,
         t_s: file.t_s.clone(),
         chamber_pa: vec![[f64::NAN; CHAMBERS]; n],
@@ -220,18 +250,6 @@ fn session(file: &MocapFile, object: &MocapObject, out: &Path) -> Result<Session
         hash: String::new(),
         robot: String::new(),
     })
-}
-
-/// Frames from one line to the next, most of the time: an export may hold every tenth only.
-fn usual_step(frames: &[i64]) -> f64 {
-    let mut steps: Vec<i64> = frames.windows(2).map(|w| w[1] - w[0]).collect();
-    steps.sort_unstable();
-    let middle = |upper: usize| steps.get((steps.len().saturating_sub(1) + upper) / 2);
-    let (Some(low), Some(high)) = (middle(0), middle(1)) else {
-        return 1.0;
-    };
-    // Of a few frames far apart the longer step is the one that the time column shows when it is read.
-    (if *high > 4 * *low { *high } else { *low }) as f64
 }
 
 /// Writes a session into a folder that is whole or not there.
@@ -358,6 +376,7 @@ mod tests {
                 markers: None,
                 subject: None,
                 registration: None,
+                robot_clock: false,
                 rotation: None,
             }
         }
@@ -468,13 +487,5 @@ mod tests {
             assert!(e.contains(said), "{e}");
             assert_eq!(s.names(), ["capture.csv"]);
         }
-    }
-
-    #[test]
-    fn every_tenth_frame_is_a_lower_rate() {
-        assert_eq!(usual_step(&[1]), 1.0);
-        assert_eq!(usual_step(&[1, 11, 21, 41]), 10.0);
-        assert_eq!(usual_step(&[11, 12, 15]), 1.0);
-        assert_eq!(usual_step(&[11, 12, 150]), 138.0);
     }
 }

@@ -89,7 +89,7 @@ pub struct RigArgs {
     #[arg(long, value_name = "1|2", default_value = "1", value_parser = clap::value_parser!(u8).range(1..=2))]
     lines: u8,
     /// Let the boards run the real firmware in a simulator, a line for each: the folder that
-    /// `make -C assets/firmware OUT=DIR` made
+    /// `make -C assets/firmware OUT="$PWD/DIR"` made
     #[arg(long, value_name = "DIR")]
     firmware: Option<PathBuf>,
     /// Mass in the gripper, kg
@@ -244,10 +244,11 @@ fn clock_lines(link: &LinkStatus) -> String {
         .filter_map(|(b, clock)| {
             let c = (*clock)?;
             Some(format!(
-                "\nclock of board {}: {:.3} s behind ours, {:+.0} ppm, pings within {:.3} ms",
+                "\nclock of board {}: {:.3} s less than ours, runs {:.0} ppm {}, pings within {:.3} ms",
                 b + 1,
                 c.offset_s,
-                c.skew_ratio * 1e6,
+                c.skew_ratio.abs() * 1e6,
+                if c.skew_ratio > 0.0 { "slow" } else { "fast" },
                 c.residual_s * 1e3
             ))
         })
@@ -368,14 +369,15 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                     commands.push(Command::StartRecording(path.clone()));
                 }
             }
-            if let Some(goal) = &goal
-                && !asked
-            {
+            // To watch boards that are SAFE is allowed.
+            if !asked && (goal.is_some() || a.reset) {
                 match start_up.ready(snapshot, commands) {
                     Ok(false) => {}
                     Ok(true) => {
                         asked = true;
-                        commands.extend([Command::Arm, Command::Goto(goal.clone())]);
+                        if let Some(goal) = &goal {
+                            commands.extend([Command::Arm, Command::Goto(goal.clone())]);
+                        }
                     }
                     Err(why) => tally.refused = Some(why),
                 }
@@ -403,7 +405,9 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     }
     if let Some(snapshot) = &tally.last {
         check_link(&snapshot.link, &a.rig)?;
-        if let Mode::Safe(reason) = &snapshot.mode {
+        if let Mode::Safe(reason) = &snapshot.mode
+            && goal.is_some()
+        {
             anyhow::bail!("the arm went SAFE: {reason}");
         }
     }
@@ -425,6 +429,11 @@ pub struct RecordArgs {
     /// Steer the tip there meanwhile, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
     target: Option<[f64; 3]>,
+    /// Let boards that are SAFE from before leave it; remove the cause first
+    #[arg(long)]
+    reset: bool,
+    #[command(flatten)]
+    mocap: MocapSource,
 }
 
 /// `record`.
@@ -438,8 +447,8 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         payload: 0.0,
         seed: 1,
         controller: Kind::Ours,
-        reset: false,
-        mocap: MocapSource::default(),
+        reset: a.reset,
+        mocap: a.mocap.clone(),
     };
     run(&run_args, robot_file, robot)
 }

@@ -67,7 +67,7 @@ enum Command {
     Study(study::StudyArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
     Estimate(data::EstimateArgs),
-    /// Register motion capture on the robot
+    /// Calibrate springs and IMUs, register motion capture
     #[command(subcommand)]
     Calibrate(calibrate::CalibrateCommand),
     /// Run the twin on a rig
@@ -302,4 +302,9 @@ fn robot_of(text: &str) -> Result<RobotSpec> {
 /// Reads a text file; a refusal names it.
 pub fn read_text(path: &Path) -> Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// Bytes in hexadecimal.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -39,6 +39,10 @@ pub struct MocapSource {
 }
 
 impl MocapSource {
+    fn is_default(&self) -> bool {
+        self.listen.is_none() && self.from.is_empty() && self.registration.is_none()
+    }
+
     fn registration(&self) -> Result<Option<Registration>> {
         let read = |path: &PathBuf| {
             let text = super::read_text(path)?;
@@ -75,6 +79,11 @@ pub fn open(
     start: Instant,
     mocap: &MocapSource,
 ) -> Result<Box<dyn Port>> {
+    anyhow::ensure!(
+        !matches!(rig, "sim" | "pty") || mocap.is_default(),
+        "the virtual rig brings its own motion capture: --mocap-listen, --mocap-from and --registration go with \
+         --rig PORT"
+    );
     Ok(match rig {
         "pty" if cfg!(unix) => Box::new(SerialRig::spawn(options, robot_file, robot, start)?),
         "sim" | "pty" => Box::new(InProcess::new(robot, options, board_config(robot))?),

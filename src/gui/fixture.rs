@@ -126,6 +126,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             refusal: None,
             source: "virtual rig".into(),
             simulated: true,
+            practice: false,
             frames: (t_s * 100.0) as u64,
             frames_lost: 3,
             age_s: 0.012,

@@ -1,7 +1,7 @@
 //! A board's clock on the session's time base.
 //!
-//! Every 0.98 s the host sends a PING and notes when; the board notes its clock when the PING is
-//! complete, and again when it answers. Without the time that the board took, half the round trip
+//! About every 0.98 s the host sends a PING and notes when; the board notes its clock when the PING is
+//! complete, and when its answer goes out. Without the time that the board took, half the round trip
 //! after sending the host's clock showed what the board noted first, give or take that half. The
 //! pairs are fitted by a line with exponentially aged weights,
 //!
@@ -21,8 +21,9 @@ use std::collections::VecDeque;
 
 use crate::signal::{ClockFit, Stamp};
 
-/// Time between two pings once the fit has settled, s.
-const PING_PERIOD_S: f64 = 0.98;
+/// Time between two pings once the fit has settled, s. Not a multiple of the samples' period: pings
+/// that always met a sample on the line would all be late alike.
+const PING_PERIOD_S: f64 = 0.983;
 /// Time between pings while the fit is young, s.
 const FIRST_PERIOD_S: f64 = 0.103;
 /// Time to the next ping after a rejected or lost one, s.

@@ -117,7 +117,7 @@ impl LinkEvent {
                 )
             }
             Self::BoardBack { board } => format!(
-                "Board {} is back and has not restarted: arm again to go on.",
+                "Board {} is back and has not restarted: press Reset if it is SAFE, then arm.",
                 board + 1
             ),
             Self::BoardSilent { board } => {
@@ -144,7 +144,9 @@ impl LinkEvent {
                 format!("The link is gone ({reason}): check the cable; trying again.")
             }
             Self::Ports(change) => change.text(),
-            Self::Reconnected => "The port is back: arm again to go on.".into(),
+            Self::Reconnected => {
+                "The port is back: press Reset if the boards are SAFE, then arm.".into()
+            }
         }
     }
 }

@@ -56,6 +56,8 @@ pub struct Peer {
     /// When anything sound was last heard.
     pub(super) heard: Option<Stamp>,
     pub(super) silent: bool,
+    /// Whether its arm is a simulated one, as its last HELLO says.
+    pub(super) simulated: bool,
     pub(super) next_config: Option<Stamp>,
     board: usize,
     config_answers: u32,
@@ -102,6 +104,7 @@ impl Peer {
             counters: Counters::default(),
             heard: None,
             silent: false,
+            simulated: false,
             next_config: None,
             board,
             config_answers: 0,

@@ -1,6 +1,6 @@
 //! The serial ports that the system knows, as they come and go.
 
-use serialport::SerialPortType;
+use serialport::{SerialPortInfo, SerialPortType};
 
 use crate::signal::Stamp;
 
@@ -40,8 +40,14 @@ impl PortChange {
 }
 
 /// The ports there are now, in order of name.
-pub fn list() -> Vec<PortInfo> {
-    let found = serialport::available_ports().unwrap_or_default();
+///
+/// # Errors
+/// What the system says when it does not tell.
+pub fn list() -> Result<Vec<PortInfo>, serialport::Error> {
+    Ok(described(serialport::available_ports()?))
+}
+
+fn described(found: Vec<SerialPortInfo>) -> Vec<PortInfo> {
     let mut ports: Vec<PortInfo> = found
         .into_iter()
         .map(|p| PortInfo {
@@ -64,25 +70,28 @@ pub fn list() -> Vec<PortInfo> {
     ports
 }
 
+/// How the list is got; `None` when the system does not tell.
+pub type Look = Box<dyn FnMut() -> Option<Vec<PortInfo>> + Send>;
+
 /// Watches the list; looks at most once a second.
 pub struct PortWatch {
-    list: Box<dyn FnMut() -> Vec<PortInfo> + Send>,
+    look: Look,
     known: Vec<PortInfo>,
     next: Stamp,
 }
 
 impl Default for PortWatch {
     fn default() -> Self {
-        Self::new(Box::new(list))
+        Self::new(Box::new(|| list().ok()))
     }
 }
 
 impl PortWatch {
-    /// Watches what `list` gives; what it gives now is known.
-    pub fn new(mut list: Box<dyn FnMut() -> Vec<PortInfo> + Send>) -> Self {
+    /// Watches what `look` gives; what it gives now is known.
+    pub fn new(mut look: Look) -> Self {
         Self {
-            known: list(),
-            list,
+            known: look().unwrap_or_default(),
+            look,
             next: Stamp::ZERO,
         }
     }
@@ -98,7 +107,10 @@ impl PortWatch {
             return Vec::new();
         }
         self.next = now.plus(PERIOD_S);
-        let fresh = (self.list)();
+        // A look that failed says nothing of the ports.
+        let Some(fresh) = (self.look)() else {
+            return Vec::new();
+        };
         let missing = |from: &[PortInfo], p: &&PortInfo| !from.contains(p);
         let gone = self.known.iter().filter(|p| missing(&fresh, p));
         let come = fresh.iter().filter(|p| missing(&self.known, p));
@@ -128,11 +140,12 @@ mod tests {
         let b = port("/dev/ttyACM1", "");
         let other = port("/dev/ttyACM0", "Arduino Mega 2560 2");
         let mut looks = vec![
-            vec![a.clone()],
-            vec![a.clone()],
-            vec![a.clone(), b.clone()],
-            vec![b.clone()],
-            vec![other.clone(), b.clone()],
+            Some(vec![a.clone()]),
+            Some(vec![a.clone()]),
+            Some(vec![a.clone(), b.clone()]),
+            None,
+            Some(vec![b.clone()]),
+            Some(vec![other.clone(), b.clone()]),
         ]
         .into_iter();
         let mut watch = PortWatch::new(Box::new(move || looks.next().expect("few looks")));
@@ -140,8 +153,9 @@ mod tests {
         assert_eq!(at(0.0), []);
         assert_eq!(at(0.5), [], "not yet time");
         assert_eq!(at(1.0), [PortChange::Appeared(b)]);
-        assert_eq!(at(2.0), [PortChange::Gone(a)]);
-        let back = at(3.0);
+        assert_eq!(at(2.0), [], "the look failed");
+        assert_eq!(at(3.0), [PortChange::Gone(a)]);
+        let back = at(4.0);
         assert_eq!(back, [PortChange::Appeared(other)]);
         assert_eq!(
             back[0].text(),
@@ -149,10 +163,37 @@ mod tests {
         );
     }
 
-    /// Whatever this computer has: the list is in order and without doubles.
     #[test]
-    fn the_list_of_this_computer_is_sorted() {
-        let ports = list();
-        assert!(ports.windows(2).all(|w| w[0] < w[1]), "{ports:?}");
+    fn ports_are_told_by_what_is_behind_them() {
+        let usb = |product: Option<&str>| {
+            SerialPortType::UsbPort(serialport::UsbPortInfo {
+                vid: 0x2341,
+                pid: 0x42,
+                serial_number: product.map(|_| "7573".to_owned()),
+                manufacturer: None,
+                product: product.map(str::to_owned),
+                #[cfg(not(unix))]
+                interface: None,
+            })
+        };
+        let found = |name: &str, port_type| SerialPortInfo {
+            port_name: name.into(),
+            port_type,
+        };
+        let ports = described(vec![
+            found("/dev/ttyUSB1", usb(None)),
+            found("/dev/ttyACM0", usb(Some("Mega 2560"))),
+            found("/dev/ttyS0", SerialPortType::Unknown),
+        ]);
+        let told: Vec<_> = ports
+            .iter()
+            .map(|p| (p.name.as_str(), p.what.as_str()))
+            .collect();
+        let wanted = [
+            ("/dev/ttyACM0", "Mega 2560 7573"),
+            ("/dev/ttyS0", ""),
+            ("/dev/ttyUSB1", "USB 2341:0042"),
+        ];
+        assert_eq!(told, wanted);
     }
 }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serialport::{ClearBuffer, SerialPort};
 
@@ -134,10 +134,13 @@ pub fn open(
         dropped: Arc::default(),
         thread: None,
     };
+    let mut session = HostSession::new(names, origin, config);
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+    session.reset_salt = since_1970.map_or(0, |d| d.as_millis() as u32);
     let worker = Worker {
         names: ports,
         ports: opened,
-        session: HostSession::new(names, origin, config),
+        session,
         start,
         to_caller,
         from_caller,

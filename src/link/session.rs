@@ -63,7 +63,7 @@ const MAX_EVENTS: usize = 256;
 #[derive(Clone, Debug)]
 pub struct HostSession {
     source: String,
-    simulated: bool,
+    origin: Origin,
     open: bool,
     config: Config,
     decoders: [Decoder; MAX_PORTS],
@@ -75,6 +75,9 @@ pub struct HostSession {
     interrupted: bool,
     estop: bool,
     reset: Option<(u32, Stamp)>,
+    /// Added to the ids of resets: boards outlive a session and do not take an id twice. Whoever opens
+    /// real ports sets it to something that no earlier session had.
+    pub reset_salt: u32,
     next_heartbeat: Option<Stamp>,
     next_setpoint: Option<Stamp>,
     next_estop: Option<Stamp>,
@@ -97,12 +100,12 @@ pub enum Origin {
 }
 
 impl HostSession {
-    /// A session with open ports and unknown boards. `source` is shown to the operator. A board that
-    /// says that its arm is simulated overrules `origin`.
+    /// A session with open ports and unknown boards. `source` is shown to the operator. A board
+    /// that says that its arm is simulated makes the data simulated, whatever `origin` says.
     pub fn new(source: &str, origin: Origin, config: Config) -> Self {
         Self {
             source: source.into(),
-            simulated: origin == Origin::Simulated,
+            origin,
             open: true,
             config,
             decoders: Default::default(),
@@ -114,6 +117,7 @@ impl HostSession {
             interrupted: false,
             estop: false,
             reset: None,
+            reset_salt: 0,
             next_heartbeat: None,
             next_setpoint: None,
             next_estop: None,
@@ -162,6 +166,7 @@ impl HostSession {
         if !self.open {
             return out;
         }
+        self.send_ping(&mut out);
         if self.estop && due(&mut self.next_estop, self.now, REPEAT_PERIOD_S) {
             self.send(&mut out, ALL_BOARDS, Body::Estop);
         }
@@ -176,32 +181,35 @@ impl HostSession {
             self.send(&mut out, ALL_BOARDS, Body::Heartbeat);
         }
         for board in 0..BOARDS {
-            self.poll_board(&mut out, board);
+            self.send_config(&mut out, board);
         }
         self.send_setpoint(&mut out);
         out
     }
 
-    fn poll_board(&mut self, out: &mut Vec<u8>, board: usize) {
+    /// One ping at a time, and ahead of everything else: what goes before it on the line delays it.
+    fn send_ping(&mut self, out: &mut Vec<u8>) {
         let now = self.now;
+        let mut peers = self.peers.iter_mut().enumerate();
+        let due = peers.find_map(|(board, peer)| {
+            let listens = peer.understood() && !peer.silent;
+            let id = listens.then(|| peer.clock.ping_due(now)).flatten()?;
+            Some((board, id))
+        });
+        if let Some((board, id)) = due {
+            self.send(out, board as u8, Body::Ping { id });
+        }
+    }
+
+    fn send_config(&mut self, out: &mut Vec<u8>, board: usize) {
         let peer = &mut self.peers[board];
-        let address = board as u8;
         let period_s = if peer.refusal.is_some() {
             REFUSED_PERIOD_S
         } else {
             CONFIG_PERIOD_S
         };
-        let wants_config = !peer.ready() && due(&mut peer.next_config, now, period_s);
-        let ping = if peer.understood() && !peer.silent {
-            peer.clock.ping_due(now)
-        } else {
-            None
-        };
-        if wants_config {
-            self.send(out, address, Body::Config(self.config));
-        }
-        if let Some(id) = ping {
-            self.send(out, address, Body::Ping { id });
+        if !peer.ready() && due(&mut peer.next_config, self.now, period_s) {
+            self.send(out, board as u8, Body::Config(self.config));
         }
     }
 
@@ -277,9 +285,8 @@ impl HostSession {
     pub fn reset(&mut self) {
         self.clear_command();
         self.estop = false;
-        // Differs from every earlier press in this session and, but for a chance of one in four
-        // thousand million, from those of earlier sessions.
-        let mut id = (self.now.0 / 1000) as u32;
+        // Differs from every earlier press in this session; the salt is there for earlier sessions.
+        let mut id = ((self.now.0 / 1000) as u32).wrapping_add(self.reset_salt);
         if self.reset.is_some_and(|(last, _)| last == id) {
             id = id.wrapping_add(1);
         }
@@ -328,7 +335,8 @@ impl HostSession {
             connected: self.connected(),
             refusal: self.refusal().map(ToString::to_string),
             source: self.source.clone(),
-            simulated: self.simulated,
+            simulated: self.origin == Origin::Simulated || self.peers.iter().any(|p| p.simulated),
+            practice: self.origin == Origin::Simulated,
             frames: self.frames_made,
             frames_lost: self.counters().lost,
             age_s: self
@@ -444,8 +452,8 @@ impl HostSession {
                     self.event(LinkEvent::BoardRebooted { board });
                 }
             }
-            self.simulated |= packet.flags & flag::SIMULATED != 0;
             let peer = &mut self.peers[board];
+            peer.simulated = packet.flags & flag::SIMULATED != 0;
             peer.silent = false;
             peer.in_order(now, packet.seq);
             if hello.config_crc == 0 {

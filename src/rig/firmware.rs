@@ -25,12 +25,17 @@ const PA_PER_DUTY: f64 = 12.5;
 
 /// Why the firmware does not run.
 #[derive(Debug, thiserror::Error)]
-#[error("the firmware under {folder} does not start: {source}. Build it with `make -C assets/firmware OUT={folder}`.", folder = .folder.display())]
+#[error("the firmware under {folder} does not start: {source}. Build it with `make -C assets/firmware OUT={whole}`.", folder = .folder.display(), whole = whole(.folder).display())]
 pub struct FirmwareError {
     /// Where `board.elf` and `simhost` should be.
     folder: PathBuf,
     /// What the system said.
     source: io::Error,
+}
+
+/// `make -C` would take a relative folder for one of its own.
+fn whole(folder: &Path) -> PathBuf {
+    std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned())
 }
 
 /// The state of the board's pins after a step.
@@ -108,7 +113,11 @@ impl FirmwareBoard {
         if self.dead || cycles == 0 {
             return Vec::new();
         }
-        self.asked = until;
+        // What a cycle is short of goes over into the next step; what a pause is too long for does not.
+        self.asked = match cycles {
+            MAX_CYCLES => until,
+            _ => self.asked + cycles as f64,
+        };
         let line = std::mem::take(&mut self.line);
         let answer = self
             .request(&step_request(cycles as u32, &line, readings))

@@ -18,7 +18,8 @@ pub use frame::{
     BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD,
 };
 pub use pose::{
-    Aim, Goal, Matrix6, Pose, Vector6, Via, pose_error, pose_from_ypr, ypr_from_rotation,
+    Aim, Goal, Matrix6, Pose, Vector6, Via, nearest_rotation, pose_error, pose_from_ypr,
+    ypr_from_rotation,
 };
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{

@@ -1,5 +1,6 @@
 use nalgebra::{
-    Isometry3, Rotation3, SMatrix, SVector, Translation3, Unit, UnitQuaternion, Vector3,
+    Isometry3, Matrix3, Rotation3, SMatrix, SVD, SVector, Translation3, Unit, UnitQuaternion,
+    Vector3,
 };
 
 /// A rigid transform (rotation and translation in m), named `a_from_b` where it is used.
@@ -101,6 +102,21 @@ pub struct Via {
     pub position_m: [f64; 3],
     /// How that point moves, m/s.
     pub velocity_m_s: [f64; 3],
+}
+
+/// Rounds after which a singular value decomposition is given up.
+const SVD_ROUNDS: usize = 200;
+
+/// The rotation nearest to a matrix in the Frobenius norm; `None` for one that has no decomposition.
+pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
+    let svd = SVD::try_new(*m, true, true, f64::EPSILON, SVD_ROUNDS)?;
+    let (u, v_t) = svd.u.zip(svd.v_t)?;
+    let sign = (u * v_t).determinant().signum();
+    // Singular values come in falling order: the sign belongs to the last.
+    let r = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t;
+    Some(UnitQuaternion::from_rotation_matrix(
+        &Rotation3::from_matrix_unchecked(r),
+    ))
 }
 
 #[cfg(test)]

@@ -71,6 +71,8 @@ pub struct LinkStatus {
     pub source: String,
     /// Whether the source is simulated.
     pub simulated: bool,
+    /// Whether the program opened it as a simulation: then there is nothing to arm for.
+    pub practice: bool,
     /// Frames received.
     pub frames: u64,
     /// Frames lost (sequence gaps, bad checksums).

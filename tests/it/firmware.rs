@@ -25,6 +25,8 @@ use crate::conformance::firmware_folder;
 use crate::program::json;
 
 const LINE_STEP_S: f64 = 0.001;
+/// How much too fast the rig's boards run, s/s.
+const RIG_SKEWS: [f64; BOARDS] = [38e-6, -21e-6];
 
 /// Where a variant of the firmware is; the empty one is the firmware as it is.
 fn folder_of(variant: &str) -> PathBuf {
@@ -40,6 +42,7 @@ struct Bench {
     rig: VirtualRig,
     host: HostSession,
     steps: u64,
+    step_s: f64,
     to_rig: Vec<u8>,
     events: Vec<LinkEvent>,
 }
@@ -53,16 +56,17 @@ impl Bench {
             rig,
             host: HostSession::new("firmware", Origin::Hardware, Config::built_in()),
             steps: 0,
+            step_s: LINE_STEP_S,
             to_rig: Vec::new(),
             events: Vec::new(),
         }
     }
 
     fn t_s(&self) -> f64 {
-        self.steps as f64 * LINE_STEP_S
+        self.steps as f64 * self.step_s
     }
 
-    /// A millisecond; `host_runs` says whether the host does.
+    /// One step; `host_runs` says whether the host does.
     fn step(&mut self, host_runs: bool) {
         self.steps += 1;
         let now = Stamp::from_seconds(self.t_s());
@@ -120,6 +124,37 @@ fn firmware_that_does_not_match_is_refused_and_named() {
         let told = |e: &&LinkEvent| matches!(e, LinkEvent::Refused(_));
         assert_eq!(b.events.iter().filter(told).count(), 2, "each board once");
     }
+}
+
+/// The chips' clocks run as they are told, and the host finds out how.
+#[test]
+fn the_clocks_of_the_firmware_are_fitted() {
+    let mut b = Bench::new(&firmware_folder());
+    // What a step is wide, the pings are uncertain by.
+    b.step_s = 0.25e-3;
+    while b.t_s() < 25.0 {
+        b.step(true);
+        while b.host.next_frame().is_some() {}
+    }
+    let status = b.host.status(Stamp::from_seconds(b.t_s()));
+    let mut starts_s = Vec::new();
+    for (skew, clock) in RIG_SKEWS.iter().zip(&status.board_clock) {
+        let clock = clock.expect("a fit");
+        println!("a clock {:+.0} ppm off: {clock:?}", skew * 1e6);
+        assert!(
+            (clock.skew_ratio + skew).abs() < 10e-6,
+            "{clock:?}, wanted {skew}"
+        );
+        assert!(clock.residual_s < 0.25e-3, "{clock:?}");
+        starts_s.push(clock.offset_s + skew * b.t_s());
+    }
+    // Both chips were switched on at 0 and take equally long to start their clocks.
+    println!("clocks started at {starts_s:?} s");
+    assert!(
+        starts_s.iter().all(|s| (0.0..1e-3).contains(s)),
+        "{starts_s:?}"
+    );
+    assert!((starts_s[0] - starts_s[1]).abs() < 0.2e-3, "{starts_s:?}");
 }
 
 /// The twin's port to such a bench; the test holds the other end of `world`.

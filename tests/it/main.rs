@@ -1,5 +1,6 @@
 //! Integration tests: one binary, one module per subject.
 
+mod calibrate;
 mod conformance;
 mod dataset;
 mod edges;

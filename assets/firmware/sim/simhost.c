@@ -196,18 +196,41 @@ static void world(void)
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
 }
 
-/* Sets what a reset forgets: the strap, the IMUs' sleep, the line. */
-static void power_up(void)
+static void (*core_reset)(avr_t *);
+static bool was_reset;
+
+/* A reset from within, by the watchdog. */
+static void on_reset(avr_t *a)
 {
+    if (core_reset)
+        core_reset(a);
+    was_reset = true;
+}
+
+/* Sets what any reset of the simulated chip forgets of the world around it: straps and line. */
+static void wire_up(void)
+{
+    /* The chip let go of its pins; simavr keeps their last levels and tells changes only. */
+    for (int pin = 0; pin < 2; pin++) {
+        avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), pin), 0);
+        avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('L'), pin), 0);
+    }
     /* Straps: which board, and that the arm is simulated. */
     avr_ioport_external_t straps = {.name = 'L', .mask = 3, .value = board_id == 0};
     avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('L'), &straps);
+    avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
+    was_reset = false;
+}
+
+/* Power has come: the IMUs sleep, the line is empty. */
+static void power_up(void)
+{
     for (int i = 0; i < 2; i++) {
         memset(imu[i].reg, 0, sizeof imu[i].reg);
         imu[i].reg[0x6b] = 0x40;
     }
     inbox_n = inbox_at = 0;
-    avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
+    wire_up();
 }
 
 /* The caller keeps the time: sleeping costs none. */
@@ -294,6 +317,8 @@ int main(int argc, char **argv)
     avr_load_firmware(avr, &firmware);
     avr->frequency = 16000000;
     avr->sleep = sleep_no_time;
+    core_reset = avr->reset;
+    avr->reset = on_reset;
     world();
     power_up();
 
@@ -312,6 +337,8 @@ int main(int argc, char **argv)
             until += cycles;
             while (runs && avr->cycle < until) {
                 const int state = avr_run(avr);
+                if (was_reset)
+                    wire_up();
                 runs = state != cpu_Done && state != cpu_Crashed;
             }
         } else {

@@ -8,7 +8,7 @@
 //! | type | u8 | which [`Body`] |
 //! | board | u8 | sender (up) or addressee (down; [`ALL_BOARDS`] for every board), 0-based |
 //! | seq | u16 | counts all frames of this sender, wraps |
-//! | t_ticks | u32 | sender's clock: sampling instant of a SAMPLE, else when it was put together; 0 downwards |
+//! | t_ticks | u32 | sender's clock: sampling instant of a SAMPLE, else when it goes out; 0 downwards |
 //! | flags | u16 | see [`flag`] |
 //! | payload | | fixed struct of the type, see [`SCHEMA`] |
 //! | CRC-32 | u32 | ISO-HDLC, over everything before it |

@@ -11,11 +11,11 @@
 //! S. Umeyama, IEEE PAMI 13, 376 (1991), doi 10.1109/34.88573). Fewer than three markers, or markers in a line, make a
 //! gap.
 
-use nalgebra::{Matrix3, Rotation3, SVD, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Translation3, Vector3};
 
 use super::super::RecordingError;
 use super::{MocapFile, MocapMarker, MocapObject, unsupported};
-use crate::signal::Pose;
+use crate::signal::{Pose, nearest_rotation};
 
 /// Markers that lie closer to a line than this (root mean square) do not settle a rotation, m.
 const WIDTH_MIN_M: f64 = 1e-3;
@@ -198,17 +198,13 @@ fn fit(shape: &[Vector3<f64>], seen: &[Option<Vector3<f64>>]) -> Option<Pose> {
         return None;
     }
     let (a_mean, b_mean) = (mean(&a), mean(&b));
+    // Σ b aᵀ
     let h: Matrix3<f64> = a
         .iter()
         .zip(&b)
-        .map(|(a, b)| (a - a_mean) * (b - b_mean).transpose())
+        .map(|(a, b)| (b - b_mean) * (a - a_mean).transpose())
         .sum();
-    let svd = SVD::new(h, true, true);
-    let (u, v) = (svd.u?, svd.v_t?.transpose());
-    let sign = (v * u.transpose()).determinant().signum();
-    // Singular values come in falling order: the sign belongs to the last.
-    let r = v * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * u.transpose();
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
+    let rotation = nearest_rotation(&h)?;
     let pose = Pose::from_parts(Translation3::from(b_mean - rotation * a_mean), rotation);
     (pose.translation.vector.iter().all(|x| x.is_finite())
         && rotation.coords.iter().all(|x| x.is_finite()))

@@ -95,11 +95,14 @@ fn f32_of(b: &[u8], order: Order) -> f32 {
     }
 }
 
+/// A parameter section has 255 blocks at most.
+const SECTION_BYTES_MAX: usize = 255 * 512;
+
 /// One parameter.
 struct Parameter<'a> {
     /// Bytes per value; -1 for text.
     kind: i8,
-    dims: Vec<usize>,
+    dims: &'a [u8],
     data: &'a [u8],
     order: Order,
 }
@@ -137,13 +140,15 @@ impl Parameter<'_> {
         }
     }
 
-    fn texts(&self) -> Vec<String> {
-        let length = self.dims.first().copied().unwrap_or(0);
+    /// At most so many texts.
+    fn texts(&self, most: usize) -> Vec<String> {
+        let length = usize::from(self.dims.first().copied().unwrap_or(0));
         if self.kind != -1 || length == 0 {
             return Vec::new();
         }
         self.data
             .chunks_exact(length)
+            .take(most)
             .map(|b| {
                 let text = String::from_utf8_lossy(b);
                 text.trim_matches([' ', '\0', '\t']).to_owned()
@@ -186,6 +191,7 @@ pub(super) fn parse(data: &[u8], path: &Path) -> Result<MocapFile, RecordingErro
 fn parameters<'a>(bytes: &Bytes<'a>, mut at: usize) -> Result<Parameters<'a>, RecordingError> {
     let mut groups = BTreeMap::new();
     let mut found = Vec::new();
+    let end = at + SECTION_BYTES_MAX;
     // A record's length moves on by two bytes at least: this ends.
     loop {
         let head = bytes.get(at, 2)?;
@@ -213,6 +219,12 @@ fn parameters<'a>(bytes: &Bytes<'a>, mut at: usize) -> Result<Parameters<'a>, Re
             ));
         }
         at = next_at + next;
+        if at > end {
+            return Err(bytes.corrupt(
+                at,
+                "the parameters go on beyond their section: export the file again",
+            ));
+        }
     }
     Ok(found
         .into_iter()
@@ -228,14 +240,12 @@ fn parameter<'a>(bytes: &Bytes<'a>, at: usize) -> Result<Option<Parameter<'a>>, 
         return Ok(None);
     }
     let n = usize::from(head[1]);
-    let dims: Vec<usize> = bytes
-        .get(at + 2, n)?
-        .iter()
-        .map(|d| usize::from(*d))
-        .collect();
+    let dims = bytes.get(at + 2, n)?;
     let size = dims
         .iter()
-        .try_fold(usize::from(kind.unsigned_abs()), |s, d| s.checked_mul(*d))
+        .try_fold(usize::from(kind.unsigned_abs()), |s, d| {
+            s.checked_mul(usize::from(*d))
+        })
         .ok_or_else(|| {
             bytes.corrupt(
                 at,
@@ -310,7 +320,7 @@ impl Layout {
                 "the scale of the points is missing: export the file again",
             ));
         }
-        let unit = point("UNITS").and_then(|p| p.texts().into_iter().next());
+        let unit = point("UNITS").and_then(|p| p.texts(1).into_iter().next());
         let unit = unit.filter(|u| !u.is_empty()).unwrap_or_else(|| {
             notes.push("the file does not say its unit of length: it was taken as mm".to_owned());
             "mm".to_owned()
@@ -407,7 +417,7 @@ fn labels(
     points: usize,
     notes: &mut Vec<String>,
 ) -> Vec<Option<String>> {
-    let point = |name: &str| parameter_of(parameters, "POINT", name).map(Parameter::texts);
+    let point = |name: &str, most| parameter_of(parameters, "POINT", name).map(|p| p.texts(most));
     let mut labels: Vec<Option<String>> = Vec::new();
     for n in 1.. {
         let name = if n == 1 {
@@ -415,12 +425,13 @@ fn labels(
         } else {
             format!("LABELS{n}")
         };
-        let Some(more) = point(&name).filter(|_| labels.len() < points) else {
+        let left = points - labels.len();
+        let Some(more) = point(&name, left).filter(|_| left > 0) else {
             break;
         };
         labels.extend(more.into_iter().map(|l| Some(l).filter(|l| !l.is_empty())));
     }
-    labels.truncate(points);
+    labels.resize(points, None);
     let nameless = points - labels.iter().flatten().count();
     if nameless > 0 {
         notes.push(format!(
@@ -429,7 +440,11 @@ fn labels(
     }
     // Models write their results among the points.
     let kinds = ["ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS"];
-    let results: BTreeSet<String> = kinds.iter().filter_map(|k| point(k)).flatten().collect();
+    let results: BTreeSet<String> = kinds
+        .iter()
+        .filter_map(|k| point(k, points))
+        .flatten()
+        .collect();
     let mut over = 0;
     for label in &mut labels {
         if label.as_ref().is_some_and(|l| results.contains(l)) {

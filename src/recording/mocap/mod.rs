@@ -334,11 +334,24 @@ impl MocapFile {
         found
     }
 
-    /// Frames without a pose of `object`, those included whose numbers are left out.
+    /// Frames from one line to the next, most of the time: an export may hold every tenth only.
+    pub fn usual_step(&self) -> i64 {
+        let mut steps: Vec<i64> = self.frames.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_unstable();
+        let middle = |upper: usize| steps.get((steps.len().saturating_sub(1) + upper) / 2);
+        let (Some(low), Some(high)) = (middle(0), middle(1)) else {
+            return 1;
+        };
+        // Of a few frames far apart the longer step is the one that a time column shows when it is read.
+        if *high > 4 * *low { *high } else { *low }
+    }
+
+    /// Lines without a pose of `object`, those included that are left out.
     pub fn gaps(&self, object: &MocapObject) -> u64 {
         let empty = object.poses.iter().filter(|p| p.is_none()).count() as u64;
-        let skipped: i64 = self.frames.windows(2).map(|w| w[1] - w[0] - 1).sum();
-        empty + skipped.max(0) as u64
+        let step = self.usual_step().max(1);
+        let left_out = |w: &[i64]| ((w[1] - w[0]) / step - 1).max(0) as u64;
+        empty + self.frames.windows(2).map(left_out).sum::<u64>()
     }
 }
 

@@ -29,6 +29,8 @@ use super::{
 
 /// Header lines below the first one: kinds, names, identifiers, parents, quantities, axes.
 const HEADER_LINES_MAX: usize = 16;
+/// Cells of all of them together.
+const HEADER_CELLS_MAX: usize = 1_000_000;
 
 /// Whether a file begins like such a table.
 pub(super) fn is_motive(head: &[u8]) -> bool {
@@ -251,6 +253,7 @@ pub(super) fn parse(reader: impl BufRead, path: &Path) -> Result<MocapFile, Reco
     file.rate_hz = about.rate_hz;
     file.up = Some('y');
     let mut above = Vec::new();
+    let mut cells = 0;
     let plan = loop {
         let Some(row) = table.next_row()? else {
             return Err(unsupported(
@@ -265,13 +268,18 @@ pub(super) fn parse(reader: impl BufRead, path: &Path) -> Result<MocapFile, Reco
         if row.is_blank() {
             continue;
         }
+        let texts = row.to_texts();
+        cells += texts.len();
+        if cells > HEADER_CELLS_MAX {
+            return Err(row.too_much());
+        }
         if above.len() == HEADER_LINES_MAX {
             return Err(row.refuse(
                 0,
                 "the line 'Frame,Time (Seconds),...' is missing: export it again",
             ));
         }
-        above.push(row.to_texts());
+        above.push(texts);
     };
     let mut start = None;
     while let Some(row) = table.next_row()? {

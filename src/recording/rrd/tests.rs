@@ -98,6 +98,7 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             refusal: None,
             source: "virtual rig".into(),
             simulated: true,
+            practice: false,
             frames: n as u64 + 1,
             frames_lost: 2,
             age_s: 0.004,

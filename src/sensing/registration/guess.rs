@@ -1,6 +1,6 @@
 //! First guesses of the frames, closed forms.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SMatrix, SVD, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVD, UnitQuaternion, Vector3};
 
 use super::fit::Observation;
 use super::{Frames, ObjectFrame};
@@ -41,15 +41,8 @@ pub(super) fn guesses(observations: &[Observation], object: &ObjectFrame) -> Vec
     }
 }
 
-/// The rotation nearest to a matrix in the Frobenius norm.
 fn nearest_rotation(m: &Matrix3<f64>) -> UnitQuaternion<f64> {
-    let svd = SVD::try_new(*m, true, true, f64::EPSILON, SVD_ROUNDS);
-    let Some((u, v_t)) = svd.and_then(|s| s.u.zip(s.v_t)) else {
-        return UnitQuaternion::identity();
-    };
-    let sign = (u * v_t).determinant().signum();
-    let r = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t;
-    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r))
+    crate::signal::nearest_rotation(m).unwrap_or_default()
 }
 
 /// Σ |R_B R_Yᵀ − R_X R_A|² is least for the greatest singular pair of K = Σ R_A ⊗ R_B:

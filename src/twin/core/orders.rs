@@ -166,7 +166,7 @@ impl Twin {
     /// Why nothing may set out now.
     fn not_allowed(&self) -> Option<String> {
         self.not_ready().or_else(|| {
-            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.simulated;
+            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.practice;
             unarmed.then(|| "Disarmed: arm the rig first.".to_owned())
         })
     }

@@ -214,3 +214,24 @@ proptest! {
         let _ = super::c3d::is_c3d(&bytes);
     }
 }
+
+#[test]
+fn exports_of_every_tenth_frame_have_no_gaps_of_nine() {
+    let file = |frames: &[i64]| {
+        let mut file = MocapFile::new(Path::new("x.csv"), MocapFormat::ViconSegments);
+        file.frames = frames.to_vec();
+        file
+    };
+    let usual_step = |frames: &[i64]| file(frames).usual_step();
+    assert_eq!(usual_step(&[1]), 1);
+    assert_eq!(usual_step(&[1, 11, 21, 41]), 10);
+    assert_eq!(usual_step(&[11, 12, 15]), 1);
+    assert_eq!(usual_step(&[11, 12, 150]), 138);
+    let object = |n: usize| MocapObject {
+        name: "pad".into(),
+        poses: vec![Some(Pose::identity()); n],
+    };
+    assert_eq!(file(&[1, 11, 21, 31]).gaps(&object(4)), 0);
+    assert_eq!(file(&[1, 11, 21, 41, 51]).gaps(&object(5)), 1);
+    assert_eq!(file(&[1, 2, 5, 6]).gaps(&object(4)), 2);
+}
