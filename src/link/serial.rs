@@ -135,6 +135,10 @@ pub fn open(
         thread: None,
     };
     let mut session = HostSession::new(names, origin, config);
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "boards outlive sessions: ids of resets must differ from an earlier session's; nothing is timed by it"
+    )]
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
     session.reset_salt = since_1970.map_or(0, |d| d.as_millis() as u32);
     let worker = Worker {
