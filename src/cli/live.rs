@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::drive::commands::objects;
 use super::drive::measures::spread;
-use super::ports::{self, MocapSource};
+use super::ports::{self, Instruments};
 use super::{Report, args, model};
 use springtwin::control::Gains;
 use springtwin::link::wire::Config;
@@ -58,7 +58,7 @@ pub struct RunArgs {
     #[arg(long)]
     pub reset: bool,
     #[command(flatten)]
-    pub mocap: MocapSource,
+    pub instruments: Instruments,
 }
 
 /// The two controllers.
@@ -343,7 +343,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     let twin = Twin::new(
         robot,
         maps,
-        model::sensing(robot, None)?,
+        model::sensing(robot, a.instruments.calibration.as_deref())?,
         a.controller.gains(),
     );
     #[expect(
@@ -353,7 +353,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     let start = std::time::Instant::now();
     let simulated_time = a.rig == "sim";
     let options = rig_options(a.payload, a.seed);
-    let port = ports::open(&a.rig, &options, robot_file, robot, start, &a.mocap)?;
+    let port = ports::open(&a.rig, &options, robot_file, robot, start, &a.instruments)?;
     let mut runner = Runner::new(twin, port, robot);
     let goal = a.target.map(Goal::position);
     let mut tally = Tally::default();
@@ -433,7 +433,7 @@ pub struct RecordArgs {
     #[arg(long)]
     reset: bool,
     #[command(flatten)]
-    mocap: MocapSource,
+    instruments: Instruments,
 }
 
 /// `record`.
@@ -448,7 +448,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         seed: 1,
         controller: Kind::Ours,
         reset: a.reset,
-        mocap: a.mocap.clone(),
+        instruments: a.instruments.clone(),
     };
     run(&run_args, robot_file, robot)
 }

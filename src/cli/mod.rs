@@ -206,7 +206,7 @@ fn run(cli: &Cli) -> Result<Report> {
             0.0,
             1,
             live::Kind::Ours,
-            &ports::MocapSource::default(),
+            &ports::Instruments::default(),
             cli.robot.as_deref(),
             &robot,
         ),
@@ -231,7 +231,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 a.payload,
                 a.seed,
                 a.controller,
-                &a.mocap,
+                &a.instruments,
                 cli.robot.as_deref(),
                 &robot,
             )

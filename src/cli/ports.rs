@@ -22,9 +22,13 @@ use springtwin::signal::{GroundTruth, LinkStatus, PressureCommand, Stamp, TruthS
 use springtwin::sim::SimError;
 use springtwin::twin::{Arrivals, Port};
 
-/// Where motion capture comes from.
+/// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
-pub struct MocapSource {
+pub struct Instruments {
+    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; the virtual rig's
+    /// without it
+    #[arg(long, value_name = "F.toml")]
+    pub calibration: Option<PathBuf>,
     /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,
     /// port 51001, without it
     #[arg(long = "mocap-listen", value_name = "IP:PORT")]
@@ -38,8 +42,8 @@ pub struct MocapSource {
     registration: Option<PathBuf>,
 }
 
-impl MocapSource {
-    fn is_default(&self) -> bool {
+impl Instruments {
+    fn no_mocap(&self) -> bool {
         self.listen.is_none() && self.from.is_empty() && self.registration.is_none()
     }
 
@@ -77,17 +81,17 @@ pub fn open(
     robot_file: Option<&Path>,
     robot: &RobotSpec,
     start: Instant,
-    mocap: &MocapSource,
+    instruments: &Instruments,
 ) -> Result<Box<dyn Port>> {
     anyhow::ensure!(
-        !matches!(rig, "sim" | "pty") || mocap.is_default(),
+        !matches!(rig, "sim" | "pty") || instruments.no_mocap(),
         "the virtual rig brings its own motion capture: --mocap-listen, --mocap-from and --registration go with \
          --rig PORT"
     );
     Ok(match rig {
         "pty" if cfg!(unix) => Box::new(SerialRig::spawn(options, robot_file, robot, start)?),
         "sim" | "pty" => Box::new(InProcess::new(robot, options, board_config(robot))?),
-        names => Box::new(SerialRig::open(names, robot, start, mocap)?),
+        names => Box::new(SerialRig::open(names, robot, start, instruments)?),
     })
 }
 
@@ -187,12 +191,17 @@ pub struct SerialRig {
 
 impl SerialRig {
     /// Opens the port(s) of real boards.
-    fn open(names: &str, robot: &RobotSpec, start: Instant, mocap: &MocapSource) -> Result<Self> {
-        let registration = mocap.registration()?;
+    fn open(
+        names: &str,
+        robot: &RobotSpec,
+        start: Instant,
+        instruments: &Instruments,
+    ) -> Result<Self> {
+        let registration = instruments.registration()?;
         let link = serial::open(names, start, board_config(robot), Origin::Hardware)?;
         Ok(Self {
             link,
-            mocap: mocap.receiver(start)?,
+            mocap: instruments.receiver(start)?,
             registration,
             truth: TruthSource::Vicon,
             status: LinkStatus::default(),

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::live::{Kind, board_config, rig_options};
-use super::ports::{self, InProcess, MocapSource};
+use super::ports::{self, InProcess, Instruments};
 use super::simulate::Simulator;
 use super::{Report, args, model, picture};
 use springtwin::gui::offscreen::Offscreen;
@@ -33,7 +33,7 @@ pub fn open(
     payload_kg: f64,
     seed: u64,
     kind: Kind,
-    mocap: &MocapSource,
+    instruments: &Instruments,
     robot_file: Option<&Path>,
     robot: &RobotSpec,
 ) -> Result<Report> {
@@ -50,9 +50,10 @@ pub fn open(
     let start = std::time::Instant::now();
     let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
-    let twin = Twin::new(robot, maps, model::sensing(robot, None)?, kind.gains());
+    let sensing = model::sensing(robot, instruments.calibration.as_deref())?;
+    let twin = Twin::new(robot, maps, sensing, kind.gains());
     let options = rig_options(payload_kg, seed);
-    let port = ports::open(rig, &options, robot_file, robot, start, mocap)?;
+    let port = ports::open(rig, &options, robot_file, robot, start, instruments)?;
     let runner = Runner::new(twin, port, robot);
     // A newcomer sees the virtual arm move; hardware never moves unasked.
     let first = match rig {

@@ -39,6 +39,24 @@ fn springs_are_calibrated_one_by_one() {
     }
     let text = std::fs::read_to_string(&cal).expect("written");
     assert_eq!(text.matches("[[spring]]").count(), 11);
+    // An arm that never had all twelve does not set out; with a whole bench's calibration it does.
+    let target = ["--target", "20,10,-300", "--seconds", "20"];
+    let with = [
+        ["run", "--headless", "--calibration", &cal].as_slice(),
+        &target,
+    ]
+    .concat();
+    let (_, said) = refusal(&with);
+    assert!(said.contains("too few sensors"), "{said}");
+    json(&["rig", "bench", "--out", &bench, "--seed", "2", "--json"]);
+    let report = json(&["calibrate", "springs", &bench, "--out", &cal, "--json"]);
+    assert_eq!(report["calibrated"], 12);
+    let run = json(&[with.as_slice(), &["--json"]].concat());
+    assert_eq!(run["reached"], true, "{run}");
+    let error_mm = run["target_error_mm"].as_f64().expect("a figure");
+    assert!(error_mm < 1.5, "{run}");
+    let (_, said) = refusal(&["run", "--headless", "--calibration", &file("none.toml")]);
+    assert!(said.contains("none.toml"), "{said}");
 }
 
 #[test]

@@ -68,7 +68,10 @@ pub fn springs(a: &SpringsArgs, robot: &RobotSpec) -> Result<Report> {
     }
     let kept = match good {
         0 => "nothing was written".to_owned(),
-        _ => format!("the other {good} are in {}", a.out.display()),
+        _ => format!(
+            "the other {good} are in {}, but an arm sets out with all twelve only",
+            a.out.display()
+        ),
     };
     let why = match bad.is_empty() {
         true => format!("{} holds no springs", bench.display()),

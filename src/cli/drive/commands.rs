@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
-use super::super::ports::MocapSource;
+use super::super::ports::Instruments;
 use super::measures::{self, PathMeasures};
 use super::{Drive, Driven, drive, pictures};
 use crate::cli::live::{Kind, rig_options};
@@ -60,7 +60,7 @@ pub struct Common {
     #[arg(long)]
     reset: bool,
     #[command(flatten)]
-    mocap: MocapSource,
+    instruments: Instruments,
 }
 
 impl Common {
@@ -91,7 +91,7 @@ impl Common {
             script: None,
             record: self.record.clone(),
             reset: self.reset,
-            mocap: self.mocap.clone(),
+            instruments: self.instruments.clone(),
         })
     }
 

@@ -14,7 +14,7 @@ use anyhow::Result;
 
 use super::live::{HELLO_S, Start, board_config, check_link};
 use super::model;
-use super::ports::{self, InProcess, MocapSource, Script};
+use super::ports::{self, InProcess, Instruments, Script};
 use springtwin::control::{Gains, SEGMENTS};
 use springtwin::learn::PlantMap;
 use springtwin::rig::{Object, RigOptions};
@@ -53,8 +53,8 @@ pub struct Drive<'a> {
     pub record: Option<PathBuf>,
     /// Whether boards that are SAFE from before may leave it.
     pub reset: bool,
-    /// Motion capture of a rig behind serial ports.
-    pub mocap: MocapSource,
+    /// Its calibration, and motion capture of a rig behind serial ports.
+    pub instruments: Instruments,
 }
 
 /// What was so at one tick on the way.
@@ -138,7 +138,8 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     let robot = d.robot;
     let maps = model::maps_for(robot)?;
     let plant = Arc::clone(&maps.plant);
-    let mut twin = Twin::new(robot, maps, model::sensing(robot, None)?, d.gains);
+    let sensing = model::sensing(robot, d.instruments.calibration.as_deref())?;
+    let mut twin = Twin::new(robot, maps, sensing, d.gains);
     twin.time_with(stopwatch);
     #[expect(
         clippy::disallowed_methods,
@@ -152,7 +153,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             let rig = InProcess::new(robot, &d.options, board_config(robot))?;
             Box::new(rig.with_script(watched(robot, d.script, Arc::clone(&nature))))
         }
-        rig => ports::open(rig, &d.options, d.robot_file, robot, start, &d.mocap)?,
+        rig => ports::open(rig, &d.options, d.robot_file, robot, start, &d.instruments)?,
     };
     let mut runner = Runner::new(twin, port, robot);
     let mut out = Driven {

@@ -349,7 +349,11 @@ impl MocapFile {
     /// Lines without a pose of `object`, those included that are left out.
     pub fn gaps(&self, object: &MocapObject) -> u64 {
         let empty = object.poses.iter().filter(|p| p.is_none()).count() as u64;
-        let step = self.usual_step().max(1);
+        // Two lines tell no rhythm.
+        let step = match self.frames.len() {
+            0..=2 => 1,
+            _ => self.usual_step().max(1),
+        };
         let left_out = |w: &[i64]| ((w[1] - w[0]) / step - 1).max(0) as u64;
         empty + self.frames.windows(2).map(left_out).sum::<u64>()
     }

@@ -20,7 +20,7 @@ use super::super::drive::commands::{
 use super::super::drive::measures::{self, MoveMeasures, PathMeasures};
 use super::super::drive::{Drive, Driven, drive};
 use super::super::live::rig_options;
-use super::super::ports::MocapSource;
+use super::super::ports::Instruments;
 use super::super::ports::Script;
 use springtwin::control::Gains;
 use springtwin::robot::RobotSpec;
@@ -144,7 +144,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
         script: trial.script,
         record: None,
         reset: false,
-        mocap: MocapSource::default(),
+        instruments: Instruments::default(),
     })?;
     let measured = match &trial.task {
         Task::Path(shape, _) => Some(Measured::Path(measures::of_path(
