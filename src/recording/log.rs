@@ -82,9 +82,10 @@ const SESSION_TOML_MAX: u64 = 1 << 20;
 /// [`RecordingError::Cell`] with line and column for the table, [`RecordingError::Session`] for
 /// `session.toml`, [`RecordingError::Io`] when a file cannot be read. Nothing is half-read.
 pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
-    let is_csv = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let is_csv = !path.is_dir()
+        && path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     let (session, log_path) = if is_csv {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let session = SessionFile {
