@@ -244,9 +244,14 @@ fn clock_lines(link: &LinkStatus) -> String {
         .filter_map(|(b, clock)| {
             let c = (*clock)?;
             Some(format!(
-                "\nclock of board {}: {:.3} s less than ours, runs {:.0} ppm {}, pings within {:.3} ms",
+                "\nclock of board {}: {:.4} s {} ours, runs {:.0} ppm {}, pings within {:.3} ms",
                 b + 1,
-                c.offset_s,
+                c.offset_s.abs(),
+                if c.offset_s > 0.0 {
+                    "behind"
+                } else {
+                    "ahead of"
+                },
                 c.skew_ratio.abs() * 1e6,
                 if c.skew_ratio > 0.0 { "slow" } else { "fast" },
                 c.residual_s * 1e3
