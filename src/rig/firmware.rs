@@ -41,9 +41,7 @@ fn whole(folder: &Path) -> PathBuf {
 /// The state of the board's pins after a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Pins {
-    /// Clock of the chip since it was first switched on, cycles.
-    cycle: u64,
-    /// The same when the pumps were last switched on or off.
+    /// When the pumps were last switched on or off, cycles since the chip was first switched on.
     pump_edge: u64,
     pumps: bool,
     gripper: bool,
@@ -154,20 +152,19 @@ impl FirmwareBoard {
     fn request(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {
         self.requests.write_all(request)?;
         self.requests.flush()?;
-        let mut head = [0; 27];
+        let mut head = [0; 19];
         self.answers.read_exact(&mut head)?;
         let u64_at = |i: usize| u64::from_le_bytes(std::array::from_fn(|k| head[i + k]));
         let u16_at = |i: usize| u16::from_le_bytes([head[i], head[i + 1]]);
         self.pins = Pins {
-            cycle: u64_at(0),
-            pump_edge: u64_at(8),
-            pumps: head[16] != 0,
-            gripper: head[17] != 0,
-            duty: std::array::from_fn(|i| u16_at(18 + 2 * i)),
+            pump_edge: u64_at(0),
+            pumps: head[8] != 0,
+            gripper: head[9] != 0,
+            duty: std::array::from_fn(|i| u16_at(10 + 2 * i)),
         };
-        let mut bytes = vec![0; usize::from(u16_at(25))];
+        let mut bytes = vec![0; usize::from(u16_at(17))];
         self.answers.read_exact(&mut bytes)?;
-        if head[24] == 0 {
+        if head[16] == 0 {
             return Err(io::Error::other("the chip has crashed"));
         }
         Ok(bytes)

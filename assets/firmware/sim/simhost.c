@@ -11,7 +11,7 @@
  *
  * line: u16 n, n bytes for the board. They are put on its line one after the other, 22 us each.
  * readings: 6 x (u16 count, u16 gate ticks); 2 x (u8 answers, 14 register bytes); 3 x u16 gauge, mV.
- * answer: u64 cycle, u64 cycle of the pump enable's last edge, u8 pumps, u8 gripper, 3 x u16 duty,
+ * answer: u64 cycle of the pump enable's last edge, u8 pumps, u8 gripper, 3 x u16 duty,
  * u8 runs, u16 n, n bytes from the board.
  */
 #include <stdbool.h>
@@ -278,11 +278,10 @@ static bool take_readings(void)
 
 static void answer(bool runs)
 {
-    const uint64_t cycle = avr->cycle, edge = pump_edge;
+    const uint64_t edge = pump_edge;
     const uint8_t state[2] = {pumps, gripper};
     const uint8_t alive = runs;
     uint16_t n = (uint16_t)(outbox_n > 0xffff ? 0xffff : outbox_n);
-    give(&cycle, 8);
     give(&edge, 8);
     give(state, 2);
     give(avr->data + OCR4A_ADDRESS, 6);
