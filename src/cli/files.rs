@@ -238,10 +238,10 @@ pub struct PortsArgs {
 pub fn ports_command(a: &PortsArgs, quiet: bool) -> Result<Report> {
     let shown = |p: &PortInfo| format!("{}  {}", p.name, p.what).trim_end().to_owned();
     let object = |p: &PortInfo| json!({"name": p.name, "what": p.what});
-    springtwin::link::ports::list().context("the system does not list its serial ports")?;
-    let mut watch = PortWatch::default();
-    let first = watch.known().to_vec();
+    let first =
+        springtwin::link::ports::list().context("the system does not list its serial ports")?;
     let mut text: Vec<String> = first.iter().map(shown).collect();
+    let mut watch = PortWatch::of(first);
     if text.is_empty() {
         text.push("no serial ports: plug a board in, or start `springtwin rig`".to_owned());
     }

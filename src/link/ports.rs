@@ -71,7 +71,7 @@ fn described(found: Vec<SerialPortInfo>) -> Vec<PortInfo> {
 }
 
 /// How the list is got; `None` when the system does not tell.
-pub type Look = Box<dyn FnMut() -> Option<Vec<PortInfo>> + Send>;
+type Look = Box<dyn FnMut() -> Option<Vec<PortInfo>> + Send>;
 
 /// Watches the list; looks at most once a second.
 pub struct PortWatch {
@@ -82,16 +82,21 @@ pub struct PortWatch {
 
 impl Default for PortWatch {
     fn default() -> Self {
-        Self::new(Box::new(|| list().ok()))
+        Self::of(list().unwrap_or_default())
     }
 }
 
 impl PortWatch {
-    /// Watches what `look` gives; what it gives now is known.
-    pub fn new(mut look: Look) -> Self {
+    /// Watches the system's ports, of which these are known.
+    pub fn of(known: Vec<PortInfo>) -> Self {
+        Self::new(known, Box::new(|| list().ok()))
+    }
+
+    /// Watches what `look` gives.
+    fn new(known: Vec<PortInfo>, look: Look) -> Self {
         Self {
-            known: look().unwrap_or_default(),
             look,
+            known,
             next: Stamp::ZERO,
         }
     }
@@ -141,14 +146,16 @@ mod tests {
         let other = port("/dev/ttyACM0", "Arduino Mega 2560 2");
         let mut looks = vec![
             Some(vec![a.clone()]),
-            Some(vec![a.clone()]),
             Some(vec![a.clone(), b.clone()]),
             None,
             Some(vec![b.clone()]),
             Some(vec![other.clone(), b.clone()]),
         ]
         .into_iter();
-        let mut watch = PortWatch::new(Box::new(move || looks.next().expect("few looks")));
+        let mut watch = PortWatch::new(
+            vec![a.clone()],
+            Box::new(move || looks.next().expect("few looks")),
+        );
         let mut at = |t_s: f64| watch.poll(Stamp::from_seconds(t_s));
         assert_eq!(at(0.0), []);
         assert_eq!(at(0.5), [], "not yet time");

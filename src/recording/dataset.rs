@@ -243,12 +243,18 @@ pub fn write_dataset(path: &Path, dataset: &Dataset) -> Result<(), RecordingErro
 /// [`RecordingError::Io`] when the file cannot be opened, [`RecordingError::Dataset`] when it is
 /// damaged or its columns are others.
 pub fn read_dataset(path: &Path) -> Result<Dataset, RecordingError> {
+    read_parquet(path, read_open)
+}
+
+/// Opens a Parquet file for `read`. The decoder asserts on some damaged files; a file's content must
+/// not end the program.
+pub(super) fn read_parquet<T>(
+    path: &Path,
+    read: impl FnOnce(&Path, File) -> Result<T, RecordingError>,
+) -> Result<T, RecordingError> {
     let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
-    // The decoder asserts on some damaged files; a file's content must not end the program.
-    match catch_unwind(AssertUnwindSafe(|| read_open(path, file))) {
-        Ok(result) => result,
-        Err(_) => Err(refuse(path, "the file is damaged".to_owned())),
-    }
+    catch_unwind(AssertUnwindSafe(|| read(path, file)))
+        .unwrap_or_else(|_| Err(refuse(path, "the file is damaged".to_owned())))
 }
 
 pub(super) fn refuse(path: &Path, text: String) -> RecordingError {

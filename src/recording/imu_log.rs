@@ -11,7 +11,6 @@
 //! Other columns (a magnetometer, a position) are not read.
 
 use std::fs::File;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use arrow::array::{Array, AsArray, RecordBatch};
@@ -21,7 +20,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
 use super::RecordingError;
-use super::dataset::refuse;
+use super::dataset::{read_parquet, refuse};
 
 /// One sample of such a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,12 +43,7 @@ pub struct ImuSample {
 /// [`RecordingError::Io`] when the file cannot be opened, [`RecordingError::Dataset`] when it is
 /// damaged, lacks a column, or its time does not rise.
 pub fn read_imu_log(path: &Path) -> Result<Vec<ImuSample>, RecordingError> {
-    let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
-    // The decoder asserts on some damaged files; a file's content must not end the program.
-    match catch_unwind(AssertUnwindSafe(|| read_open(path, file))) {
-        Ok(result) => result,
-        Err(_) => Err(refuse(path, "the file is damaged".to_owned())),
-    }
+    read_parquet(path, read_open)
 }
 
 fn read_open(path: &Path, file: File) -> Result<Vec<ImuSample>, RecordingError> {
