@@ -2,6 +2,13 @@
 
 #![allow(missing_docs)]
 
+#[cfg(all(feature = "gui", feature = "rrd"))]
+#[path = "window/frame.rs"]
+mod frame;
+#[cfg(all(feature = "gui", feature = "rrd"))]
+#[path = "window/session.rs"]
+mod session;
+
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -228,8 +235,61 @@ fn controllers(c: &mut Criterion) {
     }
 }
 
+/// A frame of each screen with ten minutes at 1 kHz behind it and 1 kHz coming in, all of it in the plots.
+#[cfg(all(feature = "gui", feature = "rrd"))]
+fn frames(c: &mut Criterion) {
+    use std::cell::OnceCell;
+    use std::cell::RefCell;
+    use std::time::Duration;
+    const ROWS: u64 = 600_000;
+    let window = OnceCell::new();
+    let mut group = c.benchmark_group("frame");
+    group.sample_size(10);
+    for (screen, name) in frame::screens() {
+        for span_s in [30.0, 600.0] {
+            let mut worst = frame::Cost::default();
+            let mut sum = [Duration::ZERO; 2];
+            let mut count = 0;
+            group.bench_function(format!("{name}, {span_s:.0} s"), |b| {
+                b.iter_custom(|iters| {
+                    let window = window.get_or_init(|| RefCell::new(frame::Window::new(ROWS)));
+                    let mut window = window.borrow_mut();
+                    window.app.screen = screen;
+                    window.app.window.span_s = span_s;
+                    let mut total = Duration::ZERO;
+                    for _ in 0..iters {
+                        window.publish(16);
+                        let cost = window.frame();
+                        total += cost.total();
+                        sum[0] += cost.layout;
+                        sum[1] += cost.tessellation;
+                        count += 1;
+                        if cost.total() > worst.total() {
+                            worst = cost;
+                        }
+                    }
+                    total
+                });
+            });
+            if count > 0 {
+                println!(
+                    "mean layout {:?}, mean tessellation {:?}, worst {worst:?}",
+                    sum[0] / count,
+                    sum[1] / count
+                );
+            }
+        }
+    }
+    group.finish();
+}
+
+/// Nothing: the window is not built.
+#[cfg(not(all(feature = "gui", feature = "rrd")))]
+fn frames(_: &mut Criterion) {}
+
 criterion_group!(
     benches,
+    frames,
     controllers,
     rod,
     derivatives,

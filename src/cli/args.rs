@@ -1,5 +1,7 @@
 //! Parsers for command-line values. A refusal says what was given and what is wanted.
 
+use std::net::SocketAddr;
+
 use springtwin::robot::RobotSpec;
 use springtwin::signal::CHAMBERS;
 use springtwin::task::Item;
@@ -127,6 +129,19 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
         })
 }
 
+/// Where a viewer listens on this machine.
+pub fn viewer(text: &str) -> Result<SocketAddr, String> {
+    match text.parse::<SocketAddr>() {
+        Ok(address) if address.ip().is_loopback() && address.port() != 0 => Ok(address),
+        Ok(address) if address.port() != 0 => Err(format!(
+            "{address} is not on this machine, and a stream is not encrypted: use 127.0.0.1, or --stream-remote {address} if the network may read it"
+        )),
+        _ => Err(format!(
+            "'{text}' is no address: write IP:PORT, for example 127.0.0.1:9876"
+        )),
+    }
+}
+
 /// `i/n`, 1-based.
 pub fn shard(text: &str) -> Result<(usize, usize), String> {
     let wrong = || format!("'{text}' is not a shard: write i/n with 1 <= i <= n, for example 3/16");
@@ -156,6 +171,18 @@ pub fn payload_in_range(robot: &RobotSpec, payload_kg: f64) -> anyhow::Result<()
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_stream_stays_on_this_machine() {
+        assert!(viewer("127.0.0.1:9876").is_ok() && viewer("[::1]:9876").is_ok());
+        let remote = viewer("192.168.0.7:9876").unwrap_err();
+        assert!(
+            remote.contains("--stream-remote 192.168.0.7:9876"),
+            "{remote}"
+        );
+        assert!(viewer("0.0.0.0:9876").is_err() && viewer("127.0.0.1:0").is_err());
+        assert!(viewer("localhost").unwrap_err().contains("IP:PORT"));
+    }
 
     #[test]
     fn refusals_say_what_is_wrong() {

@@ -196,7 +196,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
 }
 
 /// Patch, finding, report and overlay of a run, in one folder.
-fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
+pub fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
     let f = &found.finding;
     std::fs::create_dir_all(dir)
         .with_context(|| format!("cannot make the folder {}", dir.display()))?;
@@ -236,7 +236,7 @@ fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
 }
 
 /// What the rig could be driven with to tell alternatives apart.
-fn excitations() -> Vec<(String, Trajectory)> {
+pub fn excitations() -> Vec<(String, Trajectory)> {
     const SECONDS: f64 = 60.0;
     const RATE_HZ: f64 = 20.0;
     Excitation::ALL

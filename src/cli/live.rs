@@ -1,5 +1,6 @@
 //! `run`, `rig`, `record`: commands with a rig at the other end.
 
+use std::net::SocketAddr;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -18,10 +19,13 @@ use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
-use springtwin::signal::{BOARDS, Goal, LinkStatus, Mode, Snapshot, Stamp, pose_error};
+use springtwin::signal::{
+    BOARDS, Goal, LinkStatus, Mode, Snapshot, Stamp, StreamState, StreamStatus, pose_error,
+};
 use springtwin::task::Item;
 use springtwin::twin::{
-    Command, Event, Pace, Runner, SETTLING_FRAMES, Twin, run_in_real_time, run_in_simulated_time,
+    Command, Event, LAST_WORDS, Pace, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
+    run_in_simulated_time,
 };
 
 /// Time the boards get to introduce themselves, s.
@@ -42,6 +46,13 @@ pub struct RunArgs {
     /// Record to this file
     #[arg(long, value_name = "F.rrd")]
     pub record: Option<PathBuf>,
+    /// Stream to the Rerun viewer that listens there on this machine (start it with
+    /// `rerun --bind 127.0.0.1`); 127.0.0.1:9876 without an address
+    #[arg(long, value_name = "IP:PORT", value_parser = args::viewer, num_args = 0..=1, default_missing_value = "127.0.0.1:9876")]
+    pub stream: Option<SocketAddr>,
+    /// As --stream, to another machine; anyone on the way can read it
+    #[arg(long, value_name = "IP:PORT", conflicts_with = "stream")]
+    pub stream_remote: Option<SocketAddr>,
     /// Steer the tip there, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
     pub target: Option<[f64; 3]>,
@@ -126,6 +137,7 @@ struct Tally {
     reached: bool,
     steps: u64,
     last: Option<std::sync::Arc<Snapshot>>,
+    stream: Option<StreamStatus>,
 }
 
 impl Tally {
@@ -210,7 +222,8 @@ impl Tally {
                     }
                 )),
                 clock_lines(&link)
-                    + &record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display())),
+                    + &record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display()))
+                    + &self.stream.as_ref().map_or(String::new(), stream_line),
             ),
             json: json!({
                 "ticks": pace.ticks, "missed_ticks": pace.missed,
@@ -219,9 +232,32 @@ impl Tally {
                 "rotation_error_deg": rotation, "seconds": seconds,
                 "reached": self.reached, "steps": self.steps, "mode": mode,
                 "simulated": link.simulated, "boards": boards(&link),
+                "stream": self.stream.as_ref().map(stream_json),
             }),
         }
     }
+}
+
+fn stream_json(status: &StreamStatus) -> Value {
+    let ended = match &status.state {
+        StreamState::Ended(reason) => Some(reason),
+        _ => None,
+    };
+    json!({
+        "address": status.address.to_string(), "sent": status.sent,
+        "dropped": status.dropped, "ended": ended,
+    })
+}
+
+fn stream_line(status: &StreamStatus) -> String {
+    let ended = match &status.state {
+        StreamState::Ended(reason) => format!(": {reason}"),
+        _ => String::new(),
+    };
+    format!(
+        "\nstreamed {} snapshots to {}, {} dropped{ended}",
+        status.sent, status.address, status.dropped
+    )
 }
 
 /// Per board: its rate, and how its clock lies on the time base.
@@ -373,6 +409,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                 if let Some(path) = &a.record {
                     commands.push(Command::StartRecording(path.clone()));
                 }
+                commands.extend(a.stream.or(a.stream_remote).map(Command::StreamLive));
             }
             // To watch boards that are SAFE is allowed.
             if !asked && (goal.is_some() || a.reset) {
@@ -402,6 +439,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     let end = tally.last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
     let mut last = Vec::new();
     runner.stop_recording(end, &mut last);
+    tally.stream = runner.stop_stream(end, LAST_WORDS, &mut last);
     for event in &last {
         log::info!("{}", event.text());
     }
@@ -448,6 +486,8 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         seconds: a.seconds,
         rig: a.rig.clone(),
         record: Some(a.out.clone()),
+        stream: None,
+        stream_remote: None,
         target: a.target,
         payload: 0.0,
         seed: 1,

@@ -154,9 +154,12 @@ impl std::fmt::Display for Failed {
 
 impl std::error::Error for Failed {}
 
+/// What is logged unless RUST_LOG says otherwise. A viewer that goes away is told in our own words.
+const LOGS: &str = "warn,re_grpc_client=off";
+
 /// Parses the arguments, runs the command, prints its report.
 pub fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(LOGS)).init();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) if e.kind() == ErrorKind::ValueValidation => {

@@ -7,8 +7,7 @@ use anyhow::{Context as _, Result};
 use springtwin::learn::Model;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
-use springtwin::sim::patch::{Correction, SensorErrors};
-use springtwin::twin::Maps;
+use springtwin::twin::{Maps, sensing_for};
 
 const MODEL: &[u8] = include_bytes!("../../assets/networks/reference.safetensors");
 const CALIBRATION: &str = include_str!("../../assets/calibration/virtual-rig.toml");
@@ -58,23 +57,20 @@ pub fn maps(path: Option<&Path>) -> Result<Maps> {
     Ok(model(path)?.into())
 }
 
-/// Sensing with the shipped calibration of the virtual rig, or the one in a file, corrected by what
-/// the robot's patches say of its sensors.
-pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
-    let calibration = match path {
+/// The shipped calibration of the virtual rig, or the one in a file.
+pub fn calibration(path: Option<&Path>) -> Result<Calibration> {
+    match path {
         None => {
-            Calibration::from_toml(CALIBRATION).context("the built-in calibration does not load")?
+            Calibration::from_toml(CALIBRATION).context("the built-in calibration does not load")
         }
         Some(path) => {
             let text = super::read_text(path)?;
-            Calibration::from_toml(&text).with_context(|| path.display().to_string())?
+            Calibration::from_toml(&text).with_context(|| path.display().to_string())
         }
-    };
-    if robot.patches.is_empty() {
-        return Ok(Sensing::new(robot, calibration));
     }
-    let errors = SensorErrors::of(robot);
-    let calibration = calibration.corrected(&errors.spring, &errors.imu);
-    let geometry = Correction::known(robot).geometry(robot);
-    Ok(Sensing::new(&geometry, calibration))
+}
+
+/// Sensing with that calibration, corrected by what the robot's patches say of its sensors.
+pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
+    Ok(sensing_for(robot, &calibration(path)?))
 }

@@ -38,13 +38,9 @@ fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> 
         Some(file) => read_text(file)?,
         None => REFERENCE.to_owned(),
     };
-    let robot = robot_of(&text)?;
-    let patch = gap::read_patch(path, &robot)?;
-    refuse_twice(&robot, &patch)?;
+    let patch = gap::read_patch(path, &robot_of(&text)?)?;
     let parts = patch.parts()?;
-    let new = with_patch(&text, &patch);
-    // What is written is read first: a patch that would not hold is not written.
-    let patched = robot_of(&new).with_context(|| path.display().to_string())?;
+    let (new, patched) = text_with(&text, &patch).with_context(|| path.display().to_string())?;
     write_new(out, &new)?;
     let of = |where_: Acts| -> Vec<&str> {
         let there = parts.iter().filter(|(_, acts)| *acts == where_);
@@ -89,6 +85,17 @@ fn take_off(file: &Path, out: &Path) -> Result<Report> {
         ),
         json: json!({"out": out, "patches": left}),
     })
+}
+
+/// The text of a robot file with one more patch, and the robot it then is. A patch that would not hold
+/// is refused.
+pub fn text_with(text: &str, patch: &Patch) -> Result<(String, RobotSpec)> {
+    let robot = robot_of(text)?;
+    patch.check_robot(&robot)?;
+    refuse_twice(&robot, patch)?;
+    let new = with_patch(text, patch);
+    let patched = robot_of(&new)?;
+    Ok((new, patched))
 }
 
 fn write_new(out: &Path, text: &str) -> Result<()> {

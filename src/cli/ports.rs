@@ -39,7 +39,7 @@ pub struct Instruments {
     /// Where motion capture's world and object are on the robot, from `calibrate mocap`; without it the
     /// object is `end_pad` in the robot's base
     #[arg(long = "registration", value_name = "F.toml")]
-    registration: Option<PathBuf>,
+    pub registration: Option<PathBuf>,
 }
 
 impl Instruments {
@@ -47,7 +47,8 @@ impl Instruments {
         self.listen.is_none() && self.from.is_empty() && self.registration.is_none()
     }
 
-    fn registration(&self) -> Result<Option<Registration>> {
+    /// Where motion capture is on the robot, if a file says so.
+    pub fn registration(&self) -> Result<Option<Registration>> {
         let read = |path: &PathBuf| {
             let text = super::read_text(path)?;
             Registration::from_toml(&text).with_context(|| path.display().to_string())

@@ -117,9 +117,9 @@ pub struct Traces {
     pub before: Vec<Vec<f64>>,
     /// With the effects.
     pub after: Vec<Vec<f64>>,
-    /// Measured end pad x, y, z, m.
+    /// Measured end pad x, y, z in the frame of the motion capture, m.
     pub measured_m: Vec<[f64; 3]>,
-    /// Simulated without the effects.
+    /// Simulated without the effects, as motion capture would tell it.
     pub before_m: Vec<[f64; 3]>,
     /// With the effects.
     pub after_m: Vec<[f64; 3]>,

@@ -37,7 +37,9 @@ pub use finding::{
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};
-pub use session::{CHANNELS, Grid, IMU_0, SPRING_0, Session, channel_name, same_robot};
+pub use session::{
+    CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, same_robot,
+};
 
 use crate::sim::effects::EffectError;
 
@@ -130,6 +132,30 @@ pub enum Stage {
     Decide,
     /// Testing on held-out data.
     Prove,
+}
+
+impl Stage {
+    /// All of them, in the order of the work.
+    pub const ALL: [Self; 6] = [
+        Self::Commission,
+        Self::Replay,
+        Self::Locate,
+        Self::Explain,
+        Self::Decide,
+        Self::Prove,
+    ];
+
+    /// What is being done, a few words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Commission => "Fitting the healthy rig",
+            Self::Replay => "Replaying the suspect session",
+            Self::Locate => "Describing where it differs",
+            Self::Explain => "Trying effects",
+            Self::Decide => "Comparing with chance",
+            Self::Prove => "Testing on held-out data",
+        }
+    }
 }
 
 /// Told how far the work is, and asked whether to go on.

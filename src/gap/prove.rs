@@ -7,9 +7,9 @@ use super::explain::{Explained, weak_prior};
 use super::finding::{ChannelError, GapSize, Traces};
 use super::noise::{bridged, start};
 use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
-use super::replay::{Row, move_arm};
+use super::replay::{Row, move_arm, told_poses};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
-use crate::sim::effects::{Active, Simulated, Target};
+use crate::sim::effects::{Active, Target};
 
 /// The proof.
 pub struct Proof {
@@ -211,11 +211,11 @@ fn traces(
 ) -> Result<Traces, GapError> {
     let values = &replayed.baseline.values;
     let grid = replayed.grid;
-    let tips = |moved: &Simulated| -> Vec<crate::signal::Pose> {
-        moved.base_from_pad.iter().map(|p| p[2]).collect()
-    };
-    let plain = tips(replayed.healthy());
-    let patched = tips(&move_arm(replayed.robot, grid, values, effects)?);
+    let robot = replayed.robot;
+    // As motion capture tells them, so that the rig's own frame and clock are no part of the gap.
+    let plain = told_poses(robot, grid, replayed.healthy(), values, &[]);
+    let moved = move_arm(robot, grid, values, effects)?;
+    let patched = told_poses(robot, grid, &moved, values, effects);
     let place = |p: &crate::signal::Pose| -> [f64; 3] { p.translation.vector.into() };
     let turn = |p: &crate::signal::Pose| {
         let q = p.rotation;

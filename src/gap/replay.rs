@@ -166,3 +166,18 @@ pub fn left_over(
         })
         .collect()
 }
+
+/// Poses of the end pad as motion capture would tell them, with the knobs' frame, clock and body: what
+/// is measured is held against these.
+pub fn told_poses(
+    robot: &RobotSpec,
+    grid: &Grid,
+    moved: &Simulated,
+    values: &[f64],
+    effects: &[Active],
+) -> Vec<Pose> {
+    let read = read_off(robot, grid, moved, values, effects);
+    let pad_from_body = pad_from_body(&Correction::known(robot).and(values, &[]).values);
+    let told = read.captured.iter();
+    told.map(|pads| pads[1] * pad_from_body).collect()
+}

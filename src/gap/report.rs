@@ -11,8 +11,13 @@ mod tests;
 
 use super::finding::{ChannelError, Finding, FoundEffect, Verdict};
 use crate::sim::effects::effect;
+pub use heat::{scale, thinned};
 use markup::{base64, escape, number, percent};
-pub use words::{effect_name, parameter, residual_name, sentence, verdict_name};
+pub use markup::{number as short_number, with_error};
+pub use words::{
+    Quantity, effect_name, next_step, parameter, quantity, ranked_name, residual_name, sentence,
+    shuffled, verdict_name,
+};
 
 /// What the session was recorded on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,36 +155,19 @@ impl Page<'_> {
 
     /// What to do now.
     fn next(&self) -> String {
-        match self.finding.verdict {
-            Verdict::NothingMissing => paragraph("Nothing is to be done."),
-            Verdict::Named => paragraph(
-                "Look whether the effect makes sense on this rig; then apply the patch below, or mend \
-                 the rig and record again.",
-            ),
-            Verdict::Indistinguishable => match &self.finding.separate_by {
-                Some(s) => {
-                    let names: Vec<String> =
-                        s.effects.iter().map(|id| effect_name_alone(id)).collect();
-                    format!(
-                        "<p><strong>What to run:</strong> the excitation <code>{}</code>, which \
-                         separates {}. {}</p>\n",
-                        escape(&s.excitation),
-                        escape(&names.join(", ")),
-                        escape(&s.why)
-                    )
-                }
-                None => paragraph(
-                    "No excitation of the rig is known to separate them: check by hand, for instance \
-                     by taking one of them away.",
-                ),
-            },
-            Verdict::Unknown => paragraph(
-                "No patch is offered: a model that is fitted to what it does not know would only hide \
-                 it. The tables below tell where to look on the rig.",
-            ),
-            Verdict::NotExcited => paragraph(
-                "This says nothing about the rig, neither that it is healthy nor that it is not.",
-            ),
+        match (self.finding.verdict, &self.finding.separate_by) {
+            (Verdict::Indistinguishable, Some(s)) => {
+                let name = |id: &String| effect(id).map_or(id.clone(), |e| e.name.to_owned());
+                let names: Vec<String> = s.effects.iter().map(name).collect();
+                format!(
+                    "<p><strong>What to run:</strong> the excitation <code>{}</code>, which \
+                     separates {}. {}</p>\n",
+                    escape(&s.excitation),
+                    escape(&names.join(", ")),
+                    escape(&s.why)
+                )
+            }
+            _ => paragraph(&next_step(self.finding)),
         }
     }
 
@@ -277,7 +265,10 @@ impl Page<'_> {
             swatch(&sample_line("before-line"), "without the effect (dashed)"),
             swatch(&sample_line("after-line"), "with the effect (dotted)"),
         );
-        let figure = self.figure(&picture, "Position of the end pad in the base frame.");
+        let figure = self.figure(
+            &picture,
+            "Position of the end pad as motion capture tells it.",
+        );
         section("The way of the tip", &format!("{key}{figure}"))
     }
 
@@ -350,7 +341,7 @@ impl Page<'_> {
             &format!(
                 "{worse}{picture}{}{}",
                 table(&head, &rows, 2),
-                shuffled(&f.channels)
+                shuffled(&f.channels).map_or(String::new(), |t| paragraph(&t))
             ),
         )
     }
@@ -436,11 +427,6 @@ impl Page<'_> {
     }
 }
 
-/// Name of an effect without its channel.
-fn effect_name_alone(id: &str) -> String {
-    effect(id).map_or(id, |e| e.name).to_owned()
-}
-
 fn found_effect(found: &FoundEffect) -> String {
     let doc = effect(&found.id).map_or(String::new(), |e| {
         format!("<p class=\"weak\">{}</p>\n", escape(e.doc))
@@ -484,33 +470,4 @@ fn channel_row(c: &ChannelError, worse: bool) -> Vec<String> {
         maybe(c.floor),
         escape(&c.unit),
     ]
-}
-
-/// What the shuffled control says, in one sentence.
-fn shuffled(channels: &[ChannelError]) -> String {
-    let tried: Vec<(&ChannelError, f64)> = channels
-        .iter()
-        .filter_map(|c| Some((c, c.shuffled.filter(|s| s.is_finite())?)))
-        .collect();
-    if tried.is_empty() {
-        return String::new();
-    }
-    // A fifth of the gain from inputs that have nothing to do with the session is too much.
-    let helped: Vec<&str> = tried
-        .iter()
-        .filter(|(c, s)| c.after < c.before && c.before - s > 0.2 * (c.before - c.after))
-        .map(|(c, _)| c.name.as_str())
-        .collect();
-    let text = if helped.is_empty() {
-        "Shuffled control: driven by inputs in the wrong order, the effect does not help. What it gains \
-         comes from the way the rig was driven."
-            .to_owned()
-    } else {
-        format!(
-            "Shuffled control: driven by inputs in the wrong order, the effect still helps in {}. There \
-             it makes up for something that does not depend on how the rig was driven.",
-            helped.join(", ")
-        )
-    };
-    paragraph(&text)
 }

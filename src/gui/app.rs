@@ -1,6 +1,5 @@
 //! The window: drains the twin's feed, shows a screen, sends commands.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::TryRecvError;
 use std::time::Duration;
@@ -8,14 +7,22 @@ use std::time::Duration;
 use egui::{Panel, Theme, Ui};
 use serde::{Deserialize, Serialize};
 
-use super::history::{History, LIVE_ROWS};
+use super::history::History;
+use super::pace::Pace;
 use super::panels::accuracy::{self, AccuracyState};
+use super::panels::calibrate::{self, CalibrateState};
+use super::panels::connect::{self, Connection};
+use super::panels::gap::{self, GapState};
 use super::panels::operate::{self, OperateState, Pane};
+use super::panels::palette::{self, CommandPalette, Deed};
 use super::panels::player::Player;
 use super::panels::plot::TimeWindow;
 use super::panels::recordings::{self, Library, RecordingsInput};
 use super::panels::sensors::{self, SensorsState};
-use super::panels::shell::{self, KeyAction, Message, ShellAction, ShellInput};
+use super::panels::shell::{self, KeyAction, ShellAction, ShellInput};
+use super::panels::toasts::Messages;
+use super::panels::view3d::Shown;
+use super::panels::welcome;
 use super::panels::{Screen, View};
 use super::services::Services;
 use super::theme::{self, Level};
@@ -23,10 +30,6 @@ use crate::robot::RobotSpec;
 use crate::signal::{Snapshot, Stamp};
 use crate::twin::{Command, Event, Handle};
 
-/// How long a message stays in the strip, s.
-const MESSAGE_S: f64 = 8.0;
-/// Messages kept.
-const MESSAGES: usize = 200;
 /// Key of the kept settings; the number changes when their form does.
 const STORAGE_KEY: &str = "springtwin window 1";
 
@@ -37,6 +40,10 @@ struct Settings {
     screen: Screen,
     dark: Option<bool>,
     span_s: f64,
+    #[serde(default)]
+    welcomed: bool,
+    #[serde(default)]
+    view: Shown,
 }
 
 /// The window of a twin.
@@ -49,11 +56,18 @@ pub struct App {
     pub services: Services,
     live: Arc<Snapshot>,
     live_history: History,
-    messages: VecDeque<Message>,
+    messages: Messages,
     recording_since: Option<Stamp>,
     set_up: bool,
+    /// How often the window wants to be painted.
+    pub pace: Pace,
     theme: Option<Theme>,
     shortcuts_open: bool,
+    command_palette: CommandPalette,
+    /// What the twin could be connected to.
+    pub connection: Connection,
+    /// Whether a newcomer is greeted.
+    pub welcome: bool,
     /// The screen that is shown.
     pub screen: Screen,
     /// The window of time of all plots.
@@ -64,8 +78,12 @@ pub struct App {
     pub sensors: SensorsState,
     /// Scope on Accuracy.
     pub accuracy: AccuracyState,
+    /// The wizard on Calibrate.
+    pub calibrate: CalibrateState,
     /// The recordings.
     pub library: Library,
+    /// The story told on Gap.
+    pub gap: GapState,
     /// The recording that is shown instead of the live twin, if one is.
     pub player: Option<Player>,
 }
@@ -83,18 +101,24 @@ impl App {
             spec,
             services,
             live,
-            live_history: History::new(LIVE_ROWS),
-            messages: VecDeque::new(),
+            live_history: History::live(),
+            messages: Messages::default(),
             recording_since: None,
             set_up: false,
+            pace: Pace::default(),
             theme: None,
             shortcuts_open: false,
+            command_palette: CommandPalette::default(),
+            connection: Connection::default(),
+            welcome: false,
             screen: Screen::default(),
             window: TimeWindow::default(),
             operate: OperateState::default(),
             sensors: SensorsState::default(),
             accuracy: AccuracyState::default(),
+            calibrate: CalibrateState::default(),
             library: Library::default(),
+            gap: GapState::default(),
             player: None,
         }
     }
@@ -121,12 +145,14 @@ impl App {
     /// Styles the context and takes back what was kept. Call before the first frame.
     pub fn set_up(&mut self, ctx: &egui::Context, storage: Option<&dyn eframe::Storage>) {
         theme::install(ctx);
-        if let Some(settings) = storage.and_then(|s| eframe::get_value::<Settings>(s, STORAGE_KEY))
-        {
+        let kept = storage.and_then(|s| eframe::get_value::<Settings>(s, STORAGE_KEY));
+        self.welcome |= storage.is_some() && !kept.as_ref().is_some_and(|k| k.welcomed);
+        if let Some(settings) = kept {
             if operate::is_complete(&settings.layout) {
                 self.operate.tree = settings.layout;
             }
             self.screen = settings.screen;
+            self.operate.view3d.shown = settings.view;
             self.theme = settings
                 .dark
                 .map(|dark| if dark { Theme::Dark } else { Theme::Light });
@@ -138,6 +164,11 @@ impl App {
             ctx.set_theme(theme);
         }
         self.set_up = true;
+    }
+
+    /// Whether something is awaited that was asked of the program around the window.
+    pub fn busy(&self) -> bool {
+        self.library.busy() || self.connection.busy() || self.gap.busy() || self.calibrate.busy()
     }
 
     /// One frame: everything the window shows, into `ui` (the whole window).
@@ -153,9 +184,13 @@ impl App {
         self.drain(&ctx, now_s);
         let mut commands = Vec::new();
         self.keys(&ctx, &mut commands);
-        if let Some(player) = self.library.poll() {
-            self.player = Some(player);
+        let drops_load = !matches!(self.screen, Screen::Calibrate | Screen::Gap);
+        if drops_load && self.library.take_drops(&ctx, &mut self.services) {
+            self.screen = Screen::Recordings;
+        }
+        if self.library.poll(&mut self.player) {
             self.window.frozen_end_s = None;
+            self.window.cursors_s = None;
         }
         if let Some(player) = &mut self.player
             && player.playing
@@ -163,7 +198,12 @@ impl App {
             player.advance(f64::from(ctx.input(|i| i.unstable_dt)).min(0.1));
             ctx.request_repaint();
         }
-        if self.library.busy() {
+        match self.connection.poll() {
+            Some((name, Ok(handle))) => self.adopt(&name, handle, now_s),
+            Some((_, Err(e))) => self.say(e, Level::Critical, now_s),
+            None => {}
+        }
+        if self.busy() {
             ctx.request_repaint_after(Duration::from_millis(100));
         }
         self.show(ui, now_s, &mut commands);
@@ -176,6 +216,31 @@ impl App {
         }
     }
 
+    // Looks at another twin from now on.
+    fn adopt(&mut self, rig: &str, handle: Handle, now_s: f64) {
+        match (self.services.belongings)(rig) {
+            Ok((calibration, registration)) => {
+                self.services.calibration = calibration;
+                self.accuracy.registration = registration;
+            }
+            Err(e) => self.say(e, Level::Warning, now_s),
+        }
+        self.calibrate = CalibrateState::default();
+        self.live = handle.snapshot();
+        self.handle = Some(handle);
+        self.twin_gone = false;
+        self.stop_pending = false;
+        self.live_history = History::live();
+        self.recording_since = None;
+        self.operate.draft.asked_m = None;
+    }
+
+    // Lets the present twin go: its boards switch the pumps off when no heartbeat comes any more.
+    fn connect(&mut self, name: &str) {
+        self.handle = None;
+        self.connection.join(name, &mut self.services);
+    }
+
     // Takes what the twin has published since the last frame.
     fn drain(&mut self, ctx: &egui::Context, now_s: f64) {
         let Some(handle) = &self.handle else {
@@ -186,6 +251,7 @@ impl App {
             match handle.feed.try_recv() {
                 Ok(snapshot) => {
                     self.live_history.push(&snapshot);
+                    self.calibrate.observe(&snapshot, &self.spec);
                     came = true;
                 }
                 Err(TryRecvError::Empty) => break,
@@ -196,12 +262,16 @@ impl App {
             }
         }
         self.live = handle.snapshot();
+        let hidden = ctx.input(|i| i.viewport().minimized == Some(true));
+        self.pace.update(&self.live, now_s, hidden);
         let mut messages = Vec::new();
         while let Ok(event) = handle.events.try_recv() {
+            self.calibrate.hear(&event);
             let level = match &event {
                 Event::Refused { .. } => Level::Warning,
                 _ => Level::Normal,
             };
+            self.operate.plans.observe(&event);
             messages.push((event.text(), level));
         }
         for (text, level) in messages {
@@ -215,23 +285,10 @@ impl App {
         if came {
             ctx.request_repaint_after(Duration::from_millis(500));
         }
-        if let Some(m) = self.messages.back() {
-            let left = m.at_s + MESSAGE_S - now_s;
-            if left > 0.0 {
-                ctx.request_repaint_after(Duration::from_secs_f64(left));
-            }
-        }
     }
 
     fn say(&mut self, text: impl Into<String>, level: Level, now_s: f64) {
-        if self.messages.len() == MESSAGES {
-            self.messages.pop_front();
-        }
-        self.messages.push_back(Message {
-            text: text.into(),
-            level,
-            at_s: now_s,
-        });
+        self.messages.say(text, level, now_s);
     }
 
     // A stop that does not get through is tried again each frame.
@@ -264,6 +321,10 @@ impl App {
                 KeyAction::Cancel => {
                     if self.shortcuts_open {
                         self.shortcuts_open = false;
+                    } else if self.command_palette.open {
+                        self.command_palette.toggle();
+                    } else if self.operate.plans.is_drawing() {
+                        self.operate.plans.drawing = false;
                     } else if self.live.preview.is_some() {
                         self.operate.draft.asked_m = None;
                         commands.push(Command::CancelPreview);
@@ -271,6 +332,7 @@ impl App {
                 }
                 KeyAction::Show(screen) => self.screen = screen,
                 KeyAction::Shortcuts => self.shortcuts_open = !self.shortcuts_open,
+                KeyAction::Palette => self.command_palette.toggle(),
             }
         }
     }
@@ -286,14 +348,15 @@ impl App {
             spec: &self.spec,
         };
         let title = self.player.as_ref().map(Player::title);
-        let message = self.messages.back().filter(|m| now_s - m.at_s < MESSAGE_S);
         let recording_s = self
             .recording_since
             .map(|since| live_snapshot.stamp.since(since));
         let input = ShellInput {
             live,
             replay: title.as_deref(),
-            message,
+            messages: &self.messages,
+            window_s: now_s,
+            joining: self.connection.joining(),
             recording_s,
             twin: self.handle.is_some(),
             twin_gone: self.twin_gone,
@@ -301,11 +364,12 @@ impl App {
         let mut actions = Vec::new();
         let bar =
             |margin: egui::Margin| egui::Frame::new().fill(palette.panel).inner_margin(margin);
-        Panel::top("shell")
+        let badge = Panel::top("shell")
             .exact_size(56.0)
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(12, 4)))
-            .show(ui, |ui| shell::top_bar(ui, &live, commands));
+            .show(ui, |ui| shell::top_bar(ui, &live, commands))
+            .inner;
         shell::banners(ui, &input, commands, &mut actions);
         Panel::bottom("strip")
             .exact_size(28.0)
@@ -317,9 +381,26 @@ impl App {
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(8, 8)))
             .show(ui, |ui| shell::rail(ui, self.screen, &mut actions));
+        if self.welcome {
+            Panel::top("welcome")
+                .resizable(false)
+                .frame(bar(egui::Margin::symmetric(12, 6)))
+                .show(ui, |ui| {
+                    welcome::ui(ui, live_snapshot.link.simulated, &mut actions);
+                });
+        }
         let central = egui::CentralPanel::default()
             .frame(egui::Frame::new().fill(palette.window).inner_margin(6))
             .show(ui, |ui| {
+                if self.screen == Screen::Calibrate {
+                    let state = &mut self.calibrate;
+                    calibrate::ui(ui, &live, state, &mut self.services, commands);
+                    return;
+                }
+                if self.screen == Screen::Gap {
+                    gap::ui(ui, &live, &mut self.gap, &mut self.services, commands);
+                    return;
+                }
                 if self.screen == Screen::Recordings {
                     let input = RecordingsInput {
                         live,
@@ -356,15 +437,35 @@ impl App {
                         sensors::ui(ui, &shown, &mut self.sensors, &mut self.window);
                     }
                     Screen::Accuracy => {
-                        accuracy::ui(ui, &shown, &mut self.accuracy, &mut self.window);
+                        let state = &mut self.accuracy;
+                        accuracy::ui(ui, &shown, state, &mut self.window, &mut self.services);
                     }
-                    Screen::Recordings => {}
+                    Screen::Calibrate | Screen::Recordings | Screen::Gap => {}
                 }
             });
         let ctx = ui.ctx().clone();
-        shell::shortcuts(&ctx, &mut self.shortcuts_open, central.response.rect);
+        let within = central.response.rect;
+        shell::shortcuts(&ctx, &mut self.shortcuts_open, within);
+        if self.command_palette.open {
+            let gone = self.twin_gone || self.handle.is_none();
+            let all = palette::entries(&live, self.player.is_some(), gone);
+            match self.command_palette.ui(&ctx, within, all) {
+                Some(Deed::Window(action)) => actions.push(action),
+                Some(Deed::Twin(command)) => commands.push(command),
+                Some(Deed::Record) => {
+                    let path = (self.services.default_recording)();
+                    commands.push(Command::StartRecording(path));
+                }
+                None => {}
+            }
+        }
+        let wanted = connect::menu(ui, &badge, &live, &mut self.connection, &mut self.services);
+        self.messages.toasts(&ctx, now_s, within);
         for action in actions {
             self.act(&ctx, action);
+        }
+        if let Some(name) = wanted {
+            self.connect(&name);
         }
     }
 
@@ -381,6 +482,8 @@ impl App {
             }
             ShellAction::ResetLayout => self.operate.tree = operate::default_layout(),
             ShellAction::ToggleShortcuts => self.shortcuts_open = !self.shortcuts_open,
+            ShellAction::TogglePalette => self.command_palette.toggle(),
+            ShellAction::CloseWelcome => self.welcome = false,
             ShellAction::CloseReplay => {
                 self.player = None;
                 self.window.frozen_end_s = None;
@@ -400,6 +503,8 @@ impl eframe::App for App {
             screen: self.screen,
             dark: self.theme.map(|t| t == Theme::Dark),
             span_s: self.window.span_s,
+            welcomed: !self.welcome,
+            view: self.operate.view3d.shown,
         };
         eframe::set_value(storage, STORAGE_KEY, &settings);
     }

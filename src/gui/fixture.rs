@@ -130,6 +130,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             frames: (t_s * 100.0) as u64,
             frames_lost: 3,
             age_s: 0.012,
+            retry_in_s: None,
             board_rate_hz: [100.0, 99.9],
             board_clock: [(-3.1, -38e-6), (-1207.4, 21e-6)].map(|(offset_s, skew_ratio)| {
                 Some(ClockFit {

@@ -1,16 +1,29 @@
 //! What the plots show: the signals of the last minutes in columns, and their min/max decimation.
 //!
-//! Times are f64 seconds, values f32 in display units (mm, deg, kPa): 57 columns of 60,000 rows are
-//! 14 MB. A channel without a new sample in a snapshot gets no value in that row.
+//! Times are f64 seconds, values f32 in display units (mm, deg, kPa). A channel without a new sample in a
+//! snapshot gets no value in that row. With its extremes a value takes 5.1 bytes: the 106 channels over ten
+//! minutes are 33 MB at 100 Hz and 325 MB at 1 kHz, and a live history never grows beyond.
 
+mod stats;
+mod store;
+#[cfg(test)]
+mod tests;
+
+use std::cell::RefCell;
 use std::collections::VecDeque;
 
+pub use stats::Stats;
+use store::{Drawn, Store, lines};
+
 use crate::signal::{
-    CHAMBERS, GroundTruth, IMUS, Pose, SPRINGS, Snapshot, Stamp, pose_error, ypr_from_rotation,
+    ArmShape, CHAMBERS, GroundTruth, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, Snapshot, Stamp,
+    pose_error, ypr_from_rotation,
 };
 
-/// Rows a live history keeps: ten minutes at 100 Hz.
-pub const LIVE_ROWS: usize = 60_000;
+/// Rows a live history keeps at most: ten minutes at 1 kHz.
+pub const LIVE_ROWS: usize = 600_000;
+/// Time a live history keeps at most, s: the longest window of the plots.
+pub const LIVE_S: f64 = 600.0;
 
 /// A signal over time. Indices count from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -30,6 +43,16 @@ pub enum Channel {
     /// Estimate minus truth at the truth's instant: as [`Self::Tip`], then the length of the
     /// translation error (6, mm) and the angle of the rotation error (7, deg).
     Error(usize),
+    /// Frequency of a spring's oscillator before calibration, kHz.
+    SpringRaw(usize),
+    /// Angular rate about an axis (second index: x, y, z) of an IMU before calibration, deg/s.
+    Gyro(usize, usize),
+    /// Measured length of a spring less that of the twin's own model at the measured pressures, mm.
+    SpringResidual(usize),
+    /// Yaw, pitch or roll under an IMU less that of the twin's own model, deg.
+    ImuResidual(usize, usize),
+    /// Declared mass in the gripper, g.
+    Payload,
 }
 
 const IMU_0: usize = SPRINGS;
@@ -38,7 +61,12 @@ const SET_0: usize = MEASURED_0 + CHAMBERS;
 const TIP_0: usize = SET_0 + CHAMBERS;
 const TRUTH_0: usize = TIP_0 + 6;
 const ERROR_0: usize = TRUTH_0 + 6;
-const COLUMNS: usize = ERROR_0 + 8;
+const SPRING_RAW_0: usize = ERROR_0 + 8;
+const GYRO_0: usize = SPRING_RAW_0 + SPRINGS;
+const SPRING_RESIDUAL_0: usize = GYRO_0 + 3 * IMUS;
+const IMU_RESIDUAL_0: usize = SPRING_RESIDUAL_0 + SPRINGS;
+const PAYLOAD: usize = IMU_RESIDUAL_0 + 3 * IMUS;
+const COLUMNS: usize = PAYLOAD + 1;
 
 /// Names of the pose components, in the order of [`Channel::Tip`].
 pub const POSE_NAMES: [&str; 6] = ["x", "y", "z", "yaw", "pitch", "roll"];
@@ -53,14 +81,22 @@ impl Channel {
             Self::Tip(i) => TIP_0 + i,
             Self::Truth(i) => TRUTH_0 + i,
             Self::Error(i) => ERROR_0 + i,
+            Self::SpringRaw(i) => SPRING_RAW_0 + i,
+            Self::Gyro(i, k) => GYRO_0 + 3 * i + k,
+            Self::SpringResidual(i) => SPRING_RESIDUAL_0 + i,
+            Self::ImuResidual(i, k) => IMU_RESIDUAL_0 + 3 * i + k,
+            Self::Payload => PAYLOAD,
         }
     }
 
     /// Unit on screen.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Spring(_) => "mm",
-            Self::Imu(..) => "deg",
+            Self::Spring(_) | Self::SpringResidual(_) => "mm",
+            Self::Imu(..) | Self::ImuResidual(..) => "deg",
+            Self::SpringRaw(_) => "kHz",
+            Self::Gyro(..) => "deg/s",
+            Self::Payload => "g",
             Self::ChamberMeasured(_) | Self::ChamberSet(_) => "kPa",
             Self::Tip(i) | Self::Truth(i) => {
                 if i < 3 {
@@ -99,6 +135,27 @@ pub fn display_difference(actual: &[f64; 6], wanted: &[f64; 6]) -> [f64; 6] {
     })
 }
 
+/// Frequency of a spring's oscillator (0-based), kHz.
+pub fn spring_khz(raw: &RawFrame, i: usize) -> f64 {
+    f64::from(raw.spring_counts[i]) * raw.tick_rate_hz / f64::from(raw.spring_gate_ticks[i]) * 1e-3
+}
+
+/// Measured length of spring `i` (0-based) less the model's, mm.
+pub fn spring_residual_mm(frame: &SensorFrame, shape: &ArmShape, i: usize) -> f64 {
+    let [top, bottom] = shape.spring_ends_m[i];
+    let squares: f64 = (0..3).map(|k| (bottom[k] - top[k]).powi(2)).sum();
+    (frame.sensors.spring_m[i] - squares.sqrt()) * 1e3
+}
+
+/// Yaw, pitch, roll under IMU `i` (0-based) less the model's, deg.
+pub fn imu_residual_deg(frame: &SensorFrame, shape: &ArmShape, i: usize) -> [f64; 3] {
+    let model = ypr_from_rotation(&shape.base_from_pad[1 + i / 2].rotation);
+    std::array::from_fn(|k| {
+        let d = (frame.sensors.imu_ypr_rad[i][k] - model[k]).to_degrees();
+        d - 360.0 * (d / 360.0).round()
+    })
+}
+
 /// Length of the translation error (mm) and angle of the rotation error (deg).
 pub fn error_norms(actual: &Pose, wanted: &Pose) -> [f64; 2] {
     let e = pose_error(actual, wanted);
@@ -108,41 +165,11 @@ pub fn error_norms(actual: &Pose, wanted: &Pose) -> [f64; 2] {
     ]
 }
 
-/// Statistics of the absolute values of a channel.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Stats {
-    /// Mean absolute value.
-    pub mean: f64,
-    /// Root of the mean square.
-    pub rmse: f64,
-    /// Median of the absolute values (nearest rank).
-    pub p50: f64,
-    /// 95 % of the absolute values are at or below it (nearest rank).
-    pub p95: f64,
-    /// Largest absolute value.
-    pub max: f64,
-    /// How many values.
-    pub n: usize,
-}
-
-impl Stats {
-    /// Statistics of absolute values; `None` without a value.
-    pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
-        let mut v: Vec<f64> = values.map(f64::abs).collect();
-        v.sort_unstable_by(f64::total_cmp);
-        let n = v.len();
-        let max = *v.last()?;
-        // Nearest rank: the smallest value with at least p·n values at or below it.
-        let rank = |p: f64| v[((p * n as f64).ceil() as usize).clamp(1, n) - 1];
-        Some(Self {
-            mean: v.iter().sum::<f64>() / n as f64,
-            rmse: (v.iter().map(|x| x * x).sum::<f64>() / n as f64).sqrt(),
-            p50: rank(0.5),
-            p95: rank(0.95),
-            max,
-            n,
-        })
-    }
+/// Time that a pixel of a plot stands for, s: the grid of [`History::envelope`].
+///
+/// Whole nanoseconds: a window that moves on keeps its grid.
+pub fn slot_s(from_s: f64, to_s: f64, pixels: usize) -> f64 {
+    ((to_s - from_s) / (pixels.max(2) - 1) as f64 * 1e9).round() * 1e-9
 }
 
 /// Truth samples that may wait for an estimate at or after their instant.
@@ -152,9 +179,10 @@ const WAITING_TRUTHS: usize = 32;
 #[derive(Clone, Debug)]
 pub struct History {
     capacity: usize,
-    start: usize,
-    t_s: Vec<f64>,
-    columns: Vec<Vec<f32>>,
+    keep_s: f64,
+    rows: Store,
+    drawn: RefCell<Drawn>,
+    seen_raw: Option<Stamp>,
     seen_sensors: Option<Stamp>,
     seen_estimate: Option<Stamp>,
     seen_truth: Option<Stamp>,
@@ -169,9 +197,10 @@ impl History {
     pub fn new(capacity: usize) -> Self {
         Self {
             capacity: capacity.max(1),
-            start: 0,
-            t_s: Vec::new(),
-            columns: vec![Vec::new(); COLUMNS],
+            keep_s: f64::INFINITY,
+            rows: Store::new(COLUMNS),
+            drawn: RefCell::default(),
+            seen_raw: None,
             seen_sensors: None,
             seen_estimate: None,
             seen_truth: None,
@@ -179,6 +208,14 @@ impl History {
             estimates: VecDeque::new(),
             waiting_truths: VecDeque::new(),
             excluded: 0,
+        }
+    }
+
+    /// An empty history of at most [`LIVE_ROWS`] rows and [`LIVE_S`].
+    pub fn live() -> Self {
+        Self {
+            keep_s: LIVE_S,
+            ..Self::new(LIVE_ROWS)
         }
     }
 
@@ -193,45 +230,23 @@ impl History {
 
     /// Number of rows.
     pub fn len(&self) -> usize {
-        self.t_s.len()
+        self.rows.len()
     }
 
     /// Whether there is no row.
     pub fn is_empty(&self) -> bool {
-        self.t_s.is_empty()
+        self.len() == 0
     }
 
     /// Instants of the first and last row, s.
     pub fn range_s(&self) -> Option<[f64; 2]> {
         let n = self.len();
-        (n > 0).then(|| [self.time(0), self.time(n - 1)])
+        (n > 0).then(|| [self.rows.time(0), self.rows.time(n - 1)])
     }
 
     /// Truth samples without an estimate at their instant: left out of the errors.
     pub fn excluded(&self) -> usize {
         self.excluded
-    }
-
-    fn slot(&self, row: usize) -> usize {
-        (self.start + row) % self.t_s.len()
-    }
-
-    fn time(&self, row: usize) -> f64 {
-        self.t_s[self.slot(row)]
-    }
-
-    // First row at or after `t_s`.
-    fn row_at(&self, t_s: f64) -> usize {
-        let (mut lo, mut hi) = (0, self.len());
-        while lo < hi {
-            let mid = (lo + hi) / 2;
-            if self.time(mid) < t_s {
-                lo = mid + 1;
-            } else {
-                hi = mid;
-            }
-        }
-        lo
     }
 
     /// Adds a snapshot. One with the newest row's instant is ignored; one from before it starts a
@@ -243,27 +258,35 @@ impl History {
                 return;
             }
             if t_s < last {
-                *self = Self::new(self.capacity);
+                *self = Self {
+                    keep_s: self.keep_s,
+                    ..Self::new(self.capacity)
+                };
             }
         }
         let row = self.row_of(snapshot);
-        if self.t_s.len() < self.capacity {
-            self.t_s.push(t_s);
-            for (column, value) in self.columns.iter_mut().zip(row) {
-                column.push(value);
-            }
-        } else {
-            self.t_s[self.start] = t_s;
-            for (column, value) in self.columns.iter_mut().zip(row) {
-                column[self.start] = value;
-            }
-            self.start = (self.start + 1) % self.capacity;
+        self.rows.push(t_s, &row);
+        while self.len() > self.capacity || t_s - self.rows.time(0) > self.keep_s {
+            self.rows.pop();
         }
     }
 
     fn row_of(&mut self, snapshot: &Snapshot) -> [f32; COLUMNS] {
         let mut row = [f32::NAN; COLUMNS];
         let mut set = |channel: Channel, value: f64| row[channel.column()] = value as f32;
+        set(Channel::Payload, snapshot.payload_kg * 1e3);
+        if let Some(r) = &snapshot.raw
+            && self.seen_raw.replace(r.stamp) != Some(r.stamp)
+        {
+            for i in (0..SPRINGS).filter(|&i| r.has_spring(i) && r.spring_gate_ticks[i] > 0) {
+                set(Channel::SpringRaw(i), spring_khz(r, i));
+            }
+            for i in (0..IMUS).filter(|&i| r.has_imu(i)) {
+                for k in 0..3 {
+                    set(Channel::Gyro(i, k), r.imu[i].gyro_rad_s[k].to_degrees());
+                }
+            }
+        }
         if let Some(s) = &snapshot.sensors
             && self.seen_sensors.replace(s.stamp) != Some(s.stamp)
         {
@@ -277,6 +300,16 @@ impl History {
             }
             for i in (0..CHAMBERS).filter(|&i| s.health.chambers[i].usable()) {
                 set(Channel::ChamberMeasured(i), s.chamber_pa[i] * 1e-3);
+            }
+            if let Some(shape) = &snapshot.shape {
+                for i in (0..SPRINGS).filter(|&i| s.health.springs[i].usable()) {
+                    set(Channel::SpringResidual(i), spring_residual_mm(s, shape, i));
+                }
+                for i in (0..IMUS).filter(|&i| s.health.imus[i].usable()) {
+                    for (k, v) in imu_residual_deg(s, shape, i).into_iter().enumerate() {
+                        set(Channel::ImuResidual(i, k), v);
+                    }
+                }
             }
         }
         if let Some(c) = &snapshot.command
@@ -355,23 +388,58 @@ impl History {
 
     /// The values of a channel within `[from_s, to_s]`, in order of time.
     pub fn values(&self, channel: Channel, from_s: f64, to_s: f64) -> impl Iterator<Item = f64> {
-        self.points(channel, from_s, to_s).map(|[_, v]| v)
+        self.rows
+            .values(channel.column(), from_s, to_s)
+            .map(f64::from)
     }
 
-    fn points(&self, channel: Channel, from_s: f64, to_s: f64) -> impl Iterator<Item = [f64; 2]> {
-        let column = &self.columns[channel.column()];
-        (self.row_at(from_s)..self.len())
-            .map(|row| self.slot(row))
-            .map(|slot| [self.t_s[slot], f64::from(column[slot])])
-            .take_while(move |[t, _]| *t <= to_s)
-            .filter(|[_, v]| v.is_finite())
+    /// Instants (s) and values of a channel within `[from_s, to_s]`, in order of time.
+    pub fn points(
+        &self,
+        channel: Channel,
+        from_s: f64,
+        to_s: f64,
+    ) -> impl Iterator<Item = [f64; 2]> {
+        self.rows.points(channel.column(), from_s, to_s)
+    }
+
+    /// Statistics of the absolute values of a channel within `[from_s, to_s]`; `None` without a value.
+    pub fn stats(&self, channel: Channel, from_s: f64, to_s: f64) -> Option<Stats> {
+        Stats::of_many(self.rows.values(channel.column(), from_s, to_s))
     }
 
     /// The newest value of a channel at or before `to_s`, looking back at most 2 s.
     pub fn value_at(&self, channel: Channel, to_s: f64) -> Option<f64> {
-        self.points(channel, to_s - 2.0, to_s)
-            .last()
-            .map(|[_, v]| v)
+        self.rows
+            .rows(to_s - 2.0, to_s)
+            .rev()
+            .map(|row| self.rows.value(channel.column(), row))
+            .find(|v| v.is_finite())
+            .map(f64::from)
+    }
+
+    /// Values of some channels within `[from_s, to_s]`, in order of time, at most one of each per
+    /// `step_s`: those of the first row in each step of a fixed grid of time that has them all.
+    pub fn sampled<const N: usize>(
+        &self,
+        channels: [Channel; N],
+        [from_s, to_s]: [f64; 2],
+        step_s: f64,
+    ) -> Vec<[f64; N]> {
+        let mut out = Vec::new();
+        let rows = self.rows.rows(from_s, to_s);
+        let mut row = rows.start;
+        while row < rows.end {
+            let values = channels.map(|c| f64::from(self.rows.value(c.column(), row)));
+            if !values.iter().all(|v| v.is_finite()) {
+                row += 1;
+                continue;
+            }
+            out.push(values);
+            let next_s = ((self.rows.time(row) / step_s).floor() + 1.0) * step_s;
+            row = self.rows.row_at(next_s).max(row + 1);
+        }
+        out
     }
 
     /// The envelope of a channel over `[from_s, to_s]` for a plot `pixels` wide: at most two points
@@ -385,36 +453,49 @@ impl History {
         to_s: f64,
         pixels: usize,
     ) -> Vec<Vec<[f64; 2]>> {
-        let width_s = (to_s - from_s) / (pixels.max(2) - 1) as f64;
+        let width_s = slot_s(from_s, to_s, pixels);
         if width_s.is_nan() || width_s <= 0.0 {
             return Vec::new();
         }
+        // Several slots long, so that it never falls within one.
         let gap_s = (3.0 * width_s).max(0.25);
-        let mut lines: Vec<Vec<[f64; 2]>> = Vec::new();
-        let mut slot: Option<Extremes> = None;
-        let mut last_t = f64::NEG_INFINITY;
-        for p in self.points(channel, from_s, to_s) {
-            let index = (p[0] / width_s).floor();
-            let broken = p[0] - last_t > gap_s;
-            last_t = p[0];
-            match &mut slot {
-                Some(s) if s.index == index && !broken => s.add(p),
-                _ => {
-                    if let Some(s) = slot.take() {
-                        s.close(&mut lines);
-                    }
-                    if broken {
-                        lines.push(Vec::new());
-                    }
-                    slot = Some(Extremes::new(index, p));
+        let window_s = [from_s, to_s];
+        let mut drawn = self.drawn.borrow_mut();
+        let slots = drawn.slots(&self.rows, channel.column(), window_s, width_s);
+        lines(&slots, gap_s)
+    }
+}
+
+/// [`History::envelope`] of any points in order of time, for slots of `width_s`.
+pub fn envelope_of(points: impl Iterator<Item = [f64; 2]>, width_s: f64) -> Vec<Vec<[f64; 2]>> {
+    if width_s.is_nan() || width_s <= 0.0 {
+        return Vec::new();
+    }
+    let gap_s = (3.0 * width_s).max(0.25);
+    let mut lines: Vec<Vec<[f64; 2]>> = Vec::new();
+    let mut slot: Option<Extremes> = None;
+    let mut last_t = f64::NEG_INFINITY;
+    for p in points {
+        let index = (p[0] / width_s).floor();
+        let broken = p[0] - last_t > gap_s;
+        last_t = p[0];
+        match &mut slot {
+            Some(s) if s.index == index && !broken => s.add(p),
+            _ => {
+                if let Some(s) = slot.take() {
+                    s.close(&mut lines);
                 }
+                if broken {
+                    lines.push(Vec::new());
+                }
+                slot = Some(Extremes::new(index, p));
             }
         }
-        if let Some(s) = slot {
-            s.close(&mut lines);
-        }
-        lines
     }
+    if let Some(s) = slot {
+        s.close(&mut lines);
+    }
+    lines
 }
 
 // Smallest and largest point of one pixel's time slot.
@@ -453,152 +534,5 @@ impl Extremes {
         } else {
             line.extend([self.high, self.low]);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::gui::fixture;
-    use crate::signal::{Estimate, Matrix6, TruthSource, pose_from_ypr};
-
-    // x of the tip is `f(t)` in mm.
-    fn tip_x(rows: usize, hz: f64, f: impl Fn(f64) -> f64) -> History {
-        let mut h = History::new(LIVE_ROWS);
-        for i in 0..rows {
-            let t = i as f64 / hz;
-            h.push(&snapshot(t, f(t) * 1e-3));
-        }
-        h
-    }
-
-    fn snapshot(t_s: f64, x_m: f64) -> Snapshot {
-        let stamp = Stamp::from_seconds(t_s);
-        Snapshot {
-            stamp,
-            estimate: Some(Estimate {
-                stamp,
-                base_from_tip: pose_from_ypr([x_m, 0.0, 0.0], [0.0; 3]),
-                covariance: Matrix6::zeros(),
-                training_distance: 1.0,
-            }),
-            ..Snapshot::default()
-        }
-    }
-
-    #[test]
-    fn envelope_has_at_most_two_points_per_pixel_and_keeps_the_extremes() {
-        // A spike of one sample in noise must survive any window.
-        let noise = |t: f64| (t * 1_234.567).sin() * 3.0 + if t == 7.77 { 50.0 } else { 0.0 };
-        let h = tip_x(60_000, 100.0, noise);
-        for (from, to) in [(0.0, 600.0), (0.0, 10.0), (5.0, 95.0), (7.7, 7.8)] {
-            for pixels in [3, 100, 777] {
-                let lines = h.envelope(Channel::Tip(0), from, to, pixels);
-                let points: Vec<_> = lines.concat();
-                assert!(points.len() <= 2 * pixels, "{} > 2·{pixels}", points.len());
-                assert!(
-                    points.windows(2).all(|w| w[0][0] < w[1][0]),
-                    "in time order"
-                );
-                let all: Vec<_> = h.values(Channel::Tip(0), from, to).collect();
-                let max = |v: &[f64]| v.iter().copied().fold(f64::MIN, f64::max);
-                let min = |v: &[f64]| v.iter().copied().fold(f64::MAX, f64::min);
-                let kept: Vec<_> = points.iter().map(|p| p[1]).collect();
-                assert_eq!(max(&kept), max(&all));
-                assert_eq!(min(&kept), min(&all));
-                assert!(max(&kept) > 40.0);
-            }
-        }
-    }
-
-    #[test]
-    fn a_gap_breaks_the_line() {
-        let mut h = tip_x(100, 100.0, |_| 1.0);
-        for i in 0..100 {
-            h.push(&snapshot(3.0 + f64::from(i) * 0.01, 1e-3));
-        }
-        assert_eq!(h.envelope(Channel::Tip(0), 0.0, 4.0, 400).len(), 2);
-        assert_eq!(h.envelope(Channel::Tip(0), 0.0, 0.9, 400).len(), 1);
-    }
-
-    #[test]
-    fn ring_drops_the_oldest_and_a_new_session_clears() {
-        let mut h = History::new(10);
-        for i in 0..25 {
-            h.push(&snapshot(f64::from(i), f64::from(i) * 1e-3));
-        }
-        assert_eq!(h.len(), 10);
-        let [first, last] = h.range_s().expect("rows");
-        assert!((first - 15.0).abs() < 1e-9 && (last - 24.0).abs() < 1e-9);
-        let x: Vec<_> = h.values(Channel::Tip(0), 0.0, 100.0).collect();
-        assert_eq!(x, (15..25).map(f64::from).collect::<Vec<_>>());
-        // The same instant again changes nothing; an earlier one is another session.
-        h.push(&snapshot(24.0, 0.5));
-        assert_eq!(h.len(), 10);
-        h.push(&snapshot(1.0, 0.0));
-        assert_eq!(h.range_s(), Some([1.0, 1.0]));
-    }
-
-    #[test]
-    fn error_is_taken_at_the_instant_of_the_truth() {
-        // The tip moves 10 mm/s; the truth comes 25 ms late but is exact.
-        let mut h = History::new(1000);
-        for i in 0..200 {
-            let t = f64::from(i) * 0.01;
-            let mut s = snapshot(t, t * 0.010);
-            let then = t - 0.025;
-            s.truth = Some(GroundTruth {
-                stamp: Stamp::from_seconds(then),
-                base_from_tip: pose_from_ypr([then * 0.010 + 1e-3, 0.0, 0.0], [0.0; 3]),
-                source: TruthSource::VirtualRig,
-            });
-            h.push(&s);
-        }
-        let e: Vec<_> = h.values(Channel::Error(0), 0.0, 10.0).collect();
-        assert!(e.len() > 190, "{}", e.len());
-        for x in e {
-            assert!((x + 1.0).abs() < 1e-4, "{x}");
-        }
-        // Three came before the first estimate.
-        assert_eq!(h.excluded(), 3);
-    }
-
-    #[test]
-    fn stats_have_their_anchors() {
-        let s = Stats::of((1..=100).map(|i| {
-            if i % 2 == 0 {
-                f64::from(i)
-            } else {
-                -f64::from(i)
-            }
-        }))
-        .expect("values");
-        assert_eq!(
-            (s.mean, s.p50, s.p95, s.max, s.n),
-            (50.5, 50.0, 95.0, 100.0, 100)
-        );
-        // Σ i² = n (n + 1) (2n + 1) / 6
-        assert!((s.rmse - 3_383.5_f64.sqrt()).abs() < 1e-9);
-        assert_eq!(Stats::of(std::iter::empty()), None);
-    }
-
-    #[test]
-    fn yaw_wraps() {
-        let d = display_difference(
-            &[0.0, 0.0, 0.0, 179.0, 0.0, 0.0],
-            &[0.0, 0.0, 0.0, -179.0, 0.0, 0.0],
-        );
-        assert!((d[3] + 2.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn unusable_channels_leave_no_value() {
-        let mut s = fixture::snapshot(1.0);
-        if let Some(sensors) = &mut s.sensors {
-            sensors.health.springs[4] = crate::signal::ChannelHealth::Missing;
-        }
-        let h = History::of([s].iter());
-        assert_eq!(h.values(Channel::Spring(4), 0.0, 2.0).count(), 0);
-        assert_eq!(h.values(Channel::Spring(5), 0.0, 2.0).count(), 1);
     }
 }

@@ -1,10 +1,13 @@
 //! The window: screens, scene, offscreen pictures.
 
 pub mod app;
+pub mod compare;
 pub mod history;
 pub mod offscreen;
+pub mod pace;
 pub mod panels;
 pub mod scene;
+pub mod score;
 pub mod services;
 pub mod theme;
 
@@ -12,6 +15,8 @@ pub mod theme;
 mod fixture;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod vision;
 
 pub use app::App;
 pub use services::{RecordingEntry, Services};

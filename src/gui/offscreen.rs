@@ -1,6 +1,7 @@
 //! Draws any egui content without a window: the same renderer and paint callbacks as on the screen, into
 //! a texture that is read back as an image. Runs on software drivers as well.
 
+use egui::accesskit;
 use egui_wgpu::wgpu;
 use image::RgbaImage;
 
@@ -25,6 +26,9 @@ pub enum OffscreenError {
         /// The device's limit.
         max: u32,
     },
+    /// There is no such control.
+    #[error("there is no control named “{0}” in the picture that could be pressed")]
+    NoControl(String),
     /// The device stopped answering.
     #[error(
         "the graphics device did not deliver the picture: {0}. Try again, or another driver with WGPU_ADAPTER_NAME"
@@ -104,6 +108,53 @@ impl Offscreen {
             shapes = self.apply(output);
         }
         self.paint(shapes)
+    }
+
+    /// Lets time pass without a picture.
+    pub fn run(&mut self, mut content: impl FnMut(&mut egui::Ui)) {
+        for _ in 0..PASSES {
+            let input = self.input();
+            let output = self.context.run_ui(input, &mut content);
+            self.apply(output);
+        }
+    }
+
+    /// Presses the control of this name, as a screen reader would.
+    ///
+    /// # Errors
+    /// [`OffscreenError::NoControl`] when none has the name, or the one that has it is off.
+    pub fn press(
+        &mut self,
+        name: &str,
+        mut content: impl FnMut(&mut egui::Ui),
+    ) -> Result<(), OffscreenError> {
+        self.context.enable_accesskit();
+        let mut tree = None;
+        for _ in 0..PASSES {
+            let input = self.input();
+            let mut output = self.context.run_ui(input, &mut content);
+            tree = output.platform_output.accesskit_update.take();
+            self.apply(output);
+        }
+        let nodes = tree.map_or_else(Vec::new, |t| t.nodes);
+        let (id, _) = nodes
+            .into_iter()
+            .find(|(_, node)| {
+                node.label() == Some(name)
+                    && !node.is_disabled()
+                    && node.supports_action(accesskit::Action::Click)
+            })
+            .ok_or_else(|| OffscreenError::NoControl(name.to_owned()))?;
+        let request = accesskit::ActionRequest {
+            action: accesskit::Action::Click,
+            target_tree: accesskit::TreeId::ROOT,
+            target_node: id,
+            data: None,
+        };
+        self.events
+            .push(egui::Event::AccessKitActionRequest(request));
+        self.run(content);
+        Ok(())
     }
 
     fn input(&mut self) -> egui::RawInput {
@@ -281,6 +332,24 @@ mod tests {
         for at in [(0, 0), (299, 119), (150, 60)] {
             assert_eq!(image.get_pixel(at.0, at.1).0, [200, 100, 50, 255]);
         }
+    }
+
+    #[test]
+    fn a_control_is_pressed_by_its_name_unless_it_is_off() {
+        let mut offscreen = Offscreen::new([300, 120], 1.0).expect("a graphics driver");
+        let mut pressed = 0;
+        let mut content = |ui: &mut egui::Ui| {
+            pressed += u32::from(ui.button("Do it").clicked());
+            ui.add_enabled(false, egui::Button::new("Not now"));
+        };
+        offscreen.press("Do it", &mut content).expect("it is there");
+        for name in ["Not now", "Elsewhere"] {
+            let error = offscreen
+                .press(name, &mut content)
+                .expect_err("off or away");
+            assert!(error.to_string().contains(name));
+        }
+        assert_eq!(pressed, 1);
     }
 
     #[test]

@@ -1,10 +1,21 @@
-//! What the window asks of the program around it: files and other programs. The window itself does
-//! no input or output.
+//! What the window asks of the program around it: files, long work, other programs. The window itself
+//! does no input or output and starts no thread.
 
+pub mod gap;
+
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::signal::Trace;
+use crate::sensing::registration::Registration;
+use crate::signal::{Stamp, Trace};
+use crate::twin::Handle;
+
+pub use super::panels::calibrate::outside::{
+    Bench, BenchRequest, CalibrationServices, Comparison, NewVersion, Question, Version,
+};
 
 /// A recording in the library.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,43 +34,290 @@ pub struct RecordingEntry {
     pub note: Option<String>,
 }
 
-/// A list of recordings that comes later: a thread of the program sends it once.
-pub type PendingScan = Receiver<Result<Vec<RecordingEntry>, String>>;
-/// A recording that comes later.
-pub type PendingTrace = Receiver<Result<Trace, String>>;
+/// A channel of a recording, and how sound it is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ChannelFacts {
+    /// Name: a column, or the path of an entity.
+    pub name: String,
+    /// Unit; empty where there is none.
+    pub unit: String,
+    /// Rows that hold a value.
+    pub rows: u64,
+    /// Mean rate, Hz.
+    pub rate_hz: f64,
+}
 
+/// A channel that is not sound throughout.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ChannelFault {
+    /// Name.
+    pub name: String,
+    /// Samples without a value.
+    pub missing: u64,
+    /// Samples that were marked as suspect, stuck or out of range.
+    pub flagged: u64,
+}
+
+/// A line of a recording's log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoggedEvent {
+    /// When, on the recording's time base.
+    pub stamp: Stamp,
+    /// Which log: `mode`, `events`, `alarms`.
+    pub log: String,
+    /// What happened.
+    pub text: String,
+}
+
+/// What is known about a recording besides its snapshots.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct About {
+    /// Where it is.
+    pub path: Option<PathBuf>,
+    /// Its logs, in order of time.
+    pub events: Vec<LoggedEvent>,
+    /// What the file holds.
+    pub channels: Vec<ChannelFacts>,
+    /// What is not sound.
+    pub faults: Vec<ChannelFault>,
+    /// Places where time steps by more than one and a half usual steps.
+    pub gaps: u64,
+    /// The longest step in time, s.
+    pub longest_step_s: f64,
+    /// For a file that was cut: session time of the last record that could be read.
+    pub cut_at: Option<Stamp>,
+}
+
+/// A recording in memory.
+#[derive(Clone, Debug, Default)]
+pub struct Loaded {
+    /// Its snapshots.
+    pub trace: Trace,
+    /// What else is known.
+    pub about: About,
+}
+
+impl From<Trace> for Loaded {
+    fn from(trace: Trace) -> Self {
+        Self {
+            trace,
+            about: About::default(),
+        }
+    }
+}
+
+/// How far a [`Job`] is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stage {
+    /// What is being done: a few words.
+    pub what: String,
+    /// Share done, 0..1, if it can be told.
+    pub share: Option<f32>,
+}
+
+#[derive(Default)]
+struct Shared {
+    stage: Mutex<Stage>,
+    cancelled: AtomicBool,
+}
+
+/// Work that goes on elsewhere: how far it is, a way to stop it, one answer. Dropping it cancels it.
+pub struct Job<T> {
+    shared: Arc<Shared>,
+    answer: Receiver<Result<T, String>>,
+}
+
+/// The worker's end of a [`Job`].
+pub struct Worker<T> {
+    shared: Arc<Shared>,
+    answer: SyncSender<Result<T, String>>,
+}
+
+impl<T> Job<T> {
+    /// A job and its worker's end.
+    pub fn pair() -> (Self, Worker<T>) {
+        let (tx, answer) = sync_channel(1);
+        let shared = Arc::new(Shared::default());
+        let worker = Worker {
+            shared: Arc::clone(&shared),
+            answer: tx,
+        };
+        (Self { shared, answer }, worker)
+    }
+
+    /// An answer that is there already.
+    pub fn ready(answer: Result<T, String>) -> Self {
+        let (job, worker) = Self::pair();
+        worker.finish(answer);
+        job
+    }
+
+    /// The answer, once; a worker that vanished counts as an error.
+    pub fn poll(&self) -> Option<Result<T, String>> {
+        match self.answer.try_recv() {
+            Ok(answer) => Some(answer),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => {
+                Some(Err("The work ended without an answer.".into()))
+            }
+        }
+    }
+
+    /// How far it is.
+    pub fn stage(&self) -> Stage {
+        let stage = self.shared.stage.lock();
+        stage.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl<T> Drop for Job<T> {
+    fn drop(&mut self) {
+        self.shared.cancelled.store(true, Ordering::Relaxed);
+    }
+}
+
+impl<T> Worker<T> {
+    /// Tells how far the work is.
+    pub fn tell(&self, what: &str, share: Option<f32>) {
+        let mut stage = self
+            .shared
+            .stage
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if stage.what != what {
+            what.clone_into(&mut stage.what);
+        }
+        stage.share = share;
+    }
+
+    /// Whether nobody waits for the answer any more.
+    pub fn cancelled(&self) -> bool {
+        self.shared.cancelled.load(Ordering::Relaxed)
+    }
+
+    /// Gives the answer.
+    pub fn finish(self, answer: Result<T, String>) {
+        // The window may have given up waiting; the channel holds the one answer there is.
+        let _ = self.answer.try_send(answer);
+    }
+}
+
+/// What a file dialog asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dialog {
+    /// Its title.
+    pub title: String,
+    /// Whether a file is read or written.
+    pub kind: DialogKind,
+    /// Name of the kind of file and its extensions, without dots; none: any file.
+    pub filter: Option<(String, Vec<String>)>,
+    /// Suggested name, when a file is written.
+    pub name: String,
+}
+
+/// What a [`Dialog`] chooses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DialogKind {
+    /// A file that exists.
+    Open,
+    /// A folder that exists.
+    Folder,
+    /// A file to write.
+    Save,
+}
+
+/// A serial port that could be connected to.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PortEntry {
+    /// What it is opened by.
+    pub name: String,
+    /// What is behind it, as far as the system tells; may be empty.
+    pub what: String,
+}
+
+/// Puts a twin on a rig: `pty`, `sim`, or the names of serial ports.
+pub type Connector = Box<dyn FnMut(&str) -> Job<Handle>>;
+/// Finds what belongs to a rig: its calibrations, and where motion capture lies on it.
+pub type RigFinder =
+    Box<dyn FnMut(&str) -> Result<(CalibrationServices, Option<Registration>), String>>;
+/// Loads a recording.
+pub type Loader = Box<dyn FnMut(&Path) -> Job<Loaded>>;
 /// Shows a file in another program.
 pub type Opener = Box<dyn FnMut(&Path) -> Result<(), String>>;
+/// Writes a file.
+pub type Writer = Box<dyn FnMut(&Path, &[u8]) -> Result<(), String>>;
+/// Asks the operator for a path; `None` when the dialog was cancelled.
+pub type PathPicker = Box<dyn FnMut(Dialog) -> Job<Option<PathBuf>>>;
 
 /// What the window can ask for. Errors are sentences for the operator. Closures return at once;
 /// whoever answers later asks the window for a repaint.
 pub struct Services {
     /// Looks for recordings.
-    pub scan: Box<dyn FnMut() -> PendingScan>,
+    pub scan: Box<dyn FnMut() -> Job<Vec<RecordingEntry>>>,
     /// Loads a recording.
-    pub load: Box<dyn FnMut(&Path) -> PendingTrace>,
+    pub load: Loader,
     /// Opens a recording in the Rerun viewer.
     pub open_in_rerun: Opener,
+    /// Starts the Rerun viewer on this machine, or finds the one that it started before, and tells where
+    /// it listens.
+    pub start_viewer: Box<dyn FnMut() -> Job<SocketAddr>>,
     /// A fresh path for a new recording.
     pub default_recording: Box<dyn FnMut() -> PathBuf>,
-}
-
-/// An answer that is there already.
-pub fn ready<T>(value: T) -> Receiver<T> {
-    let (tx, rx) = sync_channel(1);
-    // The channel holds one value and the receiver is alive: this cannot fail.
-    let _ = tx.try_send(value);
-    rx
+    /// A native file dialog.
+    pub pick: PathPicker,
+    /// Writes a small file (a table, a report) whole or not at all.
+    pub write: Writer,
+    /// The serial ports there are.
+    pub ports: Box<dyn FnMut() -> Job<Vec<PortEntry>>>,
+    /// Puts a new twin on a rig; the one before has been let go by then.
+    pub connect: Connector,
+    /// What the Gap screen asks for.
+    pub gap: gap::GapServices,
+    /// What the Calibrate screen asks for.
+    pub calibration: CalibrationServices,
+    /// What belongs to a rig that was connected to.
+    pub belongings: RigFinder,
 }
 
 impl Services {
     /// Services of a window without files: pictures and tests.
     pub fn none() -> Self {
+        let no = |what: &str| format!("This window cannot {what}.");
         Self {
-            scan: Box::new(|| ready(Ok(Vec::new()))),
-            load: Box::new(|_| ready(Err("This window cannot load recordings.".into()))),
-            open_in_rerun: Box::new(|_| Err("This window cannot open other programs.".into())),
+            scan: Box::new(|| Job::ready(Ok(Vec::new()))),
+            load: Box::new(move |_| Job::ready(Err(no("load recordings")))),
+            open_in_rerun: Box::new(move |_| Err(no("open other programs"))),
+            start_viewer: Box::new(move || Job::ready(Err(no("open other programs")))),
             default_recording: Box::new(|| PathBuf::from("recording.rrd")),
+            pick: Box::new(|_| Job::ready(Ok(None))),
+            write: Box::new(move |_, _| Err(no("write files"))),
+            ports: Box::new(|| Job::ready(Ok(Vec::new()))),
+            connect: Box::new(move |_| Job::ready(Err(no("connect to a rig")))),
+            gap: gap::GapServices::none(),
+            calibration: CalibrationServices::none(),
+            belongings: Box::new(|_| Ok((CalibrationServices::none(), None))),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_tells_how_far_it_is_answers_once_and_notices_that_nobody_waits() {
+        let (job, worker) = Job::pair();
+        assert_eq!(job.poll(), None);
+        worker.tell("counting", Some(0.5));
+        assert_eq!(job.stage().what, "counting");
+        assert!(!worker.cancelled());
+        worker.finish(Ok(7));
+        assert_eq!(job.poll(), Some(Ok(7)));
+        let (job, worker) = Job::<u8>::pair();
+        drop(job);
+        assert!(worker.cancelled());
+        let (job, worker) = Job::<u8>::pair();
+        drop(worker);
+        assert!(job.poll().is_some_and(|a| a.is_err()));
     }
 }

@@ -1,5 +1,17 @@
 //! The window driven as an operator would, with a twin made of channels.
 
+mod accuracy;
+mod calibrate;
+// Its sessions come from the virtual rig, which the window itself may not import.
+#[cfg(test)]
+mod gap;
+mod operate;
+mod plots;
+mod recordings;
+mod rerun;
+mod sensors;
+mod shell;
+
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
@@ -11,7 +23,7 @@ use super::app::App;
 use super::fixture;
 use super::panels::Screen;
 use super::panels::player::Player;
-use super::services::{RecordingEntry, Services, ready};
+use super::services::{Job, RecordingEntry, Services};
 use crate::robot::RobotSpec;
 use crate::signal::{
     Alarm, ChannelHealth, Goal, Mode, ReachState, Severity, Simulator, Snapshot, Stamp, TruthSource,
@@ -82,13 +94,23 @@ fn type_target(h: &mut Harness<'_, App>, text: [&str; 3]) {
     }
 }
 
+// The one thing of this name that something can be done with: names of lines in plots are the same words.
+fn control<'h>(h: &'h Harness<'_, App>, label: &'h str) -> egui_kittest::Node<'h> {
+    let mut found: Vec<_> = h
+        .query_all_by_label(label)
+        .filter(|n| n.accesskit_node().role() != egui::accesskit::Role::Label)
+        .collect();
+    assert_eq!(found.len(), 1, "controls named “{label}”");
+    found.remove(0)
+}
+
 fn press(h: &mut Harness<'_, App>, label: &str) {
-    h.get_by_label(label).click();
+    control(h, label).click();
     h.run();
 }
 
 fn is_disabled(h: &Harness<'_, App>, label: &str) -> bool {
-    h.get_by_label(label).accesskit_node().is_disabled()
+    control(h, label).accesskit_node().is_disabled()
 }
 
 #[test]
@@ -463,7 +485,7 @@ fn library_services() -> Services {
     };
     Services {
         scan: Box::new(move || {
-            ready(Ok(vec![
+            Job::ready(Ok(vec![
                 entry("circle-35g", 1_240_000, 126.0, None),
                 entry("figure-8-115g", 1_310_000, 131.0, None),
                 entry(
@@ -475,7 +497,7 @@ fn library_services() -> Services {
                 entry("point-to-point", 412_000, 48.0, None),
             ]))
         }),
-        load: Box::new(|_| ready(Ok(fixture::trace("circle-35g", 40)))),
+        load: Box::new(|_| Job::ready(Ok(fixture::trace("circle-35g", 40).into()))),
         ..Services::none()
     }
 }
@@ -532,11 +554,30 @@ fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
     );
     let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
     assert!(shades.len() > 20, "{name} is nearly blank");
+    save(name, &image);
+}
+
+fn save(name: &str, image: &image::RgbaImage) {
     let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
     std::fs::create_dir_all(&dir).expect("the target directory can be written");
     image
         .save(dir.join(format!("{name}.png")))
         .expect("the picture can be written");
+}
+
+// 2560 by 1440 pixels, two to a point.
+fn sharp_picture(name: &str, theme: Theme, app: App) {
+    let mut h = Harness::builder()
+        .with_size([1280.0, 720.0])
+        .with_pixels_per_point(2.0)
+        .with_theme(theme)
+        .with_render_cursor(false)
+        .wgpu()
+        .build_eframe(|_| app);
+    h.run_steps(5);
+    let image = h.render().expect("a GPU or a software renderer draws");
+    assert_eq!([image.width(), image.height()], [2560, 1440], "{name}");
+    save(name, &image);
 }
 
 #[test]

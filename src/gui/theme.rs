@@ -2,7 +2,7 @@
 //!
 //! Every colour a text can have stands in [`Palette`]; a test computes its contrast (WCAG 2.2, at
 //! least 4.5:1) against every surface it is drawn on, and 3:1 for lines and marks. The series are
-//! chosen to stay apart for deuteranopes and protanopes, which a test simulates.
+//! chosen to stay apart for protanopes, deuteranopes and tritanopes, which a test simulates.
 
 use egui::{Color32, CornerRadius, FontFamily, FontId, Margin, Stroke, TextStyle, Theme, vec2};
 
@@ -84,12 +84,12 @@ const DARK: Palette = Palette {
     on_critical: Color32::WHITE,
     warning_fill: Color32::from_rgb(0x4d, 0x3a, 0x14),
     series: [
-        Color32::from_rgb(0x56, 0xb4, 0xe9),
-        Color32::from_rgb(0xe6, 0x9f, 0x00),
-        Color32::from_rgb(0x00, 0xa8, 0x7c),
-        Color32::from_rgb(0xe4, 0x5f, 0x28),
-        Color32::from_rgb(0xd9, 0x8f, 0xb3),
-        Color32::from_rgb(0xf2, 0xe8, 0x5c),
+        Color32::from_rgb(0x54, 0xc3, 0xff),
+        Color32::from_rgb(0xfa, 0xb0, 0x13),
+        Color32::from_rgb(0x04, 0xab, 0x74),
+        Color32::from_rgb(0xef, 0x57, 0x2a),
+        Color32::from_rgb(0xdf, 0xa2, 0xc9),
+        Color32::from_rgb(0xfb, 0xf7, 0x5b),
     ],
 };
 
@@ -110,12 +110,12 @@ const LIGHT: Palette = Palette {
     on_critical: Color32::WHITE,
     warning_fill: Color32::from_rgb(0xff, 0xe6, 0xb8),
     series: [
-        Color32::from_rgb(0x00, 0x72, 0xb2),
-        Color32::from_rgb(0xc0, 0x83, 0x00),
+        Color32::from_rgb(0x0c, 0x81, 0xc9),
+        Color32::from_rgb(0xb5, 0x84, 0x00),
         Color32::from_rgb(0x00, 0x6b, 0x50),
-        Color32::from_rgb(0xad, 0x2f, 0x00),
-        Color32::from_rgb(0xb9, 0x60, 0x9a),
-        Color32::from_rgb(0x2e, 0x2a, 0x5c),
+        Color32::from_rgb(0xb2, 0x24, 0x08),
+        Color32::from_rgb(0xca, 0x5d, 0x95),
+        Color32::from_rgb(0x30, 0x28, 0x66),
     ],
 };
 
@@ -137,6 +137,14 @@ impl Palette {
         }
     }
 
+    /// Colour of a sentence at a level: plain text when all is well.
+    pub fn level_text(&self, level: Level) -> Color32 {
+        match level {
+            Level::Normal => self.text,
+            level => self.level(level),
+        }
+    }
+
     /// Colour of text and marks at a level.
     pub fn level(&self, level: Level) -> Color32 {
         match level {
@@ -146,19 +154,46 @@ impl Palette {
         }
     }
 
+    /// Colour of a magnitude, `share` 0..1 of the scale's end: grey where nothing is abnormal, then ever
+    /// further from the background's luminance, so that it reads in every kind of colour vision. A share
+    /// that is no number has the colour of no data.
+    pub fn heat(&self, share: f64) -> Color32 {
+        if !share.is_finite() {
+            return self.sunken;
+        }
+        // From the grey of lines through the series in the order of their luminance.
+        let [_, amber, _, red, _, end] = self.series;
+        let stops = if luma(self.window) < 0.5 {
+            [self.line, red, amber, end]
+        } else {
+            [self.line, amber, red, end]
+        };
+        let at = share.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
+        let i = (at as usize).min(stops.len() - 2);
+        stops[i].lerp_to_gamma(stops[i + 1], (at - i as f64) as f32)
+    }
+
     /// The colour of a signal, the same on every screen. Springs share the colour of their X pair
     /// (the second of a pair is drawn dashed), set pressures that of their chamber; ground truth is
     /// neutral.
     pub fn signal(&self, channel: Channel) -> Color32 {
         match channel {
-            Channel::Spring(i) => self.series[i / 2],
-            Channel::Imu(i, _) => self.series[i],
+            Channel::Spring(i) | Channel::SpringRaw(i) | Channel::SpringResidual(i) => {
+                self.series[i / 2]
+            }
+            Channel::Imu(i, _) | Channel::Gyro(i, _) | Channel::ImuResidual(i, _) => self.series[i],
+            Channel::Payload => self.text,
             Channel::ChamberMeasured(i) | Channel::ChamberSet(i) => self.series[i],
             Channel::Tip(i) => self.series[i],
             Channel::Truth(_) => self.text,
             Channel::Error(i) => self.series[if i < 6 { i } else { 0 }],
         }
     }
+}
+
+// Rough luminance, 0..1.
+fn luma(c: Color32) -> f64 {
+    (0.2126 * f64::from(c.r()) + 0.7152 * f64::from(c.g()) + 0.0722 * f64::from(c.b())) / 255.0
 }
 
 /// Sets both themes' styles, and lets the monospace font supply the signs (●, ▲, ⊗ …) that the
@@ -223,7 +258,7 @@ fn visuals(theme: Theme) -> egui::Visuals {
     v.window_corner_radius = radius;
     v.menu_corner_radius = radius;
     // A disabled control still has to be read: its reason is on it.
-    v.disabled_alpha = 0.6;
+    v.disabled_alpha = 0.65;
     let w = &mut v.widgets;
     for (state, fill, text, line) in [
         (&mut w.noninteractive, p.panel, p.text, p.line),
@@ -245,36 +280,10 @@ fn visuals(theme: Theme) -> egui::Visuals {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gui::vision::{Eyes, contrast, difference};
 
-    fn linear(c: Color32) -> [f64; 3] {
-        [c.r(), c.g(), c.b()].map(|u| {
-            let s = f64::from(u) / 255.0;
-            if s <= 0.04045 {
-                s / 12.92
-            } else {
-                ((s + 0.055) / 1.055).powf(2.4)
-            }
-        })
-    }
-
-    // Relative luminance and contrast ratio of WCAG 2.2.
-    fn contrast(a: Color32, b: Color32) -> f64 {
-        let y = |c| {
-            let [r, g, b] = linear(c);
-            0.2126 * r + 0.7152 * g + 0.0722 * b
-        };
-        let (hi, lo) = if y(a) > y(b) {
-            (y(a), y(b))
-        } else {
-            (y(b), y(a))
-        };
-        (hi + 0.05) / (lo + 0.05)
-    }
-
-    #[test]
-    fn contrast_has_its_anchors() {
-        assert!((contrast(Color32::WHITE, Color32::BLACK) - 21.0).abs() < 1e-9);
-        assert!((contrast(Color32::from_gray(0x77), Color32::WHITE) - 4.48).abs() < 0.01);
+    fn of(c: Color32) -> [f64; 3] {
+        [c.r(), c.g(), c.b()].map(|u| f64::from(u) / 255.0)
     }
 
     #[test]
@@ -284,7 +293,7 @@ mod tests {
             let surfaces = [p.window, p.panel, p.raised, p.sunken];
             for text in [p.text, p.weak, p.warning, p.critical] {
                 for surface in surfaces {
-                    let c = contrast(text, surface);
+                    let c = contrast(of(text), of(surface));
                     assert!(c >= 4.5, "{theme:?}: {text:?} on {surface:?} has {c:.2}");
                 }
             }
@@ -294,68 +303,59 @@ mod tests {
                 (p.text, p.warning_fill),
                 (p.on_critical, p.critical_fill),
             ] {
-                let c = contrast(text, surface);
+                let c = contrast(of(text), of(surface));
                 assert!(c >= 4.5, "{theme:?}: {text:?} on {surface:?} has {c:.2}");
             }
             for mark in p.series.into_iter().chain([p.bar]) {
                 for surface in [p.panel, p.sunken] {
-                    let c = contrast(mark, surface);
+                    let c = contrast(of(mark), of(surface));
                     assert!(c >= 3.0, "{theme:?}: {mark:?} on {surface:?} has {c:.2}");
                 }
             }
         }
     }
 
-    // CIE L*a*b*, D65.
-    fn lab([r, g, b]: [f64; 3]) -> [f64; 3] {
-        let f = |t: f64| {
-            if t > 0.008_856 {
-                t.cbrt()
-            } else {
-                7.787 * t + 16.0 / 116.0
+    #[test]
+    fn heat_leaves_the_grey_of_the_floor_in_one_direction_of_luminance() {
+        for theme in [Theme::Dark, Theme::Light] {
+            let p = Palette::of(theme);
+            assert_eq!(p.heat(0.0), p.line);
+            assert_eq!(p.heat(-3.0), p.line);
+            assert_eq!(p.heat(7.0), p.series[5]);
+            assert_eq!(p.heat(f64::NAN), p.sunken);
+            let shares = (0..=20).map(|i| p.heat(f64::from(i) / 20.0));
+            let contrasts: Vec<f64> = shares.map(|c| contrast(of(c), of(p.sunken))).collect();
+            for w in contrasts.windows(2) {
+                assert!(w[1] > w[0], "{theme:?}: {contrasts:.2?}");
             }
-        };
-        let x = f((0.4124 * r + 0.3576 * g + 0.1805 * b) / 0.9505);
-        let y = f(0.2126 * r + 0.7152 * g + 0.0722 * b);
-        let z = f((0.0193 * r + 0.1192 * g + 0.9505 * b) / 1.089);
-        [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+        }
+    }
+
+    #[test]
+    fn what_is_stale_is_greyed_and_still_readable() {
+        // Drawn with 0.65 of its opacity (see `View::grey_if_stale`), as controls that are off are.
+        for theme in [Theme::Dark, Theme::Light] {
+            let p = Palette::of(theme);
+            for surface in [p.panel, p.raised, p.sunken] {
+                let (text, under) = (of(p.text), of(surface));
+                let seen = std::array::from_fn(|k| 0.65 * text[k] + 0.35 * under[k]);
+                let c = contrast(seen, under);
+                assert!(c >= 4.5, "{theme:?}: stale text on {surface:?} has {c:.2}");
+            }
+        }
     }
 
     #[test]
     fn series_stay_apart_for_colour_blind_eyes() {
-        // Machado, Oliveira and Fernandes 2009 (doi:10.1109/TVCG.2009.113), severity 1.
-        const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        const PROTAN: [[f64; 3]; 3] = [
-            [0.152286, 1.052583, -0.204868],
-            [0.114503, 0.786281, 0.099216],
-            [-0.003882, -0.048116, 1.051998],
-        ];
-        const DEUTAN: [[f64; 3]; 3] = [
-            [0.367322, 0.860646, -0.227968],
-            [0.280085, 0.672501, 0.047413],
-            [-0.011820, 0.042940, 0.968881],
-        ];
         for theme in [Theme::Dark, Theme::Light] {
-            for (eyes, m) in [("usual", IDENTITY), ("protan", PROTAN), ("deutan", DEUTAN)] {
-                let seen: Vec<_> = Palette::of(theme)
-                    .series
-                    .iter()
-                    .map(|&c| {
-                        let c = linear(c);
-                        lab(m.map(|row| {
-                            (row[0] * c[0] + row[1] * c[1] + row[2] * c[2]).clamp(0.0, 1.0)
-                        }))
-                    })
-                    .collect();
-                for i in 0..seen.len() {
+            let series = Palette::of(theme).series.map(of);
+            for eyes in Eyes::ALL {
+                for i in 0..series.len() {
                     for j in 0..i {
-                        let d = (0..3)
-                            .map(|k| (seen[i][k] - seen[j][k]).powi(2))
-                            .sum::<f64>()
-                            .sqrt();
+                        let d = difference(eyes, series[i], series[j]);
                         assert!(
                             d > 15.0,
-                            "{theme:?}, {eyes} eyes: series {j} and {i}: {d:.1}"
+                            "{theme:?}, {eyes:?} eyes: series {j} and {i}: {d:.1}"
                         );
                     }
                 }

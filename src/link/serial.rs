@@ -66,10 +66,6 @@ pub enum LinkError {
 }
 
 /// What comes out of a link.
-#[expect(
-    clippy::large_enum_variant,
-    reason = "nearly all are frames, a hundred a second: a box would buy nothing"
-)]
 #[derive(Clone, Debug)]
 pub enum LinkInput {
     /// A merged frame.
@@ -333,7 +329,11 @@ impl Worker {
         }
         if now >= self.next_status {
             self.next_status = now.plus(STATUS_PERIOD_S);
-            self.offer(LinkInput::Status(self.session.status(now)));
+            let gone = self.ports.is_empty();
+            self.offer(LinkInput::Status(LinkStatus {
+                retry_in_s: gone.then(|| self.next_reopen.since(now).max(0.0)),
+                ..self.session.status(now)
+            }));
         }
     }
 

@@ -342,6 +342,7 @@ impl HostSession {
             age_s: self
                 .last_frame
                 .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),
+            retry_in_s: None,
             board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
             board_clock: std::array::from_fn(|b| self.peers[b].clock.fitted()),
         }

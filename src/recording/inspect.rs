@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::log::{column_names, median_step_s};
-use super::{Channel, RecordingError, SessionLog, read_rrd, read_session};
+use super::{Channel, ReadRecording, RecordingError, SessionLog, read_rrd, read_session};
 use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
 
 /// Steps longer than this many usual ones are gaps.
@@ -79,14 +79,14 @@ pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
     if is_rrd {
-        inspect_recording(path)
+        Ok(inspect_recording(&read_rrd(path)?))
     } else {
         Ok(inspect_log(&read_session(path)?))
     }
 }
 
-fn inspect_recording(path: &Path) -> Result<Inspection, RecordingError> {
-    let read = read_rrd(path)?;
+/// What is in a recording that was read already.
+pub fn inspect_recording(read: &ReadRecording) -> Inspection {
     let t_s: Vec<f64> = read
         .trace
         .snapshots
@@ -94,10 +94,10 @@ fn inspect_recording(path: &Path) -> Result<Inspection, RecordingError> {
         .map(|s| s.stamp.seconds())
         .collect();
     let channels = trace_reports(&read.trace);
-    Ok(Inspection {
+    Inspection {
         kind: InspectedKind::Recording,
-        name: read.meta.name,
-        channels: read.channels,
+        name: read.meta.name.clone(),
+        channels: read.channels.clone(),
         seconds: span_s(&t_s),
         samples: t_s.len() as u64,
         complete: read.complete,
@@ -105,7 +105,7 @@ fn inspect_recording(path: &Path) -> Result<Inspection, RecordingError> {
         health: file_health(&t_s, channels),
         simulated: Some(read.meta.simulated),
         payload_kg: read.meta.payload_kg,
-    })
+    }
 }
 
 /// What is in a session log that was read already.

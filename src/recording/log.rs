@@ -645,7 +645,15 @@ pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError>
 /// # Errors
 /// [`RecordingError::Io`] when it cannot be written.
 pub fn write_text(path: &Path, text: &str) -> Result<(), RecordingError> {
-    write_whole(path, |w| w.write_all(text.as_bytes()))
+    write_bytes(path, text.as_bytes())
+}
+
+/// Writes a small file that is whole or not there.
+///
+/// # Errors
+/// [`RecordingError::Io`] when it cannot be written.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
+    write_whole(path, |w| w.write_all(bytes))
 }
 
 /// Writes beside the target and renames, so that a reader never sees half a file.

@@ -3,6 +3,7 @@
 //! - Recordings ([`RecordingWriter`], [`read_rrd`]): `.rrd` files that hold whole snapshots, for
 //!   replay and for the Rerun viewer. Only the submodule `rrd` knows rerun.
 //!   [`Recorder`] writes one on a thread of its own.
+//!   [`LiveStream`] sends the same to a viewer that runs.
 //!   [`write_overlay`] writes a comparison of one way measured and simulated, for the viewer alone.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
 //! - [`read_log`] reads the signals of either, [`inspect`] tells what is in them.
@@ -19,6 +20,7 @@ mod error;
 mod imu_log;
 mod inspect;
 mod journal;
+mod live;
 mod log;
 mod mocap;
 mod overlay;
@@ -35,16 +37,19 @@ pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
 pub use either::read_log;
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};
-pub use inspect::{ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log};
+pub use inspect::{
+    ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log, inspect_recording,
+};
 pub use journal::DatasetJournal;
-pub use log::{SessionLog, parse_log, read_session, write_session, write_text};
+pub use live::LiveStream;
+pub use log::{SessionLog, parse_log, read_session, write_bytes, write_session, write_text};
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
     marker_body, read_mocap,
 };
 pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
-pub use rrd::{RecordingWriter, read_rrd, write_overlay};
+pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};
 pub use types::{
     ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,
 };

@@ -1,7 +1,9 @@
 //! Stands in for the `.rrd` support in builds without it: the same calls, each a clear refusal.
 
+use std::net::SocketAddr;
 use std::path::Path;
 
+use super::live::Waiting;
 use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
@@ -58,11 +60,53 @@ impl RecordingWriter {
     }
 }
 
+/// A connection to a viewer. This build cannot make one.
+#[derive(Debug)]
+pub(super) struct LiveSink {
+    never: std::convert::Infallible,
+}
+
+impl LiveSink {
+    /// Begins to connect. In this build always an error.
+    pub(super) fn connect(address: SocketAddr, _meta: RecordingMeta) -> Result<Self, String> {
+        Err(format!(
+            "This build cannot stream to the Rerun viewer at {address}. Build with the feature \"rrd\"."
+        ))
+    }
+
+    /// Takes a snapshot.
+    pub(super) fn push(&mut self, _snapshot: &Snapshot) -> bool {
+        match self.never {}
+    }
+
+    /// Takes one line of the event log.
+    pub(super) fn event(&mut self, _stamp: Stamp, _text: &str) {
+        match self.never {}
+    }
+
+    /// Sends what waits.
+    pub(super) fn flush(&mut self, waiting: &mut Waiting<'_>) -> Result<u64, String> {
+        waiting.goes_on();
+        match self.never {}
+    }
+}
+
 /// Reads a recording. In this build always an error.
 ///
 /// # Errors
 /// [`RecordingError::WithoutRrd`].
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
+    Err(without(path))
+}
+
+/// Reads a recording and tells how far it is. In this build always an error.
+///
+/// # Errors
+/// [`RecordingError::WithoutRrd`].
+pub fn read_rrd_with(
+    path: &Path,
+    _go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<ReadRecording, RecordingError> {
     Err(without(path))
 }
 

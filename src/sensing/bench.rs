@@ -287,6 +287,17 @@ fn parse_row(
     Ok((spring, length_mm * 1e-3, reading, direction))
 }
 
+/// SHA-256 of points, hexadecimal, where they come from no log or from several.
+pub fn digest<'a>(points: impl Iterator<Item = (usize, &'a BenchPoint)>) -> String {
+    let mut hash = Sha256::new();
+    for (spring, p) in points {
+        hash.update((spring as u64).to_le_bytes());
+        hash.update(p.length_m.to_le_bytes());
+        hash.update(p.reading.to_le_bytes());
+    }
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+}
+
 /// Fits one spring's curve over `needed_m`, the shortest and longest length the robot uses.
 ///
 /// The quartic is tried in the reading and in its reciprocal; the one with the smaller held-out

@@ -24,7 +24,7 @@ pub use pose::{
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     Alarm, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState,
-    RoutineStatus, Severity, Snapshot, Trace, TruthSource,
+    RoutineStatus, Severity, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use time::Stamp;
 

@@ -1,3 +1,4 @@
+use std::net::SocketAddr;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -79,6 +80,8 @@ pub struct LinkStatus {
     pub frames_lost: u64,
     /// Age of the newest frame, s.
     pub age_s: f64,
+    /// Time until a port that is gone is tried again, s.
+    pub retry_in_s: Option<f64>,
     /// Frames per second over the last second, per board.
     pub board_rate_hz: [f64; BOARDS],
     /// How each board's clock lies on the session's time base; `None` before the first fit.
@@ -164,6 +167,30 @@ pub struct RoutineStatus {
     pub via: Option<Via>,
 }
 
+/// How a live stream to a viewer is doing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamStatus {
+    /// Where the viewer listens.
+    pub address: SocketAddr,
+    /// What the stream is doing.
+    pub state: StreamState,
+    /// Snapshots that were handed to the viewer's connection.
+    pub sent: u64,
+    /// Snapshots that were dropped because the viewer did not keep up.
+    pub dropped: u64,
+}
+
+/// What a live stream is doing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StreamState {
+    /// The viewer has not answered yet.
+    Starting,
+    /// Snapshots are sent.
+    Streaming,
+    /// It ended by itself. Holds the reason as one sentence.
+    Ended(String),
+}
+
 /// Everything known at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
@@ -189,6 +216,9 @@ pub struct Snapshot {
     pub routine: Option<RoutineStatus>,
     /// The goal under preview with its verdict, if any.
     pub preview: Option<(Goal, Reach)>,
+    /// Shape by the twin's own model at the pressures that the verdict on the preview found; none until it is
+    /// solved. Not kept in recordings.
+    pub preview_shape: Option<Arc<ArmShape>>,
     /// The sensor signals the inner loop steers to, if it does.
     pub sensor_ref: Option<SensorRef>,
     /// How much more the segments give way to pressure than the plant map has it, as learned by the controller.
@@ -212,6 +242,8 @@ pub struct Snapshot {
     pub payload_kg: f64,
     /// Name of the recording being written, if any.
     pub recording: Option<String>,
+    /// The live stream, if one runs or has ended by itself. Not kept in recordings.
+    pub streaming: Option<StreamStatus>,
 }
 
 impl Snapshot {

@@ -1,7 +1,9 @@
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
+use crate::sensing::Calibration;
 use crate::signal::ControllerKind;
 use crate::signal::{Goal, Gripper, Simulator, Snapshot, Stamp};
 use crate::task::Plan;
@@ -39,10 +41,16 @@ pub enum Command {
     Grip(Gripper),
     /// Draw the arm by this simulator. Nothing moves.
     Show(Simulator),
+    /// Read the sensors by this calibration from now on. Refused while the arm moves.
+    Calibrate(Arc<Calibration>),
     /// Record to this file.
     StartRecording(PathBuf),
     /// Close the recording.
     StopRecording,
+    /// Stream every snapshot to the Rerun viewer that listens there. Data go unencrypted.
+    StreamLive(SocketAddr),
+    /// End the stream.
+    StopStream,
 }
 
 /// Something that happened, for logs, toasts and recordings.
@@ -78,6 +86,13 @@ pub enum Event {
         /// Which.
         name: String,
     },
+    /// The sensors are read by another calibration from now on.
+    Calibrated {
+        /// When.
+        stamp: Stamp,
+        /// Which.
+        calibration: Arc<Calibration>,
+    },
     /// A recording began or ended.
     Recording {
         /// When.
@@ -109,6 +124,9 @@ impl Event {
                 )
             }
             Self::Finished { name, .. } => format!("Done: {name}"),
+            Self::Calibrated { calibration, .. } => {
+                format!("Calibration in use: {}", calibration.name)
+            }
             Self::Recording { text, .. } | Self::Notice { text, .. } => text.clone(),
         }
     }

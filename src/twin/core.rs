@@ -12,11 +12,11 @@ use crate::control::{
 };
 use crate::learn::{self, PlantMap, PoseEval, PoseMap, estimate};
 use crate::robot::RobotSpec;
-use crate::sensing::Sensing;
+use crate::sensing::{Calibration, Sensing};
 use crate::signal::{
     Alarm, ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, LinkStatus, MeshShape, Mode,
     PressureCommand, RawFrame, Reach, RoutineStatus, SensorFrame, SensorRef, Simulator, Snapshot,
-    Stamp,
+    Stamp, StreamStatus,
 };
 use crate::sim::{Inputs, Model, State, observe, settle};
 use crate::task::{Happening, Routine, Target};
@@ -102,6 +102,9 @@ pub struct Twin {
     eval: Option<PoseEval>,
     truth: Option<GroundTruth>,
     preview: Option<(Goal, Reach)>,
+    /// The shape under preview with what it was solved for.
+    preview_shape: Option<(Inputs, Option<Arc<ArmShape>>)>,
+    preview_state: State,
     check: Option<orders::Check>,
     /// What Resume goes on with.
     paused: Option<Box<Routine>>,
@@ -123,6 +126,7 @@ pub struct Twin {
     blind_frames: u32,
     alarms: Vec<Alarm>,
     recording: Option<String>,
+    streaming: Option<StreamStatus>,
 }
 
 impl Twin {
@@ -135,7 +139,6 @@ impl Twin {
             controller: Controller::new(robot, gains),
             maps,
             sensing,
-            model,
             shape_state,
             shape: None,
             shape_at: None,
@@ -153,6 +156,8 @@ impl Twin {
             eval: None,
             truth: None,
             preview: None,
+            preview_shape: None,
+            preview_state: State::rest(&model),
             check: None,
             paused: None,
             judged_gains: [1.0; SEGMENTS],
@@ -169,6 +174,8 @@ impl Twin {
             blind_frames: 0,
             alarms: Vec::new(),
             recording: None,
+            streaming: None,
+            model,
         }
     }
 
@@ -200,6 +207,11 @@ impl Twin {
         (out, events)
     }
 
+    /// The calibration that the sensors are read by.
+    pub fn calibration(&self) -> &Calibration {
+        self.sensing.calibration()
+    }
+
     /// The door for motion capture: it ends in the snapshot, never in control.
     pub fn observe_truth(&mut self, truth: GroundTruth) {
         self.truth = Some(truth);
@@ -213,6 +225,16 @@ impl Twin {
     /// Whether a recording runs, for the snapshot.
     pub fn observe_recording(&mut self, name: Option<String>) {
         self.recording = name;
+    }
+
+    /// How the live stream is doing, for the snapshot.
+    pub fn observe_stream(&mut self, status: Option<StreamStatus>) {
+        self.streaming = status;
+    }
+
+    /// How the live stream was doing at last.
+    pub(super) fn stream(&self) -> Option<&StreamStatus> {
+        self.streaming.as_ref()
     }
 
     /// What the geometric simulator shall settle, if it is shown and its shape is due.
@@ -283,6 +305,7 @@ impl Twin {
             goal,
             routine: self.routine_status(),
             preview: self.preview.clone(),
+            preview_shape: self.previewed_shape(),
             sensor_ref: self.sensor_ref,
             solve_s: self.solve_s,
             plant_gains: Some(self.controller.plant_gains()),
@@ -294,6 +317,7 @@ impl Twin {
             alarms: self.alarms.clone(),
             payload_kg: self.payload_kg,
             recording: self.recording.clone(),
+            streaming: self.streaming.clone(),
         }
     }
 
@@ -496,7 +520,26 @@ impl Twin {
         })
     }
 
-    /// The shape by the twin's own model at the measured pressures, at drawing rate.
+    /// What would act on the arm at the end of the preview.
+    fn previewed_inputs(&self) -> Option<Inputs> {
+        let (_, reach) = self.preview.as_ref()?;
+        Some(Inputs {
+            chamber_pa: reach.chamber_pa,
+            payload_kg: self.payload_kg,
+            ..Inputs::default()
+        })
+    }
+
+    /// The shape under preview, if it is that of the present one.
+    fn previewed_shape(&self) -> Option<Arc<ArmShape>> {
+        let (inputs, shape) = self.preview_shape.as_ref()?;
+        shape
+            .clone()
+            .filter(|_| self.previewed_inputs().as_ref() == Some(inputs))
+    }
+
+    /// The shapes by the twin's own model, at drawing rate: at the measured pressures, and once per preview at
+    /// those that its verdict found.
     fn draw(&mut self) {
         if self
             .shape_at
@@ -511,6 +554,15 @@ impl Twin {
         // A load that the model cannot hold keeps the last shape on screen.
         if settle(&self.model, &mut self.shape_state, &inputs).is_ok() {
             self.shape = Some(Arc::new(observe(&self.model, &self.shape_state).shape));
+        }
+        let wanted = self.previewed_inputs();
+        if self.preview_shape.as_ref().map(|(inputs, _)| inputs) != wanted.as_ref() {
+            self.preview_shape = wanted.map(|inputs| {
+                let state = &mut self.preview_state;
+                let found = settle(&self.model, state, &inputs);
+                let shape = found.ok().map(|_| observe(&self.model, state).shape);
+                (inputs, shape.map(Arc::new))
+            });
         }
     }
 }

@@ -5,6 +5,8 @@ mod core;
 mod mesh;
 mod newest;
 mod runner;
+mod stream;
+mod trial;
 
 pub use command::{Command, Event, Handle};
 pub use core::{Maps, Twin};
@@ -13,6 +15,8 @@ pub use runner::{
     Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,
     spawn,
 };
+pub use stream::LAST_WORDS;
+pub use trial::{Spread, TRIAL_SETTLING_S, Trial, TrialErrors, sensing_for};
 
 #[cfg(test)]
 mod tests;

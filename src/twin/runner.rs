@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use super::mesh::mesh_worker;
 use super::newest::Newest;
+use super::stream::LAST_WORDS;
 use super::{Command, Event, Handle, MeshAnswer, MeshQuestion, Twin};
-use crate::recording::{ArmDrawing, Recorder, RecordingMeta};
+use crate::recording::{ArmDrawing, LiveStream, Recorder, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
 
@@ -51,6 +52,7 @@ pub struct Runner {
     port: Box<dyn Port>,
     robot: RobotSpec,
     recorder: Option<(PathBuf, Recorder)>,
+    pub(super) stream: Option<LiveStream>,
     /// Started when the mesh is shown for the first time.
     pub(super) mesh: Option<Newest<MeshQuestion, MeshAnswer>>,
     was_safe: bool,
@@ -64,6 +66,7 @@ impl Runner {
             port,
             robot: robot.clone(),
             recorder: None,
+            stream: None,
             mesh: None,
             was_safe: false,
         }
@@ -105,9 +108,16 @@ impl Runner {
                     self.start_recording(now, path, simulated, &mut events)
                 }
                 Command::StopRecording => self.stop_recording(now, &mut events),
+                Command::StreamLive(address) => {
+                    self.start_stream(now, *address, simulated, &mut events);
+                }
+                Command::StopStream => {
+                    self.stop_stream(now, Duration::ZERO, &mut events);
+                }
                 _ => {}
             }
         }
+        self.watch_stream(now, &mut events);
         for event in &events {
             log::info!("{:9.3} s  {}", now.seconds(), event.text());
         }
@@ -117,6 +127,12 @@ impl Runner {
             recorder.push(Arc::clone(&snapshot));
             for event in &events {
                 recorder.event(now, event.text());
+            }
+        }
+        if let Some(stream) = &self.stream {
+            stream.push(Arc::clone(&snapshot));
+            for event in &events {
+                stream.event(now, event.text());
             }
         }
         (snapshot, events)
@@ -160,16 +176,7 @@ impl Runner {
         let name = path
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        let now_known = self.twin.snapshot();
-        let meta = RecordingMeta {
-            name: name.clone(),
-            robot: self.robot.name.clone(),
-            robot_hash: self.robot.hash.clone(),
-            source: now_known.link.source,
-            simulated,
-            payload_kg: now_known.payload_kg,
-            drawing: Some(drawing(&self.robot)),
-        };
+        let meta = self.session(name.clone(), simulated);
         match Recorder::start(path, meta) {
             Ok(recorder) => {
                 self.recorder = Some((path.to_owned(), recorder));
@@ -181,6 +188,20 @@ impl Runner {
                 stamp: now,
                 reason: e.to_string(),
             }),
+        }
+    }
+
+    /// What a recording tells of the session as a whole.
+    pub(super) fn session(&self, name: String, simulated: bool) -> RecordingMeta {
+        let now_known = self.twin.snapshot();
+        RecordingMeta {
+            name,
+            robot: self.robot.name.clone(),
+            robot_hash: self.robot.hash.clone(),
+            source: now_known.link.source,
+            simulated,
+            payload_kg: now_known.payload_kg,
+            drawing: Some(drawing(&self.robot)),
         }
     }
 
@@ -319,11 +340,10 @@ pub fn spawn(
                     }
                 }
             });
+            let now = Stamp::from_seconds(start.elapsed().as_secs_f64());
             let mut last = Vec::new();
-            runner.stop_recording(
-                Stamp::from_seconds(start.elapsed().as_secs_f64()),
-                &mut last,
-            );
+            runner.stop_recording(now, &mut last);
+            runner.stop_stream(now, LAST_WORDS, &mut last);
         })?;
     Ok(Handle {
         commands: command_tx,

@@ -468,3 +468,82 @@ fn the_controller_can_be_changed_on_the_way() {
     assert_eq!(twin.snapshot().controller, ControllerKind::Paper);
     assert_eq!(twin.mode(), Mode::Moving);
 }
+
+#[test]
+fn a_calibration_is_taken_over_at_rest_and_refused_on_the_way() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    let read_m = |twin: &Twin| twin.snapshot().sensors.expect("read").sensors.spring_m[3];
+    let before_m = read_m(&twin);
+    let mut other = Calibration::virtual_rig();
+    other.name = "other".into();
+    // A curve that is 5 mm longer everywhere.
+    other.springs[3].curve.coefficients_m[0] += 5e-3;
+    let other = Arc::new(other);
+    let calibrate = [Command::Calibrate(Arc::clone(&other))];
+    let goal = Goal::position([0.0, 0.0, -0.306]);
+    twin.tick(
+        at(20),
+        Some(frame(20)),
+        &[Command::Arm, Command::Goto(goal)],
+    );
+    let (_, events) = twin.tick(at(21), Some(frame(21)), &calibrate);
+    assert!(
+        texts(&events).iter().any(|t| t.contains("hold it first")),
+        "{events:?}"
+    );
+    assert_eq!(twin.calibration(), &Calibration::virtual_rig());
+    twin.tick(at(22), Some(frame(22)), &[Command::Hold]);
+    let (_, events) = twin.tick(at(23), Some(frame(23)), &calibrate);
+    let told = Event::Calibrated {
+        stamp: at(23),
+        calibration: Arc::clone(&other),
+    };
+    assert!(events.contains(&told), "{events:?}");
+    assert_eq!(twin.calibration(), other.as_ref());
+    feed(&mut twin, 24, 20);
+    assert!((read_m(&twin) - before_m - 5e-3).abs() < 0.5e-3);
+}
+
+#[test]
+fn a_preview_has_a_shape_that_is_solved_once_and_goes_with_it() {
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    let goal = Goal::position([0.0, 0.0, -0.306]);
+    twin.tick(at(20), Some(frame(20)), &[Command::Preview(goal.clone())]);
+    feed(&mut twin, 21, 5);
+    let s = twin.snapshot();
+    let (_, reach) = s.preview.clone().expect("a verdict");
+    let shape = s.preview_shape.expect("a shape");
+    // The model at the pressures of the verdict, in another shape than the arm at rest.
+    let model = crate::sim::Model::nominal(&RobotSpec::reference());
+    let settled = |chamber_pa, payload_kg| {
+        let mut state = crate::sim::State::rest(&model);
+        let inputs = crate::sim::Inputs {
+            chamber_pa,
+            payload_kg,
+            ..Default::default()
+        };
+        crate::sim::settle(&model, &mut state, &inputs).expect("settles");
+        let seen = crate::sim::observe(&model, &state);
+        seen.base_from_tip.translation.vector
+    };
+    let tip = |s: &crate::signal::ArmShape| s.base_from_pad[2].translation.vector;
+    assert!((tip(&shape) - settled(reach.chamber_pa, 0.0)).norm() < 1e-5);
+    let now = twin.snapshot().shape.expect("the arm itself");
+    assert!((tip(&shape) - tip(&now)).norm() > 1e-3);
+    // Solved once.
+    feed(&mut twin, 26, 20);
+    let later = twin.snapshot().preview_shape.expect("a shape");
+    assert!(Arc::ptr_eq(&later, &shape));
+    // Another load bends it otherwise: another verdict, and another shape.
+    twin.tick(at(46), Some(frame(46)), &[Command::DeclarePayload(0.3)]);
+    assert_eq!(twin.snapshot().preview.expect("kept").0, goal);
+    feed(&mut twin, 47, 5);
+    let loaded = twin.snapshot().preview_shape.expect("a shape");
+    let (_, reach) = twin.snapshot().preview.expect("a verdict");
+    let off_m = |q: nalgebra::Vector3<f64>| (tip(&loaded) - q).norm();
+    assert!(off_m(settled(reach.chamber_pa, 0.3)) < 1e-5 && off_m(tip(&shape)) > 1e-4);
+    twin.tick(at(52), Some(frame(52)), &[Command::CancelPreview]);
+    assert_eq!(twin.snapshot().preview_shape, None);
+}

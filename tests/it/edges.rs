@@ -50,6 +50,11 @@ fn is_test_only(file: &Path) -> bool {
     let mut neighbours = Vec::new();
     sources(folder, &mut neighbours);
     neighbours.push(folder.with_file_name(format!("{folder_name}.rs")));
+    // What a file of tests declares is of tests, too.
+    let parent = folder.with_file_name(format!("{folder_name}.rs"));
+    if parent.exists() && is_test_only(&parent) {
+        return true;
+    }
     neighbours.iter().any(|n| {
         let text = std::fs::read_to_string(n).unwrap_or_default();
         let guards = ["#[cfg(test)]", "#[cfg(all(test, unix))]"];

@@ -12,4 +12,6 @@ mod gap_find;
 mod program;
 mod real_data;
 mod shaders;
+#[cfg(unix)]
+mod stream;
 mod window;

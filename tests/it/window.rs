@@ -78,32 +78,46 @@ fn mouse(display: &str, args: &[&str]) {
     );
 }
 
-#[test]
-fn the_window_moves_the_arm_and_its_stop_button_stops_it() {
-    let (_server, display) = display();
-    let dir = scratch("window");
+fn keys(display: &str, args: &[&str]) {
+    mouse(display, args);
+    std::thread::sleep(Duration::from_millis(250));
+}
+
+/// The program in a window at the corner of the display, with a home of its own.
+fn start(display: &str, dir: &std::path::Path) -> (Ends, Receiver<String>) {
     let mut program = Command::new(env!("CARGO_BIN_EXE_springtwin"))
         // The rig in the same process: drawing in software starves another one of its time.
         .args(["run", "--rig", "sim"])
-        .env("DISPLAY", &display)
+        .env("DISPLAY", display)
         .env_remove("WAYLAND_DISPLAY")
-        .env("XDG_DATA_HOME", &dir)
+        .env("XDG_DATA_HOME", dir)
         .env("RUST_LOG", "springtwin=info,warn")
         .stderr(Stdio::piped())
         .spawn()
         .expect("the program starts");
     let log = lines(program.stderr.take().expect("stderr"));
-    let _program = Ends(program);
+    (Ends(program), log)
+}
+
+fn photograph(display: &str, file: &std::path::Path) -> image::RgbImage {
+    let shot = Command::new("import")
+        .env("DISPLAY", display)
+        .args(["-window", "root", file.to_str().expect("utf-8")])
+        .status();
+    assert!(shot.expect("imagemagick is installed").success());
+    image::open(file).expect("a picture").to_rgb8()
+}
+
+#[test]
+fn the_window_moves_the_arm_and_its_stop_button_stops_it() {
+    let (_server, display) = display();
+    let dir = scratch("window");
+    let (_program, log) = start(&display, &dir);
     // The virtual rig answers and the welcome motion begins.
     wait_for(&log, "Mode: moving", 60);
     std::thread::sleep(Duration::from_secs(3));
     let picture = dir.join("window.png");
-    let shot = Command::new("import")
-        .env("DISPLAY", &display)
-        .args(["-window", "root", picture.to_str().expect("utf-8")])
-        .status();
-    assert!(shot.expect("imagemagick is installed").success());
-    let image = image::open(&picture).expect("a picture").to_rgb8();
+    let image = photograph(&display, &picture);
     let red = |p: &image::Rgb<u8>| p[0] > 170 && p[1] < 80 && p[2] < 80;
     let (mut n, mut x, mut y) = (0u64, 0u64, 0u64);
     for (px, py, p) in image.enumerate_pixels() {
@@ -125,5 +139,128 @@ fn the_window_moves_the_arm_and_its_stop_button_stops_it() {
     );
     std::thread::sleep(Duration::from_millis(300));
     mouse(&display, &["click", "1"]);
+    wait_for(&log, "SAFE (stopped by the operator)", 20);
+}
+
+/// Where things are in a window of this size: the same program lays them out without one.
+struct Plan {
+    harness: egui_kittest::Harness<'static, springtwin::gui::App>,
+}
+
+impl Plan {
+    fn new(welcome: bool) -> Self {
+        use springtwin::gui::{App, Services};
+        use springtwin::robot::RobotSpec;
+        let mut app = App::new(None, RobotSpec::reference(), Services::none());
+        app.welcome = welcome;
+        let mut harness = egui_kittest::Harness::builder()
+            .with_size([1280.0, 760.0])
+            .build_eframe(|_| app);
+        harness.run_steps(4);
+        Self { harness }
+    }
+
+    fn at(&self, label: &str) -> [String; 2] {
+        use egui_kittest::kittest::Queryable;
+        let c = self.harness.get_by_label(label).rect().center();
+        [c.x, c.y].map(|v| format!("{v:.0}"))
+    }
+
+    /// A real click on the middle of it.
+    fn click(&self, display: &str, label: &str) {
+        let [x, y] = self.at(label);
+        mouse(display, &["mousemove", &x, &y]);
+        std::thread::sleep(Duration::from_millis(300));
+        mouse(display, &["click", "1"]);
+        std::thread::sleep(Duration::from_millis(500));
+    }
+
+    /// Types into a field, over what is there.
+    fn fill(&self, display: &str, label: &str, text: &str) {
+        self.click(display, label);
+        keys(display, &["key", "ctrl+a"]);
+        keys(display, &["type", "--delay", "40", text]);
+    }
+}
+
+/// Every line that is there already.
+fn drain(log: &Receiver<String>) -> Vec<String> {
+    log.try_iter().collect()
+}
+
+#[test]
+fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_keyboard() {
+    let (_server, display) = display();
+    let dir = scratch("newcomer");
+    let (_program, log) = start(&display, &dir);
+    // First run: the embedded virtual rig answers and its arm moves by itself.
+    wait_for(&log, "Mode: moving", 60);
+    wait_for(&log, "Goal reached", 90);
+    // Without a window manager nobody gives the window the keyboard.
+    mouse(
+        &display,
+        &[
+            "search",
+            "--onlyvisible",
+            "--name",
+            "springtwin",
+            "windowfocus",
+        ],
+    );
+    std::thread::sleep(Duration::from_secs(1));
+    photograph(&display, &dir.join("welcome.png"));
+    Plan::new(true).click(&display, "Close the welcome");
+    let plan = Plan::new(false);
+    // A reachable target, typed: Enter previews, nothing moves before Go.
+    for (field, text) in [("x", "20"), ("y", "10"), ("z", "-300")] {
+        plan.fill(&display, &format!("Target {field} in mm"), text);
+    }
+    keys(&display, &["key", "Return"]);
+    std::thread::sleep(Duration::from_secs(3));
+    photograph(&display, &dir.join("preview.png"));
+    assert_eq!(drain(&log), Vec::<String>::new(), "a preview moves nothing");
+    plan.click(&display, "▶ Go");
+    wait_for(&log, "Mode: moving", 20);
+    wait_for(&log, "Goal reached", 90);
+    // An unreachable one: Go is off, the nearest point is offered and reached.
+    for (field, text) in [("x", "190"), ("y", "0"), ("z", "-200")] {
+        plan.fill(&display, &format!("Target {field} in mm"), text);
+    }
+    keys(&display, &["key", "Return"]);
+    std::thread::sleep(Duration::from_secs(3));
+    plan.click(&display, "▶ Go");
+    std::thread::sleep(Duration::from_secs(1));
+    photograph(&display, &dir.join("unreachable.png"));
+    assert_eq!(drain(&log), Vec::<String>::new(), "Go is off");
+    plan.click(&display, "Use nearest");
+    std::thread::sleep(Duration::from_secs(3));
+    plan.click(&display, "▶ Go");
+    wait_for(&log, "Mode: moving", 20);
+    // The keyboard: hold, go on, another screen, stop.
+    keys(&display, &["key", "space"]);
+    wait_for(&log, "Mode: hold", 20);
+    keys(&display, &["key", "space"]);
+    wait_for(&log, "Mode: moving", 20);
+    keys(&display, &["key", "ctrl+2"]);
+    std::thread::sleep(Duration::from_secs(2));
+    let sensors = photograph(&display, &dir.join("sensors.png"));
+    let [x, y] = plan
+        .at("Sensors")
+        .map(|v| v.parse::<u32>().expect("a number"));
+    // The rail marks the screen that is shown.
+    let marked = |y: u32| {
+        let row = (x - 60..x + 60).map(|x| sensors.get_pixel(x, y).0);
+        row.filter(|p| p[2] > p[0] + 25).count()
+    };
+    let [_, above] = plan
+        .at("Operate")
+        .map(|v| v.parse::<u32>().expect("a number"));
+    assert!(
+        marked(y) > 40 && marked(above) == 0,
+        "{} {}",
+        marked(y),
+        marked(above)
+    );
+    keys(&display, &["key", "shift+Escape"]);
     wait_for(&log, "SAFE (stopped by the operator)", 20);
 }

@@ -43,6 +43,9 @@ pub struct CaseArgs {
     /// What is hidden
     #[arg(long, value_name = "ID", value_parser = effect)]
     effect: Vec<&'static Kind>,
+    /// Hide one of these, drawn by the seed
+    #[arg(long, value_name = "ID", value_parser = effect, conflicts_with = "effect")]
+    one_of: Vec<&'static Kind>,
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
@@ -97,11 +100,16 @@ fn draw(a: &CaseArgs, robot: &RobotSpec) -> Result<(Case, [springtwin::rig::Sess
         seconds: a.seconds,
         ..SessionPlan::default()
     };
+    let mut effects = a.effect.clone();
+    if !a.one_of.is_empty() {
+        let drawn = sample_rng(a.seed, ATTEMPTS).random_range(0..a.one_of.len());
+        effects.push(a.one_of[drawn]);
+    }
     let mut last = None;
     for attempt in 0..ATTEMPTS {
         let seed = sample_rng(a.seed, attempt).random();
         let made =
-            case_like(&plan, robot, seed, a.kind.kind(), &a.effect, a.strength).and_then(|case| {
+            case_like(&plan, robot, seed, a.kind.kind(), &effects, a.strength).and_then(|case| {
                 let logs = [
                     session(robot, &case.commissioning)?,
                     session(robot, &case.suspect)?,

@@ -25,9 +25,9 @@ const ABOVE: [u8; 3] = [0xc4, 0x5f, 0x10];
 /// No data.
 const NONE: [u8; 4] = [0x80, 0x80, 0x80, 0x60];
 
-/// Averages a row into at most [`COLUMNS`] columns; the entry of largest size of each, so that no short
+/// Thins a row out to `columns` columns: the entry of largest size of each, so that no short
 /// excursion is lost. NaN where a column holds nothing.
-fn thinned(row: &[f64], columns: usize) -> Vec<f64> {
+pub fn thinned(row: &[f64], columns: usize) -> Vec<f64> {
     (0..columns)
         .map(|c| {
             let (from, to) = (c * row.len() / columns, (c + 1) * row.len() / columns);
@@ -47,7 +47,7 @@ fn thinned(row: &[f64], columns: usize) -> Vec<f64> {
 }
 
 /// End of the scale that shows 98 % of all entries.
-pub(super) fn scale(rows: &[Vec<f64>]) -> f64 {
+pub fn scale(rows: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = rows
         .iter()
         .flatten()

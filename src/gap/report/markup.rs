@@ -32,7 +32,7 @@ pub(super) fn at(x: f64) -> String {
 }
 
 /// A number for reading, three significant digits; an en dash where there is none.
-pub(super) fn number(x: f64) -> String {
+pub fn number(x: f64) -> String {
     if !x.is_finite() {
         return "–".to_owned();
     }
@@ -58,7 +58,7 @@ pub(super) fn fixed(x: f64, decimals: usize) -> String {
 }
 
 /// `value ± error`, to two digits of the error.
-pub(super) fn with_error(value: f64, error: f64) -> String {
+pub fn with_error(value: f64, error: f64) -> String {
     if !(error.is_finite() && error > 0.0) {
         return number(value);
     }

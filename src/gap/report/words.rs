@@ -1,7 +1,7 @@
 //! A finding in words: names, units a person thinks in, one sentence per verdict.
 
 use super::markup::{decimals, fixed, number};
-use crate::gap::finding::{Finding, FoundEffect, Ranked, Verdict};
+use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, Verdict};
 use crate::gap::patch::PatchValue;
 use crate::sim::effects::{Target, effect};
 
@@ -50,13 +50,17 @@ fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
 
 /// A parameter's value in a unit that a person thinks in, its 95 % interval, and the unit; the interval's
 /// width tells how many digits are worth writing.
-pub(super) struct Quantity {
-    pub(super) value: String,
-    pub(super) interval: Option<String>,
-    pub(super) unit: String,
+pub struct Quantity {
+    /// The value.
+    pub value: String,
+    /// Its 95 % interval, `a to b`.
+    pub interval: Option<String>,
+    /// The unit of both; empty for a ratio.
+    pub unit: String,
 }
 
-pub(super) fn quantity(id: &str, name: &str, given: &PatchValue) -> Quantity {
+/// A parameter of an effect in a unit that a person thinks in.
+pub fn quantity(id: &str, name: &str, given: &PatchValue) -> Quantity {
     let (factor, unit) = friendly(id, name, &given.unit);
     // A unit that is not in the list is shown as it came.
     let unit = if unit.is_empty() { &given.unit } else { unit };
@@ -182,6 +186,64 @@ pub fn sentence(finding: &Finding) -> String {
     }
 }
 
+/// What to do after a verdict.
+pub fn next_step(finding: &Finding) -> String {
+    match finding.verdict {
+        Verdict::NothingMissing => "Nothing is to be done.".to_owned(),
+        Verdict::Named => "Look whether the effect makes sense on this rig; then apply the patch, or mend the rig and record again."
+            .to_owned(),
+        Verdict::Indistinguishable => match &finding.separate_by {
+            Some(s) => {
+                let names: Vec<&str> = s
+                    .effects
+                    .iter()
+                    .map(|id| effect(id).map_or(id.as_str(), |e| e.name))
+                    .collect();
+                format!(
+                    "Run the excitation “{}”, which separates {}: {}.",
+                    s.excitation,
+                    names.join(", "),
+                    s.why.trim_end_matches('.')
+                )
+            }
+            None => "No excitation of the rig is known to separate them: check by hand, for instance by taking one of them away."
+                .to_owned(),
+        },
+        Verdict::Unknown => "No patch is offered: a model that is fitted to what it does not know would only hide it. The places tell where to look on the rig."
+            .to_owned(),
+        Verdict::NotExcited => "This says nothing about the rig, neither that it is healthy nor that it is not."
+            .to_owned(),
+    }
+}
+
+/// What the shuffled control says, in one sentence; `None` when it was not run.
+pub fn shuffled(channels: &[ChannelError]) -> Option<String> {
+    let tried: Vec<(&ChannelError, f64)> = channels
+        .iter()
+        .filter_map(|c| Some((c, c.shuffled.filter(|s| s.is_finite())?)))
+        .collect();
+    if tried.is_empty() {
+        return None;
+    }
+    // A fifth of the gain from inputs that have nothing to do with the session is too much.
+    let helped: Vec<&str> = tried
+        .iter()
+        .filter(|(c, s)| c.after < c.before && c.before - s > 0.2 * (c.before - c.after))
+        .map(|(c, _)| c.name.as_str())
+        .collect();
+    Some(if helped.is_empty() {
+        "Shuffled control: driven by inputs in the wrong order, the effect does not help. What it gains \
+         comes from the way the rig was driven."
+            .to_owned()
+    } else {
+        format!(
+            "Shuffled control: driven by inputs in the wrong order, the effect still helps in {}. There \
+             it makes up for something that does not depend on how the rig was driven.",
+            helped.join(", ")
+        )
+    })
+}
+
 /// What a residual compares.
 pub fn residual_name(id: &str) -> &str {
     match id {
@@ -195,6 +257,6 @@ pub fn residual_name(id: &str) -> &str {
 }
 
 /// Name of a ranked candidate.
-pub(super) fn ranked_name(r: &Ranked) -> String {
+pub fn ranked_name(r: &Ranked) -> String {
     effect_name(&r.id, r.target)
 }

@@ -2,19 +2,27 @@
 //! selection and text drafts.
 
 pub mod accuracy;
+pub mod calibrate;
 pub mod chambers;
+pub mod connect;
 pub mod dashboard;
+pub mod gap;
 pub mod operate;
+pub mod palette;
+pub mod plans;
 pub mod player;
 pub mod plot;
 pub mod pose;
 pub mod recordings;
+pub mod rerun;
 pub mod sensors;
 pub mod shell;
 pub mod simulator;
 pub mod strips;
 pub mod target;
+pub mod toasts;
 pub mod view3d;
+pub mod welcome;
 pub mod widgets;
 
 use serde::{Deserialize, Serialize};
@@ -34,17 +42,23 @@ pub enum Screen {
     Sensors,
     /// Predicted against measured pose.
     Accuracy,
+    /// The wizard that calibrates springs, IMUs and motion capture.
+    Calibrate,
     /// Library and player.
     Recordings,
+    /// What the model is missing.
+    Gap,
 }
 
 impl Screen {
     /// All screens there are.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 6] = [
         Self::Operate,
         Self::Sensors,
         Self::Accuracy,
+        Self::Calibrate,
         Self::Recordings,
+        Self::Gap,
     ];
 
     /// Name on screen.
@@ -53,7 +67,9 @@ impl Screen {
             Self::Operate => "Operate",
             Self::Sensors => "Sensors",
             Self::Accuracy => "Accuracy",
+            Self::Calibrate => "Calibrate",
             Self::Recordings => "Recordings",
+            Self::Gap => "Gap",
         }
     }
 
@@ -63,7 +79,9 @@ impl Screen {
             Self::Operate => egui::Key::Num1,
             Self::Sensors => egui::Key::Num2,
             Self::Accuracy => egui::Key::Num3,
+            Self::Calibrate => egui::Key::Num4,
             Self::Recordings => egui::Key::Num5,
+            Self::Gap => egui::Key::Num6,
         }
     }
 
@@ -73,7 +91,9 @@ impl Screen {
             Self::Operate => "See the arm, choose a target and move.",
             Self::Sensors => "The twelve springs, the four IMUs and the boards.",
             Self::Accuracy => "The predicted pose against motion capture.",
-            Self::Recordings => "Record, play and open recordings.",
+            Self::Calibrate => "Calibrate springs, IMUs and motion capture, step by step.",
+            Self::Recordings => "Record, play, compare and open recordings.",
+            Self::Gap => "Find what the model is missing, add it and prove it.",
         }
     }
 }
@@ -102,6 +122,19 @@ impl View<'_> {
             )),
             None => Ok(()),
         }
+    }
+
+    /// Greys values that no longer come; they stay readable.
+    pub fn grey_if_stale(&self, ui: &mut egui::Ui) {
+        if self.is_stale() {
+            ui.multiply_opacity(0.65);
+        }
+    }
+
+    /// Whether live values are shown that no longer come.
+    pub fn is_stale(&self) -> bool {
+        let s = self.snapshot;
+        self.replay.is_none() && s.sensors.is_some() && !s.link.connected
     }
 
     /// Whether the arm may be moved.

@@ -6,11 +6,13 @@ use egui_tiles::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::plans::{self, PlanState};
 use super::plot::TimeWindow;
 use super::strips::StripChoice;
 use super::target::TargetDraft;
-use super::view3d::{View3d, scene_view};
+use super::view3d::{self, Edited, View3d, View3dOutput, scene_view};
 use super::{View, chambers, dashboard, pose, simulator, strips, target};
+use crate::gui::scene::{PlanMarks, Tool};
 use crate::gui::theme::Palette;
 use crate::twin::Command;
 
@@ -29,24 +31,43 @@ pub enum Pane {
     Sensors,
     /// Signals over time.
     Strips,
+    /// Circle, figure 8, pick and place, points.
+    Plan,
 }
 
-const PANES: [Pane; 6] = [
+impl Pane {
+    /// Name on its tab.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::View3d => "3D view",
+            Self::Target => "Target",
+            Self::Chambers => "Chambers",
+            Self::Pose => "Tip pose",
+            Self::Sensors => "Springs and IMUs",
+            Self::Strips => "Signals",
+            Self::Plan => "Plan",
+        }
+    }
+}
+
+/// All panels.
+pub const PANES: [Pane; 7] = [
     Pane::View3d,
     Pane::Target,
     Pane::Chambers,
     Pane::Pose,
     Pane::Sensors,
     Pane::Strips,
+    Pane::Plan,
 ];
 
 /// The layout of a first start.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
-    let [view, target, chambers, pose, sensors, strips] = PANES.map(|p| {
-        let pane = tiles.insert_pane(p);
-        tiles.insert_tab_tile(vec![pane])
-    });
+    let [view, target, chambers, pose, sensors, strips, plan] = PANES.map(|p| tiles.insert_pane(p));
+    let [view, target, chambers, pose, strips] =
+        [view, target, chambers, pose, strips].map(|pane| tiles.insert_tab_tile(vec![pane]));
+    let sensors = tiles.insert_tab_tile(vec![sensors, plan]);
     let mut split = |dir: LinearDir, parts: &[(TileId, f32)]| {
         let mut linear = Linear::new(dir, parts.iter().map(|p| p.0).collect());
         for &(tile, share) in parts {
@@ -55,8 +76,8 @@ pub fn default_layout() -> Tree<Pane> {
         tiles.insert_container(Container::Linear(linear))
     };
     let left = split(LinearDir::Vertical, &[(view, 0.64), (strips, 0.36)]);
-    let middle = split(LinearDir::Vertical, &[(target, 0.655), (chambers, 0.345)]);
-    let right = split(LinearDir::Vertical, &[(pose, 0.46), (sensors, 0.54)]);
+    let middle = split(LinearDir::Vertical, &[(target, 0.62), (chambers, 0.38)]);
+    let right = split(LinearDir::Vertical, &[(pose, 0.40), (sensors, 0.60)]);
     let root = split(
         LinearDir::Horizontal,
         &[(left, 0.50), (middle, 0.23), (right, 0.27)],
@@ -85,6 +106,8 @@ pub struct OperateState {
     pub strips: StripChoice,
     /// The 3D view.
     pub view3d: View3d,
+    /// The plan being made.
+    pub plans: PlanState,
 }
 
 impl Default for OperateState {
@@ -94,7 +117,18 @@ impl Default for OperateState {
             draft: TargetDraft::default(),
             strips: StripChoice::default(),
             view3d: View3d::default(),
+            plans: PlanState::default(),
         }
+    }
+}
+
+impl OperateState {
+    /// Brings a panel to the front.
+    pub fn show(&mut self, wanted: Pane) {
+        self.tree.make_active(|_, tile| match tile {
+            egui_tiles::Tile::Pane(pane) => *pane == wanted,
+            egui_tiles::Tile::Container(_) => false,
+        });
     }
 }
 
@@ -111,10 +145,14 @@ pub fn ui(
         draft: &mut state.draft,
         strips: &mut state.strips,
         view3d: &mut state.view3d,
+        plans: &mut state.plans,
+        plan_shown: false,
         window,
         commands,
     };
     state.tree.ui(&mut panes, ui);
+    let plan_shown = panes.plan_shown;
+    state.plans.shown = plan_shown;
 }
 
 struct Panes<'a, 'v> {
@@ -122,8 +160,56 @@ struct Panes<'a, 'v> {
     draft: &'a mut TargetDraft,
     strips: &'a mut StripChoice,
     view3d: &'a mut View3d,
+    plans: &'a mut PlanState,
+    /// Whether the plan's panel is on screen in this frame.
+    plan_shown: bool,
     window: &'a mut TimeWindow,
     commands: &'a mut Vec<Command>,
+}
+
+impl Panes<'_, '_> {
+    fn view3d(&mut self, ui: &mut Ui) {
+        ui.spacing_mut().item_spacing.y = 0.0;
+        simulator::ui(ui, self.view, self.commands);
+        view3d::toolbar(ui, self.view3d, self.view);
+        let target_m = self.draft.parse().ok();
+        let track = self.plans.track(self.view);
+        let drawing = self.plans.is_drawing() && self.view.replay.is_none();
+        let edited = Edited {
+            target_m,
+            reach: target_m
+                .and_then(|t| target::preview_of(self.view, t))
+                .map(|r| r.state),
+            plan: track.as_ref().map(|track| PlanMarks {
+                waypoints_m: &track.waypoints_m,
+                closed: track.closed,
+                selected: self.plans.selected_mark(),
+                next: self.plans.next_mark(self.view, track),
+            }),
+            tool: if drawing { Tool::Draw } else { Tool::Target },
+        };
+        let out = scene_view(self.view3d, ui, self.view, &edited);
+        if self.view.replay.is_none() {
+            self.take(&out, drawing);
+        }
+    }
+
+    /// Takes what was done in the 3D view.
+    fn take(&mut self, out: &View3dOutput, drawing: bool) {
+        if let Some(i) = out.waypoint {
+            self.plans.select_mark(i);
+        }
+        match (drawing, out.dragged, out.clicked) {
+            (false, Some(m), _) | (false, None, Some(m)) => self.draft.set(m, self.commands),
+            (true, Some(m), _) => self.plans.move_selected(m),
+            // A click on a waypoint selects it.
+            (true, None, Some(m)) if out.waypoint.is_none() => self.plans.add(m),
+            _ => {}
+        }
+        if let Some(m) = out.drawn {
+            self.plans.draw_to(m);
+        }
+    }
 }
 
 impl Behavior<Pane> for Panes<'_, '_> {
@@ -137,15 +223,18 @@ impl Behavior<Pane> for Panes<'_, '_> {
         let frame = egui::Frame::new().fill(p.panel).inner_margin(margin);
         frame.show(ui, |ui| {
             ui.set_min_size(ui.available_size());
+            if matches!(
+                pane,
+                Pane::View3d | Pane::Chambers | Pane::Pose | Pane::Sensors
+            ) {
+                self.view.grey_if_stale(ui);
+            }
             match pane {
-                Pane::View3d => {
-                    ui.spacing_mut().item_spacing.y = 0.0;
-                    simulator::ui(ui, self.view, self.commands);
-                    let draft_m = self.draft.parse().ok();
-                    let out = scene_view(self.view3d, ui, self.view, draft_m);
-                    if let (Some(target_m), None) = (out.clicked_target, self.view.replay) {
-                        self.draft.set(target_m, self.commands);
-                    }
+                Pane::View3d => self.view3d(ui),
+                Pane::Plan => {
+                    self.plan_shown = true;
+                    let target_m = self.draft.parse().ok();
+                    plans::ui(ui, self.view, self.plans, target_m, self.commands);
                 }
                 Pane::Strips => strips::ui(ui, self.view, self.strips, self.window),
                 Pane::Target => scroll(ui, |ui| {
@@ -160,15 +249,7 @@ impl Behavior<Pane> for Panes<'_, '_> {
     }
 
     fn tab_title_for_pane(&mut self, pane: &Pane) -> WidgetText {
-        match pane {
-            Pane::View3d => "3D view",
-            Pane::Target => "Target",
-            Pane::Chambers => "Chambers",
-            Pane::Pose => "Tip pose",
-            Pane::Sensors => "Springs and IMUs",
-            Pane::Strips => "Signals",
-        }
-        .into()
+        pane.title().into()
     }
 
     fn simplification_options(&self) -> SimplificationOptions {
@@ -207,5 +288,14 @@ mod tests {
         let back: Tree<Pane> = serde_json::from_str(&text).expect("reads back");
         assert!(is_complete(&back));
         assert!(!is_complete(&Tree::empty(egui::Id::unique("x"))));
+        // A layout that was kept before there was a panel for plans gives way to the first one.
+        let mut old = default_layout();
+        let is_plan = |tree: &Tree<Pane>| {
+            let mut tiles = tree.tiles.iter();
+            tiles.find_map(|(id, t)| matches!(t, egui_tiles::Tile::Pane(Pane::Plan)).then_some(*id))
+        };
+        let plan = is_plan(&old).expect("a panel for plans");
+        old.tiles.remove(plan);
+        assert!(!is_complete(&old));
     }
 }

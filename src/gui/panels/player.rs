@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::gui::history::History;
+use crate::gui::services::{About, Loaded};
 use crate::signal::{Snapshot, Trace};
 
 /// What happens at the end of a recording.
@@ -27,6 +28,8 @@ pub struct Player {
     pub speed: f64,
     /// What happens at the end.
     pub at_end: AtEnd,
+    /// What else is known about the recording.
+    pub about: About,
 }
 
 impl Player {
@@ -42,6 +45,16 @@ impl Player {
             playing: true,
             speed: 1.0,
             at_end: AtEnd::Stop,
+            about: About::default(),
+        })
+    }
+
+    /// As [`Self::new`], with what else is known about the recording.
+    pub fn loaded(loaded: Loaded) -> Option<Self> {
+        let player = Self::new(loaded.trace)?;
+        Some(Self {
+            about: loaded.about,
+            ..player
         })
     }
 
@@ -55,7 +68,8 @@ impl Player {
         &self.history
     }
 
-    fn start_s(&self) -> f64 {
+    /// Instant of the first snapshot on the recording's own time base, s.
+    pub fn start_s(&self) -> f64 {
         self.trace.snapshots[0].stamp.seconds()
     }
 
@@ -140,5 +154,37 @@ mod tests {
         p.advance(2.0);
         assert!(p.playing && (p.position_s - 0.02).abs() < 1e-9);
         assert!(Player::new(Trace::default()).is_none());
+    }
+
+    #[test]
+    fn any_position_of_a_long_recording_shows_its_newest_snapshot() {
+        // An hour with pauses, at uneven steps.
+        let mut t_s = 7.0;
+        let snapshots: Vec<Snapshot> = (0..40_000_u64)
+            .map(|i| {
+                let step = (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 54) as f64 * 1.6e-4 + 1e-3;
+                t_s += if i % 9_000 == 0 { 60.0 } else { step };
+                Snapshot {
+                    stamp: crate::signal::Stamp::from_seconds(t_s),
+                    ..Snapshot::default()
+                }
+            })
+            .collect();
+        let stamps: Vec<f64> = snapshots.iter().map(|s| s.stamp.seconds()).collect();
+        let mut p = Player::new(Trace {
+            snapshots,
+            ..Trace::default()
+        })
+        .expect("not empty");
+        assert!(p.duration_s() > 3_000.0 && p.history().len() == stamps.len());
+        for i in 0..5_000 {
+            p.position_s = p.duration_s() * f64::from(i * 1_237 % 5_000) / 4_999.0;
+            let newest = stamps
+                .iter()
+                .rev()
+                .find(|t| **t <= p.now_s() + 1e-9)
+                .expect("the first is at the start");
+            assert_eq!(p.snapshot().stamp.seconds(), *newest);
+        }
     }
 }

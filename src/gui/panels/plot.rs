@@ -1,12 +1,15 @@
 //! Plots over time that share one window: zoom, pan or freeze one and all follow.
 
+mod band;
+
 use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
 use egui_plot::{GridMark, HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
 
 use super::View;
 use super::widgets::{minutes, number};
-use crate::gui::history::Channel;
+use crate::gui::history::{Channel, envelope_of, slot_s};
 use crate::gui::theme::Palette;
+use band::Band;
 
 /// The window of time that all plots show.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,6 +18,8 @@ pub struct TimeWindow {
     pub span_s: f64,
     /// End of a frozen window; `None` follows the newest value.
     pub frozen_end_s: Option<f64>,
+    /// Instants of the cursors A and B, s, while they are shown.
+    pub cursors_s: Option<[f64; 2]>,
 }
 
 /// Spans that can be chosen, s.
@@ -31,6 +36,7 @@ impl Default for TimeWindow {
         Self {
             span_s: 30.0,
             frozen_end_s: None,
+            cursors_s: None,
         }
     }
 }
@@ -130,7 +136,7 @@ pub struct TimePlot<'a> {
     pub series: &'a [Series],
     /// The y axis never shows less than this: about the noise floor, in the unit of the signals.
     pub min_span: f64,
-    /// Lines that stand out while the others fade; empty: all alike.
+    /// Lines that stand out while the others fade, and that the y axis fits; empty: all alike.
     pub emphasis: &'a [Channel],
     /// Whether the time labels are shown below.
     pub time_axis: TimeAxis,
@@ -138,6 +144,30 @@ pub struct TimePlot<'a> {
     pub legend: Legend,
     /// A vertical line at this instant, s.
     pub playhead_s: Option<f64>,
+}
+
+/// A line of a plot whose points are not in the history.
+#[derive(Clone, Debug)]
+pub struct Drawn {
+    /// Name in the legend.
+    pub name: String,
+    /// The signal whose colour and unit it has.
+    pub channel: Channel,
+    /// Stroke.
+    pub dash: Dash,
+    /// Instants (s) and values in order of time.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// What a plot shows besides the lines of its history.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Extras<'a> {
+    /// Spans of time without ground truth, s: shaded.
+    pub shaded: &'a [[f64; 2]],
+    /// Instants with a name, s: dashed vertical lines.
+    pub marks: &'a [(f64, String)],
+    /// Further lines.
+    pub lines: &'a [Drawn],
 }
 
 /// Whether a plot names its lines. In a stack with the same names only the first does.
@@ -167,6 +197,18 @@ pub enum TimeAxis {
 impl TimePlot<'_> {
     /// Draws title, legend and plot in `height` points of height.
     pub fn show(&self, ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow, height: f32) {
+        self.show_with(ui, view, window, height, Extras::default());
+    }
+
+    /// As [`Self::show`] with shaded spans, marks and further lines.
+    pub fn show_with(
+        &self,
+        ui: &mut Ui,
+        view: &View<'_>,
+        window: &mut TimeWindow,
+        height: f32,
+        extras: Extras<'_>,
+    ) {
         let axis = match self.time_axis {
             TimeAxis::Shown => AXIS,
             TimeAxis::Hidden => 0.0,
@@ -174,7 +216,7 @@ impl TimePlot<'_> {
         let compact = height - axis < COMPACT;
         let top = ui.cursor().top();
         if !compact {
-            ui.horizontal(|ui| self.legend(ui));
+            ui.horizontal(|ui| self.legend(ui, extras.lines));
         }
         let height = (height - (ui.cursor().top() - top)).max(30.0);
         let range = window.range_s(view.now_s);
@@ -183,19 +225,32 @@ impl TimePlot<'_> {
         let mut low = f64::INFINITY;
         let mut high = f64::NEG_INFINITY;
         let mut lines = Vec::new();
+        let to_s = range[1].min(view.now_s);
+        let pixels = width.max(2.0) as usize;
+        let slot_s = slot_s(range[0], to_s, pixels);
         // Back to front: dashed lines stay visible over solid ones.
         for s in self.series {
-            let pieces = view.history.envelope(
-                s.channel,
-                range[0],
-                range[1].min(view.now_s),
-                width.max(2.0) as usize,
-            );
+            let pieces = view.history.envelope(s.channel, range[0], to_s, pixels);
+            // The axis fits the lines that stand out, down to their noise.
+            let stands_out = self
+                .series
+                .iter()
+                .any(|s| self.emphasis.contains(&s.channel));
+            let fits = !stands_out || self.emphasis.contains(&s.channel);
+            for p in pieces.iter().flatten().filter(|_| fits) {
+                low = low.min(p[1]);
+                high = high.max(p[1]);
+            }
+            lines.push((s.name.clone(), s.channel, s.dash, pieces));
+        }
+        for d in extras.lines {
+            let inside = |q: &&[f64; 2]| range[0] <= q[0] && q[0] <= range[1];
+            let pieces = envelope_of(d.points.iter().filter(inside).copied(), slot_s);
             for p in pieces.iter().flatten() {
                 low = low.min(p[1]);
                 high = high.max(p[1]);
             }
-            lines.push((s, pieces));
+            lines.push((d.name.clone(), d.channel, d.dash, pieces));
         }
         if !low.is_finite() {
             (low, high) = (-0.5 * self.min_span, 0.5 * self.min_span);
@@ -211,7 +266,8 @@ impl TimePlot<'_> {
         let [bottom, top] = [middle - half, middle + half + headroom];
         let bounds = PlotBounds::from_min_max([range[0], bottom], [range[1], top]);
         let decimals = decimals_for(2.0 * half);
-        let unit = self.series.first().map_or("", |s| s.channel.unit());
+        let unit = lines.first().map_or("", |(_, channel, ..)| channel.unit());
+        let cursors = window.cursors_s;
         let emphasis = self.emphasis;
         let playhead = self.playhead_s;
         let response = Plot::new(self.title)
@@ -254,21 +310,37 @@ impl TimePlot<'_> {
             })
             .show(ui, |plot| {
                 plot.set_plot_bounds(bounds);
-                for (s, pieces) in lines {
-                    let faded = !emphasis.is_empty() && !emphasis.contains(&s.channel);
-                    let color = palette.signal(s.channel);
+                for [from, to] in extras.shaded {
+                    let [x0, x1] = [from.max(range[0]), to.min(range[1])];
+                    if x0 < x1 {
+                        let corners = [[x0, bottom], [x1, bottom], [x1, top], [x0, top]];
+                        plot.polygon(
+                            egui_plot::Polygon::new("", corners.to_vec())
+                                .fill_color(palette.bar.gamma_multiply(0.35))
+                                .stroke(Stroke::NONE)
+                                .allow_hover(false),
+                        );
+                    }
+                }
+                for (name, channel, dash, pieces) in lines {
+                    let faded = !emphasis.is_empty() && !emphasis.contains(&channel);
+                    let color = palette.signal(channel);
                     let color = if faded {
                         color.gamma_multiply(0.25)
                     } else {
                         color
                     };
-                    let style = match s.dash {
+                    let style = match dash {
                         Dash::Solid => LineStyle::Solid,
                         Dash::Dashed => LineStyle::dashed_dense(),
                     };
                     for piece in pieces {
+                        if let Some(band) = Band::of(&name, &piece, slot_s, color, dash) {
+                            plot.add(band);
+                            continue;
+                        }
                         plot.line(
-                            Line::new(s.name.clone(), PlotPoints::from(piece))
+                            Line::new(name.clone(), PlotPoints::from(piece))
                                 .color(color)
                                 .width(1.5)
                                 .allow_band(false)
@@ -284,6 +356,27 @@ impl TimePlot<'_> {
                             .allow_hover(false),
                     );
                 }
+                let named = cursors.into_iter().flat_map(|[a, b]| [(a, "A"), (b, "B")]);
+                let marks = extras.marks.iter().map(|(t, name)| (*t, name.as_str()));
+                for (t, name) in named.chain(marks) {
+                    if t < range[0] || t > range[1] {
+                        continue;
+                    }
+                    plot.vline(
+                        egui_plot::VLine::new(name, t)
+                            .color(palette.text)
+                            .width(1.2)
+                            .style(LineStyle::dashed_loose())
+                            .allow_hover(false),
+                    );
+                    let text = RichText::new(name).small().color(palette.text);
+                    let at = egui_plot::PlotPoint::new(t, bottom + 0.02 * (top - bottom));
+                    plot.text(
+                        egui_plot::Text::new(name, at, text)
+                            .anchor(egui::Align2::LEFT_BOTTOM)
+                            .allow_hover(false),
+                    );
+                }
             })
             .response;
         response.widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
@@ -294,12 +387,13 @@ impl TimePlot<'_> {
             );
             let layout = Layout::left_to_right(Align::Center);
             let mut over = ui.new_child(egui::UiBuilder::new().max_rect(line).layout(layout));
-            self.legend(&mut over);
+            self.legend(&mut over, extras.lines);
         }
+        move_cursor(&response, window, range);
         follow_pointer(ui, &response, window, view.now_s);
     }
 
-    fn legend(&self, ui: &mut Ui) {
+    fn legend(&self, ui: &mut Ui, drawn: &[Drawn]) {
         let p = Palette::in_ui(ui);
         ui.spacing_mut().item_spacing.x = 6.0;
         ui.spacing_mut().interact_size.y = 16.0;
@@ -314,9 +408,14 @@ impl TimePlot<'_> {
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.spacing_mut().item_spacing.x = 5.0;
-            for s in self.series.iter().rev().filter(|s| !s.name.is_empty()) {
-                label(ui, &s.name, p.weak);
-                swatch(ui, p.signal(s.channel), s.dash);
+            let own = self.series.iter().map(|s| (&s.name, s.channel, s.dash));
+            let named: Vec<_> = own
+                .chain(drawn.iter().map(|d| (&d.name, d.channel, d.dash)))
+                .filter(|(name, ..)| !name.is_empty())
+                .collect();
+            for (name, channel, dash) in named.into_iter().rev() {
+                label(ui, name, p.weak);
+                swatch(ui, p.signal(channel), dash);
                 ui.add_space(5.0);
             }
         });
@@ -337,6 +436,21 @@ pub fn swatch(ui: &mut Ui, color: egui::Color32, dash: Dash) {
             ui.painter().line_segment([a, a + third], stroke);
             ui.painter().line_segment([b - third, b], stroke);
         }
+    }
+}
+
+// A click takes the nearer cursor there.
+fn move_cursor(response: &egui::Response, window: &mut TimeWindow, [from, to]: [f64; 2]) {
+    let Some(cursors) = &mut window.cursors_s else {
+        return;
+    };
+    if response.clicked()
+        && let Some(at) = response.interact_pointer_pos()
+    {
+        let ratio = f64::from((at.x - response.rect.left()) / response.rect.width());
+        let t = from + ratio.clamp(0.0, 1.0) * (to - from);
+        let nearer = usize::from((cursors[1] - t).abs() < (cursors[0] - t).abs());
+        cursors[nearer] = t;
     }
 }
 

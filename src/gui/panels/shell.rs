@@ -2,6 +2,7 @@
 
 use egui::{Align, Button, Key, Layout, Modifiers, Panel, RichText, Ui, vec2};
 
+use super::toasts::Messages;
 use super::widgets::{Gate, badge, minutes, note, status};
 use super::{Screen, View};
 use crate::gui::theme::{Level, Palette};
@@ -11,25 +12,18 @@ use crate::twin::Command;
 /// Age above which link and ground truth count as late, s.
 const LATE_S: f64 = 0.25;
 
-/// A sentence for the strip below, with when it came (s of window time).
-#[derive(Clone, Debug, PartialEq)]
-pub struct Message {
-    /// The sentence.
-    pub text: String,
-    /// How urgent.
-    pub level: Level,
-    /// Window time it came at, s.
-    pub at_s: f64,
-}
-
 /// What the shell is told beside the live snapshot.
 pub struct ShellInput<'a> {
     /// The live twin's view, also while a recording is shown.
     pub live: View<'a>,
     /// Title of the recording that is shown, if one is.
     pub replay: Option<&'a str>,
-    /// Newest message.
-    pub message: Option<&'a Message>,
+    /// What the program has said.
+    pub messages: &'a Messages,
+    /// Window time, s.
+    pub window_s: f64,
+    /// What is being connected to, if anything is.
+    pub joining: Option<&'a str>,
     /// Seconds the running recording has lasted.
     pub recording_s: Option<f64>,
     /// Whether the window was opened onto a twin.
@@ -49,8 +43,12 @@ pub enum ShellAction {
     ResetLayout,
     /// Show or hide the shortcuts.
     ToggleShortcuts,
+    /// Show or hide the list of everything that can be done.
+    TogglePalette,
     /// Close the recording that is shown.
     CloseReplay,
+    /// Close the welcome for good.
+    CloseWelcome,
 }
 
 /// Word, glyph and level of a mode.
@@ -81,7 +79,9 @@ pub fn hold_action(snapshot: &Snapshot) -> (&'static str, Result<Command, String
 }
 
 /// The bar on top: always there, never covered.
-pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
+///
+/// Gives the badge of the connection, behind which its menu opens.
+pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) -> egui::Response {
     let s = live.snapshot;
     ui.horizontal_centered(|ui| {
         let p = Palette::in_ui(ui);
@@ -92,7 +92,10 @@ pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
         } else {
             ("HARDWARE", "Commands move a real arm.")
         };
-        badge(ui, text, p.text, p.panel).on_hover_text(hover);
+        let button = Button::new(RichText::new(text).color(p.panel)).fill(p.text);
+        let connection = ui
+            .add(button)
+            .on_hover_text(format!("{hover} Click to connect to something else."));
         let (glyph, word, level) = mode_words(&s.mode);
         let (fill, color) = match level {
             Level::Critical => (p.critical_fill, p.on_critical),
@@ -109,7 +112,9 @@ pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
             hold(ui, s, commands);
             alarms(ui, s);
         });
-    });
+        connection
+    })
+    .inner
 }
 
 fn stop(ui: &mut Ui, commands: &mut Vec<Command>) {
@@ -306,18 +311,16 @@ pub fn banners(
             });
         });
     }
-    if !s.link.connected && !input.twin_gone && input.twin {
+    let known = input.twin || !s.link.source.is_empty();
+    if !s.link.connected && !input.twin_gone && known {
         banner(ui, "link", p.warning_fill, |ui| {
-            let text = if s.link.source.is_empty() {
-                "▲ Not connected: no frames yet. Motion is off until the boards answer.".into()
-            } else {
-                format!(
-                    "▲ {} does not answer: values are {} old, motion is off. Trying again.",
-                    s.link.source,
-                    age(s.link.age_s)
-                )
-            };
-            ui.label(RichText::new(text).color(p.text));
+            ui.label(RichText::new(disconnected(s)).color(p.text));
+        });
+    }
+    if let Some(name) = input.joining {
+        banner(ui, "joining", p.selected, |ui| {
+            ui.spinner();
+            ui.label(RichText::new(format!("Connecting to {name}…")).color(p.text));
         });
     }
     if let Some(title) = input.replay {
@@ -335,6 +338,25 @@ pub fn banners(
             });
         });
     }
+}
+
+/// What is said while no frames come: cause, consequence, what happens next.
+pub fn disconnected(s: &Snapshot) -> String {
+    if let Some(why) = &s.link.refusal {
+        return format!("▲ The boards are not used: {why}");
+    }
+    if s.link.source.is_empty() {
+        return "▲ Not connected: no frames yet. Motion is off until the boards answer.".into();
+    }
+    let next = match s.link.retry_in_s {
+        Some(t) => format!("The port is gone; next try in {:.1} s.", t),
+        None => "Listening.".to_owned(),
+    };
+    format!(
+        "▲ {} does not answer: values are {} old, motion is off. {next}",
+        s.link.source,
+        age(s.link.age_s)
+    )
 }
 
 fn banner(ui: &mut Ui, id: &str, fill: egui::Color32, contents: impl FnOnce(&mut Ui)) {
@@ -369,15 +391,26 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
         }
     }
     ui.with_layout(Layout::bottom_up(Align::Min), |ui| {
-        let mut small = |ui: &mut Ui, text: &str, hover: &str, action| {
-            let button = Button::selectable(false, text).min_size(vec2(width, 28.0));
-            if ui.add(button).on_hover_text(hover).clicked() {
+        let mut small = |ui: &mut Ui, text: &str, keys: &str, hover: &str, action| {
+            let button = Button::selectable(false, text)
+                .right_text(RichText::new(keys).small().color(p.weak))
+                .min_size(vec2(width, 28.0));
+            let response = ui.add(button).on_hover_text(hover);
+            if response.accessible_name(text).clicked() {
                 actions.push(action);
             }
         };
         small(
             ui,
-            "Shortcuts (?)",
+            "Commands",
+            "Ctrl+P",
+            "Everything that can be done, found by typing",
+            ShellAction::TogglePalette,
+        );
+        small(
+            ui,
+            "Shortcuts",
+            "?",
             "All keyboard shortcuts",
             ShellAction::ToggleShortcuts,
         );
@@ -389,6 +422,7 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
         small(
             ui,
             theme,
+            "",
             "Switch between light and dark",
             ShellAction::ToggleTheme,
         );
@@ -396,6 +430,7 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
             small(
                 ui,
                 "Reset layout",
+                "",
                 "Put the panels back where they were at first",
                 ShellAction::ResetLayout,
             );
@@ -403,7 +438,7 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
     });
 }
 
-/// The strip at the bottom: the most urgent alarm or the newest message, and the recording.
+/// The strip at the bottom: the newest message or the most urgent alarm, the recording, and all that was said.
 pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
     let s = input.live.snapshot;
     ui.horizontal_centered(|ui| {
@@ -412,14 +447,9 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             .iter()
             .filter(|a| a.severity >= Severity::Warning)
             .max_by_key(|a| a.severity);
-        match (input.message, urgent) {
+        match (input.messages.newest(input.window_s), urgent) {
             (Some(m), _) => {
-                let p = Palette::in_ui(ui);
-                let text = match m.level {
-                    Level::Normal => m.text.clone(),
-                    level => format!("{} {}", level.glyph(), m.text),
-                };
-                ui.label(RichText::new(text).color(p.level(m.level)));
+                ui.label(m.text.as_str());
             }
             (None, Some(a)) => {
                 status(ui, severity_level(a.severity), &a.text);
@@ -433,7 +463,8 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             }
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time");
+            note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time, min:s");
+            input.messages.button(ui, input.window_s);
             if let (Some(name), Some(t)) = (&s.recording, input.recording_s) {
                 let color = Palette::in_ui(ui).critical;
                 ui.label(RichText::new(format!("● {name} {}", minutes(t))).color(color))
@@ -444,15 +475,18 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
 }
 
 /// Keys of the overlay.
-const SHORTCUTS: [(&str, &str); 9] = [
+const SHORTCUTS: [(&str, &str); 12] = [
     ("Shift+Esc", "STOP: pumps off, also while typing"),
     ("Space", "Hold or resume; in a replay play or pause"),
     ("Esc", "Cancel the preview; close this list"),
     ("Enter", "Preview the typed target"),
+    ("Ctrl+P", "Everything that can be done, found by typing"),
     ("Ctrl+1", "Operate"),
     ("Ctrl+2", "Sensors"),
     ("Ctrl+3", "Accuracy"),
+    ("Ctrl+4", "Calibrate"),
     ("Ctrl+5", "Recordings"),
+    ("Ctrl+6", "Gap"),
     ("?", "This list"),
 ];
 
@@ -483,6 +517,8 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
 /// only while no text is typed.
 pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
     let typing = ctx.text_edit_focused();
+    // Esc closes an open menu, and nothing else with it.
+    let menu = egui::Popup::is_any_open(ctx);
     ctx.input_mut(|i| {
         let mut actions = Vec::new();
         // Whatever else is held down with them.
@@ -493,8 +529,11 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
             i.events
                 .retain(|e| !matches!(e, egui::Event::Key { key: Key::Escape, .. }));
             actions.push(KeyAction::Stop);
-        } else if i.consume_key(Modifiers::NONE, Key::Escape) {
+        } else if !menu && i.consume_key(Modifiers::NONE, Key::Escape) {
             actions.push(KeyAction::Cancel);
+        }
+        if i.consume_key(Modifiers::COMMAND, Key::P) {
+            actions.push(KeyAction::Palette);
         }
         for screen in Screen::ALL {
             if i.consume_key(Modifiers::COMMAND, screen.key()) {
@@ -527,6 +566,8 @@ pub enum KeyAction {
     Show(Screen),
     /// Show or hide the shortcuts.
     Shortcuts,
+    /// Show or hide the list of everything that can be done.
+    Palette,
 }
 
 /// Whether a recording may be started or stopped.

@@ -9,7 +9,7 @@ use crate::signal::{CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachS
 use crate::twin::Command;
 
 /// How long Go is held on hardware, s.
-const HOLD_TO_GO_S: f64 = 0.8;
+pub(super) const HOLD_TO_GO_S: f64 = 0.8;
 
 /// What the operator typed or clicked, not yet sent.
 #[derive(Clone, Debug, Default)]
@@ -18,7 +18,70 @@ pub struct TargetDraft {
     pub text: [String; 3],
     /// The target the twin was last asked about, m.
     pub asked_m: Option<[f64; 3]>,
+    hold: HoldToGo,
+}
+
+/// A button that moves the arm: at once on the virtual rig, held down on hardware.
+#[derive(Clone, Debug, Default)]
+pub struct HoldToGo {
     held_s: f64,
+}
+
+/// What such a button says.
+pub struct Fire {
+    /// On the virtual rig.
+    pub now: &'static str,
+    /// On hardware.
+    pub hold: &'static str,
+    /// What happens, one sentence without its full stop.
+    pub hover: &'static str,
+}
+
+impl HoldToGo {
+    /// Shows the button; whether the arm shall move now.
+    pub fn button(
+        &mut self,
+        ui: &mut Ui,
+        view: &View<'_>,
+        gate: &Gate,
+        fire: &Fire,
+        size: egui::Vec2,
+    ) -> bool {
+        let simulated = view.snapshot.link.simulated;
+        let label = if simulated {
+            fire.now.to_owned()
+        } else if self.held_s > 0.0 {
+            format!("Hold {:.1} s", (HOLD_TO_GO_S - self.held_s).max(0.0))
+        } else {
+            fire.hold.to_owned()
+        };
+        let hover = match simulated {
+            true => format!("{}.", fire.hover),
+            false => format!("{}. Hold for {HOLD_TO_GO_S} s: the arm moves.", fire.hover),
+        };
+        // Sensing drags keeps the button pressed for longer than a click may last.
+        let sense = egui::Sense::click_and_drag();
+        let button = Button::new(label).min_size(size).sense(sense);
+        let response = gated(ui, gate, button, &hover);
+        if simulated {
+            return response.clicked() && gate.is_ok();
+        }
+        if gate.is_err() || !response.is_pointer_button_down_on() {
+            self.held_s = 0.0;
+            return false;
+        }
+        let before = self.held_s;
+        self.held_s += f64::from(ui.input(|i| i.unstable_dt)).min(0.1);
+        ui.request_repaint();
+        before < HOLD_TO_GO_S && self.held_s >= HOLD_TO_GO_S
+    }
+}
+
+/// The simulated arm needs no arming by hand.
+pub fn arm_simulated(view: &View<'_>, commands: &mut Vec<Command>) {
+    if view.snapshot.mode == Mode::Disarmed && view.snapshot.link.simulated {
+        commands.push(Command::Arm);
+    }
 }
 
 impl TargetDraft {
@@ -111,8 +174,8 @@ pub fn verdict(reach: &Reach) -> Verdict {
     }
 }
 
-// The verdict that belongs to the draft, if the twin has given it.
-fn preview_of<'a>(view: &View<'a>, target_m: [f64; 3]) -> Option<&'a Reach> {
+/// The verdict that belongs to a target, if the twin has given it.
+pub fn preview_of<'a>(view: &View<'a>, target_m: [f64; 3]) -> Option<&'a Reach> {
     let (goal, reach) = view.snapshot.preview.as_ref()?;
     let near = |i: usize| (goal.position_m[i] - target_m[i]).abs() < 5e-5;
     (0..3).all(near).then_some(reach)
@@ -284,39 +347,13 @@ fn go(
     commands: &mut Vec<Command>,
 ) {
     let gate = go_gate(view, draft);
-    let simulated = view.snapshot.link.simulated;
-    let label = if simulated {
-        "▶ Go".into()
-    } else if draft.held_s > 0.0 {
-        format!("Hold {:.1} s", (HOLD_TO_GO_S - draft.held_s).max(0.0))
-    } else {
-        "▶ Hold to go".to_owned()
+    let fire = Fire {
+        now: "▶ Go",
+        hold: "▶ Hold to go",
+        hover: "Move the tip to the target",
     };
-    let hover = if simulated {
-        "Move the tip to the target"
-    } else {
-        "Hold for 0.8 s: the arm moves"
-    };
-    // Sensing drags keeps the button pressed for longer than a click may last.
-    let sense = egui::Sense::click_and_drag();
-    let button = Button::new(label).min_size(size).sense(sense);
-    let response = gated(ui, &gate, button, hover);
-    let fire = if simulated {
-        response.clicked()
-    } else if gate.is_ok() && response.is_pointer_button_down_on() {
-        let before = draft.held_s;
-        draft.held_s += f64::from(ui.input(|i| i.unstable_dt)).min(0.1);
-        ui.request_repaint();
-        before < HOLD_TO_GO_S && draft.held_s >= HOLD_TO_GO_S
-    } else {
-        draft.held_s = 0.0;
-        false
-    };
-    if fire && gate.is_ok() {
-        // The simulated arm needs no arming by hand.
-        if view.snapshot.mode == Mode::Disarmed {
-            commands.push(Command::Arm);
-        }
+    if draft.hold.button(ui, view, &gate, &fire, size) {
+        arm_simulated(view, commands);
         commands.push(Command::Go);
     }
 }

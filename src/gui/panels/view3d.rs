@@ -5,46 +5,129 @@
 
 use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2};
 
+use serde::{Deserialize, Serialize};
+
 use super::View;
 use crate::gui::history::Channel;
-use crate::gui::scene::{Entity, Picking, Scene, SceneInput, Theme};
+use crate::gui::scene::camera::View as Side;
+use crate::gui::scene::reachset::ReachSet;
+use crate::gui::scene::{
+    Aids, Controls, Entity, Picking, PlanMarks, Scene, SceneInput, Theme, Tool,
+};
 use crate::gui::theme::Palette;
+use crate::signal::ReachState;
 
 /// Length of the trails, s.
 const TRAIL_S: f64 = 20.0;
-/// Every so manieth row makes a point of a trail.
-const TRAIL_STRIDE: usize = 5;
+/// Time between two points of a trail, s.
+const TRAIL_STEP_S: f64 = 0.05;
+/// The reachable set's outlines are so far apart, m.
+const OUTLINES_M: f32 = 0.025;
+
+/// What is switched on in the view; kept from one start to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Shown {
+    /// The reachable set, while a target is being chosen.
+    pub hull: bool,
+    /// Where the tip has been.
+    pub trails: bool,
+    /// The arm at the end of the preview.
+    pub ghost: bool,
+    /// Shadows on two walls, while a target is being chosen.
+    pub walls: bool,
+    /// Which mouse buttons move the view.
+    pub controls: Controls,
+}
+
+impl Default for Shown {
+    fn default() -> Self {
+        Self {
+            hull: true,
+            trails: true,
+            ghost: true,
+            walls: true,
+            controls: Controls::default(),
+        }
+    }
+}
 
 /// What the view keeps between frames.
 #[derive(Default)]
 pub struct View3d {
     /// The scene; `None` without a graphics adapter.
     pub scene: Option<Scene>,
-    /// Samples of the reachable set, m.
-    pub reachable: Vec<[f32; 3]>,
+    /// What is switched on.
+    pub shown: Shown,
     /// The spring to highlight, from 0.
     pub selected_spring: Option<usize>,
+    reachable: Option<ReachSet>,
+    outlines: Vec<[[f32; 3]; 2]>,
+}
+
+impl View3d {
+    /// Takes settled positions of the tip, m: the reachable set is drawn around them.
+    pub fn set_reachable(&mut self, samples_m: &[[f32; 3]]) {
+        self.reachable = ReachSet::new(samples_m);
+        self.outlines = match &self.reachable {
+            Some(set) => set.contours(OUTLINES_M),
+            None => Vec::new(),
+        };
+    }
+
+    /// Where the tip has been able to go.
+    pub fn reachable(&self) -> Option<&ReachSet> {
+        self.reachable.as_ref()
+    }
+}
+
+/// What is being edited in the view.
+#[derive(Clone, Copy, Default)]
+pub struct Edited<'a> {
+    /// The target, m.
+    pub target_m: Option<[f64; 3]>,
+    /// The verdict on it, if there is one.
+    pub reach: Option<ReachState>,
+    /// The plan's waypoints.
+    pub plan: Option<PlanMarks<'a>>,
+    /// What a click makes.
+    pub tool: Tool,
 }
 
 /// What the operator did in the view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct View3dOutput {
-    /// A point that was clicked or dragged to as a target, base frame, m.
-    pub clicked_target: Option<[f64; 3]>,
+    /// A point that was clicked, base frame, m.
+    pub clicked: Option<[f64; 3]>,
+    /// What the handles hold was dragged there: the target, or with [`Tool::Draw`] the selected waypoint, m.
+    pub dragged: Option<[f64; 3]>,
+    /// A place that a drag with [`Tool::Draw`] passes over, m.
+    pub drawn: Option<[f64; 3]>,
+    /// The waypoint that was clicked.
+    pub waypoint: Option<usize>,
 }
 
-/// Draws the arm, the goal and the draft target; returns what was done.
+/// Draws the arm, the goal and what is edited; returns what was done.
 pub fn scene_view(
     state: &mut View3d,
     ui: &mut Ui,
     view: &View<'_>,
-    draft_m: Option<[f64; 3]>,
+    edited: &Edited<'_>,
 ) -> View3dOutput {
     let Some(scene) = &mut state.scene else {
-        return side_view(ui, view, draft_m);
+        return side_view(ui, view, edited);
     };
-    let predicted = trail(view, Channel::Tip);
-    let truth = trail(view, Channel::Truth);
+    let shown = state.shown;
+    let trails = |channel| match shown.trails {
+        true => trail(view, channel),
+        false => Vec::new(),
+    };
+    let (predicted, truth) = (trails(Channel::Tip), trails(Channel::Truth));
+    let drawing = edited.tool == Tool::Draw;
+    // They help while a place is being chosen and are in the way otherwise.
+    let choosing = edited.target_m.is_some() || drawing;
+    let waypoint = |i: Option<usize>| edited.plan?.waypoints_m.get(i?).copied();
+    let last = edited.plan.and_then(|p| p.waypoints_m.last().copied());
     let input = SceneInput {
         trail_predicted: &predicted,
         trail_truth: &truth,
@@ -59,13 +142,27 @@ pub fn scene_view(
             Picking::Enabled
         },
         selected_spring: state.selected_spring,
-        draft_target: draft_m,
-        // The hull helps while a target is being chosen and is in the way otherwise.
-        reachable: if draft_m.is_some() {
-            &state.reachable
-        } else {
-            &[]
+        draft_target: edited.target_m,
+        reach: edited.reach,
+        ghost: view
+            .snapshot
+            .preview_shape
+            .as_deref()
+            .filter(|_| shown.ghost),
+        reachable: state.reachable.as_ref(),
+        outlines: &state.outlines,
+        aids: Aids {
+            hull: shown.hull && choosing,
+            walls: shown.walls && choosing,
         },
+        plan: edited.plan,
+        tool: edited.tool,
+        handles: match drawing {
+            true => waypoint(edited.plan.and_then(|p| p.selected)),
+            false => None,
+        },
+        depth_from: last.filter(|_| drawing),
+        controls: shown.controls,
         ..SceneInput::new(view.snapshot)
     };
     let out = scene.ui(ui, &input);
@@ -77,24 +174,103 @@ pub fn scene_view(
         };
     }
     View3dOutput {
-        clicked_target: out.dragged_target.or(out.clicked_target),
+        clicked: out.clicked_target,
+        dragged: out.dragged_target,
+        drawn: out.drawn,
+        waypoint: match out.clicked {
+            Some(Entity::Waypoint(i)) => Some(i),
+            _ => None,
+        },
     }
+}
+
+/// The bar with the directions of view and what is switched on.
+pub fn toolbar(ui: &mut Ui, state: &mut View3d, view: &View<'_>) {
+    let p = Palette::in_ui(ui);
+    let frame = egui::Frame::new()
+        .fill(p.panel)
+        .inner_margin(egui::Margin::symmetric(10, 4));
+    let View3d { scene, shown, .. } = state;
+    let Some(scene) = scene else {
+        return;
+    };
+    frame.show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        ui.horizontal_wrapped(|ui| {
+            ui.spacing_mut().item_spacing.x = 3.0;
+            ui.spacing_mut().button_padding.x = 4.0;
+            for (side, name, hover) in [
+                (Side::Front, "Front", "Look along y, x to the right (1)"),
+                (Side::Right, "Right", "Look along −x, y to the right (3)"),
+                (Side::Top, "Top", "Look down, x to the right (7)"),
+            ] {
+                if ui.button(name).on_hover_text(hover).clicked() {
+                    scene.camera.look(side);
+                }
+            }
+            let perspective = scene.camera.is_perspective();
+            let button =
+                egui::Button::selectable(perspective, "Perspective").frame_when_inactive(true);
+            let hover = "Far things are smaller; off: parallel lines stay parallel (5)";
+            if ui.add(button).on_hover_text(hover).clicked() {
+                scene.camera.toggle_projection();
+            }
+            let hover = "Let the arm fill the view (F)";
+            if ui.button("Frame").on_hover_text(hover).clicked() {
+                scene.frame(view.snapshot);
+            }
+            ui.separator();
+            for (on, name, hover) in [
+                (
+                    &mut shown.hull,
+                    "Hull",
+                    "Outlines of where the tip has been able to go, every 25 mm of height, while a \
+                     place is being chosen. Whether a target can be reached is for its verdict to say.",
+                ),
+                (&mut shown.trails, "Trails", "Where the tip was in the last 20 s"),
+                (
+                    &mut shown.ghost,
+                    "Ghost",
+                    "The arm at the end of the preview, by the rod model",
+                ),
+                (
+                    &mut shown.walls,
+                    "Shadows",
+                    "What arm and target look like from two more sides, while a place is being chosen",
+                ),
+            ] {
+                let button = egui::Button::selectable(*on, name).frame_when_inactive(true);
+                if ui.add(button).on_hover_text(hover).clicked() {
+                    *on = !*on;
+                }
+            }
+            ui.separator();
+            let cad = shown.controls == Controls::Cad;
+            let button = egui::Button::selectable(cad, "CAD").frame_when_inactive(true);
+            let hover = "On: left or middle drag turns the view, right drag shifts it. Off, as in Blender: left or \
+                         middle drag turns it, with Shift it is shifted. The wheel zooms to the pointer.";
+            let response = ui.add(button).on_hover_text(hover);
+            if response.accessible_name("CAD mouse").clicked() {
+                shown.controls = match shown.controls {
+                    Controls::Blender => Controls::Cad,
+                    Controls::Cad => Controls::Blender,
+                };
+            }
+        });
+    });
 }
 
 /// The last tip positions, oldest first, m.
 fn trail(view: &View<'_>, channel: fn(usize) -> Channel) -> Vec<[f32; 3]> {
-    let axis = |i| {
-        let values = view
-            .history
-            .values(channel(i), view.now_s - TRAIL_S, view.now_s);
-        values.map(|mm| (mm * 1e-3) as f32).collect::<Vec<f32>>()
-    };
-    let (x, y, z) = (axis(0), axis(1), axis(2));
-    let points = x.iter().zip(&y).zip(&z).map(|((x, y), z)| [*x, *y, *z]);
-    points.step_by(TRAIL_STRIDE).collect()
+    let window_s = [view.now_s - TRAIL_S, view.now_s];
+    let points_mm = view
+        .history
+        .sampled([0, 1, 2].map(channel), window_s, TRAIL_STEP_S);
+    let metres = |mm: [f64; 3]| mm.map(|x| (x * 1e-3) as f32);
+    points_mm.into_iter().map(metres).collect()
 }
 
-fn side_view(ui: &mut Ui, view: &View<'_>, draft_m: Option<[f64; 3]>) -> View3dOutput {
+fn side_view(ui: &mut Ui, view: &View<'_>, edited: &Edited<'_>) -> View3dOutput {
     let p = *Palette::in_ui(ui);
     let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click());
     response.widget_info(|| WidgetInfo::labeled(Role::Canvas, true, "Arm, side view"));
@@ -141,7 +317,17 @@ fn side_view(ui: &mut Ui, view: &View<'_>, draft_m: Option<[f64; 3]>) -> View3dO
     if let Some(goal) = &view.snapshot.goal {
         mark(goal.position_m, "goal", p.weak);
     }
-    if let Some(target_m) = draft_m {
+    if let Some(plan) = &edited.plan {
+        let points: Vec<Pos2> = plan.waypoints_m.iter().map(|m| at(*m)).collect();
+        for (i, c) in points.iter().enumerate() {
+            let radius = if plan.selected == Some(i) { 5.0 } else { 2.5 };
+            painter.circle_filled(*c, radius, p.text);
+        }
+        let back = plan.closed.then(|| points.first()).flatten().copied();
+        let line = points.iter().copied().chain(back).collect();
+        painter.add(Shape::line(line, Stroke::new(1.0, p.text)));
+    }
+    if let Some(target_m) = edited.target_m {
         mark(target_m, "target", p.text);
     }
     let tip_y = view
@@ -149,7 +335,7 @@ fn side_view(ui: &mut Ui, view: &View<'_>, draft_m: Option<[f64; 3]>) -> View3dO
         .estimate
         .as_ref()
         .map_or(0.0, |e| e.base_from_tip.translation.y);
-    let clicked_target = response
+    let clicked = response
         .clicked()
         .then(|| response.interact_pointer_pos())
         .flatten()
@@ -157,8 +343,15 @@ fn side_view(ui: &mut Ui, view: &View<'_>, draft_m: Option<[f64; 3]>) -> View3dO
             let d = (c - origin) / scale;
             [f64::from(d.x), tip_y, -f64::from(d.y)]
         });
-    response.on_hover_text_at_pointer("Click to set the target here. Nothing moves.");
-    View3dOutput { clicked_target }
+    let hover = match edited.tool {
+        Tool::Target => "Click to set the target here. Nothing moves.",
+        Tool::Draw => "Click to add a waypoint here. Nothing moves.",
+    };
+    response.on_hover_text_at_pointer(hover);
+    View3dOutput {
+        clicked: clicked.filter(|_| view.replay.is_none()),
+        ..View3dOutput::default()
+    }
 }
 
 fn grid(painter: &egui::Painter, rect: egui::Rect, origin: Pos2, scale: f32, p: &Palette) {

@@ -29,6 +29,39 @@ pub enum View {
     Top,
 }
 
+/// Which mouse button turns the view and which one shifts it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Controls {
+    /// As in Blender: middle turns, Shift shifts.
+    #[default]
+    Blender,
+    /// As in CAD programs: middle turns, right shifts.
+    Cad,
+}
+
+/// What a drag does to the view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Turns it about its target.
+    Orbit,
+    /// Shifts it.
+    Pan,
+}
+
+impl Controls {
+    /// What a drag with a button does; Shift always shifts, and the left button turns for those without a
+    /// middle one.
+    pub fn motion(self, button: egui::PointerButton, shift: bool) -> Option<Motion> {
+        use egui::PointerButton::{Middle, Primary, Secondary};
+        match (self, button) {
+            (_, Primary | Middle | Secondary) if shift => Some(Motion::Pan),
+            (Self::Cad, Secondary) => Some(Motion::Pan),
+            (_, Primary | Middle | Secondary) => Some(Motion::Orbit),
+            _ => None,
+        }
+    }
+}
+
 /// A half-line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
@@ -88,6 +121,11 @@ impl Camera {
             Projection::Perspective => Projection::Orthographic,
             Projection::Orthographic => Projection::Perspective,
         };
+    }
+
+    /// Whether far things are smaller.
+    pub fn is_perspective(&self) -> bool {
+        self.projection == Projection::Perspective
     }
 
     /// Direction of view, unit.

@@ -84,10 +84,10 @@ impl Palette {
                 gripper: hex(0x8f959c),
                 payload: hex(0x9c8f7d),
                 imu: hex(0x23272c),
-                predicted: hex(0x56b4e9),
-                truth: hex(0xf0ab1c),
-                goal: hex(0x2fc596),
-                error: hex(0xf0743a),
+                predicted: hex(0x2aaadb),
+                truth: hex(0xfaa317),
+                goal: hex(0x2bd796),
+                error: hex(0xef6d31),
                 selected: hex(0xffffff),
                 ink: hex(0xd8dce0),
             },
@@ -107,10 +107,10 @@ impl Palette {
                 gripper: hex(0x868d95),
                 payload: hex(0xa59682),
                 imu: hex(0x2a2f35),
-                predicted: hex(0x0072b2),
-                truth: hex(0xcf8300),
-                goal: hex(0x00835f),
-                error: hex(0xc94f00),
+                predicted: hex(0x5273aa),
+                truth: hex(0xba5403),
+                goal: hex(0x085b3c),
+                error: hex(0x9f1e07),
                 selected: hex(0x111417),
                 ink: hex(0x2b3036),
             },
@@ -121,11 +121,11 @@ impl Palette {
     pub fn reach(&self, state: Option<ReachState>) -> Rgb {
         match (state, self.ink[0] > 0.5) {
             (Some(ReachState::Reachable), _) => self.goal,
-            (Some(ReachState::Marginal), true) => hex(0xf0e442),
-            (Some(ReachState::Marginal), false) => hex(0x8a7a00),
+            (Some(ReachState::Marginal), true) => hex(0xe9f054),
+            (Some(ReachState::Marginal), false) => hex(0x81753a),
             (Some(ReachState::Unreachable), _) => self.error,
             (Some(ReachState::OutsideData), true) => hex(0xdf94bd),
-            (Some(ReachState::OutsideData), false) => hex(0xa8427f),
+            (Some(ReachState::OutsideData), false) => hex(0xa31f8b),
             (None, _) => self.ink,
         }
     }
@@ -173,6 +173,38 @@ pub fn sequential(t: f32) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gui::vision::{Eyes, contrast, difference};
+
+    fn of(c: Rgb) -> [f64; 3] {
+        c.map(f64::from)
+    }
+
+    #[test]
+    fn marks_stand_out_from_the_backdrop_and_stay_apart_for_colour_blind_eyes() {
+        use ReachState::{Marginal, OutsideData, Reachable, Unreachable};
+        for theme in [Theme::Dark, Theme::Light] {
+            let p = Palette::of(theme);
+            let signals = [p.predicted, p.truth, p.goal, p.error];
+            let verdicts =
+                [Reachable, Marginal, Unreachable, OutsideData].map(|s| p.reach(Some(s)));
+            for mark in signals.into_iter().chain(verdicts).chain([p.ink]) {
+                for back in [p.back_top, p.back_bottom] {
+                    let c = contrast(of(mark), of(back));
+                    assert!(c >= 3.0, "{theme:?}: {mark:?} on {back:?} has {c:.2}");
+                }
+            }
+            for eyes in Eyes::ALL {
+                for set in [signals, verdicts] {
+                    for i in 0..4 {
+                        for j in 0..i {
+                            let d = difference(eyes, of(set[i]), of(set[j]));
+                            assert!(d > 15.0, "{theme:?}, {eyes:?} eyes: {j} and {i}: {d:.1}");
+                        }
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn the_sequential_scale_grows_lighter_everywhere() {

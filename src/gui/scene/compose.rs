@@ -1,6 +1,7 @@
 //! From a snapshot to what is drawn: parts with their places and colours, lines, section frames.
 
 mod marks;
+mod plan;
 mod skin;
 
 use std::f32::consts::TAU;
@@ -12,7 +13,7 @@ use super::camera::Camera;
 use super::colours::{Palette, Rgb, sequential};
 use super::convert;
 use super::mesh::{self, Part, Vertex};
-use super::{Entity, SceneInput};
+use super::{Entity, SceneInput, SceneOutput};
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{Aim, ArmShape, Gripper, IMUS, Pose, SPRINGS};
 
@@ -147,12 +148,12 @@ pub fn compose(
     input: &SceneInput<'_>,
     camera: &Camera,
     size_pt: Vec2,
-    hovered: Option<Entity>,
+    output: &SceneOutput,
 ) -> Drawing {
     let mut c = Composer {
         robot,
         palette: Palette::of(input.theme),
-        hovered,
+        hovered: output.hovered,
         drawing: Drawing::default(),
         layer: Layer::Solid,
     };
@@ -183,9 +184,17 @@ pub fn compose(
     } else if let Some((goal, reach)) = &snapshot.preview {
         c.ghost_tip(&goal.aim, reach.nearest_m, input, gripper);
     }
-    for at in input.reachable {
-        let colour = with_alpha(c.palette.predicted, 0.28);
-        c.dot(Vec3::from(*at), 3.0, colour, 0.4);
+    if input.aids.hull {
+        c.outlines(input.outlines);
+    }
+    if input.aids.walls {
+        c.walls(input, camera, output.landing.as_ref());
+    }
+    if let Some(landing) = &output.landing {
+        c.landing(landing);
+    }
+    if let Some(plan) = &input.plan {
+        c.plan(plan);
     }
     c.tip_marks(input, camera, size_pt);
     c.trail(input.trail_predicted, c.palette.predicted);
@@ -556,7 +565,7 @@ mod tests {
             &SceneInput::new(&snapshot),
             &camera,
             Vec2::splat(400.0),
-            None,
+            &SceneOutput::default(),
         );
         assert!(
             drawing
@@ -589,7 +598,7 @@ mod tests {
             &SceneInput::new(&snapshot),
             &camera,
             Vec2::splat(400.0),
-            None,
+            &SceneOutput::default(),
         );
         let ids: Vec<u32> = drawing.parts.iter().map(|(_, _, i)| i.pick_id).collect();
         let wanted = (0..SPRINGS)

@@ -6,9 +6,11 @@
 //! any window show the same picture.
 //!
 //! Middle or left drag orbits, Shift pans, the wheel zooms to the pointer, F frames the arm, 1, 3 and 7 are
-//! front, right and top, 5 toggles the projection; Alt + wheel moves the draft target in depth.
+//! front, right and top, 5 toggles the projection; Alt + wheel moves the draft target in depth. What a click
+//! means in depth is in [`click`].
 
 pub mod camera;
+pub mod click;
 pub mod colours;
 pub mod compose;
 pub mod convert;
@@ -16,19 +18,25 @@ mod entity;
 pub mod gpu;
 pub mod mesh;
 pub mod overlay;
+mod pointer;
+pub mod reachset;
 
-use egui::{Align2, Key, PointerButton, Pos2, Rect, Response, Role, Sense, vec2};
+use egui::{Align2, Key, Pos2, Rect, Response, Role, Sense, vec2};
 use glam::{Vec2, Vec3};
 
 use crate::robot::RobotSpec;
 use crate::signal::{ArmShape, ReachState, Snapshot};
-use camera::{Camera, View, closest_on_line, plane_hit};
+pub use camera::Controls;
+use camera::{Camera, View};
+use click::Landing;
 use colours::Palette;
 pub use colours::Theme;
 use compose::BLOBS;
 pub use entity::Entity;
 use gpu::{Globals, Gpu, Picture};
-use overlay::{Handle, Stage};
+use overlay::Stage;
+use pointer::Press;
+use reachset::ReachSet;
 
 /// Whether the pointer may set targets and select parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,6 +46,38 @@ pub enum Picking {
     Enabled,
     /// It only moves the camera.
     Disabled,
+}
+
+/// What clicks and drags of the primary button do beside the handles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tool {
+    /// A click sets the target, a drag turns the view.
+    #[default]
+    Target,
+    /// A click sets a waypoint, a drag draws a row of them in the plane that faces the viewer.
+    Draw,
+}
+
+/// Waypoints of a plan.
+#[derive(Clone, Copy, Debug)]
+pub struct PlanMarks<'a> {
+    /// In order, m.
+    pub waypoints_m: &'a [[f64; 3]],
+    /// Whether the last leads back to the first.
+    pub closed: bool,
+    /// The selected one.
+    pub selected: Option<usize>,
+    /// The one travelled to.
+    pub next: Option<usize>,
+}
+
+/// What helps to judge depth and reach, and can be switched off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Aids {
+    /// Outlines of the reachable set.
+    pub hull: bool,
+    /// Shadows on two walls behind the arm.
+    pub walls: bool,
 }
 
 /// What is shown.
@@ -57,12 +97,26 @@ pub struct SceneInput<'a> {
     pub selected_spring: Option<usize>,
     /// The target being edited, m. Without it the preview's goal is shown.
     pub draft_target: Option<[f64; 3]>,
-    /// Verdict on the draft. Without it the preview's verdict is shown.
+    /// Verdict on the draft, if there is one.
     pub reach: Option<ReachState>,
     /// Whole shape to show as a ghost, for instance of the previewed pose.
     pub ghost: Option<&'a ArmShape>,
-    /// Samples of the reachable set, shown as a cloud, m.
-    pub reachable: &'a [[f32; 3]],
+    /// The reachable set, which helps to choose how deep a click goes.
+    pub reachable: Option<&'a ReachSet>,
+    /// The set's outlines, as short lines, m.
+    pub outlines: &'a [[[f32; 3]; 2]],
+    /// What is switched on.
+    pub aids: Aids,
+    /// Waypoints to show.
+    pub plan: Option<PlanMarks<'a>>,
+    /// What the primary button does.
+    pub tool: Tool,
+    /// What moves with the translate handles, m; with [`Tool::Target`] the draft, if nothing else is named.
+    pub handles: Option<[f64; 3]>,
+    /// The plane through here that faces the viewer gives a click its depth; without it that of the tip.
+    pub depth_from: Option<[f64; 3]>,
+    /// Which button turns and which one shifts the view.
+    pub controls: Controls,
 }
 
 impl<'a> SceneInput<'a> {
@@ -78,7 +132,32 @@ impl<'a> SceneInput<'a> {
             draft_target: None,
             reach: None,
             ghost: None,
-            reachable: &[],
+            reachable: None,
+            outlines: &[],
+            aids: Aids::default(),
+            plan: None,
+            tool: Tool::Target,
+            handles: None,
+            depth_from: None,
+            controls: Controls::default(),
+        }
+    }
+
+    /// The target that is shown, with the verdict that belongs to it.
+    fn target(&self) -> Option<([f64; 3], Option<ReachState>)> {
+        let preview = self.snapshot.preview.as_ref();
+        match (self.draft_target, preview) {
+            (Some(draft), _) => Some((draft, self.reach)),
+            (None, Some((goal, reach))) => Some((goal.position_m, Some(reach.state))),
+            (None, None) => None,
+        }
+    }
+
+    /// What moves with the handles.
+    fn held(&self) -> Option<[f64; 3]> {
+        match self.tool {
+            Tool::Target => self.handles.or(self.draft_target),
+            Tool::Draw => self.handles,
         }
     }
 }
@@ -86,25 +165,18 @@ impl<'a> SceneInput<'a> {
 /// What the pointer did.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneOutput {
-    /// A click on a place: where the ray meets the plane that faces the viewer through the draft target
-    /// or, without one, the tip. As it was when the button went down. m.
+    /// A click on a place, see [`click`]. As it was when the button went down. m.
     pub clicked_target: Option<[f64; 3]>,
     /// A click on a part. A click on a sensor gives no target.
     pub clicked: Option<Entity>,
     /// What is under the pointer.
     pub hovered: Option<Entity>,
-    /// The draft target moved by its handles or by Alt + wheel, m.
+    /// What the handles hold, moved by them or by Alt + wheel, m.
     pub dragged_target: Option<[f64; 3]>,
-}
-
-/// What the pointer held when its button went down.
-#[derive(Clone, Copy, Debug, Default)]
-struct Press {
-    target: Option<Vec3>,
-    entity: Option<Entity>,
-    handle: Option<Handle>,
-    /// Where along the handle's axis, or on its plane, the pointer is now.
-    grip: Option<Vec3>,
+    /// With [`Tool::Draw`], a place that a drag passes over, m.
+    pub drawn: Option<[f64; 3]>,
+    /// Where a click would go now.
+    pub landing: Option<Landing>,
 }
 
 /// The 3D view.
@@ -144,9 +216,15 @@ impl Scene {
         self.keys(ui, &response, input.snapshot);
         self.pointer(ui, &response, input, &mut output);
         self.wheel(ui, &response, input, &mut output);
+        output.landing = self.landing(&response, input, &output);
         // What was dragged shows at once.
+        let moves_draft = input.held().is_some() && input.held() == input.draft_target;
         let input = &SceneInput {
-            draft_target: output.dragged_target.or(input.draft_target),
+            draft_target: output
+                .dragged_target
+                .filter(|_| moves_draft)
+                .or(input.draft_target),
+            handles: output.dragged_target.or(input.handles),
             ..*input
         };
         self.paint(ui, rect, pointer, input, &output);
@@ -158,7 +236,8 @@ impl Scene {
     }
 
     fn keys(&mut self, ui: &egui::Ui, response: &Response, snapshot: &Snapshot) {
-        if !response.contains_pointer() || ui.text_edit_focused() {
+        // A view that turns under a drag would carry off what is held.
+        if !response.contains_pointer() || ui.text_edit_focused() || self.press.is_some() {
             return;
         }
         let pressed = |key| ui.input(|i| i.modifiers.is_none() && i.key_pressed(key));
@@ -175,9 +254,14 @@ impl Scene {
             self.camera.toggle_projection();
         }
         if pressed(Key::F) {
-            let (centre_m, radius_m) = self.arm_bounds_m(snapshot);
-            self.camera.frame(centre_m, radius_m);
+            self.frame(snapshot);
         }
+    }
+
+    /// Lets the arm as it is fill the view.
+    pub fn frame(&mut self, snapshot: &Snapshot) {
+        let (centre_m, radius_m) = self.arm_bounds_m(snapshot);
+        self.camera.frame(centre_m, radius_m);
     }
 
     /// A sphere around the arm as it is.
@@ -211,190 +295,6 @@ impl Scene {
         }
     }
 
-    fn pointer(
-        &mut self,
-        ui: &egui::Ui,
-        response: &Response,
-        input: &SceneInput<'_>,
-        output: &mut SceneOutput,
-    ) {
-        let enabled = input.picking == Picking::Enabled;
-        let down = response.is_pointer_button_down_on();
-        let (pressed, at, shift) = ui.input(|i| {
-            (
-                i.pointer.primary_pressed(),
-                i.pointer.interact_pos(),
-                i.modifiers.shift,
-            )
-        });
-        if down
-            && pressed
-            && let Some(at) = at
-        {
-            self.press = Some(if enabled {
-                self.press_at(response.rect, at, input, output.hovered)
-            } else {
-                Press::default()
-            });
-        }
-        if response.clicked() && enabled {
-            // Press and release within one frame leave no press behind.
-            let press = self
-                .press
-                .or_else(|| at.map(|at| self.press_at(response.rect, at, input, output.hovered)));
-            if let Some(press) = press.filter(|p| p.handle.is_none()) {
-                output.clicked = press.entity;
-                if !press.entity.is_some_and(Entity::is_sensor) {
-                    output.clicked_target = press.target.map(convert::array);
-                }
-            }
-        }
-        let drag = response.drag_delta();
-        let drag = Vec2::new(drag.x, drag.y);
-        let held = self.press.and_then(|p| p.handle);
-        let dragged = |button| response.dragged_by(button);
-        if dragged(PointerButton::Primary)
-            && let Some(handle) = held
-        {
-            if let Some(at) = at {
-                output.dragged_target = self.drag_handle(ui, response.rect, handle, at, input);
-            }
-        } else if drag != Vec2::ZERO
-            && [
-                PointerButton::Primary,
-                PointerButton::Middle,
-                PointerButton::Secondary,
-            ]
-            .into_iter()
-            .any(dragged)
-        {
-            let size = Vec2::new(response.rect.width(), response.rect.height());
-            if shift {
-                self.camera.pan(drag, size);
-            } else {
-                self.camera.orbit(drag);
-            }
-        }
-        if !down {
-            self.press = None;
-        }
-    }
-
-    fn press_at(
-        &self,
-        rect: Rect,
-        at: Pos2,
-        input: &SceneInput<'_>,
-        entity: Option<Entity>,
-    ) -> Press {
-        let stage = Stage {
-            camera: &self.camera,
-            rect,
-        };
-        let ray = self.camera.ray(stage.local(at), stage.size_pt());
-        let draft = input.draft_target.map(convert::vec3);
-        let through = draft.unwrap_or_else(|| self.tip_m(input.snapshot));
-        Press {
-            target: plane_hit(&ray, through, self.camera.forward()),
-            entity,
-            handle: draft.and_then(|d| overlay::handle_at(&stage, d, at)),
-            grip: None,
-        }
-    }
-
-    /// Moves the draft as far along the handle as the pointer moved; with Shift a tenth of it. X, Y or Z
-    /// held down keep the middle handle on that axis.
-    fn drag_handle(
-        &mut self,
-        ui: &egui::Ui,
-        rect: Rect,
-        handle: Handle,
-        at: Pos2,
-        input: &SceneInput<'_>,
-    ) -> Option<[f64; 3]> {
-        let draft = convert::vec3(input.draft_target?);
-        let stage = Stage {
-            camera: &self.camera,
-            rect,
-        };
-        let ray = self.camera.ray(stage.local(at), stage.size_pt());
-        let locked = [Key::X, Key::Y, Key::Z]
-            .into_iter()
-            .position(|key| ui.input(|i| i.key_down(key)));
-        let grip = match (handle, locked) {
-            (Handle::Axis(k), _) | (Handle::Plane, Some(k)) => {
-                let axis = Vec3::AXES[k];
-                axis * (draft.dot(axis) + closest_on_line(&ray, draft, axis)?)
-            }
-            (Handle::Plane, None) => plane_hit(&ray, draft, self.camera.forward())?,
-        };
-        let press = self.press.as_mut()?;
-        let fine = if ui.input(|i| i.modifiers.shift) {
-            0.1
-        } else {
-            1.0
-        };
-        let moved = press.grip.map_or(Vec3::ZERO, |before| grip - before);
-        press.grip = Some(grip);
-        (moved != Vec3::ZERO).then(|| convert::array(draft + moved * fine))
-    }
-
-    fn wheel(
-        &mut self,
-        ui: &egui::Ui,
-        response: &Response,
-        input: &SceneInput<'_>,
-        output: &mut SceneOutput,
-    ) {
-        let Some(at) = response.hover_pos() else {
-            return;
-        };
-        let stage = Stage {
-            camera: &self.camera,
-            rect: response.rect,
-        };
-        let (at, size) = (stage.local(at), stage.size_pt());
-        // The events themselves: the smoothed scroll would keep moving after the wheel has stopped.
-        let (mut steps, mut depth, pinch) = ui.input(|i| {
-            let (mut steps, mut depth) = (0.0_f32, 0.0_f32);
-            for event in &i.events {
-                if let egui::Event::MouseWheel {
-                    unit,
-                    delta,
-                    modifiers,
-                    ..
-                } = event
-                {
-                    let notches = match unit {
-                        egui::MouseWheelUnit::Line => delta.y + delta.x,
-                        egui::MouseWheelUnit::Page => 10.0 * delta.y,
-                        egui::MouseWheelUnit::Point => delta.y / 40.0,
-                    };
-                    if modifiers.alt {
-                        depth += notches * if modifiers.shift { 0.1 } else { 1.0 };
-                    } else if !modifiers.command {
-                        steps += notches;
-                    }
-                }
-            }
-            (steps, depth, i.zoom_delta())
-        });
-        steps = steps.clamp(-20.0, 20.0);
-        depth = depth.clamp(-20.0, 20.0);
-        if steps != 0.0 || pinch != 1.0 {
-            let factor = (-0.12 * steps).exp() / pinch.clamp(0.2, 5.0);
-            self.camera.zoom(factor, at, size);
-        }
-        if depth != 0.0
-            && let Some(draft) = input.draft_target
-        {
-            const NOTCH_M: f32 = 0.005;
-            let draft = convert::vec3(output.dragged_target.unwrap_or(draft));
-            let moved = draft + self.camera.forward() * (depth * NOTCH_M);
-            output.dragged_target = Some(convert::array(moved));
-        }
-    }
-
     fn paint(
         &mut self,
         ui: &egui::Ui,
@@ -416,13 +316,7 @@ impl Scene {
             px(rect.max.y) - px(rect.min.y),
         ]
         .map(|n| (n as u32).clamp(1, 8192));
-        let drawing = compose::compose(
-            &self.robot,
-            input,
-            &self.camera,
-            stage.size_pt(),
-            output.hovered,
-        );
+        let drawing = compose::compose(&self.robot, input, &self.camera, stage.size_pt(), output);
         let globals = self.globals(&palette, &drawing, stage.size_pt(), size_px, ppp);
         let wants_pick = input.picking == Picking::Enabled && self.press.is_none();
         let pick_px = pointer
@@ -446,21 +340,29 @@ impl Scene {
             rect,
             self.gpu.callback(picture),
         ));
-        if let (Some(draft), Picking::Enabled) = (input.draft_target, input.picking) {
-            let draft = convert::vec3(draft);
-            let held = self.press.and_then(|p| p.handle);
-            let under = pointer.and_then(|p| overlay::handle_at(&stage, draft, p));
+        if let (Some(at_m), Picking::Enabled) = (input.held(), input.picking) {
+            let at_m = convert::vec3(at_m);
+            let held = self.press.as_ref().and_then(Press::handle);
+            let under = pointer.and_then(|p| overlay::handle_at(&stage, at_m, p));
             let active = held.or(under.filter(|_| self.press.is_none()));
-            overlay::paint_handles(&painter, &stage, &palette, draft, active);
+            overlay::paint_handles(&painter, &stage, &palette, at_m, active);
+        }
+        if let Some(plan) = &input.plan {
+            overlay::paint_waypoints(&painter, &stage, &palette, plan, input.theme);
         }
         overlay::paint_labels(&painter, &stage, &palette, input);
         overlay::paint_triad(&painter, &stage, &palette);
         overlay::paint_scale(&painter, &stage, &palette, &self.robot, input.theme);
-        if let (Some(entity), Some(at)) = (output.hovered, pointer) {
-            let text = entity.label(input.snapshot);
-            let ink = overlay::colour(palette.ink);
-            let at = at + vec2(16.0, 18.0);
-            overlay::paint_tag(&painter, at, Align2::LEFT_TOP, &text, ink, input.theme);
+        if let Some(at) = pointer {
+            let name = output.hovered.map(|e| e.label(input.snapshot));
+            let numbers = output.landing.as_ref().map(overlay::landing_text);
+            let lines: Vec<String> = name.into_iter().chain(numbers).collect();
+            if !lines.is_empty() {
+                let ink = overlay::colour(palette.ink);
+                let at = at + vec2(16.0, 18.0);
+                let text = lines.join("\n");
+                overlay::paint_tag(&painter, at, Align2::LEFT_TOP, &text, ink, input.theme);
+            }
         }
     }
 

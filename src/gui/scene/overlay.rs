@@ -4,9 +4,11 @@ use egui::{Align2, Color32, FontId, Pos2, Rect, Stroke, StrokeKind, vec2};
 use glam::{Vec2, Vec3};
 
 use super::camera::Camera;
+use super::click::{DepthBy, Landing};
 use super::colours::{Palette, Rgb, sequential};
 use super::convert;
-use super::{SceneInput, Theme};
+use super::{PlanMarks, SceneInput, Theme};
+use crate::gui::panels::widgets::number;
 use crate::robot::RobotSpec;
 use crate::signal::ReachState;
 
@@ -280,6 +282,54 @@ pub fn reach_name(state: ReachState) -> &'static str {
     }
 }
 
+/// A glyph that stands for a verdict.
+pub fn reach_glyph(state: ReachState) -> &'static str {
+    match state {
+        ReachState::Reachable => "●",
+        ReachState::Marginal => "▲",
+        ReachState::Unreachable => "⊗",
+        ReachState::OutsideData => "?",
+    }
+}
+
+/// Where a click would go, and why there.
+pub fn landing_text(landing: &Landing) -> String {
+    let [x, y, z] = convert::array(landing.at_m).map(|v| number(v * 1e3, 1));
+    let why = match landing.by {
+        DepthBy::Part => "at the depth of this part",
+        DepthBy::Plane => "at the tip's depth",
+        DepthBy::Clamped => "at the nearest reachable depth",
+        DepthBy::Missed => "nothing reachable under the pointer",
+    };
+    format!("{x}  {y}  {z} mm\n{why}")
+}
+
+/// Names of waypoints: all of them where they are few, else first and selected.
+pub fn paint_waypoints(
+    painter: &egui::Painter,
+    stage: &Stage<'_>,
+    palette: &Palette,
+    plan: &PlanMarks<'_>,
+    theme: Theme,
+) {
+    const MANY: usize = 12;
+    for (i, at_m) in plan.waypoints_m.iter().enumerate() {
+        let named = plan.waypoints_m.len() <= MANY || i == 0 || plan.selected == Some(i);
+        let Some(at) = stage.place(convert::vec3(*at_m)).filter(|_| named) else {
+            continue;
+        };
+        let (at, c) = (at + vec2(0.0, -8.0), colour(palette.ink));
+        paint_tag(
+            painter,
+            at,
+            Align2::CENTER_BOTTOM,
+            &(i + 1).to_string(),
+            c,
+            theme,
+        );
+    }
+}
+
 /// Labels of the draft target and of the error between prediction and measurement.
 pub fn paint_labels(
     painter: &egui::Painter,
@@ -288,17 +338,14 @@ pub fn paint_labels(
     input: &SceneInput<'_>,
 ) {
     let snapshot = input.snapshot;
-    let preview = snapshot.preview.as_ref();
-    let draft = input.draft_target.or(preview.map(|(g, _)| g.position_m));
-    if let Some(draft) = draft
+    if let Some((draft, state)) = input.target()
         && let Some(at) = stage.place(convert::vec3(draft))
     {
-        let state = input.reach.or(preview.map(|(_, reach)| reach.state));
-        let [x, y, z] = draft.map(|v| v * 1e3);
-        let numbers = format!("{x:.1}  {y:.1}  {z:.1} mm");
+        let [x, y, z] = draft.map(|v| number(v * 1e3, 1));
+        let numbers = format!("{x}  {y}  {z} mm");
         let text = match state {
-            Some(state) => format!("{}   {numbers}", reach_name(state)),
-            None => numbers,
+            Some(state) => format!("{} {}   {numbers}", reach_glyph(state), reach_name(state)),
+            None => format!("not checked   {numbers}"),
         };
         let c = colour(palette.reach(state));
         paint_tag(

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use egui::{Event, Modifiers};
+use egui::{Event, Modifiers, PointerButton};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 
+use super::camera::plane_hit;
 use super::*;
 use crate::gui::offscreen::Offscreen;
 use crate::signal::{
@@ -163,6 +164,7 @@ fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
             [0.17 * t * a.cos(), 0.17 * t * a.sin(), -0.33 + 0.13 * t * t]
         })
         .collect();
+    let outlines = ReachSet::new(&cloud).expect("samples").contours(0.025);
     let (predicted, truth) = (trail(0.11, 0.0), trail(0.11, 0.004));
     for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
         let mut offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");
@@ -191,7 +193,11 @@ fn the_arm_appears_in_both_themes_and_every_mark_changes_the_picture() {
             ..arm
         };
         let hull = SceneInput {
-            reachable: &cloud,
+            outlines: &outlines,
+            aids: Aids {
+                hull: true,
+                walls: false,
+            },
             ..arm
         };
         let clouded = picture(&mut offscreen, &mut scene, &hull);
@@ -210,7 +216,8 @@ fn the_mesh_skin_is_drawn_in_place_of_the_bellows_and_follows_the_arm() {
     let camera = Camera::framing(Vec3::new(0.0, 0.0, -0.2), 0.3);
     let draw = |s: &Snapshot| {
         let input = SceneInput::new(s);
-        compose::compose(&robot, &input, &camera, Vec2::splat(400.0), None)
+        let nothing = SceneOutput::default();
+        compose::compose(&robot, &input, &camera, Vec2::splat(400.0), &nothing)
     };
     let swept = |d: &compose::Drawing| d.parts.iter().any(|p| p.1 == mesh::Part::Bellows);
     let mut snapshot = snapshot_of(bent_shape(&robot, [0.40, 0.62], [3.3, -0.25]));
@@ -478,15 +485,39 @@ fn assistive_technology_hears_the_view_its_sensors_and_its_targets() {
     let snapshot = snapshot_of(bent_shape(&robot, [0.0, 0.0], [0.0, 0.0]));
     let offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");
     let mut scene = Scene::new(offscreen.render_state(), &robot);
-    let harness = egui_kittest::Harness::new_ui(|ui| {
+    let plan = [[0.0, 0.0, -0.3], [0.02, 0.0, -0.3]];
+    let mut set_up = false;
+    let mut harness = egui_kittest::Harness::new_ui(|ui| {
+        // The glyphs need the window's fonts, which hold from the next pass on.
+        if !std::mem::replace(&mut set_up, true) {
+            crate::gui::theme::install(ui.ctx());
+            return;
+        }
         let input = SceneInput {
+            plan: Some(PlanMarks {
+                waypoints_m: &plan,
+                closed: false,
+                selected: None,
+                next: None,
+            }),
             draft_target: Some([0.1, 0.0, -0.25]),
             reach: Some(ReachState::Marginal),
             ..SceneInput::new(&snapshot)
         };
         scene.ui(ui, &input);
     });
+    harness.run_steps(2);
     harness.get_by_label("3D view of the arm");
+    for part in [
+        "top pad",
+        "middle pad",
+        "end pad",
+        "gripper",
+        "chamber 6, 0.0 kPa",
+    ] {
+        harness.get_by_label(part);
+    }
+    harness.get_by_label("waypoint 2 of 2 at x 20.0, y 0.0, z -300.0 mm");
     harness.get_by_label("spring 1, 153.8 mm");
     harness.get_by_label("IMU 4, yaw 0.0, pitch 0.0, roll 0.0 deg");
     harness.get_by_label("tip at x 0.0, y 0.0, z -300.0 mm");

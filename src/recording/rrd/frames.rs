@@ -5,7 +5,9 @@
 //! `kind u64 | length u64 | payload`, little-endian, after a header of 12 bytes; the last message
 //! (kind 0) holds the footer and is followed by 32 bytes that point back at it.
 
-use arrow::ipc::root_as_message;
+use std::io::{Read, Seek, SeekFrom};
+
+use arrow::ipc::{Message, root_as_message};
 use rerun::external::re_log_encoding::external::lz4_flex;
 
 /// Size of the stream's header, bytes.
@@ -18,51 +20,95 @@ const KIND_ARROW: u64 = 2;
 const KIND_LAST: u64 = 3;
 
 /// The frames of a file.
-pub(super) struct Frames<'a> {
+pub(super) struct Frames {
     /// The stream's header.
-    pub(super) header: &'a [u8],
-    /// Each whole message with its own header, and its offset in the file.
-    pub(super) messages: Vec<(u64, &'a [u8])>,
+    pub(super) header: [u8; HEADER_BYTES],
+    /// Where each whole message lies in the file, with its own header.
+    pub(super) messages: Vec<Place>,
     /// Whether the end message and its footer are there and nothing comes after them.
     pub(super) complete: bool,
 }
 
-/// Splits a file into frames; an unfinished last frame is left out.
+/// Where something lies in a file, bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    pub(super) offset: u64,
+    pub(super) length: u64,
+}
+
+impl Place {
+    /// The byte behind it.
+    pub(super) fn end(self) -> u64 {
+        self.offset + self.length
+    }
+}
+
+/// Why a file cannot be split.
+#[derive(Debug)]
+pub(super) enum SplitError {
+    /// It is no recording, or a frame cannot be one: offset and sentence.
+    Damaged(u64, String),
+    /// It cannot be read.
+    Io(std::io::Error),
+}
+
+impl From<std::io::Error> for SplitError {
+    fn from(e: std::io::Error) -> Self {
+        Self::Io(e)
+    }
+}
+
+/// Finds the frames of a file of `size` bytes; an unfinished last frame is left out. Reads the frames'
+/// headers only.
 ///
 /// # Errors
-/// Offset and sentence, when the file is no recording or a frame cannot be one.
-pub(super) fn split(bytes: &[u8]) -> Result<Frames<'_>, (u64, String)> {
-    if bytes.len() < HEADER_BYTES {
-        return Err((0, "the file is too short for a recording".to_owned()));
+/// [`SplitError`].
+pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, SplitError> {
+    let mut header = [0; HEADER_BYTES];
+    if size < HEADER_BYTES as u64 {
+        let text = "the file is too short for a recording";
+        return Err(SplitError::Damaged(0, text.to_owned()));
     }
-    if !bytes.starts_with(b"RRF2") {
-        return Err((0, "the file is not an .rrd recording".to_owned()));
+    file.read_exact(&mut header)?;
+    if !header.starts_with(b"RRF2") {
+        let text = "the file is not an .rrd recording";
+        return Err(SplitError::Damaged(0, text.to_owned()));
     }
-    let (header, _) = bytes.split_at(HEADER_BYTES);
     let mut frames = Frames {
         header,
         messages: Vec::new(),
         complete: false,
     };
-    let mut at = HEADER_BYTES;
-    while let Some(head) = bytes.get(at..at + MESSAGE_HEADER_BYTES) {
+    let mut at = HEADER_BYTES as u64;
+    let head_bytes = MESSAGE_HEADER_BYTES as u64;
+    while at + head_bytes <= size {
+        let mut head = [0; MESSAGE_HEADER_BYTES];
+        file.seek(SeekFrom::Start(at))?;
+        file.read_exact(&mut head)?;
         let (kind, length) = (le_u64(&head[..8]), le_u64(&head[8..]));
         if kind > KIND_LAST {
             let text = format!("a message of unknown kind {kind}: the file is damaged here");
-            return Err((at as u64, text));
+            return Err(SplitError::Damaged(at, text));
         }
-        let rest = bytes.len() - at - MESSAGE_HEADER_BYTES;
-        let Some(length) = usize::try_from(length).ok().filter(|n| *n <= rest) else {
+        if length > size - at - head_bytes {
             // The usual end of a recording that was cut.
             break;
+        }
+        let place = Place {
+            offset: at,
+            length: head_bytes + length,
         };
-        let end = at + MESSAGE_HEADER_BYTES + length;
+        at = place.end();
         if kind == KIND_END {
-            frames.complete = is_footer(&bytes[end..], at + MESSAGE_HEADER_BYTES, length);
+            if size - at == FOOTER_BYTES as u64 {
+                let mut tail = [0; FOOTER_BYTES];
+                file.seek(SeekFrom::Start(at))?;
+                file.read_exact(&mut tail)?;
+                frames.complete = is_footer(&tail, place.offset + head_bytes, length);
+            }
             break;
         }
-        frames.messages.push((at as u64, &bytes[at..end]));
-        at = end;
+        frames.messages.push(place);
     }
     Ok(frames)
 }
@@ -72,52 +118,78 @@ fn le_u64(bytes: &[u8]) -> u64 {
 }
 
 /// `start u64 | length u64 | checksum u32 | "RRF2" | "FOOT" | entries u32`.
-fn is_footer(tail: &[u8], start: usize, length: usize) -> bool {
+fn is_footer(tail: &[u8], start: u64, length: u64) -> bool {
     tail.len() == FOOTER_BYTES
-        && le_u64(&tail[..8]) == start as u64
-        && le_u64(&tail[8..16]) == length as u64
+        && le_u64(&tail[..8]) == start
+        && le_u64(&tail[8..16]) == length
         && &tail[20..28] == b"RRF2FOOT"
         && tail[28..] == [1, 0, 0, 0]
 }
 
-/// Holds the lengths inside one message against the bytes that are there.
+/// The table of one message, unpacked into `scratch` if it is packed, with the kind of store that it is
+/// for. `None` for a message without a table.
 ///
 /// `budget` bounds what a compressed message may grow to, bytes.
 ///
 /// # Errors
-/// A sentence.
-pub(super) fn check(message: &[u8], budget: usize) -> Result<(), String> {
-    let (head, payload) = message.split_at(MESSAGE_HEADER_BYTES);
+/// A sentence, when the lengths inside the message do not fit the bytes that are there.
+pub(super) fn table<'a>(
+    message: &'a [u8],
+    budget: usize,
+    scratch: &'a mut Vec<u8>,
+) -> Result<Option<(StoreCode, &'a [u8])>, String> {
+    let (head, payload) = message
+        .split_at_checked(MESSAGE_HEADER_BYTES)
+        .ok_or("the message has no header")?;
     if le_u64(&head[..8]) != KIND_ARROW {
-        return Ok(());
+        return Ok(None);
     }
     let fields = arrow_fields(payload).ok_or("the message's envelope is damaged")?;
-    if fields.compressed {
-        // LZ4 grows by less than 255.
-        let most = fields.payload.len().saturating_mul(255).saturating_add(64);
-        let size = usize::try_from(fields.uncompressed_size)
-            .ok()
-            .filter(|n| *n <= most.min(budget))
-            .ok_or("the message claims an impossible size")?;
-        let mut data = vec![0; size];
-        let n = lz4_flex::block::decompress_into(fields.payload, &mut data)
-            .map_err(|e| format!("the message does not unpack ({e})"))?;
-        check_ipc(&data[..n])
-    } else {
-        check_ipc(fields.payload)
+    if !fields.compressed {
+        return Ok(Some((fields.store, fields.payload)));
     }
+    // LZ4 grows by less than 255.
+    let most = fields.payload.len().saturating_mul(255).saturating_add(64);
+    let size = usize::try_from(fields.uncompressed_size)
+        .ok()
+        .filter(|n| *n <= most.min(budget))
+        .ok_or("the message claims an impossible size")?;
+    if scratch.len() < size {
+        scratch.resize(size, 0);
+    }
+    let n = lz4_flex::block::decompress_into(fields.payload, &mut scratch[..size])
+        .map_err(|e| format!("the message does not unpack ({e})"))?;
+    Ok(Some((fields.store, &scratch[..n])))
+}
+
+/// What kind of store a message is for, as the file has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum StoreCode {
+    /// Data.
+    Recording,
+    /// Anything else, or not stated.
+    #[default]
+    Other,
+}
+
+/// The kind in a store's identity: field 1, where 1 is a recording.
+fn store_code(mut bytes: &[u8]) -> Option<StoreCode> {
+    let is_recording = varint(&mut bytes)? == 1 << 3 && varint(&mut bytes)? == 1;
+    is_recording.then_some(StoreCode::Recording)
 }
 
 /// The fields of a data message that matter here.
 struct ArrowFields<'a> {
+    store: StoreCode,
     compressed: bool,
     uncompressed_size: u64,
     payload: &'a [u8],
 }
 
-/// Reads the protobuf envelope: 2 compression (2 is LZ4), 3 uncompressed size, 5 payload.
+/// Reads the protobuf envelope: 1 store, 2 compression (2 is LZ4), 3 uncompressed size, 5 payload.
 fn arrow_fields(mut bytes: &[u8]) -> Option<ArrowFields<'_>> {
     let mut fields = ArrowFields {
+        store: StoreCode::Other,
         compressed: false,
         uncompressed_size: 0,
         payload: &[],
@@ -137,8 +209,10 @@ fn arrow_fields(mut bytes: &[u8]) -> Option<ArrowFields<'_>> {
                 let n = usize::try_from(varint(&mut bytes)?).ok()?;
                 let (value, rest) = bytes.split_at_checked(n)?;
                 bytes = rest;
-                if field == 5 {
-                    fields.payload = value;
+                match field {
+                    1 => fields.store = store_code(value).unwrap_or_default(),
+                    5 => fields.payload = value,
+                    _ => {}
                 }
             }
             (_, 1) => bytes = bytes.get(8..)?,
@@ -163,36 +237,43 @@ fn varint(bytes: &mut &[u8]) -> Option<u64> {
 }
 
 /// Walks an Arrow stream: `ffffffff | length i32 | metadata | body`.
-fn check_ipc(mut bytes: &[u8]) -> Result<(), String> {
+///
+/// # Errors
+/// A sentence, when its lengths do not fit its bytes.
+pub(super) fn ipc_messages(mut bytes: &[u8]) -> Result<Vec<(Message<'_>, &[u8])>, String> {
     let damaged = "the table's lengths do not fit its bytes";
+    let mut messages = Vec::with_capacity(2);
     while !bytes.is_empty() {
         let rest = bytes.strip_prefix(&[0xff; 4]).ok_or(damaged)?;
         let (length, rest) = rest.split_at_checked(4).ok_or(damaged)?;
         let length = le_u64(length) as usize;
         if length == 0 {
-            return Ok(());
+            break;
         }
         let (metadata, rest) = rest.split_at_checked(length).ok_or(damaged)?;
         let message = root_as_message(metadata).map_err(|e| format!("{damaged} ({e})"))?;
         let body = usize::try_from(message.bodyLength()).map_err(|_| damaged)?;
-        if body > rest.len() {
-            return Err(damaged.to_owned());
-        }
+        let (body, rest) = rest.split_at_checked(body).ok_or(damaged)?;
         let compressed = message
             .header_as_record_batch()
             .is_some_and(|b| b.compression().is_some());
         if compressed {
             return Err("the table is packed in a way no recording of ours is".to_owned());
         }
-        bytes = &rest[body..];
+        messages.push((message, body));
+        bytes = rest;
     }
-    Ok(())
+    Ok(messages)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    fn split_bytes(bytes: &[u8]) -> Result<Frames, SplitError> {
+        split(&mut std::io::Cursor::new(bytes), bytes.len() as u64)
+    }
 
     #[test]
     fn impossible_lengths_are_refused_before_they_are_believed() {
@@ -205,7 +286,7 @@ mod tests {
         message.extend((envelope.len() as u64).to_le_bytes());
         message.extend(envelope);
         assert!(
-            check(&message, usize::MAX)
+            table(&message, usize::MAX, &mut Vec::new())
                 .unwrap_err()
                 .contains("impossible")
         );
@@ -213,7 +294,7 @@ mod tests {
         let mut file = b"RRF2\0\x24\x03\0\x01\x02\0\0".to_vec();
         file.extend(KIND_ARROW.to_le_bytes());
         file.extend(u64::MAX.to_le_bytes());
-        let frames = split(&file).unwrap();
+        let frames = split_bytes(&file).unwrap();
         assert!(frames.messages.is_empty() && !frames.complete);
     }
 
@@ -222,12 +303,13 @@ mod tests {
         fn any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
             let mut file = b"RRF2\0\x24\x03\0\x01\x02\0\0".to_vec();
             file.extend(&bytes);
-            if let Ok(frames) = split(&file) {
-                for (_, message) in frames.messages {
-                    let _ = check(message, 1 << 20);
+            if let Ok(frames) = split_bytes(&file) {
+                for place in frames.messages {
+                    let message = &file[place.offset as usize..place.end() as usize];
+                    let _ = table(message, 1 << 20, &mut Vec::new());
                 }
             }
-            let _ = check_ipc(&bytes);
+            let _ = ipc_messages(&bytes);
             let _ = arrow_fields(&bytes);
         }
     }

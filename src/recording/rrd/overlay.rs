@@ -20,8 +20,8 @@ use rerun::{
     SerializedComponentColumn, SeriesLines, StoreId, TextDocument, TimeColumn, Transform3D,
 };
 
+use super::rows::{BatchError, text_column};
 use super::schema;
-use super::writer::{BatchError, text_column};
 use crate::recording::{Overlay, RecordingError, TipSeries};
 
 /// Colours of the series, as in the program: neutral, vermilion, blue.

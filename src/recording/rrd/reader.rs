@@ -1,28 +1,29 @@
-use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
 
-use arrow::array::{Array, AsArray};
-use arrow::datatypes::{Float64Type, Int64Type};
-use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use rerun::StoreKind;
 use rerun::external::re_log_encoding::rrd::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
-use rerun::{ComponentIdentifier, Scalars, StoreKind, TextLog, TimelineName};
 
-use super::frames;
-use super::schema::{self, SPECS, table};
-use super::writer::SAFE_PREFIX;
+use super::content::{Carried, Content, Part, Spans, add_spans};
+use super::frames::{self, Frames, Place, SplitError, StoreCode};
+use super::plain;
 use crate::recording::{Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta};
-use crate::signal::{
-    Aim, BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
-    Matrix6, Mode, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS, SPRINGS, SensorFrame,
-    SensorRef, SensorVec, Snapshot, Stamp, Trace, TruthSource,
-};
+use crate::signal::{Mode, Snapshot, Stamp, Trace};
 
 /// Largest recording that is read into memory, bytes.
 const FILE_MAX: u64 = 4 << 30;
 /// What a message may unpack to in any case, bytes.
 const UNPACKED_MIN: usize = 16 << 20;
+/// About what one thread reads at a time, bytes.
+const PART_BYTES: u64 = 8 << 20;
+/// Most threads that read a file.
+const READERS: usize = 4;
 
 /// Reads a recording. One that was cut reads up to its last whole batch.
 ///
@@ -31,7 +32,30 @@ const UNPACKED_MIN: usize = 16 << 20;
 /// when it is damaged other than by being cut, [`RecordingError::Unsupported`] when it is a
 /// recording of another program or of a newer version.
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
-    let length = std::fs::metadata(path)
+    read_rrd_with(path, &mut |_| true)
+}
+
+/// Reads a recording as [`read_rrd`] does, and tells the share that is done, 0..1. It is given up when
+/// `go_on` answers `false`.
+///
+/// # Errors
+/// As [`read_rrd`]; [`RecordingError::Io`] with [`std::io::ErrorKind::Interrupted`] when given up.
+pub fn read_rrd_with(
+    path: &Path,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<ReadRecording, RecordingError> {
+    read_parts_of(path, PART_BYTES, go_on)
+}
+
+/// Reads a recording in parts of about `part_bytes`.
+pub(super) fn read_parts_of(
+    path: &Path,
+    part_bytes: u64,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<ReadRecording, RecordingError> {
+    let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    let length = file
+        .metadata()
         .map_err(RecordingError::io(path, "open"))?
         .len();
     if length > FILE_MAX {
@@ -40,281 +64,75 @@ pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
             text: format!("{length} bytes are too many to read at once: split the recording"),
         });
     }
-    let bytes = std::fs::read(path).map_err(RecordingError::io(path, "read"))?;
-    let corrupt = |offset: u64, text: String| RecordingError::Corrupt {
+    let frames = frames::split(&mut file, length).map_err(|e| match e {
+        SplitError::Damaged(offset, text) => corrupt(path, offset, text),
+        SplitError::Io(e) => RecordingError::io(path, "read")(e),
+    })?;
+    let source = Source {
+        path,
+        part_bytes,
+        budget: usize::try_from(length)
+            .unwrap_or(usize::MAX)
+            .saturating_mul(4)
+            .max(UNPACKED_MIN),
+        frames: &frames,
+    };
+    let read = source.read_in_parts(go_on)?;
+    let (read, meta) = match read {
+        Some(read) => read,
+        // Another tool has brought the tables in another order.
+        None => source.read_whole()?,
+    };
+    Ok(read.finish(meta, frames.complete))
+}
+
+fn corrupt(path: &Path, offset: u64, text: String) -> RecordingError {
+    RecordingError::Corrupt {
         path: path.to_owned(),
         offset,
         text,
-    };
-    let frames = frames::split(&bytes).map_err(|(offset, text)| corrupt(offset, text))?;
-    let budget = bytes.len().saturating_mul(4).max(UNPACKED_MIN);
-    let mut content = Content::default();
-    let mut decoder = DecoderApp::new();
-    decoder.push_byte_chunk(frames.header.to_vec());
-    for (offset, message) in frames.messages {
-        frames::check(message, budget).map_err(|text| corrupt(offset, text))?;
-        // The decoder asserts on some damaged tables; a file's content must not end the program.
-        let decoded = catch_unwind(AssertUnwindSafe(|| -> Result<(), String> {
-            decoder.push_byte_chunk(message.to_vec());
-            match decoder.try_read().map_err(|e| e.to_string())? {
-                Some(LogMsg::ArrowMsg(store, arrow)) if store.kind() == StoreKind::Recording => {
-                    let chunk = Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())?;
-                    content.take(&chunk)
-                }
-                _ => Ok(()),
-            }
-        }));
-        match decoded {
-            Ok(Ok(())) => {}
-            Ok(Err(e)) => {
-                return Err(corrupt(offset, format!("the record cannot be read ({e})")));
-            }
-            Err(_) => return Err(corrupt(offset, "the record is damaged".to_owned())),
-        }
-    }
-    content.check_schema(path)?;
-    Ok(content.assemble(frames.complete))
-}
-
-/// Rows of one component: times and fixed-width values.
-struct Rows<T> {
-    width: usize,
-    times: Vec<i64>,
-    values: Vec<T>,
-    /// Where the search for the next row starts.
-    at: usize,
-}
-
-impl<T: Copy> Rows<T> {
-    fn new(width: usize) -> Self {
-        Self {
-            width,
-            times: Vec::new(),
-            values: Vec::new(),
-            at: 0,
-        }
-    }
-
-    /// Brings the rows in order of time; tools that repack a file may change it.
-    fn sort(&mut self) {
-        if self.times.is_sorted() {
-            return;
-        }
-        let mut order: Vec<usize> = (0..self.times.len()).collect();
-        order.sort_by_key(|i| self.times[*i]);
-        self.values = order
-            .iter()
-            .flat_map(|i| self.values[i * self.width..(i + 1) * self.width].to_vec())
-            .collect();
-        self.times.sort_unstable();
-    }
-
-    /// The row at a time, for times that only grow.
-    fn row(&mut self, t: i64) -> Option<&[T]> {
-        while self.times.get(self.at).is_some_and(|x| *x < t) {
-            self.at += 1;
-        }
-        let here = self.times.get(self.at) == Some(&t);
-        here.then(|| &self.values[self.at * self.width..(self.at + 1) * self.width])
-    }
-
-    /// The newest row up to a time, for times that only grow.
-    fn latest(&mut self, t: i64) -> Option<&[T]> {
-        while self.times.get(self.at).is_some_and(|x| *x <= t) {
-            self.at += 1;
-        }
-        let i = self.at.checked_sub(1)?;
-        Some(&self.values[i * self.width..(i + 1) * self.width])
     }
 }
 
-/// Span of one entity on the timeline.
-struct Span {
-    rows: u64,
-    first: i64,
-    last: i64,
+/// A file that is read.
+struct Source<'a> {
+    path: &'a Path,
+    part_bytes: u64,
+    budget: usize,
+    frames: &'a Frames,
 }
 
-/// Everything taken from a file's chunks.
-struct Content {
-    scalars: Vec<Rows<f64>>,
-    exact: Vec<Rows<f64>>,
-    ints: Vec<Rows<i64>>,
+/// What was read.
+#[derive(Default)]
+struct Gathered {
+    snapshots: Vec<Snapshot>,
     events: Vec<RecordedEvent>,
-    spans: BTreeMap<String, Span>,
-    properties: BTreeMap<String, String>,
+    spans: Spans,
 }
 
-impl Default for Content {
-    fn default() -> Self {
-        Self {
-            scalars: SPECS.iter().map(|s| Rows::new(s.scalars)).collect(),
-            exact: SPECS.iter().map(|s| Rows::new(s.exact)).collect(),
-            ints: SPECS.iter().map(|s| Rows::new(s.ints)).collect(),
-            events: Vec::new(),
-            spans: BTreeMap::new(),
-            properties: BTreeMap::new(),
-        }
-    }
+/// What one thread found in its part of a file.
+struct Found {
+    part: Part,
+    /// First and last time of what snapshots are made of.
+    extent: Option<(i64, i64)>,
+    events: Vec<RecordedEvent>,
+    spans: Spans,
 }
 
-impl Content {
-    /// Takes what is known of a chunk, and its extent.
-    fn take(&mut self, chunk: &Chunk) -> Result<(), String> {
-        let path = chunk.entity_path().to_string();
-        if chunk.is_static() {
-            if path == format!("/__properties/{}", schema::PROPERTY) {
-                self.take_properties(chunk);
-            }
-            return Ok(());
-        }
-        let timeline = TimelineName::try_new(schema::TIMELINE).map_err(|e| e.to_string())?;
-        let Some(times) = chunk.timelines().get(&timeline) else {
-            return Ok(());
-        };
-        let times = times.times_raw();
-        if let (Some(first), Some(last)) = (times.iter().min(), times.iter().max()) {
-            let span = self.spans.entry(path.clone()).or_insert(Span {
-                rows: 0,
-                first: *first,
-                last: *last,
-            });
-            span.rows += times.len() as u64;
-            span.first = span.first.min(*first);
-            span.last = span.last.max(*last);
-        }
-        if schema::LOGS.contains(&path.as_str()) {
-            self.take_log(chunk, times, path.trim_start_matches('/'));
-        }
-        let scalars = Scalars::descriptor_scalars().component;
-        let [exact, ints] = [schema::EXACT, schema::INTS].map(ComponentIdentifier::from);
-        let place = |e: String| format!("{path}: {e}");
-        if let Some(i) = SPECS.iter().position(|s| s.path == path) {
-            take_f64(&mut self.scalars[i], chunk, times, scalars).map_err(place)?;
-        }
-        if let Some(i) = SPECS.iter().position(|s| s.exact_path == path) {
-            take_f64(&mut self.exact[i], chunk, times, exact).map_err(place)?;
-            take_i64(&mut self.ints[i], chunk, times, ints).map_err(place)?;
-        }
-        Ok(())
-    }
-
-    fn take_properties(&mut self, chunk: &Chunk) {
-        for descriptor in chunk.component_descriptors() {
-            let name = descriptor.component.as_str();
-            let Some(key) = name.strip_prefix("springtwin:") else {
-                continue;
-            };
-            if let Some(value) = chunk
-                .components()
-                .get_array(descriptor.component)
-                .and_then(|list| list.values().as_string_opt::<i32>())
-                .filter(|strings| !strings.is_empty() && strings.is_valid(0))
-            {
-                self.properties
-                    .insert(key.to_owned(), value.value(0).to_owned());
-            }
-        }
-    }
-
-    fn take_log(&mut self, chunk: &Chunk, times: &[i64], log: &str) {
-        let list = chunk
-            .components()
-            .get_array(TextLog::descriptor_text().component);
-        let Some(list) = list else {
-            return;
-        };
-        for (i, t) in times.iter().enumerate() {
-            if list.is_null(i) {
-                continue;
-            }
-            let row = list.value(i);
-            if let Some(text) = row.as_string_opt::<i32>()
-                && !text.is_empty()
-                && text.is_valid(0)
-            {
-                self.events.push(RecordedEvent {
-                    stamp: Stamp(*t),
-                    log: log.to_owned(),
-                    text: text.value(0).to_owned(),
-                });
-            }
-        }
-    }
-
-    fn property(&self, key: &str) -> String {
-        self.properties.get(key).cloned().unwrap_or_default()
-    }
-
-    fn check_schema(&self, path: &Path) -> Result<(), RecordingError> {
-        let refuse = |text: String| RecordingError::Unsupported {
-            path: path.to_owned(),
-            text,
-        };
-        match self.property("schema").parse::<u32>() {
-            Ok(schema::SCHEMA_VERSION) => Ok(()),
-            Ok(version) => Err(refuse(format!(
-                "the recording has layout {version}; this program reads {}",
-                schema::SCHEMA_VERSION
-            ))),
-            Err(_) if self.spans.is_empty() => Err(refuse(
-                "the recording was cut before its first data: nothing can be recovered".to_owned(),
-            )),
-            Err(_) => Err(refuse(
-                "the recording was not made by this program".to_owned(),
-            )),
-        }
-    }
-
-    fn assemble(mut self, complete: bool) -> ReadRecording {
-        let meta = RecordingMeta {
-            name: self.property("name"),
-            robot: self.property("robot"),
-            robot_hash: self.property("robot_hash"),
-            source: self.property("source"),
-            simulated: self.property("simulated") == "true",
-            payload_kg: self.property("payload_kg").parse().unwrap_or(0.0),
-            drawing: None,
-        };
-        for rows in self.scalars.iter_mut().chain(&mut self.exact) {
-            rows.sort();
-        }
-        for rows in &mut self.ints {
-            rows.sort();
-        }
+impl Gathered {
+    fn finish(mut self, meta: RecordingMeta, complete: bool) -> ReadRecording {
         self.events.sort_by_key(|e| e.stamp);
-        let mut ticks = self.ints[table::TICK].times.clone();
-        ticks.dedup();
-        let modes: Vec<(Stamp, String)> = self
-            .events
-            .iter()
-            .filter(|e| e.log == "mode")
-            .map(|e| (e.stamp, e.text.clone()))
-            .collect();
-        let mut reason = String::new();
-        let mut next_mode = modes.into_iter().peekable();
-        let snapshots: Vec<Snapshot> = ticks
-            .iter()
-            .map(|t| {
-                while let Some((_, text)) = next_mode.next_if(|(s, _)| s.0 <= *t) {
-                    reason = text
-                        .strip_prefix(SAFE_PREFIX)
-                        .unwrap_or_default()
-                        .to_owned();
-                }
-                self.snapshot(*t, &meta, &reason)
-            })
-            .collect();
+        let last = self.snapshots.last().map_or(Stamp::ZERO, |s| s.stamp);
         let channels = self
             .spans
             .into_iter()
             .map(|(name, s)| Channel::new(name, s.rows, Stamp(s.first), Stamp(s.last)))
             .collect();
         ReadRecording {
-            recovered_until: (!complete).then(|| ticks.last().map_or(Stamp::ZERO, |t| Stamp(*t))),
+            recovered_until: (!complete).then_some(last),
             trace: Trace {
                 name: meta.name.clone(),
-                snapshots,
+                snapshots: self.snapshots,
                 payload_kg: meta.payload_kg,
                 simulated: meta.simulated,
             },
@@ -325,224 +143,281 @@ impl Content {
         }
     }
 
-    fn snapshot(&mut self, t: i64, meta: &RecordingMeta, reason: &str) -> Snapshot {
-        let mut snapshot = Snapshot {
-            stamp: Stamp(t),
-            payload_kg: meta.payload_kg,
-            raw: self.raw(t),
-            sensors: self.sensors(t),
-            estimate: self.estimate(t),
-            truth: self.truth(t),
-            goal: self.goal(t),
-            sensor_ref: self.sensor_ref(t),
-            command: self.command(t),
-            ..Snapshot::default()
+    /// Appends the next part, with what it takes over from those before.
+    fn append(&mut self, mut found: Found, carried: &mut Carried) {
+        for s in &mut found.part.snapshots[..found.part.before_goal] {
+            s.goal.clone_from(&carried.goal);
+        }
+        for s in &mut found.part.snapshots[..found.part.before_mode] {
+            if let Mode::Safe(reason) = &mut s.mode {
+                reason.clone_from(&carried.reason);
+            }
+        }
+        if let Some(goal) = found.part.goal {
+            carried.goal = goal;
+        }
+        if let Some(reason) = found.part.reason {
+            carried.reason = reason;
+        }
+        self.snapshots.append(&mut found.part.snapshots);
+        self.events.append(&mut found.events);
+        add_spans(&mut self.spans, found.spans);
+    }
+}
+
+impl Source<'_> {
+    /// Reads everything at once.
+    fn read_whole(&self) -> Result<(Gathered, RecordingMeta), RecordingError> {
+        let mut reader = Reader::open(self)?;
+        for place in &self.frames.messages {
+            reader.take(*place)?;
+        }
+        let mut content = reader.content;
+        content.check_schema(self.path)?;
+        let meta = content.meta();
+        let snapshots = content.snapshots(&meta).snapshots;
+        let gathered = Gathered {
+            snapshots,
+            events: content.events,
+            spans: content.spans,
         };
-        if let Some([connected, age_s, rate_0, rate_1, payload_kg]) =
-            fixed(self.exact[table::TICK].row(t))
-        {
-            snapshot.payload_kg = payload_kg;
-            snapshot.link = LinkStatus {
-                connected: connected != 0.0,
-                source: meta.source.clone(),
-                simulated: meta.simulated,
-                age_s,
-                board_rate_hz: [rate_0, rate_1],
-                ..LinkStatus::default()
+        Ok((gathered, meta))
+    }
+
+    /// What the file says of itself before its first data, if it does.
+    fn head(&self) -> Result<Option<(Content, RecordingMeta)>, RecordingError> {
+        let mut reader = Reader::open(self)?;
+        for place in &self.frames.messages {
+            if reader.take(*place)? || !reader.content.spans.is_empty() {
+                break;
+            }
+        }
+        let content = reader.content;
+        let known = content.properties.contains_key("schema");
+        if known {
+            content.check_schema(self.path)?;
+        }
+        Ok(known.then(|| {
+            let meta = content.meta();
+            (content, meta)
+        }))
+    }
+
+    /// Messages in parts of about the same size.
+    fn parts(&self) -> Vec<Range<usize>> {
+        let messages = &self.frames.messages;
+        let mut parts = Vec::new();
+        let mut first = 0;
+        for (i, place) in messages.iter().enumerate() {
+            if place.end() - messages[first].offset >= self.part_bytes || i + 1 == messages.len() {
+                parts.push(first..i + 1);
+                first = i + 1;
+            }
+        }
+        parts
+    }
+
+    /// Reads the file's parts on some threads. `None` when a part's times reach into another's: then they
+    /// cannot be read apart.
+    fn read_in_parts(
+        &self,
+        go_on: &mut dyn FnMut(f32) -> bool,
+    ) -> Result<Option<(Gathered, RecordingMeta)>, RecordingError> {
+        let Some((_, meta)) = self.head()? else {
+            return Ok(None);
+        };
+        let parts = self.parts();
+        let threads = std::thread::available_parallelism()
+            .map_or(1, std::num::NonZero::get)
+            .min(READERS)
+            .min(parts.len());
+        let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            let (sender, found) = sync_channel(2 * threads);
+            let work = |sender: SyncSender<_>| self.work(&parts, &meta, &next, &stopped, &sender);
+            for _ in 0..threads {
+                let sender = sender.clone();
+                std::thread::Builder::new()
+                    .name("recording reader".to_owned())
+                    .spawn_scoped(scope, move || work(sender))
+                    .map_err(RecordingError::io(self.path, "start a thread for"))?;
+            }
+            drop(sender);
+            let mut gathered = Gathered::default();
+            let mut carried = Carried::default();
+            let mut waiting = std::collections::BTreeMap::new();
+            let mut last = i64::MIN;
+            let mut done = 0;
+            for (i, result) in found {
+                waiting.insert(i, result);
+                while let Some(result) = waiting.remove(&done) {
+                    done += 1;
+                    let share = done as f32 / parts.len() as f32;
+                    let outcome = match result {
+                        Ok(_) if !go_on(share) => {
+                            let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
+                            Err(RecordingError::io(self.path, "finish reading")(e))
+                        }
+                        other => other,
+                    };
+                    let found: Found = match outcome {
+                        Ok(found) => found,
+                        Err(e) => {
+                            stopped.store(true, Ordering::Relaxed);
+                            return Err(e);
+                        }
+                    };
+                    if let Some((from, to)) = found.extent {
+                        if from <= last {
+                            stopped.store(true, Ordering::Relaxed);
+                            return Ok(None);
+                        }
+                        last = to;
+                    }
+                    gathered.append(found, &mut carried);
+                }
+            }
+            Ok(Some((gathered, meta.clone())))
+        })
+    }
+
+    /// Reads parts as long as there are any.
+    fn work(
+        &self,
+        parts: &[Range<usize>],
+        meta: &RecordingMeta,
+        next: &AtomicUsize,
+        stopped: &AtomicBool,
+        sender: &SyncSender<(usize, Result<Found, RecordingError>)>,
+    ) {
+        let mut reader = Reader::open(self);
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(part) = parts.get(i) else {
+                return;
             };
-        }
-        if let Some([frames, frames_lost, mode]) = fixed(self.ints[table::TICK].row(t)) {
-            snapshot.link.frames = frames as u64;
-            snapshot.link.frames_lost = frames_lost as u64;
-            snapshot.mode = match mode {
-                1 => Mode::Hold,
-                2 => Mode::Moving,
-                3 => Mode::AtGoal,
-                4 => Mode::Safe(reason.to_owned()),
-                _ => Mode::Disarmed,
+            let found = match &mut reader {
+                Ok(reader) => reader.part(part.clone(), meta),
+                Err(_) => Reader::open(self).and_then(|mut r| r.part(part.clone(), meta)),
             };
+            // Nobody listens any more when the reading has been given up.
+            if stopped.load(Ordering::Relaxed) || sender.send((i, found)).is_err() {
+                return;
+            }
         }
-        snapshot
     }
+}
 
-    fn raw(&mut self, t: i64) -> Option<RawFrame> {
-        let [tick_rate_hz, age_0, age_1] = fixed(self.exact[table::RAW_FRAME].row(t))?;
-        let [seq, stamp, present, faults] = fixed(self.ints[table::RAW_FRAME].row(t))?;
-        let counts: [f64; SPRINGS] = fixed(self.scalars[table::COUNTS].row(t))?;
-        let gates: [f64; SPRINGS] = fixed(self.scalars[table::GATES].row(t))?;
-        let gyro: [f64; 3 * IMUS] = fixed(self.scalars[table::GYRO].row(t))?;
-        let accel: [f64; 3 * IMUS] = fixed(self.scalars[table::ACCEL].row(t))?;
-        let board_age_s: [f64; BOARDS] = [age_0, age_1];
-        Some(RawFrame {
-            seq: seq as u32,
-            stamp: Stamp(stamp),
-            // Doubles hold every u32.
-            spring_counts: counts.map(|c| c as u32),
-            spring_gate_ticks: gates.map(|c| c as u32),
-            tick_rate_hz,
-            imu: std::array::from_fn(|i| ImuRaw {
-                gyro_rad_s: std::array::from_fn(|k| gyro[3 * i + k]),
-                accel_m_s2: std::array::from_fn(|k| accel[3 * i + k]),
-            }),
-            chamber_pa: fixed(self.scalars[table::RAW_PRESSURE].row(t))?,
-            present: present as u32,
-            board_age_s,
-            faults: faults as u16,
+/// Reads messages from a file of its own.
+struct Reader<'a> {
+    source: &'a Source<'a>,
+    file: File,
+    decoder: DecoderApp,
+    content: Content,
+    message: Vec<u8>,
+    unpacked: Vec<u8>,
+}
+
+impl<'a> Reader<'a> {
+    fn open(source: &'a Source<'a>) -> Result<Self, RecordingError> {
+        let file = File::open(source.path).map_err(RecordingError::io(source.path, "open"))?;
+        let mut decoder = DecoderApp::new();
+        decoder.push_byte_chunk(source.frames.header.to_vec());
+        Ok(Self {
+            source,
+            file,
+            decoder,
+            content: Content::default(),
+            message: Vec::new(),
+            unpacked: Vec::new(),
         })
     }
 
-    fn sensors(&mut self, t: i64) -> Option<SensorFrame> {
-        let codes: [i64; 1 + SPRINGS + IMUS + CHAMBERS] = fixed(self.ints[table::HEALTH].row(t))?;
-        let health = |i: usize| schema::health_from(codes[1 + i]);
-        let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMUS].row(t))?;
-        Some(SensorFrame {
-            stamp: Stamp(codes[0]),
-            doubt: [0.0; SIGNALS],
-            sensors: SensorVec {
-                spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
-                imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
-            },
-            chamber_pa: fixed(self.exact[table::PRESSURE].row(t))?,
-            health: Health {
-                springs: std::array::from_fn(health),
-                imus: std::array::from_fn(|i| health(SPRINGS + i)),
-                chambers: std::array::from_fn(|i| health(SPRINGS + IMUS + i)),
-            },
+    /// The snapshots of a part, from behind the first end of a batch in it (the file's beginning, for the
+    /// first part) to the first end of a batch behind it: so that every batch is read once and whole.
+    fn part(&mut self, part: Range<usize>, meta: &RecordingMeta) -> Result<Found, RecordingError> {
+        let messages = &self.source.frames.messages;
+        let mut at = part.start;
+        while part.start > 0 && at < messages.len() {
+            let closed = self.closes(messages[at])?;
+            at += 1;
+            if closed {
+                break;
+            }
+        }
+        let mut over = at > part.end;
+        while !over && at < messages.len() {
+            let closed = self.take(messages[at])?;
+            at += 1;
+            over = closed && at > part.end;
+        }
+        let extent = self.content.extent();
+        let found = self.content.snapshots(meta);
+        self.content.clear_rows();
+        Ok(Found {
+            part: found,
+            extent,
+            events: std::mem::take(&mut self.content.events),
+            spans: std::mem::take(&mut self.content.spans),
         })
     }
 
-    fn estimate(&mut self, t: i64) -> Option<Estimate> {
-        let [stamp] = fixed(self.ints[table::PREDICTED].row(t))?;
-        let values = self.exact[table::PREDICTED].row(t)?;
-        Some(Estimate {
-            stamp: Stamp(stamp),
-            base_from_tip: pose(&values[..7]),
-            training_distance: values[7],
-            covariance: Matrix6::from_column_slice(&values[8..44]),
-        })
+    fn read(&mut self, place: Place) -> Result<(), RecordingError> {
+        let length = usize::try_from(place.length).unwrap_or(usize::MAX);
+        self.message.resize(length, 0);
+        self.file
+            .seek(SeekFrom::Start(place.offset))
+            .and_then(|_| self.file.read_exact(&mut self.message))
+            .map_err(RecordingError::io(self.source.path, "read"))
     }
 
-    fn truth(&mut self, t: i64) -> Option<GroundTruth> {
-        let [stamp, source] = fixed(self.ints[table::VICON].row(t))?;
-        Some(GroundTruth {
-            stamp: Stamp(stamp),
-            base_from_tip: pose(self.exact[table::VICON].row(t)?),
-            source: match source {
-                0 => TruthSource::Vicon,
-                _ => TruthSource::VirtualRig,
-            },
-        })
-    }
-
-    fn goal(&mut self, t: i64) -> Option<Goal> {
-        let [present, aim] = fixed(self.ints[table::GOAL].latest(t))?;
-        let values = self.exact[table::GOAL].latest(t)?;
-        (present != 0).then(|| Goal {
-            position_m: [values[0], values[1], values[2]],
-            aim: match aim {
-                0 => Aim::Free,
-                1 => Aim::Rotation(pose(values).rotation),
-                _ => Aim::Direction(nalgebra::Unit::new_normalize(nalgebra::Vector3::new(
-                    values[3], values[4], values[5],
-                ))),
-            },
-            tolerance_m: values[7],
-        })
-    }
-
-    fn sensor_ref(&mut self, t: i64) -> Option<SensorRef> {
-        let spring_m: [f64; SPRINGS] = fixed(self.exact[table::SPRING_REF].row(t))?;
-        let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMU_REF].row(t))?;
-        Some(SensorRef::from_iterator(
-            spring_m.into_iter().chain(imu_rad),
-        ))
-    }
-
-    fn command(&mut self, t: i64) -> Option<PressureCommand> {
-        let [stamp, gripper] = fixed(self.ints[table::SET].row(t))?;
-        let recorded_pa: [f64; CHAMBERS] = fixed(self.exact[table::SET].row(t))?;
-        let gripper = match gripper {
-            0 => Gripper::Open,
-            _ => Gripper::Closed,
+    /// Whether a message closes a batch.
+    fn closes(&mut self, place: Place) -> Result<bool, RecordingError> {
+        self.read(place)?;
+        let table = frames::table(&self.message, self.source.budget, &mut self.unpacked);
+        // What is damaged is reported by whoever takes it.
+        let Ok(Some((StoreCode::Recording, bytes))) = table else {
+            return Ok(false);
         };
-        // Limits that the recorded pressures meet exactly: no range, and no change allowed from
-        // the recorded values. What comes out is what was commanded.
-        let limits = PressureLimits {
-            min_pa: f64::NEG_INFINITY,
-            max_pa: f64::INFINITY,
-            rate_pa_s: 0.0,
-        };
-        Some(PressureCommand::limited(
-            Stamp(stamp),
-            recorded_pa,
-            gripper,
-            None,
-            &recorded_pa,
-            &limits,
-        ))
+        Ok(frames::ipc_messages(bytes)
+            .ok()
+            .and_then(|messages| plain::read(&messages, |_| false))
+            .is_some_and(|table| Content::closes(table.entity)))
     }
-}
 
-fn fixed<T: Copy, const N: usize>(row: Option<&[T]>) -> Option<[T; N]> {
-    row?.try_into().ok()
-}
-
-/// x, y, z, i, j, k, w; not normalised, so that the value read is the value written.
-fn pose(v: &[f64]) -> Pose {
-    Pose::from_parts(
-        Translation3::new(v[0], v[1], v[2]),
-        UnitQuaternion::new_unchecked(Quaternion::new(v[6], v[3], v[4], v[5])),
-    )
-}
-
-fn take_f64(
-    rows: &mut Rows<f64>,
-    chunk: &Chunk,
-    times: &[i64],
-    component: ComponentIdentifier,
-) -> Result<(), String> {
-    take_rows(rows, chunk, times, component, |values| {
-        Some(values.as_primitive_opt::<Float64Type>()?.values())
-    })
-}
-
-fn take_i64(
-    rows: &mut Rows<i64>,
-    chunk: &Chunk,
-    times: &[i64],
-    component: ComponentIdentifier,
-) -> Result<(), String> {
-    take_rows(rows, chunk, times, component, |values| {
-        Some(values.as_primitive_opt::<Int64Type>()?.values())
-    })
-}
-
-/// Appends a component's rows of the expected width and type.
-fn take_rows<T: Copy>(
-    rows: &mut Rows<T>,
-    chunk: &Chunk,
-    times: &[i64],
-    component: ComponentIdentifier,
-    typed: impl Fn(&dyn Array) -> Option<&[T]>,
-) -> Result<(), String> {
-    let Some(list) = chunk.components().get_array(component) else {
-        return Ok(());
-    };
-    if rows.width == 0 {
-        return Ok(());
-    }
-    let values = typed(list.values().as_ref()).ok_or("values of another type")?;
-    let offsets = list.value_offsets();
-    for (i, t) in times.iter().enumerate() {
-        if list.is_null(i) {
-            continue;
+    /// Takes a message; tells whether it closes a batch.
+    fn take(&mut self, place: Place) -> Result<bool, RecordingError> {
+        self.read(place)?;
+        let path = self.source.path;
+        let fail = |text: String| corrupt(path, place.offset, text);
+        let table = frames::table(&self.message, self.source.budget, &mut self.unpacked);
+        if let Some((store, bytes)) = table.map_err(fail)? {
+            let messages = frames::ipc_messages(bytes).map_err(fail)?;
+            if store == StoreCode::Recording
+                && let Some(table) = plain::read(&messages, Content::wants)
+                && self.content.take_plain(&table)
+            {
+                return Ok(Content::closes(table.entity));
+            }
         }
-        let row = &values[offsets[i] as usize..offsets[i + 1] as usize];
-        if row.len() != rows.width {
-            return Err(format!("{} values, {} expected", row.len(), rows.width));
+        // The decoder asserts on some damaged tables; a file's content must not end the program.
+        let (decoder, content) = (&mut self.decoder, &mut self.content);
+        let message = &self.message;
+        let decoded = catch_unwind(AssertUnwindSafe(|| -> Result<bool, String> {
+            decoder.push_byte_chunk(message.clone());
+            match decoder.try_read().map_err(|e| e.to_string())? {
+                Some(LogMsg::ArrowMsg(store, arrow)) if store.kind() == StoreKind::Recording => {
+                    let chunk = Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())?;
+                    content.take(&chunk)?;
+                    Ok(Content::closes(&chunk.entity_path().to_string()))
+                }
+                _ => Ok(false),
+            }
+        }));
+        match decoded {
+            Ok(Ok(closes)) => Ok(closes),
+            Ok(Err(e)) => Err(fail(format!("the record cannot be read ({e})"))),
+            Err(_) => Err(fail("the record is damaged".to_owned())),
         }
-        rows.times.push(*t);
-        rows.values.extend_from_slice(row);
     }
-    Ok(())
 }

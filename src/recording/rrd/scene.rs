@@ -23,7 +23,8 @@ pub(super) fn log_styles(
     stream: &RecordingStream,
     drawing: Option<&ArmDrawing>,
 ) -> RecordingStreamResult<()> {
-    let bellows_radius = drawing.map_or(0.004, |d| d.bellows_radius_m) as f32;
+    // Slimmer than they are, so that springs and axes can be seen.
+    let bellows_radius = drawing.map_or(0.004, |d| 0.6 * d.bellows_radius_m) as f32;
     let pad_radius = drawing.map_or(0.09, |d| d.pad_radius_m) as f32;
     let pad_height = drawing.map_or(0.01, |d| d.pad_thickness_m) as f32;
     let colour = rerun::Color::from_u32;
@@ -45,8 +46,8 @@ pub(super) fn log_styles(
         .with_radii([0.008f32])
         .with_colors([colour(0x4ccb_7aff)]);
     stream.log_static(GOAL, &goal)?;
-    stream.log_static(PREDICTED, &rerun::TransformAxes3D::new(0.08))?;
-    stream.log_static(VICON, &rerun::TransformAxes3D::new(0.05))
+    stream.log_static(PREDICTED, &rerun::TransformAxes3D::new(0.15))?;
+    stream.log_static(VICON, &rerun::TransformAxes3D::new(0.11))
 }
 
 /// What was drawn since the last batch.

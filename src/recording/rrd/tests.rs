@@ -4,6 +4,7 @@ use std::sync::Arc;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use super::reader::read_parts_of;
 use super::*;
 use crate::recording::{ArmDrawing, ReadRecording, RecordingError, RecordingMeta};
 use crate::signal::*;
@@ -102,6 +103,8 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             frames: n as u64 + 1,
             frames_lost: 2,
             age_s: 0.004,
+            // Of the moment, too.
+            retry_in_s: None,
             board_rate_hz: [100.0, 99.5],
             // A fit of the moment: not kept.
             board_clock: [None; BOARDS],
@@ -373,4 +376,107 @@ fn less_than_a_second_is_at_risk() {
     }
     drop(w);
     std::fs::remove_file(path).unwrap();
+}
+
+/// However a file is cut into parts for the readers, what comes out is the same: also where the goal and
+/// the reason of a SAFE state were told in another part.
+#[test]
+fn parts_do_not_show() {
+    let path = temp("parts");
+    let mut written = snapshots(900);
+    for (i, s) in written.iter_mut().enumerate() {
+        // Told once, kept for long.
+        s.goal = (i >= 130).then(|| Goal::position([0.01, 0.02, -0.3]));
+        s.sensor_ref = None;
+    }
+    write(&path, &written);
+    let whole = read_parts_of(&path, u64::MAX, &mut |_| true).unwrap();
+    assert_same(&whole.trace.snapshots, &written);
+    for part_bytes in [1, 5_000, 40_000, 150_000, 400_000] {
+        let read = read_parts_of(&path, part_bytes, &mut |_| true).unwrap();
+        assert_eq!(read.trace.snapshots.len(), 900, "{part_bytes}");
+        assert_same(&read.trace.snapshots, &written);
+        assert_eq!(read.channels, whole.channels, "{part_bytes}");
+        assert_eq!(read.events, whole.events, "{part_bytes}");
+        assert_eq!(read.meta, whole.meta);
+    }
+    let bytes = std::fs::read(&path).unwrap();
+    // Cut in the middle of a batch: the same prefix, however it is read.
+    std::fs::write(&path, &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let whole = read_parts_of(&path, u64::MAX, &mut |_| true).unwrap();
+    assert!(!whole.complete && whole.trace.snapshots.len() > 500);
+    for part_bytes in [1, 40_000, 150_000] {
+        let read = read_parts_of(&path, part_bytes, &mut |_| true).unwrap();
+        assert_eq!(read.trace.snapshots.len(), whole.trace.snapshots.len());
+        assert_same(&read.trace.snapshots, &written);
+        assert_eq!(read.recovered_until, whole.recovered_until);
+        assert_eq!(read.channels, whole.channels, "{part_bytes}");
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+/// Tables that another tool has put in another order are read all the same.
+#[test]
+fn order_of_the_tables_does_not_matter() {
+    let path = temp("order");
+    let written = snapshots(500);
+    write(&path, &written);
+    let bytes = std::fs::read(&path).unwrap();
+    let frames = frames::split(&mut std::io::Cursor::new(&bytes), bytes.len() as u64).unwrap();
+    let n = frames.messages.len();
+    // The description stays in front; the data come backwards.
+    let order = (0..n / 4).chain((n / 4..n).rev());
+    let mut turned = bytes[..frames::HEADER_BYTES].to_vec();
+    for i in order {
+        let place = frames.messages[i];
+        turned.extend(&bytes[place.offset as usize..place.end() as usize]);
+    }
+    std::fs::write(&path, &turned).unwrap();
+    for part_bytes in [30_000, u64::MAX] {
+        let read = read_parts_of(&path, part_bytes, &mut |_| true).unwrap();
+        assert_eq!(read.trace.snapshots.len(), 500);
+        assert_same(&read.trace.snapshots, &written);
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn reading_tells_how_far_it_is_and_can_be_given_up() {
+    let path = temp("progress");
+    write(&path, &snapshots(600));
+    let mut shares = Vec::new();
+    let read = read_parts_of(&path, 100_000, &mut |share| {
+        shares.push(share);
+        true
+    });
+    assert_eq!(read.unwrap().trace.snapshots.len(), 600);
+    assert!(shares.len() > 3 && shares.is_sorted() && shares.last() == Some(&1.0));
+    let given_up = read_parts_of(&path, 100_000, &mut |share| share < 0.5);
+    let Err(RecordingError::Io { source, .. }) = given_up else {
+        panic!("it was given up");
+    };
+    assert_eq!(source.kind(), std::io::ErrorKind::Interrupted);
+    std::fs::remove_file(path).unwrap();
+}
+
+/// The shipped recordings are older than entities of their own for exact values.
+#[test]
+fn the_shipped_recordings_hold_what_they_show() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings");
+    for name in ["point-to-point", "payload-200g"] {
+        let read = read_rrd(&folder.join(name).with_extension("rrd")).unwrap();
+        let of =
+            |has: fn(&Snapshot) -> bool| read.trace.snapshots.iter().filter(|s| has(s)).count();
+        let n = read.trace.snapshots.len();
+        assert!(n >= 500, "{name}: {n}");
+        for count in [
+            of(|s| s.sensors.is_some()),
+            of(|s| s.estimate.is_some()),
+            of(|s| s.truth.is_some()),
+            of(|s| s.raw.is_some()),
+        ] {
+            assert!(count > n * 9 / 10, "{name}: {count} of {n}");
+        }
+        assert!(of(|s| s.goal.is_some()) > n / 2 && of(|s| s.command.is_some()) > n / 2);
+    }
 }

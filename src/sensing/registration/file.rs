@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{FAR_M, Frames, HeldOutSummary, Noise, POSES_MIN, StreamRegistration};
+use super::{FAR_M, FrameFit, Frames, HeldOutSummary, Noise, POSES_MIN, StreamRegistration};
 use crate::signal::{Pose, pose_from_ypr, ypr_from_rotation};
 
 /// The only format there is so far.
@@ -71,7 +71,15 @@ pub enum RegistrationFileError {
 impl Registration {
     /// What `register_streams` found, for a file.
     pub fn new(found: &StreamRegistration, object: &str, date: &str, data_sha256: &str) -> Self {
-        let fit = &found.fit;
+        Self {
+            offset_s: found.clock.offset_s,
+            offset_sigma_s: found.clock.sigma_s,
+            ..Self::of_poses(&found.fit, object, date, data_sha256)
+        }
+    }
+
+    /// What `register` found from settled poses, for a file: they say nothing of the clock, whose offset stays 0.
+    pub fn of_poses(fit: &FrameFit, object: &str, date: &str, data_sha256: &str) -> Self {
         Self {
             object: object.to_owned(),
             date: date.to_owned(),
@@ -84,8 +92,8 @@ impl Registration {
                 pose: fit.frames.object_from_tip,
                 sigma: fit.object_from_tip_sigma(),
             },
-            offset_s: found.clock.offset_s,
-            offset_sigma_s: found.clock.sigma_s,
+            offset_s: 0.0,
+            offset_sigma_s: 0.0,
             poses: fit.used(),
             held_out: fit.summary,
         }

@@ -49,6 +49,7 @@ pub use held_out::{HeldOut, HeldOutSummary, register, register_blocks};
 pub use streams::{StreamOptions, StreamRegistration, register_streams};
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
+use sha2::{Digest as _, Sha256};
 
 use crate::signal::Pose;
 
@@ -358,6 +359,21 @@ pub enum RegistrationError {
         /// By poses, s.
         fine_s: f64,
     },
+}
+
+/// SHA-256 of settled pairs, hexadecimal, for the registration's file.
+pub fn digest(pairs: &[PosePair]) -> String {
+    let numbers = pairs.iter().flat_map(|pair| {
+        [&pair.base_from_tip, &pair.world_from_object].map(|p| {
+            let (t, r) = (p.translation.vector, p.rotation.coords);
+            [t.x, t.y, t.z, r.x, r.y, r.z, r.w]
+        })
+    });
+    let mut hash = Sha256::new();
+    for x in numbers.flatten() {
+        hash.update(x.to_le_bytes());
+    }
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 
 fn counted(suspects: &[usize]) -> String {

@@ -1,11 +1,14 @@
 //! What the operator asks for: verdicts before anything moves, plans, hold and resume.
 
+use std::sync::Arc;
+
 use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
 use crate::control::{Gains, ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
 use crate::link::wire::fault;
+use crate::sensing::Calibration;
 use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState, Simulator};
 use crate::task::{Plan, Routine, Stop, Target, allowed};
-use crate::twin::{Command, Event};
+use crate::twin::{Command, Event, sensing_for};
 
 /// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
 const CHECKS_PER_TICK: usize = 2;
@@ -97,6 +100,10 @@ impl Twin {
             Command::DeclarePayload(kg) => {
                 if (0.0..=self.robot.payload_max_kg).contains(kg) {
                     self.payload_kg = *kg;
+                    // Another load, another verdict.
+                    if let Some((goal, _)) = self.preview.clone() {
+                        self.preview(&goal, events);
+                    }
                 } else {
                     self.refuse(
                         format!(
@@ -123,9 +130,28 @@ impl Twin {
                     self.mesh = None;
                 }
             }
-            // Files belong to whoever runs the twin.
-            Command::StartRecording(_) | Command::StopRecording => {}
+            Command::Calibrate(calibration) => self.calibrate(calibration, events),
+            // Files and viewers belong to whoever runs the twin.
+            Command::StartRecording(_)
+            | Command::StopRecording
+            | Command::StreamLive(_)
+            | Command::StopStream => {}
         }
+    }
+
+    /// Reads the sensors anew; the filters settle within a second.
+    fn calibrate(&mut self, calibration: &Arc<Calibration>, events: &mut Vec<Event>) {
+        if matches!(self.phase, Phase::Moving { .. }) || self.check.is_some() {
+            return self.refuse(
+                "The arm moves: hold it first, a calibration is changed at rest.",
+                events,
+            );
+        }
+        self.sensing = sensing_for(&self.robot, calibration);
+        events.push(Event::Calibrated {
+            stamp: self.now,
+            calibration: Arc::clone(calibration),
+        });
     }
 
     /// Why motion is not allowed now.

@@ -13,7 +13,7 @@ use crate::signal::ReachState;
 
 /// How a circle is drawn.
 #[derive(Clone, Copy)]
-enum Ring {
+pub(super) enum Ring {
     Closed,
     Dashed,
     Dotted,
@@ -54,7 +54,7 @@ impl Composer<'_> {
     }
 
     /// A dashed line down to the floor with a small ring at its foot.
-    fn dropline(&mut self, from: Vec3, colour: Rgb) {
+    pub(super) fn dropline(&mut self, from: Vec3, colour: Rgb) {
         const DASH_M: f32 = 0.012;
         const HIGHEST_M: f32 = 2.0;
         if !from.is_finite() || from.z > HIGHEST_M {
@@ -78,7 +78,7 @@ impl Composer<'_> {
     }
 
     /// A circle spanned by two radii.
-    fn ring(
+    pub(super) fn ring(
         &mut self,
         centre: Vec3,
         radii: [Vec3; 2],
@@ -129,27 +129,20 @@ impl Composer<'_> {
             );
             self.dropline(at, self.palette.goal);
         }
-        let preview = input.snapshot.preview.as_ref();
-        let state = input.reach.or(preview.map(|(_, reach)| reach.state));
-        let draft = input
-            .draft_target
-            .or(preview.map(|(goal, _)| goal.position_m));
-        if let Some(draft) = draft {
-            let at = convert::vec3(draft);
-            let colour = self.palette.reach(state);
-            self.marker(at, colour, state, camera, size_pt);
-            self.dropline(at, colour);
-            // What falls short: from the wanted point to the nearest one.
-            if let Some((_, reach)) = preview
-                && matches!(
-                    reach.state,
-                    ReachState::Unreachable | ReachState::OutsideData
-                )
-            {
-                let nearest = convert::vec3(reach.nearest_m);
-                self.line(at, nearest, 2.0, with_alpha(colour, 0.9));
-                self.dot(nearest, 9.0, with_alpha(colour, 1.0), 0.8);
-            }
+        let Some((draft, state)) = input.target() else {
+            return;
+        };
+        let at = convert::vec3(draft);
+        let colour = self.palette.reach(state);
+        self.marker(at, colour, state, camera, size_pt);
+        self.dropline(at, colour);
+        // What falls short: from the wanted point to the nearest one.
+        if let (Some(ReachState::Unreachable | ReachState::OutsideData), Some((_, reach))) =
+            (state, &input.snapshot.preview)
+        {
+            let nearest = convert::vec3(reach.nearest_m);
+            self.line(at, nearest, 2.0, with_alpha(colour, 0.9));
+            self.dot(nearest, 9.0, with_alpha(colour, 1.0), 0.8);
         }
     }
 

@@ -1,0 +1,210 @@
+//! What takes long: a recording of an hour, and an hour of the window. Prints figures and judges nothing.
+//!
+//! `cargo bench --bench long -- hour` writes a recording of an hour (once) and opens it;
+//! `cargo bench --bench long -- soak` shows an hour of snapshots at 1 kHz and prints the memory.
+
+#![allow(missing_docs)]
+
+#[path = "window/frame.rs"]
+mod frame;
+#[path = "window/session.rs"]
+mod session;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use frame::{Window, now, screens};
+use session::Session;
+use springtwin::gui::panels::Screen;
+use springtwin::gui::panels::player::Player;
+use springtwin::recording::{RecordingMeta, RecordingWriter, inspect, read_rrd};
+
+fn main() {
+    let wanted: Vec<String> = std::env::args().skip(1).collect();
+    let asked = |name: &str| wanted.iter().any(|w| w == name);
+    if asked("hour") {
+        hour();
+    }
+    if asked("soak") {
+        soak();
+    }
+    if asked("frames") {
+        frames();
+    }
+}
+
+/// What a frame of each screen takes after ten minutes at 1 kHz, part by part.
+fn frames() {
+    let mut window = Window::new(600_000);
+    for span_s in [30.0, 600.0] {
+        for (screen, name) in screens() {
+            window.app.screen = screen;
+            window.app.window.span_s = span_s;
+            let mut totals = Vec::new();
+            let mut mean = [Duration::ZERO; 2];
+            let mut last = frame::Cost::default();
+            let frames: Vec<_> = (0..FRAMES).map(|_| window.snapshots(16)).collect();
+            let before_ms = processor_ms();
+            for snapshots in frames {
+                window.publish_these(snapshots);
+                let cost = window.frame();
+                totals.push(ms(cost.total()));
+                mean[0] += cost.layout / FRAMES;
+                mean[1] += cost.tessellation / FRAMES;
+                last = cost;
+            }
+            let processor_ms = (processor_ms() - before_ms) / f64::from(FRAMES);
+            print_steps(&format!("{name}, {span_s} s"), &mut totals);
+            println!(
+                "    processor {processor_ms:.2} ms, layout {:.2} ms, triangles {:.2} ms, {} shapes, {} vertices",
+                ms(mean[0]),
+                ms(mean[1]),
+                last.shapes,
+                last.vertices
+            );
+        }
+    }
+    println!("{} rows, {:.0} MB", window.rows(), resident_mb());
+}
+
+fn ms(d: Duration) -> f64 {
+    d.as_secs_f64() * 1e3
+}
+
+/// Frames that are measured in a row.
+const FRAMES: u32 = 200;
+
+/// Time this thread has had a processor, ms; 0 where the system does not tell.
+fn processor_ms() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let ns = text.split(' ').next().and_then(|n| n.parse::<f64>().ok());
+    ns.unwrap_or(0.0) * 1e-6
+}
+
+/// Resident memory of this process, MB; 0 where the system does not tell.
+fn resident_mb() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kb = status
+        .lines()
+        .find_map(|l| l.strip_prefix("VmRSS:"))
+        .and_then(|l| l.split_whitespace().next()?.parse::<f64>().ok());
+    kb.unwrap_or(0.0) / 1e3
+}
+
+/// Writes an hour at the rate of a live recording, unless it is there.
+fn hour_file() -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("hour.rrd");
+    if path.exists() {
+        return path;
+    }
+    let session = Session::new();
+    let meta = RecordingMeta {
+        name: "hour".into(),
+        simulated: true,
+        ..RecordingMeta::default()
+    };
+    let part = path.with_extension("part.rrd");
+    let start = now();
+    let Ok(mut writer) = RecordingWriter::create(&part, meta) else {
+        panic!("{} cannot be written", part.display());
+    };
+    for k in 0..360_000 {
+        assert!(writer.push(&session.snapshot(k, 100)).is_ok());
+    }
+    let summary = writer.finish().ok();
+    println!(
+        "wrote {summary:?} in {:.1} s",
+        (now() - start).as_secs_f64()
+    );
+    assert!(std::fs::rename(&part, &path).is_ok());
+    path
+}
+
+fn hour() {
+    let path = hour_file();
+    let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
+    println!("{}: {:.0} MB", path.display(), bytes as f64 / 1e6);
+    let before_mb = resident_mb();
+    let start = now();
+    let Ok(read) = read_rrd(&path) else {
+        panic!("{} does not read", path.display());
+    };
+    let opened = now();
+    println!(
+        "read in {:.2} s, {:.0} MB more",
+        (opened - start).as_secs_f64(),
+        resident_mb() - before_mb
+    );
+    let Some(player) = Player::new(read.trace) else {
+        panic!("it is empty");
+    };
+    println!(
+        "player after {:.2} s more, {:.0} MB in all",
+        (now() - opened).as_secs_f64(),
+        resident_mb()
+    );
+    let mut window = Window::new(1000);
+    let duration_s = player.duration_s();
+    window.app.player = Some(player);
+    for (screen, name) in screens() {
+        window.app.screen = screen;
+        window.app.window.span_s = 600.0;
+        let mut steps = Vec::new();
+        for i in 0..200 {
+            window.publish(16);
+            let start = now();
+            if let Some(player) = &mut window.app.player {
+                player.playing = false;
+                player.position_s = duration_s * ((i * 79) % 200) as f64 / 200.0;
+            }
+            window.frame();
+            steps.push(ms(now() - start));
+        }
+        print_steps(&format!("scrub, {name}"), &mut steps);
+    }
+    drop(window);
+    let start = now();
+    let seen = inspect(&path).map(|i| i.samples);
+    println!(
+        "inspect: {seen:?} in {:.2} s",
+        (now() - start).as_secs_f64()
+    );
+}
+
+fn print_steps(name: &str, steps: &mut [f64]) {
+    steps.sort_by(f64::total_cmp);
+    let n = steps.len();
+    println!(
+        "{name}: median {:.2} ms, 95 % {:.2} ms, worst {:.2} ms",
+        steps[n / 2],
+        steps[n * 95 / 100],
+        steps[n - 1]
+    );
+}
+
+fn soak() {
+    let mut window = Window::new(1000);
+    window.app.window.span_s = 600.0;
+    println!("start: {:.0} MB", resident_mb());
+    let start = now();
+    let mut frames = 0u64;
+    for minute in 1..=60 {
+        // Every screen for a part of each minute, one frame per 0.1 s of the session.
+        for part in 0..Screen::ALL.len() {
+            window.app.screen = Screen::ALL[part];
+            for _ in 0..100 {
+                window.publish(100);
+                window.frame();
+                frames += 1;
+            }
+        }
+        if matches!(minute, 1 | 5 | 10 | 11 | 20 | 30 | 40 | 50 | 60) {
+            println!("{minute} min: {:.0} MB", resident_mb());
+        }
+    }
+    println!(
+        "{} snapshots, {frames} frames in {:.0} s",
+        window.rows(),
+        (now() - start).as_secs_f64()
+    );
+}

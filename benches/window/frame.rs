@@ -1,0 +1,170 @@
+//! The window without a screen: what a frame costs the processor, graphics apart.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use springtwin::gui::offscreen::Offscreen;
+use springtwin::gui::panels::Screen;
+use springtwin::gui::scene::Scene;
+use springtwin::gui::{App, Services};
+use springtwin::robot::RobotSpec;
+use springtwin::signal::Snapshot;
+use springtwin::twin::{Command, Event, Handle};
+
+use super::session::Session;
+
+/// Rate of the snapshots, Hz.
+pub const HZ: u64 = 1000;
+
+/// An [`App`] that is fed by hand.
+pub struct Window {
+    /// The window.
+    pub app: App,
+    context: egui::Context,
+    session: Session,
+    feed: SyncSender<Arc<Snapshot>>,
+    latest: Arc<Mutex<Arc<Snapshot>>>,
+    _commands: Receiver<Command>,
+    _events: SyncSender<Event>,
+    _device: Option<Offscreen>,
+    next: u64,
+    time_s: f64,
+}
+
+impl Window {
+    /// A window of 1280 x 720 points that has seen `rows` snapshots.
+    pub fn new(rows: u64) -> Self {
+        let (command_tx, commands) = sync_channel(64);
+        let (events, event_rx) = sync_channel(64);
+        let (feed, feed_rx) = sync_channel(1024);
+        let session = Session::new();
+        let latest = Arc::new(Mutex::new(Arc::new(session.snapshot(0, HZ))));
+        let handle = Handle {
+            commands: command_tx,
+            events: event_rx,
+            feed: feed_rx,
+            latest: Arc::clone(&latest),
+        };
+        let robot = RobotSpec::reference();
+        let mut app = App::new(Some(handle), robot.clone(), Services::none());
+        let context = egui::Context::default();
+        app.set_up(&context, None);
+        let device = Offscreen::new([64, 64], 1.0).ok();
+        app.operate.view3d.scene = device
+            .as_ref()
+            .map(|d| Scene::new(d.render_state(), &robot));
+        let mut window = Self {
+            app,
+            context,
+            session,
+            feed,
+            latest,
+            _commands: commands,
+            _events: events,
+            _device: device,
+            next: 0,
+            time_s: 0.0,
+        };
+        while window.next < rows {
+            window.publish(1000);
+            window.frame();
+        }
+        window
+    }
+
+    /// The next `n` snapshots.
+    pub fn snapshots(&mut self, n: u64) -> Vec<Arc<Snapshot>> {
+        let first = self.next;
+        self.next += n;
+        (first..self.next)
+            .map(|k| Arc::new(self.session.snapshot(k, HZ)))
+            .collect()
+    }
+
+    /// Publishes snapshots as the twin would.
+    pub fn publish_these(&mut self, snapshots: Vec<Arc<Snapshot>>) {
+        for s in snapshots {
+            if let Ok(mut latest) = self.latest.lock() {
+                *latest = Arc::clone(&s);
+            }
+            assert!(self.feed.try_send(s).is_ok(), "the window drains its feed");
+        }
+    }
+
+    /// `n` more snapshots.
+    pub fn publish(&mut self, n: u64) {
+        let snapshots = self.snapshots(n);
+        self.publish_these(snapshots);
+    }
+
+    /// One frame: layout, shapes, triangles.
+    pub fn frame(&mut self) -> Cost {
+        self.time_s += 1.0 / 60.0;
+        let size = egui::vec2(1280.0, 720.0);
+        let input = egui::RawInput {
+            screen_rect: Some(egui::Rect::from_min_size(egui::Pos2::ZERO, size)),
+            time: Some(self.time_s),
+            ..egui::RawInput::default()
+        };
+        let app = &mut self.app;
+        let start = now();
+        let output = self.context.run_ui(input, |ui| app.frame(ui));
+        let laid_out = now();
+        let shapes = output.shapes.len();
+        let meshes = self.context.tessellate(output.shapes, 1.0);
+        let end = now();
+        let vertices = meshes
+            .iter()
+            .map(|m| match &m.primitive {
+                egui::epaint::Primitive::Mesh(mesh) => mesh.vertices.len(),
+                egui::epaint::Primitive::Callback(_) => 0,
+            })
+            .sum();
+        std::hint::black_box(&meshes);
+        Cost {
+            layout: laid_out - start,
+            tessellation: end - laid_out,
+            shapes,
+            vertices,
+        }
+    }
+
+    /// Snapshots so far.
+    #[allow(dead_code, reason = "not every bench asks")]
+    pub fn rows(&self) -> u64 {
+        self.next
+    }
+}
+
+/// What a frame took.
+#[derive(Clone, Copy, Debug, Default)]
+#[allow(dead_code, reason = "each bench prints some of it")]
+pub struct Cost {
+    /// Draining, layout and shapes.
+    pub layout: Duration,
+    /// Shapes to triangles.
+    pub tessellation: Duration,
+    /// Shapes.
+    pub shapes: usize,
+    /// Vertices.
+    pub vertices: usize,
+}
+
+impl Cost {
+    /// Both parts.
+    #[allow(dead_code, reason = "not every bench asks")]
+    pub fn total(&self) -> Duration {
+        self.layout + self.tessellation
+    }
+}
+
+/// All screens with their names.
+pub fn screens() -> impl Iterator<Item = (Screen, &'static str)> {
+    Screen::ALL.into_iter().map(|s| (s, s.name()))
+}
+
+#[expect(clippy::disallowed_methods, reason = "a bench measures time")]
+pub fn now() -> Instant {
+    Instant::now()
+}

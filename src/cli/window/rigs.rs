@@ -1,0 +1,139 @@
+//! What the window's twin can be put on.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+
+use super::calibrate::{Setting, Store};
+use crate::cli::live::Kind;
+use crate::cli::model;
+use crate::cli::ports::{self, Instruments};
+use springtwin::gui::services::PortEntry;
+use springtwin::link;
+use springtwin::rig::RigOptions;
+use springtwin::robot::RobotSpec;
+use springtwin::sensing::registration::Registration;
+use springtwin::twin::{Handle, Maps, Runner, Twin, spawn};
+
+/// A port that was just let go may be held for a moment: so often it is tried, and so long apart.
+const TRIES: usize = 5;
+const BETWEEN: Duration = Duration::from_millis(100);
+
+/// What every twin of this window has in common.
+#[derive(Clone)]
+pub struct Rigs {
+    /// The rig that was named at the start.
+    pub rig: String,
+    pub robot: RobotSpec,
+    pub robot_file: Option<PathBuf>,
+    pub maps: Maps,
+    pub options: RigOptions,
+    pub kind: Kind,
+    pub instruments: Instruments,
+}
+
+impl Rigs {
+    /// Whether a name stands for an emulated arm.
+    pub fn is_virtual(rig: &str) -> bool {
+        matches!(rig, "sim" | "pty")
+    }
+
+    /// A twin on `rig`, and when its session began.
+    pub fn runner(&self, rig: &str) -> Result<(Runner, Instant)> {
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "the command owns the session's time"
+        )]
+        let start = Instant::now();
+        let (_, instruments) = self.with_active(rig);
+        let sensing = model::sensing(&self.robot, instruments.calibration.as_deref())?;
+        let twin = Twin::new(&self.robot, self.maps.clone(), sensing, self.kind.gains());
+        let (file, robot) = (self.robot_file.as_deref(), &self.robot);
+        let port = ports::open(rig, &self.options, file, robot, start, &instruments)?;
+        Ok((Runner::new(twin, port, robot), start))
+    }
+
+    /// Where calibrations of `rig` are kept, and its instruments with the calibration that was saved last
+    /// in the window, where none is named.
+    fn with_active(&self, rig: &str) -> (Option<Store>, Instruments) {
+        let is_virtual = Self::is_virtual(rig);
+        let store = Store::of(&self.robot, is_virtual);
+        // What was named belongs to the rig that was named.
+        let named = match rig == self.rig {
+            true => self.instruments.clone(),
+            false if is_virtual => Instruments::default(),
+            false => {
+                let mut other = self.instruments.clone();
+                other.calibration = None;
+                other
+            }
+        };
+        let mut out = named.clone();
+        if named.calibration.is_some() {
+            return (store, out);
+        }
+        match store.as_ref().map_or(Ok(None), Store::active) {
+            Ok(Some((calibration, registration))) => {
+                log::info!("calibration: {}", calibration.display());
+                out.calibration = Some(calibration);
+                // The virtual rig's motion capture is in its base already.
+                if !is_virtual && out.registration.is_none() {
+                    out.registration = registration;
+                }
+            }
+            Ok(None) => {}
+            Err(e) => log::warn!("the saved calibrations are not used: {e:#}"),
+        }
+        (store, out)
+    }
+
+    /// What the wizard needs to know of `rig`, and where motion capture lies on it.
+    pub fn belongings(&self, rig: &str) -> Result<(Setting, Option<Registration>)> {
+        let (store, instruments) = self.with_active(rig);
+        let registration = instruments.registration()?;
+        let setting = Setting {
+            robot: self.robot.clone(),
+            maps: self.maps.clone(),
+            in_use: model::calibration(instruments.calibration.as_deref())?,
+            registration: registration.clone(),
+            store,
+            unit: Self::is_virtual(rig).then_some(self.options.unit),
+        };
+        Ok((setting, registration))
+    }
+
+    /// Starts a twin on `rig`. Nothing moves.
+    pub fn connect(
+        &self,
+        rig: &str,
+        repaint: impl FnMut() + Send + 'static,
+    ) -> Result<Handle, String> {
+        let mut tried = 1;
+        let (runner, start) = loop {
+            std::thread::sleep(BETWEEN);
+            match self.runner(rig) {
+                Ok(made) => break made,
+                Err(e) if tried == TRIES => {
+                    return Err(format!(
+                        "Not connected to {rig}: {e:#}. Nothing is connected now: choose again."
+                    ));
+                }
+                Err(_) => tried += 1,
+            }
+        };
+        spawn(runner, start, Vec::new(), repaint)
+            .map_err(|e| format!("Cannot start the twin's thread: {e}."))
+    }
+}
+
+/// The serial ports there are.
+pub fn serial_ports() -> Result<Vec<PortEntry>, String> {
+    let found =
+        link::ports::list().map_err(|e| format!("The system does not list its ports: {e}"))?;
+    let entry = |p: link::ports::PortInfo| PortEntry {
+        name: p.name,
+        what: p.what,
+    };
+    Ok(found.into_iter().map(entry).collect())
+}

@@ -1,0 +1,112 @@
+//! How often the window is painted: fluently while something moves, seldom while nothing does.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use crate::signal::{Mode, Snapshot};
+
+/// Pictures per second while nothing moves.
+pub const IDLE_HZ: u32 = 5;
+/// Pictures per second of a window that nobody sees; its plots go on.
+pub const HIDDEN_HZ: u32 = 1;
+/// The tip moves when it is further than this from where it rested, m: more than the estimate's noise.
+const STILL_M: f64 = 1e-3;
+/// How long after the last movement the window stays fluent, s.
+const LINGER_S: f64 = 1.0;
+
+/// What [`Pace`] tells whoever asks for pictures.
+#[derive(Clone, Debug)]
+pub struct Wanted(Arc<AtomicU32>);
+
+impl Wanted {
+    /// The most pictures per second that are of use; `None` while they should come fluently.
+    pub fn at_most_hz(&self) -> Option<u32> {
+        let hz = self.0.load(Ordering::Relaxed);
+        (hz > 0).then_some(hz)
+    }
+}
+
+/// Watches whether anything moves.
+#[derive(Debug, Default)]
+pub struct Pace {
+    wanted: Arc<AtomicU32>,
+    rested_m: Option<[f64; 3]>,
+    moved_s: Option<f64>,
+}
+
+impl Pace {
+    /// For whoever asks for pictures.
+    pub fn wanted(&self) -> Wanted {
+        Wanted(Arc::clone(&self.wanted))
+    }
+
+    /// Takes what is known at `now_s` of the window's time.
+    pub fn update(&mut self, snapshot: &Snapshot, now_s: f64, hidden: bool) {
+        let tip_m: Option<[f64; 3]> = snapshot
+            .estimate
+            .as_ref()
+            .map(|e| e.base_from_tip.translation.vector.into());
+        let far = |a: [f64; 3], b: [f64; 3]| (0..3).any(|i| (a[i] - b[i]).abs() > STILL_M);
+        let moved = match (tip_m, self.rested_m) {
+            (Some(now), Some(rested)) => far(now, rested),
+            (now, rested) => now.is_some() != rested.is_some(),
+        };
+        if moved || snapshot.mode == Mode::Moving {
+            self.rested_m = tip_m;
+            self.moved_s = Some(now_s);
+        }
+        let lively = self.moved_s.is_some_and(|t| now_s - t < LINGER_S);
+        let hz = match (hidden, lively) {
+            (true, _) => HIDDEN_HZ,
+            (false, true) => 0,
+            (false, false) => IDLE_HZ,
+        };
+        self.wanted.store(hz, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gui::fixture;
+
+    fn at_rest(x_m: f64) -> Snapshot {
+        let mut s = fixture::snapshot(1.0);
+        s.mode = Mode::Hold;
+        if let Some(e) = &mut s.estimate {
+            e.base_from_tip.translation.x = x_m;
+        }
+        s
+    }
+
+    #[test]
+    fn what_moves_is_painted_fluently_what_rests_seldom() {
+        let mut pace = Pace::default();
+        let wanted = pace.wanted();
+        pace.update(&fixture::snapshot(1.0), 0.0, false);
+        assert_eq!(wanted.at_most_hz(), None, "it moves");
+        pace.update(&at_rest(0.1), 0.1, false);
+        pace.update(&at_rest(0.1003), 1.05, false);
+        assert_eq!(wanted.at_most_hz(), None, "it has just come to rest");
+        pace.update(&at_rest(0.0998), 1.2, false);
+        assert_eq!(wanted.at_most_hz(), Some(IDLE_HZ), "noise is no movement");
+        // Bent by hand, a little at a time.
+        for i in 0..8 {
+            pace.update(
+                &at_rest(0.1 + 4e-4 * f64::from(i)),
+                1.3 + 0.2 * f64::from(i),
+                false,
+            );
+        }
+        assert_eq!(wanted.at_most_hz(), None);
+        pace.update(&at_rest(0.1028), 2.8, true);
+        assert_eq!(wanted.at_most_hz(), Some(HIDDEN_HZ), "nobody looks");
+        pace.update(&at_rest(0.1028), 4.0, false);
+        assert_eq!(wanted.at_most_hz(), Some(IDLE_HZ));
+        // The link is lost: that is to be seen at once.
+        let mut lost = at_rest(0.1028);
+        lost.estimate = None;
+        pace.update(&lost, 4.2, false);
+        assert_eq!(wanted.at_most_hz(), None);
+    }
+}

@@ -1,0 +1,445 @@
+//! The Accuracy screen: predicted against measured pose, with the published values beside ours.
+
+mod breakdown;
+mod export;
+mod frames;
+mod space;
+mod table;
+
+use egui::{Align, Button, Key, Layout, Modifiers, RichText, Ui, vec2};
+
+use super::View;
+use super::plot::{AXIS, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use super::sensors::{card, stale};
+use super::widgets::{Gate, empty, gated, minutes, note, number};
+use crate::gui::history::{Channel, POSE_NAMES, Stats};
+use crate::gui::score::{By, Scored, occlusions, peaks, scored};
+use crate::gui::services::Services;
+use crate::sensing::registration::Registration;
+
+pub use export::Export;
+pub use table::published_for;
+
+/// Which part of the session is scored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scope {
+    /// What the plots show.
+    #[default]
+    Window,
+    /// Everything up to the instant shown.
+    All,
+}
+
+/// What the plots show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Plots {
+    /// Predicted minus measured.
+    #[default]
+    Errors,
+    /// Both in one plot.
+    Overlay,
+}
+
+/// What is shown below the table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Below {
+    /// Lengths of the errors over time.
+    #[default]
+    Time,
+    /// Error vectors in space.
+    Space,
+    /// Errors by workspace, load and speed.
+    Bins,
+    /// Frame transform and clocks.
+    Frames,
+}
+
+/// What the screen keeps.
+#[derive(Default)]
+pub struct AccuracyState {
+    /// Which part is scored.
+    pub scope: Scope,
+    /// What the plots show.
+    pub plots: Plots,
+    /// What is shown below the table.
+    pub below: Below,
+    /// By what the errors are sorted.
+    pub by: By,
+    /// The peak that was jumped to: instant (s), translation error (mm).
+    pub peak: Option<[f64; 2]>,
+    /// How motion capture lies on the robot, if a registration was given.
+    pub registration: Option<Registration>,
+    /// Files that are being written.
+    pub export: Export,
+    peak_place: Option<[usize; 2]>,
+    // Costly over ten minutes: kept until half a second of new data came.
+    analysis: Option<Analysis>,
+}
+
+/// What is scored, and how.
+pub struct Analysis {
+    range_s: [f64; 2],
+    rows: usize,
+    /// The pairs.
+    pub scored: Vec<Scored>,
+    /// Statistics of each error.
+    pub stats: [Option<Stats>; 8],
+    /// Spans without ground truth within the scope, s.
+    pub occlusions: Vec<[f64; 2]>,
+}
+
+impl AccuracyState {
+    fn analyse(&mut self, view: &View<'_>, window: &TimeWindow) {
+        let range = match self.scope {
+            Scope::Window => {
+                let [from, to] = window.range_s(view.now_s);
+                [from, to.min(view.now_s)]
+            }
+            Scope::All => [f64::NEG_INFINITY, view.now_s],
+        };
+        let rows = view.history.len();
+        if let Some(a) = &self.analysis {
+            let same_span = a.range_s[0] == range[0]
+                || ((a.range_s[1] - a.range_s[0]) - (range[1] - range[0])).abs() < 1e-9;
+            // Fewer rows: another recording or session. A window that stands still is scored as it stands.
+            let moved = (a.range_s[1] - range[1]).abs();
+            let allowed = if window.frozen_end_s.is_some() {
+                1e-9
+            } else {
+                0.5
+            };
+            if same_span && moved < allowed && a.rows <= rows {
+                return;
+            }
+        }
+        let scored = scored(view.history, range[0], range[1]);
+        let first = view
+            .history
+            .range_s()
+            .map_or(range[0], |r| r[0].max(range[0]));
+        self.analysis = Some(Analysis {
+            range_s: range,
+            rows,
+            stats: std::array::from_fn(|i| Stats::of(scored.iter().map(|s| s.error[i]))),
+            occlusions: occlusions(view.history, first, range[1]),
+            scored,
+        });
+    }
+
+    /// Goes to the next or the previous peak of the whole session.
+    fn jump(&mut self, view: &View<'_>, window: &mut TimeWindow, forward: bool) {
+        let found = peaks(&scored(view.history, f64::NEG_INFINITY, view.now_s));
+        let here = self.peak.map(|p| p[0]);
+        let at = match (here, forward) {
+            (None, true) => 0,
+            (None, false) => found.len().saturating_sub(1),
+            (Some(t), true) => found
+                .iter()
+                .position(|p| p[0] > t + 1e-6)
+                .unwrap_or(found.len().saturating_sub(1)),
+            (Some(t), false) => found.iter().rposition(|p| p[0] < t - 1e-6).unwrap_or(0),
+        };
+        let Some(peak) = found.get(at) else {
+            return;
+        };
+        self.peak = Some(*peak);
+        self.peak_place = Some([at + 1, found.len()]);
+        window.frozen_end_s = Some((peak[0] + 0.5 * window.span_s).min(view.now_s));
+    }
+}
+
+/// The screen.
+pub fn ui(
+    ui: &mut Ui,
+    view: &View<'_>,
+    state: &mut AccuracyState,
+    window: &mut TimeWindow,
+    services: &mut Services,
+) {
+    let is_scored = has_errors(view);
+    if view.snapshot.estimate.is_none() && !is_scored {
+        match view.replay {
+            Some(_) => empty(
+                ui,
+                "No predictions in this recording",
+                "It holds no estimates up to here. Play on, or load a recording made by this program.",
+            ),
+            None => empty(
+                ui,
+                "No estimate yet",
+                "It comes with the first sensor frame. Connect the arm or play a recording.",
+            ),
+        }
+        return;
+    }
+    let whole = ui.available_rect_before_wrap();
+    let has_truth = is_scored || view.snapshot.truth.is_some();
+    if has_truth {
+        keys(ui, view, state, window);
+        state.analyse(view, window);
+    }
+    let table = 540.0_f32.min(ui.available_width() * 0.49);
+    ui.horizontal_top(|ui| {
+        let left = ui.available_width() - table - 10.0;
+        let height = ui.available_height();
+        ui.allocate_ui(vec2(left, height), |ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                stale(ui, view);
+                if has_truth {
+                    over_time(ui, view, state, window);
+                } else {
+                    predictions(ui, view, window);
+                }
+            });
+        });
+        ui.vertical(|ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                if has_truth {
+                    export::finish(ui, view, state, services, whole);
+                    right(ui, view, state, window, services);
+                } else {
+                    ui.label(RichText::new("Prediction only").heading());
+                    note(
+                        ui,
+                        "There is no Vicon, so nothing can be scored. Start motion capture, or \
+                         play a recording that holds it.",
+                    );
+                }
+            });
+        });
+    });
+}
+
+fn has_errors(view: &View<'_>) -> bool {
+    let all = view
+        .history
+        .points(Channel::Error(6), f64::NEG_INFINITY, view.now_s);
+    { all }.next().is_some()
+}
+
+fn keys(ui: &Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {
+    if ui.ctx().text_edit_focused() {
+        return;
+    }
+    let pressed = |key| ui.input_mut(|i| i.consume_key(Modifiers::NONE, key));
+    if pressed(Key::J) {
+        state.jump(view, window, true);
+    }
+    if pressed(Key::K) {
+        state.jump(view, window, false);
+    }
+}
+
+fn stack(
+    ui: &mut Ui,
+    view: &View<'_>,
+    window: &mut TimeWindow,
+    plots: &[(String, Vec<Series>, f64)],
+    extras: Extras<'_>,
+) {
+    let axis = AXIS;
+    let n = plots.len() as f32;
+    let height = ((ui.available_height() - axis) / n - ui.spacing().item_spacing.y).max(48.0);
+    for (i, (title, series, min_span)) in plots.iter().enumerate() {
+        let last = i + 1 == plots.len();
+        TimePlot {
+            title,
+            series,
+            min_span: *min_span,
+            emphasis: &[],
+            time_axis: if last {
+                TimeAxis::Shown
+            } else {
+                TimeAxis::Hidden
+            },
+            legend: if i == 0 && series.len() > 1 {
+                Legend::Shown
+            } else {
+                Legend::Hidden
+            },
+            playhead_s: None,
+        }
+        .show_with(
+            ui,
+            view,
+            window,
+            height + if last { axis } else { 0.0 },
+            extras,
+        );
+    }
+}
+
+fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (value, text, hover) in [
+            (Plots::Errors, "Errors", "Predicted minus Vicon"),
+            (
+                Plots::Overlay,
+                "Overlay",
+                "Predicted (solid) and Vicon (dashed) in one plot",
+            ),
+        ] {
+            ui.selectable_value(&mut state.plots, value, text)
+                .on_hover_text(hover);
+        }
+        ui.separator();
+        let any: Gate = match has_errors(view) {
+            true => Ok(()),
+            false => Err("Nothing is scored yet: there is no peak.".into()),
+        };
+        for (forward, text, name, hover) in [
+            (
+                false,
+                "◀",
+                "Previous peak",
+                "Previous peak of the translation error (K)",
+            ),
+            (
+                true,
+                "▶",
+                "Next peak",
+                "Next peak of the translation error (J)",
+            ),
+        ] {
+            let button = Button::new(text);
+            if gated(ui, &any, button, hover)
+                .accessible_name(name)
+                .clicked()
+            {
+                state.jump(view, window, forward);
+            }
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            window.controls(ui, view.now_s);
+        });
+    });
+    let mut marks = Vec::new();
+    ui.horizontal(|ui| {
+        ui.spacing_mut().interact_size.y = 16.0;
+        if let (Some([t, mm]), Some([k, n])) = (state.peak, state.peak_place) {
+            let text = format!(
+                "Peak {k} of {n}: {} mm at {} ({} s).",
+                number(mm, 2),
+                minutes(t),
+                number(t, 2)
+            );
+            ui.label(RichText::new(text).small());
+            marks.push((t, "peak".to_owned()));
+        }
+        let text = RichText::new("Shaded: no Vicon.").small();
+        ui.label(text.color(crate::gui::theme::Palette::in_ui(ui).weak))
+            .on_hover_text("Occlusions are left out of the score and counted beside it");
+    });
+    ui.spacing_mut().item_spacing.y = 2.0;
+    let plots: Vec<_> = (0..6)
+        .map(|i| {
+            let c = Channel::Error(i);
+            match state.plots {
+                Plots::Errors => (
+                    format!("{} error / {}", POSE_NAMES[i], c.unit()),
+                    vec![Series::solid(c, "")],
+                    0.5,
+                ),
+                Plots::Overlay => (
+                    format!("{} / {}", POSE_NAMES[i], c.unit()),
+                    vec![
+                        Series::solid(Channel::Tip(i), "predicted"),
+                        Series::dashed(Channel::Truth(i), view.truth_name()),
+                    ],
+                    1.0,
+                ),
+            }
+        })
+        .collect();
+    let [from, to] = window.range_s(view.now_s);
+    let shaded = occlusions(view.history, from, to.min(view.now_s));
+    let extras = Extras {
+        shaded: &shaded,
+        marks: &marks,
+        lines: &[],
+    };
+    stack(ui, view, window, &plots, extras);
+}
+
+fn predictions(ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow) {
+    ui.horizontal(|ui| {
+        ui.label("Predicted pose");
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            window.controls(ui, view.now_s);
+        });
+    });
+    ui.spacing_mut().item_spacing.y = 2.0;
+    let plots: Vec<_> = (0..6)
+        .map(|i| {
+            let c = Channel::Tip(i);
+            let title = format!("{} / {}", POSE_NAMES[i], c.unit());
+            (title, vec![Series::solid(c, "predicted")], 1.0)
+        })
+        .collect();
+    stack(ui, view, window, &plots, Extras::default());
+}
+
+fn right(
+    ui: &mut Ui,
+    view: &View<'_>,
+    state: &mut AccuracyState,
+    window: &mut TimeWindow,
+    services: &mut Services,
+) {
+    table::ui(ui, view, state);
+    export::ui(ui, view, state, services);
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (value, text, hover) in [
+            (Below::Time, "Over time", "Lengths of the errors over time"),
+            (
+                Below::Space,
+                "In space",
+                "Error vectors from above and from the side",
+            ),
+            (
+                Below::Bins,
+                "By bins",
+                "Errors by workspace, load and speed",
+            ),
+            (Below::Frames, "Frames", "Frame transform and clock offsets"),
+        ] {
+            ui.selectable_value(&mut state.below, value, text)
+                .on_hover_text(hover);
+        }
+    });
+    match state.below {
+        Below::Time => norms(ui, view, state, window),
+        Below::Space => space::ui(ui, view, state),
+        Below::Bins => breakdown::ui(ui, state),
+        Below::Frames => frames::ui(ui, view, state),
+    }
+}
+
+fn norms(ui: &mut Ui, view: &View<'_>, state: &AccuracyState, window: &mut TimeWindow) {
+    let plots = [
+        (6, "Length of the translation error / mm"),
+        (7, "Angle of the rotation error / deg"),
+    ]
+    .map(|(i, title)| {
+        let series = vec![Series::solid(Channel::Error(i), title)];
+        (title.to_owned(), series, 0.5)
+    });
+    let marks: Vec<_> = state
+        .peak
+        .iter()
+        .map(|p| (p[0], "peak".to_owned()))
+        .collect();
+    let [from, to] = window.range_s(view.now_s);
+    let shaded = occlusions(view.history, from, to.min(view.now_s));
+    let extras = Extras {
+        shaded: &shaded,
+        marks: &marks,
+        lines: &[],
+    };
+    ui.spacing_mut().item_spacing.y = 2.0;
+    stack(ui, view, window, &plots, extras);
+}

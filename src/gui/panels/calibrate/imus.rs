@@ -1,0 +1,232 @@
+//! The IMUs: live capture while the arm moves slowly to all sides.
+
+use std::f32::consts::TAU;
+
+use egui::{Button, Mesh, Pos2, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+
+use super::springs::LEFT;
+use super::take_imus::{ImuTake, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict};
+use super::wizard::Wizard;
+use super::{CalibrateState, capture_gate, motion};
+use crate::gui::panels::View;
+use crate::gui::panels::dashboard::imu_name;
+use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::{gated, note, number, status};
+use crate::gui::theme::{Level, Palette};
+use crate::signal::IMUS;
+use crate::twin::Command;
+
+/// Outer ring of the disc, rad.
+const DISC_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+
+/// The step.
+pub fn ui(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    commands: &mut Vec<Command>,
+) {
+    ui.horizontal_top(|ui| {
+        ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
+            card(ui, |ui| {
+                ui.set_width(LEFT - 20.0);
+                controls(ui, live, wizard, state, commands);
+            });
+        });
+        ui.vertical(|ui| {
+            let width = (ui.available_width() - ui.spacing().item_spacing.x) / 2.0;
+            for pair in [[0, 1], [2, 3]] {
+                ui.horizontal_top(|ui| {
+                    for i in pair {
+                        ui.allocate_ui(vec2(width, 0.0), |ui| {
+                            card(ui, |ui| {
+                                ui.set_width(width - 20.0);
+                                imu(ui, live, wizard, i);
+                            });
+                        });
+                    }
+                });
+            }
+        });
+    });
+}
+
+fn controls(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    commands: &mut Vec<Command>,
+) {
+    ui.heading("How do the IMUs sit?");
+    ui.label(format!(
+        "While the arm moves slowly to all sides, each pad's orientation by the springs is compared with that of its \
+         IMUs. An IMU is done after {SAMPLES_NEEDED} samples with the pad tilted by {:.0}° to {SECTORS_NEEDED} of \
+         {SECTORS} sides; about a minute and a half.",
+        TILT_RAD.to_degrees()
+    ));
+    ui.add_space(4.0);
+    let gate = match wizard.imus.running() {
+        true => Err("IMUs are being captured.".to_owned()),
+        false => capture_gate(live),
+    };
+    let wide = vec2(ui.available_width(), 30.0);
+    if wizard.imus.running() {
+        let hover = "Judge what has been captured so far";
+        let finish = Button::new("■ Finish capture").min_size(wide);
+        if gated(ui, &Ok(()), finish, hover).clicked() {
+            wizard.imus.finish();
+        }
+        match wizard.imus.settling_s() {
+            _ if !live.snapshot.link.connected => note(ui, "◌ Paused until the boards answer."),
+            Some(s) if s > 0.0 => note(ui, format!("◌ The filters settle: {s:.0} s more.")),
+            Some(_) => note(ui, "◌ Capturing: it ends by itself when every IMU is done."),
+            None => note(ui, "◌ Waiting for frames."),
+        };
+    } else {
+        let hover = "Compare springs and IMUs from now on; what was captured is replaced";
+        let begin = Button::new("● Capture all four IMUs").min_size(wide);
+        if gated(ui, &gate, begin, hover).clicked() {
+            let base = wizard.base();
+            wizard.imus.begin([true; IMUS], live.spec, &base);
+        }
+    }
+    ui.separator();
+    note(
+        ui,
+        "The arm has to move; the button, or any motion from Operate:",
+    );
+    let label = "Circle slowly to all sides";
+    motion::button(
+        ui,
+        live,
+        label,
+        motion::all_sides(),
+        &mut state.held_s,
+        commands,
+    );
+    if let Some(r) = &live.snapshot.routine {
+        let where_ = r
+            .waypoint
+            .map_or(String::new(), |(k, n)| format!(", waypoint {k} of {n}"));
+        note(ui, format!("◌ {}{where_}", r.name));
+    }
+    if wizard
+        .imus
+        .imus
+        .iter()
+        .all(|t| t.verdict() == Verdict::Kept)
+    {
+        ui.separator();
+        let name = &wizard.before.name;
+        note(
+            ui,
+            format!("Nothing captured: Next keeps the mountings of “{name}”."),
+        );
+    }
+}
+
+fn imu(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, i: usize) {
+    let p = *Palette::in_ui(ui);
+    let take = &wizard.imus.imus[i];
+    let verdict = take.verdict();
+    let gate = match (wizard.imus.running(), &verdict) {
+        (true, _) => Err("IMUs are being captured.".to_owned()),
+        (_, Verdict::Kept) => Err("Nothing has been captured of this IMU.".into()),
+        _ => capture_gate(live),
+    };
+    let mut again = false;
+    ui.horizontal_top(|ui| {
+        disc(ui, take, i);
+        ui.vertical(|ui| {
+            ui.label(RichText::new(format!("IMU {}", imu_name(i))).strong());
+            match &verdict {
+                Verdict::Kept => note(ui, "○ kept as it is"),
+                Verdict::Open => note(ui, "◌ capturing"),
+                Verdict::Pass(_) => ui.label("● PASS"),
+                Verdict::Redo(_) => status(ui, Level::Warning, "REDO"),
+            };
+            note(ui, format!("{} samples", take.samples()));
+            let sides = take.sectors().iter().filter(|s| **s).count();
+            note(ui, format!("{sides} of {SECTORS} sides"));
+            if let Verdict::Pass(fit) = &verdict {
+                ui.label(format!(
+                    "{}° off nominal",
+                    number(fit.correction_rad.norm().to_degrees(), 2)
+                ))
+                .on_hover_text("Angle of the correction to the mounting in use, degrees");
+                ui.label(format!(
+                    "{}° left over",
+                    number(fit.residual_rad.to_degrees(), 2)
+                ))
+                .on_hover_text("Root mean square of what springs and IMU still differ by, degrees");
+            }
+            let response = gated(
+                ui,
+                &gate,
+                Button::new("Redo"),
+                "Discard this IMU's samples and capture it alone; the others are kept",
+            )
+            .accessible_name(format!("Redo IMU {}", i + 1));
+            again = response.clicked();
+        });
+    });
+    if again {
+        let base = wizard.base();
+        let which = std::array::from_fn(|k| k == i);
+        wizard.imus.begin(which, live.spec, &base);
+    }
+    if let Verdict::Redo(why) = &verdict {
+        ui.label(RichText::new(why).color(p.text));
+    }
+}
+
+/// Where the pad was tilted to: a sector is full once it counts.
+fn disc(ui: &mut Ui, take: &ImuTake, i: usize) {
+    let p = *Palette::in_ui(ui);
+    let size = 148.0;
+    let (rect, response) = ui.allocate_exact_size(vec2(size, size), Sense::hover());
+    let (center, radius) = (rect.center(), 0.5 * size - 4.0);
+    let painter = ui.painter().with_clip_rect(rect);
+    painter.circle_filled(center, radius, p.sunken);
+    let at = |turn: f32, share: f32| -> Pos2 {
+        // x of the base to the right, y up.
+        let (sin, cos) = (turn * TAU).sin_cos();
+        center + radius * share * vec2(cos, -sin)
+    };
+    let sectors = take.sectors();
+    let inner = (TILT_RAD / DISC_RAD) as f32;
+    for (k, _) in sectors.iter().enumerate().filter(|(_, full)| **full) {
+        let turn = |j: usize| (k as f32 + j as f32 / 12.0) / SECTORS as f32;
+        // A ring segment is not convex: a strip of triangles.
+        let mut ring = Mesh::default();
+        for j in 0..=12 {
+            ring.colored_vertex(at(turn(j), inner), p.raised);
+            ring.colored_vertex(at(turn(j), 1.0), p.raised);
+        }
+        for v in 0..24 {
+            ring.add_triangle(v, v + 1, v + 2);
+        }
+        painter.add(ring);
+    }
+    for share in [inner, 0.5, 1.0] {
+        painter.circle_stroke(center, radius * share, Stroke::new(1.0, p.line));
+    }
+    for k in 0..SECTORS {
+        let turn = k as f32 / SECTORS as f32;
+        painter.line_segment([at(turn, inner), at(turn, 1.0)], Stroke::new(1.0, p.line));
+    }
+    for [x, y] in take.tilts_rad.iter().step_by(2) {
+        let scale = f64::from(radius) / DISC_RAD;
+        let dot = pos2(center.x + (x * scale) as f32, center.y - (y * scale) as f32);
+        painter.circle_filled(dot, 1.5, p.bar);
+    }
+    let full = sectors.iter().filter(|s| **s).count();
+    let text = format!("IMU {}: pad tilted to {full} of {SECTORS} sides", i + 1);
+    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
+    response.on_hover_text(format!(
+        "{text}. x of the base to the right, y up; rings at {:.0}°, 10° and 20°",
+        TILT_RAD.to_degrees()
+    ));
+}

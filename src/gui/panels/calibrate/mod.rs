@@ -1,0 +1,445 @@
+//! The Calibrate screen: a wizard from the first check to a saved calibration.
+//!
+//! Nothing of what is captured is used before its step is left: then the twin reads by it, and Cancel gives it
+//! back the calibration from before.
+
+mod imus;
+mod motion;
+pub mod outside;
+mod preflight;
+mod save;
+mod springs;
+mod take_imus;
+mod take_springs;
+mod take_vicon;
+mod validate;
+mod vicon;
+pub mod wizard;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use egui::{Align, Button, Layout, Panel, RichText, ScrollArea, Ui, vec2};
+
+use super::View;
+use super::widgets::{Gate, gated, note, status};
+use crate::gui::services::{Job, Services};
+use crate::gui::theme::{Level, Palette};
+use crate::robot::RobotSpec;
+use crate::sensing::bench::BenchLog;
+use crate::signal::Snapshot;
+use crate::twin::{Command, Event};
+use outside::{Comparison, Version};
+use wizard::{Step, Wizard};
+
+/// Where the springs' points come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Source {
+    /// The virtual rig's bench.
+    #[default]
+    Bench,
+    /// A log that a bench wrote.
+    Log,
+    /// One length at a time, by hand.
+    Hand,
+}
+
+/// What is being done with the saved versions.
+enum Change {
+    /// A version is being saved.
+    Save,
+    /// Another one is made active.
+    RollBack,
+}
+
+/// What the screen keeps.
+pub struct CalibrateState {
+    wizard: Option<Wizard>,
+    source: Option<Source>,
+    log_path: String,
+    hand_spring: usize,
+    hand_mm: String,
+    /// Spring of the virtual rig's bench whose plug sits loose until it is captured anew.
+    loose: Option<usize>,
+    /// Runs of the bench: each has noise of its own.
+    runs: u64,
+    cancelling: bool,
+    held_s: f64,
+    /// What went wrong last: one sentence.
+    error: Option<String>,
+    /// What went well last: one sentence.
+    done: Option<String>,
+    versions: Option<Vec<Version>>,
+    bench: Option<(Vec<usize>, Job<BenchLog>)>,
+    picking: Option<Job<Option<PathBuf>>>,
+    comparing: Option<(std::sync::Arc<crate::sensing::Calibration>, Job<Comparison>)>,
+    listing: Option<Job<Vec<Version>>>,
+    changing: Option<(Change, Job<Vec<Version>>)>,
+}
+
+impl Default for CalibrateState {
+    fn default() -> Self {
+        Self {
+            wizard: None,
+            source: None,
+            log_path: String::new(),
+            hand_spring: 0,
+            hand_mm: String::new(),
+            loose: Some(6),
+            runs: 0,
+            cancelling: false,
+            held_s: 0.0,
+            error: None,
+            done: None,
+            versions: None,
+            bench: None,
+            picking: None,
+            comparing: None,
+            listing: None,
+            changing: None,
+        }
+    }
+}
+
+impl CalibrateState {
+    /// Takes in every live snapshot, also while another screen is shown.
+    pub fn observe(&mut self, snapshot: &Snapshot, robot: &RobotSpec) {
+        if let Some(wizard) = &mut self.wizard {
+            wizard.observe(snapshot, robot);
+        }
+    }
+
+    /// Hears what the twin tells.
+    pub fn hear(&mut self, event: &Event) {
+        let Some(wizard) = &mut self.wizard else {
+            return;
+        };
+        match event {
+            Event::Calibrated { calibration, .. } => wizard.calibrated(calibration),
+            Event::Refused { reason, .. } => wizard.heard_refusal(reason),
+            _ => {}
+        }
+    }
+
+    /// The wizard, once the screen has been shown.
+    pub fn wizard(&self) -> Option<&Wizard> {
+        self.wizard.as_ref()
+    }
+
+    /// Whether something is awaited.
+    pub fn busy(&self) -> bool {
+        self.bench.is_some()
+            || self.picking.is_some()
+            || self.comparing.is_some()
+            || self.listing.is_some()
+            || self.changing.is_some()
+    }
+
+    /// Takes what has come.
+    fn poll(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        let Some(wizard) = &mut self.wizard else {
+            return;
+        };
+        if let Some((only, job)) = &self.bench
+            && let Some(answer) = job.poll()
+        {
+            match answer {
+                Ok(log) => {
+                    let needed_m = view.spec.spring.range_m;
+                    wizard.springs.take_log(&log, only, needed_m);
+                    self.error = None;
+                }
+                Err(e) => self.error = Some(e),
+            }
+            self.bench = None;
+        }
+        if let Some(answer) = self.picking.as_ref().and_then(Job::poll) {
+            self.picking = None;
+            match answer {
+                Ok(Some(path)) => self.log_path = path.display().to_string(),
+                Ok(None) => {}
+                Err(e) => self.error = Some(e),
+            }
+        }
+        if let Some((of, job)) = &self.comparing
+            && let Some(answer) = job.poll()
+        {
+            match answer {
+                Ok(c) => wizard.comparison = Some((c, of.clone())),
+                Err(e) => self.error = Some(e),
+            }
+            self.comparing = None;
+        }
+        if let Some(answer) = self.listing.as_ref().and_then(Job::poll) {
+            self.listing = None;
+            match answer {
+                Ok(list) => self.versions = Some(list),
+                Err(e) => self.error = Some(e),
+            }
+        }
+        if let Some((change, job)) = &self.changing
+            && let Some(answer) = job.poll()
+        {
+            match answer {
+                Ok(list) => {
+                    if let Some(active) = list.iter().find(|v| v.active) {
+                        let (n, name) = (active.number, &active.calibration.name);
+                        self.done = Some(match change {
+                            Change::Save => format!("Saved as version {n}, “{name}”: in use now."),
+                            Change::RollBack => {
+                                format!("Rolled back to version {n}, “{name}”: in use now.")
+                            }
+                        });
+                        let mode = &view.snapshot.mode;
+                        commands.extend(wizard.settle_on(active.calibration.clone(), mode));
+                    }
+                    self.versions = Some(list);
+                    self.error = None;
+                }
+                Err(e) => self.error = Some(e),
+            }
+            self.changing = None;
+        }
+    }
+}
+
+/// Whether live frames can be captured, or why not.
+fn capture_gate(view: &View<'_>) -> Gate {
+    match view.snapshot.link.connected {
+        true => Ok(()),
+        false => Err(
+            "Not connected: what was captured is kept, capturing goes on when the boards answer."
+                .into(),
+        ),
+    }
+}
+
+/// The screen.
+pub fn ui(
+    ui: &mut Ui,
+    live: &View<'_>,
+    state: &mut CalibrateState,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
+    if state.wizard.is_none() {
+        state.wizard = Some(Wizard::new(services.calibration.in_use.clone()));
+        state.listing = Some((services.calibration.versions)());
+    }
+    state.poll(live, commands);
+    if state.busy() {
+        ui.ctx().request_repaint_after(Duration::from_millis(100));
+    }
+    let Some(mut wizard) = state.wizard.take() else {
+        return;
+    };
+    stepper(ui, live, &mut wizard, commands);
+    notices(ui, live, &mut wizard, state, commands);
+    footer(ui, live, &mut wizard, state, commands);
+    ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        let w = &mut wizard;
+        match w.step {
+            Step::Preflight => preflight::ui(ui, live, w, state, services),
+            Step::Springs => springs::ui(ui, live, w, state, services),
+            Step::Imus => imus::ui(ui, live, w, state, commands),
+            Step::Vicon => vicon::ui(ui, live, w, state, commands),
+            Step::Validate => validate::ui(ui, live, w, state, services, commands),
+            Step::Save => save::ui(ui, live, w, state, services),
+        }
+    });
+    state.wizard = Some(wizard);
+}
+
+fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec<Command>) {
+    let p = *Palette::in_ui(ui);
+    let gap = ui.spacing().item_spacing.x;
+    let n = Step::ALL.len() as f32;
+    let width = (ui.available_width() - gap * (n - 1.0)) / n;
+    ui.horizontal(|ui| {
+        for step in Step::ALL {
+            let mark = wizard.mark(step);
+            let gate = wizard.may_enter(step);
+            let color = match mark {
+                wizard::Mark::Redo => p.warning,
+                _ => p.weak,
+            };
+            let word = match (step, mark) {
+                (Step::Save, _) => String::new(),
+                (Step::Validate, wizard::Mark::Kept) => "○ not yet".into(),
+                _ => format!("{} {}", mark.glyph(), mark.word()),
+            };
+            let glyph = RichText::new(word).small().color(color);
+            let title = format!("{} {}", step.index() + 1, step.name());
+            let button = Button::selectable(wizard.step == step, title.as_str())
+                .frame_when_inactive(true)
+                .right_text(glyph)
+                .min_size(vec2(width, 32.0));
+            let hover = format!("Show this step ({})", mark.word());
+            let response = gated(ui, &gate, button, &hover)
+                .accessible_name(format!("Step {title}: {}", mark.word()));
+            if response.clicked() {
+                commands.extend(wizard.go_to(step, &live.snapshot.mode));
+            }
+        }
+    });
+}
+
+/// What concerns the whole wizard: the link, the calibration that the twin reads by, errors.
+fn notices(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    commands: &mut Vec<Command>,
+) {
+    let p = *Palette::in_ui(ui);
+    if !live.snapshot.link.connected {
+        egui::Frame::new()
+            .fill(p.warning_fill)
+            .inner_margin(6)
+            .show(ui, |ui| {
+                ui.set_width(ui.available_width());
+                let text = "▲ Paused: the boards do not answer. Everything captured is kept; capturing goes on \
+                            when they are back.";
+                ui.label(RichText::new(text).color(p.text));
+            });
+    }
+    let ahead = wizard.step.index() > Step::Imus.index();
+    if ahead && wizard.sent.is_none() && !wizard.draft_is_live() {
+        ui.horizontal(|ui| {
+            let text = match &wizard.refused {
+                Some(why) => format!("The twin did not take the draft. {why}"),
+                None => "The twin does not read by what was captured.".into(),
+            };
+            status(ui, Level::Warning, &text);
+            let button = Button::new("Use the draft now");
+            let hover = "Let the twin read by what was captured. The arm is held first";
+            if ui.add(button).on_hover_text(hover).clicked() {
+                let draft = wizard.named_draft();
+                commands.extend(wizard.apply(draft, &live.snapshot.mode));
+            }
+        });
+    }
+    if let Some(e) = state.error.clone() {
+        ui.horizontal(|ui| {
+            status(ui, Level::Warning, &e);
+            if ui.small_button("Dismiss").clicked() {
+                state.error = None;
+            }
+        });
+    }
+    if let Some(text) = &state.done {
+        note(ui, format!("● {text}"));
+    }
+}
+
+fn footer(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    commands: &mut Vec<Command>,
+) {
+    let p = *Palette::in_ui(ui);
+    let mode = &live.snapshot.mode;
+    Panel::bottom("calibrate footer")
+        .resizable(false)
+        .show_separator_line(false)
+        .frame(egui::Frame::new().fill(p.window).inner_margin(egui::Margin::symmetric(0, 4)))
+        .show(ui, |ui| {
+            ui.horizontal(|ui| {
+                cancel(ui, live, wizard, state, commands);
+                ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                    let size = vec2(112.0, 32.0);
+                    if let Some(next) = wizard.step.next() {
+                        let gate = wizard.gate(wizard.step);
+                        let applies = matches!(wizard.step, Step::Springs | Step::Imus)
+                            && !wizard.draft_is_live();
+                        let hover = match applies {
+                            true => format!(
+                                "To {}. The twin reads by what was captured from then on; a moving arm is held first",
+                                next.name()
+                            ),
+                            false => format!("To {}", next.name()),
+                        };
+                        let button = Button::new("Next ▶").min_size(size);
+                        if gated(ui, &gate, button, &hover).clicked() {
+                            state.done = None;
+                            state.cancelling = false;
+                            commands.extend(wizard.go_on(mode));
+                        }
+                    }
+                    if let Some(back) = wizard.step.back() {
+                        let button = Button::new("◀ Back").min_size(size);
+                        let hover = format!("To {}; everything captured is kept", back.name());
+                        if ui.add(button).on_hover_text(hover).clicked() {
+                            wizard.step = back;
+                        }
+                    }
+                    let open = wizard.mark(wizard.step) == wizard::Mark::Open;
+                    match wizard.gate(wizard.step) {
+                        // Under way is not abnormal.
+                        Err(why) if open => {
+                            note(ui, why);
+                        }
+                        Err(why) => {
+                            status(ui, Level::Warning, &why);
+                        }
+                        Ok(()) => {}
+                    }
+                });
+            });
+        });
+}
+
+fn cancel(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    commands: &mut Vec<Command>,
+) {
+    let name = wizard.before.name.clone();
+    if state.cancelling {
+        note(
+            ui,
+            format!("Throw away what was captured and go back to “{name}”?"),
+        );
+        let size = vec2(0.0, 32.0);
+        if ui
+            .add(Button::new("Discard and restore").min_size(size))
+            .on_hover_text(
+                "The twin reads by the calibration from before; a moving arm is held first",
+            )
+            .clicked()
+        {
+            commands.extend(wizard.cancel(&live.snapshot.mode));
+            let versions = state.versions.take();
+            *state = CalibrateState {
+                versions,
+                done: Some(format!("Cancelled: “{name}” is in use as before.")),
+                ..CalibrateState::default()
+            };
+        }
+        if ui
+            .add(Button::new("Keep going").min_size(size))
+            .on_hover_text("Nothing is thrown away")
+            .clicked()
+        {
+            state.cancelling = false;
+        }
+        return;
+    }
+    let gate = match wizard.has_begun() {
+        true => Ok(()),
+        false => Err("Nothing has been captured: there is nothing to cancel.".into()),
+    };
+    let button = Button::new("Cancel calibration…").min_size(vec2(0.0, 32.0));
+    let hover = "Throw away what was captured and restore the calibration in use before";
+    if gated(ui, &gate, button, hover).clicked() {
+        state.cancelling = true;
+    }
+    let live_name = &wizard.in_use.name;
+    note(ui, format!("In use: “{live_name}”"))
+        .on_hover_text("The calibration that the twin reads by");
+}

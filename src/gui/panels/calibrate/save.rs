@@ -1,0 +1,250 @@
+//! Save: what changes, a name, and the versions with their way back.
+
+use egui::{Button, RichText, TextEdit, Ui, vec2};
+
+use super::outside::Version;
+use super::wizard::{Mark, Step, Wizard, same};
+use super::{CalibrateState, Change};
+use crate::gui::panels::View;
+use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::{Gate, gated, heading, note, number, status};
+use crate::gui::services::Services;
+use crate::gui::theme::{Level, Palette};
+use crate::sensing::Calibration;
+use crate::signal::{IMUS, SPRINGS};
+
+/// The step.
+pub fn ui(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+) {
+    ui.columns(2, |columns| {
+        card(&mut columns[0], |ui| {
+            ui.set_min_width(ui.available_width());
+            new_version(ui, live, wizard, state, services);
+        });
+        card(&mut columns[1], |ui| {
+            ui.set_min_width(ui.available_width());
+            versions(ui, live, wizard, state, services);
+        });
+    });
+}
+
+/// What a calibration changes against another, one line each.
+pub fn changes(old: &Calibration, new: &Calibration, range_m: [f64; 2]) -> Vec<String> {
+    let mut lines = Vec::new();
+    let (mut changed, mut fresh, mut worst_m) = (Vec::new(), Vec::new(), 0.0_f64);
+    for i in 0..SPRINGS {
+        match (old.spring(i), new.spring(i)) {
+            (a, b) if a == b => {}
+            (Some(a), Some(b)) => {
+                // How far apart the two curves are over the readings that both cover.
+                let low = a.curve.domain[0].max(b.curve.domain[0]);
+                let high = a.curve.domain[1].min(b.curve.domain[1]);
+                for k in 0..=40 {
+                    let reading = low + (high - low) * f64::from(k) / 40.0;
+                    let lengths = (a.curve.length_m(reading), b.curve.length_m(reading));
+                    if let (Some(was_m), Some(is_m)) = lengths
+                        && (range_m[0]..=range_m[1]).contains(&is_m)
+                    {
+                        worst_m = worst_m.max((was_m - is_m).abs());
+                    }
+                }
+                changed.push((i + 1).to_string());
+            }
+            _ => fresh.push((i + 1).to_string()),
+        }
+    }
+    let all = |list: &[String], n: usize| match list.len() == n {
+        true => format!("all {n}"),
+        false => list.join(", "),
+    };
+    if !changed.is_empty() {
+        lines.push(format!(
+            "Springs {}: lengths move by up to {} mm",
+            all(&changed, SPRINGS),
+            number(worst_m * 1e3, 2)
+        ));
+    }
+    if !fresh.is_empty() {
+        lines.push(format!(
+            "Springs {}: had no curve before",
+            all(&fresh, SPRINGS)
+        ));
+    }
+    for i in 0..IMUS {
+        let turn_rad = old.mounting(i).angle_to(&new.mounting(i));
+        // Rounding is no change.
+        if turn_rad > 1e-6 {
+            lines.push(format!(
+                "IMU {}: mounting turned by {}°",
+                i + 1,
+                number(turn_rad.to_degrees(), 2)
+            ));
+        }
+    }
+    lines
+}
+
+fn new_version(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+) {
+    ui.heading("Save a version");
+    heading(ui, "What changes");
+    let lines = changes(&wizard.before, &wizard.draft(), live.spec.spring.range_m);
+    for line in &lines {
+        ui.label(format!("● {line}"));
+    }
+    if let Some(Ok(fit)) = wizard.vicon.fit() {
+        let when = match live.snapshot.link.simulated {
+            true => "kept with the version; the virtual rig's own is placed already",
+            false => "the program places it so from its next start on",
+        };
+        ui.label(format!(
+            "● Motion capture: registered from {} poses; {when}",
+            fit.used()
+        ));
+    }
+    let nothing = lines.is_empty() && wizard.mark(Step::Vicon) != Mark::Pass;
+    if nothing {
+        note(
+            ui,
+            "○ Nothing: capture springs, IMUs or motion capture first.",
+        );
+    }
+    ui.add_space(6.0);
+    heading(ui, "Validation");
+    match wizard.judgement() {
+        Some(j) if j.good => ui.label(format!("● {}", j.text)),
+        Some(j) => status(ui, Level::Warning, &j.text),
+        None => status(
+            ui,
+            Level::Warning,
+            "Not validated: the version will say so.",
+        ),
+    };
+    ui.add_space(6.0);
+    let label = heading(ui, "Name");
+    ui.add(
+        TextEdit::singleline(&mut wizard.name)
+            .hint_text("such as: arm 2 after the new springs")
+            .desired_width(f32::INFINITY),
+    )
+    .labelled_by(label.id)
+    .on_hover_text("Name of the calibration");
+    let gate: Gate = if nothing {
+        Err("There is nothing to save.".into())
+    } else if wizard.name.trim().is_empty() {
+        Err("Give it a name first.".into())
+    } else if state.changing.is_some() {
+        Err("The versions are being changed.".into())
+    } else {
+        wizard.may_enter(Step::Save)
+    };
+    let button = Button::new("Save and use").min_size(vec2(ui.available_width(), 32.0));
+    let hover = "Save as a new version and let the twin read by it; a moving arm is held first";
+    if gated(ui, &gate, button, hover).clicked() {
+        let simulated = live.snapshot.link.simulated;
+        let version = wizard.version(services.calibration.registration.as_ref(), simulated);
+        state.done = None;
+        state.changing = Some((Change::Save, (services.calibration.save)(version)));
+    }
+    if let Err(why) = &gate {
+        note(ui, why);
+    }
+}
+
+/// The versions, newest first.
+pub fn versions(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+) {
+    ui.heading("Versions");
+    let folder = services.calibration.folder.display().to_string();
+    if !folder.is_empty() {
+        ui.add(egui::Label::new(RichText::new(&folder).small()).truncate())
+            .on_hover_text(format!("Kept in {folder}"));
+    }
+    if state.changing.is_some() || state.listing.is_some() {
+        ui.horizontal(|ui| {
+            ui.spinner();
+            note(ui, "Reading and writing versions…");
+        });
+    }
+    let list = state.versions.clone().unwrap_or_default();
+    if list.is_empty() && state.listing.is_none() {
+        note(
+            ui,
+            format!(
+                "None yet. In use: “{}”. What you save here is listed with its way back.",
+                wizard.before.name
+            ),
+        );
+    }
+    egui::ScrollArea::vertical()
+        .id_salt("versions")
+        .max_height(400.0)
+        .show(ui, |ui| {
+            for v in &list {
+                version(ui, live, wizard, state, services, v);
+            }
+        });
+}
+
+fn version(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+    v: &Version,
+) {
+    let p = *Palette::in_ui(ui);
+    ui.separator();
+    ui.horizontal(|ui| {
+        let name = format!("{}  {}", v.number, v.calibration.name);
+        ui.label(RichText::new(name).strong());
+        note(ui, &v.date);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let used = same(&v.calibration, &wizard.in_use);
+            if v.active && used {
+                ui.label(RichText::new("● in use").color(p.text))
+                    .on_hover_text("The twin reads by it, and the program starts with it");
+                return;
+            }
+            let gate: Gate = if state.changing.is_some() {
+                Err("The versions are being changed.".into())
+            } else if wizard.has_begun() {
+                Err("A calibration is under way: save or cancel it first.".into())
+            } else {
+                Ok(())
+            };
+            let changed = changes(&wizard.in_use, &v.calibration, live.spec.spring.range_m);
+            let hover = match changed.is_empty() {
+                true => "Use this version again; it reads as the one in use does".to_owned(),
+                false => format!(
+                    "Use this version again; a moving arm is held first. {}",
+                    changed.join(". ")
+                ),
+            };
+            let response = gated(ui, &gate, Button::new("Roll back"), &hover)
+                .accessible_name(format!("Roll back to version {}", v.number));
+            if response.clicked() {
+                state.done = None;
+                let job = (services.calibration.activate)(v.number);
+                state.changing = Some((Change::RollBack, job));
+            }
+        });
+    });
+    ui.label(RichText::new(&v.note).small().color(p.weak));
+}

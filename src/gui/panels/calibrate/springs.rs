@@ -1,0 +1,480 @@
+//! The springs: where points come from, and the table of the twelve.
+
+use std::path::PathBuf;
+
+use egui::{
+    Button, ComboBox, ProgressBar, Rect, RichText, Role, Sense, TextEdit, Ui, WidgetInfo, pos2,
+    vec2,
+};
+
+use super::outside::BenchRequest;
+use super::take_springs::{CELLS, SpringTake, Verdict};
+use super::wizard::Wizard;
+use super::{CalibrateState, Source, capture_gate};
+use crate::gui::panels::View;
+use crate::gui::panels::dashboard::spring_name;
+use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::{Gate, cell, cell_left, gated, heading, note, number, status};
+use crate::gui::services::{Dialog, DialogKind, Services};
+use crate::gui::theme::{Level, Palette};
+use crate::sensing::calibration::FitQuality;
+use crate::signal::SPRINGS;
+
+/// Width of the card on the left, points.
+pub const LEFT: f32 = 316.0;
+
+/// The step.
+pub fn ui(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+) {
+    if state.source.is_none() {
+        state.source = Some(match services.calibration.bench {
+            Some(_) => Source::Bench,
+            None => Source::Log,
+        });
+    }
+    ui.horizontal_top(|ui| {
+        ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
+            card(ui, |ui| {
+                ui.set_width(LEFT - 20.0);
+                source(ui, live, wizard, state, services);
+            });
+        });
+        ui.vertical(|ui| {
+            card(ui, |ui| {
+                ui.set_min_width(ui.available_width());
+                table(ui, live, wizard, state, services);
+            });
+        });
+    });
+}
+
+fn source(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+) {
+    ui.heading("Where do the points come from?");
+    ui.horizontal(|ui| {
+        for (source, name, hover) in [
+            (
+                Source::Bench,
+                "Practice bench",
+                "The virtual rig's linear motor (simulated)",
+            ),
+            (
+                Source::Log,
+                "Bench log",
+                "A CSV file that a linear motor's bench wrote",
+            ),
+            (
+                Source::Hand,
+                "By hand",
+                "Gauge blocks and the live boards, one length at a time",
+            ),
+        ] {
+            let gate: Gate = match source {
+                Source::Bench if services.calibration.bench.is_none() => {
+                    Err("Only the virtual rig has a bench in this program.".into())
+                }
+                _ => Ok(()),
+            };
+            let chosen = state.source == Some(source);
+            let button = Button::selectable(chosen, name).frame_when_inactive(true);
+            if gated(ui, &gate, button, hover).clicked() {
+                state.source = Some(source);
+            }
+        }
+    });
+    ui.separator();
+    let [low, high] = live.spec.spring.range_m.map(|m| m * 1e3);
+    match state.source {
+        Some(Source::Bench) => bench(ui, state, services, [low, high]),
+        Some(Source::Log) | None => log(ui, state, services, [low, high]),
+        Some(Source::Hand) => hand(ui, live, wizard, state, [low, high]),
+    }
+    if let Some((trouble, text)) = &wizard.springs.said {
+        ui.add_space(4.0);
+        match trouble {
+            true => {
+                status(ui, Level::Warning, text);
+            }
+            false => {
+                note(ui, format!("● {text}"));
+            }
+        }
+    }
+}
+
+/// A job under way: what it does, how far it is, and a button that ends it. Whether that was pressed.
+pub fn progress(ui: &mut Ui, what: &str, share: Option<f32>) -> bool {
+    match share {
+        Some(share) => {
+            ui.add(ProgressBar::new(share).show_percentage());
+        }
+        None => {
+            ui.spinner();
+        }
+    }
+    let mut cancelled = false;
+    ui.horizontal(|ui| {
+        note(ui, what);
+        cancelled = ui
+            .button("Stop")
+            .on_hover_text("Nothing is taken from it")
+            .clicked();
+    });
+    cancelled
+}
+
+fn running(ui: &mut Ui, state: &mut CalibrateState) -> bool {
+    let Some((_, job)) = &state.bench else {
+        return false;
+    };
+    let stage = job.stage();
+    let what = match stage.what.is_empty() {
+        true => "Beginning",
+        false => &stage.what,
+    };
+    if progress(ui, what, stage.share) {
+        state.bench = None;
+    }
+    true
+}
+
+/// Sets the virtual rig's bench going for `only`.
+fn run_bench(state: &mut CalibrateState, services: &mut Services, only: Vec<usize>) {
+    let Some(bench) = &mut services.calibration.bench else {
+        return;
+    };
+    state.runs += 1;
+    let request = BenchRequest {
+        springs: only.clone(),
+        loose: state.loose,
+        seed: state.runs,
+    };
+    state.bench = Some((only, bench(request)));
+}
+
+fn bench(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, high]: [f64; 2]) {
+    ui.label(format!(
+        "A linear motor draws every spring from {low:.0} to {high:.0} mm and back, and reads its circuit at each \
+         stop. Simulated."
+    ));
+    ui.horizontal(|ui| {
+        let label = note(ui, "Simulated fault");
+        let name = |loose: Option<usize>| match loose {
+            Some(i) => format!("loose plug at spring {}", i + 1),
+            None => "none".to_owned(),
+        };
+        ComboBox::from_id_salt("loose plug")
+            .selected_text(name(state.loose))
+            .width(150.0)
+            .show_ui(ui, |ui| {
+                for choice in std::iter::once(None).chain((0..SPRINGS).map(Some)) {
+                    ui.selectable_value(&mut state.loose, choice, name(choice));
+                }
+            })
+            .response
+            .labelled_by(label.id)
+            .on_hover_text("For practice: this plug sits loose until its spring is redone, which presses it home");
+    });
+    ui.add_space(4.0);
+    if running(ui, state) {
+        return;
+    }
+    let button =
+        Button::new("▶ Draw all twelve springs").min_size(vec2(ui.available_width(), 30.0));
+    let hover = "Capture all springs on the practice bench; what they had is replaced";
+    if gated(ui, &Ok(()), button, hover).clicked() {
+        run_bench(state, services, (0..SPRINGS).collect());
+    }
+}
+
+fn log(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, high]: [f64; 2]) {
+    ui.label(format!(
+        "CSV with a header row: spring (1 to 12), length_mm, one of frequency_hz, frequency_khz, frequency_mhz, \
+         inductance_uh; direction (up, down) if known. {low:.0} to {high:.0} mm, at least 10 lengths."
+    ));
+    let label = note(ui, "File");
+    ui.add(
+        TextEdit::singleline(&mut state.log_path)
+            .hint_text("bench.csv")
+            .desired_width(f32::INFINITY),
+    )
+    .labelled_by(label.id)
+    .on_hover_text("Path of the bench log");
+    ui.horizontal(|ui| {
+        let gate = match state.picking {
+            Some(_) => Err("A file dialog is open.".to_owned()),
+            None => Ok(()),
+        };
+        if gated(
+            ui,
+            &gate,
+            Button::new("Browse…"),
+            "Choose the file in a dialog",
+        )
+        .clicked()
+        {
+            state.picking = Some((services.pick)(Dialog {
+                title: "Bench log".into(),
+                kind: DialogKind::Open,
+                filter: Some(("CSV".into(), vec!["csv".into(), "txt".into()])),
+                name: String::new(),
+            }));
+        }
+        let gate = match (state.log_path.trim(), &state.bench) {
+            ("", _) => Err("Type or choose a file first.".into()),
+            (_, Some(_)) => Err("A log is being read.".into()),
+            _ => Ok(()),
+        };
+        let hover = "Read the log; springs that it holds are replaced";
+        if gated(ui, &gate, Button::new("Read the log"), hover).clicked() {
+            let path = PathBuf::from(state.log_path.trim());
+            let job = (services.calibration.read_bench)(&path);
+            state.bench = Some(((0..SPRINGS).collect(), job));
+        }
+    });
+    running(ui, state);
+}
+
+fn length_m(text: &str) -> Result<f64, String> {
+    let number = text.trim().replace(',', ".");
+    match number.parse::<f64>() {
+        Ok(mm) if (1.0..=1000.0).contains(&mm) => Ok(mm * 1e-3),
+        Ok(mm) => Err(format!("{mm} mm is no length of a spring.")),
+        Err(_) if number.is_empty() => Err("Type the length in mm first.".into()),
+        Err(_) => Err(format!("The length is not a number: “{}”.", text.trim())),
+    }
+}
+
+fn hand(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    [low, high]: [f64; 2],
+) {
+    ui.label(format!(
+        "Set one spring to a gauge block, type its length, capture; {low:.0} to {high:.0} mm up and down, 10 lengths \
+         or more. The mean of half a second is kept."
+    ));
+    ui.horizontal(|ui| {
+        let label = note(ui, "Spring");
+        let name = |i: usize| format!("{} ({})", i + 1, spring_name(i));
+        ComboBox::from_id_salt("spring by hand")
+            .selected_text(name(state.hand_spring))
+            .show_ui(ui, |ui| {
+                for i in 0..SPRINGS {
+                    ui.selectable_value(&mut state.hand_spring, i, name(i));
+                }
+            })
+            .response
+            .labelled_by(label.id)
+            .on_hover_text("The spring that was set to the gauge block");
+    });
+    let mut entered = false;
+    ui.horizontal(|ui| {
+        let label = note(ui, "Length / mm");
+        let response = ui
+            .add(TextEdit::singleline(&mut state.hand_mm).desired_width(90.0))
+            .labelled_by(label.id)
+            .on_hover_text("True length between the spring's ends, mm");
+        entered = response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
+    });
+    if let Some(reading) = &wizard.springs.hand {
+        let share = reading.share(live.snapshot.stamp);
+        let what = format!("Reading spring {}", reading.spring + 1);
+        if progress(ui, &what, Some(share)) {
+            wizard.springs.hand = None;
+        }
+        return;
+    }
+    let length = length_m(&state.hand_mm);
+    let gate = capture_gate(live).and(length.clone().map(|_| ()));
+    let button = Button::new("Capture this length").min_size(vec2(ui.available_width(), 30.0));
+    let pressed = gated(ui, &gate, button, "Read the spring for half a second").clicked();
+    if (pressed || entered)
+        && gate.is_ok()
+        && let Ok(length_m) = length
+    {
+        wizard.springs.begin_hand(state.hand_spring, length_m);
+    }
+}
+
+const COLUMNS: [f32; 6] = [64.0, 46.0, 208.0, 92.0, 96.0, 96.0];
+
+fn table(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+) {
+    let p = *Palette::in_ui(ui);
+    ui.spacing_mut().item_spacing.y = 2.0;
+    let range_m = live.spec.spring.range_m;
+    let [low, high] = range_m.map(|m| m * 1e3);
+    let head = |t: &str| RichText::new(t).small().color(p.weak);
+    ui.horizontal(|ui| {
+        cell_left(ui, COLUMNS[0], head("spring"));
+        cell(ui, COLUMNS[1], head("points"));
+        let text = format!("{low:.0}  lengths up, down / mm  {high:.0}");
+        cell_left(ui, COLUMNS[2], head(&text));
+        cell(ui, COLUMNS[3], head("held out / mm")).on_hover_text(
+            "Root mean square error on points the curve has not seen, mm; at most 0.40",
+        );
+        cell(ui, COLUMNS[4], head("up-down / mm"))
+            .on_hover_text("Largest difference between the way up and the way down, mm");
+        cell_left(ui, COLUMNS[5], head("verdict"));
+    });
+    for i in 0..SPRINGS {
+        row(ui, live, wizard, state, services, i);
+    }
+    ui.add_space(6.0);
+    for i in 0..SPRINGS {
+        match wizard.spring(i) {
+            Verdict::Redo { why, .. } => {
+                status(ui, Level::Warning, &format!("Spring {}: {why}.", i + 1));
+            }
+            Verdict::Uncovered => {
+                let text = format!("Spring {}: no curve in use and none captured.", i + 1);
+                status(ui, Level::Warning, &text);
+            }
+            Verdict::Open(what) => {
+                note(ui, format!("◌ Spring {}: {what}.", i + 1));
+            }
+            Verdict::Kept | Verdict::Pass(_) => {}
+        }
+    }
+    if wizard.springs.springs.iter().all(|t| t.points().is_empty()) {
+        let name = &wizard.before.name;
+        heading(
+            ui,
+            &format!("Nothing captured: Next keeps the curves of “{name}”."),
+        );
+    }
+}
+
+fn row(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+    i: usize,
+) {
+    let p = *Palette::in_ui(ui);
+    let verdict = wizard.spring(i);
+    let (glyph, word, level, quality): (_, _, _, Option<FitQuality>) = match &verdict {
+        Verdict::Kept => ("○", "kept", Level::Normal, None),
+        Verdict::Uncovered => ("▲", "no curve", Level::Warning, None),
+        Verdict::Open(_) => ("◌", "open", Level::Normal, None),
+        Verdict::Pass(q) => ("●", "PASS", Level::Normal, Some(*q)),
+        Verdict::Redo { quality, .. } => ("▲", "REDO", Level::Warning, *quality),
+    };
+    ui.horizontal(|ui| {
+        ui.set_min_height(26.0);
+        cell_left(ui, COLUMNS[0], format!("{} ({})", i + 1, spring_name(i)));
+        let take = &wizard.springs.springs[i];
+        let points = take.points().len();
+        cell(
+            ui,
+            COLUMNS[1],
+            RichText::new(points.to_string()).color(p.weak),
+        );
+        coverage(ui, take, live.spec.spring.range_m, i);
+        let mm = |m: Option<f64>| m.map_or("—".to_owned(), |m| number(m * 1e3, 2));
+        cell(ui, COLUMNS[3], mm(quality.map(|q| q.held_out_rmse_m)));
+        cell(ui, COLUMNS[4], mm(quality.and_then(|q| q.hysteresis_m)));
+        let color = match level {
+            Level::Normal => p.text,
+            level => p.level(level),
+        };
+        cell_left(
+            ui,
+            COLUMNS[5],
+            RichText::new(format!("{glyph} {word}")).color(color),
+        )
+        .on_hover_text(match &verdict {
+            Verdict::Redo { why, .. } => why.clone(),
+            Verdict::Open(what) => what.clone(),
+            Verdict::Kept => "The curve in use is kept".into(),
+            Verdict::Uncovered => "There is no curve in use: capture it".into(),
+            Verdict::Pass(q) => format!("{} points, {:.3} mm at worst", q.points, q.worst_m * 1e3),
+        });
+        redo(ui, wizard, state, services, i);
+    });
+}
+
+fn redo(
+    ui: &mut Ui,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    services: &mut Services,
+    i: usize,
+) {
+    let gate = match (wizard.springs.springs[i].points().is_empty(), &state.bench) {
+        (_, Some(_)) => Err("Springs are being captured: wait for them.".to_owned()),
+        (true, _) => Err("Nothing has been captured of this spring.".into()),
+        (false, None) => Ok(()),
+    };
+    let hover = match state.source {
+        Some(Source::Bench) => {
+            "Discard this spring's points, press its plug home and draw it again"
+        }
+        _ => "Discard this spring's points; the others are kept. Then capture it again",
+    };
+    let response = gated(ui, &gate, Button::new("Redo"), hover)
+        .accessible_name(format!("Redo spring {}", i + 1));
+    if !response.clicked() {
+        return;
+    }
+    match state.source {
+        Some(Source::Bench) => {
+            if state.loose == Some(i) {
+                state.loose = None;
+            }
+            run_bench(state, services, vec![i]);
+        }
+        _ => {
+            wizard.springs.discard(i);
+            state.hand_spring = i;
+        }
+    }
+}
+
+/// The range in cells: upper half on the way up, lower half on the way down; empty cells are holes.
+fn coverage(ui: &mut Ui, take: &SpringTake, range_m: [f64; 2], i: usize) {
+    let p = *Palette::in_ui(ui);
+    let seen = take.coverage(range_m);
+    let (rect, response) = ui.allocate_exact_size(vec2(COLUMNS[2], 18.0), Sense::hover());
+    let width = rect.width() / CELLS as f32;
+    for (way, cells) in seen.iter().enumerate() {
+        for (k, full) in cells.iter().enumerate() {
+            let at = pos2(
+                rect.left() + width * k as f32,
+                rect.top() + 2.0 + 7.5 * way as f32,
+            );
+            let cell = Rect::from_min_size(at, vec2(width - 1.0, 6.5));
+            let fill = if *full { p.bar } else { p.raised };
+            ui.painter().rect_filled(cell, 1.0, fill);
+        }
+    }
+    let full = |way: usize| seen[way].iter().filter(|c| **c).count();
+    let text = format!(
+        "Spring {}: {} of {CELLS} parts of the range visited on the way up, {} on the way down",
+        i + 1,
+        full(0),
+        full(1)
+    );
+    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
+    response.on_hover_text(text);
+}

@@ -1,0 +1,238 @@
+//! IMUs: each pad by the springs against each pad by its IMUs while the arm moves slowly. No window in here.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::robot::RobotSpec;
+use crate::sensing::mounting::{MountingFit, fit_mounting};
+use crate::sensing::{Calibration, Sensing};
+use crate::signal::{ChannelHealth, IMUS, RawFrame, Stamp};
+use crate::twin::sensing_for;
+
+/// The filters settle for so long first, s.
+pub const SETTLING_S: f64 = 10.0;
+/// One frame in so many is used: neighbours tell the same.
+const EVERY: u64 = 10;
+/// A pause longer than this lets the filters settle anew, s.
+const PAUSE_S: f64 = 0.5;
+/// Directions that the tilt is shown in.
+pub const SECTORS: usize = 8;
+/// A direction counts when the pad was tilted so far towards it, rad.
+pub const TILT_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
+/// So many directions are enough.
+pub const SECTORS_NEEDED: usize = 7;
+/// Fewest samples; neighbours are a tenth of a second apart.
+pub const SAMPLES_NEEDED: usize = 300;
+/// Springs and IMU must agree to this when all is done, rad.
+const RESIDUAL_MAX_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
+
+/// How an IMU stands.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Not captured: the mounting in use is kept.
+    Kept,
+    /// Being captured.
+    Open,
+    /// Good.
+    Pass(MountingFit),
+    /// Refused: why, one sentence.
+    Redo(String),
+}
+
+/// What one IMU has seen.
+#[derive(Clone, Debug, Default)]
+pub struct ImuTake {
+    pairs: Vec<(UnitQuaternion<f64>, UnitQuaternion<f64>)>,
+    /// Tilts captured: direction in the base's plane times the angle, rad.
+    pub tilts_rad: Vec<[f64; 2]>,
+    open: bool,
+    verdict: Option<Result<MountingFit, String>>,
+    /// How often it was captured anew.
+    pub redone: u32,
+}
+
+impl ImuTake {
+    /// How it stands.
+    pub fn verdict(&self) -> Verdict {
+        match &self.verdict {
+            _ if self.open => Verdict::Open,
+            None => Verdict::Kept,
+            Some(Ok(fit)) => Verdict::Pass(*fit),
+            Some(Err(why)) => Verdict::Redo(why.clone()),
+        }
+    }
+
+    /// Samples captured.
+    pub fn samples(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// Which directions the pad was tilted to.
+    pub fn sectors(&self) -> [bool; SECTORS] {
+        let mut seen = [false; SECTORS];
+        for [x, y] in &self.tilts_rad {
+            if x.hypot(*y) >= TILT_RAD {
+                seen[sector(*x, *y)] = true;
+            }
+        }
+        seen
+    }
+
+    fn complete(&self) -> bool {
+        self.samples() >= SAMPLES_NEEDED
+            && self.sectors().iter().filter(|s| **s).count() >= SECTORS_NEEDED
+    }
+
+    fn judge(&mut self) {
+        self.open = false;
+        let seen = self.sectors().iter().filter(|s| **s).count();
+        let fitted = fit_mounting(&self.pairs);
+        self.verdict = Some(match fitted {
+            Err(e) => Err(e.to_string()),
+            Ok(_) if seen < SECTORS_NEEDED => Err(format!(
+                "the pad was tilted by {:.0} degrees to {seen} of {SECTORS} sides only: move to all sides",
+                TILT_RAD.to_degrees()
+            )),
+            Ok(fit) if fit.residual_rad > RESIDUAL_MAX_RAD => Err(format!(
+                "springs and IMU disagree by {:.2} degrees when all is done: move more slowly, and check that \
+                 the IMU is fixed",
+                fit.residual_rad.to_degrees()
+            )),
+            Ok(fit) => Ok(fit),
+        });
+    }
+}
+
+/// The sector of a tilt.
+fn sector(x: f64, y: f64) -> usize {
+    let turn = y.atan2(x).rem_euclid(TAU) / TAU;
+    ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
+}
+
+/// All IMUs.
+#[derive(Default)]
+pub struct ImusTake {
+    /// Per IMU.
+    pub imus: [ImuTake; IMUS],
+    sensing: Option<Box<Sensing>>,
+    settling_since: Option<Stamp>,
+    last: Option<Stamp>,
+    frames: u64,
+}
+
+impl ImusTake {
+    /// Whether a capture runs.
+    pub fn running(&self) -> bool {
+        self.sensing.is_some()
+    }
+
+    /// Begins to capture `which` with the springs and mountings of `base`; what they had is discarded.
+    pub fn begin(&mut self, which: [bool; IMUS], robot: &RobotSpec, base: &Calibration) {
+        for (take, _) in self.imus.iter_mut().zip(which).filter(|(_, w)| *w) {
+            let again = u32::from(take.verdict.is_some());
+            *take = ImuTake {
+                open: true,
+                redone: take.redone + again,
+                ..ImuTake::default()
+            };
+        }
+        self.sensing = Some(Box::new(sensing_for(robot, base)));
+        self.settling_since = None;
+        self.last = None;
+    }
+
+    /// Seconds the filters still settle; nothing before the first frame.
+    pub fn settling_s(&self) -> Option<f64> {
+        let since_s = self.last?.since(self.settling_since?);
+        Some((SETTLING_S - since_s).max(0.0))
+    }
+
+    /// Judges what there is and ends.
+    pub fn finish(&mut self) {
+        self.sensing = None;
+        for take in self.imus.iter_mut().filter(|t| t.open) {
+            take.judge();
+        }
+    }
+
+    /// Takes in a live frame; ends by itself when every IMU has seen enough.
+    pub fn observe(&mut self, raw: &RawFrame) {
+        let Some(sensing) = &mut self.sensing else {
+            return;
+        };
+        if self.last.is_some_and(|t| raw.stamp <= t) {
+            return;
+        }
+        let paused = self.last.is_none_or(|t| raw.stamp.since(t) > PAUSE_S);
+        self.last = Some(raw.stamp);
+        if paused {
+            self.settling_since = Some(raw.stamp);
+        }
+        let out = sensing.update(raw);
+        self.frames += 1;
+        let settled = self
+            .settling_since
+            .is_some_and(|t| raw.stamp.since(t) >= SETTLING_S);
+        if !settled || !self.frames.is_multiple_of(EVERY) {
+            return;
+        }
+        let pads = sensing.pads();
+        for (i, take) in self.imus.iter_mut().enumerate().filter(|(_, t)| t.open) {
+            if out.health.imus[i] != ChannelHealth::Ok || !pads.by_springs_alone[i / 2] {
+                continue;
+            }
+            let by_imu = UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
+            let by_springs = pads.base_from_pad[i / 2].rotation;
+            take.pairs.push((by_springs, by_imu));
+            take.tilts_rad.push(tilt(&by_springs));
+        }
+        if self.imus.iter().all(|t| !t.open || t.complete()) {
+            self.finish();
+        }
+    }
+}
+
+/// Direction in the base's plane that the pad leans to, times the angle, rad.
+pub fn tilt(base_from_pad: &UnitQuaternion<f64>) -> [f64; 2] {
+    let up = base_from_pad * Vector3::z();
+    let across = up.x.hypot(up.y);
+    let angle_rad = across.atan2(up.z);
+    if across < 1e-9 {
+        return [0.0, 0.0];
+    }
+    [up.x / across * angle_rad, up.y / across * angle_rad]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tilt_points_to_where_the_pad_leans() {
+        let lean = UnitQuaternion::from_scaled_axis(Vector3::y() * 0.2);
+        let [x, y] = tilt(&lean);
+        assert!((x - 0.2).abs() < 1e-12 && y.abs() < 1e-12, "{x} {y}");
+        assert_eq!(tilt(&UnitQuaternion::identity()), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn an_imu_that_saw_one_side_only_is_to_be_redone() {
+        let mut take = ImuTake {
+            open: true,
+            ..ImuTake::default()
+        };
+        for k in 0..400 {
+            let turned =
+                UnitQuaternion::from_scaled_axis(Vector3::y() * (0.1 + 1e-4 * f64::from(k)));
+            take.pairs.push((turned, turned));
+            take.tilts_rad.push(tilt(&turned));
+        }
+        assert!(!take.complete());
+        take.judge();
+        let Verdict::Redo(why) = take.verdict() else {
+            panic!("{:?}", take.verdict());
+        };
+        assert!(why.contains("1 of 8 sides"), "{why}");
+    }
+}

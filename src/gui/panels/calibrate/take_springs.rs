@@ -1,0 +1,377 @@
+//! Springs: points from a bench, a log or by hand, and the verdict on each spring. No window in here.
+
+use crate::sensing::bench::{BenchLog, BenchPoint, Direction, FitError, fit};
+use crate::sensing::bench::{CAPACITANCE_F, COMPENSATION_H};
+use crate::sensing::calibration::{Curve, FitQuality, Quantity, SpringCalibration, inductance_h};
+use crate::sensing::spring::frequency_hz;
+use crate::signal::{RawFrame, SPRINGS, Stamp};
+
+/// Parts of the range that the coverage is shown in.
+pub const CELLS: usize = 17;
+/// Readings by hand are averaged over so long, s.
+const HAND_S: f64 = 0.5;
+/// Fewest frames in a reading by hand.
+const HAND_FRAMES: usize = 10;
+/// A reading whose frequency scatters by more than this was taken while the spring moved (about 1 mm), Hz.
+const HAND_SCATTER_HZ: f64 = 800.0;
+/// A reading by hand that has not come about by then is given up, s.
+const HAND_PATIENCE_S: f64 = 3.0;
+
+/// How a spring stands.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Verdict {
+    /// Not captured: the curve in use is kept.
+    Kept,
+    /// Not captured, and there is no curve in use.
+    Uncovered,
+    /// Being captured by hand: what is still missing.
+    Open(String),
+    /// Good.
+    Pass(FitQuality),
+    /// Refused.
+    Redo {
+        /// Why: one sentence.
+        why: String,
+        /// How it fits all the same, where that is known.
+        quality: Option<FitQuality>,
+    },
+}
+
+/// Points of one spring.
+#[derive(Clone, Debug, Default)]
+pub struct SpringTake {
+    points: Vec<BenchPoint>,
+    circuit: bool,
+    by_hand: bool,
+    log_sha256: Option<String>,
+    fitted: Option<Result<(Curve, FitQuality), FitError>>,
+    /// How often it was captured anew.
+    pub redone: u32,
+}
+
+impl SpringTake {
+    /// The points captured.
+    pub fn points(&self) -> &[BenchPoint] {
+        &self.points
+    }
+
+    /// Which parts of the range were visited: on the way up, on the way down.
+    pub fn coverage(&self, range_m: [f64; 2]) -> [[bool; CELLS]; 2] {
+        let mut seen = [[false; CELLS]; 2];
+        let width_m = (range_m[1] - range_m[0]) / CELLS as f64;
+        for p in &self.points {
+            let cell = ((p.length_m - range_m[0]) / width_m).floor();
+            if (0.0..CELLS as f64).contains(&cell) {
+                let way = match p.direction {
+                    Direction::Up => 0,
+                    Direction::Down => 1,
+                };
+                seen[way][cell as usize] = true;
+            }
+        }
+        seen
+    }
+
+    fn refit(&mut self, needed_m: [f64; 2]) {
+        let quantity = match self.circuit {
+            true => Quantity::CircuitReading,
+            false => Quantity::InductanceUh,
+        };
+        self.fitted = (!self.points.is_empty()).then(|| fit(&self.points, quantity, needed_m));
+    }
+
+    /// How it stands; `covered`: whether the calibration in use has a curve for it.
+    pub fn verdict(&self, covered: bool) -> Verdict {
+        let Some(fitted) = &self.fitted else {
+            return match covered {
+                true => Verdict::Kept,
+                false => Verdict::Uncovered,
+            };
+        };
+        match fitted {
+            _ if self.circuit => Verdict::Redo {
+                why: "the log holds a circuit's own readings, but boards send counts: log frequency or inductance"
+                    .into(),
+                quality: fitted.as_ref().ok().map(|f| f.1),
+            },
+            Ok((_, quality)) => Verdict::Pass(*quality),
+            Err(FitError::TooFew { lengths }) if self.by_hand => {
+                Verdict::Open(format!("{lengths} of at least 10 lengths"))
+            }
+            Err(FitError::Extrapolates {
+                measured_m,
+                needed_m,
+            }) if self.by_hand => Verdict::Open(format!(
+                "{:.0} to {:.0} mm so far; {:.0} to {:.0} mm are needed",
+                measured_m[0] * 1e3,
+                measured_m[1] * 1e3,
+                needed_m[0] * 1e3,
+                needed_m[1] * 1e3
+            )),
+            Err(e) => Verdict::Redo {
+                why: e.to_string(),
+                quality: match e {
+                    FitError::NotMonotone { quality } | FitError::Inaccurate { quality } => {
+                        Some(*quality)
+                    }
+                    _ => None,
+                },
+            },
+        }
+    }
+
+    /// The curve, if it passed.
+    pub fn calibration(&self, i: usize) -> Option<SpringCalibration> {
+        let (curve, quality) = self.fitted.as_ref()?.as_ref().ok()?;
+        (!self.circuit).then(|| SpringCalibration {
+            spring: i + 1,
+            capacitance_f: CAPACITANCE_F,
+            compensation_h: COMPENSATION_H,
+            curve: curve.clone(),
+            quality: *quality,
+        })
+    }
+
+    /// SHA-256 of the log the points are from, if they are all from one.
+    pub fn log_sha256(&self) -> Option<&str> {
+        self.log_sha256.as_deref()
+    }
+}
+
+/// A reading by hand under way.
+#[derive(Clone, Debug)]
+pub struct HandReading {
+    /// Spring, 0-based.
+    pub spring: usize,
+    length_m: f64,
+    since: Option<Stamp>,
+    last_seq: Option<u32>,
+    values_hz: Vec<f64>,
+}
+
+impl HandReading {
+    /// Share of the time done, 0..1.
+    pub fn share(&self, now: Stamp) -> f32 {
+        let since_s = self.since.map_or(0.0, |t| now.since(t));
+        (since_s / HAND_S).clamp(0.0, 1.0) as f32
+    }
+}
+
+/// All springs.
+#[derive(Clone, Debug, Default)]
+pub struct SpringsTake {
+    /// Per spring.
+    pub springs: [SpringTake; SPRINGS],
+    /// The reading by hand under way.
+    pub hand: Option<HandReading>,
+    /// What came of the last reading by hand or log: one sentence; whether it is trouble.
+    pub said: Option<(bool, String)>,
+}
+
+impl SpringsTake {
+    /// Takes the springs `only` (0-based) from a log; what they had is discarded.
+    pub fn take_log(&mut self, log: &BenchLog, only: &[usize], needed_m: [f64; 2]) {
+        let mut taken = Vec::new();
+        for (number, points) in &log.springs {
+            let i = number - 1;
+            if !only.contains(&i) {
+                continue;
+            }
+            let old = &self.springs[i];
+            let again = u32::from(!old.points.is_empty());
+            let mut take = SpringTake {
+                points: points.clone(),
+                circuit: log.quantity == Quantity::CircuitReading,
+                by_hand: false,
+                log_sha256: Some(log.sha256.clone()),
+                fitted: None,
+                redone: old.redone + again,
+            };
+            take.refit(needed_m);
+            self.springs[i] = take;
+            taken.push(i);
+        }
+        let missing: Vec<String> = only
+            .iter()
+            .filter(|i| !taken.contains(i))
+            .map(|i| (i + 1).to_string())
+            .collect();
+        self.said = match missing.is_empty() {
+            true => None,
+            false => Some((
+                true,
+                format!(
+                    "The log has no points of spring {}: what they had is kept.",
+                    missing.join(", ")
+                ),
+            )),
+        };
+    }
+
+    /// Forgets the points of one spring, to capture them anew.
+    pub fn discard(&mut self, i: usize) {
+        let redone = self.springs[i].redone + 1;
+        self.springs[i] = SpringTake {
+            redone,
+            ..SpringTake::default()
+        };
+    }
+
+    /// Begins a reading by hand: spring `i` is at `length_m`.
+    pub fn begin_hand(&mut self, i: usize, length_m: f64) {
+        self.said = None;
+        self.hand = Some(HandReading {
+            spring: i,
+            length_m,
+            since: None,
+            last_seq: None,
+            values_hz: Vec::new(),
+        });
+    }
+
+    /// Takes in a live frame; a reading by hand that is complete becomes a point.
+    pub fn observe(&mut self, raw: &RawFrame, needed_m: [f64; 2]) {
+        let Some(hand) = &mut self.hand else {
+            return;
+        };
+        if hand.last_seq == Some(raw.seq) {
+            return;
+        }
+        hand.last_seq = Some(raw.seq);
+        let since = *hand.since.get_or_insert(raw.stamp);
+        let i = hand.spring;
+        if raw.has_spring(i) {
+            let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
+            hand.values_hz
+                .extend(frequency_hz(counts, ticks, raw.tick_rate_hz));
+        }
+        let waited_s = raw.stamp.since(since);
+        let n = hand.values_hz.len();
+        if waited_s < HAND_S || (n < HAND_FRAMES && waited_s < HAND_PATIENCE_S) {
+            return;
+        }
+        let (length_m, values) = (hand.length_m, std::mem::take(&mut hand.values_hz));
+        self.hand = None;
+        if n < HAND_FRAMES {
+            let text = format!(
+                "Spring {} gives no counts: check its plug, then capture again.",
+                i + 1
+            );
+            self.said = Some((true, text));
+            return;
+        }
+        let mean_hz = values.iter().sum::<f64>() / n as f64;
+        let variance = values.iter().map(|f| (f - mean_hz).powi(2)).sum::<f64>() / n as f64;
+        if variance.sqrt() > HAND_SCATTER_HZ {
+            let text = format!(
+                "Spring {} was not still ({:.1} kHz of scatter): let it rest, then capture again.",
+                i + 1,
+                variance.sqrt() * 1e-3
+            );
+            self.said = Some((true, text));
+            return;
+        }
+        let reading = inductance_h(mean_hz, CAPACITANCE_F, COMPENSATION_H) * 1e6;
+        self.add_by_hand(i, length_m, reading, needed_m);
+        let text = format!(
+            "Spring {} at {:.1} mm reads {reading:.4} µH ({n} frames).",
+            i + 1,
+            length_m * 1e3
+        );
+        self.said = Some((false, text));
+    }
+
+    fn add_by_hand(&mut self, i: usize, length_m: f64, reading: f64, needed_m: [f64; 2]) {
+        let take = &mut self.springs[i];
+        if !take.by_hand {
+            // Points of a bench and of a hand are not mixed: their lengths have other zeros.
+            *take = SpringTake {
+                by_hand: true,
+                redone: take.redone,
+                ..SpringTake::default()
+            };
+        }
+        let direction = match take.points.last() {
+            Some(last) if length_m < last.length_m => Direction::Down,
+            Some(last) if length_m == last.length_m => last.direction,
+            _ => Direction::Up,
+        };
+        take.points.push(BenchPoint {
+            length_m,
+            reading,
+            direction,
+        });
+        take.refit(needed_m);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RANGE_M: [f64; 2] = [0.070, 0.240];
+
+    fn frame(k: u32, frequency_hz: f64) -> RawFrame {
+        let mut raw = RawFrame {
+            seq: k,
+            stamp: Stamp::from_seconds(f64::from(k) * 0.01),
+            tick_rate_hz: 16e6,
+            present: RawFrame::ALL_PRESENT,
+            ..RawFrame::default()
+        };
+        raw.spring_counts = [10_000; SPRINGS];
+        raw.spring_gate_ticks = [(10_000.0 * 16e6 / frequency_hz).round() as u32; SPRINGS];
+        raw
+    }
+
+    #[test]
+    fn a_reading_by_hand_is_the_mean_of_half_a_second_and_knows_its_direction() {
+        let mut take = SpringsTake::default();
+        let mut k = 0;
+        for length_m in [0.100, 0.120, 0.110] {
+            take.begin_hand(4, length_m);
+            for _ in 0..60 {
+                k += 1;
+                take.observe(&frame(k, 1.35e6), RANGE_M);
+            }
+            assert!(take.hand.is_none());
+        }
+        let points = take.springs[4].points();
+        let ways: Vec<_> = points.iter().map(|p| p.direction).collect();
+        assert_eq!(ways, [Direction::Up, Direction::Up, Direction::Down]);
+        let wanted = inductance_h(1.35e6, CAPACITANCE_F, COMPENSATION_H) * 1e6;
+        assert!((points[0].reading - wanted).abs() < 1e-3, "{points:?}");
+        assert_eq!(
+            take.springs[4].verdict(true),
+            Verdict::Open("3 of at least 10 lengths".into())
+        );
+        assert_eq!(take.springs[3].verdict(true), Verdict::Kept);
+        assert_eq!(take.springs[3].verdict(false), Verdict::Uncovered);
+    }
+
+    #[test]
+    fn a_spring_that_moves_or_is_silent_gives_no_point() {
+        let mut take = SpringsTake::default();
+        take.begin_hand(0, 0.1);
+        for k in 0..60 {
+            take.observe(&frame(k, 1.35e6 + 100.0 * f64::from(k)), RANGE_M);
+        }
+        assert!(
+            take.said
+                .as_ref()
+                .is_some_and(|s| s.1.contains("not still"))
+        );
+        take.begin_hand(0, 0.1);
+        for k in 100..410 {
+            let mut f = frame(k, 1.35e6);
+            f.present = 0;
+            take.observe(&f, RANGE_M);
+        }
+        assert!(
+            take.said
+                .as_ref()
+                .is_some_and(|s| s.1.contains("no counts"))
+        );
+        assert!(take.springs[0].points().is_empty());
+    }
+}

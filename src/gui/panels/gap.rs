@@ -1,0 +1,442 @@
+//! The Gap screen: select, locate, explain, patch, prove.
+
+mod chart;
+mod explain;
+mod heat;
+mod locate;
+mod patch;
+mod prove;
+mod select;
+mod views;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use egui::{Button, Layout, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
+
+use super::View;
+use super::widgets::{Gate, badge, empty, gated, note, status};
+use crate::gap::report::Origin;
+use crate::gap::score::Key;
+use crate::gap::{Found, GapError, Verdict};
+use crate::gui::services::gap::PatchedRobot;
+use crate::gui::services::{Job, Services};
+use crate::gui::theme::{Level, Palette};
+use crate::twin::Command;
+
+/// A step of the story.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Step {
+    /// Choose the sessions and run the finder.
+    #[default]
+    Select,
+    /// Where simulation and measurement disagree.
+    Locate,
+    /// Which effect is missing.
+    Explain,
+    /// What is added to the model.
+    Patch,
+    /// What is gained on held-out data.
+    Prove,
+}
+
+impl Step {
+    /// All of them in order.
+    pub const ALL: [Self; 5] = [
+        Self::Select,
+        Self::Locate,
+        Self::Explain,
+        Self::Patch,
+        Self::Prove,
+    ];
+
+    /// Name on screen.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Select => "Select",
+            Self::Locate => "Locate",
+            Self::Explain => "Explain",
+            Self::Patch => "Patch",
+            Self::Prove => "Prove",
+        }
+    }
+
+    fn purpose(self) -> &'static str {
+        match self {
+            Self::Select => "Choose a healthy and a suspect session of the same rig.",
+            Self::Locate => "See where and when simulation and measurement disagree.",
+            Self::Explain => "Which effect is missing, and how sure that is.",
+            Self::Patch => "Add the effect to the model, or not.",
+            Self::Prove => "What is gained on data that were not fitted.",
+        }
+    }
+
+    fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// Something went wrong: what, what follows from it, what to do. One sentence each.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trouble {
+    /// What happened.
+    pub cause: String,
+    /// What follows from it.
+    pub consequence: String,
+    /// What to do.
+    pub remedy: String,
+}
+
+impl Trouble {
+    fn new(cause: impl Into<String>, consequence: &str, remedy: &str) -> Self {
+        Self {
+            cause: cause.into(),
+            consequence: consequence.to_owned(),
+            remedy: remedy.to_owned(),
+        }
+    }
+
+    fn show(&self, ui: &mut Ui) {
+        let p = *Palette::in_ui(ui);
+        egui::Frame::new()
+            .fill(p.warning_fill)
+            .corner_radius(4)
+            .inner_margin(8)
+            .show(ui, |ui| {
+                ui.set_width(ui.available_width());
+                ui.spacing_mut().item_spacing.y = 3.0;
+                let line = |ui: &mut Ui, text: String| {
+                    ui.add(egui::Label::new(RichText::new(text).color(p.text)).wrap());
+                };
+                line(ui, format!("{} {}", Level::Warning.glyph(), self.cause));
+                line(ui, self.consequence.clone());
+                line(ui, format!("→ {}", self.remedy));
+            });
+    }
+}
+
+/// What the operator made of a finding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Decision {
+    /// Not decided yet.
+    #[default]
+    Open,
+    /// The patch is on the robot file.
+    Accepted,
+    /// The patch is not wanted.
+    Rejected,
+}
+
+/// A finding and what is being done with it.
+pub struct Outcome {
+    /// What was found.
+    pub found: Arc<Found>,
+    /// Where the suspect session comes from.
+    pub origin: Origin,
+    /// What the operator decided.
+    pub decision: Decision,
+    /// Which alternative the patch takes, of those that cannot be told apart.
+    pub alternative: usize,
+    /// Where the answer of an example lies.
+    pub answer: Option<PathBuf>,
+    /// What was hidden, once the operator asked.
+    pub revealed: Option<Key>,
+    revealing: Option<Job<Key>>,
+    keeping: Option<(Show, Job<PathBuf>)>,
+    // Folder that holds the report of this finding.
+    kept: Option<PathBuf>,
+}
+
+impl Outcome {
+    fn new(found: Arc<Found>, origin: Origin, answer: Option<PathBuf>) -> Self {
+        Self {
+            found,
+            origin,
+            decision: Decision::Open,
+            alternative: 0,
+            answer,
+            revealed: None,
+            revealing: None,
+            keeping: None,
+            kept: None,
+        }
+    }
+
+    fn patch(&self) -> crate::gap::Patch {
+        patch::chosen(&self.found, self.alternative)
+    }
+
+    /// Whether there is an effect to add.
+    fn adds(&self) -> bool {
+        let verdict = self.found.finding.verdict;
+        matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
+            && !self.found.patch.effects.is_empty()
+    }
+}
+
+/// What is shown once a report is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Show {
+    Page,
+    Overlay,
+}
+
+/// What the screen keeps.
+#[derive(Default)]
+pub struct GapState {
+    /// The step that is shown.
+    pub step: Step,
+    /// What was found last.
+    pub outcome: Option<Outcome>,
+    /// What went wrong last.
+    pub trouble: Option<Trouble>,
+    /// The robot file that carries the accepted patches.
+    pub patched: Option<PatchedRobot>,
+    select: select::Selection,
+    running: Option<Job<Result<Arc<Found>, GapError>>>,
+    patching: Option<(Option<Decision>, Job<PatchedRobot>)>,
+    saving: Option<Job<Option<PathBuf>>>,
+    said: Option<String>,
+    locate: locate::LocateState,
+    asked_for_patches: bool,
+}
+
+impl GapState {
+    /// Whether something is awaited.
+    pub fn busy(&self) -> bool {
+        let outcome = self
+            .outcome
+            .as_ref()
+            .is_some_and(|o| o.revealing.is_some() || o.keeping.is_some());
+        outcome
+            || self.running.is_some()
+            || self.patching.is_some()
+            || self.saving.is_some()
+            || self.select.busy()
+    }
+
+    /// Takes a finding, as if the finder had just made it.
+    pub fn take(&mut self, found: Arc<Found>, origin: Origin, answer: Option<PathBuf>) {
+        self.locate = locate::LocateState::of(&found.finding);
+        self.outcome = Some(Outcome::new(found, origin, answer));
+        self.trouble = None;
+        self.said = None;
+        self.step = Step::Locate;
+    }
+
+    fn poll(&mut self, services: &mut Services) {
+        if !self.asked_for_patches {
+            self.asked_for_patches = true;
+            self.patching = Some((None, (services.gap.patched)()));
+        }
+        if let Some(trouble) = self.select.poll(services) {
+            self.trouble = Some(trouble);
+        }
+        if let Some(answer) = self.running.as_ref().and_then(Job::poll) {
+            self.running = None;
+            match answer {
+                Ok(Ok(found)) => {
+                    let (origin, answer) = (self.select.origin(), self.select.answer());
+                    self.take(found, origin, answer);
+                }
+                Ok(Err(e)) => self.trouble = Some(trouble_of(&e)),
+                Err(e) => {
+                    self.trouble = Some(Trouble::new(
+                        e,
+                        "There is no verdict.",
+                        "Choose a session folder, a session.toml, a .csv table or a recording (.rrd).",
+                    ));
+                }
+            }
+        }
+        if let Some((decision, answer)) = self
+            .patching
+            .as_ref()
+            .and_then(|(d, job)| Some((*d, job.poll()?)))
+        {
+            self.patching = None;
+            match answer {
+                Ok(robot) => {
+                    self.patched = Some(robot);
+                    if let (Some(outcome), Some(decision)) = (&mut self.outcome, decision) {
+                        outcome.decision = decision;
+                    }
+                }
+                Err(e) => {
+                    self.trouble = Some(Trouble::new(
+                        e,
+                        "The robot file is as it was.",
+                        "Mend what is named above, then try again.",
+                    ));
+                }
+            }
+        }
+        prove::poll(self, services);
+        explain::poll(self);
+    }
+
+    fn gate(&self, step: Step) -> Gate {
+        if step == Step::Select {
+            return Ok(());
+        }
+        if self.running.is_some() {
+            return Err("The finder is at work: wait, or cancel it.".into());
+        }
+        match self.outcome {
+            Some(_) => Ok(()),
+            None => Err("Nothing was looked at yet: choose sessions and press Find.".into()),
+        }
+    }
+
+    // Whether a step is behind the operator.
+    fn done(&self, step: Step) -> bool {
+        match (&self.outcome, step) {
+            (None, _) => false,
+            (Some(o), Step::Patch) => o.decision != Decision::Open,
+            (Some(_), Step::Select) => true,
+            (Some(_), step) => self.step.index() > step.index(),
+        }
+    }
+}
+
+fn trouble_of(e: &GapError) -> Trouble {
+    let remedy = match e {
+        GapError::TooShort { .. } => "Record a longer session: 90 s are a good length.",
+        GapError::Still { .. } => "Drive the arm through its range and record again.",
+        GapError::NoPressure { .. } | GapError::NoCommand { .. } => {
+            "Record the measured pressures of all chambers."
+        }
+        GapError::NothingCommon => "Choose two sessions in which the same sensors were measured.",
+        GapError::OtherRobot { .. } => {
+            "Choose a session of this robot, or start with the robot file it was recorded with (--robot)."
+        }
+        GapError::Degenerate | GapError::Sim(_) => {
+            "Look into the session with springtwin inspect, and leave out what is damaged."
+        }
+        GapError::Stopped => "Press Find to begin again.",
+    };
+    let mut cause = e.to_string();
+    if let Some(first) = cause.get(..1) {
+        cause = first.to_uppercase() + &cause[1..];
+    }
+    Trouble::new(
+        cause,
+        "There is no verdict, and nothing was changed.",
+        remedy,
+    )
+}
+
+/// The screen.
+pub fn ui(
+    ui: &mut Ui,
+    _live: &View<'_>,
+    state: &mut GapState,
+    services: &mut Services,
+    _commands: &mut Vec<Command>,
+) {
+    state.poll(services);
+    if state.busy() {
+        ui.ctx().request_repaint_after(Duration::from_millis(100));
+    }
+    stepper(ui, state);
+    if let Some(trouble) = &state.trouble {
+        let mut close = false;
+        ui.horizontal_top(|ui| {
+            let width = ui.available_width() - 40.0;
+            ui.allocate_ui(vec2(width, 0.0), |ui| trouble.show(ui));
+            close = ui
+                .button("×")
+                .accessible_name("Close the message")
+                .on_hover_text("Close the message")
+                .clicked();
+        });
+        if close {
+            state.trouble = None;
+        }
+    }
+    match state.step {
+        Step::Select => select::ui(ui, state, services),
+        _ if state.outcome.is_none() => empty(
+            ui,
+            "Nothing was looked at yet",
+            "Go back to Select and press Find.",
+        ),
+        Step::Locate => locate::ui(ui, state),
+        Step::Explain => explain::ui(ui, state, services),
+        Step::Patch => patch::ui(ui, state, services),
+        Step::Prove => prove::ui(ui, state, services),
+    }
+}
+
+fn stepper(ui: &mut Ui, state: &mut GapState) {
+    let p = *Palette::in_ui(ui);
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for step in Step::ALL {
+            if step != Step::Select {
+                ui.label(RichText::new("›").color(p.weak));
+            }
+            let glyph = if state.done(step) { "●" } else { "○" };
+            let current = state.step == step;
+            let text = format!("{glyph} {} {}", step.index() + 1, step.name());
+            let mut button = Button::new(RichText::new(text).color(p.text));
+            if current {
+                button = button.fill(p.selected).stroke(Stroke::new(1.0, p.text));
+            }
+            let gate = state.gate(step);
+            let response = gated(ui, &gate, button, step.purpose());
+            response.widget_info(|| {
+                WidgetInfo::selected(
+                    Role::Button,
+                    gate.is_ok(),
+                    current,
+                    format!("Step {}: {}", step.index() + 1, step.name()),
+                )
+            });
+            if response.clicked() {
+                state.step = step;
+            }
+        }
+        if let Some(outcome) = &state.outcome {
+            ui.add_space(10.0);
+            let data = &outcome.found.finding.data;
+            let of = |key: &str| data.get(key).map_or("factory model", String::as_str);
+            if outcome.origin == Origin::Simulated {
+                badge(ui, "simulated", p.raised, p.text)
+                    .on_hover_text("All figures of this finding come from a virtual rig");
+            }
+            note(ui, format!("{} → {}", of("baseline"), of("session")))
+                .on_hover_text("The healthy and the suspect session of this finding");
+        }
+        ui.with_layout(Layout::right_to_left(egui::Align::Center), |ui| {
+            let next = Step::ALL.get(state.step.index() + 1).copied();
+            let gate = match next {
+                Some(step) => state.gate(step),
+                None => Err("This is the last step.".into()),
+            };
+            let hover = next.map_or("", Step::purpose);
+            if gated(ui, &gate, Button::new("Next ›"), hover).clicked()
+                && let Some(step) = next
+            {
+                state.step = step;
+            }
+            let back = state.step.index().checked_sub(1).map(|i| Step::ALL[i]);
+            let gate = match back {
+                Some(_) => Ok(()),
+                None => Err("This is the first step.".into()),
+            };
+            let hover = back.map_or("", Step::purpose);
+            if gated(ui, &gate, Button::new("‹ Back"), hover).clicked()
+                && let Some(step) = back
+            {
+                state.step = step;
+            }
+            if state.running.is_some() {
+                ui.spinner();
+                status(ui, Level::Normal, "finder at work");
+            }
+        });
+    });
+    ui.add_space(2.0);
+}

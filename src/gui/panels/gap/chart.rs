@@ -1,0 +1,252 @@
+//! Lines over the time of a session, thinned out to what the screen can show.
+
+use std::ops::RangeInclusive;
+
+use egui::{Color32, RichText, Role, Sense, Ui, WidgetInfo};
+use egui_plot::{
+    Axis, GridMark, HoverPosition, LineStyle, Plot, PlotBounds, PlotPoints, Span, VLine,
+};
+
+use crate::gui::panels::plot::{Dash, swatch};
+use crate::gui::panels::widgets::number;
+use crate::gui::theme::Palette;
+
+/// A line of a [`Chart`].
+pub struct Line {
+    /// Name in the legend.
+    pub name: &'static str,
+    /// Colour.
+    pub color: Color32,
+    /// Stroke.
+    pub dash: Dash,
+    /// Values, one per time.
+    pub values: Vec<f64>,
+}
+
+/// A chart over time.
+pub struct Chart<'a> {
+    /// Title with unit; also what a screen reader says.
+    pub title: &'a str,
+    /// Unit of the values.
+    pub unit: &'a str,
+    /// Times, s.
+    pub t_s: &'a [f64],
+    /// Lines, first at the back.
+    pub lines: Vec<Line>,
+    /// What is shown of the time, s.
+    pub range_s: [f64; 2],
+    /// A vertical line, s.
+    pub mark_s: Option<f64>,
+    /// Half of a grey band around zero: what a healthy rig stays within.
+    pub band: Option<f64>,
+    /// The vertical axis never shows less than this.
+    pub min_span: f64,
+    /// Whether the names of the lines are shown.
+    pub legend: bool,
+}
+
+/// Indices within a range of time.
+fn within(t_s: &[f64], [from, to]: [f64; 2]) -> std::ops::Range<usize> {
+    let a = t_s.partition_point(|t| *t < from);
+    let b = t_s.partition_point(|t| *t <= to);
+    a..b.max(a)
+}
+
+/// At most two points per column: the smallest and the largest value. Pieces end where values are missing.
+fn thinned(t_s: &[f64], values: &[f64], columns: usize) -> Vec<Vec<[f64; 2]>> {
+    let n = t_s.len().min(values.len());
+    let columns = columns.max(1);
+    let mut pieces = vec![Vec::new()];
+    let mut add = |point: Option<[f64; 2]>| match (point, pieces.last_mut()) {
+        (Some(p), Some(piece)) => piece.push(p),
+        (None, Some(piece)) if !piece.is_empty() => pieces.push(Vec::new()),
+        _ => {}
+    };
+    if n <= 2 * columns {
+        for k in 0..n {
+            add(values[k].is_finite().then_some([t_s[k], values[k]]));
+        }
+    } else {
+        for c in 0..columns {
+            let some = c * n / columns..(c + 1) * n / columns;
+            let finite = || some.clone().filter(|k| values[*k].is_finite());
+            let low = finite().min_by(|a, b| values[*a].total_cmp(&values[*b]));
+            let high = finite().max_by(|a, b| values[*a].total_cmp(&values[*b]));
+            match low.zip(high) {
+                Some((a, b)) => {
+                    for k in [a.min(b), a.max(b)] {
+                        add(Some([t_s[k], values[k]]));
+                    }
+                }
+                None => add(None),
+            }
+        }
+    }
+    pieces.retain(|p| !p.is_empty());
+    pieces
+}
+
+/// Round steps (1, 2, 5 · 10ⁿ) so that at most `count` marks fall into the range.
+fn marks([low, high]: [f64; 2], count: f32) -> Vec<GridMark> {
+    let raw = (high - low) / f64::from(count.max(2.0));
+    if !(raw.is_finite() && raw > 0.0) {
+        return Vec::new();
+    }
+    let decade = 10_f64.powf(raw.log10().floor());
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade);
+    let step = steps.into_iter().find(|s| *s >= raw).unwrap_or(steps[3]);
+    let (first, last) = ((low / step).ceil() as i64, (high / step).floor() as i64);
+    let mark = |i: i64| GridMark {
+        value: i as f64 * step,
+        step_size: step,
+    };
+    (first..=last).map(mark).collect()
+}
+
+impl Chart<'_> {
+    /// Draws it; tells the instant that was clicked, s.
+    pub fn show(&self, ui: &mut Ui, height: f32) -> Option<f64> {
+        let p = *Palette::in_ui(ui);
+        let top = ui.cursor().top();
+        self.head(ui, &p);
+        let height = (height - (ui.cursor().top() - top)).max(40.0);
+        let width = ui.available_width();
+        let some = within(self.t_s, self.range_s);
+        let mut low = self.band.map_or(f64::INFINITY, |b| -b);
+        let mut high = self.band.unwrap_or(f64::NEG_INFINITY);
+        for v in self.lines.iter().filter_map(|l| l.values.get(some.clone())) {
+            for v in v.iter().filter(|v| v.is_finite()) {
+                (low, high) = (low.min(*v), high.max(*v));
+            }
+        }
+        if !low.is_finite() {
+            (low, high) = (0.0, 0.0);
+        }
+        let (middle, half) = (
+            0.5 * (low + high),
+            (0.54 * (high - low)).max(0.5 * self.min_span),
+        );
+        let bounds = PlotBounds::from_min_max(
+            [self.range_s[0], middle - half],
+            [self.range_s[1], middle + half],
+        );
+        let decimals = if half < 2.5 { 1 } else { 0 };
+        let (unit, range_s) = (self.unit, self.range_s);
+        let shown = Plot::new(self.title)
+            .height(height)
+            .width(width)
+            .allow_drag(false)
+            .allow_zoom(false)
+            .allow_scroll(false)
+            .allow_boxed_zoom(false)
+            .allow_double_click_reset(false)
+            .allow_axis_zoom_drag(false)
+            .sense(Sense::click())
+            .y_axis_min_width(40.0)
+            .y_axis_formatter(move |m, _: &RangeInclusive<f64>| number(m.value, decimals))
+            .x_axis_formatter(|m, _: &RangeInclusive<f64>| format!("{} s", number(m.value, 0)))
+            .x_grid_spacer(move |_| marks(range_s, width / 60.0))
+            .y_grid_spacer(move |_| marks([middle - half, middle + half], height / 26.0))
+            .grid_color(p.line)
+            .grid_fade(0.0)
+            .label_formatter(move |at| match at {
+                HoverPosition::NearDataPoint {
+                    plot_name,
+                    position,
+                    ..
+                } => Some(format!(
+                    "{plot_name}\n{} {unit} at {} s",
+                    number(position.y, 2),
+                    number(position.x, 1)
+                )),
+                HoverPosition::Elsewhere { .. } => None,
+            })
+            .show(ui, |plot| {
+                plot.set_plot_bounds(bounds);
+                if let Some(b) = self.band {
+                    let span = Span::new("", -b..=b)
+                        .axis(Axis::Y)
+                        .fill(p.line.gamma_multiply(0.5))
+                        .border_width(0.0);
+                    plot.span(span);
+                }
+                for line in &self.lines {
+                    let Some(values) = line.values.get(some.clone()) else {
+                        continue;
+                    };
+                    let style = match line.dash {
+                        Dash::Solid => LineStyle::Solid,
+                        Dash::Dashed => LineStyle::dashed_dense(),
+                    };
+                    for piece in thinned(&self.t_s[some.clone()], values, width as usize) {
+                        let drawn = egui_plot::Line::new(line.name, PlotPoints::from(piece))
+                            .color(line.color)
+                            .width(1.5)
+                            .allow_band(false)
+                            .style(style);
+                        plot.line(drawn);
+                    }
+                }
+                if let Some(t) = self.mark_s {
+                    let mark = VLine::new("selected", t).color(p.text).width(1.0);
+                    plot.vline(mark.allow_hover(false));
+                }
+                plot.pointer_coordinate()
+            });
+        shown
+            .response
+            .widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
+        let clicked = shown.response.clicked();
+        clicked.then_some(shown.inner?.x)
+    }
+
+    fn head(&self, ui: &mut Ui, p: &Palette) {
+        let row = ui.spacing().interact_size.y;
+        ui.spacing_mut().interact_size.y = 16.0;
+        ui.horizontal(|ui| {
+            ui.label(RichText::new(self.title).small());
+            if !self.legend {
+                return;
+            }
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                ui.spacing_mut().item_spacing.x = 5.0;
+                for line in self.lines.iter().rev() {
+                    ui.label(RichText::new(line.name).small().color(p.weak));
+                    swatch(ui, line.color, line.dash);
+                    ui.add_space(4.0);
+                }
+            });
+        });
+        ui.spacing_mut().interact_size.y = row;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thinning_keeps_extremes_and_breaks_at_gaps() {
+        let n = 10_000;
+        let t: Vec<f64> = (0..n).map(|k| k as f64).collect();
+        let mut y = vec![0.0; n];
+        y[4567] = 9.0;
+        y[7000..8000].fill(f64::NAN);
+        let pieces = thinned(&t, &y, 100);
+        assert_eq!(pieces.len(), 2);
+        assert!(pieces.iter().map(Vec::len).sum::<usize>() <= 200);
+        assert!(pieces[0].iter().any(|p| p[1] == 9.0));
+        let few = thinned(&t[..5], &[1.0, f64::NAN, 2.0, 3.0, f64::NAN], 100);
+        assert_eq!(few, [vec![[0.0, 1.0]], vec![[2.0, 2.0], [3.0, 3.0]]]);
+        let round = |range, count| {
+            marks(range, count)
+                .iter()
+                .map(|m| m.value)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(round([-3.0, 12.0], 4.0), [0.0, 5.0, 10.0]);
+        assert!(round([1.0, 1.0], 4.0).is_empty());
+        assert_eq!(within(&t, [10.0, 12.0]), 10..13);
+        assert_eq!(within(&t, [20_000.0, 3.0]), n..n);
+    }
+}

@@ -1,0 +1,262 @@
+//! Patch: what would be added to the model, accept, reject, undo.
+
+use egui::{Button, RichText, ScrollArea, Ui, vec2};
+
+use super::explain::parameters;
+use super::{Decision, GapState, Outcome};
+use crate::gap::report::{effect_name, next_step, verdict_name};
+use crate::gap::{Found, FoundEffect, Patch, Verdict};
+use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::{Gate, gated, heading, note, status};
+use crate::gui::services::Services;
+use crate::gui::services::gap::PatchedRobot;
+use crate::gui::theme::{Level, Palette};
+use crate::robot::PatchEffect;
+
+/// Whether the operator has a choice of effects: a set of single effects that cannot be told apart.
+fn alternatives(found: &Found) -> &[FoundEffect] {
+    let finding = &found.finding;
+    if finding.verdict == Verdict::Indistinguishable && found.patch.effects.len() == 1 {
+        &finding.effects
+    } else {
+        &[]
+    }
+}
+
+/// The patch with the chosen one of the alternatives.
+pub fn chosen(found: &Found, alternative: usize) -> Patch {
+    let mut patch = found.patch.clone();
+    if let Some(e) = alternatives(found).get(alternative) {
+        patch.effects = vec![PatchEffect {
+            id: e.id.clone(),
+            target: e.target,
+            params: e.params.clone(),
+        }];
+    }
+    patch
+}
+
+/// The step.
+pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    let height = ui.available_height();
+    ui.horizontal_top(|ui| {
+        let left = ui.available_width() * 0.5;
+        ui.allocate_ui(vec2(left, height), |ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                if let Some(outcome) = &mut state.outcome {
+                    what(ui, outcome);
+                }
+            });
+        });
+        ui.vertical(|ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                decide(ui, state, services);
+                ui.separator();
+                accepted(ui, state, services);
+            });
+        });
+    });
+}
+
+fn what(ui: &mut Ui, outcome: &mut Outcome) {
+    let p = *Palette::in_ui(ui);
+    if !outcome.adds() {
+        ui.label(RichText::new("No patch is offered").heading());
+        let finding = &outcome.found.finding;
+        ui.label(format!(
+            "The verdict is “{}”.",
+            verdict_name(finding.verdict)
+        ));
+        note(ui, next_step(finding));
+        return;
+    }
+    ui.label(RichText::new("What would be added to the model").heading());
+    let others = alternatives(&outcome.found);
+    if others.len() > 1 {
+        status(
+            ui,
+            Level::Warning,
+            "These cannot be told apart on this session: choose one, or record the session that separates \
+             them first.",
+        );
+        for (i, e) in others.iter().enumerate() {
+            ui.radio_value(&mut outcome.alternative, i, effect_name(&e.id, e.target))
+                .on_hover_text("Put this one into the patch");
+        }
+        ui.separator();
+    }
+    let patch = outcome.patch();
+    let effects = &outcome.found.finding.effects;
+    for e in &patch.effects {
+        if let Some(found) = effects
+            .iter()
+            .find(|f| f.id == e.id && f.target == e.target)
+        {
+            parameters(ui, found);
+        }
+    }
+    note(
+        ui,
+        format!(
+            "With it go {} numbers of this rig that differ from the nominal one, from the healthy session.",
+            patch.rig.len()
+        ),
+    );
+    ui.separator();
+    heading(ui, "The patch as it is written (TOML)");
+    let text = patch.to_toml();
+    egui::Frame::new()
+        .fill(p.sunken)
+        .corner_radius(3)
+        .inner_margin(6)
+        .show(ui, |ui| {
+            ui.set_min_size(ui.available_size());
+            ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+                ui.add(
+                    egui::Label::new(RichText::new(text.as_str()).monospace())
+                        .extend()
+                        .selectable(true),
+                );
+            });
+        });
+}
+
+/// Whether the patch can be accepted.
+fn gate(outcome: &Outcome, patched: Option<&PatchedRobot>) -> Gate {
+    if !outcome.adds() {
+        return Err("There is no effect to add.".into());
+    }
+    let Some(patched) = patched else {
+        return Err("The robot file is being read.".into());
+    };
+    let patch = outcome.patch();
+    if patched.robot.patches.iter().any(|a| a.patch == patch) {
+        return Err("The robot file carries this patch already.".into());
+    }
+    if patched.robot.hash != patch.robot {
+        return Err(format!(
+            "{} carries patches that this finding does not know: undo them, or start with that file and \
+             look again.",
+            patched.path.display()
+        ));
+    }
+    Ok(())
+}
+
+fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    let Some(outcome) = &mut state.outcome else {
+        return;
+    };
+    ui.label(RichText::new("Your decision").strong());
+    let idle = match state.patching {
+        Some(_) => Err("The robot file is being written.".to_owned()),
+        None => Ok(()),
+    };
+    let accept = idle
+        .clone()
+        .and_then(|()| gate(outcome, state.patched.as_ref()));
+    ui.horizontal(|ui| {
+        let button = Button::new(RichText::new("Accept").strong()).min_size(vec2(96.0, 32.0));
+        let hover =
+            "Write a copy of the robot file with the patch at its end; it can be taken back";
+        if gated(ui, &accept, button, hover).clicked() {
+            let job = (services.gap.accept)(&outcome.patch());
+            state.patching = Some((Some(Decision::Accepted), job));
+        }
+        let reject = match outcome.decision {
+            Decision::Accepted => Err("It was accepted: undo it below.".to_owned()),
+            Decision::Rejected => Err("It is rejected already.".to_owned()),
+            Decision::Open if !outcome.adds() => Err("There is no effect to reject.".to_owned()),
+            Decision::Open => Ok(()),
+        };
+        let button = Button::new("Reject").min_size(vec2(96.0, 32.0));
+        if gated(ui, &reject, button, "Leave the model as it is").clicked() {
+            outcome.decision = Decision::Rejected;
+        }
+        if state.patching.is_some() {
+            ui.spinner();
+        }
+    });
+    match outcome.decision {
+        Decision::Accepted => {
+            ui.label("● Accepted: the patch is on the robot file below.");
+        }
+        Decision::Rejected => {
+            ui.label("○ Rejected: the model stays as it is. Accept still works.");
+        }
+        Decision::Open => {
+            if let Err(reason) = &accept {
+                note(ui, reason.as_str());
+            } else {
+                note(
+                    ui,
+                    "A patch that closes a gap is no proof that the effect is real, and a fault that can \
+                     be mended is better mended than modelled.",
+                );
+            }
+        }
+    }
+}
+
+fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    let p = *Palette::in_ui(ui);
+    ui.label(RichText::new("Accepted patches").strong());
+    let Some(patched) = &state.patched else {
+        note(ui, "The robot file is being read…");
+        return;
+    };
+    let patches = &patched.robot.patches;
+    if patches.is_empty() {
+        note(ui, "None: the robot file is as it came.");
+        return;
+    }
+    for (i, a) in patches.iter().enumerate() {
+        let names: Vec<String> = a
+            .patch
+            .effects
+            .iter()
+            .map(|e| effect_name(&e.id, e.target))
+            .collect();
+        let what = match names.is_empty() {
+            true => "numbers of the rig".to_owned(),
+            false => names.join("; "),
+        };
+        ui.horizontal(|ui| {
+            ui.label(format!("{}. {what}", i + 1));
+            ui.label(RichText::new(&a.patch.name).small().color(p.weak));
+        });
+    }
+    let gate = match state.patching {
+        Some(_) => Err("The robot file is being written.".to_owned()),
+        None => Ok(()),
+    };
+    ui.horizontal(|ui| {
+        let button = Button::new("↶ Undo the last patch");
+        let hover = "Take the last patch off; the file is then as before, byte for byte";
+        if gated(ui, &gate, button, hover).clicked() {
+            let was = state.outcome.as_ref().map(|o| o.decision);
+            let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
+            state.patching = Some((back, (services.gap.undo)()));
+        }
+        note(ui, "Patches stack: the last goes first.");
+    });
+    ui.add_space(6.0);
+    let command = format!("springtwin --robot \"{}\"", patched.path.display());
+    heading(
+        ui,
+        "The running twin keeps its model. The patch acts from the next start with",
+    );
+    ui.horizontal_wrapped(|ui| {
+        ui.label(RichText::new(&command).monospace());
+        if ui
+            .button("Copy")
+            .accessible_name("Copy the command")
+            .on_hover_text("Copy the command")
+            .clicked()
+        {
+            ui.ctx().copy_text(command.clone());
+        }
+    });
+}

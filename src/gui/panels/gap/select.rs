@@ -1,0 +1,613 @@
+//! Select: a healthy and a suspect session, an example, and the finder at work.
+
+use std::path::{Path, PathBuf};
+
+use egui::{Button, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, vec2};
+
+use super::{GapState, Trouble};
+use crate::gap::report::Origin;
+use crate::gap::{SECONDS_MIN, Stage};
+use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::{
+    Gate, badge, cell, cell_left, gated, heading, minutes, note, number, status,
+};
+use crate::gui::services::gap::{ExamplePair, RobotMatch, SessionSheet};
+use crate::gui::services::{Dialog, DialogKind, Job, RecordingEntry, Services};
+use crate::gui::theme::{Level, Palette};
+
+/// What a session is chosen for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Healthy,
+    Suspect,
+}
+
+impl Part {
+    const ALL: [Self; 2] = [Self::Healthy, Self::Suspect];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Healthy => "healthy",
+            Self::Suspect => "suspect",
+        }
+    }
+
+    fn title(self) -> &'static str {
+        match self {
+            Self::Healthy => "Healthy session (commissioning)",
+            Self::Suspect => "Suspect session",
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Healthy => {
+                "Recorded when the rig was in order. Optional: without it the factory model is the \
+                 baseline, and every verdict is weaker."
+            }
+            Self::Suspect => "Recorded now, of the same rig. Something may be wrong in it.",
+        }
+    }
+}
+
+/// One chosen session.
+#[derive(Default)]
+struct Slot {
+    text: String,
+    looking: Option<Job<SessionSheet>>,
+    sheet: Option<Result<SessionSheet, String>>,
+}
+
+impl Slot {
+    fn choose(&mut self, path: &Path, services: &mut Services) {
+        self.text = path.display().to_string();
+        self.sheet = None;
+        self.looking = Some((services.gap.look)(path));
+    }
+
+    fn known(&self) -> Option<&SessionSheet> {
+        self.sheet.as_ref()?.as_ref().ok()
+    }
+}
+
+/// What is chosen.
+#[derive(Default)]
+pub struct Selection {
+    slots: [Slot; 2],
+    library: Vec<RecordingEntry>,
+    scanned: bool,
+    scanning: Option<Job<Vec<RecordingEntry>>>,
+    picking: Option<(Part, Job<Option<PathBuf>>)>,
+    making: Option<Job<ExamplePair>>,
+    example: Option<ExamplePair>,
+    examples_made: u64,
+    simulated: bool,
+}
+
+impl Selection {
+    pub fn busy(&self) -> bool {
+        self.scanning.is_some()
+            || self.picking.is_some()
+            || self.making.is_some()
+            || self.slots.iter().any(|s| s.looking.is_some())
+    }
+
+    /// Where the suspect session comes from, as far as it or the operator says.
+    pub fn origin(&self) -> Origin {
+        let says = self.slots[1].known().and_then(|s| s.simulated);
+        if says.unwrap_or(self.simulated) {
+            Origin::Simulated
+        } else {
+            Origin::Measured
+        }
+    }
+
+    /// Where the answer lies, when the example is what is looked at.
+    pub fn answer(&self) -> Option<PathBuf> {
+        let example = self.example.as_ref()?;
+        let suspect = &self.slots[1].known()?.path;
+        (*suspect == example.suspect).then(|| example.answer.clone())
+    }
+
+    /// Takes what has come.
+    pub fn poll(&mut self, services: &mut Services) -> Option<Trouble> {
+        let mut trouble = None;
+        let Self { slots, example, .. } = self;
+        for slot in slots {
+            if let Some(sheet) = slot.looking.as_ref().and_then(Job::poll) {
+                slot.looking = None;
+                slot.sheet = Some(sheet.map(|sheet| {
+                    let made = example.as_ref();
+                    let made =
+                        made.is_some_and(|e| e.healthy == sheet.path || e.suspect == sheet.path);
+                    SessionSheet {
+                        simulated: if made { Some(true) } else { sheet.simulated },
+                        ..sheet
+                    }
+                }));
+            }
+        }
+        if let Some(found) = self.scanning.as_ref().and_then(Job::poll) {
+            self.scanning = None;
+            match found {
+                Ok(entries) => self.library = entries,
+                Err(e) => {
+                    trouble = Some(Trouble::new(
+                        e,
+                        "The library is not shown.",
+                        "Type the path of a session, or browse for it.",
+                    ));
+                }
+            }
+        }
+        if let Some((part, answer)) = self
+            .picking
+            .as_ref()
+            .and_then(|(part, job)| Some((*part, job.poll()?)))
+        {
+            self.picking = None;
+            match answer {
+                Ok(Some(path)) => self.slots[part as usize].choose(&path, services),
+                Ok(None) => {}
+                Err(e) => {
+                    trouble = Some(Trouble::new(
+                        e,
+                        "No file was chosen.",
+                        "Type the path of the session instead.",
+                    ));
+                }
+            }
+        }
+        if let Some(made) = self.making.as_ref().and_then(Job::poll) {
+            self.making = None;
+            match made {
+                Ok(pair) => {
+                    self.slots[0].choose(&pair.healthy, services);
+                    self.slots[1].choose(&pair.suspect, services);
+                    self.example = Some(pair);
+                }
+                Err(e) => {
+                    trouble = Some(Trouble::new(
+                        e,
+                        "There is no example.",
+                        "Make two sessions with springtwin rig session, or choose recordings.",
+                    ));
+                }
+            }
+        }
+        trouble
+    }
+
+    /// Whether the finder can be run.
+    fn gate(&self) -> Gate {
+        if self.making.is_some() {
+            return Err("The example is being made.".into());
+        }
+        if self.slots.iter().any(|s| s.looking.is_some()) {
+            return Err("A session is being read.".into());
+        }
+        for (part, slot) in Part::ALL.into_iter().zip(&self.slots) {
+            match &slot.sheet {
+                None if part == Part::Healthy && slot.text.trim().is_empty() => {}
+                None => {
+                    return Err(match slot.text.trim().is_empty() {
+                        true => format!("Choose a {} session first.", part.name()),
+                        false => format!("Press Enter to read the {} session.", part.name()),
+                    });
+                }
+                Some(Err(_)) => {
+                    return Err(format!("The {} session could not be read.", part.name()));
+                }
+                Some(Ok(sheet)) => {
+                    if let Some(trouble) = trouble_with(sheet) {
+                        return Err(format!(
+                            "The {} session: {} {}",
+                            part.name(),
+                            trouble.cause,
+                            trouble.remedy
+                        ));
+                    }
+                }
+            }
+        }
+        let both = (self.slots[0].known(), self.slots[1].known());
+        if let (Some(a), Some(b)) = both
+            && a.path == b.path
+        {
+            return Err("The healthy and the suspect session are the same file.".into());
+        }
+        Ok(())
+    }
+}
+
+// What keeps a session from being used.
+fn trouble_with(sheet: &SessionSheet) -> Option<Trouble> {
+    if let RobotMatch::Other { recorded, given } = &sheet.robot {
+        return Some(Trouble::new(
+            format!("Recorded with robot file {recorded}; this twin runs with {given}."),
+            "The session cannot be compared with this model.",
+            "Choose a session of this robot, or start with --robot FILE.",
+        ));
+    }
+    if sheet.seconds < SECONDS_MIN {
+        return Some(Trouble::new(
+            format!("{} s long.", number(sheet.seconds, 0)),
+            "That is too short to tell an effect from noise.",
+            &format!(
+                "Record at least {} s; 90 s are good.",
+                number(SECONDS_MIN, 0)
+            ),
+        ));
+    }
+    None
+}
+
+/// The step.
+pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    if !state.select.scanned {
+        state.select.scanned = true;
+        state.select.scanning = Some((services.scan)());
+    }
+    let free = state.running.is_none();
+    let height = 244.0;
+    ui.horizontal_top(|ui| {
+        let width = (ui.available_width() - 8.0) / 2.0;
+        for part in Part::ALL {
+            ui.allocate_ui(vec2(width, height), |ui| {
+                card(ui, |ui| {
+                    ui.set_min_size(vec2(ui.available_width(), height - 20.0));
+                    ui.add_enabled_ui(free, |ui| {
+                        slot(ui, part, &mut state.select, services);
+                    });
+                });
+            });
+        }
+    });
+    ui.horizontal_top(|ui| {
+        let height = ui.available_height();
+        let left = ui.available_width() * 0.56;
+        ui.allocate_ui(vec2(left, height), |ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                ui.add_enabled_ui(free, |ui| library(ui, &mut state.select, services));
+            });
+        });
+        ui.vertical(|ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                run(ui, state, services);
+            });
+        });
+    });
+}
+
+fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Services) {
+    let Selection {
+        slots,
+        picking,
+        simulated,
+        ..
+    } = selection;
+    let slot = &mut slots[part as usize];
+    ui.label(RichText::new(part.title()).strong());
+    ui.horizontal(|ui| {
+        let width = ui.available_width() - 128.0;
+        let edit = ui
+            .add(
+                TextEdit::singleline(&mut slot.text)
+                    .desired_width(width)
+                    .hint_text("session folder, session.toml, .csv or .rrd"),
+            )
+            .accessible_name(format!("Path of the {} session", part.name()))
+            .on_hover_text("Path of a session log or a recording; Enter reads it");
+        if edit.changed() {
+            slot.sheet = None;
+            slot.looking = None;
+        }
+        let entered = edit.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+        if entered && !slot.text.trim().is_empty() {
+            let path = PathBuf::from(slot.text.trim());
+            slot.choose(&path, services);
+        }
+        let gate = match picking {
+            Some(_) => Err("A dialog is open.".to_owned()),
+            None => Ok(()),
+        };
+        let browse = gated(ui, &gate, Button::new("Browse…"), "Choose a file");
+        if browse
+            .accessible_name(format!("Browse for the {} session", part.name()))
+            .clicked()
+        {
+            let dialog = Dialog {
+                title: part.title().to_owned(),
+                kind: DialogKind::Open,
+                filter: Some((
+                    "sessions".to_owned(),
+                    ["rrd", "toml", "csv"].map(str::to_owned).to_vec(),
+                )),
+                name: String::new(),
+            };
+            *picking = Some((part, (services.pick)(dialog)));
+        }
+        let gate = match slot.text.is_empty() {
+            true => Err("Nothing is chosen.".to_owned()),
+            false => Ok(()),
+        };
+        let clear = gated(ui, &gate, Button::new("×"), "Choose none");
+        if clear
+            .accessible_name(format!("Clear the {} session", part.name()))
+            .clicked()
+        {
+            *slot = Slot::default();
+        }
+    });
+    if slot.looking.is_some() {
+        ui.horizontal(|ui| {
+            ui.spinner();
+            note(ui, "Reading the session…");
+        });
+        return;
+    }
+    match &slot.sheet {
+        None => {
+            note(ui, part.words());
+        }
+        Some(Err(e)) => Trouble::new(
+            e.clone(),
+            "The session is not used.",
+            "Choose another file, or look into it with springtwin inspect.",
+        )
+        .show(ui),
+        Some(Ok(sheet)) => {
+            facts(ui, sheet);
+            if let Some(trouble) = trouble_with(sheet) {
+                trouble.show(ui);
+            } else if part == Part::Suspect && sheet.simulated.is_none() {
+                ui.checkbox(simulated, "These data are simulated")
+                    .on_hover_text(
+                        "The log does not say. Every figure is then labelled as simulated.",
+                    );
+            }
+        }
+    }
+}
+
+fn facts(ui: &mut Ui, sheet: &SessionSheet) {
+    let p = *Palette::in_ui(ui);
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(&sheet.name).strong());
+        let origin = match sheet.simulated {
+            Some(true) => "simulated",
+            Some(false) => "hardware",
+            None => "origin not told",
+        };
+        badge(ui, origin, p.raised, p.text).on_hover_text("Where the data come from");
+    });
+    ui.spacing_mut().item_spacing.y = 3.0;
+    ui.spacing_mut().interact_size.y = 20.0;
+    let row = |ui: &mut Ui, name: &str, text: String| {
+        ui.horizontal(|ui| {
+            cell_left(ui, 76.0, RichText::new(name).color(p.weak));
+            ui.label(text);
+        });
+    };
+    row(
+        ui,
+        "length",
+        format!(
+            "{} ({} s) at {} Hz, payload {} g",
+            minutes(sheet.seconds),
+            number(sheet.seconds, 0),
+            number(sheet.rate_hz, 0),
+            number(1e3 * sheet.payload_kg, 0)
+        ),
+    );
+    let channels: Vec<String> = sheet
+        .groups
+        .iter()
+        .map(|g| match (g.of, g.present) {
+            (1, 1) => g.name.clone(),
+            (_, 0) => format!("no {}", g.name),
+            _ => format!("{} {}/{}", g.name, g.present, g.of),
+        })
+        .collect();
+    row(ui, "channels", channels.join(" · "));
+    let robot = match &sheet.robot {
+        RobotMatch::Same => "this robot file".to_owned(),
+        RobotMatch::Silent => "not told: taken as this one".to_owned(),
+        RobotMatch::Other { recorded, .. } => format!("another robot file ({recorded})"),
+    };
+    row(ui, "robot", robot);
+}
+
+fn library(ui: &mut Ui, selection: &mut Selection, services: &mut Services) {
+    let p = *Palette::in_ui(ui);
+    ui.horizontal(|ui| {
+        ui.label("Library");
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if ui
+                .button("↻ Refresh")
+                .on_hover_text("Look for recordings again")
+                .clicked()
+            {
+                selection.scanning = Some((services.scan)());
+            }
+        });
+    });
+    if selection.library.is_empty() {
+        note(
+            ui,
+            if selection.scanning.is_some() {
+                "Looking for recordings…"
+            } else {
+                "No recordings yet: type a path above, or use the example."
+            },
+        );
+        return;
+    }
+    let buttons = 168.0;
+    let columns = [56.0, 76.0];
+    let name_width =
+        (ui.available_width() - buttons - columns.iter().sum::<f32>() - 44.0).max(100.0);
+    let mut chosen = None;
+    ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        ui.spacing_mut().item_spacing.y = 3.0;
+        for entry in &selection.library {
+            ui.horizontal(|ui| {
+                cell_left(ui, name_width, entry.name.as_str())
+                    .on_hover_text(entry.path.display().to_string());
+                let length = entry.seconds.map_or("—".into(), minutes);
+                cell(ui, columns[0], length).on_hover_text("Length, min:s");
+                let source = match entry.simulated {
+                    Some(true) => "simulated",
+                    Some(false) => "hardware",
+                    None => "—",
+                };
+                cell(ui, columns[1], RichText::new(source).color(p.weak));
+                for part in Part::ALL {
+                    let used =
+                        selection.slots[part as usize].text == entry.path.display().to_string();
+                    let r = ui
+                        .add(Button::selectable(used, part.name()))
+                        .accessible_name(format!("Use {} as {} session", entry.name, part.name()))
+                        .on_hover_text(format!("Use it as the {} session", part.name()));
+                    if r.clicked() {
+                        chosen = Some((part, entry.path.clone()));
+                    }
+                }
+            });
+        }
+    });
+    if let Some((part, path)) = chosen {
+        selection.slots[part as usize].choose(&path, services);
+    }
+}
+
+fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    if state.running.is_some() {
+        at_work(ui, state);
+        return;
+    }
+    let selection = &mut state.select;
+    ui.label(RichText::new("Find what is missing").strong());
+    let gate = selection.gate();
+    let weaker = selection.slots[0].known().is_none();
+    ui.horizontal(|ui| {
+        let button = Button::new(RichText::new("▶ Find").strong()).min_size(vec2(110.0, 32.0));
+        if gated(
+            ui,
+            &gate,
+            button,
+            "Look where simulation and measurement disagree. Takes up to a minute; the twin runs on.",
+        )
+        .clicked()
+        {
+            let path = |i: usize| selection.slots[i].known().map(|s| s.path.clone());
+            if let (healthy, Some(suspect)) = (path(0), path(1)) {
+                state.trouble = None;
+                state.running = Some((services.gap.find)(healthy.as_deref(), &suspect));
+            }
+        }
+    });
+    if let Err(reason) = &gate {
+        note(ui, reason.as_str());
+    } else if weaker {
+        status(
+            ui,
+            Level::Warning,
+            "No healthy session: the factory model is the baseline, and the verdict is weaker.",
+        );
+    }
+    if let Some(said) = &state.said {
+        note(ui, said.as_str());
+    }
+    ui.separator();
+    ui.label(RichText::new("No sessions at hand?").strong());
+    note(
+        ui,
+        "The virtual rig is driven twice; in the second session something is wrong. What it is is kept \
+         from the finder, and can be revealed after the verdict. All of it is simulated.",
+    );
+    if let Some(job) = &selection.making {
+        let stage = job.stage();
+        let mut cancel = false;
+        ui.horizontal(|ui| {
+            ui.spinner();
+            note(
+                ui,
+                match stage.what.is_empty() {
+                    true => "Making the example…",
+                    false => &stage.what,
+                },
+            );
+            cancel = ui.button("Cancel the example").clicked();
+        });
+        if cancel {
+            selection.making = None;
+        }
+        return;
+    }
+    let text = match selection.examples_made {
+        0 => "Use the example",
+        _ => "Use another example",
+    };
+    if ui
+        .button(text)
+        .on_hover_text("Have two sessions of a virtual rig made: 45 s each, about a second's work")
+        .clicked()
+    {
+        selection.examples_made += 1;
+        selection.making = Some((services.gap.example)(selection.examples_made));
+    }
+}
+
+// The stages of the finder, how far it is, and Cancel.
+fn at_work(ui: &mut Ui, state: &mut GapState) {
+    let Some(job) = &state.running else { return };
+    let p = *Palette::in_ui(ui);
+    let stage = job.stage();
+    let at = Stage::ALL.iter().position(|s| s.name() == stage.what);
+    ui.label(RichText::new("The finder is at work").strong());
+    let share = at.map_or(0.0, |i| {
+        (i as f32 + stage.share.unwrap_or(0.0)) / Stage::ALL.len() as f32
+    });
+    ui.add(
+        ProgressBar::new(share)
+            .desired_width(ui.available_width())
+            .fill(p.bar)
+            .text(match at {
+                Some(i) => format!("stage {} of {}", i + 1, Stage::ALL.len()),
+                None => stage.what.clone(),
+            }),
+    )
+    .accessible_name("How far the finder is");
+    ui.spacing_mut().item_spacing.y = 2.0;
+    for (i, s) in Stage::ALL.into_iter().enumerate() {
+        let (glyph, color) = match at {
+            Some(now) if i < now => ("●", p.weak),
+            Some(now) if i == now => ("▶", p.text),
+            _ => ("○", p.weak),
+        };
+        let percent = match at {
+            Some(now) if i == now => stage
+                .share
+                .filter(|s| *s > 0.0)
+                .map_or(String::new(), |s| format!(", {:.0} %", 100.0 * s)),
+            _ => String::new(),
+        };
+        ui.label(RichText::new(format!("{glyph} {}{percent}", s.name())).color(color));
+    }
+    ui.add_space(4.0);
+    if ui
+        .button("Cancel the finder")
+        .on_hover_text("Stop looking; the sessions stay chosen")
+        .clicked()
+    {
+        state.running = None;
+        state.said = Some("Cancelled: there is no verdict.".into());
+    }
+    heading(
+        ui,
+        "It takes up to a minute. The twin and STOP go on as ever.",
+    );
+}

@@ -1,0 +1,180 @@
+//! A line with more values than pixels: for each slot of time a stretch from the smallest to the largest.
+//! It says the same as a line that goes up and down in every pixel, for a tenth of the work.
+
+use std::ops::RangeInclusive;
+
+use egui::epaint::{BandPoint, BandShape};
+use egui::{Color32, Shape, Ui};
+use egui_plot::{PlotBounds, PlotGeometry, PlotItem, PlotItemBase, PlotPoint, PlotTransform};
+
+use super::Dash;
+
+/// Thickness where the values of a slot agree, points: that of a line.
+const WIDTH: f32 = 1.5;
+/// Slots of a dash and of the pause behind it.
+const DASH: [i64; 2] = [6, 4];
+
+/// One slot of time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Slot {
+    /// Number on the grid of time.
+    index: i64,
+    /// Smallest and largest value.
+    range: [f64; 2],
+}
+
+/// A piece of an envelope as a band.
+pub(super) struct Band {
+    base: PlotItemBase,
+    points: Vec<PlotPoint>,
+    slots: Vec<Slot>,
+    width_s: f64,
+    color: Color32,
+    dash: Dash,
+}
+
+impl Band {
+    /// A band for a piece of an envelope with slots of `width_s`; `None` where a line does as well: when
+    /// less than every other slot holds two values.
+    pub(super) fn of(
+        name: &str,
+        piece: &[[f64; 2]],
+        width_s: f64,
+        color: Color32,
+        dash: Dash,
+    ) -> Option<Self> {
+        let slots = slots(piece, width_s);
+        (slots.len() > 1 && 2 * piece.len() > 3 * slots.len()).then(|| Self {
+            base: PlotItemBase::new(name.to_owned()),
+            points: piece.iter().map(|p| PlotPoint::new(p[0], p[1])).collect(),
+            slots,
+            width_s,
+            color,
+            dash,
+        })
+    }
+}
+
+fn slots(piece: &[[f64; 2]], width_s: f64) -> Vec<Slot> {
+    let mut slots: Vec<Slot> = Vec::with_capacity(piece.len() / 2 + 1);
+    for [t_s, value] in piece {
+        // As the envelope counts them.
+        let index = (t_s / width_s).floor() as i64;
+        match slots.last_mut() {
+            Some(s) if s.index == index => {
+                s.range = [s.range[0].min(*value), s.range[1].max(*value)];
+            }
+            _ => slots.push(Slot {
+                index,
+                range: [*value; 2],
+            }),
+        }
+    }
+    slots
+}
+
+/// Where a line is drawn: all of it, or its dashes. These stand still on the grid of time, so they move
+/// along with the signal.
+fn strokes(slots: &[Slot], dash: Dash) -> Vec<&[Slot]> {
+    match dash {
+        Dash::Solid => vec![slots],
+        Dash::Dashed => {
+            let period = DASH[0] + DASH[1];
+            slots
+                .chunk_by(|a, b| a.index.div_euclid(period) == b.index.div_euclid(period))
+                .map(|chunk| {
+                    let on = chunk.partition_point(|s| s.index.rem_euclid(period) <= DASH[0]);
+                    &chunk[..on]
+                })
+                .filter(|stroke| stroke.len() > 1)
+                .collect()
+        }
+    }
+}
+
+impl PlotItem for Band {
+    fn shapes(&self, _ui: &Ui, transform: &PlotTransform, shapes: &mut Vec<Shape>) {
+        let half = if self.highlighted() {
+            WIDTH
+        } else {
+            0.5 * WIDTH
+        };
+        for stroke in strokes(&self.slots, self.dash) {
+            let points = stroke.iter().map(|s| {
+                let x = transform.position_from_point_x((s.index as f64 + 0.5) * self.width_s);
+                // Up on the screen is down in its coordinates.
+                let [bottom, top] = s.range.map(|v| transform.position_from_point_y(v));
+                BandPoint::new(x, (top - half)..=(bottom + half))
+            });
+            shapes.push(BandShape::filled(points.collect(), self.color).into());
+        }
+    }
+
+    fn initialize(&mut self, _x_range: RangeInclusive<f64>) {}
+
+    fn color(&self) -> Color32 {
+        self.color
+    }
+
+    fn geometry(&self) -> PlotGeometry<'_> {
+        PlotGeometry::Points(&self.points)
+    }
+
+    fn bounds(&self) -> PlotBounds {
+        let mut bounds = PlotBounds::NOTHING;
+        for p in &self.points {
+            bounds.extend_with(p);
+        }
+        bounds
+    }
+
+    fn base(&self) -> &PlotItemBase {
+        &self.base
+    }
+
+    fn base_mut(&mut self) -> &mut PlotItemBase {
+        &mut self.base
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn piece(points: impl Iterator<Item = (f64, f64)>) -> Vec<[f64; 2]> {
+        points.map(|(t, v)| [t, v]).collect()
+    }
+
+    #[test]
+    fn dense_pieces_are_bands_with_every_extreme_and_sparse_ones_are_not() {
+        let dense = piece((0..40).map(|i| (f64::from(i) * 0.5 + 0.1, f64::from(i % 7))));
+        let band = Band::of("x", &dense, 1.0, Color32::RED, Dash::Solid).expect("two per slot");
+        assert_eq!(band.slots.len(), 20);
+        for p in &dense {
+            let slot = band.slots.iter().find(|s| s.index == p[0].floor() as i64);
+            let [low, high] = slot.expect("every point has its slot").range;
+            assert!(low <= p[1] && p[1] <= high);
+        }
+        let sparse = piece((0..40).map(|i| (f64::from(i), 1.0)));
+        assert!(Band::of("x", &sparse, 1.0, Color32::RED, Dash::Solid).is_none());
+    }
+
+    #[test]
+    fn dashes_stay_where_they_are_in_time() {
+        let all = slots(&piece((-50..950).map(|i| (f64::from(i) + 0.5, 0.0))), 1.0);
+        let on = |slots: &[Slot]| -> Vec<i64> {
+            strokes(slots, Dash::Dashed)
+                .concat()
+                .iter()
+                .map(|s| s.index)
+                .collect()
+        };
+        let whole = on(&all);
+        assert!(whole.len() > 500 && whole.len() < 800, "{}", whole.len());
+        // A window that has moved on shows the same dashes; only the one at its edge is cut.
+        let later: Vec<i64> = on(&all[37..]).into_iter().filter(|i| *i > 0).collect();
+        let expected: Vec<i64> = whole.into_iter().filter(|i| *i > 0).collect();
+        assert_eq!(later, expected);
+        assert_eq!(strokes(&all, Dash::Solid).len(), 1);
+    }
+}

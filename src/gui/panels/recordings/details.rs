@@ -1,0 +1,267 @@
+//! What is in the recording that is played: its log, its channels, what is missing.
+
+use egui::{Button, RichText, ScrollArea, Ui, vec2};
+
+use super::{Detail, Library};
+use crate::gui::history::{Channel, History};
+use crate::gui::panels::dashboard::spring_name;
+use crate::gui::panels::player::Player;
+use crate::gui::panels::shell::mode_words;
+use crate::gui::panels::widgets::{cell, cell_left, dense, minutes, note, number, status};
+use crate::gui::services::LoggedEvent;
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{CHAMBERS, IMUS, SPRINGS, Trace};
+
+/// What was found in a recording itself; looked for once.
+pub struct Findings {
+    name: String,
+    rows: usize,
+    /// What it does not hold.
+    pub missing: Vec<String>,
+    /// Its log; without one the changes of mode.
+    pub events: Vec<LoggedEvent>,
+}
+
+/// What a recording does not hold, one sentence each.
+pub fn missing(history: &History) -> Vec<String> {
+    let has = |c: Channel| {
+        let all = (f64::NEG_INFINITY, f64::INFINITY);
+        history.points(c, all.0, all.1).next().is_some()
+    };
+    let mut out = Vec::new();
+    let mut group = |names: Vec<(String, bool)>, all: &str| {
+        if names.iter().all(|(_, there)| !there) {
+            out.push(format!("{all}: not in this recording"));
+            return;
+        }
+        let gone = names.into_iter().filter(|(_, there)| !there);
+        out.extend(gone.map(|(name, _)| format!("{name}: not in this recording")));
+    };
+    let springs = (0..SPRINGS).map(|i| {
+        (
+            format!("Spring {}", spring_name(i)),
+            has(Channel::Spring(i)),
+        )
+    });
+    group(springs.collect(), "Springs");
+    let imus = (0..IMUS).map(|i| (format!("IMU {}", i + 1), has(Channel::Imu(i, 0))));
+    group(imus.collect(), "IMUs");
+    let gauges = (0..CHAMBERS).map(|i| {
+        let name = format!("Pressure of chamber {}", i + 1);
+        (name, has(Channel::ChamberMeasured(i)))
+    });
+    group(gauges.collect(), "Measured pressures");
+    for (channel, name) in [
+        (Channel::ChamberSet(0), "Set pressures"),
+        (Channel::Tip(0), "Predicted pose"),
+        (Channel::Truth(0), "Vicon"),
+        (Channel::SpringRaw(0), "Raw counts"),
+        (Channel::SpringResidual(0), "Shape of the model"),
+    ] {
+        group(vec![(name.to_owned(), has(channel))], name);
+    }
+    out
+}
+
+// Where a recording has no log of its own.
+fn mode_changes(trace: &Trace) -> Vec<LoggedEvent> {
+    let mut last = None;
+    let mut events = Vec::new();
+    for s in &trace.snapshots {
+        if last != Some(&s.mode) {
+            let (_, word, _) = mode_words(&s.mode);
+            events.push(LoggedEvent {
+                stamp: s.stamp,
+                log: "mode".into(),
+                text: word.to_owned(),
+            });
+            last = Some(&s.mode);
+        }
+    }
+    events
+}
+
+impl Library {
+    /// What was found in the recording that is played.
+    pub fn findings(&mut self, player: &Player) -> &Findings {
+        let name = &player.trace().name;
+        let rows = player.history().len();
+        let stale = |f: &Findings| f.name != *name || f.rows != rows;
+        if self.findings.as_ref().is_some_and(stale) {
+            self.findings = None;
+        }
+        self.findings.get_or_insert_with(|| Findings {
+            name: name.clone(),
+            rows,
+            missing: missing(player.history()),
+            events: if player.about.events.is_empty() {
+                mode_changes(player.trace())
+            } else {
+                player.about.events.clone()
+            },
+        })
+    }
+}
+
+/// The lower left of the screen.
+pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player) {
+    let findings = library.findings(player);
+    let n = findings.events.len();
+    let flaws = findings.missing.len() + player.about.faults.len();
+    ui.horizontal(|ui| {
+        let events = format!("Events ({n})");
+        ui.selectable_value(&mut library.detail, Detail::Events, events)
+            .on_hover_text("The recording's log: a click jumps there");
+        let contents = match flaws {
+            0 => "Contents".to_owned(),
+            _ => format!("Contents (▲ {flaws})"),
+        };
+        ui.selectable_value(&mut library.detail, Detail::Contents, contents)
+            .on_hover_text("Channels, rates, gaps and what is missing");
+        note(ui, player.title());
+    });
+    ScrollArea::vertical()
+        .id_salt("details")
+        .auto_shrink(false)
+        .show(ui, |ui| match library.detail {
+            Detail::Events => events(ui, library, player),
+            Detail::Contents => contents(ui, library, player),
+        });
+}
+
+fn events(ui: &mut Ui, library: &mut Library, player: &mut Player) {
+    let p = *Palette::in_ui(ui);
+    let start_s = player.start_s();
+    let now_s = player.now_s() + 1e-6;
+    let events = &library.findings(player).events;
+    if events.is_empty() {
+        note(ui, "This recording has no log.");
+        return;
+    }
+    let current = events.iter().rposition(|e| e.stamp.seconds() <= now_s);
+    let mut jump = None;
+    ui.spacing_mut().item_spacing.y = 1.0;
+    for (k, e) in events.iter().enumerate() {
+        let at_s = (e.stamp.seconds() - start_s).max(0.0);
+        let text = format!("{}  {}  {}", precise(at_s), e.log, e.text);
+        let color = if e.log == "alarms" { p.warning } else { p.text };
+        let button = Button::selectable(current == Some(k), RichText::new(text).color(color))
+            .right_text("")
+            .truncate()
+            .min_size(vec2(ui.available_width(), 22.0));
+        if ui
+            .add(button)
+            .on_hover_text(format!("{}\nJump to {} s", e.text, number(at_s, 2)))
+            .clicked()
+        {
+            jump = Some(at_s);
+        }
+    }
+    if let Some(at_s) = jump {
+        player.position_s = at_s.min(player.duration_s());
+        player.playing = false;
+    }
+}
+
+// m:ss with tenths.
+fn precise(t_s: f64) -> String {
+    let tenths = (t_s * 10.0).floor() as u64;
+    format!("{}:{:02}.{}", tenths / 600, tenths / 10 % 60, tenths % 10)
+}
+
+fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
+    let p = *Palette::in_ui(ui);
+    dense(ui);
+    let about = &player.about;
+    let snapshots = player.trace().snapshots.len();
+    let rate = (snapshots as f64 - 1.0) / player.duration_s().max(1e-9);
+    note(
+        ui,
+        format!(
+            "{snapshots} samples in {}, {} Hz on the mean",
+            minutes(player.duration_s()),
+            number(rate, 1)
+        ),
+    );
+    if let Some(path) = &about.path {
+        note(ui, path.display().to_string());
+    }
+    if let Some(at) = about.cut_at {
+        status(ui, Level::Warning, &cut_sentence(player, at.seconds()));
+    }
+    if about.gaps > 0 {
+        let text = format!(
+            "{} gaps in time, the longest step is {} s",
+            about.gaps,
+            number(about.longest_step_s, 3)
+        );
+        status(ui, Level::Warning, &text);
+    }
+    for text in &library.findings(player).missing {
+        status(ui, Level::Warning, text);
+    }
+    for f in &about.faults {
+        let text = format!(
+            "{}: {} of {snapshots} samples missing, {} doubtful",
+            f.name, f.missing, f.flagged
+        );
+        status(ui, Level::Warning, &text);
+    }
+    if about.channels.is_empty() {
+        return;
+    }
+    ui.add_space(4.0);
+    let head = |t: &str| RichText::new(t).small().color(p.weak);
+    let columns = [52.0, 70.0, 70.0];
+    let name = (ui.available_width() - columns.iter().sum::<f32>() - 5.0 * 4.0).max(100.0);
+    ui.horizontal(|ui| {
+        cell_left(ui, name, head("channel"));
+        cell_left(ui, columns[0], head("unit"));
+        cell(ui, columns[1], head("rows"));
+        cell(ui, columns[2], head("Hz"));
+    });
+    for c in &about.channels {
+        ui.horizontal(|ui| {
+            cell_left(ui, name, c.name.as_str()).on_hover_text(&c.name);
+            cell_left(ui, columns[0], RichText::new(&c.unit).color(p.weak));
+            cell(ui, columns[1], c.rows.to_string());
+            cell(ui, columns[2], number(c.rate_hz, 1));
+        });
+    }
+}
+
+/// Where a recording that was cut off ends.
+pub fn cut_sentence(player: &Player, at_s: f64) -> String {
+    format!(
+        "Cut off: plays to its last whole part, at {}.",
+        minutes(at_s - player.start_s())
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gui::fixture;
+    use crate::signal::ChannelHealth;
+
+    #[test]
+    fn what_never_came_is_missing_and_what_came_once_is_not() {
+        let mut session = fixture::session(2);
+        for (k, s) in session.iter_mut().enumerate() {
+            s.truth = None;
+            let frame = s.sensors.as_mut().expect("has sensors");
+            frame.health.imus[2] = ChannelHealth::Missing;
+            if k > 10 {
+                frame.health.springs[4] = ChannelHealth::Missing;
+            }
+        }
+        let found = missing(&History::of(session.iter()));
+        assert!(
+            found.contains(&"IMU 3: not in this recording".to_owned()),
+            "{found:?}"
+        );
+        assert!(found.contains(&"Vicon: not in this recording".to_owned()));
+        assert!(!found.iter().any(|t| t.starts_with("Spring 3A")));
+        assert_eq!(precise(75.26), "1:15.2");
+    }
+}

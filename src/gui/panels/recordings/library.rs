@@ -1,0 +1,276 @@
+//! The list of recordings and its buttons.
+
+use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
+
+use super::{Library, Side, Trouble};
+use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
+use crate::gui::services::{Dialog, DialogKind, RecordingEntry, Services};
+use crate::gui::theme::{Level, Palette};
+
+/// The list.
+pub fn ui(ui: &mut Ui, library: &mut Library, details: bool, services: &mut Services) {
+    take_picked(library, services);
+    head(ui, library, services);
+    actions(ui, library, services);
+    progress(ui, library);
+    trouble(ui, library);
+    if library.entries.is_empty() {
+        note(
+            ui,
+            if library.scanning.is_some() {
+                "Looking for recordings…"
+            } else {
+                "No recordings yet: press Record to make one, Browse for one, or drop a file here."
+            },
+        );
+        return;
+    }
+    // The details of what is played lie below.
+    let height = if details {
+        (ui.available_height() * 0.45).max(96.0)
+    } else {
+        ui.available_height()
+    };
+    list(ui, library, height, services);
+}
+
+fn head(ui: &mut Ui, library: &mut Library, services: &mut Services) {
+    ui.horizontal(|ui| {
+        ui.label("Library");
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            let looking = library.scanning.is_some();
+            if ui
+                .button("↻ Refresh")
+                .on_hover_text("Look for recordings again")
+                .clicked()
+            {
+                library.rescan(services);
+            }
+            if looking {
+                ui.spinner();
+            }
+            let gate = match library.picking {
+                Some(_) => Err("A file dialog is open.".to_owned()),
+                None => Ok(()),
+            };
+            let hover = "Choose a recording (.rrd) or a session log (.toml, .csv) elsewhere, and play it as A";
+            if gated(ui, &gate, Button::new("Browse…"), hover).clicked() {
+                let kinds = ["rrd", "toml", "csv"].map(str::to_owned).to_vec();
+                let dialog = Dialog {
+                    title: "Open a recording".into(),
+                    kind: DialogKind::Open,
+                    filter: Some(("Recordings and session logs".into(), kinds)),
+                    name: String::new(),
+                };
+                library.picking = Some((Side::A, (services.pick)(dialog)));
+            }
+        });
+    });
+}
+
+fn take_picked(library: &mut Library, services: &mut Services) {
+    let Some((side, answer)) = library
+        .picking
+        .as_ref()
+        .and_then(|(s, j)| Some((*s, j.poll()?)))
+    else {
+        return;
+    };
+    library.picking = None;
+    match answer {
+        Ok(Some(path)) => library.load(path, side, services),
+        Ok(None) => {}
+        Err(cause) => {
+            library.trouble = Some(Trouble {
+                cause,
+                consequence: "No file was chosen.".into(),
+                remedy: "Drop the file on this window instead.".into(),
+            });
+        }
+    }
+}
+
+fn actions(ui: &mut Ui, library: &mut Library, services: &mut Services) {
+    let chosen = library.selected.clone();
+    let gate = match &chosen {
+        Some(_) => Ok(()),
+        None => Err("Select a recording first.".to_owned()),
+    };
+    ui.horizontal(|ui| {
+        for (side, text, hover) in [
+            (
+                Side::A,
+                "Load and play",
+                "Load the selected recording as A and play it on all screens",
+            ),
+            (
+                Side::B,
+                "Load as B",
+                "Load the selected recording as B, to compare it with A",
+            ),
+        ] {
+            let gate = match library.loading.iter().any(|l| l.side == side) {
+                true => Err(format!("A recording is being loaded as {}.", side.name())),
+                false => gate.clone(),
+            };
+            if gated(ui, &gate, Button::new(text), hover).clicked()
+                && let Some(path) = &chosen
+            {
+                library.load(path.clone(), side, services);
+            }
+        }
+        let hover = "Show the selected recording in the Rerun viewer";
+        if gated(ui, &gate, Button::new("Open in Rerun"), hover).clicked()
+            && let Some(path) = &chosen
+            && let Err(cause) = (services.open_in_rerun)(path)
+        {
+            library.trouble = Some(Trouble {
+                cause,
+                consequence: "The recording was not shown there.".into(),
+                remedy: "Load and play shows it in this window.".into(),
+            });
+        }
+    });
+}
+
+fn progress(ui: &mut Ui, library: &mut Library) {
+    let mut cancelled = None;
+    for (k, loading) in library.loading.iter().enumerate() {
+        let stage = loading.job.stage();
+        ui.horizontal(|ui| {
+            match stage.share {
+                Some(share) => {
+                    ui.add(
+                        ProgressBar::new(share)
+                            .desired_width(120.0)
+                            .show_percentage(),
+                    );
+                }
+                None => {
+                    ui.spinner();
+                }
+            }
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                let hover = "Nothing changes: what was shown before stays";
+                if ui.button("Cancel loading").on_hover_text(hover).clicked() {
+                    cancelled = Some(k);
+                }
+                let text = format!(
+                    "Loading {} as {}… {}",
+                    loading.name,
+                    loading.side.name(),
+                    stage.what
+                );
+                let text = RichText::new(text).color(Palette::in_ui(ui).weak);
+                ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+                    ui.add(egui::Label::new(text).truncate());
+                });
+            });
+        });
+    }
+    if let Some(k) = cancelled {
+        library.loading.remove(k);
+    }
+}
+
+fn trouble(ui: &mut Ui, library: &mut Library) {
+    let Some(t) = &library.trouble else {
+        return;
+    };
+    let mut dismissed = false;
+    status(ui, Level::Warning, &t.cause);
+    ui.horizontal_wrapped(|ui| {
+        note(ui, format!("{} {}", t.consequence, t.remedy));
+        dismissed = ui
+            .small_button("Dismiss")
+            .on_hover_text("Hide this message")
+            .clicked();
+    });
+    if dismissed {
+        library.trouble = None;
+    }
+}
+
+fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services) {
+    let p = *Palette::in_ui(ui);
+    let columns = [56.0, 70.0, 76.0];
+    let name_width = (ui.available_width() - columns.iter().sum::<f32>() - 5.0 * 8.0).max(120.0);
+    let head = |t: &str| RichText::new(t).small().color(p.weak);
+    let top = ui.cursor().top();
+    ui.horizontal(|ui| {
+        ui.spacing_mut().interact_size.y = 16.0;
+        ui.add_space(10.0);
+        cell_left(ui, name_width - 10.0, head("name"));
+        cell(ui, columns[0], head("length"));
+        cell(ui, columns[1], head("size"));
+        cell(ui, columns[2], head("source"));
+    });
+    let mut open = None;
+    let rest = (height - (ui.cursor().top() - top)).max(60.0);
+    ScrollArea::vertical()
+        .id_salt("library")
+        .auto_shrink([false, true])
+        .max_height(rest)
+        .show(ui, |ui| {
+            ui.spacing_mut().item_spacing.y = 2.0;
+            for entry in &library.entries {
+                let selected = library.selected.as_ref() == Some(&entry.path);
+                let row = row(ui, entry, selected, name_width, columns);
+                if row.clicked() {
+                    library.selected = Some(entry.path.clone());
+                }
+                if row.double_clicked() {
+                    open = Some(entry.path.clone());
+                }
+                if let Some(text) = &entry.note {
+                    ui.horizontal(|ui| {
+                        ui.add_space(12.0);
+                        status(ui, Level::Warning, text);
+                    });
+                }
+            }
+        });
+    if let Some(path) = open {
+        library.load(path, Side::A, services);
+    }
+}
+
+fn row(
+    ui: &mut Ui,
+    entry: &RecordingEntry,
+    selected: bool,
+    name_width: f32,
+    columns: [f32; 3],
+) -> egui::Response {
+    let p = *Palette::in_ui(ui);
+    ui.horizontal(|ui| {
+        // An empty text on the right keeps the name on the left.
+        let button = Button::selectable(selected, entry.name.as_str())
+            .right_text("")
+            .truncate()
+            .min_size(vec2(name_width, 26.0));
+        let r = ui
+            .add_sized(vec2(name_width, 26.0), button)
+            .accessible_name(entry.name.as_str())
+            .on_hover_text(entry.path.display().to_string());
+        cell(ui, columns[0], entry.seconds.map_or("—".into(), minutes));
+        cell(ui, columns[1], size_text(entry.bytes));
+        let source = match entry.simulated {
+            Some(true) => "simulated",
+            Some(false) => "hardware",
+            None => "—",
+        };
+        cell(ui, columns[2], RichText::new(source).color(p.weak));
+        r
+    })
+    .inner
+}
+
+fn size_text(bytes: u64) -> String {
+    let kb = bytes as f64 / 1e3;
+    if kb < 1e3 {
+        format!("{} kB", number(kb, 0))
+    } else {
+        format!("{} MB", number(kb / 1e3, 1))
+    }
+}

@@ -1,0 +1,270 @@
+//! The Recordings screen: record, list, play, compare, look inside, open elsewhere.
+
+mod details;
+mod library;
+mod pair;
+mod shown;
+
+use std::path::PathBuf;
+
+use egui::{Button, RichText, Ui, vec2};
+
+use super::View;
+use super::player::Player;
+use super::sensors::card;
+use super::shell::recording_gate;
+use super::widgets::{gated, minutes, note};
+use crate::gui::services::{Job, Loaded, RecordingEntry, Services};
+use crate::gui::theme::Palette;
+use crate::twin::Command;
+use pair::Pair;
+
+pub use pair::{Compared, Quantity, Side};
+
+/// What went wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trouble {
+    /// Why: one sentence.
+    pub cause: String,
+    /// What that means: one sentence.
+    pub consequence: String,
+    /// What to do: one sentence.
+    pub remedy: String,
+}
+
+struct Loading {
+    name: String,
+    side: Side,
+    job: Job<Loaded>,
+}
+
+/// What the lower left shows about the recording that is played.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Detail {
+    /// Its log.
+    #[default]
+    Events,
+    /// Channels, gaps, what is missing.
+    Contents,
+}
+
+/// The list of recordings and what is being done with it.
+#[derive(Default)]
+pub struct Library {
+    /// What was found, in order of name.
+    pub entries: Vec<RecordingEntry>,
+    /// The selected recording.
+    pub selected: Option<PathBuf>,
+    /// What went wrong last.
+    pub trouble: Option<Trouble>,
+    /// The viewer of the running twin.
+    pub viewer: super::rerun::LiveViewer,
+    /// Two recordings beside each other.
+    pub pair: Pair,
+    /// What is shown about the recording that is played.
+    pub detail: Detail,
+    scanned: bool,
+    scanning: Option<Job<Vec<RecordingEntry>>>,
+    loading: Vec<Loading>,
+    picking: Option<(Side, Job<Option<PathBuf>>)>,
+    findings: Option<details::Findings>,
+}
+
+impl Library {
+    /// Looks for recordings again.
+    pub fn rescan(&mut self, services: &mut Services) {
+        self.scanned = true;
+        self.scanning = Some((services.scan)());
+    }
+
+    /// Whether something is awaited.
+    pub fn busy(&self) -> bool {
+        self.scanning.is_some()
+            || !self.loading.is_empty()
+            || self.picking.is_some()
+            || self.viewer.busy()
+    }
+
+    /// Loads files that were dropped on the window: one is played (compared, with Shift), two are compared.
+    /// Returns whether there were any.
+    pub fn take_drops(&mut self, ctx: &egui::Context, services: &mut Services) -> bool {
+        let (paths, shift) = ctx.input(|i| {
+            let files = i.raw.dropped_files.iter();
+            let paths: Vec<PathBuf> = files.map(|f| f.path().to_owned()).collect();
+            (paths, i.modifiers.shift)
+        });
+        match paths.as_slice() {
+            [] => return false,
+            [one] => {
+                let side = if shift { Side::B } else { Side::A };
+                self.load(one.clone(), side, services);
+            }
+            [one, other, ..] => {
+                self.load(one.clone(), Side::A, services);
+                self.load(other.clone(), Side::B, services);
+            }
+        }
+        true
+    }
+
+    fn load(&mut self, path: PathBuf, side: Side, services: &mut Services) {
+        let name = path
+            .file_name()
+            .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        self.trouble = None;
+        self.loading.retain(|l| l.side != side);
+        self.loading.push(Loading {
+            name,
+            side,
+            job: (services.load)(&path),
+        });
+        self.selected = Some(path);
+    }
+
+    /// Takes what has come; returns whether another recording is played now.
+    pub fn poll(&mut self, player: &mut Option<Player>) -> bool {
+        if let Some(found) = self.scanning.as_ref().and_then(Job::poll) {
+            self.scanning = None;
+            match found {
+                Ok(entries) => self.entries = entries,
+                Err(cause) => {
+                    self.trouble = Some(Trouble {
+                        cause,
+                        consequence: "The list may be out of date.".into(),
+                        remedy: "Press Refresh to look again.".into(),
+                    });
+                }
+            }
+        }
+        let mut changed = false;
+        let mut k = 0;
+        while k < self.loading.len() {
+            let Some(answer) = self.loading[k].job.poll() else {
+                k += 1;
+                continue;
+            };
+            let Loading { name, side, .. } = self.loading.remove(k);
+            let loaded = answer.and_then(|loaded| {
+                Player::loaded(loaded).ok_or_else(|| format!("{name} holds no data."))
+            });
+            match loaded {
+                Ok(loaded) => changed |= self.pair.place(side, loaded, player),
+                Err(cause) => {
+                    self.trouble = Some(Trouble {
+                        cause,
+                        consequence: "Nothing was loaded: what was shown before stays.".into(),
+                        remedy: "Choose another recording, or copy this one again from where it was made."
+                            .into(),
+                    });
+                }
+            }
+        }
+        changed
+    }
+}
+
+/// What the screen is given.
+pub struct RecordingsInput<'a> {
+    /// The live twin's view.
+    pub live: View<'a>,
+    /// Seconds the running recording has lasted.
+    pub recording_s: Option<f64>,
+    /// Whether there is no twin.
+    pub twin_gone: bool,
+}
+
+/// The screen. The player's window of time is that of all plots.
+pub fn ui(
+    ui: &mut Ui,
+    input: &RecordingsInput<'_>,
+    library: &mut Library,
+    player: &mut Option<Player>,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
+    if !library.scanned {
+        library.rescan(services);
+    }
+    let whole = ui.available_rect_before_wrap();
+    ui.horizontal_top(|ui| {
+        let height = ui.available_height();
+        let left = (ui.available_width() * 0.46).clamp(420.0, 720.0);
+        ui.allocate_ui(vec2(left, height), |ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                record(ui, input, services, commands);
+                let (live, gone) = (&input.live, input.twin_gone);
+                let viewer = &mut library.viewer;
+                super::rerun::live_in_rerun(ui, live, gone, viewer, services, commands);
+                ui.separator();
+                library::ui(ui, library, player.is_some(), services);
+                if let Some(player) = player {
+                    ui.separator();
+                    details::ui(ui, library, player);
+                }
+            });
+        });
+        ui.vertical(|ui| {
+            card(ui, |ui| {
+                ui.set_min_size(ui.available_size());
+                shown::ui(ui, input, library, player);
+            });
+        });
+    });
+    if ui.input(|i| !i.raw.hovered_files.is_empty()) {
+        drop_here(ui, whole);
+    }
+}
+
+// What a file that hangs over the window would do.
+fn drop_here(ui: &Ui, rect: egui::Rect) {
+    let p = *Palette::in_ui(ui);
+    let layer = egui::LayerId::new(egui::Order::Foreground, egui::Id::unique("drop here"));
+    let painter = ui.ctx().layer_painter(layer);
+    painter.rect(
+        rect.shrink(4.0),
+        6.0,
+        p.selected.gamma_multiply(0.9),
+        egui::Stroke::new(2.0, p.text),
+        egui::StrokeKind::Inside,
+    );
+    painter.text(
+        rect.center(),
+        egui::Align2::CENTER_CENTER,
+        "Drop a recording to play it as A.\nHold Shift to compare it as B. Drop two to compare them.",
+        egui::TextStyle::Heading.resolve(ui.style()),
+        p.text,
+    );
+}
+
+fn record(
+    ui: &mut Ui,
+    input: &RecordingsInput<'_>,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
+    let gate = recording_gate(&input.live, input.twin_gone);
+    let p = *Palette::in_ui(ui);
+    ui.horizontal(|ui| match &input.live.snapshot.recording {
+        Some(name) => {
+            let button = Button::new("■ End recording").min_size(vec2(0.0, 30.0));
+            if gated(ui, &gate, button, "Close the file").clicked() {
+                commands.push(Command::StopRecording);
+            }
+            ui.label(
+                RichText::new(format!("● {}", minutes(input.recording_s.unwrap_or(0.0))))
+                    .color(p.critical),
+            )
+            .on_hover_text("Time since the recording began, min:s");
+            note(ui, name.as_str());
+        }
+        None => {
+            let button = Button::new("● Record").min_size(vec2(0.0, 30.0));
+            let hover = "Write everything the live twin knows to a file";
+            if gated(ui, &gate, button, hover).clicked() {
+                commands.push(Command::StartRecording((services.default_recording)()));
+            }
+            note(ui, "Records the live twin, also while a replay is shown.");
+        }
+    });
+}

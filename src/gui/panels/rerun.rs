@@ -1,0 +1,107 @@
+//! The running twin in the Rerun viewer: start, watch, stop.
+
+use std::net::SocketAddr;
+
+use egui::{Button, Ui};
+
+use super::View;
+use super::widgets::{Gate, gated, note, status};
+use crate::gui::services::{Job, Services};
+use crate::gui::theme::Level;
+use crate::signal::{StreamState, StreamStatus};
+use crate::twin::Command;
+
+/// A viewer that is being started.
+#[derive(Default)]
+pub struct LiveViewer {
+    starting: Option<Job<SocketAddr>>,
+    /// Why it could not be started: one sentence.
+    error: Option<String>,
+}
+
+impl LiveViewer {
+    /// Whether something is awaited.
+    pub fn busy(&self) -> bool {
+        self.starting.is_some()
+    }
+}
+
+/// The row.
+pub fn live_in_rerun(
+    ui: &mut Ui,
+    live: &View<'_>,
+    twin_gone: bool,
+    viewer: &mut LiveViewer,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
+    match viewer.starting.as_ref().and_then(Job::poll) {
+        None => {}
+        Some(Ok(address)) => {
+            viewer.starting = None;
+            commands.push(Command::StreamLive(address));
+        }
+        Some(Err(e)) => {
+            viewer.starting = None;
+            viewer.error = Some(e);
+        }
+    }
+    let gate: Gate = if twin_gone {
+        Err("No twin is running: there is nothing to stream.".into())
+    } else {
+        Ok(())
+    };
+    let stream = live.snapshot.streaming.as_ref();
+    ui.horizontal(|ui| match (&viewer.starting, stream) {
+        (Some(_), _) => {
+            ui.spinner();
+            note(ui, "Starting the Rerun viewer…");
+            if ui
+                .button("Cancel")
+                .accessible_name("Cancel starting the viewer")
+                .on_hover_text("Do not wait for the Rerun viewer")
+                .clicked()
+            {
+                viewer.starting = None;
+            }
+        }
+        (None, Some(s)) if !matches!(s.state, StreamState::Ended(_)) => {
+            streaming(ui, &gate, s, commands);
+        }
+        (None, _) => {
+            let hover = "Show the running twin in the Rerun viewer, on this computer only";
+            if gated(ui, &gate, Button::new("Open live in Rerun"), hover).clicked() {
+                viewer.error = None;
+                viewer.starting = Some((services.start_viewer)());
+            }
+        }
+    });
+    let ended = stream.and_then(|s| match &s.state {
+        StreamState::Ended(reason) => Some(reason),
+        _ => None,
+    });
+    if viewer.starting.is_none()
+        && let Some(text) = viewer.error.as_ref().or(ended)
+    {
+        status(ui, Level::Warning, text);
+    }
+}
+
+fn streaming(ui: &mut Ui, gate: &Gate, s: &StreamStatus, commands: &mut Vec<Command>) {
+    let hover = "End the stream; the viewer keeps what it has";
+    if gated(ui, gate, Button::new("■ Stop streaming"), hover).clicked() {
+        commands.push(Command::StopStream);
+    }
+    if s.state == StreamState::Starting {
+        ui.spinner();
+        note(ui, format!("Connecting to the viewer at {}…", s.address));
+        return;
+    }
+    ui.label(format!("● streaming to {}", s.address))
+        .on_hover_text(format!("{} snapshots were sent", s.sent));
+    if s.dropped > 0 {
+        status(ui, Level::Warning, &format!("{} dropped", s.dropped)).on_hover_text(
+            "Snapshots that the viewer was too slow to take; control does not wait for it",
+        );
+    }
+}

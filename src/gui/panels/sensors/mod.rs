@@ -1,0 +1,289 @@
+//! The Sensors screen: springs as their X pairs, IMUs, boards, and linked plots.
+
+mod plots;
+mod side;
+
+use egui::{RichText, Sense, Stroke, Ui, vec2};
+
+use super::View;
+use super::dashboard::spring_name;
+use super::plot::{TimeWindow, sparkline};
+use super::shell::age;
+use super::widgets::{Meter, cell, empty, heading, health, health_sentence, meter, number, status};
+use crate::gui::history::{Channel, spring_khz, spring_residual_mm};
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{ChannelHealth, SPRINGS, SensorFrame};
+
+/// What figures and plots show of the sensors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reading {
+    /// Lengths in mm and angles in deg.
+    #[default]
+    Calibrated,
+    /// Frequencies in kHz and angular rates in deg/s, as the boards deliver them.
+    Raw,
+    /// Calibrated less the twin's own model at the measured pressures.
+    Residual,
+}
+
+/// What the screen keeps.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SensorsState {
+    /// The spring (0-based) that stands out in plots and 3D.
+    pub selected_spring: Option<usize>,
+    /// Which angle of the IMUs is plotted: yaw, pitch or roll. Of raw rates: x, y or z.
+    pub angle: usize,
+    /// What figures and plots show.
+    pub reading: Reading,
+}
+
+/// The screen.
+pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
+    let Some(frame) = &view.snapshot.sensors else {
+        let next = match view.replay {
+            Some(_) => "This recording holds none up to here: play on, or load another one.",
+            None => "They appear with the first frame from the boards.",
+        };
+        empty(ui, "No sensors yet", next);
+        return;
+    };
+    stale(ui, view);
+    if frame.is_blind() {
+        status(
+            ui,
+            Level::Critical,
+            "Blind: there are signals that neither their sensors nor the others tell. The twin does not move on them.",
+        );
+    }
+    let cards = 238.0;
+    ui.horizontal_top(|ui| {
+        view.grey_if_stale(ui);
+        let side = (ui.available_width() * 0.34).clamp(380.0, 500.0);
+        let grid = ui.available_width() - side - 10.0;
+        ui.allocate_ui(vec2(grid, cards), |ui| {
+            ui.vertical(|ui| springs(ui, view, frame, state, [grid, cards]));
+        });
+        ui.vertical(|ui| {
+            card(ui, |ui| {
+                ui.set_min_size(vec2(ui.available_width(), cards - 20.0));
+                side::ui(ui, view, frame, state.reading);
+            });
+        });
+    });
+    ui.add_space(4.0);
+    plots::ui(ui, view, state, window);
+}
+
+/// Says that the values shown are old, if they are.
+pub fn stale(ui: &mut Ui, view: &View<'_>) {
+    if view.is_stale() {
+        let text = format!(
+            "Not connected: these are the last values, {} old.",
+            age(view.snapshot.link.age_s)
+        );
+        status(ui, Level::Warning, &text);
+    }
+}
+
+/// A panel within a screen.
+pub fn card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
+    let p = Palette::in_ui(ui);
+    egui::Frame::new()
+        .fill(p.panel)
+        .stroke(Stroke::new(1.0, p.line))
+        .corner_radius(4)
+        .inner_margin(9)
+        .show(ui, |ui| ui.vertical(contents));
+}
+
+fn springs(
+    ui: &mut Ui,
+    view: &View<'_>,
+    frame: &SensorFrame,
+    state: &mut SensorsState,
+    [width, height]: [f32; 2],
+) {
+    let gap = 8.0;
+    ui.spacing_mut().item_spacing = vec2(gap, gap);
+    let inner = (width - 2.0 * gap) / 3.0 - 20.0;
+    for segment in 0..2 {
+        ui.horizontal(|ui| {
+            for k in 0..3 {
+                let pair = 3 * segment + k;
+                card(ui, |ui| {
+                    ui.set_min_size(vec2(inner, (height - gap) / 2.0 - 20.0));
+                    ui.set_max_width(inner);
+                    pair_card(ui, view, frame, state, pair);
+                });
+            }
+        });
+    }
+}
+
+// An X pair: a sketch of the crossing springs, and a row for each.
+fn pair_card(
+    ui: &mut Ui,
+    view: &View<'_>,
+    frame: &SensorFrame,
+    state: &mut SensorsState,
+    pair: usize,
+) {
+    let p = *Palette::in_ui(ui);
+    let angle = view.spec.spring_top_m[2 * pair] + view.spec.spring_bottom_m[2 * pair];
+    let deg = angle.y.atan2(angle.x).to_degrees().rem_euclid(360.0);
+    ui.spacing_mut().item_spacing = vec2(4.0, 3.0);
+    ui.spacing_mut().interact_size.y = 16.0;
+    ui.horizontal(|ui| {
+        let (rect, _) = ui.allocate_exact_size(vec2(16.0, 16.0), Sense::hover());
+        let color = p.signal(Channel::Spring(2 * pair));
+        let line = |a, b, width| {
+            ui.painter().line_segment([a, b], Stroke::new(width, color));
+        };
+        line(rect.left_top(), rect.right_bottom(), 2.0);
+        line(rect.right_top(), rect.left_bottom(), 1.0);
+        heading(
+            ui,
+            &format!(
+                "Segment {}, pair {} at {deg:.0}° / {}",
+                pair / 3 + 1,
+                pair + 1,
+                spring_channel(state.reading, 0).unit()
+            ),
+        )
+        .on_hover_text("Angle of the X pair around the arm, from x through bellows 1");
+    });
+    for i in [2 * pair, 2 * pair + 1] {
+        spring_row(ui, view, frame, state, i);
+    }
+}
+
+/// The signal of a spring (0-based) under a reading.
+pub fn spring_channel(reading: Reading, i: usize) -> Channel {
+    match reading {
+        Reading::Calibrated => Channel::Spring(i),
+        Reading::Raw => Channel::SpringRaw(i),
+        Reading::Residual => Channel::SpringResidual(i),
+    }
+}
+
+// Value in the unit of the reading, and its decimals.
+fn spring_value(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize) -> (f64, usize) {
+    match reading {
+        Reading::Calibrated => (frame.sensors.spring_m[i] * 1e3, 2),
+        Reading::Raw => {
+            let raw = view.snapshot.raw.as_ref();
+            let raw = raw.filter(|r| r.has_spring(i) && r.spring_gate_ticks[i] > 0);
+            (raw.map_or(f64::NAN, |r| spring_khz(r, i)), 1)
+        }
+        Reading::Residual => {
+            let shape = view.snapshot.shape.as_deref();
+            (
+                shape.map_or(f64::NAN, |s| spring_residual_mm(frame, s, i)),
+                2,
+            )
+        }
+    }
+}
+
+/// Age of a channel's newest reading, s: by the newest frame, else by the history of the last minutes.
+pub fn channel_age_s(
+    view: &View<'_>,
+    delivered: bool,
+    board: usize,
+    channel: Channel,
+) -> Option<f64> {
+    match &view.snapshot.raw {
+        Some(raw) if delivered => {
+            Some(view.snapshot.stamp.since(raw.stamp) + raw.board_age_s[board])
+        }
+        _ => {
+            let all = view.history.points(channel, view.now_s - 600.0, view.now_s);
+            all.last().map(|q| view.now_s - q[0])
+        }
+    }
+}
+
+fn spring_row(
+    ui: &mut Ui,
+    view: &View<'_>,
+    frame: &SensorFrame,
+    state: &mut SensorsState,
+    i: usize,
+) {
+    let p = *Palette::in_ui(ui);
+    let condition = frame.health.springs[i];
+    let (glyph, word, level) = health(condition);
+    let selected = state.selected_spring == Some(i);
+    let (value, decimals) = spring_value(view, frame, state.reading, i);
+    let [value_width, age_width, glyph_width] = [54.0, 44.0, 14.0];
+    ui.horizontal(|ui| {
+        let button = egui::Button::selectable(selected, spring_name(i)).min_size(vec2(34.0, 22.0));
+        if ui
+            .add(button)
+            .accessible_name(format!("Spring {}", spring_name(i)))
+            .on_hover_text("Make this spring stand out in the plots and in 3D")
+            .clicked()
+        {
+            state.selected_spring = (!selected).then_some(i);
+        }
+        let rest = ui.available_width() - value_width - age_width - glyph_width - 3.0 * 4.0;
+        ui.vertical(|ui| {
+            ui.spacing_mut().item_spacing.y = 0.0;
+            ui.set_width(rest.max(24.0));
+            sparkline(ui, view, spring_channel(state.reading, i), 10.0, 0.2);
+            length_bar(ui, view, frame, i, rest.max(24.0));
+        });
+        let text = match level {
+            Level::Normal => p.text,
+            _ => p.level(level),
+        };
+        let unit = spring_channel(state.reading, i).unit();
+        cell(ui, value_width, RichText::new(number(value, decimals)).color(text))
+            .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+        let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_spring(i));
+        let old = channel_age_s(view, delivered, i / (SPRINGS / 2), Channel::Spring(i));
+        let old = old.map_or("—".into(), age);
+        cell(ui, age_width, RichText::new(old).small().color(p.weak))
+            .on_hover_text("Age of the newest reading");
+        let doubt_mm = frame.doubt[i] * 1e3;
+        let mut hover = format!("{word}: {}", health_sentence(condition));
+        if doubt_mm > 0.0 {
+            hover = format!(
+                "{hover}\nMay be off by ± {} mm beyond its usual noise: other channels tell it, or argue against it.",
+                number(doubt_mm, 2)
+            );
+        }
+        let sign = match condition {
+            ChannelHealth::Ok if doubt_mm > 0.0 => "≈",
+            _ => glyph,
+        };
+        cell(ui, glyph_width, RichText::new(sign).color(p.level(level))).on_hover_text(hover);
+    });
+}
+
+fn length_bar(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, i: usize, width: f32) {
+    let p = *Palette::in_ui(ui);
+    let range = view.spec.spring.range_m.map(|x| x * 1e3);
+    let (_, _, level) = health(frame.health.springs[i]);
+    let name = format!("Spring {} length in mm", spring_name(i));
+    meter(
+        ui,
+        width,
+        &Meter {
+            name: &name,
+            range,
+            origin: range[0],
+            value: Some(frame.sensors.spring_m[i] * 1e3),
+            mark: None,
+            color: match level {
+                Level::Normal => p.bar,
+                _ => p.level(level),
+            },
+        },
+    )
+    .on_hover_text(format!(
+        "{name}, bar from {} to {} mm",
+        number(range[0], 0),
+        number(range[1], 0)
+    ));
+}

@@ -1,0 +1,250 @@
+//! The linked plots of the sensors, and what lies between two cursors.
+
+use egui::{Align, DragValue, Layout, RichText, ScrollArea, Ui, vec2};
+
+use super::side::{axes, imu_channel};
+use super::{Reading, SensorsState, card, spring_channel};
+use crate::gui::history::Channel;
+use crate::gui::panels::View;
+use crate::gui::panels::dashboard::{imu_name, spring_name};
+use crate::gui::panels::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use crate::gui::panels::widgets::{cell, cell_left, dense, note, number, status};
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{IMUS, SPRINGS};
+
+/// The card below the figures.
+pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
+    card(ui, |ui| {
+        ui.set_min_size(ui.available_size());
+        controls(ui, view, state, window);
+        if state.reading == Reading::Residual && view.snapshot.shape.is_none() {
+            let text = match view.replay {
+                Some(_) => "Recordings do not keep the model's shape: no residual can be shown.",
+                None => "The model has no shape yet: no residual can be shown.",
+            };
+            status(ui, Level::Warning, text);
+        }
+        let table = match window.cursors_s {
+            Some(_) => 262.0,
+            None => 0.0,
+        };
+        let plots = ui.available_width() - table;
+        let height = ui.available_height();
+        ui.horizontal_top(|ui| {
+            ui.allocate_ui(vec2(plots, height), |ui| {
+                ui.vertical(|ui| {
+                    ui.set_width(plots - if table > 0.0 { 8.0 } else { 0.0 });
+                    stack(ui, view, state, window);
+                });
+            });
+            if window.cursors_s.is_some() {
+                ui.vertical(|ui| cursors(ui, view, state, window));
+            }
+        });
+    });
+}
+
+fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (value, text, hover) in [
+            (
+                Reading::Calibrated,
+                "Calibrated",
+                "Lengths in mm and angles in deg",
+            ),
+            (
+                Reading::Raw,
+                "Raw",
+                "Before calibration: oscillator frequency in kHz and angular rates in deg/s",
+            ),
+            (
+                Reading::Residual,
+                "Residual",
+                "Measured less the twin's own model at the measured pressures, mm and deg",
+            ),
+        ] {
+            ui.selectable_value(&mut state.reading, value, text)
+                .on_hover_text(hover);
+        }
+        ui.separator();
+        if let Some(i) = state.selected_spring
+            && ui
+                .button(format!("Show all, not only {}", spring_name(i)))
+                .on_hover_text("No spring stands out any more")
+                .clicked()
+        {
+            state.selected_spring = None;
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 6.0;
+            window.controls(ui, view.now_s);
+            let on = window.cursors_s.is_some();
+            let button = egui::Button::selectable(on, "A|B").frame_when_inactive(true);
+            if ui
+                .add(button)
+                .accessible_name("Cursors A and B")
+                .on_hover_text(
+                    "Two cursors with differences. A click in a plot moves the nearer one",
+                )
+                .clicked()
+            {
+                toggle(view, window);
+            }
+            ui.separator();
+            for (k, name) in axes(state.reading).into_iter().enumerate().rev() {
+                ui.selectable_value(&mut state.angle, k, name)
+                    .on_hover_text("Which figure of the IMUs is plotted");
+            }
+            note(ui, "IMU");
+        });
+    });
+}
+
+fn toggle(view: &View<'_>, window: &mut TimeWindow) {
+    if window.cursors_s.take().is_some() {
+        return;
+    }
+    // Plots that run would carry the cursors out of sight.
+    window.frozen_end_s.get_or_insert(view.now_s);
+    let [from, to] = window.range_s(view.now_s);
+    let from = view.history.range_s().map_or(from, |r| r[0].max(from));
+    window.cursors_s = Some([0.35, 0.75].map(|u| from + u * (to - from)));
+}
+
+fn stack(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut TimeWindow) {
+    let reading = state.reading;
+    let spring = |i: usize| {
+        let (channel, name) = (spring_channel(reading, i), spring_name(i));
+        if i.is_multiple_of(2) {
+            Series::solid(channel, name)
+        } else {
+            Series::dashed(channel, name)
+        }
+    };
+    let emphasis: Vec<Channel> = state
+        .selected_spring
+        .map(|i| spring_channel(reading, i))
+        .into_iter()
+        .collect();
+    let what = match reading {
+        Reading::Residual => ", measured − model",
+        Reading::Calibrated | Reading::Raw => "",
+    };
+    let unit = spring_channel(reading, 0).unit();
+    let imu = (0..IMUS).map(|i| Series::solid(imu_channel(reading, i, state.angle), imu_name(i)));
+    // About the peak to peak noise of each.
+    let [spring_floor, imu_floor] = match reading {
+        Reading::Calibrated | Reading::Residual => [0.3, 0.5],
+        Reading::Raw => [0.2, 1.0],
+    };
+    let stacks: [(String, Vec<Series>, &[Channel], f64); 3] = [
+        (
+            format!("Springs of segment 1{what} / {unit}"),
+            (0..SPRINGS / 2).map(spring).collect(),
+            &emphasis,
+            spring_floor,
+        ),
+        (
+            format!("Springs of segment 2{what} / {unit}"),
+            (SPRINGS / 2..SPRINGS).map(spring).collect(),
+            &emphasis,
+            spring_floor,
+        ),
+        (
+            format!(
+                "IMU {}{what} / {}",
+                axes(reading)[state.angle],
+                imu_channel(reading, 0, 0).unit()
+            ),
+            imu.collect(),
+            &[],
+            imu_floor,
+        ),
+    ];
+    let axis = AXIS;
+    ui.spacing_mut().item_spacing.y = 3.0;
+    let height = (ui.available_height() - axis) / 3.0 - ui.spacing().item_spacing.y;
+    for (n, (title, series, emphasis, min_span)) in stacks.iter().enumerate() {
+        let last = n == 2;
+        TimePlot {
+            title,
+            series,
+            min_span: *min_span,
+            emphasis,
+            time_axis: if last {
+                TimeAxis::Shown
+            } else {
+                TimeAxis::Hidden
+            },
+            legend: Legend::Shown,
+            playhead_s: None,
+        }
+        .show(
+            ui,
+            view,
+            window,
+            height.max(60.0) + if last { axis } else { 0.0 },
+        );
+    }
+}
+
+// Instants of the cursors, and what each signal does between them.
+fn cursors(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut TimeWindow) {
+    let p = *Palette::in_ui(ui);
+    let Some([a, b]) = &mut window.cursors_s else {
+        return;
+    };
+    dense(ui);
+    let head = |t: &str| RichText::new(t).small().color(p.weak);
+    ui.horizontal(|ui| {
+        for (name, t) in [("A", &mut *a), ("B", &mut *b)] {
+            ui.label(name);
+            ui.add(DragValue::new(t).speed(0.01).fixed_decimals(2).suffix(" s"))
+                .accessible_name(format!("Cursor {name} in s"))
+                .on_hover_text("Instant on the session's clock, s");
+        }
+        let dt = format!("Δt {} s", number(*b - *a, 2));
+        ui.label(dt).on_hover_text("B less A");
+    });
+    let [a, b] = [*a, *b];
+    let columns = [70.0, 56.0, 56.0, 56.0];
+    ui.horizontal(|ui| {
+        cell_left(ui, columns[0], head("signal"));
+        for (t, w) in ["A", "B", "B − A"].into_iter().zip(&columns[1..]) {
+            cell(ui, *w, head(t));
+        }
+    });
+    let springs = (0..SPRINGS).map(|i| (spring_channel(state.reading, i), spring_name(i)));
+    let imus = (0..IMUS).map(|i| {
+        let name = format!("IMU {}", i + 1);
+        (imu_channel(state.reading, i, state.angle), name)
+    });
+    ScrollArea::vertical()
+        .id_salt("cursors")
+        .auto_shrink(false)
+        .show(ui, |ui| {
+            for (channel, name) in springs.chain(imus) {
+                let at = |t| view.history.value_at(channel, t);
+                let [va, vb] = [at(a), at(b)];
+                let d = va.zip(vb).map(|(x, y)| y - x);
+                let texts = [va, vb, d].map(|v| v.map_or("—".into(), |v| number(v, 2)));
+                let said = format!(
+                    "{name}: B − A {} {} in {} s",
+                    texts[2],
+                    channel.unit(),
+                    number(b - a, 2)
+                );
+                ui.horizontal(|ui| {
+                    let text = format!("{name} / {}", channel.unit());
+                    cell_left(ui, columns[0], RichText::new(text).small().color(p.weak));
+                    for (k, text) in texts.iter().enumerate() {
+                        let r = cell(ui, columns[k + 1], text.as_str());
+                        if k == 2 {
+                            r.accessible_name(&said).on_hover_text(&said);
+                        }
+                    }
+                });
+            }
+        });
+}

@@ -1,0 +1,203 @@
+//! IMUs, boards, and how far the signals are from the training data.
+
+use egui::{RichText, Ui};
+
+use super::{Reading, channel_age_s};
+use crate::gui::history::{Channel, imu_residual_deg};
+use crate::gui::panels::View;
+use crate::gui::panels::dashboard::imu_name;
+use crate::gui::panels::plot::{Dash, swatch};
+use crate::gui::panels::shell::age;
+use crate::gui::panels::widgets::{
+    cell, cell_left, dense, health, health_sentence, note, number, status,
+};
+use crate::gui::theme::{Level, Palette};
+use crate::signal::{BOARDS, FAR_DISTANCE, IMUS, SPRINGS, SensorFrame};
+
+/// Parts of frames are counted over this, s.
+const COUNTED_S: f64 = 10.0;
+
+/// The card.
+pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
+    imus(ui, view, frame, reading);
+    ui.add_space(4.0);
+    boards(ui, view);
+    let link = &view.snapshot.link;
+    note(
+        ui,
+        format!(
+            "{} frames, {} lost (all boards), newest {} old",
+            link.frames,
+            link.frames_lost,
+            age(link.age_s)
+        ),
+    );
+    let Some(estimate) = &view.snapshot.estimate else {
+        return;
+    };
+    let d = estimate.training_distance;
+    let text = format!(
+        "Distance from the training data {} (far above {})",
+        number(d, 2),
+        number(FAR_DISTANCE, 1)
+    );
+    if d > FAR_DISTANCE {
+        status(ui, Level::Warning, &text)
+    } else {
+        note(ui, text)
+    }
+    .on_hover_text(
+        "Distance of the 24 sensor signals from the training data in standard deviations: about 1 inside",
+    );
+}
+
+/// What the three figures of an IMU are called.
+pub fn axes(reading: Reading) -> [&'static str; 3] {
+    match reading {
+        Reading::Raw => ["rate x", "rate y", "rate z"],
+        Reading::Calibrated | Reading::Residual => ["yaw", "pitch", "roll"],
+    }
+}
+
+/// The signal of an IMU (0-based) under a reading.
+pub fn imu_channel(reading: Reading, i: usize, k: usize) -> Channel {
+    match reading {
+        Reading::Calibrated => Channel::Imu(i, k),
+        Reading::Raw => Channel::Gyro(i, k),
+        Reading::Residual => Channel::ImuResidual(i, k),
+    }
+}
+
+fn values(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize) -> [f64; 3] {
+    let none = [f64::NAN; 3];
+    match reading {
+        Reading::Calibrated => frame.sensors.imu_ypr_rad[i].map(f64::to_degrees),
+        Reading::Raw => {
+            let raw = view.snapshot.raw.as_ref().filter(|r| r.has_imu(i));
+            raw.map_or(none, |r| r.imu[i].gyro_rad_s.map(f64::to_degrees))
+        }
+        Reading::Residual => {
+            let shape = view.snapshot.shape.as_deref();
+            shape.map_or(none, |s| imu_residual_deg(frame, s, i))
+        }
+    }
+}
+
+fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
+    let p = *Palette::in_ui(ui);
+    dense(ui);
+    let [name_width, age_width, health_width] = [96.0, 44.0, 66.0];
+    let fixed = name_width + age_width + health_width + 5.0 * 4.0;
+    let width = ((ui.available_width() - fixed) / 3.0).max(40.0);
+    let head = |t: &str| RichText::new(t).small().color(p.weak);
+    ui.horizontal(|ui| {
+        let unit = imu_channel(reading, 0, 0).unit();
+        cell_left(ui, name_width, head(&format!("IMUs / {unit}")));
+        for name in axes(reading) {
+            cell(ui, width, head(name));
+        }
+        cell(ui, age_width, head("age"));
+        cell(ui, health_width, head("health"));
+    });
+    for i in 0..IMUS {
+        let condition = frame.health.imus[i];
+        let (glyph, word, level) = health(condition);
+        ui.horizontal(|ui| {
+            swatch(ui, p.signal(Channel::Imu(i, 0)), Dash::Solid);
+            cell_left(
+                ui,
+                name_width - 20.0,
+                RichText::new(imu_name(i)).color(p.weak),
+            );
+            for v in values(view, frame, reading, i) {
+                cell(ui, width, RichText::new(number(v, 2)));
+            }
+            let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_imu(i));
+            let old = channel_age_s(view, delivered, i / 2, Channel::Imu(i, 0));
+            let old = old.map_or("—".into(), age);
+            cell(ui, age_width, RichText::new(old).small().color(p.weak))
+                .on_hover_text("Age of the newest reading");
+            let doubts = &frame.doubt[SPRINGS + 3 * i..SPRINGS + 3 * i + 3];
+            let doubt_deg = doubts.iter().fold(0.0_f64, |m, d| m.max(*d)).to_degrees();
+            let mut hover = health_sentence(condition).to_owned();
+            if doubt_deg > 0.0 {
+                hover = format!(
+                    "{hover}\nMay be off by ± {} deg beyond its usual noise.",
+                    number(doubt_deg, 2)
+                );
+            }
+            let text = RichText::new(format!("{glyph} {word}")).color(p.level(level));
+            cell(ui, health_width, text).on_hover_text(hover);
+        });
+    }
+}
+
+// Frames within the last seconds in which a board's springs came.
+fn parts(view: &View<'_>, board: usize) -> usize {
+    let own = SPRINGS / BOARDS;
+    (board * own..(board + 1) * own)
+        .map(|i| {
+            let from = view.now_s - COUNTED_S;
+            let all = view.history.points(Channel::SpringRaw(i), from, view.now_s);
+            all.count()
+        })
+        .max()
+        .unwrap_or(0)
+}
+
+fn boards(ui: &mut Ui, view: &View<'_>) {
+    let p = *Palette::in_ui(ui);
+    let link = &view.snapshot.link;
+    let columns = [76.0, 66.0, 58.0, 62.0, 70.0];
+    let head = |t: &str| RichText::new(t).small().color(p.weak);
+    ui.horizontal(|ui| {
+        cell_left(ui, columns[0], head("Boards"));
+        for (t, w) in ["rate", "age", "dropped", "clock"]
+            .into_iter()
+            .zip(&columns[1..])
+        {
+            cell(ui, *w, head(t));
+        }
+    });
+    let counts = [0, 1].map(|b| parts(view, b));
+    let most = counts.iter().copied().max().unwrap_or(0);
+    for (i, count) in counts.into_iter().enumerate() {
+        let late = view.snapshot.raw.as_ref().map(|r| r.board_age_s[i]);
+        ui.horizontal(|ui| {
+            let name = RichText::new(format!("Segment {}", i + 1)).color(p.weak);
+            cell_left(ui, columns[0], name);
+            let rate = number(link.board_rate_hz[i], 1);
+            cell(ui, columns[1], format!("{rate} Hz"))
+                .on_hover_text("Frames per second over the last second");
+            let text = late.map_or("—".into(), |a| format!("{} ms", number(a * 1e3, 1)));
+            cell(ui, columns[2], text).on_hover_text("Age of the board's part of the newest frame");
+            let dropped = if most > 0 {
+                (most - count).to_string()
+            } else {
+                "—".into()
+            };
+            cell(ui, columns[3], dropped).on_hover_text(
+                "Frames of the last 10 s in which this board's springs were missing while the other's came",
+            );
+            clock(ui, view, i, columns[4]);
+        });
+    }
+}
+
+fn clock(ui: &mut Ui, view: &View<'_>, i: usize, width: f32) {
+    let clock = view.snapshot.link.board_clock[i];
+    let offset = clock.map_or("—".into(), |c| format!("{} s", number(c.offset_s, 2)));
+    cell(ui, width, offset).on_hover_text(clock.map_or(
+        "The board's clock has not been fitted yet".to_owned(),
+        |c| {
+            format!(
+                "Session time less board time. The board's clock runs {} ppm {}; pings agree \
+                 within {} ms, a round trip takes {} ms",
+                number(c.skew_ratio.abs() * 1e6, 0),
+                if c.skew_ratio > 0.0 { "slow" } else { "fast" },
+                number(c.residual_s * 1e3, 3),
+                number(c.round_trip_s * 1e3, 2)
+            )
+        },
+    ));
+}

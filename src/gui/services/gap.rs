@@ -1,0 +1,138 @@
+//! What the Gap screen asks of the program around it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::Job;
+use crate::gap::report::Origin;
+use crate::gap::score::Key;
+use crate::gap::{Found, GapError, Patch};
+use crate::robot::RobotSpec;
+
+/// Whether a session is of the robot in use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RobotMatch {
+    /// Recorded with this robot file.
+    Same,
+    /// The session does not say.
+    Silent,
+    /// Recorded with another robot file: starts of the two hashes.
+    Other {
+        /// Of the session.
+        recorded: String,
+        /// In use.
+        given: String,
+    },
+}
+
+/// A group of channels of a session.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SheetGroup {
+    /// Its name.
+    pub name: String,
+    /// Channels with enough data.
+    pub present: usize,
+    /// Channels there could be.
+    pub of: usize,
+}
+
+/// What is known of a session before it is used.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SessionSheet {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its name.
+    pub name: String,
+    /// Length, s.
+    pub seconds: f64,
+    /// Rate of its samples, Hz.
+    pub rate_hz: f64,
+    /// Declared payload, kg.
+    pub payload_kg: f64,
+    /// What was measured.
+    pub groups: Vec<SheetGroup>,
+    /// Whether it is of the robot in use.
+    pub robot: RobotMatch,
+    /// Whether its data were simulated; `None` when it does not say.
+    pub simulated: Option<bool>,
+}
+
+/// A pair of sessions with a hidden effect.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExamplePair {
+    /// Session of the healthy rig.
+    pub healthy: PathBuf,
+    /// Session with the effect.
+    pub suspect: PathBuf,
+    /// Where the answer lies. It is read only when the operator asks, after the verdict.
+    pub answer: PathBuf,
+}
+
+/// The robot file that carries the accepted patches.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PatchedRobot {
+    /// Where it is, or would be.
+    pub path: PathBuf,
+    /// The robot with its patches.
+    pub robot: RobotSpec,
+}
+
+/// Looks at a session.
+pub type Look = Box<dyn FnMut(&Path) -> Job<SessionSheet>>;
+/// Runs the finder on a healthy session, if there is one, and a suspect one. The job tells the name of
+/// the stage ([`crate::gap::Stage::name`]) and the stage's share. An error of the job itself is one of
+/// reading.
+pub type Find = Box<dyn FnMut(Option<&Path>, &Path) -> Job<Result<Arc<Found>, GapError>>>;
+/// Writes report, overlay, patch and finding into a folder of its own; answers with the folder.
+pub type Keep = Box<dyn FnMut(&Arc<Found>, Origin) -> Job<PathBuf>>;
+
+/// Reads what was hidden in an example.
+pub type KeyReader = Box<dyn FnMut(&Path) -> Job<Key>>;
+/// Puts a patch on a robot file.
+pub type Patcher = Box<dyn FnMut(&Patch) -> Job<PatchedRobot>>;
+
+/// What the Gap screen can ask for.
+pub struct GapServices {
+    /// Looks at a session before it is used.
+    pub look: Look,
+    /// Runs the finder.
+    pub find: Find,
+    /// Has a pair of sessions made, by a process of its own, one effect hidden in the second: which one
+    /// depends on the seed.
+    pub example: Box<dyn FnMut(u64) -> Job<ExamplePair>>,
+    /// Reads what was hidden in an example.
+    pub reveal: KeyReader,
+    /// Reads the robot file that carries the accepted patches; without one the robot in use.
+    pub patched: Box<dyn FnMut() -> Job<PatchedRobot>>,
+    /// Puts a patch on that file.
+    pub accept: Patcher,
+    /// Takes the last patch back off it.
+    pub undo: Box<dyn FnMut() -> Job<PatchedRobot>>,
+    /// Writes everything there is to say of a finding.
+    pub keep: Keep,
+    /// Shows a page in the browser.
+    pub open_page: super::Opener,
+}
+
+impl GapServices {
+    /// Services of a window without files.
+    pub fn none() -> Self {
+        let no = |what: &str| format!("This window cannot {what}.");
+        Self {
+            look: Box::new(move |_| Job::ready(Err(no("read sessions")))),
+            find: Box::new(move |_, _| Job::ready(Err(no("read sessions")))),
+            example: Box::new(move |_| Job::ready(Err(no("make an example")))),
+            reveal: Box::new(move |_| Job::ready(Err(no("read answers")))),
+            patched: Box::new(|| {
+                Job::ready(Ok(PatchedRobot {
+                    path: PathBuf::new(),
+                    robot: RobotSpec::reference(),
+                }))
+            }),
+            accept: Box::new(move |_| Job::ready(Err(no("write robot files")))),
+            undo: Box::new(move || Job::ready(Err(no("write robot files")))),
+            keep: Box::new(move |_, _| Job::ready(Err(no("write reports")))),
+            open_page: Box::new(move |_| Err(no("open other programs"))),
+        }
+    }
+}

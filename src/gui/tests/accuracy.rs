@@ -1,0 +1,253 @@
+//! The Accuracy screen: peaks, occlusions, bins, exports.
+
+use super::*;
+use crate::gui::panels::accuracy::{Below, Plots, Scope};
+
+/// Files that the window wrote.
+type Written = Arc<Mutex<Vec<(PathBuf, Vec<u8>)>>>;
+
+// Errors stand out at 110 s and at 130 s, and Vicon is away from 115 s to 117 s.
+fn session() -> Vec<Snapshot> {
+    let mut session = fixture::session(40);
+    for s in &mut session {
+        let t = s.stamp.seconds();
+        let estimate = s.estimate.as_mut().expect("has an estimate");
+        for (peak, mm) in [(110.0, 9.0), (130.0, 12.0)] {
+            let u: f64 = (t - peak) / 0.1;
+            estimate.base_from_tip.translation.vector.x += 1e-3 * mm * (-u * u).exp();
+        }
+        if (115.0..117.0).contains(&t) {
+            s.truth = None;
+        }
+    }
+    session
+}
+
+fn app(session: &[Snapshot], theme: Theme) -> App {
+    App::for_screenshot(Screen::Accuracy, theme, RobotSpec::reference(), session)
+}
+
+fn writing(app: &mut App) -> Written {
+    let written = Written::default();
+    let to = Arc::clone(&written);
+    app.services.write = Box::new(move |path, bytes| {
+        to.lock()
+            .expect("not poisoned")
+            .push((path.to_owned(), bytes.to_vec()));
+        Ok(())
+    });
+    written
+}
+
+fn peak_s(h: &Harness<'_, App>) -> f64 {
+    h.state().accuracy.peak.map_or(f64::NAN, |p| p[0])
+}
+
+#[test]
+fn j_and_k_go_from_peak_to_peak_and_the_window_follows() {
+    let mut h = harness(app(&session(), Theme::Dark));
+    h.run();
+    for _ in 0..40 {
+        h.key_press(Key::J);
+        h.run();
+        if (peak_s(&h) - 130.0).abs() < 0.1 {
+            break;
+        }
+    }
+    assert!((peak_s(&h) - 130.0).abs() < 0.1, "{}", peak_s(&h));
+    assert!(h.state().accuracy.peak.is_some_and(|p| p[1] > 9.0));
+    let [from, to] = h.state().window.range_s(140.0);
+    assert!(from < 130.0 && 130.0 < to);
+    h.get_by_label_contains(" mm at 2:10 (130.");
+    // The largest of all is at 130 s: those before it come with K, down to 110 s.
+    for _ in 0..40 {
+        h.key_press(Key::K);
+        h.run();
+        if (peak_s(&h) - 110.0).abs() < 0.1 {
+            break;
+        }
+    }
+    assert!((peak_s(&h) - 110.0).abs() < 0.1, "{}", peak_s(&h));
+    let at = peak_s(&h);
+    press(&mut h, "Next peak");
+    assert!(peak_s(&h) > at);
+    press(&mut h, "Previous peak");
+    assert_eq!(peak_s(&h), at);
+}
+
+#[test]
+fn occlusions_are_left_out_counted_and_shown_in_both_kinds_of_plots() {
+    let mut h = harness(app(&session(), Theme::Dark));
+    h.run();
+    h.get_by_label_contains("Left out: 1 occlusions (2.0 s)");
+    control(&h, "x error / mm");
+    press(&mut h, "Overlay");
+    control(&h, "x / mm");
+    assert_eq!(h.query_all_by_label("x error / mm").count(), 0);
+    press(&mut h, "In space");
+    h.get_by_label("From above: x, y");
+    h.get_by_label("From the side: x, z");
+    press(&mut h, "By bins");
+    press(&mut h, "Speed");
+    h.get_by_label("speed / mm/s");
+    press(&mut h, "Frames");
+    h.get_by_label_contains("no transform, no offset");
+    h.get_by_label_contains("Clock of segment 1: session time is board time − 3.100 s");
+}
+
+#[test]
+fn the_table_that_is_written_holds_as_many_rows_as_are_shown() {
+    let mut app = app(&session(), Theme::Dark);
+    let written = writing(&mut app);
+    let mut h = harness(app);
+    h.run();
+    for all in [false, true] {
+        if all {
+            press(&mut h, "All");
+        }
+        press(&mut h, "CSV");
+        // There is no dialog: the path is typed.
+        h.get_by_label("Path to write");
+        press(&mut h, "Write");
+        h.run();
+        let (path, bytes) = written
+            .lock()
+            .expect("not poisoned")
+            .pop()
+            .expect("written");
+        assert_eq!(path, PathBuf::from("accuracy-live-simulated.csv"));
+        let text = String::from_utf8(bytes).expect("text");
+        let rows: Vec<Vec<f64>> = text
+            .lines()
+            .skip(1)
+            .map(|l| {
+                let cells: Vec<&str> = l.split(',').collect();
+                assert_eq!(cells.last(), Some(&"simulated"));
+                cells[..9]
+                    .iter()
+                    .map(|c| c.parse().expect("a number"))
+                    .collect()
+            })
+            .collect();
+        let shown = rows.len().to_string();
+        assert_eq!(h.get_all_by_label(&shown).count(), 8, "n of all eight rows");
+        assert!(rows.windows(2).all(|w| w[0][0] < w[1][0]));
+        let span = rows[rows.len() - 1][0] - rows[0][0];
+        assert!(if all { span > 39.0 } else { span < 30.1 }, "{span}");
+        // The length of the translation error is that of its parts.
+        for r in &rows {
+            let length = (1..4).map(|k| r[k] * r[k]).sum::<f64>().sqrt();
+            assert!((length - r[7]).abs() < 2e-4, "{r:?}");
+        }
+        h.get_by_label_contains(&format!("Wrote {shown} rows"));
+    }
+}
+
+#[test]
+fn the_report_says_that_the_data_are_simulated_and_a_failure_says_what_to_do() {
+    let mut app = app(&session(), Theme::Dark);
+    let written = writing(&mut app);
+    app.services.pick = Box::new(|dialog| {
+        assert_eq!(dialog.name, "accuracy-live-simulated.html");
+        Job::ready(Ok(Some(PathBuf::from("report.html"))))
+    });
+    let mut h = harness(app);
+    h.run();
+    press(&mut h, "Report");
+    let (path, bytes) = written
+        .lock()
+        .expect("not poisoned")
+        .pop()
+        .expect("written");
+    assert_eq!(path, PathBuf::from("report.html"));
+    let html = String::from_utf8(bytes).expect("text");
+    assert!(html.contains("simulated data") && html.contains("1 occlusions (2.0 s)"));
+    h.state_mut().services.write = Box::new(|_, _| Err("The disk is full.".into()));
+    press(&mut h, "Report");
+    h.get_by_label_contains("The disk is full. Nothing was written: choose another place.");
+}
+
+#[test]
+fn the_picture_shows_this_screen_alone() {
+    let mut app = app(&session(), Theme::Dark);
+    let written = writing(&mut app);
+    app.services.pick = Box::new(|_| Job::ready(Ok(Some(PathBuf::from("a.png")))));
+    let mut h = Harness::builder()
+        .with_size([1280.0, 720.0])
+        .wgpu()
+        .build_eframe(|_| app);
+    h.run_steps(3);
+    h.get_by_label("PNG").click();
+    h.run_steps(6);
+    let (_, bytes) = written
+        .lock()
+        .expect("not poisoned")
+        .pop()
+        .expect("written");
+    let picture = image::load_from_memory(&bytes).expect("a PNG").to_rgba8();
+    assert!((1000..1280).contains(&picture.width()) && (500..720).contains(&picture.height()));
+    let shades: std::collections::BTreeSet<_> = picture.pixels().step_by(97).map(|p| p.0).collect();
+    assert!(shades.len() > 20, "nearly blank");
+}
+
+#[test]
+fn without_vicon_there_is_nothing_to_write() {
+    let mut session = session();
+    session.iter_mut().for_each(|s| s.truth = None);
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label("Prediction only");
+    assert!(h.query_by_label("CSV").is_none() && h.query_by_label("Next peak").is_none());
+}
+
+#[test]
+fn accuracy_looks_right() {
+    let session = session();
+    for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+        for (below, what) in [
+            (Below::Time, "time"),
+            (Below::Space, "space"),
+            (Below::Bins, "bins"),
+            (Below::Frames, "frames"),
+        ] {
+            let mut app = app(&session, theme);
+            app.accuracy.below = below;
+            app.accuracy.scope = Scope::All;
+            if below != Below::Time {
+                app.accuracy.plots = Plots::Overlay;
+            }
+            picture(
+                &format!("accuracy-{what}-{name}"),
+                [1280.0, 720.0],
+                theme,
+                app,
+            );
+        }
+        let mut app = app(&session, theme);
+        app.accuracy.below = Below::Space;
+        sharp_picture(&format!("accuracy-space-{name}-2x"), theme, app);
+    }
+    picture(
+        "accuracy-empty",
+        [1280.0, 720.0],
+        Theme::Dark,
+        app(&[], Theme::Dark),
+    );
+    let mut lost = session.clone();
+    let last = lost.last_mut().expect("not empty");
+    last.link.connected = false;
+    last.link.age_s = 3.2;
+    picture(
+        "accuracy-disconnected",
+        [1280.0, 720.0],
+        Theme::Light,
+        app(&lost, Theme::Light),
+    );
+    lost.iter_mut().for_each(|s| s.truth = None);
+    picture(
+        "accuracy-prediction",
+        [1280.0, 720.0],
+        Theme::Dark,
+        app(&lost, Theme::Dark),
+    );
+}

@@ -1,0 +1,604 @@
+//! The wizard, driven as an operator would, beside a real twin on the virtual rig in simulated time.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rand::SeedableRng as _;
+
+use super::*;
+use crate::control::Gains;
+use crate::gui::panels::calibrate::wizard::{DRAFT, Step, Wizard, same};
+use crate::gui::services::{
+    BenchRequest, CalibrationServices, Comparison, NewVersion, Question, Version,
+};
+use crate::link::wire::Config;
+use crate::link::{HostSession, Origin};
+use crate::rig::circuit::{self, BenchPlan};
+use crate::rig::{RigOptions, Unit, VirtualRig, circuit_of};
+use crate::sensing::bench::{BenchLog, parse_bench};
+use crate::sensing::{Calibration, Sensing};
+use crate::signal::{ControllerKind, GroundTruth, PressureCommand};
+use crate::twin::{Arrivals, Maps, Port, Runner};
+
+/// The virtual rig behind a line that can be cut.
+struct Line {
+    rig: VirtualRig,
+    session: HostSession,
+    cut: Arc<AtomicBool>,
+    was_cut: bool,
+    ms: u64,
+    to_rig: Vec<u8>,
+}
+
+impl Port for Line {
+    fn poll(&mut self, now: Stamp) -> Arrivals {
+        let mut arrivals = Arrivals::default();
+        let cut = self.cut.load(Ordering::Relaxed);
+        match (self.was_cut, cut) {
+            (false, true) => self.session.disconnected(now, "the cable was pulled"),
+            (true, false) => self.session.reconnected(now),
+            _ => {}
+        }
+        self.was_cut = cut;
+        self.rig.faults.line_cut = cut;
+        while (self.ms + 1) as f64 * 1e-3 <= now.seconds() + 1e-9 {
+            self.ms += 1;
+            let t_s = self.ms as f64 * 1e-3;
+            let at = Stamp::from_seconds(t_s);
+            self.to_rig.extend(self.session.poll(at));
+            let from_rig = self.rig.advance(t_s, &std::mem::take(&mut self.to_rig));
+            self.session.on_bytes(at, &from_rig);
+            if self.ms.is_multiple_of(10) {
+                arrivals.truths.push(GroundTruth {
+                    stamp: at,
+                    base_from_tip: self.rig.mocap_pose(),
+                    source: TruthSource::VirtualRig,
+                });
+            }
+        }
+        arrivals.frames = std::iter::from_fn(|| self.session.next_frame()).collect();
+        arrivals.status = self.session.status(now);
+        arrivals
+    }
+
+    fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
+        match command {
+            Some(command) => self.session.set_command(command),
+            None => self.session.clear_command(),
+        }
+    }
+
+    fn estop(&mut self, _now: Stamp) {
+        self.session.estop();
+    }
+
+    fn reset(&mut self, _now: Stamp) {
+        self.session.reset();
+    }
+}
+
+fn maps() -> Maps {
+    let bytes = include_bytes!("../../../assets/networks/reference.safetensors");
+    crate::learn::Model::from_bytes(bytes)
+        .expect("the shipped networks load")
+        .into()
+}
+
+fn drawn(request: &BenchRequest) -> BenchLog {
+    let robot = RobotSpec::reference();
+    let mut circuit = circuit_of(&robot, Unit::default());
+    let plan = BenchPlan {
+        loose: request.loose.into_iter().collect(),
+        ..BenchPlan::for_robot(&robot)
+    };
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(request.seed);
+    let text = circuit::bench(&mut circuit, &plan, &mut rng);
+    let mut log = parse_bench(&text).expect("the bench writes what is read");
+    log.springs
+        .retain(|(n, _)| request.springs.contains(&(n - 1)));
+    log
+}
+
+fn compared(q: &Question) -> Comparison {
+    let (robot, maps) = (RobotSpec::reference(), maps());
+    let errors = |c: &Calibration| {
+        q.trial
+            .errors(&robot, &maps, c, &q.frames, &mut |_| true)
+            .expect("nobody stops it")
+    };
+    Comparison {
+        old: errors(&q.old),
+        new: errors(&q.new),
+    }
+}
+
+type Shelf = Arc<Mutex<Vec<Version>>>;
+
+fn put(shelf: &Shelf, new: NewVersion) -> Vec<Version> {
+    let mut list = shelf.lock().expect("not poisoned");
+    for v in list.iter_mut() {
+        v.active = false;
+    }
+    let number = list.len() as u32 + 1;
+    list.insert(
+        0,
+        Version {
+            number,
+            date: "2026-03-01".into(),
+            note: new.note,
+            active: true,
+            calibration: Arc::new(new.calibration),
+            registration: new.registration,
+        },
+    );
+    list.clone()
+}
+
+fn services(shelf: &Shelf) -> Services {
+    let (list, save, activate) = (shelf.clone(), shelf.clone(), shelf.clone());
+    Services {
+        calibration: CalibrationServices {
+            in_use: Arc::new(Calibration::virtual_rig()),
+            bench: Some(Box::new(|r| Job::ready(Ok(drawn(&r))))),
+            compare: Box::new(|q| Job::ready(Ok(compared(&q)))),
+            versions: Box::new(move || Job::ready(Ok(list.lock().expect("not poisoned").clone()))),
+            save: Box::new(move |new| Job::ready(Ok(put(&save, new)))),
+            activate: Box::new(move |number| {
+                let mut list = activate.lock().expect("not poisoned");
+                for v in list.iter_mut() {
+                    v.active = v.number == number;
+                }
+                Job::ready(Ok(list.clone()))
+            }),
+            ..CalibrationServices::none()
+        },
+        ..Services::none()
+    }
+}
+
+/// A twin on the virtual rig, its line, and the window.
+struct Bench {
+    runner: Runner,
+    ticks: u64,
+    cut: Arc<AtomicBool>,
+    window: super::Twin,
+    shelf: Shelf,
+    h: Harness<'static, App>,
+}
+
+impl Bench {
+    fn new(shelf: Shelf) -> Self {
+        let robot = RobotSpec::reference();
+        let sensing = Sensing::new(&robot, Calibration::virtual_rig());
+        let twin = crate::twin::Twin::new(&robot, maps(), sensing, Gains::of(ControllerKind::Ours));
+        let cut = Arc::new(AtomicBool::new(false));
+        let config = Config::new(&robot.pressure, robot.over_pressure_pa);
+        let line = Line {
+            rig: VirtualRig::new(&robot, &RigOptions::default()).expect("settles"),
+            session: HostSession::new("virtual rig", Origin::Simulated, config),
+            cut: Arc::clone(&cut),
+            was_cut: false,
+            ms: 0,
+            to_rig: Vec::new(),
+        };
+        let (command_tx, commands) = sync_channel(64);
+        let (events, event_rx) = sync_channel(256);
+        let (feed, feed_rx) = sync_channel(256);
+        let latest = Arc::new(Mutex::new(Arc::new(Snapshot::default())));
+        let window = super::Twin {
+            commands,
+            events,
+            feed,
+            latest: Arc::clone(&latest),
+        };
+        let handle = Handle {
+            commands: command_tx,
+            events: event_rx,
+            feed: feed_rx,
+            latest,
+        };
+        let mut app = App::new(Some(handle), robot.clone(), services(&shelf));
+        app.screen = Screen::Calibrate;
+        let h = Harness::builder()
+            .with_size([1280.0, 720.0])
+            .with_theme(Theme::Dark)
+            .with_render_cursor(false)
+            .wgpu()
+            .build_eframe(|_| app);
+        let mut bench = Self {
+            runner: Runner::new(twin, Box::new(line), &robot),
+            ticks: 0,
+            cut,
+            window,
+            shelf,
+            h,
+        };
+        bench.pass(2.0);
+        bench
+    }
+
+    /// Lets `seconds` pass on the rig; the window sees every snapshot.
+    fn pass(&mut self, seconds: f64) {
+        let end = self.ticks + (seconds / 0.01).round() as u64;
+        while self.ticks < end {
+            for _ in 0..25 {
+                let now = Stamp::from_seconds(self.ticks as f64 * 0.01);
+                let commands = self.window.taken();
+                let (snapshot, events) = self.runner.tick(now, &commands);
+                self.ticks += 1;
+                *self.window.latest.lock().expect("not poisoned") = Arc::clone(&snapshot);
+                self.window.feed.try_send(snapshot).expect("room");
+                for event in events {
+                    self.window.events.try_send(event).expect("room");
+                }
+            }
+            self.h.step();
+        }
+        self.h.run_steps(2);
+    }
+
+    fn press(&mut self, label: &str) {
+        self.h.get_by_label(label).click();
+        self.h.run_steps(3);
+    }
+
+    fn wizard(&self) -> &Wizard {
+        self.h.state().calibrate.wizard().expect("is shown")
+    }
+
+    fn until(&mut self, what: &str, most_s: f64, done: impl Fn(&Wizard) -> bool) {
+        let start = self.ticks;
+        while !done(self.wizard()) {
+            let waited_s = (self.ticks - start) as f64 * 0.01;
+            let now = self.runner.twin.snapshot();
+            assert!(
+                waited_s < most_s,
+                "{what}: not after {most_s} s; {:?}, {:?}, {:?}",
+                now.mode,
+                now.alarms,
+                now.routine
+            );
+            self.pass(1.0);
+        }
+        println!("{what}: {:.0} s", (self.ticks - start) as f64 * 0.01);
+    }
+
+    /// Pictures of the window in both themes, at 1280 × 720 and at twice the pixels.
+    fn shoot(&mut self, name: &str) {
+        let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
+        std::fs::create_dir_all(&dir).expect("the target directory can be written");
+        for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+            for scale in [1.0, 2.0] {
+                self.h.ctx.set_theme(theme);
+                self.h.set_pixels_per_point(scale);
+                self.h.remove_cursor();
+                self.h.run_steps(1);
+                self.h.set_size([1280.0, 720.0].into());
+                self.h.run_steps(3);
+                let image = self.h.render().expect("a renderer draws");
+                assert_eq!(image.width(), (1280.0 * scale) as u32);
+                let file = format!("calibrate-{name}-{theme_name}-{scale}x.png");
+                image.save(dir.join(file)).expect("can be written");
+            }
+        }
+        self.h.ctx.set_theme(Theme::Dark);
+        self.h.set_pixels_per_point(1.0);
+        self.h.run_steps(1);
+        self.h.set_size([1280.0, 720.0].into());
+        self.h.run_steps(2);
+    }
+}
+
+fn spring_points(w: &Wizard) -> Vec<usize> {
+    w.springs.springs.iter().map(|t| t.points().len()).collect()
+}
+
+#[test]
+fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
+    let mut b = Bench::new(Shelf::default());
+    b.h.get_by_label_contains("All checks passed (simulated)");
+    b.shoot("1-preflight");
+    b.press("Next ▶");
+
+    // The loose plug is refused, and only that spring is drawn again.
+    b.press("▶ Draw all twelve springs");
+    b.h.get_by_label_contains("Spring 7: the curve misses held-out points");
+    assert!(is_disabled(&b.h, "Next ▶"));
+    assert_eq!(b.wizard().springs_to_do(), [7]);
+    b.shoot("2-springs-redo");
+    let before: Vec<_> = b.wizard().springs.springs.to_vec();
+    b.press("Redo spring 7");
+    assert_eq!(b.wizard().springs_to_do(), [] as [usize; 0]);
+    for (i, old) in before.iter().enumerate() {
+        let now = &b.wizard().springs.springs[i];
+        assert_eq!(now.points() == old.points(), i != 6, "spring {}", i + 1);
+        assert_eq!(now.redone, u32::from(i == 6));
+    }
+    b.shoot("2-springs-pass");
+    b.press("Next ▶");
+    b.pass(1.0);
+    assert_eq!(b.wizard().in_use.name, DRAFT);
+    assert!(same(b.runner.twin.calibration(), &b.wizard().draft()));
+
+    b.press("● Capture all four IMUs");
+    b.press("Circle slowly to all sides");
+    b.pass(50.0);
+    b.shoot("3-imus-open");
+    b.until("IMUs", 150.0, |w| !w.imus.running());
+    b.shoot("3-imus-pass");
+    for (i, take) in b.wizard().imus.imus.iter().enumerate() {
+        println!("IMU {}: {:?}", i + 1, take.verdict());
+    }
+    assert!(!is_disabled(&b.h, "Next ▶"));
+    b.press("Next ▶");
+    b.pass(1.0);
+    assert_eq!(b.wizard().step, Step::Vicon);
+    assert!(same(b.runner.twin.calibration(), &b.wizard().draft()));
+
+    b.press("Visit 17 poses");
+    b.until("poses", 400.0, |w| w.vicon.pairs().len() >= 17);
+    b.shoot("4-vicon");
+    let fit = match b.wizard().vicon.fit() {
+        Some(Ok(fit)) => fit.clone(),
+        other => panic!("{other:?}"),
+    };
+    let (x, y) = (&fit.frames.base_from_world, &fit.frames.object_from_tip);
+    println!("registration: {x} {y} {:?}", fit.summary);
+    // World and base are one frame on the virtual rig: the middle of the poses stays where it is.
+    let middle = nalgebra::Point3::from(fit.centre_in_world_m);
+    let moved_m = (x * middle - middle).norm();
+    assert!(x.rotation.angle() < 0.03 && moved_m < 5e-3, "{x} {moved_m}");
+    b.press("Next ▶");
+
+    b.press("● Record motion");
+    b.press("Figure 8, not used before");
+    b.pass(25.0);
+    b.shoot("5-validate-open");
+    b.until("motion", 60.0, |w| w.comparison.is_some());
+    b.shoot("5-validate");
+    let (c, _) = b.wizard().comparison.clone().expect("compared");
+    println!("{c:?}");
+    let judgement = b.wizard().judgement().expect("judged");
+    assert!(judgement.good, "{judgement:?}");
+    assert!(
+        c.new
+            .position_m
+            .is_some_and(|s| s.n > 1000 && s.rmse < 2e-3)
+    );
+    b.press("Next ▶");
+
+    assert!(is_disabled(&b.h, "Save and use"));
+    b.h.get_by_label("Name").focus();
+    b.h.run_steps(2);
+    b.h.get_by_label("Name").type_text("arm 2");
+    b.h.run_steps(2);
+    b.shoot("6-save");
+    let draft = b.wizard().draft();
+    b.press("Save and use");
+    b.pass(0.5);
+    b.shoot("6-saved");
+    let saved = b.shelf.lock().expect("not poisoned").clone();
+    assert_eq!(saved.len(), 1);
+    let v = &saved[0];
+    assert!(v.active && v.registration.is_some());
+    assert!(
+        v.note
+            .starts_with("springs 12/12, IMUs 4/4, 1 redone, Vicon"),
+        "{}",
+        v.note
+    );
+    assert!(
+        v.note.contains("validated") && v.note.ends_with("simulated"),
+        "{}",
+        v.note
+    );
+    assert_eq!(
+        (&*v.calibration.name, v.calibration.springs.len()),
+        ("arm 2", 12)
+    );
+    assert!(same(&v.calibration, &draft));
+    // Points of two runs: neither log's own hash.
+    assert_ne!(
+        v.calibration.bench_sha256,
+        drawn(&BenchRequest {
+            springs: vec![0],
+            loose: Some(6),
+            seed: 1,
+        })
+        .sha256
+    );
+    assert_eq!(b.runner.twin.calibration(), v.calibration.as_ref());
+    b.h.get_by_label_contains("Saved as version 1, “arm 2”");
+    assert!(!b.wizard().has_begun());
+}
+
+#[test]
+fn a_disconnect_keeps_the_captures_and_capturing_goes_on_afterwards() {
+    let mut b = Bench::new(Shelf::default());
+    b.press("Next ▶");
+    b.press("▶ Draw all twelve springs");
+    b.press("Redo spring 7");
+    b.press("Next ▶");
+    b.press("● Capture all four IMUs");
+    b.pass(14.0);
+    let samples = |b: &Bench| b.wizard().imus.imus.each_ref().map(|t| t.samples());
+    let (before, points) = (samples(&b), spring_points(b.wizard()));
+    assert!(before.iter().all(|n| *n > 20), "{before:?}");
+    b.cut.store(true, Ordering::Relaxed);
+    b.pass(1.0);
+    let held = samples(&b);
+    b.pass(2.0);
+    b.h.get_by_label_contains("Paused: the boards do not answer.");
+    assert!(is_disabled(&b.h, "Circle slowly to all sides"));
+    assert_eq!(samples(&b), held);
+    assert_eq!(spring_points(b.wizard()), points);
+    b.shoot("7-disconnected");
+    // Another screen and back: nothing is lost.
+    b.h.state_mut().screen = Screen::Sensors;
+    b.pass(0.5);
+    b.h.state_mut().screen = Screen::Calibrate;
+    b.cut.store(false, Ordering::Relaxed);
+    b.pass(3.0);
+    assert!(b.h.query_by_label_contains("Paused: the boards").is_none());
+    b.press("Reset");
+    b.pass(14.0);
+    assert!(!is_disabled(&b.h, "Circle slowly to all sides"));
+    let after = samples(&b);
+    assert!(
+        after.iter().zip(held).all(|(a, h)| *a > h + 20),
+        "{held:?} {after:?}"
+    );
+    assert_eq!(spring_points(b.wizard()), points);
+    assert_eq!(b.wizard().step, Step::Imus);
+}
+
+#[test]
+fn cancel_gives_the_twin_the_calibration_from_before() {
+    let mut b = Bench::new(Shelf::default());
+    let before = b.runner.twin.calibration().clone();
+    assert!(is_disabled(&b.h, "Cancel calibration…"));
+    b.press("Next ▶");
+    b.press("▶ Draw all twelve springs");
+    b.press("Redo spring 7");
+    b.press("Next ▶");
+    b.pass(1.0);
+    assert!(!same(b.runner.twin.calibration(), &before));
+    b.press("Cancel calibration…");
+    b.shoot("8-cancel");
+    b.press("Keep going");
+    assert_eq!(b.wizard().step, Step::Imus);
+    b.press("Cancel calibration…");
+    b.press("Discard and restore");
+    b.pass(1.0);
+    assert_eq!(b.runner.twin.calibration(), &before);
+    assert_eq!(spring_points(b.wizard()), [0; 12]);
+    assert_eq!(b.wizard().step, Step::Preflight);
+    assert!(b.shelf.lock().expect("not poisoned").is_empty());
+    b.h.get_by_label_contains("Cancelled: “");
+}
+
+#[test]
+fn a_version_is_rolled_back_and_the_twin_reads_by_it() {
+    let shelf = Shelf::default();
+    for (name, longer_m) in [("one", 1e-3), ("two", 2e-3)] {
+        let mut calibration = Calibration::virtual_rig();
+        calibration.name = name.into();
+        calibration.springs[0].curve.coefficients_m[0] += longer_m;
+        put(
+            &shelf,
+            NewVersion {
+                note: format!("{name}: springs 12/12"),
+                calibration,
+                registration: None,
+            },
+        );
+    }
+    let mut b = Bench::new(shelf);
+    b.press("Roll back to version 1");
+    b.pass(0.5);
+    let list = b.shelf.lock().expect("not poisoned").clone();
+    let active: Vec<_> = list.iter().filter(|v| v.active).map(|v| v.number).collect();
+    assert_eq!(active, [1]);
+    assert_eq!(b.runner.twin.calibration().name, "one");
+    assert_eq!(b.runner.twin.calibration(), list[1].calibration.as_ref());
+    b.h.get_by_label_contains("Rolled back to version 1, “one”");
+    b.shoot("9-rolled-back");
+    // While captures are under way there is no way back.
+    b.press("Next ▶");
+    b.press("▶ Draw all twelve springs");
+    b.press("◀ Back");
+    assert!(is_disabled(&b.h, "Roll back to version 2"));
+}
+
+#[test]
+fn a_log_is_browsed_read_and_judged_and_a_circuit_s_own_readings_are_not_used() {
+    let (_twin, handle) = twin(fixture::snapshot(1.0));
+    let mut outside = services(&Shelf::default());
+    outside.pick = Box::new(|dialog| {
+        assert_eq!(dialog.kind, crate::gui::services::DialogKind::Open);
+        Job::ready(Ok(Some(PathBuf::from("logs/bench.csv"))))
+    });
+    outside.calibration.bench = None;
+    outside.calibration.read_bench = Box::new(|path| {
+        assert_eq!(path, PathBuf::from("logs/bench.csv"));
+        let mut log = drawn(&BenchRequest {
+            springs: (0..11).collect(),
+            loose: None,
+            seed: 3,
+        });
+        log.quantity = crate::sensing::calibration::Quantity::CircuitReading;
+        Job::ready(Ok(log))
+    });
+    let mut app = App::new(Some(handle), RobotSpec::reference(), outside);
+    app.screen = Screen::Calibrate;
+    let mut h = harness(app);
+    h.run_steps(3);
+    h.get_by_label("Next ▶").click();
+    h.run_steps(3);
+    assert!(is_disabled(&h, "Practice bench"));
+    assert!(is_disabled(&h, "Read the log"));
+    h.get_by_label("Browse…").click();
+    h.run_steps(3);
+    h.get_by_label("Read the log").click();
+    h.run_steps(3);
+    let w = h.state().calibrate.wizard().expect("is shown");
+    assert_eq!(w.springs_to_do(), (1..=11).collect::<Vec<_>>());
+    h.get_by_label_contains("Spring 1: the log holds a circuit's own readings");
+    h.get_by_label_contains("The log has no points of spring 12");
+    assert!(is_disabled(&h, "Next ▶"));
+}
+
+#[test]
+fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
+    let mut s = fixture::snapshot(1.0);
+    s.link.simulated = false;
+    s.mode = Mode::Disarmed;
+    let (twin, handle) = twin(s);
+    let mut app = App::new(
+        Some(handle),
+        RobotSpec::reference(),
+        services(&Shelf::default()),
+    );
+    app.screen = Screen::Calibrate;
+    let mut h = harness(app);
+    h.run_steps(3);
+    h.get_by_label("Next ▶").click();
+    h.run_steps(3);
+    h.get_by_label("By hand").click();
+    h.run_steps(3);
+    assert!(is_disabled(&h, "Capture this length"));
+    h.get_by_label("Length / mm").focus();
+    h.run_steps(2);
+    h.get_by_label("Length / mm").type_text("120,5");
+    h.run_steps(2);
+    h.get_by_label("Capture this length").click();
+    h.run_steps(3);
+    for k in 0..70 {
+        let mut s = fixture::snapshot(1.1 + 0.01 * f64::from(k));
+        let raw = s.raw.as_mut().expect("raw");
+        raw.seq = 1000 + k;
+        raw.spring_counts = [10_800; 12];
+        raw.spring_gate_ticks = [128_000; 12];
+        twin.publish(s);
+        if k % 10 == 0 {
+            h.step();
+        }
+    }
+    h.run_steps(2);
+    let w = h.state().calibrate.wizard().expect("is shown");
+    let points = w.springs.springs[0].points();
+    assert_eq!(points.len(), 1);
+    assert!((points[0].length_m - 0.1205).abs() < 1e-9);
+    assert!(is_disabled(&h, "Next ▶"), "one length makes no curve");
+    h.get_by_label("Redo spring 1").click();
+    h.run_steps(3);
+    h.get_by_label("Next ▶").click();
+    h.run_steps(3);
+    // Disarmed hardware is not moved from here.
+    let mut s = fixture::snapshot(3.0);
+    s.link.simulated = false;
+    s.mode = Mode::Disarmed;
+    twin.publish(s);
+    h.run_steps(2);
+    assert!(is_disabled(&h, "Circle slowly to all sides"));
+    assert_eq!(twin.taken(), []);
+}

@@ -1,0 +1,678 @@
+//! The story of the Gap screen: with the real finder on sessions of the virtual rig, and with findings
+//! of every verdict.
+
+use std::cell::RefCell;
+use std::path::Path;
+use std::rc::Rc;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use super::*;
+use crate::gap::report::Origin;
+use crate::gap::score::{About, Key as Answer, KeyEffect, KeyValue};
+use crate::gap::{
+    Finding, Found, GapError, Grid, Located, Options, Patch, Progress, Session, Stage, Unwatched,
+    Verdict,
+};
+use crate::gui::panels::gap::{Decision, Step};
+use crate::gui::services::gap::{
+    ExamplePair, GapServices, PatchedRobot, RobotMatch, SessionSheet, SheetGroup,
+};
+use crate::gui::services::{Dialog, Worker};
+use crate::rig::hidden::Hidden;
+use crate::rig::{SessionPlan, session};
+use crate::robot::{REFERENCE, with_patch, without_last_patch};
+
+const HEALTHY: &str = "made/commissioning";
+const SUSPECT: &str = "made/suspect";
+const ANSWER: &str = "answers/made.json";
+/// What the example of these tests hides: mass, kg, and offset, m, of an undeclared payload.
+const HIDDEN: (&str, [f64; 2]) = ("payload", [0.25, 0.004]);
+
+fn made(name: &str, seed: u64, hidden: Vec<Hidden>) -> Session {
+    let plan = SessionPlan {
+        name: name.into(),
+        seed,
+        seconds: 40.0,
+        rate_hz: 25.0,
+        hidden,
+        ..SessionPlan::default()
+    };
+    let s = session(&RobotSpec::reference(), &plan).expect("the rig can be driven so");
+    Session {
+        name: s.name,
+        hash: format!("{seed:064x}"),
+        robot: RobotSpec::reference().hash,
+        payload_kg: s.payload_kg,
+        t_s: s.t_s,
+        chamber_pa: s.chamber_pa,
+        commanded_pa: Some(s.commanded_pa),
+        sensors: s.sensors,
+        captured: s.captured.into_iter().map(Some).collect(),
+    }
+}
+
+/// The real finder on two real sessions of the virtual rig, once for all tests.
+fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
+    static FOUND: OnceLock<Arc<Found>> = OnceLock::new();
+    if let Some(found) = FOUND.get() {
+        return Ok(Arc::clone(found));
+    }
+    let hidden = Hidden::new(HIDDEN.0, None, &HIDDEN.1).expect("can be hidden");
+    let healthy = Grid::new(made("commissioning", 1, Vec::new()))?;
+    let suspect = Grid::new(made("suspect", 2, vec![hidden]))?;
+    let options = Options {
+        seed: 1,
+        ..Options::default()
+    };
+    let robot = RobotSpec::reference();
+    let mut found = crate::gap::find(&robot, Some(&healthy), &suspect, &options, progress)?;
+    found.finding.seconds = 20.0;
+    Ok(Arc::clone(FOUND.get_or_init(|| Arc::new(found))))
+}
+
+struct Told(Worker<Result<Arc<Found>, GapError>>);
+
+impl Progress for Told {
+    fn at(&self, stage: Stage, share: f64) -> Result<(), GapError> {
+        if self.0.cancelled() {
+            return Err(GapError::Stopped);
+        }
+        self.0.tell(stage.name(), Some(share as f32));
+        Ok(())
+    }
+}
+
+fn sheet(path: &Path) -> SessionSheet {
+    let group = |name: &str, present, of| SheetGroup {
+        name: name.into(),
+        present,
+        of,
+    };
+    SessionSheet {
+        path: path.into(),
+        name: path.file_name().expect("a name").to_string_lossy().into(),
+        seconds: 40.0,
+        rate_hz: 25.0,
+        payload_kg: 0.0,
+        groups: vec![
+            group("pressures", 6, 6),
+            group("commands", 6, 6),
+            group("springs", 12, 12),
+            group("IMUs", 4, 4),
+            group("motion capture", 1, 1),
+        ],
+        robot: RobotMatch::Same,
+        simulated: None,
+    }
+}
+
+fn answer() -> Answer {
+    let value = |value, unit: &str| KeyValue {
+        value,
+        unit: unit.into(),
+        none: None,
+    };
+    Answer {
+        kind: About::Single,
+        strength: 4.0,
+        effects: vec![KeyEffect {
+            id: HIDDEN.0.into(),
+            target: None,
+            params: [
+                ("mass".to_owned(), value(HIDDEN.1[0], "kg")),
+                ("beside".to_owned(), value(HIDDEN.1[1], "m")),
+            ]
+            .into(),
+            reached: None,
+            capped: false,
+        }],
+    }
+}
+
+/// What the window did outside, as the tests saw it.
+#[derive(Default)]
+struct Seen {
+    /// Text of the robot file with the accepted patches.
+    robot_file: String,
+    /// Pages that were opened.
+    opened: Vec<PathBuf>,
+    /// Files that were written.
+    written: Vec<(PathBuf, Vec<u8>)>,
+    /// Dialogs that were shown.
+    asked: Vec<Dialog>,
+    /// Whether the answer of an example was read.
+    revealed: bool,
+}
+
+/// Services that keep their files in memory; the finder is the real one.
+fn services(seen: &Rc<RefCell<Seen>>) -> Services {
+    seen.borrow_mut().robot_file = REFERENCE.to_owned();
+    let robot = |text: &str| PatchedRobot {
+        path: "data/reference.patched.toml".into(),
+        robot: RobotSpec::from_toml(text).expect("a robot file"),
+    };
+    let store = || Rc::clone(seen);
+    let (read, accept, undo) = (store(), store(), store());
+    let (open, write, ask, reveal, rerun) = (store(), store(), store(), store(), store());
+    let base = library_services();
+    Services {
+        pick: Box::new(move |dialog| {
+            ask.borrow_mut().asked.push(dialog);
+            Job::ready(Ok(Some("out/gap.html".into())))
+        }),
+        write: Box::new(move |path, bytes| {
+            let file = (path.to_owned(), bytes.to_vec());
+            write.borrow_mut().written.push(file);
+            Ok(())
+        }),
+        open_in_rerun: Box::new(move |path| {
+            rerun.borrow_mut().opened.push(path.into());
+            Ok(())
+        }),
+        gap: GapServices {
+            look: Box::new(|path| Job::ready(Ok(sheet(path)))),
+            find: Box::new(|healthy, suspect| {
+                assert_eq!(healthy, Some(Path::new(HEALTHY)));
+                assert_eq!(suspect, Path::new(SUSPECT));
+                let (job, worker) = Job::pair();
+                std::thread::Builder::new()
+                    .name("finder".into())
+                    .spawn(move || {
+                        let told = Told(worker);
+                        let answer = found(&told);
+                        told.0.finish(Ok(answer));
+                    })
+                    .expect("a thread");
+                job
+            }),
+            example: Box::new(|_| {
+                Job::ready(Ok(ExamplePair {
+                    healthy: HEALTHY.into(),
+                    suspect: SUSPECT.into(),
+                    answer: ANSWER.into(),
+                }))
+            }),
+            reveal: Box::new(move |path| {
+                assert_eq!(path, Path::new(ANSWER));
+                reveal.borrow_mut().revealed = true;
+                Job::ready(Ok(answer()))
+            }),
+            patched: Box::new(move || Job::ready(Ok(robot(&read.borrow().robot_file)))),
+            accept: Box::new(move |patch| {
+                let mut seen = accept.borrow_mut();
+                seen.robot_file = with_patch(&seen.robot_file, patch);
+                Job::ready(Ok(robot(&seen.robot_file)))
+            }),
+            undo: Box::new(move || {
+                let mut seen = undo.borrow_mut();
+                let old = without_last_patch(&seen.robot_file)
+                    .expect("a patch")
+                    .to_owned();
+                seen.robot_file = old;
+                Job::ready(Ok(robot(&seen.robot_file)))
+            }),
+            keep: Box::new(|_, _| Job::ready(Ok("reports/abc".into()))),
+            open_page: Box::new(move |path| {
+                open.borrow_mut().opened.push(path.into());
+                Ok(())
+            }),
+        },
+        ..base
+    }
+}
+
+fn gap_app(services: Services) -> App {
+    let mut app = App::new(None, RobotSpec::reference(), services);
+    app.screen = Screen::Gap;
+    app
+}
+
+fn click(h: &mut Harness<'_, App>, label: &str) {
+    h.get_by_label(label).click();
+    h.run_steps(4);
+}
+
+fn wait_for_finding(h: &mut Harness<'_, App>) {
+    while h.state().gap.outcome.is_none() {
+        assert_eq!(h.state().gap.trouble, None);
+        std::thread::sleep(Duration::from_millis(50));
+        h.run_steps(1);
+    }
+    h.run_steps(3);
+}
+
+#[test]
+fn from_two_sessions_to_a_proven_patch_and_back() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut h = harness(gap_app(services(&seen)));
+    h.run_steps(4);
+    // Select.
+    assert!(is_disabled(&h, "▶ Find"));
+    h.get_by_label_contains("Choose a suspect session first.");
+    for step in ["Step 2: Locate", "Step 5: Prove", "Next ›"] {
+        assert!(is_disabled(&h, step), "{step}");
+    }
+    click(&mut h, "Use the example");
+    h.run_steps(3);
+    click(&mut h, "▶ Find");
+    wait_for_finding(&mut h);
+    // Locate: a click on the map, an arrow key, and a place.
+    assert_eq!(h.state().gap.step, Step::Locate);
+    h.get_by_label("simulated");
+    click(&mut h, "Residual heat map");
+    let traces = found(&Unwatched).expect("found").finding.traces.clone();
+    let channel = |h: &Harness<'_, App>| {
+        let told = h.get_by_label("Residual heat map").value().expect("told");
+        let mut names = traces.channels.iter();
+        let at = names.position(|c| told.starts_with(&format!("{c} at ")));
+        (at.expect("a channel"), told)
+    };
+    let (row, told) = channel(&h);
+    assert!(row.abs_diff(traces.channels.len() / 2) <= 1, "{told}");
+    assert!(told.ends_with(" floors"), "{told}");
+    h.key_press(Key::ArrowUp);
+    h.run_steps(3);
+    assert_eq!(channel(&h).0, row - 1);
+    let first = traces_first(&h);
+    click(&mut h, &first.0);
+    let told = h
+        .get_by_label("Residual heat map")
+        .value()
+        .expect("a value");
+    assert!(told.starts_with(&first.1), "{told}");
+    click(&mut h, "with the effect");
+    // Explain.
+    click(&mut h, "Next ›");
+    h.get_by_label("▲ Named");
+    h.get_by_label_contains("Undeclared payload is missing from the model.");
+    h.get_by_label_contains("Undeclared payload: gain");
+    assert!(!seen.borrow().revealed);
+    click(&mut h, "Reveal what was hidden");
+    h.get_by_label("● The finder named it.");
+    // Patch: accept writes it behind the robot file.
+    click(&mut h, "Next ›");
+    h.get_by_label("None: the robot file is as it came.");
+    click(&mut h, "Accept");
+    h.run_steps(2);
+    assert_eq!(decision(&h), Decision::Accepted);
+    let text = seen.borrow().robot_file.clone();
+    let patched = RobotSpec::from_toml(&text).expect("reads");
+    assert_eq!(patched.patches.len(), 1);
+    let mass = patched.patches[0].patch.effects[0].params["mass"].value;
+    assert!((mass - HIDDEN.1[0]).abs() < 0.08, "{mass} kg");
+    assert!(is_disabled(&h, "Accept") && is_disabled(&h, "Reject"));
+    h.get_by_label("1. Undeclared payload");
+    // Prove.
+    click(&mut h, "Next ›");
+    h.get_by_label_contains("% of the gap closed");
+    h.get_by_label_contains("Shuffled control");
+    assert!(is_disabled(&h, "Next ›"));
+    click(&mut h, "Open report");
+    click(&mut h, "Open in Rerun");
+    let opened: Vec<PathBuf> = seen.borrow().opened.clone();
+    assert_eq!(
+        opened,
+        ["reports/abc/report.html", "reports/abc/overlay.rrd"].map(PathBuf::from)
+    );
+    click(&mut h, "Save report…");
+    {
+        let seen = seen.borrow();
+        let (path, bytes) = &seen.written[0];
+        assert_eq!(path, Path::new("out/gap.html"));
+        let page = String::from_utf8_lossy(bytes);
+        assert!(page.contains("Undeclared payload") && page.contains("simulated"));
+    }
+    // Undo gives back the file, byte for byte.
+    click(&mut h, "‹ Back");
+    click(&mut h, "↶ Undo the last patch");
+    assert_eq!(seen.borrow().robot_file, REFERENCE);
+    assert_eq!(decision(&h), Decision::Open);
+    click(&mut h, "Reject");
+    assert_eq!(decision(&h), Decision::Rejected);
+    assert!(!is_disabled(&h, "Accept"));
+}
+
+fn decision(h: &Harness<'_, App>) -> Decision {
+    h.state().gap.outcome.as_ref().expect("an outcome").decision
+}
+
+// Accessible name of the first place that has a row in the map, and its channel.
+fn traces_first(h: &Harness<'_, App>) -> (String, String) {
+    let outcome = h.state().gap.outcome.as_ref().expect("an outcome");
+    let f = &outcome.found.finding;
+    let place = f
+        .located
+        .iter()
+        .find(|l| f.traces.channels.contains(&l.channel))
+        .expect("a place");
+    let name = format!(
+        "{} {} goes along with {}",
+        place.residual, place.channel, place.regressor
+    );
+    (name, place.channel.clone())
+}
+
+#[test]
+fn a_run_can_be_cancelled_and_begun_again() {
+    type Given = Rc<RefCell<Vec<Worker<Result<Arc<Found>, GapError>>>>>;
+    let workers: Given = Rc::default();
+    let given = Rc::clone(&workers);
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut services = services(&seen);
+    services.gap.find = Box::new(move |_, _| {
+        let (job, worker) = Job::pair();
+        given.borrow_mut().push(worker);
+        job
+    });
+    let mut h = harness(gap_app(services));
+    h.run_steps(4);
+    click(&mut h, "Use the example");
+    click(&mut h, "▶ Find");
+    workers.borrow()[0].tell(Stage::Explain.name(), Some(0.5));
+    h.run_steps(2);
+    h.get_by_label("▶ Trying effects, 50 %");
+    h.get_by_label("● Replaying the suspect session");
+    h.get_by_label("● finder at work");
+    assert!(is_disabled(&h, "Step 2: Locate"));
+    assert!(!workers.borrow()[0].cancelled());
+    click(&mut h, "Cancel the finder");
+    assert!(workers.borrow()[0].cancelled());
+    h.get_by_label_contains("Cancelled: there is no verdict.");
+    assert!(h.state().gap.outcome.is_none() && !is_disabled(&h, "▶ Find"));
+    // The finder fails: cause, consequence, remedy.
+    click(&mut h, "▶ Find");
+    let worker = workers.borrow_mut().pop().expect("a second run");
+    worker.finish(Ok(Err(GapError::TooShort {
+        session: "suspect".into(),
+        seconds: 12.0,
+    })));
+    h.run_steps(3);
+    h.get_by_label_contains("Session 'suspect' is 12 s long");
+    h.get_by_label_contains("There is no verdict");
+    h.get_by_label_contains("Record a longer session");
+    click(&mut h, "Close the message");
+    assert_eq!(h.state().gap.trouble, None);
+}
+
+#[test]
+fn the_finder_itself_stops_when_nobody_waits() {
+    let (job, worker) = Job::pair();
+    drop(job);
+    struct Gone(Worker<()>);
+    impl Progress for Gone {
+        fn at(&self, _: Stage, _: f64) -> Result<(), GapError> {
+            match self.0.cancelled() {
+                true => Err(GapError::Stopped),
+                false => Ok(()),
+            }
+        }
+    }
+    let grid = Grid::new(made("healthy", 1, Vec::new())).expect("a grid");
+    let robot = RobotSpec::reference();
+    let stopped = crate::gap::find(&robot, None, &grid, &Options::default(), &Gone(worker));
+    assert_eq!(stopped.err(), Some(GapError::Stopped));
+}
+
+#[test]
+fn a_session_of_another_robot_is_refused_before_anything_runs() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut services = services(&seen);
+    services.gap.look = Box::new(|path| {
+        let mut sheet = sheet(path);
+        if path.to_string_lossy().contains("figure-8") {
+            sheet.robot = RobotMatch::Other {
+                recorded: "0badf00d".into(),
+                given: "65c2e891".into(),
+            };
+        }
+        if path.to_string_lossy().contains("gone") {
+            return Job::ready(Err("cannot read gone.rrd: no such file.".into()));
+        }
+        Job::ready(Ok(sheet))
+    });
+    let mut h = harness(gap_app(services));
+    h.run_steps(4);
+    click(&mut h, "Use figure-8-115g as suspect session");
+    h.get_by_label_contains("▲ Recorded with robot file 0badf00d; this twin runs with 65c2e891.");
+    h.get_by_label("The session cannot be compared with this model.");
+    h.get_by_label_contains("→ Choose a session of this robot, or start with --robot");
+    assert!(is_disabled(&h, "▶ Find"));
+    // Another one is fine; without a healthy session the verdict is said to be weaker.
+    click(&mut h, "Use circle-35g as suspect session");
+    assert!(!is_disabled(&h, "▶ Find"));
+    h.get_by_label_contains("the factory model is the baseline, and the verdict is weaker");
+    // The same file twice is no comparison.
+    click(&mut h, "Use circle-35g as healthy session");
+    assert!(is_disabled(&h, "▶ Find"));
+    h.get_by_label_contains("are the same file");
+    click(&mut h, "Clear the healthy session");
+    // A typed path that is not there.
+    h.get_by_label("Path of the healthy session").focus();
+    h.run_steps(2);
+    h.get_by_label("Path of the healthy session")
+        .type_text("gone.rrd");
+    h.run_steps(2);
+    assert!(is_disabled(&h, "▶ Find"));
+    h.key_press(egui::Key::Enter);
+    h.run_steps(4);
+    h.get_by_label_contains("cannot read gone.rrd");
+    h.get_by_label_contains("The session is not used.");
+}
+
+// The real finding with another verdict: what the screen makes of it.
+fn with_verdict(verdict: Verdict) -> Arc<Found> {
+    let real = found(&Unwatched).expect("found");
+    let mut finding: Finding = real.finding.clone();
+    let mut patch: Patch = real.patch.clone();
+    finding.verdict = verdict;
+    match verdict {
+        Verdict::Named => {}
+        Verdict::Indistinguishable => {
+            let mut other = finding.effects[0].clone();
+            other.id = "tip-force".into();
+            other.params = [(
+                "z".to_owned(),
+                crate::gap::PatchValue {
+                    value: -2.4,
+                    unit: "N".into(),
+                    ci95: Some([-2.9, -1.9]),
+                },
+            )]
+            .into();
+            finding.effects.push(other);
+            finding.separate_by = Some(crate::gap::SeparateBy {
+                excitation: "loads".into(),
+                effects: vec!["payload".into(), "tip-force".into()],
+                why: "under 'loads' they would be 80 nats apart, against 3 here".into(),
+            });
+        }
+        Verdict::Unknown | Verdict::NothingMissing | Verdict::NotExcited => {
+            finding.effects.clear();
+            patch.effects.clear();
+            finding.gap.closed = 0.0;
+            finding.traces.after = finding.traces.before.clone();
+        }
+    }
+    if verdict == Verdict::Unknown {
+        finding.located.insert(
+            0,
+            Located {
+                residual: "r1".into(),
+                channel: "p3".into(),
+                regressor: "pressure rate".into(),
+                share: 0.7,
+            },
+        );
+        finding
+            .notes
+            .push("The best effect of the table closes only 31 % of the excess.".into());
+    }
+    Arc::new(Found { finding, patch })
+}
+
+#[test]
+fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
+    let cases = [
+        (
+            Verdict::NothingMissing,
+            "● Nothing missing",
+            "Nothing is to be done.",
+        ),
+        (Verdict::Unknown, "? Unknown", "No patch is offered"),
+        (
+            Verdict::NotExcited,
+            "∅ Not excited",
+            "neither that it is healthy nor that it is not",
+        ),
+        (
+            Verdict::Indistinguishable,
+            "≈ Cannot be told apart",
+            "Run the excitation “loads”, which separates Undeclared payload, Tip force",
+        ),
+    ];
+    for (verdict, title, next) in cases {
+        let seen = Rc::new(RefCell::new(Seen::default()));
+        let mut app = gap_app(services(&seen));
+        app.gap.take(with_verdict(verdict), Origin::Measured, None);
+        let mut h = harness(app);
+        h.run_steps(4);
+        let map = h.get_by_label("Residual heat map").rect();
+        assert!(map.height() > 150.0 && map.width() > 300.0, "{map:?}");
+        click(&mut h, "Step 3: Explain");
+        h.get_by_label(title);
+        h.get_by_label_contains(next);
+        assert!(h.query_by_label("Reveal what was hidden").is_none());
+        assert!(h.query_by_label("simulated").is_none());
+        click(&mut h, "Step 4: Patch");
+        if verdict != Verdict::Indistinguishable {
+            h.get_by_label("No patch is offered");
+            assert!(is_disabled(&h, "Accept"), "{verdict:?}");
+            continue;
+        }
+        // A person chooses among the alternatives; the patch then holds that one.
+        h.get_by_label_contains("These cannot be told apart on this session");
+        click(&mut h, "Tip force");
+        click(&mut h, "Accept");
+        let text = seen.borrow().robot_file.clone();
+        let robot = RobotSpec::from_toml(&text).expect("reads");
+        assert_eq!(robot.patches[0].patch.effects[0].id, "tip-force");
+    }
+}
+
+#[test]
+fn a_robot_file_with_patches_that_a_finding_does_not_know_is_not_built_upon() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let services = services(&seen);
+    let mut other = with_verdict(Verdict::Named).patch.clone();
+    other.name = "found last week".into();
+    seen.borrow_mut().robot_file = with_patch(REFERENCE, &other);
+    let mut app = gap_app(services);
+    app.gap
+        .take(with_verdict(Verdict::Named), Origin::Measured, None);
+    app.gap.step = Step::Patch;
+    let mut h = harness(app);
+    h.run_steps(4);
+    assert!(is_disabled(&h, "Accept"));
+    h.get_by_label_contains("carries patches that this finding does not know");
+    click(&mut h, "↶ Undo the last patch");
+    assert!(!is_disabled(&h, "Accept"));
+}
+
+fn shot(
+    name: &str,
+    size: [f32; 2],
+    theme: Theme,
+    state: impl FnOnce(&mut App),
+    act: impl FnOnce(&mut Harness<'_, App>),
+) {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let spec = RobotSpec::reference();
+    let mut app = App::for_screenshot(Screen::Gap, theme, spec, &fixture::session(4));
+    app.services = services(&seen);
+    state(&mut app);
+    let mut h = Harness::builder()
+        .with_size(size)
+        .with_theme(theme)
+        .with_render_cursor(false)
+        .wgpu()
+        .build_eframe(|_| app);
+    h.run_steps(5);
+    act(&mut h);
+    h.remove_cursor();
+    h.run_steps(3);
+    let image = h.render().expect("a GPU or a software renderer draws");
+    let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
+    assert!(shades.len() > 20, "{name} is nearly blank");
+    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
+    std::fs::create_dir_all(&dir).expect("the target directory can be written");
+    image
+        .save(dir.join(format!("{}.png", name.to_lowercase())))
+        .expect("the picture can be written");
+}
+
+#[test]
+fn pictures_of_every_step() {
+    let sizes = [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")];
+    for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+        for (size, size_name) in sizes {
+            for step in Step::ALL {
+                let name = format!("gap-{}-{theme_name}-{size_name}", step.name());
+                let state = |app: &mut App| {
+                    if step != Step::Select {
+                        let found = found(&Unwatched).expect("found");
+                        app.gap.take(found, Origin::Simulated, Some(ANSWER.into()));
+                        app.gap.step = step;
+                    }
+                };
+                shot(&name, size, theme, state, |h| match step {
+                    Step::Select => click(h, "Use the example"),
+                    Step::Locate => click(h, "Residual heat map"),
+                    Step::Explain => click(h, "Reveal what was hidden"),
+                    Step::Patch if theme == Theme::Dark => click(h, "Accept"),
+                    _ => {}
+                });
+            }
+        }
+    }
+    let small = [1280.0, 720.0];
+    for verdict in [Verdict::Unknown, Verdict::Indistinguishable] {
+        for step in [Step::Locate, Step::Explain, Step::Patch, Step::Prove] {
+            let name = format!("gap-{verdict:?}-{}", step.name());
+            let state = |app: &mut App| {
+                app.gap.take(with_verdict(verdict), Origin::Measured, None);
+                app.gap.step = step;
+            };
+            shot(&name, small, Theme::Light, state, |_| {});
+        }
+    }
+    shot("gap-empty", small, Theme::Dark, |_| {}, |_| {});
+    let running = |app: &mut App| {
+        app.services.gap.find = Box::new(|_, _| {
+            let (job, worker) = Job::pair();
+            worker.tell(Stage::Explain.name(), Some(0.5));
+            // The work goes on for as long as the picture takes.
+            std::mem::forget(worker);
+            job
+        });
+    };
+    shot("gap-running", small, Theme::Dark, running, |h| {
+        click(h, "Use the example");
+        click(h, "▶ Find");
+    });
+    let other = |app: &mut App| {
+        app.services.gap.look = Box::new(|path| {
+            let robot = RobotMatch::Other {
+                recorded: "0badf00d".into(),
+                given: "65c2e891".into(),
+            };
+            Job::ready(Ok(SessionSheet {
+                robot,
+                ..sheet(path)
+            }))
+        });
+    };
+    shot("gap-other-robot", small, Theme::Light, other, |h| {
+        click(h, "Use circle-35g as suspect session");
+    });
+}

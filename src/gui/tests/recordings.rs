@@ -1,0 +1,438 @@
+//! The Recordings screen: A and B, events, contents, what is missing or cut off, loading.
+
+use std::path::Path;
+
+use super::*;
+use crate::gui::panels::recordings::{Compared, Detail, Quantity};
+use crate::gui::services::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent, Worker};
+use crate::signal::Trace;
+
+/// B begins this much later in the motion than A, s.
+const SHIFT_S: f64 = 3.0;
+/// The tip is predicted this much higher in A than in B, mm.
+const APART_MM: f64 = 5.0;
+
+fn recording_a() -> Trace {
+    fixture::trace("first", 40)
+}
+
+// The same motion from a later moment on, on another clock, with another prediction.
+fn recording_b() -> Trace {
+    let mut trace = fixture::trace("second", 40);
+    trace
+        .snapshots
+        .retain(|s| s.stamp.seconds() >= 100.0 + SHIFT_S);
+    for s in &mut trace.snapshots {
+        s.stamp = s.stamp.plus(-100.0 - SHIFT_S);
+        let estimate = s.estimate.as_mut().expect("has an estimate");
+        estimate.base_from_tip.translation.vector.z -= APART_MM * 1e-3;
+    }
+    trace
+}
+
+fn entry(name: &str, note: Option<&str>) -> RecordingEntry {
+    RecordingEntry {
+        path: PathBuf::from(format!("recordings/{name}.rrd")),
+        name: name.into(),
+        bytes: 1_240_000,
+        seconds: Some(40.0),
+        simulated: Some(true),
+        note: note.map(str::to_owned),
+    }
+}
+
+fn answer(path: &Path) -> Result<Loaded, String> {
+    match path.file_stem().and_then(|s| s.to_str()) {
+        Some("first") => Ok(Loaded {
+            trace: recording_a(),
+            about: about(),
+        }),
+        Some("second") => Ok(recording_b().into()),
+        Some("cut") => {
+            let mut trace = fixture::trace("cut", 10);
+            for s in &mut trace.snapshots {
+                if let Some(f) = &mut s.sensors {
+                    f.health.imus[2] = ChannelHealth::Missing;
+                }
+            }
+            Ok(Loaded {
+                about: About {
+                    cut_at: trace.snapshots.last().map(|s| s.stamp),
+                    ..About::default()
+                },
+                trace,
+            })
+        }
+        _ => Err(format!(
+            "{} cannot be read as a recording: it does not begin like one.",
+            path.display()
+        )),
+    }
+}
+
+fn about() -> About {
+    let event = |t_s: f64, log: &str, text: &str| LoggedEvent {
+        stamp: Stamp::from_seconds(t_s),
+        log: log.into(),
+        text: text.into(),
+    };
+    let channel = |name: &str, unit: &str, rows, rate_hz| ChannelFacts {
+        name: name.into(),
+        unit: unit.into(),
+        rows,
+        rate_hz,
+    };
+    About {
+        path: Some("recordings/first.rrd".into()),
+        events: vec![
+            event(100.0, "mode", "Moving"),
+            event(112.5, "events", "Go was refused: preview a target first."),
+            event(120.0, "alarms", "Spring 5A is stuck at 151.2 mm."),
+            event(131.0, "mode", "At goal"),
+        ],
+        channels: vec![
+            channel("/sensors/raw/pressure_pa", "Pa", 2000, 50.0),
+            channel("/sensors/calibrated/spring_m", "m", 1990, 49.8),
+            channel("/tip/truth", "", 2000, 50.0),
+        ],
+        faults: vec![ChannelFault {
+            name: "spring9".into(),
+            missing: 0,
+            flagged: 412,
+        }],
+        gaps: 2,
+        longest_step_s: 0.18,
+        cut_at: None,
+    }
+}
+
+fn services() -> Services {
+    Services {
+        scan: Box::new(|| {
+            Job::ready(Ok(vec![
+                entry("first", None),
+                entry("second", None),
+                entry("cut", Some("Cut off: plays to its last whole part.")),
+                entry("broken", None),
+            ]))
+        }),
+        load: Box::new(|path| Job::ready(answer(path))),
+        ..Services::none()
+    }
+}
+
+fn app(theme: Theme) -> App {
+    let mut app = App::for_screenshot(Screen::Recordings, theme, RobotSpec::reference(), &[]);
+    app.services = services();
+    app
+}
+
+fn load(h: &mut Harness<'_, App>, name: &str, button: &str) {
+    h.get_by_label(name).click();
+    h.run_steps(2);
+    h.get_by_label(button).click();
+    h.run_steps(3);
+    if let Some(player) = &mut h.state_mut().player {
+        player.playing = false;
+    }
+    h.run_steps(2);
+}
+
+fn both() -> Harness<'static, App> {
+    let mut h = harness(app(Theme::Dark));
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    load(&mut h, "second", "Load as B");
+    h
+}
+
+fn title(h: &Harness<'_, App>) -> String {
+    let player = h.state().player.as_ref();
+    player.map_or_else(String::new, |p| p.trace().name.clone())
+}
+
+#[test]
+fn two_recordings_are_aligned_and_their_difference_is_shown() {
+    let mut h = both();
+    let pair = &h.state().library.pair;
+    assert_eq!(pair.compared, Compared::Both);
+    let found = pair.alignment.as_ref().expect("aligned by itself");
+    let shift = found.found.expect("the same motion");
+    assert!((shift.offset_s - SHIFT_S).abs() < 0.02, "{shift:?}");
+    h.get_by_label_contains("Aligned: 3.00");
+    press(&mut h, "A − B");
+    // Only z was changed.
+    for title in ["z / mm, A − B: mean 5.0", "x / mm, A − B: mean 0.0"] {
+        assert!(
+            h.query_all_by_label_contains(title).next().is_some(),
+            "{title}"
+        );
+    }
+    // A wrong shift shows up in the difference, and Align mends it.
+    h.state_mut().library.pair.offset_s = 0.0;
+    h.run();
+    let level = "x / mm, A − B: mean 0.0";
+    assert_eq!(h.query_all_by_label_contains(level).count(), 0);
+    press(&mut h, "Align");
+    assert!(h.query_all_by_label_contains(level).count() > 0);
+}
+
+#[test]
+fn b_is_played_from_the_same_moment_as_a() {
+    let mut h = both();
+    assert_eq!(title(&h), "first");
+    h.state_mut().player.as_mut().expect("played").position_s = 20.0;
+    press(&mut h, "B");
+    assert_eq!(title(&h), "second");
+    let at = h.state().player.as_ref().expect("played").position_s;
+    assert!((at - (20.0 - SHIFT_S)).abs() < 0.02, "{at}");
+    press(&mut h, "A");
+    assert_eq!(title(&h), "first");
+    assert_eq!(h.state().library.pair.compared, Compared::One);
+    // Closing one leaves the other at hand.
+    press(&mut h, "Close the recording");
+    h.get_by_label_contains("B is still loaded: second");
+    press(&mut h, "Play B");
+    assert_eq!(title(&h), "second");
+}
+
+#[test]
+fn without_b_the_comparison_says_what_to_do() {
+    let mut h = harness(app(Theme::Dark));
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    assert!(is_disabled(&h, "B") && is_disabled(&h, "A − B") && !is_disabled(&h, "A"));
+    h.get_by_label("A − B").hover();
+    h.run_steps(6);
+    h.get_by_label_contains("Nothing is loaded as B");
+}
+
+#[test]
+fn unrelated_recordings_say_so_and_are_shifted_by_hand() {
+    let mut h = harness(app(Theme::Dark));
+    h.state_mut().services.load = Box::new(|path| {
+        let mut trace = recording_a();
+        if path.ends_with("second.rrd") {
+            // Another motion: pressures are gone, and the tip takes another way.
+            for s in &mut trace.snapshots {
+                let t = s.stamp.seconds();
+                s.command = None;
+                s.sensors = None;
+                let at = &mut s.estimate.as_mut().expect("has an estimate").base_from_tip;
+                at.translation.vector = nalgebra::Vector3::new(
+                    0.05 * (0.9 * t).sin(),
+                    0.05 * (0.53 * t).cos() * (1.7 * t).sin(),
+                    -0.3 + 0.02 * (2.3 * t).sin(),
+                );
+            }
+        }
+        Job::ready(Ok(trace.into()))
+    });
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    load(&mut h, "second", "Load as B");
+    h.get_by_label_contains("▲ No clear match");
+    assert_eq!(h.state().library.pair.offset_s, 0.0);
+    h.get_by_label("Shift of B in s");
+}
+
+#[test]
+fn events_are_listed_and_a_click_jumps_there() {
+    let mut h = harness(app(Theme::Dark));
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    press(&mut h, "Events (4)");
+    h.get_by_label_contains("0:12.5  events  Go was refused")
+        .click();
+    h.run_steps(3);
+    let at = h.state().player.as_ref().expect("played").position_s;
+    assert!((at - 12.5).abs() < 1e-9, "{at}");
+}
+
+#[test]
+fn what_is_in_a_recording_and_what_is_not_is_told() {
+    let mut h = harness(app(Theme::Dark));
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    h.get_by_label_contains("Contents (▲").click();
+    h.run_steps(3);
+    h.get_by_label_contains("2 gaps in time, the longest step is 0.180 s");
+    h.get_by_label_contains("spring9: 0 of 2000 samples missing, 412 doubtful");
+    h.get_by_label("/sensors/calibrated/spring_m");
+    load(&mut h, "cut", "Load and play");
+    let cut = "▲ Cut off: plays to its last whole part, at 0:10.";
+    assert!(h.query_all_by_label(cut).count() > 0);
+    assert_eq!(
+        h.get_all_by_label("▲ IMU 3: not in this recording").count(),
+        2,
+        "beside the player and among the contents"
+    );
+}
+
+#[test]
+fn a_recording_that_was_cut_plays_to_its_last_record() {
+    let mut h = harness(app(Theme::Dark));
+    h.run_steps(3);
+    load(&mut h, "cut", "Load and play");
+    let cut = "▲ Cut off: plays to its last whole part, at 0:10.";
+    assert!(h.query_all_by_label(cut).count() > 0);
+    let player = h.state_mut().player.as_mut().expect("played");
+    player.position_s = 9.9;
+    player.playing = true;
+    h.run_steps(12);
+    let player = h.state().player.as_ref().expect("played");
+    assert!(!player.playing);
+    let last = player.trace().snapshots.last().map(|s| s.stamp);
+    assert_eq!(Some(player.snapshot().stamp), last);
+    assert_eq!(player.about.cut_at, last);
+}
+
+#[test]
+fn a_recording_that_cannot_be_read_says_why_what_now_and_what_to_do() {
+    let mut h = harness(app(Theme::Dark));
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    load(&mut h, "broken", "Load and play");
+    h.get_by_label_contains("does not begin like one");
+    h.get_by_label_contains("what was shown before stays. Choose another recording");
+    assert_eq!(title(&h), "first");
+    press(&mut h, "Dismiss");
+    assert_eq!(h.state().library.trouble, None);
+}
+
+#[test]
+fn loading_shows_how_far_it_is_and_can_be_cancelled() {
+    let workers = Arc::new(Mutex::new(Vec::<Worker<Loaded>>::new()));
+    let mut app = app(Theme::Dark);
+    let to = Arc::clone(&workers);
+    app.services.load = Box::new(move |_| {
+        let (job, worker) = Job::pair();
+        worker.tell("counting frames", Some(0.4));
+        to.lock().expect("not poisoned").push(worker);
+        job
+    });
+    let mut h = harness(app);
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    h.get_by_label_contains("Loading first.rrd as A… counting frames");
+    assert!(is_disabled(&h, "Load and play") && !is_disabled(&h, "Load as B"));
+    h.get_by_label("Cancel loading").click();
+    h.run_steps(3);
+    assert!(!h.state().library.busy());
+    assert!(workers.lock().expect("not poisoned")[0].cancelled());
+    assert!(h.state().player.is_none());
+}
+
+#[derive(Debug)]
+struct Dropped(PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        Err("The window loads files by their path.".into())
+    }
+}
+
+#[test]
+fn dropped_files_are_loaded_and_a_file_can_be_chosen() {
+    let mut app = app(Theme::Dark);
+    app.screen = Screen::Sensors;
+    let mut h = harness(app);
+    h.run_steps(2);
+    for name in ["first", "second"] {
+        let file = Dropped(format!("elsewhere/{name}.rrd").into());
+        h.input_mut().dropped_files.push(Arc::new(file));
+    }
+    h.run_steps(4);
+    assert_eq!(h.state().screen, Screen::Recordings);
+    assert_eq!(title(&h), "first");
+    let other = h.state().library.pair.other.as_ref();
+    assert_eq!(other.map(|p| p.trace().name.as_str()), Some("second"));
+    h.state_mut().services.pick = Box::new(|dialog| {
+        assert!(
+            dialog
+                .filter
+                .is_some_and(|(_, kinds)| kinds.contains(&"rrd".to_owned()))
+        );
+        Job::ready(Ok(Some("somewhere/cut.rrd".into())))
+    });
+    h.get_by_label("Browse…").click();
+    h.run_steps(4);
+    assert_eq!(title(&h), "cut");
+}
+
+#[test]
+fn recordings_look_right() {
+    let size = [1280.0, 720.0];
+    let loaded = |theme: Theme, with_b: bool| {
+        let mut app = app(theme);
+        let player = Player::loaded(answer(Path::new("first.rrd")).expect("loads"));
+        app.player = player;
+        app.library.pair.align(&None);
+        let p = app.player.as_mut().expect("not empty");
+        p.playing = false;
+        p.position_s = 17.0;
+        if with_b {
+            let b = Player::new(recording_b()).expect("not empty");
+            let pair = &mut app.library.pair;
+            pair.place(crate::gui::panels::recordings::Side::B, b, &mut app.player);
+        }
+        app.library.selected = Some("recordings/first.rrd".into());
+        app
+    };
+    for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+        picture(
+            &format!("recordings-one-{name}"),
+            size,
+            theme,
+            loaded(theme, false),
+        );
+        picture(
+            &format!("recordings-both-{name}"),
+            size,
+            theme,
+            loaded(theme, true),
+        );
+        let mut app = loaded(theme, true);
+        app.library.pair.compared = Compared::Difference;
+        app.library.pair.quantity = Quantity::Position;
+        app.library.detail = Detail::Contents;
+        sharp_picture(&format!("recordings-difference-{name}-2x"), theme, app);
+    }
+    let mut springs = loaded(Theme::Dark, true);
+    springs.library.pair.quantity = Quantity::Springs;
+    picture("recordings-springs", size, Theme::Dark, springs);
+    let mut empty = app(Theme::Dark);
+    empty.services = Services::none();
+    picture("recordings-empty", size, Theme::Dark, empty);
+    let mut cut = app(Theme::Light);
+    cut.player = Player::loaded(answer(Path::new("cut.rrd")).expect("loads"));
+    cut.player.as_mut().expect("not empty").playing = false;
+    cut.library.detail = Detail::Contents;
+    picture("recordings-cut", size, Theme::Light, cut);
+    let mut failed = app(Theme::Dark);
+    failed.library.trouble = Some(crate::gui::panels::recordings::Trouble {
+        cause: answer(Path::new("recordings/broken.rrd")).expect_err("broken"),
+        consequence: "Nothing was loaded: what was shown before stays.".into(),
+        remedy: "Choose another recording, or copy this one again from where it was made.".into(),
+    });
+    picture("recordings-error", size, Theme::Dark, failed);
+    let mut loading = app(Theme::Dark);
+    let workers = Arc::new(Mutex::new(Vec::<Worker<Loaded>>::new()));
+    loading.services.load = Box::new(move |_| {
+        let (job, worker) = Job::pair();
+        worker.tell("Reading recordings/first.rrd", None);
+        workers.lock().expect("not poisoned").push(worker);
+        job
+    });
+    let mut h = Harness::builder()
+        .with_size(size)
+        .wgpu()
+        .build_eframe(|_| loading);
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    save("recordings-loading", &h.render().expect("draws"));
+}

@@ -1,0 +1,327 @@
+//! What stands around every screen, driven as an operator would.
+
+use egui::Order;
+use egui::accesskit::Role;
+
+use super::*;
+use crate::gui::panels::View;
+use crate::gui::services::PortEntry;
+use crate::gui::theme::Level;
+
+#[test]
+fn what_can_be_done_is_found_by_typing() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    h.key_press_modifiers(Modifiers::COMMAND, Key::P);
+    h.run_steps(4);
+    h.get_by_label("Find a command").type_text("rec show");
+    h.run_steps(3);
+    h.key_press(Key::Enter);
+    h.run_steps(3);
+    assert_eq!(h.state().screen, Screen::Recordings);
+    assert!(h.query_by_label("Find a command").is_none(), "it closes");
+    // What cannot be done now says why and does nothing.
+    h.key_press_modifiers(Modifiers::COMMAND, Key::P);
+    h.run_steps(4);
+    h.get_by_label("Find a command").type_text("reset: leave");
+    h.run_steps(3);
+    assert!(is_disabled(&h, "Reset: leave SAFE"));
+    h.key_press(Key::Enter);
+    h.run_steps(3);
+    assert_eq!(twin.taken(), []);
+    // Space types here and does not hold the arm; the chord still stops it.
+    h.get_by_label("Find a command").type_text(" ");
+    h.run_steps(2);
+    h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [Command::Stop]);
+    h.key_press(Key::Escape);
+    h.run_steps(3);
+    assert!(h.query_by_label("Find a command").is_none());
+}
+
+#[test]
+fn arrows_choose_a_command_and_the_list_never_covers_stop() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    h.key_press_modifiers(Modifiers::COMMAND, Key::P);
+    h.run_steps(4);
+    h.get_by_label("Find a command").type_text("gripper");
+    h.run_steps(2);
+    h.key_press(Key::ArrowDown);
+    h.run_steps(2);
+    let stop = h.get_by_label("■ STOP").rect();
+    assert!(!h.get_by_label("Close the gripper").rect().intersects(stop));
+    h.key_press(Key::Enter);
+    h.run_steps(2);
+    assert_eq!(
+        twin.taken(),
+        [Command::Grip(crate::signal::Gripper::Closed)]
+    );
+}
+
+#[test]
+fn a_message_shows_goes_and_stays_in_the_list() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let notice = |text: &str| Event::Notice {
+        stamp: Stamp::ZERO,
+        text: text.into(),
+    };
+    twin.events
+        .try_send(notice("Board 2 answers again."))
+        .expect("room");
+    h.run_steps(2);
+    h.get_by_label("Board 2 answers again.");
+    // Six seconds are 24 steps of a quarter of a second.
+    h.run_steps(40);
+    assert!(h.query_by_label("Board 2 answers again.").is_none());
+    h.get_by_label("Messages 1").click();
+    h.run_steps(3);
+    h.get_by_label("Board 2 answers again.");
+    // A warning stays until it is closed.
+    twin.events
+        .try_send(Event::Refused {
+            stamp: Stamp::ZERO,
+            reason: "Go was refused.".into(),
+        })
+        .expect("room");
+    h.key_press(Key::Escape);
+    h.run_steps(30);
+    let shown = h.get_all_by_label("▲ Go was refused.").count();
+    h.get_by_label("Messages 2").click();
+    h.run_steps(3);
+    let more = h.get_all_by_label("▲ Go was refused.").count();
+    assert_eq!(
+        (shown, more),
+        (1, 2),
+        "over the screen, then in the list, too"
+    );
+    h.key_press(Key::Escape);
+    h.run_steps(3);
+    h.get_by_label("Close this message").click();
+    h.run_steps(3);
+    assert!(h.query_by_label("▲ Go was refused.").is_none());
+}
+
+#[test]
+fn another_rig_is_chosen_in_the_window() {
+    let mut idle = fixture::snapshot(7.0);
+    idle.mode = Mode::Disarmed;
+    idle.link.practice = true;
+    let (first, handle) = twin(idle);
+    let mut other = fixture::snapshot(1.0);
+    other.link.simulated = false;
+    other.link.source = "/dev/ttyACM0".into();
+    other.mode = Mode::Disarmed;
+    let (second, other_handle) = twin(other);
+    let mut ready = Some(other_handle);
+    let asked = Arc::new(Mutex::new(Vec::new()));
+    let log = Arc::clone(&asked);
+    let services = Services {
+        ports: Box::new(|| {
+            Job::ready(Ok(vec![PortEntry {
+                name: "/dev/ttyACM0".into(),
+                what: "Arduino Mega 2560".into(),
+            }]))
+        }),
+        connect: Box::new(move |name| {
+            log.lock().expect("not poisoned").push(name.to_owned());
+            match ready.take() {
+                Some(handle) => Job::ready(Ok(handle)),
+                None => Job::ready(Err("Not connected to COM9: there is no such port.".into())),
+            }
+        }),
+        ..Services::none()
+    };
+    let mut h = harness(App::new(Some(handle), RobotSpec::reference(), services));
+    h.run_steps(3);
+    press(&mut h, "SIM");
+    h.run_steps(3);
+    h.get_by_label_contains("/dev/ttyACM0").click();
+    h.run_steps(4);
+    assert_eq!(*asked.lock().expect("not poisoned"), ["/dev/ttyACM0"]);
+    h.get_by_label("HARDWARE");
+    // The first twin was let go; commands reach the second.
+    h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
+    h.run_steps(2);
+    assert_eq!(second.taken(), [Command::Stop]);
+    assert!(first.commands.recv().is_err(), "let go");
+    // A port that is not there: one sentence, and nothing is connected.
+    press(&mut h, "HARDWARE");
+    h.run_steps(3);
+    assert!(is_disabled(&h, "Connect"));
+    h.get_by_label("Port or ports of the boards").focus();
+    h.run_steps(2);
+    h.get_by_label("Port or ports of the boards")
+        .type_text("COM9");
+    h.run_steps(2);
+    h.get_by_label("Connect").click();
+    h.run_steps(4);
+    h.get_by_label_contains("there is no such port");
+}
+
+#[test]
+fn an_armed_arm_is_not_let_go() {
+    let mut armed = fixture::snapshot(7.0);
+    armed.link.simulated = false;
+    armed.mode = Mode::Hold;
+    let spec = RobotSpec::reference();
+    let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec.clone(), &[armed.clone()]);
+    let history = crate::gui::history::History::new(4);
+    let gate = |s: &Snapshot| {
+        let view = View {
+            snapshot: s,
+            history: &history,
+            now_s: 0.0,
+            replay: None,
+            spec: &spec,
+        };
+        crate::gui::panels::connect::gate(&view, &app.connection)
+    };
+    assert!(gate(&armed).is_err_and(|e| e.contains("disarm it first")));
+    armed.mode = Mode::Disarmed;
+    assert_eq!(gate(&armed), Ok(()));
+    armed.recording = Some("x".into());
+    assert!(gate(&armed).is_err_and(|e| e.contains("end it first")));
+}
+
+#[test]
+fn a_link_that_is_gone_says_how_old_what_is_shown_is_and_when_it_is_tried_again() {
+    let mut gone = fixture::snapshot(30.0);
+    gone.link.connected = false;
+    gone.link.age_s = 4.2;
+    gone.link.retry_in_s = Some(0.3);
+    gone.mode = Mode::Disarmed;
+    let (_twin, mut h) = running(gone);
+    h.get_by_label_contains(
+        "values are 4.2 s old, motion is off. The port is gone; next try in 0.3 s.",
+    );
+    type_target(&mut h, ["-62", "-41.5", "-268"]);
+    assert!(is_disabled(&h, "▶ Go"));
+    h.get_by_label("▶ Go").hover();
+    h.run_steps(6);
+    h.get_by_label_contains("Not connected: motion is off until frames arrive.");
+}
+
+#[test]
+fn a_newcomer_is_greeted_once() {
+    let (_twin, handle) = twin(fixture::snapshot(1.0));
+    let mut app = App::new(Some(handle), RobotSpec::reference(), library_services());
+    app.welcome = true;
+    let mut h = harness(app);
+    h.run_steps(3);
+    h.get_by_label_contains("The arm you see is simulated");
+    press_steps(&mut h, "Play a recording");
+    assert_eq!(h.state().screen, Screen::Recordings);
+    h.get_by_label("circle-35g");
+    press_steps(&mut h, "Close the welcome");
+    assert!(!h.state().welcome);
+    assert!(h.query_by_label_contains("Welcome").is_none());
+}
+
+fn press_steps(h: &mut Harness<'_, App>, label: &str) {
+    h.get_by_label(label).click();
+    h.run_steps(3);
+}
+
+/// Roles that something can be done with.
+fn is_control(role: Role) -> bool {
+    matches!(
+        role,
+        Role::Button
+            | Role::CheckBox
+            | Role::RadioButton
+            | Role::Slider
+            | Role::SpinButton
+            | Role::TextInput
+            | Role::MultilineTextInput
+            | Role::ComboBox
+            | Role::Link
+    )
+}
+
+/// A tab of the dock names its panel: there is nothing more to say about it.
+fn is_plain(name: &str) -> bool {
+    crate::gui::panels::operate::PANES
+        .iter()
+        .any(|p| p.title() == name)
+}
+
+// What is wrong with the controls in sight, and how many there are. A control without a name fails the
+// harness itself.
+fn controls_without<T>(h: &mut Harness<'_, T>) -> (Vec<String>, usize) {
+    let mut places = Vec::new();
+    for node in h.root().children_recursive() {
+        let a = node.accesskit_node();
+        if !is_control(a.role()) {
+            continue;
+        }
+        let name = a.label().unwrap_or_default();
+        let rect = node.rect();
+        if !is_plain(&name) {
+            places.push((name, rect));
+        }
+    }
+    let n = places.len();
+    let mut bad = Vec::new();
+    for (name, rect) in places {
+        h.hover_at(rect.center());
+        h.run_steps(6);
+        let told = h.ctx.memory(|m| {
+            m.areas()
+                .visible_layer_ids()
+                .iter()
+                .any(|l| l.order == Order::Tooltip)
+        });
+        if !told {
+            bad.push(format!("“{name}” at {rect:?} has no tooltip"));
+        }
+        h.remove_cursor();
+        h.run_steps(2);
+    }
+    (bad, n)
+}
+
+#[test]
+fn a_control_without_a_tooltip_is_noticed() {
+    let mut h = Harness::new_ui(|ui: &mut egui::Ui| {
+        let _ = ui.button("good").on_hover_text("It is good.");
+        ui.add_enabled(false, egui::Button::new("off"))
+            .on_disabled_hover_text("It is off.");
+        let _ = ui.button("bare");
+    });
+    h.run_steps(3);
+    let (bad, n) = controls_without(&mut h);
+    assert_eq!(n, 3);
+    assert_eq!(bad.len(), 1, "{bad:?}");
+    assert!(bad[0].contains("“bare”"));
+}
+
+#[test]
+fn every_control_has_a_name_and_a_tooltip_and_says_why_it_is_off() {
+    let mut bad = Vec::new();
+    for screen in Screen::ALL {
+        for live in [true, false] {
+            // A window without data has the most controls that are off.
+            let session = if live { busy_session() } else { Vec::new() };
+            let spec = RobotSpec::reference();
+            let mut app = App::for_screenshot(screen, Theme::Dark, spec, &session);
+            app.services = library_services();
+            // High enough for everything to be in sight.
+            let mut h = Harness::builder()
+                .with_size([1400.0, 1600.0])
+                .build_eframe(|_| app);
+            h.run_steps(4);
+            let (found, n) = controls_without(&mut h);
+            assert!(n >= 12, "{screen:?} has {n} controls");
+            for b in found {
+                bad.push(format!("{screen:?}, live {live}: {b}"));
+            }
+        }
+    }
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
+}
+
+#[test]
+fn levels_have_glyphs_that_differ() {
+    let glyphs = [Level::Normal, Level::Warning, Level::Critical].map(Level::glyph);
+    assert!(glyphs[0] != glyphs[1] && glyphs[1] != glyphs[2] && glyphs[0] != glyphs[2]);
+}

@@ -1,0 +1,647 @@
+//! Snapshots as messages of a recording: what a file and a live stream have in common.
+
+use std::sync::Arc;
+
+use arrow::array::{ArrayRef, Float64Array, Int64Array, ListArray, StringArray};
+use arrow::buffer::OffsetBuffer;
+use arrow::datatypes::Field;
+use rerun::external::re_log_encoding::rrd::EncodeError;
+use rerun::log::{Chunk, ChunkError, LogMsg};
+use rerun::{
+    ComponentDescriptor, DynamicArchetype, EntityPath, RecordingStreamBuilder, Scalars, StoreId,
+    TextLog, TimeColumn,
+};
+
+use super::blueprint::{Layout, Shown};
+use super::scene::{Part, Scene, log_styles};
+use super::schema::{self, SPECS, Spec, table};
+use crate::recording::RecordingMeta;
+use crate::signal::{
+    Aim, Alarm, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp, TruthSource,
+    pose_error, ypr_from_rotation,
+};
+
+/// Rows after which a batch is due.
+const BATCH_ROWS: usize = 100;
+/// Session time between two pictures of the scene, ns.
+const SCENE_NS: i64 = 100_000_000;
+
+/// Rows of one table since the last batch.
+struct Table {
+    spec: &'static Spec,
+    scalar_times: Vec<i64>,
+    scalars: Vec<f64>,
+    exact_times: Vec<i64>,
+    exact: Vec<f64>,
+    ints: Vec<i64>,
+}
+
+impl Table {
+    /// Appends what is not empty.
+    fn push(&mut self, t: Stamp, scalars: &[f64], exact: &[f64], ints: &[i64]) {
+        let spec = self.spec;
+        if !scalars.is_empty() {
+            debug_assert_eq!(scalars.len(), spec.scalars, "{}", spec.path);
+            self.scalar_times.push(t.0);
+            self.scalars.extend_from_slice(scalars);
+        }
+        if !exact.is_empty() || !ints.is_empty() {
+            debug_assert_eq!(
+                (exact.len(), ints.len()),
+                (spec.exact, spec.ints),
+                "{}",
+                spec.exact_path
+            );
+            self.exact_times.push(t.0);
+            self.exact.extend_from_slice(exact);
+            self.ints.extend_from_slice(ints);
+        }
+    }
+
+    /// Takes the rows as entities of a batch.
+    fn take(&mut self) -> Result<Vec<Part>, arrow::error::ArrowError> {
+        let spec = self.spec;
+        let mut parts = Vec::with_capacity(2);
+        let times = std::mem::take(&mut self.scalar_times);
+        if !times.is_empty() {
+            let values = Float64Array::from(std::mem::take(&mut self.scalars));
+            let list = lists(Arc::new(values), spec.scalars, times.len())?;
+            parts.push(Part {
+                path: spec.path,
+                times,
+                columns: vec![(Scalars::descriptor_scalars(), list)],
+            });
+        }
+        let times = std::mem::take(&mut self.exact_times);
+        if !times.is_empty() {
+            let mut columns = Vec::with_capacity(2);
+            if spec.exact > 0 {
+                let values = Float64Array::from(std::mem::take(&mut self.exact));
+                let list = lists(Arc::new(values), spec.exact, times.len())?;
+                columns.push((own(schema::EXACT), list));
+            }
+            if spec.ints > 0 {
+                let values = Int64Array::from(std::mem::take(&mut self.ints));
+                let list = lists(Arc::new(values), spec.ints, times.len())?;
+                columns.push((own(schema::INTS), list));
+            }
+            parts.push(Part {
+                path: spec.exact_path,
+                times,
+                columns,
+            });
+        }
+        Ok(parts)
+    }
+}
+
+/// Lines of one text log since the last batch.
+#[derive(Default)]
+struct TextRows {
+    times: Vec<i64>,
+    texts: Vec<String>,
+    levels: Vec<&'static str>,
+}
+
+impl TextRows {
+    fn push(&mut self, t: Stamp, text: String, level: &'static str) {
+        self.times.push(t.0);
+        self.texts.push(text);
+        self.levels.push(level);
+    }
+}
+
+fn own(component: &'static str) -> ComponentDescriptor {
+    ComponentDescriptor::partial(component).with_archetype(schema::PREFIX.into())
+}
+
+/// A column of `rows` lists of `width` values each.
+fn lists(
+    values: ArrayRef,
+    width: usize,
+    rows: usize,
+) -> Result<ListArray, arrow::error::ArrowError> {
+    let field = Field::new_list_field(values.data_type().clone(), true);
+    let offsets = OffsetBuffer::from_lengths(std::iter::repeat_n(width, rows));
+    ListArray::try_new(Arc::new(field), offsets, values, None)
+}
+
+/// Anything that can go wrong between rows and where they go.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum BatchError {
+    #[error(transparent)]
+    Arrow(#[from] arrow::error::ArrowError),
+    #[error(transparent)]
+    Chunk(#[from] ChunkError),
+    #[error(transparent)]
+    Encode(#[from] EncodeError),
+    #[error(transparent)]
+    Stream(#[from] rerun::RecordingStreamError),
+    #[error(transparent)]
+    Serialize(#[from] rerun::SerializationError),
+}
+
+impl From<BatchError> for std::io::Error {
+    fn from(e: BatchError) -> Self {
+        match e {
+            BatchError::Encode(EncodeError::Write(e)) => e,
+            other => Self::other(other.to_string()),
+        }
+    }
+}
+
+/// Rows that wait to become a batch of messages.
+pub(super) struct Rows {
+    meta: RecordingMeta,
+    store_id: StoreId,
+    /// Session time after which a batch is due, ns.
+    batch_ns: i64,
+    tables: Vec<Table>,
+    logs: [TextRows; 3],
+    scene: Scene,
+    batch_start: Option<Stamp>,
+    last: Option<Stamp>,
+    last_scene: Option<Stamp>,
+    last_goal: Option<Option<Goal>>,
+    last_mode: Option<Mode>,
+    last_alarms: Vec<Alarm>,
+    /// Snapshots whose time did not advance.
+    pub(super) repeated: u64,
+    /// Parts of snapshots with a value that is not finite.
+    pub(super) rejected: u64,
+}
+
+impl Rows {
+    /// No rows yet, and the messages that come before all others.
+    pub(super) fn begin(
+        meta: RecordingMeta,
+        shown: Shown,
+        batch_ns: i64,
+    ) -> Result<(Self, Vec<LogMsg>), BatchError> {
+        let (store_id, messages) = opening(&meta, shown)?;
+        let tables = SPECS
+            .iter()
+            .map(|spec| Table {
+                spec,
+                scalar_times: Vec::new(),
+                scalars: Vec::new(),
+                exact_times: Vec::new(),
+                exact: Vec::new(),
+                ints: Vec::new(),
+            })
+            .collect();
+        let rows = Self {
+            meta,
+            store_id,
+            batch_ns,
+            tables,
+            logs: Default::default(),
+            scene: Scene::default(),
+            batch_start: None,
+            last: None,
+            last_scene: None,
+            last_goal: None,
+            last_mode: None,
+            last_alarms: Vec::new(),
+            repeated: 0,
+            rejected: 0,
+        };
+        Ok((rows, messages))
+    }
+
+    /// Takes a snapshot; says whether a batch is due. One whose time does not advance is counted and
+    /// left out; parts with values that are not finite are counted and left out.
+    pub(super) fn push(&mut self, snapshot: &Snapshot) -> bool {
+        let t = snapshot.stamp;
+        if self.last.is_some_and(|last| t <= last) {
+            self.repeated += 1;
+            return false;
+        }
+        self.last = Some(t);
+        let start = *self.batch_start.get_or_insert(t);
+        self.push_sensors(t, snapshot);
+        self.push_tip(t, snapshot);
+        self.push_control(t, snapshot);
+        self.push_logs(t, snapshot);
+        if self
+            .last_scene
+            .is_none_or(|last| t.0.saturating_sub(last.0) >= SCENE_NS)
+        {
+            self.last_scene = Some(t);
+            self.scene.push(snapshot, self.meta.drawing.as_ref());
+        }
+        let link = &snapshot.link;
+        let connected = if link.connected { 1.0 } else { 0.0 };
+        let [rate_0, rate_1] = link.board_rate_hz;
+        self.tables[table::TICK].push(
+            t,
+            &[],
+            &[connected, link.age_s, rate_0, rate_1, snapshot.payload_kg],
+            &[
+                link.frames as i64,
+                link.frames_lost as i64,
+                mode_code(&snapshot.mode),
+            ],
+        );
+        self.waiting() >= BATCH_ROWS || t.0.saturating_sub(start.0) >= self.batch_ns
+    }
+
+    /// Takes one line of the event log.
+    pub(super) fn event(&mut self, stamp: Stamp, text: &str) {
+        self.logs[schema::log::EVENTS].push(stamp, text.to_owned(), "INFO");
+    }
+
+    /// Snapshots that wait.
+    pub(super) fn waiting(&self) -> usize {
+        self.tables[table::TICK].exact_times.len()
+    }
+
+    /// Makes messages of what waits.
+    pub(super) fn take(&mut self) -> Result<Vec<LogMsg>, BatchError> {
+        self.batch_start = None;
+        let mut messages = Vec::new();
+        for part in self.scene.take() {
+            messages.push(self.message(part)?);
+        }
+        for i in 0..self.logs.len() {
+            let rows = std::mem::take(&mut self.logs[i]);
+            if rows.times.is_empty() {
+                continue;
+            }
+            let n = rows.times.len();
+            let texts = lists(Arc::new(StringArray::from(rows.texts)), 1, n)?;
+            let levels = lists(Arc::new(StringArray::from(rows.levels)), 1, n)?;
+            let columns = vec![
+                (TextLog::descriptor_text(), texts),
+                (TextLog::descriptor_level(), levels),
+            ];
+            messages.push(self.message(Part {
+                path: schema::LOGS[i],
+                times: rows.times,
+                columns,
+            })?);
+        }
+        // The tick's table is the last one.
+        for i in 0..self.tables.len() {
+            for part in self.tables[i].take()? {
+                messages.push(self.message(part)?);
+            }
+        }
+        Ok(messages)
+    }
+
+    fn message(&self, part: Part) -> Result<LogMsg, BatchError> {
+        let time = TimeColumn::new_duration_nanos(schema::TIMELINE, part.times);
+        let chunk = Chunk::from_columns(EntityPath::from(part.path), [time], part.columns)?;
+        Ok(LogMsg::ArrowMsg(
+            self.store_id.clone(),
+            chunk.to_arrow_msg()?,
+        ))
+    }
+
+    /// Whether all values are finite; counts when not.
+    fn sound(&mut self, values: &[f64]) -> bool {
+        let sound = values.iter().all(|v| v.is_finite());
+        if !sound {
+            self.rejected += 1;
+        }
+        sound
+    }
+
+    fn push_sensors(&mut self, t: Stamp, snapshot: &Snapshot) {
+        if let Some(raw) = &snapshot.raw {
+            let gyro: Vec<f64> = raw.imu.iter().flat_map(|i| i.gyro_rad_s).collect();
+            let accel: Vec<f64> = raw.imu.iter().flat_map(|i| i.accel_m_s2).collect();
+            let [age_0, age_1] = raw.board_age_s;
+            let frame = [raw.tick_rate_hz, age_0, age_1];
+            let all = [&gyro[..], &accel, &raw.chamber_pa, &frame].concat();
+            if self.sound(&all) {
+                let counts = raw.spring_counts.map(f64::from);
+                let gates = raw.spring_gate_ticks.map(f64::from);
+                let ints = [
+                    i64::from(raw.seq),
+                    raw.stamp.0,
+                    i64::from(raw.present),
+                    i64::from(raw.faults),
+                ];
+                self.tables[table::RAW_FRAME].push(t, &[], &frame, &ints);
+                self.tables[table::COUNTS].push(t, &counts, &[], &[]);
+                self.tables[table::GATES].push(t, &gates, &[], &[]);
+                self.tables[table::GYRO].push(t, &gyro, &[], &[]);
+                self.tables[table::ACCEL].push(t, &accel, &[], &[]);
+                self.tables[table::RAW_PRESSURE].push(t, &raw.chamber_pa, &[], &[]);
+            }
+        }
+        if let Some(frame) = &snapshot.sensors {
+            let spring_m = frame.sensors.spring_m;
+            let imu_rad = frame.sensors.imu_ypr_rad.as_flattened();
+            let all = [&spring_m[..], imu_rad, &frame.chamber_pa].concat();
+            if self.sound(&all) {
+                self.push_scaled(table::SPRINGS, t, &spring_m, mm, &[]);
+                self.push_scaled(table::IMUS, t, imu_rad, f64::to_degrees, &[]);
+                self.push_scaled(table::PRESSURE, t, &frame.chamber_pa, kpa, &[]);
+                let h = &frame.health;
+                let codes = h.springs.iter().chain(&h.imus).chain(&h.chambers);
+                let mut ints = vec![frame.stamp.0];
+                ints.extend(codes.map(|c: &ChannelHealth| schema::health_code(*c)));
+                self.tables[table::HEALTH].push(t, &[], &[], &ints);
+            }
+        }
+    }
+
+    /// A row whose plotted values are its exact ones in another unit.
+    fn push_scaled(
+        &mut self,
+        table: usize,
+        t: Stamp,
+        si: &[f64],
+        unit: fn(f64) -> f64,
+        ints: &[i64],
+    ) {
+        let shown: Vec<f64> = si.iter().map(|v| unit(*v)).collect();
+        self.tables[table].push(t, &shown, si, ints);
+    }
+
+    fn push_tip(&mut self, t: Stamp, snapshot: &Snapshot) {
+        let mut predicted = None;
+        if let Some(e) = &snapshot.estimate {
+            let mut exact = pose_values(&e.base_from_tip).to_vec();
+            exact.push(e.training_distance);
+            exact.extend(e.covariance.iter());
+            if self.sound(&exact) {
+                let shown = position_mm(&e.base_from_tip);
+                self.tables[table::PREDICTED].push(t, &shown, &exact, &[e.stamp.0]);
+                let ypr = ypr_deg(&e.base_from_tip);
+                self.tables[table::PREDICTED_YPR].push(t, &ypr, &[], &[]);
+                predicted = Some(e.base_from_tip);
+            }
+        }
+        if let Some(g) = &snapshot.truth {
+            let exact = pose_values(&g.base_from_tip);
+            if self.sound(&exact) {
+                let source = match g.source {
+                    TruthSource::Vicon => 0,
+                    TruthSource::VirtualRig => 1,
+                };
+                let shown = position_mm(&g.base_from_tip);
+                self.tables[table::VICON].push(t, &shown, &exact, &[g.stamp.0, source]);
+                let ypr = ypr_deg(&g.base_from_tip);
+                self.tables[table::VICON_YPR].push(t, &ypr, &[], &[]);
+                if let Some(predicted) = predicted {
+                    let e = pose_error(&predicted, &g.base_from_tip);
+                    let distance_m = e.fixed_rows::<3>(0).norm();
+                    let turn_rad = e.fixed_rows::<3>(3).norm();
+                    self.tables[table::ERROR_MM].push(t, &[mm(distance_m)], &[], &[]);
+                    let shown = [turn_rad.to_degrees()];
+                    self.tables[table::ERROR_DEG].push(t, &shown, &[], &[]);
+                }
+            }
+        }
+    }
+
+    fn push_control(&mut self, t: Stamp, snapshot: &Snapshot) {
+        if let Some(command) = &snapshot.command {
+            let gripper = match command.gripper() {
+                Gripper::Open => 0,
+                Gripper::Closed => 1,
+            };
+            let ints = [command.stamp().0, gripper];
+            if self.sound(command.chamber_pa()) {
+                self.push_scaled(table::SET, t, command.chamber_pa(), kpa, &ints);
+            }
+        }
+        if let Some(sensor_ref) = &snapshot.sensor_ref
+            && self.sound(sensor_ref.as_slice())
+        {
+            let (spring_m, imu_rad) = sensor_ref.as_slice().split_at(crate::signal::SPRINGS);
+            self.push_scaled(table::SPRING_REF, t, spring_m, mm, &[]);
+            self.push_scaled(table::IMU_REF, t, imu_rad, f64::to_degrees, &[]);
+        }
+        let (exact, ints) = goal_row(snapshot.goal.as_ref());
+        if self.sound(&exact) {
+            let goals = &mut self.tables[table::GOAL];
+            if let Some(goal) = &snapshot.goal {
+                goals.push(t, &goal.position_m.map(mm), &[], &[]);
+            }
+            if self.last_goal.as_ref() != Some(&snapshot.goal) {
+                goals.push(t, &[], &exact, &ints);
+                self.last_goal = Some(snapshot.goal.clone());
+            }
+        }
+    }
+
+    fn push_logs(&mut self, t: Stamp, snapshot: &Snapshot) {
+        if self.last_mode.as_ref() != Some(&snapshot.mode) {
+            let level = match snapshot.mode {
+                Mode::Safe(_) => "CRITICAL",
+                _ => "INFO",
+            };
+            self.logs[schema::log::MODE].push(t, mode_text(&snapshot.mode), level);
+            self.last_mode = Some(snapshot.mode.clone());
+        }
+        if self.last_alarms != snapshot.alarms {
+            let log = &mut self.logs[schema::log::ALARMS];
+            for alarm in &snapshot.alarms {
+                if !self.last_alarms.contains(alarm) {
+                    let level = match alarm.severity {
+                        Severity::Info => "INFO",
+                        Severity::Warning => "WARN",
+                        Severity::Critical => "CRITICAL",
+                    };
+                    log.push(t, alarm.text.clone(), level);
+                }
+            }
+            self.last_alarms = snapshot.alarms.clone();
+        }
+    }
+}
+
+fn mm(m: f64) -> f64 {
+    m * 1e3
+}
+
+fn kpa(pa: f64) -> f64 {
+    pa * 1e-3
+}
+
+fn position_mm(pose: &Pose) -> [f64; 3] {
+    let p = &pose.translation;
+    [mm(p.x), mm(p.y), mm(p.z)]
+}
+
+fn ypr_deg(pose: &Pose) -> [f64; 3] {
+    ypr_from_rotation(&pose.rotation).map(f64::to_degrees)
+}
+
+/// x, y, z, i, j, k, w.
+fn pose_values(pose: &Pose) -> [f64; 7] {
+    let (p, q) = (&pose.translation, &pose.rotation);
+    [p.x, p.y, p.z, q.i, q.j, q.k, q.w]
+}
+
+fn goal_row(goal: Option<&Goal>) -> ([f64; 8], [i64; 2]) {
+    let Some(goal) = goal else {
+        return ([0.0; 8], [0, 0]);
+    };
+    let [x, y, z] = goal.position_m;
+    let (aim, [i, j, k, w]) = match goal.aim {
+        Aim::Free => (0, [0.0, 0.0, 0.0, 1.0]),
+        Aim::Rotation(q) => (1, [q.i, q.j, q.k, q.w]),
+        Aim::Direction(d) => (2, [d.x, d.y, d.z, 0.0]),
+    };
+    ([x, y, z, i, j, k, w, goal.tolerance_m], [1, aim])
+}
+
+fn mode_code(mode: &Mode) -> i64 {
+    match mode {
+        Mode::Disarmed => 0,
+        Mode::Hold => 1,
+        Mode::Moving => 2,
+        Mode::AtGoal => 3,
+        Mode::Safe(_) => 4,
+    }
+}
+
+fn mode_text(mode: &Mode) -> String {
+    match mode {
+        Mode::Disarmed => "Disarmed".to_owned(),
+        Mode::Hold => "Hold".to_owned(),
+        Mode::Moving => "Moving".to_owned(),
+        Mode::AtGoal => "At goal".to_owned(),
+        Mode::Safe(reason) => format!("{SAFE_PREFIX}{reason}"),
+    }
+}
+
+/// What comes before the reason in the mode log.
+pub(super) const SAFE_PREFIX: &str = "SAFE: ";
+
+/// The messages that come first: identity, properties, styles, layout.
+fn opening(meta: &RecordingMeta, shown: Shown) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
+    let (stream, storage) = RecordingStreamBuilder::new(schema::APPLICATION)
+        .enabled(true)
+        .recording_name(meta.name.clone())
+        .memory()?;
+    let property = DynamicArchetype::new(schema::PREFIX)
+        .with_component_from_data("schema", text_column(&schema::SCHEMA_VERSION.to_string()))
+        .with_component_from_data("name", text_column(&meta.name))
+        .with_component_from_data("robot", text_column(&meta.robot))
+        .with_component_from_data("robot_hash", text_column(&meta.robot_hash))
+        .with_component_from_data("source", text_column(&meta.source))
+        .with_component_from_data("simulated", text_column(&meta.simulated.to_string()))
+        .with_component_from_data("payload_kg", text_column(&meta.payload_kg.to_string()))
+        .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
+    stream.send_property(schema::PROPERTY, &property)?;
+    log_styles(&stream, meta.drawing.as_ref())?;
+    for spec in SPECS.iter().filter(|s| s.scalars > 1) {
+        let names = series_names(spec);
+        let style = rerun::SeriesLines::update_fields()
+            .with_names(names)
+            .with_colors(series_colours(spec))
+            .with_widths(vec![series_width(spec); spec.scalars]);
+        stream.log_static(spec.path, &style)?;
+    }
+    // With rerun switched off in the environment there is no layout to be had; data go on.
+    let layout = Layout::new(shown);
+    if rerun::decide_logging_enabled(true) {
+        layout.blueprint.send(&stream, Default::default())?;
+    }
+    let store_id = match stream.store_info() {
+        Some(info) => info.store_id,
+        None => StoreId::random(rerun::StoreKind::Recording, schema::APPLICATION),
+    };
+    let mut messages = storage.take();
+    layout.complete(&mut messages)?;
+    Ok((store_id, messages))
+}
+
+/// One text as a property's value.
+pub(super) fn text_column(text: &str) -> ArrayRef {
+    Arc::new(StringArray::from(vec![text.to_owned()]))
+}
+
+/// Names of an entity's plotted series.
+fn series_names(spec: &Spec) -> Vec<String> {
+    let what = spec.path.rsplit('/').next().unwrap_or_default();
+    let numbered = |name: &str, n: usize| (1..=n).map(|i| format!("{name} {i}")).collect();
+    let group = spec.path.split('/').nth(1).unwrap_or_default();
+    match (group, what, spec.scalars) {
+        (_, "position_mm", _) => {
+            let whose = spec.path.trim_end_matches("/position_mm");
+            let whose = whose.rsplit('/').next().unwrap_or_default();
+            ["x", "y", "z"].map(|a| format!("{whose} {a}")).into()
+        }
+        (_, "ypr_deg", _) => ["yaw", "pitch", "roll"].map(str::to_owned).into(),
+        (_, "imu_deg" | "imu_ref_deg", _) => (1..=4)
+            .flat_map(|i| ["yaw", "pitch", "roll"].map(|a| format!("imu {i} {a}")))
+            .collect(),
+        (_, "gyro_rad_s" | "accel_m_s2", _) => (1..=4)
+            .flat_map(|i| ["x", "y", "z"].map(|a| format!("imu {i} {a}")))
+            .collect(),
+        (_, "set_kpa", n) => numbered("set", n),
+        (_, _, 6) => numbered("chamber", 6),
+        (_, _, n) => numbered("spring", n),
+    }
+}
+
+/// Six colours that can be told from each other, also by the colour-blind.
+const SIX: [u32; 6] = [
+    0x4c9b_e8ff,
+    0xe69f_00ff,
+    0x2fbf_8fff,
+    0xe45f_28ff,
+    0xcc79_a7ff,
+    0xf0e4_42ff,
+];
+
+/// Colours of an entity's plotted series: one for each chamber, pair of springs, axis.
+fn series_colours(spec: &Spec) -> Vec<rerun::Color> {
+    let each = match spec.scalars {
+        12 if spec.path.contains("spring") || spec.path.contains("gate") => 2,
+        _ => 1,
+    };
+    let first = match spec.path {
+        path if path.starts_with("/tip/predicted") => 0,
+        path if path.starts_with("/tip/vicon") => 3,
+        _ => 0,
+    };
+    let whose = |i: usize| match spec.scalars {
+        3 => SIX[first + i],
+        _ => SIX[(i / each) % SIX.len()],
+    };
+    (0..spec.scalars)
+        .map(|i| match spec.path {
+            "/goal/position_mm" => rerun::Color::from_u32(0xb4b9_c0ff),
+            _ => rerun::Color::from_u32(whose(i)),
+        })
+        .collect()
+}
+
+/// What is asked for is drawn thinner than what is.
+fn series_width(spec: &Spec) -> f32 {
+    let asked = spec.path.contains("set_") || spec.path.contains("_ref_");
+    if asked { 0.8 } else { 1.6 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn series_are_named() {
+        for s in &SPECS {
+            if s.scalars > 1 {
+                assert_eq!(series_names(s).len(), s.scalars, "{}", s.path);
+                assert_eq!(series_colours(s).len(), s.scalars, "{}", s.path);
+            }
+        }
+        assert_eq!(series_names(&SPECS[table::VICON])[0], "vicon x");
+        assert_eq!(SPECS[table::TICK].exact_path, "/tick");
+    }
+
+    #[test]
+    fn list_type_is_stated() {
+        let l = lists(Arc::new(Int64Array::from(vec![1, 2, 3, 4])), 2, 2).unwrap();
+        assert_eq!(l.value_length(1), 2);
+        assert_eq!(l.values().data_type(), &arrow::datatypes::DataType::Int64);
+    }
+}
