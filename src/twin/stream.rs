@@ -1,6 +1,6 @@
 //! The live stream to a viewer, as the runner keeps it.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 use std::time::Duration;
 
 use super::{Event, Runner};

@@ -1,6 +1,6 @@
 //! The running twin in the Rerun viewer: start, watch, stop.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use egui::{Button, Ui};
 

@@ -1,6 +1,6 @@
 //! The running twin in the Rerun viewer, from the operator's side.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use super::*;
 use crate::gui::services::Worker;
