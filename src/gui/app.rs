@@ -11,7 +11,7 @@ use super::history::History;
 use super::pace::Pace;
 use super::panels::accuracy::{self, AccuracyState};
 use super::panels::calibrate::{self, CalibrateState};
-use super::panels::connect::{self, Connection};
+use super::panels::connect::{self, Connection, VIRTUAL};
 use super::panels::gap::{self, GapState};
 use super::panels::operate::{self, OperateState, Pane};
 use super::panels::palette::{self, CommandPalette, Deed};
@@ -484,6 +484,7 @@ impl App {
             ShellAction::ToggleShortcuts => self.shortcuts_open = !self.shortcuts_open,
             ShellAction::TogglePalette => self.command_palette.toggle(),
             ShellAction::CloseWelcome => self.welcome = false,
+            ShellAction::StartVirtualRig => self.connect(VIRTUAL[0].0),
             ShellAction::CloseReplay => {
                 self.player = None;
                 self.window.frozen_end_s = None;

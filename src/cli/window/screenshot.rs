@@ -172,12 +172,16 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     })
 }
 
+/// How long the boards have been silent in pictures of that, s.
+const SILENT_S: f64 = 4.2;
+
 /// Makes the newest snapshot one of a session in which something is wrong.
 fn spoil(last: &mut Snapshot, state: StateName) {
     match state {
         StateName::Disconnected => {
             last.link.connected = false;
-            last.link.age_s = 4.2;
+            last.stamp = last.stamp.plus(SILENT_S);
+            last.link.age_s = SILENT_S;
             last.link.retry_in_s = Some(0.3);
             last.mode = Mode::Disarmed;
             last.goal = None;

@@ -4,7 +4,7 @@ use egui::{RichText, Ui};
 
 use super::View;
 use super::plot::{Dash, swatch};
-use super::widgets::{Meter, cell, dense, heading, meter, note, number};
+use super::widgets::{Meter, cell, dense, meter, note, number};
 use crate::gui::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::signal::CHAMBERS;
@@ -27,7 +27,9 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let names = 16.0 + 6.0 + 14.0;
     let bar = (ui.available_width() - columns[0] - columns[1] - names - 3.0 * 6.0).max(40.0);
     ui.horizontal(|ui| {
-        ui.add_space(names + 6.0);
+        let unit = RichText::new("kPa").small().color(p.weak);
+        super::widgets::cell_left(ui, names, unit)
+            .on_hover_text("Gauge pressure in kPa: the bar is measured, the tick is set");
         let (rect, _) = ui.allocate_exact_size(egui::vec2(bar, 14.0), egui::Sense::hover());
         for (ratio, text) in [
             (0.0, range[0]),
@@ -108,5 +110,4 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             });
         });
     }
-    heading(ui, "Gauge pressure in kPa; bar measured, tick set");
 }

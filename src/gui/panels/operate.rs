@@ -76,7 +76,7 @@ pub fn default_layout() -> Tree<Pane> {
         tiles.insert_container(Container::Linear(linear))
     };
     let left = split(LinearDir::Vertical, &[(view, 0.64), (strips, 0.36)]);
-    let middle = split(LinearDir::Vertical, &[(target, 0.62), (chambers, 0.38)]);
+    let middle = split(LinearDir::Vertical, &[(target, 0.66), (chambers, 0.34)]);
     let right = split(LinearDir::Vertical, &[(pose, 0.40), (sensors, 0.60)]);
     let root = split(
         LinearDir::Horizontal,

@@ -385,6 +385,13 @@ impl TimePlot<'_> {
                 response.rect.min + vec2(5.0, 1.0),
                 vec2(response.rect.width() - 6.0, 16.0),
             );
+            // No line of the grid runs through the words.
+            let behind = response
+                .rect
+                .shrink(1.0)
+                .intersect(line.expand2(vec2(9.0, 0.0)));
+            ui.painter()
+                .rect_filled(behind, 0.0, ui.visuals().extreme_bg_color);
             let layout = Layout::left_to_right(Align::Center);
             let mut over = ui.new_child(egui::UiBuilder::new().max_rect(line).layout(layout));
             self.legend(&mut over, extras.lines);

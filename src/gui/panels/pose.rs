@@ -28,12 +28,15 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let name_width = 74.0;
     let spacing = 4.0;
     let width = ((ui.available_width() - name_width - 4.0 * spacing) / 4.0).clamp(40.0, 90.0);
+    // The longest word heads the first column, the shortest numbers stand in the second.
+    let [first, second] = [1.17 * width, 0.83 * width];
     dense(ui);
     let head = |text: &str| RichText::new(text).small().color(p.weak);
     ui.horizontal(|ui| {
         cell_left(ui, name_width, head(""));
-        cell(ui, width, head("predicted"));
-        cell(ui, width, head("± 2σ")).on_hover_text("Twice the standard deviation of the estimate");
+        cell(ui, first, head("predicted"));
+        cell(ui, second, head("± 2σ"))
+            .on_hover_text("Twice the standard deviation of the estimate");
         cell(ui, width, head("Vicon")).on_hover_text(view.truth_name());
         cell(ui, width, head("error")).on_hover_text("Predicted minus Vicon");
     });
@@ -55,12 +58,12 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             );
             cell(
                 ui,
-                width,
+                first,
                 RichText::new(number(predicted[i], decimals)).color(p.text),
             );
             cell(
                 ui,
-                width,
+                second,
                 RichText::new(number(2.0 * sigma, decimals)).color(p.weak),
             );
             let dash = || "—".to_owned();

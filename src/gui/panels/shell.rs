@@ -3,7 +3,7 @@
 use egui::{Align, Button, Key, Layout, Modifiers, Panel, RichText, Ui, vec2};
 
 use super::toasts::Messages;
-use super::widgets::{Gate, badge, minutes, note, status};
+use super::widgets::{Gate, badge, heading, minutes, note, status};
 use super::{Screen, View};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
@@ -49,6 +49,8 @@ pub enum ShellAction {
     CloseReplay,
     /// Close the welcome for good.
     CloseWelcome,
+    /// Connect to the virtual rig.
+    StartVirtualRig,
 }
 
 /// Word, glyph and level of a mode.
@@ -317,6 +319,21 @@ pub fn banners(
             ui.label(RichText::new(disconnected(s)).color(p.text));
         });
     }
+    if !known && input.joining.is_none() && input.replay.is_none() {
+        banner(ui, "offline", p.raised, |ui| {
+            let text = "Nothing is connected. A click on OFFLINE lists the boards.";
+            ui.label(RichText::new(text).color(p.text));
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if ui
+                    .button("Start the virtual rig")
+                    .on_hover_text("An emulated arm: nothing can break")
+                    .clicked()
+                {
+                    actions.push(ShellAction::StartVirtualRig);
+                }
+            });
+        });
+    }
     if let Some(name) = input.joining {
         banner(ui, "joining", p.selected, |ui| {
             ui.spinner();
@@ -475,19 +492,39 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
 }
 
 /// Keys of the overlay.
-const SHORTCUTS: [(&str, &str); 12] = [
-    ("Shift+Esc", "STOP: pumps off, also while typing"),
-    ("Space", "Hold or resume; in a replay play or pause"),
-    ("Esc", "Cancel the preview; close this list"),
-    ("Enter", "Preview the typed target"),
-    ("Ctrl+P", "Everything that can be done, found by typing"),
-    ("Ctrl+1", "Operate"),
-    ("Ctrl+2", "Sensors"),
-    ("Ctrl+3", "Accuracy"),
-    ("Ctrl+4", "Calibrate"),
-    ("Ctrl+5", "Recordings"),
-    ("Ctrl+6", "Gap"),
-    ("?", "This list"),
+const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
+    (
+        "Everywhere",
+        &[
+            ("Shift+Esc", "STOP: pumps off, also while typing"),
+            ("Space", "Hold or resume; in a replay play or pause"),
+            ("Esc", "Cancel the preview; close this list"),
+            ("Enter", "Preview the typed target"),
+            ("Ctrl+P", "Everything that can be done, found by typing"),
+            ("Ctrl+1 … 6", "The screens, from top to bottom"),
+            ("?", "This list"),
+        ],
+    ),
+    (
+        "3D view, pointer over it",
+        &[
+            ("Click", "Preview a target there, or select what is there"),
+            ("Alt+scroll", "Nearer or further; with Shift finely"),
+            ("X Y Z", "While the target is dragged: along this axis only"),
+            ("Drag", "Turn; with Shift shift"),
+            ("Scroll", "Zoom to the pointer"),
+            ("1 3 7 5", "Front, right, top, perspective"),
+            ("F", "Let the arm fill the view"),
+        ],
+    ),
+    (
+        "Other screens",
+        &[
+            ("J K", "Accuracy: next, previous peak of the error"),
+            ("Arrows", "Gap: the next cell of the map"),
+            ("Shift+drop", "Recordings: compare the file that is dropped"),
+        ],
+    ),
 ];
 
 /// The list of shortcuts, kept inside `within` so that it never covers STOP.
@@ -500,16 +537,21 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
         .pivot(egui::Align2::CENTER_CENTER)
         .default_pos(within.center())
         .show(ctx, |ui| {
-            egui::Grid::new("shortcuts")
-                .num_columns(2)
-                .spacing([24.0, 8.0])
-                .show(ui, |ui| {
-                    for (keys, what) in SHORTCUTS {
-                        ui.label(RichText::new(keys).monospace());
-                        ui.label(what);
-                        ui.end_row();
-                    }
-                });
+            for (title, keys) in SHORTCUTS {
+                heading(ui, title);
+                egui::Grid::new(title)
+                    .num_columns(2)
+                    .min_col_width(110.0)
+                    .spacing([24.0, 6.0])
+                    .show(ui, |ui| {
+                        for (keys, what) in keys {
+                            ui.label(RichText::new(*keys).monospace());
+                            ui.label(*what);
+                            ui.end_row();
+                        }
+                    });
+                ui.add_space(6.0);
+            }
         });
 }
 

@@ -257,6 +257,19 @@ fn plate(theme: Theme) -> Color32 {
     }
 }
 
+/// How far to move a tag so that all of it is seen, as long as the place it names is.
+fn into_view(tag: Rect, at: Pos2, view: Rect) -> egui::Vec2 {
+    if !view.expand(40.0).contains(at) {
+        return egui::Vec2::ZERO;
+    }
+    let room = view.shrink(4.0);
+    let inwards = |low: f32, high: f32, from: f32, to: f32| (to - high).min(0.0).max(from - low);
+    vec2(
+        inwards(tag.left(), tag.right(), room.left(), room.right()),
+        inwards(tag.top(), tag.bottom(), room.top(), room.bottom()),
+    )
+}
+
 /// Text on a plate that keeps it readable over anything.
 pub fn paint_tag(
     painter: &egui::Painter,
@@ -268,6 +281,7 @@ pub fn paint_tag(
 ) {
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(12.0), c);
     let rect = align.anchor_size(at, galley.size()).expand2(vec2(6.0, 3.0));
+    let rect = rect.translate(into_view(rect, at, painter.clip_rect()));
     painter.rect_filled(rect, 4.0, plate(theme));
     painter.galley(rect.min + vec2(6.0, 3.0), galley, c);
 }
@@ -403,6 +417,18 @@ mod tests {
         ] {
             assert_eq!(scale_mm(m_per_pt, 120.0), mm);
         }
+    }
+
+    #[test]
+    fn a_tag_at_the_rim_is_moved_into_the_view() {
+        let view = Rect::from_min_size(Pos2::ZERO, vec2(500.0, 300.0));
+        let tag = |x: f32, y: f32| Rect::from_min_size(Pos2::new(x, y), vec2(100.0, 20.0));
+        let moved = |x, y| into_view(tag(x, y), Pos2::new(x, y), view);
+        assert_eq!(moved(200.0, 100.0), egui::Vec2::ZERO);
+        assert_eq!(moved(450.0, 290.0), vec2(-54.0, -14.0));
+        assert_eq!(moved(-30.0, -10.0), vec2(34.0, 14.0));
+        // What it names is out of sight: it stays with it.
+        assert_eq!(moved(700.0, 100.0), egui::Vec2::ZERO);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::gui::panels::shell::age;
 use crate::gui::panels::widgets::{Gate, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::Level;
-use crate::signal::{BOARDS, CHAMBERS, IMUS, Mode, SPRINGS};
+use crate::signal::{BOARDS, CHAMBERS, IMUS, Mode, SPRINGS, Snapshot};
 
 /// Boards slower than this do not deliver what the filters are laid out for, Hz.
 const RATE_MIN_HZ: f64 = 90.0;
@@ -38,35 +38,26 @@ fn missing(what: &str, list: &[usize]) -> Gate {
     ))
 }
 
-/// The checks, in the order they are shown.
-pub fn checks(view: &View<'_>) -> Vec<Check> {
-    let s = view.snapshot;
-    let raw = s.raw.as_ref().filter(|_| s.link.connected);
-    let check = |name, found: String, verdict| Check {
+fn check(name: &'static str, found: String, verdict: Gate) -> Check {
+    Check {
         name,
         found,
         verdict,
-    };
-    let fail = |ok: bool, what: &str| if ok { Ok(()) } else { Err(what.to_owned()) };
-    let link = match (&s.link.refusal, s.link.connected) {
-        (Some(why), _) => Err(why.clone()),
-        (None, false) => {
-            Err("Plug the boards in and start with --rig PORT, or read a bench log.".into())
-        }
-        (None, true) => fail(s.link.age_s < 0.25, "Frames are old: check the cable."),
-    };
-    let mut out = vec![check(
-        "Link",
-        match s.link.connected {
-            true => format!("{}, {} old", s.link.source, age(s.link.age_s)),
-            false => "no boards".into(),
-        },
-        link,
-    )];
+    }
+}
+
+fn fail(ok: bool, what: &str) -> Gate {
+    if ok { Ok(()) } else { Err(what.to_owned()) }
+}
+
+/// Of boards that answer: their rates and what they read.
+fn sensors(s: &Snapshot) -> Vec<Check> {
+    let raw = s.raw.as_ref();
+    let mut out = Vec::new();
     for (b, name) in (0..BOARDS).zip(["Board 1 rate", "Board 2 rate"]) {
         let hz = s.link.board_rate_hz[b];
         let verdict = fail(
-            s.link.connected && hz >= RATE_MIN_HZ,
+            hz >= RATE_MIN_HZ,
             "Less than 90 frames a second: use another USB port or hub.",
         );
         out.push(check(name, format!("{} Hz", number(hz, 1)), verdict));
@@ -95,6 +86,30 @@ pub fn checks(view: &View<'_>) -> Vec<Check> {
         found,
         missing("No pressure from gauge", &bad),
     ));
+    out
+}
+
+/// The checks, in the order they are shown. Without a link there is nothing to say of the sensors.
+pub fn checks(view: &View<'_>) -> Vec<Check> {
+    let s = view.snapshot;
+    let link = match (&s.link.refusal, s.link.connected) {
+        (Some(why), _) => Err(why.clone()),
+        (None, false) => {
+            Err("Plug the boards in and start with --rig PORT, or read a bench log.".into())
+        }
+        (None, true) => fail(s.link.age_s < 0.25, "Frames are old: check the cable."),
+    };
+    let mut out = vec![check(
+        "Link",
+        match s.link.connected {
+            true => format!("{}, {} old", s.link.source, age(s.link.age_s)),
+            false => "no boards".into(),
+        },
+        link,
+    )];
+    if s.link.connected {
+        out.extend(sensors(s));
+    }
     let seen = s
         .truth
         .as_ref()

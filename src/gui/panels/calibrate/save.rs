@@ -124,6 +124,7 @@ fn new_version(
     match wizard.judgement() {
         Some(j) if j.good => ui.label(format!("● {}", j.text)),
         Some(j) => status(ui, Level::Warning, &j.text),
+        None if nothing => note(ui, "○ Nothing to validate."),
         None => status(
             ui,
             Level::Warning,

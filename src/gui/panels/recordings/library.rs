@@ -137,34 +137,33 @@ fn progress(ui: &mut Ui, library: &mut Library) {
     let mut cancelled = None;
     for (k, loading) in library.loading.iter().enumerate() {
         let stage = loading.job.stage();
+        let text = format!(
+            "Loading {} as {}… {}",
+            loading.name,
+            loading.side.name(),
+            stage.what
+        );
+        let text = RichText::new(text).color(Palette::in_ui(ui).weak);
+        ui.add(egui::Label::new(text).truncate());
         ui.horizontal(|ui| {
-            match stage.share {
-                Some(share) => {
-                    ui.add(
-                        ProgressBar::new(share)
-                            .desired_width(120.0)
-                            .show_percentage(),
-                    );
-                }
-                None => {
-                    ui.spinner();
-                }
-            }
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
                 let hover = "Nothing changes: what was shown before stays";
                 if ui.button("Cancel loading").on_hover_text(hover).clicked() {
                     cancelled = Some(k);
                 }
-                let text = format!(
-                    "Loading {} as {}… {}",
-                    loading.name,
-                    loading.side.name(),
-                    stage.what
-                );
-                let text = RichText::new(text).color(Palette::in_ui(ui).weak);
-                ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
-                    ui.add(egui::Label::new(text).truncate());
-                });
+                match stage.share {
+                    Some(share) => {
+                        let width = ui.available_width();
+                        ui.add(
+                            ProgressBar::new(share)
+                                .desired_width(width)
+                                .show_percentage(),
+                        );
+                    }
+                    None => {
+                        ui.spinner();
+                    }
+                }
             });
         });
     }
