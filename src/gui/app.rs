@@ -27,7 +27,7 @@ use super::panels::{Screen, View};
 use super::services::Services;
 use super::theme::{self, Level};
 use crate::robot::RobotSpec;
-use crate::signal::{Snapshot, Stamp};
+use crate::signal::{Mode, Snapshot, Stamp};
 use crate::twin::{Command, Event, Handle};
 
 /// Key of the kept settings; the number changes when their form does.
@@ -51,6 +51,8 @@ pub struct App {
     handle: Option<Handle>,
     twin_gone: bool,
     stop_pending: bool,
+    /// Whether text was typed in the last frame.
+    typed: bool,
     spec: RobotSpec,
     /// What the window asks of the program around it.
     pub services: Services,
@@ -98,6 +100,7 @@ impl App {
             twin_gone: false,
             handle,
             stop_pending: false,
+            typed: false,
             spec,
             services,
             live,
@@ -171,6 +174,11 @@ impl App {
         self.library.busy() || self.connection.busy() || self.gap.busy() || self.calibrate.busy()
     }
 
+    /// Whether a loaded recording answers to Space here; elsewhere the arm does.
+    fn plays_here(&self) -> bool {
+        !matches!(self.screen, Screen::Calibrate | Screen::Gap)
+    }
+
     /// One frame: everything the window shows, into `ui` (the whole window).
     pub fn frame(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
@@ -207,6 +215,7 @@ impl App {
             ctx.request_repaint_after(Duration::from_millis(100));
         }
         self.show(ui, now_s, &mut commands);
+        self.typed = ctx.text_edit_focused();
         for command in commands {
             self.send(command, now_s);
         }
@@ -233,11 +242,16 @@ impl App {
         self.live_history = History::live();
         self.recording_since = None;
         self.operate.draft.asked_m = None;
+        self.operate.plans.forget();
     }
 
     // Lets the present twin go: its boards switch the pumps off when no heartbeat comes any more.
     fn connect(&mut self, name: &str) {
         self.handle = None;
+        // What was let go tells nothing any more.
+        self.live = Arc::default();
+        self.twin_gone = false;
+        self.stop_pending = false;
         self.connection.join(name, &mut self.services);
     }
 
@@ -262,8 +276,16 @@ impl App {
             }
         }
         self.live = handle.snapshot();
+        if self.twin_gone {
+            let mut last = Snapshot::clone(&self.live);
+            last.link.connected = false;
+            last.mode = Mode::Disarmed;
+            (last.goal, last.preview, last.recording) = (None, None, None);
+            self.live = Arc::new(last);
+        }
         let hidden = ctx.input(|i| i.viewport().minimized == Some(true));
         self.pace.update(&self.live, now_s, hidden);
+        self.operate.plans.follow(&self.live);
         let mut messages = Vec::new();
         while let Ok(event) = handle.events.try_recv() {
             self.calibrate.hear(&event);
@@ -306,18 +328,24 @@ impl App {
         }
     }
 
+    fn hold(&self, commands: &mut Vec<Command>) {
+        if let (_, Ok(command)) = shell::hold_action(&self.live) {
+            commands.push(command);
+        }
+    }
+
     fn keys(&mut self, ctx: &egui::Context, commands: &mut Vec<Command>) {
         for action in shell::keys(ctx) {
             match action {
                 KeyAction::Stop => commands.push(Command::Stop),
-                KeyAction::Hold => match &mut self.player {
-                    Some(player) => player.toggle(),
-                    None => {
-                        if let (_, Ok(command)) = shell::hold_action(&self.live) {
-                            commands.push(command);
-                        }
+                // What moves is held first, whatever is shown.
+                KeyAction::Hold if self.live.mode != Mode::Moving && self.plays_here() => {
+                    match &mut self.player {
+                        Some(player) => player.toggle(),
+                        None => self.hold(commands),
                     }
-                },
+                }
+                KeyAction::Hold => self.hold(commands),
                 KeyAction::Cancel => {
                     if self.shortcuts_open {
                         self.shortcuts_open = false;
@@ -325,7 +353,8 @@ impl App {
                         self.command_palette.toggle();
                     } else if self.operate.plans.is_drawing() {
                         self.operate.plans.drawing = false;
-                    } else if self.live.preview.is_some() {
+                    } else if self.live.preview.is_some() && !self.typed {
+                        // From a text field, Esc only leaves the field.
                         self.operate.draft.asked_m = None;
                         commands.push(Command::CancelPreview);
                     }
@@ -484,6 +513,7 @@ impl App {
             ShellAction::ToggleShortcuts => self.shortcuts_open = !self.shortcuts_open,
             ShellAction::TogglePalette => self.command_palette.toggle(),
             ShellAction::CloseWelcome => self.welcome = false,
+            ShellAction::CancelConnecting => self.connection.cancel(),
             ShellAction::StartVirtualRig => self.connect(VIRTUAL[0].0),
             ShellAction::CloseReplay => {
                 self.player = None;

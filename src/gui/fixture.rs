@@ -7,9 +7,9 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use crate::robot::RobotSpec;
 use crate::signal::{
     ArmShape, CHAMBERS, ClockFit, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, LinkStatus,
-    Matrix6, MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, SIGNALS, SPRINGS,
-    SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr,
-    ypr_from_rotation,
+    Matrix6, MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, RoutineStatus,
+    SIGNALS, SPRINGS, SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource,
+    pose_from_ypr, ypr_from_rotation,
 };
 
 // A few-sine stand-in for noise: deterministic, mean near zero, amplitude 1.
@@ -252,3 +252,14 @@ pub fn trace(name: &str, seconds: usize) -> Trace {
 }
 
 const _: () = assert!(SPRINGS == 12 && IMUS == 4);
+
+/// A plan of one leg, under way or paused.
+pub fn routine(name: &str) -> RoutineStatus {
+    RoutineStatus {
+        name: name.to_owned(),
+        legs_done: 0,
+        legs: 1,
+        waypoint: None,
+        via: None,
+    }
+}

@@ -163,12 +163,24 @@ fn space_holds_and_resumes() {
     assert_eq!(twin.taken(), [Command::Hold]);
     let mut held = fixture::snapshot(1.1);
     held.mode = Mode::Hold;
-    twin.publish(held);
+    held.routine = Some(fixture::routine("point to point"));
+    twin.publish(held.clone());
     h.run();
     h.key_press(Key::Space);
     h.run();
     press(&mut h, "▶ RESUME");
     assert_eq!(twin.taken(), [Command::Resume, Command::Resume]);
+    // Armed, with a preview and nothing paused: Space must not get around Go.
+    held.routine = None;
+    let goal = Goal::position([0.0, 0.0, -0.3]);
+    let reach = fixture::reach(ReachState::Reachable, goal.position_m);
+    held.preview = Some((goal, reach));
+    twin.publish(held);
+    h.run();
+    assert!(is_disabled(&h, "▮▮ HOLD"));
+    h.key_press(Key::Space);
+    h.run();
+    assert_eq!(twin.taken(), []);
     let mut idle = fixture::snapshot(1.2);
     idle.mode = Mode::Disarmed;
     twin.publish(idle);
@@ -347,6 +359,80 @@ fn refusals_and_a_lost_twin_are_told() {
 }
 
 #[test]
+fn a_key_that_is_kept_down_holds_once_and_a_replay_elsewhere_does_not_take_it() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let space = |repeat| egui::Event::Key {
+        key: Key::Space,
+        physical_key: None,
+        pressed: true,
+        repeat,
+        modifiers: Modifiers::NONE,
+    };
+    h.event(space(false));
+    h.run_steps(2);
+    for _ in 0..5 {
+        h.event(space(true));
+        h.run_steps(1);
+    }
+    assert_eq!(twin.taken(), [Command::Hold]);
+    h.key_up(Key::Space);
+    h.run_steps(1);
+    let mut player = Player::new(fixture::trace("circle", 4)).expect("not empty");
+    player.playing = false;
+    h.state_mut().player = Some(player);
+    // What moves is held, whatever is shown.
+    h.key_press(Key::Space);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [Command::Hold]);
+    let mut rests = fixture::snapshot(1.1);
+    rests.mode = Mode::AtGoal;
+    twin.publish(rests);
+    h.state_mut().screen = Screen::Calibrate;
+    h.run_steps(2);
+    h.key_press(Key::Space);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [Command::Hold], "Calibrate shows the arm");
+    h.state_mut().screen = Screen::Sensors;
+    h.run_steps(2);
+    h.key_press(Key::Space);
+    h.run_steps(1);
+    assert_eq!(twin.taken(), []);
+    assert!(h.state().player.as_ref().is_some_and(|p| p.playing));
+}
+
+#[test]
+fn esc_leaves_a_text_field_and_keeps_the_preview() {
+    let mut s = fixture::snapshot(1.0);
+    let goal = Goal::position([0.0, 0.0, -0.3]);
+    let reach = fixture::reach(ReachState::Reachable, goal.position_m);
+    s.preview = Some((goal, reach));
+    let (twin, mut h) = running(s);
+    h.get_by_label("Target y in mm").focus();
+    h.run_steps(2);
+    h.key_press(Key::Escape);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), []);
+    h.key_press(Key::Escape);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [Command::CancelPreview]);
+}
+
+#[test]
+fn the_gripper_waits_for_an_armed_arm() {
+    let mut s = fixture::snapshot(1.0);
+    s.mode = Mode::Disarmed;
+    let (twin, mut h) = running(s);
+    assert!(is_disabled(&h, "Closed"));
+    twin.publish(fixture::snapshot(1.1));
+    h.run_steps(2);
+    press(&mut h, "Closed");
+    assert_eq!(
+        twin.taken(),
+        [Command::Grip(crate::signal::Gripper::Closed)]
+    );
+}
+
+#[test]
 fn shortcuts_switch_screens_and_show_the_list() {
     let (_twin, mut h) = running(fixture::snapshot(1.0));
     for screen in Screen::ALL {
@@ -366,7 +452,9 @@ fn shortcuts_switch_screens_and_show_the_list() {
 
 #[test]
 fn a_replay_is_announced_and_disables_motion() {
-    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let mut rests = fixture::snapshot(1.0);
+    rests.mode = Mode::AtGoal;
+    let (twin, mut h) = running(rests);
     let mut player = Player::new(fixture::trace("circle", 4)).expect("not empty");
     player.playing = false;
     h.state_mut().player = Some(player);

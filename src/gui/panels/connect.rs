@@ -63,6 +63,11 @@ impl Connection {
         self.joining.as_ref().map(|(name, _)| name.as_str())
     }
 
+    /// Gives up connecting.
+    pub fn cancel(&mut self) {
+        self.joining = None;
+    }
+
     /// Begins to connect.
     pub fn join(&mut self, name: &str, services: &mut Services) {
         self.error = None;

@@ -3,6 +3,7 @@
 use egui::{Button, Key, Modifiers, RichText, ScrollArea, TextEdit, vec2};
 
 use super::shell::{ShellAction, hold_action, recording_gate};
+use super::target::gripper_gate;
 use super::widgets::Gate;
 use super::{Screen, View};
 use crate::gui::theme::Palette;
@@ -117,7 +118,8 @@ pub fn entries(live: &View<'_>, replaying: bool, twin_gone: bool) -> Vec<Entry> 
         ("Open the gripper", Gripper::Open),
         ("Close the gripper", Gripper::Closed),
     ] {
-        add(name, "", twin.clone(), Deed::Twin(Command::Grip(gripper)));
+        let gate = twin.clone().and(gripper_gate(live));
+        add(name, "", gate, Deed::Twin(Command::Grip(gripper)));
     }
     for (name, kind) in [
         ("Steer by the bounded controller", ControllerKind::Ours),

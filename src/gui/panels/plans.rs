@@ -9,7 +9,7 @@ use super::target::{Fire, HoldToGo};
 use super::widgets::{Gate, note, number, status};
 use crate::gui::theme::{Level, Palette};
 use crate::robot::RobotSpec;
-use crate::signal::{Goal, Gripper, RoutineStatus};
+use crate::signal::{Goal, Gripper, Mode, RoutineStatus, Snapshot, Stamp};
 use crate::task::{Follow, Item, Leg, PATH_WAYPOINTS, Path, Plan, circle, figure_eight};
 use crate::twin::{Command, Event};
 
@@ -19,6 +19,8 @@ pub const POINTS_MAX: usize = 200;
 const FOOT_PT: f32 = 84.0;
 /// Points drawn by a drag are this far apart, m.
 const DRAWN_STEP_M: f64 = 5e-3;
+/// A plan that was given to a disarmed arm has set out by then, or never will, s.
+const SET_OUT_S: f64 = 1.0;
 
 /// What kind of plan is being made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,6 +80,8 @@ pub enum Outcome {
     Done(String),
     /// Refused or given up: one sentence.
     Refused(String),
+    /// It was under way and is no more, as after a stop or another order; seen at this time.
+    Ended(Stamp),
 }
 
 /// The plan being made, and what became of the last one.
@@ -114,6 +118,10 @@ pub struct PlanState {
     pub given: Option<Plan>,
     /// What became of it.
     pub outcome: Outcome,
+    /// When it was given.
+    given_at: Stamp,
+    /// When it was last seen under way.
+    seen: Option<Stamp>,
     hold: HoldToGo,
 }
 
@@ -136,6 +144,8 @@ impl Default for PlanState {
             shown: false,
             given: None,
             outcome: Outcome::default(),
+            given_at: Stamp::default(),
+            seen: None,
             hold: HoldToGo::default(),
         }
     }
@@ -367,14 +377,46 @@ impl PlanState {
             .then_some((plan, routine))
     }
 
+    /// Takes note of whether the plan that was given is under way, and of its end without a word.
+    pub fn follow(&mut self, live: &Snapshot) {
+        let (Some(plan), Outcome::Given) = (&self.given, &self.outcome) else {
+            return;
+        };
+        let under_way = live.routine.as_ref().is_some_and(|r| r.name == plan.name);
+        let since_s = live.stamp.since(self.given_at);
+        let off = match live.mode {
+            Mode::Safe(_) => true,
+            Mode::Disarmed => since_s > SET_OUT_S,
+            _ => false,
+        };
+        if under_way {
+            self.seen = Some(live.stamp);
+        } else if self.seen.is_some() || off {
+            self.outcome = Outcome::Ended(live.stamp);
+        }
+    }
+
+    /// Lets go of a plan that another twin was given.
+    pub fn forget(&mut self) {
+        (self.given, self.outcome) = (None, Outcome::Nothing);
+    }
+
     /// Takes note of what the twin says about the plan it was given.
     pub fn observe(&mut self, event: &Event) {
         let Some(plan) = &self.given else {
             return;
         };
         match event {
-            Event::Refused { reason, .. } if self.outcome == Outcome::Given => {
-                self.outcome = Outcome::Refused(reason.clone());
+            Event::Refused { stamp, reason } => {
+                // A refusal while it is under way, or later, is of something else.
+                let of_this = match (&self.outcome, self.seen) {
+                    (Outcome::Given, None) => true,
+                    (Outcome::Ended(end), seen) => seen <= Some(*stamp) && stamp <= end,
+                    _ => false,
+                };
+                if of_this {
+                    self.outcome = Outcome::Refused(reason.clone());
+                }
             }
             Event::Finished { name, .. } if *name == plan.name => {
                 self.outcome = Outcome::Done(event.text());
@@ -430,6 +472,7 @@ fn start(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, commands: &mut Vec
         commands.push(Command::Start(plan.clone()));
         state.given = Some(plan);
         state.outcome = Outcome::Given;
+        (state.seen, state.given_at) = (None, view.snapshot.stamp);
         state.drawing = false;
     }
     egui::ScrollArea::vertical()
@@ -463,6 +506,9 @@ fn progress(ui: &mut Ui, view: &View<'_>, state: &PlanState) {
         }
         Outcome::Given => {
             note(ui, "Looking at every stop…");
+        }
+        Outcome::Ended(_) => {
+            note(ui, "Ended before it was done.");
         }
         Outcome::Done(text) => {
             status(ui, Level::Normal, text);

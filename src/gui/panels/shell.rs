@@ -51,6 +51,8 @@ pub enum ShellAction {
     CloseWelcome,
     /// Connect to the virtual rig.
     StartVirtualRig,
+    /// Stop connecting.
+    CancelConnecting,
 }
 
 /// Word, glyph and level of a mode.
@@ -68,7 +70,11 @@ pub fn mode_words(mode: &Mode) -> (&'static str, &'static str, Level) {
 pub fn hold_action(snapshot: &Snapshot) -> (&'static str, Result<Command, String>) {
     match snapshot.mode {
         Mode::Moving | Mode::AtGoal => ("▮▮ HOLD", Ok(Command::Hold)),
-        Mode::Hold => ("▶ RESUME", Ok(Command::Resume)),
+        Mode::Hold if snapshot.routine.is_some() => ("▶ RESUME", Ok(Command::Resume)),
+        Mode::Hold => (
+            "▮▮ HOLD",
+            Err("The arm holds, and nothing is paused: pick a target.".into()),
+        ),
         Mode::Disarmed => (
             "▮▮ HOLD",
             Err("Disarmed: no pressure is commanded, there is nothing to hold.".into()),
@@ -338,6 +344,15 @@ pub fn banners(
         banner(ui, "joining", p.selected, |ui| {
             ui.spinner();
             ui.label(RichText::new(format!("Connecting to {name}…")).color(p.text));
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                if ui
+                    .button("Cancel connecting")
+                    .on_hover_text("Stay without boards; nothing moves")
+                    .clicked()
+                {
+                    actions.push(ShellAction::CancelConnecting);
+                }
+            });
         });
     }
     if let Some(title) = input.replay {
@@ -555,8 +570,18 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
         });
 }
 
+/// Takes a key without modifiers; whether it went down now.
+fn pressed(i: &mut egui::InputState, key: Key) -> bool {
+    let down = i.events.iter().any(|e| {
+        matches!(e, egui::Event::Key { key: k, pressed: true, repeat: false, modifiers, .. }
+            if *k == key && modifiers.is_none())
+    });
+    i.consume_key(Modifiers::NONE, key);
+    down
+}
+
 /// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space and `?`
-/// only while no text is typed.
+/// only while no text is typed and no menu is open. A key that is kept down asks once.
 pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
     let typing = ctx.text_edit_focused();
     // Esc closes an open menu, and nothing else with it.
@@ -571,7 +596,7 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
             i.events
                 .retain(|e| !matches!(e, egui::Event::Key { key: Key::Escape, .. }));
             actions.push(KeyAction::Stop);
-        } else if !menu && i.consume_key(Modifiers::NONE, Key::Escape) {
+        } else if !menu && pressed(i, Key::Escape) {
             actions.push(KeyAction::Cancel);
         }
         if i.consume_key(Modifiers::COMMAND, Key::P) {
@@ -582,8 +607,8 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
                 actions.push(KeyAction::Show(screen));
             }
         }
-        if !typing {
-            if i.consume_key(Modifiers::NONE, Key::Space) {
+        if !typing && !menu {
+            if pressed(i, Key::Space) {
                 actions.push(KeyAction::Hold);
             }
             let asked = i.events.iter().any(|e| matches!(e, egui::Event::Text(t) if t == "?"));

@@ -395,14 +395,24 @@ fn controller(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
     });
 }
 
+/// Whether the gripper may be worked: what is asked for must be done now, not at the next arming.
+pub fn gripper_gate(view: &View<'_>) -> Gate {
+    view.motion()?;
+    match view.snapshot.mode {
+        Mode::Disarmed => Err("Disarmed: the gripper follows once the arm is armed.".into()),
+        _ => Ok(()),
+    }
+}
+
 fn hand(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
     let gate = view.live();
+    let grip = gripper_gate(view);
     let now = view.snapshot.command.as_ref().map(|c| c.gripper());
     ui.horizontal(|ui| {
         note(ui, "Gripper");
         for (gripper, name) in [(Gripper::Open, "Open"), (Gripper::Closed, "Closed")] {
             let button = Button::selectable(now == Some(gripper), name).frame_when_inactive(true);
-            if gated(ui, &gate, button, "Open or close the gripper").clicked() {
+            if gated(ui, &grip, button, "Open or close the gripper").clicked() {
                 commands.push(Command::Grip(gripper));
             }
         }

@@ -67,6 +67,33 @@ fn a_circle_is_set_by_its_numbers_and_started_once() {
 }
 
 #[test]
+fn a_plan_that_ends_without_a_word_is_not_looked_at_for_ever() {
+    let (twin, mut h) = with_plan(fixture::snapshot(1.0));
+    press(&mut h, "▶ Start");
+    let name = started(&twin.taken()).name.clone();
+    let mut s = fixture::snapshot(1.1);
+    s.routine = Some(fixture::routine(&name));
+    twin.publish(s);
+    h.run_steps(2);
+    // Something else is refused on the way: that is not about the plan.
+    let refused = |t| Event::Refused {
+        stamp: Stamp::from_seconds(t),
+        reason: "Too far.".into(),
+    };
+    twin.events.try_send(refused(1.1)).expect("room");
+    h.run_steps(2);
+    assert_eq!(h.state().operate.plans.outcome, Outcome::Given);
+    let mut stopped = fixture::snapshot(1.2);
+    stopped.mode = Mode::Safe("stopped by the operator".into());
+    twin.publish(stopped);
+    h.run_steps(2);
+    h.get_by_label("Ended before it was done.");
+    twin.events.try_send(refused(5.0)).expect("room");
+    h.run_steps(2);
+    h.get_by_label("Ended before it was done.");
+}
+
+#[test]
 fn waypoints_are_clicked_while_draw_is_on_and_the_target_stays() {
     let (twin, mut h) = with_plan(fixture::snapshot(1.0));
     press(&mut h, "Points");

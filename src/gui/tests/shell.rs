@@ -156,6 +156,50 @@ fn another_rig_is_chosen_in_the_window() {
     h.get_by_label("Connect").click();
     h.run_steps(4);
     h.get_by_label_contains("there is no such port");
+    // What was let go is not shown as if it lived.
+    h.get_by_label("OFFLINE");
+    h.get_by_label_contains("Nothing is connected. A click on OFFLINE");
+    press(&mut h, "Start the virtual rig");
+    assert_eq!(
+        *asked.lock().expect("not poisoned"),
+        ["/dev/ttyACM0", "COM9", "pty"]
+    );
+}
+
+#[test]
+fn a_twin_that_ended_moves_nothing_and_can_be_replaced() {
+    let mut armed = fixture::snapshot(7.0);
+    armed.link.simulated = false;
+    armed.mode = Mode::Hold;
+    let (twin, mut h) = running(armed);
+    drop(twin);
+    h.run_steps(3);
+    h.get_by_label_contains("The twin has stopped");
+    type_target(&mut h, ["-62", "-41.5", "-268"]);
+    assert!(is_disabled(&h, "▶ Hold to go"));
+    assert!(is_disabled(&h, "▮▮ HOLD"));
+    press(&mut h, "HARDWARE");
+    h.run_steps(3);
+    assert!(!is_disabled(&h, "Virtual rig"));
+}
+
+#[test]
+fn connecting_is_given_up_by_a_press() {
+    let (job, never) = Job::pair();
+    let mut job = Some(job);
+    let services = Services {
+        connect: Box::new(move |_| job.take().unwrap_or_else(|| Job::ready(Err("once".into())))),
+        ..Services::none()
+    };
+    let mut h = harness(App::new(None, RobotSpec::reference(), services));
+    h.run_steps(3);
+    control(&h, "Start the virtual rig").click();
+    h.run_steps(3);
+    h.get_by_label("Connecting to pty…");
+    control(&h, "Cancel connecting").click();
+    h.run_steps(3);
+    assert!(never.cancelled());
+    h.get_by_label_contains("Nothing is connected. A click on OFFLINE");
 }
 
 #[test]

@@ -82,7 +82,6 @@ impl Twin {
                             });
                         }
                     },
-                    (Phase::Hold, None) if self.preview.is_some() => self.go(events),
                     _ => self.refuse(NOTHING_TO_RESUME, events),
                 }
             }
