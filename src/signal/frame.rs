@@ -178,3 +178,12 @@ impl SensorFrame {
         springs.iter().any(|sd| *sd >= UNKNOWN_M) || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)
     }
 }
+
+/// Name of a spring (0-based) as on the screens: pair (1 to 6) and A or B.
+pub fn spring_name(i: usize) -> String {
+    format!(
+        "{}{}",
+        i / 2 + 1,
+        if i.is_multiple_of(2) { "A" } else { "B" }
+    )
+}

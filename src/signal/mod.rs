@@ -15,7 +15,8 @@ mod time;
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
 pub use frame::{
-    BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD,
+    BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M,
+    UNKNOWN_RAD, spring_name,
 };
 pub use pose::{
     Aim, Goal, Matrix6, Pose, Vector6, Via, nearest_rotation, pose_error, pose_from_ypr,

@@ -11,14 +11,7 @@ use crate::gui::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, SPRINGS};
 
-/// Name of a spring: pair (1 to 6) and A or B.
-pub fn spring_name(i: usize) -> String {
-    format!(
-        "{}{}",
-        i / 2 + 1,
-        if i.is_multiple_of(2) { "A" } else { "B" }
-    )
-}
+pub use crate::signal::spring_name;
 
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {

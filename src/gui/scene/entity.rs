@@ -8,7 +8,7 @@ use super::click::Anchor;
 use super::overlay::{self, Stage};
 use super::{Scene, SceneInput, compose, convert};
 use crate::robot::RobotSpec;
-use crate::signal::{ArmShape, CHAMBERS, IMUS, SPRINGS, Snapshot};
+use crate::signal::{ArmShape, CHAMBERS, IMUS, SPRINGS, Snapshot, spring_name};
 
 /// Something that can be pointed at. Numbers count from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,8 +72,13 @@ impl Entity {
     pub fn label(self, snapshot: &Snapshot) -> String {
         match self {
             Entity::Spring(i) => match &snapshot.sensors {
-                Some(s) => format!("spring {}, {:.1} mm", i + 1, s.sensors.spring_m[i] * 1e3),
-                None => format!("spring {}", i + 1),
+                Some(s) => format!(
+                    "spring {} ({}), {:.1} mm",
+                    i + 1,
+                    spring_name(i),
+                    s.sensors.spring_m[i] * 1e3
+                ),
+                None => format!("spring {} ({})", i + 1, spring_name(i)),
             },
             Entity::Imu(i) => match &snapshot.sensors {
                 Some(s) => {

@@ -518,7 +518,7 @@ fn assistive_technology_hears_the_view_its_sensors_and_its_targets() {
         harness.get_by_label(part);
     }
     harness.get_by_label("waypoint 2 of 2 at x 20.0, y 0.0, z -300.0 mm");
-    harness.get_by_label("spring 1, 153.8 mm");
+    harness.get_by_label("spring 1 (1A), 153.8 mm");
     harness.get_by_label("IMU 4, yaw 0.0, pitch 0.0, roll 0.0 deg");
     harness.get_by_label("tip at x 0.0, y 0.0, z -300.0 mm");
     harness.get_by_label("draft target, marginal, at x 100.0, y 0.0, z -250.0 mm");

@@ -3,7 +3,7 @@
 use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin};
 use crate::link::fault_words;
 use crate::link::wire::fault;
-use crate::signal::{Alarm, BOARDS, ChannelHealth, Severity, Stamp};
+use crate::signal::{Alarm, BOARDS, ChannelHealth, Severity, Stamp, spring_name};
 use crate::twin::Event;
 
 /// More than this share of the last second's frames lost puts the twin into SAFE.
@@ -88,7 +88,7 @@ impl Twin {
                 if *h != ChannelHealth::Ok {
                     alarms.push((
                         Severity::Warning,
-                        format!("Spring {} is {}.", i + 1, describe(*h)),
+                        format!("Spring {} ({}) is {}.", i + 1, spring_name(i), describe(*h)),
                     ));
                 }
             }
