@@ -85,8 +85,21 @@ fn occlusions_are_left_out_counted_and_shown_in_both_kinds_of_plots() {
     control(&h, "x / mm");
     assert_eq!(h.query_all_by_label("x error / mm").count(), 0);
     press(&mut h, "In space");
-    h.get_by_label("From above: x, y");
-    h.get_by_label("From the side: x, z");
+    let view = h.get_by_label("Error vectors in space").rect();
+    let before = h.state().accuracy.camera();
+    h.drag_at(view.center());
+    h.run();
+    h.hover_at(view.center() + egui::vec2(60.0, 20.0));
+    h.run();
+    h.drop_at(view.center() + egui::vec2(60.0, 20.0));
+    h.run();
+    let turned = h.state().accuracy.camera();
+    assert!(
+        before.is_some() && before != turned,
+        "a drag turns the view"
+    );
+    press(&mut h, "Turned");
+    assert_eq!(h.state().accuracy.camera(), before);
     press(&mut h, "By bins");
     press(&mut h, "Speed");
     h.get_by_label("speed / mm/s");

@@ -13,6 +13,7 @@ use super::plot::{AXIS, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow};
 use super::sensors::{card, stale};
 use super::widgets::{Gate, empty, gated, minutes, note, number};
 use crate::gui::history::{Channel, POSE_NAMES, Stats};
+use crate::gui::scene::camera::Camera;
 use crate::gui::score::{By, Scored, occlusions, peaks, scored};
 use crate::gui::services::Services;
 use crate::sensing::registration::Registration;
@@ -72,6 +73,8 @@ pub struct AccuracyState {
     /// Files that are being written.
     pub export: Export,
     peak_place: Option<[usize; 2]>,
+    /// From where the error vectors are looked at.
+    camera: Option<Camera>,
     // Costly over ten minutes: kept until half a second of new data came.
     analysis: Option<Analysis>,
 }
@@ -89,6 +92,11 @@ pub struct Analysis {
 }
 
 impl AccuracyState {
+    /// From where the error vectors are looked at, once they were shown.
+    pub fn camera(&self) -> Option<Camera> {
+        self.camera
+    }
+
     fn analyse(&mut self, view: &View<'_>, window: &TimeWindow) {
         let range = match self.scope {
             Scope::Window => {
@@ -395,11 +403,7 @@ fn right(
         ui.spacing_mut().item_spacing.x = 4.0;
         for (value, text, hover) in [
             (Below::Time, "Over time", "Lengths of the errors over time"),
-            (
-                Below::Space,
-                "In space",
-                "Error vectors from above and from the side",
-            ),
+            (Below::Space, "In space", "Error vectors in 3D"),
             (
                 Below::Bins,
                 "By bins",
