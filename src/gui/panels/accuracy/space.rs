@@ -44,32 +44,29 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
     };
     let camera = state.camera.get_or_insert_with(home);
     ui.horizontal(|ui| {
-        let text = format!(
-            "{every} from Vicon to predicted, arrows drawn {scale}× ({} data)",
-            view.origin()
-        );
-        heading(ui, &text);
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            ui.spacing_mut().item_spacing.x = 4.0;
-            for (name, hover, to) in [
-                ("Top", "Look along z", Some(camera::View::Top)),
-                ("Right", "Look along x", Some(camera::View::Right)),
-                ("Front", "Look along y", Some(camera::View::Front)),
-                ("Turned", "A three-quarter view of everything", None),
-            ] {
-                if ui
-                    .add(Button::new(name).small())
-                    .on_hover_text(hover)
-                    .clicked()
-                {
-                    *camera = home();
-                    if let Some(to) = to {
-                        camera.look(to);
-                    }
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (name, hover, to) in [
+            ("Turned", "A three-quarter view of everything", None),
+            ("Front", "Look along y", Some(camera::View::Front)),
+            ("Right", "Look along x", Some(camera::View::Right)),
+            ("Top", "Look along z", Some(camera::View::Top)),
+        ] {
+            if ui
+                .add(Button::new(name).small())
+                .on_hover_text(hover)
+                .clicked()
+            {
+                *camera = home();
+                if let Some(to) = to {
+                    camera.look(to);
                 }
             }
-        });
+        }
     });
+    let caption = format!(
+        "{every} from Vicon to predicted, arrows drawn {scale}× ({} data)",
+        view.origin()
+    );
     let size = vec2(ui.available_width(), ui.available_height().max(80.0));
     let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     response.widget_info(|| WidgetInfo::labeled(Role::Image, true, "Error vectors in space"));
@@ -79,13 +76,14 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
         stage,
         bounds,
         scale,
+        caption,
     };
     shown.paint(ui, scored, step, state.peak);
     response.on_hover_text_at_pointer("Drag turns, Shift+drag shifts, scrolling zooms");
 }
 
 fn home() -> Camera {
-    let mut camera = Camera::framing(Vec3::ZERO, (0.62 * EDGE_M) as f32);
+    let mut camera = Camera::framing(Vec3::ZERO, (0.52 * EDGE_M) as f32);
     camera.pitch_rad = 0.42;
     camera
 }
@@ -152,6 +150,7 @@ struct Shown<'a> {
     stage: Stage<'a>,
     bounds: Bounds,
     scale: f64,
+    caption: String,
 }
 
 impl Shown<'_> {
@@ -196,6 +195,9 @@ impl Shown<'_> {
         };
         paint_triad(&painter, &self.stage, &colours::Palette::of(theme));
         self.scale_bar(ui, &painter, rect);
+        let font = TextStyle::Small.resolve(ui.style());
+        let corner = rect.left_top() + vec2(6.0, 4.0);
+        painter.text(corner, Align2::LEFT_TOP, &self.caption, font, p.weak);
     }
 
     fn floor(&self, painter: &egui::Painter, stroke: Stroke) {
