@@ -55,8 +55,7 @@ impl ViconTake {
             found.base_from_world.pose *= old.base_from_world.pose;
             found.object_from_tip.pose = old.object_from_tip.pose * found.object_from_tip.pose;
             found.object.clone_from(&old.object);
-            found.offset_s = old.offset_s;
-            found.offset_sigma_s = old.offset_sigma_s;
+            found.clock = old.clock;
         }
         Some(found)
     }
@@ -104,7 +103,7 @@ impl ViconTake {
 
     /// Takes in a live snapshot.
     pub fn observe(&mut self, snapshot: &Snapshot) {
-        let (Some(estimate), Some(truth)) = (&snapshot.estimate, &snapshot.truth) else {
+        let (Some(estimate), Some(truth)) = (&snapshot.estimate, snapshot.fresh_truth()) else {
             self.window.clear();
             return;
         };
@@ -245,6 +244,23 @@ mod tests {
             take.fit(),
             Some(Err(RegistrationError::TooFew { poses: 9 }))
         ));
+    }
+
+    #[test]
+    fn an_object_that_is_hidden_gives_no_pair_of_its_former_pose() {
+        let mut take = ViconTake::default();
+        let at = pose(0);
+        rest_at(&mut take, 0.0, &at, &at);
+        assert!(take.rested().is_ok());
+        // The cameras lose it: the newest truth there is stays the old one.
+        for k in 0..40 {
+            let mut s = fixture::snapshot(0.8 + 0.01 * f64::from(k));
+            if let Some(t) = &mut s.truth {
+                t.stamp = Stamp::from_seconds(0.79);
+            }
+            take.observe(&s);
+        }
+        assert!(take.rested().is_err_and(|e| e.contains("must see")));
     }
 
     #[test]

@@ -60,9 +60,9 @@ fn controls(
          least {POSES_MIN}, tilted to different sides."
     ));
     let connected = capture_gate(live);
-    let seen = match live.snapshot.truth {
-        Some(_) => Ok(()),
-        None => Err("Motion capture does not see the end pad.".to_owned()),
+    let seen = match live.truth_is_fresh() {
+        true => Ok(()),
+        false => Err("Motion capture does not see the end pad.".to_owned()),
     };
     let can = connected.and(seen);
     let rested = wizard.vicon.rested();
