@@ -230,17 +230,10 @@ fn compare(
     q: &Question,
     worker: &Worker<Comparison>,
 ) -> Option<Comparison> {
-    let part = |calibration: &Calibration, from: f32, what: &str| {
-        let mut go_on = |share: f32| {
-            worker.tell(what, Some(from + 0.5 * share));
-            !worker.cancelled()
-        };
-        let frames = &q.frames;
-        q.trial.errors(robot, maps, calibration, frames, &mut go_on)
-    };
-    let old = part(&q.old, 0.0, "With the calibration from before")?;
-    let new = part(&q.new, 0.5, "With the new one")?;
-    Some(Comparison { old, new })
+    q.answer(robot, maps, &mut |what, share| {
+        worker.tell(what, Some(share));
+        !worker.cancelled()
+    })
 }
 
 /// What the screen works with.

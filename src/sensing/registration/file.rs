@@ -439,7 +439,9 @@ mod tests {
             "clock_offset_ms = 1.0\n[base_from_world]",
             1,
         );
-        let e = Registration::from_toml(&half).expect_err("half").to_string();
+        let e = Registration::from_toml(&half)
+            .expect_err("half")
+            .to_string();
         assert!(e.contains("clock_offset_sigma_ms"), "{e}");
     }
 
