@@ -31,6 +31,8 @@ pub struct Rigs {
     pub options: RigOptions,
     pub kind: Kind,
     pub instruments: Instruments,
+    /// Where the user's data are; without it no saved calibration is looked for.
+    pub data: Option<PathBuf>,
 }
 
 impl Rigs {
@@ -58,7 +60,8 @@ impl Rigs {
     /// in the window, where none is named.
     fn with_active(&self, rig: &str) -> (Option<Store>, Instruments) {
         let is_virtual = Self::is_virtual(rig);
-        let store = Store::of(&self.robot, is_virtual);
+        let data = self.data.as_deref();
+        let store = data.map(|data| Store::of(&self.robot, is_virtual, data));
         // What was named belongs to the rig that was named.
         let named = match rig == self.rig {
             true => self.instruments.clone(),

@@ -382,6 +382,7 @@ mod tests {
             position_m: position_mm.map(|mm| spread(mm * 1e-3)),
             rotation_rad: None,
             disagreement_rad: Some(spread(disagreement_deg.to_radians())),
+            moved_m: 0.04,
         }
     }
 
@@ -396,16 +397,22 @@ mod tests {
     fn motion_capture_decides_where_there_is_any_and_the_sensors_among_themselves_where_not() {
         let better = judged(errors(Some(2.0), 0.1), errors(Some(1.0), 0.5));
         assert!(
-            better.good && better.text.contains("2.00 to 1.00 mm"),
+            better.good() && better.text.contains("2.00 to 1.00 mm"),
             "{better:?}"
         );
         let worse = judged(errors(Some(1.0), 0.5), errors(Some(1.4), 0.1));
-        assert!(!worse.good && worse.text.starts_with("worse"), "{worse:?}");
+        assert!(
+            !worse.good() && worse.text.starts_with("worse"),
+            "{worse:?}"
+        );
         let alike = judged(errors(Some(1.0), 0.5), errors(Some(1.03), 0.5));
-        assert!(alike.good && alike.text.starts_with("as good"), "{alike:?}");
+        assert!(
+            alike.good() && alike.text.starts_with("as good"),
+            "{alike:?}"
+        );
         let alone = judged(errors(None, 0.5), errors(None, 0.9));
         assert!(
-            !alone.good && alone.text.contains("deg between"),
+            !alone.good() && alone.text.contains("deg between"),
             "{alone:?}"
         );
     }
@@ -423,7 +430,8 @@ mod tests {
             [Command::Hold, Command::Calibrate(Arc::clone(&other))]
         );
         w.heard_refusal("No.");
-        assert_eq!(w.refused.as_deref(), Some("No."));
+        let refused = w.refused.clone().expect("was told");
+        assert_eq!((&*refused.why, &refused.of), ("No.", &other));
         w.calibrated(&other);
         assert_eq!(w.refused, None);
         // Cancel gives back what was in use before, whoever is asked.
