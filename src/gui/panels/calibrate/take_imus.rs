@@ -89,7 +89,7 @@ impl ImuTake {
     }
 
     /// Takes in the pad's orientation by the springs and by the IMU, unless it has seen enough.
-    fn add(&mut self, by_springs: UnitQuaternion<f64>, by_imu: UnitQuaternion<f64>) {
+    pub(super) fn add(&mut self, by_springs: UnitQuaternion<f64>, by_imu: UnitQuaternion<f64>) {
         if self.complete() {
             return;
         }

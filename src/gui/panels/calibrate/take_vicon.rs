@@ -229,7 +229,7 @@ fn is_apart(a: &PosePair, b: &PosePair) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::gui::fixture;
     use crate::signal::pose_from_ypr;
@@ -261,10 +261,16 @@ mod tests {
         }
     }
 
-    #[test]
-    fn poses_are_captured_at_rest_once_each_and_give_the_frames_back() {
-        let x = pose_from_ypr([0.4, -0.2, 1.1], [0.7, 0.1, -0.2]);
-        let y = pose_from_ypr([0.01, 0.0, 0.02], [0.3, 0.0, 0.0]);
+    fn frames() -> [Pose; 2] {
+        [
+            pose_from_ypr([0.4, -0.2, 1.1], [0.7, 0.1, -0.2]),
+            pose_from_ypr([0.01, 0.0, 0.02], [0.3, 0.0, 0.0]),
+        ]
+    }
+
+    /// Twelve poses that register, read with the virtual rig's calibration.
+    pub fn captured() -> ViconTake {
+        let [x, y] = frames();
         let mut take = ViconTake {
             automatic: true,
             ..ViconTake::default()
@@ -274,6 +280,13 @@ mod tests {
             let seen = x.inverse() * at * y.inverse();
             rest_at(&mut take, k as f64, &at, &seen);
         }
+        take
+    }
+
+    #[test]
+    fn poses_are_captured_at_rest_once_each_and_give_the_frames_back() {
+        let [x, y] = frames();
+        let mut take = captured();
         assert_eq!(take.pairs().len(), 12);
         let found = take.registration(None, "pad").expect("registers");
         assert!(found.base_from_world.pose.rotation.angle_to(&x.rotation) < 1e-6);

@@ -450,4 +450,77 @@ mod tests {
         w.go_to(Step::Springs, &Mode::Hold);
         assert_eq!(w.step, Step::Springs);
     }
+
+    /// Every IMU captured with success, against the springs of `base`.
+    fn imus_captured(w: &mut Wizard) {
+        let base = w.base();
+        w.imus.begin([true; IMUS], &RobotSpec::reference(), &base);
+        for take in &mut w.imus.imus {
+            for k in 0..400 {
+                let turn = 0.1 * f64::from(k);
+                let axis = nalgebra::Vector3::new(-turn.sin(), turn.cos(), 0.0);
+                let lean = nalgebra::UnitQuaternion::from_scaled_axis(axis * 0.15);
+                take.add(lean, lean);
+            }
+        }
+        w.imus.finish();
+    }
+
+    #[test]
+    fn captures_against_springs_that_were_redone_since_are_to_be_redone() {
+        let mut w = wizard();
+        w.vicon = super::super::take_vicon::tests::captured();
+        assert_eq!(w.mark(Step::Vicon), Mark::Pass);
+        assert_eq!(w.gate(Step::Vicon), Ok(()));
+        imus_captured(&mut w);
+        assert_eq!(w.mark(Step::Imus), Mark::Pass);
+        assert_eq!(w.mark(Step::Vicon), Mark::Redo, "other mountings");
+        let mut other = Calibration::virtual_rig();
+        other.springs[6].curve.coefficients_m[0] += 1e-3;
+        w.before = Arc::new(other);
+        let take_imus::Verdict::Redo(why) = w.imu(0) else {
+            panic!("{:?}", w.imu(0));
+        };
+        assert!(why.contains("the springs have changed since"), "{why}");
+        assert_eq!(w.mark(Step::Imus), Mark::Redo);
+        assert!(w.gate(Step::Imus).is_err());
+        assert_eq!(w.draft().imus, w.before.imus, "nothing old is used");
+        assert_eq!(w.mark(Step::Vicon), Mark::Redo);
+        assert!(w.gate(Step::Vicon).is_err() && w.registered().is_none());
+        assert!(w.version(None, None, true).registration.is_none());
+    }
+
+    #[test]
+    fn a_version_without_poses_keeps_the_registration_of_the_active_one() {
+        let mut w = wizard();
+        w.vicon = super::super::take_vicon::tests::captured();
+        let first = w.version(None, None, true).registration.expect("registers");
+        let w = wizard();
+        let second = w.version(None, Some(&first), true).registration;
+        assert_eq!(second, Some(first.clone()));
+        // What the program started with is older.
+        let mut older = first.clone();
+        older.poses += 1;
+        let third = w.version(Some(&older), Some(&first), true).registration;
+        assert_eq!(third, Some(first));
+        let fourth = w.version(Some(&older), None, true).registration;
+        assert_eq!(fourth, Some(older));
+    }
+
+    #[test]
+    fn a_preflight_that_failed_is_no_pass_and_a_still_arm_validates_nothing() {
+        let mut w = wizard();
+        w.not_passed = Some(2);
+        w.go_to(Step::Springs, &Mode::Hold);
+        assert_eq!(w.mark(Step::Preflight).word(), "2 not passed");
+        w.not_passed = Some(0);
+        assert_eq!(w.mark(Step::Preflight), Mark::Pass);
+        let still = TrialErrors {
+            moved_m: 0.2e-3,
+            ..errors(Some(1.0), 0.1)
+        };
+        let judgement = judged(still, still);
+        assert_eq!(judgement.outcome, Outcome::Still);
+        assert!(!judgement.good() && judgement.text.contains("did not move"));
+    }
 }
