@@ -7,7 +7,6 @@ use crate::gui::panels::calibrate::outside::{NewVersion, Question};
 use crate::gui::panels::calibrate::{take_imus, take_springs};
 use crate::sensing::registration::Registration;
 use crate::signal::{IMUS, SPRINGS};
-use crate::twin::TrialErrors;
 
 /// The new calibration may be this much worse before it is called so: ratio and m, ratio and rad.
 const WORSE: (f64, f64, f64) = (1.1, 0.05e-3, 0.05 * std::f64::consts::PI / 180.0);
@@ -61,13 +60,13 @@ impl Wizard {
         if !super::same(of, &self.draft()) {
             return None;
         }
-        let moved_m = |e: &TrialErrors| e.moved_m;
-        if moved_m(&c.old).max(moved_m(&c.new)) < MOVED_M {
+        let moved_m = c.old.moved_m.max(c.new.moved_m);
+        if moved_m < MOVED_M {
             return Some(Judgement {
                 outcome: Outcome::Still,
                 text: format!(
                     "the arm did not move: its springs changed by {:.1} mm, {:.0} mm are needed",
-                    moved_m(&c.new) * 1e3,
+                    moved_m * 1e3,
                     MOVED_M * 1e3
                 ),
             });
