@@ -110,7 +110,13 @@ fn place(log: &mut SessionLog, chosen: &Chosen<'_>, path: &Path, clock: bool) ->
     }
     if clock {
         for t_s in &mut log.t_s {
-            *t_s = registration.robot_time_s(*t_s);
+            *t_s = registration.robot_time_s(*t_s).with_context(|| {
+                format!(
+                    "{} says nothing of the clock, since it rests on settled poses: leave --robot-clock out, or make \
+                     one with springtwin calibrate mocap",
+                    path.display()
+                )
+            })?;
         }
     }
     Ok(format!(

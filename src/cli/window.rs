@@ -53,6 +53,7 @@ pub fn open(
         options: rig_options(payload_kg, seed),
         kind,
         instruments: instruments.clone(),
+        data: eframe::storage_dir("springtwin"),
     };
     let reachable = hull(&rigs.maps);
     let (runner, start) = rigs.runner(rig)?;
@@ -91,7 +92,12 @@ pub fn open(
         let services = services(asks, rigs, calibration);
         let mut app = App::new(Some(handle), robot.clone(), services);
         app.pace = pace;
-        app.services.gap = gap::services(&cc.egui_ctx, &robot, robot_file.as_deref());
+        app.services.gap = gap::services(
+            &cc.egui_ctx,
+            &robot,
+            robot_file.as_deref(),
+            &gap::data_folder(),
+        );
         app.set_up(&cc.egui_ctx, cc.storage);
         app.accuracy.registration = registration;
         app.operate.view3d.set_reachable(&reachable);

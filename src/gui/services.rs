@@ -14,7 +14,7 @@ use crate::signal::{Stamp, Trace};
 use crate::twin::Handle;
 
 pub use super::panels::calibrate::outside::{
-    Bench, BenchRequest, CalibrationServices, Comparison, NewVersion, Question, Version,
+    Bench, BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version,
 };
 
 /// A recording in the library.

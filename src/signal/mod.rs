@@ -24,8 +24,8 @@ pub use pose::{
 };
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    Alarm, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, Reach, ReachState,
-    RoutineStatus, Severity, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
+    Alarm, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, PAIR_S, Reach,
+    ReachState, RoutineStatus, Severity, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use time::Stamp;
 

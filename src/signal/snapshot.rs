@@ -246,7 +246,19 @@ pub struct Snapshot {
     pub streaming: Option<StreamStatus>,
 }
 
+/// Motion capture and estimate further apart than this are not compared, s.
+pub const PAIR_S: f64 = 0.1;
+
 impl Snapshot {
+    /// The ground truth, where it is of the estimate's time: what motion capture saw before it lost the object is
+    /// kept, but compared with nothing.
+    pub fn fresh_truth(&self) -> Option<&GroundTruth> {
+        let at = self.estimate.as_ref().map_or(self.stamp, |e| e.stamp);
+        self.truth
+            .as_ref()
+            .filter(|t| at.since(t.stamp).abs() <= PAIR_S)
+    }
+
     /// The geometric simulator's shape, if that is what the operator sees.
     pub fn shown_mesh(&self) -> Option<&MeshShape> {
         match self.simulator {

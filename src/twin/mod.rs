@@ -16,7 +16,9 @@ pub use runner::{
     spawn,
 };
 pub use stream::LAST_WORDS;
-pub use trial::{Spread, TRIAL_SETTLING_S, Trial, TrialErrors, sensing_for};
+pub use trial::{
+    Rest, RestPoses, Spread, TRIAL_SETTLING_S, Trial, TrialErrors, mean as mean_pose, sensing_for,
+};
 
 #[cfg(test)]
 mod tests;

@@ -1,5 +1,9 @@
 //! A calibration on trial: motion that was recorded raw, estimated with it, against motion capture.
 
+mod place;
+
+pub use place::{Rest, RestPoses, mean};
+
 use std::sync::Arc;
 
 use nalgebra::UnitQuaternion;
@@ -9,7 +13,7 @@ use crate::learn::{quantile, to_pose};
 use crate::robot::RobotSpec;
 use crate::sensing::registration::Frames;
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, Stamp};
+use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, SPRINGS, Stamp};
 use crate::sim::patch::{Correction, SensorErrors};
 
 /// The filters settle for so long first, s.
@@ -74,6 +78,9 @@ pub struct TrialErrors {
     pub rotation_rad: Option<Spread>,
     /// Angle between the pads by the springs and by the IMUs, rad: needs no motion capture.
     pub disagreement_rad: Option<Spread>,
+    /// How far the springs were moved, m: from the length that 5 % fall short of to the one that 5 % exceed, the
+    /// median spring's.
+    pub moved_m: f64,
 }
 
 impl Trial {
@@ -84,20 +91,22 @@ impl Trial {
         (span_s - TRIAL_SETTLING_S).max(0.0)
     }
 
-    /// What the estimate errs by with `calibration`; `frames` place motion capture on the robot.
+    /// What the estimate errs by with `calibration`; `frames` place motion capture on the robot, without them it is
+    /// not looked at.
     /// `go_on` is asked now and then with the share done; `None` when it says no.
     pub fn errors(
         &self,
         robot: &RobotSpec,
         maps: &Maps,
         calibration: &Calibration,
-        frames: &Frames,
+        frames: Option<&Frames>,
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Option<TrialErrors> {
         let mut sensing = sensing_for(robot, calibration);
         let pose_map = Arc::clone(&maps.pose);
         let (mut position_m, mut rotation_rad) = (Vec::new(), Vec::new());
         let mut disagreement_rad = Vec::new();
+        let mut lengths_m: [Vec<f64>; SPRINGS] = Default::default();
         let start = self.frames.first().map_or(Stamp::ZERO, |f| f.stamp);
         for (k, raw) in self.frames.iter().enumerate() {
             if k.is_multiple_of(200) && !go_on(k as f32 / self.frames.len() as f32) {
@@ -106,6 +115,11 @@ impl Trial {
             let out = sensing.update(raw);
             if raw.stamp.since(start) < TRIAL_SETTLING_S {
                 continue;
+            }
+            for (i, lengths_m) in lengths_m.iter_mut().enumerate() {
+                if out.health.springs[i] == ChannelHealth::Ok {
+                    lengths_m.push(out.sensors.spring_m[i]);
+                }
             }
             for i in 0..IMUS {
                 if out.health.imus[i] == ChannelHealth::Ok && sensing.pads().by_springs_alone[i / 2]
@@ -117,7 +131,7 @@ impl Trial {
                 }
             }
             let vector = out.sensors.to_vector();
-            let Some(truth) = self.truth_at(raw.stamp) else {
+            let Some((truth, frames)) = self.truth_at(raw.stamp).zip(frames) else {
                 continue;
             };
             let pose = pose_map.pose(&vector).pose;
@@ -133,6 +147,7 @@ impl Trial {
             position_m: Spread::of(&mut position_m),
             rotation_rad: Spread::of(&mut rotation_rad),
             disagreement_rad: Spread::of(&mut disagreement_rad),
+            moved_m: moved_m(&mut lengths_m),
         })
     }
 
@@ -150,6 +165,22 @@ impl Trial {
         }
         Some(a.lerp_slerp(b, at.since(*t0) / span_s))
     }
+}
+
+/// The median spring's way between its 5 % and 95 % lengths, m; 0 where fewer than half of them were read.
+fn moved_m(lengths_m: &mut [Vec<f64>; SPRINGS]) -> f64 {
+    let mut ways_m: Vec<f64> = lengths_m
+        .iter_mut()
+        .map(|lengths_m| {
+            lengths_m.sort_by(f64::total_cmp);
+            match lengths_m.is_empty() {
+                true => 0.0,
+                false => quantile(lengths_m, 0.95) - quantile(lengths_m, 0.05),
+            }
+        })
+        .collect();
+    ways_m.sort_by(f64::total_cmp);
+    ways_m[SPRINGS / 2 - 1]
 }
 
 #[cfg(test)]

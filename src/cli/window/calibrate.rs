@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::super::read_text;
 use super::services::later;
 use springtwin::gui::services::{
-    BenchRequest, CalibrationServices, Comparison, NewVersion, Question, Version, Worker,
+    BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version, Worker,
 };
 use springtwin::recording::write_text;
 use springtwin::rig::circuit::{self, BenchPlan};
@@ -28,6 +28,8 @@ use springtwin::sensing::registration::Registration;
 use springtwin::twin::Maps;
 
 const INDEX: &str = "versions.toml";
+/// Digits of the robot file's hash in the folder's name.
+const HASH_DIGITS: usize = 12;
 
 /// The list of versions as it is kept.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -53,9 +55,11 @@ pub struct Store {
 }
 
 impl Store {
-    /// In the user's data folder, apart for every robot, and for its virtual rig and its hardware.
-    pub fn of(robot: &RobotSpec, virtual_rig: bool) -> Option<Self> {
-        let name: String = robot
+    /// In the folder of the user's data, apart for every robot, and for its virtual rig and its hardware.
+    ///
+    /// A robot file that was copied and changed is another arm under the same name; patches make none.
+    pub fn of(robot: &RobotSpec, virtual_rig: bool, data: &Path) -> Self {
+        let mut name: String = robot
             .name
             .chars()
             .map(|c| match c.is_ascii_alphanumeric() {
@@ -63,15 +67,14 @@ impl Store {
                 false => '-',
             })
             .collect();
+        name.push('-');
+        name.extend(robot.base_hash.chars().take(HASH_DIGITS));
         let kind = match virtual_rig {
             true => "virtual-rig",
             false => "hardware",
         };
-        let folder = eframe::storage_dir("springtwin")?
-            .join("calibrations")
-            .join(name)
-            .join(kind);
-        Some(Self { folder })
+        let folder = data.join("calibrations").join(name).join(kind);
+        Self { folder }
     }
 
     fn path(&self, kind: &str, number: u32) -> PathBuf {
@@ -105,29 +108,33 @@ impl Store {
         read.map(Some).with_context(|| path.display().to_string())
     }
 
-    /// All versions, newest first.
-    pub fn versions(&self) -> Result<Vec<Version>> {
-        let index = self.index()?;
-        let mut out = Vec::new();
-        for e in index.version.iter().rev() {
-            out.push(Version {
-                number: e.number,
-                date: e.date.clone(),
-                note: e.note.clone(),
-                active: e.number == index.active,
-                calibration: Arc::new(self.calibration(e.number)?),
-                registration: self.registration(e.number)?,
-            });
-        }
-        Ok(out)
+    fn kept(&self, number: u32) -> Result<Kept> {
+        Ok(Kept {
+            calibration: Arc::new(self.calibration(number)?),
+            registration: self.registration(number)?,
+        })
     }
 
-    /// The active version's files, if there is one.
+    /// All versions, newest first; one whose files are damaged says so and hides no other.
+    pub fn versions(&self) -> Result<Vec<Version>> {
+        let index = self.index()?;
+        let version = |e: &Entry| Version {
+            number: e.number,
+            date: e.date.clone(),
+            note: e.note.clone(),
+            active: e.number == index.active,
+            kept: self.kept(e.number).map_err(said),
+        };
+        Ok(index.version.iter().rev().map(version).collect())
+    }
+
+    /// The active version's files, if there is one; an error if they cannot be read.
     pub fn active(&self) -> Result<Option<(PathBuf, Option<PathBuf>)>> {
         let index = self.index()?;
         if !index.version.iter().any(|e| e.number == index.active) {
             return Ok(None);
         }
+        self.kept(index.active)?;
         let registration = self.path("registration", index.active);
         Ok(Some((
             self.path("calibration", index.active),
@@ -177,10 +184,14 @@ impl Store {
             self.folder.display()
         );
         // One that does not load must not become what the program starts with.
-        self.calibration(number)?;
+        self.kept(number)?;
         index.active = number;
         self.write_index(&index)
     }
+}
+
+fn said(e: anyhow::Error) -> String {
+    format!("{e:#}.")
 }
 
 /// Day of a time, UTC, as 2026-03-01 (H. Hinnant, chrono-compatible low-level date algorithms, `civil_from_days`).
@@ -230,17 +241,10 @@ fn compare(
     q: &Question,
     worker: &Worker<Comparison>,
 ) -> Option<Comparison> {
-    let part = |calibration: &Calibration, from: f32, what: &str| {
-        let mut go_on = |share: f32| {
-            worker.tell(what, Some(from + 0.5 * share));
-            !worker.cancelled()
-        };
-        let frames = &q.frames;
-        q.trial.errors(robot, maps, calibration, frames, &mut go_on)
-    };
-    let old = part(&q.old, 0.0, "With the calibration from before")?;
-    let new = part(&q.new, 0.5, "With the new one")?;
-    Some(Comparison { old, new })
+    q.answer(robot, maps, &mut |what, share| {
+        worker.tell(what, Some(share));
+        !worker.cancelled()
+    })
 }
 
 /// What the screen works with.
@@ -253,7 +257,7 @@ pub struct Setting {
     pub in_use: Calibration,
     /// The registration that the port places motion capture by.
     pub registration: Option<Registration>,
-    /// Where versions are kept; without a data folder there are none.
+    /// Where versions are kept; without a folder for them there are none.
     pub store: Option<Store>,
     /// Which virtual rig there is, if there is one.
     pub unit: Option<Unit>,
@@ -269,7 +273,6 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
         store,
         unit,
     } = setting;
-    let say = |e: anyhow::Error| format!("{e:#}.");
     let folder = store
         .as_ref()
         .map_or_else(PathBuf::new, |s| s.folder.clone());
@@ -290,7 +293,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
                 let robot = bench_robot.clone();
                 later(&for_bench, "bench", move |worker| {
                     worker.tell("The motor draws the springs", None);
-                    bench(&robot, unit, &request).map_err(say)
+                    bench(&robot, unit, &request).map_err(said)
                 })
             })
         }),
@@ -299,7 +302,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
             later(&for_log, "bench log", move |_| {
                 let read =
                     || parse_bench(&read_text(&path)?).with_context(|| path.display().to_string());
-                read().map_err(say)
+                read().map_err(said)
             })
         }),
         compare: Box::new(move |question| {
@@ -312,7 +315,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
         versions: Box::new(move || {
             let store = list();
             later(&for_list, "versions", move |_| {
-                store.and_then(|s| s.versions()).map_err(say)
+                store.and_then(|s| s.versions()).map_err(said)
             })
         }),
         save: Box::new(move |new| {
@@ -323,7 +326,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
                     store.save(new, &today())?;
                     store.versions()
                 };
-                run().map_err(say)
+                run().map_err(said)
             })
         }),
         activate: Box::new(move |number| {
@@ -334,7 +337,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
                     store.activate(number)?;
                     store.versions()
                 };
-                run().map_err(say)
+                run().map_err(said)
             })
         }),
         folder,
@@ -356,13 +359,60 @@ mod tests {
         }
     }
 
+    fn store(name: &str) -> Store {
+        let id = std::process::id();
+        let folder = std::env::temp_dir().join(format!("springtwin-versions-{name}-{id}"));
+        Store { folder }
+    }
+
+    fn kept(v: &Version) -> &Kept {
+        v.kept.as_ref().expect("reads")
+    }
+
+    #[test]
+    fn a_damaged_version_is_listed_as_such_and_breaks_no_other() {
+        let store = store("damaged");
+        for name in ["one", "two", "three"] {
+            store.save(version(name), "2026-03-01").expect("saves");
+        }
+        std::fs::write(store.path("calibration", 2), "name = 3").expect("writes");
+        let told = |store: &Store| -> Vec<_> {
+            let list = store.versions().expect("lists");
+            list.iter().map(|v| (v.number, v.kept.is_ok())).collect()
+        };
+        assert_eq!(told(&store), [(3, true), (2, false), (1, true)]);
+        // It does not become the active one.
+        let e = store.activate(2).expect_err("is damaged").to_string();
+        assert!(e.contains("calibration-2.toml"), "{e}");
+        store.activate(1).expect("another one is sound");
+        store.save(version("four"), "2026-03-02").expect("saves");
+        assert_eq!(store.versions().expect("lists").len(), 4);
+        // Nor does one whose registration is damaged.
+        std::fs::write(store.path("registration", 1), "format = 1").expect("writes");
+        assert!(store.activate(1).is_err());
+        // The program does not start with an active one that is damaged.
+        std::fs::write(store.path("calibration", 4), "").expect("writes");
+        let e = store.active().expect_err("is damaged").to_string();
+        assert!(e.contains("calibration-4.toml"), "{e}");
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn a_changed_copy_of_a_robot_file_does_not_get_the_first_arm_s_curves() {
+        let data = Path::new("data");
+        let text = springtwin::robot::REFERENCE;
+        let robot = RobotSpec::reference();
+        let copy = RobotSpec::from_toml(&format!("{text}\n# longer springs\n")).expect("reads");
+        assert_eq!(copy.name, robot.name);
+        let of = |robot: &RobotSpec| Store::of(robot, false, data).folder;
+        assert_ne!(of(&robot), of(&copy));
+        assert_eq!(of(&robot), of(&RobotSpec::reference()));
+        assert_ne!(of(&robot), Store::of(&robot, true, data).folder);
+    }
+
     #[test]
     fn versions_are_kept_listed_and_taken_back() {
-        let folder =
-            std::env::temp_dir().join(format!("springtwin-versions-{}", std::process::id()));
-        let store = Store {
-            folder: folder.clone(),
-        };
+        let store = store("kept");
         assert_eq!(store.active().expect("empty"), None);
         assert_eq!(store.versions().expect("empty"), []);
         store.save(version("one"), "2026-03-01").expect("saves");
@@ -370,7 +420,7 @@ mod tests {
         let list = store.versions().expect("lists");
         let told: Vec<_> = list
             .iter()
-            .map(|v| (v.number, &*v.calibration.name, &*v.date, v.active))
+            .map(|v| (v.number, &*kept(v).calibration.name, &*v.date, v.active))
             .collect();
         assert_eq!(
             told,
@@ -379,23 +429,12 @@ mod tests {
                 (1, "one", "2026-03-01", false)
             ]
         );
-        assert_eq!(list[0].calibration.date, "2026-03-02");
+        assert_eq!(kept(&list[0]).calibration.date, "2026-03-02");
         store.activate(1).expect("rolls back");
         let (path, registration) = store.active().expect("reads").expect("is there");
         assert!(path.ends_with("calibration-1.toml") && registration.is_none());
         assert!(store.activate(9).is_err());
-        // A version that is damaged does not become the active one.
-        std::fs::write(store.path("calibration", 2), "name = 3").expect("writes");
-        assert!(store.activate(2).is_err());
-        assert!(
-            store
-                .active()
-                .expect("reads")
-                .expect("is there")
-                .0
-                .ends_with("calibration-1.toml")
-        );
-        std::fs::remove_dir_all(folder).expect("cleans up");
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
     }
 
     #[test]

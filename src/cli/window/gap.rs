@@ -39,15 +39,21 @@ const EXAMPLE_EFFECTS: [&str; 6] = [
 /// How often it is looked whether the generator is done.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The services of the Gap screen for a robot.
-pub fn services(ctx: &egui::Context, robot: &RobotSpec, robot_file: Option<&Path>) -> GapServices {
+/// The services of the Gap screen for a robot; what they make goes to `data`, patched robots beside their own file.
+pub fn services(
+    ctx: &egui::Context,
+    robot: &RobotSpec,
+    robot_file: Option<&Path>,
+    data: &Path,
+) -> GapServices {
     let robot = Arc::new(robot.clone());
-    let store = Arc::new(Store::new(robot_file, &data_folder()));
+    let store = Arc::new(Store::new(robot_file, data));
     let ctx = || ctx.clone();
     let (for_look, look_robot) = (ctx(), Arc::clone(&robot));
     let (for_find, find_robot) = (ctx(), Arc::clone(&robot));
     let (for_example, example_robot) = (ctx(), Arc::clone(&robot));
     let example_file = robot_file.map(Path::to_owned);
+    let (for_examples, for_reports) = (data.to_owned(), data.to_owned());
     let (for_reveal, for_keep) = (ctx(), ctx());
     let (for_patched, read_store) = (ctx(), Arc::clone(&store));
     let (for_accept, accept_store) = (ctx(), Arc::clone(&store));
@@ -68,8 +74,9 @@ pub fn services(ctx: &egui::Context, robot: &RobotSpec, robot_file: Option<&Path
         }),
         example: Box::new(move |seed| {
             let (robot, file) = (Arc::clone(&example_robot), example_file.clone());
+            let data = for_examples.clone();
             later(&for_example, "example", move |worker| {
-                example(&data_folder(), &robot, file.as_deref(), seed, worker).map_err(said)
+                example(&data, &robot, file.as_deref(), seed, worker).map_err(said)
             })
         }),
         reveal: Box::new(move |path| {
@@ -94,8 +101,9 @@ pub fn services(ctx: &egui::Context, robot: &RobotSpec, robot_file: Option<&Path
         }),
         keep: Box::new(move |found, origin| {
             let (found, origin) = (Arc::clone(found), origin);
+            let data = for_reports.clone();
             later(&for_keep, "gap report", move |_| {
-                keep(&data_folder(), &found, origin).map_err(said)
+                keep(&data, &found, origin).map_err(said)
             })
         }),
         open_page: Box::new(open_page),
@@ -107,7 +115,7 @@ fn said(e: anyhow::Error) -> String {
 }
 
 /// Where the program keeps what it makes.
-fn data_folder() -> PathBuf {
+pub fn data_folder() -> PathBuf {
     eframe::storage_dir("springtwin").unwrap_or_else(|| std::env::temp_dir().join("springtwin"))
 }
 

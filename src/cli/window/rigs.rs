@@ -31,6 +31,8 @@ pub struct Rigs {
     pub options: RigOptions,
     pub kind: Kind,
     pub instruments: Instruments,
+    /// Where the user's data are; without it no saved calibration is looked for.
+    pub data: Option<PathBuf>,
 }
 
 impl Rigs {
@@ -58,7 +60,8 @@ impl Rigs {
     /// in the window, where none is named.
     fn with_active(&self, rig: &str) -> (Option<Store>, Instruments) {
         let is_virtual = Self::is_virtual(rig);
-        let store = Store::of(&self.robot, is_virtual);
+        let data = self.data.as_deref();
+        let store = data.map(|data| Store::of(&self.robot, is_virtual, data));
         // What was named belongs to the rig that was named.
         let named = match rig == self.rig {
             true => self.instruments.clone(),
@@ -136,4 +139,47 @@ pub fn serial_ports() -> Result<Vec<PortEntry>, String> {
         what: p.what,
     };
     Ok(found.into_iter().map(entry).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::live::rig_options;
+    use springtwin::gui::services::NewVersion;
+    use springtwin::sensing::Calibration;
+
+    #[test]
+    fn a_damaged_active_version_is_not_started_with_and_pictures_look_at_none() {
+        let name = format!("springtwin-rigs-{}", std::process::id());
+        let data = std::env::temp_dir().join(name);
+        let robot = RobotSpec::reference();
+        let store = Store::of(&robot, true, &data);
+        let saved = NewVersion {
+            note: String::new(),
+            calibration: Calibration {
+                name: "saved".into(),
+                ..Calibration::virtual_rig()
+            },
+            registration: None,
+        };
+        store.save(saved, "2026-03-01").expect("saves");
+        let mut rigs = Rigs {
+            rig: "sim".into(),
+            maps: model::maps_for(&robot).expect("the shipped networks load"),
+            robot,
+            robot_file: None,
+            options: rig_options(0.0, 1),
+            kind: Kind::Ours,
+            instruments: Instruments::default(),
+            data: Some(data.clone()),
+        };
+        let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
+        assert_eq!(in_use(&rigs), "saved");
+        let (path, _) = store.active().expect("reads").expect("is there");
+        std::fs::write(path, "name = 3").expect("writes");
+        assert_eq!(in_use(&rigs), Calibration::virtual_rig().name);
+        rigs.data = None;
+        assert!(rigs.belongings("sim").expect("starts").0.store.is_none());
+        std::fs::remove_dir_all(data).expect("cleans up");
+    }
 }

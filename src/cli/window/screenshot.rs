@@ -1,6 +1,6 @@
 //! Pictures of the screens without a window.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -140,7 +140,8 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     let mut app = App::for_screenshot(screen, theme, robot.clone(), &snapshots);
     let pixels = a.size.map(|s| (f64::from(s) * a.scale).round() as u32);
     let mut offscreen = Offscreen::new(pixels, a.scale as f32)?;
-    app.services = picture_services(a.state, &offscreen.context, robot, maps)?;
+    let scratch = Scratch::new();
+    app.services = picture_services(a.state, &offscreen.context, robot, maps, &scratch.0)?;
     app.set_up(&offscreen.context, None);
     app.operate.view3d.set_reachable(&reachable);
     app.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), robot));
@@ -172,6 +173,26 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     })
 }
 
+/// A folder for what pressed controls make; it goes when the picture is done.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new() -> Self {
+        let name = format!("springtwin-picture-{}", std::process::id());
+        Self(std::env::temp_dir().join(name))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        if self.0.exists()
+            && let Err(e) = std::fs::remove_dir_all(&self.0)
+        {
+            log::warn!("{} is left behind: {e}", self.0.display());
+        }
+    }
+}
+
 /// How long the boards have been silent in pictures of that, s.
 const SILENT_S: f64 = 4.2;
 
@@ -201,6 +222,7 @@ fn picture_services(
     ctx: &egui::Context,
     robot: &RobotSpec,
     maps: Maps,
+    scratch: &Path,
 ) -> Result<Services> {
     let rigs = Rigs {
         rig: "sim".to_owned(),
@@ -210,6 +232,8 @@ fn picture_services(
         options: rig_options(0.0, 1),
         kind: Kind::Ours,
         instruments: Instruments::default(),
+        // A picture does not depend on what was saved on this computer.
+        data: None,
     };
     let (calibration, _) = rigs.belongings("sim")?;
     let asks = Asks {
@@ -218,7 +242,7 @@ fn picture_services(
         pace: Pace::default().wanted(),
     };
     let mut services = super::services(asks, rigs, calibration);
-    services.gap = super::gap::services(ctx, robot, None);
+    services.gap = super::gap::services(ctx, robot, None, scratch);
     match state {
         StateName::Now | StateName::Disconnected => {}
         StateName::Empty => services.scan = Box::new(|| Job::ready(Ok(Vec::new()))),

@@ -152,6 +152,11 @@ impl View<'_> {
         }
     }
 
+    /// Whether motion capture sees the end pad at the instant of the estimate.
+    pub fn truth_is_fresh(&self) -> bool {
+        self.snapshot.fresh_truth().is_some()
+    }
+
     /// Name of the ground truth, with its origin.
     pub fn truth_name(&self) -> &'static str {
         match self.snapshot.truth.as_ref().map(|t| t.source) {

@@ -8,9 +8,6 @@ use crate::gui::history::{POSE_NAMES, display_difference, error_norms, pose_for_
 use crate::gui::theme::{Level, Palette};
 use crate::signal::FAR_DISTANCE;
 
-// Truth and estimate further apart than this are not compared here, s.
-const PAIR_S: f64 = 0.1;
-
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let Some(estimate) = &view.snapshot.estimate else {
@@ -21,7 +18,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let predicted = pose_for_display(&estimate.base_from_tip);
     let truth = view.snapshot.truth.as_ref();
     let actual = truth.map(|t| pose_for_display(&t.base_from_tip));
-    let paired = truth.is_some_and(|t| estimate.stamp.since(t.stamp).abs() <= PAIR_S);
+    let paired = view.truth_is_fresh();
     let error = actual
         .filter(|_| paired)
         .map(|a| display_difference(&predicted, &a));

@@ -553,6 +553,31 @@ mod tests {
     }
 
     #[test]
+    fn a_truth_that_is_older_than_the_estimate_draws_no_ring_and_no_error() {
+        let robot = RobotSpec::reference();
+        let camera = Camera::framing(Vec3::ZERO, 0.4);
+        let lines = |truth_s: Option<f64>| {
+            let shape = bent_shape(&robot, [0.9, -0.6], [0.4, 2.0]);
+            let mut snapshot = super::super::tests::snapshot_of(shape);
+            let at = crate::signal::Stamp::from_seconds;
+            if let Some(e) = &mut snapshot.estimate {
+                e.stamp = at(10.0);
+            }
+            snapshot.truth = snapshot.truth.zip(truth_s).map(|(mut t, s)| {
+                t.stamp = at(s);
+                t
+            });
+            let input = SceneInput::new(&snapshot);
+            let size = Vec2::splat(400.0);
+            compose(&robot, &input, &camera, size, &SceneOutput::default())
+                .lines
+                .len()
+        };
+        assert!(lines(Some(9.95)) > lines(None));
+        assert_eq!(lines(Some(9.5)), lines(None));
+    }
+
+    #[test]
     fn an_empty_shape_draws_the_fixture_alone() {
         let robot = RobotSpec::reference();
         let snapshot = crate::signal::Snapshot {

@@ -383,7 +383,7 @@ pub fn paint_labels(
             input.theme,
         );
     }
-    if let (Some(estimate), Some(truth)) = (&snapshot.estimate, &snapshot.truth) {
+    if let (Some(estimate), Some(truth)) = (&snapshot.estimate, snapshot.fresh_truth()) {
         let error_m = crate::signal::pose_error(&estimate.base_from_tip, &truth.base_from_tip)
             .fixed_rows::<3>(0)
             .norm();

@@ -8,7 +8,7 @@ use super::*;
 use crate::control::Gains;
 use crate::gui::panels::calibrate::wizard::{DRAFT, Step, Wizard, same};
 use crate::gui::services::{
-    BenchRequest, CalibrationServices, Comparison, NewVersion, Question, Version,
+    BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version,
 };
 use crate::link::wire::Config;
 use crate::link::{HostSession, Origin};
@@ -18,6 +18,8 @@ use crate::sensing::bench::{BenchLog, parse_bench};
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::{ControllerKind, GroundTruth, PressureCommand};
 use crate::twin::{Arrivals, Maps, Port, Runner};
+
+mod told;
 
 /// The virtual rig behind a line that can be cut.
 struct Line {
@@ -100,15 +102,8 @@ fn drawn(request: &BenchRequest) -> BenchLog {
 
 fn compared(q: &Question) -> Comparison {
     let (robot, maps) = (RobotSpec::reference(), maps());
-    let errors = |c: &Calibration| {
-        q.trial
-            .errors(&robot, &maps, c, &q.frames, &mut |_| true)
-            .expect("nobody stops it")
-    };
-    Comparison {
-        old: errors(&q.old),
-        new: errors(&q.new),
-    }
+    q.answer(&robot, &maps, &mut |_, _| true)
+        .expect("nobody stops it")
 }
 
 type Shelf = Arc<Mutex<Vec<Version>>>;
@@ -126,8 +121,10 @@ fn put(shelf: &Shelf, new: NewVersion) -> Vec<Version> {
             date: "2026-03-01".into(),
             note: new.note,
             active: true,
-            calibration: Arc::new(new.calibration),
-            registration: new.registration,
+            kept: Ok(Kept {
+                calibration: Arc::new(new.calibration),
+                registration: new.registration,
+            }),
         },
     );
     list.clone()
@@ -320,7 +317,7 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     assert!(same(b.runner.twin.calibration(), &b.wizard().draft()));
 
     b.press("● Capture all four IMUs");
-    b.press("Circle slowly to all sides");
+    b.press("▶ Circle slowly to all sides");
     b.pass(50.0);
     b.shoot("3-imus-open");
     b.until("IMUs", 150.0, |w| !w.imus.running());
@@ -334,7 +331,7 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     assert_eq!(b.wizard().step, Step::Vicon);
     assert!(same(b.runner.twin.calibration(), &b.wizard().draft()));
 
-    b.press("Visit 17 poses");
+    b.press("▶ Visit the poses");
     b.until("poses", 400.0, |w| w.vicon.pairs().len() >= 17);
     b.shoot("4-vicon");
     let fit = match b.wizard().vicon.fit() {
@@ -350,15 +347,32 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     b.press("Next ▶");
 
     b.press("● Record motion");
-    b.press("Figure 8, not used before");
+    b.press("▶ Figure 8, not used before");
     b.pass(25.0);
     b.shoot("5-validate-open");
     b.until("motion", 60.0, |w| w.comparison.is_some());
     b.shoot("5-validate");
     let (c, _) = b.wizard().comparison.clone().expect("compared");
     println!("{c:?}");
+    // Motion capture lies where each calibration reads it, not where the new one does.
+    let q = b.wizard().question();
+    let (robot, maps) = (RobotSpec::reference(), maps());
+    let poses = q.poses.as_ref().expect("were captured");
+    let place = |c: &Calibration| {
+        let placed = poses.place(&robot, &maps, c, &mut |_| true);
+        placed.expect("nobody stops it").expect("registers")
+    };
+    let (by_old, by_new) = (place(&q.old), place(&q.new));
+    assert_ne!(by_old, by_new);
+    let off = |f: &crate::sensing::registration::Frames| {
+        (f.object_from_tip.translation.vector - y.translation.vector).norm()
+    };
+    assert!(off(&by_new) < 0.3e-3, "{}", off(&by_new));
+    let go_on = &mut |_| true;
+    let with_its_own = q.trial.errors(&robot, &maps, &q.old, Some(&by_old), go_on);
+    assert_eq!(with_its_own, Some(c.old));
     let judgement = b.wizard().judgement().expect("judged");
-    assert!(judgement.good, "{judgement:?}");
+    assert!(judgement.good(), "{judgement:?}");
     assert!(
         c.new
             .position_m
@@ -379,7 +393,8 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     let saved = b.shelf.lock().expect("not poisoned").clone();
     assert_eq!(saved.len(), 1);
     let v = &saved[0];
-    assert!(v.active && v.registration.is_some());
+    let kept = v.kept.as_ref().expect("reads");
+    assert!(v.active && kept.registration.is_some());
     assert!(
         v.note
             .starts_with("springs 12/12, IMUs 4/4, 1 redone, Vicon"),
@@ -392,13 +407,13 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
         v.note
     );
     assert_eq!(
-        (&*v.calibration.name, v.calibration.springs.len()),
+        (&*kept.calibration.name, kept.calibration.springs.len()),
         ("arm 2", 12)
     );
-    assert!(same(&v.calibration, &draft));
+    assert!(same(&kept.calibration, &draft));
     // Points of two runs: neither log's own hash.
     assert_ne!(
-        v.calibration.bench_sha256,
+        kept.calibration.bench_sha256,
         drawn(&BenchRequest {
             springs: vec![0],
             loose: Some(6),
@@ -406,8 +421,8 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
         })
         .sha256
     );
-    assert_eq!(b.runner.twin.calibration(), v.calibration.as_ref());
-    b.h.get_by_label_contains("Saved as version 1, “arm 2”");
+    assert_eq!(b.runner.twin.calibration(), kept.calibration.as_ref());
+    b.h.get_by_label_contains("Saved as version 1, “arm 2”: in use now.");
     assert!(!b.wizard().has_begun());
 }
 
@@ -428,7 +443,7 @@ fn a_disconnect_keeps_the_captures_and_capturing_goes_on_afterwards() {
     let held = samples(&b);
     b.pass(2.0);
     b.h.get_by_label_contains("Paused: the boards do not answer.");
-    assert!(is_disabled(&b.h, "Circle slowly to all sides"));
+    assert!(is_disabled(&b.h, "▶ Circle slowly to all sides"));
     assert_eq!(samples(&b), held);
     assert_eq!(spring_points(b.wizard()), points);
     b.shoot("7-disconnected");
@@ -441,7 +456,7 @@ fn a_disconnect_keeps_the_captures_and_capturing_goes_on_afterwards() {
     assert!(b.h.query_by_label_contains("Paused: the boards").is_none());
     b.press("Reset");
     b.pass(14.0);
-    assert!(!is_disabled(&b.h, "Circle slowly to all sides"));
+    assert!(!is_disabled(&b.h, "▶ Circle slowly to all sides"));
     let after = samples(&b);
     assert!(
         after.iter().zip(held).all(|(a, h)| *a > h + 20),
@@ -473,7 +488,7 @@ fn cancel_gives_the_twin_the_calibration_from_before() {
     assert_eq!(spring_points(b.wizard()), [0; 12]);
     assert_eq!(b.wizard().step, Step::Preflight);
     assert!(b.shelf.lock().expect("not poisoned").is_empty());
-    b.h.get_by_label_contains("Cancelled: “");
+    b.h.get_by_label_contains("Cancelled, back to “");
 }
 
 #[test]
@@ -499,8 +514,9 @@ fn a_version_is_rolled_back_and_the_twin_reads_by_it() {
     let active: Vec<_> = list.iter().filter(|v| v.active).map(|v| v.number).collect();
     assert_eq!(active, [1]);
     assert_eq!(b.runner.twin.calibration().name, "one");
-    assert_eq!(b.runner.twin.calibration(), list[1].calibration.as_ref());
-    b.h.get_by_label_contains("Rolled back to version 1, “one”");
+    let kept = list[1].kept.as_ref().expect("reads");
+    assert_eq!(b.runner.twin.calibration(), kept.calibration.as_ref());
+    b.h.get_by_label_contains("Rolled back to version 1, “one”: in use now.");
     b.shoot("9-rolled-back");
     // While captures are under way there is no way back.
     b.press("Next ▶");
@@ -599,6 +615,6 @@ fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
     s.mode = Mode::Disarmed;
     twin.publish(s);
     h.run_steps(2);
-    assert!(is_disabled(&h, "Circle slowly to all sides"));
+    assert!(is_disabled(&h, "▶ Circle slowly to all sides (hold 0.8 s)"));
     assert_eq!(twin.taken(), []);
 }

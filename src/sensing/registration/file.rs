@@ -21,6 +21,15 @@ pub struct Placed {
     pub sigma: Noise,
 }
 
+/// What motion capture's clock reads, where that was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredOffset {
+    /// t_robot = t_mocap + offset, s.
+    pub offset_s: f64,
+    /// One sigma of it, s.
+    pub sigma_s: f64,
+}
+
 /// How motion capture lies on a robot, as it is kept in a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Registration {
@@ -34,10 +43,8 @@ pub struct Registration {
     pub base_from_world: Placed,
     /// Y.
     pub object_from_tip: Placed,
-    /// t_robot = t_mocap + offset, s.
-    pub offset_s: f64,
-    /// One sigma of it, s.
-    pub offset_sigma_s: f64,
+    /// The clock's offset; settled poses say nothing of it.
+    pub clock: Option<MeasuredOffset>,
     /// Poses it rests on.
     pub poses: usize,
     /// Leave-one-out residuals over them.
@@ -72,13 +79,15 @@ impl Registration {
     /// What `register_streams` found, for a file.
     pub fn new(found: &StreamRegistration, object: &str, date: &str, data_sha256: &str) -> Self {
         Self {
-            offset_s: found.clock.offset_s,
-            offset_sigma_s: found.clock.sigma_s,
+            clock: Some(MeasuredOffset {
+                offset_s: found.clock.offset_s,
+                sigma_s: found.clock.sigma_s,
+            }),
             ..Self::of_poses(&found.fit, object, date, data_sha256)
         }
     }
 
-    /// What `register` found from settled poses, for a file: they say nothing of the clock, whose offset stays 0.
+    /// What `register` found from settled poses, for a file: they say nothing of the clock.
     pub fn of_poses(fit: &FrameFit, object: &str, date: &str, data_sha256: &str) -> Self {
         Self {
             object: object.to_owned(),
@@ -92,8 +101,7 @@ impl Registration {
                 pose: fit.frames.object_from_tip,
                 sigma: fit.object_from_tip_sigma(),
             },
-            offset_s: 0.0,
-            offset_sigma_s: 0.0,
+            clock: None,
             poses: fit.used(),
             held_out: fit.summary,
         }
@@ -112,9 +120,9 @@ impl Registration {
         self.frames().base_from_tip(world_from_object)
     }
 
-    /// The robot's time of a motion-capture time, s.
-    pub fn robot_time_s(&self, mocap_s: f64) -> f64 {
-        mocap_s + self.offset_s
+    /// The robot's time of a motion-capture time, s; nothing while the clock's offset is not known.
+    pub fn robot_time_s(&self, mocap_s: f64) -> Option<f64> {
+        Some(mocap_s + self.clock?.offset_s)
     }
 
     /// Reads the text of a registration file.
@@ -128,8 +136,7 @@ impl Registration {
         Ok(Self {
             base_from_world: file.base_from_world.placed(),
             object_from_tip: file.object_from_tip.placed(),
-            offset_s: file.clock_offset_ms * MS,
-            offset_sigma_s: file.clock_offset_sigma_ms * MS,
+            clock: file.clock(),
             poses: file.poses,
             held_out: HeldOutSummary {
                 position_rms_m: l.position_rms_mm * MM,
@@ -155,8 +162,8 @@ impl Registration {
             date: self.date.clone(),
             data_sha256: self.data_sha256.clone(),
             poses: self.poses,
-            clock_offset_ms: tidy(self.offset_s / MS),
-            clock_offset_sigma_ms: readable(self.offset_sigma_s / MS),
+            clock_offset_ms: self.clock.map(|c| tidy(c.offset_s / MS)),
+            clock_offset_sigma_ms: self.clock.map(|c| readable(c.sigma_s / MS)),
             base_from_world: Transform::of(&self.base_from_world),
             object_from_tip: Transform::of(&self.object_from_tip),
             leave_one_out: LeaveOneOut {
@@ -175,7 +182,7 @@ const HEAD: &str = "\
 # Registration of motion capture:
 #   base_from_tip(t) = base_from_world * world_from_object(t - clock_offset) * object_from_tip.
 # ypr_deg: R = Rz(yaw) Ry(pitch) Rx(roll). sigma: one standard deviation in the worst direction,
-# that of base_from_world in the middle of the poses. leave_one_out: each pose predicted from others.
+# that of base_from_world in the middle of the poses. Without clock_offset the clock was not measured. leave_one_out: each pose predicted from others.
 
 ";
 
@@ -187,8 +194,10 @@ struct File {
     date: String,
     data_sha256: String,
     poses: usize,
-    clock_offset_ms: f64,
-    clock_offset_sigma_ms: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    clock_offset_ms: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    clock_offset_sigma_ms: Option<f64>,
     base_from_world: Transform,
     object_from_tip: Transform,
     leave_one_out: LeaveOneOut,
@@ -255,6 +264,41 @@ fn refuse(key: impl Into<String>, value: String, must: &'static str) -> Registra
 }
 
 impl File {
+    /// The clock's offset. Nothing measured has no uncertainty at all: 0 with a sigma of 0 was written for a clock
+    /// that was not measured.
+    fn clock(&self) -> Option<MeasuredOffset> {
+        let (offset_ms, sigma_ms) = self.clock_offset_ms.zip(self.clock_offset_sigma_ms)?;
+        (offset_ms != 0.0 || sigma_ms != 0.0).then_some(MeasuredOffset {
+            offset_s: offset_ms * MS,
+            sigma_s: sigma_ms * MS,
+        })
+    }
+
+    fn check_clock(&self) -> Result<(), RegistrationFileError> {
+        let (offset_ms, sigma_ms) = match (self.clock_offset_ms, self.clock_offset_sigma_ms) {
+            (None, None) => return Ok(()),
+            (Some(offset_ms), Some(sigma_ms)) => (offset_ms, sigma_ms),
+            (offset, _) => {
+                let missing = match offset {
+                    None => "clock_offset_ms",
+                    Some(_) => "clock_offset_sigma_ms",
+                };
+                let must = "there with the other one, or neither";
+                return Err(refuse(missing, "nothing".into(), must));
+            }
+        };
+        let offset_s = offset_ms * MS;
+        if offset_s.is_nan() || offset_s.abs() > OFFSET_MAX_S {
+            let value = offset_ms.to_string();
+            return Err(refuse("clock_offset_ms", value, "within a century"));
+        }
+        if !(sigma_ms.is_finite() && sigma_ms >= 0.0) {
+            let value = sigma_ms.to_string();
+            return Err(refuse("clock_offset_sigma_ms", value, "0 or more"));
+        }
+        Ok(())
+    }
+
     fn check(&self) -> Result<(), RegistrationFileError> {
         if self.format != FORMAT {
             let value = self.format.to_string();
@@ -272,16 +316,11 @@ impl File {
                 "64 hexadecimal digits",
             ));
         }
-        let offset_s = self.clock_offset_ms * MS;
-        if offset_s.is_nan() || offset_s.abs() > OFFSET_MAX_S {
-            let value = self.clock_offset_ms.to_string();
-            return Err(refuse("clock_offset_ms", value, "within a century"));
-        }
+        self.check_clock()?;
         self.check_transforms()?;
         let l = &self.leave_one_out;
         let (x, y) = (&self.base_from_world, &self.object_from_tip);
         for (key, value) in [
-            ("clock_offset_sigma_ms", self.clock_offset_sigma_ms),
             ("base_from_world.sigma_mm", x.sigma_mm),
             ("base_from_world.sigma_deg", x.sigma_deg),
             ("object_from_tip.sigma_mm", y.sigma_mm),
@@ -347,8 +386,10 @@ mod tests {
                     rotation_rad: 2e-3,
                 },
             },
-            offset_s: -0.8123456,
-            offset_sigma_s: 3e-4,
+            clock: Some(MeasuredOffset {
+                offset_s: -0.8123456,
+                sigma_s: 3e-4,
+            }),
             poses: 24,
             held_out: HeldOutSummary {
                 position_rms_m: 2e-4,
@@ -371,7 +412,37 @@ mod tests {
         assert!(e.amax() < 1e-11, "{e}");
         let by_hand = one.base_from_world.pose * seen * one.object_from_tip.pose;
         assert_eq!(one.ground_truth_pose(&seen), by_hand);
-        assert!((two.robot_time_s(1.0) - 0.1876544).abs() < 1e-12);
+        let robot_s = two.robot_time_s(1.0).expect("was measured");
+        assert!((robot_s - 0.1876544).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_clock_that_was_not_measured_is_no_offset_of_zero() {
+        let unknown = Registration {
+            clock: None,
+            ..example()
+        };
+        let text = unknown.to_toml().expect("writes");
+        assert!(!text.contains("clock_offset_"), "{text}");
+        let read = Registration::from_toml(&text).expect("reads");
+        assert_eq!((read.clock, read.robot_time_s(1.0)), (None, None));
+        // What earlier versions wrote for it.
+        let old = text.replacen(
+            "[base_from_world]",
+            "clock_offset_ms = 0.0\nclock_offset_sigma_ms = 0.0\n[base_from_world]",
+            1,
+        );
+        assert_ne!(old, text);
+        assert_eq!(Registration::from_toml(&old).expect("reads").clock, None);
+        let half = text.replacen(
+            "[base_from_world]",
+            "clock_offset_ms = 1.0\n[base_from_world]",
+            1,
+        );
+        let e = Registration::from_toml(&half)
+            .expect_err("half")
+            .to_string();
+        assert!(e.contains("clock_offset_sigma_ms"), "{e}");
     }
 
     #[test]
@@ -413,7 +484,10 @@ mod tests {
             &["leave_one_out.rotation_worst_deg"],
         );
         let unfit = Registration {
-            offset_s: f64::NAN,
+            clock: Some(MeasuredOffset {
+                offset_s: f64::NAN,
+                sigma_s: 1e-3,
+            }),
             ..example()
         };
         assert!(unfit.to_toml().is_err());

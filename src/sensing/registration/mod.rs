@@ -44,7 +44,7 @@ mod fake;
 mod tests;
 
 pub use clock::{ClockOffset, ClockOptions, clock_offset};
-pub use file::{Placed, Registration, RegistrationFileError};
+pub use file::{MeasuredOffset, Placed, Registration, RegistrationFileError};
 pub use held_out::{HeldOut, HeldOutSummary, register, register_blocks};
 pub use streams::{StreamOptions, StreamRegistration, register_streams};
 

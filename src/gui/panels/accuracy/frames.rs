@@ -23,11 +23,14 @@ pub fn sentences(view: &View<'_>, registration: Option<&Registration>) -> Vec<St
         (None, Some(r)) => {
             out.push(placed("Base from Vicon's world", &r.base_from_world.pose));
             out.push(placed("Tracked object from end pad", &r.object_from_tip.pose));
-            out.push(format!(
-                "Vicon's clock: session time is Vicon time {} ms ± {} ms.",
-                signed(r.offset_s * 1e3, 2),
-                number(r.offset_sigma_s * 1e3, 2)
-            ));
+            out.push(match r.clock {
+                Some(c) => format!(
+                    "Vicon's clock: session time is Vicon time {} ms ± {} ms.",
+                    signed(c.offset_s * 1e3, 2),
+                    number(c.sigma_s * 1e3, 2)
+                ),
+                None => "Vicon's clock: its offset was not measured.".to_owned(),
+            });
             out.push(format!(
                 "Registered {} with {} poses of {}.",
                 r.date, r.poses, r.object

@@ -19,6 +19,9 @@ use crate::twin::Command;
 /// Outer ring of the disc, rad.
 const DISC_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
+/// At most so many dots are drawn per disc.
+const DOTS: usize = 300;
+
 /// The step.
 pub fn ui(
     ui: &mut Ui,
@@ -97,27 +100,27 @@ fn controls(
         ui,
         "The arm has to move; the button, or any motion from Operate:",
     );
-    let label = "Circle slowly to all sides";
-    motion::button(
-        ui,
-        live,
-        label,
-        motion::all_sides(),
-        &mut state.held_s,
-        commands,
-    );
-    if let Some(r) = &live.snapshot.routine {
-        let where_ = r
-            .waypoint
-            .map_or(String::new(), |(k, n)| format!(", waypoint {k} of {n}"));
-        note(ui, format!("◌ {}{where_}", r.name));
-    }
-    if wizard
+    let label = [
+        "▶ Circle slowly to all sides",
+        "▶ Circle slowly to all sides (hold 0.8 s)",
+    ];
+    let plan = motion::all_sides();
+    motion::button(ui, live, label, plan, &mut state.hold, commands);
+    motion::under_way(ui, live);
+    let captured = wizard
         .imus
         .imus
         .iter()
-        .all(|t| t.verdict() == Verdict::Kept)
-    {
+        .any(|t| t.verdict() != Verdict::Kept);
+    if captured && !wizard.imus.running() {
+        ui.separator();
+        let button = Button::new("Discard the captures and skip").min_size(wide);
+        let hover = "Forget what was captured of all IMUs; the mountings from before are kept";
+        if gated(ui, &Ok(()), button, hover).clicked() {
+            wizard.imus = Default::default();
+        }
+    }
+    if !captured {
         ui.separator();
         let name = &wizard.before.name;
         note(
@@ -130,7 +133,7 @@ fn controls(
 fn imu(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, i: usize) {
     let p = *Palette::in_ui(ui);
     let take = &wizard.imus.imus[i];
-    let verdict = take.verdict();
+    let verdict = wizard.imu(i);
     let gate = match (wizard.imus.running(), &verdict) {
         (true, _) => Err("IMUs are being captured.".to_owned()),
         (_, Verdict::Kept) => Err("Nothing has been captured of this IMU.".into()),
@@ -217,7 +220,11 @@ fn disc(ui: &mut Ui, take: &ImuTake, i: usize) {
         let turn = k as f32 / SECTORS as f32;
         painter.line_segment([at(turn, inner), at(turn, 1.0)], Stroke::new(1.0, p.line));
     }
-    for [x, y] in take.tilts_rad.iter().step_by(2) {
+    for [x, y] in take
+        .tilts_rad
+        .iter()
+        .step_by(1 + take.tilts_rad.len() / DOTS)
+    {
         let scale = f64::from(radius) / DISC_RAD;
         let dot = pos2(center.x + (x * scale) as f32, center.y - (y * scale) as f32);
         painter.circle_filled(dot, 1.5, p.bar);

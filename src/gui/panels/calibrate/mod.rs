@@ -22,6 +22,7 @@ use std::time::Duration;
 use egui::{Align, Button, Layout, Panel, RichText, ScrollArea, Ui, vec2};
 
 use super::View;
+use super::target::HoldToGo;
 use super::widgets::{Gate, gated, note, status};
 use crate::gui::services::{Job, Services};
 use crate::gui::theme::{Level, Palette};
@@ -64,12 +65,11 @@ pub struct CalibrateState {
     /// Runs of the bench: each has noise of its own.
     runs: u64,
     cancelling: bool,
-    held_s: f64,
+    hold: HoldToGo,
     /// What went wrong last: one sentence.
     error: Option<String>,
-    /// What went well last: one sentence.
-    done: Option<String>,
-    versions: Option<Vec<Version>>,
+    /// What was saved, once it is known, or why it is not.
+    versions: Option<Result<Vec<Version>, String>>,
     bench: Option<(Vec<usize>, Job<BenchLog>)>,
     picking: Option<Job<Option<PathBuf>>>,
     comparing: Option<(std::sync::Arc<crate::sensing::Calibration>, Job<Comparison>)>,
@@ -88,9 +88,8 @@ impl Default for CalibrateState {
             loose: Some(6),
             runs: 0,
             cancelling: false,
-            held_s: 0.0,
+            hold: HoldToGo::default(),
             error: None,
-            done: None,
             versions: None,
             bench: None,
             picking: None,
@@ -172,29 +171,30 @@ impl CalibrateState {
         }
         if let Some(answer) = self.listing.as_ref().and_then(Job::poll) {
             self.listing = None;
-            match answer {
-                Ok(list) => self.versions = Some(list),
-                Err(e) => self.error = Some(e),
-            }
+            self.versions = Some(answer);
         }
         if let Some((change, job)) = &self.changing
             && let Some(answer) = job.poll()
         {
             match answer {
                 Ok(list) => {
-                    if let Some(active) = list.iter().find(|v| v.active) {
-                        let (n, name) = (active.number, &active.calibration.name);
-                        self.done = Some(match change {
-                            Change::Save => format!("Saved as version {n}, “{name}”: in use now."),
-                            Change::RollBack => {
-                                format!("Rolled back to version {n}, “{name}”: in use now.")
-                            }
-                        });
-                        let mode = &view.snapshot.mode;
-                        commands.extend(wizard.settle_on(active.calibration.clone(), mode));
-                    }
-                    self.versions = Some(list);
                     self.error = None;
+                    let active = list.iter().find(|v| v.active);
+                    match active.map(|v| (v.number, v.kept.as_ref())) {
+                        Some((n, Ok(kept))) => {
+                            let name = &kept.calibration.name;
+                            let what = match change {
+                                Change::Save => format!("Saved as version {n}, “{name}”"),
+                                Change::RollBack => format!("Rolled back to version {n}, “{name}”"),
+                            };
+                            let mode = &view.snapshot.mode;
+                            let calibration = kept.calibration.clone();
+                            commands.extend(wizard.settle_on(calibration, what, mode));
+                        }
+                        Some((_, Err(why))) => self.error = Some(why.clone()),
+                        None => {}
+                    }
+                    self.versions = Some(Ok(list));
                 }
                 Err(e) => self.error = Some(e),
             }
@@ -260,7 +260,7 @@ fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec
             let mark = wizard.mark(step);
             let gate = wizard.may_enter(step);
             let color = match mark {
-                wizard::Mark::Redo => p.warning,
+                wizard::Mark::Redo | wizard::Mark::NotPassed(_) => p.warning,
                 _ => p.weak,
             };
             let word = match (step, mark) {
@@ -305,13 +305,24 @@ fn notices(
             });
     }
     let ahead = wizard.step.index() > Step::Imus.index();
-    if ahead && wizard.sent.is_none() && !wizard.draft_is_live() {
+    if let Some(refused) = wizard.refused.clone() {
         ui.horizontal(|ui| {
-            let text = match &wizard.refused {
-                Some(why) => format!("The twin did not take the draft. {why}"),
-                None => "The twin does not read by what was captured.".into(),
-            };
+            let name = &refused.of.name;
+            let text = format!("The twin did not take “{name}”. {}", refused.why);
             status(ui, Level::Warning, &text);
+            let hover = "Ask the twin once more to read by it. The arm is held first";
+            if ui.button("Ask again").on_hover_text(hover).clicked() {
+                let of = match name == wizard::DRAFT {
+                    true => wizard.named_draft(),
+                    false => refused.of,
+                };
+                commands.extend(wizard.apply(of, &live.snapshot.mode));
+            }
+        });
+    } else if ahead && wizard.sent.is_none() && !wizard.draft_is_live() {
+        ui.horizontal(|ui| {
+            let text = "The twin does not read by what was captured.";
+            status(ui, Level::Warning, text);
             let button = Button::new("Use the draft now");
             let hover = "Let the twin read by what was captured. The arm is held first";
             if ui.add(button).on_hover_text(hover).clicked() {
@@ -328,8 +339,16 @@ fn notices(
             }
         });
     }
-    if let Some(text) = &state.done {
-        note(ui, format!("● {text}"));
+    if let Some(asked) = &wizard.asked {
+        let what = &asked.what;
+        note(
+            ui,
+            match (asked.taken, &wizard.refused) {
+                (true, _) => format!("● {what}: in use now."),
+                (false, Some(_)) => format!("○ {what}: not in use."),
+                (false, None) => format!("◌ {what}: the twin is asked to read by it."),
+            },
+        );
     }
 }
 
@@ -364,7 +383,7 @@ fn footer(
                         };
                         let button = Button::new("Next ▶").min_size(size);
                         if gated(ui, &gate, button, &hover).clicked() {
-                            state.done = None;
+                            wizard.asked = None;
                             state.cancelling = false;
                             commands.extend(wizard.go_on(mode));
                         }
@@ -400,24 +419,23 @@ fn cancel(
     commands: &mut Vec<Command>,
 ) {
     let name = wizard.before.name.clone();
+    let idle: Gate = match state.changing {
+        Some(_) => Err("The versions are being changed.".into()),
+        None => Ok(()),
+    };
     if state.cancelling {
         note(
             ui,
             format!("Throw away what was captured and go back to “{name}”?"),
         );
         let size = vec2(0.0, 32.0);
-        if ui
-            .add(Button::new("Discard and restore").min_size(size))
-            .on_hover_text(
-                "The twin reads by the calibration from before; a moving arm is held first",
-            )
-            .clicked()
-        {
+        let discard = Button::new("Discard and restore").min_size(size);
+        let hover = "The twin reads by the calibration from before; a moving arm is held first";
+        if gated(ui, &idle, discard, hover).clicked() {
             commands.extend(wizard.cancel(&live.snapshot.mode));
-            let versions = state.versions.take();
             *state = CalibrateState {
-                versions,
-                done: Some(format!("Cancelled: “{name}” is in use as before.")),
+                versions: state.versions.take(),
+                listing: state.listing.take(),
                 ..CalibrateState::default()
             };
         }
@@ -431,7 +449,7 @@ fn cancel(
         return;
     }
     let gate = match wizard.has_begun() {
-        true => Ok(()),
+        true => idle,
         false => Err("Nothing has been captured: there is nothing to cancel.".into()),
     };
     let button = Button::new("Cancel calibration…").min_size(vec2(0.0, 32.0));

@@ -1,11 +1,11 @@
 //! Motion that the wizard asks for: it goes through the twin's own commands and rules.
 
-use egui::{Button, Sense, Ui, vec2};
+use egui::{Ui, vec2};
 
 use crate::gui::panels::View;
-use crate::gui::panels::target::HOLD_TO_GO_S;
-use crate::gui::panels::widgets::gated;
-use crate::signal::{Goal, Mode};
+use crate::gui::panels::target::{Fire, HoldToGo, arm_simulated};
+use crate::gui::panels::widgets::note;
+use crate::signal::Goal;
 use crate::task::{Follow, Leg, Plan, circle, figure_eight};
 use crate::twin::Command;
 
@@ -51,52 +51,37 @@ pub fn held_out() -> Option<Plan> {
     })
 }
 
-/// A button that sets the arm in motion: at once where it is simulated, held for 0.8 s on hardware. Whether
-/// it was given.
+/// A button that sets the arm in motion: at once where it is simulated, held for 0.8 s on hardware. What it says
+/// on either. Whether it was given.
 pub fn button(
     ui: &mut Ui,
     view: &View<'_>,
-    label: &str,
+    [now, hold]: [&'static str; 2],
     plan: Option<Plan>,
-    held_s: &mut f64,
+    state: &mut HoldToGo,
     commands: &mut Vec<Command>,
 ) -> bool {
     let Some(plan) = plan else {
         return false;
     };
-    let simulated = view.snapshot.link.simulated;
     let gate = view.motion();
+    let hover = "The arm moves at 5 mm/s";
     let size = vec2(ui.available_width(), 30.0);
-    let (text, hover) = match simulated {
-        true => (format!("▶ {label}"), "The simulated arm moves at 5 mm/s"),
-        false => (
-            format!("▶ {label} (hold 0.8 s)"),
-            "Hold for 0.8 s: the arm moves at 5 mm/s. Arm it on Operate first",
-        ),
-    };
-    let button = Button::new(text)
-        .min_size(size)
-        .sense(Sense::click_and_drag());
-    let response = gated(ui, &gate, button, hover).accessible_name(label);
-    let fire = if simulated {
-        response.clicked()
-    } else if gate.is_ok() && response.is_pointer_button_down_on() {
-        let before = *held_s;
-        *held_s += f64::from(ui.input(|i| i.unstable_dt)).min(0.1);
-        ui.request_repaint();
-        before < HOLD_TO_GO_S && *held_s >= HOLD_TO_GO_S
-    } else {
-        if !response.is_pointer_button_down_on() && !ui.input(|i| i.pointer.any_down()) {
-            *held_s = 0.0;
-        }
-        false
-    };
-    if !(fire && gate.is_ok()) {
+    let fire = Fire { now, hold, hover };
+    if !state.button(ui, view, &gate, &fire, size) {
         return false;
     }
-    if view.snapshot.mode == Mode::Disarmed {
-        commands.push(Command::Arm);
-    }
+    arm_simulated(view, commands);
     commands.push(Command::Start(plan));
     true
+}
+
+/// Where the plan under way stands.
+pub fn under_way(ui: &mut Ui, view: &View<'_>) {
+    if let Some(r) = &view.snapshot.routine {
+        let place = r
+            .waypoint
+            .map_or(String::new(), |(k, n)| format!(", waypoint {k} of {n}"));
+        note(ui, format!("◌ {}{place}", r.name));
+    }
 }

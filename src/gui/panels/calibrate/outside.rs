@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::gui::services::Job;
+use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::BenchLog;
 use crate::sensing::registration::{Frames, Registration};
-use crate::twin::{Trial, TrialErrors};
+use crate::twin::{Maps, RestPoses, Trial, TrialErrors};
 
 /// What the virtual rig's bench shall do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,8 +30,35 @@ pub struct Question {
     pub old: Arc<Calibration>,
     /// The new one.
     pub new: Arc<Calibration>,
-    /// Where motion capture, as the twin shows it, is on the robot.
-    pub frames: Frames,
+    /// Poses at rest that tell where motion capture is on the robot; without them the twin shows it in the base.
+    pub poses: Option<RestPoses>,
+}
+
+impl Question {
+    /// Tries both. Motion capture is placed for each by the poses as that one reads them: frames fitted to the
+    /// poses of one would flatter it. `go_on` is told what is done and the share of all, and asked whether to go
+    /// on; `None` when it says no.
+    pub fn answer(
+        &self,
+        robot: &RobotSpec,
+        maps: &Maps,
+        go_on: &mut dyn FnMut(&str, f32) -> bool,
+    ) -> Option<Comparison> {
+        let mut part = |calibration: &Calibration, from: f32, what: &str| {
+            let frames = match &self.poses {
+                None => Some(Frames::IDENTITY),
+                Some(poses) => poses.place(robot, maps, calibration, &mut |share| {
+                    go_on(what, from + 0.25 * share)
+                })?,
+            };
+            let mut go_on = |share: f32| go_on(what, from + 0.25 + 0.25 * share);
+            let trial = &self.trial;
+            trial.errors(robot, maps, calibration, frames.as_ref(), &mut go_on)
+        };
+        let old = part(&self.old, 0.0, "With the calibration from before")?;
+        let new = part(&self.new, 0.5, "With the new one")?;
+        Some(Comparison { old, new })
+    }
 }
 
 /// What became of a [`Question`].
@@ -53,6 +81,13 @@ pub struct Version {
     pub note: String,
     /// Whether the program starts with it.
     pub active: bool,
+    /// What it holds, or why its files cannot be read: one sentence.
+    pub kept: Result<Kept, String>,
+}
+
+/// What a version holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept {
     /// The calibration.
     pub calibration: Arc<Calibration>,
     /// The registration of motion capture saved with it, if there is one.

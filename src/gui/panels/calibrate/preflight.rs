@@ -135,7 +135,7 @@ pub fn checks(view: &View<'_>) -> Vec<Check> {
 pub fn ui(
     ui: &mut Ui,
     live: &View<'_>,
-    wizard: &Wizard,
+    wizard: &mut Wizard,
     state: &mut CalibrateState,
     services: &mut Services,
 ) {
@@ -161,6 +161,7 @@ pub fn ui(
             }
             ui.add_space(8.0);
             let failed = checks.iter().filter(|c| c.verdict.is_err()).count();
+            wizard.not_passed = Some(failed);
             let text = match failed {
                 0 => format!("All checks passed ({}). Next: the springs.", live.origin()),
                 n => format!(

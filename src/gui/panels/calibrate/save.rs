@@ -2,7 +2,7 @@
 
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
-use super::outside::Version;
+use super::outside::{Kept, Version};
 use super::wizard::{Mark, Step, Wizard, same};
 use super::{CalibrateState, Change};
 use crate::gui::panels::View;
@@ -11,6 +11,7 @@ use crate::gui::panels::widgets::{Gate, gated, heading, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
 use crate::sensing::Calibration;
+use crate::sensing::registration::Registration;
 use crate::signal::{IMUS, SPRINGS};
 
 /// The step.
@@ -102,7 +103,7 @@ fn new_version(
     for line in &lines {
         ui.label(format!("● {line}"));
     }
-    if let Some(Ok(fit)) = wizard.vicon.fit() {
+    if let Some(fit) = wizard.registered() {
         let when = match live.snapshot.link.simulated {
             true => "kept with the version; the virtual rig's own is placed already",
             false => "the program places it so from its next start on",
@@ -122,7 +123,7 @@ fn new_version(
     ui.add_space(6.0);
     heading(ui, "Validation");
     match wizard.judgement() {
-        Some(j) if j.good => ui.label(format!("● {}", j.text)),
+        Some(j) if j.good() => ui.label(format!("● {}", j.text)),
         Some(j) => status(ui, Level::Warning, &j.text),
         None if nothing => note(ui, "○ Nothing to validate."),
         None => status(
@@ -147,14 +148,19 @@ fn new_version(
     } else if state.changing.is_some() {
         Err("The versions are being changed.".into())
     } else {
-        wizard.may_enter(Step::Save)
+        match &state.versions {
+            None => Err("The versions are still being read.".into()),
+            Some(Err(_)) => Err("The versions could not be read: read them again first.".into()),
+            Some(Ok(_)) => wizard.may_enter(Step::Save),
+        }
     };
     let button = Button::new("Save and use").min_size(vec2(ui.available_width(), 32.0));
     let hover = "Save as a new version and let the twin read by it; a moving arm is held first";
     if gated(ui, &gate, button, hover).clicked() {
         let simulated = live.snapshot.link.simulated;
-        let version = wizard.version(services.calibration.registration.as_ref(), simulated);
-        state.done = None;
+        let in_use = services.calibration.registration.as_ref();
+        let version = wizard.version(in_use, active_registration(state), simulated);
+        wizard.asked = None;
         state.changing = Some((Change::Save, (services.calibration.save)(version)));
     }
     if let Err(why) = &gate {
@@ -162,11 +168,18 @@ fn new_version(
     }
 }
 
+/// The registration of motion capture that the active version holds.
+fn active_registration(state: &CalibrateState) -> Option<&Registration> {
+    let list = state.versions.as_ref()?.as_ref().ok()?;
+    let kept = list.iter().find(|v| v.active)?.kept.as_ref();
+    kept.ok()?.registration.as_ref()
+}
+
 /// The versions, newest first.
 pub fn versions(
     ui: &mut Ui,
     live: &View<'_>,
-    wizard: &Wizard,
+    wizard: &mut Wizard,
     state: &mut CalibrateState,
     services: &mut Services,
 ) {
@@ -182,8 +195,20 @@ pub fn versions(
             note(ui, "Reading and writing versions…");
         });
     }
-    let list = state.versions.clone().unwrap_or_default();
-    if list.is_empty() && state.listing.is_none() {
+    let list = match state.versions.clone() {
+        None => return,
+        Some(Err(why)) => {
+            status(ui, Level::Warning, &why);
+            let hover = "Read the saved versions once more";
+            if ui.button("Read again").on_hover_text(hover).clicked() {
+                state.versions = None;
+                state.listing = Some((services.calibration.versions)());
+            }
+            return;
+        }
+        Some(Ok(list)) => list,
+    };
+    if list.is_empty() {
         note(
             ui,
             format!(
@@ -205,19 +230,31 @@ pub fn versions(
 fn version(
     ui: &mut Ui,
     live: &View<'_>,
-    wizard: &Wizard,
+    wizard: &mut Wizard,
     state: &mut CalibrateState,
     services: &mut Services,
     v: &Version,
 ) {
     let p = *Palette::in_ui(ui);
     ui.separator();
+    let kept = match &v.kept {
+        Ok(kept) => kept,
+        Err(why) => {
+            ui.horizontal(|ui| {
+                ui.label(RichText::new(v.number.to_string()).strong());
+                note(ui, &v.date);
+            });
+            status(ui, Level::Warning, &format!("Not readable: {why}"));
+            return;
+        }
+    };
+    let Kept { calibration, .. } = kept;
     ui.horizontal(|ui| {
-        let name = format!("{}  {}", v.number, v.calibration.name);
+        let name = format!("{}  {}", v.number, calibration.name);
         ui.label(RichText::new(name).strong());
         note(ui, &v.date);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let used = same(&v.calibration, &wizard.in_use);
+            let used = same(calibration, &wizard.in_use);
             if v.active && used {
                 ui.label(RichText::new("● in use").color(p.text))
                     .on_hover_text("The twin reads by it, and the program starts with it");
@@ -230,7 +267,7 @@ fn version(
             } else {
                 Ok(())
             };
-            let changed = changes(&wizard.in_use, &v.calibration, live.spec.spring.range_m);
+            let changed = changes(&wizard.in_use, calibration, live.spec.spring.range_m);
             let hover = match changed.is_empty() {
                 true => "Use this version again; it reads as the one in use does".to_owned(),
                 false => format!(
@@ -241,7 +278,7 @@ fn version(
             let response = gated(ui, &gate, Button::new("Roll back"), &hover)
                 .accessible_name(format!("Roll back to version {}", v.number));
             if response.clicked() {
-                state.done = None;
+                wizard.asked = None;
                 let job = (services.calibration.activate)(v.number);
                 state.changing = Some((Change::RollBack, job));
             }

@@ -1,10 +1,12 @@
 //! IMUs: each pad by the springs against each pad by its IMUs while the arm moves slowly. No window in here.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::robot::RobotSpec;
+use crate::sensing::calibration::SpringCalibration;
 use crate::sensing::mounting::{MountingFit, fit_mounting};
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::{ChannelHealth, IMUS, RawFrame, Stamp};
@@ -24,6 +26,8 @@ pub const TILT_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
 pub const SECTORS_NEEDED: usize = 7;
 /// Fewest samples; neighbours are a tenth of a second apart.
 pub const SAMPLES_NEEDED: usize = 300;
+/// Most samples kept: beyond them every other one is dropped, and only every other one is taken from then on.
+const SAMPLES_MAX: usize = 3_000;
 /// Springs and IMU must agree to this when all is done, rad.
 const RESIDUAL_MAX_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
 
@@ -46,6 +50,12 @@ pub struct ImuTake {
     pairs: Vec<(UnitQuaternion<f64>, UnitQuaternion<f64>)>,
     /// Tilts captured: direction in the base's plane times the angle, rad.
     pub tilts_rad: Vec<[f64; 2]>,
+    sectors: [bool; SECTORS],
+    /// One sample in 2 to this power is kept, and so many were offered.
+    halved: u32,
+    offered: u64,
+    /// The springs' curves that the pads were read by.
+    springs: Option<Arc<Vec<SpringCalibration>>>,
     open: bool,
     verdict: Option<Result<MountingFit, String>>,
     /// How often it was captured anew.
@@ -63,6 +73,11 @@ impl ImuTake {
         }
     }
 
+    /// Whether it was captured against other curves of the springs than `springs`.
+    pub fn outdated(&self, springs: &[SpringCalibration]) -> bool {
+        self.springs.as_ref().is_some_and(|s| s[..] != *springs)
+    }
+
     /// Samples captured.
     pub fn samples(&self) -> usize {
         self.pairs.len()
@@ -70,13 +85,29 @@ impl ImuTake {
 
     /// Which directions the pad was tilted to.
     pub fn sectors(&self) -> [bool; SECTORS] {
-        let mut seen = [false; SECTORS];
-        for [x, y] in &self.tilts_rad {
-            if x.hypot(*y) >= TILT_RAD {
-                seen[sector(*x, *y)] = true;
-            }
+        self.sectors
+    }
+
+    /// Takes in the pad's orientation by the springs and by the IMU, unless it has seen enough.
+    pub(super) fn add(&mut self, by_springs: UnitQuaternion<f64>, by_imu: UnitQuaternion<f64>) {
+        if self.complete() {
+            return;
         }
-        seen
+        let lean @ [x, y] = tilt(&by_springs);
+        if x.hypot(y) >= TILT_RAD {
+            self.sectors[sector(x, y)] = true;
+        }
+        self.offered += 1;
+        if !self.offered.is_multiple_of(1 << self.halved) {
+            return;
+        }
+        self.pairs.push((by_springs, by_imu));
+        self.tilts_rad.push(lean);
+        if self.pairs.len() >= SAMPLES_MAX {
+            self.halved += 1;
+            halve(&mut self.pairs);
+            halve(&mut self.tilts_rad);
+        }
     }
 
     fn complete(&self) -> bool {
@@ -104,6 +135,15 @@ impl ImuTake {
     }
 }
 
+/// Drops every other one.
+fn halve<T>(list: &mut Vec<T>) {
+    let mut k = 0_usize;
+    list.retain(|_| {
+        k += 1;
+        k.is_multiple_of(2)
+    });
+}
+
 /// The sector of a tilt.
 fn sector(x: f64, y: f64) -> usize {
     let turn = y.atan2(x).rem_euclid(TAU) / TAU;
@@ -129,10 +169,12 @@ impl ImusTake {
 
     /// Begins to capture `which` with the springs and mountings of `base`; what they had is discarded.
     pub fn begin(&mut self, which: [bool; IMUS], robot: &RobotSpec, base: &Calibration) {
+        let springs = Arc::new(base.springs.clone());
         for (take, _) in self.imus.iter_mut().zip(which).filter(|(_, w)| *w) {
             let again = u32::from(take.verdict.is_some());
             *take = ImuTake {
                 open: true,
+                springs: Some(Arc::clone(&springs)),
                 redone: take.redone + again,
                 ..ImuTake::default()
             };
@@ -184,8 +226,7 @@ impl ImusTake {
             }
             let by_imu = UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
             let by_springs = pads.base_from_pad[i / 2].rotation;
-            take.pairs.push((by_springs, by_imu));
-            take.tilts_rad.push(tilt(&by_springs));
+            take.add(by_springs, by_imu);
         }
         if self.imus.iter().all(|t| !t.open || t.complete()) {
             self.finish();
@@ -225,8 +266,7 @@ mod tests {
         for k in 0..400 {
             let turned =
                 UnitQuaternion::from_scaled_axis(Vector3::y() * (0.1 + 1e-4 * f64::from(k)));
-            take.pairs.push((turned, turned));
-            take.tilts_rad.push(tilt(&turned));
+            take.add(turned, turned);
         }
         assert!(!take.complete());
         take.judge();
@@ -234,5 +274,33 @@ mod tests {
             panic!("{:?}", take.verdict());
         };
         assert!(why.contains("1 of 8 sides"), "{why}");
+    }
+
+    #[test]
+    fn a_long_capture_stays_small_and_one_that_is_done_takes_no_more() {
+        let mut take = ImuTake {
+            open: true,
+            ..ImuTake::default()
+        };
+        let lean = |turn: f64, angle_rad: f64| {
+            let axis = Vector3::new(-turn.sin(), turn.cos(), 0.0);
+            UnitQuaternion::from_scaled_axis(axis * angle_rad)
+        };
+        // Half an hour to one side: neither forgotten nor piled up.
+        for k in 0..18_000 {
+            let to = lean(0.3, 0.1 + 1e-6 * f64::from(k));
+            take.add(to, to);
+        }
+        assert!((SAMPLES_MAX / 2 - 1..SAMPLES_MAX).contains(&take.samples()));
+        assert_eq!(take.tilts_rad.len(), take.samples());
+        assert!(take.tilts_rad[0][0] < 0.097 && !take.complete());
+        for side in 0..SECTORS {
+            let to = lean((side as f64 + 0.5) * TAU / SECTORS as f64, 0.1);
+            take.add(to, to);
+        }
+        assert!(take.complete());
+        let done = take.samples();
+        take.add(lean(0.0, 0.1), lean(0.0, 0.1));
+        assert_eq!(take.samples(), done);
     }
 }

@@ -1,13 +1,14 @@
 //! Motion capture: pairs of the robot's pose and the seen one while the arm rests. No window in here.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-use nalgebra::UnitQuaternion;
-
+use crate::sensing::Calibration;
 use crate::sensing::registration::{
     FitOptions, FrameFit, ObjectFrame, PosePair, Registration, RegistrationError, digest, register,
 };
-use crate::signal::{Pose, Snapshot, Stamp};
+use crate::signal::{Pose, RawFrame, Snapshot, Stamp};
+use crate::twin::{Rest, RestPoses, TRIAL_SETTLING_S, mean_pose};
 
 /// The arm must have rested for so long, s.
 const REST_S: f64 = 0.5;
@@ -19,11 +20,20 @@ const APART_M: f64 = 12e-3;
 const APART_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
 /// Most pairs kept.
 const PAIRS_MAX: usize = 60;
+/// Raw frames are kept from so long before the first pose on, s: the filters settle meanwhile.
+const BEFORE_S: f64 = TRIAL_SETTLING_S + 1.0;
+/// Most raw frames kept, ten minutes of them; poses after that place motion capture, but take no part in the
+/// validation.
+const RAW_MAX: usize = 60_000;
 
 /// The pairs and what they give.
 #[derive(Clone, Debug, Default)]
 pub struct ViconTake {
     pairs: Vec<PosePair>,
+    /// Per pair, when it was, and what the robot read by.
+    kept: Vec<(Rest, Arc<Calibration>)>,
+    raw: VecDeque<RawFrame>,
+    reads_by: Option<Arc<Calibration>>,
     window: VecDeque<(Stamp, Pose, Pose)>,
     fit: Option<Result<FrameFit, RegistrationError>>,
     object_is_pad: bool,
@@ -35,6 +45,24 @@ impl ViconTake {
     /// The pairs captured.
     pub fn pairs(&self) -> &[PosePair] {
         &self.pairs
+    }
+
+    /// What has changed since the poses were captured, if they were read with anything but `draft`.
+    pub fn outdated(&self, draft: &Calibration) -> Option<&'static str> {
+        let any = |f: &dyn Fn(&Calibration) -> bool| self.kept.iter().any(|(_, c)| f(c));
+        if any(&|c| c.springs != draft.springs) {
+            return Some("the springs have changed since");
+        }
+        any(&|c| c.imus != draft.imus).then_some("the IMU mountings have changed since")
+    }
+
+    /// The poses as the boards sent them, for calibrations that shall be compared.
+    pub fn raw_poses(&self) -> RestPoses {
+        RestPoses {
+            frames: self.raw.clone(),
+            rests: self.kept.iter().map(|(rest, _)| *rest).collect(),
+            object: self.object(),
+        }
     }
 
     /// What they give, once there are any.
@@ -55,8 +83,7 @@ impl ViconTake {
             found.base_from_world.pose *= old.base_from_world.pose;
             found.object_from_tip.pose = old.object_from_tip.pose * found.object_from_tip.pose;
             found.object.clone_from(&old.object);
-            found.offset_s = old.offset_s;
-            found.offset_sigma_s = old.offset_sigma_s;
+            found.clock = old.clock;
         }
         Some(found)
     }
@@ -84,27 +111,34 @@ impl ViconTake {
     }
 
     fn mean(&self, range: std::ops::Range<usize>) -> (Pose, Pose) {
-        let rows = || self.window.range(range.clone());
-        let n = rows().count().max(1) as f64;
-        let of = |pick: fn(&(Stamp, Pose, Pose)) -> &Pose| {
-            let sum: nalgebra::Vector3<f64> = rows().map(|r| pick(r).translation.vector).sum();
-            let Some(first) = rows().next().map(|r| pick(r).rotation) else {
-                return Pose::identity();
-            };
-            let off: nalgebra::Vector3<f64> = rows()
-                .map(|r| (pick(r).rotation * first.inverse()).scaled_axis())
-                .sum();
-            Pose::from_parts(
-                (sum / n).into(),
-                UnitQuaternion::from_scaled_axis(off / n) * first,
-            )
-        };
-        (of(|r| &r.1), of(|r| &r.2))
+        let (robot, seen): (Vec<Pose>, Vec<Pose>) =
+            self.window.range(range).map(|r| (r.1, r.2)).unzip();
+        let of = |poses: &[Pose]| mean_pose(poses).unwrap_or_else(Pose::identity);
+        (of(&robot), of(&seen))
     }
 
-    /// Takes in a live snapshot.
-    pub fn observe(&mut self, snapshot: &Snapshot) {
-        let (Some(estimate), Some(truth)) = (&snapshot.estimate, &snapshot.truth) else {
+    fn keep_raw(&mut self, raw: &RawFrame) {
+        let newer = self.raw.back().is_none_or(|l| raw.stamp > l.stamp);
+        if !newer || self.raw.len() >= RAW_MAX {
+            return;
+        }
+        self.raw.push_back(raw.clone());
+        let old = |f: &RawFrame| raw.stamp.since(f.stamp) > BEFORE_S;
+        while self.pairs.is_empty() && self.raw.front().is_some_and(old) {
+            self.raw.pop_front();
+        }
+    }
+
+    /// Takes in a live snapshot of a robot that reads by `in_use`.
+    pub fn observe(&mut self, snapshot: &Snapshot, in_use: &Arc<Calibration>) {
+        if let Some(raw) = &snapshot.raw {
+            self.keep_raw(raw);
+        }
+        if self.reads_by.as_ref() != Some(in_use) {
+            self.reads_by = Some(Arc::clone(in_use));
+            self.window.clear();
+        }
+        let (Some(estimate), Some(truth)) = (&snapshot.estimate, snapshot.fresh_truth()) else {
             self.window.clear();
             return;
         };
@@ -137,7 +171,16 @@ impl ViconTake {
 
     /// Keeps a pair.
     pub fn add(&mut self, pair: PosePair) {
-        if self.pairs.len() < PAIRS_MAX {
+        let span = self.window.front().zip(self.window.back());
+        if let (Some((first, last)), Some(reads_by)) = (span, &self.reads_by)
+            && self.pairs.len() < PAIRS_MAX
+        {
+            let rest = Rest {
+                from: first.0,
+                to: last.0,
+                world_from_object: pair.world_from_object,
+            };
+            self.kept.push((rest, Arc::clone(reads_by)));
             self.pairs.push(pair);
             self.refit();
         }
@@ -147,6 +190,7 @@ impl ViconTake {
     pub fn remove(&mut self, i: usize) {
         if i < self.pairs.len() {
             self.pairs.remove(i);
+            self.kept.remove(i);
             self.refit();
         }
     }
@@ -162,12 +206,16 @@ impl ViconTake {
         self.refit();
     }
 
+    fn object(&self) -> ObjectFrame {
+        match self.object_is_pad {
+            true => ObjectFrame::Known(Pose::identity()),
+            false => ObjectFrame::Unknown,
+        }
+    }
+
     fn refit(&mut self) {
         let options = FitOptions {
-            object: match self.object_is_pad {
-                true => ObjectFrame::Known(Pose::identity()),
-                false => ObjectFrame::Unknown,
-            },
+            object: self.object(),
             ..FitOptions::default()
         };
         self.fit = (!self.pairs.is_empty()).then(|| register(&self.pairs, &options));
@@ -181,7 +229,7 @@ fn is_apart(a: &PosePair, b: &PosePair) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::gui::fixture;
     use crate::signal::pose_from_ypr;
@@ -195,7 +243,12 @@ mod tests {
         )
     }
 
+    fn in_use() -> Arc<Calibration> {
+        Arc::new(Calibration::virtual_rig())
+    }
+
     fn rest_at(take: &mut ViconTake, from_s: f64, at: &Pose, seen: &Pose) {
+        let in_use = in_use();
         for k in 0..80 {
             let mut s = fixture::snapshot(from_s + 0.01 * f64::from(k));
             if let Some(e) = &mut s.estimate {
@@ -204,14 +257,20 @@ mod tests {
             if let Some(t) = &mut s.truth {
                 t.base_from_tip = *seen;
             }
-            take.observe(&s);
+            take.observe(&s, &in_use);
         }
     }
 
-    #[test]
-    fn poses_are_captured_at_rest_once_each_and_give_the_frames_back() {
-        let x = pose_from_ypr([0.4, -0.2, 1.1], [0.7, 0.1, -0.2]);
-        let y = pose_from_ypr([0.01, 0.0, 0.02], [0.3, 0.0, 0.0]);
+    fn frames() -> [Pose; 2] {
+        [
+            pose_from_ypr([0.4, -0.2, 1.1], [0.7, 0.1, -0.2]),
+            pose_from_ypr([0.01, 0.0, 0.02], [0.3, 0.0, 0.0]),
+        ]
+    }
+
+    /// Twelve poses that register, read with the virtual rig's calibration.
+    pub fn captured() -> ViconTake {
+        let [x, y] = frames();
         let mut take = ViconTake {
             automatic: true,
             ..ViconTake::default()
@@ -221,6 +280,13 @@ mod tests {
             let seen = x.inverse() * at * y.inverse();
             rest_at(&mut take, k as f64, &at, &seen);
         }
+        take
+    }
+
+    #[test]
+    fn poses_are_captured_at_rest_once_each_and_give_the_frames_back() {
+        let [x, y] = frames();
+        let mut take = captured();
         assert_eq!(take.pairs().len(), 12);
         let found = take.registration(None, "pad").expect("registers");
         assert!(found.base_from_world.pose.rotation.angle_to(&x.rotation) < 1e-6);
@@ -231,6 +297,17 @@ mod tests {
         let chained = take.registration(Some(&old), "pad").expect("registers");
         assert!(chained.base_from_world.pose.rotation.angle() < 1e-6);
         assert!(chained.object_from_tip.pose.translation.vector.norm() < 1e-6);
+        // They were read with one calibration, and another one makes them old.
+        let mut draft = Calibration::virtual_rig();
+        assert_eq!(take.outdated(&draft), None);
+        draft.imus.clear();
+        let other_imus = draft.imus != Calibration::virtual_rig().imus;
+        assert_eq!(take.outdated(&draft).is_some(), other_imus);
+        draft.springs[0].curve.coefficients_m[0] += 1e-3;
+        assert_eq!(
+            take.outdated(&draft),
+            Some("the springs have changed since")
+        );
         take.set_object_is_pad(true);
         assert!(
             matches!(take.fit(), Some(Err(RegistrationError::Disagree { .. }))),
@@ -248,6 +325,23 @@ mod tests {
     }
 
     #[test]
+    fn an_object_that_is_hidden_gives_no_pair_of_its_former_pose() {
+        let mut take = ViconTake::default();
+        let at = pose(0);
+        rest_at(&mut take, 0.0, &at, &at);
+        assert!(take.rested().is_ok());
+        // The cameras lose it: the newest truth there is stays the old one.
+        for k in 0..40 {
+            let mut s = fixture::snapshot(0.8 + 0.01 * f64::from(k));
+            if let Some(t) = &mut s.truth {
+                t.stamp = Stamp::from_seconds(0.79);
+            }
+            take.observe(&s, &in_use());
+        }
+        assert!(take.rested().is_err_and(|e| e.contains("must see")));
+    }
+
+    #[test]
     fn a_moving_arm_gives_no_pair() {
         let mut take = ViconTake::default();
         for k in 0..80 {
@@ -256,7 +350,7 @@ mod tests {
             if let Some(t) = &mut s.truth {
                 t.base_from_tip = Pose::translation(5e-3 * t_s, 0.0, -0.3);
             }
-            take.observe(&s);
+            take.observe(&s, &in_use());
         }
         assert!(take.rested().is_err_and(|e| e.contains("moves")));
     }

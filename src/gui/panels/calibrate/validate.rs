@@ -5,7 +5,7 @@ use std::sync::Arc;
 use egui::{Button, Grid, RichText, Ui, vec2};
 
 use super::springs::{LEFT, progress};
-use super::wizard::{TRIAL_MIN_S, TRIAL_S, Wizard};
+use super::wizard::{Outcome, TRIAL_MIN_S, TRIAL_S, Wizard};
 use super::{CalibrateState, capture_gate, motion};
 use crate::gui::panels::View;
 use crate::gui::panels::sensors::card;
@@ -106,21 +106,13 @@ fn controls(
         ui,
         "The arm has to move; the button, or any motion from Operate:",
     );
-    let label = "Figure 8, not used before";
-    motion::button(
-        ui,
-        live,
-        label,
-        motion::held_out(),
-        &mut state.held_s,
-        commands,
-    );
-    if let Some(r) = &live.snapshot.routine {
-        let where_ = r
-            .waypoint
-            .map_or(String::new(), |(k, n)| format!(", waypoint {k} of {n}"));
-        note(ui, format!("◌ {}{where_}", r.name));
-    }
+    let label = [
+        "▶ Figure 8, not used before",
+        "▶ Figure 8, not used before (hold 0.8 s)",
+    ];
+    let plan = motion::held_out();
+    motion::button(ui, live, label, plan, &mut state.hold, commands);
+    motion::under_way(ui, live);
     if let Some((_, job)) = &state.comparing {
         ui.separator();
         let stage = job.stage();
@@ -154,9 +146,15 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard) {
         }
         return;
     };
-    match judgement.good {
-        true => ui.label(RichText::new(format!("● PASS: {}.", judgement.text)).color(p.text)),
-        false => {
+    match judgement.outcome {
+        Outcome::NoWorse => {
+            ui.label(RichText::new(format!("● PASS: {}.", judgement.text)).color(p.text))
+        }
+        Outcome::Still => {
+            let text = format!("REDO: {}. Record again while it moves.", judgement.text);
+            status(ui, Level::Warning, &text)
+        }
+        Outcome::Worse => {
             let text = format!(
                 "REDO: {}. Look for the sensor that is off on Springs and IMUs, or cancel.",
                 judgement.text
@@ -167,19 +165,26 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard) {
     ui.add_space(6.0);
     table(ui, &c.old, &c.new);
     ui.add_space(6.0);
-    let text = match c.new.position_m {
-        Some(_) => format!("Estimate against {}.", live.truth_name()),
-        None => format!(
+    let placed = wizard.registered().is_some();
+    let text = match (c.new.position_m, c.old.position_m) {
+        (Some(_), Some(_)) => format!("Estimate against {}.", live.truth_name()),
+        _ if placed => {
+            "Motion capture could not be placed by the poses of step 4 as read with one of the two \
+                        calibrations: they are judged by springs and IMUs, not by position."
+                .to_owned()
+        }
+        (Some(_), None) => format!("Estimate against {}.", live.truth_name()),
+        (None, _) => format!(
             "No motion capture: springs and IMUs are judged by each other only ({}). What both err by alike does \
              not show.",
             live.origin()
         ),
     };
-    if c.new.position_m.is_some() && matches!(wizard.vicon.fit(), Some(Ok(_))) {
+    if c.new.position_m.is_some() && placed {
         note(
             ui,
-            "Motion capture is placed by the poses of step 4, which were read with the new calibration: what that \
-             errs by alike everywhere does not show.",
+            "Motion capture is placed by the poses of step 4, for each calibration as that one reads them: what \
+             either errs by alike everywhere does not show.",
         );
     }
     note(ui, text);

@@ -60,9 +60,9 @@ fn controls(
          least {POSES_MIN}, tilted to different sides."
     ));
     let connected = capture_gate(live);
-    let seen = match live.snapshot.truth {
-        Some(_) => Ok(()),
-        None => Err("Motion capture does not see the end pad.".to_owned()),
+    let seen = match live.truth_is_fresh() {
+        true => Ok(()),
+        false => Err("Motion capture does not see the end pad.".to_owned()),
     };
     let can = connected.and(seen);
     let rested = wizard.vicon.rested();
@@ -100,17 +100,14 @@ fn controls(
     ui.separator();
     note(
         ui,
-        "The arm has to visit poses; the button, or any motion from Operate:",
+        format!(
+            "The arm has to visit poses; the button ({} of them), or any motion from Operate:",
+            motion::POSES
+        ),
     );
-    let label = format!("Visit {} poses", motion::POSES);
-    if motion::button(
-        ui,
-        live,
-        &label,
-        Some(motion::poses()),
-        &mut state.held_s,
-        commands,
-    ) {
+    let label = ["▶ Visit the poses", "▶ Visit the poses (hold 0.8 s)"];
+    let plan = Some(motion::poses());
+    if motion::button(ui, live, label, plan, &mut state.hold, commands) {
         wizard.vicon.automatic = true;
     }
     if let Some(r) = &live.snapshot.routine {
@@ -146,7 +143,15 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &Wizard) {
         Some(Err(e)) => {
             status(ui, Level::Warning, &format!("REDO: {e}."));
         }
-        Some(Ok(fit)) => passed(ui, live, fit, n),
+        Some(Ok(fit)) => match wizard.vicon.outdated(&wizard.draft()) {
+            Some(why) => {
+                let text = format!(
+                    "REDO: {why}. The poses were read with a former calibration: discard them and capture new ones."
+                );
+                status(ui, Level::Warning, &text);
+            }
+            None => passed(ui, live, fit, n),
+        },
     }
 }
 

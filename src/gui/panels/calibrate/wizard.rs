@@ -2,17 +2,23 @@
 
 use std::sync::Arc;
 
-use super::outside::{Comparison, NewVersion, Question};
+use super::outside::Comparison;
 use super::take_imus::{self, ImusTake};
 use super::take_springs::{self, SpringsTake};
 use super::take_vicon::ViconTake;
-use crate::gui::panels::widgets::Gate;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::digest;
-use crate::sensing::registration::{Frames, Registration};
+use crate::sensing::calibration::SpringCalibration;
+use crate::sensing::registration::FrameFit;
 use crate::signal::{IMUS, Mode, SPRINGS, Snapshot, Stamp};
 use crate::twin::{Command, Trial};
+
+mod judgement;
+mod steps;
+
+pub use judgement::{Judgement, Outcome};
+pub use steps::{Mark, Step};
 
 /// Motion beyond the settling that a validation takes, s.
 pub const TRIAL_S: f64 = 30.0;
@@ -20,112 +26,25 @@ pub const TRIAL_S: f64 = 30.0;
 pub const TRIAL_MIN_S: f64 = 10.0;
 /// Longest one that is kept, frames.
 const TRIAL_FRAMES: usize = 9_000;
-/// The new calibration may be this much worse before it is called so: ratio and m, ratio and rad.
-const WORSE: (f64, f64, f64) = (1.1, 0.05e-3, 0.05 * std::f64::consts::PI / 180.0);
-/// Below this ratio it is called better.
-const BETTER: f64 = 0.95;
 /// Name of a calibration that is not saved yet.
 pub const DRAFT: &str = "draft";
 
-/// The steps, in order.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Step {
-    /// Whether everything is there.
-    #[default]
-    Preflight,
-    /// Lengths by reading.
-    Springs,
-    /// How the IMUs sit.
-    Imus,
-    /// Where motion capture is.
-    Vicon,
-    /// Old against new on motion that was not used.
-    Validate,
-    /// A version.
-    Save,
-}
-
-impl Step {
-    /// All of them.
-    pub const ALL: [Self; 6] = [
-        Self::Preflight,
-        Self::Springs,
-        Self::Imus,
-        Self::Vicon,
-        Self::Validate,
-        Self::Save,
-    ];
-
-    /// Name on screen.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Preflight => "Preflight",
-            Self::Springs => "Springs",
-            Self::Imus => "IMUs",
-            Self::Vicon => "Vicon",
-            Self::Validate => "Validate",
-            Self::Save => "Save",
-        }
-    }
-
-    /// Position, from 0.
-    pub fn index(self) -> usize {
-        self as usize
-    }
-
-    /// The one before.
-    pub fn back(self) -> Option<Self> {
-        Self::ALL.get(self.index().checked_sub(1)?).copied()
-    }
-
-    /// The one after.
-    pub fn next(self) -> Option<Self> {
-        Self::ALL.get(self.index() + 1).copied()
-    }
-}
-
-/// How a step stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mark {
-    /// Nothing was done: what is in use stays.
-    Kept,
-    /// Under way.
-    Open,
-    /// Done and good.
-    Pass,
-    /// Something is to be done again.
-    Redo,
-}
-
-impl Mark {
-    /// Glyph beside the name.
-    pub fn glyph(self) -> &'static str {
-        match self {
-            Self::Kept => "○",
-            Self::Open => "◌",
-            Self::Pass => "●",
-            Self::Redo => "▲",
-        }
-    }
-
-    /// Word for screen readers and tooltips.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Kept => "unchanged",
-            Self::Open => "under way",
-            Self::Pass => "PASS",
-            Self::Redo => "REDO",
-        }
-    }
-}
-
-/// What the validation says.
+/// A calibration that the twin did not take.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
-    /// Whether the new calibration does no worse than the one before.
-    pub good: bool,
-    /// One sentence.
-    pub text: String,
+pub struct Refusal {
+    /// Why: one sentence.
+    pub why: String,
+    /// Which.
+    pub of: Arc<Calibration>,
+}
+
+/// Something that was done, which the twin shall read by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asked {
+    /// What was done, without a full stop.
+    pub what: String,
+    /// Whether the twin said that it reads by it.
+    pub taken: bool,
 }
 
 /// Everything the wizard knows.
@@ -139,7 +58,11 @@ pub struct Wizard {
     /// Asked for, not yet answered.
     pub sent: Option<Arc<Calibration>>,
     /// Why the twin did not take a calibration.
-    pub refused: Option<String>,
+    pub refused: Option<Refusal>,
+    /// What was saved, taken back or cancelled last.
+    pub asked: Option<Asked>,
+    /// Checks of the preflight that did not pass when it was last looked at.
+    pub not_passed: Option<usize>,
     /// The springs.
     pub springs: SpringsTake,
     /// The IMUs.
@@ -166,6 +89,8 @@ impl Wizard {
             in_use,
             sent: None,
             refused: None,
+            asked: None,
+            not_passed: None,
             springs: SpringsTake::default(),
             imus: ImusTake::default(),
             vicon: ViconTake::default(),
@@ -188,7 +113,7 @@ impl Wizard {
             self.imus.observe(raw);
         }
         if self.step == Step::Vicon {
-            self.vicon.observe(snapshot);
+            self.vicon.observe(snapshot, &self.in_use);
         }
         if self.recording {
             self.record(snapshot);
@@ -229,21 +154,52 @@ impl Wizard {
         self.springs.springs[i].verdict(self.before.spring(i).is_some())
     }
 
+    /// How IMU `i` (0-based) stands: one that was captured against other curves of the springs is to be redone.
+    pub fn imu(&self, i: usize) -> take_imus::Verdict {
+        use take_imus::Verdict;
+        let take = &self.imus.imus[i];
+        match take.verdict() {
+            Verdict::Pass(_) if take.outdated(&self.curves()) => Verdict::Redo(
+                "the springs have changed since: capture it against the new ones".into(),
+            ),
+            verdict => verdict,
+        }
+    }
+
+    /// What the poses of motion capture give, if they were read with the calibration as it is now.
+    pub fn registered(&self) -> Option<&FrameFit> {
+        let fit = self.vicon.fit()?.as_ref().ok()?;
+        self.vicon.outdated(&self.draft()).is_none().then_some(fit)
+    }
+
+    /// The curves of the springs that passed, and of the others those from before.
+    fn curves(&self) -> Vec<SpringCalibration> {
+        let mut out = self.before.springs.clone();
+        let takes = self.springs.springs.iter().enumerate();
+        let mut passed = takes.filter_map(|(i, take)| take.calibration(i)).peekable();
+        if passed.peek().is_none() {
+            return out;
+        }
+        for curve in passed {
+            out.retain(|s| s.spring != curve.spring);
+            out.push(curve);
+        }
+        out.sort_by_key(|s| s.spring);
+        out
+    }
+
     /// The springs that passed, on the calibration before; mountings as before.
     pub fn base(&self) -> Calibration {
         let mut out = Calibration::clone(&self.before);
-        let mut passed = Vec::new();
-        for (i, take) in self.springs.springs.iter().enumerate() {
-            if let Some(curve) = take.calibration(i) {
-                out.springs.retain(|s| s.spring != i + 1);
-                out.springs.push(curve);
-                passed.push(take);
-            }
-        }
+        out.springs = self.curves();
+        let takes = self.springs.springs.iter().enumerate();
+        let passed: Vec<_> = takes
+            .filter(|(i, take)| take.calibration(*i).is_some())
+            .map(|(_, take)| take)
+            .collect();
         if passed.is_empty() {
             return out;
         }
-        out.springs.sort_by_key(|s| s.spring);
         let log = passed[0].log_sha256();
         let one_log = passed.len() == SPRINGS && passed.iter().all(|t| t.log_sha256() == log);
         out.bench_sha256 = match log {
@@ -262,8 +218,8 @@ impl Wizard {
     /// The calibration as captured so far.
     pub fn draft(&self) -> Calibration {
         let mut out = self.base();
-        for (i, take) in self.imus.imus.iter().enumerate() {
-            if let take_imus::Verdict::Pass(fit) = take.verdict() {
+        for i in 0..IMUS {
+            if let take_imus::Verdict::Pass(fit) = self.imu(i) {
                 out.set_imu(i, fit);
             }
         }
@@ -287,116 +243,12 @@ impl Wizard {
             || !same(&self.in_use, &self.before)
     }
 
-    /// Springs (1-based) that are to be done again or are not there at all.
-    pub fn springs_to_do(&self) -> Vec<usize> {
-        (0..SPRINGS)
-            .filter(|i| {
-                use take_springs::Verdict;
-                !matches!(self.spring(*i), Verdict::Kept | Verdict::Pass(_))
-            })
-            .map(|i| i + 1)
-            .collect()
-    }
-
-    /// Whether the step may be left forwards, or why not.
-    pub fn gate(&self, step: Step) -> Gate {
-        match step {
-            Step::Springs => match &self.springs_to_do()[..] {
-                [] => Ok(()),
-                [one] => Err(format!("Spring {one} is not calibrated: see its reason.")),
-                some => Err(format!(
-                    "Springs {} are not calibrated: see their reasons.",
-                    list(some)
-                )),
-            },
-            Step::Imus => {
-                let verdicts = self.imus.imus.iter().map(|t| t.verdict());
-                let redo: Vec<usize> = verdicts
-                    .enumerate()
-                    .filter(|(_, v)| matches!(v, take_imus::Verdict::Redo(_)))
-                    .map(|(i, _)| i + 1)
-                    .collect();
-                match redo.is_empty() {
-                    _ if self.imus.running() => {
-                        Err("IMUs are being captured: finish first.".into())
-                    }
-                    true => Ok(()),
-                    false => Err(format!("IMU {} is to be done again.", list(&redo))),
-                }
-            }
-            Step::Vicon => match self.vicon.fit() {
-                Some(Err(_)) => {
-                    Err("Not registered: capture more poses, or discard them to skip.".into())
-                }
-                _ => Ok(()),
-            },
-            Step::Validate if self.recording => {
-                Err("Motion is being recorded: wait for it.".into())
-            }
-            Step::Preflight | Step::Validate | Step::Save => Ok(()),
-        }
-    }
-
-    /// Whether a step may be entered: every one before it may be left.
-    pub fn may_enter(&self, step: Step) -> Gate {
-        Step::ALL[..step.index()]
-            .iter()
-            .try_for_each(|s| self.gate(*s))
-    }
-
-    /// How a step stands.
-    pub fn mark(&self, step: Step) -> Mark {
-        match step {
-            Step::Preflight => match self.step {
-                Step::Preflight => Mark::Open,
-                _ => Mark::Pass,
-            },
-            Step::Springs => {
-                use take_springs::Verdict;
-                let verdicts: Vec<Verdict> = (0..SPRINGS).map(|i| self.spring(i)).collect();
-                let any = |f: fn(&Verdict) -> bool| verdicts.iter().any(f);
-                if any(|v| matches!(v, Verdict::Redo { .. } | Verdict::Uncovered)) {
-                    Mark::Redo
-                } else if any(|v| matches!(v, Verdict::Open(_))) {
-                    Mark::Open
-                } else if any(|v| matches!(v, Verdict::Pass(_))) {
-                    Mark::Pass
-                } else {
-                    Mark::Kept
-                }
-            }
-            Step::Imus => {
-                use take_imus::Verdict;
-                let verdicts: Vec<Verdict> = self.imus.imus.iter().map(|t| t.verdict()).collect();
-                let any = |f: fn(&Verdict) -> bool| verdicts.iter().any(f);
-                if self.imus.running() {
-                    Mark::Open
-                } else if any(|v| matches!(v, Verdict::Redo(_))) {
-                    Mark::Redo
-                } else if any(|v| matches!(v, Verdict::Pass(_))) {
-                    Mark::Pass
-                } else {
-                    Mark::Kept
-                }
-            }
-            Step::Vicon => match self.vicon.fit() {
-                None => Mark::Kept,
-                Some(Ok(_)) => Mark::Pass,
-                Some(Err(_)) => Mark::Open,
-            },
-            Step::Validate => match self.judgement() {
-                _ if self.recording => Mark::Open,
-                None => Mark::Kept,
-                Some(j) if j.good => Mark::Pass,
-                Some(_) => Mark::Redo,
-            },
-            Step::Save => Mark::Kept,
-        }
-    }
-
     /// The commands that let the twin read by `calibration`: the arm is held first if it moves.
     pub fn apply(&mut self, calibration: Arc<Calibration>, mode: &Mode) -> Vec<Command> {
         self.refused = None;
+        if !same(&calibration, &self.before) {
+            self.asked = None;
+        }
         self.sent = Some(Arc::clone(&calibration));
         let mut commands = Vec::new();
         if matches!(mode, Mode::Moving | Mode::AtGoal) {
@@ -456,6 +308,10 @@ impl Wizard {
         *self = Self::new(Arc::clone(&before));
         self.in_use = in_use;
         self.last = last;
+        self.asked = Some(Asked {
+            what: format!("Cancelled, back to “{}”", before.name),
+            taken: !changed,
+        });
         match changed {
             true => self.apply(before, mode),
             false => Vec::new(),
@@ -467,130 +323,38 @@ impl Wizard {
         self.in_use = Arc::clone(calibration);
         self.sent = None;
         self.refused = None;
+        if let Some(asked) = &mut self.asked {
+            asked.taken = same(calibration, &self.before);
+        }
     }
 
     /// The twin refused something; it concerns the wizard while it awaits an answer.
     pub fn heard_refusal(&mut self, reason: &str) {
-        if self.sent.take().is_some() {
-            self.refused = Some(reason.to_owned());
+        if let Some(of) = self.sent.take() {
+            let why = reason.to_owned();
+            self.refused = Some(Refusal { why, of });
         }
     }
 
-    /// A version was saved or taken back: it is what Cancel restores from now on.
-    pub fn settle_on(&mut self, calibration: Arc<Calibration>, mode: &Mode) -> Vec<Command> {
+    /// A version was saved or taken back, as `what` says: it is what Cancel restores from now on.
+    pub fn settle_on(
+        &mut self,
+        calibration: Arc<Calibration>,
+        what: String,
+        mode: &Mode,
+    ) -> Vec<Command> {
         let (step, in_use, last) = (self.step, Arc::clone(&self.in_use), self.last);
+        let not_passed = self.not_passed;
         *self = Self::new(Arc::clone(&calibration));
-        (self.step, self.last) = (step, last);
+        (self.step, self.last, self.not_passed) = (step, last, not_passed);
         self.in_use = in_use;
-        if self.in_use == calibration {
+        let taken = self.in_use == calibration;
+        self.asked = Some(Asked { what, taken });
+        if taken {
             return Vec::new();
         }
         self.apply(calibration, mode)
     }
-
-    /// The question of the validation.
-    pub fn question(&self) -> Question {
-        Question {
-            trial: self.trial.clone(),
-            old: Arc::clone(&self.before),
-            new: Arc::new(self.draft()),
-            frames: match self.vicon.fit() {
-                Some(Ok(fit)) => fit.frames,
-                _ => Frames::IDENTITY,
-            },
-        }
-    }
-
-    /// What the validation says; nothing while there is none, or the draft has changed since.
-    pub fn judgement(&self) -> Option<Judgement> {
-        let (c, of) = self.comparison.as_ref()?;
-        if !same(of, &self.draft()) {
-            return None;
-        }
-        let (ratio, slack_m, slack_rad) = WORSE;
-        let pairs = [
-            (c.old.position_m, c.new.position_m, slack_m, 1e3, "mm"),
-            (
-                c.old.disagreement_rad,
-                c.new.disagreement_rad,
-                slack_rad,
-                1f64.to_degrees(),
-                "deg between springs and IMUs",
-            ),
-        ];
-        // Motion capture decides where there is any.
-        let (old, new, slack, unit, name) = pairs
-            .into_iter()
-            .find_map(|(old, new, slack, unit, name)| Some((old, new?, slack, unit, name)))?;
-        let now = new.rmse * unit;
-        let Some(old) = old else {
-            return Some(Judgement {
-                good: true,
-                text: format!(
-                    "{now:.2} {name} RMSE; the old calibration gives nothing to compare."
-                ),
-            });
-        };
-        let was = old.rmse * unit;
-        let good = new.rmse <= ratio * old.rmse + slack;
-        let word = match (good, new.rmse < BETTER * old.rmse) {
-            (_, true) => "better than",
-            (true, false) => "as good as",
-            (false, false) => "worse than",
-        };
-        Some(Judgement {
-            good,
-            text: format!("{word} before: {was:.2} to {now:.2} {name} RMSE"),
-        })
-    }
-
-    /// What passed, one line, for the version.
-    pub fn note(&self, simulated: bool) -> String {
-        use take_springs::Verdict;
-        let springs = (0..SPRINGS).filter(|i| matches!(self.spring(*i), Verdict::Pass(_)));
-        let imus = (0..IMUS)
-            .filter(|i| matches!(self.imus.imus[*i].verdict(), take_imus::Verdict::Pass(_)));
-        let redone: u32 = self.springs.springs.iter().map(|t| t.redone).sum::<u32>()
-            + self.imus.imus.iter().map(|t| t.redone).sum::<u32>();
-        let mut parts = vec![
-            format!("springs {}/{SPRINGS}", springs.count()),
-            format!("IMUs {}/{IMUS}", imus.count()),
-        ];
-        if redone > 0 {
-            parts.push(format!("{redone} redone"));
-        }
-        parts.push(match self.vicon.fit() {
-            Some(Ok(fit)) => format!("Vicon {:.2} mm", fit.summary.position_rms_m * 1e3),
-            _ => "Vicon kept".into(),
-        });
-        parts.push(match self.judgement() {
-            Some(j) => format!("validated: {}", j.text),
-            None => "not validated".into(),
-        });
-        if simulated {
-            parts.push("simulated".into());
-        }
-        parts.join(", ")
-    }
-
-    /// The version to save.
-    pub fn version(&self, in_use: Option<&Registration>, simulated: bool) -> NewVersion {
-        let mut calibration = self.draft();
-        calibration.name = self.name.trim().to_owned();
-        NewVersion {
-            note: self.note(simulated),
-            calibration,
-            registration: self
-                .vicon
-                .registration(in_use, "end_pad")
-                .or_else(|| in_use.cloned()),
-        }
-    }
-}
-
-fn list(numbers: &[usize]) -> String {
-    let words: Vec<String> = numbers.iter().map(ToString::to_string).collect();
-    words.join(", ")
 }
 
 /// Whether two calibrations read alike, whatever their names.
@@ -618,6 +382,7 @@ mod tests {
             position_m: position_mm.map(|mm| spread(mm * 1e-3)),
             rotation_rad: None,
             disagreement_rad: Some(spread(disagreement_deg.to_radians())),
+            moved_m: 0.04,
         }
     }
 
@@ -632,16 +397,22 @@ mod tests {
     fn motion_capture_decides_where_there_is_any_and_the_sensors_among_themselves_where_not() {
         let better = judged(errors(Some(2.0), 0.1), errors(Some(1.0), 0.5));
         assert!(
-            better.good && better.text.contains("2.00 to 1.00 mm"),
+            better.good() && better.text.contains("2.00 to 1.00 mm"),
             "{better:?}"
         );
         let worse = judged(errors(Some(1.0), 0.5), errors(Some(1.4), 0.1));
-        assert!(!worse.good && worse.text.starts_with("worse"), "{worse:?}");
+        assert!(
+            !worse.good() && worse.text.starts_with("worse"),
+            "{worse:?}"
+        );
         let alike = judged(errors(Some(1.0), 0.5), errors(Some(1.03), 0.5));
-        assert!(alike.good && alike.text.starts_with("as good"), "{alike:?}");
+        assert!(
+            alike.good() && alike.text.starts_with("as good"),
+            "{alike:?}"
+        );
         let alone = judged(errors(None, 0.5), errors(None, 0.9));
         assert!(
-            !alone.good && alone.text.contains("deg between"),
+            !alone.good() && alone.text.contains("deg between"),
             "{alone:?}"
         );
     }
@@ -659,7 +430,8 @@ mod tests {
             [Command::Hold, Command::Calibrate(Arc::clone(&other))]
         );
         w.heard_refusal("No.");
-        assert_eq!(w.refused.as_deref(), Some("No."));
+        let refused = w.refused.clone().expect("was told");
+        assert_eq!((&*refused.why, &refused.of), ("No.", &other));
         w.calibrated(&other);
         assert_eq!(w.refused, None);
         // Cancel gives back what was in use before, whoever is asked.
@@ -677,5 +449,78 @@ mod tests {
         assert!(!w.has_begun() && same(&w.draft(), &w.before));
         w.go_to(Step::Springs, &Mode::Hold);
         assert_eq!(w.step, Step::Springs);
+    }
+
+    /// Every IMU captured with success, against the springs of `base`.
+    fn imus_captured(w: &mut Wizard) {
+        let base = w.base();
+        w.imus.begin([true; IMUS], &RobotSpec::reference(), &base);
+        for take in &mut w.imus.imus {
+            for k in 0..400 {
+                let turn = 0.1 * f64::from(k);
+                let axis = nalgebra::Vector3::new(-turn.sin(), turn.cos(), 0.0);
+                let lean = nalgebra::UnitQuaternion::from_scaled_axis(axis * 0.15);
+                take.add(lean, lean);
+            }
+        }
+        w.imus.finish();
+    }
+
+    #[test]
+    fn captures_against_springs_that_were_redone_since_are_to_be_redone() {
+        let mut w = wizard();
+        w.vicon = super::super::take_vicon::tests::captured();
+        assert_eq!(w.mark(Step::Vicon), Mark::Pass);
+        assert_eq!(w.gate(Step::Vicon), Ok(()));
+        imus_captured(&mut w);
+        assert_eq!(w.mark(Step::Imus), Mark::Pass);
+        assert_eq!(w.mark(Step::Vicon), Mark::Redo, "other mountings");
+        let mut other = Calibration::virtual_rig();
+        other.springs[6].curve.coefficients_m[0] += 1e-3;
+        w.before = Arc::new(other);
+        let take_imus::Verdict::Redo(why) = w.imu(0) else {
+            panic!("{:?}", w.imu(0));
+        };
+        assert!(why.contains("the springs have changed since"), "{why}");
+        assert_eq!(w.mark(Step::Imus), Mark::Redo);
+        assert!(w.gate(Step::Imus).is_err());
+        assert_eq!(w.draft().imus, w.before.imus, "nothing old is used");
+        assert_eq!(w.mark(Step::Vicon), Mark::Redo);
+        assert!(w.gate(Step::Vicon).is_err() && w.registered().is_none());
+        assert!(w.version(None, None, true).registration.is_none());
+    }
+
+    #[test]
+    fn a_version_without_poses_keeps_the_registration_of_the_active_one() {
+        let mut w = wizard();
+        w.vicon = super::super::take_vicon::tests::captured();
+        let first = w.version(None, None, true).registration.expect("registers");
+        let w = wizard();
+        let second = w.version(None, Some(&first), true).registration;
+        assert_eq!(second, Some(first.clone()));
+        // What the program started with is older.
+        let mut older = first.clone();
+        older.poses += 1;
+        let third = w.version(Some(&older), Some(&first), true).registration;
+        assert_eq!(third, Some(first));
+        let fourth = w.version(Some(&older), None, true).registration;
+        assert_eq!(fourth, Some(older));
+    }
+
+    #[test]
+    fn a_preflight_that_failed_is_no_pass_and_a_still_arm_validates_nothing() {
+        let mut w = wizard();
+        w.not_passed = Some(2);
+        w.go_to(Step::Springs, &Mode::Hold);
+        assert_eq!(w.mark(Step::Preflight).word(), "2 not passed");
+        w.not_passed = Some(0);
+        assert_eq!(w.mark(Step::Preflight), Mark::Pass);
+        let still = TrialErrors {
+            moved_m: 0.2e-3,
+            ..errors(Some(1.0), 0.1)
+        };
+        let judgement = judged(still, still);
+        assert_eq!(judgement.outcome, Outcome::Still);
+        assert!(!judgement.good() && judgement.text.contains("did not move"));
     }
 }

@@ -29,8 +29,7 @@ impl Composer<'_> {
             .as_ref()
             .map(|e| convert::parts(&e.base_from_tip));
         let truth = snapshot
-            .truth
-            .as_ref()
+            .fresh_truth()
             .map(|t| convert::parts(&t.base_from_tip));
         if let (Some((a, _)), Some((b, _))) = (predicted, truth) {
             self.mark(a, b, 3.5, with_alpha(self.palette.error, 1.0), THROUGH);
