@@ -4,6 +4,9 @@ use std::sync::Arc;
 
 use nalgebra::{SMatrix, SVector};
 
+#[cfg(all(unix, feature = "rrd"))]
+mod disk;
+
 use super::*;
 use crate::control::Gains;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
