@@ -4,9 +4,6 @@ use std::sync::Arc;
 
 use nalgebra::{SMatrix, SVector};
 
-#[cfg(all(unix, feature = "rrd"))]
-mod disk;
-
 use super::*;
 use crate::control::Gains;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
@@ -17,6 +14,11 @@ use crate::signal::{
     CHAMBERS, Goal, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame, SIGNALS,
     Simulator, Stamp, TruthSource,
 };
+
+#[cfg(all(unix, feature = "rrd"))]
+mod disk;
+#[cfg(feature = "rrd")]
+mod viewer;
 
 /// Position from the lengths' mean and two differences: crude, but smooth and exact in its Jacobian.
 struct Crude;
