@@ -17,7 +17,7 @@ use frame::{Window, now, screens};
 use session::Session;
 use springtwin::gui::panels::Screen;
 use springtwin::gui::panels::player::Player;
-use springtwin::recording::{RecordingMeta, RecordingWriter, inspect, read_rrd};
+use springtwin::recording::{RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect, read_rrd};
 
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
@@ -28,57 +28,10 @@ fn main() {
     if asked("soak") {
         soak();
     }
-    if asked("frames") {
-        frames();
-    }
-}
-
-/// What a frame of each screen takes after ten minutes at 1 kHz, part by part.
-fn frames() {
-    let mut window = Window::new(600_000);
-    for span_s in [30.0, 600.0] {
-        for (screen, name) in screens() {
-            window.app.screen = screen;
-            window.app.window.span_s = span_s;
-            let mut totals = Vec::new();
-            let mut mean = [Duration::ZERO; 2];
-            let mut last = frame::Cost::default();
-            let frames: Vec<_> = (0..FRAMES).map(|_| window.snapshots(16)).collect();
-            let before_ms = processor_ms();
-            for snapshots in frames {
-                window.publish_these(snapshots);
-                let cost = window.frame();
-                totals.push(ms(cost.total()));
-                mean[0] += cost.layout / FRAMES;
-                mean[1] += cost.tessellation / FRAMES;
-                last = cost;
-            }
-            let processor_ms = (processor_ms() - before_ms) / f64::from(FRAMES);
-            print_steps(&format!("{name}, {span_s} s"), &mut totals);
-            println!(
-                "    processor {processor_ms:.2} ms, layout {:.2} ms, triangles {:.2} ms, {} shapes, {} vertices",
-                ms(mean[0]),
-                ms(mean[1]),
-                last.shapes,
-                last.vertices
-            );
-        }
-    }
-    println!("{} rows, {:.0} MB", window.rows(), resident_mb());
 }
 
 fn ms(d: Duration) -> f64 {
     d.as_secs_f64() * 1e3
-}
-
-/// Frames that are measured in a row.
-const FRAMES: u32 = 200;
-
-/// Time this thread has had a processor, ms; 0 where the system does not tell.
-fn processor_ms() -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    let ns = text.split(' ').next().and_then(|n| n.parse::<f64>().ok());
-    ns.unwrap_or(0.0) * 1e-6
 }
 
 /// Resident memory of this process, MB; 0 where the system does not tell.
@@ -91,10 +44,11 @@ fn resident_mb() -> f64 {
     kb.unwrap_or(0.0) / 1e3
 }
 
-/// Writes an hour at the rate of a live recording, unless it is there.
+/// Writes an hour at the rate of a live recording, unless it is there and can be read.
 fn hour_file() -> PathBuf {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("hour.rrd");
-    if path.exists() {
+    let name = format!("hour-{SCHEMA_VERSION}.rrd");
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    if inspect(&path).is_ok() {
         return path;
     }
     let session = Session::new();

@@ -73,29 +73,16 @@ impl Window {
         window
     }
 
-    /// The next `n` snapshots.
-    pub fn snapshots(&mut self, n: u64) -> Vec<Arc<Snapshot>> {
-        let first = self.next;
-        self.next += n;
-        (first..self.next)
-            .map(|k| Arc::new(self.session.snapshot(k, HZ)))
-            .collect()
-    }
-
-    /// Publishes snapshots as the twin would.
-    pub fn publish_these(&mut self, snapshots: Vec<Arc<Snapshot>>) {
-        for s in snapshots {
+    /// Publishes `n` more snapshots as the twin would.
+    pub fn publish(&mut self, n: u64) {
+        for k in self.next..self.next + n {
+            let s = Arc::new(self.session.snapshot(k, HZ));
             if let Ok(mut latest) = self.latest.lock() {
                 *latest = Arc::clone(&s);
             }
             assert!(self.feed.try_send(s).is_ok(), "the window drains its feed");
         }
-    }
-
-    /// `n` more snapshots.
-    pub fn publish(&mut self, n: u64) {
-        let snapshots = self.snapshots(n);
-        self.publish_these(snapshots);
+        self.next += n;
     }
 
     /// One frame: layout, shapes, triangles.

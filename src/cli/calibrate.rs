@@ -12,7 +12,7 @@ mod springs;
 
 pub use springs::{BenchArgs, bench};
 
-use super::{Report, args, hex, model};
+use super::{Report, args, model};
 use imus::ImusArgs;
 use springs::SpringsArgs;
 use springtwin::learn::to_pose;
@@ -23,7 +23,7 @@ use springtwin::sensing::registration::{
     ClockOptions, FitOptions, ObjectFrame, Placed, Registration, StreamOptions, StreamRegistration,
     register_streams,
 };
-use springtwin::signal::{Pose, ypr_from_rotation};
+use springtwin::signal::{Pose, hex, ypr_from_rotation};
 
 #[derive(Subcommand)]
 pub enum CalibrateCommand {

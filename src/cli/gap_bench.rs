@@ -18,10 +18,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
 
-use super::{Report, args, hex};
+use super::{Report, args};
 pub use generator::{CaseArgs, run as rig_case};
 use springtwin::gap::score::{Key, Said, Scored, score};
 use springtwin::robot::RobotSpec;
+use springtwin::signal::hex;
 use suite::{Part, Planned, Suite};
 
 /// The suite, per seed S (all figures: RMS change in the most sensitive channel over the floor):

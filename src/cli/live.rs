@@ -37,14 +37,14 @@ pub struct RunArgs {
     #[arg(long)]
     pub headless: bool,
     /// How long, s
-    #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative)]
+    #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative, requires = "headless")]
     pub seconds: f64,
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
     #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
     pub rig: String,
     /// Record to this file
-    #[arg(long, value_name = "F.rrd")]
+    #[arg(long, value_name = "F.rrd", requires = "headless")]
     pub record: Option<PathBuf>,
     /// Stream to the Rerun viewer that listens there on this machine (start it with
     /// `rerun --bind 127.0.0.1`); 127.0.0.1:9876 without an address
@@ -54,7 +54,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "IP:PORT", conflicts_with = "stream")]
     pub stream_remote: Option<SocketAddr>,
     /// Steer the tip there, mm
-    #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true, requires = "headless")]
     pub target: Option<[f64; 3]>,
     /// Mass in the virtual rig's gripper, kg (also declared to the twin)
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
@@ -66,10 +66,17 @@ pub struct RunArgs {
     #[arg(long, value_enum, default_value_t = Kind::Ours)]
     pub controller: Kind,
     /// Let boards that are SAFE from before leave it; remove the cause first
-    #[arg(long)]
+    #[arg(long, requires = "headless")]
     pub reset: bool,
     #[command(flatten)]
     pub instruments: Instruments,
+}
+
+impl RunArgs {
+    /// The viewer to stream to.
+    pub fn viewer(&self) -> Option<SocketAddr> {
+        self.stream.or(self.stream_remote)
+    }
 }
 
 /// The two controllers.
@@ -245,7 +252,7 @@ fn stream_json(status: &StreamStatus) -> Value {
     };
     json!({
         "address": status.address.to_string(), "sent": status.sent,
-        "dropped": status.dropped, "ended": ended,
+        "dropped": status.dropped, "dropped_lines": status.dropped_lines, "ended": ended,
     })
 }
 
@@ -409,7 +416,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                 if let Some(path) = &a.record {
                     commands.push(Command::StartRecording(path.clone()));
                 }
-                commands.extend(a.stream.or(a.stream_remote).map(Command::StreamLive));
+                commands.extend(a.viewer().map(Command::StreamLive));
             }
             // To watch boards that are SAFE is allowed.
             if !asked && (goal.is_some() || a.reset) {
@@ -442,6 +449,9 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     tally.stream = runner.stop_stream(end, LAST_WORDS, &mut last);
     for event in &last {
         log::info!("{}", event.text());
+        if let Event::Refused { reason, .. } = event {
+            tally.refused.get_or_insert_with(|| reason.clone());
+        }
     }
     if let Some(reason) = &tally.refused {
         anyhow::bail!("{reason}");

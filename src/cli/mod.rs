@@ -204,15 +204,17 @@ fn run(cli: &Cli) -> Result<Report> {
     let robot = load_robot(cli.robot.as_deref())?;
     match &cli.command {
         #[cfg(feature = "gui")]
-        None => window::open(
-            "pty",
-            0.0,
-            1,
-            live::Kind::Ours,
-            &ports::Instruments::default(),
-            cli.robot.as_deref(),
-            &robot,
-        ),
+        None => {
+            let opening = window::Opening {
+                rig: "pty",
+                payload_kg: 0.0,
+                seed: 1,
+                kind: live::Kind::Ours,
+                stream: None,
+                instruments: &ports::Instruments::default(),
+            };
+            window::open(&opening, cli.robot.as_deref(), &robot)
+        }
         #[cfg(not(feature = "gui"))]
         None => anyhow::bail!(
             "this program was built without its window: use springtwin run --headless"
@@ -229,15 +231,15 @@ fn run(cli: &Cli) -> Result<Report> {
         #[cfg(feature = "gui")]
         Some(Command::Run(a)) if !a.headless => {
             args::payload_in_range(&robot, a.payload)?;
-            window::open(
-                &a.rig,
-                a.payload,
-                a.seed,
-                a.controller,
-                &a.instruments,
-                cli.robot.as_deref(),
-                &robot,
-            )
+            let opening = window::Opening {
+                rig: &a.rig,
+                payload_kg: a.payload,
+                seed: a.seed,
+                kind: a.controller,
+                stream: a.viewer(),
+                instruments: &a.instruments,
+            };
+            window::open(&opening, cli.robot.as_deref(), &robot)
         }
         Some(Command::Run(a)) => live::run(a, cli.robot.as_deref(), &robot),
         Some(Command::Goto(a)) => drive::commands::goto(a, cli.robot.as_deref(), &robot),
@@ -305,9 +307,4 @@ fn robot_of(text: &str) -> Result<RobotSpec> {
 /// Reads a text file; a refusal names it.
 pub fn read_text(path: &Path) -> Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
-}
-
-/// Bytes in hexadecimal.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }

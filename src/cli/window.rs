@@ -8,7 +8,9 @@ mod screenshot;
 mod services;
 mod viewer;
 
+use std::net::SocketAddr;
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::Result;
 
@@ -16,7 +18,7 @@ use super::Report;
 use super::live::{Kind, rig_options};
 use super::model;
 use super::ports::Instruments;
-use rigs::Rigs;
+use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
 use services::services;
 use springtwin::gui::App;
@@ -24,21 +26,33 @@ use springtwin::gui::pace::{Pace, Wanted};
 use springtwin::gui::scene::Scene;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Goal;
-use springtwin::twin::{Command, TICK_S, spawn};
+use springtwin::twin::{Command, TICK_S};
 
 /// Where the virtual arm goes when the window opens, m.
 const WELCOME_M: [f64; 3] = [0.06, 0.04, -0.30];
 
-/// Opens the window on a rig and returns when it is closed.
-pub fn open(
-    rig: &str,
-    payload_kg: f64,
-    seed: u64,
-    kind: Kind,
-    instruments: &Instruments,
-    robot_file: Option<&Path>,
-    robot: &RobotSpec,
-) -> Result<Report> {
+/// How long twins may take to end what they write when the window is closed.
+const LAST_WRITES: Duration = Duration::from_secs(30);
+
+/// What the window opens on.
+pub struct Opening<'a> {
+    /// Where the boards are.
+    pub rig: &'a str,
+    /// Mass in the virtual rig's gripper, kg.
+    pub payload_kg: f64,
+    /// Seed of the virtual rig's noise.
+    pub seed: u64,
+    /// Which controller steers.
+    pub kind: Kind,
+    /// A viewer to stream to from the start.
+    pub stream: Option<SocketAddr>,
+    /// Calibration and motion capture.
+    pub instruments: &'a Instruments,
+}
+
+/// Opens the window on a rig and returns when it is closed and all is written.
+pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
+    let rig = a.rig;
     if cfg!(target_os = "linux")
         && std::env::var_os("DISPLAY").is_none()
         && std::env::var_os("WAYLAND_DISPLAY").is_none()
@@ -50,22 +64,22 @@ pub fn open(
         robot: robot.clone(),
         robot_file: robot_file.map(Path::to_owned),
         maps: model::maps_for(robot)?,
-        options: rig_options(payload_kg, seed),
-        kind,
-        instruments: instruments.clone(),
+        options: rig_options(a.payload_kg, a.seed),
+        kind: a.kind,
+        instruments: a.instruments.clone(),
+        twins: Twins::default(),
         data: eframe::storage_dir("springtwin"),
     };
     let reachable = hull(&rigs.maps);
     let (runner, start) = rigs.runner(rig)?;
     let (calibration, registration) = rigs.belongings(rig)?;
     // A newcomer sees the virtual arm move; hardware never moves unasked.
-    let first = match Rigs::is_virtual(rig) {
-        true => vec![
-            Command::DeclarePayload(payload_kg),
-            Command::Goto(Goal::position(WELCOME_M)),
-        ],
-        false => Vec::new(),
-    };
+    let mut first = rigs.declared(rig);
+    if Rigs::is_virtual(rig) {
+        first.push(Command::Goto(Goal::position(WELCOME_M)));
+    }
+    let twins = rigs.twins.clone();
+    let stream = a.stream.map(Command::StreamLive);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("springtwin")
@@ -88,7 +102,10 @@ pub fn open(
             every,
             pace: pace.wanted(),
         };
-        let handle = spawn(runner, start, first, asks.repaint())?;
+        let handle = rigs.start(runner, start, first, asks.repaint())?;
+        if let Some(stream) = stream {
+            handle.send(stream)?;
+        }
         let services = services(asks, rigs, calibration);
         let mut app = App::new(Some(handle), robot.clone(), services);
         app.pace = pace;
@@ -107,7 +124,11 @@ pub fn open(
             .map(|rs| Scene::new(rs, &robot));
         Ok(Box::new(app))
     });
-    eframe::run_native("springtwin", options, create).map_err(|e| {
+    let shown = eframe::run_native("springtwin", options, create);
+    if !twins.wait(LAST_WRITES) {
+        log::warn!("the disk takes too long: a recording may lack its end");
+    }
+    shown.map_err(|e| {
         anyhow::anyhow!("the window cannot be opened ({e}): use `springtwin run --headless`, or see `springtwin doctor`")
     })?;
     Ok(super::silent())

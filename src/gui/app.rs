@@ -200,6 +200,7 @@ impl App {
             self.window.frozen_end_s = None;
             self.window.cursors_s = None;
         }
+        self.library.viewer.poll(&mut commands);
         if let Some(player) = &mut self.player
             && player.playing
         {

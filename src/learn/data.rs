@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use sha2::{Digest, Sha256};
 
 use super::recipe::{Noise, SplitRule};
-use crate::signal::{Dataset, IMUS, Pose, SPRINGS, Sample, Vector6, ypr_from_rotation};
+use crate::signal::{Dataset, IMUS, Pose, SPRINGS, Sample, Vector6, hex, ypr_from_rotation};
 
 /// Indices of the samples dealt to each part, each in ascending order of blocks.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,7 +67,7 @@ pub fn data_hash(data: &Dataset) -> String {
             hash.update(x.to_le_bytes());
         }
     }
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    hex(&hash.finalize())
 }
 
 /// x, y, z in m, then yaw, pitch, roll in rad.

@@ -15,8 +15,7 @@ use sha2::{Digest, Sha256};
 
 use super::RecordingError;
 use super::csv::{Lines, fields};
-use super::log::hex;
-use crate::signal::CHAMBERS;
+use crate::signal::{CHAMBERS, hex};
 
 /// Pa per psi.
 pub const PSI_PA: f64 = 6_894.757_293_168;

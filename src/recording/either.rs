@@ -4,8 +4,9 @@ use std::path::Path;
 
 use sha2::{Digest as _, Sha256};
 
-use super::log::{hex, median_step_s};
+use super::log::median_step_s;
 use super::{RecordingError, SessionLog, read_rrd, read_session};
+use crate::signal::hex;
 
 /// Reads a session log (folder, `session.toml`, `.csv`) or the calibrated sensors, motion capture
 /// and commands of a recording (`.rrd`).

@@ -25,7 +25,7 @@ use super::RecordingError;
 use super::csv::{Lines, fields};
 use crate::signal::{
     CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, SIGNALS, SPRINGS, SensorFrame,
-    SensorVec, Snapshot, Stamp, Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
+    SensorVec, Snapshot, Stamp, Trace, TruthSource, hex, pose_from_ypr, ypr_from_rotation,
 };
 
 /// A session log in memory: columns of equal length, SI units.
@@ -464,11 +464,6 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
 /// Median distance of neighbouring times, s; `None` below two samples.
 pub(crate) fn median_step_s(t_s: &[f64]) -> Option<f64> {
     median(t_s.windows(2).map(|w| w[1] - w[0]))
-}
-
-/// Lower-case hexadecimal.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 impl SessionLog {

@@ -48,7 +48,9 @@ pub use mocap::{
     marker_body, read_mocap,
 };
 pub use overlay::{Overlay, TipSeries};
-pub use recorder::{LOW_SPACE_BYTES, Recorder, free_bytes};
+pub use recorder::{LOW_SPACE_BYTES, Recorder, RecorderState, free_bytes};
+#[cfg(feature = "rrd")]
+pub use rrd::SCHEMA_VERSION;
 pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};
 pub use types::{
     ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,

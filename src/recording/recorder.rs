@@ -1,4 +1,4 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
@@ -22,31 +22,44 @@ enum Item {
     Event(Stamp, String),
 }
 
-/// A recording written on a thread of its own, so that a slow disk never holds up control.
+/// What a recording is doing.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RecorderState {
+    /// The file is being made.
+    Opening,
+    /// The file could not be made: why, as one sentence.
+    Refused(String),
+    /// The file is being written.
+    Recording,
+    /// Nothing is written any more: what is in the file, and why it stopped if nobody asked it to.
+    Ended(RecordingSummary),
+}
+
+/// A recording made and written on a thread of its own, so that a slow disk never holds up control.
 ///
 /// The queue is bounded; what finds it full is dropped and counted. When the disk takes no more
-/// the recording stops by itself and [`Recorder::failed`] says why.
+/// the recording stops by itself and [`Recorder::state`] says why.
 pub struct Recorder {
-    path: PathBuf,
     queue: Option<SyncSender<Item>>,
-    thread: Option<JoinHandle<RecordingSummary>>,
-    dropped: AtomicU64,
+    thread: Option<JoinHandle<()>>,
     shared: Arc<Shared>,
 }
 
 #[derive(Default)]
 struct Shared {
-    failed: OnceLock<String>,
+    begun: AtomicBool,
+    /// How it ended; an error when it could not begin.
+    ended: OnceLock<Result<RecordingSummary, String>>,
+    dropped: AtomicU64,
     low_space: AtomicBool,
 }
 
 impl Recorder {
-    /// Begins a recording.
+    /// Begins a recording. Whether the file can be made is told by [`Recorder::state`] later.
     ///
     /// # Errors
-    /// As [`RecordingWriter::create`]; [`RecordingError::Io`] when no thread can be started.
+    /// [`RecordingError::Io`] when no thread can be started.
     pub fn start(path: &Path, meta: RecordingMeta) -> Result<Self, RecordingError> {
-        let writer = RecordingWriter::create(path, meta)?;
         let (queue, items) = sync_channel(QUEUE);
         let shared = Arc::new(Shared::default());
         let thread = std::thread::Builder::new()
@@ -54,14 +67,21 @@ impl Recorder {
             .spawn({
                 let shared = Arc::clone(&shared);
                 let path = path.to_owned();
-                move || record(writer, &items, &path, &shared)
+                move || {
+                    let ended = match RecordingWriter::create(&path, meta) {
+                        Ok(writer) => {
+                            shared.begun.store(true, Ordering::Release);
+                            Ok(record(writer, &items, &path, &shared))
+                        }
+                        Err(e) => Err(e.to_string()),
+                    };
+                    let _ = shared.ended.set(ended);
+                }
             })
             .map_err(RecordingError::io(path, "start a thread for"))?;
         Ok(Self {
-            path: path.to_owned(),
             queue: Some(queue),
             thread: Some(thread),
-            dropped: AtomicU64::new(0),
             shared,
         })
     }
@@ -82,23 +102,13 @@ impl Recorder {
             .as_ref()
             .is_some_and(|queue| queue.try_send(item).is_ok());
         if !taken {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
+            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
         }
-    }
-
-    /// The file.
-    pub fn path(&self) -> &Path {
-        &self.path
     }
 
     /// Items that were dropped so far because the queue was full or the recording had stopped.
     pub fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
-    }
-
-    /// Why the recording stopped by itself, if it did.
-    pub fn failed(&self) -> Option<&str> {
-        self.shared.failed.get().map(String::as_str)
+        self.shared.dropped.load(Ordering::Relaxed)
     }
 
     /// Whether less than [`LOW_SPACE_BYTES`] are left on the disk.
@@ -106,23 +116,48 @@ impl Recorder {
         self.shared.low_space.load(Ordering::Relaxed)
     }
 
-    /// Writes what waits, ends the file and tells what is in it.
-    pub fn stop(mut self) -> RecordingSummary {
-        self.join().unwrap_or_default()
-    }
-
-    fn join(&mut self) -> Option<RecordingSummary> {
-        // The thread ends when nobody can send any more.
-        self.queue = None;
-        let mut summary = match self.thread.take()?.join() {
-            Ok(summary) => summary,
-            Err(_) => RecordingSummary {
+    /// What it is doing. Never waits.
+    pub fn state(&self) -> RecorderState {
+        match self.shared.ended.get() {
+            Some(Ok(summary)) => RecorderState::Ended(RecordingSummary {
+                dropped: self.dropped(),
+                ..summary.clone()
+            }),
+            Some(Err(reason)) => RecorderState::Refused(reason.clone()),
+            None if self.broke_off() => RecorderState::Ended(RecordingSummary {
+                dropped: self.dropped(),
                 failed: Some("the recorder broke off: this is a bug, report it".to_owned()),
                 ..RecordingSummary::default()
-            },
-        };
-        summary.dropped = self.dropped();
-        Some(summary)
+            }),
+            None if self.shared.begun.load(Ordering::Acquire) => RecorderState::Recording,
+            None => RecorderState::Opening,
+        }
+    }
+
+    // The thread is gone without a word. It says its word last, so that is looked for again.
+    fn broke_off(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+            && self.shared.ended.get().is_none()
+    }
+
+    /// Takes nothing more: what waits is written and the file ended, while nobody waits for it.
+    pub fn close(&mut self) {
+        // The thread ends when nobody can send any more.
+        self.queue = None;
+    }
+
+    /// Writes what waits, ends the file and tells what is in it. Waits for the disk.
+    pub fn stop(mut self) -> RecorderState {
+        self.join();
+        self.state()
+    }
+
+    fn join(&mut self) {
+        self.close();
+        if let Some(thread) = self.thread.take() {
+            // One that broke off has left no word: that is how the state tells.
+            let _ = thread.join();
+        }
     }
 }
 
@@ -154,20 +189,19 @@ fn record(
             Err(RecvTimeoutError::Disconnected) => break,
         };
         if let Err(e) = written {
-            let _ = shared.failed.set(e.to_string());
-            return writer.summary().clone();
+            return RecordingSummary {
+                failed: Some(e.to_string()),
+                ..writer.summary().clone()
+            };
         }
     }
     let before = writer.summary().clone();
     match writer.finish() {
         Ok(summary) => summary,
-        Err(e) => {
-            let _ = shared.failed.set(e.to_string());
-            RecordingSummary {
-                failed: Some(e.to_string()),
-                ..before
-            }
-        }
+        Err(e) => RecordingSummary {
+            failed: Some(e.to_string()),
+            ..before
+        },
     }
 }
 
@@ -203,8 +237,29 @@ mod tests {
     #[cfg(not(feature = "rrd"))]
     #[test]
     fn without_support_it_says_so() {
-        let e = Recorder::start(Path::new("x.rrd"), RecordingMeta::default());
-        assert!(matches!(e, Err(RecordingError::WithoutRrd { .. })));
+        let recorder = Recorder::start(Path::new("x.rrd"), RecordingMeta::default()).unwrap();
+        let RecorderState::Refused(reason) = recorder.stop() else {
+            panic!("a build without support records");
+        };
+        assert!(reason.contains("rrd"), "{reason}");
+    }
+
+    #[cfg(feature = "rrd")]
+    fn ended(recorder: Recorder) -> RecordingSummary {
+        match recorder.stop() {
+            RecorderState::Ended(summary) => summary,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_made_is_told() {
+        let path = std::env::temp_dir().join("springtwin-no-such-folder/x.rrd");
+        let recorder = Recorder::start(&path, RecordingMeta::default()).unwrap();
+        let RecorderState::Refused(reason) = recorder.stop() else {
+            panic!("there is no such folder");
+        };
+        assert!(reason.contains("springtwin-no-such-folder"), "{reason}");
     }
 
     #[cfg(feature = "rrd")]
@@ -220,8 +275,8 @@ mod tests {
             }));
         }
         recorder.event(Stamp(5), "hello".to_owned());
-        assert!(recorder.failed().is_none() && recorder.dropped() == 0);
-        let summary = recorder.stop();
+        assert_eq!(recorder.dropped(), 0);
+        let summary = ended(recorder);
         assert_eq!((summary.rows, summary.dropped), (300, 0));
         assert_eq!(summary.failed, None);
         let read = super::super::read_rrd(&path).unwrap();
@@ -244,7 +299,7 @@ mod tests {
                 ..Snapshot::default()
             }));
         }
-        let summary = recorder.stop();
+        let summary = ended(recorder);
         assert_eq!(summary.rows + summary.dropped, n as u64);
         std::fs::remove_file(path).unwrap();
     }

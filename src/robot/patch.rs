@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::{RobotError, RobotSpec};
+use crate::signal::hex;
 
 /// Version of the patch format that is written.
 pub const PATCH_VERSION: u32 = 1;
@@ -84,8 +85,7 @@ const NOTE: &str =
 
 /// SHA-256, hexadecimal.
 pub(super) fn hash_of(text: &str) -> String {
-    let digest = Sha256::digest(text.as_bytes());
-    digest.iter().map(|b| format!("{b:02x}")).collect()
+    hex(&Sha256::digest(text.as_bytes()))
 }
 
 #[derive(Serialize)]

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::calibration::{
     Calibration, Curve, FitQuality, Quantity, SpringCalibration, Variable, inductance_h,
 };
-use crate::signal::SPRINGS;
+use crate::signal::{SPRINGS, hex};
 
 /// Largest root mean square error on held-out points, m (the paper's resolution).
 pub const HELD_OUT_LIMIT_M: f64 = 0.4e-3;
@@ -171,10 +171,7 @@ fn columns(line: usize, header: &str) -> Result<Columns, BenchError> {
 /// # Errors
 /// [`BenchError`] with line and column of the first thing that cannot be read.
 pub fn parse_bench(text: &str) -> Result<BenchLog, BenchError> {
-    let sha256 = Sha256::digest(text.as_bytes())
-        .iter()
-        .map(|b| format!("{b:02x}"))
-        .collect();
+    let sha256 = hex(&Sha256::digest(text.as_bytes()));
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut rows = text
         .lines()
@@ -295,7 +292,7 @@ pub fn digest<'a>(points: impl Iterator<Item = (usize, &'a BenchPoint)>) -> Stri
         hash.update(p.length_m.to_le_bytes());
         hash.update(p.reading.to_le_bytes());
     }
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    hex(&hash.finalize())
 }
 
 /// Fits one spring's curve over `needed_m`, the shortest and longest length the robot uses.

@@ -7,6 +7,7 @@
 mod command;
 mod dataset;
 mod frame;
+mod hex;
 mod pose;
 mod shape;
 mod snapshot;
@@ -18,6 +19,7 @@ pub use frame::{
     BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M,
     UNKNOWN_RAD, spring_name,
 };
+pub use hex::hex;
 pub use pose::{
     Aim, Goal, Matrix6, Pose, Vector6, Via, nearest_rotation, pose_error, pose_from_ypr,
     ypr_from_rotation,

@@ -178,6 +178,8 @@ pub struct StreamStatus {
     pub sent: u64,
     /// Snapshots that were dropped because the viewer did not keep up.
     pub dropped: u64,
+    /// Lines of the event log that were dropped for the same reason.
+    pub dropped_lines: u64,
 }
 
 /// What a live stream is doing.

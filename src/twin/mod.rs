@@ -4,6 +4,7 @@ mod command;
 mod core;
 mod mesh;
 mod newest;
+mod record;
 mod runner;
 mod stream;
 mod trial;

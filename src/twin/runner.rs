@@ -1,15 +1,16 @@
 //! The twin with its surroundings: a port, a recorder, and the thread that ticks.
 
-use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::mesh::mesh_worker;
 use super::newest::Newest;
-use super::stream::LAST_WORDS;
+use super::record::Recording;
+use super::stream::{LAST_WORDS, OldStream};
 use super::{Command, Event, Handle, MeshAnswer, MeshQuestion, Twin};
-use crate::recording::{ArmDrawing, LiveStream, Recorder, RecordingMeta};
+use crate::recording::{ArmDrawing, LiveStream, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
 
@@ -51,8 +52,9 @@ pub struct Runner {
     pub twin: Twin,
     port: Box<dyn Port>,
     robot: RobotSpec,
-    recorder: Option<(PathBuf, Recorder)>,
+    pub(super) recording: Option<Recording>,
     pub(super) stream: Option<LiveStream>,
+    pub(super) old_streams: Vec<OldStream>,
     /// Started when the mesh is shown for the first time.
     pub(super) mesh: Option<Newest<MeshQuestion, MeshAnswer>>,
     was_safe: bool,
@@ -65,8 +67,9 @@ impl Runner {
             twin,
             port,
             robot: robot.clone(),
-            recorder: None,
+            recording: None,
             stream: None,
+            old_streams: Vec::new(),
             mesh: None,
             was_safe: false,
         }
@@ -107,27 +110,23 @@ impl Runner {
                 Command::StartRecording(path) => {
                     self.start_recording(now, path, simulated, &mut events)
                 }
-                Command::StopRecording => self.stop_recording(now, &mut events),
+                Command::StopRecording => self.close_recording(),
                 Command::StreamLive(address) => {
                     self.start_stream(now, *address, simulated, &mut events);
                 }
-                Command::StopStream => {
-                    self.stop_stream(now, Duration::ZERO, &mut events);
-                }
+                Command::StopStream => self.close_stream(now),
                 _ => {}
             }
         }
+        self.watch_recording(now, &mut events);
         self.watch_stream(now, &mut events);
         for event in &events {
             log::info!("{:9.3} s  {}", now.seconds(), event.text());
         }
         self.exchange_mesh();
         let snapshot = Arc::new(self.twin.snapshot());
-        if let Some((_, recorder)) = &self.recorder {
-            recorder.push(Arc::clone(&snapshot));
-            for event in &events {
-                recorder.event(now, event.text());
-            }
+        if let Some(recording) = &self.recording {
+            recording.push(now, &snapshot, &events);
         }
         if let Some(stream) = &self.stream {
             stream.push(Arc::clone(&snapshot));
@@ -159,38 +158,6 @@ impl Runner {
         }
     }
 
-    fn start_recording(
-        &mut self,
-        now: Stamp,
-        path: &Path,
-        simulated: bool,
-        events: &mut Vec<Event>,
-    ) {
-        if self.recorder.is_some() {
-            events.push(Event::Refused {
-                stamp: now,
-                reason: "A recording is running already: stop it first.".to_owned(),
-            });
-            return;
-        }
-        let name = path
-            .file_stem()
-            .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        let meta = self.session(name.clone(), simulated);
-        match Recorder::start(path, meta) {
-            Ok(recorder) => {
-                self.recorder = Some((path.to_owned(), recorder));
-                self.twin.observe_recording(Some(name));
-                let text = format!("Recording to {}.", path.display());
-                events.push(Event::Recording { stamp: now, text });
-            }
-            Err(e) => events.push(Event::Refused {
-                stamp: now,
-                reason: e.to_string(),
-            }),
-        }
-    }
-
     /// What a recording tells of the session as a whole.
     pub(super) fn session(&self, name: String, simulated: bool) -> RecordingMeta {
         let now_known = self.twin.snapshot();
@@ -205,26 +172,30 @@ impl Runner {
         }
     }
 
-    /// Closes the recording, if one runs.
-    pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
-        let Some((path, recorder)) = self.recorder.take() else {
-            return;
-        };
-        self.twin.observe_recording(None);
-        let summary = recorder.stop();
-        let text = match (&summary.failed, summary.dropped) {
-            (Some(reason), _) => {
-                format!("The recording {} stopped early: {reason}", path.display())
-            }
-            (None, 0) => format!("Recorded {} ({} snapshots).", path.display(), summary.rows),
-            (None, dropped) => format!(
-                "Recorded {} ({} snapshots, {dropped} dropped because the disk was too slow).",
-                path.display(),
-                summary.rows,
-            ),
-        };
-        events.push(Event::Recording { stamp: now, text });
+    /// Ends what is under way: lets the port go first, so that another twin can have it, then ends stream
+    /// and recording. Waits for the disk.
+    fn end(&mut self, now: Stamp) {
+        self.port = Box::new(NoPort);
+        let mut last = Vec::new();
+        self.close_recording();
+        self.stop_stream(now, LAST_WORDS, &mut last);
+        self.stop_recording(now, &mut last);
+        for event in &last {
+            log::info!("{:9.3} s  {}", now.seconds(), event.text());
+        }
     }
+}
+
+/// What stands for a port that was let go.
+struct NoPort;
+
+impl Port for NoPort {
+    fn poll(&mut self, _now: Stamp) -> Arrivals {
+        Arrivals::default()
+    }
+    fn send(&mut self, _now: Stamp, _command: Option<&PressureCommand>) {}
+    fn estop(&mut self, _now: Stamp) {}
+    fn reset(&mut self, _now: Stamp) {}
 }
 
 /// What a viewer draws around the arm's centre lines.
@@ -295,7 +266,7 @@ pub fn run_in_simulated_time(
 
 /// Starts the twin's own thread. `first` is commanded once a second of frames has come in: by then
 /// the orientation filters have settled. `repaint` is called after every snapshot. The thread ends when the
-/// handle is dropped.
+/// handle is dropped; whoever ends the program joins it first, or the end of a recording is lost.
 ///
 /// # Errors
 /// When the thread cannot be started.
@@ -304,13 +275,13 @@ pub fn spawn(
     start: Instant,
     mut first: Vec<Command>,
     mut repaint: impl FnMut() + Send + 'static,
-) -> std::io::Result<Handle> {
+) -> std::io::Result<(Handle, JoinHandle<()>)> {
     let (command_tx, command_rx): (SyncSender<Command>, Receiver<Command>) = sync_channel(64);
     let (event_tx, event_rx) = sync_channel(256);
     let (feed_tx, feed_rx) = sync_channel(FEED);
     let latest = Arc::new(Mutex::new(Arc::new(Snapshot::default())));
     let published = Arc::clone(&latest);
-    std::thread::Builder::new()
+    let thread = std::thread::Builder::new()
         .name("twin".to_owned())
         .spawn(move || {
             run_in_real_time(&mut runner, start, |snapshot, events, commands| {
@@ -340,15 +311,13 @@ pub fn spawn(
                     }
                 }
             });
-            let now = Stamp::from_seconds(start.elapsed().as_secs_f64());
-            let mut last = Vec::new();
-            runner.stop_recording(now, &mut last);
-            runner.stop_stream(now, LAST_WORDS, &mut last);
+            runner.end(Stamp::from_seconds(start.elapsed().as_secs_f64()));
         })?;
-    Ok(Handle {
+    let handle = Handle {
         commands: command_tx,
         events: event_rx,
         feed: feed_rx,
         latest,
-    })
+    };
+    Ok((handle, thread))
 }

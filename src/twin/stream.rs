@@ -7,11 +7,22 @@ use super::{Event, Runner};
 use crate::recording::LiveStream;
 use crate::signal::{Stamp, StreamState, StreamStatus};
 
+/// Time after which a stream that has ended should be gone, s: its viewer hangs.
+const HANGS_S: f64 = 1.0;
+
 /// How long the viewer may take for what is left when the program ends.
 pub const LAST_WORDS: Duration = Duration::from_secs(2);
 
+/// A stream that has ended; its thread may still wait for the viewer.
+pub(super) struct OldStream {
+    since: Stamp,
+    stream: LiveStream,
+    /// Whether the operator knows how it went.
+    told: bool,
+}
+
 impl Runner {
-    /// Begins a stream; one that runs is ended first.
+    /// Begins a stream; one that runs is ended first. Refused while an earlier one to the same viewer hangs.
     pub(super) fn start_stream(
         &mut self,
         now: Stamp,
@@ -19,7 +30,21 @@ impl Runner {
         simulated: bool,
         events: &mut Vec<Event>,
     ) {
-        self.stop_stream(now, Duration::ZERO, events);
+        let hangs = |old: &OldStream| {
+            old.stream.address() == address
+                && !old.stream.is_over()
+                && now.since(old.since) > HANGS_S
+        };
+        if self.old_streams.iter().any(hangs) {
+            events.push(Event::Refused {
+                stamp: now,
+                reason: format!(
+                    "The Rerun viewer at {address} hangs and still holds the stream before: end that viewer, then stream again."
+                ),
+            });
+            return;
+        }
+        self.close_stream(now);
         match LiveStream::start(address, self.session("live".to_owned(), simulated)) {
             Ok(stream) => {
                 self.twin.observe_stream(Some(stream.status()));
@@ -32,8 +57,22 @@ impl Runner {
         }
     }
 
+    /// Lets the stream end, if one runs; [`Runner::watch_stream`] tells how it went.
+    pub(super) fn close_stream(&mut self, now: Stamp) {
+        self.twin.observe_stream(None);
+        if let Some(mut stream) = self.stream.take() {
+            stream.close();
+            self.old_streams.push(OldStream {
+                since: now,
+                stream,
+                told: false,
+            });
+        }
+    }
+
     /// Tells the twin how the stream is doing, and the operator when that changes.
     pub(super) fn watch_stream(&mut self, now: Stamp, events: &mut Vec<Event>) {
+        self.watch_old_streams(now, events);
         let Some(status) = self.stream.as_ref().map(LiveStream::status) else {
             return;
         };
@@ -49,13 +88,30 @@ impl Runner {
         };
         events.extend(text.map(|text| Event::Notice { stamp: now, text }));
         if matches!(status.state, StreamState::Ended(_)) {
-            self.stream = None;
+            self.old_streams
+                .extend(self.stream.take().map(|stream| OldStream {
+                    since: now,
+                    stream,
+                    told: true,
+                }));
         }
         self.twin.observe_stream(Some(status));
     }
 
+    fn watch_old_streams(&mut self, now: Stamp, events: &mut Vec<Event>) {
+        for old in self.old_streams.iter_mut().filter(|old| !old.told) {
+            if old.stream.is_settled() || now.since(old.since) > HANGS_S {
+                old.told = true;
+                let text = format!("Stopped streaming. {}", tally(&old.stream.status()));
+                events.push(Event::Notice { stamp: now, text });
+            }
+        }
+        self.old_streams
+            .retain(|old| !old.told || !old.stream.is_over());
+    }
+
     /// Ends the stream, if one runs, and tells how it went. Waits for what is left to arrive no longer
-    /// than `patience`: the control loop must have none.
+    /// than `patience`: the control loop must be over.
     pub fn stop_stream(
         &mut self,
         now: Stamp,
@@ -75,8 +131,12 @@ impl Runner {
 }
 
 fn tally(status: &StreamStatus) -> String {
+    let lines = match status.dropped_lines {
+        0 => String::new(),
+        n => format!(", and {n} lines of the log"),
+    };
     format!(
-        "{} snapshots were sent, {} dropped.",
+        "{} snapshots were sent, {} dropped{lines}.",
         status.sent, status.dropped
     )
 }

@@ -15,6 +15,11 @@ use crate::signal::{
     Simulator, Stamp, TruthSource,
 };
 
+#[cfg(all(unix, feature = "rrd"))]
+mod disk;
+#[cfg(feature = "rrd")]
+mod viewer;
+
 /// Position from the lengths' mean and two differences: crude, but smooth and exact in its Jacobian.
 struct Crude;
 

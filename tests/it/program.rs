@@ -74,6 +74,22 @@ fn bad_input_gets_one_sentence() {
         code == 2 && text.contains("'nan' is not a finite number"),
         "{code} {text}"
     );
+    // The window has a button for that: what is asked for here would not be done.
+    let out = springtwin(&["run", "--record", "x.rrd"]);
+    let text = String::from_utf8_lossy(&out.stderr);
+    assert!(
+        out.status.code() == Some(2) && text.contains("--headless"),
+        "{text}"
+    );
+    for command in ["run --headless", "goto 60,40,-300"] {
+        let mut args: Vec<&str> = command.split(' ').collect();
+        args.extend(["--record", "/no/such/folder/x.rrd"]);
+        let (code, text) = refusal(&args);
+        assert!(
+            code == 1 && text.contains("/no/such/folder"),
+            "{code} {text}"
+        );
+    }
     let (code, text) = refusal(&["estimate", "/no/such/session"]);
     assert!(
         code == 1 && text.contains("/no/such/session"),

@@ -12,6 +12,7 @@ use nix::sys::signal::{Signal, killpg};
 use nix::unistd::Pid;
 use serde_json::Value;
 use springtwin::recording::read_rrd;
+use springtwin::signal::{Mode, Snapshot};
 
 use crate::program::{json, scratch};
 
@@ -224,7 +225,8 @@ fn a_viewer_gets_every_snapshot_bit_for_bit() {
     let (ours, theirs) = (dir.join("ours.rrd"), dir.join("theirs.rrd"));
     let viewer = Viewer::to_file(&theirs);
     let record = ours.to_str().expect("utf-8");
-    let v = Program::start(8, &viewer, &["--record", record]).finish();
+    let more = ["--record", record, "--target", "60,40,-300"];
+    let v = Program::start(8, &viewer, &more).finish();
     viewer.finish();
     assert_pace(&v);
     let (ours, theirs) = (
@@ -243,8 +245,17 @@ fn a_viewer_gets_every_snapshot_bit_for_bit() {
         assert_eq!(a.sensors, b.sensors, "at {:?}", a.stamp);
         assert_eq!(a.estimate, b.estimate, "at {:?}", a.stamp);
         assert_eq!(a.truth, b.truth, "at {:?}", a.stamp);
+        assert_eq!(a.goal, b.goal, "at {:?}", a.stamp);
+        assert_eq!(a.sensor_ref, b.sensor_ref, "at {:?}", a.stamp);
+        assert_eq!(a.command, b.command, "at {:?}", a.stamp);
+        assert_eq!(a.mode, b.mode, "at {:?}", a.stamp);
+        assert_eq!(a.link, b.link, "at {:?}", a.stamp);
+        assert_eq!(a.payload_kg, b.payload_kg, "at {:?}", a.stamp);
     }
-    assert!(theirs.iter().any(|s| s.estimate.is_some()));
+    let has = |what: &dyn Fn(&Snapshot) -> bool| theirs.iter().any(what);
+    assert!(has(&|s| s.estimate.is_some()) && has(&|s| s.truth.is_some()));
+    assert!(has(&|s| s.goal.is_some()) && has(&|s| s.sensor_ref.is_some()));
+    assert!(has(&|s| s.command.is_some()) && has(&|s| s.mode == Mode::Moving));
 }
 
 #[test]

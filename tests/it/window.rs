@@ -85,9 +85,14 @@ fn keys(display: &str, args: &[&str]) {
 
 /// The program in a window at the corner of the display, with a home of its own.
 fn start(display: &str, dir: &std::path::Path) -> (Ends, Receiver<String>) {
+    start_with(display, dir, &[])
+}
+
+fn start_with(display: &str, dir: &std::path::Path, more: &[&str]) -> (Ends, Receiver<String>) {
     let mut program = Command::new(env!("CARGO_BIN_EXE_springtwin"))
         // The rig in the same process: drawing in software starves another one of its time.
         .args(["run", "--rig", "sim"])
+        .args(more)
         .env("DISPLAY", display)
         .env_remove("WAYLAND_DISPLAY")
         .env("XDG_DATA_HOME", dir)
@@ -286,4 +291,15 @@ fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_key
     );
     keys(&display, &["key", "shift+Escape"]);
     wait_for(&log, "SAFE (stopped by the operator)", 20);
+}
+
+#[test]
+fn the_window_streams_where_the_command_line_says() {
+    let (_server, display) = display();
+    // Nobody answers there, which is told.
+    let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = free.local_addr().expect("its address").to_string();
+    drop(free);
+    let (_program, log) = start_with(&display, &scratch("window-stream"), &["--stream", &address]);
+    wait_for(&log, &format!("viewer at {address} does not answer"), 60);
 }

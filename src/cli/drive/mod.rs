@@ -243,10 +243,14 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
         run_in_real_time(&mut runner, start, each)
     };
     let end = out.rows.last().map_or(0.0, |r| r.t_s);
-    runner.stop_recording(
-        springtwin::signal::Stamp::from_seconds(end),
-        &mut out.events,
-    );
+    let mut last = Vec::new();
+    runner.stop_recording(springtwin::signal::Stamp::from_seconds(end), &mut last);
+    for event in &last {
+        if let Event::Refused { reason, .. } = event {
+            out.refused.get_or_insert_with(|| reason.clone());
+        }
+    }
+    out.events.append(&mut last);
     if let Some(why) = unfit {
         anyhow::bail!("{why}");
     }
@@ -255,6 +259,9 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     }
     if out.rows.is_empty() {
         check_link(&link, d.rig)?;
+        if let Some(why) = out.refused {
+            anyhow::bail!("{why}");
+        }
         anyhow::bail!(
             "the boards on {} did not get ready within {HELLO_S} s: check their cables and power",
             d.rig

@@ -4,9 +4,9 @@ use clap::ValueEnum;
 use rand::Rng as _;
 use sha2::{Digest as _, Sha256};
 
-use super::hex;
 use springtwin::gap::score::About;
 use springtwin::rig::hidden::{Class, HIDDEN, Kind};
+use springtwin::signal::hex;
 use springtwin::sim::dataset::sample_rng;
 
 /// A part of the suite.

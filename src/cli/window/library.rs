@@ -122,7 +122,7 @@ fn about(seen: &Inspection) -> About {
     }
 }
 
-/// `recordings/<UTC time>.rrd`.
+/// `recordings/session-<seconds since 1970>.rrd`.
 pub fn default_recording() -> PathBuf {
     #[expect(
         clippy::disallowed_methods,

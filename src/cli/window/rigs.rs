@@ -1,6 +1,8 @@
 //! What the window's twin can be put on.
 
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -14,11 +16,40 @@ use springtwin::link;
 use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
-use springtwin::twin::{Handle, Maps, Runner, Twin, spawn};
+use springtwin::twin::{Command, Handle, Maps, Runner, Twin, spawn};
 
 /// A port that was just let go may be held for a moment: so often it is tried, and so long apart.
 const TRIES: usize = 5;
 const BETWEEN: Duration = Duration::from_millis(100);
+
+/// Between two looks at twins that end.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// The threads of the twins that were started.
+#[derive(Clone, Default)]
+pub struct Twins(Arc<Mutex<Vec<JoinHandle<()>>>>);
+
+impl Twins {
+    fn add(&self, thread: JoinHandle<()>) {
+        let mut threads = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        threads.retain(|t| !t.is_finished());
+        threads.push(thread);
+    }
+
+    /// Waits until all have ended, for `patience` at most; whether they have. Their handles must be dropped.
+    pub fn wait(&self, patience: Duration) -> bool {
+        let threads = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut waited = Duration::ZERO;
+        while threads.iter().any(|t| !t.is_finished()) {
+            if waited >= patience {
+                return false;
+            }
+            std::thread::sleep(LOOK);
+            waited += LOOK;
+        }
+        true
+    }
+}
 
 /// What every twin of this window has in common.
 #[derive(Clone)]
@@ -33,6 +64,7 @@ pub struct Rigs {
     pub instruments: Instruments,
     /// Where the user's data are; without it no saved calibration is looked for.
     pub data: Option<PathBuf>,
+    pub twins: Twins,
 }
 
 impl Rigs {
@@ -106,6 +138,29 @@ impl Rigs {
         Ok((setting, registration))
     }
 
+    /// What a twin on `rig` is told first: what hangs in the gripper of an emulated arm.
+    pub fn declared(&self, rig: &str) -> Vec<Command> {
+        let payload_kg = self.options.surroundings.payload_kg;
+        let declared = Command::DeclarePayload(payload_kg);
+        Self::is_virtual(rig)
+            .then_some(declared)
+            .into_iter()
+            .collect()
+    }
+
+    /// Starts a twin's thread, which [`Twins::wait`] waits for.
+    pub fn start(
+        &self,
+        runner: Runner,
+        start: Instant,
+        first: Vec<Command>,
+        repaint: impl FnMut() + Send + 'static,
+    ) -> std::io::Result<Handle> {
+        let (handle, thread) = spawn(runner, start, first, repaint)?;
+        self.twins.add(thread);
+        Ok(handle)
+    }
+
     /// Starts a twin on `rig`. Nothing moves.
     pub fn connect(
         &self,
@@ -125,7 +180,7 @@ impl Rigs {
                 Err(_) => tried += 1,
             }
         };
-        spawn(runner, start, Vec::new(), repaint)
+        self.start(runner, start, self.declared(rig), repaint)
             .map_err(|e| format!("Cannot start the twin's thread: {e}."))
     }
 }
@@ -172,6 +227,7 @@ mod tests {
             kind: Kind::Ours,
             instruments: Instruments::default(),
             data: Some(data.clone()),
+            twins: Twins::default(),
         };
         let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
         assert_eq!(in_use(&rigs), "saved");
@@ -181,5 +237,32 @@ mod tests {
         rigs.data = None;
         assert!(rigs.belongings("sim").expect("starts").0.store.is_none());
         std::fs::remove_dir_all(data).expect("cleans up");
+    }
+
+    #[test]
+    fn a_rig_that_is_connected_to_again_still_declares_its_payload() {
+        let robot = RobotSpec::reference();
+        let rigs = Rigs {
+            rig: "sim".to_owned(),
+            maps: model::maps_for(&robot).expect("the networks"),
+            robot,
+            robot_file: None,
+            options: rig_options(0.15, 1),
+            kind: Kind::Ours,
+            instruments: Instruments::default(),
+            data: None,
+            twins: Twins::default(),
+        };
+        assert_eq!(rigs.declared("/dev/ttyUSB0"), []);
+        let handle = rigs.connect("sim", || {}).expect("the virtual rig");
+        let mut looks = 0;
+        while handle.snapshot().payload_kg != 0.15 {
+            looks += 1;
+            assert!(looks < 6000, "{:?}", handle.snapshot().payload_kg);
+            std::thread::sleep(LOOK);
+        }
+        assert!(!rigs.twins.wait(Duration::ZERO), "it runs");
+        drop(handle);
+        assert!(rigs.twins.wait(Duration::from_secs(60)));
     }
 }

@@ -11,7 +11,7 @@ use super::super::live::{Kind, board_config, rig_options};
 use super::super::ports::{InProcess, Instruments};
 use super::super::simulate::Simulator;
 use super::super::{Report, args, model, picture};
-use super::rigs::Rigs;
+use super::rigs::{Rigs, Twins};
 use super::{Asks, hull, library};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
@@ -234,6 +234,7 @@ fn picture_services(
         instruments: Instruments::default(),
         // A picture does not depend on what was saved on this computer.
         data: None,
+        twins: Twins::default(),
     };
     let (calibration, _) = rigs.belongings("sim")?;
     let asks = Asks {

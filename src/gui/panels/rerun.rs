@@ -24,6 +24,18 @@ impl LiveViewer {
     pub fn busy(&self) -> bool {
         self.starting.is_some()
     }
+
+    /// Takes what has come, whatever screen is shown: a viewer that is ready is streamed to.
+    pub fn poll(&mut self, commands: &mut Vec<Command>) {
+        let Some(answer) = self.starting.as_ref().and_then(Job::poll) else {
+            return;
+        };
+        self.starting = None;
+        match answer {
+            Ok(address) => commands.push(Command::StreamLive(address)),
+            Err(e) => self.error = Some(e),
+        }
+    }
 }
 
 /// The row.
@@ -35,17 +47,6 @@ pub fn live_in_rerun(
     services: &mut Services,
     commands: &mut Vec<Command>,
 ) {
-    match viewer.starting.as_ref().and_then(Job::poll) {
-        None => {}
-        Some(Ok(address)) => {
-            viewer.starting = None;
-            commands.push(Command::StreamLive(address));
-        }
-        Some(Err(e)) => {
-            viewer.starting = None;
-            viewer.error = Some(e);
-        }
-    }
     let gate: Gate = if twin_gone {
         Err("No twin is running: there is nothing to stream.".into())
     } else {

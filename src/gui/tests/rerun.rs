@@ -17,6 +17,7 @@ fn with_stream(t_s: f64, state: Option<StreamState>, dropped: u64) -> Snapshot {
             state,
             sent: 420,
             dropped,
+            dropped_lines: 0,
         }),
         ..fixture::snapshot(t_s)
     }
@@ -79,6 +80,20 @@ fn a_viewer_is_started_streamed_to_and_left() {
     assert_eq!(twin.taken(), [Command::StopStream]);
     see(&twin, &mut h, with_stream(1.4, None, 0));
     assert!(!is_disabled(&h, "Open live in Rerun"));
+}
+
+#[test]
+fn a_viewer_that_is_ready_is_streamed_to_from_every_screen() {
+    let (twin, workers, mut h) = window();
+    h.get_by_label("Open live in Rerun").click();
+    h.run_steps(3);
+    h.state_mut().screen = Screen::Sensors;
+    h.run_steps(3);
+    let worker = workers.try_recv().expect("a viewer is being started");
+    worker.finish(Ok(address()));
+    h.run_steps(3);
+    assert_eq!(twin.taken(), [Command::StreamLive(address())]);
+    assert!(!h.state().busy());
 }
 
 #[test]

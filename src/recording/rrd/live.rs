@@ -86,6 +86,7 @@ impl LiveSink {
         );
         for message in messages {
             self.send(message, waiting)?;
+            waiting.begin_again();
         }
         Ok(rows)
     }

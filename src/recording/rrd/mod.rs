@@ -15,6 +15,7 @@ mod writer;
 pub(super) use live::LiveSink;
 pub use overlay::write_overlay;
 pub use reader::{read_rrd, read_rrd_with};
+pub use schema::SCHEMA_VERSION;
 pub use writer::RecordingWriter;
 
 #[cfg(test)]

@@ -27,8 +27,8 @@
 
 use crate::signal::ChannelHealth;
 
-/// Version of this layout; a reader refuses newer ones.
-pub(super) const SCHEMA_VERSION: u32 = 1;
+/// Version of the layout of recordings; a reader refuses newer ones.
+pub const SCHEMA_VERSION: u32 = 1;
 /// Name of the application in the file.
 pub(super) const APPLICATION: &str = "springtwin";
 /// Name of the timeline.

@@ -51,7 +51,7 @@ pub use streams::{StreamOptions, StreamRegistration, register_streams};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use sha2::{Digest as _, Sha256};
 
-use crate::signal::Pose;
+use crate::signal::{Pose, hex};
 
 /// Fewest poses.
 pub const POSES_MIN: usize = 10;
@@ -373,7 +373,7 @@ pub fn digest(pairs: &[PosePair]) -> String {
     for x in numbers.flatten() {
         hash.update(x.to_le_bytes());
     }
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    hex(&hash.finalize())
 }
 
 fn counted(suspects: &[usize]) -> String {

@@ -1,0 +1,212 @@
+//! Recordings on a disk that makes one wait: a named pipe, whose reader is the test.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+use super::*;
+use crate::recording::read_rrd;
+
+/// Longer than anything here takes that does not wait for the disk.
+const LONG: Duration = Duration::from_secs(60);
+
+fn path(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("springtwin-{name}-{}.rrd", std::process::id()))
+}
+
+fn pipe(name: &str) -> PathBuf {
+    let path = path(name);
+    let _ = std::fs::remove_file(&path);
+    nix::unistd::mkfifo(&path, nix::sys::stat::Mode::S_IRWXU).expect("a named pipe");
+    path
+}
+
+/// A port that says when it is let go.
+struct Told {
+    frames: Frames,
+    gone: SyncSender<()>,
+}
+
+impl Port for Told {
+    fn poll(&mut self, now: Stamp) -> Arrivals {
+        self.frames.poll(now)
+    }
+    fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}
+    fn estop(&mut self, _now: Stamp) {}
+    fn reset(&mut self, _now: Stamp) {}
+}
+
+impl Drop for Told {
+    fn drop(&mut self) {
+        let _ = self.gone.try_send(());
+    }
+}
+
+/// A twin that ticks on a thread of its own as fast as it goes, so that one that waits shows.
+struct Bench {
+    orders: SyncSender<(u32, Vec<Command>)>,
+    done: Receiver<Vec<Event>>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let (orders, todo) = sync_channel::<(u32, Vec<Command>)>(1);
+        let (tell, done) = sync_channel(1);
+        let work = move || {
+            let mut runner = Runner::new(twin(), Box::new(Frames(0)), &RobotSpec::reference());
+            let mut k = 0;
+            while let Ok((n, mut commands)) = todo.recv() {
+                let mut events = Vec::new();
+                for _ in 0..n {
+                    k += 1;
+                    events.extend(runner.tick(at(k), &std::mem::take(&mut commands)).1);
+                }
+                tell.send(events).expect("the test listens");
+            }
+        };
+        let thread = std::thread::Builder::new().name("test twin".to_owned());
+        thread.spawn(work).expect("a thread");
+        Self { orders, done }
+    }
+
+    /// `n` ticks, the first with `commands`; what was told.
+    fn ticks(&self, n: u32, commands: &[Command]) -> Vec<String> {
+        let order = (n, commands.to_vec());
+        self.orders.send(order).expect("the twin lives");
+        let events = self.done.recv_timeout(LONG).expect("a tick waits");
+        events
+            .iter()
+            .filter(|e| matches!(e, Event::Recording { .. } | Event::Refused { .. }))
+            .map(Event::text)
+            .collect()
+    }
+
+    /// Ticks until something is told.
+    fn until_told(&self) -> Vec<String> {
+        for _ in 0..6000 {
+            let said = self.ticks(1, &[]);
+            if !said.is_empty() {
+                return said;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("nothing is told");
+    }
+}
+
+#[test]
+fn a_slow_disk_delays_no_tick() {
+    let path = pipe("slow-disk");
+    let bench = Bench::new();
+    // Nobody reads: the file cannot even be opened.
+    let start = [Command::StartRecording(path.clone())];
+    assert_eq!(bench.ticks(100, &start), [""; 0]);
+    // Somebody does, until it has begun.
+    let mut disk = File::open(&path).expect("the pipe");
+    let mut bytes = Vec::new();
+    let said = loop {
+        let mut some = [0; 4096];
+        let n = disk.read(&mut some).expect("what was recorded");
+        bytes.extend_from_slice(&some[..n]);
+        let said = bench.ticks(1, &[]);
+        if !said.is_empty() {
+            break said;
+        }
+    };
+    assert_eq!(said, [format!("Recording to {}.", path.display())]);
+    // From now on the disk takes nothing: the pipe is full long before seven seconds are in it.
+    assert_eq!(bench.ticks(700, &[]), [""; 0]);
+    assert_eq!(bench.ticks(1, &[Command::StopRecording]), [""; 0]);
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(bench.ticks(100, &[]), [""; 0]);
+    let again = bench.ticks(1, &start);
+    assert!(again[0].contains("still being written"), "{again:?}");
+    // The disk goes on, and what became of the recording is told.
+    disk.read_to_end(&mut bytes).expect("what was recorded");
+    let said = bench.until_told();
+    assert!(said[0].starts_with("Recorded"), "{said:?}");
+    std::fs::remove_file(&path).expect("removed");
+    std::fs::write(&path, bytes).expect("written");
+    let read = read_rrd(&path).expect("a recording");
+    std::fs::remove_file(&path).expect("removed");
+    assert!(read.complete);
+    assert!(read.trace.snapshots.len() > 100, "{said:?}");
+}
+
+#[test]
+fn a_recording_that_cannot_begin_is_refused_and_another_can() {
+    let bench = Bench::new();
+    let nowhere = Path::new("/springtwin/no/such/folder/x.rrd").to_owned();
+    let mut said = bench.ticks(1, &[Command::StartRecording(nowhere)]);
+    if said.is_empty() {
+        said = bench.until_told();
+    }
+    assert!(said[0].contains("cannot create"), "{said:?}");
+    let path = path("second-try");
+    let mut said = bench.ticks(1, &[Command::StartRecording(path.clone())]);
+    if said.is_empty() {
+        said = bench.until_told();
+    }
+    assert!(said[0].starts_with("Recording to"), "{said:?}");
+    bench.ticks(1, &[Command::StopRecording]);
+    bench.until_told();
+    std::fs::remove_file(&path).expect("removed");
+}
+
+/// A twin as the window has it.
+fn running(port: Box<dyn Port>) -> (Handle, std::thread::JoinHandle<()>) {
+    let runner = Runner::new(twin(), port, &RobotSpec::reference());
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the twin's thread keeps real time"
+    )]
+    let start = std::time::Instant::now();
+    spawn(runner, start, Vec::new(), || {}).expect("a thread")
+}
+
+fn wait_until(what: &str, mut is: impl FnMut() -> bool) {
+    for _ in 0..6000 {
+        if is() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    panic!("{what}");
+}
+
+#[test]
+fn a_window_that_closes_leaves_a_whole_recording() {
+    let path = path("closing");
+    let (handle, thread) = running(Box::new(Frames(0)));
+    let start = Command::StartRecording(path.clone());
+    handle.send(start).expect("room");
+    wait_until("it records", || handle.snapshot().recording.is_some());
+    std::thread::sleep(Duration::from_millis(300));
+    let last = handle.snapshot().stamp;
+    drop(handle);
+    thread.join().expect("it ends in peace");
+    let read = read_rrd(&path).expect("a recording");
+    std::fs::remove_file(&path).expect("removed");
+    assert!(read.complete, "cut off at {:?}", read.recovered_until);
+    assert!(read.trace.snapshots.iter().any(|s| s.stamp == last));
+}
+
+#[test]
+fn the_port_is_let_go_before_the_disk_is_waited_for() {
+    let path = pipe("port-first");
+    let (gone, is_gone) = sync_channel(1);
+    let frames = Frames(0);
+    let (handle, thread) = running(Box::new(Told { frames, gone }));
+    let start = Command::StartRecording(path.clone());
+    handle.send(start).expect("room");
+    wait_until("it records", || handle.snapshot().recording.is_some());
+    drop(handle);
+    is_gone.recv_timeout(LONG).expect("the port is free");
+    assert!(!thread.is_finished(), "the disk was not waited for");
+    let mut disk = File::open(&path).expect("the pipe");
+    disk.read_to_end(&mut Vec::new()).expect("the recording");
+    thread.join().expect("it ends in peace");
+    std::fs::remove_file(&path).expect("removed");
+}
