@@ -1,6 +1,6 @@
 //! The real window on a virtual display, with a real mouse.
 
-#![cfg(target_os = "linux")]
+#![cfg(all(target_os = "linux", feature = "gui"))]
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
