@@ -221,13 +221,8 @@ fn traces(
         let q = p.rotation;
         [q.w, q.i, q.j, q.k]
     };
-    // A gap in the measurement is drawn as the simulation has it.
-    let measured: Vec<_> = grid
-        .captured
-        .iter()
-        .zip(&patched)
-        .map(|(m, s)| m.unwrap_or(*s))
-        .collect();
+    // What was not captured stays unknown.
+    let measured = &grid.captured;
     let present: Vec<usize> = (0..CHANNELS).filter(|c| grid.present[*c]).collect();
     let in_floors = |rows: &[Row]| {
         present
@@ -244,11 +239,17 @@ fn traces(
         channels: present.iter().map(|c| channel_name(*c)).collect(),
         before: in_floors(before),
         after: in_floors(after),
-        measured_m: measured.iter().map(place).collect(),
+        measured_m: measured
+            .iter()
+            .map(|m| m.as_ref().map_or([f64::NAN; 3], place))
+            .collect(),
         before_m: plain.iter().map(place).collect(),
         after_m: patched.iter().map(place).collect(),
         turns: [
-            measured.iter().map(turn).collect(),
+            measured
+                .iter()
+                .map(|m| m.as_ref().map_or([f64::NAN; 4], turn))
+                .collect(),
             plain.iter().map(turn).collect(),
             patched.iter().map(turn).collect(),
         ],

@@ -1,17 +1,19 @@
 //! The Gap screen's work: sessions are read, the finder runs, an example is made by a process of its
 //! own, patches go onto a copy of the robot file.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
 use super::services::later;
+use crate::cli::gap_bench::Maker;
 use crate::cli::{gap as finder, patch, read_text, sentence};
 use springtwin::gap::report::Origin;
-use springtwin::gap::score::Key;
+use springtwin::gap::score::{About, Key};
 use springtwin::gap::{
     CHANNELS, Found, GapError, Grid, IMU_0, Options, Patch, Progress, SPRING_0, Session, Stage,
 };
@@ -24,9 +26,9 @@ use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
 
 /// Length of the sessions of the example, s.
-const EXAMPLE_S: &str = "45";
+const EXAMPLE_S: f64 = 45.0;
 /// How strong the hidden effect is, times the floor.
-const EXAMPLE_STRENGTH: &str = "8";
+const EXAMPLE_STRENGTH: f64 = 8.0;
 /// What may be hidden in the example.
 const EXAMPLE_EFFECTS: [&str; 6] = [
     "payload",
@@ -92,10 +94,10 @@ pub fn services(ctx: &egui::Context, robot: &RobotSpec, robot_file: Option<&Path
             let store = Arc::clone(&undo_store);
             later(&for_undo, "patch", move |_| store.undo().map_err(said))
         }),
-        keep: Box::new(move |found, origin| {
-            let (found, origin) = (Arc::clone(found), origin);
+        keep: Box::new(move |found, patch, origin| {
+            let (found, patch) = (Arc::clone(found), patch.clone());
             later(&for_keep, "gap report", move |_| {
-                keep(&data_folder(), &found, origin).map_err(said)
+                keep(&data_folder(), &found, &patch, origin).map_err(said)
             })
         }),
         open_page: Box::new(open_page),
@@ -114,10 +116,7 @@ fn data_folder() -> PathBuf {
 /// What is known of a session before it is used.
 fn sheet(path: &Path, robot: &RobotSpec) -> Result<SessionSheet> {
     let session = finder::read(path)?;
-    let is_rrd = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
-    let simulated = match is_rrd {
+    let simulated = match recording::is_rrd(path) {
         true => recording::inspect(path)?.simulated,
         false => None,
     };
@@ -266,7 +265,12 @@ fn example(
     seed: u64,
     worker: &Worker<ExamplePair>,
 ) -> Result<ExamplePair> {
-    let name = format!("{}-{seed}", &robot.hash[..robot.hash.len().min(8)]);
+    // Another robot or another version of this program makes other sessions.
+    let name = format!(
+        "{}-{}-{seed}",
+        &robot.hash[..robot.hash.len().min(8)],
+        env!("CARGO_PKG_VERSION")
+    );
     let folder = data.join("gap-examples").join(&name);
     let answers = data.join("gap-answers");
     let pair = ExamplePair {
@@ -285,16 +289,20 @@ fn example(
     let mut child = generator(&program, robot_file, &folder, &pair.answer, seed)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .context("cannot start the virtual rig")?;
+    let words = listen(&mut child)?;
     loop {
         if let Some(status) = child.try_wait()? {
-            anyhow::ensure!(
-                status.success(),
-                "the virtual rig ended with {status}: see springtwin rig case --help"
-            );
-            return Ok(pair);
+            let said = words.join().unwrap_or_default();
+            return match (status.success(), said.trim()) {
+                (true, _) => Ok(pair),
+                (false, "") => Err(anyhow::anyhow!(
+                    "the virtual rig ended with {status}: see springtwin rig case --help"
+                )),
+                (false, said) => Err(anyhow::anyhow!("the virtual rig: {said}")),
+            };
         }
         if worker.cancelled() {
             child.kill()?;
@@ -305,6 +313,29 @@ fn example(
     }
 }
 
+/// Most of a process's complaints that is kept, bytes.
+const WORDS_MAX: u64 = 4096;
+
+/// Hears what a process complains of, to its end.
+fn listen(child: &mut Child) -> Result<std::thread::JoinHandle<String>> {
+    let stderr = child.stderr.take().context("the virtual rig is mute")?;
+    std::thread::Builder::new()
+        .name("example's words".to_owned())
+        .spawn(move || {
+            let mut said = Vec::new();
+            let mut stderr = stderr;
+            let read = std::io::Read::by_ref(&mut stderr)
+                .take(WORDS_MAX)
+                .read_to_end(&mut said);
+            // The rest must flow, or the process would wait for ever.
+            if read.is_ok() {
+                let _ = std::io::copy(&mut stderr, &mut std::io::sink());
+            }
+            String::from_utf8_lossy(&said).into_owned()
+        })
+        .context("cannot start a thread for the virtual rig")
+}
+
 fn generator(
     program: &Path,
     robot_file: Option<&Path>,
@@ -312,14 +343,14 @@ fn generator(
     answer: &Path,
     seed: u64,
 ) -> Command {
-    let mut command = Command::new(program);
-    if let Some(file) = robot_file {
-        command.arg("--robot").arg(file);
-    }
-    command.args(["rig", "case", "--kind", "single"]);
-    command.arg("--out").arg(folder).arg("--key").arg(answer);
-    command.args(["--seed", &seed.to_string()]);
-    command.args(["--seconds", EXAMPLE_S, "--strength", EXAMPLE_STRENGTH]);
+    let maker = Maker {
+        program,
+        robot_file,
+        seconds: EXAMPLE_S,
+    };
+    let mut command = maker.command(About::Single, seed, EXAMPLE_STRENGTH, folder, answer);
+    // A closed window leaves no generator behind.
+    command.arg("--with-parent");
     for id in EXAMPLE_EFFECTS {
         command.args(["--one-of", id]);
     }
@@ -331,12 +362,26 @@ fn key(path: &Path) -> Result<Key> {
         .with_context(|| format!("the answer {} does not read", path.display()))
 }
 
-fn keep(data: &Path, found: &Found, origin: Origin) -> Result<PathBuf> {
-    let hash = found.finding.data.get("session_sha256");
-    let hash: String = hash.map_or("session", |h| h).chars().take(12).collect();
-    let folder = data.join("gap-reports").join(hash);
-    finder::write_all(&folder, found, origin == Origin::Simulated)?;
+fn keep(data: &Path, found: &Found, patch: &Patch, origin: Origin) -> Result<PathBuf> {
+    let folder = data.join("gap-reports").join(report_name(found));
+    finder::write_all(&folder, found, patch, origin == Origin::Simulated)?;
     Ok(folder)
+}
+
+/// The folder of a finding's report: another session, another baseline or another robot file is another
+/// finding.
+fn report_name(found: &Found) -> String {
+    let start = |hash: &str| hash.chars().take(12).collect::<String>();
+    let data = |key: &str, none: &str| {
+        let hash = found.finding.data.get(key).map_or(none, String::as_str);
+        start(hash)
+    };
+    format!(
+        "{}-{}-{}",
+        data("session_sha256", "session"),
+        data("baseline_sha256", "factory"),
+        start(&found.patch.robot)
+    )
 }
 
 /// Shows a page in the browser.
@@ -355,13 +400,23 @@ fn open_page(path: &Path) -> Result<(), String> {
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
-        .map(|_| ())
+        .map(reap)
         .map_err(|_| {
             format!(
                 "No browser could be started: open {} by hand.",
                 path.display()
             )
         })
+}
+
+/// Waits for a program that was started, on a thread of its own: what has ended shall not linger.
+fn reap(mut child: Child) {
+    let waiting = std::thread::Builder::new()
+        .name("browser".to_owned())
+        .spawn(move || child.wait());
+    if let Err(e) = waiting {
+        log::warn!("no thread waits for the browser: {e}");
+    }
 }
 
 /// The copy of the robot file that carries the accepted patches.

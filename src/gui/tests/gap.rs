@@ -212,7 +212,7 @@ fn services(seen: &Rc<RefCell<Seen>>) -> Services {
                 seen.robot_file = old;
                 Job::ready(Ok(robot(&seen.robot_file)))
             }),
-            keep: Box::new(|_, _| Job::ready(Ok("reports/abc".into()))),
+            keep: Box::new(|_, _, _| Job::ready(Ok("reports/abc".into()))),
             open_page: Box::new(move |path| {
                 open.borrow_mut().opened.push(path.into());
                 Ok(())

@@ -19,7 +19,7 @@ fn meta() -> RecordingMeta {
         robot: "reference".into(),
         robot_hash: "00ff".into(),
         source: "virtual rig".into(),
-        simulated: true,
+        simulated: Some(true),
         payload_kg: 0.1,
         drawing: Some(ArmDrawing {
             bellows_m: std::array::from_fn(|i| {
@@ -206,7 +206,7 @@ fn round_trip_is_exact() {
             ..meta()
         }
     );
-    assert!(trace.simulated && trace.name == "test");
+    assert!(trace.simulated == Some(true) && trace.name == "test");
     assert!(
         events
             .iter()

@@ -86,9 +86,18 @@ pub struct Analysis {
     pub stats: [Option<Stats>; 8],
     /// Spans without ground truth within the scope, s.
     pub occlusions: Vec<[f64; 2]>,
+    /// Ground truths within the scope without an estimate.
+    pub excluded: usize,
 }
 
 impl AccuracyState {
+    /// Forgets what was scored: another session is shown.
+    pub fn forget(&mut self) {
+        self.peak = None;
+        self.peak_place = None;
+        self.analysis = None;
+    }
+
     fn analyse(&mut self, view: &View<'_>, window: &TimeWindow) {
         let range = match self.scope {
             Scope::Window => {
@@ -101,7 +110,7 @@ impl AccuracyState {
         if let Some(a) = &self.analysis {
             let same_span = a.range_s[0] == range[0]
                 || ((a.range_s[1] - a.range_s[0]) - (range[1] - range[0])).abs() < 1e-9;
-            // Fewer rows: another recording or session. A window that stands still is scored as it stands.
+            // A window that stands still is scored as it stands.
             let moved = (a.range_s[1] - range[1]).abs();
             let allowed = if window.frozen_end_s.is_some() {
                 1e-9
@@ -122,6 +131,7 @@ impl AccuracyState {
             rows,
             stats: std::array::from_fn(|i| Stats::of(scored.iter().map(|s| s.error[i]))),
             occlusions: occlusions(view.history, first, range[1]),
+            excluded: view.history.excluded(range[0], range[1]),
             scored,
         });
     }

@@ -11,6 +11,7 @@ use crate::gui::panels::plot::{
     AXIS, Drawn, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow,
 };
 use crate::gui::panels::widgets::{Gate, empty, gated, minutes, note, number, status};
+use crate::gui::services::Services;
 use crate::gui::theme::Level;
 
 /// The right side of the screen.
@@ -19,6 +20,7 @@ pub fn ui(
     input: &RecordingsInput<'_>,
     library: &mut Library,
     player: &mut Option<Player>,
+    services: &mut Services,
 ) {
     if player.is_none() {
         nothing_played(ui, library, player);
@@ -34,7 +36,7 @@ pub fn ui(
     if swap {
         library.pair.swap(player);
     }
-    alignment(ui, library, player);
+    alignment(ui, library, player, services);
     let Some(p) = player else {
         return;
     };
@@ -58,7 +60,7 @@ fn nothing_played(ui: &mut Ui, library: &mut Library, player: &mut Option<Player
                 *player = library.pair.other.take();
                 library.pair.played = side;
                 library.pair.compared = Compared::One;
-                library.pair.alignment = None;
+                library.pair.forget_alignment();
             }
             note(ui, format!("{} is still loaded: {name}", side.name()));
         });
@@ -253,7 +255,7 @@ fn sides(ui: &mut Ui, library: &mut Library, player: &Player, swap: &mut bool) {
     });
 }
 
-fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>) {
+fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, services: &mut Services) {
     let pair = &mut library.pair;
     let [Some(_), Some(b)] = pair.sides(player.as_ref()) else {
         return;
@@ -262,22 +264,30 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>) {
     let side = "B";
     ui.horizontal(|ui| {
         note(ui, format!("{side} is {title}, shifted by"));
-        ui.add(
+        let shift = ui.add(
             DragValue::new(&mut pair.offset_s)
                 .speed(0.01)
                 .fixed_decimals(3)
                 .suffix(" s"),
         )
-        .accessible_name("Shift of B in s")
-        .on_hover_text(
+        .accessible_name("Shift of B in s");
+        if shift.changed() && pair.busy() {
+            pair.forget_alignment();
+        }
+        shift.on_hover_text(
             "Time of A less time of B at the same moment, s, each since its recording began. Drag or type to adjust",
         );
+        if pair.busy() {
+            ui.spinner();
+            note(ui, "Aligning…");
+            return;
+        }
         if ui
             .button("Align")
             .on_hover_text("Find the shift again by correlating pressures, else the tip's path")
             .clicked()
         {
-            pair.align(player);
+            pair.align(player, services);
         }
     });
     if let Some(found) = &pair.alignment {
@@ -330,6 +340,7 @@ fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player
         now_s: p.start_s() + duration,
         replay: Some(&p.trace().name),
         spec: input.live.spec,
+        simulated: p.trace().simulated,
     };
     let mut window = TimeWindow {
         span_s: duration.max(1.0),
@@ -398,6 +409,7 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
         now_s: start_s + to,
         replay: Some(&p.trace().name),
         spec: input.live.spec,
+        simulated: p.trace().simulated,
     };
     let mut window = TimeWindow {
         span_s: (to - from).max(1.0),
