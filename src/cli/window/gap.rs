@@ -1,6 +1,7 @@
 //! The Gap screen's work: sessions are read, the finder runs, an example is made by a process of its
 //! own, patches go onto a copy of the robot file.
 
+use std::collections::BTreeMap;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -363,24 +364,23 @@ fn key(path: &Path) -> Result<Key> {
 }
 
 fn keep(data: &Path, found: &Found, patch: &Patch, origin: Origin) -> Result<PathBuf> {
-    let folder = data.join("gap-reports").join(report_name(found));
+    let folder = data
+        .join("gap-reports")
+        .join(data_name(&found.finding.data, &found.patch.robot));
     finder::write_all(&folder, found, patch, origin == Origin::Simulated)?;
     Ok(folder)
 }
 
 /// The folder of a finding's report: another session, another baseline or another robot file is another
 /// finding.
-fn report_name(found: &Found) -> String {
+fn data_name(data: &BTreeMap<String, String>, robot: &str) -> String {
     let start = |hash: &str| hash.chars().take(12).collect::<String>();
-    let data = |key: &str, none: &str| {
-        let hash = found.finding.data.get(key).map_or(none, String::as_str);
-        start(hash)
-    };
+    let of = |key: &str, none: &str| start(data.get(key).map_or(none, String::as_str));
     format!(
         "{}-{}-{}",
-        data("session_sha256", "session"),
-        data("baseline_sha256", "factory"),
-        start(&found.patch.robot)
+        of("session_sha256", "session"),
+        of("baseline_sha256", "factory"),
+        start(robot)
     )
 }
 
@@ -595,10 +595,52 @@ mod tests {
             .map(|a| a.to_string_lossy().into_owned())
             .collect();
         assert_eq!(args[..4], ["rig", "case", "--kind", "single"]);
+        assert!(args.contains(&"--with-parent".to_owned()));
         assert!(!answer.starts_with(folder));
         use clap::Parser as _;
         let line = std::iter::once("springtwin".to_owned()).chain(args);
         assert!(crate::cli::Cli::try_parse_from(line).is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_the_generator_complains_of_is_heard() {
+        let mut child = Command::new("sh")
+            .args([
+                "-c",
+                "echo 'the disk is full' >&2; yes | head -c 300000 >&2; exit 3",
+            ])
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let words = listen(&mut child).expect("listens");
+        assert!(!child.wait().expect("ends").success());
+        let said = words.join().expect("heard");
+        assert!(said.starts_with("the disk is full") && said.len() as u64 == WORDS_MAX);
+    }
+
+    #[test]
+    fn a_report_has_a_folder_of_its_own_for_another_baseline_or_robot() {
+        let found = |session: &str, baseline: Option<&str>, robot: &str| {
+            let data = [
+                Some(("session_sha256", session)),
+                baseline.map(|b| ("baseline_sha256", b)),
+            ];
+            let data = data.into_iter().flatten();
+            data_name(
+                &data.map(|(k, v)| (k.to_owned(), v.to_owned())).collect(),
+                robot,
+            )
+        };
+        let names = [
+            found("aa", Some("bb"), "cc"),
+            found("aa", Some("bd"), "cc"),
+            found("aa", None, "cc"),
+            found("aa", Some("bb"), "cd"),
+        ];
+        for (i, a) in names.iter().enumerate() {
+            assert!(names[i + 1..].iter().all(|b| a != b), "{names:?}");
+        }
     }
 
     #[test]

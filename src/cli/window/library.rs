@@ -140,6 +140,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_recording_with_its_ending_in_capitals_is_one() {
+        let whole = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
+        let name = format!("springtwin-capitals-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&folder).expect("folder");
+        let path = folder.join("X.RRD");
+        std::fs::copy(&whole, &path).expect("copied");
+        let (listed, loaded) = (
+            scan(std::slice::from_ref(&folder)),
+            load(&path, &mut |_| true),
+        );
+        std::fs::remove_dir_all(&folder).expect("removed");
+        assert_eq!(listed.len(), 1);
+        assert!(loaded.is_ok_and(|l| !l.trace.snapshots.is_empty()));
+    }
+
+    #[test]
     fn a_recording_that_was_cut_loads_to_its_last_record_and_says_so() {
         let whole = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
         let all = load(&whole, &mut |_| true).expect("the sample recording");

@@ -410,7 +410,11 @@ fn a_recording_that_does_not_say_so_is_never_called_hardware() {
     });
     let mut h = harness(app);
     h.run_steps(3);
-    h.get_all_by_label_contains("first (origin not told)");
+    assert!(
+        h.get_all_by_label_contains("first (origin not told)")
+            .next()
+            .is_some()
+    );
     h.state_mut().screen = Screen::Accuracy;
     h.run_steps(3);
     h.get_by_label("ours: origin not told");

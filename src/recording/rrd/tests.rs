@@ -437,6 +437,14 @@ fn order_of_the_tables_does_not_matter() {
         assert_eq!(read.trace.snapshots.len(), 500);
         assert_same(&read.trace.snapshots, &written);
     }
+    // Read at once, from the start again: that can be given up too.
+    let (mut last, mut again) = (-1.0, 0);
+    let given_up = read_parts_of(&path, 30_000, &mut |share| {
+        again += u32::from(share < last || again > 0);
+        last = share;
+        again < 3
+    });
+    assert!(given_up.is_err() && again == 3, "{again}");
     std::fs::remove_file(path).unwrap();
 }
 

@@ -311,6 +311,9 @@ fn ways(ui: &mut Ui, outcome: &Outcome) {
         return;
     };
     heading(ui, "The way of the end pad, as motion capture tells it");
+    if !t.measured_m.iter().flatten().any(|v| v.is_finite()) {
+        note(ui, "No motion capture: only the simulated ways.");
+    }
     let [measured, without, with] = views::colors(&p);
     ui.spacing_mut().item_spacing.y = 2.0;
     let height = ui.available_height() / 3.0 - 3.0;
