@@ -291,7 +291,7 @@ mod tests {
         w.finish().unwrap();
         let i = inspect(&path).unwrap();
         assert_eq!(i.kind, InspectedKind::Recording);
-        assert!(i.complete && i.recovered_until.is_none() && i.simulated == Some(false));
+        assert!(i.complete && i.recovered_until.is_none() && i.simulated.is_none());
         assert_eq!((i.samples, i.health.gaps), (10, 1));
         assert_eq!((i.health.missing_cells, i.health.channels.len()), (12, 12));
         std::fs::remove_file(path).unwrap();

@@ -219,6 +219,26 @@ pub const AXIS: f32 = 18.0;
 /// Plots lower than this have title and legend inside, points.
 const COMPACT: f32 = 120.0;
 
+/// Plots above each other that share the height, each of at least `least` points; the lowest has the labels of
+/// the time.
+pub fn stack(
+    ui: &mut Ui,
+    n: usize,
+    least: f32,
+    mut plot: impl FnMut(&mut Ui, usize, f32, TimeAxis),
+) {
+    let height = (ui.available_height() - AXIS) / n as f32 - ui.spacing().item_spacing.y;
+    let height = height.max(least);
+    for i in 0..n {
+        let (axis, more) = if i + 1 == n {
+            (TimeAxis::Shown, AXIS)
+        } else {
+            (TimeAxis::Hidden, 0.0)
+        };
+        plot(ui, i, height + more, axis);
+    }
+}
+
 /// Whether a plot shows time labels. In a stack only the lowest does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeAxis {
@@ -513,15 +533,18 @@ fn follow_pointer(ui: &Ui, response: &egui::Response, window: &mut TimeWindow, n
     }
 }
 
-// Round steps (1, 2, 5 · 10ⁿ) so that about `count` marks fall between `low` and `high`.
-fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+/// A round step (1, 2, 5 · 10ⁿ) so that at most `count` marks fall between `low` and `high`; not finite where
+/// there is no such step.
+pub fn round_step(low: f64, high: f64, count: f32) -> f64 {
     let raw = (high - low) / f64::from(count.max(2.0));
     let decade = 10_f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .map(|m| m * decade)
-        .into_iter()
-        .find(|s| *s >= raw)
-        .unwrap_or(10.0 * decade);
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade);
+    steps.into_iter().find(|s| *s >= raw).unwrap_or(steps[3])
+}
+
+// About `count` marks between `low` and `high`.
+fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+    let step = round_step(low, high, count);
     // Labels at the very edge would run into the next plot's.
     let edge = 0.08 * (high - low);
     marks_at(low + edge, high - edge, step)
@@ -536,8 +559,9 @@ fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
     marks_at(from, to, step)
 }
 
-fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
-    if !(step > 0.0 && high >= low) {
+/// Marks at the multiples of a step; none where there is no step.
+pub fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
+    if !(step.is_finite() && step > 0.0 && high >= low) {
         return Vec::new();
     }
     let first = (low / step).ceil() as i64;

@@ -9,7 +9,7 @@ mod table;
 use egui::{Align, Button, Key, Layout, Modifiers, RichText, Ui, vec2};
 
 use super::View;
-use super::plot::{AXIS, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
 use super::sensors::{card, stale};
 use super::widgets::{Gate, empty, gated, minutes, note, number};
 use crate::gui::history::{Channel, POSE_NAMES, Stats};
@@ -249,21 +249,14 @@ fn stack(
     plots: &[(String, Vec<Series>, f64)],
     extras: Extras<'_>,
 ) {
-    let axis = AXIS;
-    let n = plots.len() as f32;
-    let height = ((ui.available_height() - axis) / n - ui.spacing().item_spacing.y).max(48.0);
-    for (i, (title, series, min_span)) in plots.iter().enumerate() {
-        let last = i + 1 == plots.len();
+    plot::stack(ui, plots.len(), 48.0, |ui, i, height, time_axis| {
+        let (title, series, min_span) = &plots[i];
         TimePlot {
             title,
             series,
             min_span: *min_span,
             emphasis: &[],
-            time_axis: if last {
-                TimeAxis::Shown
-            } else {
-                TimeAxis::Hidden
-            },
+            time_axis,
             legend: if i == 0 && series.len() > 1 {
                 Legend::Shown
             } else {
@@ -271,14 +264,8 @@ fn stack(
             },
             playhead_s: None,
         }
-        .show_with(
-            ui,
-            view,
-            window,
-            height + if last { axis } else { 0.0 },
-            extras,
-        );
-    }
+        .show_with(ui, view, window, height, extras);
+    });
 }
 
 fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {

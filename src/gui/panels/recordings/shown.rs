@@ -7,12 +7,13 @@ use super::{Compared, Library, Quantity, RecordingsInput, Side};
 use crate::gui::history::{Channel, History};
 use crate::gui::panels::View;
 use crate::gui::panels::player::{AtEnd, Player};
-use crate::gui::panels::plot::{
-    AXIS, Drawn, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow,
-};
+use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
 use crate::gui::panels::widgets::{Gate, empty, gated, minutes, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::Level;
+
+/// Plots are at least this high, points.
+const LEAST: f32 = 44.0;
 
 /// The right side of the screen.
 pub fn ui(
@@ -317,20 +318,6 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, servic
     }
 }
 
-fn stack(ui: &mut Ui, n: usize, mut plot: impl FnMut(&mut Ui, usize, f32, TimeAxis)) {
-    ui.spacing_mut().item_spacing.y = 3.0;
-    let height = (ui.available_height() - AXIS) / n as f32 - ui.spacing().item_spacing.y;
-    let height = height.max(44.0);
-    for i in 0..n {
-        let (axis, more) = if i + 1 == n {
-            (TimeAxis::Shown, AXIS)
-        } else {
-            (TimeAxis::Hidden, 0.0)
-        };
-        plot(ui, i, height + more, axis);
-    }
-}
-
 // The whole recording, with the position as a line.
 fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player) {
     let duration = p.duration_s();
@@ -347,7 +334,8 @@ fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player
         ..TimeWindow::default()
     };
     let rows = library.pair.quantity.rows();
-    stack(ui, rows.len(), |ui, i, height, time_axis| {
+    ui.spacing_mut().item_spacing.y = 3.0;
+    stack(ui, rows.len(), LEAST, |ui, i, height, time_axis| {
         let (title, signals, min_span) = &rows[i];
         let mut series: Vec<Series> = Vec::new();
         for (channel, name) in signals {
@@ -416,7 +404,8 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
         ..TimeWindow::default()
     };
     let plots = pair.plots(p);
-    stack(ui, plots.len(), |ui, i, height, time_axis| {
+    ui.spacing_mut().item_spacing.y = 3.0;
+    stack(ui, plots.len(), LEAST, |ui, i, height, time_axis| {
         let plot = &plots[i];
         let lines: &[Drawn] = &plot.lines;
         TimePlot {
