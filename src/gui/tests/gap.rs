@@ -358,10 +358,12 @@ fn traces_first(h: &Harness<'_, App>) -> (String, String) {
     (name, place.channel.clone())
 }
 
+/// Finders that were started.
+type Finders = Rc<RefCell<Vec<Worker<Result<Arc<Found>, GapError>>>>>;
+
 #[test]
 fn a_run_can_be_cancelled_and_begun_again() {
-    type Given = Rc<RefCell<Vec<Worker<Result<Arc<Found>, GapError>>>>>;
-    let workers: Given = Rc::default();
+    let workers: Finders = Rc::default();
     let given = Rc::clone(&workers);
     let seen = Rc::new(RefCell::new(Seen::default()));
     let mut services = services(&seen);
@@ -618,7 +620,7 @@ fn a_robot_file_that_cannot_be_read_says_so_and_is_read_again() {
 fn a_finding_keeps_the_origin_and_the_answer_of_the_moment_it_was_asked_for() {
     let seen = Rc::new(RefCell::new(Seen::default()));
     let mut services = services(&seen);
-    let workers: Rc<RefCell<Vec<Worker<Result<Arc<Found>, GapError>>>>> = Rc::default();
+    let workers: Finders = Rc::default();
     let dialogs: Rc<RefCell<Vec<Worker<Option<PathBuf>>>>> = Rc::default();
     let (given, asked) = (Rc::clone(&workers), Rc::clone(&dialogs));
     services.gap.find = Box::new(move |_, _| {
