@@ -54,7 +54,7 @@ fn hour_file() -> PathBuf {
     let session = Session::new();
     let meta = RecordingMeta {
         name: "hour".into(),
-        simulated: true,
+        simulated: Some(true),
         ..RecordingMeta::default()
     };
     let part = path.with_extension("part.rrd");

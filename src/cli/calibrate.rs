@@ -136,10 +136,7 @@ struct RobotPoses {
 
 /// The estimates of a recording, or those that the networks make of a session's sensors.
 fn robot_poses(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
-    let is_rrd = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
-    let robot = if is_rrd {
+    let robot = if springtwin::recording::is_rrd(path) {
         recorded(path)?
     } else {
         estimated(path, networks)?
@@ -173,7 +170,7 @@ fn recorded(path: &Path) -> Result<RobotPoses> {
     Ok(RobotPoses {
         poses,
         rate_hz,
-        simulated: Some(read.trace.simulated),
+        simulated: read.trace.simulated,
         hash: hex(&Sha256::digest(&bytes)),
     })
 }

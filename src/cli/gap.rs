@@ -187,7 +187,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Told)?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     if let Some(dir) = &a.out {
-        write_all(dir, &found, a.simulated)?;
+        write_all(dir, &found, &found.patch, a.simulated)?;
     }
     Ok(Report {
         text: told(&found.finding),
@@ -195,13 +195,13 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     })
 }
 
-/// Patch, finding, report and overlay of a run, in one folder.
-pub fn write_all(dir: &Path, found: &gap::Found, simulated: bool) -> Result<()> {
+/// Finding, report and overlay of a run and the patch that was chosen, in one folder.
+pub fn write_all(dir: &Path, found: &gap::Found, patch: &Patch, simulated: bool) -> Result<()> {
     let f = &found.finding;
     std::fs::create_dir_all(dir)
         .with_context(|| format!("cannot make the folder {}", dir.display()))?;
     let write = |name: &str, text: &str| recording::write_text(&dir.join(name), text);
-    let patch = found.patch.to_toml();
+    let patch = patch.to_toml();
     let origin = if simulated {
         gap::report::Origin::Simulated
     } else {

@@ -19,7 +19,7 @@ use serde_json::json;
 use sha2::{Digest as _, Sha256};
 
 use super::{Report, args};
-pub use generator::{CaseArgs, run as rig_case};
+pub use generator::{CaseArgs, Maker, run as rig_case};
 use springtwin::gap::score::{Key, Said, Scored, score};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::hex;
@@ -114,7 +114,7 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     let robot_file = robot_file.map(std::path::absolute).transpose()?;
     let program = std::env::current_exe().context("cannot tell where this program is")?;
 
-    let maker = generator::Maker {
+    let maker = Maker {
         program: &program,
         robot_file: robot_file.as_deref(),
         seconds: a.seconds,

@@ -227,7 +227,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Estimate(a)) => data::estimate(a),
         Some(Command::Calibrate(c)) => calibrate::run(c, &robot),
         #[cfg(feature = "gui")]
-        Some(Command::Screenshot(a)) => window::screenshot(a, &robot),
+        Some(Command::Screenshot(a)) => window::screenshot(a, &robot, cli.robot.as_deref()),
         #[cfg(feature = "gui")]
         Some(Command::Run(a)) if !a.headless => {
             args::payload_in_range(&robot, a.payload)?;

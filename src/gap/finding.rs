@@ -117,13 +117,14 @@ pub struct Traces {
     pub before: Vec<Vec<f64>>,
     /// With the effects.
     pub after: Vec<Vec<f64>>,
-    /// Measured end pad x, y, z in the frame of the motion capture, m.
+    /// Measured end pad x, y, z in the frame of the motion capture, m; not finite where nothing was captured.
     pub measured_m: Vec<[f64; 3]>,
     /// Simulated without the effects, as motion capture would tell it.
     pub before_m: Vec<[f64; 3]>,
     /// With the effects.
     pub after_m: Vec<[f64; 3]>,
-    /// Orientation of the end pad (quaternion w, x, y, z): measured, without, with.
+    /// Orientation of the end pad (quaternion w, x, y, z): measured (not finite where nothing was captured),
+    /// without, with.
     pub turns: [Vec<[f64; 4]>; 3],
 }
 

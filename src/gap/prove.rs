@@ -9,6 +9,7 @@ use super::noise::{bridged, start};
 use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
 use super::replay::{Row, move_arm, told_poses};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
+use crate::signal::Pose;
 use crate::sim::effects::{Active, Target};
 
 /// The proof.
@@ -203,6 +204,14 @@ fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
     }
 }
 
+/// Place (m) and turn (quaternion w, x, y, z) of a pose; not finite where there is none.
+fn drawn(pose: &Option<Pose>) -> ([f64; 3], [f64; 4]) {
+    pose.map_or(([f64::NAN; 3], [f64::NAN; 4]), |p| {
+        let q = p.rotation;
+        (p.translation.vector.into(), [q.w, q.i, q.j, q.k])
+    })
+}
+
 fn traces(
     replayed: &Replayed,
     before: &[Row],
@@ -216,18 +225,9 @@ fn traces(
     let plain = told_poses(robot, grid, replayed.healthy(), values, &[]);
     let moved = move_arm(robot, grid, values, effects)?;
     let patched = told_poses(robot, grid, &moved, values, effects);
-    let place = |p: &crate::signal::Pose| -> [f64; 3] { p.translation.vector.into() };
-    let turn = |p: &crate::signal::Pose| {
-        let q = p.rotation;
-        [q.w, q.i, q.j, q.k]
-    };
-    // A gap in the measurement is drawn as the simulation has it.
-    let measured: Vec<_> = grid
-        .captured
-        .iter()
-        .zip(&patched)
-        .map(|(m, s)| m.unwrap_or(*s))
-        .collect();
+    let place = |p: &Pose| drawn(&Some(*p)).0;
+    let turn = |p: &Pose| drawn(&Some(*p)).1;
+    let (measured_m, measured_turns) = grid.captured.iter().map(drawn).unzip();
     let present: Vec<usize> = (0..CHANNELS).filter(|c| grid.present[*c]).collect();
     let in_floors = |rows: &[Row]| {
         present
@@ -244,13 +244,26 @@ fn traces(
         channels: present.iter().map(|c| channel_name(*c)).collect(),
         before: in_floors(before),
         after: in_floors(after),
-        measured_m: measured.iter().map(place).collect(),
+        measured_m,
         before_m: plain.iter().map(place).collect(),
         after_m: patched.iter().map(place).collect(),
         turns: [
-            measured.iter().map(turn).collect(),
+            measured_turns,
             plain.iter().map(turn).collect(),
             patched.iter().map(turn).collect(),
         ],
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_not_captured_is_not_taken_from_the_simulation() {
+        let (place, turn) = drawn(&None);
+        assert!(place.iter().chain(&turn).all(|v| v.is_nan()));
+        let (place, turn) = drawn(&Some(Pose::translation(1.0, 2.0, 3.0)));
+        assert_eq!((place, turn), ([1.0, 2.0, 3.0], [1.0, 0.0, 0.0, 0.0]));
+    }
 }

@@ -157,13 +157,11 @@ impl Page<'_> {
     fn next(&self) -> String {
         match (self.finding.verdict, &self.finding.separate_by) {
             (Verdict::Indistinguishable, Some(s)) => {
-                let name = |id: &String| effect(id).map_or(id.clone(), |e| e.name.to_owned());
-                let names: Vec<String> = s.effects.iter().map(name).collect();
                 format!(
                     "<p><strong>What to run:</strong> the excitation <code>{}</code>, which \
                      separates {}. {}</p>\n",
                     escape(&s.excitation),
-                    escape(&names.join(", ")),
+                    escape(&words::separated(s)),
                     escape(&s.why)
                 )
             }

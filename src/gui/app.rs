@@ -27,7 +27,7 @@ use super::panels::{Screen, View};
 use super::services::Services;
 use super::theme::{self, Level};
 use crate::robot::RobotSpec;
-use crate::signal::{Mode, Snapshot, Stamp};
+use crate::signal::{Mode, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
 
 /// Key of the kept settings; the number changes when their form does.
@@ -88,6 +88,28 @@ pub struct App {
     pub gap: GapState,
     /// The recording that is shown instead of the live twin, if one is.
     pub player: Option<Player>,
+    looked: Option<Looked>,
+    twins: u64,
+}
+
+/// Whose time base the window shows.
+enum Looked {
+    /// The live session: which twin, which of its sessions.
+    Live(u64, u64),
+    /// A recording.
+    Trace(Arc<Trace>),
+}
+
+impl Looked {
+    fn is(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Live(twin, session), Self::Live(other_twin, other_session)) => {
+                twin == other_twin && session == other_session
+            }
+            (Self::Trace(a), Self::Trace(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        }
+    }
 }
 
 impl App {
@@ -123,6 +145,8 @@ impl App {
             library: Library::default(),
             gap: GapState::default(),
             player: None,
+            looked: None,
+            twins: 0,
         }
     }
 
@@ -196,10 +220,7 @@ impl App {
         if drops_load && self.library.take_drops(&ctx, &mut self.services) {
             self.screen = Screen::Recordings;
         }
-        if self.library.poll(&mut self.player) {
-            self.window.frozen_end_s = None;
-            self.window.cursors_s = None;
-        }
+        self.library.poll(&mut self.player, &mut self.services);
         self.library.viewer.poll(&mut commands);
         if let Some(player) = &mut self.player
             && player.playing
@@ -215,6 +236,7 @@ impl App {
         if self.busy() {
             ctx.request_repaint_after(Duration::from_millis(100));
         }
+        self.mind_what_is_shown();
         self.show(ui, now_s, &mut commands);
         self.typed = ctx.text_edit_focused();
         for command in commands {
@@ -224,6 +246,21 @@ impl App {
             self.send(Command::Stop, now_s);
             ctx.request_repaint();
         }
+    }
+
+    // Instants and scores of one session mean nothing in another: a frozen window, cursors and peaks go when
+    // another recording or another live session is shown.
+    fn mind_what_is_shown(&mut self) {
+        let now = match &self.player {
+            Some(player) => Looked::Trace(Arc::clone(player.shared_trace())),
+            None => Looked::Live(self.twins, self.live_history.sessions()),
+        };
+        if self.looked.as_ref().is_some_and(|before| !before.is(&now)) {
+            self.window.frozen_end_s = None;
+            self.window.cursors_s = None;
+            self.accuracy.forget();
+        }
+        self.looked = Some(now);
     }
 
     // Looks at another twin from now on.
@@ -241,6 +278,7 @@ impl App {
         self.twin_gone = false;
         self.stop_pending = false;
         self.live_history = History::live();
+        self.twins += 1;
         self.recording_since = None;
         self.operate.draft.asked_m = None;
         self.operate.plans.forget();
@@ -376,6 +414,7 @@ impl App {
             now_s: live_snapshot.stamp.seconds(),
             replay: None,
             spec: &self.spec,
+            simulated: Some(live_snapshot.link.simulated),
         };
         let title = self.player.as_ref().map(Player::title);
         let recording_s = self
@@ -428,7 +467,7 @@ impl App {
                     return;
                 }
                 if self.screen == Screen::Gap {
-                    gap::ui(ui, &live, &mut self.gap, &mut self.services, commands);
+                    gap::ui(ui, &mut self.gap, &mut self.services);
                     return;
                 }
                 if self.screen == Screen::Recordings {
@@ -454,6 +493,7 @@ impl App {
                         now_s: player.now_s(),
                         replay: title.as_deref(),
                         spec: &self.spec,
+                        simulated: player.trace().simulated,
                     },
                     None => live,
                 };
@@ -518,7 +558,6 @@ impl App {
             ShellAction::StartVirtualRig => self.connect(VIRTUAL[0].0),
             ShellAction::CloseReplay => {
                 self.player = None;
-                self.window.frozen_end_s = None;
             }
         }
     }

@@ -247,7 +247,7 @@ pub fn trace(name: &str, seconds: usize) -> Trace {
         name: name.into(),
         snapshots: session(seconds),
         payload_kg: 0.035,
-        simulated: true,
+        simulated: Some(true),
     }
 }
 

@@ -9,8 +9,8 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::sync::{Mutex, PoisonError};
 
 pub use stats::Stats;
 use store::{Drawn, Store, lines};
@@ -176,12 +176,12 @@ pub fn slot_s(from_s: f64, to_s: f64, pixels: usize) -> f64 {
 const WAITING_TRUTHS: usize = 32;
 
 /// The signals of the last snapshots, oldest dropped first.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct History {
     capacity: usize,
     keep_s: f64,
     rows: Store,
-    drawn: RefCell<Drawn>,
+    drawn: Mutex<Drawn>,
     seen_raw: Option<Stamp>,
     seen_sensors: Option<Stamp>,
     seen_estimate: Option<Stamp>,
@@ -189,7 +189,9 @@ pub struct History {
     seen_command: Option<Stamp>,
     estimates: VecDeque<(Stamp, Pose)>,
     waiting_truths: VecDeque<GroundTruth>,
-    excluded: usize,
+    /// Instants of the rows that left a truth without an estimate, s.
+    excluded: VecDeque<f64>,
+    sessions: u64,
 }
 
 impl History {
@@ -199,7 +201,7 @@ impl History {
             capacity: capacity.max(1),
             keep_s: f64::INFINITY,
             rows: Store::new(COLUMNS),
-            drawn: RefCell::default(),
+            drawn: Mutex::default(),
             seen_raw: None,
             seen_sensors: None,
             seen_estimate: None,
@@ -207,7 +209,8 @@ impl History {
             seen_command: None,
             estimates: VecDeque::new(),
             waiting_truths: VecDeque::new(),
-            excluded: 0,
+            excluded: VecDeque::new(),
+            sessions: 0,
         }
     }
 
@@ -228,6 +231,25 @@ impl History {
         history
     }
 
+    /// As [`Self::of`]. `go_on` is told the share that is done, 0..1, now and then; `None` when it answers
+    /// `false`.
+    pub fn indexed(snapshots: &[Snapshot], go_on: &mut dyn FnMut(f32) -> bool) -> Option<Self> {
+        const EVERY: usize = 1024;
+        let mut history = Self::new(snapshots.len());
+        for (i, some) in snapshots.chunks(EVERY).enumerate() {
+            if !go_on((i * EVERY) as f32 / snapshots.len() as f32) {
+                return None;
+            }
+            some.iter().for_each(|s| history.push(s));
+        }
+        Some(history)
+    }
+
+    /// How often a new session has cleared the history.
+    pub fn sessions(&self) -> u64 {
+        self.sessions
+    }
+
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.rows.len()
@@ -244,9 +266,10 @@ impl History {
         (n > 0).then(|| [self.rows.time(0), self.rows.time(n - 1)])
     }
 
-    /// Truth samples without an estimate at their instant: left out of the errors.
-    pub fn excluded(&self) -> usize {
-        self.excluded
+    /// Truth samples within `[from_s, to_s]` without an estimate at their instant: left out of the errors.
+    pub fn excluded(&self, from_s: f64, to_s: f64) -> usize {
+        let within = |t: &&f64| (from_s..=to_s).contains(*t);
+        self.excluded.iter().filter(within).count()
     }
 
     /// Adds a snapshot. One with the newest row's instant is ignored; one from before it starts a
@@ -260,6 +283,7 @@ impl History {
             if t_s < last {
                 *self = Self {
                     keep_s: self.keep_s,
+                    sessions: self.sessions + 1,
                     ..Self::new(self.capacity)
                 };
             }
@@ -268,6 +292,10 @@ impl History {
         self.rows.push(t_s, &row);
         while self.len() > self.capacity || t_s - self.rows.time(0) > self.keep_s {
             self.rows.pop();
+        }
+        let oldest_s = self.rows.time(0);
+        while self.excluded.front().is_some_and(|t| *t < oldest_s) {
+            self.excluded.pop_front();
         }
     }
 
@@ -344,10 +372,10 @@ impl History {
             self.waiting_truths.push_back(t.clone());
             if self.waiting_truths.len() > WAITING_TRUTHS {
                 self.waiting_truths.pop_front();
-                self.excluded += 1;
+                self.excluded.push_back(snapshot.stamp.seconds());
             }
         }
-        if let Some((estimate, truth)) = self.pair() {
+        if let Some((estimate, truth)) = self.pair(snapshot.stamp.seconds()) {
             let d = display_difference(
                 &pose_for_display(&estimate),
                 &pose_for_display(&truth.base_from_tip),
@@ -361,8 +389,8 @@ impl History {
     }
 
     // The estimate at the instant of the oldest waiting truth, between its two neighbours (at most 0.1 s
-    // apart); a truth older than the first estimate, or in a gap, is excluded.
-    fn pair(&mut self) -> Option<(Pose, GroundTruth)> {
+    // apart); a truth older than the first estimate, or in a gap, is excluded, in the row at `row_s`.
+    fn pair(&mut self, row_s: f64) -> Option<(Pose, GroundTruth)> {
         let at = self.waiting_truths.front()?.stamp;
         let after = self.estimates.iter().position(|(s, _)| *s >= at)?;
         let truth = self.waiting_truths.pop_front()?;
@@ -380,7 +408,7 @@ impl History {
                 }
             }
             _ => {
-                self.excluded += 1;
+                self.excluded.push_back(row_s);
                 None
             }
         }
@@ -403,9 +431,9 @@ impl History {
         self.rows.points(channel.column(), from_s, to_s)
     }
 
-    /// Statistics of the absolute values of a channel within `[from_s, to_s]`; `None` without a value.
-    pub fn stats(&self, channel: Channel, from_s: f64, to_s: f64) -> Option<Stats> {
-        Stats::of_many(self.rows.values(channel.column(), from_s, to_s))
+    /// Instant (s) of a channel's newest value at or before `to_s`.
+    pub fn last_before(&self, channel: Channel, to_s: f64) -> Option<f64> {
+        self.rows.last_before(channel.column(), to_s)
     }
 
     /// The newest value of a channel at or before `to_s`, looking back at most 2 s.
@@ -460,7 +488,7 @@ impl History {
         // Several slots long, so that it never falls within one.
         let gap_s = (3.0 * width_s).max(0.25);
         let window_s = [from_s, to_s];
-        let mut drawn = self.drawn.borrow_mut();
+        let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let slots = drawn.slots(&self.rows, channel.column(), window_s, width_s);
         lines(&slots, gap_s)
     }

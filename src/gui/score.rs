@@ -83,9 +83,9 @@ fn speed(tip: &[Vec<[f64; 2]>; 3], t_s: f64) -> Option<f64> {
 /// s. None where there never was any truth.
 pub fn occlusions(history: &History, from_s: f64, to_s: f64) -> Vec<[f64; 2]> {
     let mut spans = Vec::new();
-    let all = |c| history.points(c, f64::NEG_INFINITY, to_s).map(|q| q[0]);
-    let (Some(first), Some(alive)) = (all(Channel::Truth(0)).next(), all(Channel::Tip(0)).last())
-    else {
+    let mut truths = history.points(Channel::Truth(0), f64::NEG_INFINITY, to_s);
+    let alive = history.last_before(Channel::Tip(0), to_s);
+    let (Some([first, _]), Some(alive)) = (truths.next(), alive) else {
         return spans;
     };
     let mut last = first.max(from_s - OCCLUSION_S);

@@ -9,6 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::panels::player::Player;
+use super::panels::recordings::{Alignment, Pairing};
 use crate::sensing::registration::Registration;
 use crate::signal::{Stamp, Trace};
 use crate::twin::Handle;
@@ -220,8 +222,6 @@ pub struct Dialog {
 pub enum DialogKind {
     /// A file that exists.
     Open,
-    /// A folder that exists.
-    Folder,
     /// A file to write.
     Save,
 }
@@ -241,7 +241,9 @@ pub type Connector = Box<dyn FnMut(&str) -> Job<Handle>>;
 pub type RigFinder =
     Box<dyn FnMut(&str) -> Result<(CalibrationServices, Option<Registration>), String>>;
 /// Loads a recording.
-pub type Loader = Box<dyn FnMut(&Path) -> Job<Loaded>>;
+pub type Loader = Box<dyn FnMut(&Path) -> Job<Player>>;
+/// Finds how two recordings lie on each other.
+pub type Aligner = Box<dyn FnMut(Pairing) -> Job<Alignment>>;
 /// Shows a file in another program.
 pub type Opener = Box<dyn FnMut(&Path) -> Result<(), String>>;
 /// Writes a file.
@@ -254,8 +256,10 @@ pub type PathPicker = Box<dyn FnMut(Dialog) -> Job<Option<PathBuf>>>;
 pub struct Services {
     /// Looks for recordings.
     pub scan: Box<dyn FnMut() -> Job<Vec<RecordingEntry>>>,
-    /// Loads a recording.
+    /// Loads a recording and indexes its signals.
     pub load: Loader,
+    /// Finds how two recordings lie on each other, by work that takes seconds on long ones.
+    pub align: Aligner,
     /// Opens a recording in the Rerun viewer.
     pub open_in_rerun: Opener,
     /// Starts the Rerun viewer on this machine, or finds the one that it started before, and tells where
@@ -286,6 +290,10 @@ impl Services {
         Self {
             scan: Box::new(|| Job::ready(Ok(Vec::new()))),
             load: Box::new(move |_| Job::ready(Err(no("load recordings")))),
+            align: Box::new(move |pairing| {
+                let found = pairing.align(&|| true);
+                Job::ready(found.ok_or_else(|| no("align recordings")))
+            }),
             open_in_rerun: Box::new(move |_| Err(no("open other programs"))),
             start_viewer: Box::new(move || Job::ready(Err(no("open other programs")))),
             default_recording: Box::new(|| PathBuf::from("recording.rrd")),

@@ -585,7 +585,12 @@ fn library_services() -> Services {
                 entry("point-to-point", 412_000, 48.0, None),
             ]))
         }),
-        load: Box::new(|_| Job::ready(Ok(fixture::trace("circle-35g", 40).into()))),
+        load: Box::new(|_| {
+            Job::ready(Player::loaded(
+                fixture::trace("circle-35g", 40).into(),
+                &mut |_| true,
+            ))
+        }),
         ..Services::none()
     }
 }

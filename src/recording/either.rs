@@ -8,16 +8,19 @@ use super::log::median_step_s;
 use super::{RecordingError, SessionLog, read_rrd, read_session};
 use crate::signal::hex;
 
+/// Whether a file is a recording (`.rrd`), by its name.
+pub fn is_rrd(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"))
+}
+
 /// Reads a session log (folder, `session.toml`, `.csv`) or the calibrated sensors, motion capture
 /// and commands of a recording (`.rrd`).
 ///
 /// # Errors
 /// As [`read_session`] and [`read_rrd`].
 pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
-    let is_rrd = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
-    if !is_rrd {
+    if !is_rrd(path) {
         return read_session(path);
     }
     let read = read_rrd(path)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::log::{column_names, median_step_s};
-use super::{Channel, ReadRecording, RecordingError, SessionLog, read_rrd, read_session};
+use super::{Channel, ReadRecording, RecordingError, SessionLog, is_rrd, read_rrd, read_session};
 use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
 
 /// Steps longer than this many usual ones are gaps.
@@ -75,10 +75,7 @@ pub struct ChannelReport {
 /// # Errors
 /// As [`read_rrd`] and [`read_session`].
 pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
-    let is_rrd = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
-    if is_rrd {
+    if is_rrd(path) {
         Ok(inspect_recording(&read_rrd(path)?))
     } else {
         Ok(inspect_log(&read_session(path)?))
@@ -103,7 +100,7 @@ pub fn inspect_recording(read: &ReadRecording) -> Inspection {
         complete: read.complete,
         recovered_until: read.recovered_until.map(Stamp::seconds),
         health: file_health(&t_s, channels),
-        simulated: Some(read.meta.simulated),
+        simulated: read.meta.simulated,
         payload_kg: read.meta.payload_kg,
     }
 }
@@ -294,7 +291,7 @@ mod tests {
         w.finish().unwrap();
         let i = inspect(&path).unwrap();
         assert_eq!(i.kind, InspectedKind::Recording);
-        assert!(i.complete && i.recovered_until.is_none() && i.simulated == Some(false));
+        assert!(i.complete && i.recovered_until.is_none() && i.simulated.is_none());
         assert_eq!((i.samples, i.health.gaps), (10, 1));
         assert_eq!((i.health.missing_cells, i.health.channels.len()), (12, 12));
         std::fs::remove_file(path).unwrap();

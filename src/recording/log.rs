@@ -15,7 +15,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -82,6 +82,40 @@ const SESSION_TOML_MAX: u64 = 1 << 20;
 /// [`RecordingError::Cell`] with line and column for the table, [`RecordingError::Session`] for
 /// `session.toml`, [`RecordingError::Io`] when a file cannot be read. Nothing is half-read.
 pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
+    read_session_with(path, &mut |_| true)
+}
+
+/// A file whose reader is told the share that is read, and may give it up.
+struct Watched<'a> {
+    file: File,
+    read: u64,
+    length: u64,
+    go_on: &'a mut dyn FnMut(f32) -> bool,
+    stopped: &'a mut bool,
+}
+
+impl Read for Watched<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let share = self.read as f64 / self.length.max(1) as f64;
+        if !(self.go_on)(share.min(1.0) as f32) {
+            *self.stopped = true;
+            return Err(std::io::Error::other("given up"));
+        }
+        let n = self.file.read(buffer)?;
+        self.read += n as u64;
+        Ok(n)
+    }
+}
+
+/// Reads a session as [`read_session`] does, and tells the share that is done, 0..1. It is given up when
+/// `go_on` answers `false`.
+///
+/// # Errors
+/// As [`read_session`]; [`RecordingError::Io`] with [`std::io::ErrorKind::Interrupted`] when given up.
+pub fn read_session_with(
+    path: &Path,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<SessionLog, RecordingError> {
     let is_csv = !path.is_dir()
         && path
             .extension()
@@ -107,7 +141,24 @@ pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
         (session, log_path)
     };
     let file = File::open(&log_path).map_err(RecordingError::io(&log_path, "open"))?;
-    let mut log = parse_log(BufReader::new(file), &log_path)?;
+    let length = file
+        .metadata()
+        .map_err(RecordingError::io(&log_path, "open"))?
+        .len();
+    let mut stopped = false;
+    let watched = Watched {
+        file,
+        read: 0,
+        length,
+        go_on,
+        stopped: &mut stopped,
+    };
+    let log = parse_log(BufReader::with_capacity(1 << 16, watched), &log_path);
+    if stopped {
+        let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
+        return Err(RecordingError::io(&log_path, "finish reading")(e));
+    }
+    let mut log = log?;
     log.name = session.name;
     log.payload_kg = session.payload_kg;
     log.robot = session.robot;
@@ -532,7 +583,7 @@ impl SessionLog {
             name: self.name.clone(),
             snapshots,
             payload_kg: self.payload_kg,
-            simulated: false,
+            simulated: None,
         }
     }
 

@@ -28,6 +28,27 @@ fn parse(text: &str) -> Result<SessionLog, RecordingError> {
     parse_log(text.as_bytes(), Path::new("log.csv"))
 }
 
+#[test]
+fn reading_a_log_tells_how_far_it_is_and_can_be_given_up() {
+    let rows: Vec<_> = (0..2_000).map(|i| row(f64::from(i) * 0.02)).collect();
+    let name = format!("springtwin-log-progress-{}.csv", std::process::id());
+    let path = std::env::temp_dir().join(name);
+    std::fs::write(&path, table(&rows)).expect("written");
+    let mut shares = Vec::new();
+    let whole = read_session_with(&path, &mut |share| {
+        shares.push(share);
+        true
+    });
+    let stopped = read_session_with(&path, &mut |share| share < 0.5);
+    std::fs::remove_file(&path).expect("removed");
+    assert_eq!(whole.expect("a log").len(), 2_000);
+    assert!(shares.len() > 2 && shares.is_sorted() && shares.last() == Some(&1.0));
+    let Err(RecordingError::Io { source, .. }) = stopped else {
+        panic!("it was given up");
+    };
+    assert_eq!(source.kind(), std::io::ErrorKind::Interrupted);
+}
+
 /// Line, column and sentence of a refused table.
 fn refused(text: &str) -> (usize, usize, String) {
     match parse(text) {

@@ -34,7 +34,7 @@ mod types;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
-pub use either::read_log;
+pub use either::{is_rrd, read_log};
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};
 pub use inspect::{
@@ -42,7 +42,9 @@ pub use inspect::{
 };
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
-pub use log::{SessionLog, parse_log, read_session, write_bytes, write_session, write_text};
+pub use log::{
+    SessionLog, parse_log, read_session, read_session_with, write_bytes, write_session, write_text,
+};
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
     marker_body, read_mocap,

@@ -13,8 +13,8 @@ pub struct RecordingMeta {
     pub robot_hash: String,
     /// What the data came from: `virtual rig`, a port name.
     pub source: String,
-    /// Whether the data are simulated.
-    pub simulated: bool,
+    /// Whether the data are simulated; `None` when nobody says.
+    pub simulated: Option<bool>,
     /// Mass the operator declared at the start, kg.
     pub payload_kg: f64,
     /// What to draw around the arm's centre lines; not read back.

@@ -287,6 +287,6 @@ pub struct Trace {
     pub snapshots: Vec<Snapshot>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,
-    /// Whether the data were simulated.
-    pub simulated: bool,
+    /// Whether the data were simulated; `None` when nobody says.
+    pub simulated: Option<bool>,
 }

@@ -166,7 +166,7 @@ impl Runner {
             robot: self.robot.name.clone(),
             robot_hash: self.robot.hash.clone(),
             source: now_known.link.source,
-            simulated,
+            simulated: Some(simulated),
             payload_kg: now_known.payload_kg,
             drawing: Some(drawing(&self.robot)),
         }

@@ -104,10 +104,14 @@ fn pairs(mut sensing: Sensing, frames: &[&RawFrame]) -> [Pairs; IMUS] {
 fn report(
     fits: &[std::result::Result<MountingFit, MountingError>; IMUS],
     good: usize,
-    simulated: bool,
+    simulated: Option<bool>,
     out: &std::path::Path,
 ) -> Report {
-    let label = if simulated { " (simulated rig)" } else { "" };
+    let label = match simulated {
+        Some(true) => " (simulated rig)",
+        Some(false) => "",
+        None => " (origin not told)",
+    };
     let mut text = match good {
         0 => format!("no IMU's mounting was found{label}"),
         _ => format!("{good} of {IMUS} mountings{label} in {}", out.display()),

@@ -49,6 +49,9 @@ pub struct CaseArgs {
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
+    /// End when the starting process ends
+    #[arg(long, hide = true)]
+    with_parent: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -82,6 +85,9 @@ pub fn run(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
         "the key {} would lie in the case's folder: name a place outside of it",
         a.key.display()
     );
+    if a.with_parent {
+        end_with_parent()?;
+    }
     let (case, logs) = draw(a, robot)?;
     for (name, log) in ["commissioning", "suspect"].into_iter().zip(logs) {
         write_session(&out.join(name), &log_of(log, robot))?;
@@ -92,6 +98,33 @@ pub fn run(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
         text: format!("a simulated case in {}", a.out.display()),
         json: json!({"out": a.out, "simulated": true}),
     })
+}
+
+/// How often it is looked whether the starting process is still there.
+#[cfg(unix)]
+const LOOK: std::time::Duration = std::time::Duration::from_millis(100);
+
+/// Ends this process soon after the one that started it: nobody waits for the case any more. The key comes
+/// last, so what is left behind is never taken for a whole case.
+#[cfg(unix)]
+fn end_with_parent() -> Result<()> {
+    let parent = nix::unistd::getppid();
+    std::thread::Builder::new()
+        .name("parent watch".to_owned())
+        .spawn(move || {
+            while nix::unistd::getppid() == parent {
+                std::thread::sleep(LOOK);
+            }
+            std::process::exit(1);
+        })
+        .context("cannot start a thread")?;
+    Ok(())
+}
+
+/// Where processes do not tell who started them.
+#[cfg(not(unix))]
+fn end_with_parent() -> Result<()> {
+    Ok(())
 }
 
 /// The case and its two sessions; rigs that cannot hold what is hidden are passed over.
@@ -174,12 +207,16 @@ pub struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// Has a case made, unless it is there.
-    pub fn make(&self, planned: &Planned, folder: &Path, key: &Path) -> Result<()> {
-        if key.exists() && folder.join("suspect").join("session.toml").exists() {
-            return Ok(());
-        }
-        let about = match planned.about {
+    /// The process that makes a case; what is hidden in it comes behind.
+    pub fn command(
+        &self,
+        about: About,
+        seed: u64,
+        strength: f64,
+        folder: &Path,
+        key: &Path,
+    ) -> Command {
+        let about = match about {
             About::Single => "single",
             About::Null => "null",
             About::Alien => "alien",
@@ -191,9 +228,18 @@ impl Maker<'_> {
         }
         command.args(["rig", "case", "--kind", about]);
         command.arg("--out").arg(folder).arg("--key").arg(key);
-        command.args(["--seed", &planned.seed.to_string()]);
-        command.args(["--strength", &planned.strength.to_string()]);
+        command.args(["--seed", &seed.to_string()]);
+        command.args(["--strength", &strength.to_string()]);
         command.args(["--seconds", &self.seconds.to_string()]);
+        command
+    }
+
+    /// Has a case made, unless it is there.
+    pub fn make(&self, planned: &Planned, folder: &Path, key: &Path) -> Result<()> {
+        if key.exists() && folder.join("suspect").join("session.toml").exists() {
+            return Ok(());
+        }
+        let mut command = self.command(planned.about, planned.seed, planned.strength, folder, key);
         for id in &planned.effects {
             command.args(["--effect", id]);
         }

@@ -1,17 +1,20 @@
 //! The Gap screen's work: sessions are read, the finder runs, an example is made by a process of its
 //! own, patches go onto a copy of the robot file.
 
+use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
 use super::services::later;
+use crate::cli::gap_bench::Maker;
 use crate::cli::{gap as finder, patch, read_text, sentence};
 use springtwin::gap::report::Origin;
-use springtwin::gap::score::Key;
+use springtwin::gap::score::{About, Key};
 use springtwin::gap::{
     CHANNELS, Found, GapError, Grid, IMU_0, Options, Patch, Progress, SPRING_0, Session, Stage,
 };
@@ -24,9 +27,9 @@ use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
 
 /// Length of the sessions of the example, s.
-const EXAMPLE_S: &str = "45";
+const EXAMPLE_S: f64 = 45.0;
 /// How strong the hidden effect is, times the floor.
-const EXAMPLE_STRENGTH: &str = "8";
+const EXAMPLE_STRENGTH: f64 = 8.0;
 /// What may be hidden in the example.
 const EXAMPLE_EFFECTS: [&str; 6] = [
     "payload",
@@ -99,11 +102,11 @@ pub fn services(
             let store = Arc::clone(&undo_store);
             later(&for_undo, "patch", move |_| store.undo().map_err(said))
         }),
-        keep: Box::new(move |found, origin| {
-            let (found, origin) = (Arc::clone(found), origin);
+        keep: Box::new(move |found, patch, origin| {
+            let (found, patch) = (Arc::clone(found), patch.clone());
             let data = for_reports.clone();
             later(&for_keep, "gap report", move |_| {
-                keep(&data, &found, origin).map_err(said)
+                keep(&data, &found, &patch, origin).map_err(said)
             })
         }),
         open_page: Box::new(open_page),
@@ -122,10 +125,7 @@ pub fn data_folder() -> PathBuf {
 /// What is known of a session before it is used.
 fn sheet(path: &Path, robot: &RobotSpec) -> Result<SessionSheet> {
     let session = finder::read(path)?;
-    let is_rrd = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
-    let simulated = match is_rrd {
+    let simulated = match recording::is_rrd(path) {
         true => recording::inspect(path)?.simulated,
         false => None,
     };
@@ -274,7 +274,12 @@ fn example(
     seed: u64,
     worker: &Worker<ExamplePair>,
 ) -> Result<ExamplePair> {
-    let name = format!("{}-{seed}", &robot.hash[..robot.hash.len().min(8)]);
+    // Another robot or another version of this program makes other sessions.
+    let name = format!(
+        "{}-{}-{seed}",
+        &robot.hash[..robot.hash.len().min(8)],
+        env!("CARGO_PKG_VERSION")
+    );
     let folder = data.join("gap-examples").join(&name);
     let answers = data.join("gap-answers");
     let pair = ExamplePair {
@@ -293,16 +298,20 @@ fn example(
     let mut child = generator(&program, robot_file, &folder, &pair.answer, seed)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .context("cannot start the virtual rig")?;
+    let words = listen(&mut child)?;
     loop {
         if let Some(status) = child.try_wait()? {
-            anyhow::ensure!(
-                status.success(),
-                "the virtual rig ended with {status}: see springtwin rig case --help"
-            );
-            return Ok(pair);
+            let said = words.join().unwrap_or_default();
+            return match (status.success(), said.trim()) {
+                (true, _) => Ok(pair),
+                (false, "") => Err(anyhow::anyhow!(
+                    "the virtual rig ended with {status}: see springtwin rig case --help"
+                )),
+                (false, said) => Err(anyhow::anyhow!("the virtual rig: {said}")),
+            };
         }
         if worker.cancelled() {
             child.kill()?;
@@ -313,6 +322,29 @@ fn example(
     }
 }
 
+/// Most of a process's complaints that is kept, bytes.
+const WORDS_MAX: u64 = 4096;
+
+/// Hears what a process complains of, to its end.
+fn listen(child: &mut Child) -> Result<std::thread::JoinHandle<String>> {
+    let stderr = child.stderr.take().context("the virtual rig is mute")?;
+    std::thread::Builder::new()
+        .name("example's words".to_owned())
+        .spawn(move || {
+            let mut said = Vec::new();
+            let mut stderr = stderr;
+            let read = std::io::Read::by_ref(&mut stderr)
+                .take(WORDS_MAX)
+                .read_to_end(&mut said);
+            // The rest must flow, or the process would wait for ever.
+            if read.is_ok() {
+                let _ = std::io::copy(&mut stderr, &mut std::io::sink());
+            }
+            String::from_utf8_lossy(&said).into_owned()
+        })
+        .context("cannot start a thread for the virtual rig")
+}
+
 fn generator(
     program: &Path,
     robot_file: Option<&Path>,
@@ -320,14 +352,14 @@ fn generator(
     answer: &Path,
     seed: u64,
 ) -> Command {
-    let mut command = Command::new(program);
-    if let Some(file) = robot_file {
-        command.arg("--robot").arg(file);
-    }
-    command.args(["rig", "case", "--kind", "single"]);
-    command.arg("--out").arg(folder).arg("--key").arg(answer);
-    command.args(["--seed", &seed.to_string()]);
-    command.args(["--seconds", EXAMPLE_S, "--strength", EXAMPLE_STRENGTH]);
+    let maker = Maker {
+        program,
+        robot_file,
+        seconds: EXAMPLE_S,
+    };
+    let mut command = maker.command(About::Single, seed, EXAMPLE_STRENGTH, folder, answer);
+    // A closed window leaves no generator behind.
+    command.arg("--with-parent");
     for id in EXAMPLE_EFFECTS {
         command.args(["--one-of", id]);
     }
@@ -339,12 +371,25 @@ fn key(path: &Path) -> Result<Key> {
         .with_context(|| format!("the answer {} does not read", path.display()))
 }
 
-fn keep(data: &Path, found: &Found, origin: Origin) -> Result<PathBuf> {
-    let hash = found.finding.data.get("session_sha256");
-    let hash: String = hash.map_or("session", |h| h).chars().take(12).collect();
-    let folder = data.join("gap-reports").join(hash);
-    finder::write_all(&folder, found, origin == Origin::Simulated)?;
+fn keep(data: &Path, found: &Found, patch: &Patch, origin: Origin) -> Result<PathBuf> {
+    let folder = data
+        .join("gap-reports")
+        .join(data_name(&found.finding.data, &found.patch.robot));
+    finder::write_all(&folder, found, patch, origin == Origin::Simulated)?;
     Ok(folder)
+}
+
+/// The folder of a finding's report: another session, another baseline or another robot file is another
+/// finding.
+fn data_name(data: &BTreeMap<String, String>, robot: &str) -> String {
+    let start = |hash: &str| hash.chars().take(12).collect::<String>();
+    let of = |key: &str, none: &str| start(data.get(key).map_or(none, String::as_str));
+    format!(
+        "{}-{}-{}",
+        of("session_sha256", "session"),
+        of("baseline_sha256", "factory"),
+        start(robot)
+    )
 }
 
 /// Shows a page in the browser.
@@ -363,13 +408,23 @@ fn open_page(path: &Path) -> Result<(), String> {
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
-        .map(|_| ())
+        .map(reap)
         .map_err(|_| {
             format!(
                 "No browser could be started: open {} by hand.",
                 path.display()
             )
         })
+}
+
+/// Waits for a program that was started, on a thread of its own: what has ended shall not linger.
+fn reap(mut child: Child) {
+    let waiting = std::thread::Builder::new()
+        .name("browser".to_owned())
+        .spawn(move || child.wait());
+    if let Err(e) = waiting {
+        log::warn!("no thread waits for the browser: {e}");
+    }
 }
 
 /// The copy of the robot file that carries the accepted patches.
@@ -548,10 +603,52 @@ mod tests {
             .map(|a| a.to_string_lossy().into_owned())
             .collect();
         assert_eq!(args[..4], ["rig", "case", "--kind", "single"]);
+        assert!(args.contains(&"--with-parent".to_owned()));
         assert!(!answer.starts_with(folder));
         use clap::Parser as _;
         let line = std::iter::once("springtwin".to_owned()).chain(args);
         assert!(crate::cli::Cli::try_parse_from(line).is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_the_generator_complains_of_is_heard() {
+        let mut child = Command::new("sh")
+            .args([
+                "-c",
+                "echo 'the disk is full' >&2; yes | head -c 300000 >&2; exit 3",
+            ])
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let words = listen(&mut child).expect("listens");
+        assert!(!child.wait().expect("ends").success());
+        let said = words.join().expect("heard");
+        assert!(said.starts_with("the disk is full") && said.len() as u64 == WORDS_MAX);
+    }
+
+    #[test]
+    fn a_report_has_a_folder_of_its_own_for_another_baseline_or_robot() {
+        let found = |session: &str, baseline: Option<&str>, robot: &str| {
+            let data = [
+                Some(("session_sha256", session)),
+                baseline.map(|b| ("baseline_sha256", b)),
+            ];
+            let data = data.into_iter().flatten();
+            data_name(
+                &data.map(|(k, v)| (k.to_owned(), v.to_owned())).collect(),
+                robot,
+            )
+        };
+        let names = [
+            found("aa", Some("bb"), "cc"),
+            found("aa", Some("bd"), "cc"),
+            found("aa", None, "cc"),
+            found("aa", Some("bb"), "cd"),
+        ];
+        for (i, a) in names.iter().enumerate() {
+            assert!(names[i + 1..].iter().all(|b| a != b), "{names:?}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use springtwin::gui::RecordingEntry;
 use springtwin::gui::services::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::recording::{
-    Inspection, inspect, inspect_log, inspect_recording, read_rrd_with, read_session,
+    Inspection, inspect, inspect_log, inspect_recording, is_rrd, read_rrd_with, read_session_with,
 };
 use springtwin::signal::Stamp;
 
@@ -57,7 +57,7 @@ pub fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
         for entry in entries.flatten() {
             let path = entry.path();
             let is_session = path.join("session.toml").is_file();
-            if !is_session && path.extension().is_none_or(|e| e != "rrd") {
+            if !is_session && !is_rrd(&path) {
                 continue;
             }
             let name = path
@@ -78,12 +78,12 @@ pub fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
 /// Reads a recording or a session log, and looks into it. Given up when `go_on`, which is told the share that
 /// is done, answers `false`.
 pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
-    let (trace, events, seen) = if path.extension().is_some_and(|e| e == "rrd") {
+    let (trace, events, seen) = if is_rrd(path) {
         let read = read_rrd_with(path, go_on).map_err(|e| e.to_string())?;
         let seen = inspect_recording(&read);
         (read.trace, read.events, seen)
     } else {
-        let log = read_session(path).map_err(|e| e.to_string())?;
+        let log = read_session_with(path, go_on).map_err(|e| e.to_string())?;
         let seen = inspect_log(&log);
         (log.to_trace(), Vec::new(), seen)
     };
@@ -138,6 +138,23 @@ pub fn default_recording() -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_recording_with_its_ending_in_capitals_is_one() {
+        let whole = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
+        let name = format!("springtwin-capitals-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&folder).expect("folder");
+        let path = folder.join("X.RRD");
+        std::fs::copy(&whole, &path).expect("copied");
+        let (listed, loaded) = (
+            scan(std::slice::from_ref(&folder)),
+            load(&path, &mut |_| true),
+        );
+        std::fs::remove_dir_all(&folder).expect("removed");
+        assert_eq!(listed.len(), 1);
+        assert!(loaded.is_ok_and(|l| !l.trace.snapshots.is_empty()));
+    }
 
     #[test]
     fn a_recording_that_was_cut_loads_to_its_last_record_and_says_so() {

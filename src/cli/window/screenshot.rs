@@ -103,7 +103,11 @@ enum ThemeName {
 }
 
 /// `screenshot`: a screen with twelve seconds of the virtual rig, a recording, or the arm at rest in it.
-pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
+pub fn screenshot(
+    a: &ScreenshotArgs,
+    robot: &RobotSpec,
+    robot_file: Option<&Path>,
+) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
@@ -141,7 +145,8 @@ pub fn screenshot(a: &ScreenshotArgs, robot: &RobotSpec) -> Result<Report> {
     let pixels = a.size.map(|s| (f64::from(s) * a.scale).round() as u32);
     let mut offscreen = Offscreen::new(pixels, a.scale as f32)?;
     let scratch = Scratch::new();
-    app.services = picture_services(a.state, &offscreen.context, robot, maps, &scratch.0)?;
+    let files = (robot_file, scratch.0.as_path());
+    app.services = picture_services(a.state, &offscreen.context, robot, files, maps)?;
     app.set_up(&offscreen.context, None);
     app.operate.view3d.set_reachable(&reachable);
     app.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), robot));
@@ -221,13 +226,13 @@ fn picture_services(
     state: StateName,
     ctx: &egui::Context,
     robot: &RobotSpec,
+    (robot_file, scratch): (Option<&Path>, &Path),
     maps: Maps,
-    scratch: &Path,
 ) -> Result<Services> {
     let rigs = Rigs {
         rig: "sim".to_owned(),
         robot: robot.clone(),
-        robot_file: None,
+        robot_file: robot_file.map(Path::to_owned),
         maps,
         options: rig_options(0.0, 1),
         kind: Kind::Ours,
@@ -243,7 +248,7 @@ fn picture_services(
         pace: Pace::default().wanted(),
     };
     let mut services = super::services(asks, rigs, calibration);
-    services.gap = super::gap::services(ctx, robot, None, scratch);
+    services.gap = super::gap::services(ctx, robot, robot_file, scratch);
     match state {
         StateName::Now | StateName::Disconnected => {}
         StateName::Empty => services.scan = Box::new(|| Job::ready(Ok(Vec::new()))),

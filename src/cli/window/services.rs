@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use springtwin::gui::Services;
+use springtwin::gui::panels::player::Player;
 use springtwin::gui::services::{Dialog, DialogKind, Job, Worker};
 
 use super::rigs::{Rigs, serial_ports};
@@ -37,7 +38,6 @@ fn ask(dialog: Dialog) -> Option<PathBuf> {
     }
     match dialog.kind {
         DialogKind::Open => native.pick_file(),
-        DialogKind::Folder => native.pick_folder(),
         DialogKind::Save => native.set_file_name(dialog.name).save_file(),
     }
 }
@@ -45,7 +45,7 @@ fn ask(dialog: Dialog) -> Option<PathBuf> {
 /// The services of a window that is open.
 pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Services {
     let ctx = &asks.ctx;
-    let (for_scan, for_load) = (ctx.clone(), ctx.clone());
+    let (for_scan, for_load, for_align) = (ctx.clone(), ctx.clone(), ctx.clone());
     let (for_ports, for_dialog, for_calibration) = (ctx.clone(), ctx.clone(), ctx.clone());
     let for_rig = rigs.clone();
     Services {
@@ -59,10 +59,21 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
             later(&for_load, "loader", move |worker| {
                 let what = format!("Reading {}", path.display());
                 worker.tell(&what, None);
-                library::load(&path, &mut |share| {
+                let loaded = library::load(&path, &mut |share| {
+                    worker.tell(&what, Some(share));
+                    !worker.cancelled()
+                })?;
+                let what = format!("Indexing {}", path.display());
+                Player::loaded(loaded, &mut |share| {
                     worker.tell(&what, Some(share));
                     !worker.cancelled()
                 })
+            })
+        }),
+        align: Box::new(move |pairing| {
+            later(&for_align, "alignment", move |worker| {
+                let found = pairing.align(&|| !worker.cancelled());
+                found.ok_or_else(|| "Stopped on request.".to_owned())
             })
         }),
         open_in_rerun: Box::new(viewer::open),

@@ -1,7 +1,7 @@
 //! A finding in words: names, units a person thinks in, one sentence per verdict.
 
 use super::markup::{decimals, fixed, number};
-use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, Verdict};
+use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy, Verdict};
 use crate::gap::patch::PatchValue;
 use crate::sim::effects::{Target, effect};
 
@@ -186,6 +186,13 @@ pub fn sentence(finding: &Finding) -> String {
     }
 }
 
+/// Names of the effects that an excitation separates.
+pub(super) fn separated(by: &SeparateBy) -> String {
+    let names = by.effects.iter();
+    let names = names.map(|id| effect(id).map_or(id.as_str(), |e| e.name));
+    names.collect::<Vec<_>>().join(", ")
+}
+
 /// What to do after a verdict.
 pub fn next_step(finding: &Finding) -> String {
     match finding.verdict {
@@ -193,19 +200,12 @@ pub fn next_step(finding: &Finding) -> String {
         Verdict::Named => "Look whether the effect makes sense on this rig; then apply the patch, or mend the rig and record again."
             .to_owned(),
         Verdict::Indistinguishable => match &finding.separate_by {
-            Some(s) => {
-                let names: Vec<&str> = s
-                    .effects
-                    .iter()
-                    .map(|id| effect(id).map_or(id.as_str(), |e| e.name))
-                    .collect();
-                format!(
-                    "Run the excitation “{}”, which separates {}: {}.",
-                    s.excitation,
-                    names.join(", "),
-                    s.why.trim_end_matches('.')
-                )
-            }
+            Some(s) => format!(
+                "Run the excitation “{}”, which separates {}: {}.",
+                s.excitation,
+                separated(s),
+                s.why.trim_end_matches('.')
+            ),
             None => "No excitation of the rig is known to separate them: check by hand, for instance by taking one of them away."
                 .to_owned(),
         },

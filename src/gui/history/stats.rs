@@ -1,8 +1,5 @@
 //! Statistics of absolute values.
 
-/// Bits of a value that do not tell its bin.
-const BIN_BITS: u32 = 17;
-
 /// Statistics of the absolute values of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Stats {
@@ -21,61 +18,6 @@ pub struct Stats {
 }
 
 impl Stats {
-    /// Statistics of absolute values; `None` without a value. As [`Self::of`], for many values: they are
-    /// walked twice and not copied but for the few around the two ranks.
-    pub fn of_many(values: impl Iterator<Item = f32> + Clone) -> Option<Self> {
-        // Bits of positive floats are in the order of the floats.
-        let bits = |v: f32| v.abs().to_bits();
-        let mut counts = vec![0u32; 1 << (32 - BIN_BITS)];
-        let (mut n, mut sum, mut squares, mut max) = (0usize, 0.0, 0.0, 0.0f32);
-        for v in values.clone() {
-            counts[(bits(v) >> BIN_BITS) as usize] += 1;
-            let x = f64::from(v.abs());
-            n += 1;
-            sum += x;
-            squares += x * x;
-            max = max.max(v.abs());
-        }
-        if n == 0 {
-            return None;
-        }
-        // For each rank the bin that it falls into, and how many values lie in those below.
-        let find = |p: f64| {
-            let rank = ((p * n as f64).ceil() as usize).clamp(1, n) - 1;
-            let mut below = 0;
-            for (bin, count) in counts.iter().enumerate() {
-                let count = *count as usize;
-                if below + count > rank {
-                    return (bin, rank - below);
-                }
-                below += count;
-            }
-            (counts.len() - 1, 0)
-        };
-        let ranks = [find(0.5), find(0.95)];
-        let mut around = ranks.map(|(bin, _)| Vec::with_capacity(counts[bin] as usize));
-        for v in values {
-            let bin = (bits(v) >> BIN_BITS) as usize;
-            for (found, (wanted, _)) in around.iter_mut().zip(ranks) {
-                if bin == wanted {
-                    found.push(bits(v));
-                }
-            }
-        }
-        let [p50, p95] = [0, 1].map(|i| {
-            let (_, value, _) = around[i].select_nth_unstable(ranks[i].1);
-            f64::from(f32::from_bits(*value))
-        });
-        Some(Self {
-            mean: sum / n as f64,
-            rmse: (squares / n as f64).sqrt(),
-            p50,
-            p95,
-            max: f64::from(max),
-            n,
-        })
-    }
-
     /// Statistics of absolute values; `None` without a value.
     pub fn of(values: impl Iterator<Item = f64>) -> Option<Self> {
         let mut v: Vec<f64> = values.map(f64::abs).collect();

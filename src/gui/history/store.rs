@@ -311,6 +311,17 @@ impl Store {
             .map(|(t, v)| [*t, f64::from(*v)])
     }
 
+    /// Time of the newest value of a column at or before a time.
+    pub(super) fn last_before(&self, column: usize, to_s: f64) -> Option<f64> {
+        let end = self.skip + self.row_after(to_s);
+        (0..end.div_ceil(BLOCK)).rev().find_map(|i| {
+            let first = if i == 0 { self.skip } else { 0 };
+            let block = &self.blocks[i];
+            let node = block.columns[column].extremes(first, (end - i * BLOCK).min(BLOCK));
+            (node.last != NONE).then(|| block.t_s[usize::from(node.last)])
+        })
+    }
+
     /// The rows within `[from_s, to_s]`.
     pub(super) fn rows(&self, from_s: f64, to_s: f64) -> Range<usize> {
         let first = self.row_at(from_s);

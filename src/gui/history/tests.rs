@@ -104,7 +104,30 @@ fn error_is_taken_at_the_instant_of_the_truth() {
         assert!((x + 1.0).abs() < 1e-4, "{x}");
     }
     // Three came before the first estimate.
-    assert_eq!(h.excluded(), 3);
+    assert_eq!(h.excluded(0.0, 10.0), 3);
+    assert_eq!(h.excluded(0.5, 10.0), 0);
+}
+
+#[test]
+fn the_newest_value_before_an_instant_is_found_from_behind() {
+    let mut h = History::new(6_000);
+    // Estimates end early, and the oldest rows have been dropped.
+    for i in 0..10_000_u32 {
+        let mut s = fixture::snapshot(100.0 + f64::from(i) * 0.01);
+        if i > 9_000 || i % 3 != 0 {
+            s.estimate = None;
+        }
+        h.push(&s);
+    }
+    let tip = Channel::Tip(0);
+    for to_s in [
+        0.0, 130.0, 140.0, 141.234, 163.0, 189.995, 190.0, 199.0, 1e9,
+    ] {
+        let walked = h.points(tip, f64::NEG_INFINITY, to_s).last();
+        assert_eq!(h.last_before(tip, to_s), walked.map(|q| q[0]), "{to_s}");
+    }
+    assert!(h.last_before(tip, 195.0).is_some());
+    assert_eq!(h.last_before(tip, 139.0), None);
 }
 
 #[test]
@@ -124,7 +147,6 @@ fn stats_have_their_anchors() {
     // Σ i² = n (n + 1) (2n + 1) / 6
     assert!((s.rmse - 3_383.5_f64.sqrt()).abs() < 1e-9);
     assert_eq!(Stats::of(std::iter::empty()), None);
-    assert_eq!(Stats::of_many(std::iter::empty()), None);
 }
 
 #[test]
@@ -306,9 +328,6 @@ proptest! {
         sorted.sort_by(f64::total_cmp);
         let n = sorted.len();
         let rank = |p: f64| sorted[((p * n as f64).ceil() as usize).clamp(1, n) - 1];
-        let singles: Vec<f32> = values.iter().map(|v| *v as f32).collect();
-        let many = Stats::of_many(singles.iter().copied());
-        prop_assert_eq!(many, Stats::of(singles.into_iter().map(f64::from)));
         let stats = Stats::of(values.into_iter()).expect("values");
         prop_assert_eq!((stats.p50, stats.p95, stats.max, stats.n), (rank(0.5), rank(0.95), sorted[n - 1], n));
     }

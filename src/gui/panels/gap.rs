@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use egui::{Button, Layout, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
 
-use super::View;
+pub use super::trouble::Trouble;
 use super::widgets::{Gate, badge, empty, gated, note, status};
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
@@ -23,7 +23,6 @@ use crate::gap::{Found, GapError, Verdict};
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::services::{Job, Services};
 use crate::gui::theme::{Level, Palette};
-use crate::twin::Command;
 
 /// A step of the story.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -77,45 +76,6 @@ impl Step {
     }
 }
 
-/// Something went wrong: what, what follows from it, what to do. One sentence each.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Trouble {
-    /// What happened.
-    pub cause: String,
-    /// What follows from it.
-    pub consequence: String,
-    /// What to do.
-    pub remedy: String,
-}
-
-impl Trouble {
-    fn new(cause: impl Into<String>, consequence: &str, remedy: &str) -> Self {
-        Self {
-            cause: cause.into(),
-            consequence: consequence.to_owned(),
-            remedy: remedy.to_owned(),
-        }
-    }
-
-    fn show(&self, ui: &mut Ui) {
-        let p = *Palette::in_ui(ui);
-        egui::Frame::new()
-            .fill(p.warning_fill)
-            .corner_radius(4)
-            .inner_margin(8)
-            .show(ui, |ui| {
-                ui.set_width(ui.available_width());
-                ui.spacing_mut().item_spacing.y = 3.0;
-                let line = |ui: &mut Ui, text: String| {
-                    ui.add(egui::Label::new(RichText::new(text).color(p.text)).wrap());
-                };
-                line(ui, format!("{} {}", Level::Warning.glyph(), self.cause));
-                line(ui, self.consequence.clone());
-                line(ui, format!("→ {}", self.remedy));
-            });
-    }
-}
-
 /// What the operator made of a finding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Decision {
@@ -143,9 +103,10 @@ pub struct Outcome {
     /// What was hidden, once the operator asked.
     pub revealed: Option<Key>,
     revealing: Option<Job<Key>>,
-    keeping: Option<(Show, Job<PathBuf>)>,
-    // Folder that holds the report of this finding.
-    kept: Option<PathBuf>,
+    // What is shown then, and of which alternative.
+    keeping: Option<(Show, usize, Job<PathBuf>)>,
+    // Folder that holds the report of this finding, with the alternative it was written for.
+    kept: Option<(usize, PathBuf)>,
 }
 
 impl Outcome {
@@ -182,6 +143,13 @@ enum Show {
     Overlay,
 }
 
+/// The finder at work on the sessions that were chosen when it was started.
+struct Running {
+    job: Job<Result<Arc<Found>, GapError>>,
+    origin: Origin,
+    answer: Option<PathBuf>,
+}
+
 /// What the screen keeps.
 #[derive(Default)]
 pub struct GapState {
@@ -194,7 +162,8 @@ pub struct GapState {
     /// The robot file that carries the accepted patches.
     pub patched: Option<PatchedRobot>,
     select: select::Selection,
-    running: Option<Job<Result<Arc<Found>, GapError>>>,
+    running: Option<Running>,
+    unread: Option<String>,
     patching: Option<(Option<Decision>, Job<PatchedRobot>)>,
     saving: Option<Job<Option<PathBuf>>>,
     said: Option<String>,
@@ -233,13 +202,11 @@ impl GapState {
         if let Some(trouble) = self.select.poll(services) {
             self.trouble = Some(trouble);
         }
-        if let Some(answer) = self.running.as_ref().and_then(Job::poll) {
-            self.running = None;
+        if let Some(answer) = self.running.as_ref().and_then(|r| r.job.poll())
+            && let Some(run) = self.running.take()
+        {
             match answer {
-                Ok(Ok(found)) => {
-                    let (origin, answer) = (self.select.origin(), self.select.answer());
-                    self.take(found, origin, answer);
-                }
+                Ok(Ok(found)) => self.take(found, run.origin, run.answer),
                 Ok(Err(e)) => self.trouble = Some(trouble_of(&e)),
                 Err(e) => {
                     self.trouble = Some(Trouble::new(
@@ -258,11 +225,14 @@ impl GapState {
             self.patching = None;
             match answer {
                 Ok(robot) => {
+                    self.unread = None;
                     self.patched = Some(robot);
                     if let (Some(outcome), Some(decision)) = (&mut self.outcome, decision) {
                         outcome.decision = decision;
                     }
                 }
+                // The step itself says so, and reads again.
+                Err(e) if decision.is_none() && self.patched.is_none() => self.unread = Some(e),
                 Err(e) => {
                     self.trouble = Some(Trouble::new(
                         e,
@@ -328,13 +298,7 @@ fn trouble_of(e: &GapError) -> Trouble {
 }
 
 /// The screen.
-pub fn ui(
-    ui: &mut Ui,
-    _live: &View<'_>,
-    state: &mut GapState,
-    services: &mut Services,
-    _commands: &mut Vec<Command>,
-) {
+pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     state.poll(services);
     if state.busy() {
         ui.ctx().request_repaint_after(Duration::from_millis(100));

@@ -21,6 +21,7 @@ pub mod simulator;
 pub mod strips;
 pub mod target;
 pub mod toasts;
+pub mod trouble;
 pub mod view3d;
 pub mod welcome;
 pub mod widgets;
@@ -111,6 +112,17 @@ pub struct View<'a> {
     pub replay: Option<&'a str>,
     /// The robot.
     pub spec: &'a RobotSpec,
+    /// Whether the data shown were simulated; `None` when nobody says.
+    pub simulated: Option<bool>,
+}
+
+/// Where data come from, in words: `simulated`, `hardware` or `origin not told`.
+pub fn origin_name(simulated: Option<bool>) -> &'static str {
+    match simulated {
+        Some(true) => "simulated",
+        Some(false) => "hardware",
+        None => "origin not told",
+    }
 }
 
 impl View<'_> {
@@ -165,12 +177,8 @@ impl View<'_> {
         }
     }
 
-    /// `simulated` or `hardware`: where the data shown come from.
+    /// Where the data shown come from: [`origin_name`].
     pub fn origin(&self) -> &'static str {
-        if self.snapshot.link.simulated {
-            "simulated"
-        } else {
-            "hardware"
-        }
+        origin_name(self.simulated)
     }
 }

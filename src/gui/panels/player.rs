@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::gui::history::History;
+use crate::gui::panels::origin_name;
 use crate::gui::services::{About, Loaded};
 use crate::signal::{Snapshot, Trace};
 
@@ -19,7 +20,7 @@ pub enum AtEnd {
 /// A loaded recording and where it is played.
 pub struct Player {
     trace: Arc<Trace>,
-    history: History,
+    history: Arc<History>,
     /// Seconds since the recording's first snapshot.
     pub position_s: f64,
     /// Whether the position moves.
@@ -35,11 +36,16 @@ pub struct Player {
 impl Player {
     /// A player at the start of a recording. `None` when the recording holds no snapshot.
     pub fn new(trace: Trace) -> Option<Self> {
+        Self::indexed(trace, &mut |_| true)
+    }
+
+    // `None` without a snapshot, or when given up.
+    fn indexed(trace: Trace, go_on: &mut dyn FnMut(f32) -> bool) -> Option<Self> {
         if trace.snapshots.is_empty() {
             return None;
         }
         Some(Self {
-            history: History::of(trace.snapshots.iter()),
+            history: Arc::new(History::indexed(&trace.snapshots, go_on)?),
             trace: Arc::new(trace),
             position_s: 0.0,
             playing: true,
@@ -49,10 +55,17 @@ impl Player {
         })
     }
 
-    /// As [`Self::new`], with what else is known about the recording.
-    pub fn loaded(loaded: Loaded) -> Option<Self> {
-        let player = Self::new(loaded.trace)?;
-        Some(Self {
+    /// As [`Self::new`], with what else is known about the recording. Long recordings take seconds: `go_on`
+    /// is told the share that is done, 0..1, and gives the work up when it answers `false`.
+    ///
+    /// # Errors
+    /// A sentence when the recording holds no snapshot, or when the work was given up.
+    pub fn loaded(loaded: Loaded, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Self, String> {
+        if loaded.trace.snapshots.is_empty() {
+            return Err(format!("{} holds no data.", loaded.trace.name));
+        }
+        let player = Self::indexed(loaded.trace, go_on).ok_or("Stopped on request.")?;
+        Ok(Self {
             about: loaded.about,
             ..player
         })
@@ -63,8 +76,18 @@ impl Player {
         &self.trace
     }
 
+    /// The recording, shared: the same one is the same place in memory.
+    pub fn shared_trace(&self) -> &Arc<Trace> {
+        &self.trace
+    }
+
     /// All of the recording's signals.
     pub fn history(&self) -> &History {
+        &self.history
+    }
+
+    /// All of the recording's signals, for work that goes on elsewhere.
+    pub fn shared_history(&self) -> &Arc<History> {
         &self.history
     }
 
@@ -122,14 +145,13 @@ impl Player {
         self.playing = !self.playing;
     }
 
-    /// The recording's name and whether it is simulated, for banners.
+    /// The recording's name and where its data come from, for banners.
     pub fn title(&self) -> String {
-        let kind = if self.trace.simulated {
-            "simulated"
-        } else {
-            "hardware"
-        };
-        format!("{} ({kind})", self.trace.name)
+        format!(
+            "{} ({})",
+            self.trace.name,
+            origin_name(self.trace.simulated)
+        )
     }
 }
 

@@ -2,6 +2,8 @@
 
 mod band;
 
+use std::cell::RefCell;
+
 use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
 use egui_plot::{GridMark, HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
 
@@ -155,8 +157,40 @@ pub struct Drawn {
     pub channel: Channel,
     /// Stroke.
     pub dash: Dash,
-    /// Instants (s) and values in order of time.
-    pub points: Vec<[f64; 2]>,
+    points: Vec<[f64; 2]>,
+    thinned: RefCell<Option<Thinned>>,
+}
+
+// The envelope drawn last: the window it was of (s), its slots (s), its lines.
+type Thinned = ([f64; 2], f64, Vec<Vec<[f64; 2]>>);
+
+impl Drawn {
+    /// A line through `points`: instants (s) and values in order of time.
+    pub fn new(name: String, channel: Channel, dash: Dash, points: Vec<[f64; 2]>) -> Self {
+        Self {
+            name,
+            channel,
+            dash,
+            points,
+            thinned: RefCell::default(),
+        }
+    }
+
+    // At most two points per slot; the points are walked only when window or width change.
+    fn envelope(&self, range_s: [f64; 2], slot_s: f64) -> Vec<Vec<[f64; 2]>> {
+        let mut thinned = self.thinned.borrow_mut();
+        if let Some((range, slot, lines)) = &*thinned
+            && (*range, *slot) == (range_s, slot_s)
+        {
+            return lines.clone();
+        }
+        let first = self.points.partition_point(|q| q[0] < range_s[0]);
+        let end = self.points.partition_point(|q| q[0] <= range_s[1]);
+        let inside = self.points[first..end.max(first)].iter().copied();
+        let lines = envelope_of(inside, slot_s);
+        *thinned = Some((range_s, slot_s, lines.clone()));
+        lines
+    }
 }
 
 /// What a plot shows besides the lines of its history.
@@ -184,6 +218,26 @@ pub const AXIS: f32 = 18.0;
 
 /// Plots lower than this have title and legend inside, points.
 const COMPACT: f32 = 120.0;
+
+/// Plots above each other that share the height, each of at least `least` points; the lowest has the labels of
+/// the time.
+pub fn stack(
+    ui: &mut Ui,
+    n: usize,
+    least: f32,
+    mut plot: impl FnMut(&mut Ui, usize, f32, TimeAxis),
+) {
+    let height = (ui.available_height() - AXIS) / n as f32 - ui.spacing().item_spacing.y;
+    let height = height.max(least);
+    for i in 0..n {
+        let (axis, more) = if i + 1 == n {
+            (TimeAxis::Shown, AXIS)
+        } else {
+            (TimeAxis::Hidden, 0.0)
+        };
+        plot(ui, i, height + more, axis);
+    }
+}
 
 /// Whether a plot shows time labels. In a stack only the lowest does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -244,8 +298,7 @@ impl TimePlot<'_> {
             lines.push((s.name.clone(), s.channel, s.dash, pieces));
         }
         for d in extras.lines {
-            let inside = |q: &&[f64; 2]| range[0] <= q[0] && q[0] <= range[1];
-            let pieces = envelope_of(d.points.iter().filter(inside).copied(), slot_s);
+            let pieces = d.envelope(range, slot_s);
             for p in pieces.iter().flatten() {
                 low = low.min(p[1]);
                 high = high.max(p[1]);
@@ -480,15 +533,18 @@ fn follow_pointer(ui: &Ui, response: &egui::Response, window: &mut TimeWindow, n
     }
 }
 
-// Round steps (1, 2, 5 · 10ⁿ) so that about `count` marks fall between `low` and `high`.
-fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+/// A round step (1, 2, 5 · 10ⁿ) so that at most `count` marks fall between `low` and `high`; not finite where
+/// there is no such step.
+pub fn round_step(low: f64, high: f64, count: f32) -> f64 {
     let raw = (high - low) / f64::from(count.max(2.0));
     let decade = 10_f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .map(|m| m * decade)
-        .into_iter()
-        .find(|s| *s >= raw)
-        .unwrap_or(10.0 * decade);
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade);
+    steps.into_iter().find(|s| *s >= raw).unwrap_or(steps[3])
+}
+
+// About `count` marks between `low` and `high`.
+fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+    let step = round_step(low, high, count);
     // Labels at the very edge would run into the next plot's.
     let edge = 0.08 * (high - low);
     marks_at(low + edge, high - edge, step)
@@ -503,8 +559,9 @@ fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
     marks_at(from, to, step)
 }
 
-fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
-    if !(step > 0.0 && high >= low) {
+/// Marks at the multiples of a step; none where there is no step.
+pub fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
+    if !(step.is_finite() && step > 0.0 && high >= low) {
         return Vec::new();
     }
     let first = (low / step).ceil() as i64;
@@ -590,6 +647,22 @@ mod tests {
         assert_eq!(w.range_s(100.0), [70.0, 100.0]);
         w.frozen_end_s = Some(50.0);
         assert_eq!(w.range_s(100.0), [20.0, 50.0]);
+    }
+
+    #[test]
+    fn a_drawn_line_is_thinned_anew_only_for_another_window() {
+        let points: Vec<[f64; 2]> = (0..5_000)
+            .map(|i| [f64::from(i) * 0.01, f64::from(i % 7)])
+            .collect();
+        let d = Drawn::new(String::new(), Channel::Tip(0), Dash::Solid, points.clone());
+        let whole = envelope_of(points.iter().copied(), 0.1);
+        assert_eq!(d.envelope([0.0, 50.0], 0.1), whole);
+        let kept = d.thinned.borrow().as_ref().map(|t| t.2.as_ptr());
+        assert_eq!(d.envelope([0.0, 50.0], 0.1), whole);
+        assert_eq!(d.thinned.borrow().as_ref().map(|t| t.2.as_ptr()), kept);
+        let part = d.envelope([10.0, 20.0], 0.1);
+        assert!(part.iter().flatten().all(|q| (10.0..=20.0).contains(&q[0])));
+        assert_ne!(part, whole);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use egui::Ui;
 use serde::{Deserialize, Serialize};
 
 use super::View;
-use super::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use super::plot::{Legend, Series, TimePlot, TimeWindow, stack};
 use crate::gui::history::{Channel, POSE_NAMES};
 use crate::signal::CHAMBERS;
 
@@ -67,16 +67,13 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
                 .collect(),
         ],
     };
-    let n = stacks.len();
-    let axis = AXIS;
-    let height = (ui.available_height() - axis) / n as f32 - ui.spacing().item_spacing.y;
-    for (i, series) in stacks.iter().enumerate() {
+    stack(ui, stacks.len(), 0.0, |ui, i, height, time_axis| {
+        let series = &stacks[i];
         let channel = series[0].channel;
         let title = match channel {
             Channel::Tip(k) => format!("{} / {}", POSE_NAMES[k], channel.unit()),
             _ => "Chamber pressure / kPa".into(),
         };
-        let last = i + 1 == n;
         TimePlot {
             title: &title,
             series,
@@ -85,11 +82,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
                 _ => 1.0,
             },
             emphasis: &[],
-            time_axis: if last {
-                TimeAxis::Shown
-            } else {
-                TimeAxis::Hidden
-            },
+            time_axis,
             legend: if i == 0 {
                 Legend::Shown
             } else {
@@ -97,6 +90,6 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
             },
             playhead_s: None,
         }
-        .show(ui, view, window, height + if last { axis } else { 0.0 });
-    }
+        .show(ui, view, window, height);
+    });
 }

@@ -83,8 +83,9 @@ pub type Look = Box<dyn FnMut(&Path) -> Job<SessionSheet>>;
 /// the stage ([`crate::gap::Stage::name`]) and the stage's share. An error of the job itself is one of
 /// reading.
 pub type Find = Box<dyn FnMut(Option<&Path>, &Path) -> Job<Result<Arc<Found>, GapError>>>;
-/// Writes report, overlay, patch and finding into a folder of its own; answers with the folder.
-pub type Keep = Box<dyn FnMut(&Arc<Found>, Origin) -> Job<PathBuf>>;
+/// Writes report, overlay, finding and the patch that was chosen into a folder of its own; answers with the
+/// folder.
+pub type Keep = Box<dyn FnMut(&Arc<Found>, &Patch, Origin) -> Job<PathBuf>>;
 
 /// Reads what was hidden in an example.
 pub type KeyReader = Box<dyn FnMut(&Path) -> Job<Key>>;
@@ -131,7 +132,7 @@ impl GapServices {
             }),
             accept: Box::new(move |_| Job::ready(Err(no("write robot files")))),
             undo: Box::new(move || Job::ready(Err(no("write robot files")))),
-            keep: Box::new(move |_, _| Job::ready(Err(no("write reports")))),
+            keep: Box::new(move |_, _, _| Job::ready(Err(no("write reports")))),
             open_page: Box::new(move |_| Err(no("open other programs"))),
         }
     }

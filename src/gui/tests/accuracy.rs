@@ -76,6 +76,59 @@ fn j_and_k_go_from_peak_to_peak_and_the_window_follows() {
 }
 
 #[test]
+fn the_scores_of_one_recording_are_never_shown_for_another() {
+    let player = |name: &str, off_m: f64| {
+        let mut trace = fixture::trace(name, 20);
+        for s in &mut trace.snapshots {
+            let estimate = s.estimate.as_mut().expect("has an estimate");
+            estimate.base_from_tip.translation.vector.x += off_m;
+        }
+        let mut p = Player::new(trace).expect("not empty");
+        p.playing = false;
+        p.position_s = 15.0;
+        p
+    };
+    let mut app = app(&[], Theme::Dark);
+    let written = writing(&mut app);
+    app.services.pick = Box::new(|dialog| Job::ready(Ok(Some(dialog.name.into()))));
+    app.player = Some(player("good", 0.0));
+    let mut h = harness(app);
+    h.run_steps(3);
+    h.state_mut().player = Some(player("bad", 0.05));
+    h.run_steps(3);
+    h.get_by_label("CSV").click();
+    h.run_steps(4);
+    let written = written.lock().expect("not poisoned");
+    let (path, bytes) = &written[0];
+    assert!(path.display().to_string().contains("bad"), "{path:?}");
+    let table = String::from_utf8(bytes.clone()).expect("text");
+    let x: f64 = {
+        let row = table.lines().nth(50).expect("rows");
+        row.split(',').nth(1).expect("x").parse().expect("a number")
+    };
+    assert!(x > 40.0, "scores of the other recording: {x} mm");
+}
+
+#[test]
+fn only_vicon_poses_of_the_scored_scope_count_as_left_out() {
+    let mut session = fixture::session(60);
+    // No estimates in the first ten seconds.
+    for s in &mut session {
+        if s.stamp.seconds() < 110.0 {
+            s.estimate = None;
+        }
+    }
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run_steps(3);
+    h.get_by_label_contains(" 0 Vicon poses without an estimate");
+    press(&mut h, "All");
+    assert!(
+        h.query_by_label_contains(" 0 Vicon poses without an estimate")
+            .is_none()
+    );
+}
+
+#[test]
 fn occlusions_are_left_out_counted_and_shown_in_both_kinds_of_plots() {
     let mut h = harness(app(&session(), Theme::Dark));
     h.run();

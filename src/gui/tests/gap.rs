@@ -143,6 +143,8 @@ struct Seen {
     asked: Vec<Dialog>,
     /// Whether the answer of an example was read.
     revealed: bool,
+    /// First effects of the patches that reports were written of.
+    kept: Vec<String>,
 }
 
 /// Services that keep their files in memory; the finder is the real one.
@@ -153,7 +155,7 @@ fn services(seen: &Rc<RefCell<Seen>>) -> Services {
         robot: RobotSpec::from_toml(text).expect("a robot file"),
     };
     let store = || Rc::clone(seen);
-    let (read, accept, undo) = (store(), store(), store());
+    let (read, accept, undo, keep) = (store(), store(), store(), store());
     let (open, write, ask, reveal, rerun) = (store(), store(), store(), store(), store());
     let base = library_services();
     Services {
@@ -212,7 +214,10 @@ fn services(seen: &Rc<RefCell<Seen>>) -> Services {
                 seen.robot_file = old;
                 Job::ready(Ok(robot(&seen.robot_file)))
             }),
-            keep: Box::new(|_, _| Job::ready(Ok("reports/abc".into()))),
+            keep: Box::new(move |_, patch, _| {
+                keep.borrow_mut().kept.push(patch.effects[0].id.clone());
+                Job::ready(Ok("reports/abc".into()))
+            }),
             open_page: Box::new(move |path| {
                 open.borrow_mut().opened.push(path.into());
                 Ok(())
@@ -353,10 +358,12 @@ fn traces_first(h: &Harness<'_, App>) -> (String, String) {
     (name, place.channel.clone())
 }
 
+/// Finders that were started.
+type Finders = Rc<RefCell<Vec<Worker<Result<Arc<Found>, GapError>>>>>;
+
 #[test]
 fn a_run_can_be_cancelled_and_begun_again() {
-    type Given = Rc<RefCell<Vec<Worker<Result<Arc<Found>, GapError>>>>>;
-    let workers: Given = Rc::default();
+    let workers: Finders = Rc::default();
     let given = Rc::clone(&workers);
     let seen = Rc::new(RefCell::new(Seen::default()));
     let mut services = services(&seen);
@@ -440,6 +447,10 @@ fn a_session_of_another_robot_is_refused_before_anything_runs() {
     assert!(is_disabled(&h, "▶ Find"));
     // Another one is fine; without a healthy session the verdict is said to be weaker.
     click(&mut h, "Use circle-35g as suspect session");
+    // The session does not say where it comes from: somebody has to.
+    assert!(is_disabled(&h, "▶ Find"));
+    h.get_by_label_contains("Say whether the suspect session is simulated or measured.");
+    click(&mut h, "The suspect session is measured");
     assert!(!is_disabled(&h, "▶ Find"));
     h.get_by_label_contains("the factory model is the baseline, and the verdict is weaker");
     // The same file twice is no comparison.
@@ -557,7 +568,106 @@ fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
         let text = seen.borrow().robot_file.clone();
         let robot = RobotSpec::from_toml(&text).expect("reads");
         assert_eq!(robot.patches[0].patch.effects[0].id, "tip-force");
+        // So does the report, which is written anew for another choice only.
+        let report = |h: &mut Harness<'_, App>| {
+            click(h, "Step 5: Prove");
+            click(h, "Open report");
+            click(h, "Open in Rerun");
+        };
+        report(&mut h);
+        assert_eq!(seen.borrow().kept, ["tip-force"]);
+        click(&mut h, "Step 4: Patch");
+        click(&mut h, "Undeclared payload");
+        report(&mut h);
+        assert_eq!(seen.borrow().kept, ["tip-force", "payload"]);
     }
+}
+
+#[test]
+fn a_robot_file_that_cannot_be_read_says_so_and_is_read_again() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut services = services(&seen);
+    let tries = Rc::new(RefCell::new(0));
+    let count = Rc::clone(&tries);
+    services.gap.patched = Box::new(move || {
+        *count.borrow_mut() += 1;
+        Job::ready(match *count.borrow() {
+            1 => Err("Arm.patched.toml was made from another robot file.".into()),
+            _ => Ok(PatchedRobot {
+                path: "data/reference.patched.toml".into(),
+                robot: RobotSpec::reference(),
+            }),
+        })
+    });
+    let mut app = gap_app(services);
+    app.gap
+        .take(with_verdict(Verdict::Named), Origin::Measured, None);
+    app.gap.step = Step::Patch;
+    let mut h = harness(app);
+    h.run_steps(4);
+    assert!(
+        h.query_by_label_contains("The robot file is being read")
+            .is_none()
+    );
+    h.get_by_label_contains("made from another robot file");
+    assert!(is_disabled(&h, "Accept"));
+    click(&mut h, "Read again");
+    h.get_by_label("None: the robot file is as it came.");
+    assert!(*tries.borrow() == 2 && !is_disabled(&h, "Accept"));
+}
+
+#[test]
+fn a_finding_keeps_the_origin_and_the_answer_of_the_moment_it_was_asked_for() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut services = services(&seen);
+    let workers: Finders = Rc::default();
+    let dialogs: Rc<RefCell<Vec<Worker<Option<PathBuf>>>>> = Rc::default();
+    let (given, asked) = (Rc::clone(&workers), Rc::clone(&dialogs));
+    services.gap.find = Box::new(move |_, _| {
+        let (job, worker) = Job::pair();
+        given.borrow_mut().push(worker);
+        job
+    });
+    services.pick = Box::new(move |_| {
+        let (job, worker) = Job::pair();
+        asked.borrow_mut().push(worker);
+        job
+    });
+    let mut h = harness(gap_app(services));
+    h.run_steps(4);
+    click(&mut h, "Use the example");
+    h.get_by_label("Browse for the suspect session").click();
+    h.run_steps(2);
+    click(&mut h, "▶ Find");
+    // The dialog was open all the time.
+    let dialog = dialogs.borrow_mut().pop().expect("a dialog");
+    dialog.finish(Ok(Some("elsewhere/hardware.rrd".into())));
+    h.run_steps(4);
+    let worker = workers.borrow_mut().pop().expect("a run");
+    worker.finish(Ok(Ok(with_verdict(Verdict::Named))));
+    h.run_steps(4);
+    let outcome = h.state().gap.outcome.as_ref().expect("an outcome");
+    assert_eq!(outcome.origin, Origin::Simulated);
+    assert_eq!(outcome.answer.as_deref(), Some(Path::new(ANSWER)));
+}
+
+#[test]
+fn where_nothing_was_captured_no_place_is_invented() {
+    let real = with_verdict(Verdict::Named);
+    let mut finding = real.finding.clone();
+    let t = &mut finding.traces;
+    t.measured_m.fill([f64::NAN; 3]);
+    t.turns[0].fill([f64::NAN; 4]);
+    let patch = real.patch.clone();
+    let mut app = gap_app(Services::none());
+    let found = Arc::new(Found { finding, patch });
+    app.gap.take(found, Origin::Measured, None);
+    let mut h = harness(app);
+    h.run_steps(4);
+    h.get_by_label_contains("measured unknown: no motion capture at this instant");
+    assert!(h.query_by_label_contains("NaN").is_none());
+    click(&mut h, "Step 5: Prove");
+    h.get_by_label_contains("No motion capture: only the simulated ways.");
 }
 
 #[test]

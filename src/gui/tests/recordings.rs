@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::gui::panels::recordings::{Compared, Detail, Quantity};
+use crate::gui::panels::recordings::{Alignment, Compared, Detail, Pairing, Quantity, Side};
 use crate::gui::services::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent, Worker};
 use crate::signal::Trace;
 
@@ -70,6 +70,10 @@ fn answer(path: &Path) -> Result<Loaded, String> {
     }
 }
 
+fn indexed(loaded: Loaded) -> Result<Player, String> {
+    Player::loaded(loaded, &mut |_| true)
+}
+
 fn about() -> About {
     let event = |t_s: f64, log: &str, text: &str| LoggedEvent {
         stamp: Stamp::from_seconds(t_s),
@@ -116,7 +120,7 @@ fn services() -> Services {
                 entry("broken", None),
             ]))
         }),
-        load: Box::new(|path| Job::ready(answer(path))),
+        load: Box::new(|path| Job::ready(answer(path).and_then(indexed))),
         ..Services::none()
     }
 }
@@ -226,7 +230,7 @@ fn unrelated_recordings_say_so_and_are_shifted_by_hand() {
                 );
             }
         }
-        Job::ready(Ok(trace.into()))
+        Job::ready(Player::new(trace).ok_or_else(|| "empty".into()))
     });
     h.run_steps(3);
     load(&mut h, "first", "Load and play");
@@ -302,7 +306,7 @@ fn a_recording_that_cannot_be_read_says_why_what_now_and_what_to_do() {
 
 #[test]
 fn loading_shows_how_far_it_is_and_can_be_cancelled() {
-    let workers = Arc::new(Mutex::new(Vec::<Worker<Loaded>>::new()));
+    let workers = Arc::new(Mutex::new(Vec::<Worker<Player>>::new()));
     let mut app = app(Theme::Dark);
     let to = Arc::clone(&workers);
     app.services.load = Box::new(move |_| {
@@ -321,6 +325,100 @@ fn loading_shows_how_far_it_is_and_can_be_cancelled() {
     assert!(!h.state().library.busy());
     assert!(workers.lock().expect("not poisoned")[0].cancelled());
     assert!(h.state().player.is_none());
+}
+
+#[test]
+fn indexing_a_recording_tells_its_share_and_can_be_given_up() {
+    let mut shares = Vec::new();
+    let whole = Player::loaded(recording_a().into(), &mut |share| {
+        shares.push(share);
+        true
+    });
+    assert!(whole.is_ok());
+    assert!(shares.len() > 1 && shares.is_sorted() && shares.iter().all(|s| *s < 1.0));
+    let mut asked = 0;
+    let stopped = Player::loaded(recording_a().into(), &mut |_| {
+        asked += 1;
+        asked < 2
+    });
+    assert!(stopped.is_err() && asked == 2);
+}
+
+#[test]
+fn the_window_goes_on_while_recordings_are_aligned() {
+    let asked = Arc::new(Mutex::new(Vec::<(Pairing, Worker<Alignment>)>::new()));
+    let mut app = app(Theme::Dark);
+    let to = Arc::clone(&asked);
+    app.services.align = Box::new(move |pairing| {
+        let (job, worker) = Job::pair();
+        to.lock().expect("not poisoned").push((pairing, worker));
+        job
+    });
+    let mut h = harness(app);
+    h.run_steps(3);
+    load(&mut h, "first", "Load and play");
+    load(&mut h, "second", "Load as B");
+    h.get_by_label_contains("Aligning…");
+    assert!(h.state().library.busy() && h.query_by_label("Align").is_none());
+    let (pairing, worker) = asked.lock().expect("not poisoned").remove(0);
+    worker.finish(Ok(pairing.align(&|| true).expect("was not stopped")));
+    h.run_steps(3);
+    assert!(!h.state().library.busy());
+    assert!((h.state().library.pair.offset_s - SHIFT_S).abs() < 0.05);
+    h.get_by_label("Align");
+}
+
+fn hold_still(h: &mut Harness<'_, App>) {
+    let state = h.state_mut();
+    state.window.frozen_end_s = Some(110.0);
+    state.window.cursors_s = Some([105.0, 107.0]);
+    state.accuracy.peak = Some([106.0, 9.0]);
+    h.run_steps(1);
+    assert!(h.state().window.frozen_end_s.is_some() && h.state().accuracy.peak.is_some());
+}
+
+fn assert_let_go(h: &mut Harness<'_, App>, what: &str) {
+    h.run_steps(3);
+    let state = h.state();
+    assert_eq!(state.window.frozen_end_s, None, "{what}");
+    assert_eq!(state.window.cursors_s, None, "{what}");
+    assert_eq!(state.accuracy.peak, None, "{what}");
+}
+
+#[test]
+fn a_frozen_window_cursors_and_peaks_go_with_the_recording_they_were_of() {
+    let mut h = both();
+    hold_still(&mut h);
+    press(&mut h, "B");
+    assert_let_go(&mut h, "A and B change places");
+    hold_still(&mut h);
+    press(&mut h, "Close the recording");
+    assert_let_go(&mut h, "closed");
+    assert!(h.state().player.is_none());
+    hold_still(&mut h);
+    press(&mut h, "Play A");
+    assert_let_go(&mut h, "the other one is played");
+    assert!(h.state().player.is_some());
+}
+
+#[test]
+fn a_recording_that_does_not_say_so_is_never_called_hardware() {
+    let mut app = app(Theme::Dark);
+    app.player = Player::new(Trace {
+        simulated: None,
+        ..recording_a()
+    });
+    let mut h = harness(app);
+    h.run_steps(3);
+    assert!(
+        h.get_all_by_label_contains("first (origin not told)")
+            .next()
+            .is_some()
+    );
+    h.state_mut().screen = Screen::Accuracy;
+    h.run_steps(3);
+    h.get_by_label("ours: origin not told");
+    assert!(h.query_by_label_contains("(hardware)").is_none());
 }
 
 #[derive(Debug)]
@@ -369,16 +467,14 @@ fn recordings_look_right() {
     let size = [1280.0, 720.0];
     let loaded = |theme: Theme, with_b: bool| {
         let mut app = app(theme);
-        let player = Player::loaded(answer(Path::new("first.rrd")).expect("loads"));
-        app.player = player;
-        app.library.pair.align(&None);
+        app.player = answer(Path::new("first.rrd")).and_then(indexed).ok();
         let p = app.player.as_mut().expect("not empty");
         p.playing = false;
         p.position_s = 17.0;
         if with_b {
             let b = Player::new(recording_b()).expect("not empty");
             let pair = &mut app.library.pair;
-            pair.place(crate::gui::panels::recordings::Side::B, b, &mut app.player);
+            pair.place(Side::B, b, &mut app.player, &mut app.services);
         }
         app.library.selected = Some("recordings/first.rrd".into());
         app
@@ -409,7 +505,7 @@ fn recordings_look_right() {
     empty.services = Services::none();
     picture("recordings-empty", size, Theme::Dark, empty);
     let mut cut = app(Theme::Light);
-    cut.player = Player::loaded(answer(Path::new("cut.rrd")).expect("loads"));
+    cut.player = answer(Path::new("cut.rrd")).and_then(indexed).ok();
     cut.player.as_mut().expect("not empty").playing = false;
     cut.library.detail = Detail::Contents;
     picture("recordings-cut", size, Theme::Light, cut);
@@ -421,7 +517,7 @@ fn recordings_look_right() {
     });
     picture("recordings-error", size, Theme::Dark, failed);
     let mut loading = app(Theme::Dark);
-    let workers = Arc::new(Mutex::new(Vec::<Worker<Loaded>>::new()));
+    let workers = Arc::new(Mutex::new(Vec::<Worker<Player>>::new()));
     loading.services.load = Box::new(move |_| {
         let (job, worker) = Job::pair();
         worker.tell("Reading recordings/first.rrd", None);

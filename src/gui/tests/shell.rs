@@ -212,6 +212,7 @@ fn an_armed_arm_is_not_let_go() {
     let history = crate::gui::history::History::new(4);
     let gate = |s: &Snapshot| {
         let view = View {
+            simulated: Some(true),
             snapshot: s,
             history: &history,
             now_s: 0.0,

@@ -371,7 +371,7 @@ impl Content {
             robot: self.property("robot"),
             robot_hash: self.property("robot_hash"),
             source: self.property("source"),
-            simulated: self.property("simulated") == "true",
+            simulated: self.property("simulated").parse().ok(),
             payload_kg: self.property("payload_kg").parse().unwrap_or(0.0),
             drawing: None,
         }
@@ -441,7 +441,7 @@ impl Content {
             snapshot.link = LinkStatus {
                 connected: connected != 0.0,
                 source: meta.source.clone(),
-                simulated: meta.simulated,
+                simulated: meta.simulated == Some(true),
                 age_s,
                 board_rate_hz: [rate_0, rate_1],
                 ..LinkStatus::default()

@@ -81,7 +81,7 @@ pub(super) fn read_parts_of(
     let (read, meta) = match read {
         Some(read) => read,
         // Another tool has brought the tables in another order.
-        None => source.read_whole()?,
+        None => source.read_whole(go_on)?,
     };
     Ok(read.finish(meta, frames.complete))
 }
@@ -166,10 +166,23 @@ impl Gathered {
 }
 
 impl Source<'_> {
+    /// What is answered when nobody waits any more.
+    fn given_up(&self) -> RecordingError {
+        let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
+        RecordingError::io(self.path, "finish reading")(e)
+    }
+
     /// Reads everything at once.
-    fn read_whole(&self) -> Result<(Gathered, RecordingMeta), RecordingError> {
+    fn read_whole(
+        &self,
+        go_on: &mut dyn FnMut(f32) -> bool,
+    ) -> Result<(Gathered, RecordingMeta), RecordingError> {
         let mut reader = Reader::open(self)?;
-        for place in &self.frames.messages {
+        let messages = &self.frames.messages;
+        for (i, place) in messages.iter().enumerate() {
+            if !go_on(i as f32 / messages.len() as f32) {
+                return Err(self.given_up());
+            }
             reader.take(*place)?;
         }
         let mut content = reader.content;
@@ -254,10 +267,7 @@ impl Source<'_> {
                     done += 1;
                     let share = done as f32 / parts.len() as f32;
                     let outcome = match result {
-                        Ok(_) if !go_on(share) => {
-                            let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
-                            Err(RecordingError::io(self.path, "finish reading")(e))
-                        }
+                        Ok(_) if !go_on(share) => Err(self.given_up()),
                         other => other,
                     };
                     let found: Found = match outcome {

@@ -521,13 +521,18 @@ fn opening(meta: &RecordingMeta, shown: Shown) -> Result<(StoreId, Vec<LogMsg>),
         .enabled(true)
         .recording_name(meta.name.clone())
         .memory()?;
+    let simulated = match meta.simulated {
+        Some(true) => "true",
+        Some(false) => "false",
+        None => "not told",
+    };
     let property = DynamicArchetype::new(schema::PREFIX)
         .with_component_from_data("schema", text_column(&schema::SCHEMA_VERSION.to_string()))
         .with_component_from_data("name", text_column(&meta.name))
         .with_component_from_data("robot", text_column(&meta.robot))
         .with_component_from_data("robot_hash", text_column(&meta.robot_hash))
         .with_component_from_data("source", text_column(&meta.source))
-        .with_component_from_data("simulated", text_column(&meta.simulated.to_string()))
+        .with_component_from_data("simulated", text_column(simulated))
         .with_component_from_data("payload_kg", text_column(&meta.payload_kg.to_string()))
         .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
     stream.send_property(schema::PROPERTY, &property)?;

@@ -223,7 +223,7 @@ fn facts(view: &View<'_>, state: &AccuracyState, analysis: &Analysis) -> ReportF
         origin: view.origin().to_owned(),
         range_s: ends.map_or([0.0, 0.0], |(a, b)| [a.t_s, b.t_s]),
         occlusions: analysis.occlusions.clone(),
-        excluded: view.history.excluded(),
+        excluded: analysis.excluded,
         paper: published(view.snapshot.payload_kg),
         frames: sentences(view, state.registration.as_ref()),
     }

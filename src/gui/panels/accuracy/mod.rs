@@ -9,7 +9,7 @@ mod table;
 use egui::{Align, Button, Key, Layout, Modifiers, RichText, Ui, vec2};
 
 use super::View;
-use super::plot::{AXIS, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
 use super::sensors::{card, stale};
 use super::widgets::{Gate, empty, gated, minutes, note, number};
 use crate::gui::history::{Channel, POSE_NAMES, Stats};
@@ -89,12 +89,21 @@ pub struct Analysis {
     pub stats: [Option<Stats>; 8],
     /// Spans without ground truth within the scope, s.
     pub occlusions: Vec<[f64; 2]>,
+    /// Ground truths within the scope without an estimate.
+    pub excluded: usize,
 }
 
 impl AccuracyState {
     /// From where the error vectors are looked at, once they were shown.
     pub fn camera(&self) -> Option<Camera> {
         self.camera
+    }
+
+    /// Forgets what was scored: another session is shown.
+    pub fn forget(&mut self) {
+        self.peak = None;
+        self.peak_place = None;
+        self.analysis = None;
     }
 
     fn analyse(&mut self, view: &View<'_>, window: &TimeWindow) {
@@ -109,7 +118,7 @@ impl AccuracyState {
         if let Some(a) = &self.analysis {
             let same_span = a.range_s[0] == range[0]
                 || ((a.range_s[1] - a.range_s[0]) - (range[1] - range[0])).abs() < 1e-9;
-            // Fewer rows: another recording or session. A window that stands still is scored as it stands.
+            // A window that stands still is scored as it stands.
             let moved = (a.range_s[1] - range[1]).abs();
             let allowed = if window.frozen_end_s.is_some() {
                 1e-9
@@ -130,6 +139,7 @@ impl AccuracyState {
             rows,
             stats: std::array::from_fn(|i| Stats::of(scored.iter().map(|s| s.error[i]))),
             occlusions: occlusions(view.history, first, range[1]),
+            excluded: view.history.excluded(range[0], range[1]),
             scored,
         });
     }
@@ -247,21 +257,14 @@ fn stack(
     plots: &[(String, Vec<Series>, f64)],
     extras: Extras<'_>,
 ) {
-    let axis = AXIS;
-    let n = plots.len() as f32;
-    let height = ((ui.available_height() - axis) / n - ui.spacing().item_spacing.y).max(48.0);
-    for (i, (title, series, min_span)) in plots.iter().enumerate() {
-        let last = i + 1 == plots.len();
+    plot::stack(ui, plots.len(), 48.0, |ui, i, height, time_axis| {
+        let (title, series, min_span) = &plots[i];
         TimePlot {
             title,
             series,
             min_span: *min_span,
             emphasis: &[],
-            time_axis: if last {
-                TimeAxis::Shown
-            } else {
-                TimeAxis::Hidden
-            },
+            time_axis,
             legend: if i == 0 && series.len() > 1 {
                 Legend::Shown
             } else {
@@ -269,14 +272,8 @@ fn stack(
             },
             playhead_s: None,
         }
-        .show_with(
-            ui,
-            view,
-            window,
-            height + if last { axis } else { 0.0 },
-            extras,
-        );
-    }
+        .show_with(ui, view, window, height, extras);
+    });
 }
 
 fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {

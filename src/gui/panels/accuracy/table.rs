@@ -142,7 +142,7 @@ fn left_out(ui: &mut Ui, view: &View<'_>, state: &AccuracyState) {
     let (load_kg, _) = published_for(view.snapshot.payload_kg);
     let spans: &[[f64; 2]] = state.analysis.as_ref().map_or(&[], |a| &a.occlusions);
     let seconds: f64 = spans.iter().map(|[a, b]| b - a).sum();
-    let excluded = view.history.excluded();
+    let excluded = state.analysis.as_ref().map_or(0, |a| a.excluded);
     note(
         ui,
         format!(

@@ -7,7 +7,7 @@ use egui_plot::{
     Axis, GridMark, HoverPosition, LineStyle, Plot, PlotBounds, PlotPoints, Span, VLine,
 };
 
-use crate::gui::panels::plot::{Dash, swatch};
+use crate::gui::panels::plot::{Dash, marks_at, round_step, swatch};
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Palette;
 
@@ -86,21 +86,9 @@ fn thinned(t_s: &[f64], values: &[f64], columns: usize) -> Vec<Vec<[f64; 2]>> {
     pieces
 }
 
-/// Round steps (1, 2, 5 · 10ⁿ) so that at most `count` marks fall into the range.
+/// At most `count` round marks within the range.
 fn marks([low, high]: [f64; 2], count: f32) -> Vec<GridMark> {
-    let raw = (high - low) / f64::from(count.max(2.0));
-    if !(raw.is_finite() && raw > 0.0) {
-        return Vec::new();
-    }
-    let decade = 10_f64.powf(raw.log10().floor());
-    let steps = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade);
-    let step = steps.into_iter().find(|s| *s >= raw).unwrap_or(steps[3]);
-    let (first, last) = ((low / step).ceil() as i64, (high / step).floor() as i64);
-    let mark = |i: i64| GridMark {
-        value: i as f64 * step,
-        step_size: step,
-    };
-    (first..=last).map(mark).collect()
+    marks_at(low, high, round_step(low, high, count))
 }
 
 impl Chart<'_> {

@@ -300,9 +300,19 @@ fn pad(ui: &mut Ui, t: &Traces, after: bool, locate: &LocateState) {
             ui.label(RichText::new(format!("{name} {text}")).small());
         });
     };
-    let xyz = m.map(|v| number(1e3 * v, 1)).join(", ");
-    line(ui, measured, "measured", format!("{xyz} mm (solid)"));
+    let captured = m.iter().all(|v| v.is_finite());
+    let text = match captured {
+        true => {
+            let xyz = m.map(|v| number(1e3 * v, 1)).join(", ");
+            format!("{xyz} mm (solid)")
+        }
+        false => "unknown: no motion capture at this instant".to_owned(),
+    };
+    line(ui, measured, "measured", text);
     let off = |to: &[f64; 3], i| {
+        if !captured {
+            return "(dashed)".to_owned();
+        }
         format!(
             "{} mm and {} deg off",
             number(views::apart_mm(m, to), 1),

@@ -3,7 +3,7 @@
 use egui::{Button, RichText, ScrollArea, Ui, vec2};
 
 use super::explain::parameters;
-use super::{Decision, GapState, Outcome};
+use super::{Decision, GapState, Outcome, Trouble};
 use crate::gap::report::{effect_name, next_step, verdict_name};
 use crate::gap::{Found, FoundEffect, Patch, Verdict};
 use crate::gui::panels::sensors::card;
@@ -123,14 +123,12 @@ fn what(ui: &mut Ui, outcome: &mut Outcome) {
         });
 }
 
-/// Whether the patch can be accepted.
-fn gate(outcome: &Outcome, patched: Option<&PatchedRobot>) -> Gate {
+/// Whether the patch can be accepted on the robot file, or why that cannot be read.
+fn gate(outcome: &Outcome, patched: Result<&PatchedRobot, &str>) -> Gate {
     if !outcome.adds() {
         return Err("There is no effect to add.".into());
     }
-    let Some(patched) = patched else {
-        return Err("The robot file is being read.".into());
-    };
+    let patched = patched.map_err(str::to_owned)?;
     let patch = outcome.patch();
     if patched.robot.patches.iter().any(|a| a.patch == patch) {
         return Err("The robot file carries this patch already.".into());
@@ -154,9 +152,12 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         Some(_) => Err("The robot file is being written.".to_owned()),
         None => Ok(()),
     };
-    let accept = idle
-        .clone()
-        .and_then(|()| gate(outcome, state.patched.as_ref()));
+    let patched = match (&state.patched, &state.unread) {
+        (Some(patched), _) => Ok(patched),
+        (None, Some(_)) => Err("The robot file could not be read."),
+        (None, None) => Err("The robot file is being read."),
+    };
+    let accept = idle.clone().and_then(|()| gate(outcome, patched));
     ui.horizontal(|ui| {
         let button = Button::new(RichText::new("Accept").strong()).min_size(vec2(96.0, 32.0));
         let hover =
@@ -204,7 +205,23 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     let p = *Palette::in_ui(ui);
     ui.label(RichText::new("Accepted patches").strong());
     let Some(patched) = &state.patched else {
-        note(ui, "The robot file is being read…");
+        let Some(why) = state.unread.clone().filter(|_| state.patching.is_none()) else {
+            note(ui, "The robot file is being read…");
+            return;
+        };
+        Trouble::new(
+            why,
+            "No patch can be accepted or taken back.",
+            "Mend what is named above, then read the file again.",
+        )
+        .show(ui);
+        if ui
+            .button("Read again")
+            .on_hover_text("Read the robot file with the accepted patches again")
+            .clicked()
+        {
+            state.patching = Some((None, (services.gap.patched)()));
+        }
         return;
     };
     let patches = &patched.robot.patches;

@@ -31,10 +31,10 @@ pub fn poll(state: &mut GapState, services: &mut Services) {
     let Some(outcome) = &mut state.outcome else {
         return;
     };
-    let Some((show, answer)) = outcome
+    let Some((show, alternative, answer)) = outcome
         .keeping
         .as_ref()
-        .and_then(|(show, job)| Some((*show, job.poll()?)))
+        .and_then(|(show, of, job)| Some((*show, *of, job.poll()?)))
     else {
         return;
     };
@@ -55,7 +55,7 @@ pub fn poll(state: &mut GapState, services: &mut Services) {
                     ));
                 }
             }
-            outcome.kept = Some(folder);
+            outcome.kept = Some((alternative, folder));
         }
         Err(e) => state.trouble = Some(unwritten(e)),
     }
@@ -288,10 +288,10 @@ fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         }
         if let Some(show) = keep {
             let job = match &outcome.kept {
-                Some(folder) => Job::ready(Ok(folder.clone())),
-                None => (services.gap.keep)(&outcome.found, outcome.origin),
+                Some((of, folder)) if *of == outcome.alternative => Job::ready(Ok(folder.clone())),
+                _ => (services.gap.keep)(&outcome.found, &outcome.patch(), outcome.origin),
             };
-            outcome.keeping = Some((show, job));
+            outcome.keeping = Some((show, outcome.alternative, job));
         }
         if outcome.keeping.is_some() {
             ui.spinner();
@@ -311,6 +311,9 @@ fn ways(ui: &mut Ui, outcome: &Outcome) {
         return;
     };
     heading(ui, "The way of the end pad, as motion capture tells it");
+    if !t.measured_m.iter().flatten().any(|v| v.is_finite()) {
+        note(ui, "No motion capture: only the simulated ways.");
+    }
     let [measured, without, with] = views::colors(&p);
     ui.spacing_mut().item_spacing.y = 2.0;
     let height = ui.available_height() / 3.0 - 3.0;

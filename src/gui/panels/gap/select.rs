@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use egui::{Button, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, vec2};
 
-use super::{GapState, Trouble};
+use super::{GapState, Running, Trouble};
 use crate::gap::report::Origin;
 use crate::gap::{SECONDS_MIN, Stage};
+use crate::gui::panels::origin_name;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{
     Gate, badge, cell, cell_left, gated, heading, minutes, note, number, status,
@@ -56,17 +57,25 @@ struct Slot {
     text: String,
     looking: Option<Job<SessionSheet>>,
     sheet: Option<Result<SessionSheet, String>>,
+    /// Whether the data are simulated, as the operator says where the session does not.
+    told: Option<bool>,
 }
 
 impl Slot {
     fn choose(&mut self, path: &Path, services: &mut Services) {
         self.text = path.display().to_string();
         self.sheet = None;
+        self.told = None;
         self.looking = Some((services.gap.look)(path));
     }
 
     fn known(&self) -> Option<&SessionSheet> {
         self.sheet.as_ref()?.as_ref().ok()
+    }
+
+    /// Whether the data are simulated, as far as the session or the operator says.
+    fn simulated(&self) -> Option<bool> {
+        self.known()?.simulated.or(self.told)
     }
 }
 
@@ -81,7 +90,6 @@ pub struct Selection {
     making: Option<Job<ExamplePair>>,
     example: Option<ExamplePair>,
     examples_made: u64,
-    simulated: bool,
 }
 
 impl Selection {
@@ -92,18 +100,16 @@ impl Selection {
             || self.slots.iter().any(|s| s.looking.is_some())
     }
 
-    /// Where the suspect session comes from, as far as it or the operator says.
-    pub fn origin(&self) -> Origin {
-        let says = self.slots[1].known().and_then(|s| s.simulated);
-        if says.unwrap_or(self.simulated) {
-            Origin::Simulated
-        } else {
-            Origin::Measured
-        }
+    /// Where the suspect session comes from, when it or the operator says so.
+    fn origin(&self) -> Option<Origin> {
+        Some(match self.slots[1].simulated()? {
+            true => Origin::Simulated,
+            false => Origin::Measured,
+        })
     }
 
     /// Where the answer lies, when the example is what is looked at.
-    pub fn answer(&self) -> Option<PathBuf> {
+    fn answer(&self) -> Option<PathBuf> {
         let example = self.example.as_ref()?;
         let suspect = &self.slots[1].known()?.path;
         (*suspect == example.suspect).then(|| example.answer.clone())
@@ -216,6 +222,9 @@ impl Selection {
         {
             return Err("The healthy and the suspect session are the same file.".into());
         }
+        if self.origin().is_none() {
+            return Err("Say whether the suspect session is simulated or measured.".into());
+        }
         Ok(())
     }
 }
@@ -282,12 +291,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 }
 
 fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Services) {
-    let Selection {
-        slots,
-        picking,
-        simulated,
-        ..
-    } = selection;
+    let Selection { slots, picking, .. } = selection;
     let slot = &mut slots[part as usize];
     ui.label(RichText::new(part.title()).strong());
     ui.horizontal(|ui| {
@@ -302,6 +306,7 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
             .on_hover_text("Path of a session log or a recording; Enter reads it");
         if edit.changed() {
             slot.sheet = None;
+            slot.told = None;
             slot.looking = None;
         }
         let entered = edit.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
@@ -363,10 +368,21 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
             if let Some(trouble) = trouble_with(sheet) {
                 trouble.show(ui);
             } else if part == Part::Suspect && sheet.simulated.is_none() {
-                ui.checkbox(simulated, "These data are simulated")
-                    .on_hover_text(
-                        "The log does not say. Every figure is then labelled as simulated.",
-                    );
+                ui.horizontal(|ui| {
+                    ui.label("The session does not say: it is");
+                    for (value, text, hover) in [
+                        (
+                            true,
+                            "simulated",
+                            "Every figure is then labelled as simulated",
+                        ),
+                        (false, "measured", "The data were measured on a real arm"),
+                    ] {
+                        ui.radio_value(&mut slot.told, Some(value), text)
+                            .on_hover_text(hover)
+                            .accessible_name(format!("The suspect session is {text}"));
+                    }
+                });
             }
         }
     }
@@ -376,12 +392,8 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
     let p = *Palette::in_ui(ui);
     ui.horizontal(|ui| {
         ui.label(RichText::new(&sheet.name).strong());
-        let origin = match sheet.simulated {
-            Some(true) => "simulated",
-            Some(false) => "hardware",
-            None => "origin not told",
-        };
-        badge(ui, origin, p.raised, p.text).on_hover_text("Where the data come from");
+        badge(ui, origin_name(sheet.simulated), p.raised, p.text)
+            .on_hover_text("Where the data come from");
     });
     ui.spacing_mut().item_spacing.y = 3.0;
     ui.spacing_mut().interact_size.y = 20.0;
@@ -503,9 +515,15 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         .clicked()
         {
             let path = |i: usize| selection.slots[i].known().map(|s| s.path.clone());
-            if let (healthy, Some(suspect)) = (path(0), path(1)) {
+            let origin = selection.origin();
+            if let (healthy, Some(suspect), Some(origin)) = (path(0), path(1), origin) {
                 state.trouble = None;
-                state.running = Some((services.gap.find)(healthy.as_deref(), &suspect));
+                // What is chosen may change while the finder is at work.
+                state.running = Some(Running {
+                    job: (services.gap.find)(healthy.as_deref(), &suspect),
+                    origin,
+                    answer: selection.answer(),
+                });
             }
         }
     });
@@ -563,7 +581,9 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 
 // The stages of the finder, how far it is, and Cancel.
 fn at_work(ui: &mut Ui, state: &mut GapState) {
-    let Some(job) = &state.running else { return };
+    let Some(Running { job, .. }) = &state.running else {
+        return;
+    };
     let p = *Palette::in_ui(ui);
     let stage = job.stage();
     let at = Stage::ALL.iter().position(|s| s.name() == stage.what);

@@ -28,6 +28,11 @@ pub fn angle_deg(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     2.0 * dot.abs().min(1.0).acos().to_degrees()
 }
 
+/// Whether a place is known: nothing is drawn where it was not captured.
+fn known(m: &[f64; 3]) -> bool {
+    m.iter().all(|v| v.is_finite())
+}
+
 /// Three views of the end pad around `bin`; `after` tells whether there is an effect to draw with.
 pub fn show(ui: &mut Ui, t: &Traces, bin: usize, after: bool, size: egui::Vec2) {
     let p = *Palette::in_ui(ui);
@@ -74,21 +79,25 @@ pub fn show(ui: &mut Ui, t: &Traces, bin: usize, after: bool, size: egui::Vec2) 
             square.center() + scale * d
         };
         for (way, color) in &ways {
-            let points: Vec<_> = way.iter().map(at).collect();
             let stroke = Stroke::new(1.5, color.gamma_multiply(0.55));
-            if *color == measured {
-                painter.add(Shape::line(points, stroke));
-            } else {
-                painter.extend(Shape::dashed_line(&points, stroke, 5.0, 3.0));
+            for piece in way.split(|m| !known(m)) {
+                let points: Vec<_> = piece.iter().map(at).collect();
+                if *color == measured {
+                    painter.add(Shape::line(points, stroke));
+                } else {
+                    painter.extend(Shape::dashed_line(&points, stroke, 5.0, 3.0));
+                }
             }
         }
         for (way, color) in &ways {
-            if let Some(m) = way.get(bin - from) {
+            if let Some(m) = way.get(bin - from).filter(|m| known(m)) {
                 painter.circle_filled(at(m), 4.0, *color);
             }
         }
         // The error at this instant.
-        if let (Some(m), Some(s)) = (t.measured_m.get(bin), t.before_m.get(bin)) {
+        if let (Some(m), Some(s)) = (t.measured_m.get(bin), t.before_m.get(bin))
+            && known(m)
+        {
             painter.line_segment([at(m), at(s)], Stroke::new(1.5, without));
         }
         let font = FontId::proportional(11.0);

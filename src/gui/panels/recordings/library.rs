@@ -4,7 +4,7 @@ use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
 use super::{Library, Side, Trouble};
 use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
-use crate::gui::services::{Dialog, DialogKind, RecordingEntry, Services};
+use crate::gui::services::{Dialog, DialogKind, Job, RecordingEntry, Services};
 use crate::gui::theme::{Level, Palette};
 
 /// The list.
@@ -62,23 +62,19 @@ fn head(ui: &mut Ui, library: &mut Library, services: &mut Services) {
                     filter: Some(("Recordings and session logs".into(), kinds)),
                     name: String::new(),
                 };
-                library.picking = Some((Side::A, (services.pick)(dialog)));
+                library.picking = Some((services.pick)(dialog));
             }
         });
     });
 }
 
 fn take_picked(library: &mut Library, services: &mut Services) {
-    let Some((side, answer)) = library
-        .picking
-        .as_ref()
-        .and_then(|(s, j)| Some((*s, j.poll()?)))
-    else {
+    let Some(answer) = library.picking.as_ref().and_then(Job::poll) else {
         return;
     };
     library.picking = None;
     match answer {
-        Ok(Some(path)) => library.load(path, side, services),
+        Ok(Some(path)) => library.load(path, Side::A, services),
         Ok(None) => {}
         Err(cause) => {
             library.trouble = Some(Trouble {

@@ -14,28 +14,18 @@ use super::player::Player;
 use super::sensors::card;
 use super::shell::recording_gate;
 use super::widgets::{gated, minutes, note};
-use crate::gui::services::{Job, Loaded, RecordingEntry, Services};
+use crate::gui::services::{Job, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::twin::Command;
 use pair::Pair;
 
-pub use pair::{Compared, Quantity, Side};
-
-/// What went wrong.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Trouble {
-    /// Why: one sentence.
-    pub cause: String,
-    /// What that means: one sentence.
-    pub consequence: String,
-    /// What to do: one sentence.
-    pub remedy: String,
-}
+pub use super::trouble::Trouble;
+pub use pair::{Alignment, Compared, Pairing, Quantity, Side};
 
 struct Loading {
     name: String,
     side: Side,
-    job: Job<Loaded>,
+    job: Job<Player>,
 }
 
 /// What the lower left shows about the recording that is played.
@@ -66,7 +56,7 @@ pub struct Library {
     scanned: bool,
     scanning: Option<Job<Vec<RecordingEntry>>>,
     loading: Vec<Loading>,
-    picking: Option<(Side, Job<Option<PathBuf>>)>,
+    picking: Option<Job<Option<PathBuf>>>,
     findings: Option<details::Findings>,
 }
 
@@ -82,6 +72,7 @@ impl Library {
         self.scanning.is_some()
             || !self.loading.is_empty()
             || self.picking.is_some()
+            || self.pair.busy()
             || self.viewer.busy()
     }
 
@@ -121,8 +112,9 @@ impl Library {
         self.selected = Some(path);
     }
 
-    /// Takes what has come; returns whether another recording is played now.
-    pub fn poll(&mut self, player: &mut Option<Player>) -> bool {
+    /// Takes what has come.
+    pub fn poll(&mut self, player: &mut Option<Player>, services: &mut Services) {
+        self.pair.poll();
         if let Some(found) = self.scanning.as_ref().and_then(Job::poll) {
             self.scanning = None;
             match found {
@@ -136,19 +128,15 @@ impl Library {
                 }
             }
         }
-        let mut changed = false;
         let mut k = 0;
         while k < self.loading.len() {
             let Some(answer) = self.loading[k].job.poll() else {
                 k += 1;
                 continue;
             };
-            let Loading { name, side, .. } = self.loading.remove(k);
-            let loaded = answer.and_then(|loaded| {
-                Player::loaded(loaded).ok_or_else(|| format!("{name} holds no data."))
-            });
-            match loaded {
-                Ok(loaded) => changed |= self.pair.place(side, loaded, player),
+            let side = self.loading.remove(k).side;
+            match answer {
+                Ok(loaded) => self.pair.place(side, loaded, player, services),
                 Err(cause) => {
                     self.trouble = Some(Trouble {
                         cause,
@@ -159,7 +147,6 @@ impl Library {
                 }
             }
         }
-        changed
     }
 }
 
@@ -207,7 +194,7 @@ pub fn ui(
         ui.vertical(|ui| {
             card(ui, |ui| {
                 ui.set_min_size(ui.available_size());
-                shown::ui(ui, input, library, player);
+                shown::ui(ui, input, library, player, services);
             });
         });
     });

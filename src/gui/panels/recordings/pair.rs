@@ -1,10 +1,13 @@
 //! Recordings A and B: which is played, how they lie on each other in time, what is drawn of both.
 
 use crate::gui::compare::{NoMatch, Samples, Shift, Wrap, align, difference};
-use crate::gui::history::{Channel, POSE_NAMES};
+use std::sync::Arc;
+
+use crate::gui::history::{Channel, History, POSE_NAMES};
 use crate::gui::panels::dashboard::{imu_name, spring_name};
 use crate::gui::panels::player::Player;
 use crate::gui::panels::plot::{Dash, Drawn};
+use crate::gui::services::{Job, Services};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 
 /// One of two recordings.
@@ -150,6 +153,7 @@ pub struct Pair {
     pub offset_s: f64,
     /// What the automatic alignment said.
     pub alignment: Option<Alignment>,
+    aligning: Option<Job<Alignment>>,
     cache: Option<(Key, Vec<Plotted>)>,
 }
 
@@ -192,33 +196,68 @@ fn bases() -> [(&'static str, Vec<Channel>); 4] {
     ]
 }
 
-fn samples(player: &Player, channel: Channel) -> Samples {
-    let start_s = player.start_s();
-    player
-        .history()
+/// The signals of A and B, to be laid on each other.
+#[derive(Clone)]
+pub struct Pairing {
+    /// Signals of A and B.
+    histories: [Arc<History>; 2],
+    /// Where each begins on its own time base, s.
+    starts_s: [f64; 2],
+}
+
+impl Pairing {
+    /// Finds how B lies on A. Takes seconds on long recordings; `None` when `go_on` answers `false`.
+    pub fn align(&self, go_on: &dyn Fn() -> bool) -> Option<Alignment> {
+        let mut last = None;
+        for (by, channels) in bases() {
+            if !go_on() {
+                return None;
+            }
+            let of = |i: usize| -> Vec<Samples> {
+                let all = channels.iter();
+                all.map(|c| samples(&self.histories[i], self.starts_s[i], *c))
+                    .collect()
+            };
+            let found = align(&of(0), &of(1));
+            let undecided = found == Err(NoMatch::TooLittle);
+            last = Some(Alignment { by, found });
+            if !undecided {
+                break;
+            }
+        }
+        last
+    }
+}
+
+// Since the recording began.
+fn samples(history: &History, start_s: f64, channel: Channel) -> Samples {
+    history
         .points(channel, f64::NEG_INFINITY, f64::INFINITY)
         .map(|[t, v]| [t - start_s, v])
         .collect()
 }
 
 impl Pair {
-    /// Puts a recording into its place; returns whether it is played now.
-    pub fn place(&mut self, side: Side, mut new: Player, player: &mut Option<Player>) -> bool {
-        let played = if player.is_none() || side == self.played {
+    /// Puts a recording into its place.
+    pub fn place(
+        &mut self,
+        side: Side,
+        mut new: Player,
+        player: &mut Option<Player>,
+        services: &mut Services,
+    ) {
+        if player.is_none() || side == self.played {
             if player.is_none() && side != self.played {
                 self.played = side;
                 self.other = None;
             }
             *player = Some(new);
-            true
         } else {
             new.playing = false;
             self.other = Some(new);
             self.compared = Compared::Both;
-            false
-        };
-        self.align(player);
-        played
+        }
+        self.align(player, services);
     }
 
     /// A and B, as far as they are there.
@@ -229,29 +268,43 @@ impl Pair {
         }
     }
 
-    /// Finds how B lies on A.
-    pub fn align(&mut self, player: &Option<Player>) {
-        self.alignment = None;
+    /// Has found how B lies on A.
+    pub fn align(&mut self, player: &Option<Player>, services: &mut Services) {
+        self.forget_alignment();
         self.offset_s = 0.0;
         let [Some(a), Some(b)] = self.sides(player.as_ref()) else {
             return;
         };
-        let mut last = None;
-        for (by, channels) in bases() {
-            let of =
-                |p: &Player| -> Vec<Samples> { channels.iter().map(|&c| samples(p, c)).collect() };
-            let found = align(&of(a), &of(b));
-            let undecided = found == Err(NoMatch::TooLittle);
-            last = Some(Alignment { by, found });
-            if !undecided {
-                break;
-            }
-        }
-        if let Some(Ok(shift)) = last.as_ref().map(|a| &a.found) {
+        let pairing = Pairing {
+            histories: [a, b].map(|p| Arc::clone(p.shared_history())),
+            starts_s: [a, b].map(Player::start_s),
+        };
+        self.aligning = Some((services.align)(pairing));
+        self.poll();
+    }
+
+    /// Gives up what was said, or is being found, of how they lie on each other.
+    pub fn forget_alignment(&mut self) {
+        self.alignment = None;
+        self.aligning = None;
+    }
+
+    /// Whether it is being found how they lie on each other.
+    pub fn busy(&self) -> bool {
+        self.aligning.is_some()
+    }
+
+    /// Takes how they lie on each other, when it was found.
+    pub fn poll(&mut self) {
+        let Some(answer) = self.aligning.as_ref().and_then(Job::poll) else {
+            return;
+        };
+        self.aligning = None;
+        self.alignment = answer.ok();
+        if let Some(Ok(shift)) = self.alignment.as_ref().map(|a| &a.found) {
             // Milliseconds are enough and fit the field.
             self.offset_s = (shift.offset_s * 1e3).round() * 1e-3;
         }
-        self.alignment = last;
     }
 
     /// Plays the other one from the same moment.
@@ -299,6 +352,7 @@ fn plotted((title, signals, min_span): Row, a: &Player, b: &Player, key: &Key) -
     let move_by = |s: Samples, dt: f64| -> Samples {
         s.into_iter().map(|[t, v]| [t + start_s + dt, v]).collect()
     };
+    let of = |p: &Player, channel| samples(p.history(), p.start_s(), channel);
     if key.compared == Compared::Difference {
         let mut all = Vec::new();
         let lines = signals.into_iter().map(|(channel, name)| {
@@ -306,14 +360,9 @@ fn plotted((title, signals, min_span): Row, a: &Player, b: &Player, key: &Key) -
                 "deg" => Wrap::Turn,
                 _ => Wrap::None,
             };
-            let d = difference(&samples(a, channel), &samples(b, channel), offset_s, wrap);
+            let d = difference(&of(a, channel), &of(b, channel), offset_s, wrap);
             all.extend(d.iter().map(|q| q[1]));
-            Drawn {
-                name,
-                channel,
-                dash: Dash::Solid,
-                points: move_by(d, 0.0),
-            }
+            Drawn::new(name, channel, Dash::Solid, move_by(d, 0.0))
         });
         let lines: Vec<Drawn> = lines.collect();
         let title = format!("{title}, A − B: {}", figures(&all));
@@ -334,12 +383,8 @@ fn plotted((title, signals, min_span): Row, a: &Player, b: &Player, key: &Key) -
                 (false, "A") => name.clone(),
                 (false, _) => String::new(),
             };
-            lines.push(Drawn {
-                name,
-                channel,
-                dash,
-                points: move_by(samples(player, channel), dt),
-            });
+            let points = move_by(of(player, channel), dt);
+            lines.push(Drawn::new(name, channel, dash, points));
         }
     }
     Plotted {

@@ -7,11 +7,13 @@ use super::{Compared, Library, Quantity, RecordingsInput, Side};
 use crate::gui::history::{Channel, History};
 use crate::gui::panels::View;
 use crate::gui::panels::player::{AtEnd, Player};
-use crate::gui::panels::plot::{
-    AXIS, Drawn, Extras, Legend, Series, TimeAxis, TimePlot, TimeWindow,
-};
+use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
 use crate::gui::panels::widgets::{Gate, empty, gated, minutes, note, number, status};
+use crate::gui::services::Services;
 use crate::gui::theme::Level;
+
+/// Plots are at least this high, points.
+const LEAST: f32 = 44.0;
 
 /// The right side of the screen.
 pub fn ui(
@@ -19,6 +21,7 @@ pub fn ui(
     input: &RecordingsInput<'_>,
     library: &mut Library,
     player: &mut Option<Player>,
+    services: &mut Services,
 ) {
     if player.is_none() {
         nothing_played(ui, library, player);
@@ -34,7 +37,7 @@ pub fn ui(
     if swap {
         library.pair.swap(player);
     }
-    alignment(ui, library, player);
+    alignment(ui, library, player, services);
     let Some(p) = player else {
         return;
     };
@@ -58,7 +61,7 @@ fn nothing_played(ui: &mut Ui, library: &mut Library, player: &mut Option<Player
                 *player = library.pair.other.take();
                 library.pair.played = side;
                 library.pair.compared = Compared::One;
-                library.pair.alignment = None;
+                library.pair.forget_alignment();
             }
             note(ui, format!("{} is still loaded: {name}", side.name()));
         });
@@ -253,7 +256,7 @@ fn sides(ui: &mut Ui, library: &mut Library, player: &Player, swap: &mut bool) {
     });
 }
 
-fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>) {
+fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, services: &mut Services) {
     let pair = &mut library.pair;
     let [Some(_), Some(b)] = pair.sides(player.as_ref()) else {
         return;
@@ -262,22 +265,30 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>) {
     let side = "B";
     ui.horizontal(|ui| {
         note(ui, format!("{side} is {title}, shifted by"));
-        ui.add(
+        let shift = ui.add(
             DragValue::new(&mut pair.offset_s)
                 .speed(0.01)
                 .fixed_decimals(3)
                 .suffix(" s"),
         )
-        .accessible_name("Shift of B in s")
-        .on_hover_text(
+        .accessible_name("Shift of B in s");
+        if shift.changed() && pair.busy() {
+            pair.forget_alignment();
+        }
+        shift.on_hover_text(
             "Time of A less time of B at the same moment, s, each since its recording began. Drag or type to adjust",
         );
+        if pair.busy() {
+            ui.spinner();
+            note(ui, "Aligning…");
+            return;
+        }
         if ui
             .button("Align")
             .on_hover_text("Find the shift again by correlating pressures, else the tip's path")
             .clicked()
         {
-            pair.align(player);
+            pair.align(player, services);
         }
     });
     if let Some(found) = &pair.alignment {
@@ -307,20 +318,6 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>) {
     }
 }
 
-fn stack(ui: &mut Ui, n: usize, mut plot: impl FnMut(&mut Ui, usize, f32, TimeAxis)) {
-    ui.spacing_mut().item_spacing.y = 3.0;
-    let height = (ui.available_height() - AXIS) / n as f32 - ui.spacing().item_spacing.y;
-    let height = height.max(44.0);
-    for i in 0..n {
-        let (axis, more) = if i + 1 == n {
-            (TimeAxis::Shown, AXIS)
-        } else {
-            (TimeAxis::Hidden, 0.0)
-        };
-        plot(ui, i, height + more, axis);
-    }
-}
-
 // The whole recording, with the position as a line.
 fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player) {
     let duration = p.duration_s();
@@ -330,13 +327,15 @@ fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player
         now_s: p.start_s() + duration,
         replay: Some(&p.trace().name),
         spec: input.live.spec,
+        simulated: p.trace().simulated,
     };
     let mut window = TimeWindow {
         span_s: duration.max(1.0),
         ..TimeWindow::default()
     };
     let rows = library.pair.quantity.rows();
-    stack(ui, rows.len(), |ui, i, height, time_axis| {
+    ui.spacing_mut().item_spacing.y = 3.0;
+    stack(ui, rows.len(), LEAST, |ui, i, height, time_axis| {
         let (title, signals, min_span) = &rows[i];
         let mut series: Vec<Series> = Vec::new();
         for (channel, name) in signals {
@@ -398,13 +397,15 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
         now_s: start_s + to,
         replay: Some(&p.trace().name),
         spec: input.live.spec,
+        simulated: p.trace().simulated,
     };
     let mut window = TimeWindow {
         span_s: (to - from).max(1.0),
         ..TimeWindow::default()
     };
     let plots = pair.plots(p);
-    stack(ui, plots.len(), |ui, i, height, time_axis| {
+    ui.spacing_mut().item_spacing.y = 3.0;
+    stack(ui, plots.len(), LEAST, |ui, i, height, time_axis| {
         let plot = &plots[i];
         let lines: &[Drawn] = &plot.lines;
         TimePlot {

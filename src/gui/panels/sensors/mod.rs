@@ -197,8 +197,8 @@ pub fn channel_age_s(
             Some(view.snapshot.stamp.since(raw.stamp) + raw.board_age_s[board])
         }
         _ => {
-            let all = view.history.points(channel, view.now_s - 600.0, view.now_s);
-            all.last().map(|q| view.now_s - q[0])
+            let age_s = view.now_s - view.history.last_before(channel, view.now_s)?;
+            (age_s <= 600.0).then_some(age_s)
         }
     }
 }

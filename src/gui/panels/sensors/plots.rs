@@ -7,7 +7,7 @@ use super::{Reading, SensorsState, card, spring_channel};
 use crate::gui::history::Channel;
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::{imu_name, spring_name};
-use crate::gui::panels::plot::{AXIS, Legend, Series, TimeAxis, TimePlot, TimeWindow};
+use crate::gui::panels::plot::{self, Legend, Series, TimePlot, TimeWindow};
 use crate::gui::panels::widgets::{cell, cell_left, dense, note, number, status};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, SPRINGS};
@@ -162,31 +162,20 @@ fn stack(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut TimeWi
             imu_floor,
         ),
     ];
-    let axis = AXIS;
     ui.spacing_mut().item_spacing.y = 3.0;
-    let height = (ui.available_height() - axis) / 3.0 - ui.spacing().item_spacing.y;
-    for (n, (title, series, emphasis, min_span)) in stacks.iter().enumerate() {
-        let last = n == 2;
+    plot::stack(ui, stacks.len(), 60.0, |ui, i, height, time_axis| {
+        let (title, series, emphasis, min_span) = &stacks[i];
         TimePlot {
             title,
             series,
             min_span: *min_span,
             emphasis,
-            time_axis: if last {
-                TimeAxis::Shown
-            } else {
-                TimeAxis::Hidden
-            },
+            time_axis,
             legend: Legend::Shown,
             playhead_s: None,
         }
-        .show(
-            ui,
-            view,
-            window,
-            height.max(60.0) + if last { axis } else { 0.0 },
-        );
-    }
+        .show(ui, view, window, height);
+    });
 }
 
 // Instants of the cursors, and what each signal does between them.
