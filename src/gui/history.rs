@@ -431,6 +431,15 @@ impl History {
         self.rows.points(channel.column(), from_s, to_s)
     }
 
+    /// Instant (s) of the last of `n` rows from `from_s` on; infinite where there are fewer.
+    pub fn after_rows(&self, from_s: f64, n: usize) -> f64 {
+        let last = self.rows.row_at(from_s) + n.max(1) - 1;
+        match last < self.len() {
+            true => self.rows.time(last),
+            false => f64::INFINITY,
+        }
+    }
+
     /// Instant (s) of a channel's newest value at or before `to_s`.
     pub fn last_before(&self, channel: Channel, to_s: f64) -> Option<f64> {
         self.rows.last_before(channel.column(), to_s)

@@ -2,9 +2,9 @@
 
 use egui::{RichText, ScrollArea, Ui};
 
-use super::AccuracyState;
+use super::{AccuracyState, nothing};
 use crate::gui::panels::widgets::{Meter, cell, cell_left, dense, heading, meter, note, number};
-use crate::gui::score::{By, bins};
+use crate::gui::score::By;
 use crate::gui::theme::Palette;
 
 /// The bins.
@@ -22,10 +22,11 @@ pub fn ui(ui: &mut Ui, state: &mut AccuracyState) {
                 .on_hover_text(hover);
         }
     });
-    let scored = state.analysis.as_ref().map_or(&[][..], |a| &a.scored);
-    let bins = bins(scored, state.by);
+    let scoring = state.is_scoring();
+    let by = state.by;
+    let bins = state.analysis.as_mut().map_or(&[][..], |a| a.bins(by));
     if bins.is_empty() {
-        note(ui, "Nothing is scored in this window.");
+        note(ui, nothing(scoring));
         return;
     }
     dense(ui);
@@ -34,7 +35,7 @@ pub fn ui(ui: &mut Ui, state: &mut AccuracyState) {
     let bar = ui.available_width() - columns.iter().sum::<f32>() - 7.0 * 4.0;
     let head = |t: &str| RichText::new(t).small().color(p.weak);
     ui.horizontal(|ui| {
-        let name = format!("{} / {}", state.by.name().to_lowercase(), state.by.unit());
+        let name = format!("{} / {}", by.name().to_lowercase(), by.unit());
         cell_left(ui, columns[0], head(&name));
         for (t, hover) in [
             ("mean / mm", "Mean translation error"),
@@ -56,7 +57,7 @@ pub fn ui(ui: &mut Ui, state: &mut AccuracyState) {
         .id_salt("bins")
         .auto_shrink(false)
         .show(ui, |ui| {
-            for b in &bins {
+            for b in bins {
                 ui.horizontal(|ui| {
                     let range = format!("{} to {}", number(b.range[0], 0), number(b.range[1], 0));
                     cell_left(ui, columns[0], range.as_str());

@@ -1,5 +1,6 @@
 //! The Accuracy screen: predicted against measured pose, with the published values beside ours.
 
+mod analysis;
 mod breakdown;
 mod export;
 mod frames;
@@ -12,12 +13,14 @@ use super::View;
 use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
 use super::sensors::{card, stale};
 use super::widgets::{Gate, empty, gated, minutes, note, number};
-use crate::gui::history::{Channel, POSE_NAMES, Stats};
+use crate::gui::history::{Channel, POSE_NAMES};
 use crate::gui::scene::camera::Camera;
-use crate::gui::score::{By, Scored, occlusions, peaks, scored};
+use crate::gui::score::{By, occlusions, peaks, scored};
 use crate::gui::services::Services;
 use crate::sensing::registration::Registration;
 
+pub use analysis::Analysis;
+use analysis::Pending;
 pub use export::Export;
 pub use table::published_for;
 
@@ -77,20 +80,15 @@ pub struct AccuracyState {
     camera: Option<Camera>,
     // Costly over ten minutes: kept until half a second of new data came.
     analysis: Option<Analysis>,
+    pending: Option<Pending>,
 }
 
-/// What is scored, and how.
-pub struct Analysis {
-    range_s: [f64; 2],
-    rows: usize,
-    /// The pairs.
-    pub scored: Vec<Scored>,
-    /// Statistics of each error.
-    pub stats: [Option<Stats>; 8],
-    /// Spans without ground truth within the scope, s.
-    pub occlusions: Vec<[f64; 2]>,
-    /// Ground truths within the scope without an estimate.
-    pub excluded: usize,
+/// What is said where nothing is scored.
+fn nothing(scoring: bool) -> &'static str {
+    match scoring {
+        true => "Scoring…",
+        false => "Nothing is scored in this window.",
+    }
 }
 
 impl AccuracyState {
@@ -104,44 +102,7 @@ impl AccuracyState {
         self.peak = None;
         self.peak_place = None;
         self.analysis = None;
-    }
-
-    fn analyse(&mut self, view: &View<'_>, window: &TimeWindow) {
-        let range = match self.scope {
-            Scope::Window => {
-                let [from, to] = window.range_s(view.now_s);
-                [from, to.min(view.now_s)]
-            }
-            Scope::All => [f64::NEG_INFINITY, view.now_s],
-        };
-        let rows = view.history.len();
-        if let Some(a) = &self.analysis {
-            let same_span = a.range_s[0] == range[0]
-                || ((a.range_s[1] - a.range_s[0]) - (range[1] - range[0])).abs() < 1e-9;
-            // A window that stands still is scored as it stands.
-            let moved = (a.range_s[1] - range[1]).abs();
-            let allowed = if window.frozen_end_s.is_some() {
-                1e-9
-            } else {
-                0.5
-            };
-            if same_span && moved < allowed && a.rows <= rows {
-                return;
-            }
-        }
-        let scored = scored(view.history, range[0], range[1]);
-        let first = view
-            .history
-            .range_s()
-            .map_or(range[0], |r| r[0].max(range[0]));
-        self.analysis = Some(Analysis {
-            range_s: range,
-            rows,
-            stats: std::array::from_fn(|i| Stats::of(scored.iter().map(|s| s.error[i]))),
-            occlusions: occlusions(view.history, first, range[1]),
-            excluded: view.history.excluded(range[0], range[1]),
-            scored,
-        });
+        self.pending = None;
     }
 
     /// Goes to the next or the previous peak of the whole session.
@@ -194,7 +155,7 @@ pub fn ui(
     let has_truth = is_scored || view.snapshot.truth.is_some();
     if has_truth {
         keys(ui, view, state, window);
-        state.analyse(view, window);
+        state.analyse(ui.ctx(), view, window);
     }
     let table = 540.0_f32.min(ui.available_width() * 0.49);
     ui.horizontal_top(|ui| {

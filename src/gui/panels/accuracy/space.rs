@@ -5,7 +5,7 @@ use egui::{
 };
 use glam::{Vec2, Vec3};
 
-use super::AccuracyState;
+use super::{AccuracyState, nothing};
 use crate::gui::panels::View;
 use crate::gui::panels::widgets::{heading, number};
 use crate::gui::scene::camera::{self, Camera};
@@ -26,7 +26,7 @@ const CELLS: f64 = 5.0;
 /// The view.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
     let Some(analysis) = state.analysis.as_ref().filter(|a| !a.scored.is_empty()) else {
-        heading(ui, "Nothing is scored in this window.");
+        heading(ui, nothing(state.is_scoring()));
         return;
     };
     let scored = &analysis.scored;
