@@ -134,6 +134,9 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     Ok(super::silent())
 }
 
+/// How long after it is asked for a frame may be painted.
+const SOON: Duration = Duration::from_millis(1);
+
 /// How twins ask the window for frames.
 #[derive(Clone)]
 struct Asks {
@@ -155,7 +158,8 @@ impl Asks {
             ticks += 1;
             if ticks >= every.max(idle) {
                 ticks = 0;
-                ctx.request_repaint();
+                // With a delay one frame is painted, without it two.
+                ctx.request_repaint_after(SOON);
             }
         }
     }

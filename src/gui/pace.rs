@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use crate::signal::{Mode, Snapshot};
 
 /// Pictures per second while nothing moves.
-pub const IDLE_HZ: u32 = 5;
+pub const IDLE_HZ: u32 = 3;
 /// Pictures per second of a window that nobody sees; its plots go on.
 pub const HIDDEN_HZ: u32 = 1;
 /// The tip moves when it is further than this from where it rested, m: more than the estimate's noise.
