@@ -249,6 +249,7 @@ fn picture_services(
     };
     let mut services = super::services(asks, rigs, calibration);
     services.gap = super::gap::services(ctx, robot, robot_file, scratch);
+    services.calibration.versions = Box::new(|| Job::ready(Ok(Vec::new())));
     match state {
         StateName::Now | StateName::Disconnected => {}
         StateName::Empty => services.scan = Box::new(|| Job::ready(Ok(Vec::new()))),

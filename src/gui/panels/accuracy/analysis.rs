@@ -1,0 +1,206 @@
+//! What is scored: worked out a slice per frame, so that a long window never holds the others up.
+
+use super::{AccuracyState, Scope};
+use crate::gui::history::Stats;
+use crate::gui::panels::View;
+use crate::gui::panels::plot::TimeWindow;
+use crate::gui::score::{Bin, By, Scored, bins, occlusions, scored};
+
+/// Rows of the history that are gone through in a frame.
+const ROWS_PER_FRAME: usize = 6000;
+/// Values that statistics are made of in a frame, at least one column.
+const VALUES_PER_FRAME: usize = 60_000;
+/// Scores of a window that moves on are made anew after this share of it, at least after [`ANEW_S`].
+const ANEW_RATIO: f64 = 1.0 / 60.0;
+/// Seconds after which scores are made anew at the earliest.
+const ANEW_S: f64 = 0.5;
+
+/// What is scored, and how.
+pub struct Analysis {
+    range_s: [f64; 2],
+    rows: usize,
+    /// The pairs.
+    pub scored: Vec<Scored>,
+    /// Statistics of each error.
+    pub stats: [Option<Stats>; 8],
+    /// Spans without ground truth within the scope, s.
+    pub occlusions: Vec<[f64; 2]>,
+    /// Poses of ground truth within the scope that no estimate goes with.
+    pub excluded: usize,
+    binned: Option<(By, Vec<Bin>)>,
+}
+
+/// An analysis that is being made.
+pub struct Pending {
+    made: Analysis,
+    /// From here on nothing is scored yet, s; infinite once all is.
+    next_s: f64,
+    /// Columns that have their statistics.
+    columns: usize,
+}
+
+impl Analysis {
+    /// The errors in bins; made once.
+    pub fn bins(&mut self, by: By) -> &[Bin] {
+        if self.binned.as_ref().is_none_or(|(made, _)| *made != by) {
+            self.binned = Some((by, bins(&self.scored, by)));
+        }
+        self.binned.as_ref().map_or(&[], |(_, bins)| bins)
+    }
+
+    fn spans(&self, range_s: [f64; 2]) -> bool {
+        self.range_s[0] == range_s[0]
+            || ((self.range_s[1] - self.range_s[0]) - (range_s[1] - range_s[0])).abs() < 1e-9
+    }
+
+    fn moved_s(&self, range_s: [f64; 2]) -> f64 {
+        (self.range_s[1] - range_s[1]).abs()
+    }
+}
+
+impl Pending {
+    fn new(range_s: [f64; 2], rows: usize) -> Self {
+        let made = Analysis {
+            range_s,
+            rows,
+            scored: Vec::new(),
+            stats: [None; 8],
+            occlusions: Vec::new(),
+            excluded: 0,
+            binned: None,
+        };
+        Self {
+            made,
+            next_s: range_s[0],
+            columns: 0,
+        }
+    }
+
+    /// Goes on by a frame's worth; whether all is done.
+    fn work(&mut self, view: &View<'_>) -> bool {
+        let [from_s, to_s] = self.made.range_s;
+        if self.next_s <= to_s {
+            let until_s = view.history.after_rows(self.next_s, ROWS_PER_FRAME);
+            let until_s = until_s.min(to_s);
+            let more = scored(view.history, self.next_s, until_s);
+            self.made.scored.extend(more);
+            self.next_s = until_s.next_up();
+            if self.next_s <= to_s {
+                return false;
+            }
+            let range = view.history.range_s();
+            let first_s = range.map_or(from_s, |r| r[0].max(from_s));
+            self.made.occlusions = occlusions(view.history, first_s, to_s);
+            self.made.excluded = view.history.excluded(from_s, to_s);
+        }
+        let mut values = 0;
+        while self.columns < self.made.stats.len() {
+            if values > 0 && values + self.made.scored.len() > VALUES_PER_FRAME {
+                return false;
+            }
+            let i = self.columns;
+            self.made.stats[i] = Stats::of(self.made.scored.iter().map(|s| s.error[i]));
+            self.columns += 1;
+            values += self.made.scored.len();
+        }
+        true
+    }
+}
+
+impl AccuracyState {
+    /// Whether the scores of what is shown are still being made.
+    pub fn is_scoring(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Keeps the scores in step with what is shown; asks for another frame while they are being made.
+    pub(super) fn analyse(&mut self, ctx: &egui::Context, view: &View<'_>, window: &TimeWindow) {
+        let range_s = match self.scope {
+            Scope::Window => {
+                let [from, to] = window.range_s(view.now_s);
+                [from, to.min(view.now_s)]
+            }
+            Scope::All => [f64::NEG_INFINITY, view.now_s],
+        };
+        let rows = view.history.len();
+        let first_s = view.history.range_s().map_or(range_s[0], |r| r[0]);
+        let anew_s = (ANEW_RATIO * (range_s[1] - range_s[0].max(first_s))).max(ANEW_S);
+        // A window that stands still is scored as it stands.
+        let allowed_s = match window.frozen_end_s {
+            Some(_) => 1e-9,
+            None => anew_s,
+        };
+        // What was scored of much else is not shown in its place.
+        let far = |a: &mut Analysis| {
+            !a.spans(range_s) || a.moved_s(range_s) > 4.0 * anew_s || a.rows > rows
+        };
+        self.analysis.take_if(far);
+        let fits = |a: &Analysis, slack: f64| a.spans(range_s) && a.moved_s(range_s) < slack;
+        if self.analysis.as_ref().is_some_and(|a| fits(a, allowed_s)) {
+            self.pending = None;
+            return;
+        }
+        let slack_s = match window.frozen_end_s {
+            Some(_) => allowed_s,
+            None => 2.0 * anew_s,
+        };
+        self.pending.take_if(|p| !fits(&p.made, slack_s));
+        let mut pending = self
+            .pending
+            .take()
+            .unwrap_or_else(|| Pending::new(range_s, rows));
+        if pending.work(view) {
+            self.analysis = Some(pending.made);
+        } else {
+            self.pending = Some(pending);
+            ctx.request_repaint();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gui::fixture;
+    use crate::gui::history::History;
+    use crate::robot::RobotSpec;
+
+    #[test]
+    fn a_long_session_is_scored_in_slices_that_make_the_whole() {
+        let n = 2 * ROWS_PER_FRAME + 700;
+        let mut history = History::new(n);
+        for k in 0..n {
+            let mut s = fixture::snapshot(0.01 * k as f64);
+            // Away for a second in the second slice.
+            if (7000..7100).contains(&k) {
+                s.truth = None;
+            }
+            history.push(&s);
+        }
+        let last = fixture::snapshot(0.01 * (n - 1) as f64);
+        let spec = RobotSpec::reference();
+        let view = View {
+            snapshot: &last,
+            history: &history,
+            now_s: last.stamp.seconds(),
+            replay: None,
+            simulated: Some(true),
+            spec: &spec,
+        };
+        let mut pending = Pending::new([f64::NEG_INFINITY, view.now_s], n);
+        let mut frames = 1;
+        while !pending.work(&view) {
+            frames += 1;
+            assert!(frames < 20);
+        }
+        assert!(frames >= 3, "{frames}");
+        let whole = scored(&history, f64::NEG_INFINITY, view.now_s);
+        assert!(whole.len() > n - 200, "{}", whole.len());
+        assert_eq!(pending.made.scored, whole);
+        for i in 0..8 {
+            let stats = Stats::of(whole.iter().map(|s| s.error[i]));
+            assert_eq!(pending.made.stats[i], stats);
+        }
+        assert_eq!(pending.made.occlusions.len(), 1);
+    }
+}
