@@ -413,8 +413,10 @@ fn the_program_steers_the_firmware_over_two_ports() {
     assert_eq!(first["frames_lost"], 0);
     for board in first["boards"].as_array().expect("boards") {
         assert!(board["rate_hz"].as_f64().expect("a rate") > 95.0);
+        // How well clocks are fitted is asserted in lockstep, above: here an emulated board's clock
+        // stands still for as long as the machine lets the board wait. It must not look like a jump.
         let residual_ms = board["clock"]["residual_ms"].as_f64().expect("a fit");
-        assert!(residual_ms < 0.5, "{residual_ms}");
+        assert!(residual_ms < 3.0, "{residual_ms}");
     }
     std::thread::sleep(std::time::Duration::from_millis(400));
     let (code, said) = crate::program::refusal(&run);
