@@ -4,6 +4,7 @@ mod calibrate;
 mod conformance;
 mod dataset;
 mod edges;
+mod faults;
 #[cfg(unix)]
 mod firmware;
 #[cfg(unix)]

@@ -1,0 +1,1 @@
+//! Faults of boards, sensors, pneumatics and of the line to them.

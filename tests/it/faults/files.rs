@@ -1,0 +1,1 @@
+//! Files that are cut, damaged, hostile or of the wrong units.
