@@ -15,6 +15,7 @@ use super::{Report, args, model};
 use springtwin::control::Gains;
 use springtwin::link::wire::Config;
 #[cfg(unix)]
+use springtwin::rig::faults::Script;
 use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
@@ -128,6 +129,9 @@ pub struct RigArgs {
     /// Something to pick up: where the tip grasps it (mm) and its mass (kg); may be given several times
     #[arg(long, value_name = "X,Y,Z,KG", value_parser = args::item, allow_hyphen_values = true)]
     object: Vec<Item>,
+    /// Faults to suffer on the way: a file with a [[fault]] for each (see the guide, "Faults")
+    #[arg(long, value_name = "F.toml")]
+    faults: Option<PathBuf>,
     /// End when the starting process ends
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -523,6 +527,11 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     let mut rig = VirtualRig::new(robot, &options)?;
     if let Some(folder) = &a.firmware {
         rig.use_firmware(folder)?;
+    }
+    if let Some(path) = &a.faults {
+        let text = super::read_text(path)?;
+        let script = Script::from_toml(&text).with_context(|| path.display().to_string())?;
+        rig.faults.follow(script);
     }
     let mut lines = open_lines(a)?;
     println!("{}", lines.ports());

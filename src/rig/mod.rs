@@ -7,6 +7,7 @@
 
 pub mod board;
 pub mod circuit;
+pub mod faults;
 pub mod firmware;
 pub mod hidden;
 pub mod inertial;
@@ -22,12 +23,13 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use crate::robot::RobotSpec;
-use crate::signal::{BOARDS, CHAMBERS, Gripper, IMUS, Pose, SPRINGS};
+use crate::signal::{BOARDS, CHAMBERS, Gripper, Pose};
 use crate::sim::SimError;
 use crate::sim::dataset::normal;
 use crate::sim::patch::SensorErrors;
 use board::{Board, BoardSetup, CHAMBERS_EACH, Readings, SpringReading};
 use circuit::{Circuit, USUAL_SCATTER};
+use faults::{Faults, Jolt};
 use firmware::{FirmwareBoard, FirmwareError};
 use inertial::{Inertial, InertialErrors};
 pub use plant::{Plant, Surroundings, Unit};
@@ -73,17 +75,6 @@ pub struct Object {
     pub held: bool,
 }
 
-/// What is broken, or disturbed, on purpose.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Faults {
-    /// Springs whose reading stays as it is.
-    pub stuck_springs: [bool; SPRINGS],
-    /// IMUs that answer no more.
-    pub dead_imus: [bool; IMUS],
-    /// Whether nothing that the boards say arrives.
-    pub line_cut: bool,
-}
-
 /// The arm, its sensors and its boards.
 pub struct VirtualRig {
     /// The arm.
@@ -101,6 +92,7 @@ pub struct VirtualRig {
     readings: [Readings; BOARDS],
     rng: Pcg64Mcg,
     steps: u64,
+    boots: u32,
     /// Loads that the arm could not hold, counted; the arm stays where it was.
     pub refused_steps: u64,
 }
@@ -186,7 +178,7 @@ impl VirtualRig {
             circuit: circuit_of(robot, options.unit),
             sensor_errors,
             inertial: Inertial::new(&mounted, options.unit.0, InertialErrors::default()),
-            faults: Faults::default(),
+            faults: Faults::new(options.seed),
             objects: options.objects.clone(),
             gripper: Gripper::Open,
             lifted_kg: 0.0,
@@ -194,6 +186,7 @@ impl VirtualRig {
             readings: [Readings::default(); BOARDS],
             rng: Pcg64Mcg::seed_from_u64(options.seed ^ 0x7269_6721),
             steps: 0,
+            boots: 0,
             refused_steps: 0,
         };
         rig.measure();
@@ -208,8 +201,14 @@ impl VirtualRig {
 
     /// The same with a line for each board, as firmware needs it: it says its frames byte by byte.
     pub fn advance_lines(&mut self, t_s: f64, from_host: [&[u8]; BOARDS]) -> [Vec<u8>; BOARDS] {
-        for (board, bytes) in self.boards.iter_mut().zip(from_host) {
-            board.on_bytes(t_s, bytes);
+        for jolt in self.faults.at(t_s) {
+            self.suffer(t_s, jolt);
+        }
+        for (b, bytes) in from_host.into_iter().enumerate() {
+            let heard = self.faults.down(b, t_s, bytes);
+            if !self.faults.is_off(b) {
+                self.boards[b].on_bytes(t_s, &heard);
+            }
         }
         // After a pause of the host the rig does not try to catch up for more than a second.
         let due = (t_s / PHYSICS_STEP_S + 1e-6).floor() as u64;
@@ -221,12 +220,30 @@ impl VirtualRig {
             self.step(&self.set_pa());
         }
         std::array::from_fn(|b| {
-            let said = self.boards[b].poll(t_s, &self.readings[b]);
-            if self.faults.line_cut {
-                return Vec::new();
+            if self.faults.is_off(b) {
+                return self.faults.up(b, t_s, &[]);
             }
-            said
+            let said = self.boards[b].poll(t_s, &self.readings[b]);
+            self.faults.up(b, t_s, &said)
         })
+    }
+
+    /// What a fault does to a board as it begins or ends.
+    fn suffer(&mut self, t_s: f64, jolt: Jolt) {
+        match jolt {
+            Jolt::Boot(b) => {
+                self.boots += 1;
+                // Differs from every nonce before.
+                let nonce = 0x0b00_0000 ^ self.boots.wrapping_mul(0x9e37_79b9) ^ b as u32;
+                self.boards[b].reboot(t_s, nonce);
+            }
+            Jolt::Jump(b, by_s) => {
+                // The clock of a real chip cannot be moved from outside.
+                if let RigBoard::Emulated(board) = &mut self.boards[b] {
+                    board.jump_clock(by_s);
+                }
+            }
+        }
     }
 
     /// Lets the boards run the firmware in `folder` from now on; time starts at 0.
@@ -282,7 +299,10 @@ impl VirtualRig {
         if !self.objects.is_empty() {
             self.grip(self.boards[1].gripper());
         }
-        if self.plant.step(set_pa, PHYSICS_STEP_S).is_err() {
+        let set_pa = self.faults.supply(self.t_s(), set_pa);
+        self.plant.flow_share = self.faults.flow();
+        self.plant.leak_m3_s_pa = self.faults.leak_m3_s_pa();
+        if self.plant.step(&set_pa, PHYSICS_STEP_S).is_err() {
             self.refused_steps += 1;
         }
         self.measure();
@@ -290,7 +310,15 @@ impl VirtualRig {
 
     /// What the boards drive the chambers to now; `None`: pumps off.
     pub fn set_pa(&self) -> [Option<f64>; CHAMBERS] {
-        std::array::from_fn(|i| self.boards[i / 3].setpoint_pa().map(|p| p[i % 3]))
+        std::array::from_fn(|i| {
+            let board = (!self.faults.is_off(i / 3)).then(|| &self.boards[i / 3])?;
+            board.setpoint_pa().map(|p| p[i % 3])
+        })
+    }
+
+    /// Time of the physics, s.
+    fn t_s(&self) -> f64 {
+        self.steps as f64 * PHYSICS_STEP_S
     }
 
     /// The boards, for faults and tests.
@@ -333,7 +361,10 @@ impl VirtualRig {
 
     fn measure(&mut self) {
         let spring_m = &self.plant.observation().sensors.spring_m;
-        let read_m = self.sensor_errors.read_springs(spring_m);
+        let mut read_m = self.sensor_errors.read_springs(spring_m);
+        for (length_m, off_m) in read_m.iter_mut().zip(self.faults.spring_off_m()) {
+            *length_m += off_m;
+        }
         self.circuit.step(PHYSICS_STEP_S, &read_m);
         let (counts, gates) = self.circuit.read(&mut self.rng);
         let [middle, end] = self.plant.pads();
@@ -341,24 +372,21 @@ impl VirtualRig {
             .inertial
             .read(PHYSICS_STEP_S, middle, end, &mut self.rng);
         for b in 0..BOARDS {
-            let before = self.readings[b];
-            self.readings[b] = Readings {
-                springs: std::array::from_fn(|k| match self.faults.stuck_springs[6 * b + k] {
-                    true => before.springs[k],
-                    false => Some(SpringReading {
+            let readings = Readings {
+                springs: std::array::from_fn(|k| {
+                    Some(SpringReading {
                         count: counts[6 * b + k],
                         gate_ticks: gates[6 * b + k],
-                    }),
+                    })
                 }),
-                imus: std::array::from_fn(|k| {
-                    (!self.faults.dead_imus[2 * b + k]).then_some(imu[2 * b + k])
-                }),
+                imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
                 chamber_pa: std::array::from_fn(|k| {
                     Some(
                         self.plant.chamber_pa()[3 * b + k] + GAUGE_NOISE_PA * normal(&mut self.rng),
                     )
                 }),
             };
+            self.readings[b] = self.faults.read(b, self.steps as f64 * PHYSICS_STEP_S, readings);
         }
     }
 }

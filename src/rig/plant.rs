@@ -70,6 +70,10 @@ pub struct Plant {
     state: State,
     /// What acts from outside.
     pub surroundings: Surroundings,
+    /// Share of its flow that each chamber's supply gives.
+    pub flow_share: [f64; CHAMBERS],
+    /// What each chamber loses, m³/s at atmospheric pressure per Pa of gauge pressure.
+    pub leak_m3_s_pa: [f64; CHAMBERS],
     chamber_pa: [f64; CHAMBERS],
     hysteresis: [f64; CHAMBERS],
     bellows_m: [f64; CHAMBERS],
@@ -123,6 +127,8 @@ impl Plant {
             model,
             state,
             surroundings,
+            flow_share: [1.0; CHAMBERS],
+            leak_m3_s_pa: [0.0; CHAMBERS],
             chamber_pa: [0.0; CHAMBERS],
             hysteresis: [0.0; CHAMBERS],
             volume_ext_m3_s: [0.0; CHAMBERS],
@@ -161,9 +167,10 @@ impl Plant {
             let p = before_pa[i];
             let absolute = ATMOSPHERE_PA + p;
             let volume = self.model.area_m2[i] * self.bellows_m[i];
-            let flow = set_pa[i].map_or(0.0, |set| {
+            let pumped = set_pa[i].map_or(0.0, |set| {
                 robot.pump_flow_m3_s * ((set - p) * PUMP_GAIN_1_PA).clamp(-1.0, 1.0)
             });
+            let flow = self.flow_share[i] * pumped - self.leak_m3_s_pa[i] * p;
             let rate = (ATMOSPHERE_PA * flow - absolute * self.volume_ext_m3_s[i])
                 / (volume + absolute * compliance);
             self.chamber_pa[i] = p + rate * dt_s;

@@ -39,23 +39,24 @@ pub enum PtyError {
     Io(#[from] std::io::Error),
 }
 
-/// An open pseudo-terminal.
+/// A pseudo-terminal.
 pub struct Pty {
-    master: File,
-    // Kept open so that the master does not hang up while no program has the port open.
-    _slave: OwnedFd,
-    /// What a serial program opens.
+    /// Nothing while it is unplugged.
+    ends: Option<Ends>,
+    /// What a serial program opens. Plugged in again it may be another; the link stays.
     pub port: PathBuf,
     link: Option<PathBuf>,
     outbox: Vec<u8>,
 }
 
-impl Pty {
-    /// Opens a pseudo-terminal in raw mode and, if wanted, puts a symbolic link to it at `link`.
-    ///
-    /// # Errors
-    /// [`PtyError`] naming what failed.
-    pub fn open(link: Option<&Path>) -> Result<Self, PtyError> {
+struct Ends {
+    master: File,
+    // Kept open so that the master does not hang up while no program has the port open.
+    _slave: OwnedFd,
+}
+
+impl Ends {
+    fn open() -> Result<(Self, PathBuf), PtyError> {
         let pair = openpty(None, None)?;
         let mut modes = tcgetattr(&pair.slave)?;
         cfmakeraw(&mut modes);
@@ -66,31 +67,64 @@ impl Pty {
             FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK),
         )?;
         let port = nix::unistd::ttyname(&pair.slave)?;
-        if let Some(path) = link {
-            std::os::unix::fs::symlink(&port, path).map_err(|reason| PtyError::Link {
-                path: path.to_owned(),
-                reason,
-            })?;
-        }
-        Ok(Self {
+        let ends = Self {
             master: File::from(pair.master),
             _slave: pair.slave,
+        };
+        Ok((ends, port))
+    }
+}
+
+impl Pty {
+    /// Opens a pseudo-terminal in raw mode and, if wanted, puts a symbolic link to it at `link`.
+    ///
+    /// # Errors
+    /// [`PtyError`] naming what failed.
+    pub fn open(link: Option<&Path>) -> Result<Self, PtyError> {
+        let (ends, port) = Ends::open()?;
+        if let Some(path) = link {
+            put_link(&port, path)?;
+        }
+        Ok(Self {
+            ends: Some(ends),
             port,
             link: link.map(Path::to_owned),
             outbox: Vec::new(),
         })
     }
 
+    /// Pulls the cable, or plugs it in again (under another name, if need be; the link then leads there).
+    ///
+    /// # Errors
+    /// [`PtyError`] when the system gives no new terminal.
+    pub fn plug(&mut self, plugged: bool) -> Result<(), PtyError> {
+        if !plugged {
+            self.ends = None;
+            self.outbox.clear();
+        } else if self.ends.is_none() {
+            let (ends, port) = Ends::open()?;
+            if let Some(path) = &self.link {
+                // It leads to a terminal that is gone.
+                let _ = std::fs::remove_file(path);
+                put_link(&port, path)?;
+            }
+            (self.ends, self.port) = (Some(ends), port);
+        }
+        Ok(())
+    }
+
     /// What the other side wrote since the last look. A line that no program has open is silent
     /// (Linux answers EIO).
     fn read(&mut self, inbox: &mut [u8]) -> usize {
-        self.master.read(inbox).unwrap_or(0)
+        let ends = self.ends.as_mut();
+        ends.map_or(0, |e| e.master.read(inbox).unwrap_or(0))
     }
 
     /// Writes what is due, as far as the line takes it.
     fn write(&mut self, bytes: Vec<u8>) {
+        let Some(ends) = &mut self.ends else { return };
         self.outbox.extend(bytes);
-        match self.master.write(&self.outbox) {
+        match ends.master.write(&self.outbox) {
             Ok(n) => {
                 self.outbox.drain(..n);
             }
@@ -102,6 +136,13 @@ impl Pty {
             self.outbox.clear();
         }
     }
+}
+
+fn put_link(port: &Path, path: &Path) -> Result<(), PtyError> {
+    std::os::unix::fs::symlink(port, path).map_err(|reason| PtyError::Link {
+        path: path.to_owned(),
+        reason,
+    })
 }
 
 /// The lines of the rig: one that both boards share, or one each.
@@ -124,7 +165,11 @@ impl Lines {
         }
     }
 
-    fn exchange(&mut self, rig: &mut VirtualRig, t_s: f64) {
+    /// One look at the lines at `t_s` of the rig's time: what came goes to the rig, what it says goes out.
+    ///
+    /// # Errors
+    /// [`PtyError`] when an unplugged line cannot be plugged in again.
+    pub fn exchange(&mut self, rig: &mut VirtualRig, t_s: f64) -> Result<(), PtyError> {
         let mut inbox = [[0u8; 4096]; BOARDS];
         match self {
             Self::Shared(pty) => {
@@ -140,12 +185,17 @@ impl Lines {
                 }
             }
         }
+        let plugged = !rig.faults.is_unplugged();
+        match self {
+            Self::Shared(pty) => pty.plug(plugged),
+            Self::Each(ptys) => ptys.iter_mut().try_for_each(|pty| pty.plug(plugged)),
+        }
     }
 
     /// Runs the rig in real time until `go_on` says no. Motion-capture packets go to `mocap_to`.
     ///
     /// # Errors
-    /// [`PtyError::Io`] when no packets can be sent there.
+    /// [`PtyError`] when no packets can be sent there, or a line cannot be plugged in again.
     pub fn run(
         &mut self,
         rig: &mut VirtualRig,
@@ -168,7 +218,7 @@ impl Lines {
         let mut mocap_frame: u32 = 0;
         while go_on() {
             let t_s = start.elapsed().as_secs_f64();
-            self.exchange(rig, t_s);
+            self.exchange(rig, t_s)?;
             let due = (t_s / MOCAP_PERIOD_S) as u32 + 1;
             if due > mocap_frame {
                 mocap_frame = due;

@@ -13,6 +13,7 @@ use crate::gui::services::{
 use crate::link::wire::Config;
 use crate::link::{HostSession, Origin};
 use crate::rig::circuit::{self, BenchPlan};
+use crate::rig::faults::{Fault, Place, Word};
 use crate::rig::{RigOptions, Unit, VirtualRig, circuit_of};
 use crate::sensing::bench::{BenchLog, parse_bench};
 use crate::sensing::{Calibration, Sensing};
@@ -41,7 +42,10 @@ impl Port for Line {
             _ => {}
         }
         self.was_cut = cut;
-        self.rig.faults.line_cut = cut;
+        match cut {
+            true => self.rig.faults.begin(Place::Port, Fault::of(Word::Off)),
+            false => self.rig.faults.end(Place::Port),
+        }
         while (self.ms + 1) as f64 * 1e-3 <= now.seconds() + 1e-9 {
             self.ms += 1;
             let t_s = self.ms as f64 * 1e-3;

@@ -14,6 +14,7 @@ use super::{KINDS, Outcome, Task, Trial, mean, path_of, run_all};
 use crate::cli::drive::commands::Shape;
 use springtwin::control::Gains;
 use springtwin::rig::VirtualRig;
+use springtwin::rig::faults::{Fault, Place, Word};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
 use springtwin::sim::dataset::{normal, sample_rng};
@@ -100,9 +101,12 @@ impl Disturbance {
                     around.tip_force_n = way.map_or([0.0; 3], |w| (w * size_n).into());
                 }
                 Self::Load(kg) => around.payload_kg = kg,
-                Self::StuckSpring(i) => rig.faults.stuck_springs[i] = true,
-                Self::DeadImu(i) => rig.faults.dead_imus[i] = true,
-                Self::LostFrames(s) => rig.faults.line_cut = since_s < s,
+                Self::StuckSpring(i) => rig.faults.begin(Place::Spring(i), Fault::of(Word::Stuck)),
+                Self::DeadImu(i) => rig.faults.begin(Place::Imu(i), Fault::of(Word::Off)),
+                Self::LostFrames(s) if since_s < s => {
+                    rig.faults.begin(Place::Port, Fault::of(Word::Off));
+                }
+                Self::LostFrames(_) => rig.faults.end(Place::Port),
             }
         })
     }

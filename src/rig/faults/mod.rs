@@ -1,0 +1,390 @@
+//! Faults on purpose: what breaks, where, from when to when.
+//!
+//! | word | a spring, IMU or gauge | a chamber's supply | a board, with its line |
+//! |---|---|---|---|
+//! | off | is not delivered | does not run | has no power |
+//! | stuck | repeats its reading | stays as it was told last | says its last frame again and again |
+//! | garbage | reads anything | is told anything | says random bytes |
+//! | wrong | is off by mm, °/s, kPa | drives to so many kPa | one bit is flipped in this share of frames |
+//! | slow | is read every so many seconds | gives this share of its flow | passes so many bytes a second |
+//! | delayed | is so many seconds old | hears everything so many seconds late | as its chambers |
+//! | intermittent | this share of readings is lost | is off for this share of steps | this share of frames is lost |
+//! | leak | | loses so many l/min at 20 kPa | |
+//! | jump | | | its clock jumps by so many seconds |
+//! | twice, swapped | | | this share of frames comes twice, or after the next one |
+//!
+//! One place has one fault at a time. A board that was off boots when its fault ends. The port can be
+//! off: it is unplugged, and plugged in again. What a board's line does it does in both directions, but
+//! `stuck`, `twice` and `swapped` only to what the board says.
+
+mod channel;
+mod line;
+mod script;
+
+use rand::{Rng as _, SeedableRng as _};
+use rand_pcg::Pcg64Mcg;
+
+use super::board::{CHAMBERS_EACH, Readings, SpringReading};
+use crate::signal::{BOARDS, CHAMBERS, IMUS, ImuRaw, SPRINGS};
+use channel::Channel;
+use line::Line;
+pub use script::{Script, ScriptError};
+
+/// What can break. Indices are 0-based.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// A spring's reading.
+    Spring(usize),
+    /// An IMU's reading.
+    Imu(usize),
+    /// A pressure gauge's reading.
+    Gauge(usize),
+    /// What supplies a chamber.
+    Chamber(usize),
+    /// A board and its line.
+    Board(usize),
+    /// The port that a program has open.
+    Port,
+}
+
+/// How it breaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Word {
+    /// Does nothing.
+    Off,
+    /// Does the same again.
+    Stuck,
+    /// Does anything.
+    Garbage,
+    /// Does it wrong.
+    Wrong,
+    /// Does it slowly.
+    Slow,
+    /// Does it late.
+    Delayed,
+    /// Does it now and then.
+    Intermittent,
+    /// Loses air.
+    Leak,
+    /// The clock jumps.
+    Jump,
+    /// Says things twice.
+    Twice,
+    /// Says things in the wrong order.
+    Swapped,
+}
+
+/// A fault and how bad it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fault {
+    /// What it is.
+    pub word: Word,
+    /// How much of it, in the unit that [`amount`] tells.
+    pub amount: f64,
+}
+
+impl Fault {
+    /// A fault that has no number.
+    pub fn of(word: Word) -> Self {
+        Self { word, amount: 0.0 }
+    }
+}
+
+/// What a number means with a fault: usual value, least, greatest, unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Amount {
+    /// Without a number in the script.
+    pub usual: f64,
+    /// Least.
+    pub min: f64,
+    /// Greatest.
+    pub max: f64,
+    /// What it is counted in.
+    pub unit: &'static str,
+}
+
+/// What the number of a fault means at a place; `None` when a place does not break like that.
+pub fn amount(place: Place, word: Word) -> Option<Amount> {
+    let of = |usual, min, max, unit| {
+        Some(Amount {
+            usual,
+            min,
+            max,
+            unit,
+        })
+    };
+    let none = of(0.0, 0.0, 0.0, "nothing");
+    let share = |usual| of(usual, 0.0, 1.0, "share");
+    match (place, word) {
+        (Place::Port, Word::Off) => none,
+        (Place::Port, _) => None,
+        (_, Word::Off | Word::Stuck | Word::Garbage) => none,
+        (_, Word::Delayed) => of(0.1, 0.0, 10.0, "s"),
+        (_, Word::Intermittent) => share(0.5),
+        (Place::Spring(_), Word::Wrong) => of(10.0, -200.0, 200.0, "mm"),
+        (Place::Imu(_), Word::Wrong) => of(5.0, -500.0, 500.0, "deg/s"),
+        (Place::Gauge(_), Word::Wrong) => of(5.0, -100.0, 100.0, "kPa"),
+        (Place::Chamber(_), Word::Wrong) => of(50.0, -100.0, 100.0, "kPa"),
+        (Place::Board(_), Word::Wrong) => share(0.01),
+        (Place::Chamber(_), Word::Slow) => share(0.3),
+        (Place::Board(_), Word::Slow) => of(5000.0, 1.0, 1e6, "bytes/s"),
+        (_, Word::Slow) => of(0.2, 0.01, 10.0, "s"),
+        (Place::Chamber(_), Word::Leak) => of(2.2, 0.0, 100.0, "l/min at 20 kPa"),
+        (Place::Board(_), Word::Jump) => of(1.0, -1e6, 1e6, "s"),
+        (Place::Board(_), Word::Twice | Word::Swapped) => share(0.05),
+        (_, Word::Leak | Word::Jump | Word::Twice | Word::Swapped) => None,
+    }
+}
+
+/// What the rig does when a fault of a board begins or ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Jolt {
+    /// The board boots.
+    Boot(usize),
+    /// Its clock jumps by so many seconds.
+    Jump(usize, f64),
+}
+
+/// What is broken now, and what will be.
+#[derive(Debug)]
+pub struct Faults {
+    springs: [Option<Fault>; SPRINGS],
+    imus: [Option<Fault>; IMUS],
+    gauges: [Option<Fault>; CHAMBERS],
+    chambers: [Option<Fault>; CHAMBERS],
+    boards: [Option<Fault>; BOARDS],
+    port_off: bool,
+    script: Script,
+    jolts: Vec<Jolt>,
+    spring_channels: [Channel<SpringReading>; SPRINGS],
+    imu_channels: [Channel<ImuRaw>; IMUS],
+    gauge_channels: [Channel<f64>; CHAMBERS],
+    supplies: [Channel<f64>; CHAMBERS],
+    up: [Line; BOARDS],
+    down: [Line; BOARDS],
+    rng: Pcg64Mcg,
+}
+
+impl Faults {
+    /// Nothing is broken. `seed` is that of everything random about faults to come.
+    pub fn new(seed: u64) -> Self {
+        Self {
+            springs: [None; SPRINGS],
+            imus: [None; IMUS],
+            gauges: [None; CHAMBERS],
+            chambers: [None; CHAMBERS],
+            boards: [None; BOARDS],
+            port_off: false,
+            script: Script::default(),
+            jolts: Vec::new(),
+            spring_channels: Default::default(),
+            imu_channels: Default::default(),
+            gauge_channels: Default::default(),
+            supplies: Default::default(),
+            up: Default::default(),
+            down: Default::default(),
+            rng: Pcg64Mcg::seed_from_u64(seed ^ 0xfa17),
+        }
+    }
+
+    /// Breaks things as `script` says, from now on by the rig's time.
+    pub fn follow(&mut self, script: Script) {
+        self.script = script;
+    }
+
+    /// Breaks a place; what was wrong with it before ends. The fault that it has already goes on.
+    pub fn begin(&mut self, place: Place, fault: Fault) {
+        if self.slot(place).is_some_and(|slot| *slot == Some(fault)) {
+            return;
+        }
+        self.end(place);
+        match place {
+            Place::Port => self.port_off = true,
+            // Over as soon as it has happened.
+            Place::Board(b) if fault.word == Word::Jump => {
+                self.jolts.push(Jolt::Jump(b, fault.amount));
+            }
+            _ => {
+                if let Some(slot) = self.slot(place) {
+                    *slot = Some(fault);
+                }
+            }
+        }
+    }
+
+    /// Mends a place.
+    pub fn end(&mut self, place: Place) {
+        if place == Place::Port {
+            self.port_off = false;
+            return;
+        }
+        let was = self.slot(place).and_then(Option::take);
+        if let (Place::Board(b), Some(Word::Off)) = (place, was.map(|f| f.word)) {
+            self.jolts.push(Jolt::Boot(b));
+        }
+    }
+
+    /// Mends everything and forgets the script.
+    pub fn mend(&mut self) {
+        self.script = Script::default();
+        let places = (0..SPRINGS).map(Place::Spring);
+        let places = places.chain((0..IMUS).map(Place::Imu));
+        let places = places.chain((0..CHAMBERS).flat_map(|i| [Place::Gauge(i), Place::Chamber(i)]));
+        let places = places.chain((0..BOARDS).map(Place::Board));
+        for place in places.chain([Place::Port]) {
+            self.end(place);
+        }
+    }
+
+    /// Whether the port is unplugged.
+    pub fn is_unplugged(&self) -> bool {
+        self.port_off
+    }
+
+    fn slot(&mut self, place: Place) -> Option<&mut Option<Fault>> {
+        match place {
+            Place::Spring(i) => self.springs.get_mut(i),
+            Place::Imu(i) => self.imus.get_mut(i),
+            Place::Gauge(i) => self.gauges.get_mut(i),
+            Place::Chamber(i) => self.chambers.get_mut(i),
+            Place::Board(i) => self.boards.get_mut(i),
+            Place::Port => None,
+        }
+    }
+
+    /// Begins and ends what the script has for `t_s`; gives what happens to boards.
+    pub(super) fn at(&mut self, t_s: f64) -> Vec<Jolt> {
+        for (place, fault) in self.script.due(t_s) {
+            match fault {
+                Some(fault) => self.begin(place, fault),
+                None => self.end(place),
+            }
+        }
+        std::mem::take(&mut self.jolts)
+    }
+
+    /// Whether a board has no power.
+    pub(super) fn is_off(&self, board: usize) -> bool {
+        self.boards[board].is_some_and(|f| f.word == Word::Off)
+    }
+
+    /// What arrives at a board of what the host said.
+    pub(super) fn down(&mut self, board: usize, t_s: f64, bytes: &[u8]) -> Vec<u8> {
+        if self.port_off {
+            return Vec::new();
+        }
+        let only_up = [Word::Stuck, Word::Twice, Word::Swapped];
+        let fault = self.boards[board].filter(|f| !only_up.contains(&f.word));
+        self.down[board].pass(t_s, bytes, fault, &mut self.rng)
+    }
+
+    /// What arrives at the host of what a board said.
+    pub(super) fn up(&mut self, board: usize, t_s: f64, bytes: &[u8]) -> Vec<u8> {
+        if self.port_off {
+            return Vec::new();
+        }
+        self.up[board].pass(t_s, bytes, self.boards[board], &mut self.rng)
+    }
+
+    /// By how much springs are off before they are read, m.
+    pub(super) fn spring_off_m(&self) -> [f64; SPRINGS] {
+        self.springs.map(|f| match f {
+            Some(f) if f.word == Word::Wrong => f.amount * 1e-3,
+            _ => 0.0,
+        })
+    }
+
+    /// What is read of one board's sensors at `t_s`.
+    pub(super) fn read(&mut self, board: usize, t_s: f64, mut r: Readings) -> Readings {
+        let (at, rng) = (board * r.springs.len(), &mut self.rng);
+        for (k, reading) in r.springs.iter_mut().enumerate() {
+            // A wrong length has been read as one already.
+            let fault = self.springs[at + k].filter(|f| f.word != Word::Wrong);
+            *reading = self.spring_channels[at + k].pass(t_s, *reading, fault, rng);
+        }
+        let at = board * r.imus.len();
+        for (k, reading) in r.imus.iter_mut().enumerate() {
+            *reading = self.imu_channels[at + k].pass(t_s, *reading, self.imus[at + k], rng);
+        }
+        let at = board * CHAMBERS_EACH;
+        for (k, reading) in r.chamber_pa.iter_mut().enumerate() {
+            *reading = self.gauge_channels[at + k].pass(t_s, *reading, self.gauges[at + k], rng);
+        }
+        r
+    }
+
+    /// What the supplies do of what the boards tell them, Pa; `None`: off.
+    pub(super) fn supply(
+        &mut self,
+        t_s: f64,
+        set_pa: &[Option<f64>; CHAMBERS],
+    ) -> [Option<f64>; CHAMBERS] {
+        std::array::from_fn(|i| {
+            let fault = self.chambers[i].filter(|f| f.word != Word::Slow);
+            match fault {
+                // The pumps have one supply: a board that is SAFE cuts it off.
+                _ if set_pa[i].is_none() => None,
+                Some(f) if f.word == Word::Wrong => Some(f.amount * 1e3),
+                fault => self.supplies[i].pass(t_s, set_pa[i], fault, &mut self.rng),
+            }
+        })
+    }
+
+    /// Share of its flow that each supply gives.
+    pub(super) fn flow(&self) -> [f64; CHAMBERS] {
+        self.chambers.map(|f| match f {
+            Some(f) if f.word == Word::Slow => f.amount,
+            _ => 1.0,
+        })
+    }
+
+    /// What each chamber loses, m³/s at atmospheric pressure per Pa of gauge pressure.
+    pub(super) fn leak_m3_s_pa(&self) -> [f64; CHAMBERS] {
+        self.chambers.map(|f| match f {
+            Some(f) if f.word == Word::Leak => f.amount * 1e-3 / 60.0 / 20e3,
+            _ => 0.0,
+        })
+    }
+}
+
+impl channel::Reading for SpringReading {
+    fn garbage(rng: &mut Pcg64Mcg) -> Self {
+        Self {
+            count: rng.random_range(0..=0xffff),
+            gate_ticks: rng.random_range(0..=0xffff),
+        }
+    }
+
+    fn shifted(self, _amount: f64) -> Self {
+        self
+    }
+}
+
+impl channel::Reading for ImuRaw {
+    fn garbage(rng: &mut Pcg64Mcg) -> Self {
+        Self {
+            gyro_rad_s: std::array::from_fn(|_| rng.random_range(-8.7..8.7)),
+            accel_m_s2: std::array::from_fn(|_| rng.random_range(-39.0..39.0)),
+        }
+    }
+
+    fn shifted(mut self, amount: f64) -> Self {
+        for rate in &mut self.gyro_rad_s {
+            *rate += amount.to_radians();
+        }
+        self
+    }
+}
+
+impl channel::Reading for f64 {
+    fn garbage(rng: &mut Pcg64Mcg) -> Self {
+        rng.random_range(-65e3..65e3)
+    }
+
+    fn shifted(self, amount: f64) -> Self {
+        self + amount * 1e3
+    }
+}
+
+#[cfg(test)]
+mod tests;
