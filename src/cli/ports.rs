@@ -11,16 +11,16 @@ use clap::Args;
 
 use super::live::board_config;
 use springtwin::link::mocap::{self, MocapReceiver};
-use springtwin::link::serial::{self, LinkInput, LinkOutput, SerialLink};
+use springtwin::link::serial;
 use springtwin::link::wire::Config;
 use springtwin::link::wire::objects::END_PAD;
 use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
-use springtwin::signal::{GroundTruth, LinkStatus, PressureCommand, Stamp, TruthSource};
+use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
 use springtwin::sim::SimError;
-use springtwin::twin::{Arrivals, Port};
+use springtwin::twin::{Arrivals, Port, SerialPort};
 
 /// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
@@ -182,11 +182,10 @@ impl Port for InProcess {
 /// Boards on a serial port, with motion capture from the network if somebody sends it. May own
 /// the rig process at the other end.
 pub struct SerialRig {
-    link: SerialLink,
+    boards: SerialPort,
     mocap: Option<MocapReceiver>,
     registration: Option<Registration>,
     truth: TruthSource,
-    status: LinkStatus,
     rig: Option<Child>,
 }
 
@@ -201,11 +200,10 @@ impl SerialRig {
         let registration = instruments.registration()?;
         let link = serial::open(names, start, board_config(robot), Origin::Hardware)?;
         Ok(Self {
-            link,
+            boards: SerialPort::new(link),
             mocap: instruments.receiver(start)?,
             registration,
             truth: TruthSource::Vicon,
-            status: LinkStatus::default(),
             rig: None,
         })
     }
@@ -261,32 +259,18 @@ impl SerialRig {
             let _ = rig.kill();
         })?;
         Ok(Self {
-            link,
+            boards: SerialPort::new(link),
             mocap: Some(mocap),
             registration: None,
             truth: TruthSource::VirtualRig,
-            status: LinkStatus::default(),
             rig: Some(rig),
         })
-    }
-
-    fn tell(&self, output: LinkOutput) {
-        if let Err(e) = self.link.send(output) {
-            log::warn!("{e}");
-        }
     }
 }
 
 impl Port for SerialRig {
-    fn poll(&mut self, _now: Stamp) -> Arrivals {
-        let mut arrivals = Arrivals::default();
-        while let Some(input) = self.link.try_recv() {
-            match input {
-                LinkInput::Frame(frame) => arrivals.frames.push(frame),
-                LinkInput::Event(event) => arrivals.notices.push(event.text()),
-                LinkInput::Status(status) => self.status = status,
-            }
-        }
+    fn poll(&mut self, now: Stamp) -> Arrivals {
+        let mut arrivals = self.boards.poll(now);
         if let Some(mocap) = &self.mocap {
             let object = self.registration.as_ref().map_or(END_PAD, |r| &r.object);
             while let Some(sample) = mocap.try_recv() {
@@ -302,20 +286,19 @@ impl Port for SerialRig {
                 }
             }
         }
-        arrivals.status = self.status.clone();
         arrivals
     }
 
-    fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
-        self.tell(command.map_or(LinkOutput::ClearCommand, |c| LinkOutput::Command(c.clone())));
+    fn send(&mut self, now: Stamp, command: Option<&PressureCommand>) {
+        self.boards.send(now, command);
     }
 
-    fn estop(&mut self, _now: Stamp) {
-        self.tell(LinkOutput::Estop);
+    fn estop(&mut self, now: Stamp) {
+        self.boards.estop(now);
     }
 
-    fn reset(&mut self, _now: Stamp) {
-        self.tell(LinkOutput::Reset);
+    fn reset(&mut self, now: Stamp) {
+        self.boards.reset(now);
     }
 }
 

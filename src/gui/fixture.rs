@@ -129,6 +129,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             practice: false,
             frames: (t_s * 100.0) as u64,
             frames_lost: 3,
+            frames_late: 0,
             age_s: 0.012,
             retry_in_s: None,
             board_rate_hz: [100.0, 99.9],

@@ -339,6 +339,7 @@ impl HostSession {
             practice: self.origin == Origin::Simulated,
             frames: self.frames_made,
             frames_lost: self.counters().lost,
+            frames_late: self.counters().duplicates + self.counters().late,
             age_s: self
                 .last_frame
                 .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),

@@ -386,7 +386,9 @@ impl VirtualRig {
                     )
                 }),
             };
-            self.readings[b] = self.faults.read(b, self.steps as f64 * PHYSICS_STEP_S, readings);
+            self.readings[b] = self
+                .faults
+                .read(b, self.steps as f64 * PHYSICS_STEP_S, readings);
         }
     }
 }

@@ -78,6 +78,8 @@ pub struct LinkStatus {
     pub frames: u64,
     /// Frames lost (sequence gaps, bad checksums).
     pub frames_lost: u64,
+    /// Frames that came twice or after a later one: they are not used.
+    pub frames_late: u64,
     /// Age of the newest frame, s.
     pub age_s: f64,
     /// Time until a port that is gone is tried again, s.

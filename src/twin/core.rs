@@ -1,10 +1,13 @@
 //! The twin without I/O: one tick from a raw frame to a pressure command.
 
+mod air;
 mod orders;
 mod watch;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+
+use air::{AirWatch, Short};
 
 use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
@@ -124,6 +127,9 @@ pub struct Twin {
     bad_frames: u32,
     /// Frames in a row with signals that nothing tells.
     blind_frames: u32,
+    air: AirWatch,
+    /// The chamber that is short of air, while the pumps run.
+    short: Option<Short>,
     alarms: Vec<Alarm>,
     recording: Option<String>,
     streaming: Option<StreamStatus>,
@@ -172,6 +178,8 @@ impl Twin {
             reset_at: None,
             bad_frames: 0,
             blind_frames: 0,
+            air: AirWatch::default(),
+            short: None,
             alarms: Vec::new(),
             recording: None,
             streaming: None,
@@ -385,6 +393,20 @@ impl Twin {
             self.blind_frames + 1
         } else {
             0
+        };
+        self.short = match &self.command {
+            Some(command) => self.air.update(
+                &self.robot,
+                frame.stamp,
+                &frame.chamber_pa,
+                command.chamber_pa(),
+                &self.sensing.pads().base_from_pad,
+            ),
+            // The pumps are off.
+            None => {
+                self.air.reset();
+                None
+            }
         };
         self.sensors = Some(frame);
         self.raw = Some(raw);

@@ -6,6 +6,7 @@ mod mesh;
 mod newest;
 mod record;
 mod runner;
+mod serial;
 mod stream;
 mod trial;
 
@@ -16,6 +17,7 @@ pub use runner::{
     Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,
     spawn,
 };
+pub use serial::SerialPort;
 pub use stream::LAST_WORDS;
 pub use trial::{
     Rest, RestPoses, Spread, TRIAL_SETTLING_S, Trial, TrialErrors, mean as mean_pose, sensing_for,

@@ -204,7 +204,7 @@ impl Port for Lockstep {
     }
 }
 
-fn twin(robot: &RobotSpec) -> Twin {
+pub fn twin(robot: &RobotSpec) -> Twin {
     let bytes = include_bytes!("../../assets/networks/reference.safetensors");
     let model = Model::from_bytes(bytes).expect("the shipped networks");
     let sensing = Sensing::new(robot, Calibration::virtual_rig());

@@ -102,6 +102,8 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             practice: false,
             frames: n as u64 + 1,
             frames_lost: 2,
+            // Of the moment.
+            frames_late: 0,
             age_s: 0.004,
             // Of the moment, too.
             retry_in_s: None,

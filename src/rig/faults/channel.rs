@@ -60,7 +60,9 @@ impl<T: Reading> Channel<T> {
             Word::Garbage => Some(T::garbage(rng)),
             Word::Wrong => fresh.map(|r| r.shifted(amount)),
             Word::Slow => {
-                let due = self.held.is_none_or(|(at_s, _)| t_s - at_s >= amount - 1e-9);
+                let due = self
+                    .held
+                    .is_none_or(|(at_s, _)| t_s - at_s >= amount - 1e-9);
                 if due {
                     self.held = Some((t_s, fresh));
                 }

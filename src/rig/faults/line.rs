@@ -24,6 +24,8 @@ pub(super) struct Line {
     /// When the line last passed bytes, s, and how many more it may pass now.
     passed_s: f64,
     credit: f64,
+    /// Frames lost, broken, doubled or swapped.
+    pub hits: u64,
 }
 
 impl Line {
@@ -41,6 +43,7 @@ impl Line {
             Some((Word::Off, _)) => {
                 *self = Self {
                     passed_s: t_s,
+                    hits: self.hits,
                     ..Self::default()
                 };
                 Vec::new()
@@ -108,6 +111,7 @@ impl Line {
         }
         self.last.clear();
         let hit = rng.random_bool(share);
+        self.hits += u64::from(hit);
         match word {
             Word::Intermittent if hit => {}
             Word::Twice if hit => {

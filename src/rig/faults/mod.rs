@@ -236,6 +236,11 @@ impl Faults {
         }
     }
 
+    /// How many of the boards' frames the faults of lines have lost, broken, doubled or swapped so far.
+    pub fn hits(&self) -> u64 {
+        self.up.iter().map(|line| line.hits).sum()
+    }
+
     /// Whether the port is unplugged.
     pub fn is_unplugged(&self) -> bool {
         self.port_off

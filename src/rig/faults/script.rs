@@ -152,9 +152,7 @@ fn check(entry: &Entry) -> Result<Vec<(Place, Fault)>, String> {
                     amount: value,
                 },
             )),
-            false if range.min == range.max => {
-                Err(format!("'{}' takes no amount", entry.what))
-            }
+            false if range.min == range.max => Err(format!("'{}' takes no amount", entry.what)),
             false => Err(format!(
                 "amount {value} is not within {} and {} ({})",
                 range.min, range.max, range.unit
@@ -180,5 +178,7 @@ fn places(text: &str) -> Option<Vec<Place>> {
         "board" => (BOARDS, Place::Board),
         _ => return None,
     };
-    (1..=count).contains(&number).then(|| vec![place(number - 1)])
+    (1..=count)
+        .contains(&number)
+        .then(|| vec![place(number - 1)])
 }

@@ -88,7 +88,11 @@ fn each_word_does_to_a_line_what_it_says() {
     let (same, _) = hear(Word::Stuck, 0.0);
     assert!(same.len() > 190 && same.iter().all(|p| *p == same[0]));
     let (lost, broken) = hear(Word::Intermittent, 0.5);
-    assert!((60..140).contains(&lost.len()) && broken == 0, "{}", lost.len());
+    assert!(
+        (60..140).contains(&lost.len()) && broken == 0,
+        "{}",
+        lost.len()
+    );
     let (twice, _) = hear(Word::Twice, 1.0);
     assert!(twice.chunks_exact(2).all(|p| p[0] == p[1]));
     assert!((390..=402).contains(&twice.len()), "{}", twice.len());
@@ -97,7 +101,11 @@ fn each_word_does_to_a_line_what_it_says() {
     assert!(swapped.windows(2).filter(|p| back(p)).count() > 20);
     // 200 samples of 132 bytes at 5,000 bytes a second.
     let (slow, broken) = hear(Word::Slow, 5000.0);
-    assert!((60..=80).contains(&slow.len()) && broken == 0, "{}", slow.len());
+    assert!(
+        (60..=80).contains(&slow.len()) && broken == 0,
+        "{}",
+        slow.len()
+    );
     let (late, _) = hear(Word::Delayed, 0.5);
     assert!((148..=152).contains(&late.len()), "{}", late.len());
 }
@@ -153,15 +161,39 @@ fn scripts_that_cannot_be_are_refused_with_the_fault_named() {
             .to_string()
     };
     for (entry, words) in [
-        ("at_s = 1\nwhere = 'spring 13'\nwhat = 'off'", "fault 1: 'spring 13' is no place"),
-        ("at_s = 1\nwhere = 'spring 1'\nwhat = 'broken'", "'broken' is no fault: it is one of off, stuck"),
-        ("at_s = 1\nwhere = 'spring 1'\nwhat = 'leak'", "spring 1 cannot be 'leak'"),
-        ("at_s = -1\nwhere = 'spring 1'\nwhat = 'off'", "at_s and for_s are seconds, 0 or more"),
-        ("at_s = 1\nwhere = 'board 1'\nwhat = 'wrong'\namount = 2", "amount 2 is not within 0 and 1 (share)"),
-        ("at_s = 1\nwhere = 'board 1'\nwhat = 'off'\namount = 2", "'off' takes no amount"),
-        ("at_s = 1\nwhere = 'board 1'", "line 1: missing field `what`"),
+        (
+            "at_s = 1\nwhere = 'spring 13'\nwhat = 'off'",
+            "fault 1: 'spring 13' is no place",
+        ),
+        (
+            "at_s = 1\nwhere = 'spring 1'\nwhat = 'broken'",
+            "'broken' is no fault: it is one of off, stuck",
+        ),
+        (
+            "at_s = 1\nwhere = 'spring 1'\nwhat = 'leak'",
+            "spring 1 cannot be 'leak'",
+        ),
+        (
+            "at_s = -1\nwhere = 'spring 1'\nwhat = 'off'",
+            "at_s and for_s are seconds, 0 or more",
+        ),
+        (
+            "at_s = 1\nwhere = 'board 1'\nwhat = 'wrong'\namount = 2",
+            "amount 2 is not within 0 and 1 (share)",
+        ),
+        (
+            "at_s = 1\nwhere = 'board 1'\nwhat = 'off'\namount = 2",
+            "'off' takes no amount",
+        ),
+        (
+            "at_s = 1\nwhere = 'board 1'",
+            "line 1: missing field `what`",
+        ),
         ("at_s = nan\nwhere = 'port'\nwhat = 'off'", "at_s and for_s"),
-        ("at_s = 1\nwhere = 'port'\nwhat = 'off'\nfor = 3", "unknown field `for`"),
+        (
+            "at_s = 1\nwhere = 'port'\nwhat = 'off'\nfor = 3",
+            "unknown field `for`",
+        ),
     ] {
         let said = refuse(entry);
         assert!(said.contains(words), "{said}");

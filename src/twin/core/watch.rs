@@ -50,6 +50,11 @@ impl Twin {
             }
             let text = format!("There is {text}: check its cable and power.");
             alarms.push((Severity::Critical, text));
+        } else if let Some((board, age_s)) = self.oldest_board()
+            && age_s > STALE_WARN_S
+        {
+            let text = format!("Data of board {} are {:.0} ms old.", board + 1, age_s * 1e3);
+            alarms.push((Severity::Warning, text));
         }
         if self.bad_frames > 1 && moving {
             self.go_safe("the boards send values that make no sense", events);
@@ -119,6 +124,21 @@ impl Twin {
                 self.go_safe(&format!("over-pressure in chamber {}", i + 1), events);
             }
         }
+        if let Some(short) = self.short {
+            let chamber = short.chamber + 1;
+            let [has, wanted] = short.pa.map(|pa| pa * 1e-3);
+            let text = format!(
+                "Chamber {chamber} does not hold its pressure ({has:+.1} instead of {wanted:+.1} kPa): look for a leak \
+                 in its line, and whether its supply runs."
+            );
+            if moving && short.unsafe_now {
+                self.go_safe(
+                    &format!("chamber {chamber} does not hold its pressure"),
+                    events,
+                );
+            }
+            alarms.push((Severity::Warning, text));
+        }
         if let Phase::Safe(reason) = &self.phase {
             alarms.push((
                 Severity::Critical,
@@ -141,6 +161,13 @@ impl Twin {
                 text,
             })
             .collect();
+    }
+
+    /// The board whose newest sample is the oldest, and how old it was in the newest frame, s.
+    fn oldest_board(&self) -> Option<(usize, f64)> {
+        let ages_s = self.raw.as_ref()?.board_age_s;
+        let boards = ages_s.into_iter().enumerate();
+        boards.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Share of the last second's frames that were lost, if there were enough to tell.

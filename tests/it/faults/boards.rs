@@ -1,1 +1,608 @@
-//! Faults of boards, sensors, pneumatics and of the line to them.
+//! Faults of boards, sensors, pneumatics and of the line to them, on pseudo-terminals in real time: with
+//! emulated boards, and what is the boards' own with the real firmware, too.
+
+use springtwin::rig::faults::{Fault, Place, Word};
+use springtwin::signal::{BOARDS, CHAMBERS, ChannelHealth, Goal, Mode, SPRINGS};
+use springtwin::twin::Command;
+
+use super::bench::{Bench, Boards, Moment, case};
+use super::row;
+
+/// Where the arm is sent: some seconds of motion of both segments.
+const FAR_M: [f64; 3] = [0.06, 0.04, -0.30];
+const NEAR_M: [f64; 3] = [0.0, 0.0, -0.31];
+
+fn ms(s: f64) -> String {
+    format!("{:.0} ms", s * 1e3)
+}
+
+fn fault(word: Word, amount: f64) -> Fault {
+    Fault { word, amount }
+}
+
+/// Rows of the firmware come after those of emulated boards.
+fn place(fault: u8, boards: Boards) -> (u8, u8) {
+    (fault, if boards == Boards::Firmware { 1 } else { 0 })
+}
+
+fn of(boards: Boards) -> &'static str {
+    match boards {
+        Boards::Emulated => "emulated boards",
+        Boards::Firmware => "firmware under simavr",
+    }
+}
+
+macro_rules! on_both {
+    ($($name:ident),* $(,)?) => {
+        mod emulated {
+            $(#[test] fn $name() { super::$name(super::Boards::Emulated); })*
+        }
+        /// Run by `./test firmware`.
+        pub mod firmware {
+            $(#[test] fn $name() { super::$name(super::Boards::Firmware); })*
+        }
+    };
+}
+
+on_both!(
+    an_unplugged_port,
+    garbage_on_the_line,
+    broken_frames,
+    a_stale_board,
+    frames_twice_and_out_of_order,
+    the_stop_button,
+    a_program_that_dies,
+    over_pressure,
+    a_board_that_reboots,
+);
+
+fn an_unplugged_port(boards: Boards) {
+    case("unplugged", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.5);
+        let from_s = b.rig(|rig| rig.faults.begin(Place::Port, Fault::of(Word::Off)));
+        b.until("the loss is told", 1.0, |b| !b.now.link.connected);
+        let flagged_s = b.t_s() - from_s;
+        b.run(0.8);
+        let safe_s = b.pumps_off_s(from_s).expect("the boards are SAFE") - from_s;
+        let back_s = b.rig(|rig| rig.faults.end(Place::Port));
+        b.until("it is connected again", 5.0, |b| b.now.link.connected);
+        let reconnected_s = b.t_s() - back_s;
+        b.run(2.0);
+        assert!(!b.pumps_ran(from_s + 0.25, b.t_s()), "it armed by itself");
+        assert!(matches!(b.now.mode, Mode::Safe(_)), "{:?}", b.now.mode);
+        assert!(flagged_s <= 0.05, "flagged after {flagged_s} s");
+        assert!(safe_s <= 0.25, "SAFE after {safe_s} s");
+        assert!(reconnected_s <= 2.0, "back after {reconnected_s} s");
+        // And then it does as it is told again.
+        b.tell(Command::Reset);
+        b.until("it is reset", 2.0, |b| b.now.mode == Mode::Disarmed);
+        b.run(0.6);
+        b.go(NEAR_M);
+        row(
+            place(1, boards),
+            &format!("serial unplugged ({})", of(boards)),
+            "flagged <= 50 ms; firmware SAFE <= 250 ms; reconnects <= 2 s; never arms by itself",
+            &format!(
+                "flagged {}, pumps off {}, connected again {}, pumps stayed off for 2 s more",
+                ms(flagged_s),
+                ms(safe_s),
+                ms(reconnected_s)
+            ),
+        );
+    });
+}
+
+/// Garbage from both boards for 60 ms: too short for SAFE, so motion goes on.
+fn garbage_on_the_line(boards: Boards) {
+    case("garbage", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.5);
+        let lost = b.now.link.frames_lost;
+        let both = |b: &Bench, fault: Option<Fault>| {
+            b.rig(move |rig| {
+                for board in 0..BOARDS {
+                    match fault {
+                        Some(f) => rig.faults.begin(Place::Board(board), f),
+                        None => rig.faults.end(Place::Board(board)),
+                    }
+                }
+            })
+        };
+        let from_s = both(b, Some(Fault::of(Word::Garbage)));
+        b.run(0.05);
+        let to_s = both(b, None);
+        b.run(0.5);
+        let next_s = b.stamps.iter().find(|s| **s > to_s).expect("frames again") - to_s;
+        let lost = b.now.link.frames_lost - lost;
+        let said = ((to_s - from_s) * 100.0).ceil() as u64 * BOARDS as u64;
+        let more = lost.saturating_sub(said);
+        assert_eq!(b.now.mode, Mode::Moving, "{:?}", b.now.mode);
+        // The first frame that is whole is due within a period; one may be lost, then the next is heard.
+        assert!(next_s <= 0.021, "{next_s}");
+        assert!(more <= BOARDS as u64, "{lost} lost, {said} said as garbage");
+        row(
+            place(2, boards),
+            &format!("garbage bytes for {} ({})", ms(to_s - from_s), of(boards)),
+            "no panic; at most 1 good frame lost after it ends; buffer <= 1 KiB",
+            &format!(
+                "first frame sampled {} after its end, at most {more} good frames of two boards lost; decoder holds 512 \
+                 bytes",
+                ms(next_s)
+            ),
+        );
+    });
+}
+
+fn broken_frames(boards: Boards) {
+    case("broken", boards, |b| {
+        let both = |b: &Bench, share: f64| {
+            b.rig(move |rig| {
+                for board in 0..BOARDS {
+                    rig.faults
+                        .begin(Place::Board(board), fault(Word::Wrong, share));
+                }
+            })
+        };
+        let before = b.now.link.clone();
+        let hits = b.moments().last().expect("moments").hits;
+        both(b, 0.01);
+        b.go(FAR_M);
+        b.run(8.0);
+        let lost = b.now.link.frames_lost - before.frames_lost;
+        let all = (b.now.link.frames - before.frames) * BOARDS as u64;
+        let hits = b.moments().last().expect("moments").hits - hits;
+        assert!(
+            matches!(b.now.mode, Mode::Moving | Mode::AtGoal),
+            "{:?}",
+            b.now.mode
+        );
+        // As many frames as were hit, and the frame that is on its way now.
+        assert!(
+            hits > 0 && lost as f64 <= 1.2 * hits as f64 + 1.0,
+            "{lost} lost, {hits} hit"
+        );
+        b.tell(Command::Goto(Goal::position(NEAR_M)));
+        let from_s = both(b, 0.25);
+        b.until("too many losses are SAFE", 3.0, |b| {
+            b.is_safe("frames were lost")
+        });
+        let safe_s = b.t_s() - from_s;
+        assert!(safe_s <= 1.1, "{safe_s}");
+        row(
+            place(3, boards),
+            &format!("1 % of frames corrupted ({})", of(boards)),
+            "loss <= 1.2 %, control goes on; > 10 % over 1 s -> SAFE",
+            &format!(
+                "{hits} of {all} frames hit, {lost} lost, moving on; 25 % corrupted: SAFE after {}",
+                ms(safe_s)
+            ),
+        );
+    });
+}
+
+fn a_stale_board(boards: Boards) {
+    case("stale", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.5);
+        // It says the same frame again and again: old data, freshly heard.
+        let from_s = b.rig(|rig| rig.faults.begin(Place::Board(1), Fault::of(Word::Stuck)));
+        b.until("it is warned", 1.0, |b| b.alarmed("Data "));
+        let warned_s = b.t_s() - from_s;
+        b.until("it is SAFE", 1.0, |b| matches!(b.now.mode, Mode::Safe(_)));
+        let safe_s = b.t_s() - from_s;
+        let raw = b.now.raw.clone().expect("frames");
+        b.run(0.5);
+        let later = b.now.raw.clone().expect("frames");
+        assert!(
+            later.board_age_s[1] > raw.board_age_s[1] + 0.4,
+            "old passes as fresh"
+        );
+        let (new, old) = (later.stamp, b.now.sensors.as_ref().expect("sensors").stamp);
+        assert!(new.since(old) > 0.4, "the estimate goes on without board 2");
+        // Its last sample is up to 10 ms older than the fault, and the twin ticks every 10 ms.
+        assert!((0.02..=0.05).contains(&warned_s), "{warned_s}");
+        assert!((0.09..=0.12).contains(&safe_s), "{safe_s}");
+        row(
+            place(4, boards),
+            &format!("a board goes stale ({})", of(boards)),
+            "warn 30 ms, SAFE 100 ms; old data never passes as fresh",
+            &format!(
+                "warned {}, SAFE {} after the fault (sample and tick are up to 10 ms each); its age grew on",
+                ms(warned_s),
+                ms(safe_s)
+            ),
+        );
+    });
+}
+
+fn frames_twice_and_out_of_order(boards: Boards) {
+    case("order", boards, |b| {
+        b.go(FAR_M);
+        let late = b.now.link.frames_late;
+        for (word, for_s) in [(Word::Twice, 3.0), (Word::Swapped, 3.0)] {
+            b.rig(move |rig| {
+                for board in 0..BOARDS {
+                    rig.faults.begin(Place::Board(board), fault(word, 0.04));
+                }
+            });
+            b.run(for_s);
+        }
+        let late = b.now.link.frames_late - late;
+        let hits = b.moments().last().expect("moments").hits;
+        b.rig(|rig| rig.faults.mend());
+        assert!(
+            b.stamps.windows(2).all(|s| s[1] > s[0]),
+            "time ran backwards"
+        );
+        assert!(
+            late > 10 && late <= hits,
+            "{late} late or double, {hits} made"
+        );
+        assert!(
+            matches!(b.now.mode, Mode::Moving | Mode::AtGoal),
+            "{:?}",
+            b.now.mode
+        );
+        row(
+            place(5, boards),
+            &format!("reordered, duplicate frames ({})", of(boards)),
+            "dropped and counted; output time monotone",
+            &format!(
+                "{hits} made, {late} dropped; {} stamps, all rising",
+                b.stamps.len()
+            ),
+        );
+    });
+}
+
+fn the_stop_button(boards: Boards) {
+    case("stop", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.5);
+        b.tell(Command::Stop);
+        let from_s = b.t_s();
+        b.run(0.5);
+        let off_s = b.pumps_off_s(from_s).expect("the pumps go off") - from_s;
+        // Commands without a reset change nothing.
+        b.tell(Command::Arm);
+        b.tell(Command::Goto(Goal::position(NEAR_M)));
+        b.run(0.5);
+        assert!(!b.pumps_ran(from_s + off_s, b.t_s()));
+        b.tell(Command::Reset);
+        b.run(1.0);
+        assert!(
+            !b.pumps_ran(from_s + off_s, b.t_s()),
+            "a reset alone moves nothing"
+        );
+        b.go(NEAR_M);
+        b.run(0.2);
+        assert!(b.pumps_ran(b.t_s() - 0.1, b.t_s()));
+        assert!(off_s <= 0.05, "{off_s}");
+        row(
+            place(24, boards),
+            &format!("STOP pressed ({})", of(boards)),
+            "pumps off, latched, explicit reset",
+            &format!(
+                "pumps off {} after the press, off until reset and a new command",
+                ms(off_s)
+            ),
+        );
+    });
+}
+
+fn a_program_that_dies(boards: Boards) {
+    case("dies", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.5);
+        let from_s = b.die();
+        std::thread::sleep(std::time::Duration::from_secs(1));
+        let off_s = b.pumps_off_s(from_s).expect("the boards are SAFE") - from_s;
+        assert!(!b.pumps_ran(from_s + off_s, b.t_s()));
+        assert!(off_s <= 0.25, "{off_s}");
+        row(
+            (14, if boards == Boards::Firmware { 9 } else { 8 }),
+            &format!("the program ends without a word ({})", of(boards)),
+            "rig SAFE <= 250 ms",
+            &format!("pumps off {} after its last tick", ms(off_s)),
+        );
+    });
+}
+
+/// Whatever makes the gauge read it: 45 kPa more than there are.
+fn over_pressure(boards: Boards) {
+    case("over-pressure", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.3);
+        let from_s = b.rig(|rig| rig.faults.begin(Place::Gauge(4), fault(Word::Wrong, 45.0)));
+        b.until("it is SAFE", 2.0, |b| matches!(b.now.mode, Mode::Safe(_)));
+        b.run(0.3);
+        let moments = b.moments();
+        let reads = |m: &&Moment| m.t_s > from_s && m.gauge_pa[4] > 42e3;
+        let over_s = moments.iter().find(reads).expect("the gauge reads it").t_s;
+        let off_s = b.pumps_off_s(over_s).expect("the pumps go off") - over_s;
+        assert!(b.is_safe("over-pressure"), "{:?}", b.now.mode);
+        assert!(!b.pumps_ran(over_s + off_s, b.t_s()));
+        assert!(off_s <= 0.02, "{off_s}");
+        row(
+            place(10, boards),
+            &format!("over-pressure > 42 kPa ({})", of(boards)),
+            "pumps off <= 20 ms",
+            &format!("pumps off {} after the gauge read it", ms(off_s)),
+        );
+    });
+}
+
+fn a_board_that_reboots(boards: Boards) {
+    case("reboot", boards, |b| {
+        b.go(FAR_M);
+        b.run(0.3);
+        let from_s = b.rig(|rig| rig.faults.begin(Place::Board(0), Fault::of(Word::Off)));
+        b.until("it is SAFE", 1.0, |b| matches!(b.now.mode, Mode::Safe(_)));
+        let safe_s = b.t_s() - from_s;
+        b.run(0.5);
+        let back_s = b.rig(|rig| rig.faults.end(Place::Board(0)));
+        b.until("it is back", 5.0, |b| b.now.link.connected);
+        let there_s = b.t_s() - back_s;
+        b.run(1.0);
+        assert!(!b.pumps_ran(from_s + 0.25, b.t_s()), "it armed by itself");
+        row(
+            place(25, boards),
+            &format!("a board loses its power and boots ({})", of(boards)),
+            "SAFE; known again; never arms by itself",
+            &format!(
+                "SAFE {}, matched again {} after power",
+                ms(safe_s),
+                ms(there_s)
+            ),
+        );
+    });
+}
+
+/// Emulated boards only: nobody can move the clock of a chip from outside.
+#[test]
+fn a_clock_that_jumps() {
+    case("clock", Boards::Emulated, |b| {
+        b.go(FAR_M);
+        b.run(2.0);
+        let mut worst_s: f64 = 0.0;
+        for by_s in [0.006, -0.006, 3.0, -3.0] {
+            let from_s = b.rig(move |rig| {
+                rig.faults.begin(Place::Board(1), fault(Word::Jump, by_s));
+            });
+            b.until("the jump is told", 3.0, |b| {
+                b.event_s(from_s, "clock").is_some()
+            });
+            let told_s = b.event_s(from_s, "clock").expect("told") - from_s;
+            worst_s = worst_s.max(told_s);
+            b.run(0.5);
+            let raw = b.now.raw.as_ref().expect("frames");
+            assert!(raw.board_age_s.iter().all(|age| *age < 0.02), "{raw:?}");
+        }
+        assert!(worst_s <= 1.0, "{worst_s}");
+        assert!(
+            b.stamps.windows(2).all(|s| s[1] > s[0]),
+            "time ran backwards"
+        );
+        let clock = b.now.link.board_clock[1].expect("fitted again");
+        row(
+            (6, 0),
+            "board clock jumps by 6 ms and by 3 s, back and forth",
+            "> 5 ms noticed <= 1 s, re-fitted, marked",
+            &format!(
+                "noticed within {}; the fit then leaves {:.2} ms; {} in the end",
+                ms(worst_s),
+                clock.residual_s * 1e3,
+                match &b.now.mode {
+                    Mode::Safe(reason) => format!("SAFE ({reason})"),
+                    _ => "moving on".to_owned(),
+                }
+            ),
+        );
+    });
+}
+
+#[test]
+fn values_that_cannot_be() {
+    case("absurd", Boards::Emulated, |b| {
+        let dir = crate::program::scratch("faults-absurd-file");
+        let file = dir.join("absurd.rrd");
+        b.tell(Command::StartRecording(file.clone()));
+        b.go(FAR_M);
+        let from_s = b.rig(|rig| {
+            for spring in 0..6 {
+                rig.faults
+                    .begin(Place::Spring(spring), Fault::of(Word::Garbage));
+            }
+            rig.faults.begin(Place::Imu(0), Fault::of(Word::Garbage));
+        });
+        b.until("it is SAFE", 2.0, |b| matches!(b.now.mode, Mode::Safe(_)));
+        let safe_s = b.t_s() - from_s;
+        b.run(1.0);
+        b.tell(Command::StopRecording);
+        b.run(1.0);
+        let read = springtwin::recording::read_rrd(&file).expect("it opens");
+        let mut snapshots = 0;
+        for s in &read.trace.snapshots {
+            snapshots += 1;
+            if let Some(sensors) = &s.sensors {
+                assert!(sensors.sensors.to_vector().iter().all(|x| x.is_finite()));
+                let lengths = &sensors.sensors.spring_m;
+                assert!(
+                    lengths.iter().all(|l| (0.03..0.35).contains(l)),
+                    "{lengths:?}"
+                );
+            }
+            if let Some(e) = &s.estimate {
+                assert!(
+                    e.base_from_tip
+                        .translation
+                        .vector
+                        .iter()
+                        .all(|x| x.abs() < 1.0)
+                );
+            }
+            if let Some(c) = &s.command {
+                assert!(c.chamber_pa().iter().all(|pa| pa.abs() <= 40e3 + 1.0));
+            }
+        }
+        assert!(snapshots > 100, "{snapshots}");
+        assert!(safe_s <= 0.3, "{safe_s}");
+        row(
+            (7, 0),
+            "absurd values: six springs and an IMU read anything",
+            "never reach networks, recordings or pumps; hold one frame, then SAFE",
+            &format!(
+                "SAFE {} after the fault; lengths, poses and commands of all {snapshots} recorded snapshots within bounds",
+                ms(safe_s)
+            ),
+        );
+    });
+}
+
+#[test]
+fn a_spring_that_is_stuck() {
+    case("stuck", Boards::Emulated, |b| {
+        b.go(FAR_M);
+        b.run(0.6);
+        let before = b.now.estimate.as_ref().expect("an estimate").clone();
+        let from_s = b.rig(|rig| rig.faults.begin(Place::Spring(2), Fault::of(Word::Stuck)));
+        let is_stuck = |b: &Bench| {
+            let health = b.now.sensors.as_ref().map(|s| s.health.springs);
+            health.is_some_and(|h| h[2] == ChannelHealth::Stuck)
+        };
+        b.until("it is flagged", 3.0, is_stuck);
+        let flagged_s = b.t_s() - from_s;
+        b.run(0.3);
+        let frame = b.now.sensors.as_ref().expect("sensors");
+        let now = b.now.estimate.as_ref().expect("an estimate");
+        let sd_mm = |e: &springtwin::signal::Estimate| {
+            let c = e.covariance.fixed_view::<3, 3>(0, 0).trace();
+            c.sqrt() * 1e3
+        };
+        assert!(frame.doubt[2] > 0.0 && b.alarmed("Spring 3"), "not masked");
+        assert!(
+            sd_mm(now) > sd_mm(&before),
+            "{} {}",
+            sd_mm(now),
+            sd_mm(&before)
+        );
+        let others = (0..SPRINGS).filter(|i| *i != 2);
+        assert!(others.clone().all(|i| frame.health.springs[i].usable()));
+        assert!(flagged_s <= 0.5, "{flagged_s}");
+        row(
+            (8, 0),
+            "stuck spring",
+            "flagged <= 0.5 s of motion; masked; uncertainty grows",
+            &format!(
+                "flagged {}; standard deviation of the tip {:.2} -> {:.2} mm",
+                ms(flagged_s),
+                sd_mm(&before),
+                sd_mm(now)
+            ),
+        );
+    });
+}
+
+#[test]
+fn an_imu_that_is_dead() {
+    case("imu", Boards::Emulated, |b| {
+        b.go(FAR_M);
+        b.run(0.4);
+        let from_s = b.rig(|rig| rig.faults.begin(Place::Imu(2), Fault::of(Word::Off)));
+        b.until("it is flagged", 1.0, |b| {
+            let health = b.now.sensors.as_ref().map(|s| s.health.imus);
+            health.is_some_and(|h| h[2] == ChannelHealth::Missing) && b.alarmed("IMU 3 is not")
+        });
+        let flagged_s = b.t_s() - from_s;
+        assert!(flagged_s <= 0.03, "{flagged_s}");
+        b.until("the arm gets there", 30.0, |b| b.now.mode == Mode::AtGoal);
+        row(
+            (9, 0),
+            "dead IMU",
+            "flagged <= 30 ms; degraded mode shown",
+            &format!(
+                "flagged and shown {}; the arm got to its target",
+                ms(flagged_s)
+            ),
+        );
+    });
+}
+
+#[test]
+fn a_chamber_that_leaks() {
+    case("leak", Boards::Emulated, |b| {
+        b.go(FAR_M);
+        b.until("the arm is there", 30.0, |b| b.now.mode == Mode::AtGoal);
+        b.run(2.0);
+        assert!(
+            !b.alarmed("does not hold its pressure"),
+            "a sound arm is warned of"
+        );
+        let pa = b.now.sensors.as_ref().expect("sensors").chamber_pa;
+        let worst = (0..CHAMBERS).max_by(|a, b| pa[*a].abs().total_cmp(&pa[*b].abs()));
+        let chamber = worst.expect("chambers");
+        // Half as much again as the supply gives at this pressure.
+        let amount = 1.5 * 1.8 * 20e3 / pa[chamber].abs();
+        let from_s = b.rig(move |rig| {
+            rig.faults
+                .begin(Place::Chamber(chamber), fault(Word::Leak, amount));
+        });
+        let words = format!("Chamber {} does not hold", chamber + 1);
+        b.until("it is warned", 10.0, |b| b.alarmed(&words));
+        let warned_s = b.t_s() - from_s;
+        b.until("it is SAFE", 20.0, |b| {
+            b.is_safe("does not hold its pressure")
+        });
+        let safe_s = b.t_s() - from_s;
+        assert!(warned_s <= 5.0 && safe_s <= 15.0, "{warned_s} {safe_s}");
+        row(
+            (11, 0),
+            "leak",
+            "warned <= 5 s, SAFE <= 15 s",
+            &format!(
+                "{amount:.1} l/min at 20 kPa from a chamber at {:.1} kPa: warned {warned_s:.1} s, SAFE {safe_s:.1} s",
+                pa[chamber] * 1e-3
+            ),
+        );
+    });
+}
+
+#[test]
+fn pressures_that_are_used_up() {
+    case("saturation", Boards::Emulated, |b| {
+        b.tell(Command::Arm);
+        b.tell(Command::Goto(Goal::position([0.3, 0.0, -0.2])));
+        let from_s = b.t_s();
+        b.until("it is told", 3.0, |b| {
+            b.event_s(from_s, "cannot be reached").is_some()
+        });
+        let told_s = b.event_s(from_s, "cannot be reached").expect("told") - from_s;
+        assert!(told_s <= 2.0, "{told_s}");
+        // A pull that takes all of a segment's pressure: the controller runs into the limits and must come off
+        // them at once when the pull ends.
+        b.go(FAR_M);
+        b.until("the arm is there", 30.0, |b| b.now.mode == Mode::AtGoal);
+        b.rig(|rig| rig.plant.surroundings.tip_force_n = [-25.0, -15.0, 0.0]);
+        let at_limit = |b: &Bench| {
+            let command = b.now.command.as_ref();
+            command.is_some_and(|c| c.chamber_pa().iter().any(|pa| pa.abs() >= 39.9e3))
+        };
+        b.until("a pressure is at its limit", 20.0, at_limit);
+        b.run(3.0);
+        b.rig(|rig| rig.plant.surroundings.tip_force_n = [0.0; 3]);
+        let off_s = b.until("the pressures come off their limits", 5.0, |b| !at_limit(b));
+        b.until("the arm is back", 30.0, |b| b.now.mode == Mode::AtGoal);
+        assert!(off_s <= 1.0, "{off_s}");
+        row(
+            (12, 0),
+            "saturation",
+            "anti-windup; \"unreachable\" <= 2 s",
+            &format!(
+                "\"unreachable\" {}; 3 s at a limit under a pull of 29 N, off the limit {} after the pull",
+                ms(told_s),
+                ms(off_s)
+            ),
+        );
+    });
+}

@@ -1,6 +1,7 @@
 //! Faults we survive: a case per row of the fault matrix, each asserting its bound. What was measured is
 //! kept as rows of the table in the guide (`assets/guide/faults.md`).
 
+mod bench;
 mod boards;
 mod disk;
 mod files;

@@ -26,9 +26,10 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
     note(
         ui,
         format!(
-            "{} frames, {} lost (all boards), newest {} old",
+            "{} frames, {} lost, {} late or double (all boards), newest {} old",
             link.frames,
             link.frames_lost,
+            link.frames_late,
             age(link.age_s)
         ),
     );
