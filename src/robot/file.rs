@@ -143,6 +143,11 @@ struct Motion {
     tip_speed_max_mm_s: f64,
 }
 
+/// The widest range of set pressures: what the boards' firmware is built for, kPa.
+const PRESSURE_RANGE_KPA: [f64; 2] = [-40.0, 40.0];
+/// The widest working range of the springs, mm.
+const SPRING_RANGE_MM: [f64; 2] = [70.0, 240.0];
+
 impl RobotSpec {
     /// Reads the text of a robot file.
     ///
@@ -308,6 +313,30 @@ fn check(f: &File) -> Result<(), RobotError> {
             });
         }
     }
+    // What this kind of arm can be: another unit gives numbers beyond it.
+    let within = [
+        (
+            "pressure.range_kpa",
+            f.pressure.range_kpa,
+            PRESSURE_RANGE_KPA,
+            "within -40 to 40 kPa",
+        ),
+        (
+            "springs.range_mm",
+            f.springs.range_mm,
+            SPRING_RANGE_MM,
+            "within 70 to 240 mm",
+        ),
+    ];
+    for (key, [lo, hi], [lowest, highest], must) in within {
+        if lo < lowest || hi > highest {
+            return Err(RobotError::Value {
+                key,
+                value: format!("[{lo}, {hi}]"),
+                must,
+            });
+        }
+    }
     let over = f.pressure.over_pressure_kpa;
     if over.is_nan() || over < f.pressure.range_kpa[1] {
         return Err(RobotError::Value {
@@ -370,5 +399,22 @@ mod tests {
             .expect_err("unknown key")
             .to_string();
         assert!(e.contains("colour"), "{e}");
+        for (from, to, says) in [
+            (
+                "range_kpa = [-40.0, 40.0]",
+                "range_kpa = [-40000.0, 40000.0]",
+                "within -40 to 40 kPa",
+            ),
+            (
+                "range_mm = [70.0, 240.0]",
+                "range_mm = [0.07, 0.24]",
+                "within 70 to 240 mm",
+            ),
+        ] {
+            let bad = REFERENCE.replace(from, to);
+            assert_ne!(bad, REFERENCE, "{from}");
+            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
+            assert!(e.contains(says), "{e}");
+        }
     }
 }

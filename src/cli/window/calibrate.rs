@@ -135,11 +135,21 @@ impl Store {
             return Ok(None);
         }
         self.kept(index.active)?;
-        let registration = self.path("registration", index.active);
-        Ok(Some((
-            self.path("calibration", index.active),
-            registration.exists().then_some(registration),
-        )))
+        Ok(Some(self.files(index.active)))
+    }
+
+    /// The files of the newest version that can be read, where the active one cannot; nothing without one.
+    pub fn last_good(&self) -> Option<(PathBuf, Option<PathBuf>)> {
+        let index = self.index().ok()?;
+        let mut numbers = index.version.iter().rev().map(|e| e.number);
+        let good = numbers.find(|n| self.kept(*n).is_ok())?;
+        Some(self.files(good))
+    }
+
+    fn files(&self, number: u32) -> (PathBuf, Option<PathBuf>) {
+        let registration = self.path("registration", number);
+        let calibration = self.path("calibration", number);
+        (calibration, registration.exists().then_some(registration))
     }
 
     /// Saves a version, which becomes the active one.

@@ -4,6 +4,8 @@
 mod boards;
 mod disk;
 mod files;
+mod listeners;
+mod samples;
 mod surroundings;
 
 use std::path::PathBuf;
