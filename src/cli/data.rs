@@ -316,7 +316,7 @@ const RECIPE: &str = include_str!("../../assets/networks/recipe.toml");
 pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     let recipe = match &a.recipe {
         None => Recipe::from_toml(RECIPE).context("the built-in recipe does not load")?,
-        Some(path) => Recipe::from_toml(&super::read_text(path)?)
+        Some(path) => Recipe::from_toml(&crate::cli::read_toml(path)?)
             .with_context(|| path.display().to_string())?,
     };
     let data = read_dataset(&a.data)?;

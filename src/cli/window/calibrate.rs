@@ -86,7 +86,7 @@ impl Store {
         if !path.exists() {
             return Ok(Index::default());
         }
-        toml::from_str(&read_text(&path)?).with_context(|| path.display().to_string())
+        toml::from_str(&crate::cli::read_toml(&path)?).with_context(|| path.display().to_string())
     }
 
     fn write_index(&self, index: &Index) -> Result<()> {
@@ -96,7 +96,8 @@ impl Store {
 
     fn calibration(&self, number: u32) -> Result<Calibration> {
         let path = self.path("calibration", number);
-        Calibration::from_toml(&read_text(&path)?).with_context(|| path.display().to_string())
+        Calibration::from_toml(&crate::cli::read_toml(&path)?)
+            .with_context(|| path.display().to_string())
     }
 
     fn registration(&self, number: u32) -> Result<Option<Registration>> {
@@ -104,7 +105,7 @@ impl Store {
         if !path.exists() {
             return Ok(None);
         }
-        let read = Registration::from_toml(&read_text(&path)?);
+        let read = Registration::from_toml(&crate::cli::read_toml(&path)?);
         read.map(Some).with_context(|| path.display().to_string())
     }
 

@@ -233,7 +233,7 @@ fn malformed_tables_are_refused_with_line_and_column_and_nothing_is_half_importe
             vicon()
                 .into_bytes()
                 .iter()
-                .map(|b| if *b == b'x' { 0xff } else { *b })
+                .map(|b| if *b == b'g' { 0xff } else { *b })
                 .collect(),
             vec!["UTF-8"],
         ),
@@ -259,6 +259,7 @@ fn malformed_tables_are_refused_with_line_and_column_and_nothing_is_half_importe
     for (what, bytes, wants) in cases {
         let file = dir.join("capture");
         std::fs::write(&file, &bytes).expect("writes");
+        println!("{what}");
         let (code, said) = refusal(&["import", text(&file), "--out", text(&out)]);
         let told = wants.iter().all(|w| said.contains(w)) && said.contains(text(&file));
         assert!(code == 1 && told, "{what}: {said}");
@@ -428,11 +429,15 @@ fn within(limit_bytes: u64, args: &[&str]) -> Option<Output> {
 
 const MIB: u64 = 1 << 20;
 /// What a hostile file may take beyond four times its size, for tables and texts of refusals.
-const SLACK_BYTES: u64 = 8 * MIB;
+const SLACK_BYTES: u64 = 16 * MIB;
 
 /// The least address space in which a sound file of the kind is read, to 4 MiB.
-fn need(args: &[&str]) -> u64 {
-    let reads = |mib: u64| within(mib * MIB, args).is_some_and(|o| o.status.success());
+fn need(args: &[&str], out: &Path) -> u64 {
+    let reads = |mib: u64| {
+        let ended = within(mib * MIB, args);
+        let _ = std::fs::remove_dir_all(out);
+        ended.is_some_and(|o| o.status.success())
+    };
     let (mut low, mut high) = (16, 4096);
     assert!(reads(high), "{args:?}: the sound file is not read");
     while high - low > 4 {
@@ -459,7 +464,7 @@ fn files_that_claim_more_than_they_hold_do_not_get_it() {
         let args = command(&path);
         let args: Vec<&str> = args.iter().map(String::as_str).collect();
         std::fs::write(&path, sound).expect("writes");
-        let need = need(&args);
+        let need = need(&args, &dir.join("out"));
         let _ = std::fs::remove_dir_all(dir.join("out"));
         for (k, bytes) in hostile.into_iter().enumerate() {
             std::fs::write(&path, &bytes).expect("writes");

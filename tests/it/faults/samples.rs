@@ -244,14 +244,10 @@ pub fn hostile_tomls(whole: &str) -> Vec<Vec<u8>> {
     vec![
         put("1073741824"),
         put(&"9".repeat(100_000)),
-        put(&"[".repeat(200_000)),
-        put(&format!(
-            "{}1{}",
-            "{a=".repeat(100_000),
-            "}".repeat(100_000)
-        )),
-        format!("{}\n", "[a.".repeat(200_000)).into_bytes(),
-        format!("{whole}\n{}", "[[imus]]\n".repeat(100_000)).into_bytes(),
+        put(&"[".repeat(120_000)),
+        put(&format!("{}1{}", "{a=".repeat(30_000), "}".repeat(30_000))),
+        format!("{}\n", "[a.".repeat(40_000)).into_bytes(),
+        format!("{whole}\n{}", "[[imus]]\n".repeat(13_000)).into_bytes(),
         put(&format!("\"{}", "x".repeat(2 << 20))),
     ]
 }
