@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::{Report, gap, read_text, robot_of};
+use super::{Report, gap, robot_of};
 use springtwin::recording;
 use springtwin::robot::{Patch, REFERENCE, RobotSpec, with_patch, without_last_patch};
 use springtwin::sim::patch::{Acts, Correction};

@@ -233,9 +233,9 @@ fn malformed_tables_are_refused_with_line_and_column_and_nothing_is_half_importe
             vicon()
                 .into_bytes()
                 .iter()
-                .map(|b| if *b == b'g' { 0xff } else { *b })
+                .map(|b| if *b == b':' { 0xff } else { *b })
                 .collect(),
-            vec!["UTF-8"],
+            vec!["line 3, column 3", "UTF-8"],
         ),
         (
             "a quaternion that is none",

@@ -212,7 +212,7 @@ pub fn hostile_logs() -> Vec<Vec<u8>> {
 /// Frame numbers, rates and headers that ask for much.
 pub fn hostile_tables() -> Vec<Vec<u8>> {
     let columns = |n: usize, word: &str| word.repeat(n);
-    let n = 60_000;
+    let n = 15_000;
     let wide = format!(
         "Trajectories\n100\n,{}\nFrame,Sub Frame{}\n,{}\n{}",
         columns(n, ",a,,"),
