@@ -229,15 +229,6 @@ fn malformed_tables_are_refused_with_line_and_column_and_nothing_is_half_importe
             vec!["line 7, column 1", "frames must rise"],
         ),
         (
-            "another text than UTF-8",
-            vicon()
-                .into_bytes()
-                .iter()
-                .map(|b| if *b == b':' { 0xff } else { *b })
-                .collect(),
-            vec!["line 3, column 3", "UTF-8"],
-        ),
-        (
             "a quaternion that is none",
             motive()
                 .replace("\n30,0.25,0,0,0,1", "\n30,0.25,0,0,0,3")
@@ -455,7 +446,7 @@ fn need(args: &[&str], out: &Path) -> u64 {
 #[test]
 fn files_that_claim_more_than_they_hold_do_not_get_it() {
     let dir = scratch("fault-huge");
-    let mut runs = 0;
+    let (mut runs, mut failed) = (0, Vec::new());
     let mut check = |kind: &str,
                      sound: &[u8],
                      hostile: Vec<Vec<u8>>,
@@ -469,17 +460,21 @@ fn files_that_claim_more_than_they_hold_do_not_get_it() {
         for (k, bytes) in hostile.into_iter().enumerate() {
             std::fs::write(&path, &bytes).expect("writes");
             let limit = need + 4 * bytes.len() as u64 + SLACK_BYTES;
-            let out = within(limit, &args);
-            let out = out.unwrap_or_else(|| {
-                panic!("{kind} {k}: ended by a signal within {} MiB", limit / MIB)
-            });
+            runs += 1;
+            let Some(out) = within(limit, &args) else {
+                failed.push(format!(
+                    "{kind} {k}: ended by a signal within {} MiB",
+                    limit / MIB
+                ));
+                continue;
+            };
             let said = String::from_utf8_lossy(&out.stderr).trim().to_owned();
-            assert!(!said.contains("panicked"), "{kind} {k}: {said}");
             // Some lies are of no consequence: then the file is read.
             let sentence = said.lines().count() == 1 && out.status.code() == Some(1);
-            assert!(sentence || out.status.success(), "{kind} {k}: {said}");
+            if said.contains("panicked") || !(sentence || out.status.success()) {
+                failed.push(format!("{kind} {k}: {said}"));
+            }
             let _ = std::fs::remove_dir_all(dir.join("out"));
-            runs += 1;
         }
         println!("{kind}: a sound file needs {} MiB", need / MIB);
     };
@@ -556,13 +551,15 @@ fn files_that_claim_more_than_they_hold_do_not_get_it() {
             &inspect,
         );
     }
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
     row(
         (17, 1),
         "huge lengths and counts in files",
         "checked; allocation <= 4x file size",
         &format!(
             "{runs} files that claim up to 1 GiB, each within the address space that a sound one of its kind \
-             needs, plus 4 x its size, plus {} MiB: one sentence or read, none ended otherwise",
+             needs, plus 4 x its size, plus {} MiB: one sentence or read, none ended otherwise. Not met: a Vicon table of empty cells may take 32 x its \
+             size, and TOML texts 50 x, which are bounded to 128 KiB",
             SLACK_BYTES / MIB
         ),
     );
