@@ -1,10 +1,16 @@
 //! Files that are cut, damaged, hostile or of the wrong units.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "what a program takes is measured in real time"
+)]
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use springtwin::learn::Model;
+#[cfg(feature = "rrd")]
 use springtwin::recording::read_rrd;
 use springtwin::robot::{REFERENCE, RobotSpec};
 use springtwin::sensing::Calibration;

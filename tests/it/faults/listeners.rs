@@ -1,5 +1,9 @@
 //! What the program listens on: nothing beyond this computer unless asked.
 #![cfg(target_os = "linux")]
+#![expect(
+    clippy::disallowed_methods,
+    reason = "a program that runs is watched in real time"
+)]
 
 use std::io::{BufRead as _, BufReader};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
