@@ -146,8 +146,7 @@ fn left_over(f: &gap::Rmse) -> String {
 
 /// Reads a patch for `robot`.
 pub fn read_patch(path: &Path, robot: &RobotSpec) -> Result<Patch> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("cannot read the patch {}", path.display()))?;
+    let text = crate::cli::read_toml(path)?;
     let patch = Patch::from_toml(&text).with_context(|| path.display().to_string())?;
     patch
         .check_robot(robot)

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{Report, read_text};
+use super::Report;
 use springtwin::recording::{
     MarkerBody, MocapFile, MocapObject, MocapRotation, SessionLog, marker_body, read_mocap,
     write_session,
@@ -95,8 +95,8 @@ fn place(log: &mut SessionLog, chosen: &Chosen<'_>, path: &Path, clock: bool) ->
             path.display()
         );
     };
-    let registration =
-        Registration::from_toml(&read_text(path)?).with_context(|| path.display().to_string())?;
+    let registration = Registration::from_toml(&crate::cli::read_toml(path)?)
+        .with_context(|| path.display().to_string())?;
     anyhow::ensure!(
         registration.object == object.name,
         "{} was made for the object '{}', not for '{}': calibrate with --object '{}'",

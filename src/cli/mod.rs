@@ -185,11 +185,24 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// A text of several lines as one, without the drawing that TOML's errors put between their place and their reason.
+fn one_line(text: &str) -> String {
+    let is_drawn = |line: &str| {
+        let margin = line.trim_start_matches(|c: char| c.is_ascii_digit() || c == ' ');
+        margin.starts_with('|')
+    };
+    let told = text
+        .lines()
+        .map(str::trim)
+        .filter(|l| !l.is_empty() && !is_drawn(l));
+    told.collect::<Vec<_>>().join(": ")
+}
+
 /// The chain of causes as one sentence; a cause that its effect quotes already is not repeated.
 fn sentence(e: &anyhow::Error) -> String {
     let mut said = String::new();
     for cause in e.chain() {
-        let text = cause.to_string();
+        let text = one_line(&cause.to_string());
         if !said.contains(&text) {
             if !said.is_empty() {
                 said.push_str(": ");
@@ -294,7 +307,7 @@ fn load_robot(path: Option<&Path>) -> Result<RobotSpec> {
     let Some(path) = path else {
         return Ok(RobotSpec::reference());
     };
-    robot_of(&read_text(path)?).with_context(|| path.display().to_string())
+    robot_of(&read_toml(path)?).with_context(|| path.display().to_string())
 }
 
 /// The robot of a file's text, with patches that mean something.
@@ -307,4 +320,21 @@ fn robot_of(text: &str) -> Result<RobotSpec> {
 /// Reads a text file; a refusal names it.
 pub fn read_text(path: &Path) -> Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// Largest description (robot, calibration, recipe, ...) that is read, bytes; real ones take a twentieth. Their reader
+/// takes some fifty times the size of a text that is made for it.
+const TOML_MAX_BYTES: u64 = 128 << 10;
+
+/// Reads a TOML file as [`read_text`] does, if it is of a size that such a file can have.
+pub fn read_toml(path: &Path) -> Result<String> {
+    let about =
+        std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
+    anyhow::ensure!(
+        about.len() <= TOML_MAX_BYTES,
+        "{} has {} bytes, and {TOML_MAX_BYTES} are the most such a file can have: is it the right one?",
+        path.display(),
+        about.len()
+    );
+    read_text(path)
 }

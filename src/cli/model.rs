@@ -64,7 +64,7 @@ pub fn calibration(path: Option<&Path>) -> Result<Calibration> {
             Calibration::from_toml(CALIBRATION).context("the built-in calibration does not load")
         }
         Some(path) => {
-            let text = super::read_text(path)?;
+            let text = crate::cli::read_toml(path)?;
             Calibration::from_toml(&text).with_context(|| path.display().to_string())
         }
     }

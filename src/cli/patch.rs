@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::{Report, gap, read_text, robot_of};
+use super::{Report, gap, robot_of};
 use springtwin::recording;
 use springtwin::robot::{Patch, REFERENCE, RobotSpec, with_patch, without_last_patch};
 use springtwin::sim::patch::{Acts, Correction};
@@ -35,7 +35,7 @@ pub fn apply(a: &ApplyArgs, robot_file: Option<&Path>) -> Result<Report> {
 
 fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> {
     let text = match robot_file {
-        Some(file) => read_text(file)?,
+        Some(file) => crate::cli::read_toml(file)?,
         None => REFERENCE.to_owned(),
     };
     let patch = gap::read_patch(path, &robot_of(&text)?)?;
@@ -73,7 +73,7 @@ fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> 
 }
 
 fn take_off(file: &Path, out: &Path) -> Result<Report> {
-    let text = read_text(file)?;
+    let text = crate::cli::read_toml(file)?;
     let old = without_last_patch(&text).with_context(|| file.display().to_string())?;
     let left = RobotSpec::from_toml(old)?.patches.len();
     write_new(out, old)?;

@@ -50,7 +50,7 @@ impl Instruments {
     /// Where motion capture is on the robot, if a file says so.
     pub fn registration(&self) -> Result<Option<Registration>> {
         let read = |path: &PathBuf| {
-            let text = super::read_text(path)?;
+            let text = crate::cli::read_toml(path)?;
             Registration::from_toml(&text).with_context(|| path.display().to_string())
         };
         self.registration.as_ref().map(read).transpose()

@@ -16,13 +16,13 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Read, Write};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::RecordingError;
 use super::csv::{Lines, fields};
+use super::session_file::{SessionFile, default_log, read_session_toml};
 use crate::signal::{
     CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, SIGNALS, SPRINGS, SensorFrame,
     SensorVec, Snapshot, Stamp, Trace, TruthSource, hex, pose_from_ypr, ypr_from_rotation,
@@ -54,26 +54,6 @@ pub struct SessionLog {
     /// Hash of the robot file it was recorded with; empty when it does not say.
     pub robot: String,
 }
-
-/// `session.toml`.
-#[derive(Debug, Serialize, Deserialize)]
-struct SessionFile {
-    name: String,
-    #[serde(default = "default_log")]
-    log: String,
-    rate_hz: f64,
-    #[serde(default)]
-    payload_kg: f64,
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    robot: String,
-}
-
-fn default_log() -> String {
-    "log.csv".to_owned()
-}
-
-/// Largest `session.toml` that is accepted, bytes.
-const SESSION_TOML_MAX: u64 = 1 << 20;
 
 /// Reads a session: its folder, its `session.toml`, or a bare `.csv` file (whose name and rate are
 /// then taken from the file name and the time column).
@@ -180,38 +160,6 @@ pub fn read_session_with(
         });
     }
     Ok(log)
-}
-
-fn read_session_toml(path: &Path) -> Result<SessionFile, RecordingError> {
-    let refuse = |text: String| RecordingError::Session {
-        path: path.to_owned(),
-        text,
-    };
-    let length = std::fs::metadata(path)
-        .map_err(RecordingError::io(path, "open"))?
-        .len();
-    if length > SESSION_TOML_MAX {
-        return Err(refuse(format!("{length} bytes is too much for this file")));
-    }
-    let text = std::fs::read_to_string(path).map_err(RecordingError::io(path, "read"))?;
-    let session: SessionFile = toml::from_str(&text).map_err(|e| refuse(e.to_string()))?;
-    if !(session.rate_hz.is_finite() && session.rate_hz > 0.0) {
-        return Err(refuse("rate_hz must be a positive number".to_owned()));
-    }
-    if !(session.payload_kg.is_finite() && session.payload_kg >= 0.0) {
-        return Err(refuse("payload_kg must be 0 or more".to_owned()));
-    }
-    // The log lies in the session's folder or below: a description must not reach elsewhere.
-    let inside = Path::new(&session.log)
-        .components()
-        .all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-    if !inside || session.log.is_empty() {
-        return Err(refuse(format!(
-            "log = {:?} must name a file in the session's folder",
-            session.log
-        )));
-    }
-    Ok(session)
 }
 
 /// Where each of our columns stands in the file.

@@ -30,6 +30,7 @@ mod rrd;
 #[cfg(not(feature = "rrd"))]
 #[path = "rrd_stub.rs"]
 mod rrd;
+mod session_file;
 mod types;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
@@ -47,13 +48,14 @@ pub use log::{
 };
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
-    marker_body, read_mocap,
+    marker_body, parse_mocap, read_mocap,
 };
 pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, Recorder, RecorderState, free_bytes};
 #[cfg(feature = "rrd")]
 pub use rrd::SCHEMA_VERSION;
 pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};
+pub use session_file::{SessionFile, parse_session_file};
 pub use types::{
     ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,
 };

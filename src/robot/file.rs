@@ -143,6 +143,13 @@ struct Motion {
     tip_speed_max_mm_s: f64,
 }
 
+/// No number of an arm, in the units of its file, is larger.
+const LARGEST: f64 = 1e6;
+/// The widest range of set pressures: what the boards' firmware is built for, kPa.
+const PRESSURE_RANGE_KPA: [f64; 2] = [-40.0, 40.0];
+/// The widest working range of the springs, mm.
+const SPRING_RANGE_MM: [f64; 2] = [70.0, 240.0];
+
 impl RobotSpec {
     /// Reads the text of a robot file.
     ///
@@ -268,11 +275,11 @@ fn check(f: &File) -> Result<(), RobotError> {
         ("motion.tip_speed_max_mm_s", f.motion.tip_speed_max_mm_s),
     ];
     for (key, value) in positive {
-        if !(value.is_finite() && value > 0.0) {
+        if !(value > 0.0 && value <= LARGEST) {
             return Err(RobotError::Value {
                 key,
                 value: value.to_string(),
-                must: "greater than 0",
+                must: "greater than 0 and at most a million",
             });
         }
     }
@@ -286,11 +293,33 @@ fn check(f: &File) -> Result<(), RobotError> {
         ("springs.rate_n_m", f.springs.rate_n_m),
     ];
     for (key, value) in not_negative {
-        if !(value.is_finite() && value >= 0.0) {
+        if !(0.0..=LARGEST).contains(&value) {
             return Err(RobotError::Value {
                 key,
                 value: value.to_string(),
-                must: "0 or more",
+                must: "0 or more, at most a million",
+            });
+        }
+    }
+    let numbers = [
+        ("base.bellows_angles_deg", &f.base.bellows_angles_deg[..]),
+        ("springs.pair_angles_deg", &f.springs.pair_angles_deg),
+        ("springs.half_spread_deg", &[f.springs.half_spread_deg]),
+        ("bellows.outer_diameter_mm", &[f.bellows.outer_diameter_mm]),
+        ("bellows.inner_diameter_mm", &[f.bellows.inner_diameter_mm]),
+        ("mass.gripper_com_mm", &[f.mass.gripper_com_mm]),
+        ("mass.payload_com_mm", &[f.mass.payload_com_mm]),
+    ];
+    let mountings = f
+        .imus
+        .iter()
+        .map(|i| ("imus.mounting_ypr_deg", &i.mounting_ypr_deg[..]));
+    for (key, values) in numbers.into_iter().chain(mountings) {
+        if !values.iter().all(|x| x.abs() <= LARGEST) {
+            return Err(RobotError::Value {
+                key,
+                value: format!("{values:?}"),
+                must: "a number, at most a million",
             });
         }
     }
@@ -308,8 +337,32 @@ fn check(f: &File) -> Result<(), RobotError> {
             });
         }
     }
+    // What this kind of arm can be: another unit gives numbers beyond it.
+    let within = [
+        (
+            "pressure.range_kpa",
+            f.pressure.range_kpa,
+            PRESSURE_RANGE_KPA,
+            "within -40 to 40 kPa",
+        ),
+        (
+            "springs.range_mm",
+            f.springs.range_mm,
+            SPRING_RANGE_MM,
+            "within 70 to 240 mm",
+        ),
+    ];
+    for (key, [lo, hi], [lowest, highest], must) in within {
+        if lo < lowest || hi > highest {
+            return Err(RobotError::Value {
+                key,
+                value: format!("[{lo}, {hi}]"),
+                must,
+            });
+        }
+    }
     let over = f.pressure.over_pressure_kpa;
-    if over.is_nan() || over < f.pressure.range_kpa[1] {
+    if !over.is_finite() || over < f.pressure.range_kpa[1] {
         return Err(RobotError::Value {
             key: "pressure.over_pressure_kpa",
             value: over.to_string(),
@@ -370,5 +423,27 @@ mod tests {
             .expect_err("unknown key")
             .to_string();
         assert!(e.contains("colour"), "{e}");
+        for (from, to, says) in [
+            (
+                "range_kpa = [-40.0, 40.0]",
+                "range_kpa = [-40000.0, 40000.0]",
+                "within -40 to 40 kPa",
+            ),
+            (
+                "half_spread_deg = ",
+                "half_spread_deg = inf # ",
+                "springs.half_spread_deg",
+            ),
+            (
+                "range_mm = [70.0, 240.0]",
+                "range_mm = [0.07, 0.24]",
+                "within 70 to 240 mm",
+            ),
+        ] {
+            let bad = REFERENCE.replace(from, to);
+            assert_ne!(bad, REFERENCE, "{from}");
+            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
+            assert!(e.contains(says), "{e}");
+        }
     }
 }

@@ -252,10 +252,13 @@ fn parse_row(
             )
         })?;
     let length_mm = number(columns.length_mm)?;
-    if !(1.0..=1000.0).contains(&length_mm) {
+    // Half the shortest and twice the longest working length.
+    if !(35.0..=480.0).contains(&length_mm) {
         return Err(wrong(
             columns.length_mm,
-            format!("a length of {length_mm} mm is not a spring's; check the unit"),
+            format!(
+                "a length of {length_mm} mm is not a spring's, 70-240 mm is expected; check the unit"
+            ),
         ));
     }
     let logged = number(columns.reading)?;
@@ -664,7 +667,11 @@ mod tests {
         assert_eq!(at("spring,length,reading\n"), (1, 3));
         assert_eq!(at("spring,length_mm,reading\n1,70,1\n13,70,1\n"), (3, 1));
         assert_eq!(at("spring,length_mm,reading\n1,x,1\n"), (2, 2));
-        assert_eq!(at("spring,length_mm,reading\n1,0.07,1\n"), (2, 2));
+        // Metres, centimetres and inches.
+        for length in ["0.07", "24", "9.4"] {
+            let text = format!("spring,length_mm,reading\n1,{length},1\n");
+            assert_eq!(at(&text), (2, 2));
+        }
         assert_eq!(at("spring,length_mm,reading\n1,70,inf\n"), (2, 3));
         assert_eq!(at("spring,length_mm,reading\n1,70\n"), (2, 3));
         assert_eq!(at("spring,length_mm,frequency_hz\n1,70,-3\n"), (2, 3));

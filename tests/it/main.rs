@@ -10,6 +10,7 @@ mod firmware;
 #[cfg(unix)]
 mod gap_bench;
 mod gap_find;
+mod parsers;
 mod program;
 mod real_data;
 mod shaders;

@@ -7,7 +7,7 @@ use clap::Args;
 use nalgebra::UnitQuaternion;
 use serde_json::{Value, json};
 
-use crate::cli::{Failed, Report, model, read_text};
+use crate::cli::{Failed, Report, model};
 use springtwin::recording::{read_rrd, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::mounting::{MountingError, MountingFit, fit_mounting};
@@ -37,9 +37,8 @@ pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
     let read = read_rrd(&a.recording)?;
     let mut calibration = match &a.calibration {
         None => Calibration::virtual_rig(),
-        Some(path) => {
-            Calibration::from_toml(&read_text(path)?).with_context(|| path.display().to_string())?
-        }
+        Some(path) => Calibration::from_toml(&crate::cli::read_toml(path)?)
+            .with_context(|| path.display().to_string())?,
     };
     let mut frames: Vec<&RawFrame> = Vec::new();
     for raw in read.trace.snapshots.iter().filter_map(|s| s.raw.as_ref()) {

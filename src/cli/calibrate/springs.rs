@@ -83,7 +83,7 @@ pub fn springs(a: &SpringsArgs, robot: &RobotSpec) -> Result<Report> {
 /// Writes the springs; mountings of IMUs that the file holds already stay in it.
 fn save(a: &SpringsArgs, mut fresh: Calibration) -> Result<()> {
     if a.out.exists() {
-        let old = Calibration::from_toml(&read_text(&a.out)?).with_context(|| {
+        let old = Calibration::from_toml(&crate::cli::read_toml(&a.out)?).with_context(|| {
             format!(
                 "{} exists and is no calibration: give --out another name",
                 a.out.display()

@@ -86,7 +86,7 @@ impl Store {
         if !path.exists() {
             return Ok(Index::default());
         }
-        toml::from_str(&read_text(&path)?).with_context(|| path.display().to_string())
+        toml::from_str(&crate::cli::read_toml(&path)?).with_context(|| path.display().to_string())
     }
 
     fn write_index(&self, index: &Index) -> Result<()> {
@@ -96,7 +96,8 @@ impl Store {
 
     fn calibration(&self, number: u32) -> Result<Calibration> {
         let path = self.path("calibration", number);
-        Calibration::from_toml(&read_text(&path)?).with_context(|| path.display().to_string())
+        Calibration::from_toml(&crate::cli::read_toml(&path)?)
+            .with_context(|| path.display().to_string())
     }
 
     fn registration(&self, number: u32) -> Result<Option<Registration>> {
@@ -104,7 +105,7 @@ impl Store {
         if !path.exists() {
             return Ok(None);
         }
-        let read = Registration::from_toml(&read_text(&path)?);
+        let read = Registration::from_toml(&crate::cli::read_toml(&path)?);
         read.map(Some).with_context(|| path.display().to_string())
     }
 
@@ -135,11 +136,21 @@ impl Store {
             return Ok(None);
         }
         self.kept(index.active)?;
-        let registration = self.path("registration", index.active);
-        Ok(Some((
-            self.path("calibration", index.active),
-            registration.exists().then_some(registration),
-        )))
+        Ok(Some(self.files(index.active)))
+    }
+
+    /// The files of the newest version that can be read, where the active one cannot; nothing without one.
+    pub fn last_good(&self) -> Option<(PathBuf, Option<PathBuf>)> {
+        let index = self.index().ok()?;
+        let mut numbers = index.version.iter().rev().map(|e| e.number);
+        let good = numbers.find(|n| self.kept(*n).is_ok())?;
+        Some(self.files(good))
+    }
+
+    fn files(&self, number: u32) -> (PathBuf, Option<PathBuf>) {
+        let registration = self.path("registration", number);
+        let calibration = self.path("calibration", number);
+        (calibration, registration.exists().then_some(registration))
     }
 
     /// Saves a version, which becomes the active one.

@@ -108,17 +108,28 @@ impl Rigs {
         if named.calibration.is_some() {
             return (store, out);
         }
-        match store.as_ref().map_or(Ok(None), Store::active) {
-            Ok(Some((calibration, registration))) => {
-                log::info!("calibration: {}", calibration.display());
-                out.calibration = Some(calibration);
-                // The virtual rig's motion capture is in its base already.
-                if !is_virtual && out.registration.is_none() {
-                    out.registration = registration;
-                }
+        let saved = match store.as_ref().map_or(Ok(None), Store::active) {
+            Ok(active) => active,
+            Err(e) => {
+                let good = store.as_ref().and_then(Store::last_good);
+                let instead = good.as_ref().map_or_else(
+                    || "no saved calibration is used".to_owned(),
+                    |(path, _)| format!("{} is used instead", path.display()),
+                );
+                log::warn!(
+                    "the active calibration cannot be read, {instead}; save a new one, or choose one on the \
+                     Calibrate screen: {e:#}"
+                );
+                good
             }
-            Ok(None) => {}
-            Err(e) => log::warn!("the saved calibrations are not used: {e:#}"),
+        };
+        if let Some((calibration, registration)) = saved {
+            log::info!("calibration: {}", calibration.display());
+            out.calibration = Some(calibration);
+            // The virtual rig's motion capture is in its base already.
+            if !is_virtual && out.registration.is_none() {
+                out.registration = registration;
+            }
         }
         (store, out)
     }
@@ -204,20 +215,21 @@ mod tests {
     use springtwin::sensing::Calibration;
 
     #[test]
-    fn a_damaged_active_version_is_not_started_with_and_pictures_look_at_none() {
+    fn a_damaged_active_version_gives_way_to_the_last_good_one_and_pictures_look_at_none() {
         let name = format!("springtwin-rigs-{}", std::process::id());
         let data = std::env::temp_dir().join(name);
         let robot = RobotSpec::reference();
         let store = Store::of(&robot, true, &data);
-        let saved = NewVersion {
+        let saved = |name: &str| NewVersion {
             note: String::new(),
             calibration: Calibration {
-                name: "saved".into(),
+                name: name.into(),
                 ..Calibration::virtual_rig()
             },
             registration: None,
         };
-        store.save(saved, "2026-03-01").expect("saves");
+        store.save(saved("first"), "2026-03-01").expect("saves");
+        store.save(saved("second"), "2026-03-02").expect("saves");
         let mut rigs = Rigs {
             rig: "sim".into(),
             maps: model::maps_for(&robot).expect("the shipped networks load"),
@@ -230,9 +242,13 @@ mod tests {
             twins: Twins::default(),
         };
         let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
-        assert_eq!(in_use(&rigs), "saved");
+        assert_eq!(in_use(&rigs), "second");
         let (path, _) = store.active().expect("reads").expect("is there");
         std::fs::write(path, "name = 3").expect("writes");
+        assert_eq!(in_use(&rigs), "first");
+        let (path, _) = store.last_good().expect("the first one");
+        std::fs::write(path, "").expect("writes");
+        assert_eq!(store.last_good(), None);
         assert_eq!(in_use(&rigs), Calibration::virtual_rig().name);
         rigs.data = None;
         assert!(rigs.belongings("sim").expect("starts").0.store.is_none());

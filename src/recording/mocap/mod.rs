@@ -199,11 +199,25 @@ pub fn read_mocap(
     path: &Path,
     rotation: Option<MocapRotation>,
 ) -> Result<MocapFile, RecordingError> {
-    let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
     let about = file.metadata().map_err(RecordingError::io(path, "read"))?;
     if !about.is_file() {
         return Err(unsupported(path, format!("this is no file: {ACCEPTED}")));
     }
+    parse_mocap(file, about.len(), path, rotation)
+}
+
+/// Reads what a motion-capture file holds, as [`read_mocap`] does: `length` bytes of `file`, which stands
+/// at its beginning. `path` is for refusals.
+///
+/// # Errors
+/// As [`read_mocap`].
+pub fn parse_mocap(
+    mut file: impl Read + Seek,
+    length: u64,
+    path: &Path,
+    rotation: Option<MocapRotation>,
+) -> Result<MocapFile, RecordingError> {
     let mut head = Vec::new();
     (&mut file)
         .take(4096)
@@ -212,15 +226,15 @@ pub fn read_mocap(
     file.rewind().map_err(RecordingError::io(path, "read"))?;
     let read = if c3d::is_c3d(&head) {
         let mut bytes = Vec::new();
-        // Devices can be longer than they say; C3D files cannot.
-        file.take(about.len())
+        // A file that grows meanwhile is read as far as it was.
+        file.take(length)
             .read_to_end(&mut bytes)
             .map_err(RecordingError::io(path, "read"))?;
         c3d::parse(&bytes, path)?
     } else if motive::is_motive(&head) {
         motive::parse(BufReader::new(file), path)?
     } else {
-        vicon::refuse_others(BufReader::new(&file), path)?;
+        vicon::refuse_others(BufReader::new(&mut file), path)?;
         file.rewind().map_err(RecordingError::io(path, "read"))?;
         vicon::parse(BufReader::new(file), path, rotation)?
     };

@@ -5,6 +5,8 @@ mod bench;
 mod boards;
 mod disk;
 mod files;
+mod listeners;
+mod samples;
 mod surroundings;
 
 use std::path::PathBuf;

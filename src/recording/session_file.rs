@@ -1,0 +1,78 @@
+//! `session.toml`: what a session log tells beside its table.
+
+use std::path::{Component, Path};
+
+use serde::{Deserialize, Serialize};
+
+use super::RecordingError;
+
+/// `session.toml`.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SessionFile {
+    /// Name of the session.
+    pub name: String,
+    /// The table, within the session's folder.
+    #[serde(default = "default_log")]
+    pub log: String,
+    /// Nominal sample rate, Hz.
+    pub rate_hz: f64,
+    /// Mass the operator believes is attached, kg.
+    #[serde(default)]
+    pub payload_kg: f64,
+    /// Hash of the robot file it was recorded with; empty when it does not say.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub robot: String,
+}
+
+/// The table when nothing is said.
+pub(super) fn default_log() -> String {
+    "log.csv".to_owned()
+}
+
+/// Largest `session.toml` that is accepted, bytes.
+const SESSION_TOML_MAX: u64 = 1 << 20;
+
+/// Reads a `session.toml`.
+pub(super) fn read_session_toml(path: &Path) -> Result<SessionFile, RecordingError> {
+    let refuse = |text: String| RecordingError::Session {
+        path: path.to_owned(),
+        text,
+    };
+    let length = std::fs::metadata(path)
+        .map_err(RecordingError::io(path, "open"))?
+        .len();
+    if length > SESSION_TOML_MAX {
+        return Err(refuse(format!("{length} bytes is too much for this file")));
+    }
+    let text = std::fs::read_to_string(path).map_err(RecordingError::io(path, "read"))?;
+    parse_session_file(&text, path)
+}
+
+/// Reads the text of a `session.toml`. `path` is for refusals.
+///
+/// # Errors
+/// [`RecordingError::Session`] with what is wrong, and line and column for syntax.
+pub fn parse_session_file(text: &str, path: &Path) -> Result<SessionFile, RecordingError> {
+    let refuse = |text: String| RecordingError::Session {
+        path: path.to_owned(),
+        text,
+    };
+    let session: SessionFile = toml::from_str(text).map_err(|e| refuse(e.to_string()))?;
+    if !(session.rate_hz.is_finite() && session.rate_hz > 0.0) {
+        return Err(refuse("rate_hz must be a positive number".to_owned()));
+    }
+    if !(session.payload_kg.is_finite() && session.payload_kg >= 0.0) {
+        return Err(refuse("payload_kg must be 0 or more".to_owned()));
+    }
+    // The log lies in the session's folder or below: a description must not reach elsewhere.
+    let inside = Path::new(&session.log)
+        .components()
+        .all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    if !inside || session.log.is_empty() {
+        return Err(refuse(format!(
+            "log = {:?} must name a file in the session's folder",
+            session.log
+        )));
+    }
+    Ok(session)
+}

@@ -1,0 +1,166 @@
+//! What the program listens on: nothing beyond this computer unless asked.
+#![cfg(target_os = "linux")]
+#![expect(
+    clippy::disallowed_methods,
+    reason = "a program that runs is watched in real time"
+)]
+
+use std::io::{BufRead as _, BufReader};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::program::scratch;
+
+/// A running program, ended with the test.
+struct Running(Child);
+
+impl Running {
+    fn new(args: &[&str]) -> Self {
+        let child = Command::new(env!("CARGO_BIN_EXE_springtwin"))
+            .args(args)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts");
+        Self(child)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// An address as `/proc` writes it: words in the machine's order, port in network order.
+fn address(text: &str) -> SocketAddr {
+    let (ip, port) = text.split_once(':').expect("address:port");
+    let words: Vec<u32> = (0..ip.len() / 8)
+        .map(|k| u32::from_str_radix(&ip[8 * k..8 * k + 8], 16).expect("a word"))
+        .collect();
+    let bytes: Vec<u8> = words.iter().flat_map(|w| w.to_ne_bytes()).collect();
+    let ip = match <[u8; 4]>::try_from(bytes.as_slice()) {
+        Ok(four) => IpAddr::V4(Ipv4Addr::from(four)),
+        Err(_) => {
+            let all = <[u8; 16]>::try_from(bytes.as_slice()).expect("sixteen bytes");
+            IpAddr::V6(Ipv6Addr::from(all))
+        }
+    };
+    SocketAddr::new(ip, u16::from_str_radix(port, 16).expect("a port"))
+}
+
+/// The sockets of a process and its children on which others can reach it: TCP that listens, UDP.
+fn listeners(pid: u32) -> Vec<(String, SocketAddr)> {
+    let mut inodes = Vec::new();
+    let Ok(files) = std::fs::read_dir(format!("/proc/{pid}/fd")) else {
+        return Vec::new();
+    };
+    for file in files.flatten() {
+        let Ok(to) = std::fs::read_link(file.path()) else {
+            continue;
+        };
+        if let Some(inode) = to.to_string_lossy().strip_prefix("socket:[") {
+            inodes.push(inode.trim_end_matches(']').to_owned());
+        }
+    }
+    let mut out = Vec::new();
+    for kind in ["tcp", "tcp6", "udp", "udp6"] {
+        let table = std::fs::read_to_string(format!("/proc/{pid}/net/{kind}")).unwrap_or_default();
+        for line in table.lines().skip(1) {
+            let fields: Vec<&str> = line.split_whitespace().collect();
+            let (local, state, inode) = (fields[1], fields[3], fields[9]);
+            let open = kind.starts_with("udp") || state == "0A";
+            if open && inodes.iter().any(|i| i == inode) {
+                out.push((kind.to_owned(), address(local)));
+            }
+        }
+    }
+    let children = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+    for child in children.unwrap_or_default().split_whitespace() {
+        out.extend(listeners(child.parse().expect("a process")));
+    }
+    out
+}
+
+/// What a running program listens on, once it has been looked at for a while.
+fn watched(
+    run: &Running,
+    wanted: impl Fn(&[(String, SocketAddr)]) -> bool,
+) -> Vec<(String, SocketAddr)> {
+    let start = Instant::now();
+    let mut all: Vec<(String, SocketAddr)> = Vec::new();
+    loop {
+        for l in listeners(run.0.id()) {
+            if !all.contains(&l) {
+                all.push(l);
+            }
+        }
+        let took = start.elapsed();
+        // Two seconds at least, so that what opens late is seen, too.
+        if (took > Duration::from_secs(2) && wanted(&all)) || took > Duration::from_secs(20) {
+            return all;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn sockets_are_on_loopback_unless_asked() {
+    let long = ["run", "--headless", "--seconds", "1000000", "--rig"];
+    let mut run = Running::new(&[&long[..], &["sim"]].concat());
+    let found = watched(&run, |_| true);
+    assert!(run.0.try_wait().expect("looks").is_none(), "it still runs");
+    assert_eq!(found, [], "a rig in the process needs no socket");
+    drop(run);
+
+    // Hardware: a rig process behind a pseudo-terminal, named as a port.
+    let dir = scratch("fault-listeners");
+    let port = dir.join("port");
+    let port = port.to_str().expect("utf-8");
+    let mut rig = Running::new(&["rig", "--link", port]);
+    let mut line = String::new();
+    let said = rig.0.stdout.take().expect("is piped");
+    BufReader::new(said)
+        .read_line(&mut line)
+        .expect("it tells its port");
+
+    let hardware = [&long[..], &[port]].concat();
+    // Another program may have motion capture's port: then there is none, and nothing to look at.
+    let is_taken = UdpSocket::bind("127.0.0.1:51001").is_err();
+    let run = Running::new(&hardware);
+    let by_default = watched(&run, |l| !l.is_empty());
+    assert!(
+        by_default.iter().all(|(_, a)| a.ip().is_loopback()),
+        "{by_default:?}"
+    );
+    assert!(
+        is_taken || !by_default.is_empty(),
+        "motion capture is listened for"
+    );
+    drop(run);
+
+    // As asked, and only there. The port was free a moment ago.
+    let free = UdpSocket::bind("0.0.0.0:0").expect("a port");
+    let asked = free.local_addr().expect("is bound");
+    drop(free);
+    let asked_text = asked.to_string();
+    let run = Running::new(&[&hardware[..], &["--mocap-listen", &asked_text]].concat());
+    let there = watched(&run, |l| !l.is_empty());
+    assert_eq!(there, [("udp".to_owned(), asked)]);
+    println!("hardware listens on {by_default:?} by default");
+}
+
+#[test]
+fn addresses_are_read_as_the_system_writes_them() {
+    if cfg!(target_endian = "little") {
+        assert_eq!(
+            address("0100007F:C739"),
+            "127.0.0.1:51001".parse().expect("an address")
+        );
+        let v6 = address("00000000000000000000000001000000:0050");
+        assert_eq!(v6, "[::1]:80".parse().expect("an address"));
+    }
+}
