@@ -211,6 +211,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 seed: 1,
                 kind: live::Kind::Ours,
                 stream: None,
+                drill: &[],
                 instruments: &ports::Instruments::default(),
             };
             window::open(&opening, cli.robot.as_deref(), &robot)
@@ -237,6 +238,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 seed: a.seed,
                 kind: a.controller,
                 stream: a.viewer(),
+                drill: &a.drill,
                 instruments: &a.instruments,
             };
             window::open(&opening, cli.robot.as_deref(), &robot)
