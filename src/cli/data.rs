@@ -352,8 +352,7 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     bar.finish_and_clear();
     std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
     let file = a.out.join("reference.safetensors");
-    std::fs::write(&file, trained.to_bytes()?)
-        .with_context(|| format!("cannot write {}", file.display()))?;
+    springtwin::recording::write_bytes(&file, &trained.to_bytes()?)?;
     let seconds = start.elapsed().as_secs_f64();
     let scores = serde_json::to_value(&trained.scores)?;
     let mut by_stage = serde_json::Map::new();

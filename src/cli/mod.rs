@@ -154,8 +154,9 @@ impl std::fmt::Display for Failed {
 
 impl std::error::Error for Failed {}
 
-/// What is logged unless RUST_LOG says otherwise. A viewer that goes away is told in our own words.
-const LOGS: &str = "warn,re_grpc_client=off";
+/// What is logged unless RUST_LOG says otherwise. A viewer that goes away and a graphics driver that is missing are
+/// told in our own words.
+const LOGS: &str = "warn,re_grpc_client=off,wgpu_hal::vulkan::instance=off,eframe::native::run=off";
 
 /// Parses the arguments, runs the command, prints its report.
 pub fn main() -> ExitCode {

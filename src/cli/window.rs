@@ -7,6 +7,7 @@ mod library;
 mod rigs;
 mod screenshot;
 mod services;
+mod settings;
 mod viewer;
 
 use std::net::SocketAddr;
@@ -22,6 +23,7 @@ use super::ports::Instruments;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
 use services::services;
+use settings::Settings;
 use springtwin::gui::App;
 use springtwin::gui::pace::{Pace, Wanted};
 use springtwin::gui::scene::Scene;
@@ -82,6 +84,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         first.push(Command::Goto(Goal::position(WELCOME_M)));
     }
     let twins = rigs.twins.clone();
+    let rigs_data = rigs.data.clone();
     let stream = a.stream.map(Command::StreamLive);
     let options = || eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
@@ -121,7 +124,13 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             .map(|rs| Scene::new(rs, &robot));
         Ok(app)
     });
-    let shown = device::show(&options, begin, a.drill);
+    let settings = rigs_data.and_then(|data| {
+        let settings = Settings::begin(&data, &std::env::temp_dir());
+        settings
+            .inspect_err(|e| log::warn!("the window's settings are not kept: {e}"))
+            .ok()
+    });
+    let shown = device::show(&options, begin, settings, a.drill);
     if !twins.wait(LAST_WRITES) {
         log::warn!("the disk takes too long: a recording may lack its end");
     }

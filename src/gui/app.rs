@@ -1,5 +1,7 @@
 //! The window: drains the twin's feed, shows a screen, sends commands.
 
+mod device;
+
 use std::sync::Arc;
 use std::sync::mpsc::TryRecvError;
 use std::time::Duration;
@@ -24,7 +26,6 @@ use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
 use super::panels::welcome;
 use super::panels::{Screen, View};
-use super::scene::Scene;
 use super::services::Services;
 use super::theme::{self, Level};
 use crate::robot::RobotSpec;
@@ -192,26 +193,6 @@ impl App {
             ctx.set_theme(theme);
         }
         self.set_up = true;
-    }
-
-    /// Draws on another graphics device from now on: the one before is lost with all that lay on it. What
-    /// the operator is told of it is one sentence.
-    pub fn change_device(
-        &mut self,
-        ctx: &egui::Context,
-        render_state: Option<&egui_wgpu::RenderState>,
-        told: &str,
-    ) {
-        // Lets egui send the whole picture of its fonts again.
-        ctx.set_glyph_rasterizers(Vec::new());
-        self.gap.forget_pictures();
-        self.pace.drawn_by(render_state);
-        let scene = &mut self.operate.view3d.scene;
-        match (render_state, &mut *scene) {
-            (Some(rs), Some(scene)) => scene.change_device(rs),
-            (rs, _) => *scene = rs.map(|rs| Scene::new(rs, &self.spec)),
-        }
-        self.say(told, Level::Warning, ctx.input(|i| i.time));
     }
 
     /// Whether something is awaited that was asked of the program around the window.

@@ -286,7 +286,7 @@ pub fn spawn(
     let thread = std::thread::Builder::new()
         .name("twin".to_owned())
         .spawn(move || {
-            run_in_real_time(&mut runner, start, |snapshot, events, commands| {
+            let pace = run_in_real_time(&mut runner, start, |snapshot, events, commands| {
                 match published.lock() {
                     Ok(mut slot) => *slot = Arc::clone(snapshot),
                     Err(poisoned) => *poisoned.into_inner() = Arc::clone(snapshot),
@@ -314,6 +314,11 @@ pub fn spawn(
                 }
             });
             runner.end(Stamp::from_seconds(start.elapsed().as_secs_f64()));
+            log::info!(
+                "The twin ran {} ticks and missed {}.",
+                pace.ticks,
+                pace.missed
+            );
         })?;
     let handle = Handle {
         commands: command_tx,

@@ -29,13 +29,13 @@ pub(super) struct Told {
 
 impl Told {
     /// It came; whether that is worth telling.
-    fn comes(&mut self, now: Stamp) -> bool {
+    pub(super) fn comes(&mut self, now: Stamp) -> bool {
         self.came = Some(now);
         self.short < SHORT_STAYS
     }
 
     /// It went; whether that is worth telling.
-    fn goes(&mut self, now: Stamp) -> bool {
+    pub(super) fn goes(&mut self, now: Stamp) -> bool {
         let short = self.came.is_some_and(|came| now.since(came) < SHORT_S);
         self.short = if short { self.short + 1 } else { 0 };
         self.short <= SHORT_STAYS
@@ -110,9 +110,10 @@ impl Runner {
         let text = match &status.state {
             state if before == Some(state) => None,
             StreamState::Starting => None,
-            StreamState::Streaming => self.streaming_told.comes(now).then(|| {
-                format!("Streaming to the Rerun viewer at {}.", status.address)
-            }),
+            StreamState::Streaming => self
+                .streaming_told
+                .comes(now)
+                .then(|| format!("Streaming to the Rerun viewer at {}.", status.address)),
             // Between two tries the reason may change; that it is away does not.
             StreamState::Away(_) if matches!(before, Some(StreamState::Away(_))) => None,
             StreamState::Away(reason) => self

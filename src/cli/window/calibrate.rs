@@ -28,6 +28,8 @@ use springtwin::sensing::registration::Registration;
 use springtwin::twin::Maps;
 
 const INDEX: &str = "versions.toml";
+/// Empty; whoever changes the folder holds it.
+const LOCK: &str = "lock";
 /// Digits of the robot file's hash in the folder's name.
 const HASH_DIGITS: usize = 12;
 
@@ -142,11 +144,21 @@ impl Store {
         )))
     }
 
-    /// Saves a version, which becomes the active one.
-    pub fn save(&self, new: NewVersion, date: &str) -> Result<()> {
-        let mut index = self.index()?;
+    /// Lets nobody else change the folder while the answer is held: another window would take the same number.
+    fn lock(&self) -> Result<std::fs::File> {
         std::fs::create_dir_all(&self.folder)
             .with_context(|| format!("cannot make the folder {}", self.folder.display()))?;
+        let path = self.folder.join(LOCK);
+        let lock = std::fs::File::create(&path)
+            .and_then(|file| file.lock().map(|()| file))
+            .with_context(|| format!("cannot lock {}", path.display()))?;
+        Ok(lock)
+    }
+
+    /// Saves a version, which becomes the active one.
+    pub fn save(&self, new: NewVersion, date: &str) -> Result<()> {
+        let _lock = self.lock()?;
+        let mut index = self.index()?;
         let number = index.version.iter().map(|e| e.number).max().unwrap_or(0) + 1;
         let calibration = Calibration {
             date: date.to_owned(),
@@ -177,6 +189,7 @@ impl Store {
 
     /// Makes another version the active one.
     pub fn activate(&self, number: u32) -> Result<()> {
+        let _lock = self.lock()?;
         let mut index = self.index()?;
         anyhow::ensure!(
             index.version.iter().any(|e| e.number == number),

@@ -11,6 +11,8 @@ use eframe::CreationContext;
 use egui_wgpu::{RenderState, WgpuSetup, WgpuSetupCreateNew};
 use springtwin::gui::App;
 
+use super::settings::Settings;
+
 /// A device that is lost sooner than this is not trusted again.
 const STEADY: Duration = Duration::from_secs(60);
 /// So many losses one soon after the other end the window.
@@ -45,7 +47,9 @@ enum End {
     Closed,
     /// Its device is gone, for this reason.
     Lost(String),
-    /// It could not be opened.
+    /// There is no device that can draw it.
+    NoDevice(String),
+    /// It could not be opened for another reason.
     Failed(String),
 }
 
@@ -56,8 +60,14 @@ enum End {
 pub fn show(
     options: &dyn Fn() -> eframe::NativeOptions,
     begin: Begin<'_>,
+    settings: Option<Settings>,
     drill: &[Duration],
 ) -> Result<()> {
+    let settings = settings.map(Rc::new);
+    let options = || eframe::NativeOptions {
+        persistence_path: settings.as_ref().map(|s| s.own().to_owned()),
+        ..options()
+    };
     let kept: Rc<RefCell<Option<Kept>>> = Rc::default();
     let mut begin = Some(begin);
     let mut order = [Adapters::Any, Adapters::Software];
@@ -67,25 +77,27 @@ pub fn show(
         let mut end = End::Closed;
         let mut first_failure = None;
         for adapters in order {
-            end = run(options(), adapters, &mut begin, &kept, drill);
-            match &end {
-                End::Failed(e) => {
-                    log::warn!("no window with {adapters:?} adapters: {e}");
-                    first_failure.get_or_insert(e.clone());
-                }
-                _ => break,
+            end = run(options(), adapters, &mut begin, &kept, &settings, drill);
+            if let Some(settings) = &settings {
+                settings.publish();
             }
+            let End::NoDevice(e) = &end else {
+                break;
+            };
+            log::info!("no window with {adapters:?} adapters: {e}");
+            first_failure.get_or_insert(e.clone());
         }
         let reason = match (end, first_failure) {
             (End::Closed, _) => return Ok(()),
-            (End::Failed(e), first) if losses == 0 => {
-                let e = first.unwrap_or(e);
+            (End::Lost(reason), _) => reason,
+            (End::NoDevice(_), Some(e)) | (End::NoDevice(e) | End::Failed(e), _) => {
+                if losses > 0 {
+                    return Err(gone(&e));
+                }
                 bail!(
                     "the window cannot be opened ({e}): use `springtwin run --headless`, or see `springtwin doctor`"
                 );
             }
-            (End::Failed(e), first) => return Err(gone(&first.unwrap_or(e))),
-            (End::Lost(reason), _) => reason,
         };
         let steady = opened.elapsed() >= STEADY;
         losses = if steady { 1 } else { losses + 1 };
@@ -122,6 +134,7 @@ fn run(
     adapters: Adapters,
     begin: &mut Option<Begin<'_>>,
     kept: &Rc<RefCell<Option<Kept>>>,
+    settings: &Option<Rc<Settings>>,
     drill: &[Duration],
 ) -> End {
     let lost = Lost::default();
@@ -153,6 +166,7 @@ fn run(
             let begins_s = kept.borrow().as_ref().map_or(0.0, |k| k.time_s);
             Ok(Box::new(Pane {
                 kept,
+                settings: settings.clone(),
                 lost,
                 closed_by_loss,
                 begins_s,
@@ -170,6 +184,13 @@ fn run(
         // What draws may panic between the loss and our next look.
         Ok(Err(_)) | Err(_) if lost.get().is_some() && kept.borrow().is_some() => {
             End::Lost(reason())
+        }
+        Ok(Err(eframe::Error::Wgpu(e))) => {
+            let why = e.to_string();
+            let why = why.trim_end_matches(": {}");
+            End::NoDevice(format!(
+                "there is no graphics device that can draw it: {why}"
+            ))
         }
         Ok(Err(e)) => End::Failed(e.to_string()),
         Err(panic) => resume_unwind(panic),
@@ -206,6 +227,7 @@ fn watch(rs: &RenderState, lost: &Lost, ctx: &egui::Context) {
 /// The app in a window on one device.
 struct Pane {
     kept: Rc<RefCell<Option<Kept>>>,
+    settings: Option<Rc<Settings>>,
     lost: Lost,
     closed_by_loss: Rc<Cell<bool>>,
     /// Time of the window when this one was opened, s.
@@ -256,6 +278,10 @@ impl eframe::App for Pane {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        // What was kept the last time is on the disk long since.
+        if let Some(settings) = &self.settings {
+            settings.publish();
+        }
         if let Some(kept) = &mut *self.kept.borrow_mut() {
             kept.app.save(storage);
         }

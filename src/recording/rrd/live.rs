@@ -79,11 +79,9 @@ impl LiveSink {
         }
         let rows = self.rows.waiting() as u64;
         let mut messages = std::mem::take(&mut self.opening);
-        messages.extend(
-            self.rows
-                .take()
-                .map_err(|e| Broken::Failed(format!("The stream to the Rerun viewer broke off: {e}.")))?,
-        );
+        messages.extend(self.rows.take().map_err(|e| {
+            Broken::Failed(format!("The stream to the Rerun viewer broke off: {e}."))
+        })?);
         for message in messages {
             self.send(message, waiting)?;
             waiting.begin_again();
@@ -111,9 +109,6 @@ impl LiveSink {
     }
 
     fn gone(&self) -> Broken {
-        Broken::Away(format!(
-            "The Rerun viewer at {} went away.",
-            self.address
-        ))
+        Broken::Away(format!("The Rerun viewer at {} went away.", self.address))
     }
 }
