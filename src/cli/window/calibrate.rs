@@ -411,6 +411,34 @@ mod tests {
     }
 
     #[test]
+    fn windows_that_save_at_the_same_time_lose_nothing() {
+        let store = store("together");
+        std::thread::scope(|scope| {
+            for window in 0..4 {
+                let store = &store;
+                let saves = move || {
+                    for i in 0..5 {
+                        let new = version(&format!("{window}.{i}"));
+                        store.save(new, "2026-03-01").expect("saves");
+                    }
+                };
+                let thread = std::thread::Builder::new().name("window".to_owned());
+                thread.spawn_scoped(scope, saves).expect("a thread");
+            }
+        });
+        let versions = store.versions().expect("lists");
+        let numbers: Vec<u32> = versions.iter().map(|v| v.number).collect();
+        assert_eq!(numbers, (1..=20).rev().collect::<Vec<_>>());
+        let names: std::collections::BTreeSet<String> = versions
+            .iter()
+            .map(|v| kept(v).calibration.name.clone())
+            .collect();
+        assert_eq!(names.len(), 20);
+        assert!(versions[0].active);
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
     fn a_changed_copy_of_a_robot_file_does_not_get_the_first_arm_s_curves() {
         let data = Path::new("data");
         let text = springtwin::robot::REFERENCE;

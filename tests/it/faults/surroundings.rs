@@ -280,7 +280,7 @@ mod window {
             "graphics device lost while the window runs",
             "falls back to software or headless; control misses no tick",
             &format!(
-                "the window paints on a new device and STOP works; {missed} of {} ticks missed, all of them by drawing in software on the same processor",
+                "the window paints on a new device and STOP works; {missed} of {} ticks missed",
                 ticks + missed
             ),
         );
