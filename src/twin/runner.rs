@@ -238,6 +238,9 @@ pub fn run_in_real_time(
         let late = start.elapsed().saturating_sub(due);
         let skipped = (late.as_secs_f64() / TICK_S) as u32;
         pace.missed += u64::from(skipped);
+        if skipped > 0 {
+            log::debug!("{skipped} ticks missed");
+        }
         due += period * skipped;
         let now = Stamp::from_seconds(start.elapsed().as_secs_f64());
         let (snapshot, events) = runner.tick(now, &std::mem::take(&mut commands));
@@ -286,7 +289,7 @@ pub fn spawn(
     let thread = std::thread::Builder::new()
         .name("twin".to_owned())
         .spawn(move || {
-            let pace = run_in_real_time(&mut runner, start, |snapshot, events, commands| {
+            run_in_real_time(&mut runner, start, |snapshot, events, commands| {
                 match published.lock() {
                     Ok(mut slot) => *slot = Arc::clone(snapshot),
                     Err(poisoned) => *poisoned.into_inner() = Arc::clone(snapshot),
@@ -314,11 +317,6 @@ pub fn spawn(
                 }
             });
             runner.end(Stamp::from_seconds(start.elapsed().as_secs_f64()));
-            log::info!(
-                "The twin ran {} ticks and missed {}.",
-                pace.ticks,
-                pace.missed
-            );
         })?;
     let handle = Handle {
         commands: command_tx,

@@ -96,7 +96,10 @@ pub fn start_with(display: &str, dir: &std::path::Path, more: &[&str]) -> (Ends,
         .env("DISPLAY", display)
         .env_remove("WAYLAND_DISPLAY")
         .env("XDG_DATA_HOME", dir)
-        .env("RUST_LOG", "springtwin=info,warn")
+        .env(
+            "RUST_LOG",
+            "springtwin=info,springtwin::twin::runner=debug,warn",
+        )
         .stderr(Stdio::piped())
         .spawn()
         .expect("the program starts");
