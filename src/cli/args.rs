@@ -118,6 +118,16 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `lose-gpu=S`: when the window's graphics device is lost on purpose.
+#[cfg(feature = "gui")]
+pub fn drill(text: &str) -> Result<std::time::Duration, String> {
+    text.strip_prefix("lose-gpu=")
+        .and_then(|s| s.parse().ok())
+        .filter(|s: &f64| (0.0..=86_400.0).contains(s))
+        .map(std::time::Duration::from_secs_f64)
+        .ok_or_else(|| format!("'{text}' is no drill: write lose-gpu=S, S in seconds"))
+}
+
 /// `WxH`, both from 64 to 8192.
 #[cfg(feature = "gui")]
 pub fn size(text: &str) -> Result<[u32; 2], String> {

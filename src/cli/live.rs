@@ -69,6 +69,10 @@ pub struct RunArgs {
     /// Let boards that are SAFE from before leave it; remove the cause first
     #[arg(long, requires = "headless")]
     pub reset: bool,
+    /// Lose the window's graphics device so long after the start, s (`lose-gpu=S`): a fire drill
+    #[arg(long, hide = true, value_name = "lose-gpu=S", value_parser = args::drill, conflicts_with = "headless")]
+    #[cfg(feature = "gui")]
+    pub drill: Vec<std::time::Duration>,
     #[command(flatten)]
     pub instruments: Instruments,
 }
@@ -251,7 +255,7 @@ impl Tally {
 
 fn stream_json(status: &StreamStatus) -> Value {
     let ended = match &status.state {
-        StreamState::Ended(reason) => Some(reason),
+        StreamState::Ended(reason) | StreamState::Away(reason) => Some(reason),
         _ => None,
     };
     json!({
@@ -262,7 +266,7 @@ fn stream_json(status: &StreamStatus) -> Value {
 
 fn stream_line(status: &StreamStatus) -> String {
     let ended = match &status.state {
-        StreamState::Ended(reason) => format!(": {reason}"),
+        StreamState::Ended(reason) | StreamState::Away(reason) => format!(": {reason}"),
         _ => String::new(),
     };
     format!(
@@ -507,6 +511,8 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         seed: 1,
         controller: Kind::Ours,
         reset: a.reset,
+        #[cfg(feature = "gui")]
+        drill: Vec::new(),
         instruments: a.instruments.clone(),
     };
     run(&run_args, robot_file, robot)

@@ -154,8 +154,9 @@ impl std::fmt::Display for Failed {
 
 impl std::error::Error for Failed {}
 
-/// What is logged unless RUST_LOG says otherwise. A viewer that goes away is told in our own words.
-const LOGS: &str = "warn,re_grpc_client=off";
+/// What is logged unless RUST_LOG says otherwise. A viewer that goes away and a graphics driver that is missing are
+/// told in our own words.
+const LOGS: &str = "warn,re_grpc_client=off,wgpu_hal::vulkan::instance=off,eframe::native::run=off";
 
 /// Parses the arguments, runs the command, prints its report.
 pub fn main() -> ExitCode {
@@ -224,6 +225,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 seed: 1,
                 kind: live::Kind::Ours,
                 stream: None,
+                drill: &[],
                 instruments: &ports::Instruments::default(),
             };
             window::open(&opening, cli.robot.as_deref(), &robot)
@@ -250,6 +252,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 seed: a.seed,
                 kind: a.controller,
                 stream: a.viewer(),
+                drill: &a.drill,
                 instruments: &a.instruments,
             };
             window::open(&opening, cli.robot.as_deref(), &robot)

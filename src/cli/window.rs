@@ -1,11 +1,13 @@
 //! The window, and pictures of its screens without one.
 
 mod calibrate;
+mod device;
 mod gap;
 mod library;
 mod rigs;
 mod screenshot;
 mod services;
+mod settings;
 mod viewer;
 
 use std::net::SocketAddr;
@@ -21,6 +23,7 @@ use super::ports::Instruments;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
 use services::services;
+use settings::Settings;
 use springtwin::gui::App;
 use springtwin::gui::pace::{Pace, Wanted};
 use springtwin::gui::scene::Scene;
@@ -46,6 +49,8 @@ pub struct Opening<'a> {
     pub kind: Kind,
     /// A viewer to stream to from the start.
     pub stream: Option<SocketAddr>,
+    /// When the graphics device is lost on purpose.
+    pub drill: &'a [Duration],
     /// Calibration and motion capture.
     pub instruments: &'a Instruments,
 }
@@ -79,8 +84,9 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         first.push(Command::Goto(Goal::position(WELCOME_M)));
     }
     let twins = rigs.twins.clone();
+    let rigs_data = rigs.data.clone();
     let stream = a.stream.map(Command::StreamLive);
-    let options = eframe::NativeOptions {
+    let options = || eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title("springtwin")
             .with_inner_size([1280.0, 760.0])
@@ -89,22 +95,16 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     };
     let robot = robot.clone();
     let robot_file = robot_file.map(Path::to_owned);
-    let create: eframe::AppCreator<'_> = Box::new(move |cc| {
-        // A picture costs a software adapter most of a core: leave it to the control loop.
-        let software = cc
-            .wgpu_render_state
-            .as_ref()
-            .is_none_or(|rs| rs.adapter.get_info().device_type == wgpu::DeviceType::Cpu);
-        let every = if software { 10 } else { 2 };
-        let pace = Pace::default();
+    let begin: device::Begin<'_> = Box::new(move |cc| {
+        let mut pace = Pace::default();
         let asks = Asks {
             ctx: cc.egui_ctx.clone(),
-            every,
             pace: pace.wanted(),
         };
+        pace.drawn_by(cc.wgpu_render_state.as_ref());
         let handle = rigs.start(runner, start, first, asks.repaint())?;
         if let Some(stream) = stream {
-            handle.send(stream)?;
+            handle.send(stream).map_err(anyhow::Error::msg)?;
         }
         let services = services(asks, rigs, calibration);
         let mut app = App::new(Some(handle), robot.clone(), services);
@@ -122,15 +122,19 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             .wgpu_render_state
             .as_ref()
             .map(|rs| Scene::new(rs, &robot));
-        Ok(Box::new(app))
+        Ok(app)
     });
-    let shown = eframe::run_native("springtwin", options, create);
+    let settings = rigs_data.and_then(|data| {
+        let settings = Settings::begin(&data, &std::env::temp_dir());
+        settings
+            .inspect_err(|e| log::warn!("the window's settings are not kept: {e}"))
+            .ok()
+    });
+    let shown = device::show(&options, begin, settings, a.drill);
     if !twins.wait(LAST_WRITES) {
         log::warn!("the disk takes too long: a recording may lack its end");
     }
-    shown.map_err(|e| {
-        anyhow::anyhow!("the window cannot be opened ({e}): use `springtwin run --headless`, or see `springtwin doctor`")
-    })?;
+    shown?;
     Ok(super::silent())
 }
 
@@ -141,22 +145,18 @@ const SOON: Duration = Duration::from_millis(1);
 #[derive(Clone)]
 struct Asks {
     ctx: egui::Context,
-    /// Ticks between two frames at least.
-    every: u32,
     pace: Wanted,
 }
 
 impl Asks {
     /// To be called after every tick.
     fn repaint(&self) -> impl FnMut() + Send + 'static {
-        let Self { ctx, every, pace } = self.clone();
+        let Self { ctx, pace } = self.clone();
         let mut ticks = 0u32;
         move || {
-            let idle = pace
-                .at_most_hz()
-                .map_or(0, |hz| (1.0 / (TICK_S * f64::from(hz))) as u32);
+            let every = (1.0 / (TICK_S * f64::from(pace.at_most_hz()))) as u32;
             ticks += 1;
-            if ticks >= every.max(idle) {
+            if ticks >= every {
                 ticks = 0;
                 // With a delay one frame is painted, without it two.
                 ctx.request_repaint_after(SOON);

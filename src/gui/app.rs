@@ -1,5 +1,7 @@
 //! The window: drains the twin's feed, shows a screen, sends commands.
 
+mod device;
+
 use std::sync::Arc;
 use std::sync::mpsc::TryRecvError;
 use std::time::Duration;

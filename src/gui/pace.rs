@@ -3,8 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use egui_wgpu::wgpu;
+
 use crate::signal::{Mode, Snapshot};
 
+/// Pictures per second while something moves.
+pub const LIVELY_HZ: u32 = 50;
+/// The same on a software adapter: a picture costs it most of a core, which is left to the control loop.
+pub const SOFTWARE_HZ: u32 = 10;
 /// Pictures per second while nothing moves.
 pub const IDLE_HZ: u32 = 3;
 /// Pictures per second of a window that nobody sees; its plots go on.
@@ -19,22 +25,40 @@ const LINGER_S: f64 = 1.0;
 pub struct Wanted(Arc<AtomicU32>);
 
 impl Wanted {
-    /// The most pictures per second that are of use; `None` while they should come fluently.
-    pub fn at_most_hz(&self) -> Option<u32> {
-        let hz = self.0.load(Ordering::Relaxed);
-        (hz > 0).then_some(hz)
+    /// The most pictures per second that are of use.
+    pub fn at_most_hz(&self) -> u32 {
+        self.0.load(Ordering::Relaxed)
     }
 }
 
 /// Watches whether anything moves.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Pace {
     wanted: Arc<AtomicU32>,
+    lively_hz: u32,
     rested_m: Option<[f64; 3]>,
     moved_s: Option<f64>,
 }
 
+impl Default for Pace {
+    fn default() -> Self {
+        Self {
+            wanted: Arc::new(AtomicU32::new(SOFTWARE_HZ)),
+            lively_hz: SOFTWARE_HZ,
+            rested_m: None,
+            moved_s: None,
+        }
+    }
+}
+
 impl Pace {
+    /// Heeds what the window is drawn with from now on.
+    pub fn drawn_by(&mut self, render_state: Option<&egui_wgpu::RenderState>) {
+        let software = render_state
+            .is_none_or(|rs| rs.adapter.get_info().device_type == wgpu::DeviceType::Cpu);
+        self.lively_hz = if software { SOFTWARE_HZ } else { LIVELY_HZ };
+    }
+
     /// For whoever asks for pictures.
     pub fn wanted(&self) -> Wanted {
         Wanted(Arc::clone(&self.wanted))
@@ -58,7 +82,7 @@ impl Pace {
         let lively = self.moved_s.is_some_and(|t| now_s - t < LINGER_S);
         let hz = match (hidden, lively) {
             (true, _) => HIDDEN_HZ,
-            (false, true) => 0,
+            (false, true) => self.lively_hz,
             (false, false) => IDLE_HZ,
         };
         self.wanted.store(hz, Ordering::Relaxed);
@@ -84,12 +108,12 @@ mod tests {
         let mut pace = Pace::default();
         let wanted = pace.wanted();
         pace.update(&fixture::snapshot(1.0), 0.0, false);
-        assert_eq!(wanted.at_most_hz(), None, "it moves");
+        assert_eq!(wanted.at_most_hz(), SOFTWARE_HZ, "it moves");
         pace.update(&at_rest(0.1), 0.1, false);
         pace.update(&at_rest(0.1003), 1.05, false);
-        assert_eq!(wanted.at_most_hz(), None, "it has just come to rest");
+        assert_eq!(wanted.at_most_hz(), SOFTWARE_HZ, "it has just come to rest");
         pace.update(&at_rest(0.0998), 1.2, false);
-        assert_eq!(wanted.at_most_hz(), Some(IDLE_HZ), "noise is no movement");
+        assert_eq!(wanted.at_most_hz(), IDLE_HZ, "noise is no movement");
         // Bent by hand, a little at a time.
         for i in 0..8 {
             pace.update(
@@ -98,15 +122,15 @@ mod tests {
                 false,
             );
         }
-        assert_eq!(wanted.at_most_hz(), None);
+        assert_eq!(wanted.at_most_hz(), SOFTWARE_HZ);
         pace.update(&at_rest(0.1028), 2.8, true);
-        assert_eq!(wanted.at_most_hz(), Some(HIDDEN_HZ), "nobody looks");
+        assert_eq!(wanted.at_most_hz(), HIDDEN_HZ, "nobody looks");
         pace.update(&at_rest(0.1028), 4.0, false);
-        assert_eq!(wanted.at_most_hz(), Some(IDLE_HZ));
+        assert_eq!(wanted.at_most_hz(), IDLE_HZ);
         // The link is lost: that is to be seen at once.
         let mut lost = at_rest(0.1028);
         lost.estimate = None;
         pace.update(&lost, 4.2, false);
-        assert_eq!(wanted.at_most_hz(), None);
+        assert_eq!(wanted.at_most_hz(), SOFTWARE_HZ);
     }
 }

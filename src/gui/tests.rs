@@ -9,6 +9,7 @@ mod operate;
 mod plots;
 mod recordings;
 mod rerun;
+mod scale;
 mod sensors;
 mod shell;
 

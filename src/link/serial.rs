@@ -405,6 +405,7 @@ fn explain(port: &str, error: &serialport::Error) -> LinkError {
 #[cfg(target_os = "linux")]
 fn owner_of(port: &str) -> Option<String> {
     let device = std::fs::canonicalize(port).ok()?;
+    let mut maker = None;
     for process in std::fs::read_dir("/proc").ok()?.flatten() {
         let id = process.file_name();
         if !id.as_encoded_bytes().iter().all(u8::is_ascii_digit) {
@@ -414,15 +415,21 @@ fn owner_of(port: &str) -> Option<String> {
         let Ok(files) = std::fs::read_dir(process.path().join("fd")) else {
             continue;
         };
-        let has_it = files
+        let open: Vec<_> = files
             .flatten()
-            .any(|f| std::fs::read_link(f.path()).is_ok_and(|to| to == device));
-        if has_it {
+            .filter_map(|f| std::fs::read_link(f.path()).ok())
+            .collect();
+        if open.contains(&device) {
             let name = std::fs::read_to_string(process.path().join("comm")).unwrap_or_default();
-            return Some(format!("{} (process {})", name.trim(), id.display()));
+            let owner = format!("{} (process {})", name.trim(), id.display());
+            // A rig holds its own pseudo-terminal open besides the program that uses it.
+            if !open.iter().any(|to| to.ends_with("ptmx")) {
+                return Some(owner);
+            }
+            maker = Some(owner);
         }
     }
-    None
+    maker
 }
 
 #[cfg(not(target_os = "linux"))]

@@ -73,6 +73,12 @@ pub enum RecordingError {
         /// What is wrong, and what is expected.
         text: String,
     },
+    /// Somebody else records to the file.
+    #[error("{}: another recording is being written to it: end that, or choose another name.", .path.display())]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
     /// The program was built without support for `.rrd` files.
     #[error("{}: this build cannot use .rrd files. Build with the feature \"rrd\", or use a session log.", .path.display())]
     WithoutRrd {

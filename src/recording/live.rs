@@ -1,7 +1,7 @@
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::sync::{Arc, OnceLock};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -19,6 +19,10 @@ const LOOK: Duration = Duration::from_millis(5);
 const PATIENCE: Duration = Duration::from_secs(10);
 /// How long a viewer may take when the stream is to end anyway.
 const HURRY: Duration = Duration::from_secs(1);
+/// Between two tries to reach a viewer that is away.
+const RETRY: Duration = Duration::from_secs(1);
+/// How long a try may take to find that nobody listens.
+const PROBE: Duration = Duration::from_millis(500);
 
 enum Item {
     Snapshot(Arc<Snapshot>),
@@ -28,9 +32,11 @@ enum Item {
 /// A live stream to the Rerun viewer, sent by a thread of its own. Nothing here ever waits for the
 /// viewer, but for [`LiveStream::finish`].
 ///
-/// Memory is bounded whatever the viewer does: at most 512 snapshots wait, what finds the queue full is
-/// dropped and counted, and a viewer that is gone or takes nothing for ten seconds ends the stream. The
-/// thread of a stream to a viewer that hangs stays until that goes on or goes away.
+/// Memory is bounded whatever the viewer does: at most 512 snapshots wait, and what finds the queue full is
+/// dropped and counted. A viewer that is gone or takes nothing for ten seconds counts as away: what comes
+/// meanwhile is dropped and counted, and once a second the same thread tries to reach it again. One that
+/// comes back gets a stream from its beginning. While the connection to a viewer that hangs lasts, nothing
+/// is tried: there is one thread, and one connection, whatever the viewer does.
 pub struct LiveStream {
     address: SocketAddr,
     queue: Option<SyncSender<Item>>,
@@ -57,6 +63,11 @@ impl Count {
         }
     }
 
+    fn add(&self, [snapshots, lines]: [u64; 2]) {
+        self.snapshots.fetch_add(snapshots, Ordering::Relaxed);
+        self.lines.fetch_add(lines, Ordering::Relaxed);
+    }
+
     fn now(&self) -> [u64; 2] {
         [&self.snapshots, &self.lines].map(|n| n.load(Ordering::Relaxed))
     }
@@ -65,12 +76,43 @@ impl Count {
 #[derive(Default)]
 struct Shared {
     streaming: AtomicBool,
+    /// Why the viewer is away, while it is.
+    away: Mutex<Option<String>>,
     /// Nobody wants the stream any more.
     stop: AtomicBool,
     sent: Count,
+    /// What was taken from the queue and could not be sent.
+    lost: Count,
     /// Nothing more will be sent.
     settled: AtomicBool,
     ended: OnceLock<String>,
+}
+
+impl Shared {
+    fn set_away(&self, why: Option<String>) {
+        *self.away.lock().unwrap_or_else(PoisonError::into_inner) = why;
+    }
+
+    fn away(&self) -> Option<String> {
+        self.away
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Why nothing can be sent. One sentence.
+#[derive(Debug)]
+pub(super) enum Broken {
+    /// The viewer is not there, or does not take anything.
+    #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
+    Away(String),
+    /// It is no use to try again.
+    Failed(String),
 }
 
 impl LiveStream {
@@ -133,8 +175,11 @@ impl LiveStream {
     pub fn status(&self) -> StreamStatus {
         let state = match self.shared.ended.get() {
             Some(reason) => StreamState::Ended(reason.clone()),
-            None if self.shared.streaming.load(Ordering::Relaxed) => StreamState::Streaming,
-            None => StreamState::Starting,
+            None => match self.shared.away() {
+                Some(reason) => StreamState::Away(reason),
+                None if self.shared.streaming.load(Ordering::Relaxed) => StreamState::Streaming,
+                None => StreamState::Starting,
+            },
         };
         self.status_of(state, self.is_settled())
     }
@@ -145,7 +190,8 @@ impl LiveStream {
             let pushed = self.pushed.now();
             [0, 1].map(|i| pushed[i] - sent[i])
         } else {
-            self.refused.now()
+            let (refused, lost) = (self.refused.now(), self.shared.lost.now());
+            [0, 1].map(|i| refused[i] + lost[i])
         };
         StreamStatus {
             address: self.address,
@@ -189,56 +235,114 @@ impl Drop for LiveStream {
 }
 
 fn run(address: SocketAddr, meta: RecordingMeta, items: Receiver<Item>, shared: &Shared) {
-    let result = LiveSink::connect(address, meta).map(|mut sink| {
-        let result = stream(&mut sink, &items, shared);
-        (sink, result)
-    });
-    // What waits is let go of before the connection, which may take its time.
+    let reason = loop {
+        let broken = match LiveSink::connect(address, meta.clone()) {
+            Err(reason) => Broken::Failed(reason),
+            Ok(mut sink) => match stream(&mut sink, &items, shared) {
+                Ok(()) => {
+                    shared.settled.store(true, Ordering::Release);
+                    drop(items);
+                    // Waits for a viewer that hangs until it goes on or goes away; nobody waits for us.
+                    drop(sink);
+                    return;
+                }
+                Err(broken) => {
+                    if let Broken::Away(reason) = &broken {
+                        shared.set_away(Some(reason.clone()));
+                    }
+                    drain(&items, shared);
+                    shared.settled.store(shared.stops(), Ordering::Release);
+                    // Until a viewer that hangs goes on or goes away, nothing else is tried.
+                    drop(sink);
+                    broken
+                }
+            },
+        };
+        match broken {
+            Broken::Failed(reason) => break reason,
+            Broken::Away(reason) => {
+                if !comes_back(address, &items, shared) {
+                    break reason;
+                }
+            }
+        }
+    };
+    // What waits is let go of.
     drop(items);
     shared.settled.store(true, Ordering::Release);
-    match result {
-        Ok((sink, result)) => {
-            if let Err(reason) = result {
-                let _ = shared.ended.set(reason);
+    let _ = shared.ended.set(reason);
+}
+
+/// Waits until somebody listens at `address` again; whether there is still somebody who wants that.
+fn comes_back(address: SocketAddr, items: &Receiver<Item>, shared: &Shared) -> bool {
+    loop {
+        let mut waited = Duration::ZERO;
+        while waited < RETRY {
+            if !drain(items, shared) {
+                return false;
             }
-            // Waits for a viewer that hangs until it goes on or goes away; nobody waits for us.
-            drop(sink);
+            std::thread::sleep(LOOK);
+            waited += LOOK;
         }
-        Err(reason) => {
-            let _ = shared.ended.set(reason);
+        if TcpStream::connect_timeout(&address, PROBE).is_ok() {
+            return true;
         }
     }
 }
 
-fn stream(sink: &mut LiveSink, items: &Receiver<Item>, shared: &Shared) -> Result<(), String> {
+/// Drops and counts what waits; whether anybody still wants it to be sent.
+fn drain(items: &Receiver<Item>, shared: &Shared) -> bool {
+    loop {
+        match items.try_recv() {
+            Ok(item) => {
+                shared.lost.of(&item).fetch_add(1, Ordering::Relaxed);
+            }
+            Err(TryRecvError::Empty) => return !shared.stops(),
+            Err(TryRecvError::Disconnected) => return false,
+        }
+    }
+}
+
+/// Streams until nobody wants it any more, or it breaks.
+fn stream(sink: &mut LiveSink, items: &Receiver<Item>, shared: &Shared) -> Result<(), Broken> {
     sink.flush(&mut Waiting::new(shared))?;
     shared.streaming.store(true, Ordering::Relaxed);
-    let mut lines = 0;
+    shared.set_away(None);
+    // Snapshots and lines that the sink holds.
+    let mut held = [0, 0];
+    let flush = |sink: &mut LiveSink, held: &mut [u64; 2]| {
+        let [snapshots, lines] = std::mem::take(held);
+        match sink.flush(&mut Waiting::new(shared)) {
+            Ok(rows) => {
+                shared.sent.add([rows, lines]);
+                // A snapshot whose time does not advance is left out.
+                shared.lost.add([snapshots - rows, 0]);
+                Ok(())
+            }
+            Err(broken) => {
+                shared.lost.add([snapshots, lines]);
+                Err(broken)
+            }
+        }
+    };
     loop {
         let due = match items.recv_timeout(IDLE) {
-            Ok(Item::Snapshot(snapshot)) => sink.push(&snapshot),
+            Ok(Item::Snapshot(snapshot)) => {
+                held[0] += 1;
+                sink.push(&snapshot)
+            }
             Ok(Item::Event(stamp, text)) => {
+                held[1] += 1;
                 sink.event(stamp, &text);
-                lines += 1;
                 false
             }
             Err(RecvTimeoutError::Timeout) => true,
-            Err(RecvTimeoutError::Disconnected) => {
-                let rows = sink.flush(&mut Waiting::new(shared))?;
-                count(shared, rows, lines);
-                return Ok(());
-            }
+            Err(RecvTimeoutError::Disconnected) => return flush(sink, &mut held),
         };
         if due {
-            let rows = sink.flush(&mut Waiting::new(shared))?;
-            count(shared, rows, std::mem::take(&mut lines));
+            flush(sink, &mut held)?;
         }
     }
-}
-
-fn count(shared: &Shared, rows: u64, lines: u64) {
-    shared.sent.snapshots.fetch_add(rows, Ordering::Relaxed);
-    shared.sent.lines.fetch_add(lines, Ordering::Relaxed);
 }
 
 /// Waiting for the viewer, up to a limit.
@@ -309,36 +413,53 @@ mod tests {
         assert!(reason.contains("cannot stream"), "{reason}");
     }
 
-    /// With nobody there, what the queue cannot hold is dropped and counted, and the end is told.
+    /// With nobody there, what the queue cannot hold is dropped and counted; once the viewer counts as away,
+    /// everything is.
     #[cfg(feature = "rrd")]
     #[test]
     fn nobody_there_costs_a_full_queue_and_no_more() {
-        let stream = LiveStream::start(nobody(), RecordingMeta::default()).unwrap();
+        let mut stream = LiveStream::start(nobody(), RecordingMeta::default()).unwrap();
         let n = 3 * QUEUE as i64;
         push(&stream, 0, n);
         let status = stream.status();
         assert_eq!(status.state, StreamState::Starting);
         assert_eq!((status.sent, status.dropped), (0, n as u64 - QUEUE as u64));
-        stream.shared.stop.store(true, Ordering::Relaxed);
+        wait_for(&stream, |s| matches!(s.state, StreamState::Away(_)));
+        let StreamState::Away(reason) = stream.status().state else {
+            panic!("{:?}", stream.status());
+        };
+        assert!(reason.contains("does not answer"), "{reason}");
+        push(&stream, n, 1);
+        wait_for(&stream, |s| s.dropped == n as u64 + 1);
+        stream.close();
         stream.done.recv_timeout(Duration::from_secs(60)).unwrap();
         let StreamState::Ended(reason) = stream.status().state else {
             panic!("{:?}", stream.status());
         };
         assert!(reason.contains("does not answer"), "{reason}");
-        // What still waited was not sent either, and nothing is held for a stream that has ended.
-        assert_eq!(stream.status().dropped, n as u64);
         push(&stream, n, 1);
-        assert_eq!(stream.status().dropped, n as u64 + 1);
+        assert_eq!(stream.status().dropped, n as u64 + 2);
+    }
+
+    #[cfg(feature = "rrd")]
+    fn wait_for(stream: &LiveStream, is: impl Fn(&StreamStatus) -> bool) {
+        for _ in 0..60 * 200 {
+            if is(&stream.status()) {
+                return;
+            }
+            std::thread::sleep(LOOK);
+        }
+        panic!("{:?}", stream.status());
     }
 
     /// A listener that takes a connection and then nothing: the stream holds a bounded number of
-    /// snapshots, drops the others, and ends by itself.
+    /// snapshots, drops the others, and does not connect a second time.
     #[cfg(feature = "rrd")]
     #[test]
-    fn a_viewer_that_hangs_ends_the_stream() {
+    fn a_viewer_that_hangs_gets_no_second_connection() {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let stream = LiveStream::start(address, RecordingMeta::default()).unwrap();
+        let mut stream = LiveStream::start(address, RecordingMeta::default()).unwrap();
         let held = std::cell::OnceCell::new();
         let mut pushed = 0u64;
         // Nobody reads: buffers fill, then the queue.
@@ -347,18 +468,25 @@ mod tests {
             stream.event(Stamp(pushed as i64), "a line".to_owned());
             pushed += 100;
             held.get_or_init(|| listener.accept().unwrap());
-            if matches!(stream.status().state, StreamState::Ended(_)) {
+            if matches!(stream.status().state, StreamState::Away(_)) {
                 break;
             }
             std::thread::sleep(LOOK);
         }
         let status = stream.status();
-        let StreamState::Ended(reason) = &status.state else {
+        let StreamState::Away(reason) = &status.state else {
             panic!("{status:?}");
         };
         assert!(reason.contains("nothing for"), "{reason}");
         assert!(status.dropped > 0 && status.dropped_lines > 0);
-        assert_eq!(status.sent + status.dropped, pushed);
+        // For longer than between two tries: only what was sent and what the queue holds is not dropped.
+        listener.set_nonblocking(true).unwrap();
+        std::thread::sleep(3 * RETRY);
+        assert!(listener.accept().is_err(), "another connection");
+        let status = stream.status();
+        let waits = pushed - status.sent - status.dropped;
+        assert!(waits <= QUEUE as u64, "{waits} of {status:?}");
+        stream.close();
         assert!(
             !stream.is_over(),
             "the thread waits for a viewer that hangs"
@@ -367,6 +495,33 @@ mod tests {
         drop(held);
         drop(listener);
         stream.done.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert_eq!(
+            stream.status().sent + stream.status().dropped,
+            pushed,
+            "{:?}",
+            stream.status()
+        );
+    }
+
+    /// While nobody listens the same thread calls once a second, and the first who listens is called.
+    #[cfg(feature = "rrd")]
+    #[test]
+    #[expect(clippy::disallowed_methods, reason = "how often it calls")]
+    fn a_viewer_that_is_away_is_called_once_a_second() {
+        let stream = LiveStream::start(nobody(), RecordingMeta::default()).unwrap();
+        wait_for(&stream, |s| matches!(s.state, StreamState::Away(_)));
+        let listener = std::net::TcpListener::bind(stream.address()).unwrap();
+        let mut calls = Vec::new();
+        while calls.len() < 8 {
+            let (line, _) = listener.accept().unwrap();
+            calls.push(std::time::Instant::now());
+            // Hung up at once.
+            drop(line);
+        }
+        let between = calls[7] - calls[0];
+        // A look whether somebody listens, and a connection: two calls each time.
+        assert!(between > 2 * RETRY, "{between:?} for eight calls");
+        assert!(!matches!(stream.status().state, StreamState::Ended(_)));
     }
 
     /// A viewer that is slow, but takes something now and then, keeps its stream; one that takes nothing, or

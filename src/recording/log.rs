@@ -656,7 +656,8 @@ pub(crate) fn write_whole(
     write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
 ) -> Result<(), RecordingError> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".part");
+    // Another program may write to the same place at the same time.
+    name.push(format!(".{}.part", std::process::id()));
     let part: PathBuf = path.with_file_name(name);
     let result = File::create(&part)
         .and_then(|file| {

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::Path;
 
-use super::live::Waiting;
+use super::live::{Broken, Waiting};
 use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
@@ -85,7 +85,7 @@ impl LiveSink {
     }
 
     /// Sends what waits.
-    pub(super) fn flush(&mut self, waiting: &mut Waiting<'_>) -> Result<u64, String> {
+    pub(super) fn flush(&mut self, waiting: &mut Waiting<'_>) -> Result<u64, Broken> {
         waiting.goes_on();
         match self.never {}
     }

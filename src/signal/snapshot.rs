@@ -191,6 +191,9 @@ pub enum StreamState {
     Starting,
     /// Snapshots are sent.
     Streaming,
+    /// The viewer is not there or takes nothing; it is tried again once a second. Holds the reason as one
+    /// sentence.
+    Away(String),
     /// It ended by itself. Holds the reason as one sentence.
     Ended(String),
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use super::mesh::mesh_worker;
 use super::newest::Newest;
 use super::record::Recording;
-use super::stream::{LAST_WORDS, OldStream};
+use super::stream::{LAST_WORDS, OldStream, Told};
 use super::{Command, Event, Handle, MeshAnswer, MeshQuestion, Twin};
 use crate::recording::{ArmDrawing, LiveStream, RecordingMeta};
 use crate::robot::RobotSpec;
@@ -55,6 +55,7 @@ pub struct Runner {
     pub(super) recording: Option<Recording>,
     pub(super) stream: Option<LiveStream>,
     pub(super) old_streams: Vec<OldStream>,
+    pub(super) streaming_told: Told,
     /// Started when the mesh is shown for the first time.
     pub(super) mesh: Option<Newest<MeshQuestion, MeshAnswer>>,
     was_safe: bool,
@@ -70,6 +71,7 @@ impl Runner {
             recording: None,
             stream: None,
             old_streams: Vec::new(),
+            streaming_told: Told::default(),
             mesh: None,
             was_safe: false,
         }
@@ -236,6 +238,9 @@ pub fn run_in_real_time(
         let late = start.elapsed().saturating_sub(due);
         let skipped = (late.as_secs_f64() / TICK_S) as u32;
         pace.missed += u64::from(skipped);
+        if skipped > 0 {
+            log::debug!("{skipped} ticks missed");
+        }
         due += period * skipped;
         let now = Stamp::from_seconds(start.elapsed().as_secs_f64());
         let (snapshot, events) = runner.tick(now, &std::mem::take(&mut commands));

@@ -13,6 +13,35 @@ const HANGS_S: f64 = 1.0;
 /// How long the viewer may take for what is left when the program ends.
 pub const LAST_WORDS: Duration = Duration::from_secs(2);
 
+/// A viewer that goes away sooner than this stayed shortly, s.
+const SHORT_S: f64 = 10.0;
+/// Of so many short stays in a row the operator is told; of more, nothing.
+const SHORT_STAYS: u32 = 3;
+
+/// What the operator knows of a viewer that comes and goes.
+#[derive(Default)]
+pub(super) struct Told {
+    /// When it came.
+    came: Option<Stamp>,
+    /// Short stays in a row.
+    short: u32,
+}
+
+impl Told {
+    /// It came; whether that is worth telling.
+    pub(super) fn comes(&mut self, now: Stamp) -> bool {
+        self.came = Some(now);
+        self.short < SHORT_STAYS
+    }
+
+    /// It went; whether that is worth telling.
+    pub(super) fn goes(&mut self, now: Stamp) -> bool {
+        let short = self.came.is_some_and(|came| now.since(came) < SHORT_S);
+        self.short = if short { self.short + 1 } else { 0 };
+        self.short <= SHORT_STAYS
+    }
+}
+
 /// A stream that has ended; its thread may still wait for the viewer.
 pub(super) struct OldStream {
     since: Stamp,
@@ -47,6 +76,7 @@ impl Runner {
         self.close_stream(now);
         match LiveStream::start(address, self.session("live".to_owned(), simulated)) {
             Ok(stream) => {
+                self.streaming_told = Told::default();
                 self.twin.observe_stream(Some(stream.status()));
                 self.stream = Some(stream);
             }
@@ -80,10 +110,16 @@ impl Runner {
         let text = match &status.state {
             state if before == Some(state) => None,
             StreamState::Starting => None,
-            StreamState::Streaming => Some(format!(
-                "Streaming to the Rerun viewer at {}.",
-                status.address
-            )),
+            StreamState::Streaming => self
+                .streaming_told
+                .comes(now)
+                .then(|| format!("Streaming to the Rerun viewer at {}.", status.address)),
+            // Between two tries the reason may change; that it is away does not.
+            StreamState::Away(_) if matches!(before, Some(StreamState::Away(_))) => None,
+            StreamState::Away(reason) => self
+                .streaming_told
+                .goes(now)
+                .then(|| format!("{reason} Trying again every second. {}", tally(&status))),
             StreamState::Ended(reason) => Some(format!("{reason} {}", tally(&status))),
         };
         events.extend(text.map(|text| Event::Notice { stamp: now, text }));

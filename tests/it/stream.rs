@@ -47,6 +47,10 @@ impl Viewer {
         let address = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
             .and_then(|free| free.local_addr())
             .expect("a free port");
+        Self::start_at(address, more)
+    }
+
+    fn start_at(address: SocketAddr, more: &[&OsStr]) -> Self {
         let process = Command::new(folder().join("rerun"))
             .args(["--bind", "127.0.0.1", "--port", &address.port().to_string()])
             .args(["--memory-limit", "500MB", "--server-memory-limit", "500MB"])
@@ -268,7 +272,7 @@ fn a_viewer_that_is_killed_ends_the_stream_and_nothing_else() {
     let v = program.finish();
     assert_pace(&v);
     let ended = v["stream"]["ended"].as_str().expect("it ended");
-    assert!(ended.contains("is gone"), "{ended}");
+    assert!(ended.contains("went away"), "{ended}");
     let sent = v["stream"]["sent"].as_u64().expect("sent");
     assert!((100..1300).contains(&sent), "{v}");
 }
@@ -317,4 +321,57 @@ fn without_a_viewer_the_program_runs_and_says_so() {
     let ended = v["stream"]["ended"].as_str().expect("it ended");
     assert!(ended.contains("does not answer"), "{ended}");
     assert_eq!(v["stream"]["sent"], 0, "{v}");
+}
+
+#[test]
+#[expect(clippy::disallowed_methods, reason = "how long the viewer is away")]
+fn a_viewer_that_comes_back_gets_the_stream_again() {
+    let dir = scratch("stream-again");
+    let (first, second) = (dir.join("first.rrd"), dir.join("second.rrd"));
+    let viewer = Viewer::to_file(&first);
+    let program = Program::start(24, &viewer, &[]);
+    wait(7);
+    viewer.signal(Signal::SIGKILL);
+    let gone = std::time::Instant::now();
+    let address = viewer.address;
+    drop(viewer);
+    wait(4);
+    let more = [OsStr::new("--save"), second.as_os_str()];
+    let viewer = Viewer::start_at(address, &more);
+    let away_s = gone.elapsed().as_secs_f64();
+    let v = program.finish();
+    viewer.finish();
+    assert_pace(&v);
+    assert_eq!(v["stream"]["ended"], Value::Null, "{v}");
+    let dropped = v["stream"]["dropped"].as_u64().expect("dropped");
+    assert!(dropped > 100, "{v}");
+    let whole = |path: &Path| read_rrd(path).expect("a recording").trace;
+    let (first, second) = (whole(&first), whole(&second));
+    let ends = |t: &springtwin::signal::Trace| {
+        let (a, b) = (t.snapshots.first(), t.snapshots.last());
+        [a, b].map(|s| s.expect("snapshots").stamp.seconds())
+    };
+    let ([_, last_s], [back_s, _]) = (ends(&first), ends(&second));
+    // Batches of 0.2 s that were on their way are lost with the viewer.
+    let again_s = back_s - last_s - away_s;
+    println!("away {away_s:.2} s, then streaming again after {again_s:.2} s");
+    assert!(again_s < 2.5, "{again_s} s");
+    assert!(second.snapshots.len() > 300, "{}", second.snapshots.len());
+    let count = |key: &str| v[key].as_u64().expect(key);
+    crate::faults::row(
+        (19, 1),
+        "Rerun viewer killed, and started again 4 s later",
+        "control unaffected; bounded queue, counted drops; retry 1 Hz",
+        &format!(
+            "{} of {} ticks missed; {dropped} snapshots dropped and counted, {} sent; streaming again {:.1} s after the viewer listens",
+            count("missed_ticks"),
+            count("ticks") + count("missed_ticks"),
+            count_in(&v, "sent"),
+            again_s.max(0.0)
+        ),
+    );
+}
+
+fn count_in(v: &Value, key: &str) -> u64 {
+    v["stream"][key].as_u64().expect(key)
 }

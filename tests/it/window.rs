@@ -10,7 +10,7 @@ use std::time::Duration;
 use crate::program::scratch;
 
 /// Ends the process when the test ends, however it ends.
-struct Ends(Child);
+pub struct Ends(pub Child);
 
 impl Drop for Ends {
     fn drop(&mut self) {
@@ -19,7 +19,7 @@ impl Drop for Ends {
     }
 }
 
-fn display() -> (Ends, String) {
+pub fn display() -> (Ends, String) {
     let mut server = Command::new("Xvfb")
         .args([
             "-displayfd",
@@ -42,7 +42,7 @@ fn display() -> (Ends, String) {
 }
 
 /// Lines of the program's log, as they come.
-fn lines(from: impl Read + Send + 'static) -> Receiver<String> {
+pub fn lines(from: impl Read + Send + 'static) -> Receiver<String> {
     let (tx, rx) = sync_channel(4096);
     std::thread::Builder::new()
         .name("log".into())
@@ -56,7 +56,7 @@ fn lines(from: impl Read + Send + 'static) -> Receiver<String> {
 }
 
 /// Waits for a line; gives up when none comes for `seconds`.
-fn wait_for(log: &Receiver<String>, what: &str, seconds: u64) {
+pub fn wait_for(log: &Receiver<String>, what: &str, seconds: u64) {
     let mut seen = Vec::new();
     while let Ok(line) = log.recv_timeout(Duration::from_secs(seconds)) {
         if line.contains(what) {
@@ -67,7 +67,7 @@ fn wait_for(log: &Receiver<String>, what: &str, seconds: u64) {
     panic!("'{what}' did not come within {seconds} s; the log says {seen:#?}");
 }
 
-fn mouse(display: &str, args: &[&str]) {
+pub fn mouse(display: &str, args: &[&str]) {
     let status = Command::new("xdotool")
         .env("DISPLAY", display)
         .args(args)
@@ -88,7 +88,7 @@ fn start(display: &str, dir: &std::path::Path) -> (Ends, Receiver<String>) {
     start_with(display, dir, &[])
 }
 
-fn start_with(display: &str, dir: &std::path::Path, more: &[&str]) -> (Ends, Receiver<String>) {
+pub fn start_with(display: &str, dir: &std::path::Path, more: &[&str]) -> (Ends, Receiver<String>) {
     let mut program = Command::new(env!("CARGO_BIN_EXE_springtwin"))
         // The rig in the same process: drawing in software starves another one of its time.
         .args(["run", "--rig", "sim"])
@@ -96,7 +96,10 @@ fn start_with(display: &str, dir: &std::path::Path, more: &[&str]) -> (Ends, Rec
         .env("DISPLAY", display)
         .env_remove("WAYLAND_DISPLAY")
         .env("XDG_DATA_HOME", dir)
-        .env("RUST_LOG", "springtwin=info,warn")
+        .env(
+            "RUST_LOG",
+            "springtwin=info,springtwin::twin::runner=debug,warn",
+        )
         .stderr(Stdio::piped())
         .spawn()
         .expect("the program starts");
@@ -104,13 +107,39 @@ fn start_with(display: &str, dir: &std::path::Path, more: &[&str]) -> (Ends, Rec
     (Ends(program), log)
 }
 
-fn photograph(display: &str, file: &std::path::Path) -> image::RgbImage {
+pub fn photograph(display: &str, file: &std::path::Path) -> image::RgbImage {
     let shot = Command::new("import")
         .env("DISPLAY", display)
         .args(["-window", "root", file.to_str().expect("utf-8")])
         .status();
     assert!(shot.expect("imagemagick is installed").success());
     image::open(file).expect("a picture").to_rgb8()
+}
+
+/// The middle of the STOP button, pixels; `None` when there is none.
+pub fn stop_button(image: &image::RgbImage) -> Option<[u64; 2]> {
+    let red = |p: &image::Rgb<u8>| p[0] > 170 && p[1] < 80 && p[2] < 80;
+    let (mut n, mut x, mut y) = (0u64, 0u64, 0u64);
+    for (px, py, p) in image.enumerate_pixels() {
+        if py < 60 && red(p) {
+            (n, x, y) = (n + 1, x + u64::from(px), y + u64::from(py));
+        }
+    }
+    (n > 1000).then(|| [x / n, y / n])
+}
+
+/// How many colours there are: thousands where the arm is drawn.
+pub fn colours(image: &image::RgbImage) -> usize {
+    let colours: std::collections::BTreeSet<[u8; 3]> = image.pixels().map(|p| p.0).collect();
+    colours.len()
+}
+
+/// A real click.
+pub fn press(display: &str, at: [u64; 2]) {
+    let [x, y] = at.map(|v| v.to_string());
+    mouse(display, &["mousemove", &x, &y]);
+    std::thread::sleep(Duration::from_millis(300));
+    mouse(display, &["click", "1"]);
 }
 
 #[test]
@@ -123,27 +152,10 @@ fn the_window_moves_the_arm_and_its_stop_button_stops_it() {
     std::thread::sleep(Duration::from_secs(3));
     let picture = dir.join("window.png");
     let image = photograph(&display, &picture);
-    let red = |p: &image::Rgb<u8>| p[0] > 170 && p[1] < 80 && p[2] < 80;
-    let (mut n, mut x, mut y) = (0u64, 0u64, 0u64);
-    for (px, py, p) in image.enumerate_pixels() {
-        if py < 60 && red(p) {
-            (n, x, y) = (n + 1, x + u64::from(px), y + u64::from(py));
-        }
-    }
-    assert!(n > 1000, "no STOP button in {}", picture.display());
-    let colours: std::collections::BTreeSet<[u8; 3]> = image.pixels().map(|p| p.0).collect();
-    assert!(
-        colours.len() > 2000,
-        "the 3D view is empty: {} colours",
-        colours.len()
-    );
-    // A real click on the middle of the button.
-    mouse(
-        &display,
-        &["mousemove", &(x / n).to_string(), &(y / n).to_string()],
-    );
-    std::thread::sleep(Duration::from_millis(300));
-    mouse(&display, &["click", "1"]);
+    let at = stop_button(&image);
+    let at = at.unwrap_or_else(|| panic!("no STOP button in {}", picture.display()));
+    assert!(colours(&image) > 2000, "the 3D view is empty");
+    press(&display, at);
     wait_for(&log, "SAFE (stopped by the operator)", 20);
 }
 

@@ -28,6 +28,8 @@ use springtwin::sensing::registration::Registration;
 use springtwin::twin::Maps;
 
 const INDEX: &str = "versions.toml";
+/// Empty; whoever changes the folder holds it.
+const LOCK: &str = "lock";
 /// Digits of the robot file's hash in the folder's name.
 const HASH_DIGITS: usize = 12;
 
@@ -153,11 +155,21 @@ impl Store {
         (calibration, registration.exists().then_some(registration))
     }
 
-    /// Saves a version, which becomes the active one.
-    pub fn save(&self, new: NewVersion, date: &str) -> Result<()> {
-        let mut index = self.index()?;
+    /// Lets nobody else change the folder while the answer is held: another window would take the same number.
+    fn lock(&self) -> Result<std::fs::File> {
         std::fs::create_dir_all(&self.folder)
             .with_context(|| format!("cannot make the folder {}", self.folder.display()))?;
+        let path = self.folder.join(LOCK);
+        let lock = std::fs::File::create(&path)
+            .and_then(|file| file.lock().map(|()| file))
+            .with_context(|| format!("cannot lock {}", path.display()))?;
+        Ok(lock)
+    }
+
+    /// Saves a version, which becomes the active one.
+    pub fn save(&self, new: NewVersion, date: &str) -> Result<()> {
+        let _lock = self.lock()?;
+        let mut index = self.index()?;
         let number = index.version.iter().map(|e| e.number).max().unwrap_or(0) + 1;
         let calibration = Calibration {
             date: date.to_owned(),
@@ -188,6 +200,7 @@ impl Store {
 
     /// Makes another version the active one.
     pub fn activate(&self, number: u32) -> Result<()> {
+        let _lock = self.lock()?;
         let mut index = self.index()?;
         anyhow::ensure!(
             index.version.iter().any(|e| e.number == number),
@@ -405,6 +418,34 @@ mod tests {
         std::fs::write(store.path("calibration", 4), "").expect("writes");
         let e = store.active().expect_err("is damaged").to_string();
         assert!(e.contains("calibration-4.toml"), "{e}");
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn windows_that_save_at_the_same_time_lose_nothing() {
+        let store = store("together");
+        std::thread::scope(|scope| {
+            for window in 0..4 {
+                let store = &store;
+                let saves = move || {
+                    for i in 0..5 {
+                        let new = version(&format!("{window}.{i}"));
+                        store.save(new, "2026-03-01").expect("saves");
+                    }
+                };
+                let thread = std::thread::Builder::new().name("window".to_owned());
+                thread.spawn_scoped(scope, saves).expect("a thread");
+            }
+        });
+        let versions = store.versions().expect("lists");
+        let numbers: Vec<u32> = versions.iter().map(|v| v.number).collect();
+        assert_eq!(numbers, (1..=20).rev().collect::<Vec<_>>());
+        let names: std::collections::BTreeSet<String> = versions
+            .iter()
+            .map(|v| kept(v).calibration.name.clone())
+            .collect();
+        assert_eq!(names.len(), 20);
+        assert!(versions[0].active);
         std::fs::remove_dir_all(store.folder).expect("cleans up");
     }
 

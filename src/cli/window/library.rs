@@ -132,7 +132,13 @@ pub fn default_recording() -> PathBuf {
     let seconds = now
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0, |d| d.as_secs());
-    PathBuf::from("recordings").join(format!("session-{seconds}.rrd"))
+    let folder = PathBuf::from("recordings");
+    // Of two windows on one computer, each has a name of its own.
+    let name = folder.join(format!("session-{seconds}.rrd"));
+    match name.exists() {
+        true => folder.join(format!("session-{seconds}-{}.rrd", std::process::id())),
+        false => name,
+    }
 }
 
 #[cfg(test)]

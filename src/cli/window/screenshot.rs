@@ -244,7 +244,6 @@ fn picture_services(
     let (calibration, _) = rigs.belongings("sim")?;
     let asks = Asks {
         ctx: ctx.clone(),
-        every: 10,
         pace: Pace::default().wanted(),
     };
     let mut services = super::services(asks, rigs, calibration);

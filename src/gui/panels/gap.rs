@@ -185,6 +185,11 @@ impl GapState {
             || self.select.busy()
     }
 
+    /// Lets what lies on the graphics device be made anew.
+    pub fn forget_pictures(&mut self) {
+        self.locate.forget_picture();
+    }
+
     /// Takes a finding, as if the finder had just made it.
     pub fn take(&mut self, found: Arc<Found>, origin: Origin, answer: Option<PathBuf>) {
         self.locate = locate::LocateState::of(&found.finding);

@@ -68,24 +68,35 @@ pub fn live_in_rerun(
         }
         (None, Some(s)) if !matches!(s.state, StreamState::Ended(_)) => {
             streaming(ui, &gate, s, commands);
+            // A viewer that is away is given up for another.
+            if matches!(s.state, StreamState::Away(_)) && open(ui, &gate, viewer, services) {
+                commands.push(Command::StopStream);
+            }
         }
         (None, _) => {
-            let hover = "Show the running twin in the Rerun viewer, on this computer only";
-            if gated(ui, &gate, Button::new("Open live in Rerun"), hover).clicked() {
-                viewer.error = None;
-                viewer.starting = Some((services.start_viewer)());
-            }
+            open(ui, &gate, viewer, services);
         }
     });
     let ended = stream.and_then(|s| match &s.state {
-        StreamState::Ended(reason) => Some(reason),
-        _ => None,
+        StreamState::Ended(reason) | StreamState::Away(reason) => Some(reason),
+        StreamState::Starting | StreamState::Streaming => None,
     });
     if viewer.starting.is_none()
         && let Some(text) = viewer.error.as_ref().or(ended)
     {
         status(ui, Level::Warning, text);
     }
+}
+
+/// The button that starts a viewer to stream to; whether it was pressed.
+fn open(ui: &mut Ui, gate: &Gate, viewer: &mut LiveViewer, services: &mut Services) -> bool {
+    let hover = "Show the running twin in the Rerun viewer, on this computer only";
+    let pressed = gated(ui, gate, Button::new("Open live in Rerun"), hover).clicked();
+    if pressed {
+        viewer.error = None;
+        viewer.starting = Some((services.start_viewer)());
+    }
+    pressed
 }
 
 fn streaming(ui: &mut Ui, gate: &Gate, s: &StreamStatus, commands: &mut Vec<Command>) {
@@ -96,6 +107,11 @@ fn streaming(ui: &mut Ui, gate: &Gate, s: &StreamStatus, commands: &mut Vec<Comm
     if s.state == StreamState::Starting {
         ui.spinner();
         note(ui, format!("Connecting to the viewer at {}…", s.address));
+        return;
+    }
+    if matches!(s.state, StreamState::Away(_)) {
+        ui.spinner();
+        note(ui, "Viewer away: trying again");
         return;
     }
     ui.label(format!("● streaming to {}", s.address))

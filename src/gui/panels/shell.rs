@@ -91,38 +91,47 @@ pub fn hold_action(snapshot: &Snapshot) -> (&'static str, Result<Command, String
 /// Gives the badge of the connection, behind which its menu opens.
 pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) -> egui::Response {
     let s = live.snapshot;
-    ui.horizontal_centered(|ui| {
-        let p = Palette::in_ui(ui);
-        let (text, hover) = if s.link.source.is_empty() {
-            ("OFFLINE", "Nothing is connected.")
-        } else if s.link.simulated {
-            ("SIM", "The data come from a simulation, not from hardware.")
-        } else {
-            ("HARDWARE", "Commands move a real arm.")
-        };
-        let button = Button::new(RichText::new(text).color(p.panel)).fill(p.text);
-        let connection = ui
-            .add(button)
-            .on_hover_text(format!("{hover} Click to connect to something else."));
-        let (glyph, word, level) = mode_words(&s.mode);
-        let (fill, color) = match level {
-            Level::Critical => (p.critical_fill, p.on_critical),
-            _ => (p.raised, p.text),
-        };
-        badge(ui, &format!("{glyph} {word}"), fill, color).on_hover_text(match &s.mode {
-            Mode::Safe(reason) => reason.as_str(),
-            _ => "What the twin is doing",
-        });
-        ui.separator();
-        counts(ui, s);
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            stop(ui, commands);
-            hold(ui, s, commands);
-            alarms(ui, s);
-        });
-        connection
+    // From the right: where the window is narrow, STOP keeps its place and the rest gives way.
+    ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+        stop(ui, commands);
+        hold(ui, s, commands);
+        alarms(ui, s);
+        let left = Layout::left_to_right(Align::Center);
+        ui.with_layout(left, |ui| {
+            ui.set_clip_rect(ui.clip_rect().intersect(ui.max_rect()));
+            state(ui, s)
+        })
+        .inner
     })
     .inner
+}
+
+// What is connected, what it does, and whether its signals come; gives the badge of the connection.
+fn state(ui: &mut Ui, s: &Snapshot) -> egui::Response {
+    let p = Palette::in_ui(ui);
+    let (text, hover) = if s.link.source.is_empty() {
+        ("OFFLINE", "Nothing is connected.")
+    } else if s.link.simulated {
+        ("SIM", "The data come from a simulation, not from hardware.")
+    } else {
+        ("HARDWARE", "Commands move a real arm.")
+    };
+    let button = Button::new(RichText::new(text).color(p.panel)).fill(p.text);
+    let connection = ui
+        .add(button)
+        .on_hover_text(format!("{hover} Click to connect to something else."));
+    let (glyph, word, level) = mode_words(&s.mode);
+    let (fill, color) = match level {
+        Level::Critical => (p.critical_fill, p.on_critical),
+        _ => (p.raised, p.text),
+    };
+    badge(ui, &format!("{glyph} {word}"), fill, color).on_hover_text(match &s.mode {
+        Mode::Safe(reason) => reason.as_str(),
+        _ => "What the twin is doing",
+    });
+    ui.separator();
+    counts(ui, s);
+    connection
 }
 
 fn stop(ui: &mut Ui, commands: &mut Vec<Command>) {

@@ -200,6 +200,11 @@ impl Scene {
         }
     }
 
+    /// Draws on another device from now on, as seen from the same place.
+    pub fn change_device(&mut self, render_state: &egui_wgpu::RenderState) {
+        self.gpu = Gpu::new(render_state, &self.robot);
+    }
+
     /// Shows the scene in the space that is left.
     pub fn ui(&mut self, ui: &mut egui::Ui, input: &SceneInput<'_>) -> SceneOutput {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());

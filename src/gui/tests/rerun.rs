@@ -121,6 +121,33 @@ fn a_viewer_that_is_missing_or_goes_away_is_told_and_can_be_tried_again() {
 }
 
 #[test]
+fn a_viewer_that_is_away_is_told_and_can_be_given_up_or_replaced() {
+    let (twin, workers, mut h) = window();
+    let gone = "The Rerun viewer at 127.0.0.1:9876 went away.";
+    let away = || Some(StreamState::Away(gone.into()));
+    see(&twin, &mut h, with_stream(1.1, away(), 3));
+    h.get_by_label("Viewer away: trying again");
+    h.get_by_label_contains(gone);
+    h.get_by_label("■ Stop streaming").click();
+    h.run_steps(3);
+    assert_eq!(twin.taken(), [Command::StopStream]);
+    see(&twin, &mut h, with_stream(1.2, away(), 4));
+    h.get_by_label("Open live in Rerun").click();
+    h.run_steps(3);
+    assert_eq!(twin.taken(), [Command::StopStream]);
+    let worker = workers.try_recv().expect("another viewer is being started");
+    worker.finish(Ok(address()));
+    h.run_steps(3);
+    assert_eq!(twin.taken(), [Command::StreamLive(address())]);
+    see(
+        &twin,
+        &mut h,
+        with_stream(1.3, Some(StreamState::Streaming), 0),
+    );
+    assert!(h.query_by_label("Viewer away: trying again").is_none());
+}
+
+#[test]
 fn starting_a_viewer_can_be_cancelled() {
     let (twin, workers, mut h) = window();
     h.get_by_label("Open live in Rerun").click();

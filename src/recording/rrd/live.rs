@@ -12,7 +12,7 @@ use rerun::log::LogMsg;
 use super::blueprint::Shown;
 use super::rows::Rows;
 use crate::recording::RecordingMeta;
-use crate::recording::live::Waiting;
+use crate::recording::live::{Broken, Waiting};
 use crate::signal::{Snapshot, Stamp};
 
 /// Session time after which a batch is sent, ns.
@@ -62,7 +62,7 @@ impl LiveSink {
     }
 
     /// Sends what waits and tells how many snapshots that were; or why the stream is over.
-    pub(in crate::recording) fn flush(&mut self, waiting: &mut Waiting<'_>) -> Result<u64, String> {
+    pub(in crate::recording) fn flush(&mut self, waiting: &mut Waiting<'_>) -> Result<u64, Broken> {
         let address = self.address;
         loop {
             match self.client.status() {
@@ -70,20 +70,18 @@ impl LiveSink {
                 ClientConnectionState::Disconnected(_) => return Err(self.gone()),
                 ClientConnectionState::Connecting { .. } if waiting.goes_on() => {}
                 ClientConnectionState::Connecting { .. } => {
-                    return Err(format!(
-                        "The Rerun viewer at {address} does not answer: start it with `rerun --bind 127.0.0.1 --port {}`, then stream again.",
+                    return Err(Broken::Away(format!(
+                        "The Rerun viewer at {address} does not answer: start it with `rerun --bind 127.0.0.1 --port {}`.",
                         address.port()
-                    ));
+                    )));
                 }
             }
         }
         let rows = self.rows.waiting() as u64;
         let mut messages = std::mem::take(&mut self.opening);
-        messages.extend(
-            self.rows
-                .take()
-                .map_err(|e| format!("The stream to the Rerun viewer broke off: {e}."))?,
-        );
+        messages.extend(self.rows.take().map_err(|e| {
+            Broken::Failed(format!("The stream to the Rerun viewer broke off: {e}."))
+        })?);
         for message in messages {
             self.send(message, waiting)?;
             waiting.begin_again();
@@ -93,15 +91,15 @@ impl LiveSink {
 
     /// Sends one message, waiting for room as long as `waiting` allows. The client's own blocking call
     /// would wait for ever.
-    fn send(&self, message: LogMsg, waiting: &mut Waiting<'_>) -> Result<(), String> {
+    fn send(&self, message: LogMsg, waiting: &mut Waiting<'_>) -> Result<(), Broken> {
         let mut sending = pin!(self.client.send_async(message));
         let mut context = Context::from_waker(Waker::noop());
         while sending.as_mut().poll(&mut context).is_pending() {
             if !waiting.goes_on() {
-                return Err(format!(
-                    "The Rerun viewer at {} has taken nothing for a while, so the stream is closed: end the viewer if it hangs, then stream again.",
+                return Err(Broken::Away(format!(
+                    "The Rerun viewer at {} has taken nothing for a while: end it if it hangs.",
                     self.address
-                ));
+                )));
             }
         }
         match self.client.status() {
@@ -110,10 +108,7 @@ impl LiveSink {
         }
     }
 
-    fn gone(&self) -> String {
-        format!(
-            "The Rerun viewer at {} is gone, so the stream is closed.",
-            self.address
-        )
+    fn gone(&self) -> Broken {
+        Broken::Away(format!("The Rerun viewer at {} went away.", self.address))
     }
 }

@@ -490,3 +490,25 @@ fn the_shipped_recordings_hold_what_they_show() {
         assert!(of(|s| s.goal.is_some()) > n / 2 && of(|s| s.command.is_some()) > n / 2);
     }
 }
+
+#[test]
+fn a_recording_that_is_being_written_is_not_written_over() {
+    let path = temp("in-use");
+    std::fs::write(&path, "of another day").unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    let mut first = RecordingWriter::create(&path, meta()).unwrap();
+    first.push(&snapshot(1, &mut rng)).unwrap();
+    let Err(refused) = RecordingWriter::create(&path, meta()) else {
+        panic!("two recordings in one file");
+    };
+    assert!(matches!(refused, RecordingError::InUse { .. }), "{refused}");
+    let text = refused.to_string();
+    assert!(text.contains("choose another name"), "{text}");
+    first.push(&snapshot(2, &mut rng)).unwrap();
+    first.finish().unwrap();
+    let read = read_rrd(&path).unwrap();
+    assert_eq!(read.trace.snapshots.len(), 2);
+    // One that has ended is replaced.
+    RecordingWriter::create(&path, meta()).unwrap();
+    std::fs::remove_file(path).unwrap();
+}

@@ -1,4 +1,4 @@
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 #[cfg(test)]
@@ -60,14 +60,30 @@ impl Write for Output {
     }
 }
 
+/// An empty file that nobody else records to, in this program or another.
+fn own(path: &Path) -> Result<File, RecordingError> {
+    let mut options = File::options();
+    let file = options.write(true).create(true).truncate(false).open(path);
+    let file = file.map_err(RecordingError::io(path, "create"))?;
+    // Where the file system knows no locks, nobody is asked.
+    if let Err(TryLockError::WouldBlock) = file.try_lock() {
+        return Err(RecordingError::InUse {
+            path: path.to_owned(),
+        });
+    }
+    file.set_len(0)
+        .map_err(RecordingError::io(path, "create"))?;
+    Ok(file)
+}
+
 impl RecordingWriter {
-    /// Begins a recording, replacing a file of that name.
+    /// Begins a recording, replacing a file of that name, but for one that is being written.
     ///
     /// # Errors
-    /// [`RecordingError::Io`] when the file cannot be made, [`RecordingError::Write`] when its
+    /// [`RecordingError::InUse`] when it is being written, [`RecordingError::Io`] when the file cannot be made, [`RecordingError::Write`] when its
     /// beginning cannot be written.
     pub fn create(path: &Path, meta: RecordingMeta) -> Result<Self, RecordingError> {
-        let file = File::create(path).map_err(RecordingError::io(path, "create"))?;
+        let file = own(path)?;
         #[cfg(test)]
         let room = Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));
         let output = Output {

@@ -54,6 +54,11 @@ impl LocateState {
             ..Self::default()
         }
     }
+
+    /// Lets the picture be made anew.
+    pub fn forget_picture(&mut self) {
+        self.cache = Cache::default();
+    }
 }
 
 // Where the residual of some channels is largest.
