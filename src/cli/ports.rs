@@ -102,10 +102,14 @@ const LINE_STEP_S: f64 = 0.001;
 /// What happens to a virtual rig: it is called with the time (s) after every millisecond.
 pub type Script = Box<dyn FnMut(f64, &mut VirtualRig) + Send>;
 
+/// What happens to bytes on their way, in either direction: it is called after every millisecond.
+pub type Line = Box<dyn FnMut(&mut Vec<u8>) + Send>;
+
 /// A virtual rig in this process. Bytes still pass through the wire protocol.
 pub struct InProcess {
     rig: VirtualRig,
     script: Option<Script>,
+    line: Option<Line>,
     session: HostSession,
     line_steps: u64,
     to_rig: Vec<u8>,
@@ -121,6 +125,7 @@ impl InProcess {
         Ok(Self {
             rig: VirtualRig::new(robot, options)?,
             script: None,
+            line: None,
             session: HostSession::new("virtual rig", Origin::Simulated, config),
             line_steps: 0,
             to_rig: Vec::new(),
@@ -130,6 +135,12 @@ impl InProcess {
     /// Lets `script` see and disturb the rig.
     pub fn with_script(mut self, script: Script) -> Self {
         self.script = Some(script);
+        self
+    }
+
+    /// Lets `line` disturb what is sent either way.
+    pub fn with_line(mut self, line: Line) -> Self {
+        self.line = Some(line);
         self
     }
 }
@@ -142,7 +153,13 @@ impl Port for InProcess {
             let t_s = self.line_steps as f64 * LINE_STEP_S;
             let at = Stamp::from_seconds(t_s);
             self.to_rig.extend(self.session.poll(at));
-            let from_rig = self.rig.advance(t_s, &std::mem::take(&mut self.to_rig));
+            if let Some(line) = &mut self.line {
+                line(&mut self.to_rig);
+            }
+            let mut from_rig = self.rig.advance(t_s, &std::mem::take(&mut self.to_rig));
+            if let Some(line) = &mut self.line {
+                line(&mut from_rig);
+            }
             self.session.on_bytes(at, &from_rig);
             if let Some(script) = &mut self.script {
                 script(t_s, &mut self.rig);
@@ -268,6 +285,11 @@ impl SerialRig {
             status: LinkStatus::default(),
             rig: Some(rig),
         })
+    }
+
+    /// Id of the rig's process, if there is one.
+    pub fn process_id(&self) -> Option<u32> {
+        self.rig.as_ref().map(Child::id)
     }
 
     fn tell(&self, output: LinkOutput) {
