@@ -11,7 +11,9 @@ use serde_json::json;
 use super::drive::measures::spread;
 use super::{Report, args, bench_rig, model};
 use springtwin::learn::{self, Recipe, to_pose};
-use springtwin::recording::{DatasetJournal, read_dataset, read_session, write_dataset};
+use springtwin::recording::{
+    DatasetJournal, read_dataset, read_session, write_bytes, write_dataset,
+};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Dataset, Sample, pose_error, ypr_from_rotation};
 use springtwin::sim::dataset::{Draw, Plan, generate, generate_mesh};
@@ -352,8 +354,7 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     bar.finish_and_clear();
     std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
     let file = a.out.join("reference.safetensors");
-    std::fs::write(&file, trained.to_bytes()?)
-        .with_context(|| format!("cannot write {}", file.display()))?;
+    write_bytes(&file, &trained.to_bytes()?)?;
     let seconds = start.elapsed().as_secs_f64();
     let scores = serde_json::to_value(&trained.scores)?;
     let mut by_stage = serde_json::Map::new();

@@ -122,14 +122,19 @@ impl InProcess {
         options: &RigOptions,
         config: Config,
     ) -> std::result::Result<Self, SimError> {
-        Ok(Self {
-            rig: VirtualRig::new(robot, options)?,
+        Ok(Self::around(VirtualRig::new(robot, options)?, config))
+    }
+
+    /// A port to `rig`.
+    pub fn around(rig: VirtualRig, config: Config) -> Self {
+        Self {
+            rig,
             script: None,
             line: None,
             session: HostSession::new("virtual rig", Origin::Simulated, config),
             line_steps: 0,
             to_rig: Vec::new(),
-        })
+        }
     }
 
     /// Lets `script` see and disturb the rig.

@@ -52,6 +52,8 @@ pub struct Operator {
     pub done: Done,
     mode: Mode,
     mode_since_s: f64,
+    /// Whether the geometric simulator was shown: its thread stays.
+    meshed: bool,
     /// When the next word is said about motion.
     act_s: f64,
     record_s: f64,
@@ -81,6 +83,7 @@ impl Operator {
             done: Done::default(),
             mode: Mode::Disarmed,
             mode_since_s: 0.0,
+            meshed: false,
             act_s: 0.0,
             record_s: 5.0,
             recording: None,
@@ -107,6 +110,10 @@ impl Operator {
             self.note(event);
         }
         self.note_mode(t_s, &snapshot.mode);
+        if !self.meshed && t_s > 35.0 {
+            self.meshed = true;
+            commands.push(Command::Show(Simulator::Mesh));
+        }
         self.move_about(t_s, snapshot, commands);
         self.record(t_s, commands);
         self.stream(t_s, snapshot, commands);
@@ -126,15 +133,20 @@ impl Operator {
             }
             Event::Reached { .. } => self.done.goals_reached += 1,
             Event::Finished { .. } => self.done.plans_finished += 1,
-            Event::Recording { text, .. } if !text.starts_with("Recording to") => {
-                if let Some(r) = self.recording.take() {
-                    self.done.recordings += 1;
-                    self.done.recordings_failed += u64::from(!text.starts_with("Recorded"));
-                    // One that was removed under way is gone already.
-                    let _ = std::fs::remove_file(&r.path);
-                }
+            Event::Recording { text, .. } if text.starts_with("Recorded") => self.recorded(),
+            Event::RecordingFailed { .. } => {
+                self.done.recordings_failed += 1;
+                self.recorded();
             }
             _ => {}
+        }
+    }
+
+    fn recorded(&mut self) {
+        if let Some(r) = self.recording.take() {
+            self.done.recordings += 1;
+            // One that was removed under way is gone already.
+            let _ = std::fs::remove_file(&r.path);
         }
     }
 
