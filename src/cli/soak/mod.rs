@@ -96,10 +96,11 @@ impl Growth {
         }
     }
 
-    fn look(&mut self, t_s: f64, may_wait: bool) {
+    /// Looks at `t_s`, s; `looks` times at most, until there is no more than at first.
+    fn look(&mut self, t_s: f64, looks: u32) {
         self.next_s = t_s + self.every_s;
         let mut now = in_use();
-        for _ in 0..if may_wait { LOOKS } else { 0 } {
+        for _ in 1..looks {
             let as_first =
                 |f: Use| now.is_some_and(|n| n.handles <= f.handles && n.threads <= f.threads);
             if self.first.is_some_and(as_first) {
@@ -252,7 +253,7 @@ fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Ou
             }
         }
         if t_s >= growth.next_s {
-            growth.look(t_s, a.accelerate);
+            growth.look(t_s, if a.accelerate { LOOKS } else { 1 });
         }
         last = Some(Arc::clone(snapshot));
         match t_s >= end_s {

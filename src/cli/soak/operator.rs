@@ -52,8 +52,8 @@ pub struct Operator {
     pub done: Done,
     mode: Mode,
     mode_since_s: f64,
-    /// Whether the geometric simulator was shown: its thread stays.
-    meshed: bool,
+    /// When the geometric simulator is shown next, and until when, s. Its thread stays once it was shown.
+    mesh_s: [f64; 2],
     /// When the next word is said about motion.
     act_s: f64,
     record_s: f64,
@@ -83,7 +83,7 @@ impl Operator {
             done: Done::default(),
             mode: Mode::Disarmed,
             mode_since_s: 0.0,
-            meshed: false,
+            mesh_s: [35.0, 45.0],
             act_s: 0.0,
             record_s: 5.0,
             recording: None,
@@ -110,13 +110,24 @@ impl Operator {
             self.note(event);
         }
         self.note_mode(t_s, &snapshot.mode);
-        if !self.meshed && t_s > 35.0 {
-            self.meshed = true;
-            commands.push(Command::Show(Simulator::Mesh));
-        }
+        self.show(t_s, commands);
         self.move_about(t_s, snapshot, commands);
         self.record(t_s, commands);
         self.stream(t_s, snapshot, commands);
+    }
+
+    /// Shows the geometric simulator for a while now and then.
+    fn show(&mut self, t_s: f64, commands: &mut Vec<Command>) {
+        let [from_s, to_s] = self.mesh_s;
+        if t_s >= from_s {
+            commands.push(Command::Show(Simulator::Mesh));
+            self.mesh_s[0] = f64::INFINITY;
+        }
+        if t_s >= to_s {
+            commands.push(Command::Show(Simulator::Rod));
+            let next_s = t_s + self.rng.random_range(300.0..900.0);
+            self.mesh_s = [next_s, next_s + self.rng.random_range(2.0..20.0)];
+        }
     }
 
     fn note(&mut self, event: &Event) {
@@ -214,19 +225,12 @@ impl Operator {
                 commands.push(Command::Steer(kind));
             }
             5 => {
-                let shown = match self.rng.random_range(0..4) {
-                    0 => Simulator::Mesh,
-                    _ => Simulator::Rod,
-                };
-                commands.push(Command::Show(shown));
-            }
-            6 => {
                 commands.extend([Command::Grip(Gripper::Closed), Command::DeclarePayload(0.0)]);
             }
-            7 => {
+            6 => {
                 commands.extend([Command::Grip(Gripper::Open), Command::DeclarePayload(0.0)]);
             }
-            8 | 9 => {
+            7 | 8 => {
                 let centre = [0.0, 0.0, -self.rng.random_range(0.29..0.32)];
                 let path = match self.rng.random() {
                     true => circle(centre, self.rng.random_range(0.03..0.05), PATH_WAYPOINTS),
@@ -240,7 +244,7 @@ impl Operator {
                 };
                 commands.extend(Plan::follow(follow).map(Command::Start));
             }
-            10 => {
+            9 => {
                 let items = [Item {
                     name: "item".to_owned(),
                     grasp_m: [-0.06, 0.02, -0.32],

@@ -24,7 +24,7 @@ use crate::program::{scratch, springtwin};
 
 const LINE_STEP_S: f64 = 0.001;
 /// Room left for a recording, KiB: some seconds.
-const ROOM_KIB: u64 = 400;
+const ROOM_KIB: u64 = 1600;
 /// When the recording is begun, s, and the end of the run.
 const BEGIN_S: f64 = 3.0;
 const END_S: f64 = 24.0;

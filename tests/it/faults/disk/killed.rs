@@ -172,9 +172,11 @@ impl Drop for Program {
     }
 }
 
-fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Killed {
+/// Why the program ended before it was killed, or what the kill led to.
+fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Result<Killed, String> {
     let _ = std::fs::remove_file(file);
     let rig = Rig::start(seed);
+    let said = file.with_extension("txt");
     let mut program = Program(
         Command::new(env!("CARGO_BIN_EXE_springtwin"))
             .args([
@@ -189,7 +191,7 @@ fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Killed {
             .args(["--record".as_ref(), file.as_os_str()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(File::create(&said).expect("a file"))
             .spawn()
             .expect("the program starts"),
     );
@@ -199,6 +201,9 @@ fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Killed {
         std::thread::sleep(Duration::from_millis(2));
     }
     std::thread::sleep(Duration::from_secs_f64(moment_s));
+    if program.0.try_wait().expect("a state").is_some() {
+        return Err(std::fs::read_to_string(said).expect("its words"));
+    }
     let pumps_ran = rig.log.lock().expect("nobody panics").pumps_on;
     let killed_s = rig.t_s();
     // SIGKILL.
@@ -245,35 +250,41 @@ fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Killed {
             }
         }
     }
-    Killed {
+    Ok(Killed {
         lost_s: killed_s - newest_s[0].max(newest_s[1]),
         pumps_off_s,
         opened_s,
         snapshots: snapshots.len(),
-    }
+    })
 }
 
 /// As [`kill_once`], within its bounds; again where the machine stalled.
 fn kill(file: &Path, seed: u64, moment_s: f64, stalls: &Stalls) -> Killed {
     for attempt in 1.. {
         stalls.longest_s();
-        let killed = kill_once(file, seed, moment_s);
+        let outcome = kill_once(file, seed, moment_s);
         let stalled_s = stalls.longest_s();
-        let ok = killed.lost_s <= 1.0
-            && killed.opened_s <= 1.0
-            && killed.pumps_off_s.is_none_or(|s| s <= 0.25);
-        let said = format!(
-            "killed after {moment_s:.3} s: lost {:.3} s, {} snapshots, opened in {:.2} s, pumps off after {:?} s",
-            killed.lost_s, killed.snapshots, killed.opened_s, killed.pumps_off_s
-        );
+        let said = match &outcome {
+            Ok(k) => format!(
+                "killed after {moment_s:.3} s: lost {:.3} s, {} snapshots, opened in {:.2} s, pumps off after {:?} s",
+                k.lost_s, k.snapshots, k.opened_s, k.pumps_off_s
+            ),
+            Err(said) => format!("ended by itself within {moment_s:.3} s: {said}"),
+        };
         println!("{said}");
-        if ok {
-            return killed;
+        match outcome {
+            Ok(k)
+                if k.lost_s <= 1.0
+                    && k.opened_s <= 1.0
+                    && k.pumps_off_s.is_none_or(|s| s <= 0.25) =>
+            {
+                return k;
+            }
+            _ => assert!(
+                stalled_s > STALLED_S && attempt < ATTEMPTS,
+                "{said}; the machine stalled for {stalled_s:.3} s at most"
+            ),
         }
-        assert!(
-            stalled_s > STALLED_S && attempt < ATTEMPTS,
-            "{said}; the machine stalled for {stalled_s:.3} s at most"
-        );
     }
     unreachable!()
 }
