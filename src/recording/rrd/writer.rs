@@ -12,12 +12,12 @@ use super::rows::{BatchError, Rows};
 use crate::recording::{RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
-/// Session time after which a batch is written, ns: a kill loses less than a second.
-const BATCH_NS: i64 = 800_000_000;
+/// Session time after which a batch is written, ns: a kill loses less than a second, also where the disk takes its time.
+const BATCH_NS: i64 = 600_000_000;
 
 /// Writes snapshots to an `.rrd` file.
 ///
-/// A batch of rows is written about every 0.8 s of session time. Dropping the writer ends the file
+/// A batch of rows is written about every 0.6 s of session time. Dropping the writer ends the file
 /// as [`RecordingWriter::finish`] does, without a word about errors.
 pub struct RecordingWriter {
     path: PathBuf,
