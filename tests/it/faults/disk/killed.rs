@@ -184,6 +184,7 @@ fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Result<Killed, String> {
                 "--headless",
                 "--seconds",
                 "60",
+                "--reset",
                 "--target",
                 "60,40,-300",
             ])
@@ -197,7 +198,8 @@ fn kill_once(file: &Path, seed: u64, moment_s: f64) -> Result<Killed, String> {
     );
     let begun_s = rig.t_s();
     let runs = || file.exists() && rig.log.lock().expect("nobody panics").pumps_on;
-    while !runs() && rig.t_s() < begun_s + 30.0 {
+    let mut ended = || !matches!(program.0.try_wait(), Ok(None));
+    while !runs() && rig.t_s() < begun_s + 30.0 && !ended() {
         std::thread::sleep(Duration::from_millis(2));
     }
     std::thread::sleep(Duration::from_secs_f64(moment_s));
