@@ -34,8 +34,8 @@ const LANES: usize = 2;
 const SEED: u64 = 14;
 /// Moments after the pumps have begun to run, s.
 const MOMENTS_S: std::ops::Range<f64> = 0.0..2.5;
-/// A machine that withholds this much from everybody has stalled, s.
-const STALLED_S: f64 = 0.05;
+/// A machine that lets a thread that only sleeps a millisecond wait this long has stalled, s.
+const STALLED_S: f64 = 0.02;
 
 /// What a board said in a sample: its number, counts, gates and pressures.
 type Words = (usize, [u16; 6], [u16; 6], [u16; 3]);
@@ -323,7 +323,7 @@ fn a_program_that_is_killed_loses_less_than_a_second() {
     let most = |of: &dyn Fn(&Killed) -> f64| killed.iter().map(of).fold(0.0, f64::max);
     let pumps: Vec<f64> = killed.iter().filter_map(|k| k.pumps_off_s).collect();
     assert!(
-        2 * pumps.len() > kills,
+        4 * pumps.len() >= kills,
         "the pumps ran in {} only",
         pumps.len()
     );
