@@ -107,6 +107,16 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Hours of a long run.
+pub fn hours(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v <= 1e4 => Ok(v),
+        _ => Err(format!(
+            "'{text}' is no number of hours: it must be greater than 0 and at most 10000"
+        )),
+    }
+}
+
 /// A number greater than 0, at most 8.
 #[cfg(feature = "gui")]
 pub fn positive(text: &str) -> Result<f64, String> {

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::drive::commands::objects;
 use super::drive::measures::spread;
 use super::ports::{self, Instruments};
-use super::{Report, args, model};
+use super::{Failed, Report, args, model};
 use springtwin::control::Gains;
 use springtwin::link::wire::Config;
 #[cfg(unix)]
@@ -149,6 +149,8 @@ struct Tally {
     /// Distance of the true tip from the target over the last second, mm.
     target_error_mm: std::collections::VecDeque<f64>,
     refused: Option<String>,
+    /// Why the recording ended before the run.
+    recording_failed: Option<String>,
     reached: bool,
     steps: u64,
     last: Option<std::sync::Arc<Snapshot>>,
@@ -165,6 +167,9 @@ impl Tally {
         for event in events {
             match event {
                 Event::Refused { reason, .. } => self.refused = Some(reason.clone()),
+                Event::RecordingFailed { reason, .. } => {
+                    self.recording_failed = Some(reason.clone());
+                }
                 Event::Reached { steps, .. } => {
                     self.reached = true;
                     self.steps = *steps;
@@ -237,7 +242,10 @@ impl Tally {
                     }
                 )),
                 clock_lines(&link)
-                    + &record.map_or(String::new(), |p| format!("\nrecorded to {}", p.display()))
+                    + &record.map_or(String::new(), |p| match self.recording_failed {
+                        Some(_) => format!("\nrecorded to {} in part only", p.display()),
+                        None => format!("\nrecorded to {}", p.display()),
+                    })
                     + &self.stream.as_ref().map_or(String::new(), stream_line),
             ),
             json: json!({
@@ -247,6 +255,7 @@ impl Tally {
                 "rotation_error_deg": rotation, "seconds": seconds,
                 "reached": self.reached, "steps": self.steps, "mode": mode,
                 "simulated": link.simulated, "boards": boards(&link),
+                "recording_failed": self.recording_failed,
                 "stream": self.stream.as_ref().map(stream_json),
             }),
         }
@@ -460,6 +469,9 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         if let Event::Refused { reason, .. } = event {
             tally.refused.get_or_insert_with(|| reason.clone());
         }
+        if let Event::RecordingFailed { reason, .. } = event {
+            tally.recording_failed = Some(reason.clone());
+        }
     }
     if let Some(reason) = &tally.refused {
         anyhow::bail!("{reason}");
@@ -472,7 +484,11 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             anyhow::bail!("the arm went SAFE: {reason}");
         }
     }
-    Ok(tally.report(pace, end.seconds(), a.record.as_deref()))
+    let report = tally.report(pace, end.seconds(), a.record.as_deref());
+    match tally.recording_failed {
+        None => Ok(report),
+        Some(why) => Err(Failed { report, why }.into()),
+    }
 }
 
 /// `record`: the same as `run --headless --record`.

@@ -22,6 +22,7 @@ mod picture;
 mod ports;
 mod session;
 mod simulate;
+mod soak;
 mod study;
 #[cfg(feature = "gui")]
 mod window;
@@ -102,6 +103,8 @@ enum Command {
         #[command(subcommand)]
         offline: Option<Offline>,
     },
+    /// Run for hours on a rig that breaks now and then, and hold to what must always hold
+    Soak(soak::SoakArgs),
     /// A picture of a screen, made without a window
     #[cfg(feature = "gui")]
     Screenshot(window::ScreenshotArgs),
@@ -275,6 +278,7 @@ fn run(cli: &Cli) -> Result<Report> {
             Some(Offline::Effects) => Ok(session::effects()),
             Some(Offline::Bench(a)) => calibrate::bench(a, &robot),
         },
+        Some(Command::Soak(a)) => soak::run(a, cli.robot.as_deref(), &robot),
         Some(Command::Completions { shell }) => {
             clap_complete::generate(
                 *shell,

@@ -118,13 +118,18 @@ impl InProcess {
         options: &RigOptions,
         config: Config,
     ) -> std::result::Result<Self, SimError> {
-        Ok(Self {
-            rig: VirtualRig::new(robot, options)?,
+        Ok(Self::around(VirtualRig::new(robot, options)?, config))
+    }
+
+    /// A port to `rig`.
+    pub fn around(rig: VirtualRig, config: Config) -> Self {
+        Self {
+            rig,
             script: None,
             session: HostSession::new("virtual rig", Origin::Simulated, config),
             line_steps: 0,
             to_rig: Vec::new(),
-        })
+        }
     }
 
     /// Lets `script` see and disturb the rig.
@@ -265,6 +270,11 @@ impl SerialRig {
             truth: TruthSource::VirtualRig,
             rig: Some(rig),
         })
+    }
+
+    /// Id of the rig's process, if there is one.
+    pub fn process_id(&self) -> Option<u32> {
+        self.rig.as_ref().map(Child::id)
     }
 }
 

@@ -331,7 +331,9 @@ impl App {
         while let Ok(event) = handle.events.try_recv() {
             self.calibrate.hear(&event);
             let level = match &event {
-                Event::Refused { .. } => Level::Warning,
+                Event::Refused { .. } | Event::RecordingFailed { .. } | Event::Warning { .. } => {
+                    Level::Warning
+                }
                 _ => Level::Normal,
             };
             self.operate.plans.observe(&event);

@@ -59,6 +59,12 @@ pub enum RecordingError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The file of a recording was removed, moved or replaced while it was written.
+    #[error("{}: the recording stopped, because its file was removed, moved or replaced under way. Leave it where it is and start a new recording.", .path.display())]
+    Gone {
+        /// The file.
+        path: PathBuf,
+    },
     /// Nothing more can be recorded to a file whose writing failed before.
     #[error("{}: the recording has stopped already. Start a new one.", .path.display())]
     Stopped {

@@ -160,6 +160,24 @@ impl VirtualRig {
     /// [`SimError`] when the arm cannot hold what hangs on it.
     pub fn new(robot: &RobotSpec, options: &RigOptions) -> Result<Self, SimError> {
         let plant = Plant::new(robot, options.unit, options.surroundings.clone())?;
+        Ok(Self::around(plant, robot, options))
+    }
+
+    /// The same with an arm of `elements` elements per segment, for long runs (see [`Plant::of_elements`]).
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_elements(
+        robot: &RobotSpec,
+        options: &RigOptions,
+        elements: usize,
+    ) -> Result<Self, SimError> {
+        let around = options.surroundings.clone();
+        let plant = Plant::of_elements(robot, options.unit, around, elements)?;
+        Ok(Self::around(plant, robot, options))
+    }
+
+    fn around(plant: Plant, robot: &RobotSpec, options: &RigOptions) -> Self {
         // Boards are switched on at different times and no two quartzes agree.
         let board = |id: u8, clock_offset_s: f64| {
             RigBoard::Emulated(Box::new(Board::new(BoardSetup {
@@ -190,7 +208,7 @@ impl VirtualRig {
             refused_steps: 0,
         };
         rig.measure();
-        Ok(rig)
+        rig
     }
 
     /// Takes what the host sent up to `t_s`, lets the physics catch up, and gives what the boards

@@ -31,6 +31,8 @@ const VISCOUS_TAU_S: f64 = 0.06;
 const HYSTERESIS_N: f64 = 3.0;
 const HYSTERESIS_M: f64 = 6e-3;
 const HYSTERESIS_POWER: f64 = 1.4;
+/// Elements per segment.
+const ELEMENTS: usize = 8;
 
 /// One manufactured arm. Units differ by scatter; the same unit is always the same arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,6 +95,19 @@ impl Plant {
         unit: Unit,
         surroundings: Surroundings,
     ) -> Result<Self, SimError> {
+        Self::of_elements(robot, unit, surroundings, ELEMENTS)
+    }
+
+    /// The same of so many elements per segment: fewer are faster, and bend a little differently.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of_elements(
+        robot: &RobotSpec,
+        unit: Unit,
+        surroundings: Surroundings,
+        elements: usize,
+    ) -> Result<Self, SimError> {
         let mut rng = sample_rng(0x5eed, unit.0 as usize);
         let mut parameters = Parameters {
             hardening: 0.15,
@@ -105,7 +120,7 @@ impl Plant {
             *factor *= surroundings.stiffness;
         }
         let resolution = Resolution {
-            elements: 8,
+            elements,
             strains: Strains::All,
         };
         let model = Model::new(robot, &parameters, resolution);

@@ -100,6 +100,20 @@ pub enum Event {
         /// What happened, as one sentence.
         text: String,
     },
+    /// A recording ended before it was asked to.
+    RecordingFailed {
+        /// When.
+        stamp: Stamp,
+        /// Why, what is kept, and what to do.
+        reason: String,
+    },
+    /// Something that the operator should mend soon.
+    Warning {
+        /// When.
+        stamp: Stamp,
+        /// One sentence.
+        text: String,
+    },
     /// Anything else the operator should know.
     Notice {
         /// When.
@@ -114,7 +128,7 @@ impl Event {
     pub fn text(&self) -> String {
         match self {
             Self::Mode { mode, .. } => format!("Mode: {mode}"),
-            Self::Refused { reason, .. } => reason.clone(),
+            Self::Refused { reason, .. } | Self::RecordingFailed { reason, .. } => reason.clone(),
             Self::Reached {
                 distance_m, steps, ..
             } => {
@@ -127,7 +141,9 @@ impl Event {
             Self::Calibrated { calibration, .. } => {
                 format!("Calibration in use: {}", calibration.name)
             }
-            Self::Recording { text, .. } | Self::Notice { text, .. } => text.clone(),
+            Self::Recording { text, .. }
+            | Self::Warning { text, .. }
+            | Self::Notice { text, .. } => text.clone(),
         }
     }
 }

@@ -28,6 +28,8 @@ use crate::task::{Happening, Routine, Target};
 pub const STALE_WARN_S: f64 = 0.030;
 /// A frame older than this puts the twin into SAFE, s.
 pub const STALE_SAFE_S: f64 = 0.100;
+/// Frames count as late when all of so many seconds are: a clock that jumped is put right sooner.
+const LATE_OVER_S: f64 = 0.5;
 /// So many springs must be usable for motion.
 const SPRINGS_NEEDED: usize = 9;
 /// After so many frames in a row with signals that nothing tells, the twin does not move.
@@ -122,6 +124,8 @@ pub struct Twin {
     before_grip_kg: Option<f64>,
     payload_kg: f64,
     last_frame: Option<Stamp>,
+    /// When frames arrived and how old they were then, s; of the last [`LATE_OVER_S`].
+    lateness_s: VecDeque<(Stamp, f64)>,
     /// When SAFE was last left.
     reset_at: Option<Stamp>,
     bad_frames: u32,
@@ -175,6 +179,7 @@ impl Twin {
             before_grip_kg: None,
             payload_kg: 0.0,
             last_frame: None,
+            lateness_s: VecDeque::new(),
             reset_at: None,
             bad_frames: 0,
             blind_frames: 0,
@@ -387,6 +392,8 @@ impl Twin {
         }
         self.bad_frames = 0;
         self.last_frame = Some(self.now);
+        self.lateness_s
+            .push_back((self.now, self.now.since(frame.stamp)));
         self.estimate = Some(estimate(frame.stamp, &eval));
         self.eval = Some(eval);
         self.blind_frames = if frame.is_blind() {

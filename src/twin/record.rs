@@ -28,7 +28,7 @@ impl Recording {
         self.recorder.push(Arc::clone(snapshot));
         let others = events
             .iter()
-            .filter(|e| !matches!(e, Event::Recording { .. }));
+            .filter(|e| !matches!(e, Event::Recording { .. } | Event::RecordingFailed { .. }));
         for event in others {
             self.recorder.event(now, event.text());
         }
@@ -93,7 +93,7 @@ impl Runner {
         };
         if recording.recorder.low_space() && !recording.warned {
             recording.warned = true;
-            events.push(Event::Notice {
+            events.push(Event::Warning {
                 stamp: now,
                 text: format!(
                     "Less than {} GiB are left on the disk that is recorded to: make room, or stop the recording.",
@@ -137,19 +137,21 @@ fn last_word(now: Stamp, path: &Path, state: RecorderState) -> Option<Event> {
     match state {
         RecorderState::Opening | RecorderState::Recording => None,
         RecorderState::Refused(reason) => Some(Event::Refused { stamp: now, reason }),
-        RecorderState::Ended(summary) => Some(Event::Recording {
-            stamp: now,
-            text: tally(path, &summary),
+        RecorderState::Ended(summary) => Some(match summary.failed {
+            Some(reason) => Event::RecordingFailed { stamp: now, reason },
+            None => Event::Recording {
+                stamp: now,
+                text: tally(path, &summary),
+            },
         }),
     }
 }
 
 fn tally(path: &Path, summary: &RecordingSummary) -> String {
     let (path, rows) = (path.display(), summary.rows);
-    match (&summary.failed, summary.dropped) {
-        (Some(reason), _) => format!("The recording {path} stopped early: {reason}"),
-        (None, 0) => format!("Recorded {path} ({rows} snapshots)."),
-        (None, dropped) => format!(
+    match summary.dropped {
+        0 => format!("Recorded {path} ({rows} snapshots)."),
+        dropped => format!(
             "Recorded {path} ({rows} snapshots, {dropped} dropped because the disk was too slow)."
         ),
     }

@@ -123,7 +123,11 @@ impl Runner {
         self.watch_recording(now, &mut events);
         self.watch_stream(now, &mut events);
         for event in &events {
-            log::info!("{:9.3} s  {}", now.seconds(), event.text());
+            let level = match event {
+                Event::Warning { .. } | Event::RecordingFailed { .. } => log::Level::Warn,
+                _ => log::Level::Info,
+            };
+            log::log!(level, "{:9.3} s  {}", now.seconds(), event.text());
         }
         self.exchange_mesh();
         let snapshot = Arc::new(self.twin.snapshot());

@@ -297,7 +297,7 @@ fn watched(robot: &RobotSpec, mut script: Option<Script>, nature: Arc<Mutex<Natu
 }
 
 /// What is wrong with a command after the one before it.
-fn over_limits(
+pub fn over_limits(
     robot: &RobotSpec,
     last: Option<&PressureCommand>,
     command: &PressureCommand,

@@ -1,5 +1,7 @@
 //! The layout a viewer opens a recording with.
 
+use std::sync::OnceLock;
+
 use rerun::blueprint::{
     Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial3DView,
     TextLogView, TimePanel, TimeSeriesView, Vertical,
@@ -12,10 +14,13 @@ use rerun::external::re_sdk_types::blueprint::components::{
 };
 use rerun::external::re_sdk_types::datatypes;
 use rerun::log::{Chunk, LogMsg, RowId};
-use rerun::{AsComponents, EntityPath, SerializedComponentBatch, TimePoint};
+use rerun::{
+    AsComponents, EntityPath, RecordingStreamBuilder, SerializedComponentBatch, StoreKind,
+    TimePoint,
+};
 
 use super::rows::BatchError;
-use super::schema::TIMELINE;
+use super::schema::{self, TIMELINE};
 
 /// What a viewer is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,15 +37,30 @@ const LIVE_NS: i64 = 30_000_000_000;
 const EYE_M: [f32; 3] = [0.66, -0.60, 0.0];
 const LOOK_M: [f32; 3] = [0.0, 0.0, -0.19];
 
+/// The messages that tell a viewer the layout. They are the same for every recording, and made once: the library's
+/// maker of layouts leaves two threads behind each time.
+pub(super) fn layout(shown: Shown) -> Result<Vec<LogMsg>, BatchError> {
+    static MADE: [OnceLock<Vec<LogMsg>>; 2] = [const { OnceLock::new() }; 2];
+    let made = &MADE[match shown {
+        Shown::File => 0,
+        Shown::Live => 1,
+    }];
+    if let Some(messages) = made.get() {
+        return Ok(messages.clone());
+    }
+    let messages = Layout::new(shown).messages()?;
+    Ok(made.get_or_init(|| messages).clone())
+}
+
 /// A layout, and properties of its views that the layout's own builder has no words for.
-pub(super) struct Layout {
-    pub(super) blueprint: Blueprint,
+struct Layout {
+    blueprint: Blueprint,
     properties: Vec<(EntityPath, Vec<SerializedComponentBatch>)>,
 }
 
 impl Layout {
     /// The arm in 3D with the log below it; springs, pressures, tip and error beside it.
-    pub(super) fn new(shown: Shown) -> Self {
+    fn new(shown: Shown) -> Self {
         let mut properties = Vec::new();
         let arm = Spatial3DView::new("Arm")
             .with_origin("/")
@@ -116,8 +136,21 @@ impl Layout {
         }
     }
 
+    fn messages(&self) -> Result<Vec<LogMsg>, BatchError> {
+        let (stream, storage) = RecordingStreamBuilder::new(schema::APPLICATION)
+            .enabled(true)
+            .memory()?;
+        self.blueprint.send(&stream, Default::default())?;
+        let mut messages = storage.take();
+        stream.disconnect();
+        // What tells of the stream itself is not part of the layout.
+        messages.retain(|m| m.store_id().kind() == StoreKind::Blueprint);
+        self.complete(&mut messages)?;
+        Ok(messages)
+    }
+
     /// Puts the properties of the views among the messages of the layout, before it is shown.
-    pub(super) fn complete(&self, messages: &mut Vec<LogMsg>) -> Result<(), BatchError> {
+    fn complete(&self, messages: &mut Vec<LogMsg>) -> Result<(), BatchError> {
         let shown = messages.iter().enumerate().find_map(|(i, m)| match m {
             LogMsg::BlueprintActivationCommand(command) => Some((i, command.blueprint_id.clone())),
             _ => None,

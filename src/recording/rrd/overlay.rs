@@ -142,7 +142,10 @@ fn opening(overlay: &Overlay) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
     if rerun::decide_logging_enabled(true) {
         layout(overlay).send(&stream, Default::default())?;
     }
-    Ok((store_of(&stream), storage.take()))
+    let messages = storage.take();
+    // A stream that keeps its messages holds on to itself until it is disconnected.
+    stream.disconnect();
+    Ok((store_of(&stream), messages))
 }
 
 fn store_of(stream: &RecordingStream) -> StoreId {

@@ -12,7 +12,7 @@ use rerun::{
     TextLog, TimeColumn,
 };
 
-use super::blueprint::{Layout, Shown};
+use super::blueprint::{Shown, layout};
 use super::scene::{Part, Scene, log_styles};
 use super::schema::{self, SPECS, Spec, table};
 use crate::recording::RecordingMeta;
@@ -546,16 +546,18 @@ fn opening(meta: &RecordingMeta, shown: Shown) -> Result<(StoreId, Vec<LogMsg>),
         stream.log_static(spec.path, &style)?;
     }
     // With rerun switched off in the environment there is no layout to be had; data go on.
-    let layout = Layout::new(shown);
-    if rerun::decide_logging_enabled(true) {
-        layout.blueprint.send(&stream, Default::default())?;
-    }
+    let layout = match rerun::decide_logging_enabled(true) {
+        true => layout(shown)?,
+        false => Vec::new(),
+    };
     let store_id = match stream.store_info() {
         Some(info) => info.store_id,
         None => StoreId::random(rerun::StoreKind::Recording, schema::APPLICATION),
     };
     let mut messages = storage.take();
-    layout.complete(&mut messages)?;
+    // A stream that keeps its messages holds on to itself, and to two threads, until it is disconnected.
+    stream.disconnect();
+    messages.extend(layout);
     Ok((store_id, messages))
 }
 

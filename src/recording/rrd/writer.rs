@@ -12,23 +12,39 @@ use super::rows::{BatchError, Rows};
 use crate::recording::{RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
-/// Session time after which a batch is written, ns: a kill loses less than a second.
-const BATCH_NS: i64 = 800_000_000;
+/// Session time after which a batch is written, ns: a kill loses less than a second, also where the disk takes its time.
+const BATCH_NS: i64 = 600_000_000;
 
 /// Writes snapshots to an `.rrd` file.
 ///
-/// A batch of rows is written about every 0.8 s of session time. Dropping the writer ends the file
+/// A batch of rows is written about every 0.6 s of session time. Dropping the writer ends the file
 /// as [`RecordingWriter::finish`] does, without a word about errors.
 pub struct RecordingWriter {
     path: PathBuf,
     /// `None` once the file has ended or failed.
     encoder: Option<Encoder<Output>>,
+    /// Which file it is.
+    identity: Option<Identity>,
     /// Length of the file up to the last whole batch, bytes.
     whole_bytes: u64,
     rows: Rows,
     summary: RecordingSummary,
     #[cfg(test)]
     room: Arc<std::sync::atomic::AtomicU64>,
+}
+
+/// What tells a file from another of the same name.
+type Identity = (u64, u64);
+
+#[cfg(unix)]
+fn identity(data: &std::fs::Metadata) -> Option<Identity> {
+    use std::os::unix::fs::MetadataExt as _;
+    Some((data.dev(), data.ino()))
+}
+
+#[cfg(not(unix))]
+fn identity(_data: &std::fs::Metadata) -> Option<Identity> {
+    None
 }
 
 /// The file.
@@ -80,10 +96,11 @@ impl RecordingWriter {
     /// Begins a recording, replacing a file of that name, but for one that is being written.
     ///
     /// # Errors
-    /// [`RecordingError::InUse`] when it is being written, [`RecordingError::Io`] when the file cannot be made, [`RecordingError::Write`] when its
-    /// beginning cannot be written.
+    /// [`RecordingError::InUse`] when it is being written, [`RecordingError::Io`] when the file cannot be made,
+    /// [`RecordingError::Write`] when its beginning cannot be written.
     pub fn create(path: &Path, meta: RecordingMeta) -> Result<Self, RecordingError> {
         let file = own(path)?;
+        let identity = file.metadata().ok().as_ref().and_then(identity);
         #[cfg(test)]
         let room = Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));
         let output = Output {
@@ -102,6 +119,7 @@ impl RecordingWriter {
         let mut writer = Self {
             path: path.to_owned(),
             encoder: Some(encoder),
+            identity,
             whole_bytes: 0,
             rows,
             summary: RecordingSummary::default(),
@@ -121,8 +139,8 @@ impl RecordingWriter {
     /// values that are not finite are counted and left out.
     ///
     /// # Errors
-    /// [`RecordingError::Write`] once when the file takes no more (say, a full disk), after that
-    /// [`RecordingError::Stopped`].
+    /// [`RecordingError::Write`] once when the file takes no more (say, a full disk), [`RecordingError::Gone`] once
+    /// when it is not there any more, after that [`RecordingError::Stopped`].
     pub fn push(&mut self, snapshot: &Snapshot) -> Result<(), RecordingError> {
         if self.encoder.is_none() {
             return Err(self.stopped());
@@ -198,19 +216,25 @@ impl RecordingWriter {
         }
     }
 
-    /// Writes; when that fails, cuts the file back to its last whole batch and stops.
+    /// Writes; when that fails, cuts the file back to its last whole batch and stops. Stops as well when the file is
+    /// not where it was.
     fn guarded(
         &mut self,
         write: impl FnOnce(&mut Self) -> Result<(), BatchError>,
     ) -> Result<(), RecordingError> {
         match write(self) {
-            Ok(()) => {
-                if let Ok(data) = std::fs::metadata(&self.path) {
+            Ok(()) => match std::fs::metadata(&self.path) {
+                Ok(data) if identity(&data) == self.identity => {
                     self.whole_bytes = data.len();
+                    self.summary.bytes = self.whole_bytes;
+                    Ok(())
                 }
-                self.summary.bytes = self.whole_bytes;
-                Ok(())
-            }
+                // What is written from here on nobody would find.
+                Ok(_) => Err(self.gone()),
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err(self.gone()),
+                // A folder that may not be looked into for a while says nothing of the file.
+                Err(_) => Ok(()),
+            },
             Err(e) => {
                 // Taken apart by hand: dropping an encoder would write a footer after half a message.
                 if let Some(Ok(output)) = self.encoder.take().map(Encoder::into_inner)
@@ -226,6 +250,15 @@ impl RecordingWriter {
                 Err(error)
             }
         }
+    }
+
+    fn gone(&mut self) -> RecordingError {
+        // Taken apart by hand: a footer would be written into a file that is not ours to end.
+        drop(self.encoder.take().map(Encoder::into_inner));
+        let path = self.path.clone();
+        let error = RecordingError::Gone { path };
+        self.summary.failed = Some(error.to_string());
+        error
     }
 
     fn append(&mut self, message: &LogMsg) -> Result<(), BatchError> {

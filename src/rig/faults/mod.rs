@@ -15,7 +15,7 @@
 //!
 //! One place has one fault at a time. A board that was off boots when its fault ends. The port can be
 //! off: it is unplugged, and plugged in again. What a board's line does it does in both directions, but
-//! `stuck`, `twice` and `swapped` only to what the board says.
+//! `stuck`, `slow`, `twice` and `swapped` only to what the board says.
 
 mod channel;
 mod line;
@@ -278,7 +278,7 @@ impl Faults {
         if self.port_off {
             return Vec::new();
         }
-        let only_up = [Word::Stuck, Word::Twice, Word::Swapped];
+        let only_up = [Word::Stuck, Word::Slow, Word::Twice, Word::Swapped];
         let fault = self.boards[board].filter(|f| !only_up.contains(&f.word));
         self.down[board].pass(t_s, bytes, fault, &mut self.rng)
     }

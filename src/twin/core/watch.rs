@@ -1,6 +1,8 @@
 //! What is wrong: alarms, and SAFE when the data are too old, too wrong or too few.
 
-use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin};
+use super::{
+    BLIND, BLIND_FRAMES, LATE_OVER_S, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin,
+};
 use crate::link::fault_words;
 use crate::link::wire::fault;
 use crate::signal::{Alarm, BOARDS, ChannelHealth, Severity, Stamp, spring_name};
@@ -38,6 +40,15 @@ impl Twin {
             }
             Some(_) => {}
             None => alarms.push((Severity::Info, "Waiting for the first data.".to_owned())),
+        }
+        if let Some(late_s) = self.late_s()
+            && late_s > STALE_WARN_S
+        {
+            let text = format!("Data come {:.0} ms late", late_s * 1e3);
+            if moving && late_s > STALE_SAFE_S {
+                self.go_safe(&text, events);
+            }
+            alarms.push((Severity::Warning, format!("{text}: check the cable.")));
         }
         let silent = self.raw.as_ref().and_then(|r| {
             let stale = |age: &f64| *age > STALE_SAFE_S;
@@ -161,6 +172,17 @@ impl Twin {
                 text,
             })
             .collect();
+    }
+
+    /// How old frames are when they arrive, at least, s; `None` while too few have arrived to tell.
+    fn late_s(&mut self) -> Option<f64> {
+        let (now, late) = (self.now, &mut self.lateness_s);
+        while late.front().is_some_and(|l| now.since(l.0) > LATE_OVER_S) {
+            late.pop_front();
+        }
+        let oldest = late.front()?.0;
+        let least_s = late.iter().map(|l| l.1).fold(f64::MAX, f64::min);
+        (now.since(oldest) > 0.8 * LATE_OVER_S).then_some(least_s)
     }
 
     /// The board whose newest sample is the oldest, and how old it was in the newest frame, s.

@@ -78,7 +78,12 @@ impl Bench {
         let events = self.done.recv_timeout(LONG).expect("a tick waits");
         events
             .iter()
-            .filter(|e| matches!(e, Event::Recording { .. } | Event::Refused { .. }))
+            .filter(|e| {
+                matches!(
+                    e,
+                    Event::Recording { .. } | Event::RecordingFailed { .. } | Event::Refused { .. }
+                )
+            })
             .map(Event::text)
             .collect()
     }
