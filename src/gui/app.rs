@@ -114,6 +114,22 @@ impl Looked {
     }
 }
 
+/// Points that a screen needs at least; in a window that has less it is scrolled.
+const LEAST_ROOM: egui::Vec2 = egui::vec2(700.0, 300.0);
+
+/// Shows a screen with the room that it needs.
+fn roomy(ui: &mut Ui, screen: impl FnOnce(&mut Ui)) {
+    let room = ui.available_size();
+    if room.x >= LEAST_ROOM.x && room.y >= LEAST_ROOM.y {
+        return screen(ui);
+    }
+    egui::ScrollArea::both().show(ui, |ui| {
+        ui.set_min_size(room.max(LEAST_ROOM));
+        ui.set_max_size(room.max(LEAST_ROOM));
+        screen(ui);
+    });
+}
+
 impl App {
     /// A window onto a twin; without a handle it only shows recordings.
     pub fn new(handle: Option<Handle>, spec: RobotSpec, services: Services) -> Self {
@@ -465,57 +481,59 @@ impl App {
         let central = egui::CentralPanel::default()
             .frame(egui::Frame::new().fill(palette.window).inner_margin(6))
             .show(ui, |ui| {
-                if self.screen == Screen::Calibrate {
-                    let state = &mut self.calibrate;
-                    calibrate::ui(ui, &live, state, &mut self.services, commands);
-                    return;
-                }
-                if self.screen == Screen::Gap {
-                    gap::ui(ui, &mut self.gap, &mut self.services);
-                    return;
-                }
-                if self.screen == Screen::Recordings {
-                    let input = RecordingsInput {
-                        live,
-                        recording_s,
-                        twin_gone: self.twin_gone || self.handle.is_none(),
+                roomy(ui, |ui| {
+                    if self.screen == Screen::Calibrate {
+                        let state = &mut self.calibrate;
+                        calibrate::ui(ui, &live, state, &mut self.services, commands);
+                        return;
+                    }
+                    if self.screen == Screen::Gap {
+                        gap::ui(ui, &mut self.gap, &mut self.services);
+                        return;
+                    }
+                    if self.screen == Screen::Recordings {
+                        let input = RecordingsInput {
+                            live,
+                            recording_s,
+                            twin_gone: self.twin_gone || self.handle.is_none(),
+                        };
+                        recordings::ui(
+                            ui,
+                            &input,
+                            &mut self.library,
+                            &mut self.player,
+                            &mut self.services,
+                            commands,
+                        );
+                        return;
+                    }
+                    let shown = match &self.player {
+                        Some(player) => View {
+                            snapshot: player.snapshot(),
+                            history: player.history(),
+                            now_s: player.now_s(),
+                            replay: title.as_deref(),
+                            spec: &self.spec,
+                            simulated: player.trace().simulated,
+                        },
+                        None => live,
                     };
-                    recordings::ui(
-                        ui,
-                        &input,
-                        &mut self.library,
-                        &mut self.player,
-                        &mut self.services,
-                        commands,
-                    );
-                    return;
-                }
-                let shown = match &self.player {
-                    Some(player) => View {
-                        snapshot: player.snapshot(),
-                        history: player.history(),
-                        now_s: player.now_s(),
-                        replay: title.as_deref(),
-                        spec: &self.spec,
-                        simulated: player.trace().simulated,
-                    },
-                    None => live,
-                };
-                match self.screen {
-                    Screen::Operate => {
-                        self.operate.view3d.selected_spring = self.sensors.selected_spring;
-                        operate::ui(ui, &shown, &mut self.operate, &mut self.window, commands);
-                        self.sensors.selected_spring = self.operate.view3d.selected_spring;
+                    match self.screen {
+                        Screen::Operate => {
+                            self.operate.view3d.selected_spring = self.sensors.selected_spring;
+                            operate::ui(ui, &shown, &mut self.operate, &mut self.window, commands);
+                            self.sensors.selected_spring = self.operate.view3d.selected_spring;
+                        }
+                        Screen::Sensors => {
+                            sensors::ui(ui, &shown, &mut self.sensors, &mut self.window);
+                        }
+                        Screen::Accuracy => {
+                            let state = &mut self.accuracy;
+                            accuracy::ui(ui, &shown, state, &mut self.window, &mut self.services);
+                        }
+                        Screen::Calibrate | Screen::Recordings | Screen::Gap => {}
                     }
-                    Screen::Sensors => {
-                        sensors::ui(ui, &shown, &mut self.sensors, &mut self.window);
-                    }
-                    Screen::Accuracy => {
-                        let state = &mut self.accuracy;
-                        accuracy::ui(ui, &shown, state, &mut self.window, &mut self.services);
-                    }
-                    Screen::Calibrate | Screen::Recordings | Screen::Gap => {}
-                }
+                });
             });
         let ctx = ui.ctx().clone();
         let within = central.response.rect;

@@ -213,7 +213,7 @@ impl CommandPalette {
             .pivot(egui::Align2::CENTER_TOP)
             .fixed_pos(within.center_top() + vec2(0.0, 24.0))
             .show(ctx, |ui| {
-                ui.set_width(440.0_f32.min(within.width() - 40.0));
+                ui.set_width((within.width() - 40.0).clamp(120.0, 440.0));
                 let before = self.typed.clone();
                 let field = TextEdit::singleline(&mut self.typed)
                     .hint_text("Type what you want to do")

@@ -87,8 +87,11 @@ fn own(path: &Path) -> Result<File, RecordingError> {
             path: path.to_owned(),
         });
     }
-    file.set_len(0)
-        .map_err(RecordingError::io(path, "create"))?;
+    // A pipe or a device has no length.
+    if file.metadata().is_ok_and(|m| m.is_file()) {
+        file.set_len(0)
+            .map_err(RecordingError::io(path, "create"))?;
+    }
     Ok(file)
 }
 
