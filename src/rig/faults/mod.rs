@@ -155,6 +155,7 @@ pub struct Faults {
     boards: [Option<Fault>; BOARDS],
     port_off: bool,
     script: Script,
+    /// What the rig does next. A board that is to boot stays off until then.
     jolts: Vec<Jolt>,
     spring_channels: [Channel<SpringReading>; SPRINGS],
     imu_channels: [Channel<ImuRaw>; IMUS],
@@ -271,6 +272,7 @@ impl Faults {
     /// Whether a board has no power.
     pub(super) fn is_off(&self, board: usize) -> bool {
         self.boards[board].is_some_and(|f| f.word == Word::Off)
+            || self.jolts.contains(&Jolt::Boot(board))
     }
 
     /// What arrives at a board of what the host said.

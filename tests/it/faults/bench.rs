@@ -16,7 +16,7 @@ use springtwin::link::wire::Config;
 use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{CHAMBERS, Goal, Mode, Snapshot};
+use springtwin::signal::{BOARDS, CHAMBERS, Goal, Mode, Snapshot};
 use springtwin::twin::{Command, Event, Runner, SETTLING_FRAMES, SerialPort, run_in_real_time};
 
 use crate::conformance::firmware_folder;
@@ -40,8 +40,8 @@ const ATTEMPTS: u32 = 5;
 pub struct Moment {
     /// When, s.
     pub t_s: f64,
-    /// Whether any pump runs.
-    pub pumps: bool,
+    /// Whether a pump of each board runs.
+    pub pumps: [bool; BOARDS],
     /// What the gauges read, Pa; NaN where one reads nothing.
     pub gauge_pa: [f64; CHAMBERS],
     /// Frames that a fault has hit.
@@ -225,17 +225,23 @@ impl Bench {
         self.rig.moments.lock().expect("not poisoned").clone()
     }
 
-    /// When the pumps went off after `from_s`, s.
+    /// When the pumps of all boards were off after `from_s`, s.
     pub fn pumps_off_s(&self, from_s: f64) -> Option<f64> {
         let moments = self.moments();
-        let off = moments.iter().find(|m| m.t_s >= from_s && !m.pumps)?;
+        let off = moments
+            .iter()
+            .find(|m| m.t_s >= from_s && m.pumps == [false; BOARDS])?;
         Some(off.t_s)
     }
 
     /// Whether a pump ran between two times (s).
     pub fn pumps_ran(&self, from_s: f64, to_s: f64) -> bool {
         let within = |m: &&Moment| (from_s..to_s).contains(&m.t_s);
-        self.moments().iter().filter(within).any(|m| m.pumps)
+        let moments = self.moments();
+        moments
+            .iter()
+            .filter(within)
+            .any(|m| m.pumps != [false; BOARDS])
     }
 
     /// Whether the twin is SAFE for a reason with these words.
@@ -292,7 +298,7 @@ impl RigThread {
                 lines.exchange(&mut rig, t_s).expect("the lines work");
                 seen.lock().expect("not poisoned").push(Moment {
                     t_s,
-                    pumps: rig.set_pa().iter().any(Option::is_some),
+                    pumps: std::array::from_fn(|b| rig.set_pa()[3 * b].is_some()),
                     gauge_pa: std::array::from_fn(|i| {
                         rig.readings()[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)
                     }),

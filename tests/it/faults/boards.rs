@@ -321,15 +321,23 @@ fn over_pressure(boards: Boards) {
         let moments = b.moments();
         let reads = |m: &&Moment| m.t_s > from_s && m.gauge_pa[4] > 42e3;
         let over_s = moments.iter().find(reads).expect("the gauge reads it").t_s;
-        let off_s = b.pumps_off_s(over_s).expect("the pumps go off") - over_s;
+        // Chamber 5 is board 2's: its firmware acts by itself, the other board when the program has heard of it.
+        let own = moments.iter().find(|m| m.t_s >= over_s && !m.pumps[1]);
+        let off_s = own.expect("the pumps go off").t_s - over_s;
+        let all_s = b.pumps_off_s(over_s).expect("all pumps go off") - over_s;
         assert!(b.is_safe("over-pressure"), "{:?}", b.now.mode);
-        assert!(!b.pumps_ran(over_s + off_s, b.t_s()));
+        assert!(!b.pumps_ran(over_s + all_s, b.t_s()));
         assert!(off_s <= 0.02, "{off_s}");
+        assert!(all_s <= 0.06, "{all_s}");
         row(
             place(10, boards),
             &format!("over-pressure > 42 kPa ({})", of(boards)),
             "pumps off <= 20 ms",
-            &format!("pumps off {} after the gauge read it", ms(off_s)),
+            &format!(
+                "pumps of its board off {} after the gauge read it, those of the other board {}",
+                ms(off_s),
+                ms(all_s)
+            ),
         );
     });
 }
@@ -413,8 +421,10 @@ fn a_line_that_is_late() {
                     .begin(Place::Board(board), fault(Word::Delayed, 0.25));
             }
         });
-        // The pause as it begins has made nothing SAFE: nothing moved yet.
-        b.run(3.0);
+        // As it begins, heartbeats pause for longer than the boards bear.
+        b.until("the boards are SAFE", 3.0, |b| b.is_safe("latched"));
+        b.tell(Command::Reset);
+        b.run(1.5);
         b.until("it is told", 3.0, |b| b.alarmed("Data come"));
         b.tell(Command::Arm);
         b.tell(Command::Goto(Goal::position(FAR_M)));
