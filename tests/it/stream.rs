@@ -138,7 +138,13 @@ impl Program {
             .expect("VmRSS")
     }
 
-    fn finish(mut self) -> Value {
+    fn finish(self) -> Value {
+        self.finish_in_time().expect("a machine that keeps time")
+    }
+
+    /// What it says at the end; `None` when the machine froze for 100 ms: then the arm goes SAFE, as it must, which
+    /// says nothing about the stream.
+    fn finish_in_time(mut self) -> Option<Value> {
         let mut text = String::new();
         let mut said = String::new();
         let (out, err) = (self.0.stdout.take(), self.0.stderr.take());
@@ -149,8 +155,12 @@ impl Program {
             .read_to_string(&mut said)
             .expect("utf-8");
         let status = self.0.wait().expect("wait");
+        if said.contains("no data from") {
+            println!("the machine stalled: {said}");
+            return None;
+        }
         assert!(status.success(), "{said}");
-        serde_json::from_str(&text).expect("one JSON object on standard output")
+        Some(serde_json::from_str(&text).expect("one JSON object on standard output"))
     }
 }
 
@@ -227,11 +237,15 @@ fn the_stock_viewer_draws_a_recording() {
 fn a_viewer_gets_every_snapshot_bit_for_bit() {
     let dir = scratch("stream-whole");
     let (ours, theirs) = (dir.join("ours.rrd"), dir.join("theirs.rrd"));
-    let viewer = Viewer::to_file(&theirs);
     let record = ours.to_str().expect("utf-8");
     let more = ["--record", record, "--target", "60,40,-300"];
-    let v = Program::start(8, &viewer, &more).finish();
-    viewer.finish();
+    let in_time = (0..3).find_map(|_| {
+        let viewer = Viewer::to_file(&theirs);
+        let v = Program::start(8, &viewer, &more).finish_in_time();
+        viewer.finish();
+        v
+    });
+    let v = in_time.expect("a machine that keeps time");
     assert_pace(&v);
     let (ours, theirs) = (
         read_rrd(&ours).expect("our file"),

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -51,7 +51,7 @@ pub struct Moment {
 type Deed = Box<dyn FnOnce(&mut VirtualRig) + Send>;
 
 struct RigThread {
-    deeds: Sender<Deed>,
+    deeds: SyncSender<Deed>,
     moments: Arc<Mutex<Vec<Moment>>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -100,6 +100,10 @@ impl Bench {
     fn new(name: &str, boards: Boards) -> Self {
         let dir = scratch(&format!("faults-{name}"));
         let robot = RobotSpec::reference();
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "the bench owns its threads and their time"
+        )]
         let start = Instant::now();
         let link = dir.join("port");
         let (rig, ports) = RigThread::start(&robot, boards, &link, start);
@@ -207,7 +211,7 @@ impl Bench {
 
     /// Does something to the rig, now; gives the time (s).
     pub fn rig(&self, deed: impl FnOnce(&mut VirtualRig) + Send + 'static) -> f64 {
-        let (done, heard) = channel();
+        let (done, heard) = sync_channel(1);
         let start = self.start;
         let deed = Box::new(move |rig: &mut VirtualRig| {
             deed(rig);
@@ -271,12 +275,12 @@ impl RigThread {
     fn start(robot: &RobotSpec, boards: Boards, link: &Path, start: Instant) -> (Self, String) {
         let robot = robot.clone();
         let link = link.to_owned();
-        let (deeds, todo): (Sender<Deed>, Receiver<Deed>) = channel();
-        let (tell_ports, ports) = channel();
+        let (deeds, todo): (SyncSender<Deed>, Receiver<Deed>) = sync_channel(8);
+        let (tell_ports, ports) = sync_channel(1);
         let moments = Arc::new(Mutex::new(Vec::with_capacity(200_000)));
         let stop = Arc::new(AtomicBool::new(false));
         let (seen, halt) = (Arc::clone(&moments), Arc::clone(&stop));
-        let thread = std::thread::spawn(move || {
+        let rig_loop = move || {
             let mut rig = VirtualRig::new(&robot, &RigOptions::default()).expect("settles");
             let open = |path: &Path| Pty::open(Some(path)).expect("a pseudo-terminal");
             let (mut lines, names) = match boards {
@@ -306,7 +310,11 @@ impl RigThread {
                 });
                 std::thread::sleep(Duration::from_millis(1));
             }
-        });
+        };
+        let thread = std::thread::Builder::new()
+            .name("rig".to_owned())
+            .spawn(rig_loop)
+            .expect("a thread for the rig");
         let rig = Self {
             deeds,
             moments,
