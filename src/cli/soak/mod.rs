@@ -337,8 +337,9 @@ fn missed(o: &Outcome) -> Option<String> {
                 o.broken.told.first().map_or("", String::as_str)
             ),
         ),
+        // Before an hour is over, the first use of everything is still to come.
         (
-            g.memory_mib >= GROWTH_MIB,
+            o.hours >= 2.0 && g.memory_mib >= GROWTH_MIB,
             format!("memory grew by {:.1} MiB", g.memory_mib),
         ),
         (

@@ -296,6 +296,10 @@ fn a_program_that_dies(boards: Boards) {
     case("dies", boards, |b| {
         b.go(FAR_M);
         b.run(0.5);
+        assert!(
+            b.pumps_ran(b.t_s() - 0.05, b.t_s()),
+            "nothing to be stopped"
+        );
         let from_s = b.die();
         std::thread::sleep(std::time::Duration::from_secs(1));
         let off_s = b.pumps_off_s(from_s).expect("the boards are SAFE") - from_s;
