@@ -50,18 +50,17 @@ impl Twin {
             }
             alarms.push((Severity::Warning, format!("{text}: check the cable.")));
         }
-        let silent = self.raw.as_ref().and_then(|r| {
-            let stale = |age: &f64| *age > STALE_SAFE_S;
-            r.board_age_s.iter().position(stale)
-        });
-        if let Some(board) = silent {
+        let oldest = self.oldest_board();
+        if let Some((board, age_s)) = oldest
+            && age_s > STALE_SAFE_S
+        {
             let text = format!("no data from board {} for 100 ms", board + 1);
             if moving {
                 self.go_safe(&text, events);
             }
             let text = format!("There is {text}: check its cable and power.");
             alarms.push((Severity::Critical, text));
-        } else if let Some((board, age_s)) = self.oldest_board()
+        } else if let Some((board, age_s)) = oldest
             && age_s > STALE_WARN_S
         {
             let text = format!("Data of board {} are {:.0} ms old.", board + 1, age_s * 1e3);
