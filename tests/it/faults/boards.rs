@@ -139,8 +139,11 @@ fn broken_frames(boards: Boards) {
         let both = |b: &Bench, share: f64| {
             b.rig(move |rig| {
                 for board in 0..BOARDS {
-                    rig.faults
-                        .begin(Place::Board(board), fault(Word::Wrong, share));
+                    let place = Place::Board(board);
+                    match share > 0.0 {
+                        true => rig.faults.begin(place, fault(Word::Wrong, share)),
+                        false => rig.faults.end(place),
+                    }
                 }
             })
         };
@@ -162,13 +165,25 @@ fn broken_frames(boards: Boards) {
             hits > 0 && lost as f64 <= 1.2 * hits as f64 + 1.0,
             "{lost} lost, {hits} hit"
         );
-        b.tell(Command::Goto(Goal::position(NEAR_M)));
-        let from_s = both(b, 0.25);
-        b.until("too many losses are SAFE", 3.0, |b| {
-            b.is_safe("frames were lost")
-        });
-        let safe_s = b.t_s() - from_s;
-        assert!(safe_s <= 1.1, "{safe_s}");
+        let mut target_m = NEAR_M;
+        let safe_s = loop {
+            b.go(target_m);
+            let from_s = both(b, 0.25);
+            b.until("too many losses are SAFE", 1.1, |b| {
+                matches!(b.now.mode, Mode::Safe(_))
+            });
+            if b.is_safe("frames were lost") {
+                break b.t_s() - from_s;
+            }
+            // Heartbeats are hit as well: one time in ten a board misses four running, and is SAFE first.
+            assert!(b.is_safe("the program was not heard"), "{:?}", b.now.mode);
+            both(b, 0.0);
+            b.run(1.5);
+            b.tell(Command::Reset);
+            b.until("it is reset", 2.0, |b| b.now.mode == Mode::Disarmed);
+            b.run(0.6);
+            target_m = if target_m == NEAR_M { FAR_M } else { NEAR_M };
+        };
         row(
             place(3, boards),
             &format!("1 % of frames corrupted ({})", of(boards)),
