@@ -34,6 +34,10 @@ use springtwin::twin::{Command, TICK_S};
 /// Where the virtual arm goes when the window opens, m.
 const WELCOME_M: [f64; 3] = [0.06, 0.04, -0.30];
 
+/// What the window is called beside others: the same as its desktop file.
+const APP: &str = "springtwin";
+const ICON: &[u8] = include_bytes!("../../assets/package/springtwin.png");
+
 /// How long twins may take to end what they write when the window is closed.
 const LAST_WRITES: Duration = Duration::from_secs(30);
 
@@ -73,7 +77,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         kind: a.kind,
         instruments: a.instruments.clone(),
         twins: Twins::default(),
-        data: eframe::storage_dir("springtwin"),
+        data: eframe::storage_dir(APP),
     };
     let reachable = hull(&rigs.maps);
     let (runner, start) = rigs.runner(rig)?;
@@ -86,9 +90,12 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     let twins = rigs.twins.clone();
     let rigs_data = rigs.data.clone();
     let stream = a.stream.map(Command::StreamLive);
+    let icon = eframe::icon_data::from_png_bytes(ICON)?;
     let options = || eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
-            .with_title("springtwin")
+            .with_title(APP)
+            .with_app_id(APP)
+            .with_icon(icon.clone())
             .with_inner_size([1280.0, 760.0])
             .with_min_inner_size([900.0, 560.0]),
         ..eframe::NativeOptions::default()
