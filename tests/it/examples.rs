@@ -46,10 +46,19 @@ fn eleven_springs_are_fitted_and_the_loose_one_is_refused() {
     assert_eq!(refused, [3]);
 }
 
+/// Mean distance between predicted and captured tip by the example, m, and over how many instants.
+#[cfg(all(unix, feature = "rrd"))]
+pub fn recording_error_m(file: &Path) -> (f64, usize) {
+    read_recording::mean_error_m(file).expect("a recording")
+}
+
 #[test]
 #[cfg(feature = "rrd")]
 fn a_recording_tells_its_error() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
     let (mean_m, n) = read_recording::mean_error_m(&file).expect("a sample recording");
-    assert!(n > 500 && (1e-5..2e-3).contains(&mean_m), "{mean_m} over {n}");
+    assert!(
+        n > 500 && (1e-5..2e-3).contains(&mean_m),
+        "{mean_m} over {n}"
+    );
 }

@@ -163,9 +163,17 @@ fn every_picture_of_the_guide_is_made_by_a_command_and_shown() {
     for entry in std::fs::read_dir(guide.join("pictures")).expect("pictures") {
         let name = entry.expect("an entry").file_name();
         let name = name.to_str().expect("UTF-8");
-        let stem = name.trim_end_matches("-rod.png").trim_end_matches("-mesh.png");
-        assert!(pages.contains(&format!("(pictures/{name})")), "{name} is shown nowhere");
-        assert!(make.contains(stem), "assets/guide/make does not make {name}");
+        let stem = name
+            .trim_end_matches("-rod.png")
+            .trim_end_matches("-mesh.png");
+        assert!(
+            pages.contains(&format!("(pictures/{name})")),
+            "{name} is shown nowhere"
+        );
+        assert!(
+            make.contains(stem),
+            "assets/guide/make does not make {name}"
+        );
     }
 }
 
@@ -173,6 +181,9 @@ fn every_picture_of_the_guide_is_made_by_a_command_and_shown() {
 fn the_citation_names_this_version() {
     let text = read(&root().join("CITATION.cff"));
     let line = format!("version: {}", env!("CARGO_PKG_VERSION"));
-    assert!(text.lines().any(|l| l == line), "CITATION.cff lacks '{line}'");
+    assert!(
+        text.lines().any(|l| l == line),
+        "CITATION.cff lacks '{line}'"
+    );
     assert!(text.contains("cff-version: 1.2.0"));
 }

@@ -35,7 +35,11 @@ fn walk(readme: &str) -> Vec<Block> {
 fn without_numbers(line: &str) -> String {
     let mut out = String::new();
     for c in line.trim().chars() {
-        let c = if c.is_ascii_digit() || c == '.' { '#' } else { c };
+        let c = if c.is_ascii_digit() || c == '.' {
+            '#'
+        } else {
+            c
+        };
         if !(matches!(c, '#' | ' ') && out.ends_with(c)) {
             out.push(c);
         }
@@ -72,7 +76,10 @@ fn the_walk_of_the_readme_goes_as_it_says() {
     let mut said = Vec::new();
     for block in walk(&readme) {
         if block.is_commands {
-            said = run(&block.text, &clone).lines().map(without_numbers).collect();
+            said = run(&block.text, &clone)
+                .lines()
+                .map(without_numbers)
+                .collect();
             continue;
         }
         for line in block.text.lines() {
