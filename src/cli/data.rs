@@ -373,10 +373,28 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
         text: format!(
             "trained in {seconds:.1} s to {}\n{}",
             file.display(),
-            serde_json::to_string_pretty(&scores)?
+            told(&trained.scores)
         ),
         json: json!({"seconds": seconds, "seconds_by_stage": by_stage, "file": file, "scores": scores}),
     })
+}
+
+/// How networks do on samples that they have not seen, for people; `--json` has all of it.
+fn told(scores: &learn::Scores) -> String {
+    let pose = &scores.smap.test;
+    let mut text = format!(
+        "on {} samples that it has not seen: translation {:.2} mm mean, {:.2} mm P95, rotation {:.2} deg mean; plant: springs {:.2} mm, IMUs {:.2} deg mean",
+        pose.n,
+        pose.translation_mm.mean,
+        pose.translation_mm.p95,
+        pose.rotation_deg.mean,
+        scores.plant.test.spring_mm.mean,
+        scores.plant.test.imu_deg.mean,
+    );
+    if scores.s2r.is_some() {
+        text += "; with a sim-to-real step";
+    }
+    text
 }
 
 /// A dataset, or the samples of a session that has motion capture.

@@ -29,7 +29,11 @@ pub enum GapCommand {
     /// Find what is missing in the model of a rig
     Run(RunArgs),
     /// The effects that are known
-    Effects,
+    Effects {
+        /// Print them as a page of Markdown with equations, sources, units and bounds, as the guide has it
+        #[arg(long)]
+        markdown: bool,
+    },
     /// Put a patch on a robot file, or take the last one back
     Apply(super::patch::ApplyArgs),
     /// Run and score the blind test: hidden effects, none, unknown ones, pairs
@@ -77,7 +81,13 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
             robot,
         ),
         GapCommand::Run(a) => find(robot, a),
-        GapCommand::Effects => Ok(table()),
+        GapCommand::Effects { markdown } => {
+            let mut report = table();
+            if *markdown {
+                report.text = super::reference::effects_page();
+            }
+            Ok(report)
+        }
     }
 }
 

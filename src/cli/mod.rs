@@ -20,6 +20,7 @@ mod patch;
 #[cfg(feature = "gui")]
 mod picture;
 mod ports;
+mod reference;
 mod session;
 mod simulate;
 mod soak;
@@ -113,8 +114,8 @@ enum Command {
         /// Which shell
         shell: clap_complete::Shell,
     },
-    /// Print the man page (roff)
-    Man,
+    /// Print a man page (roff), or write those of all commands
+    Man(reference::ManArgs),
 }
 
 /// What the virtual rig does without a pseudo-terminal.
@@ -288,10 +289,7 @@ fn run(cli: &Cli) -> Result<Report> {
             );
             Ok(silent())
         }
-        Some(Command::Man) => {
-            clap_mangen::Man::new(Cli::command()).render(&mut std::io::stdout())?;
-            Ok(silent())
-        }
+        Some(Command::Man(a)) => reference::man(a, Cli::command()),
     }
 }
 

@@ -4,14 +4,18 @@ mod calibrate;
 mod conformance;
 mod dataset;
 mod edges;
+mod examples;
 mod faults;
 #[cfg(unix)]
 mod firmware;
 #[cfg(unix)]
 mod gap_bench;
 mod gap_find;
+mod guide;
 mod parsers;
 mod program;
+#[cfg(unix)]
+mod readme;
 mod real_data;
 mod shaders;
 #[cfg(unix)]

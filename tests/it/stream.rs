@@ -389,3 +389,56 @@ fn a_viewer_that_comes_back_gets_the_stream_again() {
 fn count_in(v: &Value, key: &str) -> u64 {
     v["stream"][key].as_u64().expect(key)
 }
+
+/// `examples/read_results.py` reads our datasets, recordings and findings with stock packages alone, and finds
+/// in the recording what this program finds.
+#[test]
+fn python_reads_our_files_with_stock_packages() {
+    let dir = scratch("python");
+    let path = |name: &str| dir.join(name).to_str().expect("UTF-8").to_owned();
+    let (data, found) = (path("sim.parquet"), path("found"));
+    json(&[
+        "dataset",
+        "generate",
+        "--samples",
+        "200",
+        "--out",
+        &data,
+        "--json",
+    ]);
+    let (healthy, suspect) = (path("healthy"), path("suspect"));
+    let session = ["rig", "session", "--seconds", "30", "--json", "--out"];
+    json(&[&session[..], &[&healthy]].concat());
+    let hidden = ["--seed", "2", "--hide", "spring-calibration:4=1.06,0.002"];
+    json(&[&session[..], &[&suspect], &hidden].concat());
+    let find = ["gap", "run", "--baseline", &healthy, "--session", &suspect];
+    json(&[&find[..], &["--out", &found, "--json"]].concat());
+
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let recording = root.join("recordings/point-to-point.rrd");
+    let out = Command::new(folder().join("python"))
+        .arg(root.join("examples/read_results.py"))
+        .arg(&data)
+        .arg(&recording)
+        .arg(Path::new(&found).join("finding.json"))
+        .output()
+        .expect("python starts");
+    let said = String::from_utf8_lossy(&out.stdout);
+    let complaint = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{said}{complaint}");
+    println!("{said}");
+    assert!(said.contains("200 samples by rod, seed 1"), "{said}");
+    assert!(said.contains("spring-calibration 4: gain 1.0"), "{said}");
+    let (_, mean) = said.split_once("mean error ").expect("a mean error");
+    let mean_mm: f64 = mean
+        .split(' ')
+        .next()
+        .expect("a number")
+        .parse()
+        .expect("a number");
+    let (ours_m, n) = crate::examples::recording_error_m(&recording);
+    assert!(
+        n > 500 && (mean_mm - ours_m * 1e3).abs() < 0.01,
+        "{mean_mm} mm, {ours_m} m"
+    );
+}

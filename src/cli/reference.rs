@@ -1,0 +1,221 @@
+//! Reference pages made from the program itself: man pages, the guide's page of commands and its page of effects.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context as _, Result};
+use clap::{Arg, Args, Command};
+use serde_json::json;
+
+use super::{Report, silent};
+use springtwin::sim::effects::{EFFECTS, Effect, Side, Target};
+
+#[derive(Args)]
+pub struct ManArgs {
+    /// Command whose page to print, such as `gap run`; the program's own without it
+    #[arg(value_name = "COMMAND")]
+    command: Vec<String>,
+    /// Write the pages of all commands into this folder instead
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["command", "markdown"])]
+    out: Option<PathBuf>,
+    /// Print all commands as one page of Markdown, as the guide has it
+    #[arg(long, conflicts_with = "command")]
+    markdown: bool,
+}
+
+/// `man`: of the whole program, whose description is `program`.
+pub fn man(a: &ManArgs, program: Command) -> Result<Report> {
+    let mut program = program.disable_help_subcommand(true);
+    if let Some(dir) = &a.out {
+        std::fs::create_dir_all(dir).with_context(|| format!("cannot make {}", dir.display()))?;
+        clap_mangen::generate_to(program, dir)
+            .with_context(|| format!("cannot write the pages to {}", dir.display()))?;
+        return Ok(Report {
+            text: format!("pages of all commands in {}", dir.display()),
+            json: json!({"out": dir}),
+        });
+    }
+    program.build();
+    if a.markdown {
+        let text = commands_page(&program);
+        return Ok(Report {
+            json: json!({"markdown": text}),
+            text,
+        });
+    }
+    let mut command = &program;
+    for name in &a.command {
+        command = command
+            .get_subcommands()
+            .find(|c| c.get_name() == name)
+            .with_context(|| {
+                format!(
+                    "there is no command '{}': `springtwin --help` lists them",
+                    a.command.join(" ")
+                )
+            })?;
+    }
+    clap_mangen::Man::new(command.clone()).render(&mut std::io::stdout())?;
+    Ok(silent())
+}
+
+/// Every command with its arguments, as a page of the guide.
+fn commands_page(program: &Command) -> String {
+    let mut page = String::from(
+        "# Commands\n\n\
+         Made by `springtwin man --markdown`; a test keeps it so. Without a command, `springtwin` opens the window on the\n\
+         virtual rig. The exit code is 0 only on success, 2 on bad usage and 1 otherwise, with one sentence that says why.\n\n\
+         These go with every command:\n\n",
+    );
+    for arg in program.get_arguments() {
+        page.push_str(&argument(arg));
+    }
+    page.push_str("- `--help`: what a command takes; `-h` in short\n");
+    for command in program.get_subcommands() {
+        section(command, &mut page);
+    }
+    page.pop();
+    page
+}
+
+/// A command, then those under it.
+fn section(command: &Command, page: &mut String) {
+    if command.is_hide_set() {
+        return;
+    }
+    let name = command.get_bin_name().unwrap_or_else(|| command.get_name());
+    let name = name.trim_start_matches("springtwin ");
+    let level = name.split(' ').count() + 1;
+    let about = command.get_about().map(ToString::to_string);
+    // Writing to a text cannot fail.
+    let _ = write!(
+        page,
+        "\n{} {name}\n\n{}.\n",
+        "#".repeat(level),
+        about.unwrap_or_default()
+    );
+    let own: Vec<&Arg> = command
+        .get_arguments()
+        .filter(|arg| !arg.is_hide_set() && !arg.is_global_set())
+        .filter(|arg| !matches!(arg.get_id().as_str(), "help" | "version"))
+        .collect();
+    if !own.is_empty() {
+        page.push('\n');
+    }
+    for arg in own {
+        page.push_str(&argument(arg));
+    }
+    for below in command.get_subcommands() {
+        section(below, page);
+    }
+}
+
+/// One line for an argument.
+fn argument(arg: &Arg) -> String {
+    let values = arg.get_value_names().unwrap_or_default();
+    let takes_values = arg.get_action().takes_values();
+    let values = if takes_values {
+        values.iter().map(|v| format!("<{v}>")).collect::<Vec<_>>()
+    } else {
+        Vec::new()
+    }
+    .join(" ");
+    let shape = match arg.get_long() {
+        Some(long) if values.is_empty() => format!("--{long}"),
+        Some(long) => format!("--{long} {values}"),
+        None => values,
+    };
+    if matches!(arg.get_id().as_str(), "help" | "version") {
+        return String::new();
+    }
+    let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
+    // A sign that a value starts with is a tag to Markdown.
+    let mut line = format!("- `{shape}`: {}", help.replace('<', "\\<"));
+    let choices: Vec<String> = match takes_values {
+        true => arg.get_possible_values(),
+        false => Vec::new(),
+    }
+    .iter()
+    .map(|v| format!("`{}`", v.get_name()))
+    .collect();
+    let defaults: Vec<_> = arg
+        .get_default_values()
+        .iter()
+        .filter(|_| takes_values)
+        .map(|v| format!("`{}`", v.to_string_lossy()))
+        .collect();
+    if !choices.is_empty() {
+        line += &format!("; one of {}", choices.join(", "));
+    }
+    if !defaults.is_empty() {
+        line += &format!("; {} without it", defaults.join(" "));
+    }
+    if arg.is_required_set() {
+        line += "; needed";
+    }
+    line + "\n"
+}
+
+/// The table of effects with equations, sources, units and bounds, as a page of the guide.
+pub fn effects_page() -> String {
+    let mut page = String::from(
+        "# Effects\n\n\
+         What [the gap finder](finding-a-gap.md) can name, as its one table has it. Made by `springtwin gap effects --markdown`;\n\
+         a test keeps it so. With every parameter at its value *without* the effect, the effect changes nothing; a parameter\n\
+         that only shapes it has a usual value there. The comparisons r1 to r5 are told in\n\
+         [What it compares](finding-a-gap.md#what-it-compares).\n",
+    );
+    for (side, title) in [
+        (
+            Side::Actuation,
+            "Actuation: between the commanded pressure and the chamber",
+        ),
+        (Side::Mechanics, "Mechanics: in the arm"),
+        (Side::Sensing, "Sensing: in springs and IMUs"),
+        (
+            Side::FrameAndTime,
+            "Frame and time: in the motion capture's frame and clock",
+        ),
+    ] {
+        let _ = write!(page, "\n## {title}\n");
+        for e in EFFECTS.iter().filter(|e| e.side == side) {
+            page.push_str(&effect(e));
+        }
+    }
+    page.pop();
+    page
+}
+
+fn effect(e: &Effect) -> String {
+    let sits_on = match e.target {
+        Target::Chamber => "a chamber",
+        Target::Spring => "a spring",
+        Target::Imu => "an IMU",
+        Target::Segment => "a segment",
+        Target::None => "the whole",
+    };
+    let shows: Vec<String> = e
+        .residuals
+        .iter()
+        .map(|r| format!("{r:?}").to_lowercase())
+        .collect();
+    let mut out = format!(
+        "\n### {}: `{}`\n\n{} Source: {}. Sits on {sits_on}; shows in {}.\n\n\
+         | parameter | unit | without the effect | least | most |\n|---|---|---|---|---|\n",
+        e.name,
+        e.id,
+        e.doc.replace('_', "\\_"),
+        e.source,
+        shows.join(", ")
+    );
+    for p in e.parameters {
+        let unit = if p.unit.is_empty() { "ratio" } else { p.unit };
+        let [least, most] = p.bounds;
+        let _ = writeln!(
+            out,
+            "| {} | {unit} | {} | {least} | {most} |",
+            p.name, p.nominal
+        );
+    }
+    out
+}

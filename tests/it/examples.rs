@@ -1,0 +1,64 @@
+//! The library's examples (`examples/`) run, and what they print is so.
+
+#[cfg(feature = "rrd")]
+use std::path::Path;
+
+#[path = "../../examples/closed_loop.rs"]
+mod closed_loop;
+#[path = "../../examples/fit_springs.rs"]
+mod fit_springs;
+#[path = "../../examples/read_recording.rs"]
+#[allow(dead_code, reason = "its main reads the command line")]
+mod read_recording;
+#[path = "../../examples/settle_arm.rs"]
+mod settle_arm;
+
+#[test]
+fn a_load_stretches_the_arm() {
+    settle_arm::main().expect("two poses at rest");
+    let z_m = |payload_kg| {
+        let seen = settle_arm::at_rest([0.0; 6], payload_kg).expect("a pose at rest");
+        seen.base_from_tip.translation.z
+    };
+    let sag_m = z_m(0.0) - z_m(0.2);
+    assert!((0.001..0.05).contains(&sag_m), "{sag_m}");
+}
+
+#[test]
+fn the_loop_brings_the_true_tip_to_its_goal() {
+    closed_loop::main().expect("the goal of the example");
+    let left_m = closed_loop::go([-0.03, 0.05, -0.31], 30.0).expect("another goal");
+    assert!(left_m < 0.003, "{left_m}");
+    let refused = closed_loop::go([0.0, 0.0, -0.6], 5.0);
+    assert!(refused.is_err(), "{refused:?} mm from a point beyond reach");
+}
+
+#[test]
+fn eleven_springs_are_fitted_and_the_loose_one_is_refused() {
+    fit_springs::main().expect("a bench log");
+    let (calibration, verdicts) = fit_springs::fitted(&[3]).expect("a bench log");
+    assert_eq!((calibration.springs.len(), verdicts.len()), (11, 12));
+    let refused: Vec<usize> = verdicts
+        .iter()
+        .filter(|(_, v)| v.is_err())
+        .map(|(id, _)| *id)
+        .collect();
+    assert_eq!(refused, [3]);
+}
+
+/// Mean distance between predicted and captured tip by the example, m, and over how many instants.
+#[cfg(all(unix, feature = "rrd"))]
+pub fn recording_error_m(file: &Path) -> (f64, usize) {
+    read_recording::mean_error_m(file).expect("a recording")
+}
+
+#[test]
+#[cfg(feature = "rrd")]
+fn a_recording_tells_its_error() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
+    let (mean_m, n) = read_recording::mean_error_m(&file).expect("a sample recording");
+    assert!(
+        n > 500 && (1e-5..2e-3).contains(&mean_m),
+        "{mean_m} over {n}"
+    );
+}

@@ -1,0 +1,189 @@
+//! The pages that are made by the program are as it makes them; links of the guide lead somewhere; the citation
+//! names this version.
+
+use std::path::{Path, PathBuf};
+
+use crate::program::{json, refusal, scratch, springtwin};
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(file: &Path) -> String {
+    std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
+}
+
+/// A page of the guide against the command that makes it.
+fn check(page: &str, command: &[&str]) {
+    let out = springtwin(command);
+    assert!(out.status.success(), "{command:?}");
+    let made = String::from_utf8(out.stdout).expect("UTF-8");
+    let file = root().join("assets/guide").join(page);
+    assert!(
+        made == read(&file),
+        "make {page} anew: springtwin {} > assets/guide/{page}",
+        command.join(" ")
+    );
+}
+
+#[test]
+#[cfg(all(feature = "gui", feature = "rrd"))]
+fn the_page_of_commands_is_what_the_program_says() {
+    check("cli.md", &["man", "--markdown"]);
+}
+
+#[test]
+fn the_page_of_effects_is_the_table() {
+    check("effects.md", &["gap", "effects", "--markdown"]);
+}
+
+#[test]
+fn every_command_has_a_man_page() {
+    let dir = scratch("man");
+    json(&["man", "--out", dir.to_str().expect("UTF-8"), "--json"]);
+    let program = read(&dir.join("springtwin.1"));
+    // The program's own page refers to those of its commands.
+    let mut seen = 0;
+    for entry in std::fs::read_dir(&dir).expect("the folder") {
+        let name = entry.expect("an entry").file_name();
+        let name = name.to_str().expect("UTF-8").trim_end_matches(".1");
+        let words: Vec<&str> = name.split('-').skip(1).collect();
+        if words.len() == 1 {
+            let link = name.replace('-', "\\-");
+            assert!(program.contains(&format!("{link}(1)")), "{name}");
+        }
+        seen += 1;
+    }
+    assert!(seen > 30, "{seen} pages");
+    let one = springtwin(&["man", "gap", "run"]);
+    assert_eq!(
+        String::from_utf8(one.stdout).expect("UTF-8"),
+        read(&dir.join("springtwin-gap-run.1"))
+    );
+    let (code, text) = refusal(&["man", "gap", "walk"]);
+    assert!(code == 1 && text.contains("'gap walk'"), "{code} {text}");
+}
+
+#[test]
+fn completions_know_the_commands_under_commands() {
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let out = springtwin(&["completions", shell]);
+        let text = String::from_utf8(out.stdout).expect("UTF-8");
+        for word in ["commission", "springs", "baseline", "excitation"] {
+            assert!(text.contains(word), "{shell} lacks {word}");
+        }
+    }
+}
+
+/// `(target)` of every link and picture of a page, outside of code.
+fn links(text: &str) -> Vec<String> {
+    let mut code = false;
+    let lines = text.lines().filter(|line| {
+        let fence = line.starts_with("```");
+        code ^= fence;
+        !code && !fence
+    });
+    let links_of = |line: &str| -> Vec<String> {
+        let after = line.split("](").skip(1);
+        after
+            .filter_map(|rest| rest.split(')').next().map(str::to_owned))
+            .collect()
+    };
+    lines.flat_map(links_of).collect()
+}
+
+/// The anchors that a page's headings get.
+fn anchors(text: &str) -> Vec<String> {
+    let heading = |line: &str| {
+        let words = line.trim_start_matches('#').trim().to_lowercase();
+        let kept = words.chars().filter_map(|c| match c {
+            ' ' => Some('-'),
+            c if c.is_alphanumeric() || c == '-' || c == '_' => Some(c),
+            _ => None,
+        });
+        kept.collect()
+    };
+    text.lines()
+        .filter(|l| l.starts_with('#'))
+        .map(heading)
+        .collect()
+}
+
+#[test]
+fn links_lead_somewhere_and_every_page_is_in_the_summary() {
+    let guide = root().join("assets/guide");
+    let summary = read(&guide.join("SUMMARY.md"));
+    let mut pages: Vec<PathBuf> = ["README.md", "ARCHITECTURE.md", "SECURITY.md"]
+        .map(|f| root().join(f))
+        .into();
+    for entry in std::fs::read_dir(&guide).expect("the guide") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_name().and_then(|n| n.to_str()).expect("a name");
+        if name.ends_with(".md") {
+            // The table of faults is part of a page.
+            let listed = summary.contains(&format!("({name})"));
+            assert!(
+                listed || matches!(name, "SUMMARY.md" | "faults-table.md"),
+                "{name} is not in SUMMARY.md"
+            );
+            pages.push(path);
+        }
+    }
+    let mut seen = 0;
+    for page in &pages {
+        let text = read(page);
+        for link in links(&text) {
+            if link.starts_with("http") {
+                continue;
+            }
+            let (file, anchor) = link.split_once('#').unwrap_or((&link, ""));
+            let target = match file {
+                "" => page.clone(),
+                file => page.parent().expect("a folder").join(file),
+            };
+            assert!(target.exists(), "{}: {link}", page.display());
+            let known = anchor.is_empty() || anchors(&read(&target)).iter().any(|a| a == anchor);
+            assert!(known, "{}: no heading for {link}", page.display());
+            seen += 1;
+        }
+    }
+    assert!(seen > 40, "{seen} links");
+}
+
+#[test]
+fn every_picture_of_the_guide_is_made_by_a_command_and_shown() {
+    let guide = root().join("assets/guide");
+    let make = read(&guide.join("make"));
+    let pages: String = std::fs::read_dir(&guide)
+        .expect("the guide")
+        .map(|e| e.expect("an entry").path())
+        .filter(|p| p.extension().is_some_and(|e| e == "md"))
+        .map(|p| read(&p))
+        .collect();
+    for entry in std::fs::read_dir(guide.join("pictures")).expect("pictures") {
+        let name = entry.expect("an entry").file_name();
+        let name = name.to_str().expect("UTF-8");
+        let stem = name
+            .trim_end_matches("-rod.png")
+            .trim_end_matches("-mesh.png");
+        assert!(
+            pages.contains(&format!("(pictures/{name})")),
+            "{name} is shown nowhere"
+        );
+        assert!(
+            make.contains(stem),
+            "assets/guide/make does not make {name}"
+        );
+    }
+}
+
+#[test]
+fn the_citation_names_this_version() {
+    let text = read(&root().join("CITATION.cff"));
+    let line = format!("version: {}", env!("CARGO_PKG_VERSION"));
+    assert!(
+        text.lines().any(|l| l == line),
+        "CITATION.cff lacks '{line}'"
+    );
+    assert!(text.contains("cff-version: 1.2.0"));
+}
