@@ -21,6 +21,7 @@ mod patch;
 mod picture;
 mod ports;
 mod session;
+mod shards;
 mod simulate;
 mod soak;
 mod study;
