@@ -32,6 +32,16 @@ pub struct Shard<T> {
 }
 
 impl<T> Shard<T> {
+    /// The same shard with what it found.
+    pub fn with<U>(self, found: U) -> Shard<U> {
+        Shard {
+            of: self.of,
+            about: self.about,
+            shard: self.shard,
+            found,
+        }
+    }
+
     /// The value of an option; empty when there is none of that name.
     pub fn option(&self, name: &str) -> &str {
         let known = self.about.iter().find(|(n, _)| n == name);
@@ -49,38 +59,50 @@ pub fn write_shard<T: Serialize>(path: &Path, shard: &Shard<T>) -> Result<()> {
     write(path, &serde_json::to_string_pretty(shard)?)
 }
 
-/// Reads all shards of one run of the command `of`, with their files, in their order.
+/// Says of a file that it is no shard of the command `of`.
+pub fn not_a_shard(of: &str, path: &Path) -> String {
+    format!(
+        "{} is no shard of `{of}`: name the files that `{of} --shard I/N` has written",
+        path.display()
+    )
+}
+
+/// Reads the shards of one run of the command `of`, with their files, in their order.
 ///
 /// # Errors
-/// When a file is no shard of it, shards differ in anything that decides the results, one is missing or
-/// given twice, or they come from another version of this program.
+/// As [`in_order`], and when a file is no shard.
 pub fn read_shards<T: DeserializeOwned>(
     of: &str,
     paths: &[PathBuf],
 ) -> Result<Vec<(PathBuf, Shard<T>)>> {
     let mut read: Vec<(PathBuf, Shard<T>)> = Vec::new();
     for path in paths {
-        let shard: Shard<T> = serde_json::from_str(&super::read_text(path)?)
-            .ok()
-            .filter(|s: &Shard<T>| s.of == of)
-            .with_context(|| {
-                format!(
-                    "{} is no shard of `{of}`: name the files that `{of} --shard I/N` has written",
-                    path.display()
-                )
-            })?;
-        let ours = env!("CARGO_PKG_VERSION");
-        let version = shard.option("version");
+        let shard = serde_json::from_str(&super::read_text(path)?);
+        let shard = shard.ok().with_context(|| not_a_shard(of, path))?;
+        read.push((path.clone(), shard));
+    }
+    in_order(of, read)
+}
+
+/// All shards of one run of the command `of` in their order.
+///
+/// # Errors
+/// When one is of another command or version of this program, when shards differ in anything that decides the
+/// results, or when one is missing or given twice.
+pub fn in_order<T>(
+    of: &str,
+    mut read: Vec<(PathBuf, Shard<T>)>,
+) -> Result<Vec<(PathBuf, Shard<T>)>> {
+    let (first_path, first) = read.first().context("no shards were given")?;
+    let n = first.shard.1;
+    for (path, shard) in &read {
+        anyhow::ensure!(shard.of == of, not_a_shard(of, path));
+        let (ours, version) = (env!("CARGO_PKG_VERSION"), shard.option("version"));
         anyhow::ensure!(
             version == ours,
             "{} was made by springtwin {version}: merge it with that version, this one is {ours}",
             path.display()
         );
-        read.push((path.clone(), shard));
-    }
-    let (first_path, first) = read.first().context("no shards were given")?;
-    let n = first.shard.1;
-    for (path, shard) in &read {
         if let Some(what) = difference(first, shard) {
             anyhow::bail!(
                 "{} comes from another run than {} ({what}): merge shards of one run only",

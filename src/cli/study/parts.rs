@@ -1,6 +1,7 @@
 //! Studies in parts: a shard does a stretch of the items of all studies asked for, in the order of the report, and
 //! the merge makes the tables of what all shards found.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
@@ -34,6 +35,19 @@ fn word(name: Name) -> String {
     value.map_or_else(String::new, |v| v.get_name().to_owned())
 }
 
+/// Which items of every study a part does, given how many each has.
+fn shares(counts: &[usize], part: Part) -> Vec<Range<usize>> {
+    let mine = stretch(counts.iter().sum(), part);
+    let mut first = 0;
+    let of_study = |count: &usize| {
+        let own = |item: usize| item.clamp(first, first + count) - first;
+        let share = own(mine.start)..own(mine.end);
+        first += count;
+        share
+    };
+    counts.iter().map(of_study).collect()
+}
+
 /// Does the items of one shard.
 pub fn find(
     a: &StudyArgs,
@@ -45,17 +59,11 @@ pub fn find(
 ) -> Result<Report> {
     let studies = name.studies();
     let counts: Vec<usize> = studies.iter().map(|s| (s.items)(&lab.sizes)).collect();
-    let mine = stretch(counts.iter().sum(), part);
-    let mut items = Vec::with_capacity(mine.len());
-    // Number of the study's first item.
-    let mut first = 0;
-    for (study, count) in studies.iter().zip(counts) {
-        let of_study = |item: usize| item.clamp(first, first + count) - first;
-        let own = of_study(mine.start)..of_study(mine.end);
+    let mut items = Vec::new();
+    for (study, own) in studies.iter().zip(shares(&counts, part)) {
         if !own.is_empty() {
             items.extend((study.find)(lab, own)?);
         }
-        first += count;
     }
     let networks_hash = a.model.as_deref().map(file_hash).transpose()?;
     let options = [
@@ -157,4 +165,33 @@ fn run_of(shard: &Shard<Findings>) -> Option<(Name, Sizes)> {
         candidates: number("candidates")? as usize,
     };
     Some((Name::from_str(shard.option("study"), false).ok()?, sizes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_item_of_every_study_is_done_by_one_shard() {
+        let sizes = Sizes {
+            seed: 1,
+            samples: 20_000,
+            geometric_samples: 4000,
+            epochs: 200,
+            seconds: 60.0,
+            candidates: 48,
+        };
+        let studies = Name::All.studies();
+        let counts: Vec<usize> = studies.iter().map(|s| (s.items)(&sizes)).collect();
+        assert!(counts.iter().all(|n| *n > 0), "{counts:?}");
+        for n in [1, 2, 7, 20, 1000] {
+            for (k, count) in counts.iter().enumerate() {
+                let done = (1..=n).flat_map(|i| shares(&counts, (i, n))[k].clone());
+                assert_eq!(done.collect::<Vec<_>>(), (0..*count).collect::<Vec<_>>());
+            }
+            let largest = (1..=n).map(|i| shares(&counts, (i, n)).iter().map(Range::len).sum());
+            let total: usize = counts.iter().sum();
+            assert_eq!(largest.max(), Some(total.div_ceil(n)));
+        }
+    }
 }
