@@ -19,7 +19,8 @@ dataset)
     if [ -n "$i" ]; then
         "$springtwin" dataset generate "$@" --shard "$i/$shards" --out "$out/shards/$i.parquet"
     else
-        eval "files=(\"\$out/shards/\"{1..$shards}.parquet)"
+        files=()
+        for k in $(seq "$shards"); do files+=("$out/shards/$k.parquet"); done
         "$springtwin" dataset merge "${files[@]}" --out "$out/dataset.parquet"
     fi
     ;;
@@ -28,14 +29,14 @@ study)
     if [ -n "$i" ]; then
         "$springtwin" study "$@" --shard "$i/$shards" --out "$out/shards"
     else
-        "$springtwin" study merge "$out/shards/"*"-of-$shards.json" --out "$out"
+        "$springtwin" study merge "$out/shards/$1-"*"-of-$shards.json" --out "$out"
     fi
     ;;
 gap-bench)
     if [ -n "$i" ]; then
         "$springtwin" gap bench "$@" --shard "$i/$shards" --out "$out/shards"
     else
-        "$springtwin" gap bench merge "$out/shards/"*"-of-$shards.json" --out "$out"
+        "$springtwin" gap bench merge "$out/shards/shard-"*"-of-$shards.json" --out "$out"
     fi
     ;;
 *)

@@ -21,5 +21,5 @@ array=$(sbatch --parsable --array="1-$shards" --output="$out/%A-%a.log" "$shard"
 array=${array%%;*} # "job;cluster" on a federation
 # A shard that failed can be done again alone: sbatch --array=7 with the same arguments; then the merge.
 merge=$(sbatch --parsable --dependency="afterok:$array" --kill-on-invalid-dep=yes --output="$out/%j.log" \
-    "$shard" "$kind" "$shards" "$out")
+    "$shard" "$kind" "$shards" "$out" "${@:4}")
 echo "shards: job $array; merge: job ${merge%%;*}; logs and results in $out"
