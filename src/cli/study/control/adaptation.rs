@@ -249,13 +249,13 @@ fn table(found: Vec<Found>) -> Table {
     t.notes = vec![
         format!(
             "Our controller on arms of which the twin is not told the stiffness; three seeds per row. A move to {:?} mm, \
-                 then {REST_S:.0} s of rest there; and the circle without load.",
+             then {REST_S:.0} s of rest there; and the circle without load.",
             MOVE_M.map(|x| x * 1e3)
         ),
         format!(
             "Gains: how much more the segments give way than the model has it, at the end (the arm's own is one \
-                 over its stiffness). Verdicts after that on {GOALS} random goals, against the same mechanics at the arm's \
-                 true stiffness, which the twin does not see; goals whose nearest reachable point is {:.1} to {:.0} mm away are left out.",
+             over its stiffness). Verdicts after that on {GOALS} random goals, against the same mechanics at the arm's \
+             true stiffness, which the twin does not see; goals whose nearest reachable point is {:.1} to {:.0} mm away are left out.",
             DOUBTFUL_M[0] * 1e3,
             DOUBTFUL_M[1] * 1e3
         ),

@@ -186,9 +186,9 @@ fn path(shape: Shape, found: Vec<Found>) -> Table {
     t.notes = vec![
         format!(
             "60 waypoints. A point moves along the path at {:.0} mm/s and waits for a tip that is behind it; ours is led by that \
-                 point, the paper's controller is given the waypoint ahead of it. {NOT_TOLD} Error: distance from each \
-                 waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
-                 far the springs of the reference are from what any pressures can make.",
+             point, the paper's controller is given the waypoint ahead of it. {NOT_TOLD} Error: distance from each \
+             waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
+             far the springs of the reference are from what any pressures can make.",
             SPEED_M_S * 1e3
         ),
         "The paper's figure is its mean for loads below 200 g.".to_owned(),
