@@ -46,8 +46,9 @@ def run(program, args, folder):
         [program, *args, "--json"], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True
     )
     if done.returncode != 0:
-        lines = done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"]
-        raise RuntimeError(lines[-1])
+        lines = done.stderr.strip().splitlines()
+        told = [line for line in lines if line.startswith("error: ")] or lines[-1:]
+        raise RuntimeError(told[0].removeprefix("error: ") if told else f"it ended with {done.returncode}")
     return json.loads(done.stdout)
 
 
