@@ -32,11 +32,39 @@ fn sixteen_shards_merge_to_the_bytes_of_one_run() {
         json(&args);
     }
     let mut args = vec!["dataset", "merge", "--json", "--out", utf8(&merged)];
-    args.extend(shards.iter().map(|s| utf8(s)));
+    // As a shell names them: 1, 10, 11, .. 2.
+    let mut named: Vec<&str> = shards.iter().map(|s| utf8(s)).collect();
+    named.sort();
+    args.extend(&named);
     assert_eq!(json(&args)["samples"], 1000);
     let read = |p: &Path| std::fs::read(p).expect("data set");
     assert!(read(&whole) == read(&merged), "the merged file differs");
     assert!(read(&whole) != read(&shards[0]));
+
+    let check = |shards: &[&str], words: &str| {
+        let mut args = vec!["dataset", "merge", "--out", utf8(&merged)];
+        args.extend(shards);
+        let (code, text) = refusal(&args);
+        assert!(code == 1 && text.contains(words), "{text}");
+    };
+    check(&named[1..], "no file of shard 1/16 is given (15 of 16");
+    check(
+        &[&named[..], &[named[3]]].concat(),
+        "shard 12/16 is given twice",
+    );
+    check(&[utf8(&whole)], "is no shard of `dataset generate`");
+    // Another run of the same seed, robot and simulator: only the payload differs.
+    let foreign = dir.join("foreign.parquet");
+    let mut args = generate("1000", "9", utf8(&foreign));
+    args[4] = "0.4";
+    args.extend(["--shard", "1/16"]);
+    json(&args);
+    let with = [&named[1..], &[utf8(&foreign)]].concat();
+    check(&with, "(payload-max 0.4, not 0.5)");
+    // The rig's samples depend on those before them.
+    let rig = ["dataset", "generate", "--simulator", "rig", "--grid", "2"];
+    let (code, text) = refusal(&[&rig[..], &["--shard", "1/2", "--out", utf8(&foreign)]].concat());
+    assert!(code == 1 && text.contains("leave --shard out"), "{text}");
 }
 
 #[test]
