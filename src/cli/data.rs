@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::drive::measures::spread;
+use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use super::{Report, args, bench_rig, model};
 use springtwin::learn::{self, Recipe, to_pose};
 use springtwin::recording::{
@@ -26,7 +27,7 @@ pub enum DatasetCommand {
     Generate(GenerateArgs),
     /// Join shards into the file that one run would have made
     Merge {
-        /// The shards, in order
+        /// The shards, in any order
         #[arg(required = true)]
         shards: Vec<PathBuf>,
         /// Where to put the joined file
@@ -70,9 +71,9 @@ pub struct GenerateArgs {
     /// them, per axis; mm
     #[arg(long, value_name = "MM", default_value = "0", value_parser = args::not_negative)]
     free_pads: f64,
-    /// Make only part i of n
-    #[arg(long, value_name = "I/N", default_value = "1/1", value_parser = args::shard)]
-    shard: (usize, usize),
+    /// Make only part i of n, for `dataset merge`; by rod or mesh
+    #[arg(long, value_name = "I/N", value_parser = args::shard)]
+    shard: Option<Part>,
     /// Where to put them
     #[arg(long, value_name = "F.parquet")]
     out: PathBuf,
@@ -127,6 +128,10 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
         a.simulator != Source::Rig || (a.force == 0.0 && a.payload_max == 0.0),
         "the virtual rig settles without loads: leave --payload-max, --force, --deviation and --free-pads out"
     );
+    anyhow::ensure!(
+        a.simulator != Source::Rig || a.shard.is_none(),
+        "the virtual rig remembers what it did before, so its samples are made in one run: leave --shard out"
+    );
     let draw = match (a.grid, a.samples) {
         (Some(n), _) => Draw::Grid(usize::from(n)),
         (None, n) => match a.density {
@@ -141,8 +146,7 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
         free_pads_sd_m: a.free_pads * 1e-3,
         ..Plan::nominal(draw, a.seed)
     };
-    let (i, n) = a.shard;
-    let range = (i - 1) * draw.len() / n..i * draw.len() / n;
+    let range = stretch(draw.len(), a.shard.unwrap_or((1, 1)));
     let bar = bar(range.len(), quiet);
     #[expect(
         clippy::disallowed_methods,
@@ -230,12 +234,11 @@ fn resumable(
     bar: &ProgressBar,
     part: &dyn Fn(std::ops::Range<usize>) -> (Dataset, usize),
 ) -> Result<Made> {
-    let about = [
+    let mut about = vec![
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ("simulator", source.to_owned()),
         ("robot", robot.hash.clone()),
         ("draw", format!("{:?}", plan.draw)),
-        ("shard", format!("{range:?}")),
         ("seed", plan.seed.to_string()),
         ("payload-max", plan.payload_max_kg.to_string()),
         ("force", plan.tip_force_sd_n.to_string()),
@@ -243,6 +246,16 @@ fn resumable(
         ("free-pads", plan.free_pads_sd_m.to_string()),
         ("disturbed-share", plan.disturbed_share.to_string()),
     ];
+    let shard = a.shard.map(|part| Shard {
+        of: SHARDS_OF.to_owned(),
+        about: about
+            .iter()
+            .map(|(name, value)| ((*name).to_owned(), value.clone()))
+            .collect(),
+        shard: part,
+        found: (),
+    });
+    about.push(("shard", format!("{range:?}")));
     let mut journal = DatasetJournal::open(&a.out, &about)?;
     let taken_over = journal.samples;
     let block = rounds * 64 * threads();
@@ -259,6 +272,7 @@ fn resumable(
         source: source.to_owned(),
         seed: plan.seed,
         robot_hash: robot.hash.clone(),
+        shard: shard.map(|s| serde_json::to_string(&s)).transpose()?,
     })?;
     Ok(Made {
         samples,
@@ -268,26 +282,22 @@ fn resumable(
     })
 }
 
-fn merge(shards: &[PathBuf], out: &Path) -> Result<Report> {
-    let mut joined: Option<Dataset> = None;
-    for path in shards {
-        let shard = read_dataset(path)?;
-        match &mut joined {
-            None => joined = Some(shard),
-            Some(j) => {
-                anyhow::ensure!(
-                    j.source == shard.source
-                        && j.seed == shard.seed
-                        && j.robot_hash == shard.robot_hash,
-                    "{} comes from another run than {}: merge shards of one run only",
-                    path.display(),
-                    shards[0].display()
-                );
-                j.samples.extend(shard.samples);
-            }
-        }
+/// The command that shards are of.
+const SHARDS_OF: &str = "dataset generate";
+
+fn merge(paths: &[PathBuf], out: &Path) -> Result<Report> {
+    let mut shards: Vec<(PathBuf, Shard<Dataset>)> = Vec::new();
+    for path in paths {
+        let mut data = read_dataset(path)?;
+        let told = data.shard.take();
+        let told: Option<Shard<()>> = told.and_then(|t| serde_json::from_str(&t).ok());
+        let told = told.with_context(|| not_a_shard(SHARDS_OF, path))?;
+        shards.push((path.clone(), told.with(data)));
     }
-    let joined = joined.context("no shards were given")?;
+    let shards = in_order(SHARDS_OF, shards)?;
+    let mut parts = shards.into_iter().map(|(_, shard)| shard.found);
+    let mut joined = parts.next().context("no shards were given")?;
+    joined.samples.extend(parts.flat_map(|p| p.samples));
     write_dataset(out, &joined)?;
     Ok(Report {
         text: format!("{} samples to {}", joined.samples.len(), out.display()),
@@ -422,6 +432,7 @@ fn real_samples(path: &Path) -> Result<Dataset> {
         source: log.name.clone(),
         seed: 0,
         robot_hash: String::new(),
+        shard: None,
     })
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Three parties that share no memory: a generator that writes sessions and, elsewhere, their answer
 //! keys; a finder that is given the sessions alone; and the scoring, which reads keys and verdicts
-//! once, after the last verdict is on disk. The first two are processes of their own.
+//! once, after the last verdict is on disk. The first two are processes of their own. A shard makes and
+//! solves a stretch of the cases and scores nothing; the merge scores all of them, once.
 
 mod finder;
 mod generator;
@@ -13,17 +14,17 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context as _, Result};
-use clap::Args;
+use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
+use serde::{Deserialize, Serialize};
 use serde_json::json;
-use sha2::{Digest as _, Sha256};
 
+use super::shards::{self, Shard, file_hash, read_shards, stretch, write, write_shard};
 use super::{Report, args};
 pub use generator::{CaseArgs, Maker, run as rig_case};
 use springtwin::gap::score::{Key, Said, Scored, score};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::hex;
-use suite::{Part, Planned, Suite};
+use suite::{Planned, Suite};
 
 /// The suite, per seed S (all figures: RMS change in the most sensitive channel over the floor):
 ///
@@ -44,9 +45,14 @@ use suite::{Part, Planned, Suite};
 /// another working directory, on those two folders. Scoring starts when all verdicts are written:
 /// DIR/report.md and DIR/report.json. A run that was stopped goes on where it was; cases keep their
 /// sessions, and their verdicts as long as the finder's program is the same file.
+///
+/// With --shard I/N only a stretch of the cases is made and solved, and DIR/shard-I-of-N.json says which;
+/// `gap bench merge` scores the cases of all shards. Shards may share a folder or have one each.
 #[derive(Args)]
-#[command(verbatim_doc_comment)]
+#[command(verbatim_doc_comment, args_conflicts_with_subcommands = true)]
 pub struct BenchArgs {
+    #[command(subcommand)]
+    merge: Option<BenchCommand>,
     /// Number of seeds
     #[arg(long, value_name = "N", default_value = "30")]
     seeds: u64,
@@ -58,7 +64,10 @@ pub struct BenchArgs {
     out: PathBuf,
     /// Only these parts of the suite
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,..")]
-    only: Vec<Part>,
+    only: Vec<suite::Part>,
+    /// Make and solve only part i of n of the cases; nothing is scored
+    #[arg(long, value_name = "I/N", value_parser = args::shard)]
+    shard: Option<shards::Part>,
     /// Finders at a time; each uses all cores
     #[arg(long, value_name = "N", default_value = "1")]
     jobs: NonZeroUsize,
@@ -73,6 +82,28 @@ pub struct BenchArgs {
     finder: Option<PathBuf>,
 }
 
+#[derive(Subcommand)]
+enum BenchCommand {
+    /// Score the cases of all shards, once, into the report that one run would have made
+    Merge {
+        /// The files shard-I-of-N.json, each beside the cases and keys of its shard
+        #[arg(required = true)]
+        shards: Vec<PathBuf>,
+        /// Folder for the report
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+}
+
+/// What a shard leaves for the merge: never what was hidden, and no verdict.
+#[derive(Debug, Serialize, Deserialize)]
+struct Cases {
+    /// Cases with sessions, a key and a verdict.
+    solved: Vec<String>,
+    /// Cases that no rig could hold.
+    not_made: Vec<String>,
+}
+
 /// Where things are.
 struct Places {
     cases: PathBuf,
@@ -80,6 +111,13 @@ struct Places {
 }
 
 impl Places {
+    fn of(out: &Path) -> Self {
+        Self {
+            cases: out.join("cases"),
+            keys: out.join("keys"),
+        }
+    }
+
     fn case(&self, planned: &Planned) -> PathBuf {
         self.cases.join(&planned.name)
     }
@@ -89,8 +127,20 @@ impl Places {
     }
 }
 
+/// The cases of a run, as far as they were made.
+struct Run<'a> {
+    suite: &'a Suite,
+    /// Hash of the finder.
+    finder: &'a str,
+    not_made: Vec<String>,
+    scored: Vec<Scored>,
+}
+
 /// `gap bench`.
 pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
+    if let Some(BenchCommand::Merge { shards, out }) = &a.merge {
+        return merge(shards, out);
+    }
     let suite = Suite {
         first_seed: a.first_seed,
         seeds: a.seeds,
@@ -98,16 +148,16 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         seconds: a.seconds,
         robot: robot.hash.clone(),
     };
-    let planned = suite.cases();
+    let mut planned = suite.cases();
     anyhow::ensure!(
         !planned.is_empty(),
         "no case to run: --seeds or --only leaves nothing"
     );
+    if let Some(part) = a.shard {
+        planned = planned[stretch(planned.len(), part)].to_vec();
+    }
     let out = std::path::absolute(&a.out)?;
-    let places = Places {
-        cases: out.join("cases"),
-        keys: out.join("keys"),
-    };
+    let places = Places::of(&out);
     for dir in [&places.cases, &places.keys] {
         std::fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
     }
@@ -151,28 +201,114 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     // All verdicts are on disk, or there is no score.
     sought.into_iter().collect::<Result<Vec<()>>>()?;
 
-    let scored: Vec<Scored> = ready
-        .iter()
-        .map(|p| read_case(p, &places))
-        .collect::<Result<_>>()?;
-    let score = score(&scored);
-    let last = a.first_seed.saturating_add(a.seeds.saturating_sub(1));
-    let left_out = match not_made.len() {
+    if let Some(part) = a.shard {
+        let solved = ready.iter().map(|p| p.name.clone()).collect();
+        return leave(a, &suite, &seeker.hash, part, Cases { solved, not_made });
+    }
+    let scored = ready.iter().map(|p| read_case(p, &places));
+    let run = Run {
+        suite: &suite,
+        finder: &seeker.hash,
+        not_made,
+        scored: scored.collect::<Result<_>>()?,
+    };
+    report(&run, &out)
+}
+
+/// The command that shards are of.
+const OF: &str = "gap bench";
+
+/// Leaves for the merge what a shard has done.
+fn leave(
+    a: &BenchArgs,
+    suite: &Suite,
+    finder: &str,
+    part: shards::Part,
+    cases: Cases,
+) -> Result<Report> {
+    let mut about = suite.about();
+    about.push(("finder".to_owned(), finder.to_owned()));
+    about.push(("limit".to_owned(), a.limit.to_string()));
+    let shard = Shard {
+        of: OF.to_owned(),
+        about,
+        shard: part,
+        found: cases,
+    };
+    let path = a.out.join(format!("shard-{}-of-{}.json", part.0, part.1));
+    write_shard(&path, &shard)?;
+    let cases = shard.found.solved.len();
+    Ok(Report {
+        text: format!(
+            "{cases} simulated cases solved, none scored: `springtwin gap bench merge` scores all {} shards, this one \
+             by {}",
+            part.1,
+            path.display()
+        ),
+        json: json!({"shard": part, "cases": cases, "not_made": shard.found.not_made, "file": path, "simulated": true}),
+    })
+}
+
+/// Scores the cases of all shards of a run.
+fn merge(paths: &[PathBuf], out: &Path) -> Result<Report> {
+    let shards: Vec<(PathBuf, Shard<Cases>)> = read_shards(OF, paths)?;
+    let (path, first) = shards.first().context("no shards were given")?;
+    let suite = Suite::from_about(first)
+        .with_context(|| format!("{} is damaged: make it anew", path.display()))?;
+    let finder = first.option("finder");
+    let planned = suite.cases();
+    let (mut not_made, mut scored) = (Vec::new(), Vec::new());
+    for (path, shard) in &shards {
+        let (i, n) = shard.shard;
+        let places = Places::of(path.parent().unwrap_or(Path::new("")));
+        for p in &planned[stretch(planned.len(), shard.shard)] {
+            if shard.found.not_made.contains(&p.name) {
+                not_made.push(p.name.clone());
+                continue;
+            }
+            let solved = shard.found.solved.contains(&p.name);
+            anyhow::ensure!(
+                solved && finder::is_by(&places.case(p), finder, p.without),
+                "case {} of shard {i}/{n} has no verdict of its finder in {}: run that shard again",
+                p.name,
+                places.case(p).display()
+            );
+            scored.push(read_case(p, &places)?);
+        }
+    }
+    let run = Run {
+        suite: &suite,
+        finder,
+        not_made,
+        scored,
+    };
+    std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    report(&run, out)
+}
+
+/// Scores a run and writes its report.
+fn report(run: &Run, out: &Path) -> Result<Report> {
+    let suite = run.suite;
+    let score = score(&run.scored);
+    let last = suite
+        .first_seed
+        .saturating_add(suite.seeds.saturating_sub(1));
+    let left_out = match run.not_made.len() {
         0 => String::new(),
         n => format!(" {n} more cases could not be made: the arm cannot hold what they hide."),
     };
     let head = format!(
         "Seeds {} to {last}, {} s sessions, springtwin {}, finder {}.{left_out}",
-        a.first_seed,
-        a.seconds,
+        suite.first_seed,
+        suite.seconds,
         env!("CARGO_PKG_VERSION"),
-        &seeker.hash[..12],
+        run.finder.get(..12).unwrap_or(run.finder),
     );
     let text = score.markdown(&head);
     let json = json!({
-        "simulated": true, "first_seed": a.first_seed, "seeds": a.seeds, "seconds": a.seconds,
-        "version": env!("CARGO_PKG_VERSION"), "finder": seeker.hash, "robot": robot.hash,
-        "not_made": not_made, "score": score,
+        "simulated": true, "first_seed": suite.first_seed, "seeds": suite.seeds, "seconds": suite.seconds,
+        "version": env!("CARGO_PKG_VERSION"), "finder": run.finder, "robot": suite.robot,
+        "not_made": run.not_made, "score": score,
     });
     let paths = [out.join("report.md"), out.join("report.json")];
     write(&paths[0], &text)?;
@@ -239,18 +375,4 @@ fn each<T: Sync>(
     bar.finish_and_clear();
     done.sort_by_key(|(i, _)| *i);
     Ok(done.into_iter().map(|(_, r)| r).collect())
-}
-
-/// Writes beside the target and renames: what is there is whole.
-fn write(path: &Path, text: &str) -> Result<()> {
-    let part = path.with_extension("part");
-    std::fs::write(&part, text)
-        .and_then(|()| std::fs::rename(&part, path))
-        .with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn file_hash(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path)
-        .with_context(|| format!("cannot read the program {}", path.display()))?;
-    Ok(hex(&Sha256::digest(bytes)))
 }

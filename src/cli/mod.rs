@@ -22,6 +22,7 @@ mod picture;
 mod ports;
 mod reference;
 mod session;
+mod shards;
 mod simulate;
 mod soak;
 mod study;

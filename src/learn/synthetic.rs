@@ -21,6 +21,7 @@ pub fn dataset(samples: usize, seed: u64) -> Dataset {
         source: "constant curvature".to_owned(),
         seed,
         robot_hash: robot.hash.clone(),
+        shard: None,
     }
 }
 

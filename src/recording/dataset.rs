@@ -12,7 +12,8 @@
 //! | `yaw_rad`, `pitch_rad`, `roll_rad` | rad | the same rotation for other tools; not read back |
 //!
 //! The file's key-value metadata hold `springtwin.schema`, `springtwin.source`, `springtwin.seed`
-//! and `springtwin.robot_hash`. The same samples give the same bytes, however they are appended.
+//! and `springtwin.robot_hash`; in a part of a data set `springtwin.shard`, too. The same samples give
+//! the same bytes, however they are appended.
 
 use std::fs::File;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -116,7 +117,7 @@ pub struct DatasetWriter {
 }
 
 impl DatasetWriter {
-    /// Begins a file. Of `about` the source, seed and robot hash are stored; its samples are not.
+    /// Begins a file. Of `about` the source, seed, robot hash and shard are stored; its samples are not.
     ///
     /// # Errors
     /// [`RecordingError::Io`] when the file cannot be made.
@@ -131,17 +132,19 @@ impl DatasetWriter {
         let part = path.with_file_name(name);
         let file = File::create(&part).map_err(RecordingError::io(&part, "create"))?;
         let entry = |key: &str, value: String| KeyValue::new(format!("springtwin.{key}"), value);
+        let mut metadata = vec![
+            entry("schema", SCHEMA.to_owned()),
+            entry("source", about.source.clone()),
+            entry("seed", about.seed.to_string()),
+            entry("robot_hash", about.robot_hash.clone()),
+        ];
+        metadata.extend(about.shard.iter().map(|s| entry("shard", s.clone())));
         let properties = WriterProperties::builder()
             .set_created_by("springtwin".to_owned())
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
             // Distinct doubles gain nothing from a dictionary.
             .set_dictionary_enabled(false)
-            .set_key_value_metadata(Some(vec![
-                entry("schema", SCHEMA.to_owned()),
-                entry("source", about.source.clone()),
-                entry("seed", about.seed.to_string()),
-                entry("robot_hash", about.robot_hash.clone()),
-            ]))
+            .set_key_value_metadata(Some(metadata))
             .build();
         let options = ArrowWriterOptions::new()
             .with_properties(properties)
@@ -303,6 +306,7 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
             .parse()
             .map_err(|_| refuse(path, format!("the seed {seed:?} is not a whole number")))?,
         robot_hash: entry("robot_hash").unwrap_or_default(),
+        shard: entry("shard"),
     };
     let names = dataset_columns();
     let reader = builder
@@ -364,6 +368,7 @@ mod tests {
             source: "rod".to_owned(),
             seed,
             robot_hash: "ab12".to_owned(),
+            shard: None,
         }
     }
 

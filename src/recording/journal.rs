@@ -259,6 +259,7 @@ mod tests {
             source: "rod".to_owned(),
             seed: 3,
             robot_hash: "ab12".to_owned(),
+            shard: None,
         }
     }
 

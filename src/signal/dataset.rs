@@ -26,4 +26,6 @@ pub struct Dataset {
     pub seed: u64,
     /// SHA-256 of the robot file that was used, hexadecimal.
     pub robot_hash: String,
+    /// What this is a part of, in the words of whoever made it; `None` for a whole data set.
+    pub shard: Option<String>,
 }

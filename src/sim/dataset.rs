@@ -263,6 +263,7 @@ fn collected(
         source: source.to_owned(),
         seed: plan.seed,
         robot_hash: robot.hash.clone(),
+        shard: None,
     };
     (data, left_out)
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use crate::program::{json, scratch, springtwin};
+use crate::program::{json, refusal, scratch, springtwin};
 
 /// Arguments of one data set: loads, forces and deviations on.
 fn generate<'a>(samples: &'a str, seed: &'a str, out: &'a str) -> Vec<&'a str> {
@@ -32,11 +32,39 @@ fn sixteen_shards_merge_to_the_bytes_of_one_run() {
         json(&args);
     }
     let mut args = vec!["dataset", "merge", "--json", "--out", utf8(&merged)];
-    args.extend(shards.iter().map(|s| utf8(s)));
+    // As a shell names them: 1, 10, 11, .. 2.
+    let mut named: Vec<&str> = shards.iter().map(|s| utf8(s)).collect();
+    named.sort();
+    args.extend(&named);
     assert_eq!(json(&args)["samples"], 1000);
     let read = |p: &Path| std::fs::read(p).expect("data set");
     assert!(read(&whole) == read(&merged), "the merged file differs");
     assert!(read(&whole) != read(&shards[0]));
+
+    let check = |shards: &[&str], words: &str| {
+        let mut args = vec!["dataset", "merge", "--out", utf8(&merged)];
+        args.extend(shards);
+        let (code, text) = refusal(&args);
+        assert!(code == 1 && text.contains(words), "{text}");
+    };
+    check(&named[1..], "no file of shard 1/16 is given (15 of 16");
+    check(
+        &[&named[..], &[named[3]]].concat(),
+        "shard 12/16 is given twice",
+    );
+    check(&[utf8(&whole)], "is no shard of `dataset generate`");
+    // Another run of the same seed, robot and simulator: only the payload differs.
+    let foreign = dir.join("foreign.parquet");
+    let mut args = generate("1000", "9", utf8(&foreign));
+    args[4] = "0.4";
+    args.extend(["--shard", "1/16"]);
+    json(&args);
+    let with = [&named[1..], &[utf8(&foreign)]].concat();
+    check(&with, "(payload-max 0.4, not 0.5)");
+    // The rig's samples depend on those before them.
+    let rig = ["dataset", "generate", "--simulator", "rig", "--grid", "2"];
+    let (code, text) = refusal(&[&rig[..], &["--shard", "1/2", "--out", utf8(&foreign)]].concat());
+    assert!(code == 1 && text.contains("leave --shard out"), "{text}");
 }
 
 #[test]
@@ -86,19 +114,15 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
 }
 
 /// A study from end to end, short: the shipped networks on the rig, within the wide margins of 15 s of
-/// motion.
+/// motion; and in shards, which give the same tables.
 #[test]
-fn a_study_scores_the_shipped_networks_on_the_rig() {
+fn a_study_scores_the_shipped_networks_on_the_rig_whole_or_in_shards() {
     let out = scratch("study");
-    let v = json(&[
-        "study",
-        "coverage",
-        "--json",
-        "--seconds",
-        "5",
-        "--out",
-        utf8(&out),
-    ]);
+    let study = |more: &[&str]| {
+        let coverage = ["study", "coverage", "--json", "--seconds", "5"];
+        json(&[coverage.as_slice(), more].concat())
+    };
+    let v = study(&["--out", utf8(&out)]);
     let table = &v["studies"][0];
     let rows = table["rows"].as_array().expect("rows");
     let cell = |label: &str, k: usize| {
@@ -114,4 +138,45 @@ fn a_study_scores_the_shipped_networks_on_the_rig() {
         let path = out.join(format!("coverage.{ending}"));
         assert!(path.metadata().expect("written").len() > 200, "{ending}");
     }
+
+    let (parts, merged) = (out.join("parts"), out.join("merged"));
+    for i in ["1/2", "2/2"] {
+        let said = study(&["--shard", i, "--out", utf8(&parts)]);
+        assert_eq!(said["items"], 3, "{said}");
+    }
+    let [one, two] = [1, 2].map(|i| parts.join(format!("coverage-{i}-of-2.json")));
+    let merge = ["study", "merge", "--json", "--out", utf8(&merged)];
+    let said = json(&[merge.as_slice(), &[utf8(&two), utf8(&one)]].concat());
+    assert_eq!(said["studies"], v["studies"]);
+    for ending in ["md", "json", "svg"] {
+        let read = |dir: &Path| std::fs::read(dir.join(format!("coverage.{ending}")));
+        let same = read(&out).expect("whole") == read(&merged).expect("merged");
+        assert!(same, "the merged {ending} differs");
+    }
+
+    let check = |shards: &[&Path], words: &str| {
+        let shards: Vec<&str> = shards.iter().map(|s| utf8(s)).collect();
+        let (code, text) = refusal(&[merge.as_slice(), &shards].concat());
+        assert!(code == 1 && text.contains(words), "{text}");
+    };
+    check(&[&two], "no file of shard 1/2 is given (1 of 2 are there)");
+    check(&[&one, &one, &two], "shard 1/2 is given twice");
+    check(
+        &[&one, &out.join("coverage.json")],
+        "is no shard of `study`",
+    );
+    let foreign = out.join("foreign.json");
+    let changed = |from: &str, to: &str| {
+        let text = std::fs::read_to_string(&two).expect("a shard");
+        assert!(text.contains(from), "{text}");
+        std::fs::write(&foreign, text.replace(from, to)).expect("writes");
+    };
+    changed("\"seed\",\n      \"1\"", "\"seed\",\n      \"2\"");
+    check(&[&one, &foreign], "(seed 2, not 1)");
+    changed("end pad held", "end pad");
+    let lost = std::fs::read_to_string(&foreign).expect("a shard");
+    let mut lost: serde_json::Value = serde_json::from_str(&lost).expect("JSON");
+    lost["found"]["items"].as_array_mut().map(Vec::pop);
+    std::fs::write(&foreign, lost.to_string()).expect("writes");
+    check(&[&one, &foreign], "holds 2 items where 3 belong");
 }

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-use crate::program::scratch;
+use crate::program::{json, refusal, scratch};
 
 /// A finder that writes down how it was called, says `says` and ends with `code`.
 fn fake(dir: &Path, says: &str, code: u8) -> String {
@@ -22,6 +22,10 @@ fn fake(dir: &Path, says: &str, code: u8) -> String {
 
 /// Seed 3 has a null and a single at the strength of the floor; sessions of a few seconds.
 fn bench(dir: &Path, finder: &str) -> Value {
+    bench_to(&dir.join("out"), finder, &[])
+}
+
+fn bench_to(folder: &Path, finder: &str, options: &[&str]) -> Value {
     let out = Command::new(env!("CARGO_BIN_EXE_springtwin"))
         .args([
             "gap",
@@ -40,9 +44,10 @@ fn bench(dir: &Path, finder: &str) -> Value {
             "--finder",
             finder,
         ])
+        .args(options)
         .arg("--out")
-        .arg(dir.join("out"))
-        .env("SPRINGTWIN_ANSWER", dir.join("out/keys"))
+        .arg(folder)
+        .env("SPRINGTWIN_ANSWER", folder.join("keys"))
         .stdin(Stdio::null())
         .output()
         .expect("the program starts");
@@ -117,4 +122,57 @@ fn the_blind_test_shows_the_finder_no_key_scores_once_and_goes_on_where_it_was()
     assert_eq!(failed["score"]["failed"], 2);
     assert_eq!(asked(&dir).matches("gap run --json").count(), 4);
     assert_ne!(failed["finder"], report["finder"]);
+}
+
+#[test]
+fn shards_of_the_blind_test_are_scored_once_into_the_report_of_one_run() {
+    let dir = scratch("gap-bench-shards");
+    let nothing = r#"{"verdict": "nothing-missing", "effects": [], "seconds": 1.5}"#;
+    let finder = fake(&dir, nothing, 0);
+    let part = |i: usize, folder: &str| {
+        let out = dir.join(folder);
+        let v = bench_to(&out, &finder, &["--shard", &format!("{i}/2")]);
+        assert_eq!((&v["cases"], v.get("score")), (&1.into(), None), "{v}");
+        assert!(!out.join("report.json").exists(), "a shard was scored");
+        out.join(format!("shard-{i}-of-2.json"))
+            .display()
+            .to_string()
+    };
+    let (one, two) = (part(1, "a"), part(2, "b"));
+    let calls = asked(&dir);
+    assert!(!calls.contains("keys") && !calls.contains("SPRINGTWIN_ANSWER"));
+
+    // Merged in any order: what a run in one piece gives.
+    let (whole, merged) = (dir.join("whole"), dir.join("merged"));
+    let merged_arg = merged.display().to_string();
+    let merge = ["gap", "bench", "merge", "--json", "--out", &merged_arg];
+    let said = json(&[merge.as_slice(), &[&two, &one]].concat());
+    assert_eq!(said, bench_to(&whole, &finder, &[]));
+    for name in ["report.md", "report.json"] {
+        let read = |dir: &Path| std::fs::read(dir.join(name)).expect("a report");
+        assert!(read(&whole) == read(&merged), "{name} differs");
+    }
+
+    // One shard away, twice, of another run, or with a verdict that another finder gave: refused in a sentence.
+    let check = |shards: &[&str], words: &str| {
+        let (code, text) = refusal(&[merge.as_slice(), shards].concat());
+        assert!(code == 1 && text.contains(words), "{text}");
+    };
+    check(&[&two], "no file of shard 1/2 is given");
+    check(&[&one, &two, &one], "shard 1/2 is given twice");
+    let foreign = dir.join("a/foreign.json").display().to_string();
+    let text = std::fs::read_to_string(&one).expect("a shard");
+    std::fs::write(&foreign, text.replace("\"8\"", "\"9\"")).expect("writes");
+    check(&[&foreign, &two], "(seconds 8, not 9)");
+    check(
+        &[&foreign.replace("foreign.json", "report.md"), &two],
+        "cannot read",
+    );
+    bench_to(&dir.join("b"), &fake(&dir, nothing, 3), &["--shard", "2/2"]);
+    std::fs::write(dir.join("old.json"), "{}").expect("writes");
+    check(&[&one, &two], "comes from another run");
+    check(
+        &[&dir.join("old.json").display().to_string()],
+        "is no shard of `gap bench`",
+    );
 }

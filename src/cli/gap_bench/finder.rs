@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
-use super::write;
+use crate::cli::shards::write;
 
 /// What the finder said.
 pub const VERDICT: &str = "verdict.json";
@@ -65,7 +65,7 @@ impl Seeker<'_> {
     /// When the verdict cannot be written, or something lies in the folder that does not belong there.
     pub fn seek(&self, folder: &Path, without: Option<&str>) -> Result<()> {
         only_sessions(folder)?;
-        let run = json!({"finder": self.hash, "without": without});
+        let run = run(&self.hash, without);
         if done(folder, &run) {
             return Ok(());
         }
@@ -117,6 +117,18 @@ fn wait(mut child: Child, limit_s: f64) -> Result<ExitStatus> {
     child.kill()?;
     child.wait()?;
     anyhow::bail!("the finder took more than {limit_s} s")
+}
+
+/// What a verdict depends on besides the sessions.
+fn run(finder: &str, without: Option<&str>) -> Value {
+    json!({"finder": finder, "without": without})
+}
+
+/// Whether a case has a verdict of the finder with this hash; that it failed is one, too.
+pub fn is_by(folder: &Path, finder: &str, without: Option<&str>) -> bool {
+    let text = std::fs::read_to_string(folder.join(RUN)).ok();
+    let made: Option<Value> = text.and_then(|t| serde_json::from_str(&t).ok());
+    made == Some(run(finder, without)) && folder.join(VERDICT).exists()
 }
 
 /// Whether this run is on disk, and did not fail.

@@ -9,8 +9,8 @@ use rand::Rng as _;
 use serde_json::json;
 
 use super::suite::Planned;
-use super::write;
 use crate::cli::session::log_of;
+use crate::cli::shards::write;
 use crate::cli::{Report, args};
 use springtwin::gap::score::{About, Key, KeyEffect, KeyValue};
 use springtwin::recording::write_session;

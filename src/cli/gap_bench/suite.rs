@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use rand::Rng as _;
 use sha2::{Digest as _, Sha256};
 
+use crate::cli::shards::Shard;
 use springtwin::gap::score::About;
 use springtwin::rig::hidden::{Class, HIDDEN, Kind};
 use springtwin::signal::hex;
@@ -69,6 +70,36 @@ pub struct Planned {
 }
 
 impl Suite {
+    /// All of it as names and texts, for a shard; see [`Suite::from_about`].
+    pub fn about(&self) -> Vec<(String, String)> {
+        let parts = self.parts.iter().filter_map(Part::to_possible_value);
+        let parts: Vec<String> = parts.map(|p| p.get_name().to_owned()).collect();
+        [
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("robot", self.robot.clone()),
+            ("first-seed", self.first_seed.to_string()),
+            ("seeds", self.seeds.to_string()),
+            ("only", parts.join(",")),
+            ("seconds", self.seconds.to_string()),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into()
+    }
+
+    /// The suite of a shard; `None` when something in it does not read.
+    pub fn from_about<T>(shard: &Shard<T>) -> Option<Self> {
+        let parts = shard.option("only").split(',').filter(|p| !p.is_empty());
+        Some(Self {
+            first_seed: shard.option("first-seed").parse().ok()?,
+            seeds: shard.option("seeds").parse().ok()?,
+            parts: parts
+                .map(|p| Part::from_str(p, false).ok())
+                .collect::<Option<_>>()?,
+            seconds: shard.option("seconds").parse().ok()?,
+            robot: shard.option("robot").to_owned(),
+        })
+    }
+
     /// All cases, in the order of their names, which is none.
     pub fn cases(&self) -> Vec<Planned> {
         let wanted = |p: &Planned| self.parts.is_empty() || self.parts.contains(&p.part);

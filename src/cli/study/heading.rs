@@ -4,7 +4,8 @@ use anyhow::Result;
 use nalgebra::UnitQuaternion;
 
 use super::super::bench_rig::{Motion, Push, motion};
-use super::table::{Drawn, Table};
+use super::table::{Drawn, Found, Table};
+use super::{Study, each};
 use springtwin::rig::inertial::InertialErrors;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::imu::heading_between;
@@ -15,8 +16,14 @@ const SECONDS: f64 = 1800.0;
 const SPEED_M_S: f64 = 5e-3;
 const SEED: u64 = 301;
 
-/// The study.
-pub fn heading(robot: &RobotSpec) -> Result<Table> {
+/// The study; its one item is the one motion.
+pub const HEADING: Study = Study {
+    items: |_| 1,
+    find: |lab, items| each(items, |_| find(&lab.robot)),
+    table: heading,
+};
+
+fn find(robot: &RobotSpec) -> Result<Found> {
     let m = Motion {
         payload_kg: 0.0,
         speed_m_s: SPEED_M_S,
@@ -42,23 +49,11 @@ pub fn heading(robot: &RobotSpec) -> Result<Table> {
             }
         }
     }
-    let mut t = Table {
-        name: "heading",
-        title: "Headings over half an hour of drifting gyros",
-        notes: Vec::new(),
-        columns: vec![
-            "worst heading error, deg",
-            "RMS heading error, deg",
-            "worst error of the whole orientation, deg",
-            "RMS of the whole, deg",
-        ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
+    let mut found = Found::default();
     let n = moments.len() as f64;
     for i in 0..IMUS {
         let rms = squares[i].map(|s| (s / n).sqrt());
-        t.ours(
+        found.add(
             format!("IMU {}", i + 1),
             vec![
                 Some(worst[i][0]),
@@ -69,7 +64,7 @@ pub fn heading(robot: &RobotSpec) -> Result<Table> {
         );
     }
     let bias_deg_s = InertialErrors::default().gyro_bias_rad_s.to_degrees();
-    t.notes.push(format!(
+    found.notes.push(format!(
         "{:.0} s of motion at 5 mm/s, {} frames scored. Every gyro has a bias of {bias_deg_s} deg/s about its axes, which \
          walks: some {:.0} deg of heading over the motion without help. The filter has no magnetometer; the springs' pad \
          yaw corrects the heading.",
@@ -77,5 +72,21 @@ pub fn heading(robot: &RobotSpec) -> Result<Table> {
         moments.len(),
         bias_deg_s * SECONDS
     ));
-    Ok(t)
+    Ok(found)
+}
+
+fn heading(found: Vec<Found>) -> Table {
+    let mut t = Table::new(
+        "heading",
+        "Headings over half an hour of drifting gyros",
+        &[
+            "worst heading error, deg",
+            "RMS heading error, deg",
+            "worst error of the whole orientation, deg",
+            "RMS of the whole, deg",
+        ],
+        Drawn::Bars,
+    );
+    t.take(found);
+    t
 }

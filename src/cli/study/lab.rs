@@ -6,11 +6,11 @@ use std::rc::Rc;
 
 use anyhow::Result;
 use nalgebra::UnitQuaternion;
-use serde_json::{Value, json};
 
 use super::super::bench_rig::{Moment, Motion, Push, motion, settled};
 use super::super::data::{go_on, threads};
 use super::super::model;
+use super::Data;
 use super::bound::{SensorNoise, cramer_rao};
 use springtwin::learn::{
     Cascade, Channels, Coverage, Model, PoseMap as _, PoseScores, Recipe, Schedule, data_hash,
@@ -34,6 +34,9 @@ pub struct Sizes {
     /// Candidates per controller when it is tuned.
     pub candidates: usize,
 }
+
+/// Fastest the paper moves, m/s.
+pub const FAST_M_S: f64 = 5e-3;
 
 /// Motions per condition.
 const MOTIONS: u64 = 3;
@@ -210,23 +213,30 @@ impl Lab {
             .collect()
     }
 
-    /// What was made, with hashes.
-    pub fn data(&self) -> Vec<Value> {
-        [
-            ("rod, randomised", &self.sim),
-            ("geometric, nominal", &self.geometric),
-            ("virtual rig, settled grid", &self.real),
-        ]
-        .iter()
-        .filter_map(|(name, data)| {
-            let data = data.as_ref()?;
-            Some(json!({
-                "name": name, "samples": data.samples.len(), "seed": data.seed, "sha256": data_hash(data),
-            }))
-        })
-        .collect()
+    /// What was made, with hashes, in the order of [`DATA`].
+    pub fn data(&self) -> Vec<Data> {
+        [&self.sim, &self.geometric, &self.real]
+            .into_iter()
+            .zip(DATA)
+            .filter_map(|(data, name)| {
+                let data = data.as_ref()?;
+                Some(Data {
+                    name: name.to_owned(),
+                    samples: data.samples.len(),
+                    seed: data.seed,
+                    sha256: data_hash(data),
+                })
+            })
+            .collect()
     }
 }
+
+/// Names of the data sets that studies share.
+pub const DATA: [&str; 3] = [
+    "rod, randomised",
+    "geometric, nominal",
+    "virtual rig, settled grid",
+];
 
 /// Scores a map on moments.
 pub fn score<'a>(map: &Cascade, moments: impl IntoIterator<Item = &'a Moment>) -> Score {

@@ -4,34 +4,51 @@
 //! simulator with sensors of its own; sim-to-real networks and stated uncertainties come from settled
 //! samples of the same rig, motions are new. The paper's figures, from hardware, stand beside ours.
 
+//!
+//! A study consists of items that do not need each other (a training, a condition, a candidate), and a
+//! table that is made of what they found. A shard does a stretch of the items of all studies asked for.
+
 mod bound;
-mod cases;
+mod conditions;
 mod control;
+mod coverage;
+mod faults;
 mod heading;
 mod lab;
 mod lstm;
+mod networks;
+mod parts;
+mod samples;
 mod table;
 
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::Report;
-use super::drive::commands::Shape;
-use lab::Lab;
+use super::shards::Part;
+use super::{Report, args};
+use lab::{Lab, Sizes};
 use springtwin::robot::RobotSpec;
-use table::Table;
+use table::{Found, Table};
 
 #[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct StudyArgs {
+    #[command(subcommand)]
+    merge: Option<StudyCommand>,
     /// Which study
-    #[arg(value_enum)]
-    name: Name,
+    #[arg(value_enum, required = true)]
+    name: Option<Name>,
     /// Folder for tables (JSON, Markdown) and pictures (SVG)
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required = true)]
+    out: Option<PathBuf>,
+    /// Do only part i of n; what it finds goes to DIR/NAME-i-of-n.json, for `study merge`
+    #[arg(long, value_name = "I/N", value_parser = args::shard)]
+    shard: Option<Part>,
     /// Networks in the place of the shipped ones, for the studies on sensing
     #[arg(long, value_name = "F.safetensors")]
     model: Option<PathBuf>,
@@ -53,6 +70,35 @@ pub struct StudyArgs {
     /// Candidates per controller when it is tuned
     #[arg(long, value_name = "N", default_value = "48", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     candidates: u32,
+}
+
+#[derive(Subcommand)]
+enum StudyCommand {
+    /// Make of all shards the tables that one run would have made; times that were measured (the columns
+    /// "solve") are those of the shards
+    Merge {
+        /// The files that the shards have written, in any order
+        #[arg(required = true)]
+        shards: Vec<PathBuf>,
+        /// Folder for tables (JSON, Markdown) and pictures (SVG)
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+}
+
+/// A study: independent items, and the table that is made of what they found.
+struct Study {
+    /// How many items there are.
+    items: fn(&Sizes) -> usize,
+    /// Does a stretch of the items, at least one; what each found, in order.
+    find: fn(&mut Lab, Range<usize>) -> Result<Vec<Found>>,
+    /// Makes the table of what all items found.
+    table: fn(Vec<Found>) -> Table,
+}
+
+/// What each item of a stretch finds, one after the other.
+fn each(items: Range<usize>, find: impl FnMut(usize) -> Result<Found>) -> Result<Vec<Found>> {
+    items.map(find).collect()
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -112,71 +158,102 @@ impl Name {
         )
     }
 
-    fn run(self, lab: &mut Lab) -> Result<Table> {
-        match self {
-            Self::All => anyhow::bail!("not a single study"),
-            Self::Modality => cases::modality(lab),
-            Self::Layers => cases::layers(lab),
-            Self::S2rWidth => cases::s2r_width(lab),
-            Self::S2r => cases::s2r(lab),
-            Self::NSim => cases::n_sim(lab),
-            Self::NReal => cases::n_real(lab),
-            Self::Loads => cases::loads(lab),
-            Self::Speeds => cases::speeds(lab),
-            Self::Lateral => cases::lateral(lab),
-            Self::Shocks => cases::shocks(lab),
-            Self::Faults => cases::faults(lab),
-            Self::Coverage => cases::coverage(lab),
-            Self::Heading => heading::heading(&lab.robot),
-            Self::Circle => control::tasks::path(&lab.robot, Shape::Circle),
-            Self::Eight => control::tasks::path(&lab.robot, Shape::Eight),
-            Self::Moves => control::tasks::moves(&lab.robot),
-            Self::PickPlace => control::tasks::pick_place(&lab.robot),
-            Self::Adaptation => control::adaptation::adaptation(&lab.robot),
-            Self::NullSpace => control::null_space::null_space(&lab.robot),
-            Self::Disturbances => control::disturbances::disturbances(&lab.robot),
-            Self::Tuning => control::tuning::tuning(&lab.robot, lab.sizes.candidates),
-        }
+    /// The studies that are meant, in the order of the report.
+    fn studies(self) -> Vec<Study> {
+        let study = match self {
+            Self::All => {
+                let single = |n: &&Self| **n != Self::All;
+                let all = Self::value_variants().iter().filter(single);
+                return all.flat_map(|n| n.studies()).collect();
+            }
+            Self::Modality => networks::MODALITY,
+            Self::Layers => networks::LAYERS,
+            Self::S2rWidth => networks::S2R_WIDTH,
+            Self::S2r => networks::S2R,
+            Self::NSim => samples::N_SIM,
+            Self::NReal => samples::N_REAL,
+            Self::Loads => conditions::LOADS,
+            Self::Speeds => conditions::SPEEDS,
+            Self::Lateral => conditions::LATERAL,
+            Self::Shocks => conditions::SHOCKS,
+            Self::Faults => faults::FAULTS,
+            Self::Coverage => coverage::COVERAGE,
+            Self::Heading => heading::HEADING,
+            Self::Tuning => control::tuning::TUNING,
+            Self::Circle => control::tasks::CIRCLE,
+            Self::Eight => control::tasks::EIGHT,
+            Self::Moves => control::tasks::MOVES,
+            Self::PickPlace => control::tasks::PICK_PLACE,
+            Self::Adaptation => control::adaptation::ADAPTATION,
+            Self::NullSpace => control::null_space::NULL_SPACE,
+            Self::Disturbances => control::disturbances::DISTURBANCES,
+        };
+        vec![study]
     }
 }
 
-/// Runs one study or all of them.
+/// A data set that a study made for itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Data {
+    name: String,
+    samples: usize,
+    seed: u64,
+    sha256: String,
+}
+
+/// What a report says of the run beside its tables.
+struct About {
+    seed: u64,
+    /// Where the networks under test come from.
+    networks: String,
+    /// SHA-256 of the samples that they were trained on.
+    trained_on: String,
+}
+
+/// Runs one study or all of them, or a part, or merges parts.
 pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
-    std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
-    let names: Vec<Name> = match a.name {
-        Name::All => Name::value_variants()
-            .iter()
-            .copied()
-            .filter(|n| *n != Name::All)
-            .collect(),
-        one => vec![one],
+    if let Some(StudyCommand::Merge { shards, out }) = &a.merge {
+        return parts::merge(shards, out);
+    }
+    let (Some(name), Some(out)) = (a.name, &a.out) else {
+        anyhow::bail!("name a study and a folder: springtwin study NAME --out DIR");
     };
+    make_folder(out)?;
     anyhow::ensure!(
-        a.model.is_none() || !a.name.is_on_control(),
+        a.model.is_none() || !name.is_on_control(),
         "the studies on control run the twin with the networks that ship: leave out --model"
     );
-    let mut lab = Lab::new(
-        robot.clone(),
-        a.model.as_deref(),
-        lab::Sizes {
-            seed: a.seed,
-            samples: a.samples as usize,
-            geometric_samples: a.geometric_samples as usize,
-            epochs: a.epochs as usize,
-            seconds: f64::from(a.seconds),
-            candidates: a.candidates as usize,
+    let sizes = Sizes {
+        seed: a.seed,
+        samples: a.samples as usize,
+        geometric_samples: a.geometric_samples as usize,
+        epochs: a.epochs as usize,
+        seconds: f64::from(a.seconds),
+        candidates: a.candidates as usize,
+    };
+    let mut lab = Lab::new(robot.clone(), a.model.as_deref(), sizes)?;
+    let about = About {
+        seed: a.seed,
+        networks: match &a.model {
+            None => "as shipped".to_owned(),
+            Some(path) => path.display().to_string(),
         },
-    )?;
+        trained_on: lab.shipped.scores.smap.data.hash.clone(),
+    };
     #[expect(
         clippy::disallowed_methods,
         reason = "wall time of the command, for the report"
     )]
     let start = std::time::Instant::now();
+    if let Some(part) = a.shard {
+        return parts::find(a, name, part, out, &mut lab, &about);
+    }
     let mut tables = Vec::new();
-    for name in names {
+    for study in name.studies() {
         let from = start.elapsed().as_secs_f64();
-        let table = name.run(&mut lab)?;
-        table.write(&a.out)?;
+        let items = (study.items)(&lab.sizes);
+        let table = (study.table)((study.find)(&mut lab, 0..items)?);
+        table.write(out)?;
         if !quiet {
             eprintln!(
                 "{}: {:.0} s",
@@ -186,11 +263,23 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
         }
         tables.push(table);
     }
-    let data: Vec<Value> = lab.data();
-    let networks = match &a.model {
-        None => "as shipped".to_owned(),
-        Some(path) => path.display().to_string(),
-    };
+    let mut report = report(name, out, &tables, &lab.data(), &about)?;
+    report.json["seconds"] = json!(start.elapsed().as_secs_f64());
+    Ok(report)
+}
+
+fn make_folder(out: &Path) -> Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))
+}
+
+/// The report of all tables.
+fn report(
+    name: Name,
+    out: &Path,
+    tables: &[Table],
+    data: &[Data],
+    about: &About,
+) -> Result<Report> {
     let head = format!(
         "# Studies\n\nOur figures are simulated: networks trained on the twin's simulators, scored on the virtual rig \
          (finer elements, shear, hysteresis, scatter, sensors with noise, lag and drift). Sim-to-real networks and \
@@ -198,31 +287,26 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
          figures are from its hardware. springtwin {}, seed {}; networks under test: {}, their simulated samples SHA-256 \
          {}.\n\nData: {}\n\n",
         env!("CARGO_PKG_VERSION"),
-        a.seed,
-        networks,
-        lab.shipped.scores.smap.data.hash,
+        about.seed,
+        about.networks,
+        about.trained_on,
         data.iter()
-            .map(|d| format!(
-                "{} ({} samples, SHA-256 {})",
-                d["name"].as_str().unwrap_or_default(),
-                d["samples"],
-                d["sha256"].as_str().unwrap_or_default()
-            ))
+            .map(|d| format!("{} ({} samples, SHA-256 {})", d.name, d.samples, d.sha256))
             .collect::<Vec<_>>()
             .join("; ")
     );
     let body: Vec<String> = tables.iter().map(Table::markdown).collect();
     let text = head + &body.join("\n");
     // One study leaves the report of all as it was.
-    if a.name == Name::All {
-        let path = a.out.join("README.md");
+    if name == Name::All {
+        let path = out.join("README.md");
         std::fs::write(&path, &text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let tables: Vec<Value> = tables.iter().map(Table::json).collect();
     Ok(Report {
         text,
         json: json!({
-            "studies": tables, "data": data, "networks": networks, "seed": a.seed, "seconds": start.elapsed().as_secs_f64(), "simulated": true,
+            "studies": tables, "data": data, "networks": about.networks, "seed": about.seed, "simulated": true,
         }),
     })
 }

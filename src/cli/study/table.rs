@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 use plotters::prelude::*;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::super::drive::pictures::Chart;
@@ -35,6 +36,70 @@ pub struct Row {
     pub source: Source,
     /// One figure per column; `None` where there is none.
     pub cells: Vec<Option<f64>>,
+}
+
+/// Figures of one item under their label.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// What they are of.
+    pub label: String,
+    /// One figure per column; `None` where there is none.
+    #[serde(with = "exact")]
+    pub cells: Vec<Option<f64>>,
+}
+
+/// What one item of a study found for its table.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Rows of the table, or what they are made of.
+    pub rows: Vec<Figures>,
+    /// What there is to say about them.
+    pub notes: Vec<String>,
+}
+
+impl Found {
+    /// A single row.
+    pub fn row(label: impl Into<String>, cells: Vec<Option<f64>>) -> Self {
+        let mut found = Self::default();
+        found.add(label, cells);
+        found
+    }
+
+    /// The first figure of the first row.
+    pub fn first(&self) -> Option<f64> {
+        *self.rows.first()?.cells.first()?
+    }
+
+    /// One row more.
+    pub fn add(&mut self, label: impl Into<String>, cells: Vec<Option<f64>>) {
+        let label = label.into();
+        self.rows.push(Figures { label, cells });
+    }
+}
+
+/// Figures as texts: they come back bit for bit, the infinite ones too.
+mod exact {
+    use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer, de::Error as _};
+
+    pub fn serialize<S: Serializer>(cells: &[Option<f64>], to: S) -> Result<S::Ok, S::Error> {
+        let texts: Vec<Option<String>> =
+            cells.iter().map(|c| c.map(|x| format!("{x:?}"))).collect();
+        texts.serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Option<f64>>, D::Error> {
+        let texts = Vec::<Option<String>>::deserialize(from)?;
+        let number = |text: String| text.parse().map_err(D::Error::custom);
+        texts
+            .into_iter()
+            .map(|t| t.map(number).transpose())
+            .collect()
+    }
+}
+
+/// All of these figures.
+pub fn some(cells: &[f64]) -> Vec<Option<f64>> {
+    cells.iter().map(|c| Some(*c)).collect()
 }
 
 /// How a table is drawn: its first column over the rows, or a chart of its own.
@@ -71,6 +136,33 @@ pub struct Table {
 }
 
 impl Table {
+    /// A table without rows.
+    pub fn new(
+        name: &'static str,
+        title: &'static str,
+        columns: &[&'static str],
+        drawn: Drawn,
+    ) -> Self {
+        Self {
+            name,
+            title,
+            notes: Vec::new(),
+            columns: columns.to_vec(),
+            rows: Vec::new(),
+            drawn,
+        }
+    }
+
+    /// Adds what items found: their rows as rows of ours, their notes as notes.
+    pub fn take(&mut self, found: Vec<Found>) {
+        for f in found {
+            for row in f.rows {
+                self.ours(row.label, row.cells);
+            }
+            self.notes.extend(f.notes);
+        }
+    }
+
     /// Adds a row of ours.
     pub fn ours(&mut self, label: impl Into<String>, cells: Vec<Option<f64>>) {
         self.row(label, Source::Simulated, cells);
@@ -331,5 +423,22 @@ mod tests {
             );
         }
         assert_eq!(leading_number("2.5 mm/s"), Some(2.5));
+    }
+
+    #[test]
+    fn what_an_item_found_is_read_back_bit_for_bit() {
+        let cells = vec![
+            Some(0.1 + 0.2),
+            Some(1.0 / 3.0 * 1e-300),
+            Some(f64::INFINITY),
+            Some(-0.0),
+            Some(f64::MIN_POSITIVE / 8.0),
+            None,
+        ];
+        let found = Found::row("a", cells.clone());
+        let text = serde_json::to_string(&found).expect("text");
+        let back: Found = serde_json::from_str(&text).expect("reads");
+        let bits = |c: &[Option<f64>]| c.iter().map(|x| x.map(f64::to_bits)).collect::<Vec<_>>();
+        assert_eq!(bits(&back.rows[0].cells), bits(&cells));
     }
 }

@@ -1,11 +1,15 @@
 //! What learning the arm's stiffness is good for, and what its gate is good for.
 
+use std::ops::Range;
+
 use anyhow::Result;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use rand::Rng as _;
 
 use super::super::super::model;
-use super::super::table::{Drawn, Table};
+use super::super::lab::Lab;
+use super::super::table::{Drawn, Found, Table};
+use super::super::{Study, each};
 use super::tasks::{SEEDS, STIFFNESSES};
 use super::{Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
@@ -151,26 +155,85 @@ fn wrong(
     Ok(counts.map(|n| 100.0 * n as f64 / truths.len() as f64))
 }
 
-/// The table.
-pub fn adaptation(robot: &RobotSpec) -> Result<Table> {
-    let mut t = Table {
-        name: "adaptation",
-        title: "Learning the arm's stiffness",
-        notes: vec![
-            format!(
-                "Our controller on arms of which the twin is not told the stiffness; three seeds per row. A move to {:?} mm, \
-                 then {REST_S:.0} s of rest there; and the circle without load.",
-                MOVE_M.map(|x| x * 1e3)
-            ),
-            format!(
-                "Gains: how much more the segments give way than the model has it, at the end (the arm's own is one \
-                 over its stiffness). Verdicts after that on {GOALS} random goals, against the same mechanics at the arm's \
-                 true stiffness, which the twin does not see; goals whose nearest reachable point is {:.1} to {:.0} mm away are left out.",
-                DOUBTFUL_M[0] * 1e3,
-                DOUBTFUL_M[1] * 1e3
-            ),
-        ],
-        columns: vec![
+/// The study; an item is one way to learn on one arm.
+pub const ADAPTATION: Study = Study {
+    items: |_| STIFFNESSES.len() * WAYS.len(),
+    find,
+    table,
+};
+
+const WAYS: [(Adaptation, &str); 3] = [
+    (Adaptation::Off, "off"),
+    (Adaptation::Always, "without its gate"),
+    (Adaptation::Gated, "gated"),
+];
+
+fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
+    let mut known: Option<(usize, Vec<([f64; 3], bool)>)> = None;
+    each(items, |item| {
+        let (arm, (adaptation, how)) = (item / WAYS.len(), WAYS[item % WAYS.len()]);
+        let stiffness = STIFFNESSES[arm];
+        let truths = match known.take().filter(|k| k.0 == arm) {
+            Some((_, truths)) => truths,
+            None => truths(&lab.robot, stiffness),
+        };
+        let gains = Gains {
+            adaptation,
+            ..Gains::of(ControllerKind::Ours)
+        };
+        let trials = |task: Task, after_s: f64| {
+            SEEDS.map(|seed| Trial {
+                stiffness,
+                after_s,
+                ..Trial::new(gains.clone(), task.clone(), seed)
+            })
+        };
+        let moves = trials(Task::Goto(Goal::position(MOVE_M)), REST_S);
+        let moves = run_all(&lab.robot, moves.into(), |o| {
+            (
+                o.moved().and_then(|m| m.steps),
+                o.fastest_mm_s,
+                o.driven.plant_gains,
+            )
+        })?;
+        let circles = run_all(
+            &lab.robot,
+            trials(Task::Path(Shape::Circle, 1), 2.0).into(),
+            |o| match o.measured {
+                Some(super::Measured::Path(m)) if o.driven.finished_s.is_some() => {
+                    m.spread.map(|s| (s.mean, m.steps))
+                }
+                _ => None,
+            },
+        )?;
+        let learned: Vec<[f64; SEGMENTS]> = moves.iter().filter_map(|m| m.2).collect();
+        let verdicts = learned
+            .iter()
+            .map(|g| wrong(&lab.robot, &truths, *g))
+            .collect::<Result<Vec<_>>>()?;
+        let verdict = |k: usize| mean(verdicts.iter().map(|v| v[k]));
+        let settled = moves.iter().all(|m| m.0.is_some());
+        let cells = vec![
+            mean(moves.iter().filter_map(|m| m.0).map(|s| s as f64)).filter(|_| settled),
+            mean(circles.iter().flatten().map(|c| c.0)),
+            mean(circles.iter().flatten().map(|c| c.1 as f64)),
+            moves.iter().filter_map(|m| m.1).reduce(f64::max),
+            mean(learned.iter().map(|g| g[0])),
+            mean(learned.iter().map(|g| g[1])),
+            verdict(0),
+            verdict(1),
+            verdict(2),
+        ];
+        known = Some((arm, truths));
+        Ok(Found::row(format!("stiffness {stiffness}: {how}"), cells))
+    })
+}
+
+fn table(found: Vec<Found>) -> Table {
+    let mut t = Table::new(
+        "adaptation",
+        "Learning the arm's stiffness",
+        &[
             "steps of the move",
             "circle: mean, mm",
             "circle: steps",
@@ -181,70 +244,24 @@ pub fn adaptation(robot: &RobotSpec) -> Result<Table> {
             "wrongly unreachable, %",
             "no verdict, %",
         ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
-    let ways = [
-        (Adaptation::Off, "off"),
-        (Adaptation::Always, "without its gate"),
-        (Adaptation::Gated, "gated"),
+        Drawn::Bars,
+    );
+    t.notes = vec![
+        format!(
+            "Our controller on arms of which the twin is not told the stiffness; three seeds per row. A move to {:?} mm, \
+             then {REST_S:.0} s of rest there; and the circle without load.",
+            MOVE_M.map(|x| x * 1e3)
+        ),
+        format!(
+            "Gains: how much more the segments give way than the model has it, at the end (the arm's own is one \
+             over its stiffness). Verdicts after that on {GOALS} random goals, against the same mechanics at the arm's \
+             true stiffness, which the twin does not see; goals whose nearest reachable point is {:.1} to {:.0} mm away are left out.",
+            DOUBTFUL_M[0] * 1e3,
+            DOUBTFUL_M[1] * 1e3
+        ),
     ];
-    for stiffness in STIFFNESSES {
-        let truths = truths(robot, stiffness);
-        for (adaptation, how) in ways {
-            let gains = Gains {
-                adaptation,
-                ..Gains::of(ControllerKind::Ours)
-            };
-            let trials = |task: Task, after_s: f64| {
-                SEEDS.map(|seed| Trial {
-                    stiffness,
-                    after_s,
-                    ..Trial::new(gains.clone(), task.clone(), seed)
-                })
-            };
-            let moves = trials(Task::Goto(Goal::position(MOVE_M)), REST_S);
-            let moves = run_all(robot, moves.into(), |o| {
-                (
-                    o.moved().and_then(|m| m.steps),
-                    o.fastest_mm_s,
-                    o.driven.plant_gains,
-                )
-            })?;
-            let circles = run_all(
-                robot,
-                trials(Task::Path(Shape::Circle, 1), 2.0).into(),
-                |o| match o.measured {
-                    Some(super::Measured::Path(m)) if o.driven.finished_s.is_some() => {
-                        m.spread.map(|s| (s.mean, m.steps))
-                    }
-                    _ => None,
-                },
-            )?;
-            let learned: Vec<[f64; SEGMENTS]> = moves.iter().filter_map(|m| m.2).collect();
-            let verdicts = learned
-                .iter()
-                .map(|g| wrong(robot, &truths, *g))
-                .collect::<Result<Vec<_>>>()?;
-            let verdict = |k: usize| mean(verdicts.iter().map(|v| v[k]));
-            let settled = moves.iter().all(|m| m.0.is_some());
-            t.ours(
-                format!("stiffness {stiffness}: {how}"),
-                vec![
-                    mean(moves.iter().filter_map(|m| m.0).map(|s| s as f64)).filter(|_| settled),
-                    mean(circles.iter().flatten().map(|c| c.0)),
-                    mean(circles.iter().flatten().map(|c| c.1 as f64)),
-                    moves.iter().filter_map(|m| m.1).reduce(f64::max),
-                    mean(learned.iter().map(|g| g[0])),
-                    mean(learned.iter().map(|g| g[1])),
-                    verdict(0),
-                    verdict(1),
-                    verdict(2),
-                ],
-            );
-        }
-    }
-    Ok(t)
+    t.take(found);
+    t
 }
 
 #[cfg(test)]

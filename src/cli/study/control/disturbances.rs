@@ -1,6 +1,8 @@
 //! Pushes, blows, a swapped load, dead sensors and lost frames on the way round a circle: the arm recovers or goes
 //! SAFE.
 
+use std::ops::Range;
+
 use anyhow::Result;
 use nalgebra::Vector3;
 use rand::Rng as _;
@@ -8,14 +10,15 @@ use rand::Rng as _;
 use super::super::super::drive::Row;
 use super::super::super::drive::measures::from_path_mm;
 use super::super::super::ports::Script;
-use super::super::table::{Drawn, Table};
+use super::super::Study;
+use super::super::lab::Lab;
+use super::super::table::{Drawn, Found, Table};
 use super::tasks::SEEDS;
 use super::{KINDS, Outcome, Task, Trial, mean, path_of, run_all};
 use crate::cli::drive::commands::Shape;
 use springtwin::control::Gains;
 use springtwin::rig::VirtualRig;
 use springtwin::rig::faults::{Fault, Place, Word};
-use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
 use springtwin::sim::dataset::{normal, sample_rng};
 
@@ -164,39 +167,31 @@ fn trial(kind: ControllerKind, d: Disturbance, seed: u64) -> Trial {
     }
 }
 
-/// The table.
-pub fn disturbances(robot: &RobotSpec) -> Result<Table> {
-    let mut t = Table {
-        name: "disturbances",
-        title: "Disturbances on the way round a circle",
-        notes: vec![format!(
-            "From {BEGIN_S:.0} s on, with {:.0} g in the gripper; three seeds per row. Errors: true tip from the \
-             path, mean before the disturbance and from {BACK_S:.0} s after its end, and the largest in between. Beside: \
-             fastest change of that distance after that, over {OVER_S} s; an oscillation would show there. Pressure and rate limits are checked at every command and at the boards: \
-             a breach ends the study.",
-            PAYLOAD_KG * 1e3
-        )],
-        columns: vec![
-            "after, mm",
-            "before, mm",
-            "largest, mm",
-            "beside, mm/s",
-            "finished, %",
-            "SAFE, %",
-        ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
-    let cases: Vec<_> = ALL.iter().flat_map(|d| KINDS.map(|k| (*d, k))).collect();
+/// The study; an item is one disturbance of one controller.
+pub const DISTURBANCES: Study = Study {
+    items: |_| cases().len(),
+    find,
+    table,
+};
+
+/// A disturbance and who bears it, with their names.
+type Case = ((Disturbance, &'static str), (ControllerKind, &'static str));
+
+fn cases() -> Vec<Case> {
+    ALL.iter().flat_map(|d| KINDS.map(|k| (*d, k))).collect()
+}
+
+fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
+    let cases = &cases()[items];
     let trials = cases
         .iter()
         .flat_map(|((d, _), (kind, _))| SEEDS.map(|seed| (*d, trial(*kind, *d, seed))));
     let (kinds, trials): (Vec<Disturbance>, Vec<Trial>) = trials.unzip();
-    let found = run_all(robot, trials, |o| o)?;
+    let found = run_all(&lab.robot, trials, |o| o)?;
     let found: Vec<Borne> = found.iter().zip(kinds).map(|(o, d)| borne(o, d)).collect();
     let percent = |n: usize| 100.0 * n as f64 / SEEDS.len() as f64;
-    for (((_, what), (_, who)), group) in cases.iter().zip(found.chunks(SEEDS.len())) {
-        t.ours(
+    let row = |(((_, what), (_, who)), group): (&Case, &[Borne])| {
+        Found::row(
             format!("{what}: {who}"),
             vec![
                 mean(group.iter().filter_map(|b| b.after_mm)),
@@ -206,14 +201,41 @@ pub fn disturbances(robot: &RobotSpec) -> Result<Table> {
                 Some(percent(group.iter().filter(|b| b.finished).count())),
                 Some(percent(group.iter().filter(|b| b.safe).count())),
             ],
-        );
-    }
-    Ok(t)
+        )
+    };
+    let groups = found.chunks(SEEDS.len());
+    Ok(cases.iter().zip(groups).map(row).collect())
+}
+
+fn table(found: Vec<Found>) -> Table {
+    let mut t = Table::new(
+        "disturbances",
+        "Disturbances on the way round a circle",
+        &[
+            "after, mm",
+            "before, mm",
+            "largest, mm",
+            "beside, mm/s",
+            "finished, %",
+            "SAFE, %",
+        ],
+        Drawn::Bars,
+    );
+    t.notes.push(format!(
+            "From {BEGIN_S:.0} s on, with {:.0} g in the gripper; three seeds per row. Errors: true tip from the \
+             path, mean before the disturbance and from {BACK_S:.0} s after its end, and the largest in between. Beside: \
+             fastest change of that distance after that, over {OVER_S} s; an oscillation would show there. Pressure and rate limits are checked at every command and at the boards: \
+             a breach ends the study.",
+            PAYLOAD_KG * 1e3
+        ));
+    t.take(found);
+    t
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use springtwin::robot::RobotSpec;
 
     /// Limits are checked within the drive, at every tick.
     fn check(d: Disturbance, largest_mm: f64) {

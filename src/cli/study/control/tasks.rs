@@ -1,14 +1,17 @@
 //! The tasks of the paper over loads, stiffnesses and seeds, by both controllers.
 
+use std::ops::Range;
+
 use anyhow::Result;
 
 use super::super::super::drive::pictures::{Aspect, Chart, Line};
-use super::super::table::{Drawn, Table};
+use super::super::Study;
+use super::super::lab::Lab;
+use super::super::table::{Drawn, Found, Table};
 use super::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
 use crate::cli::drive::measures::{PathMeasures, spread};
 use springtwin::control::{Gains, InitialGuess};
-use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 
@@ -25,6 +28,34 @@ pub const TARGETS_M: [(&str, [f64; 3]); 3] = [
     ("middle", [0.06, 0.04, -0.30]),
     ("far", [-0.12, 0.08, -0.24]),
 ];
+
+/// A circle, by both controllers; an item is a row of the table.
+pub const CIRCLE: Study = Study {
+    items: |_| path_conditions().len(),
+    find: |lab, items| find_path(lab, Shape::Circle, items),
+    table: |found| path(Shape::Circle, found),
+};
+
+/// A figure 8, likewise.
+pub const EIGHT: Study = Study {
+    items: |_| path_conditions().len(),
+    find: |lab, items| find_path(lab, Shape::Eight, items),
+    table: |found| path(Shape::Eight, found),
+};
+
+/// Point to point: near, middle, far; an item is a row.
+pub const MOVES: Study = Study {
+    items: |_| move_conditions().len(),
+    find: find_moves,
+    table: moves,
+};
+
+/// Tomato, lemon and guava into the basket; an item is a row.
+pub const PICK_PLACE: Study = Study {
+    items: |_| pick_place_conditions().len(),
+    find: find_pick_place,
+    table: pick_place,
+};
 
 const NOT_TOLD: &str = "The twin is told the load, not the stiffness. Three seeds per row. Errors are of the true tip.";
 
@@ -54,8 +85,42 @@ fn keep_path(o: Outcome) -> Kept {
     }
 }
 
+/// Stiffness, who steers, and the load, kg: the rows of a path's table.
+fn path_conditions() -> Vec<(f64, (ControllerKind, &'static str), f64)> {
+    let mut out = Vec::new();
+    for stiffness in STIFFNESSES {
+        for kind in KINDS {
+            out.extend(LOADS_KG.map(|kg| (stiffness, kind, kg)));
+        }
+    }
+    out
+}
+
+fn find_path(lab: &mut Lab, shape: Shape, items: Range<usize>) -> Result<Vec<Found>> {
+    let conditions = &path_conditions()[items];
+    let trials = conditions
+        .iter()
+        .flat_map(|(stiffness, (kind, _), payload_kg)| {
+            SEEDS.map(|seed| Trial {
+                payload_kg: *payload_kg,
+                declared_kg: *payload_kg,
+                stiffness: *stiffness,
+                ..Trial::new(Gains::of(*kind), Task::Path(shape, 1), seed)
+            })
+        });
+    let kept = run_all(&lab.robot, trials.collect(), keep_path)?;
+    let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
+    Ok(rows
+        .map(|((stiffness, (_, who), payload_kg), group)| {
+            let load = payload_kg * 1e3;
+            let label = format!("{who}, {load:.0} g, stiffness {stiffness}");
+            Found::row(label, path_cells(group))
+        })
+        .collect())
+}
+
 /// One of the two paths.
-pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
+fn path(shape: Shape, found: Vec<Found>) -> Table {
     let (name, title, paper_mm) = match shape {
         Shape::Circle => (
             "circle",
@@ -68,20 +133,42 @@ pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
             3.3,
         ),
     };
-    let mut t = Table {
+    let mut lines = Vec::new();
+    let conditions = path_conditions();
+    for (arm, found) in conditions
+        .chunks(LOADS_KG.len())
+        .zip(found.chunks(LOADS_KG.len()))
+    {
+        let (stiffness, (kind, who), _) = arm[0];
+        let points = arm.iter().zip(found);
+        let points = points.filter_map(|((.., kg), f)| Some((kg * 1e3, f.first()?)));
+        lines.push(Line {
+            name: match kind {
+                ControllerKind::Paper => format!("{who} (dashed), stiffness {stiffness}"),
+                ControllerKind::Ours => format!("{who}, stiffness {stiffness}"),
+            },
+            points: points.collect(),
+            dashed: kind == ControllerKind::Paper,
+            colour: 1 + lines.len() / KINDS.len(),
+        });
+    }
+    lines.push(Line {
+        name: "paper, hardware".to_owned(),
+        points: vec![(0.0, paper_mm), (200.0, paper_mm)],
+        dashed: true,
+        colour: 0,
+    });
+    let drawn = Drawn::Chart(Box::new(Chart {
+        title: format!("{title} (ours simulated)"),
+        x: "load, g",
+        y: "mean true error at the waypoints, mm",
+        lines,
+        aspect: Aspect::Free,
+    }));
+    let mut t = Table::new(
         name,
         title,
-        notes: vec![
-            format!(
-                "60 waypoints. A point moves along the path at {:.0} mm/s and waits for a tip that is behind it; ours is led by that \
-                 point, the paper's controller is given the waypoint ahead of it. {NOT_TOLD} Error: distance from each \
-                 waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
-                 far the springs of the reference are from what any pressures can make.",
-                SPEED_M_S * 1e3
-            ),
-            "The paper's figure is its mean for loads below 200 g.".to_owned(),
-        ],
-        columns: vec![
+        &[
             "mean, mm",
             "RMSE, mm",
             "95 %, mm",
@@ -94,63 +181,21 @@ pub fn path(robot: &RobotSpec, shape: Shape) -> Result<Table> {
             "steps",
             "success, %",
         ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
-    let mut trials = Vec::new();
-    for stiffness in STIFFNESSES {
-        for (kind, _) in KINDS {
-            for payload_kg in LOADS_KG {
-                for seed in SEEDS {
-                    trials.push(Trial {
-                        payload_kg,
-                        declared_kg: payload_kg,
-                        stiffness,
-                        ..Trial::new(Gains::of(kind), Task::Path(shape, 1), seed)
-                    });
-                }
-            }
-        }
-    }
-    let kept = run_all(robot, trials, keep_path)?;
-    let mut rows = kept.chunks(SEEDS.len());
-    let mut lines = Vec::new();
-    for stiffness in STIFFNESSES {
-        for (kind, who) in KINDS {
-            let mut points = Vec::new();
-            for payload_kg in LOADS_KG {
-                let group = rows.next().unwrap_or_default();
-                let cells = path_cells(group);
-                points.extend(cells[0].map(|mm| (payload_kg * 1e3, mm)));
-                let load = payload_kg * 1e3;
-                t.ours(format!("{who}, {load:.0} g, stiffness {stiffness}"), cells);
-            }
-            lines.push(Line {
-                name: match kind {
-                    ControllerKind::Paper => format!("{who} (dashed), stiffness {stiffness}"),
-                    ControllerKind::Ours => format!("{who}, stiffness {stiffness}"),
-                },
-                points,
-                dashed: kind == ControllerKind::Paper,
-                colour: 1 + lines.len() / KINDS.len(),
-            });
-        }
-    }
+        drawn,
+    );
+    t.notes = vec![
+        format!(
+            "60 waypoints. A point moves along the path at {:.0} mm/s and waits for a tip that is behind it; ours is led by that \
+             point, the paper's controller is given the waypoint ahead of it. {NOT_TOLD} Error: distance from each \
+             waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
+             far the springs of the reference are from what any pressures can make.",
+            SPEED_M_S * 1e3
+        ),
+        "The paper's figure is its mean for loads below 200 g.".to_owned(),
+    ];
+    t.take(found);
     t.paper("paper, below 200 g", vec![Some(paper_mm)]);
-    lines.push(Line {
-        name: "paper, hardware".to_owned(),
-        points: vec![(0.0, paper_mm), (200.0, paper_mm)],
-        dashed: true,
-        colour: 0,
-    });
-    t.drawn = Drawn::Chart(Box::new(Chart {
-        title: format!("{title} (ours simulated)"),
-        x: "load, g",
-        y: "mean true error at the waypoints, mm",
-        lines,
-        aspect: Aspect::Free,
-    }));
-    Ok(t)
+    t
 }
 
 fn path_cells(group: &[Kept]) -> Vec<Option<f64>> {
@@ -190,45 +235,29 @@ const MOVERS: [(&str, ControllerKind, InitialGuess); 3] = [
     ("ours", ControllerKind::Ours, InitialGuess::Nearest),
 ];
 
-/// Point to point: near, middle, far.
-pub fn moves(robot: &RobotSpec) -> Result<Table> {
-    let mut t = Table {
-        name: "moves",
-        title: "Point to point",
-        notes: vec![
-            format!(
-                "From rest to three points, without load and with 500 g. {NOT_TOLD} Steps and settling: until the true tip is \
-                 within 1 mm for good; rows without settled moves have none. One step is 10 ms. Final: mean over the \
-                 last second."
-            ),
-            "The paper counts 160 iterations with and 480 without its initial guess for its long move; its iterations \
-             are not ours, their ratio can be compared."
-                .to_owned(),
-        ],
-        columns: vec![
-            "steps",
-            "settling, s",
-            "final error, mm",
-            "saturated, % of steps",
-            "off the manifold, mm",
-            "solve, us",
-            "fastest, mm/s",
-            "settled, %",
-            "given up with a reason, %",
-        ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
-    let mut conditions = Vec::new();
+/// Name and place of the target, m, stiffness, load, kg, and who moves.
+type MoveCondition = (
+    &'static str,
+    [f64; 3],
+    f64,
+    f64,
+    (&'static str, ControllerKind, InitialGuess),
+);
+
+fn move_conditions() -> Vec<MoveCondition> {
+    let mut out = Vec::new();
     for (target, position_m) in TARGETS_M {
         for stiffness in STIFFNESSES {
             for payload_kg in [0.0, 0.5] {
-                for mover in MOVERS {
-                    conditions.push((target, position_m, stiffness, payload_kg, mover));
-                }
+                out.extend(MOVERS.map(|m| (target, position_m, stiffness, payload_kg, m)));
             }
         }
     }
+    out
+}
+
+fn find_moves(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
+    let conditions = &move_conditions()[items];
     let trials = conditions.iter().flat_map(|c| {
         SEEDS.map(|seed| {
             let gains = Gains {
@@ -243,17 +272,18 @@ pub fn moves(robot: &RobotSpec) -> Result<Table> {
             }
         })
     });
-    let kept = run_all(robot, trials.collect(), |o| {
+    let kept = run_all(&lab.robot, trials.collect(), |o| {
         let (solve, off) = (o.solve_us.map(|s| s[0]), o.off_manifold_mm);
         let refused = o.driven.refused.is_some();
         (o.moved().cloned(), solve, off, o.fastest_mm_s, refused)
     })?;
-    for (c, group) in conditions.iter().zip(kept.chunks(SEEDS.len())) {
+    let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
+    let row = rows.map(|(c, group)| {
         let moved = || group.iter().filter_map(|g| g.0.as_ref());
         let all_settled = moved().all(|m| m.steps.is_some()) && moved().count() == SEEDS.len();
         let steps = moved().filter_map(|m| m.steps).map(|s| s as f64);
         let settled = mean(moved().map(|m| percent(f64::from(u8::from(m.steps.is_some())))));
-        t.ours(
+        Found::row(
             format!("{}: {}, {:.0} g, stiffness {}", c.0, c.4.0, c.3 * 1e3, c.2),
             vec![
                 mean(steps).filter(|_| all_settled),
@@ -266,46 +296,61 @@ pub fn moves(robot: &RobotSpec) -> Result<Table> {
                 settled.or(Some(0.0)),
                 mean(group.iter().map(|g| percent(f64::from(u8::from(g.4))))),
             ],
-        );
-    }
-    t.paper("far: with initial guess (iterations)", vec![Some(160.0)]);
-    t.paper("far: without initial guess (iterations)", vec![Some(480.0)]);
-    Ok(t)
+        )
+    });
+    Ok(row.collect())
 }
 
-/// Tomato, lemon and guava into the basket.
-pub fn pick_place(robot: &RobotSpec) -> Result<Table> {
-    let mut t = Table {
-        name: "pick-place",
-        title: "Pick and place: 120, 210 and 170 g into a basket",
-        notes: vec![format!(
-            "The gripper grasps what is within 10 mm; a basket of 40 mm. {NOT_TOLD} Error: true tip from where it should \
-             be when the gripper moves. The paper shows its fruit in the basket and gives no figures."
-        )],
-        columns: vec![
-            "in the basket, %",
-            "mean, mm",
-            "largest, mm",
+fn moves(found: Vec<Found>) -> Table {
+    let mut t = Table::new(
+        "moves",
+        "Point to point",
+        &[
             "steps",
+            "settling, s",
+            "final error, mm",
             "saturated, % of steps",
+            "off the manifold, mm",
             "solve, us",
+            "fastest, mm/s",
+            "settled, %",
+            "given up with a reason, %",
         ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
-    let mut conditions = Vec::new();
-    for stiffness in STIFFNESSES {
-        for (kind, who) in KINDS {
-            conditions.push((stiffness, kind, who));
-        }
-    }
+        Drawn::Bars,
+    );
+    t.notes = vec![
+            format!(
+                "From rest to three points, without load and with 500 g. {NOT_TOLD} Steps and settling: until the true tip is \
+                 within 1 mm for good; rows without settled moves have none. One step is 10 ms. Final: mean over the \
+                 last second."
+            ),
+            "The paper counts 160 iterations with and 480 without its initial guess for its long move; its iterations \
+             are not ours, their ratio can be compared."
+                .to_owned(),
+        ];
+    t.take(found);
+    t.paper("far: with initial guess (iterations)", vec![Some(160.0)]);
+    t.paper("far: without initial guess (iterations)", vec![Some(480.0)]);
+    t
+}
+
+/// Stiffness, and who steers.
+fn pick_place_conditions() -> Vec<(f64, ControllerKind, &'static str)> {
+    STIFFNESSES
+        .iter()
+        .flat_map(|stiffness| KINDS.map(|(kind, who)| (*stiffness, kind, who)))
+        .collect()
+}
+
+fn find_pick_place(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
+    let conditions = &pick_place_conditions()[items];
     let trials = conditions.iter().flat_map(|(stiffness, kind, _)| {
         SEEDS.map(|seed| Trial {
             stiffness: *stiffness,
             ..Trial::new(Gains::of(*kind), Task::PickPlace, seed)
         })
     });
-    let kept = run_all(robot, trials.collect(), |o| {
+    let kept = run_all(&lab.robot, trials.collect(), |o| {
         let (solve, steps) = (o.solve_us.map(|s| s[0]), o.driven.rows.len());
         let objects = o.driven.objects.as_ref().map_or(0, Vec::len);
         match o.measured {
@@ -313,12 +358,13 @@ pub fn pick_place(robot: &RobotSpec) -> Result<Table> {
             _ => None,
         }
     })?;
-    for (c, group) in conditions.iter().zip(kept.chunks(SEEDS.len())) {
+    let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
+    let row = rows.map(|(c, group)| {
         let all = || group.iter().flatten();
         let in_basket = all().map(|(m, _, _, n)| {
             percent(m.in_basket.unwrap_or_default() as f64 / (*n).max(1) as f64)
         });
-        t.ours(
+        Found::row(
             format!("{}, stiffness {}", c.2, c.0),
             vec![
                 mean(in_basket),
@@ -330,7 +376,29 @@ pub fn pick_place(robot: &RobotSpec) -> Result<Table> {
                 mean(all().map(|(m, ..)| percent(m.saturated_ratio))),
                 mean(all().filter_map(|(_, solve, ..)| *solve)),
             ],
-        );
-    }
-    Ok(t)
+        )
+    });
+    Ok(row.collect())
+}
+
+fn pick_place(found: Vec<Found>) -> Table {
+    let mut t = Table::new(
+        "pick-place",
+        "Pick and place: 120, 210 and 170 g into a basket",
+        &[
+            "in the basket, %",
+            "mean, mm",
+            "largest, mm",
+            "steps",
+            "saturated, % of steps",
+            "solve, us",
+        ],
+        Drawn::Bars,
+    );
+    t.notes = vec![format!(
+        "The gripper grasps what is within 10 mm; a basket of 40 mm. {NOT_TOLD} Error: true tip from where it should \
+             be when the gripper moves. The paper shows its fruit in the basket and gives no figures."
+    )];
+    t.take(found);
+    t
 }

@@ -1,14 +1,17 @@
 //! The same budget of tuning for both controllers: so many candidates, drawn alike, on the same tasks.
 
+use std::ops::Range;
+
 use anyhow::Result;
 
-use super::super::table::{Drawn, Table};
+use super::super::Study;
+use super::super::lab::Lab;
+use super::super::table::{Drawn, Found, Table};
 use super::{KINDS, Measured, Outcome, Task, Trial, mean, run_all};
 use crate::cli::drive::commands::Shape;
 use rand::Rng as _;
 use rand::seq::SliceRandom as _;
 use springtwin::control::{AdrcGains, Gains};
-use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 use springtwin::sim::dataset::sample_rng;
@@ -73,23 +76,85 @@ fn cost(outcome: &Outcome) -> f64 {
     }
 }
 
-/// The table: candidates of both in order of their cost, the best first.
-pub fn tuning(robot: &RobotSpec, budget: usize) -> Result<Table> {
-    let tasks = || {
-        let path = |s| Task::Path(s, 1);
-        let move_to = |m| Task::Goto(Goal::position(m));
-        [
-            (path(Shape::Circle), STIFFNESSES[0]),
-            (path(Shape::Eight), STIFFNESSES[1]),
-            (move_to(MOVES_M[0]), STIFFNESSES[1]),
-            (move_to(MOVES_M[1]), STIFFNESSES[0]),
-        ]
-        .into_iter()
+/// The study; an item is a candidate, the first of each controller the gains that ship.
+pub const TUNING: Study = Study {
+    items: |sizes| KINDS.len() * (sizes.candidates + 1),
+    find,
+    table,
+};
+
+/// Tasks, each on an arm of some stiffness.
+fn tasks() -> [(Task, f64); 4] {
+    let path = |s| Task::Path(s, 1);
+    let move_to = |m| Task::Goto(Goal::position(m));
+    [
+        (path(Shape::Circle), STIFFNESSES[0]),
+        (path(Shape::Eight), STIFFNESSES[1]),
+        (move_to(MOVES_M[0]), STIFFNESSES[1]),
+        (move_to(MOVES_M[1]), STIFFNESSES[0]),
+    ]
+}
+
+fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
+    let budget = lab.sizes.candidates;
+    let points = hypercube(budget);
+    let gains = |item: usize| -> (ControllerKind, String, Gains) {
+        let (kind, name) = KINDS[item / (budget + 1)];
+        match item % (budget + 1) {
+            0 => (kind, format!("{name}, as shipped"), Gains::of(kind)),
+            k => (
+                kind,
+                format!("{name}, candidate {k}"),
+                candidate(kind, &points[k - 1]),
+            ),
+        }
     };
-    let mut t = Table {
-        name: "tuning",
-        title: "Tuning of both controllers",
-        notes: vec![format!(
+    let all: Vec<_> = items.map(gains).collect();
+    let trials = all.iter().flat_map(|(_, _, gains)| {
+        tasks().map(|(task, stiffness)| Trial {
+            stiffness,
+            payload_kg: PAYLOAD_KG,
+            declared_kg: PAYLOAD_KG,
+            ..Trial::new(gains.clone(), task, SEED)
+        })
+    });
+    let costs = run_all(&lab.robot, trials.collect(), |o| cost(&o))?;
+    let row = |((kind, label, g), costs): (&(ControllerKind, String, Gains), &[f64])| {
+        let paper = *kind == ControllerKind::Paper;
+        Found::row(
+            label.as_str(),
+            vec![
+                mean(costs.iter().copied()).or(Some(f64::INFINITY)),
+                Some(g.adrc.settle_s),
+                Some(g.adrc.observer_ratio),
+                Some(g.lead_pa * 1e-3),
+                paper.then_some(g.outer_period_s),
+                (!paper).then_some(g.centring),
+            ],
+        )
+    };
+    let per_candidate = costs.chunks(tasks().len());
+    Ok(all.iter().zip(per_candidate).map(row).collect())
+}
+
+/// Candidates of both in order of their cost, the best first, after the gains that ship.
+fn table(found: Vec<Found>) -> Table {
+    let each = found.len() / KINDS.len();
+    let budget = each.saturating_sub(1);
+    let mut t = Table::new(
+        "tuning",
+        "Tuning of both controllers",
+        &[
+            "cost",
+            "settling time, s",
+            "observer ratio",
+            "lead, kPa",
+            "outer period, s",
+            "centring",
+        ],
+        Drawn::Bars,
+    );
+    t.notes.push(format!(
             "{budget} candidates of each, a Latin hypercube over the same ranges, on a circle, an 8 and two moves with \
              {:.0} g, on an arm of {} and one of {} of the stiffness that the twin knows (a load, a seed and arms that \
              no table uses). Cost: mean true error at the waypoints in mm, and {MM_PER_S} \
@@ -98,61 +163,16 @@ pub fn tuning(robot: &RobotSpec, budget: usize) -> Result<Table> {
             PAYLOAD_KG * 1e3,
             STIFFNESSES[0],
             STIFFNESSES[1],
-        )],
-        columns: vec![
-            "cost",
-            "settling time, s",
-            "observer ratio",
-            "lead, kPa",
-            "outer period, s",
-            "centring",
-        ],
-        rows: Vec::new(),
-        drawn: Drawn::Bars,
-    };
-    for (kind, name) in KINDS {
-        let shipped = std::iter::once(Gains::of(kind));
-        let all: Vec<Gains> = shipped
-            .chain(hypercube(budget).iter().map(|at| candidate(kind, at)))
-            .collect();
-        let trials = all.iter().flat_map(|gains| {
-            tasks().map(|(task, stiffness)| Trial {
-                stiffness,
-                payload_kg: PAYLOAD_KG,
-                declared_kg: PAYLOAD_KG,
-                ..Trial::new(gains.clone(), task, SEED)
-            })
-        });
-        let costs = run_all(robot, trials.collect(), |o| cost(&o))?;
-        let per = tasks().count();
-        let costs: Vec<f64> = costs
-            .chunks(per)
-            .map(|c| mean(c.iter().copied()).unwrap_or(f64::INFINITY))
-            .collect();
-        let mut order: Vec<usize> = (1..all.len()).collect();
-        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-        for (rank, k) in std::iter::once(0)
-            .chain(order.into_iter().take(5))
-            .enumerate()
-        {
-            let g = &all[k];
-            let label = match rank {
-                0 => format!("{name}, as shipped"),
-                _ => format!("{name}, candidate {k}"),
-            };
-            let paper = kind == ControllerKind::Paper;
-            t.ours(
-                label,
-                vec![
-                    Some(costs[k]),
-                    Some(g.adrc.settle_s),
-                    Some(g.adrc.observer_ratio),
-                    Some(g.lead_pa * 1e-3),
-                    paper.then_some(g.outer_period_s),
-                    (!paper).then_some(g.centring),
-                ],
-            );
-        }
+        ));
+    let cost = |f: &Found| f.first().unwrap_or(f64::INFINITY);
+    for of_one in found.chunks(each.max(1)) {
+        let Some((shipped, candidates)) = of_one.split_first() else {
+            continue;
+        };
+        let mut order: Vec<&Found> = candidates.iter().collect();
+        order.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+        let best = std::iter::once(shipped).chain(order.into_iter().take(5));
+        t.take(best.cloned().collect());
     }
-    Ok(t)
+    t
 }

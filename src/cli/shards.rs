@@ -1,0 +1,191 @@
+//! Long work in parts: the same command on many machines, each with its `--shard I/N`, and a merge that
+//! makes of their results what one run would have made.
+//!
+//! The items of a run stand in a fixed order, and a shard does a stretch of them. What it found is a JSON
+//! file that begins with everything that decides the results. Figures in it are texts, so that they are
+//! read back bit for bit.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use springtwin::signal::hex;
+
+/// Which part of how many; both count from 1.
+pub type Part = (usize, usize);
+
+/// What a shard found.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Shard<T> {
+    /// The command.
+    pub of: String,
+    /// Whatever decides the results: name and value of options, versions, hashes.
+    pub about: Vec<(String, String)>,
+    /// Which part of how many.
+    pub shard: Part,
+    /// The results.
+    pub found: T,
+}
+
+impl<T> Shard<T> {
+    /// The same shard with what it found.
+    pub fn with<U>(self, found: U) -> Shard<U> {
+        Shard {
+            of: self.of,
+            about: self.about,
+            shard: self.shard,
+            found,
+        }
+    }
+
+    /// The value of an option; empty when there is none of that name.
+    pub fn option(&self, name: &str) -> &str {
+        let known = self.about.iter().find(|(n, _)| n == name);
+        known.map_or("", |(_, value)| value)
+    }
+}
+
+/// The items of a part when there are `items` in all.
+pub fn stretch(items: usize, (i, n): Part) -> Range<usize> {
+    (i - 1) * items / n..i * items / n
+}
+
+/// Writes a shard's file.
+pub fn write_shard<T: Serialize>(path: &Path, shard: &Shard<T>) -> Result<()> {
+    write(path, &serde_json::to_string_pretty(shard)?)
+}
+
+/// Says of a file that it is no shard of the command `of`.
+pub fn not_a_shard(of: &str, path: &Path) -> String {
+    format!(
+        "{} is no shard of `{of}`: name the files that `{of} --shard I/N` has written",
+        path.display()
+    )
+}
+
+/// Reads the shards of one run of the command `of`, with their files, in their order.
+///
+/// # Errors
+/// As [`in_order`], and when a file is no shard.
+pub fn read_shards<T: DeserializeOwned>(
+    of: &str,
+    paths: &[PathBuf],
+) -> Result<Vec<(PathBuf, Shard<T>)>> {
+    let mut read: Vec<(PathBuf, Shard<T>)> = Vec::new();
+    for path in paths {
+        let shard = serde_json::from_str(&super::read_text(path)?);
+        let shard = shard.ok().with_context(|| not_a_shard(of, path))?;
+        read.push((path.clone(), shard));
+    }
+    in_order(of, read)
+}
+
+/// All shards of one run of the command `of` in their order.
+///
+/// # Errors
+/// When one is of another command or version of this program, when shards differ in anything that decides the
+/// results, or when one is missing or given twice.
+pub fn in_order<T>(
+    of: &str,
+    mut read: Vec<(PathBuf, Shard<T>)>,
+) -> Result<Vec<(PathBuf, Shard<T>)>> {
+    let (first_path, first) = read.first().context("no shards were given")?;
+    let n = first.shard.1;
+    for (path, shard) in &read {
+        anyhow::ensure!(shard.of == of, not_a_shard(of, path));
+        let (ours, version) = (env!("CARGO_PKG_VERSION"), shard.option("version"));
+        anyhow::ensure!(
+            version == ours,
+            "{} was made by springtwin {version}: merge it with that version, this one is {ours}",
+            path.display()
+        );
+        if let Some(what) = difference(first, shard) {
+            anyhow::bail!(
+                "{} comes from another run than {} ({what}): merge shards of one run only",
+                path.display(),
+                first_path.display()
+            );
+        }
+        let i = shard.shard.0;
+        anyhow::ensure!(
+            (1..=n).contains(&i),
+            "{} says it is shard {i} of {n}: run that shard again",
+            path.display()
+        );
+    }
+    read.sort_by_key(|(_, s)| s.shard.0);
+    for pair in read.windows(2) {
+        let [(a, one), (b, other)] = pair else {
+            continue;
+        };
+        anyhow::ensure!(
+            one.shard != other.shard,
+            "shard {}/{n} is given twice, by {} and {}: name one of them",
+            one.shard.0,
+            a.display(),
+            b.display()
+        );
+    }
+    let missing = (1..=n).filter(|i| !read.iter().any(|(_, s)| s.shard.0 == *i));
+    let missing: Vec<String> = missing.take(5).map(|i| format!("{i}/{n}")).collect();
+    anyhow::ensure!(
+        missing.is_empty(),
+        "no file of shard {} is given ({} of {n} are there): run what is missing and name all files",
+        missing.join(", "),
+        read.len()
+    );
+    Ok(read)
+}
+
+/// In what two shards differ that must be alike.
+fn difference<T>(a: &Shard<T>, b: &Shard<T>) -> Option<String> {
+    if a.shard.1 != b.shard.1 {
+        return Some(format!("{} shards, not {}", b.shard.1, a.shard.1));
+    }
+    let mut names = a.about.iter().chain(&b.about).map(|(name, _)| name);
+    names
+        .find(|name| a.option(name) != b.option(name))
+        .map(|name| {
+            let value = |s: &Shard<T>| match s.option(name) {
+                "" => "none".to_owned(),
+                value => value.to_owned(),
+            };
+            format!("{name} {}, not {}", value(b), value(a))
+        })
+}
+
+/// Writes beside the target and renames: what is there is whole.
+pub fn write(path: &Path, text: &str) -> Result<()> {
+    let part = path.with_extension("part");
+    std::fs::write(&part, text)
+        .and_then(|()| std::fs::rename(&part, path))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// SHA-256 of a file.
+pub fn file_hash(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    Ok(hex(&Sha256::digest(bytes)))
+}
+
+/// SHA-256 of this program's file.
+pub fn program_hash() -> Result<String> {
+    file_hash(&std::env::current_exe().context("cannot tell where this program is")?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_follow_each_other_and_leave_nothing_out() {
+        for (items, n) in [(0, 3), (1, 4), (7, 3), (290, 20), (5, 5)] {
+            let all: Vec<usize> = (1..=n).flat_map(|i| stretch(items, (i, n))).collect();
+            assert_eq!(all, (0..items).collect::<Vec<_>>(), "{items} in {n}");
+        }
+    }
+}
