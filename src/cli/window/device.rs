@@ -250,10 +250,13 @@ enum Shown {
 }
 
 impl Pane {
-    /// Tells, once, that the first frame has been painted.
-    fn tell_first_frame(&mut self) {
+    /// Tells, once, that the first frame has been painted: the second follows it at once.
+    fn tell_first_frame(&mut self, ctx: &egui::Context) {
         self.shown = match self.shown {
-            Shown::Nothing => Shown::FirstFrame,
+            Shown::Nothing => {
+                ctx.request_repaint();
+                Shown::FirstFrame
+            }
             Shown::FirstFrame => {
                 log::debug!("the first frame has been painted");
                 Shown::More
@@ -290,7 +293,7 @@ impl eframe::App for Pane {
         let Some(kept) = &mut *kept else {
             return;
         };
-        self.tell_first_frame();
+        self.tell_first_frame(ui.ctx());
         let now_s = ui.input(|i| i.time);
         self.drill(frame, kept.time_s, now_s);
         kept.time_s = now_s;
