@@ -25,9 +25,14 @@ REQUIREMENTS = ROOT / "benches/peers/requirements.txt"
 KEPT = ROOT / "assets/guide/bench.md"
 
 
+class Parser(argparse.ArgumentParser):
+    def error(self, message):
+        self.exit(2, f"error: {message}\n")
+
+
 def arguments():
     first, rest = __doc__.split("\n\n", 1)
-    parser = argparse.ArgumentParser("./bench", description=first, epilog=rest)
+    parser = Parser("./bench", description=first, epilog=rest)
     parser.add_argument("--keep", action="store_true", help="copy the report to assets/guide/bench.md")
     parser.add_argument("--quick", action="store_true", help="few repeats, only to see that it works")
     parser.add_argument(
