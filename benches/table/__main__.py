@@ -203,6 +203,9 @@ def main() -> int:
     print(report.summary(result))
     if options.keep:
         shutil.copyfile(folder / "report.md", KEPT)
+        contents = KEPT.with_name("SUMMARY.md").read_text()
+        if KEPT.name not in contents:
+            KEPT.with_name("SUMMARY.md").write_text(f"{contents}- [Targets and peers]({KEPT.name})\n")
         print(f"kept as {KEPT.relative_to(ROOT)}")
     bad = [r for r in result["rows"] if r["met"] is False]
     bad += [r for r in result["rows"] if "failed" in r and r["failed"] != "left out" and r["bound"] != "-"]
