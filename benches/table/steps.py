@@ -73,7 +73,11 @@ def peer(script: str, *arguments) -> dict:
     """What a script of `benches/peers` found."""
     if not PYTHON.exists():
         raise Failure("peer not installed")
-    return json.loads(call(PYTHON, ROOT / "benches/peers" / script, "--json", *arguments))
+    try:
+        return json.loads(call(PYTHON, ROOT / "benches/peers" / script, "--json", *arguments))
+    except Failure as e:
+        missing = re.search(r"(\w+) is missing: run `pip", str(e))
+        raise Failure(f"peer not installed ({missing.group(1)})" if missing else str(e)) from None
 
 
 def values(spread: dict, factor=1.0) -> list:
@@ -122,6 +126,7 @@ def hot(quick: bool) -> dict:
         "rod-cold": Figure(rest),
         "dynamics": Figure([1e-3 / s for s in found[slowest]], note=slowest.split(", ", 2)[2]),
         "mesh-warm": Figure(take("mesh/mesh sample, warm (0.4 % steps)", 1e3)),
+        "jacobian": Figure(take("pose, 6 x 24 Jacobian and covariance", 1e6)),
         "reach-yes": Figure(take("reach, reachable", 1e6)),
         "reach-no": Figure(take("reach, unreachable", 1e6)),
         "solve": Figure(
@@ -378,12 +383,11 @@ def window(quick: bool) -> dict:
 
 @dataclass(frozen=True)
 class Step:
-    """One thing to run, and the targets that it measures."""
+    """One thing to run, and the targets that it measures; `+` before those of which it gives only the peers."""
 
     name: str
     run: object
     targets: tuple
-    script: str = ""  # of a peer
 
 
 STEPS = [
@@ -391,13 +395,13 @@ STEPS = [
     Step("the window on a virtual display", window, ("first-frame", "idle-operate", "idle-sensors")),
     Step("criterion's benchmarks", hot,
          ("rod-warm", "rod-cold", "dynamics", "mesh-warm", "reach-yes", "reach-no", "solve", "frame")),
-    Step("PyElastica and MuJoCo", statics, ("rod-pose", "+dynamics"), "statics.py"),
-    Step("PyTorch and ONNX Runtime", learning, ("epoch", "to-error", "jacobian"), "learning.py"),
+    Step("PyElastica and MuJoCo", statics, ("rod-pose", "+dynamics")),
+    Step("PyTorch and ONNX Runtime", learning, ("epoch", "to-error", "jacobian")),
     Step("data sets", datasets, ("rod-20000", "mesh-20000")),
     Step("paths and moves", paths,
          ("circle-200", "circle-500", "eight-200", "eight-500", "far", "solve-path")),
     Step("the gap finder", finder, ("gap-90",)),
-    Step("PySINDy", supply, ("supply-repeat", "supply-other", "supply-seconds"), "actuation.py"),
+    Step("PySINDy", supply, ("supply-repeat", "supply-other", "supply-seconds")),
     Step("a recording of an hour", hour, ("hour-open", "hour-scrub", "rrd-bytes", "rrd-write", "rrd-read")),
     Step("an hour of the window", memory, ("memory",)),
 ]  # fmt: skip
