@@ -157,6 +157,7 @@ def main() -> int:
     options = arguments()
     prepare()
     start_s = time.monotonic()
+    here = machine()
     revision = first_line("git", "rev-parse", "--short=12", "HEAD")
     try:
         changed = bool(call("git", "status", "--porcelain", "--untracked-files=no").strip())
@@ -174,7 +175,6 @@ def main() -> int:
         missing = REQUIREMENTS.read_text().split()
     if missing:
         say(f"not installed: {', '.join(missing)}")
-    here = machine()  # the load after the build
     figures, reasons, versions = run_all(options)
     here["load_end"] = os.getloadavg()[0]
     names = {"torch": "PyTorch", "pyelastica": "PyElastica", "mujoco": "MuJoCo", "pysindy": "PySINDy"}

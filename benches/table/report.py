@@ -2,7 +2,7 @@
 
 import statistics
 
-from targets import ELSEWHERE, TARGETS
+from targets import ELSEWHERE, OWN, TARGETS
 
 INTRODUCTION = """\
 Every performance target of the project in one run on one machine, each beside its peer where there is one: other
@@ -46,7 +46,7 @@ def row(target, figure, why: str | None) -> dict:
         "measured": None,
         "met": None,
         "peers": [],
-        "note": target.alone and f"no peer: {target.alone}",
+        "note": f"no peer: {target.alone}" if target.alone not in ("", OWN) else "",
     }
     if figure is None or not figure.values:
         out["failed"] = why or "not measured"
@@ -106,7 +106,7 @@ def markdown(result: dict) -> str:
     ]
     if m["load"] > 0.5:
         out += ["", "**Other work was running at the start: times are longer than they would be.**"]
-    head = ["target", "unit", "bound", "measured", "", "peer", "peer's figure", "ratio"]
+    head = ["target", "unit", "bound", "measured", "verdict", "peer", "peer's figure", "ratio"]
     section, notes = None, []
     for r in result["rows"]:
         if r["section"] != section:
@@ -116,8 +116,9 @@ def markdown(result: dict) -> str:
         out += ["| " + " | ".join(cells) + " |" for cells in lines(r)]
         if r["note"]:
             notes.append(f"- {r['target']}: {r['note']}.")
+    notes.append("- Lines with *none* for a peer and without a remark are about this program alone.")
     out += ["", "## Remarks", "", *notes, "", "## Measured elsewhere", "", "| what | with |", "|---|---|"]
-    out += [f"| {what} | `{command}` |" for what, command in ELSEWHERE]
+    out += [f"| {what} | {f'`{command}`' if command else 'nothing yet'} |" for what, command in ELSEWHERE]
     return "\n".join(out) + "\n"
 
 
