@@ -178,7 +178,7 @@ def main() -> int:
     figures, reasons, versions = run_all(options)
     here["load_end"] = os.getloadavg()[0]
     names = {"torch": "PyTorch", "pyelastica": "PyElastica", "mujoco": "MuJoCo", "pysindy": "PySINDy"}
-    names |= {"onnxruntime": "ONNX Runtime", "numpy": "NumPy", "python": "Python", "onnx": "onnx"}
+    names |= {"onnxruntime": "ONNX Runtime", "numpy": "NumPy", "python": "Python", "vqf": "VQF"}
     result = {
         "date": time.strftime("%Y-%m-%d %H:%M"),
         "revision": revision,

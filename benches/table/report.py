@@ -10,7 +10,8 @@ libraries that do the same work (`benches/peers/README.md` tells how they are se
 program has it. Figures are the median and, in brackets, the range over repeats. Times are wall times unless the line says
 otherwise, by the program's own clock, by criterion, or by the script that runs the peer; what one script compares takes
 turns. The ratio is ours over the peer's: below 1 is better, except for *x real time*. Arms, sensors and paths are
-**simulated**; lines marked *measured* predict the log of a real arm. A line without a bound is there for its peer, or to
+**simulated**; lines marked *measured* are about logs of a real arm
+and of real IMUs. A line without a bound is there for its peer, or to
 be known."""
 
 
@@ -55,8 +56,8 @@ def row(target, figure, why: str | None) -> dict:
     out["measured"] = ours
     out["source"] = figure.source
     out["met"] = target.met(ours["median"])
-    for name, values in figure.peers:
-        theirs = spread(values)
+    for name, values, *middle in figure.peers:
+        theirs = spread(values, *middle)
         ratio = ours["median"] / theirs["median"] if theirs["median"] else None
         out["peers"].append({"peer": name, "measured": theirs, "ratio": ratio})
     if target.id == "far" and out["peers"]:

@@ -36,7 +36,7 @@ class Figure:
     values: list
     note: str = ""
     source: str = "simulated"
-    peers: list = field(default_factory=list)  # (name, values) in the same unit
+    peers: list = field(default_factory=list)  # (name, values) in the same unit, and the middle likewise
     middle: float | None = None  # where it is not the median of the values
 
     def median(self) -> float:
@@ -240,6 +240,30 @@ def supply(quick: bool) -> dict:
     }
 
 
+def orientation(_) -> dict:
+    data = DATA / "broad"
+    if not data.is_dir():
+        raise Failure("the measured data are not there: set SPRINGTWIN_DATA")
+    found = peer("orientation.py", "--program", PROGRAM, "--data", data)
+    trials = found["trials"]
+
+    def figure(kind, whole):
+        ours, theirs = ([t[who][kind] for t in trials] for who in ("springtwin", "vqf"))
+        return Figure(
+            ours,
+            middle=statistics.mean(ours),
+            source="measured",
+            note=f"range over {len(trials)} trials; the authors of the peer tell {whole} for all of BROAD's",
+            peers=[("VQF by its authors", theirs, statistics.mean(theirs))],
+        )
+
+    return {
+        "imu-total": figure("total", 2.08),
+        "imu-tilt": figure("inclination", 0.70),
+        "versions": found["versions"],
+    }
+
+
 # The program's own commands
 
 
@@ -402,6 +426,7 @@ STEPS = [
          ("circle-200", "circle-500", "eight-200", "eight-500", "far", "solve-path")),
     Step("the gap finder", finder, ("gap-90",)),
     Step("PySINDy", supply, ("supply-repeat", "supply-other", "supply-seconds")),
+    Step("VQF", orientation, ("imu-total", "imu-tilt")),
     Step("a recording of an hour", hour, ("hour-open", "hour-scrub", "rrd-bytes", "rrd-write", "rrd-read")),
     Step("an hour of the window", memory, ("memory",)),
 ]  # fmt: skip

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 SIMULATORS = "Simulators"
-CONTROL = "Learning and control"
+CONTROL = "Sensing, learning and control"
 GAP = "Gap finder"
 WINDOW = "Window"
 PROGRAM = "Recording and program"
@@ -58,6 +58,8 @@ TARGETS = [
     Target("eight-200", CONTROL, "figure 8 with 200 g, mean error of the tip", "mm", 1),
     Target("eight-500", CONTROL, "figure 8 with 500 g, mean error of the tip", "mm", 2),
     Target("far", CONTROL, "the far move (fewer than its peer)", "steps"),
+    Target("imu-total", CONTROL, "IMU orientation, the mean of three trials: total", "deg RMSE"),
+    Target("imu-tilt", CONTROL, "IMU orientation, the mean of three trials: inclination", "deg RMSE"),
     Target("gap-90", GAP, "one session of 90 s at 50 Hz, the slowest of three", "s", 60, alone=OWN),
     Target("supply-repeat", GAP, "measured arm: free prediction of the repeat", "psi RMSE"),
     Target("supply-other", GAP, "measured arm: free prediction of another day", "psi RMSE"),
