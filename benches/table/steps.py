@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import statistics
 import subprocess
 import sys
@@ -47,22 +48,29 @@ def say(text: str) -> None:
     print(f"== {text}", file=sys.stderr, flush=True)
 
 
-def call(*command, limit_s=LONGEST_S, **more) -> str:
-    """What a command prints. Its own progress goes to standard error."""
+def call(*command, limit_s=LONGEST_S) -> str:
+    """What a command prints; with all that it started it is ended when it takes too long."""
     command = [str(c) for c in command]
+    name = " ".join([Path(command[0]).name, *command[1:2]])
     try:
-        done = subprocess.run(
-            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            stdin=subprocess.DEVNULL, timeout=limit_s, **more,
+        process = subprocess.Popen(
+            command, cwd=ROOT, text=True, process_group=0,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise Failure(f"`{Path(command[0]).name} {command[1]}` took longer than {limit_s} s") from None
     except OSError as e:
-        raise Failure(f"`{Path(command[0]).name}` cannot be run: {e.strerror}") from None
-    if done.returncode != 0:
-        lines = (done.stderr or done.stdout).strip().splitlines() or ["it says nothing"]
-        raise Failure(f"`{Path(command[0]).name} {command[1]}` failed: {lines[-1][:200]}")
-    return done.stdout
+        raise Failure(f"`{name}` cannot be run: {e.strerror}") from None
+    try:
+        out, errors = process.communicate(timeout=limit_s)
+    except BaseException as e:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        if isinstance(e, subprocess.TimeoutExpired):
+            raise Failure(f"`{name}` took longer than {limit_s} s") from None
+        raise
+    if process.returncode != 0:
+        lines = (errors or out).strip().splitlines() or ["it says nothing"]
+        raise Failure(f"`{name}` failed: {lines[-1][:200]}")
+    return out
 
 
 def program(*arguments) -> dict:
