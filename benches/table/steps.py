@@ -333,6 +333,14 @@ def paths(quick: bool) -> dict:
     return figures
 
 
+def real_time(quick: bool) -> dict:
+    found = program("run", "--headless", "--rig", "pty", "--seconds", 5 if quick else 30)
+    return {
+        "missed": Figure([found["missed_ticks"]], note=f"of {found['ticks']}"),
+        "lost": Figure([found["frames_lost"]], note=f"of {found['frames']}"),
+    }
+
+
 def finder(quick: bool) -> dict:
     seconds, verdicts = [], []
     with tempfile.TemporaryDirectory() as folder:
@@ -429,6 +437,7 @@ STEPS = [
          ("rod-warm", "rod-cold", "dynamics", "mesh-warm", "reach-yes", "reach-no", "solve", "frame")),
     Step("PyElastica and MuJoCo", statics, ("rod-pose", "+dynamics")),
     Step("PyTorch and ONNX Runtime", learning, ("epoch", "to-error", "jacobian")),
+    Step("real time", real_time, ("missed", "lost")),
     Step("data sets", datasets, ("rod-20000", "mesh-20000")),
     Step("paths and moves", paths,
          ("circle-200", "circle-500", "eight-200", "eight-500", "far", "solve-path")),

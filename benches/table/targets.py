@@ -60,6 +60,8 @@ TARGETS = [
     Target("far", CONTROL, "the far move (fewer than its peer)", "steps"),
     Target("imu-total", CONTROL, "IMU orientation, the mean of three trials: total", "deg RMSE"),
     Target("imu-tilt", CONTROL, "IMU orientation, the mean of three trials: inclination", "deg RMSE"),
+    Target("missed", CONTROL, "ticks of 10 ms missed in 30 s against a rig on a serial line", "ticks", 0, alone=OWN),
+    Target("lost", CONTROL, "frames lost meanwhile", "frames", 0, alone=OWN),
     Target("gap-90", GAP, "one session of 90 s at 50 Hz, the slowest of three", "s", 60, alone=OWN),
     Target("supply-repeat", GAP, "measured arm: free prediction of the repeat", "psi RMSE"),
     Target("supply-other", GAP, "measured arm: free prediction of another day", "psi RMSE"),
