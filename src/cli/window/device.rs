@@ -171,6 +171,7 @@ fn run(
                 closed_by_loss,
                 begins_s,
                 drill: drill.iter().map(Duration::as_secs_f64).collect(),
+                shown: Shown::Nothing,
             }))
         })
     };
@@ -234,9 +235,36 @@ struct Pane {
     begins_s: f64,
     /// When devices are lost on purpose, s.
     drill: Vec<f64>,
+    shown: Shown,
+}
+
+/// How far a window has got.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    /// Nothing has been laid out.
+    Nothing,
+    /// The first frame has been laid out; it is painted before the next is.
+    FirstFrame,
+    /// The first frame has been painted.
+    More,
 }
 
 impl Pane {
+    /// Tells, once, that the first frame has been painted: the second follows it at once.
+    fn tell_first_frame(&mut self, ctx: &egui::Context) {
+        self.shown = match self.shown {
+            Shown::Nothing => {
+                ctx.request_repaint();
+                Shown::FirstFrame
+            }
+            Shown::FirstFrame => {
+                log::debug!("the first frame has been painted");
+                Shown::More
+            }
+            Shown::More => return,
+        };
+    }
+
     /// Loses the device if that is due.
     fn drill(&self, frame: &eframe::Frame, before_s: f64, now_s: f64) {
         let due = |at: &f64| (before_s..now_s).contains(at);
@@ -265,6 +293,7 @@ impl eframe::App for Pane {
         let Some(kept) = &mut *kept else {
             return;
         };
+        self.tell_first_frame(ui.ctx());
         let now_s = ui.input(|i| i.time);
         self.drill(frame, kept.time_s, now_s);
         kept.time_s = now_s;
