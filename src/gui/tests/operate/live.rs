@@ -10,7 +10,7 @@ use crate::link::wire::Config;
 use crate::link::{HostSession, Origin};
 use crate::rig::{Object, RigOptions, Surroundings, Unit, VirtualRig};
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::{ControllerKind, Gripper, GroundTruth, PressureCommand};
+use crate::signal::{ControllerKind, Gripper, GroundTruth, PressureCommand, TruthSource};
 use crate::task::circle;
 use crate::twin::{Arrivals, Maps, Port, Runner, TICK_S};
 
