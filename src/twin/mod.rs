@@ -2,6 +2,7 @@
 
 mod command;
 mod core;
+mod in_process;
 mod mesh;
 mod newest;
 mod record;
@@ -12,6 +13,7 @@ mod trial;
 
 pub use command::{Command, Event, Handle};
 pub use core::{Maps, Twin};
+pub use in_process::{FarEnd, Heard, InProcess};
 pub use mesh::{MeshAnswer, MeshQuestion, MeshSolver};
 pub use runner::{
     Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,

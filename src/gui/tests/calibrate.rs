@@ -13,75 +13,31 @@ use crate::gui::services::{
     BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version,
 };
 use crate::link::wire::Config;
-use crate::link::{HostSession, Origin};
 use crate::rig::circuit::{self, BenchPlan};
 use crate::rig::faults::{Fault, Place, Word};
 use crate::rig::{RigOptions, Unit, VirtualRig, circuit_of};
 use crate::sensing::bench::{BenchLog, parse_bench};
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::{ControllerKind, GroundTruth, PressureCommand, TruthSource};
-use crate::twin::{Arrivals, Maps, Port, Runner};
+use crate::signal::ControllerKind;
+use crate::twin::{Heard, InProcess, Maps, Runner};
 
 mod told;
 
 /// The virtual rig behind a line that can be cut.
-struct Line {
-    rig: VirtualRig,
-    session: HostSession,
-    cut: Arc<AtomicBool>,
-    was_cut: bool,
-    ms: u64,
-    to_rig: Vec<u8>,
-}
-
-impl Port for Line {
-    fn poll(&mut self, now: Stamp) -> Arrivals {
-        let mut arrivals = Arrivals::default();
-        let cut = self.cut.load(Ordering::Relaxed);
-        match (self.was_cut, cut) {
-            (false, true) => self.session.disconnected(now, "the cable was pulled"),
-            (true, false) => self.session.reconnected(now),
-            _ => {}
+fn line(mut rig: VirtualRig, config: Config, cut: Arc<AtomicBool>) -> InProcess {
+    let far_end = move |t_s: f64, to_rig: &[u8]| {
+        let is_cut = cut.load(Ordering::Relaxed);
+        match is_cut {
+            true => rig.faults.begin(Place::Port, Fault::of(Word::Off)),
+            false => rig.faults.end(Place::Port),
         }
-        self.was_cut = cut;
-        match cut {
-            true => self.rig.faults.begin(Place::Port, Fault::of(Word::Off)),
-            false => self.rig.faults.end(Place::Port),
+        let bytes = rig.advance(t_s, to_rig);
+        Heard {
+            bytes: (!is_cut).then_some(bytes),
+            truth: rig.mocap_sample(t_s),
         }
-        while (self.ms + 1) as f64 * 1e-3 <= now.seconds() + 1e-9 {
-            self.ms += 1;
-            let t_s = self.ms as f64 * 1e-3;
-            let at = Stamp::from_seconds(t_s);
-            self.to_rig.extend(self.session.poll(at));
-            let from_rig = self.rig.advance(t_s, &std::mem::take(&mut self.to_rig));
-            self.session.on_bytes(at, &from_rig);
-            if self.ms.is_multiple_of(10) {
-                arrivals.truths.push(GroundTruth {
-                    stamp: at,
-                    base_from_tip: self.rig.mocap_pose(),
-                    source: TruthSource::VirtualRig,
-                });
-            }
-        }
-        arrivals.frames = std::iter::from_fn(|| self.session.next_frame()).collect();
-        arrivals.status = self.session.status(now);
-        arrivals
-    }
-
-    fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
-        match command {
-            Some(command) => self.session.set_command(command),
-            None => self.session.clear_command(),
-        }
-    }
-
-    fn estop(&mut self, _now: Stamp) {
-        self.session.estop();
-    }
-
-    fn reset(&mut self, _now: Stamp) {
-        self.session.reset();
-    }
+    };
+    InProcess::new("virtual rig", config, Box::new(far_end))
 }
 
 fn maps() -> Maps {
@@ -175,14 +131,8 @@ impl Bench {
         let twin = crate::twin::Twin::new(&robot, maps(), sensing, Gains::of(ControllerKind::Ours));
         let cut = Arc::new(AtomicBool::new(false));
         let config = Config::new(&robot.pressure, robot.over_pressure_pa);
-        let line = Line {
-            rig: VirtualRig::new(&robot, &RigOptions::default()).expect("settles"),
-            session: HostSession::new("virtual rig", Origin::Simulated, config),
-            cut: Arc::clone(&cut),
-            was_cut: false,
-            ms: 0,
-            to_rig: Vec::new(),
-        };
+        let rig = VirtualRig::new(&robot, &RigOptions::default()).expect("settles");
+        let line = line(rig, config, Arc::clone(&cut));
         let (command_tx, commands) = sync_channel(64);
         let (events, event_rx) = sync_channel(256);
         let (feed, feed_rx) = sync_channel(256);
