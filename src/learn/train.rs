@@ -137,7 +137,8 @@ fn members(
         let workers: Vec<_> = (0..threads.min(count))
             .map(|_| {
                 let (send, next, stop) = (send.clone(), &next, &stop);
-                scope.spawn(move || {
+                let thread = std::thread::Builder::new().name("training".to_owned());
+                let members_in_turn = move || {
                     let mut done = Vec::new();
                     loop {
                         let member = next.fetch_add(1, Ordering::Relaxed);
@@ -152,7 +153,10 @@ fn members(
                         };
                         done.push((member, train(member, &mut watch)));
                     }
-                })
+                };
+                thread
+                    .spawn_scoped(scope, members_in_turn)
+                    .expect("a thread")
             })
             .collect();
         drop(send);
