@@ -4,6 +4,10 @@
 //! passed in. [`pty`] puts it behind a pseudo-terminal that any serial program can open. Its boards are
 //! [`board`]s, or run the real firmware in a simulator ([`firmware`]).
 //! Everything it yields is simulated.
+//!
+//! It is there to prove the twin wrong, so it shares no mathematics with it where it can do otherwise. Of
+//! the link it imports [`wire`](crate::link::wire) alone, besides sim, robot and signal. Nothing but the
+//! command line and tests imports it; never `gap`, which is to find what it hides.
 
 pub mod board;
 pub mod circuit;

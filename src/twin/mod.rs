@@ -1,4 +1,8 @@
 //! The twin: one tick, commands, events, and the threads around it.
+//!
+//! [`Twin`] joins the rooms below to one loop, from a frame to a command; it reads no clock, never sleeps and
+//! prints nothing. [`Runner`] puts it on a [`Port`] and gives it a recorder. It may import every room but the
+//! window and the rig: what is at the other end of a port, it does not know.
 
 mod command;
 mod core;
