@@ -178,12 +178,8 @@ fn recorded(path: &Path) -> Result<RobotPoses> {
 fn estimated(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
     let log = read_session(path)?;
     let maps = model::maps(networks)?;
-    let poses = (0..log.len())
-        .filter_map(|k| {
-            let sensors = log.sensors[k].to_vector();
-            let whole = sensors.iter().all(|x| x.is_finite());
-            whole.then(|| (log.t_s[k], to_pose(&maps.pose.pose(&sensors).pose)))
-        })
+    let poses = model::estimates(&log, &maps)
+        .map(|(k, eval)| (log.t_s[k], to_pose(&eval.pose)))
         .collect();
     Ok(RobotPoses {
         poses,

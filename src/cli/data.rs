@@ -451,18 +451,11 @@ pub fn estimate(a: &EstimateArgs) -> Result<Report> {
     let maps = model::maps(a.model.as_deref())?;
     let mut distance_mm = Vec::new();
     let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];
-    let (mut inside, mut left_out) = ([0usize; 2], 0usize);
-    for k in 0..log.len() {
-        let sensors = log.sensors[k].to_vector();
+    let mut inside = [0usize; 2];
+    for (k, eval) in model::estimates(&log, &maps) {
         let Some(truth) = &log.truth[k] else {
-            left_out += 1;
             continue;
         };
-        if sensors.iter().any(|x| !x.is_finite()) {
-            left_out += 1;
-            continue;
-        }
-        let eval = maps.pose.pose(&sensors);
         let got = to_pose(&eval.pose);
         let e = pose_error(&got, truth);
         distance_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
@@ -486,6 +479,7 @@ pub fn estimate(a: &EstimateArgs) -> Result<Report> {
         a.session.display()
     );
     let n = distance_mm.len();
+    let left_out = log.len() - n;
     let spread = json!(spread(distance_mm));
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let [yaw, pitch, roll] = [0, 1, 2].map(|i| mean(&angle_deg[i]));

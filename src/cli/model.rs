@@ -4,7 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 
-use springtwin::learn::Model;
+use springtwin::learn::{Model, PoseEval};
+use springtwin::recording::SessionLog;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
 use springtwin::twin::{Maps, sensing_for};
@@ -55,6 +56,15 @@ pub fn maps_for(robot: &RobotSpec) -> Result<Maps> {
 /// The maps of the shipped model, or of the one in a file.
 pub fn maps(path: Option<&Path>) -> Result<Maps> {
     Ok(model(path)?.into())
+}
+
+/// What the networks make of every row of a log whose sensors are all there: row and estimate.
+pub fn estimates(log: &SessionLog, maps: &Maps) -> impl Iterator<Item = (usize, PoseEval)> {
+    log.sensors.iter().enumerate().filter_map(|(k, sensors)| {
+        let sensors = sensors.to_vector();
+        let whole = sensors.iter().all(|x| x.is_finite());
+        whole.then(|| (k, maps.pose.pose(&sensors)))
+    })
 }
 
 /// The shipped calibration of the virtual rig, or the one in a file.

@@ -10,17 +10,16 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 
 use super::live::board_config;
+use springtwin::link::Origin;
 use springtwin::link::mocap::{self, MocapReceiver};
 use springtwin::link::serial;
 use springtwin::link::wire::Config;
 use springtwin::link::wire::objects::END_PAD;
-use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
 use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
-use springtwin::sim::SimError;
-use springtwin::twin::{Arrivals, Port, SerialPort};
+use springtwin::twin::{Arrivals, Heard, InProcess, Port, SerialPort};
 
 /// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
@@ -91,97 +90,31 @@ pub fn open(
     );
     Ok(match rig {
         "pty" if cfg!(unix) => Box::new(SerialRig::spawn(options, robot_file, robot, start)?),
-        "sim" | "pty" => Box::new(InProcess::new(robot, options, board_config(robot))?),
+        "sim" | "pty" => Box::new(in_process(
+            VirtualRig::new(robot, options)?,
+            board_config(robot),
+            None,
+        )),
         names => Box::new(SerialRig::open(names, robot, start, instruments)?),
     })
 }
 
-/// The line is looked at this often in simulated time, s.
-const LINE_STEP_S: f64 = 0.001;
-
 /// What happens to a virtual rig: it is called with the time (s) after every millisecond.
 pub type Script = Box<dyn FnMut(f64, &mut VirtualRig) + Send>;
 
-/// A virtual rig in this process. Bytes still pass through the wire protocol.
-pub struct InProcess {
-    rig: VirtualRig,
-    script: Option<Script>,
-    session: HostSession,
-    line_steps: u64,
-    to_rig: Vec<u8>,
-}
-
-impl InProcess {
-    /// A settled rig with booting boards.
-    pub fn new(
-        robot: &RobotSpec,
-        options: &RigOptions,
-        config: Config,
-    ) -> std::result::Result<Self, SimError> {
-        Ok(Self::around(VirtualRig::new(robot, options)?, config))
-    }
-
-    /// A port to `rig`.
-    pub fn around(rig: VirtualRig, config: Config) -> Self {
-        Self {
-            rig,
-            script: None,
-            session: HostSession::new("virtual rig", Origin::Simulated, config),
-            line_steps: 0,
-            to_rig: Vec::new(),
+/// A port to a virtual rig in this process, on simulated time. `script` sees and disturbs the rig.
+pub fn in_process(mut rig: VirtualRig, config: Config, mut script: Option<Script>) -> InProcess {
+    let far_end = move |t_s: f64, to_rig: &[u8]| {
+        let bytes = rig.advance(t_s, to_rig);
+        if let Some(script) = &mut script {
+            script(t_s, &mut rig);
         }
-    }
-
-    /// Lets `script` see and disturb the rig.
-    pub fn with_script(mut self, script: Script) -> Self {
-        self.script = Some(script);
-        self
-    }
-}
-
-impl Port for InProcess {
-    fn poll(&mut self, now: Stamp) -> Arrivals {
-        let mut arrivals = Arrivals::default();
-        while (self.line_steps + 1) as f64 * LINE_STEP_S <= now.seconds() + 1e-9 {
-            self.line_steps += 1;
-            let t_s = self.line_steps as f64 * LINE_STEP_S;
-            let at = Stamp::from_seconds(t_s);
-            self.to_rig.extend(self.session.poll(at));
-            let from_rig = self.rig.advance(t_s, &std::mem::take(&mut self.to_rig));
-            self.session.on_bytes(at, &from_rig);
-            if let Some(script) = &mut self.script {
-                script(t_s, &mut self.rig);
-            }
-            if self.line_steps.is_multiple_of(10) {
-                arrivals.truths.push(GroundTruth {
-                    stamp: at,
-                    base_from_tip: self.rig.mocap_pose(),
-                    source: TruthSource::VirtualRig,
-                });
-            }
+        Heard {
+            bytes: Some(bytes),
+            truth: rig.mocap_sample(t_s),
         }
-        arrivals.frames = std::iter::from_fn(|| self.session.next_frame()).collect();
-        arrivals.notices = std::iter::from_fn(|| self.session.next_event())
-            .map(|e| e.text())
-            .collect();
-        arrivals.status = self.session.status(now);
-        arrivals
-    }
-
-    fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
-        match command {
-            Some(command) => self.session.set_command(command),
-            None => self.session.clear_command(),
-        }
-    }
-
-    fn estop(&mut self, _now: Stamp) {
-        self.session.estop();
-    }
-
-    fn reset(&mut self, _now: Stamp) {
-        self.session.reset();
-    }
+    };
+    InProcess::new("virtual rig", config, Box::new(far_end))
 }
 
 /// Boards on a serial port, with motion capture from the network if somebody sends it. May own

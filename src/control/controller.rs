@@ -9,82 +9,22 @@
 //! The set pressure may lead the measured one only by `Gains::lead_pa`, so a slow pump cannot wind
 //! it up.
 
-use nalgebra::{SMatrix, SVector};
+mod gains;
+mod limits;
 
-use super::adapt::{Adaptation, PlantGain, SEGMENTS, adapted};
-use super::adrc::AdrcGains;
+use super::adapt::{PlantGain, SEGMENTS, adapted};
 use super::ours::Ours;
 use super::paper::Paper;
 use super::reach::StartSample;
-use super::residual::{SignalSigma, goal_residual, within};
-use super::solver::SolverConfig;
+use super::residual::{goal_residual, within};
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::signal::{
-    CHAMBERS, ControllerKind, Goal, PressureCommand, PressureLimits, Reach, SIGNALS, SPRINGS,
-    SensorFrame, SensorRef, Stamp, Vector6, Via,
+    CHAMBERS, ControllerKind, Goal, PressureCommand, PressureLimits, Reach, SensorFrame, SensorRef,
+    Stamp, Vector6, Via,
 };
-
-/// Where the paper's controller starts the first solution for a goal from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum InitialGuess {
-    /// The nearest sample of the training set without a saturated chamber (S11).
-    #[default]
-    Nearest,
-    /// The signals as they are.
-    Present,
-}
-
-/// Tuning of a controller.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Gains {
-    /// Which controller.
-    pub kind: ControllerKind,
-    /// Bandwidths of the inner loop.
-    pub adrc: AdrcGains,
-    /// Time between two runs of the sensor-space solver, s.
-    pub outer_period_s: f64,
-    /// Where the first solution for a goal starts (the paper's alone).
-    pub guess: InitialGuess,
-    /// Whether the stiffness of the arm is learned (ours alone).
-    pub adaptation: Adaptation,
-    /// How far a set pressure may lead the measured one, Pa.
-    pub lead_pa: f64,
-    /// Pull towards the middle of the pressure range inside the null space, relative to the bandwidth of the loop
-    /// (ours alone); 0 leaves the spare pressures where they are.
-    pub centring: f64,
-    /// Settings of the sensor-space solver; its weights and σ hold for the whole controller.
-    pub solver: SolverConfig,
-}
-
-impl Gains {
-    /// The tuning of a controller: the best of 48 candidates each, on the same tasks (`springtwin study tuning`).
-    pub fn of(kind: ControllerKind) -> Self {
-        let (settle_s, observer_ratio, lead_pa) = match kind {
-            ControllerKind::Paper => (0.39, 4.15, 2140.0),
-            ControllerKind::Ours => (1.02, 6.12, 600.0),
-        };
-        Self {
-            kind,
-            adrc: AdrcGains {
-                settle_s,
-                observer_ratio,
-            },
-            outer_period_s: 0.05,
-            guess: InitialGuess::default(),
-            adaptation: match kind {
-                ControllerKind::Paper => Adaptation::Off,
-                ControllerKind::Ours => Adaptation::Gated,
-            },
-            lead_pa,
-            centring: 0.15,
-            solver: SolverConfig {
-                max_iterations: 60,
-                ..SolverConfig::default()
-            },
-        }
-    }
-}
+pub use gains::{Gains, InitialGuess};
+use limits::{limit_tip_speed, signal_weights, usable_gauges};
 
 /// The learned maps the controller works on.
 #[derive(Clone, Copy)]
@@ -629,48 +569,5 @@ impl Inner {
     }
 }
 
-fn usable_gauges(frame: &SensorFrame) -> [bool; CHAMBERS] {
-    std::array::from_fn(|i| frame.health.chambers[i].usable() && frame.chamber_pa[i].is_finite())
-}
-
-/// The diagonal of W with the unusable channels taken out.
-fn signal_weights(frame: &SensorFrame, sigma: &SignalSigma) -> SensorRef {
-    let sigma = sigma.to_vector();
-    SensorRef::from_fn(|i, _| {
-        let usable = match i.checked_sub(SPRINGS) {
-            None => frame.health.springs[i].usable(),
-            Some(k) => frame.health.imus[k / 3].usable(),
-        };
-        if usable { 1.0 / sigma[i] } else { 0.0 }
-    })
-}
-
-/// Slows all chambers by one factor so that the tip keeps to its speed limit, now and when chambers that lag have
-/// caught up.
-fn limit_tip_speed(rate_pa_s: Vector6, tick: &Tick, pressures: &Pressures) -> Vector6 {
-    let tip_from_signals: SMatrix<f64, 3, SIGNALS> =
-        tick.eval.jacobian.fixed_rows::<3>(0).into_owned();
-    let tip_from_pa = tip_from_signals * tick.plant.jacobian;
-    // v = ∂x/∂s B₀ u
-    let tip_m_s: SVector<f64, 3> = tip_from_pa * rate_pa_s;
-    let excess = (tip_m_s.norm() / tick.tip_speed_max_m_s).max(1.0);
-    let rate_pa_s = rate_pa_s / excess;
-    // A chamber makes up for its lead over the pump's time constant: v = ∂x/∂s B₀ (q_set − q) / τ
-    let ahead = Vector6::from_fn(|i, _| {
-        pressures.set_pa[i] + rate_pa_s[i] * pressures.dt_s - pressures.chamber_pa[i]
-    });
-    let coming_m_s: SVector<f64, 3> = tip_from_pa * ahead / PUMP_LAG_S;
-    let excess = coming_m_s.norm() / tick.tip_speed_max_m_s;
-    if excess <= 1.0 {
-        return rate_pa_s;
-    }
-    Vector6::from_fn(|i, _| {
-        let next_pa = pressures.chamber_pa[i] + ahead[i] / excess;
-        let rate = (next_pa - pressures.set_pa[i]) / pressures.dt_s.max(1e-4);
-        rate.clamp(tick.lo_pa_s[i], tick.hi_pa_s[i])
-    })
-}
-
 #[cfg(test)]
-#[path = "controller_tests.rs"]
 mod tests;

@@ -1,5 +1,9 @@
 //! The gap finder: where simulation and measurement disagree, which effect is missing, and by how
 //! much the gap shrinks when it is added.
+//!
+//! It judges a measured session against what [`sim`](crate::sim) says of the same pressures, and imports
+//! robot and signal besides. It may not import the rig, whose hidden effects it is to find, and it reads
+//! and writes no file: sessions come in, findings, patches and reports go out as values and text.
 
 mod actuation;
 mod candidates;
@@ -183,7 +187,8 @@ pub(crate) fn parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sy
     let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
         let hands: Vec<_> = (0..workers.min(jobs.len()).max(1))
             .map(|_| {
-                scope.spawn(|| {
+                let hand = std::thread::Builder::new().name("gap finder".to_owned());
+                let jobs_in_turn = || {
                     let mut mine = Vec::new();
                     loop {
                         let i = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
@@ -191,7 +196,8 @@ pub(crate) fn parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sy
                         mine.push((i, work(job)));
                     }
                     mine
-                })
+                };
+                hand.spawn_scoped(scope, jobs_in_turn).expect("a thread")
             })
             .collect();
         hands

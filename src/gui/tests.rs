@@ -6,12 +6,14 @@ mod calibrate;
 #[cfg(test)]
 mod gap;
 mod operate;
+mod pictures;
 mod plots;
 mod recordings;
 mod rerun;
 mod scale;
 mod sensors;
 mod shell;
+mod stopping;
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -26,10 +28,9 @@ use super::panels::Screen;
 use super::panels::player::Player;
 use super::services::{Job, RecordingEntry, Services};
 use crate::robot::RobotSpec;
-use crate::signal::{
-    Alarm, ChannelHealth, Goal, Mode, ReachState, Severity, Simulator, Snapshot, Stamp, TruthSource,
-};
+use crate::signal::{Goal, Mode, ReachState, Simulator, Snapshot, Stamp};
 use crate::twin::{Command, Event, Handle};
+use pictures::{busy_session, picture, save, sharp_picture};
 
 /// The twin's end of the window's channels.
 struct Twin {
@@ -112,84 +113,6 @@ fn press(h: &mut Harness<'_, App>, label: &str) {
 
 fn is_disabled(h: &Harness<'_, App>, label: &str) -> bool {
     control(h, label).accesskit_node().is_disabled()
-}
-
-#[test]
-fn stop_is_one_click_or_one_chord_from_every_screen() {
-    let (twin, mut h) = running(fixture::snapshot(1.0));
-    for screen in Screen::ALL {
-        h.state_mut().screen = screen;
-        h.run();
-        press(&mut h, "■ STOP");
-        assert_eq!(twin.taken(), [Command::Stop], "{screen:?}");
-        h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
-        h.run();
-        assert_eq!(twin.taken(), [Command::Stop], "{screen:?}");
-    }
-}
-
-#[test]
-fn stop_chord_works_while_typing_and_space_does_not_hold_there() {
-    let (twin, mut h) = running(fixture::snapshot(1.0));
-    h.get_by_label("Target x in mm").focus();
-    h.run();
-    h.key_press(Key::Space);
-    h.run();
-    assert_eq!(twin.taken(), []);
-    h.key_press_modifiers(Modifiers::SHIFT | Modifiers::CTRL, Key::Escape);
-    h.run();
-    assert_eq!(twin.taken(), [Command::Stop]);
-}
-
-#[test]
-fn a_stop_that_finds_the_queue_full_is_sent_when_there_is_room() {
-    let (twin, mut h) = running(fixture::snapshot(1.0));
-    for _ in 0..16 {
-        h.key_press(Key::Space);
-        h.run();
-    }
-    h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
-    h.run_steps(2);
-    let holds = twin.taken();
-    assert!(holds.len() == 16 && holds.iter().all(|c| *c == Command::Hold));
-    h.run();
-    assert_eq!(twin.taken(), [Command::Stop]);
-}
-
-#[test]
-fn space_holds_and_resumes() {
-    let (twin, mut h) = running(fixture::snapshot(1.0));
-    h.key_press(Key::Space);
-    h.run();
-    assert_eq!(twin.taken(), [Command::Hold]);
-    let mut held = fixture::snapshot(1.1);
-    held.mode = Mode::Hold;
-    held.routine = Some(fixture::routine("point to point"));
-    twin.publish(held.clone());
-    h.run();
-    h.key_press(Key::Space);
-    h.run();
-    press(&mut h, "▶ RESUME");
-    assert_eq!(twin.taken(), [Command::Resume, Command::Resume]);
-    // Armed, with a preview and nothing paused: Space must not get around Go.
-    held.routine = None;
-    let goal = Goal::position([0.0, 0.0, -0.3]);
-    let reach = fixture::reach(ReachState::Reachable, goal.position_m);
-    held.preview = Some((goal, reach));
-    twin.publish(held);
-    h.run();
-    assert!(is_disabled(&h, "▮▮ HOLD"));
-    h.key_press(Key::Space);
-    h.run();
-    assert_eq!(twin.taken(), []);
-    let mut idle = fixture::snapshot(1.2);
-    idle.mode = Mode::Disarmed;
-    twin.publish(idle);
-    h.run();
-    assert!(is_disabled(&h, "▮▮ HOLD"));
-    h.key_press(Key::Space);
-    h.run();
-    assert_eq!(twin.taken(), []);
 }
 
 #[test]
@@ -301,17 +224,6 @@ fn hardware_is_armed_first_and_go_is_held() {
 }
 
 #[test]
-fn safe_shows_its_reason_and_a_reset() {
-    let mut s = fixture::snapshot(1.0);
-    s.mode = Mode::Safe("over-pressure in chamber 3".into());
-    let (twin, mut h) = running(s);
-    h.get_by_label_contains("over-pressure in chamber 3");
-    press(&mut h, "Reset");
-    assert_eq!(twin.taken(), [Command::Reset]);
-    assert!(is_disabled(&h, "▮▮ HOLD"));
-}
-
-#[test]
 fn the_simulator_is_switched_by_a_command_and_its_state_is_told() {
     let (twin, mut h) = running(fixture::snapshot(1.0));
     press(&mut h, "Rod");
@@ -357,48 +269,6 @@ fn refusals_and_a_lost_twin_are_told() {
     drop(twin);
     h.run();
     h.get_by_label_contains("The twin has stopped");
-}
-
-#[test]
-fn a_key_that_is_kept_down_holds_once_and_a_replay_elsewhere_does_not_take_it() {
-    let (twin, mut h) = running(fixture::snapshot(1.0));
-    let space = |repeat| egui::Event::Key {
-        key: Key::Space,
-        physical_key: None,
-        pressed: true,
-        repeat,
-        modifiers: Modifiers::NONE,
-    };
-    h.event(space(false));
-    h.run_steps(2);
-    for _ in 0..5 {
-        h.event(space(true));
-        h.run_steps(1);
-    }
-    assert_eq!(twin.taken(), [Command::Hold]);
-    h.key_up(Key::Space);
-    h.run_steps(1);
-    let mut player = Player::new(fixture::trace("circle", 4)).expect("not empty");
-    player.playing = false;
-    h.state_mut().player = Some(player);
-    // What moves is held, whatever is shown.
-    h.key_press(Key::Space);
-    h.run_steps(2);
-    assert_eq!(twin.taken(), [Command::Hold]);
-    let mut rests = fixture::snapshot(1.1);
-    rests.mode = Mode::AtGoal;
-    twin.publish(rests);
-    h.state_mut().screen = Screen::Calibrate;
-    h.run_steps(2);
-    h.key_press(Key::Space);
-    h.run_steps(2);
-    assert_eq!(twin.taken(), [Command::Hold], "Calibrate shows the arm");
-    h.state_mut().screen = Screen::Sensors;
-    h.run_steps(2);
-    h.key_press(Key::Space);
-    h.run_steps(1);
-    assert_eq!(twin.taken(), []);
-    assert!(h.state().player.as_ref().is_some_and(|p| p.playing));
 }
 
 #[test]
@@ -598,119 +468,4 @@ fn library_services() -> Services {
 
 fn recordings_app() -> App {
     App::new(None, RobotSpec::reference(), library_services())
-}
-
-// A session in which some things are abnormal.
-fn busy_session() -> Vec<Snapshot> {
-    let mut session = fixture::session(40);
-    let n = session.len();
-    for s in session.iter_mut().skip(n / 2) {
-        if let Some(f) = &mut s.sensors {
-            f.health.springs[8] = ChannelHealth::Stuck;
-            f.health.springs[3] = ChannelHealth::Suspect;
-        }
-    }
-    let last = session.last_mut().expect("not empty");
-    let goal = Goal::position([0.164, 0.020, -0.231]);
-    last.preview = Some((
-        goal.clone(),
-        fixture::reach(ReachState::Unreachable, goal.position_m),
-    ));
-    last.alarms = vec![
-        Alarm {
-            since: last.stamp.plus(-20.0),
-            severity: Severity::Warning,
-            text: "Spring 5A is stuck at 151.2 mm: the estimate uses the other eleven.".into(),
-        },
-        Alarm {
-            since: last.stamp.plus(-20.0),
-            severity: Severity::Info,
-            text: "Spring 2B disagrees with its pair by 1.4 mm.".into(),
-        },
-    ];
-    last.recording = Some("session-3.rrd".into());
-    session
-}
-
-fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
-    let mut h = Harness::builder()
-        .with_size(size)
-        .with_theme(theme)
-        .with_render_cursor(false)
-        .wgpu()
-        .build_eframe(|_| app);
-    h.run_steps(5);
-    let image = h.render().expect("a GPU or a software renderer draws");
-    assert_eq!(
-        [image.width() as f32, image.height() as f32],
-        size,
-        "{name}"
-    );
-    let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
-    assert!(shades.len() > 20, "{name} is nearly blank");
-    save(name, &image);
-}
-
-fn save(name: &str, image: &image::RgbaImage) {
-    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
-    std::fs::create_dir_all(&dir).expect("the target directory can be written");
-    image
-        .save(dir.join(format!("{name}.png")))
-        .expect("the picture can be written");
-}
-
-// 2560 by 1440 pixels, two to a point.
-fn sharp_picture(name: &str, theme: Theme, app: App) {
-    let mut h = Harness::builder()
-        .with_size([1280.0, 720.0])
-        .with_pixels_per_point(2.0)
-        .with_theme(theme)
-        .with_render_cursor(false)
-        .wgpu()
-        .build_eframe(|_| app);
-    h.run_steps(5);
-    let image = h.render().expect("a GPU or a software renderer draws");
-    assert_eq!([image.width(), image.height()], [2560, 1440], "{name}");
-    save(name, &image);
-}
-
-#[test]
-fn every_screen_renders_in_both_themes_and_sizes() {
-    let session = busy_session();
-    for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
-        for (size, size_name) in [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")] {
-            for screen in Screen::ALL {
-                let spec = RobotSpec::reference();
-                let mut app = App::for_screenshot(screen, theme, spec, &session);
-                app.operate.draft.text = ["164", "20", "-231"].map(Into::into);
-                if screen == Screen::Sensors && theme == Theme::Light {
-                    app.sensors.selected_spring = Some(8);
-                }
-                if screen == Screen::Recordings {
-                    app = recordings_app();
-                    app.screen = screen;
-                    let mut player =
-                        Player::new(fixture::trace("circle-35g", 40)).expect("not empty");
-                    player.position_s = 23.0;
-                    player.playing = false;
-                    app.player = Some(player);
-                    app.library.selected = Some("recordings/circle-35g.rrd".into());
-                }
-                let name = format!("panels-{}-{theme_name}-{size_name}", screen.name());
-                picture(&name.to_lowercase(), size, theme, app);
-            }
-        }
-    }
-    let mut safe = fixture::session(20);
-    let last = safe.last_mut().expect("not empty");
-    last.mode = Mode::Safe("over-pressure in chamber 3 (42.6 kPa). Vent it, then reset.".into());
-    last.truth = None;
-    last.link.simulated = false;
-    let spec = RobotSpec::reference();
-    let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec, &safe);
-    picture("panels-safe", [1280.0, 720.0], Theme::Dark, app);
-    assert_eq!(
-        fixture::snapshot(0.0).truth.map(|t| t.source),
-        Some(TruthSource::VirtualRig)
-    );
 }

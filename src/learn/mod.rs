@@ -1,4 +1,5 @@
-//! Networks, training and the estimator.
+//! Networks, training and the estimator. Imports robot and signal alone: what a simulator or a measurement
+//! has to say comes as a data set, and files come and go as bytes.
 //!
 //! Flow: [`train`] makes a [`Model`] from datasets by a [`Recipe`]; [`Cascade`] (sensors to pose)
 //! and [`PlantNet`] (pressures to sensors) answer the control loop with exact Jacobians;

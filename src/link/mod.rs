@@ -9,7 +9,8 @@
 //! - [`ports`] lists the serial ports, as they come and go.
 //! - [`mocap`] receives motion capture by UDP; [`Replay`] plays a recorded trace.
 //!
-//! Only [`serial`] and [`mocap`] do I/O, each in a thread of its own with bounded queues.
+//! This room imports signal alone: what the numbers of a frame mean for the arm is other rooms' matter.
+//! Only [`serial`], [`ports`] and [`mocap`] do I/O, each in a thread of its own with bounded queues.
 
 mod clock;
 mod event;

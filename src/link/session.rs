@@ -600,5 +600,4 @@ fn due(next: &mut Option<Stamp>, now: Stamp, period_s: f64) -> bool {
 }
 
 #[cfg(test)]
-#[path = "session_tests.rs"]
 mod tests;

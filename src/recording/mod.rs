@@ -1,4 +1,5 @@
-//! Recordings and session logs, read and written.
+//! Recordings and session logs, read and written. The room for files: it imports signal alone and computes
+//! nothing of the arm.
 //!
 //! - Recordings ([`RecordingWriter`], [`read_rrd`]): `.rrd` files that hold whole snapshots, for
 //!   replay and for the Rerun viewer. Only the submodule `rrd` knows rerun.

@@ -4,6 +4,10 @@
 //! passed in. [`pty`] puts it behind a pseudo-terminal that any serial program can open. Its boards are
 //! [`board`]s, or run the real firmware in a simulator ([`firmware`]).
 //! Everything it yields is simulated.
+//!
+//! It is there to prove the twin wrong, so it shares no mathematics with it where it can do otherwise. Of
+//! the link it imports [`wire`](crate::link::wire) alone, besides sim, robot and signal. Nothing but the
+//! command line and tests imports it; never `gap`, which is to find what it hides.
 
 pub mod board;
 pub mod circuit;
@@ -23,7 +27,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use crate::robot::RobotSpec;
-use crate::signal::{BOARDS, CHAMBERS, Gripper, Pose};
+use crate::signal::{BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, Stamp, TruthSource};
 use crate::sim::SimError;
 use crate::sim::dataset::normal;
 use crate::sim::patch::SensorErrors;
@@ -353,6 +357,16 @@ impl VirtualRig {
         pose
     }
 
+    /// What the emulated motion capture sends at `t_s`: a pose at every 10 ms.
+    pub fn mocap_sample(&mut self, t_s: f64) -> Option<GroundTruth> {
+        let ms = (t_s * 1e3).round() as u64;
+        ms.is_multiple_of(10).then(|| GroundTruth {
+            stamp: Stamp::from_seconds(t_s),
+            base_from_tip: self.mocap_pose(),
+            source: TruthSource::VirtualRig,
+        })
+    }
+
     /// Settled readings at `chamber_pa`: spring counts and gates, and the pose. For datasets of
     /// settled samples; time does not pass.
     ///
@@ -404,9 +418,7 @@ impl VirtualRig {
                     )
                 }),
             };
-            self.readings[b] = self
-                .faults
-                .read(b, self.steps as f64 * PHYSICS_STEP_S, readings);
+            self.readings[b] = self.faults.read(b, self.t_s(), readings);
         }
     }
 }

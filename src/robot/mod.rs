@@ -2,7 +2,8 @@
 //!
 //! One TOML file per robot (`assets/robots/`); nothing in the code repeats its numbers. Segment and
 //! chamber counts are fixed: two segments, six chambers, twelve springs, four IMUs. Keys carry mm,
-//! kPa and degrees; [`RobotSpec`] is SI throughout.
+//! kPa and degrees; [`RobotSpec`] is SI throughout. This room imports signal alone and opens no file: it is
+//! given the text.
 
 mod file;
 mod patch;

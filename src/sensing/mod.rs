@@ -4,6 +4,9 @@
 //! calibration, four pad orientations by the IMU filters with their heading anchored to the springs,
 //! six pressures, and the health of every channel. Channels that cannot be believed hold their last
 //! good value, or what the others say in their place; nothing that is not finite leaves this room.
+//!
+//! It imports robot and signal alone: no simulator, no rig, no clock, no I/O. Motion capture is put
+//! into the robot's frame here ([`registration`]) and takes no part in a [`SensorFrame`].
 
 pub mod bench;
 pub mod calibration;

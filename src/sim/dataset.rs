@@ -285,7 +285,7 @@ pub fn parallel<T: Send>(
     std::thread::scope(|scope| {
         for _ in 0..threads.max(1) {
             let (send, next, stop, range) = (send.clone(), &next, &stop, range.clone());
-            scope.spawn(move || {
+            let blocks_in_turn = move || {
                 loop {
                     let b = next.fetch_add(1, Ordering::Relaxed);
                     if b >= blocks || stop.load(Ordering::Relaxed) {
@@ -297,7 +297,11 @@ pub fn parallel<T: Send>(
                         break;
                     }
                 }
-            });
+            };
+            std::thread::Builder::new()
+                .name("data set".to_owned())
+                .spawn_scoped(scope, blocks_in_turn)
+                .expect("a thread");
         }
         drop(send);
         let mut count = 0;

@@ -4,6 +4,9 @@
 //! the next state of an overdamped motion and [`swing`] the next one of a motion with inertia.
 //! [`pneumatics`] puts pumps, lines and air between a command and that motion.
 //! The [`mesh`] is the second simulator, built on geometry.
+//!
+//! It lies below all that moves: it imports robot and signal alone, knows nothing of links, twins or
+//! networks, and does no I/O. Generators and seeds are passed in.
 
 #[cfg(test)]
 mod conformance;

@@ -1,7 +1,12 @@
 //! The twin: one tick, commands, events, and the threads around it.
+//!
+//! [`Twin`] joins the rooms below to one loop, from a frame to a command; it reads no clock, never sleeps and
+//! prints nothing. [`Runner`] puts it on a [`Port`] and gives it a recorder. It may import every room but the
+//! window and the rig: what is at the other end of a port, it does not know.
 
 mod command;
 mod core;
+mod in_process;
 mod mesh;
 mod newest;
 mod record;
@@ -12,6 +17,7 @@ mod trial;
 
 pub use command::{Command, Event, Handle};
 pub use core::{Maps, Twin};
+pub use in_process::{FarEnd, Heard, InProcess};
 pub use mesh::{MeshAnswer, MeshQuestion, MeshSolver};
 pub use runner::{
     Arrivals, Pace, Port, Runner, SETTLING_FRAMES, TICK_S, run_in_real_time, run_in_simulated_time,

@@ -14,10 +14,10 @@ use anyhow::Result;
 
 use super::live::{HELLO_S, Start, board_config, check_link};
 use super::model;
-use super::ports::{self, InProcess, Instruments, Script};
+use super::ports::{self, Instruments, Script};
 use springtwin::control::{Gains, SEGMENTS};
 use springtwin::learn::PlantMap;
-use springtwin::rig::{Object, RigOptions};
+use springtwin::rig::{Object, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{
     CHAMBERS, Goal, LinkStatus, Mode, Pose, PressureCommand, SensorRef, Snapshot,
@@ -150,8 +150,9 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     let simulated_time = d.rig == "sim";
     let port: Box<dyn Port> = match d.rig {
         "sim" => {
-            let rig = InProcess::new(robot, &d.options, board_config(robot))?;
-            Box::new(rig.with_script(watched(robot, d.script, Arc::clone(&nature))))
+            let rig = VirtualRig::new(robot, &d.options)?;
+            let script = watched(robot, d.script, Arc::clone(&nature));
+            Box::new(ports::in_process(rig, board_config(robot), Some(script)))
         }
         rig => ports::open(rig, &d.options, d.robot_file, robot, start, &d.instruments)?,
     };

@@ -19,7 +19,7 @@ use clap::Args;
 use serde_json::{Map, Value, json};
 
 use super::live::{Kind as Controller, board_config, check_link, rig_options};
-use super::ports::{InProcess, SerialRig};
+use super::ports::{SerialRig, in_process};
 use super::{Failed, Report, args, model};
 use faults::{FROM_OUTSIDE, IN_PROCESS, Kind, Weather};
 use operator::{Done, Operator};
@@ -204,7 +204,6 @@ fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Ou
     let mut rig_process = None;
     let inner: Box<dyn Port> = if a.accelerate {
         let rig = VirtualRig::of_elements(robot, &options, ELEMENTS)?;
-        let rig = InProcess::around(rig, board_config(robot));
         let (sky, eye, clock) = (Arc::clone(&weather), watch.clone(), Arc::clone(&wraps));
         let script = move |t_s: f64, rig: &mut VirtualRig| {
             lock(&sky).act(t_s, rig);
@@ -213,7 +212,7 @@ fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Ou
                 lock(&clock).see(board.clock_s(t_s));
             }
         };
-        Box::new(rig.with_script(Box::new(script)))
+        Box::new(in_process(rig, board_config(robot), Some(Box::new(script))))
     } else {
         let rig = SerialRig::spawn(&options, robot_file, robot, start)?;
         rig_process = rig.process_id();

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::super::live::{Kind, board_config, rig_options};
-use super::super::ports::{InProcess, Instruments};
+use super::super::ports::{Instruments, in_process};
 use super::super::simulate::Simulator;
 use super::super::{Report, args, model, picture};
 use super::rigs::{Rigs, Twins};
@@ -19,6 +19,7 @@ use springtwin::gui::panels::Screen;
 use springtwin::gui::scene::Scene;
 use springtwin::gui::services::Job;
 use springtwin::gui::{App, Services};
+use springtwin::rig::VirtualRig;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Snapshot};
 use springtwin::twin::{Command, Maps, Runner, Twin, run_in_simulated_time};
@@ -311,7 +312,8 @@ fn demonstration(
         model::sensing(robot, None)?,
         Kind::Ours.gains(),
     );
-    let port = InProcess::new(robot, &rig_options(0.0, 1), board_config(robot))?;
+    let rig = VirtualRig::new(robot, &rig_options(0.0, 1))?;
+    let port = in_process(rig, board_config(robot), None);
     let mut runner = Runner::new(twin, Box::new(port), robot);
     let mut kept: Vec<Snapshot> = Vec::new();
     run_in_simulated_time(&mut runner, |snapshot: &Arc<Snapshot>, _, commands| {

@@ -1,94 +1,22 @@
 //! Plots over time that share one window: zoom, pan or freeze one and all follow.
 
 mod band;
+mod ticks;
+mod window;
 
 use std::cell::RefCell;
 
 use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
-use egui_plot::{GridMark, HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
+use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
 
 use super::View;
-use super::widgets::{minutes, number};
+use super::widgets::number;
 use crate::gui::history::{Channel, envelope_of, slot_s};
 use crate::gui::theme::Palette;
 use band::Band;
-
-/// The window of time that all plots show.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TimeWindow {
-    /// Length, s.
-    pub span_s: f64,
-    /// End of a frozen window; `None` follows the newest value.
-    pub frozen_end_s: Option<f64>,
-    /// Instants of the cursors A and B, s, while they are shown.
-    pub cursors_s: Option<[f64; 2]>,
-}
-
-/// Spans that can be chosen, s.
-const SPANS: [(f64, &str); 5] = [
-    (10.0, "10 s"),
-    (30.0, "30 s"),
-    (60.0, "1 min"),
-    (300.0, "5 min"),
-    (600.0, "10 min"),
-];
-
-impl Default for TimeWindow {
-    fn default() -> Self {
-        Self {
-            span_s: 30.0,
-            frozen_end_s: None,
-            cursors_s: None,
-        }
-    }
-}
-
-impl TimeWindow {
-    /// First and last instant, s.
-    pub fn range_s(&self, now_s: f64) -> [f64; 2] {
-        let end = self.frozen_end_s.unwrap_or(now_s);
-        [end - self.span_s, end]
-    }
-
-    /// The row of controls: span and freeze.
-    pub fn controls(&mut self, ui: &mut Ui, now_s: f64) {
-        let shown = SPANS
-            .iter()
-            .find(|(s, _)| *s == self.span_s)
-            .map_or_else(|| format!("{:.1} s", self.span_s), |(_, t)| (*t).into());
-        let combo = egui::ComboBox::from_id_salt("time window")
-            .selected_text(shown)
-            .width(76.0)
-            .show_ui(ui, |ui| {
-                for (span, text) in SPANS {
-                    ui.selectable_value(&mut self.span_s, span, text);
-                }
-            });
-        combo
-            .response
-            .accessible_name("Time window")
-            .on_hover_text("How much time all plots show. Scroll over a plot to zoom.");
-        let mut frozen = self.frozen_end_s.is_some();
-        let text = if frozen {
-            "▶ Follow"
-        } else {
-            "▮▮ Freeze"
-        };
-        let hover = if frozen {
-            "Show the newest values again"
-        } else {
-            "Hold the plots still; drag them to look back"
-        };
-        if ui
-            .add(egui::Button::selectable(frozen, text).frame_when_inactive(true))
-            .on_hover_text(hover)
-            .clicked()
-        {
-            frozen = !frozen;
-            self.frozen_end_s = frozen.then_some(now_s);
-        }
-    }
-}
+use ticks::{clock, decimals_for, marks, marks_of_time};
+pub use ticks::{marks_at, round_step};
+pub use window::TimeWindow;
 
 /// How a line of a plot is stroked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -533,67 +461,6 @@ fn follow_pointer(ui: &Ui, response: &egui::Response, window: &mut TimeWindow, n
     }
 }
 
-/// A round step (1, 2, 5 · 10ⁿ) so that at most `count` marks fall between `low` and `high`; not finite where
-/// there is no such step.
-pub fn round_step(low: f64, high: f64, count: f32) -> f64 {
-    let raw = (high - low) / f64::from(count.max(2.0));
-    let decade = 10_f64.powf(raw.log10().floor());
-    let steps = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade);
-    steps.into_iter().find(|s| *s >= raw).unwrap_or(steps[3])
-}
-
-// About `count` marks between `low` and `high`.
-fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
-    let step = round_step(low, high, count);
-    // Labels at the very edge would run into the next plot's.
-    let edge = 0.08 * (high - low);
-    marks_at(low + edge, high - edge, step)
-}
-
-fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
-    let raw = (to - from) / f64::from(count.max(2.0));
-    let step = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0]
-        .into_iter()
-        .find(|s| *s >= raw)
-        .unwrap_or(300.0);
-    marks_at(from, to, step)
-}
-
-/// Marks at the multiples of a step; none where there is no step.
-pub fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
-    if !(step.is_finite() && step > 0.0 && high >= low) {
-        return Vec::new();
-    }
-    let first = (low / step).ceil() as i64;
-    let last = (high / step).floor() as i64;
-    (first..=last.min(first + 200))
-        .map(|i| GridMark {
-            value: i as f64 * step,
-            step_size: step,
-        })
-        .collect()
-}
-
-fn decimals_for(span: f64) -> usize {
-    if span < 0.5 {
-        2
-    } else if span < 8.0 {
-        1
-    } else {
-        0
-    }
-}
-
-// Session time as m:ss, with a decimal where the step needs it.
-fn clock(t_s: f64, step_s: f64) -> String {
-    if step_s < 1.0 {
-        let m = (t_s / 60.0).floor();
-        format!("{m:.0}:{:04.1}", t_s - 60.0 * m)
-    } else {
-        minutes(t_s)
-    }
-}
-
 /// A line without axes, for the last seconds of one signal.
 pub fn sparkline(ui: &mut Ui, view: &View<'_>, channel: Channel, span_s: f64, min_span: f64) {
     let size = vec2(ui.available_width().max(20.0), 18.0);
@@ -638,45 +505,4 @@ pub fn sparkline(ui: &mut Ui, view: &View<'_>, channel: Channel, span_s: f64, mi
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn window_follows_or_stands() {
-        let mut w = TimeWindow::default();
-        assert_eq!(w.range_s(100.0), [70.0, 100.0]);
-        w.frozen_end_s = Some(50.0);
-        assert_eq!(w.range_s(100.0), [20.0, 50.0]);
-    }
-
-    #[test]
-    fn a_drawn_line_is_thinned_anew_only_for_another_window() {
-        let points: Vec<[f64; 2]> = (0..5_000)
-            .map(|i| [f64::from(i) * 0.01, f64::from(i % 7)])
-            .collect();
-        let d = Drawn::new(String::new(), Channel::Tip(0), Dash::Solid, points.clone());
-        let whole = envelope_of(points.iter().copied(), 0.1);
-        assert_eq!(d.envelope([0.0, 50.0], 0.1), whole);
-        let kept = d.thinned.borrow().as_ref().map(|t| t.2.as_ptr());
-        assert_eq!(d.envelope([0.0, 50.0], 0.1), whole);
-        assert_eq!(d.thinned.borrow().as_ref().map(|t| t.2.as_ptr()), kept);
-        let part = d.envelope([10.0, 20.0], 0.1);
-        assert!(part.iter().flatten().all(|q| (10.0..=20.0).contains(&q[0])));
-        assert_ne!(part, whole);
-    }
-
-    #[test]
-    fn marks_are_round_and_few() {
-        let m = marks(-3.1, 7.2, 5.0);
-        let values: Vec<_> = m.iter().map(|m| m.value).collect();
-        assert_eq!(values, [0.0, 5.0]);
-        assert_eq!(marks_of_time([0.0, 30.0], 6.0).len(), 7);
-        assert!(marks(f64::NAN, 1.0, 3.0).is_empty());
-    }
-
-    #[test]
-    fn clock_counts_minutes() {
-        assert_eq!(clock(75.0, 5.0), "1:15");
-        assert_eq!(clock(75.25, 0.5), "1:15.2");
-    }
-}
+mod tests;

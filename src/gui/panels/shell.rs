@@ -1,13 +1,18 @@
 //! Around every screen: state and STOP on top, the screens on the left, messages below.
 
-use egui::{Align, Button, Key, Layout, Modifiers, Panel, RichText, Ui, vec2};
+mod banners;
+mod keys;
+
+use egui::{Align, Button, Layout, RichText, Ui, vec2};
 
 use super::toasts::Messages;
-use super::widgets::{Gate, badge, heading, minutes, note, status};
+use super::widgets::{Gate, badge, minutes, note, status};
 use super::{Screen, View};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
 use crate::twin::Command;
+pub use banners::{banners, disconnected};
+pub use keys::{KeyAction, keys, shortcuts};
 
 /// Age above which link and ground truth count as late, s.
 const LATE_S: f64 = 0.25;
@@ -298,125 +303,6 @@ fn counts(ui: &mut Ui, s: &Snapshot) {
     );
 }
 
-/// Banners below the bar: what keeps the arm from moving, and that a recording is shown.
-pub fn banners(
-    ui: &mut Ui,
-    input: &ShellInput<'_>,
-    commands: &mut Vec<Command>,
-    actions: &mut Vec<ShellAction>,
-) {
-    let p = *Palette::in_ui(ui);
-    let s = input.live.snapshot;
-    if input.twin_gone {
-        let text = "⊗ The twin has stopped: nothing is controlled. Restart the program.";
-        banner(ui, "gone", p.critical_fill, |ui| {
-            ui.label(RichText::new(text).color(p.on_critical));
-        });
-    }
-    if let Mode::Safe(reason) = &s.mode {
-        banner(ui, "safe", p.critical_fill, |ui| {
-            let text = format!("⊗ SAFE, pumps off: {reason}");
-            ui.label(RichText::new(text).color(p.on_critical));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .add(Button::new("Reset").min_size(vec2(84.0, 0.0)))
-                    .on_hover_text("Leave SAFE. The arm stays disarmed until the next Go.")
-                    .clicked()
-                {
-                    commands.push(Command::Reset);
-                }
-            });
-        });
-    }
-    let known = input.twin || !s.link.source.is_empty();
-    if !s.link.connected && !input.twin_gone && known {
-        banner(ui, "link", p.warning_fill, |ui| {
-            ui.label(RichText::new(disconnected(s)).color(p.text));
-        });
-    }
-    if !known && input.joining.is_none() && input.replay.is_none() {
-        banner(ui, "offline", p.raised, |ui| {
-            let text = "Nothing is connected. A click on OFFLINE lists the boards.";
-            ui.label(RichText::new(text).color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .button("Start the virtual rig")
-                    .on_hover_text("An emulated arm: nothing can break")
-                    .clicked()
-                {
-                    actions.push(ShellAction::StartVirtualRig);
-                }
-            });
-        });
-    }
-    if let Some(name) = input.joining {
-        banner(ui, "joining", p.selected, |ui| {
-            ui.spinner();
-            ui.label(RichText::new(format!("Connecting to {name}…")).color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .button("Cancel connecting")
-                    .on_hover_text("Stay without boards; nothing moves")
-                    .clicked()
-                {
-                    actions.push(ShellAction::CancelConnecting);
-                }
-            });
-        });
-    }
-    if let Some(title) = input.replay {
-        banner(ui, "replay", p.selected, |ui| {
-            let text = format!("▶ Replay: {title}");
-            ui.label(RichText::new(text).color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .button("Close replay")
-                    .on_hover_text("Show the live twin again")
-                    .clicked()
-                {
-                    actions.push(ShellAction::CloseReplay);
-                }
-            });
-        });
-    }
-}
-
-/// What is said while no frames come: cause, consequence, what happens next.
-pub fn disconnected(s: &Snapshot) -> String {
-    if let Some(why) = &s.link.refusal {
-        return format!("▲ The boards are not used: {why}");
-    }
-    if s.link.source.is_empty() {
-        return "▲ Not connected: no frames yet. Motion is off until the boards answer.".into();
-    }
-    let next = match s.link.retry_in_s {
-        Some(t) => format!("The port is gone; next try in {:.1} s.", t),
-        None => "Listening.".to_owned(),
-    };
-    format!(
-        "▲ {} does not answer: values are {} old, motion is off. {next}",
-        s.link.source,
-        age(s.link.age_s)
-    )
-}
-
-fn banner(ui: &mut Ui, id: &str, fill: egui::Color32, contents: impl FnOnce(&mut Ui)) {
-    Panel::top(("banner", id))
-        .resizable(false)
-        .show_separator_line(false)
-        .frame(
-            egui::Frame::new()
-                .fill(fill)
-                .inner_margin(egui::Margin::symmetric(14, 6)),
-        )
-        .show(ui, |ui| {
-            ui.horizontal(|ui| {
-                ui.set_min_height(26.0);
-                contents(ui);
-            })
-        });
-}
-
 /// The rail on the left: the screens, and what concerns the window.
 pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
     let p = *Palette::in_ui(ui);
@@ -513,137 +399,6 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             }
         });
     });
-}
-
-/// Keys of the overlay.
-const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
-    (
-        "Everywhere",
-        &[
-            ("Shift+Esc", "STOP: pumps off, also while typing"),
-            ("Space", "Hold or resume; in a replay play or pause"),
-            ("Esc", "Cancel the preview; close this list"),
-            ("Enter", "Preview the typed target"),
-            ("Ctrl+P", "Everything that can be done, found by typing"),
-            ("Ctrl+1 … 6", "The screens, from top to bottom"),
-            ("?", "This list"),
-        ],
-    ),
-    (
-        "3D view, pointer over it",
-        &[
-            ("Click", "Preview a target there, or select what is there"),
-            ("Alt+scroll", "Nearer or further; with Shift finely"),
-            ("X Y Z", "While the target is dragged: along this axis only"),
-            ("Drag", "Turn; with Shift shift"),
-            ("Scroll", "Zoom to the pointer"),
-            ("1 3 7 5", "Front, right, top, perspective"),
-            ("F", "Let the arm fill the view"),
-        ],
-    ),
-    (
-        "Other screens",
-        &[
-            ("J K", "Accuracy: next, previous peak of the error"),
-            ("Arrows", "Gap: the next cell of the map"),
-            ("Shift+drop", "Recordings: compare the file that is dropped"),
-        ],
-    ),
-];
-
-/// The list of shortcuts, kept inside `within` so that it never covers STOP.
-pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
-    egui::Window::new("Keyboard shortcuts")
-        .open(open)
-        .collapsible(false)
-        .resizable(false)
-        .constrain_to(within)
-        .pivot(egui::Align2::CENTER_CENTER)
-        .default_pos(within.center())
-        .show(ctx, |ui| {
-            for (title, keys) in SHORTCUTS {
-                heading(ui, title);
-                egui::Grid::new(title)
-                    .num_columns(2)
-                    .min_col_width(110.0)
-                    .spacing([24.0, 6.0])
-                    .show(ui, |ui| {
-                        for (keys, what) in keys {
-                            ui.label(RichText::new(*keys).monospace());
-                            ui.label(*what);
-                            ui.end_row();
-                        }
-                    });
-                ui.add_space(6.0);
-            }
-        });
-}
-
-/// Takes a key without modifiers; whether it went down now.
-fn pressed(i: &mut egui::InputState, key: Key) -> bool {
-    let down = i.events.iter().any(|e| {
-        matches!(e, egui::Event::Key { key: k, pressed: true, repeat: false, modifiers, .. }
-            if *k == key && modifiers.is_none())
-    });
-    i.consume_key(Modifiers::NONE, key);
-    down
-}
-
-/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space and `?`
-/// only while no text is typed and no menu is open. A key that is kept down asks once.
-pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
-    let typing = ctx.text_edit_focused();
-    // Esc closes an open menu, and nothing else with it.
-    let menu = egui::Popup::is_any_open(ctx);
-    ctx.input_mut(|i| {
-        let mut actions = Vec::new();
-        // Whatever else is held down with them.
-        let stop = i.events.iter().any(|e| {
-            matches!(e, egui::Event::Key { key: Key::Escape, pressed: true, modifiers, .. } if modifiers.shift)
-        });
-        if stop {
-            i.events
-                .retain(|e| !matches!(e, egui::Event::Key { key: Key::Escape, .. }));
-            actions.push(KeyAction::Stop);
-        } else if !menu && pressed(i, Key::Escape) {
-            actions.push(KeyAction::Cancel);
-        }
-        if i.consume_key(Modifiers::COMMAND, Key::P) {
-            actions.push(KeyAction::Palette);
-        }
-        for screen in Screen::ALL {
-            if i.consume_key(Modifiers::COMMAND, screen.key()) {
-                actions.push(KeyAction::Show(screen));
-            }
-        }
-        if !typing && !menu {
-            if pressed(i, Key::Space) {
-                actions.push(KeyAction::Hold);
-            }
-            let asked = i.events.iter().any(|e| matches!(e, egui::Event::Text(t) if t == "?"));
-            if asked || i.consume_key(Modifiers::NONE, Key::Questionmark) {
-                actions.push(KeyAction::Shortcuts);
-            }
-        }
-        actions
-    })
-}
-
-/// What a key asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeyAction {
-    /// Pumps off.
-    Stop,
-    /// Hold or resume, play or pause.
-    Hold,
-    /// Cancel the preview or close the overlay.
-    Cancel,
-    /// Show a screen.
-    Show(Screen),
-    /// Show or hide the shortcuts.
-    Shortcuts,
-    /// Show or hide the list of everything that can be done.
-    Palette,
 }
 
 /// Whether a recording may be started or stopped.

@@ -4,13 +4,19 @@
 //! (s, angle around the wire); the vertex shader sweeps them along the section frames of the moment, so
 //! that nothing is rebuilt while the arm moves. Triangles are counter-clockwise seen from outside.
 
-use std::f32::consts::{FRAC_PI_2, PI, TAU};
+mod sweeps;
+
+use std::f32::consts::{PI, TAU};
 use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
 use super::convert::vec3_from_vector;
 use crate::robot::RobotSpec;
+use sweeps::{
+    Ring, angle, hull_outline, lathe, plate, plate_at, rectangle_outline, revolved, smooth_normals,
+    swept,
+};
 
 /// Convolutions drawn per bellows.
 pub const CONVOLUTIONS: usize = 11;
@@ -171,49 +177,6 @@ fn vertex(position: Vec3, normal: Vec3, shade: f32) -> Vertex {
     }
 }
 
-/// Rows of `columns` vertices, joined to the next row and around: rows run down, columns counter-clockwise.
-fn lathe(rows: usize, columns: usize, at: impl Fn(usize, usize) -> Vertex) -> Mesh {
-    let mut mesh = Mesh::default();
-    for i in 0..rows {
-        for j in 0..columns {
-            mesh.vertices.push(at(i, j));
-        }
-    }
-    let id = |i: usize, j: usize| (i * columns + j % columns) as u32;
-    for i in 0..rows - 1 {
-        for j in 0..columns {
-            let (a, b, c, d) = (id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1));
-            mesh.indices.extend([a, b, c, a, c, d]);
-        }
-    }
-    mesh
-}
-
-fn angle(j: usize, columns: usize) -> f32 {
-    TAU * j as f32 / columns as f32
-}
-
-/// One ring of a surface of revolution: radius, place along the axis, tangent of the profile, shade.
-#[derive(Clone, Copy)]
-struct Ring {
-    radius: f32,
-    s: f32,
-    d_radius: f32,
-    d_s: f32,
-    shade: f32,
-}
-
-fn swept(profile: &[Ring], columns: usize) -> Mesh {
-    lathe(profile.len(), columns, |i, j| {
-        let p = profile[i];
-        vertex(
-            Vec3::new(p.radius, angle(j, columns), p.s),
-            Vec3::new(p.d_radius, p.d_s, 0.0),
-            p.shade,
-        )
-    })
-}
-
 /// Radius of a bellows at `u` from 0 to 1 along its convolutions: an accordion fold with rounded tips.
 fn fold(u: f32, inner_m: f32, outer_m: f32) -> f32 {
     // r = r_in + (r_out - r_in) (1 - asin(k cos 2πnu) / asin k) / 2; k < 1 rounds the triangle's tips.
@@ -287,101 +250,6 @@ fn spring() -> Mesh {
     lathe(rings, 6, |i, j| {
         let s = i as f32 / (rings - 1) as f32;
         vertex(Vec3::new(s, angle(j, 6), 0.0), Vec3::X, 1.0)
-    })
-}
-
-/// A point of a closed outline and its outward normal.
-type Outline = Vec<(Vec2, Vec2)>;
-
-/// Convex hull of discs with a common radius around `centres`, counter-clockwise.
-fn hull_outline(centres: &[Vec2], radius_m: f32) -> Outline {
-    const STEPS: usize = 72;
-    let farthest = |direction: Vec2| {
-        centres
-            .iter()
-            .copied()
-            .max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction)))
-            .unwrap_or_default()
-    };
-    let mut outline: Outline = Vec::new();
-    let mut last: Option<Vec2> = None;
-    // Offset by a part of a step so that no direction is exactly normal to an edge of a regular robot.
-    for k in 0..=STEPS {
-        let n = Vec2::from_angle(TAU * (k as f32 + 0.37) / STEPS as f32);
-        let c = farthest(n);
-        if let Some(before) = last
-            && before.distance(c) > 1e-6
-        {
-            // A straight edge from one disc to the next.
-            let edge = (c - before).normalize();
-            let side = Vec2::new(edge.y, -edge.x);
-            outline.push((before + side * radius_m, side));
-            outline.push((c + side * radius_m, side));
-        }
-        last = Some(c);
-        if k < STEPS {
-            outline.push((c + n * radius_m, n));
-        }
-    }
-    outline
-}
-
-/// A rectangle with rounded corners, given by its half size.
-fn rectangle_outline(half_m: Vec2, radius_m: f32) -> Outline {
-    let c = half_m - Vec2::splat(radius_m);
-    hull_outline(
-        &[c, Vec2::new(-c.x, c.y), -c, Vec2::new(c.x, -c.y)],
-        radius_m,
-    )
-}
-
-/// A plate with rounded rims; its upper face is at z = 0.
-fn plate(outline: &Outline, thickness_m: f32, rim_m: f32) -> Mesh {
-    const STEPS: usize = 4;
-    // Rows: inset from the outline, height, tilt of the normal above the horizon.
-    let mut rows = vec![(f32::INFINITY, 0.0, FRAC_PI_2)];
-    for k in 0..=STEPS {
-        let a = FRAC_PI_2 * k as f32 / STEPS as f32;
-        rows.push((
-            rim_m * (1.0 - a.sin()),
-            -rim_m * (1.0 - a.cos()),
-            FRAC_PI_2 - a,
-        ));
-    }
-    for k in 0..=STEPS {
-        let a = FRAC_PI_2 * k as f32 / STEPS as f32;
-        let z = -thickness_m + rim_m * (1.0 - a.sin());
-        rows.push((rim_m * (1.0 - a.cos()), z, -a));
-    }
-    rows.push((f32::INFINITY, -thickness_m, -FRAC_PI_2));
-    let middle = outline.iter().map(|(p, _)| *p).sum::<Vec2>() / outline.len() as f32;
-    lathe(rows.len(), outline.len(), |i, j| {
-        let (inset, z, tilt) = rows[i];
-        let (p, n) = outline[j];
-        let at = if inset.is_finite() {
-            p - n * inset
-        } else {
-            middle
-        };
-        vertex(at.extend(z), (n * tilt.cos()).extend(tilt.sin()), 1.0)
-    })
-}
-
-/// Like [`plate`], with its lower face at z = 0.
-fn plate_at(outline: &Outline, thickness_m: f32, rim_m: f32) -> Mesh {
-    let mut mesh = plate(outline, thickness_m, rim_m);
-    for v in &mut mesh.vertices {
-        v.position[2] += thickness_m;
-    }
-    mesh
-}
-
-/// A surface of revolution about z: (radius, z, normal's radial and vertical part, shade) from top to bottom.
-fn revolved(profile: &[(f32, f32, f32, f32, f32)], columns: usize) -> Mesh {
-    lathe(profile.len(), columns, |i, j| {
-        let (r, z, nr, nz, shade) = profile[i];
-        let e = Vec2::from_angle(angle(j, columns));
-        vertex((e * r).extend(z), (e * nr).extend(nz).normalize(), shade)
     })
 }
 
@@ -488,152 +356,5 @@ fn finger(bend: FingerBend) -> Mesh {
     mesh
 }
 
-/// Sets each vertex normal to the mean of its triangles' normals, weighted by area.
-fn smooth_normals(mesh: &mut Mesh) {
-    let mut sum = vec![Vec3::ZERO; mesh.vertices.len()];
-    for t in mesh.indices.chunks_exact(3) {
-        let [a, b, c] = [t[0], t[1], t[2]].map(|i| Vec3::from(mesh.vertices[i as usize].position));
-        let n = (b - a).cross(c - a);
-        for i in t {
-            sum[*i as usize] += n;
-        }
-    }
-    for (v, n) in mesh.vertices.iter_mut().zip(sum) {
-        v.normal = n.normalize_or(Vec3::NEG_Z).to_array();
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use std::collections::BTreeMap;
-
-    use super::*;
-
-    /// What the vertex shader makes of a mesh for a straight segment of length 0.145 m.
-    fn straight(part: Part, mesh: &Mesh) -> Vec<Vec3> {
-        mesh.vertices
-            .iter()
-            .map(|v| {
-                let [a, b, c] = v.position;
-                match part.motion() {
-                    Motion::Rigid => Vec3::new(a, b, c),
-                    Motion::Swept => (Vec2::from_angle(b) * a).extend(-0.145 * c),
-                    Motion::Coiled => Vec3::new(a, b, c),
-                }
-            })
-            .collect()
-    }
-
-    /// Edges by welded ends with the sum of their directions and their count.
-    fn edges(points: &[Vec3], indices: &[u32]) -> BTreeMap<([i32; 3], [i32; 3]), (i32, u32)> {
-        let key = |i: u32| {
-            points[i as usize]
-                .to_array()
-                .map(|x| (x * 1e6).round() as i32)
-        };
-        let mut edges = BTreeMap::new();
-        for t in indices.chunks_exact(3) {
-            let k = [key(t[0]), key(t[1]), key(t[2])];
-            if k[0] == k[1] || k[1] == k[2] || k[2] == k[0] {
-                continue;
-            }
-            for (a, b) in [(k[0], k[1]), (k[1], k[2]), (k[2], k[0])] {
-                let (edge, sign) = if a < b { ((a, b), 1) } else { ((b, a), -1) };
-                let e = edges.entry(edge).or_insert((0, 0));
-                e.0 += sign;
-                e.1 += 1;
-            }
-        }
-        edges
-    }
-
-    #[test]
-    fn solid_parts_are_closed_and_wound_one_way() {
-        let robot = RobotSpec::reference();
-        for part in Part::ALL {
-            if matches!(
-                part,
-                Part::Tube | Part::Spring | Part::FingerOpen | Part::FingerClosed
-            ) {
-                continue; // open at ends that other parts cover
-            }
-            let mesh = part_mesh(part, &robot);
-            let points = straight(part, &mesh);
-            for (edge, (sum, count)) in edges(&points, &mesh.indices) {
-                assert_eq!((sum, count), (0, 2), "{part:?} edge {edge:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn volumes_are_positive_and_right() {
-        let robot = RobotSpec::reference();
-        let volume = |part| {
-            let mesh = part_mesh(part, &robot);
-            let p = straight(part, &mesh);
-            // V = Σ a · (b × c) / 6
-            mesh.indices
-                .chunks_exact(3)
-                .map(|t| {
-                    let [a, b, c] = [t[0], t[1], t[2]].map(|i| p[i as usize].as_dvec3());
-                    a.dot(b.cross(c)) / 6.0
-                })
-                .sum::<f64>()
-        };
-        let sphere = volume(Part::Sphere);
-        assert!(
-            (sphere / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.03,
-            "{sphere}"
-        );
-        // Between the cylinders of the inner and the outer diameter.
-        let v = volume(Part::Bellows);
-        let cylinder = |d: f64| std::f64::consts::FRAC_PI_4 * d * d * 0.145;
-        assert!(v > cylinder(0.065) && v < cylinder(0.100), "{v}");
-        for part in [
-            Part::TopPad,
-            Part::MiddlePad,
-            Part::EndPad,
-            Part::FingerOpen,
-            Part::FingerClosed,
-        ] {
-            assert!(volume(part) > 0.0, "{part:?}");
-        }
-    }
-
-    #[test]
-    fn numbers_are_finite_and_normals_have_unit_length() {
-        let robot = RobotSpec::reference();
-        let (mesh, ranges) = build(&robot);
-        assert_eq!(ranges.len(), Part::ALL.len());
-        for (part, range) in Part::ALL.iter().zip(&ranges) {
-            assert!(!range.is_empty(), "{part:?}");
-            for i in &mesh.indices[range.start as usize..range.end as usize] {
-                let v = mesh.vertices[*i as usize];
-                assert!(v.position.iter().chain(&v.normal).all(|x| x.is_finite()));
-                assert!((0.0..=1.0).contains(&v.shade), "{part:?} {}", v.shade);
-                let length = Vec3::from(v.normal).length();
-                match part.motion() {
-                    Motion::Rigid => assert!((length - 1.0).abs() < 1e-4, "{part:?} {length}"),
-                    Motion::Swept | Motion::Coiled => assert!(length > 0.5, "{part:?} {length}"),
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn bellows_reach_the_diameters_of_the_robot_file() {
-        let robot = RobotSpec::reference();
-        let mesh = part_mesh(Part::Bellows, &robot);
-        let widest = mesh
-            .vertices
-            .iter()
-            .map(|v| v.position[0])
-            .fold(0.0, f32::max);
-        assert!((2.0 * widest - 0.100).abs() < 1e-4);
-        let maxima = (0..1000)
-            .map(|k| [k - 1, k, k + 1].map(|i| fold(i as f32 / 1000.0, 0.0325, 0.05)))
-            .filter(|[a, b, c]| b > a && b >= c)
-            .count();
-        assert_eq!(maxima, CONVOLUTIONS);
-    }
-}
+mod tests;

@@ -1,6 +1,8 @@
 //! The story of the Gap screen: with the real finder on sessions of the virtual rig, and with findings
 //! of every verdict.
 
+mod verdicts;
+
 use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
@@ -11,8 +13,7 @@ use super::*;
 use crate::gap::report::Origin;
 use crate::gap::score::{About, Key as Answer, KeyEffect, KeyValue};
 use crate::gap::{
-    Finding, Found, GapError, Grid, Located, Options, Patch, Progress, Session, Stage, Unwatched,
-    Verdict,
+    Found, GapError, Grid, Options, Patch, Progress, Session, Stage, Unwatched, Verdict,
 };
 use crate::gui::panels::gap::{Decision, Step};
 use crate::gui::services::gap::{
@@ -22,6 +23,7 @@ use crate::gui::services::{Dialog, Worker};
 use crate::rig::hidden::Hidden;
 use crate::rig::{SessionPlan, session};
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
+use verdicts::with_verdict;
 
 const HEALTHY: &str = "made/commissioning";
 const SUSPECT: &str = "made/suspect";
@@ -471,118 +473,6 @@ fn a_session_of_another_robot_is_refused_before_anything_runs() {
     h.get_by_label_contains("The session is not used.");
 }
 
-// The real finding with another verdict: what the screen makes of it.
-fn with_verdict(verdict: Verdict) -> Arc<Found> {
-    let real = found(&Unwatched).expect("found");
-    let mut finding: Finding = real.finding.clone();
-    let mut patch: Patch = real.patch.clone();
-    finding.verdict = verdict;
-    match verdict {
-        Verdict::Named => {}
-        Verdict::Indistinguishable => {
-            let mut other = finding.effects[0].clone();
-            other.id = "tip-force".into();
-            other.params = [(
-                "z".to_owned(),
-                crate::gap::PatchValue {
-                    value: -2.4,
-                    unit: "N".into(),
-                    ci95: Some([-2.9, -1.9]),
-                },
-            )]
-            .into();
-            finding.effects.push(other);
-            finding.separate_by = Some(crate::gap::SeparateBy {
-                excitation: "loads".into(),
-                effects: vec!["payload".into(), "tip-force".into()],
-                why: "under 'loads' they would be 80 nats apart, against 3 here".into(),
-            });
-        }
-        Verdict::Unknown | Verdict::NothingMissing | Verdict::NotExcited => {
-            finding.effects.clear();
-            patch.effects.clear();
-            finding.gap.closed = 0.0;
-            finding.traces.after = finding.traces.before.clone();
-        }
-    }
-    if verdict == Verdict::Unknown {
-        finding.located.insert(
-            0,
-            Located {
-                residual: "r1".into(),
-                channel: "p3".into(),
-                regressor: "pressure rate".into(),
-                share: 0.7,
-            },
-        );
-        finding
-            .notes
-            .push("The best effect of the table closes only 31 % of the excess.".into());
-    }
-    Arc::new(Found { finding, patch })
-}
-
-#[test]
-fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
-    let cases = [
-        (
-            Verdict::NothingMissing,
-            "● Nothing missing",
-            "Nothing is to be done.",
-        ),
-        (Verdict::Unknown, "? Unknown", "No patch is offered"),
-        (
-            Verdict::NotExcited,
-            "∅ Not excited",
-            "neither that it is healthy nor that it is not",
-        ),
-        (
-            Verdict::Indistinguishable,
-            "≈ Cannot be told apart",
-            "Run the excitation “loads”, which separates Undeclared payload, Tip force",
-        ),
-    ];
-    for (verdict, title, next) in cases {
-        let seen = Rc::new(RefCell::new(Seen::default()));
-        let mut app = gap_app(services(&seen));
-        app.gap.take(with_verdict(verdict), Origin::Measured, None);
-        let mut h = harness(app);
-        h.run_steps(4);
-        let map = h.get_by_label("Residual heat map").rect();
-        assert!(map.height() > 150.0 && map.width() > 300.0, "{map:?}");
-        click(&mut h, "Step 3: Explain");
-        h.get_by_label(title);
-        h.get_by_label_contains(next);
-        assert!(h.query_by_label("Reveal what was hidden").is_none());
-        assert!(h.query_by_label("simulated").is_none());
-        click(&mut h, "Step 4: Patch");
-        if verdict != Verdict::Indistinguishable {
-            h.get_by_label("No patch is offered");
-            assert!(is_disabled(&h, "Accept"), "{verdict:?}");
-            continue;
-        }
-        // A person chooses among the alternatives; the patch then holds that one.
-        h.get_by_label_contains("These cannot be told apart on this session");
-        click(&mut h, "Tip force");
-        click(&mut h, "Accept");
-        let text = seen.borrow().robot_file.clone();
-        let robot = RobotSpec::from_toml(&text).expect("reads");
-        assert_eq!(robot.patches[0].patch.effects[0].id, "tip-force");
-        // So does the report, which is written anew for another choice only.
-        let report = |h: &mut Harness<'_, App>| {
-            click(h, "Step 5: Prove");
-            click(h, "Open report");
-            click(h, "Open in Rerun");
-        };
-        report(&mut h);
-        assert_eq!(seen.borrow().kept, ["tip-force"]);
-        click(&mut h, "Step 4: Patch");
-        click(&mut h, "Undeclared payload");
-        report(&mut h);
-        assert_eq!(seen.borrow().kept, ["tip-force", "payload"]);
-    }
-}
-
 #[test]
 fn a_robot_file_that_cannot_be_read_says_so_and_is_read_again() {
     let seen = Rc::new(RefCell::new(Seen::default()));
@@ -652,25 +542,6 @@ fn a_finding_keeps_the_origin_and_the_answer_of_the_moment_it_was_asked_for() {
 }
 
 #[test]
-fn where_nothing_was_captured_no_place_is_invented() {
-    let real = with_verdict(Verdict::Named);
-    let mut finding = real.finding.clone();
-    let t = &mut finding.traces;
-    t.measured_m.fill([f64::NAN; 3]);
-    t.turns[0].fill([f64::NAN; 4]);
-    let patch = real.patch.clone();
-    let mut app = gap_app(Services::none());
-    let found = Arc::new(Found { finding, patch });
-    app.gap.take(found, Origin::Measured, None);
-    let mut h = harness(app);
-    h.run_steps(4);
-    h.get_by_label_contains("measured unknown: no motion capture at this instant");
-    assert!(h.query_by_label_contains("NaN").is_none());
-    click(&mut h, "Step 5: Prove");
-    h.get_by_label_contains("No motion capture: only the simulated ways.");
-}
-
-#[test]
 fn a_robot_file_with_patches_that_a_finding_does_not_know_is_not_built_upon() {
     let seen = Rc::new(RefCell::new(Seen::default()));
     let services = services(&seen);
@@ -687,102 +558,4 @@ fn a_robot_file_with_patches_that_a_finding_does_not_know_is_not_built_upon() {
     h.get_by_label_contains("carries patches that this finding does not know");
     click(&mut h, "↶ Undo the last patch");
     assert!(!is_disabled(&h, "Accept"));
-}
-
-fn shot(
-    name: &str,
-    size: [f32; 2],
-    theme: Theme,
-    state: impl FnOnce(&mut App),
-    act: impl FnOnce(&mut Harness<'_, App>),
-) {
-    let seen = Rc::new(RefCell::new(Seen::default()));
-    let spec = RobotSpec::reference();
-    let mut app = App::for_screenshot(Screen::Gap, theme, spec, &fixture::session(4));
-    app.services = services(&seen);
-    state(&mut app);
-    let mut h = Harness::builder()
-        .with_size(size)
-        .with_theme(theme)
-        .with_render_cursor(false)
-        .wgpu()
-        .build_eframe(|_| app);
-    h.run_steps(5);
-    act(&mut h);
-    h.remove_cursor();
-    h.run_steps(3);
-    let image = h.render().expect("a GPU or a software renderer draws");
-    let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
-    assert!(shades.len() > 20, "{name} is nearly blank");
-    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
-    std::fs::create_dir_all(&dir).expect("the target directory can be written");
-    image
-        .save(dir.join(format!("{}.png", name.to_lowercase())))
-        .expect("the picture can be written");
-}
-
-#[test]
-fn pictures_of_every_step() {
-    let sizes = [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")];
-    for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
-        for (size, size_name) in sizes {
-            for step in Step::ALL {
-                let name = format!("gap-{}-{theme_name}-{size_name}", step.name());
-                let state = |app: &mut App| {
-                    if step != Step::Select {
-                        let found = found(&Unwatched).expect("found");
-                        app.gap.take(found, Origin::Simulated, Some(ANSWER.into()));
-                        app.gap.step = step;
-                    }
-                };
-                shot(&name, size, theme, state, |h| match step {
-                    Step::Select => click(h, "Use the example"),
-                    Step::Locate => click(h, "Residual heat map"),
-                    Step::Explain => click(h, "Reveal what was hidden"),
-                    Step::Patch if theme == Theme::Dark => click(h, "Accept"),
-                    _ => {}
-                });
-            }
-        }
-    }
-    let small = [1280.0, 720.0];
-    for verdict in [Verdict::Unknown, Verdict::Indistinguishable] {
-        for step in [Step::Locate, Step::Explain, Step::Patch, Step::Prove] {
-            let name = format!("gap-{verdict:?}-{}", step.name());
-            let state = |app: &mut App| {
-                app.gap.take(with_verdict(verdict), Origin::Measured, None);
-                app.gap.step = step;
-            };
-            shot(&name, small, Theme::Light, state, |_| {});
-        }
-    }
-    shot("gap-empty", small, Theme::Dark, |_| {}, |_| {});
-    let running = |app: &mut App| {
-        app.services.gap.find = Box::new(|_, _| {
-            let (job, worker) = Job::pair();
-            worker.tell(Stage::Explain.name(), Some(0.5));
-            // The work goes on for as long as the picture takes.
-            std::mem::forget(worker);
-            job
-        });
-    };
-    shot("gap-running", small, Theme::Dark, running, |h| {
-        click(h, "Use the example");
-        click(h, "▶ Find");
-    });
-    let other = |app: &mut App| {
-        app.services.gap.look = Box::new(|path| {
-            let robot = RobotMatch::Other {
-                recorded: "0badf00d".into(),
-                given: "65c2e891".into(),
-            };
-            Job::ready(Ok(SessionSheet {
-                robot,
-                ..sheet(path)
-            }))
-        });
-    };
-    shot("gap-other-robot", small, Theme::Light, other, |h| {
-        click(h, "Use circle-35g as suspect session");
-    });
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::*;
 use crate::gui::panels::recordings::{Alignment, Compared, Detail, Pairing, Quantity, Side};
 use crate::gui::services::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent, Worker};
-use crate::signal::Trace;
+use crate::signal::{ChannelHealth, Trace};
 
 /// B begins this much later in the motion than A, s.
 const SHIFT_S: f64 = 3.0;

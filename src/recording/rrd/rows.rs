@@ -1,130 +1,30 @@
 //! Snapshots as messages of a recording: what a file and a live stream have in common.
 
+mod opening;
+mod tables;
+
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, Float64Array, Int64Array, ListArray, StringArray};
-use arrow::buffer::OffsetBuffer;
-use arrow::datatypes::Field;
+use arrow::array::{ArrayRef, StringArray};
 use rerun::external::re_log_encoding::rrd::EncodeError;
 use rerun::log::{Chunk, ChunkError, LogMsg};
-use rerun::{
-    ComponentDescriptor, DynamicArchetype, EntityPath, RecordingStreamBuilder, Scalars, StoreId,
-    TextLog, TimeColumn,
-};
+use rerun::{EntityPath, StoreId, TextLog, TimeColumn};
 
-use super::blueprint::{Shown, layout};
-use super::scene::{Part, Scene, log_styles};
-use super::schema::{self, SPECS, Spec, table};
+use super::blueprint::Shown;
+use super::scene::{Part, Scene};
+use super::schema::{self, SPECS, table};
 use crate::recording::RecordingMeta;
 use crate::signal::{
     Aim, Alarm, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp, TruthSource,
     pose_error, ypr_from_rotation,
 };
+use opening::opening;
+use tables::{Table, TextRows, lists};
 
 /// Rows after which a batch is due.
 const BATCH_ROWS: usize = 100;
 /// Session time between two pictures of the scene, ns.
 const SCENE_NS: i64 = 100_000_000;
-
-/// Rows of one table since the last batch.
-struct Table {
-    spec: &'static Spec,
-    scalar_times: Vec<i64>,
-    scalars: Vec<f64>,
-    exact_times: Vec<i64>,
-    exact: Vec<f64>,
-    ints: Vec<i64>,
-}
-
-impl Table {
-    /// Appends what is not empty.
-    fn push(&mut self, t: Stamp, scalars: &[f64], exact: &[f64], ints: &[i64]) {
-        let spec = self.spec;
-        if !scalars.is_empty() {
-            debug_assert_eq!(scalars.len(), spec.scalars, "{}", spec.path);
-            self.scalar_times.push(t.0);
-            self.scalars.extend_from_slice(scalars);
-        }
-        if !exact.is_empty() || !ints.is_empty() {
-            debug_assert_eq!(
-                (exact.len(), ints.len()),
-                (spec.exact, spec.ints),
-                "{}",
-                spec.exact_path
-            );
-            self.exact_times.push(t.0);
-            self.exact.extend_from_slice(exact);
-            self.ints.extend_from_slice(ints);
-        }
-    }
-
-    /// Takes the rows as entities of a batch.
-    fn take(&mut self) -> Result<Vec<Part>, arrow::error::ArrowError> {
-        let spec = self.spec;
-        let mut parts = Vec::with_capacity(2);
-        let times = std::mem::take(&mut self.scalar_times);
-        if !times.is_empty() {
-            let values = Float64Array::from(std::mem::take(&mut self.scalars));
-            let list = lists(Arc::new(values), spec.scalars, times.len())?;
-            parts.push(Part {
-                path: spec.path,
-                times,
-                columns: vec![(Scalars::descriptor_scalars(), list)],
-            });
-        }
-        let times = std::mem::take(&mut self.exact_times);
-        if !times.is_empty() {
-            let mut columns = Vec::with_capacity(2);
-            if spec.exact > 0 {
-                let values = Float64Array::from(std::mem::take(&mut self.exact));
-                let list = lists(Arc::new(values), spec.exact, times.len())?;
-                columns.push((own(schema::EXACT), list));
-            }
-            if spec.ints > 0 {
-                let values = Int64Array::from(std::mem::take(&mut self.ints));
-                let list = lists(Arc::new(values), spec.ints, times.len())?;
-                columns.push((own(schema::INTS), list));
-            }
-            parts.push(Part {
-                path: spec.exact_path,
-                times,
-                columns,
-            });
-        }
-        Ok(parts)
-    }
-}
-
-/// Lines of one text log since the last batch.
-#[derive(Default)]
-struct TextRows {
-    times: Vec<i64>,
-    texts: Vec<String>,
-    levels: Vec<&'static str>,
-}
-
-impl TextRows {
-    fn push(&mut self, t: Stamp, text: String, level: &'static str) {
-        self.times.push(t.0);
-        self.texts.push(text);
-        self.levels.push(level);
-    }
-}
-
-fn own(component: &'static str) -> ComponentDescriptor {
-    ComponentDescriptor::partial(component).with_archetype(schema::PREFIX.into())
-}
-
-/// A column of `rows` lists of `width` values each.
-fn lists(
-    values: ArrayRef,
-    width: usize,
-    rows: usize,
-) -> Result<ListArray, arrow::error::ArrowError> {
-    let field = Field::new_list_field(values.data_type().clone(), true);
-    let offsets = OffsetBuffer::from_lengths(std::iter::repeat_n(width, rows));
-    ListArray::try_new(Arc::new(field), offsets, values, None)
-}
 
 /// Anything that can go wrong between rows and where they go.
 #[derive(Debug, thiserror::Error)]
@@ -515,140 +415,7 @@ fn mode_text(mode: &Mode) -> String {
 /// What comes before the reason in the mode log.
 pub(super) const SAFE_PREFIX: &str = "SAFE: ";
 
-/// The messages that come first: identity, properties, styles, layout.
-fn opening(meta: &RecordingMeta, shown: Shown) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
-    let (stream, storage) = RecordingStreamBuilder::new(schema::APPLICATION)
-        .enabled(true)
-        .recording_name(meta.name.clone())
-        .memory()?;
-    let simulated = match meta.simulated {
-        Some(true) => "true",
-        Some(false) => "false",
-        None => "not told",
-    };
-    let property = DynamicArchetype::new(schema::PREFIX)
-        .with_component_from_data("schema", text_column(&schema::SCHEMA_VERSION.to_string()))
-        .with_component_from_data("name", text_column(&meta.name))
-        .with_component_from_data("robot", text_column(&meta.robot))
-        .with_component_from_data("robot_hash", text_column(&meta.robot_hash))
-        .with_component_from_data("source", text_column(&meta.source))
-        .with_component_from_data("simulated", text_column(simulated))
-        .with_component_from_data("payload_kg", text_column(&meta.payload_kg.to_string()))
-        .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
-    stream.send_property(schema::PROPERTY, &property)?;
-    log_styles(&stream, meta.drawing.as_ref())?;
-    for spec in SPECS.iter().filter(|s| s.scalars > 1) {
-        let names = series_names(spec);
-        let style = rerun::SeriesLines::update_fields()
-            .with_names(names)
-            .with_colors(series_colours(spec))
-            .with_widths(vec![series_width(spec); spec.scalars]);
-        stream.log_static(spec.path, &style)?;
-    }
-    // With rerun switched off in the environment there is no layout to be had; data go on.
-    let layout = match rerun::decide_logging_enabled(true) {
-        true => layout(shown)?,
-        false => Vec::new(),
-    };
-    let store_id = match stream.store_info() {
-        Some(info) => info.store_id,
-        None => StoreId::random(rerun::StoreKind::Recording, schema::APPLICATION),
-    };
-    let mut messages = storage.take();
-    // A stream that keeps its messages holds on to itself, and to two threads, until it is disconnected.
-    stream.disconnect();
-    messages.extend(layout);
-    Ok((store_id, messages))
-}
-
 /// One text as a property's value.
 pub(super) fn text_column(text: &str) -> ArrayRef {
     Arc::new(StringArray::from(vec![text.to_owned()]))
-}
-
-/// Names of an entity's plotted series.
-fn series_names(spec: &Spec) -> Vec<String> {
-    let what = spec.path.rsplit('/').next().unwrap_or_default();
-    let numbered = |name: &str, n: usize| (1..=n).map(|i| format!("{name} {i}")).collect();
-    let group = spec.path.split('/').nth(1).unwrap_or_default();
-    match (group, what, spec.scalars) {
-        (_, "position_mm", _) => {
-            let whose = spec.path.trim_end_matches("/position_mm");
-            let whose = whose.rsplit('/').next().unwrap_or_default();
-            ["x", "y", "z"].map(|a| format!("{whose} {a}")).into()
-        }
-        (_, "ypr_deg", _) => ["yaw", "pitch", "roll"].map(str::to_owned).into(),
-        (_, "imu_deg" | "imu_ref_deg", _) => (1..=4)
-            .flat_map(|i| ["yaw", "pitch", "roll"].map(|a| format!("imu {i} {a}")))
-            .collect(),
-        (_, "gyro_rad_s" | "accel_m_s2", _) => (1..=4)
-            .flat_map(|i| ["x", "y", "z"].map(|a| format!("imu {i} {a}")))
-            .collect(),
-        (_, "set_kpa", n) => numbered("set", n),
-        (_, _, 6) => numbered("chamber", 6),
-        (_, _, n) => numbered("spring", n),
-    }
-}
-
-/// Six colours that can be told from each other, also by the colour-blind.
-const SIX: [u32; 6] = [
-    0x4c9b_e8ff,
-    0xe69f_00ff,
-    0x2fbf_8fff,
-    0xe45f_28ff,
-    0xcc79_a7ff,
-    0xf0e4_42ff,
-];
-
-/// Colours of an entity's plotted series: one for each chamber, pair of springs, axis.
-fn series_colours(spec: &Spec) -> Vec<rerun::Color> {
-    let each = match spec.scalars {
-        12 if spec.path.contains("spring") || spec.path.contains("gate") => 2,
-        _ => 1,
-    };
-    let first = match spec.path {
-        path if path.starts_with("/tip/predicted") => 0,
-        path if path.starts_with("/tip/vicon") => 3,
-        _ => 0,
-    };
-    let whose = |i: usize| match spec.scalars {
-        3 => SIX[first + i],
-        _ => SIX[(i / each) % SIX.len()],
-    };
-    (0..spec.scalars)
-        .map(|i| match spec.path {
-            "/goal/position_mm" => rerun::Color::from_u32(0xb4b9_c0ff),
-            _ => rerun::Color::from_u32(whose(i)),
-        })
-        .collect()
-}
-
-/// What is asked for is drawn thinner than what is.
-fn series_width(spec: &Spec) -> f32 {
-    let asked = spec.path.contains("set_") || spec.path.contains("_ref_");
-    if asked { 0.8 } else { 1.6 }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn series_are_named() {
-        for s in &SPECS {
-            if s.scalars > 1 {
-                assert_eq!(series_names(s).len(), s.scalars, "{}", s.path);
-                assert_eq!(series_colours(s).len(), s.scalars, "{}", s.path);
-            }
-        }
-        assert_eq!(series_names(&SPECS[table::VICON])[0], "vicon x");
-        assert_eq!(SPECS[table::TICK].exact_path, "/tick");
-    }
-
-    #[test]
-    fn list_type_is_stated() {
-        let l = lists(Arc::new(Int64Array::from(vec![1, 2, 3, 4])), 2, 2).unwrap();
-        assert_eq!(l.value_length(1), 2);
-        assert_eq!(l.values().data_type(), &arrow::datatypes::DataType::Int64);
-    }
 }

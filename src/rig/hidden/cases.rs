@@ -11,7 +11,7 @@ use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 
-use super::{Class, HIDDEN, Hidden, Kind, Magnitude, Scope, Shows, Signed};
+use super::{Hidden, Kind, Magnitude, Scope, Shows, Signed};
 use crate::rig::session::{
     Fineness, Noise, Session, SessionError, SessionPlan, generate, sub_seed,
 };
@@ -20,8 +20,6 @@ use crate::signal::{CHAMBERS, SensorVec, pose_error};
 use crate::sim::dataset::sample_rng;
 use crate::sim::{Inputs, Model, SimError, State, observe, settle};
 
-/// The strengths of the ladder.
-pub const LADDER: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
 /// A strength within this share of what is wanted is right.
 const CLOSE_ENOUGH: f64 = 0.05;
 /// Sample rates of the drafts that size an effect and of the session that tells the floor, Hz.
@@ -113,53 +111,11 @@ impl Answer {
     }
 }
 
-/// Draws a case. `strength` is in times the floor (see [`LADDER`]); a null has none.
+/// A case that hides `kinds`, each `strength` times the floor strong; targets, signs and shapes are drawn.
+/// Its sessions are like `plan` in length, rate, excitation and payload.
 ///
 /// # Errors
 /// [`SessionError`] when the healthy rig cannot be run.
-pub fn draw_case(
-    robot: &RobotSpec,
-    seed: u64,
-    kind: CaseKind,
-    strength: f64,
-) -> Result<Case, SessionError> {
-    let mut rng = sample_rng(seed, 0xca5e);
-    let mut one = |from: Vec<&'static Kind>| from[rng.random_range(0..from.len())];
-    let of = |class: Class| -> Vec<&'static Kind> {
-        HIDDEN.iter().filter(|k| k.class == class).collect()
-    };
-    let kinds = match kind {
-        CaseKind::Null => Vec::new(),
-        CaseKind::Single => vec![one(of(Class::Known))],
-        CaseKind::Alien => vec![one(of(Class::Alien))],
-        CaseKind::Pair => {
-            let first = one(of(Class::Known));
-            let mut others = of(Class::Known);
-            others.retain(|k| k.side != first.side);
-            vec![first, one(others)]
-        }
-    };
-    case_of(robot, seed, kind, &kinds, strength)
-}
-
-/// A case with these kinds; targets, signs and shapes are drawn.
-///
-/// # Errors
-/// As [`draw_case`].
-pub fn case_of(
-    robot: &RobotSpec,
-    seed: u64,
-    kind: CaseKind,
-    kinds: &[&'static Kind],
-    strength: f64,
-) -> Result<Case, SessionError> {
-    case_like(&SessionPlan::default(), robot, seed, kind, kinds, strength)
-}
-
-/// A case whose sessions are like `plan` in length, rate, excitation and payload.
-///
-/// # Errors
-/// As [`draw_case`].
 pub fn case_like(
     plan: &SessionPlan,
     robot: &RobotSpec,
@@ -458,7 +414,18 @@ impl<'a> Sizing<'a> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::HIDDEN;
     use super::*;
+
+    fn case_of(
+        robot: &RobotSpec,
+        seed: u64,
+        kind: CaseKind,
+        kinds: &[&'static Kind],
+        strength: f64,
+    ) -> Result<Case, SessionError> {
+        case_like(&SessionPlan::default(), robot, seed, kind, kinds, strength)
+    }
 
     #[test]
     fn a_single_case_has_the_strength_that_was_asked_for() {
@@ -507,7 +474,7 @@ mod tests {
     #[test]
     fn kinds_of_cases_hide_what_they_say() {
         let robot = RobotSpec::reference();
-        let null = draw_case(&robot, 1, CaseKind::Null, 4.0).expect("drawn");
+        let null = case_of(&robot, 1, CaseKind::Null, &[], 4.0).expect("drawn");
         assert!(null.suspect.hidden.is_empty() && null.truth.effects.is_empty());
         let mut rng = sample_rng(7, 0);
         for kind in HIDDEN {

@@ -16,65 +16,16 @@
 //! add their forces, and their stiffness through the screws, to that section alone. What a bellows
 //! remembers is a function W of its whole length x, and adds W″ ∇x ∇xᵀ over its section.
 
+mod kinematics;
+mod stiffness;
+
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::se3::{ExpMap, Frame, Twist};
 use super::{Loads, Rod, Section, Tube};
-
-/// Poses along the rod.
-#[derive(Clone, Debug, Default)]
-pub struct Kinematics {
-    /// Element ends in the base frame: per section its start and then every element's end.
-    pub nodes: Vec<Vec<Frame>>,
-}
-
-impl Kinematics {
-    /// The pose of the last section's end.
-    pub fn tip(&self) -> Frame {
-        self.nodes
-            .last()
-            .and_then(|n| n.last())
-            .copied()
-            .unwrap_or_else(Frame::identity)
-    }
-}
-
-/// Dead forces summed: F, M about the base origin, N = Σ x fᵀ.
-#[derive(Clone, Copy)]
-struct Dead {
-    f: Vector3<f64>,
-    m: Vector3<f64>,
-    n: Matrix3<f64>,
-}
-
-impl Dead {
-    fn zero() -> Self {
-        Self {
-            f: Vector3::zeros(),
-            m: Vector3::zeros(),
-            n: Matrix3::zeros(),
-        }
-    }
-
-    fn add(&mut self, x: &Vector3<f64>, f: &Vector3<f64>) {
-        self.f += f;
-        self.m += x.cross(f);
-        self.n += x * f.transpose();
-    }
-
-    fn sum(&self, o: &Self) -> Self {
-        Self {
-            f: self.f + o.f,
-            m: self.m + o.m,
-            n: self.n + o.n,
-        }
-    }
-
-    /// Σ (ω × x + v) × f.
-    fn moved(&self, s: &Twist) -> Vector3<f64> {
-        s.v.cross(&self.f) + self.n * s.w - s.w * self.n.trace()
-    }
-}
+pub use kinematics::Kinematics;
+pub(super) use kinematics::{kinematics, screws, strain_of, twist_of};
+use stiffness::{Dead, Stiffness6};
 
 /// What is kept of one element between the passes.
 #[derive(Clone, Debug)]
@@ -94,44 +45,6 @@ pub(super) struct Assembly {
     pub hessian: Vec<f64>,
     elements: Vec<ElementPass>,
     moved: Vec<[f64; 9]>,
-}
-
-pub(super) fn strain_of(section: &Section, idx: &[usize], q: &[f64]) -> [f64; 6] {
-    let mut xi = section.rest;
-    for (k, &i) in idx.iter().enumerate() {
-        xi[i] = q[k];
-    }
-    xi
-}
-
-pub(super) fn twist_of(xi: &[f64; 6], scale: f64) -> Twist {
-    Twist {
-        w: Vector3::new(xi[0], xi[1], xi[2]) * scale,
-        v: Vector3::new(xi[3], xi[4], xi[5]) * scale,
-    }
-}
-
-/// Poses of all element ends.
-pub(super) fn kinematics(rod: &Rod, q: &[f64]) -> Kinematics {
-    let idx = rod.strains.indices();
-    let d = idx.len();
-    let mut at = rod.base;
-    let mut k = 0;
-    let mut nodes = Vec::with_capacity(rod.sections.len());
-    for s in &rod.sections {
-        let l = s.length_m / s.elements as f64;
-        let mut chain = Vec::with_capacity(s.elements + 1);
-        chain.push(at);
-        for _ in 0..s.elements {
-            let xi = strain_of(s, idx, &q[k..k + d]);
-            at = at.then(&ExpMap::new(twist_of(&xi, l)).frame);
-            chain.push(at);
-            k += d;
-        }
-        at = at.shifted(&s.offset_m);
-        nodes.push(chain);
-    }
-    Kinematics { nodes }
 }
 
 /// ∂(v + κ × r)/∂ξ: e_i × r for κ_i, e_i for v_i.
@@ -537,28 +450,6 @@ impl Assembly {
     }
 }
 
-/// Poses of all element ends and, element by element, the spatial screw of every free strain.
-pub(super) fn screws(rod: &Rod, q: &[f64]) -> (Kinematics, Vec<Twist>) {
-    let idx = rod.strains.indices();
-    let d = idx.len();
-    let kin = kinematics(rod, q);
-    let mut out = Vec::with_capacity(q.len());
-    for (s, nodes) in rod.sections.iter().zip(&kin.nodes) {
-        let l = s.length_m / s.elements as f64;
-        for start in &nodes[..s.elements] {
-            let k = out.len();
-            let exp = ExpMap::new(twist_of(&strain_of(s, idx, &q[k..k + d]), l));
-            out.extend(idx.iter().map(|&i| {
-                let (tangent, _) = exp.tangent(&Twist::unit(i));
-                let w = start.r * tangent.w * l;
-                let v = start.r * tangent.v * l + start.p.cross(&w);
-                Twist { w, v }
-            }));
-        }
-    }
-    (kin, out)
-}
-
 /// Resistance of one strain to change, per unit viscosity.
 pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
     let tubes: f64 = s
@@ -596,36 +487,5 @@ pub(super) fn for_dead_forces(
     }
     if last {
         each(end, &nodes[end].p, &loads.tip_force_n);
-    }
-}
-
-/// Σ [−x×, I]ᵀ K [−x×, I]: spring stiffness against spatial twists.
-struct Stiffness6 {
-    ww: Matrix3<f64>,
-    wv: Matrix3<f64>,
-    vv: Matrix3<f64>,
-}
-
-impl Stiffness6 {
-    fn zero() -> Self {
-        Self {
-            ww: Matrix3::zeros(),
-            wv: Matrix3::zeros(),
-            vv: Matrix3::zeros(),
-        }
-    }
-
-    fn add(&mut self, x: &Vector3<f64>, k: &Matrix3<f64>) {
-        let j = -x.cross_matrix();
-        self.ww += j.transpose() * k * j;
-        self.wv += j.transpose() * k;
-        self.vv += k;
-    }
-
-    fn apply(&self, s: &Twist) -> Twist {
-        Twist {
-            w: self.ww * s.w + self.wv * s.v,
-            v: self.wv.transpose() * s.w + self.vv * s.v,
-        }
     }
 }

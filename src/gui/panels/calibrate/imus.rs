@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 
 use egui::{Button, Mesh, Pos2, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 
-use super::springs::LEFT;
+use super::springs::left_card;
 use super::take_imus::{ImuTake, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict};
 use super::wizard::Wizard;
 use super::{CalibrateState, capture_gate, motion};
@@ -31,11 +31,8 @@ pub fn ui(
     commands: &mut Vec<Command>,
 ) {
     ui.horizontal_top(|ui| {
-        ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
-            card(ui, |ui| {
-                ui.set_width(LEFT - 20.0);
-                controls(ui, live, wizard, state, commands);
-            });
+        left_card(ui, |ui| {
+            controls(ui, live, wizard, state, commands);
         });
         ui.vertical(|ui| {
             let width = (ui.available_width() - ui.spacing().item_spacing.x) / 2.0;

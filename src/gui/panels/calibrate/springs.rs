@@ -21,7 +21,17 @@ use crate::sensing::calibration::FitQuality;
 use crate::signal::SPRINGS;
 
 /// Width of the card on the left, points.
-pub const LEFT: f32 = 316.0;
+const LEFT: f32 = 316.0;
+
+/// The card on the left of a step: what the operator does.
+pub fn left_card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
+    ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
+        card(ui, |ui| {
+            ui.set_width(LEFT - 20.0);
+            contents(ui);
+        });
+    });
+}
 
 /// The step.
 pub fn ui(
@@ -38,11 +48,8 @@ pub fn ui(
         });
     }
     ui.horizontal_top(|ui| {
-        ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
-            card(ui, |ui| {
-                ui.set_width(LEFT - 20.0);
-                source(ui, live, wizard, state, services);
-            });
+        left_card(ui, |ui| {
+            source(ui, live, wizard, state, services);
         });
         ui.vertical(|ui| {
             card(ui, |ui| {

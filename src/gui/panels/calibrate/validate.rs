@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use egui::{Button, Grid, RichText, Ui, vec2};
 
-use super::springs::{LEFT, progress};
+use super::springs::{left_card, progress};
 use super::wizard::{Outcome, TRIAL_MIN_S, TRIAL_S, Wizard};
 use super::{CalibrateState, capture_gate, motion};
 use crate::gui::panels::View;
@@ -25,11 +25,8 @@ pub fn ui(
 ) {
     compare(wizard, state, services);
     ui.horizontal_top(|ui| {
-        ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
-            card(ui, |ui| {
-                ui.set_width(LEFT - 20.0);
-                controls(ui, live, wizard, state, commands);
-            });
+        left_card(ui, |ui| {
+            controls(ui, live, wizard, state, commands);
         });
         ui.vertical(|ui| {
             card(ui, |ui| {

@@ -4,7 +4,7 @@ use egui::{
     Button, Grid, Rect, RichText, Role, ScrollArea, Sense, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
-use super::springs::LEFT;
+use super::springs::left_card;
 use super::take_imus::tilt;
 use super::wizard::Wizard;
 use super::{CalibrateState, capture_gate, motion};
@@ -25,11 +25,8 @@ pub fn ui(
     commands: &mut Vec<Command>,
 ) {
     ui.horizontal_top(|ui| {
-        ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
-            card(ui, |ui| {
-                ui.set_width(LEFT - 20.0);
-                controls(ui, live, wizard, state, commands);
-            });
+        left_card(ui, |ui| {
+            controls(ui, live, wizard, state, commands);
         });
         ui.vertical(|ui| {
             card(ui, |ui| {

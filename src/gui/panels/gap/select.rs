@@ -1,20 +1,23 @@
 //! Select: a healthy and a suspect session, an example, and the finder at work.
 
-use std::path::{Path, PathBuf};
+mod selection;
+
+use std::path::PathBuf;
 
 use egui::{Button, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, vec2};
 
 use super::{GapState, Running, Trouble};
-use crate::gap::report::Origin;
-use crate::gap::{SECONDS_MIN, Stage};
+use crate::gap::Stage;
 use crate::gui::panels::origin_name;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{
-    Gate, badge, cell, cell_left, gated, heading, minutes, note, number, status,
+    badge, cell, cell_left, gated, heading, minutes, note, number, status,
 };
-use crate::gui::services::gap::{ExamplePair, RobotMatch, SessionSheet};
-use crate::gui::services::{Dialog, DialogKind, Job, RecordingEntry, Services};
+use crate::gui::services::gap::{RobotMatch, SessionSheet};
+use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
+pub use selection::Selection;
+use selection::{Slot, trouble_with};
 
 /// What a session is chosen for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,206 +52,6 @@ impl Part {
             Self::Suspect => "Recorded now, of the same rig. Something may be wrong in it.",
         }
     }
-}
-
-/// One chosen session.
-#[derive(Default)]
-struct Slot {
-    text: String,
-    looking: Option<Job<SessionSheet>>,
-    sheet: Option<Result<SessionSheet, String>>,
-    /// Whether the data are simulated, as the operator says where the session does not.
-    told: Option<bool>,
-}
-
-impl Slot {
-    fn choose(&mut self, path: &Path, services: &mut Services) {
-        self.text = path.display().to_string();
-        self.sheet = None;
-        self.told = None;
-        self.looking = Some((services.gap.look)(path));
-    }
-
-    fn known(&self) -> Option<&SessionSheet> {
-        self.sheet.as_ref()?.as_ref().ok()
-    }
-
-    /// Whether the data are simulated, as far as the session or the operator says.
-    fn simulated(&self) -> Option<bool> {
-        self.known()?.simulated.or(self.told)
-    }
-}
-
-/// What is chosen.
-#[derive(Default)]
-pub struct Selection {
-    slots: [Slot; 2],
-    library: Vec<RecordingEntry>,
-    scanned: bool,
-    scanning: Option<Job<Vec<RecordingEntry>>>,
-    picking: Option<(Part, Job<Option<PathBuf>>)>,
-    making: Option<Job<ExamplePair>>,
-    example: Option<ExamplePair>,
-    examples_made: u64,
-}
-
-impl Selection {
-    pub fn busy(&self) -> bool {
-        self.scanning.is_some()
-            || self.picking.is_some()
-            || self.making.is_some()
-            || self.slots.iter().any(|s| s.looking.is_some())
-    }
-
-    /// Where the suspect session comes from, when it or the operator says so.
-    fn origin(&self) -> Option<Origin> {
-        Some(match self.slots[1].simulated()? {
-            true => Origin::Simulated,
-            false => Origin::Measured,
-        })
-    }
-
-    /// Where the answer lies, when the example is what is looked at.
-    fn answer(&self) -> Option<PathBuf> {
-        let example = self.example.as_ref()?;
-        let suspect = &self.slots[1].known()?.path;
-        (*suspect == example.suspect).then(|| example.answer.clone())
-    }
-
-    /// Takes what has come.
-    pub fn poll(&mut self, services: &mut Services) -> Option<Trouble> {
-        let mut trouble = None;
-        let Self { slots, example, .. } = self;
-        for slot in slots {
-            if let Some(sheet) = slot.looking.as_ref().and_then(Job::poll) {
-                slot.looking = None;
-                slot.sheet = Some(sheet.map(|sheet| {
-                    let made = example.as_ref();
-                    let made =
-                        made.is_some_and(|e| e.healthy == sheet.path || e.suspect == sheet.path);
-                    SessionSheet {
-                        simulated: if made { Some(true) } else { sheet.simulated },
-                        ..sheet
-                    }
-                }));
-            }
-        }
-        if let Some(found) = self.scanning.as_ref().and_then(Job::poll) {
-            self.scanning = None;
-            match found {
-                Ok(entries) => self.library = entries,
-                Err(e) => {
-                    trouble = Some(Trouble::new(
-                        e,
-                        "The library is not shown.",
-                        "Type the path of a session, or browse for it.",
-                    ));
-                }
-            }
-        }
-        if let Some((part, answer)) = self
-            .picking
-            .as_ref()
-            .and_then(|(part, job)| Some((*part, job.poll()?)))
-        {
-            self.picking = None;
-            match answer {
-                Ok(Some(path)) => self.slots[part as usize].choose(&path, services),
-                Ok(None) => {}
-                Err(e) => {
-                    trouble = Some(Trouble::new(
-                        e,
-                        "No file was chosen.",
-                        "Type the path of the session instead.",
-                    ));
-                }
-            }
-        }
-        if let Some(made) = self.making.as_ref().and_then(Job::poll) {
-            self.making = None;
-            match made {
-                Ok(pair) => {
-                    self.slots[0].choose(&pair.healthy, services);
-                    self.slots[1].choose(&pair.suspect, services);
-                    self.example = Some(pair);
-                }
-                Err(e) => {
-                    trouble = Some(Trouble::new(
-                        e,
-                        "There is no example.",
-                        "Make two sessions with springtwin rig session, or choose recordings.",
-                    ));
-                }
-            }
-        }
-        trouble
-    }
-
-    /// Whether the finder can be run.
-    fn gate(&self) -> Gate {
-        if self.making.is_some() {
-            return Err("The example is being made.".into());
-        }
-        if self.slots.iter().any(|s| s.looking.is_some()) {
-            return Err("A session is being read.".into());
-        }
-        for (part, slot) in Part::ALL.into_iter().zip(&self.slots) {
-            match &slot.sheet {
-                None if part == Part::Healthy && slot.text.trim().is_empty() => {}
-                None => {
-                    return Err(match slot.text.trim().is_empty() {
-                        true => format!("Choose a {} session first.", part.name()),
-                        false => format!("Press Enter to read the {} session.", part.name()),
-                    });
-                }
-                Some(Err(_)) => {
-                    return Err(format!("The {} session could not be read.", part.name()));
-                }
-                Some(Ok(sheet)) => {
-                    if let Some(trouble) = trouble_with(sheet) {
-                        return Err(format!(
-                            "The {} session: {} {}",
-                            part.name(),
-                            trouble.cause,
-                            trouble.remedy
-                        ));
-                    }
-                }
-            }
-        }
-        let both = (self.slots[0].known(), self.slots[1].known());
-        if let (Some(a), Some(b)) = both
-            && a.path == b.path
-        {
-            return Err("The healthy and the suspect session are the same file.".into());
-        }
-        if self.origin().is_none() {
-            return Err("Say whether the suspect session is simulated or measured.".into());
-        }
-        Ok(())
-    }
-}
-
-// What keeps a session from being used.
-fn trouble_with(sheet: &SessionSheet) -> Option<Trouble> {
-    if let RobotMatch::Other { recorded, given } = &sheet.robot {
-        return Some(Trouble::new(
-            format!("Recorded with robot file {recorded}; this twin runs with {given}."),
-            "The session cannot be compared with this model.",
-            "Choose a session of this robot, or start with --robot FILE.",
-        ));
-    }
-    if sheet.seconds < SECONDS_MIN {
-        return Some(Trouble::new(
-            format!("{} s long.", number(sheet.seconds, 0)),
-            "That is too short to tell an effect from noise.",
-            &format!(
-                "Record at least {} s; 90 s are good.",
-                number(SECONDS_MIN, 0)
-            ),
-        ));
-    }
-    None
 }
 
 /// The step.

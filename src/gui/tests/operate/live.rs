@@ -7,12 +7,11 @@ use super::super::*;
 use crate::control::Gains;
 use crate::learn::Model;
 use crate::link::wire::Config;
-use crate::link::{HostSession, Origin};
 use crate::rig::{Object, RigOptions, Surroundings, Unit, VirtualRig};
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::{ControllerKind, Gripper, GroundTruth, PressureCommand};
+use crate::signal::{ControllerKind, Gripper};
 use crate::task::circle;
-use crate::twin::{Arrivals, Maps, Port, Runner, TICK_S};
+use crate::twin::{Heard, InProcess, Maps, Runner, TICK_S};
 
 const NETWORKS: &[u8] = include_bytes!("../../../../assets/networks/reference.safetensors");
 const CALIBRATION: &str = include_str!("../../../../assets/calibration/virtual-rig.toml");
@@ -22,50 +21,16 @@ pub fn maps() -> Maps {
     Model::from_bytes(NETWORKS).expect("networks").into()
 }
 
-/// A rig in this process; the test keeps the other end.
-struct Wire {
-    rig: Arc<Mutex<VirtualRig>>,
-    session: HostSession,
-    line_steps: u64,
-    to_rig: Vec<u8>,
-}
-
-impl Port for Wire {
-    fn poll(&mut self, now: Stamp) -> Arrivals {
-        let mut arrivals = Arrivals::default();
-        let mut rig = self.rig.lock().expect("not poisoned");
-        while (self.line_steps + 1) as f64 * 1e-3 <= now.seconds() + 1e-9 {
-            self.line_steps += 1;
-            let t_s = self.line_steps as f64 * 1e-3;
-            self.to_rig
-                .extend(self.session.poll(Stamp::from_seconds(t_s)));
-            let from_rig = rig.advance(t_s, &std::mem::take(&mut self.to_rig));
-            self.session.on_bytes(Stamp::from_seconds(t_s), &from_rig);
+/// A port to a rig in this process; the test keeps the other end.
+fn wire(rig: Arc<Mutex<VirtualRig>>, config: Config) -> InProcess {
+    let far_end = move |t_s: f64, to_rig: &[u8]| {
+        let mut rig = rig.lock().expect("not poisoned");
+        Heard {
+            bytes: Some(rig.advance(t_s, to_rig)),
+            truth: rig.mocap_sample(t_s),
         }
-        arrivals.truths.push(GroundTruth {
-            stamp: now,
-            base_from_tip: rig.mocap_pose(),
-            source: TruthSource::VirtualRig,
-        });
-        arrivals.frames = std::iter::from_fn(|| self.session.next_frame()).collect();
-        arrivals.status = self.session.status(now);
-        arrivals
-    }
-
-    fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
-        match command {
-            Some(command) => self.session.set_command(command),
-            None => self.session.clear_command(),
-        }
-    }
-
-    fn estop(&mut self, _now: Stamp) {
-        self.session.estop();
-    }
-
-    fn reset(&mut self, _now: Stamp) {
-        self.session.reset();
-    }
+    };
+    InProcess::new("virtual rig", config, Box::new(far_end))
 }
 
 /// The twin's end of the window's channels, with a real twin on a virtual rig.
@@ -97,12 +62,7 @@ impl Bench {
             VirtualRig::new(&robot, &options).expect("settles"),
         ));
         let config = Config::new(&robot.pressure, robot.over_pressure_pa);
-        let port = Wire {
-            rig: Arc::clone(&rig),
-            session: HostSession::new("virtual rig", Origin::Simulated, config),
-            line_steps: 0,
-            to_rig: Vec::new(),
-        };
+        let port = wire(Arc::clone(&rig), config);
         let sensing = Sensing::new(
             &robot,
             Calibration::from_toml(CALIBRATION).expect("calibration"),

@@ -8,21 +8,19 @@ use std::process::{Child, ChildStdin, Command as Process, Stdio};
 use springtwin::control::Gains;
 use springtwin::learn::Model;
 use springtwin::link::wire::Config;
-use springtwin::link::{HostSession, Origin};
 use springtwin::recording::{read_rrd, write_text};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
-use springtwin::signal::{ControllerKind, Goal, Mode, PressureCommand, Stamp};
+use springtwin::signal::{ControllerKind, Goal, Mode, Stamp};
 use springtwin::twin::{
-    Arrivals, Command, Event, Port, Runner, TICK_S, Twin, run_in_real_time, run_in_simulated_time,
+    Command, Event, Heard, InProcess, Runner, TICK_S, Twin, run_in_real_time, run_in_simulated_time,
 };
 
 use super::{ATTEMPTS, Stalls, now, quantile};
 use crate::faults::row;
 use crate::program::{scratch, springtwin};
 
-const LINE_STEP_S: f64 = 0.001;
 /// Room left for a recording, KiB: some seconds.
 const ROOM_KIB: u64 = 1600;
 /// When the recording is begun, s, and the end of the run.
@@ -108,48 +106,6 @@ impl Drop for SmallDisk {
     }
 }
 
-/// A rig in this process.
-struct Near {
-    rig: VirtualRig,
-    host: HostSession,
-    steps: u64,
-}
-
-impl Port for Near {
-    fn poll(&mut self, now: Stamp) -> Arrivals {
-        while (self.steps + 1) as f64 * LINE_STEP_S <= now.seconds() + 1e-9 {
-            self.steps += 1;
-            let t_s = self.steps as f64 * LINE_STEP_S;
-            let at = Stamp::from_seconds(t_s);
-            let heard = self.rig.advance(t_s, &self.host.poll(at));
-            self.host.on_bytes(at, &heard);
-        }
-        Arrivals {
-            frames: std::iter::from_fn(|| self.host.next_frame()).collect(),
-            truths: Vec::new(),
-            notices: std::iter::from_fn(|| self.host.next_event())
-                .map(|e| e.text())
-                .collect(),
-            status: self.host.status(now),
-        }
-    }
-
-    fn send(&mut self, _: Stamp, command: Option<&PressureCommand>) {
-        match command {
-            Some(command) => self.host.set_command(command),
-            None => self.host.clear_command(),
-        }
-    }
-
-    fn estop(&mut self, _: Stamp) {
-        self.host.estop();
-    }
-
-    fn reset(&mut self, _: Stamp) {
-        self.host.reset();
-    }
-}
-
 fn runner() -> Runner {
     let robot = RobotSpec::reference();
     let network = include_bytes!("../../../../assets/networks/reference.safetensors");
@@ -162,11 +118,12 @@ fn runner() -> Runner {
         Sensing::new(&robot, calibration),
         Gains::of(ControllerKind::Ours),
     );
-    let port = Near {
-        rig: VirtualRig::new(&robot, &RigOptions::default()).expect("settles"),
-        host: HostSession::new("virtual rig", Origin::Simulated, Config::built_in()),
-        steps: 0,
+    let mut rig = VirtualRig::new(&robot, &RigOptions::default()).expect("settles");
+    let far_end = move |t_s: f64, to_rig: &[u8]| Heard {
+        bytes: Some(rig.advance(t_s, to_rig)),
+        truth: None,
     };
+    let port = InProcess::new("virtual rig", Config::built_in(), Box::new(far_end));
     Runner::new(twin, Box::new(port), &robot)
 }
 

@@ -2,9 +2,11 @@
 //! pumps with lag and limited flow.
 
 use super::super::reach::{ReachConfig, StartSample, reach};
+use super::super::residual::SignalSigma;
 use super::super::toy::{ToyArm, pump_step};
 use super::*;
-use crate::signal::{Aim, ChannelHealth, Gripper, ReachState};
+use crate::signal::{Aim, ChannelHealth, Gripper, ReachState, SIGNALS, SPRINGS};
+use nalgebra::SMatrix;
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;

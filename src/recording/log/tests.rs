@@ -1,4 +1,8 @@
+use std::path::{Path, PathBuf};
+
 use super::*;
+use crate::recording::RecordingError;
+use crate::signal::ypr_from_rotation;
 use proptest::prelude::*;
 
 fn header() -> String {

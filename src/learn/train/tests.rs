@@ -1,6 +1,7 @@
 use super::super::recipe::Channels;
 use super::super::{PlantMap, synthetic};
 use super::*;
+use crate::signal::CHAMBERS;
 
 /// Small and short: enough to see that training works.
 fn recipe() -> Recipe {

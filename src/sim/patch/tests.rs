@@ -4,6 +4,7 @@ use super::super::effects::{EFFECTS, Trajectory, simulate};
 use super::super::{Inputs, State, observe, settle};
 use super::*;
 use crate::robot::{PatchValue, REFERENCE, with_patch};
+use nalgebra::UnitQuaternion;
 
 const CHAMBER_PA: [f64; CHAMBERS] = [25e3, -10e3, 4e3, -20e3, 15e3, 8e3];
 

@@ -1,0 +1,164 @@
+use super::*;
+use springtwin::robot::{PatchEffect, PatchValue, REFERENCE};
+
+fn folder(name: &str) -> PathBuf {
+    let id = std::process::id();
+    std::env::temp_dir().join(format!("springtwin-gap-window-{name}-{id}"))
+}
+
+fn payload(robot: &RobotSpec) -> Patch {
+    Patch {
+        version: springtwin::gap::VERSION,
+        name: "found in suspect".into(),
+        robot: robot.hash.clone(),
+        verdict: "named".into(),
+        data: Default::default(),
+        rig: Default::default(),
+        floor: Default::default(),
+        effects: vec![PatchEffect {
+            id: "payload".into(),
+            target: None,
+            params: [(
+                "mass".to_owned(),
+                PatchValue {
+                    value: 0.2,
+                    unit: "kg".into(),
+                    ci95: None,
+                },
+            )]
+            .into(),
+        }],
+    }
+}
+
+#[test]
+fn accepted_patches_stack_on_a_copy_and_come_off_byte_for_byte() {
+    let dir = folder("store");
+    std::fs::create_dir_all(&dir).expect("folder");
+    let file = dir.join("arm.toml");
+    std::fs::write(&file, REFERENCE).expect("writes");
+    let store = Store::new(Some(&file), &dir);
+    assert_eq!(store.path, dir.join("arm.patched.toml"));
+    let before = store.read().expect("reads");
+    assert!(before.robot.patches.is_empty() && !store.path.exists());
+    let patch = payload(&before.robot);
+    let after = store.accept(&patch).expect("accepts");
+    assert_eq!(after.robot.patches.len(), 1);
+    assert_eq!(store.read().expect("reads").robot, after.robot);
+    let twice = store.accept(&patch).expect_err("twice");
+    assert!(said(twice).contains("already"));
+    let other = Patch {
+        name: "another on the same robot".into(),
+        ..patch.clone()
+    };
+    let both = store.accept(&other).expect_err("corrects twice");
+    assert!(said(both).contains("does not know"));
+    assert_eq!(store.undo().expect("undone").robot, before.robot);
+    assert_eq!(read_text(&store.path).expect("there"), REFERENCE);
+    assert_eq!(read_text(&file).expect("untouched"), REFERENCE);
+    let nothing = store.undo().expect_err("nothing to take back");
+    assert!(said(nothing).contains("no patch"));
+    // A copy of another robot is not built upon.
+    std::fs::write(
+        &store.path,
+        REFERENCE.replacen("name = \"", "name = \"x", 1),
+    )
+    .expect("writes");
+    let refused = said(store.read().expect_err("another robot"));
+    assert!(refused.contains("another robot file"), "{refused}");
+    std::fs::remove_dir_all(&dir).expect("cleans up");
+}
+
+#[test]
+fn the_generator_is_a_process_of_its_own_with_the_answer_elsewhere() {
+    let (folder, answer) = (
+        Path::new("/d/gap-examples/a-1"),
+        Path::new("/d/gap-answers/a-1.json"),
+    );
+    let command = generator(Path::new("/bin/springtwin"), None, folder, answer, 3);
+    let args: Vec<String> = command
+        .get_args()
+        .map(|a| a.to_string_lossy().into_owned())
+        .collect();
+    assert_eq!(args[..4], ["rig", "case", "--kind", "single"]);
+    assert!(args.contains(&"--with-parent".to_owned()));
+    assert!(!answer.starts_with(folder));
+    use clap::Parser as _;
+    let line = std::iter::once("springtwin".to_owned()).chain(args);
+    assert!(crate::cli::Cli::try_parse_from(line).is_ok());
+}
+
+#[cfg(unix)]
+#[test]
+fn what_the_generator_complains_of_is_heard() {
+    let mut child = Command::new("sh")
+        .args([
+            "-c",
+            "echo 'the disk is full' >&2; yes | head -c 300000 >&2; exit 3",
+        ])
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("a shell");
+    let words = listen(&mut child).expect("listens");
+    assert!(!child.wait().expect("ends").success());
+    let said = words.join().expect("heard");
+    assert!(said.starts_with("the disk is full") && said.len() as u64 == WORDS_MAX);
+}
+
+#[test]
+fn a_report_has_a_folder_of_its_own_for_another_baseline_or_robot() {
+    let found = |session: &str, baseline: Option<&str>, robot: &str| {
+        let data = [
+            Some(("session_sha256", session)),
+            baseline.map(|b| ("baseline_sha256", b)),
+        ];
+        let data = data.into_iter().flatten();
+        data_name(
+            &data.map(|(k, v)| (k.to_owned(), v.to_owned())).collect(),
+            robot,
+        )
+    };
+    let names = [
+        found("aa", Some("bb"), "cc"),
+        found("aa", Some("bd"), "cc"),
+        found("aa", None, "cc"),
+        found("aa", Some("bb"), "cd"),
+    ];
+    for (i, a) in names.iter().enumerate() {
+        assert!(names[i + 1..].iter().all(|b| a != b), "{names:?}");
+    }
+}
+
+#[test]
+fn a_sheet_tells_what_a_session_holds_and_whose_it_is() {
+    let robot = RobotSpec::reference();
+    let n = 100;
+    let session = Session {
+        name: "s".into(),
+        robot: "f".repeat(64),
+        t_s: (0..n).map(|k| 0.1 * k as f64).collect(),
+        chamber_pa: vec![[0.0; CHAMBERS]; n],
+        sensors: vec![
+            springtwin::signal::SensorVec {
+                spring_m: std::array::from_fn(|i| if i == 3 { f64::NAN } else { 0.15 }),
+                imu_ypr_rad: [[0.0; 3]; IMUS],
+            };
+            n
+        ],
+        captured: vec![None; n],
+        ..Session::default()
+    };
+    let s = sheet_of(Path::new("s"), &session, None, &robot);
+    let of = |name: &str| s.groups.iter().find(|g| g.name == name).map(|g| g.present);
+    assert_eq!(of("springs"), Some(11));
+    assert_eq!(of("commands"), Some(0));
+    assert_eq!(of("motion capture"), Some(0));
+    assert!((s.rate_hz - 10.0).abs() < 1e-6, "{}", s.rate_hz);
+    assert!(matches!(s.robot, RobotMatch::Other { .. }));
+    let silent = Session {
+        robot: String::new(),
+        ..session
+    };
+    let s = sheet_of(Path::new("s"), &silent, None, &robot);
+    assert_eq!(s.robot, RobotMatch::Silent);
+}

@@ -1,0 +1,259 @@
+//! The effects of a pressure log that a verdict names, those it cannot tell apart, and those nobody sees.
+
+use nalgebra::DMatrix;
+
+use super::MARGIN_SE;
+use crate::gap::GapError;
+use crate::gap::actuation::healthy::LineModel;
+use crate::gap::actuation::line::LineRow;
+use crate::gap::actuation::search::{EffectSet, Stages, same};
+use crate::gap::explain::{Explained, form_sd};
+use crate::gap::finding::{FoundEffect, Ranked, SeparateBy};
+use crate::gap::fit::fit;
+use crate::gap::patch::PatchValue;
+use crate::gap::problem::{BLOCKS, FOLDS};
+use crate::signal::CHAMBERS;
+use crate::sim::effects::Side;
+
+/// Everything that was compared with the best set, best first.
+pub(super) fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
+    let mut out: Vec<Ranked> = Vec::new();
+    let named = |e: &Explained, gain: f64, se: f64| Ranked {
+        id: e
+            .fit
+            .effects
+            .iter()
+            .map(|(c, _)| c.effect.id)
+            .collect::<Vec<_>>()
+            .join(" + "),
+        target: match &e.fit.effects[..] {
+            [(c, _)] => c.target.map(|t| t + 1),
+            _ => None,
+        },
+        gain,
+        se,
+    };
+    let sets = found.sets.iter().map(|s| &s.explained);
+    for e in sets.chain(found.stages.first().into_iter().flatten()) {
+        let (gain, se) = e.losses.gain_over(&found.losses);
+        out.push(named(e, gain, se));
+    }
+    let first = best.map_or(0, |_| 1).min(out.len());
+    out[first..].sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let mut seen: Vec<(String, Option<usize>)> = Vec::new();
+    out.retain(|r| {
+        let key = (r.id.clone(), r.target);
+        let new = !seen.contains(&key);
+        seen.push(key);
+        new
+    });
+    out
+}
+
+/// Sets that the best one does not beat by more than two standard errors.
+pub(super) fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
+    // Each block by its own scale, ln(loss/loss): what even the best leaves over is larger where
+    // more happens, and a single block would decide.
+    let per_block = best.explained.fit.residual.len() as f64 / BLOCKS as f64;
+    let close = |e: &Explained| {
+        let logs: Vec<f64> = (e.losses.0.iter().zip(&best.explained.losses.0))
+            .map(|(other, best)| ((other + 0.5 * per_block) / (best + 0.5 * per_block)).ln())
+            .collect();
+        let n = logs.len() as f64;
+        let margin = logs.iter().sum::<f64>() / n;
+        let var = logs.iter().map(|d| (d - margin).powi(2)).sum::<f64>() / (n - 1.0);
+        margin <= MARGIN_SE * (var / n).sqrt()
+    };
+    // A wordier set that explains no more would do so by coincidence.
+    let numbers = |e: &Explained| e.fit.parameters().len();
+    let most = numbers(&best.explained);
+    let close =
+        |e: &Explained| numbers(e) <= most && !same_but_for_reach(e, &best.explained) && close(e);
+    let mut out: Vec<EffectSet> = found
+        .sets
+        .iter()
+        .filter(|s| !same(&s.explained, &best.explained) && close(&s.explained))
+        .cloned()
+        .collect();
+    let size = best.explained.fit.effects.len();
+    for e in found.stages.get(size - 1).into_iter().flatten() {
+        let (gain, _) = e.losses.gain_over(&found.losses);
+        let known = same(e, &best.explained) || out.iter().any(|s| same(&s.explained, e));
+        if e.fit.effects.len() == size && !known && gain > found.chance.gain && close(e) {
+            out.push(EffectSet {
+                explained: e.clone(),
+                baseline: best.baseline.clone(),
+                mean_square: e.fit.cost / e.fit.residual.len() as f64,
+            });
+        }
+    }
+    out
+}
+
+/// Whether two sets name the same effects, one in all chambers and the other in those that show it:
+/// the name is the same, and chambers that were not driven hard enough say nothing.
+fn same_but_for_reach(a: &Explained, b: &Explained) -> bool {
+    let covered = |a: &Explained, b: &Explained| {
+        a.fit.effects.iter().all(|(c, _)| {
+            b.fit.effects.iter().any(|(d, _)| {
+                c.effect.id == d.effect.id
+                    && (c.target == d.target || c.target.is_none() || d.target.is_none())
+            })
+        })
+    };
+    covered(a, b) && covered(b, a)
+}
+
+/// Whether a parameter rests on a bound that does not mean "no effect".
+pub(super) fn at_bound(e: &Explained) -> bool {
+    let mut at = 0;
+    e.fit.effects.iter().any(|(c, values)| {
+        c.effect.parameters.iter().zip(values).any(|(p, v)| {
+            let held = e.fit.on_bound[at];
+            at += 1;
+            held && *v != p.nominal
+        })
+    })
+}
+
+/// Appends the effects of a set that are not there yet, with intervals.
+pub(super) fn add_effects(
+    out: &mut Vec<FoundEffect>,
+    model: &LineModel,
+    set: &EffectSet,
+) -> Result<(), GapError> {
+    let fitted = LineModel {
+        baseline: set.baseline.clone(),
+        ..model.clone()
+    };
+    let e = &set.explained;
+    let problem = fitted.problem(&e.fit.active())?;
+    let j = &e.fit.columns;
+    let r = DMatrix::from_column_slice(j.nrows(), 1, e.fit.residual.as_slice());
+    let clean = problem.cleaned(&r);
+    let mut h = problem.product(j, j);
+    for i in 0..h.nrows() {
+        h[(i, i)] += 1e-12 + 1e-9 * h[(i, i)];
+    }
+    let inverse = h.cholesky().ok_or(GapError::Degenerate)?.inverse();
+    // What the blocks say one by one counts as well: transients are not normal.
+    let jc = problem.cleaned(j);
+    let mut scores = DMatrix::zeros(j.ncols(), j.ncols());
+    for w in fitted.edges().windows(2) {
+        let (from, n) = (w[0], w[1] - w[0]);
+        let g = jc.rows(from, n).tr_mul(&clean.rows(from, n));
+        scores += &g * g.transpose();
+    }
+    let robust = &inverse * scores * &inverse;
+    let mut at = 0;
+    for (candidate, values) in &e.fit.effects {
+        let params = candidate
+            .effect
+            .parameters
+            .iter()
+            .zip(values)
+            .map(|(p, v)| {
+                let model_var = inverse[(at, at)] * set.mean_square.max(1.0);
+                let form = form_sd(candidate.effect, p, *v);
+                let sd = model_var.max(robust[(at, at)]).sqrt().hypot(form);
+                let held = e.fit.on_bound[at];
+                at += 1;
+                let ci95 = (!held).then(|| {
+                    [
+                        (v - 1.96 * sd).max(p.bounds[0]),
+                        (v + 1.96 * sd).min(p.bounds[1]),
+                    ]
+                });
+                let value = PatchValue {
+                    value: *v,
+                    unit: p.unit.to_owned(),
+                    ci95,
+                };
+                (p.name.to_owned(), value)
+            })
+            .collect();
+        let target = candidate.target.map(|t| t + 1);
+        if out
+            .iter()
+            .any(|f| f.id == candidate.effect.id && f.target == target)
+        {
+            continue;
+        }
+        out.push(FoundEffect {
+            id: candidate.effect.id.to_owned(),
+            side: match candidate.effect.side {
+                Side::Actuation => "actuation",
+                Side::Mechanics => "mechanics",
+                Side::Sensing => "sensing",
+                Side::FrameAndTime => "frame and time",
+            }
+            .to_owned(),
+            target,
+            params,
+        });
+    }
+    Ok(())
+}
+
+/// Residual rows, each as a fit to the other folds leaves it.
+pub(super) fn unseen(
+    model: &LineModel,
+    set: &EffectSet,
+    commissioned: bool,
+) -> Result<Vec<LineRow>, GapError> {
+    let bins = model.grid.len();
+    let fold_of: Vec<usize> = (0..BLOCKS)
+        .flat_map(|b| {
+            let bins_of_b = b * bins / BLOCKS..(b + 1) * bins / BLOCKS;
+            bins_of_b.map(move |_| b % FOLDS)
+        })
+        .collect();
+    let mut out = vec![[0.0; CHAMBERS]; bins];
+    for fold in 0..FOLDS {
+        let mut m = LineModel {
+            baseline: set.baseline.clone(),
+            seen: Some(fold_of.iter().map(|f| *f != fold).collect()),
+            ..model.clone()
+        };
+        let mut effects = set.explained.fit.effects.clone();
+        for _ in 0..2 {
+            let active: Vec<_> = effects.iter().map(|(c, v)| c.with(v)).collect();
+            if !commissioned {
+                m.refit_regulators(&active)?;
+            }
+            let problem = m.problem(&active)?;
+            if let Some(f) = fit(&problem, effects.clone(), 6) {
+                effects = f.effects;
+            }
+        }
+        let active: Vec<_> = effects.iter().map(|(c, v)| c.with(v)).collect();
+        for (k, row) in m.rows(&active).into_iter().enumerate() {
+            if fold_of[k] == fold {
+                out[k] = row;
+            }
+        }
+    }
+    Ok(out)
+}
+
+pub(super) fn separate(effects: &[FoundEffect]) -> SeparateBy {
+    let ids: Vec<String> = effects.iter().map(|e| e.id.clone()).collect();
+    let timing = |id: &str| matches!(id, "pressure-delay" | "flow-limit" | "pressure-lag");
+    let (excitation, why) = if ids.iter().all(|id| timing(id)) {
+        (
+            "steps",
+            "steps of different heights tell them apart: a delay shifts them, a lag takes the same \
+             time for all, a flow limit takes longer for the high ones",
+        )
+    } else {
+        (
+            "single",
+            "one chamber after the other shows what each does on its own and to the others",
+        )
+    };
+    SeparateBy {
+        excitation: excitation.to_owned(),
+        effects: ids,
+        why: why.to_owned(),
+    }
+}

@@ -1,0 +1,66 @@
+//! Round steps, and marks at them.
+
+use egui_plot::GridMark;
+
+use crate::gui::panels::widgets::minutes;
+
+/// A round step (1, 2, 5 · 10ⁿ) so that at most `count` marks fall between `low` and `high`; not finite where
+/// there is no such step.
+pub fn round_step(low: f64, high: f64, count: f32) -> f64 {
+    let raw = (high - low) / f64::from(count.max(2.0));
+    let decade = 10_f64.powf(raw.log10().floor());
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade);
+    steps.into_iter().find(|s| *s >= raw).unwrap_or(steps[3])
+}
+
+// About `count` marks between `low` and `high`.
+pub(super) fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
+    let step = round_step(low, high, count);
+    // Labels at the very edge would run into the next plot's.
+    let edge = 0.08 * (high - low);
+    marks_at(low + edge, high - edge, step)
+}
+
+pub(super) fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
+    let raw = (to - from) / f64::from(count.max(2.0));
+    let step = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0]
+        .into_iter()
+        .find(|s| *s >= raw)
+        .unwrap_or(300.0);
+    marks_at(from, to, step)
+}
+
+/// Marks at the multiples of a step; none where there is no step.
+pub fn marks_at(low: f64, high: f64, step: f64) -> Vec<GridMark> {
+    if !(step.is_finite() && step > 0.0 && high >= low) {
+        return Vec::new();
+    }
+    let first = (low / step).ceil() as i64;
+    let last = (high / step).floor() as i64;
+    (first..=last.min(first + 200))
+        .map(|i| GridMark {
+            value: i as f64 * step,
+            step_size: step,
+        })
+        .collect()
+}
+
+pub(super) fn decimals_for(span: f64) -> usize {
+    if span < 0.5 {
+        2
+    } else if span < 8.0 {
+        1
+    } else {
+        0
+    }
+}
+
+// Session time as m:ss, with a decimal where the step needs it.
+pub(super) fn clock(t_s: f64, step_s: f64) -> String {
+    if step_s < 1.0 {
+        let m = (t_s / 60.0).floor();
+        format!("{m:.0}:{:04.1}", t_s - 60.0 * m)
+    } else {
+        minutes(t_s)
+    }
+}

@@ -1,0 +1,119 @@
+//! Pictures of every screen.
+
+use super::*;
+use crate::signal::{Alarm, ChannelHealth, Severity, TruthSource};
+
+// A session in which some things are abnormal.
+pub(super) fn busy_session() -> Vec<Snapshot> {
+    let mut session = fixture::session(40);
+    let n = session.len();
+    for s in session.iter_mut().skip(n / 2) {
+        if let Some(f) = &mut s.sensors {
+            f.health.springs[8] = ChannelHealth::Stuck;
+            f.health.springs[3] = ChannelHealth::Suspect;
+        }
+    }
+    let last = session.last_mut().expect("not empty");
+    let goal = Goal::position([0.164, 0.020, -0.231]);
+    last.preview = Some((
+        goal.clone(),
+        fixture::reach(ReachState::Unreachable, goal.position_m),
+    ));
+    last.alarms = vec![
+        Alarm {
+            since: last.stamp.plus(-20.0),
+            severity: Severity::Warning,
+            text: "Spring 5A is stuck at 151.2 mm: the estimate uses the other eleven.".into(),
+        },
+        Alarm {
+            since: last.stamp.plus(-20.0),
+            severity: Severity::Info,
+            text: "Spring 2B disagrees with its pair by 1.4 mm.".into(),
+        },
+    ];
+    last.recording = Some("session-3.rrd".into());
+    session
+}
+
+pub(super) fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
+    let mut h = Harness::builder()
+        .with_size(size)
+        .with_theme(theme)
+        .with_render_cursor(false)
+        .wgpu()
+        .build_eframe(|_| app);
+    h.run_steps(5);
+    let image = h.render().expect("a GPU or a software renderer draws");
+    assert_eq!(
+        [image.width() as f32, image.height() as f32],
+        size,
+        "{name}"
+    );
+    let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
+    assert!(shades.len() > 20, "{name} is nearly blank");
+    save(name, &image);
+}
+
+pub(super) fn save(name: &str, image: &image::RgbaImage) {
+    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
+    std::fs::create_dir_all(&dir).expect("the target directory can be written");
+    image
+        .save(dir.join(format!("{name}.png")))
+        .expect("the picture can be written");
+}
+
+// 2560 by 1440 pixels, two to a point.
+pub(super) fn sharp_picture(name: &str, theme: Theme, app: App) {
+    let mut h = Harness::builder()
+        .with_size([1280.0, 720.0])
+        .with_pixels_per_point(2.0)
+        .with_theme(theme)
+        .with_render_cursor(false)
+        .wgpu()
+        .build_eframe(|_| app);
+    h.run_steps(5);
+    let image = h.render().expect("a GPU or a software renderer draws");
+    assert_eq!([image.width(), image.height()], [2560, 1440], "{name}");
+    save(name, &image);
+}
+
+#[test]
+fn every_screen_renders_in_both_themes_and_sizes() {
+    let session = busy_session();
+    for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+        for (size, size_name) in [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")] {
+            for screen in Screen::ALL {
+                let spec = RobotSpec::reference();
+                let mut app = App::for_screenshot(screen, theme, spec, &session);
+                app.operate.draft.text = ["164", "20", "-231"].map(Into::into);
+                if screen == Screen::Sensors && theme == Theme::Light {
+                    app.sensors.selected_spring = Some(8);
+                }
+                if screen == Screen::Recordings {
+                    app = recordings_app();
+                    app.screen = screen;
+                    let mut player =
+                        Player::new(fixture::trace("circle-35g", 40)).expect("not empty");
+                    player.position_s = 23.0;
+                    player.playing = false;
+                    app.player = Some(player);
+                    app.library.selected = Some("recordings/circle-35g.rrd".into());
+                }
+                let name = format!("panels-{}-{theme_name}-{size_name}", screen.name());
+                picture(&name.to_lowercase(), size, theme, app);
+            }
+        }
+    }
+    let mut safe = fixture::session(20);
+    let last = safe.last_mut().expect("not empty");
+    last.mode = Mode::Safe("over-pressure in chamber 3 (42.6 kPa). Vent it, then reset.".into());
+    last.truth = None;
+    last.link.simulated = false;
+    let spec = RobotSpec::reference();
+    let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec, &safe);
+    picture("panels-safe", [1280.0, 720.0], Theme::Dark, app);
+    assert_eq!(
+        fixture::snapshot(0.0).truth.map(|t| t.source),
+        Some(TruthSource::VirtualRig)
+    );
+}

@@ -1,0 +1,400 @@
+//! Reading a session log: its table, cell by cell, and what a session folder says of it.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use super::{DEG, KPA, MM, SessionLog, VICON, YPR};
+use crate::recording::RecordingError;
+use crate::recording::csv::{Lines, fields};
+use crate::recording::session_file::{SessionFile, read_session_toml};
+use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Stamp, hex, pose_from_ypr};
+
+/// Reads a session: its folder, its `session.toml`, or a bare `.csv` file (whose name and rate are
+/// then taken from the file name and the time column).
+///
+/// # Errors
+/// [`RecordingError::Cell`] with line and column for the table, [`RecordingError::Session`] for
+/// `session.toml`, [`RecordingError::Io`] when a file cannot be read. Nothing is half-read.
+pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
+    read_session_with(path, &mut |_| true)
+}
+
+/// A file whose reader is told the share that is read, and may give it up.
+struct Watched<'a> {
+    pub(super) file: File,
+    read: u64,
+    pub(super) length: u64,
+    go_on: &'a mut dyn FnMut(f32) -> bool,
+    stopped: &'a mut bool,
+}
+
+impl Read for Watched<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let share = self.read as f64 / self.length.max(1) as f64;
+        if !(self.go_on)(share.min(1.0) as f32) {
+            *self.stopped = true;
+            return Err(std::io::Error::other("given up"));
+        }
+        let n = self.file.read(buffer)?;
+        self.read += n as u64;
+        Ok(n)
+    }
+}
+
+/// Reads a session as [`read_session`] does, and tells the share that is done, 0..1. It is given up when
+/// `go_on` answers `false`.
+///
+/// # Errors
+/// As [`read_session`]; [`RecordingError::Io`] with [`std::io::ErrorKind::Interrupted`] when given up.
+pub fn read_session_with(
+    path: &Path,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<SessionLog, RecordingError> {
+    let is_csv = !path.is_dir()
+        && path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let (session, log_path) = if is_csv {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let session = SessionFile {
+            name: name.into_owned(),
+            log: String::new(),
+            rate_hz: f64::NAN,
+            payload_kg: 0.0,
+            robot: String::new(),
+        };
+        (session, path.to_owned())
+    } else {
+        let toml_path = if path.is_dir() {
+            path.join("session.toml")
+        } else {
+            path.to_owned()
+        };
+        let session = read_session_toml(&toml_path)?;
+        let log_path = toml_path.with_file_name(&session.log);
+        (session, log_path)
+    };
+    let file = File::open(&log_path).map_err(RecordingError::io(&log_path, "open"))?;
+    let length = file
+        .metadata()
+        .map_err(RecordingError::io(&log_path, "open"))?
+        .len();
+    let mut stopped = false;
+    let watched = Watched {
+        file,
+        read: 0,
+        length,
+        go_on,
+        stopped: &mut stopped,
+    };
+    let log = parse_log(BufReader::with_capacity(1 << 16, watched), &log_path);
+    if stopped {
+        let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
+        return Err(RecordingError::io(&log_path, "finish reading")(e));
+    }
+    let mut log = log?;
+    log.name = session.name;
+    log.payload_kg = session.payload_kg;
+    log.robot = session.robot;
+    let median_s = median_step_s(&log.t_s);
+    if session.rate_hz.is_finite() {
+        log.rate_hz = session.rate_hz;
+    } else {
+        log.rate_hz = median_s.map_or(0.0, |dt_s| 1.0 / dt_s);
+    }
+    if let Some(dt_s) = median_s
+        && !(0.2..=5.0).contains(&(dt_s * log.rate_hz))
+    {
+        return Err(RecordingError::Session {
+            path: log_path,
+            text: format!(
+                "the time column steps by {dt_s} but rate_hz is {}: time must be in seconds",
+                log.rate_hz
+            ),
+        });
+    }
+    Ok(log)
+}
+
+/// Where each of our columns stands in the file.
+struct Layout {
+    pub(super) t: usize,
+    pub(super) chambers: [usize; CHAMBERS],
+    pub(super) springs: [usize; SPRINGS],
+    pub(super) imus: [[usize; 3]; IMUS],
+    vicon: Option<[usize; 6]>,
+    pub(super) commanded: Option<[usize; CHAMBERS]>,
+    payload: Option<usize>,
+    pub(super) columns: usize,
+}
+
+impl Layout {
+    /// Finds our columns in a header; the error is the 1-based column and a sentence.
+    pub(super) fn new(header: &[std::borrow::Cow<'_, str>]) -> Result<Self, (usize, String)> {
+        let mut at = BTreeMap::new();
+        for (i, name) in header.iter().enumerate() {
+            if !name.is_empty() && at.insert(name.to_ascii_lowercase(), i).is_some() {
+                return Err((i + 1, format!("the column {name:?} is there twice")));
+            }
+        }
+        let need = |name: String| {
+            at.get(&name).copied().ok_or_else(|| {
+                let text = format!("the header has no column {name:?}");
+                // The same quantity in another unit is the usual reason.
+                let stem = name
+                    .rsplit_once('_')
+                    .map_or(name.as_str(), |(stem, _)| stem);
+                let twin = header.iter().position(|h| {
+                    h.to_ascii_lowercase()
+                        .strip_prefix(stem)
+                        .is_some_and(|rest| rest.is_empty() || rest.starts_with('_'))
+                });
+                match twin {
+                    Some(i) => (i + 1, format!("{text} (but {:?}: wrong unit?)", header[i])),
+                    None => (1, text),
+                }
+            })
+        };
+        let group = |names: &[String]| -> Result<Option<Vec<usize>>, (usize, String)> {
+            if !names.iter().any(|n| at.contains_key(n)) {
+                return Ok(None);
+            }
+            let found: Result<Vec<_>, _> = names.iter().cloned().map(&need).collect();
+            found.map(Some)
+        };
+        let mut chambers = [0; CHAMBERS];
+        for (i, c) in chambers.iter_mut().enumerate() {
+            *c = need(format!("p{}_kpa", i + 1))?;
+        }
+        let mut springs = [0; SPRINGS];
+        for (i, c) in springs.iter_mut().enumerate() {
+            *c = need(format!("spring{}_mm", i + 1))?;
+        }
+        let mut imus = [[0; 3]; IMUS];
+        for (i, c) in imus.iter_mut().enumerate() {
+            for (k, angle) in YPR.iter().enumerate() {
+                c[k] = need(format!("imu{}_{angle}_deg", i + 1))?;
+            }
+        }
+        let vicon = group(&VICON.map(str::to_owned))?;
+        let commanded: Vec<String> = (1..=CHAMBERS).map(|i| format!("u{i}_kpa")).collect();
+        Ok(Self {
+            t: need("t_s".to_owned())?,
+            chambers,
+            springs,
+            imus,
+            vicon: vicon.map(|v| std::array::from_fn(|i| v[i])),
+            commanded: group(&commanded)?.map(|v| std::array::from_fn(|i| v[i])),
+            payload: at.get("payload_kg").copied(),
+            columns: header.len(),
+        })
+    }
+}
+
+/// A cell's number times `to_si`, NaN for a gap; the error is a sentence.
+fn number(cell: &str, to_si: f64, bound_si: f64) -> Result<f64, String> {
+    if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
+        return Ok(f64::NAN);
+    }
+    let value: f64 = cell
+        .parse()
+        .map_err(|_| format!("{cell:?} is not a number"))?;
+    let si = value * to_si;
+    if si.is_finite() && si.abs() <= bound_si {
+        Ok(si)
+    } else {
+        Err(format!(
+            "{cell} is out of all range (at most {:.4}): check the unit",
+            bound_si / to_si
+        ))
+    }
+}
+
+/// Parses the table of a session log. `name`, `rate_hz` and `payload_kg` are left for the caller.
+///
+/// # Errors
+/// [`RecordingError::Cell`] with line and column.
+pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, RecordingError> {
+    let mut hasher = Sha256::new();
+    let mut tap = |bytes: &[u8]| hasher.update(bytes);
+    let mut lines = Lines::new(reader, path, &mut tap);
+    let refuse = |line: usize, column: usize, text: String| RecordingError::Cell {
+        path: path.to_owned(),
+        line,
+        column,
+        text,
+    };
+    let mut layout = None;
+    let mut log = SessionLog {
+        name: String::new(),
+        rate_hz: 0.0,
+        payload_kg: 0.0,
+        t_s: Vec::new(),
+        chamber_pa: Vec::new(),
+        sensors: Vec::new(),
+        truth: Vec::new(),
+        commanded_pa: None,
+        payload_column_kg: None,
+        hash: String::new(),
+        robot: String::new(),
+    };
+    let mut header_line = 0;
+    loop {
+        let number = lines.line + 1;
+        let Some(line) = lines.next_line()? else {
+            break;
+        };
+        if line.trim().is_empty() {
+            continue;
+        }
+        let cells = fields(line).map_err(|(column, text)| refuse(number, column, text.into()))?;
+        match &layout {
+            None => {
+                let found = Layout::new(&cells).map_err(|(c, text)| refuse(number, c, text))?;
+                log.commanded_pa = found.commanded.map(|_| Vec::new());
+                log.payload_column_kg = found.payload.map(|_| Vec::new());
+                layout = Some(found);
+                header_line = number;
+            }
+            Some(layout) => {
+                push_row(&mut log, layout, &cells).map_err(|(c, text)| refuse(number, c, text))?;
+            }
+        }
+    }
+    let Some(layout) = layout else {
+        return Err(refuse(1, 1, "the file is empty".to_owned()));
+    };
+    check_units(&log, &layout).map_err(|(c, text)| refuse(header_line, c, text))?;
+    log.hash = hex(&hasher.finalize());
+    Ok(log)
+}
+
+fn push_row(
+    log: &mut SessionLog,
+    layout: &Layout,
+    cells: &[std::borrow::Cow<'_, str>],
+) -> Result<(), (usize, String)> {
+    if cells.len() < layout.columns {
+        return Err((
+            cells.len(),
+            format!(
+                "the line ends after {} of {} fields",
+                cells.len(),
+                layout.columns
+            ),
+        ));
+    }
+    if let Some(i) = (layout.columns..cells.len()).find(|i| !cells[*i].is_empty()) {
+        return Err((i + 1, "the header has no column for this field".to_owned()));
+    }
+    let get = |column: usize, to_si: f64, bound_si: f64| {
+        number(&cells[column], to_si, bound_si).map_err(|text| (column + 1, text))
+    };
+    let pressure = |column: usize| get(column, KPA, 1e6);
+    let length = |column: usize| get(column, MM, 10.0);
+    let angle = |column: usize| get(column, DEG, 4.0 * std::f64::consts::PI);
+
+    // At most a century, so that nanoseconds fit their integer.
+    let t_s = get(layout.t, 1.0, 3.2e9)?;
+    if t_s.is_nan() {
+        return Err((layout.t + 1, "the time is missing".to_owned()));
+    }
+    if let Some(last) = log.t_s.last()
+        && Stamp::from_seconds(t_s) <= Stamp::from_seconds(*last)
+    {
+        return Err((
+            layout.t + 1,
+            format!("the time {t_s} does not come after {last}"),
+        ));
+    }
+    let mut chamber_pa = [f64::NAN; CHAMBERS];
+    for (v, c) in chamber_pa.iter_mut().zip(layout.chambers) {
+        *v = pressure(c)?;
+    }
+    let mut sensors = SensorVec {
+        spring_m: [f64::NAN; SPRINGS],
+        imu_ypr_rad: [[f64::NAN; 3]; IMUS],
+    };
+    for (v, c) in sensors.spring_m.iter_mut().zip(layout.springs) {
+        *v = length(c)?;
+    }
+    for (ypr, columns) in sensors.imu_ypr_rad.iter_mut().zip(layout.imus) {
+        for (v, c) in ypr.iter_mut().zip(columns) {
+            *v = angle(c)?;
+        }
+    }
+    let truth = match layout.vicon {
+        None => None,
+        Some(c) => {
+            let p = [length(c[0])?, length(c[1])?, length(c[2])?];
+            let ypr = [angle(c[3])?, angle(c[4])?, angle(c[5])?];
+            let whole = p.iter().chain(&ypr).all(|v| v.is_finite());
+            whole.then(|| pose_from_ypr(p, ypr))
+        }
+    };
+    if let (Some(columns), Some(rows)) = (layout.commanded, &mut log.commanded_pa) {
+        let mut row = [f64::NAN; CHAMBERS];
+        for (v, c) in row.iter_mut().zip(columns) {
+            *v = pressure(c)?;
+        }
+        rows.push(row);
+    }
+    if let (Some(column), Some(rows)) = (layout.payload, &mut log.payload_column_kg) {
+        rows.push(get(column, 1.0, 1e3)?);
+    }
+    log.t_s.push(t_s);
+    log.chamber_pa.push(chamber_pa);
+    log.sensors.push(sensors);
+    log.truth.push(truth);
+    Ok(())
+}
+
+/// Refuses columns whose middle value belongs to another unit. Single absurd values are the
+/// business of whoever judges the channels' health.
+fn check_units(log: &SessionLog, layout: &Layout) -> Result<(), (usize, String)> {
+    for (i, column) in layout.springs.iter().enumerate() {
+        // Half the shortest and twice the longest working length.
+        if let Some(middle) = median(log.sensors.iter().map(|s| s.spring_m[i]))
+            && !(0.035..=0.48).contains(&middle)
+        {
+            return Err((
+                column + 1,
+                format!(
+                    "spring {} is typically {} mm long; 70-240 mm is expected: check the unit",
+                    i + 1,
+                    middle / MM
+                ),
+            ));
+        }
+    }
+    for (i, column) in layout.chambers.iter().enumerate() {
+        if let Some(middle) = median(log.chamber_pa.iter().map(|p| p[i].abs()))
+            && middle > 100e3
+        {
+            return Err((
+                column + 1,
+                format!(
+                    "chamber {} is typically at {} kPa; -40 to 40 kPa is expected: check the unit",
+                    i + 1,
+                    middle / KPA
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut v: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+    let middle = v.len() / 2;
+    (!v.is_empty()).then(|| *v.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Median distance of neighbouring times, s; `None` below two samples.
+pub(crate) fn median_step_s(t_s: &[f64]) -> Option<f64> {
+    median(t_s.windows(2).map(|w| w[1] - w[0]))
+}

@@ -1,0 +1,128 @@
+//! Writing a session log, and whole files in general.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::{DEG, KPA, MM, SessionLog, column_names};
+use crate::recording::RecordingError;
+use crate::recording::session_file::{SessionFile, default_log};
+use crate::signal::{CHAMBERS, ypr_from_rotation};
+
+/// Writes a session into a folder (made if missing): `session.toml` and `log.csv`.
+///
+/// Values are rounded to the sixth decimal of their unit (nm, mPa, µdeg), times to the nanosecond.
+/// Both files appear whole or not at all.
+///
+/// # Errors
+/// [`RecordingError::Io`] when the folder or a file cannot be written.
+pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError> {
+    std::fs::create_dir_all(dir).map_err(RecordingError::io(dir, "create"))?;
+    let session = SessionFile {
+        name: log.name.clone(),
+        log: default_log(),
+        rate_hz: log.rate_hz,
+        payload_kg: log.payload_kg,
+        robot: log.robot.clone(),
+    };
+    let text = toml::to_string(&session).map_err(|e| RecordingError::Session {
+        path: dir.join("session.toml"),
+        text: e.to_string(),
+    })?;
+    write_whole(&dir.join("log.csv"), |w| write_table(w, log))?;
+    write_whole(&dir.join("session.toml"), |w| w.write_all(text.as_bytes()))
+}
+
+/// Writes a text file that is whole or not there.
+///
+/// # Errors
+/// [`RecordingError::Io`] when it cannot be written.
+pub fn write_text(path: &Path, text: &str) -> Result<(), RecordingError> {
+    write_bytes(path, text.as_bytes())
+}
+
+/// Writes a small file that is whole or not there.
+///
+/// # Errors
+/// [`RecordingError::Io`] when it cannot be written.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
+    write_whole(path, |w| w.write_all(bytes))
+}
+
+/// Writes beside the target and renames, so that a reader never sees half a file.
+pub(crate) fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+) -> Result<(), RecordingError> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    // Another program may write to the same place at the same time.
+    name.push(format!(".{}.part", std::process::id()));
+    let part: PathBuf = path.with_file_name(name);
+    let result = File::create(&part)
+        .and_then(|file| {
+            let mut w = BufWriter::new(file);
+            write(&mut w)?;
+            w.into_inner()?.sync_all()
+        })
+        .and_then(|()| std::fs::rename(&part, path));
+    result.map_err(|source| {
+        // The error that matters is the first one.
+        let _ = std::fs::remove_file(&part);
+        RecordingError::Io {
+            path: path.to_owned(),
+            doing: "write",
+            source,
+        }
+    })
+}
+
+fn write_table(w: &mut impl Write, log: &SessionLog) -> std::io::Result<()> {
+    let mut names = column_names();
+    if log.commanded_pa.is_some() {
+        names.extend((1..=CHAMBERS).map(|i| format!("u{i}_kpa")));
+    }
+    if log.payload_column_kg.is_some() {
+        names.push("payload_kg".to_owned());
+    }
+    writeln!(w, "{}", names.join(","))?;
+    for n in 0..log.len() {
+        write!(w, "{:.9}", log.t_s[n])?;
+        let mut cell = |v: f64| {
+            if v.is_finite() {
+                write!(w, ",{v:.6}")
+            } else {
+                write!(w, ",")
+            }
+        };
+        for p in log.chamber_pa[n] {
+            cell(p / KPA)?;
+        }
+        for l in log.sensors[n].spring_m {
+            cell(l / MM)?;
+        }
+        for a in log.sensors[n].imu_ypr_rad.as_flattened() {
+            cell(a / DEG)?;
+        }
+        match &log.truth[n] {
+            Some(pose) => {
+                for x in pose.translation.vector.iter() {
+                    cell(x / MM)?;
+                }
+                for a in ypr_from_rotation(&pose.rotation) {
+                    cell(a / DEG)?;
+                }
+            }
+            None => (0..6).try_for_each(|_| cell(f64::NAN))?,
+        }
+        if let Some(rows) = &log.commanded_pa {
+            for u in rows[n] {
+                cell(u / KPA)?;
+            }
+        }
+        if let Some(rows) = &log.payload_column_kg {
+            cell(rows[n])?;
+        }
+        writeln!(w)?;
+    }
+    Ok(())
+}

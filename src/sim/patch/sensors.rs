@@ -1,0 +1,156 @@
+//! What a patched robot's sensors say, and the correction of its arm.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::knobs::shifted;
+use super::{Acts, PatchError, geometry, knobs, nominal, possible, readings};
+use crate::robot::RobotSpec;
+use crate::signal::{IMUS, SPRINGS};
+use crate::sim::effects::{self, Active};
+use crate::sim::{Model, Parameters, Resolution};
+
+/// All patches of a robot as one.
+#[derive(Clone, Debug)]
+pub struct Correction {
+    /// Values of the knobs.
+    pub values: Vec<f64>,
+    /// Effects.
+    pub effects: Vec<Active>,
+}
+
+impl Default for Correction {
+    /// None.
+    fn default() -> Self {
+        Self {
+            values: nominal(),
+            effects: Vec::new(),
+        }
+    }
+}
+
+impl Correction {
+    /// The patches that a robot carries.
+    ///
+    /// # Errors
+    /// [`PatchError`] when one of them names what does not exist, or no arm is like this.
+    pub fn of(robot: &RobotSpec) -> Result<Self, PatchError> {
+        let nominal = nominal();
+        let mut levels = vec![nominal.clone()];
+        let mut effects = Vec::new();
+        for (k, applied) in robot.patches.iter().enumerate() {
+            let patch = &applied.patch;
+            let made_for = robot.patches[..=k]
+                .iter()
+                .position(|a| a.onto == patch.robot);
+            let from = levels[made_for.unwrap_or(k)].clone();
+            let mut values = levels[k].clone();
+            for (i, v) in patch.set()? {
+                values[i] = from[i] + (v - nominal[i]);
+            }
+            possible(&values)?;
+            levels.push(values);
+            effects.extend(patch.active()?);
+        }
+        Ok(Self {
+            values: levels.pop().unwrap_or(nominal),
+            effects,
+        })
+    }
+
+    /// As [`Self::of`]; a robot whose patches have no meaning is taken without them. Whoever reads a
+    /// robot file asks [`Self::of`] first.
+    pub fn known(robot: &RobotSpec) -> Self {
+        Self::of(robot).unwrap_or_default()
+    }
+
+    /// With departures and effects on top.
+    #[must_use]
+    pub fn and(mut self, values: &[f64], effects: &[Active]) -> Self {
+        for ((mine, knob), v) in self.values.iter_mut().zip(knobs()).zip(values) {
+            *mine += v - knob.nominal();
+        }
+        self.effects.extend(effects.iter().cloned());
+        self
+    }
+
+    /// The robot with its springs fixed where they are.
+    pub fn geometry(&self, robot: &RobotSpec) -> RobotSpec {
+        geometry(robot, &self.values)
+    }
+
+    /// The arm it describes: the knobs and the effects that need no history.
+    pub fn arm(&self, robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Model {
+        let bare = Model::bare(
+            &self.geometry(robot),
+            &shifted(parameters, &self.values),
+            resolution,
+        );
+        let lasting = self.effects.iter();
+        let lasting: Vec<Active> = lasting
+            .filter(|a| Acts::of(a.effect) == Acts::Arm)
+            .cloned()
+            .collect();
+        effects::built_in(&bare, &lasting)
+    }
+}
+
+/// How sensors read that a patch describes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorErrors {
+    /// Gain g and offset o (m) of each spring: it reads g l + o.
+    pub spring: [[f64; 2]; SPRINGS],
+    /// Turn of each IMU on its pad: it reads R exp(δ) where the pad stands at R.
+    pub imu: [UnitQuaternion<f64>; IMUS],
+}
+
+impl SensorErrors {
+    /// Those of a robot's patches.
+    pub fn of(robot: &RobotSpec) -> Self {
+        let correction = Correction::known(robot);
+        let mut out = Self {
+            spring: [[1.0, 0.0]; SPRINGS],
+            imu: [UnitQuaternion::identity(); IMUS],
+        };
+        let mut all = readings(robot, &correction.values);
+        all.extend(correction.effects);
+        for a in all {
+            let hits = |i: usize| a.target.is_none_or(|t| t == i);
+            match a.effect.id {
+                "spring-calibration" => {
+                    for [gain, offset_m] in (0..SPRINGS)
+                        .zip(&mut out.spring)
+                        .filter(|(i, _)| hits(*i))
+                        .map(|(_, s)| s)
+                    {
+                        *gain *= a.values[0];
+                        *offset_m = a.values[0] * *offset_m + a.values[1];
+                    }
+                }
+                "imu-misalignment" => {
+                    let off =
+                        UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&a.values));
+                    for i in (0..IMUS).filter(|i| hits(*i)) {
+                        out.imu[i] *= off;
+                    }
+                }
+                _ => {}
+            }
+        }
+        out
+    }
+
+    /// What the springs read at these lengths, m.
+    pub fn read_springs(&self, spring_m: &[f64; SPRINGS]) -> [f64; SPRINGS] {
+        std::array::from_fn(|i| self.spring[i][0] * spring_m[i] + self.spring[i][1])
+    }
+
+    /// The robot with its IMUs mounted as they are.
+    pub fn mounted(&self, robot: &RobotSpec) -> RobotSpec {
+        let mut robot = robot.clone();
+        for (imu, off) in robot.imus.iter_mut().zip(&self.imu) {
+            // base from IMU = R P = R exp(δ) P₀
+            imu.pad_from_imu = off.to_rotation_matrix() * imu.pad_from_imu;
+        }
+        robot
+    }
+}
