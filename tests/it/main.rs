@@ -18,6 +18,6 @@ mod program;
 mod readme;
 mod real_data;
 mod shaders;
-#[cfg(unix)]
+#[cfg(all(unix, feature = "rrd"))]
 mod stream;
 mod window;
