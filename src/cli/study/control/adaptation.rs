@@ -108,8 +108,11 @@ fn nearest_m(arm: &Model, robot: &RobotSpec, goal_m: [f64; 3], rng: &mut impl ra
     best
 }
 
+/// A goal, m, and whether the arm can get there.
+type Truth = ([f64; 3], bool);
+
 /// Goals with the truth about them, for an arm of some stiffness.
-fn truths(robot: &RobotSpec, stiffness: f64) -> Vec<([f64; 3], bool)> {
+fn truths(robot: &RobotSpec, stiffness: f64) -> Vec<Truth> {
     let factors = Parameters {
         chamber_stiffness: [stiffness; CHAMBERS],
         bending: [stiffness; 2],
@@ -130,11 +133,7 @@ fn truths(robot: &RobotSpec, stiffness: f64) -> Vec<([f64; 3], bool)> {
 }
 
 /// Shares of the goals that are wrongly called reachable, wrongly called unreachable, and without verdict.
-fn wrong(
-    robot: &RobotSpec,
-    truths: &[([f64; 3], bool)],
-    plant_gains: [f64; SEGMENTS],
-) -> Result<[f64; 3]> {
+fn wrong(robot: &RobotSpec, truths: &[Truth], plant_gains: [f64; SEGMENTS]) -> Result<[f64; 3]> {
     let maps = model::maps(None)?;
     let config = ReachConfig {
         plant_gains: judging_gains(plant_gains),
@@ -169,7 +168,7 @@ const WAYS: [(Adaptation, &str); 3] = [
 ];
 
 fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    let mut known: Option<(usize, Vec<([f64; 3], bool)>)> = None;
+    let mut known: Option<(usize, Vec<Truth>)> = None;
     each(items, |item| {
         let (arm, (adaptation, how)) = (item / WAYS.len(), WAYS[item % WAYS.len()]);
         let stiffness = STIFFNESSES[arm];
