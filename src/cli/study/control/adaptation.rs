@@ -108,6 +108,9 @@ fn nearest_m(arm: &Model, robot: &RobotSpec, goal_m: [f64; 3], rng: &mut impl ra
     best
 }
 
+/// A goal, m, and whether the arm can get there.
+type Truth = ([f64; 3], bool);
+
 /// Goals with the truth about them, for an arm of some stiffness.
 fn truths(robot: &RobotSpec, stiffness: f64) -> Vec<Truth> {
     let factors = Parameters {
