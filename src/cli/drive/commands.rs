@@ -356,7 +356,7 @@ fn follow_report(
         "frames": driven.frames[0], "frames_lost": driven.frames[1],
         "seconds": driven.rows.last().map(|r| r.t_s), "simulated": driven.simulated,
     });
-    answer(&driven, Report { text, json })
+    answer(driven, Report { text, json })
 }
 
 /// The paper's fruit, where it lies here.
