@@ -11,7 +11,7 @@ use super::super::ports::Instruments;
 use super::measures::{self, PathMeasures};
 use super::{Drive, Driven, drive, pictures};
 use crate::cli::live::{Kind, rig_options};
-use crate::cli::{Report, args, model};
+use crate::cli::{Failed, Report, args, model};
 use springtwin::control::{ReachConfig, reach};
 use springtwin::learn::ErrorStats;
 use springtwin::rig::{Object, RigOptions};
@@ -183,7 +183,7 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> R
         m.saturated_ratio * 100.0,
         solve_text(solve),
     );
-    Ok(Report { text, json })
+    answer(&driven, Report { text, json })
 }
 
 fn ensure_no_refusal(driven: &Driven) -> Result<()> {
@@ -191,6 +191,19 @@ fn ensure_no_refusal(driven: &Driven) -> Result<()> {
         (Some(reason), _) => anyhow::bail!("{reason}"),
         (None, Some(reason)) => anyhow::bail!("the arm went SAFE: {reason}"),
         (None, None) => Ok(()),
+    }
+}
+
+/// The report of a drive; an error with it where the recording of the drive has failed.
+fn answer(driven: &Driven, mut report: Report) -> Result<Report> {
+    let why = driven.events.iter().find_map(|e| match e {
+        Event::RecordingFailed { reason, .. } => Some(reason.clone()),
+        _ => None,
+    });
+    report.json["recording_failed"] = json!(why);
+    match why {
+        None => Ok(report),
+        Some(why) => Err(Failed { report, why }.into()),
     }
 }
 
@@ -343,7 +356,7 @@ fn follow_report(
         "frames": driven.frames[0], "frames_lost": driven.frames[1],
         "seconds": driven.rows.last().map(|r| r.t_s), "simulated": driven.simulated,
     });
-    Ok(Report { text, json })
+    answer(driven, Report { text, json })
 }
 
 /// The paper's fruit, where it lies here.
@@ -424,7 +437,7 @@ pub fn pick_place(
         "seconds": driven.finished_s, "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
         "simulated": driven.simulated,
     });
-    Ok(Report { text, json })
+    answer(&driven, Report { text, json })
 }
 
 /// How pick-and-place went.
@@ -555,47 +568,4 @@ fn reach_text(found: &Reach, micros: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_shipped_tasks_fit_the_reference_robot() {
-        let maps = model::maps(None).expect("built in");
-        let robot = RobotSpec::reference();
-        let paths = [Shape::Circle, Shape::Eight].map(|s| {
-            let path = s.path(PATH_CENTRE_M, PATH_SIZE_M, PATH_WAYPOINTS);
-            let follow = Follow {
-                path,
-                speed_m_s: 3e-3,
-                laps: 1,
-            };
-            Plan::follow(follow).expect("has waypoints")
-        });
-        let fruit = Plan::pick_and_place(&fruit(), BASKET_M, LIFT_M);
-        for plan in paths.into_iter().chain([fruit]) {
-            for payload_kg in [0.0, 0.5] {
-                for stop in plan.stops(payload_kg) {
-                    let config = ReachConfig::default();
-                    let (pose, plant) = (maps.pose.as_ref(), maps.plant.as_ref());
-                    let found = reach(
-                        &stop.goal,
-                        &robot,
-                        pose,
-                        plant,
-                        stop.payload_kg,
-                        &maps.seeds,
-                        &config,
-                    )
-                    .expect("finite");
-                    assert_eq!(
-                        found.state,
-                        ReachState::Reachable,
-                        "{} {}: {found:?}",
-                        plan.name,
-                        stop.name
-                    );
-                }
-            }
-        }
-    }
-}
+mod tests;

@@ -25,9 +25,9 @@ pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
 
 /// A file whose reader is told the share that is read, and may give it up.
 struct Watched<'a> {
-    pub(super) file: File,
+    file: File,
     read: u64,
-    pub(super) length: u64,
+    length: u64,
     go_on: &'a mut dyn FnMut(f32) -> bool,
     stopped: &'a mut bool,
 }

@@ -338,6 +338,28 @@ fn a_headless_run_says_that_the_disk_was_full() {
     assert!(!read_rrd(&file).expect("it opens").complete);
 }
 
+/// The arm comes to its goal all the same, and the program says what is missing.
+#[test]
+fn a_drive_says_that_the_disk_was_full() {
+    let Some(disk) = SmallDisk::new("small-disk-drive", 400) else {
+        return;
+    };
+    let file = disk.path.join("full.rrd");
+    let name = file.to_str().expect("utf-8");
+    let out = springtwin(&["goto", "20,10,-300", "--record", name, "--json"]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    let v: serde_json::Value =
+        serde_json::from_slice(&out.stdout).expect("its report all the same");
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert_eq!(v["reached"], true, "{v}");
+    let reason = v["recording_failed"].as_str().expect("why");
+    assert!(
+        reason.contains(name) && reason.contains("No space left"),
+        "{reason}"
+    );
+    assert!(said.contains(&format!("error: {reason}")), "{said}");
+}
+
 /// Records on simulated time and lets `happen` act after two seconds of it; what was told, and how many ticks ran.
 fn while_recording(file: &Path, happen: impl Fn()) -> (Vec<Event>, u64) {
     let mut runner = runner();
