@@ -397,7 +397,9 @@ def hour(quick: bool) -> dict:
     }
 
 
-def memory(_) -> dict:
+def memory(quick: bool) -> dict:
+    if quick:
+        raise Failure("left out of a quick run: it takes minutes")
     text = call("cargo", "bench", "--locked", "--bench", "long", "--", "soak")
     in_the_end, before = (number(rf"\n{m} min: (\d+) MB", text) for m in (60, 11))
     return {"memory": Figure([in_the_end - before], note=f"{in_the_end:.0f} MB in all")}
