@@ -132,7 +132,10 @@ def hot(quick: bool) -> dict:
     return {
         "rod-warm": Figure(take("rod statics, warm (0.4 % steps)", 1e6)),
         "rod-cold": Figure(rest),
-        "dynamics": Figure([1e-3 / s for s in found[slowest]], note=slowest.split(", ", 2)[2]),
+        "dynamics": Figure(
+            [1e-3 / s for s in found[slowest]],
+            note=f"{slowest.split(', ', 2)[2]}; the peers swing, damped, into a pose",
+        ),
         "mesh-warm": Figure(take("mesh/mesh sample, warm (0.4 % steps)", 1e3)),
         "jacobian": Figure(take("pose, 6 x 24 Jacobian and covariance", 1e6)),
         "reach-yes": Figure(take("reach, reachable", 1e6)),
