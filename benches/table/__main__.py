@@ -139,7 +139,7 @@ def machine() -> dict:
         "cpu": cpu,
         "cpus": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "memory_gib": memory_gib,
-        "system": f"{system}, {platform.system()} {platform.release()}",
+        "system": f"{system}, {platform.system()} {platform.release().split('-')[0]}",
         "load": os.getloadavg()[0],
     }
 
