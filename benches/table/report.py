@@ -10,9 +10,8 @@ libraries that do the same work (`benches/peers/README.md` tells how they are se
 program has it. Figures are the median and, in brackets, the range over repeats. Times are wall times unless the line says
 otherwise, by the program's own clock, by criterion, or by the script that runs the peer; what one script compares takes
 turns. The ratio is ours over the peer's: below 1 is better, except for *x real time*. Arms, sensors and paths are
-**simulated**; lines marked *measured* are about logs of a real arm
-and of real IMUs. A line without a bound is there for its peer, or to
-be known."""
+**simulated**; lines marked *measured* are about logs of a real arm and of real IMUs. A line without a bound is there for
+its peer, or to be known."""
 
 
 def short(x: float) -> str:
@@ -98,6 +97,8 @@ def markdown(result: dict) -> str:
     out = ["# Targets and peers", "", INTRODUCTION, ""]
     if result["quick"]:
         out += ["**A quick run, only to see that everything works: too few repeats to be quoted.**", ""]
+    if result["only"]:
+        out += ["**Only some steps were run.**", ""]
     out += [
         f"{result['date']}, revision {result['revision']}{', with changes' if result['changed'] else ''}. "
         f"{m['cpu']}, {m['cpus']} cores, {m['memory_gib']:.0f} GiB; {m['system']}; load {m['load']:.1f} at the"
