@@ -243,6 +243,8 @@ impl Table {
             .rows
             .iter()
             .filter_map(|r| Some((r, (*r.cells.first()?)?)))
+            // Axes without an end are never drawn.
+            .filter(|(_, y)| y.is_finite())
             .collect();
         let top = 1.1 * drawn.iter().map(|(_, y)| *y).fold(1e-6, f64::max);
         let colour = |source: Source| match source {
@@ -407,13 +409,14 @@ mod tests {
                 logarithmic: true,
             },
         ] {
+            let row = |label: &str, cell: f64| Row {
+                label: label.to_owned(),
+                source: Source::Simulated,
+                cells: vec![Some(cell), None],
+            };
             let t = Table {
                 drawn,
-                rows: vec![Row {
-                    label: "729 samples".to_owned(),
-                    source: Source::Simulated,
-                    cells: vec![Some(0.5), None],
-                }],
+                rows: vec![row("729 samples", 0.5), row("9 samples", f64::INFINITY)],
                 ..t.clone()
             };
             let svg = t.picture().expect("draws");

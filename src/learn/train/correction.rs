@@ -19,7 +19,7 @@ use crate::signal::{Dataset, Pose, SIGNALS, Vector6};
 /// No noise is added: measured samples carry their own.
 ///
 /// # Errors
-/// As [`train_smap`].
+/// As [`train_smap`](super::train_smap).
 pub fn train_s2r(
     cascade: &Cascade,
     real: &Dataset,

@@ -14,7 +14,7 @@ use crate::signal::{CHAMBERS, Dataset, SIGNALS, Sample};
 /// Trains the plant, 7 → 24, on the samples without an external force.
 ///
 /// # Errors
-/// As [`train_smap`].
+/// As [`train_smap`](super::train_smap).
 pub fn train_plant(
     data: &Dataset,
     recipe: &Recipe,
