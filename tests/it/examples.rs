@@ -47,7 +47,7 @@ fn eleven_springs_are_fitted_and_the_loose_one_is_refused() {
 }
 
 /// Mean distance between predicted and captured tip by the example, m, and over how many instants.
-#[cfg(unix)]
+#[cfg(all(unix, feature = "rrd"))]
 pub fn recording_error_m(file: &Path) -> (f64, usize) {
     read_recording::mean_error_m(file).expect("a recording")
 }

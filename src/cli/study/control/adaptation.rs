@@ -161,9 +161,6 @@ pub const ADAPTATION: Study = Study {
     table,
 };
 
-/// A place (m), and whether the arm itself reaches it.
-type Truth = ([f64; 3], bool);
-
 const WAYS: [(Adaptation, &str); 3] = [
     (Adaptation::Off, "off"),
     (Adaptation::Always, "without its gate"),
