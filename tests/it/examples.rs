@@ -1,6 +1,6 @@
 //! The library's examples (`examples/`) run, and what they print is so.
 
-#[cfg(any(unix, feature = "rrd"))]
+#[cfg(feature = "rrd")]
 use std::path::Path;
 
 #[path = "../../examples/closed_loop.rs"]
