@@ -7,6 +7,7 @@ mod disk;
 mod files;
 mod listeners;
 mod samples;
+mod sensors;
 mod surroundings;
 
 use std::path::PathBuf;
