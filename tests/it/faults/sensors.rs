@@ -4,7 +4,7 @@ use springtwin::rig::faults::{Fault, Place, Word};
 use springtwin::signal::{CHAMBERS, ChannelHealth, Goal, Mode, SPRINGS};
 use springtwin::twin::Command;
 
-use super::bench::{Boards, case};
+use super::bench::{Bench, Boards, case};
 use super::boards::{FAR_M, fault, ms};
 use super::row;
 
