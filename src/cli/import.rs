@@ -251,10 +251,7 @@ fn session(file: &MocapFile, object: &MocapObject, out: &Path) -> Result<Session
             n
         ],
         truth: object.poses.clone(),
-        commanded_pa: None,
-        payload_column_kg: None,
-        hash: String::new(),
-        robot: String::new(),
+        ..SessionLog::default()
     })
 }
 

@@ -25,7 +25,7 @@ pub use read::{parse_log, read_session, read_session_with};
 pub use write::{write_bytes, write_session, write_text};
 
 /// A session log in memory: columns of equal length, SI units.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SessionLog {
     /// Name of the session.
     pub name: String,
@@ -154,14 +154,7 @@ impl SessionLog {
             name: trace.name.clone(),
             rate_hz,
             payload_kg: trace.payload_kg,
-            t_s: Vec::new(),
-            chamber_pa: Vec::new(),
-            sensors: Vec::new(),
-            truth: Vec::new(),
-            commanded_pa: None,
-            payload_column_kg: None,
-            hash: String::new(),
-            robot: String::new(),
+            ..Self::default()
         };
         let mut commanded = Vec::new();
         let mut last = None;

@@ -92,6 +92,15 @@ fn put(shelf: &Shelf, new: NewVersion) -> Vec<Version> {
     list.clone()
 }
 
+/// The screen Calibrate, just opened.
+fn opened(handle: Handle, outside: Services) -> Harness<'static, App> {
+    let mut app = App::new(Some(handle), RobotSpec::reference(), outside);
+    app.screen = Screen::Calibrate;
+    let mut h = harness(app);
+    h.run_steps(3);
+    h
+}
+
 fn services(shelf: &Shelf) -> Services {
     let (list, save, activate) = (shelf.clone(), shelf.clone(), shelf.clone());
     Services {
@@ -435,10 +444,7 @@ fn a_log_is_browsed_read_and_judged_and_a_circuit_s_own_readings_are_not_used() 
         log.quantity = crate::sensing::calibration::Quantity::CircuitReading;
         Job::ready(Ok(log))
     });
-    let mut app = App::new(Some(handle), RobotSpec::reference(), outside);
-    app.screen = Screen::Calibrate;
-    let mut h = harness(app);
-    h.run_steps(3);
+    let mut h = opened(handle, outside);
     h.get_by_label("Next ▶").click();
     h.run_steps(3);
     assert!(is_disabled(&h, "Practice bench"));

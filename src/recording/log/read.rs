@@ -229,19 +229,7 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
         text,
     };
     let mut layout = None;
-    let mut log = SessionLog {
-        name: String::new(),
-        rate_hz: 0.0,
-        payload_kg: 0.0,
-        t_s: Vec::new(),
-        chamber_pa: Vec::new(),
-        sensors: Vec::new(),
-        truth: Vec::new(),
-        commanded_pa: None,
-        payload_column_kg: None,
-        hash: String::new(),
-        robot: String::new(),
-    };
+    let mut log = SessionLog::default();
     let mut header_line = 0;
     loop {
         let number = lines.line + 1;

@@ -434,13 +434,18 @@ fn a_clock_that_jumps() {
 #[test]
 fn a_line_that_is_late() {
     case("late", Boards::Emulated, |b| {
-        b.rig(|rig| {
-            for board in 0..BOARDS {
-                rig.faults
-                    .begin(Place::Board(board), fault(Word::Delayed, 0.15));
-            }
-        });
-        b.run(1.5);
+        // In steps: a heartbeat comes every 50 ms and a board waits 200 ms, so a line that is late by 150 ms from one
+        // moment to the next may be a silent program to it.
+        for late_s in [0.08, 0.15] {
+            b.rig(move |rig| {
+                for board in 0..BOARDS {
+                    let late = fault(Word::Delayed, late_s);
+                    rig.faults.begin(Place::Board(board), late);
+                }
+            });
+            b.run(0.5);
+        }
+        b.run(1.0);
         b.until("it is told", 3.0, |b| b.alarmed("Data come"));
         b.tell(Command::Arm);
         b.tell(Command::Goto(Goal::position(FAR_M)));

@@ -14,10 +14,7 @@ fn versions_that_cannot_be_read_are_not_passed_off_as_none() {
             _ => Ok(Vec::new()),
         })
     });
-    let mut app = App::new(Some(handle), RobotSpec::reference(), outside);
-    app.screen = Screen::Calibrate;
-    let mut h = harness(app);
-    h.run_steps(3);
+    let mut h = opened(handle, outside);
     h.get_by_label_contains("no permission");
     assert!(h.query_by_label_contains("None yet").is_none());
     h.get_by_label("Read again").click();
@@ -31,14 +28,7 @@ fn a_preflight_left_with_checks_that_failed_says_so() {
     let mut s = fixture::snapshot(1.0);
     s.truth = None;
     let (_twin, handle) = twin(s);
-    let mut app = App::new(
-        Some(handle),
-        RobotSpec::reference(),
-        services(&Shelf::default()),
-    );
-    app.screen = Screen::Calibrate;
-    let mut h = harness(app);
-    h.run_steps(3);
+    let mut h = opened(handle, services(&Shelf::default()));
     let failed = h.state().calibrate.wizard().expect("is shown").not_passed;
     let failed = failed.expect("was looked at");
     assert!(failed > 0);
@@ -65,10 +55,7 @@ fn a_version_counts_as_in_use_when_the_twin_says_so_and_a_refusal_is_told_on_eve
         );
     }
     let (twin, handle) = twin(fixture::snapshot(1.0));
-    let mut app = App::new(Some(handle), RobotSpec::reference(), services(&shelf));
-    app.screen = Screen::Calibrate;
-    let mut h = harness(app);
-    h.run_steps(3);
+    let mut h = opened(handle, services(&shelf));
     h.get_by_label("Roll back to version 1").click();
     h.run_steps(3);
     h.get_by_label_contains("Rolled back to version 1, “one”: the twin is asked");

@@ -73,14 +73,7 @@ fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
     s.link.simulated = false;
     s.mode = Mode::Disarmed;
     let (twin, handle) = twin(s);
-    let mut app = App::new(
-        Some(handle),
-        RobotSpec::reference(),
-        services(&Shelf::default()),
-    );
-    app.screen = Screen::Calibrate;
-    let mut h = harness(app);
-    h.run_steps(3);
+    let mut h = opened(handle, services(&Shelf::default()));
     h.get_by_label("Next ▶").click();
     h.run_steps(3);
     h.get_by_label("By hand").click();

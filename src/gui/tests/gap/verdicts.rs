@@ -159,11 +159,7 @@ fn shot(
     let image = h.render().expect("a GPU or a software renderer draws");
     let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
     assert!(shades.len() > 20, "{name} is nearly blank");
-    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
-    std::fs::create_dir_all(&dir).expect("the target directory can be written");
-    image
-        .save(dir.join(format!("{}.png", name.to_lowercase())))
-        .expect("the picture can be written");
+    save(&name.to_lowercase(), &image);
 }
 
 #[test]
