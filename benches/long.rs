@@ -19,6 +19,10 @@ use springtwin::gui::panels::Screen;
 use springtwin::gui::panels::player::Player;
 use springtwin::recording::{RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect, read_rrd};
 
+/// As the program's.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     let asked = |name: &str| wanted.iter().any(|w| w == name);

@@ -364,7 +364,7 @@ impl App {
         };
         // The twin asks for repaints; this one shows that it has fallen silent.
         if came {
-            ctx.request_repaint_after(Duration::from_millis(500));
+            ctx.request_repaint_after(self.pace.patience());
         }
     }
 

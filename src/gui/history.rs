@@ -445,6 +445,11 @@ impl History {
         self.rows.last_before(channel.column(), to_s)
     }
 
+    /// Spans within `[from_s, to_s]` of more than `gap_s` without a value of a channel, s.
+    pub fn gaps(&self, channel: Channel, from_s: f64, to_s: f64, gap_s: f64) -> Vec<[f64; 2]> {
+        self.rows.gaps(channel.column(), from_s, to_s, gap_s)
+    }
+
     /// The newest value of a channel at or before `to_s`, looking back at most 2 s.
     pub fn value_at(&self, channel: Channel, to_s: f64) -> Option<f64> {
         self.rows

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
 
 use egui_wgpu::wgpu;
 
@@ -12,7 +13,7 @@ pub const LIVELY_HZ: u32 = 50;
 /// The same on a software adapter: a picture costs it most of a core, which is left to the control loop.
 pub const SOFTWARE_HZ: u32 = 10;
 /// Pictures per second while nothing moves.
-pub const IDLE_HZ: u32 = 3;
+pub const IDLE_HZ: u32 = 2;
 /// Pictures per second of a window that nobody sees; its plots go on.
 pub const HIDDEN_HZ: u32 = 1;
 /// The tip moves when it is further than this from where it rested, m: more than the estimate's noise.
@@ -62,6 +63,12 @@ impl Pace {
     /// For whoever asks for pictures.
     pub fn wanted(&self) -> Wanted {
         Wanted(Arc::clone(&self.wanted))
+    }
+
+    /// How long the window waits for the twin's next picture before it looks by itself.
+    pub fn patience(&self) -> Duration {
+        let hz = f64::from(self.wanted.load(Ordering::Relaxed));
+        Duration::from_secs_f64((1.4 / hz).max(0.5))
     }
 
     /// Takes what is known at `now_s` of the window's time.

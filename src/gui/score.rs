@@ -49,29 +49,51 @@ pub fn scored(history: &History, from_s: f64, to_s: f64) -> Vec<Scored> {
         .points(Channel::Payload, from_s - margin, to_s)
         .collect();
     let n = columns.iter().map(Vec::len).min().unwrap_or(0);
+    let [mut at, mut before, mut after] = [0; 3].map(|_| Newest::of(&tip[0]));
+    let mut load = Newest::of(&payload);
     (0..n)
         .filter_map(|row| {
             let t_s = columns[0][row][0];
-            let here = newest(&tip[0], t_s)?;
+            let here = at.upto(t_s)?;
+            let [before, after] = [
+                before.upto(t_s - SPEED_HALF_S),
+                after.upto(t_s + SPEED_HALF_S),
+            ];
             Some(Scored {
                 t_s,
                 error: std::array::from_fn(|i| columns[i][row][1]),
                 tip_mm: std::array::from_fn(|k| tip[k][here][1]),
-                speed_mm_s: speed(&tip, t_s),
-                payload_g: newest(&payload, t_s).map_or(0.0, |i| payload[i][1]),
+                speed_mm_s: before
+                    .zip(after)
+                    .and_then(|(before, after)| speed(&tip, before, after)),
+                payload_g: load.upto(t_s).map_or(0.0, |i| payload[i][1]),
             })
         })
         .collect()
 }
 
-// Index of the newest point at or before `t_s`.
-fn newest(points: &[[f64; 2]], t_s: f64) -> Option<usize> {
-    points.partition_point(|q| q[0] <= t_s).checked_sub(1)
+/// The newest of some points at instants that only grow.
+struct Newest<'a> {
+    points: &'a [[f64; 2]],
+    /// How many lie at or before the last instant.
+    passed: usize,
 }
 
-fn speed(tip: &[Vec<[f64; 2]>; 3], t_s: f64) -> Option<f64> {
-    let before = newest(&tip[0], t_s - SPEED_HALF_S)?;
-    let after = newest(&tip[0], t_s + SPEED_HALF_S)?;
+impl<'a> Newest<'a> {
+    fn of(points: &'a [[f64; 2]]) -> Self {
+        Self { points, passed: 0 }
+    }
+
+    /// Index of the newest point at or before `t_s`.
+    fn upto(&mut self, t_s: f64) -> Option<usize> {
+        while self.points.get(self.passed).is_some_and(|q| q[0] <= t_s) {
+            self.passed += 1;
+        }
+        self.passed.checked_sub(1)
+    }
+}
+
+fn speed(tip: &[Vec<[f64; 2]>; 3], before: usize, after: usize) -> Option<f64> {
     let dt = tip[0][after][0] - tip[0][before][0];
     let squares: f64 = (0..3)
         .map(|k| (tip[k][after][1] - tip[k][before][1]).powi(2))
@@ -82,20 +104,17 @@ fn speed(tip: &[Vec<[f64; 2]>; 3], t_s: f64) -> Option<f64> {
 /// Spans within `[from_s, to_s]` without ground truth for more than [`OCCLUSION_S`] while predictions came,
 /// s. None where there never was any truth.
 pub fn occlusions(history: &History, from_s: f64, to_s: f64) -> Vec<[f64; 2]> {
-    let mut spans = Vec::new();
-    let mut truths = history.points(Channel::Truth(0), f64::NEG_INFINITY, to_s);
+    let first = history
+        .points(Channel::Truth(0), f64::NEG_INFINITY, to_s)
+        .next();
     let alive = history.last_before(Channel::Tip(0), to_s);
-    let (Some([first, _]), Some(alive)) = (truths.next(), alive) else {
-        return spans;
+    let (Some([first, _]), Some(alive)) = (first, alive) else {
+        return Vec::new();
     };
-    let mut last = first.max(from_s - OCCLUSION_S);
-    let seen = history.points(Channel::Truth(0), last, to_s).map(|q| q[0]);
-    for t in seen.chain([alive.min(to_s)]) {
-        if t - last > OCCLUSION_S && tips_within(history, last, t) {
-            spans.push([last.max(from_s), t]);
-        }
-        last = t;
-    }
+    let start = first.max(from_s - OCCLUSION_S);
+    let mut spans = history.gaps(Channel::Truth(0), start, alive.min(to_s), OCCLUSION_S);
+    spans.retain(|[a, b]| tips_within(history, *a, *b));
+    spans.iter_mut().for_each(|[a, _]| *a = a.max(from_s));
     spans
 }
 

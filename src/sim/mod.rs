@@ -8,6 +8,7 @@
 //! It lies below all that moves: it imports robot and signal alone, knows nothing of links, twins or
 //! networks, and does no I/O. Generators and seeds are passed in.
 
+mod anderson;
 #[cfg(test)]
 mod conformance;
 pub mod dataset;

@@ -322,6 +322,48 @@ impl Store {
         })
     }
 
+    /// Spans within `[from_s, to_s]` of more than `gap_s` without a value of a column.
+    pub(super) fn gaps(&self, column: usize, from_s: f64, to_s: f64, gap_s: f64) -> Vec<[f64; 2]> {
+        let mut gaps = Vec::new();
+        let mut last_s = from_s;
+        let mut seen = |first_s: f64, until_s: f64| {
+            if first_s - last_s > gap_s {
+                gaps.push([last_s, first_s]);
+            }
+            last_s = until_s;
+        };
+        for (block, first, end) in self.pieces(self.rows(from_s, to_s)) {
+            let column = &block.columns[column];
+            let end = end.min(column.values.len());
+            let mut at = first;
+            while at < end {
+                let next = (at + FAN - at % FAN).min(end);
+                // Where a node's values lie so close together, there is no gap between them.
+                let node = column.levels[0].get(at / FAN);
+                let node = node.filter(|_| at.is_multiple_of(FAN) && at + FAN <= end);
+                let [low_s, high_s] = match node {
+                    Some(n) if n.first == NONE => {
+                        at = next;
+                        continue;
+                    }
+                    Some(n) => [n.first, n.last].map(|row| block.t_s[usize::from(row)]),
+                    None => [f64::NEG_INFINITY, f64::INFINITY],
+                };
+                if high_s - low_s <= gap_s {
+                    seen(low_s, high_s);
+                } else {
+                    let rows = block.t_s[at..next].iter().zip(&column.values[at..next]);
+                    for (t_s, _) in rows.filter(|(_, v)| v.is_finite()) {
+                        seen(*t_s, *t_s);
+                    }
+                }
+                at = next;
+            }
+        }
+        seen(to_s, to_s);
+        gaps
+    }
+
     /// The rows within `[from_s, to_s]`.
     pub(super) fn rows(&self, from_s: f64, to_s: f64) -> Range<usize> {
         let first = self.row_at(from_s);

@@ -272,6 +272,12 @@ proptest! {
             let slots = drawn.slots(&store, 0, window, width_s);
             let by_points = envelope_by_points(&points, window, width_s, gap_s);
             prop_assert_eq!(lines(&slots, gap_s), by_points);
+            let seen = points.iter().map(|p| p[0]).filter(|t| (window[0]..=window[1]).contains(t));
+            let instants: Vec<f64> = [window[0]].into_iter().chain(seen).chain([window[1]]).collect();
+            let apart = |w: &&[f64]| w[1] - w[0] > gap_s;
+            let gaps: Vec<[f64; 2]> =
+                instants.windows(2).filter(apart).map(|w| [w[0], w[1]]).collect();
+            prop_assert_eq!(store.gaps(0, window[0], window[1], gap_s), gaps);
             let within: Vec<f32> = store.values(0, window[0], window[1]).collect();
             let expected: Vec<f32> = points
                 .iter()

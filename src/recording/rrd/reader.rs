@@ -284,6 +284,12 @@ impl Source<'_> {
                         }
                         last = to;
                     }
+                    if gathered.snapshots.is_empty() {
+                        // As if all parts were like this one: a list that grows by doubling is copied again and again.
+                        let like = found.part.snapshots.len() * (parts.len() - done + 1);
+                        let most = self.budget / size_of::<Snapshot>();
+                        gathered.snapshots.reserve(like.min(most));
+                    }
                     gathered.append(found, &mut carried);
                 }
             }

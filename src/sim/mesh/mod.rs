@@ -33,7 +33,6 @@
 //! 2020, 1272-1286, whose idea this is; local step, weights, growth, boundary and
 //! stopping rule are ours.
 
-mod anderson;
 mod banded;
 mod column;
 mod observe;
@@ -42,12 +41,12 @@ mod procrustes;
 
 use nalgebra::{SMatrix, Vector3};
 
+use super::anderson::Anderson;
 use super::model::{GRAVITY_M_S2, Inputs, Model, SimError, State, check, settle};
 use super::rod::se3::Frame;
 use super::sensors::observe as observe_rod;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use anderson::Anderson;
 use column::{Affine, Build, Column, meshed_volume_m3};
 pub use observe::{Skin, observe_mesh, skin};
 use pads::{Acting, Dead, Spring};
@@ -464,7 +463,8 @@ fn settle_to(
                 residual_n: left_n,
             });
         }
-        let v = anderson.next(&at.pack(model), &step.next.pack(model));
+        let mut v = step.next.pack(model);
+        anderson.accelerate(&at.pack(model), &mut v);
         at.unpack(model, &v);
         plain = Some(step.next);
     }

@@ -252,6 +252,12 @@ impl Assembly {
         }
     }
 
+    /// Spatial screws of all strains, `d` of each element, at the place last evaluated.
+    pub fn screws(&self, d: usize) -> impl Iterator<Item = Twist> {
+        let screws = self.elements.iter().flat_map(move |e| &e.screws[..d]);
+        screws.map(|(screw, _)| *screw)
+    }
+
     /// Adds the stiffness of what the tubes remember.
     fn stiffen(&mut self, rod: &Rod, q: &[f64], slopes_n_m: &[f64]) {
         if slopes_n_m.is_empty() {
@@ -284,12 +290,7 @@ impl Assembly {
         if k.amax() == 0.0 {
             return;
         }
-        let moved: Vec<Vector3<f64>> = self
-            .elements
-            .iter()
-            .flat_map(|e| &e.screws[..d])
-            .map(|(s, _)| s.w.cross(&end.p) + s.v)
-            .collect();
+        let moved: Vec<Vector3<f64>> = self.screws(d).map(|s| s.w.cross(&end.p) + s.v).collect();
         let n = moved.len();
         for (i, a) in moved.iter().enumerate() {
             let pull = k * a;

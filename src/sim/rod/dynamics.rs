@@ -15,7 +15,8 @@
 //!
 //! A = M/h + h/4 Π'' + τ/2 D
 //!
-//! which is kept over the iterations, and over the steps, until it no longer serves.
+//! which is kept over the iterations, and over the steps, until it no longer serves; what the steps tell of the
+//! slopes that it misses is made up for by Anderson acceleration (see [`crate::sim::anderson`]).
 //! Source: J. E. Marsden, M. West, "Discrete mechanics and variational integrators",
 //! Acta Numerica 2001, doi:10.1017/S096249290100006X.
 
@@ -26,6 +27,7 @@ use super::chain::{Chain, Wrenches, gradient};
 use super::inertia::{Body, Place, bodies, mass_matrix};
 use super::se3::Twist;
 use super::{Factor, Loads, Outcome, Rod};
+use crate::sim::anderson::Anderson;
 
 /// Where the rod is and how it moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,11 +85,12 @@ pub fn energy(rod: &Rod, loads: &Loads, motion: &Motion) -> Energy {
 /// A Newton step below this (strain times section length) ends the iteration.
 const STEP_TOLERANCE: f64 = 1e-10;
 const MAX_ITERATIONS: usize = 40;
-/// A step that shrinks less than this from one iteration to the next calls for a new matrix.
-const SLOW: f64 = 0.5;
-/// So does a step in time that takes more iterations than this.
-const MANY_ITERATIONS: usize = 10;
-/// After this many iterations the exact derivative takes over, costly as it is.
+/// A step in time that takes more iterations than this calls for a new matrix, as does a step of an iteration that
+/// grows.
+const MANY_ITERATIONS: usize = 12;
+/// A step this many times as large as the smallest one before has left the solution.
+const LOST: f64 = 10.0;
+/// Then, and after this many iterations, the exact derivative takes over, costly as it is.
 const PATIENCE: usize = 20;
 
 /// What a motion's steps hand on to each other: memory, a matrix and a guess. Holds no result; one
@@ -98,6 +101,7 @@ pub struct Stride {
     factor: Factor,
     made_for_s: Option<[f64; 2]>,
     assembly: Assembly,
+    screws: Vec<Twist>,
     /// Change of the strains over the last step.
     taken: Vec<f64>,
     start: Chain,
@@ -114,6 +118,9 @@ pub struct Stride {
     change: Vec<f64>,
     q1: Vec<f64>,
     q_middle: Vec<f64>,
+    /// Differences of the iteration with `factor`, of earlier steps too.
+    anderson: Anderson,
+    image: Vec<f64>,
 }
 
 /// One step of `dt_s` under constant `loads`, with stiffness-proportional damping `tau_s`
@@ -133,37 +140,47 @@ pub fn step(
         last_step: f64::INFINITY,
     };
     let mut renew = work.made_for_s != Some([dt_s, tau_s]);
+    let (mut exact, mut least) = (false, f64::INFINITY);
+    work.anderson.begin();
     for iteration in 1..=MAX_ITERATIONS {
         outcome.iterations = iteration;
         work.balance(rod, loads, motion, dt_s);
-        if iteration > PATIENCE {
-            if !work.solve_exactly(rod, loads, motion, dt_s) {
-                return outcome;
-            }
+        let solved = if exact {
+            work.anderson.clear();
+            work.solve_exactly(rod, loads, motion, dt_s)
         } else {
             if renew {
+                work.anderson.clear();
                 let made = work.renew(rod, loads, dt_s);
                 work.made_for_s = made.then_some([dt_s, tau_s]);
-                if !made {
-                    return outcome;
-                }
             }
-            work.factor.solve(&mut work.change);
-        }
+            let made = work.made_for_s.is_some();
+            if made {
+                work.factor.solve(&mut work.change);
+            }
+            made
+        };
         let size = size(rod, &work.change);
-        if !size.is_finite() {
+        let lost = !(solved && size < LOST * least);
+        least = least.min(size);
+        if lost && !exact && iteration > 1 {
+            // Back to where it went well.
+            std::mem::swap(&mut work.q1, &mut work.image);
+            exact = true;
+            continue;
+        }
+        if !(solved && size.is_finite()) {
             work.made_for_s = None;
             return outcome;
         }
-        renew = iteration > 1 && size > SLOW * outcome.last_step;
+        renew = iteration > 1 && size > outcome.last_step;
+        exact |= iteration >= PATIENCE;
         outcome.last_step = size;
         if size < STEP_TOLERANCE {
             outcome.converged = true;
             break;
         }
-        for (q, change) in work.q1.iter_mut().zip(&work.change) {
-            *q -= change;
-        }
+        work.advance();
     }
     if outcome.converged {
         work.finish(rod, motion);
@@ -264,10 +281,12 @@ impl Stride {
         };
         self.assembly
             .evaluate(rod, loads, &self.q_middle, &self.q_middle);
-        let (_, screws) = screws(rod, &self.q_middle);
+        let d = rod.strains.indices().len();
+        self.screws.clear();
+        self.screws.extend(self.assembly.screws(d));
         let place = Place {
             nodes: &self.middle.nodes,
-            screws: &screws,
+            screws: &self.screws,
         };
         let mut a = mass_matrix(rod, &self.bodies, &place, &place);
         for (a, h) in a.iter_mut().zip(&self.assembly.hessian) {
@@ -329,6 +348,15 @@ impl Stride {
         };
         self.change.copy_from_slice(change.as_slice());
         true
+    }
+
+    /// Moves the guess of the end by `change`, and by what earlier changes tell of the rest.
+    fn advance(&mut self) {
+        self.image.clear();
+        let ends = self.q1.iter().zip(&self.change);
+        self.image.extend(ends.map(|(q, change)| q - change));
+        self.anderson.accelerate(&self.q1, &mut self.image);
+        std::mem::swap(&mut self.q1, &mut self.image);
     }
 
     /// Moves `motion` to the end of the step just balanced.

@@ -35,6 +35,7 @@ use nalgebra::Vector3;
 
 pub use assemble::Kinematics;
 pub use dense::Factor;
+pub(super) use dense::dot;
 pub use dynamics::{Energy, Motion, Stride, energy, step};
 pub use memory::{Branch, Floor, Friction, Memory};
 use se3::Frame;

@@ -114,7 +114,7 @@ impl Twist {
 }
 
 /// Reciprocal factorials 1/n!, n = 0..=31.
-const fn reciprocal_factorials() -> [f64; 32] {
+const INV_FACT: [f64; 32] = {
     let mut f = [1.0; 32];
     let mut n = 1;
     while n < 32 {
@@ -122,8 +122,33 @@ const fn reciprocal_factorials() -> [f64; 32] {
         n += 1;
     }
     f
-}
-const INV_FACT: [f64; 32] = reciprocal_factorials();
+};
+
+/// Terms of the series at most.
+const TERMS: usize = 13;
+
+/// Coefficients of (−u)^k: of [`Series::s`], then of [`Series::c`], then nothing.
+static COEFFICIENTS: [[f64; 8]; TERMS] = {
+    let mut all = [[0.0; 8]; TERMS];
+    let mut k = 0;
+    while k < TERMS {
+        let (less, more) = (1.0 - k as f64, 1.0 + k as f64);
+        all[k] = [
+            INV_FACT[2 * k + 1],
+            INV_FACT[2 * k + 2],
+            INV_FACT[2 * k + 3],
+            // c1 = Σ (1−k)(−u)^k/(2k+2)!, c2 = Σ (1−k)(−u)^k/(2k+3)!
+            less * INV_FACT[2 * k + 2],
+            less * INV_FACT[2 * k + 3],
+            // c3 = Σ (k+1)(−u)^k/(2k+4)!, c4 = Σ (k+1)(−u)^k/(2k+5)!
+            more * INV_FACT[2 * k + 4],
+            more * INV_FACT[2 * k + 5],
+            0.0,
+        ];
+        k += 1;
+    }
+    all
+};
 
 /// Series coefficients at one u = |φ|².
 #[derive(Clone, Copy, Debug)]
@@ -132,52 +157,45 @@ struct Series {
     s: [f64; 3],
     /// Coefficients of ad¹..ad⁴ in the left Jacobian.
     c: [f64; 4],
-    /// Their derivatives after u.
-    dc: [f64; 4],
 }
 
-fn series(u: f64) -> Series {
-    let terms = if u < 0.05 {
+/// The terms of the series that count at u.
+fn terms(u: f64) -> &'static [[f64; 8]] {
+    let n = if u < 0.01 {
+        5
+    } else if u < 0.05 {
         6
     } else if u < 1.0 {
         9
     } else {
-        13
+        TERMS
     };
-    let mut out = Series {
-        s: [0.0; 3],
-        c: [0.0; 4],
-        dc: [0.0; 4],
-    };
-    let mut power = 1.0; // (−u)^k
-    let mut power_before = 0.0; // (−u)^(k−1)
-    for k in 0..terms {
-        let kf = k as f64;
-        let (f1, f2, f3) = (
-            INV_FACT[2 * k + 1],
-            INV_FACT[2 * k + 2],
-            INV_FACT[2 * k + 3],
-        );
-        out.s[0] += power * f1;
-        out.s[1] += power * f2;
-        out.s[2] += power * f3;
-        // c1 = Σ (1−k)(−u)^k/(2k+2)!, c2 = Σ (1−k)(−u)^k/(2k+3)!
-        out.c[0] += (1.0 - kf) * power * f2;
-        out.c[1] += (1.0 - kf) * power * f3;
-        // d(−u)^k/du = −k (−u)^(k−1)
-        let dpower = -kf * power_before;
-        out.dc[0] += (1.0 - kf) * dpower * f2;
-        out.dc[1] += (1.0 - kf) * dpower * f3;
-        // c3 = Σ_{k≥0} (k+1)(−u)^k/(2k+4)!, c4 = Σ_{k≥0} (k+1)(−u)^k/(2k+5)!
-        let (f4, f5) = (INV_FACT[2 * k + 4], INV_FACT[2 * k + 5]);
-        out.c[2] += (kf + 1.0) * power * f4;
-        out.c[3] += (kf + 1.0) * power * f5;
-        out.dc[2] += (kf + 1.0) * dpower * f4;
-        out.dc[3] += (kf + 1.0) * dpower * f5;
-        power_before = power;
-        power *= -u;
+    &COEFFICIENTS[..n]
+}
+
+fn series(u: f64) -> Series {
+    let mut sum = [0.0; 8];
+    for term in terms(u).iter().rev() {
+        for (sum, c) in sum.iter_mut().zip(term) {
+            *sum = c - u * *sum;
+        }
     }
-    out
+    let [s1, s2, s3, c1, c2, c3, c4, _] = sum;
+    Series {
+        s: [s1, s2, s3],
+        c: [c1, c2, c3, c4],
+    }
+}
+
+/// Derivatives of [`Series::c`] after u: Σ −k a_k (−u)^(k−1).
+fn slopes(u: f64) -> [f64; 4] {
+    let mut sum = [0.0; 4];
+    for (k, term) in terms(u).iter().enumerate().skip(1).rev() {
+        for (sum, a) in sum.iter_mut().zip(&term[3..]) {
+            *sum = -(k as f64) * a - u * *sum;
+        }
+    }
+    sum
 }
 
 /// The exponential of a twist with what is needed of its derivatives.
@@ -192,11 +210,23 @@ pub struct ExpMap {
 impl ExpMap {
     /// exp of x = (φ, ρ) with |φ| ≤ π.
     pub fn new(x: Twist) -> Self {
-        let series = series(x.w.norm_squared());
+        let u = x.w.norm_squared();
+        let series = series(u);
         let [s1, s2, s3] = series.s;
-        let k = x.w.cross_matrix();
-        let kk = k * k;
-        let r = Matrix3::identity() + k * s1 + kk * s2;
+        // [φ]² = φ φᵀ − u
+        let (a, b) = (x.w * s1, x.w * s2);
+        let d = 1.0 - s2 * u;
+        let r = Matrix3::new(
+            d + b.x * x.w.x,
+            b.x * x.w.y - a.z,
+            b.x * x.w.z + a.y,
+            b.x * x.w.y + a.z,
+            d + b.y * x.w.y,
+            b.y * x.w.z - a.x,
+            b.x * x.w.z - a.y,
+            b.y * x.w.z + a.x,
+            d + b.z * x.w.z,
+        );
         let p = x.v + x.w.cross(&x.v) * s2 + x.w.cross(&x.w.cross(&x.v)) * s3;
         Self {
             x,
@@ -243,7 +273,7 @@ impl ExpMap {
         Contraction {
             z: *z,
             zc,
-            dc: self.series.dc,
+            dc: slopes(self.x.w.norm_squared()),
             phi: self.x.w,
         }
     }
