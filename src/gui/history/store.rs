@@ -334,27 +334,23 @@ impl Store {
         };
         for (block, first, end) in self.pieces(self.rows(from_s, to_s)) {
             let column = &block.columns[column];
+            let time = |row: u16| block.t_s[usize::from(row)];
             let end = end.min(column.values.len());
             let mut at = first;
             while at < end {
                 let next = (at + FAN - at % FAN).min(end);
-                // Where a node's values lie so close together, there is no gap between them.
                 let node = column.levels[0].get(at / FAN);
-                let node = node.filter(|_| at.is_multiple_of(FAN) && at + FAN <= end);
-                let [low_s, high_s] = match node {
-                    Some(n) if n.first == NONE => {
-                        at = next;
-                        continue;
+                match node.filter(|_| at.is_multiple_of(FAN) && at + FAN <= end) {
+                    Some(n) if n.first == NONE => {}
+                    // Values that lie so close together have no gap between them.
+                    Some(n) if time(n.last) - time(n.first) <= gap_s => {
+                        seen(time(n.first), time(n.last));
                     }
-                    Some(n) => [n.first, n.last].map(|row| block.t_s[usize::from(row)]),
-                    None => [f64::NEG_INFINITY, f64::INFINITY],
-                };
-                if high_s - low_s <= gap_s {
-                    seen(low_s, high_s);
-                } else {
-                    let rows = block.t_s[at..next].iter().zip(&column.values[at..next]);
-                    for (t_s, _) in rows.filter(|(_, v)| v.is_finite()) {
-                        seen(*t_s, *t_s);
+                    _ => {
+                        let rows = block.t_s[at..next].iter().zip(&column.values[at..next]);
+                        for (t_s, _) in rows.filter(|(_, v)| v.is_finite()) {
+                            seen(*t_s, *t_s);
+                        }
                     }
                 }
                 at = next;

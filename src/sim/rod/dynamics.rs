@@ -101,7 +101,6 @@ pub struct Stride {
     factor: Factor,
     made_for_s: Option<[f64; 2]>,
     assembly: Assembly,
-    screws: Vec<Twist>,
     /// Change of the strains over the last step.
     taken: Vec<f64>,
     start: Chain,
@@ -282,11 +281,10 @@ impl Stride {
         self.assembly
             .evaluate(rod, loads, &self.q_middle, &self.q_middle);
         let d = rod.strains.indices().len();
-        self.screws.clear();
-        self.screws.extend(self.assembly.screws(d));
+        let screws: Vec<Twist> = self.assembly.screws(d).collect();
         let place = Place {
             nodes: &self.middle.nodes,
-            screws: &self.screws,
+            screws: &screws,
         };
         let mut a = mass_matrix(rod, &self.bodies, &place, &place);
         for (a, h) in a.iter_mut().zip(&self.assembly.hessian) {
