@@ -79,7 +79,7 @@ pub struct RobotSpec {
     pub torsional_stiffness_nm_rad: f64,
     /// Bounds of the commanded pressure.
     pub pressure: PressureLimits,
-    /// Gauge pressure at which the pumps must be off, Pa.
+    /// Magnitude of the gauge pressure beyond which the pumps must be off, Pa.
     pub over_pressure_pa: f64,
     /// Volume flow of a pump at atmospheric pressure, m³/s.
     pub pump_flow_m3_s: f64,
@@ -124,5 +124,10 @@ impl RobotSpec {
             // The file is part of the binary and a test loads it.
             Err(e) => unreachable!("the built-in robot file does not load: {e}"),
         }
+    }
+
+    /// Whether a gauge pressure (Pa) is beyond the over-pressure limit, above or below atmospheric pressure.
+    pub fn is_over_pressure(&self, chamber_pa: f64) -> bool {
+        chamber_pa.abs() > self.over_pressure_pa
     }
 }

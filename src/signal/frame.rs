@@ -103,7 +103,9 @@ impl SensorVec {
 }
 
 /// What is known about one channel's trustworthiness.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 pub enum ChannelHealth {
     /// Delivered and plausible.
     #[default]

@@ -4,6 +4,7 @@
 //! every dimensional name ends in its unit. Transforms are written `a_from_b`, vectors `x_in_a`.
 //! This room imports no other room.
 
+mod alarm;
 mod command;
 mod dataset;
 mod frame;
@@ -13,6 +14,7 @@ mod shape;
 mod snapshot;
 mod time;
 
+pub use alarm::{Alarm, AlarmCause, AlarmKey, Severity, TOO_FEW_SENSORS};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
 pub use frame::{
@@ -26,8 +28,8 @@ pub use pose::{
 };
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    Alarm, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, PAIR_S, Reach,
-    ReachState, RoutineStatus, Severity, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
+    ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, PAIR_S, Reach, ReachState,
+    RoutineStatus, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use time::Stamp;
 

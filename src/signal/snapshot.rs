@@ -4,8 +4,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ArmShape, BOARDS, ControllerKind, Goal, Matrix6, MeshShape, Pose, PressureCommand, RawFrame,
-    SensorFrame, SensorRef, Simulator, Stamp, Via,
+    Alarm, ArmShape, BOARDS, ControllerKind, Goal, Matrix6, MeshShape, Pose, PressureCommand,
+    RawFrame, SensorFrame, SensorRef, Simulator, Stamp, Via,
 };
 
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
@@ -101,28 +101,6 @@ pub struct ClockFit {
     pub residual_s: f64,
     /// Round trip of the newest accepted ping, s.
     pub round_trip_s: f64,
-}
-
-/// How urgent an alarm is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum Severity {
-    /// Worth knowing.
-    Info,
-    /// Works, but degraded.
-    Warning,
-    /// Motion has stopped.
-    Critical,
-}
-
-/// Something abnormal that holds now.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Alarm {
-    /// Since when.
-    pub since: Stamp,
-    /// How urgent.
-    pub severity: Severity,
-    /// One sentence: what, where, what to do.
-    pub text: String,
 }
 
 /// Whether a goal can be reached.

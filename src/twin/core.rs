@@ -34,7 +34,6 @@ const LATE_OVER_S: f64 = 0.5;
 const SPRINGS_NEEDED: usize = 9;
 /// After so many frames in a row with signals that nothing tells, the twin does not move.
 const BLIND_FRAMES: u32 = 10;
-const BLIND: &str = "too few sensors left to tell where the arm is";
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
 /// The mesh is asked for at most this often, s: it takes about half of that on one core.

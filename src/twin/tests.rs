@@ -15,6 +15,7 @@ use crate::signal::{
     Simulator, Stamp, TruthSource,
 };
 
+mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
 mod disk;
 #[cfg(feature = "rrd")]

@@ -60,7 +60,8 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             .command
             .as_ref()
             .map(|c| c.chamber_pa()[i] * 1e-3);
-        let level = if sensors.chamber_pa[i].abs() >= view.spec.over_pressure_pa || !usable {
+        let over = view.spec.is_over_pressure(sensors.chamber_pa[i]);
+        let level = if over || !usable {
             Level::Critical
         } else if measured > CLOSE_RATIO * range[1] || measured < CLOSE_RATIO * range[0] {
             Level::Warning

@@ -203,7 +203,7 @@ fn alarms(ui: &mut Ui, s: &Snapshot) {
             }
             for alarm in &s.alarms {
                 let since = s.stamp.since(alarm.since);
-                let text = format!("{} (for {})", alarm.text, minutes(since));
+                let text = format!("{} (for {})", alarm.text(), minutes(since));
                 status(ui, severity_level(alarm.severity), &text);
             }
         });
@@ -379,7 +379,7 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
                 ui.label(m.text.as_str());
             }
             (None, Some(a)) => {
-                status(ui, severity_level(a.severity), &a.text);
+                status(ui, severity_level(a.severity), &a.text());
             }
             (None, None) => {
                 let source = match s.link.source.as_str() {

@@ -1,7 +1,7 @@
 //! Pictures of every screen.
 
 use super::*;
-use crate::signal::{Alarm, ChannelHealth, Severity, TruthSource};
+use crate::signal::{Alarm, AlarmCause, ChannelHealth, Severity, TruthSource};
 
 // A session in which some things are abnormal.
 pub(super) fn busy_session() -> Vec<Snapshot> {
@@ -23,12 +23,18 @@ pub(super) fn busy_session() -> Vec<Snapshot> {
         Alarm {
             since: last.stamp.plus(-20.0),
             severity: Severity::Warning,
-            text: "Spring 5A is stuck at 151.2 mm: the estimate uses the other eleven.".into(),
+            cause: AlarmCause::Spring {
+                spring: 8,
+                health: ChannelHealth::Stuck,
+            },
         },
         Alarm {
             since: last.stamp.plus(-20.0),
             severity: Severity::Info,
-            text: "Spring 2B disagrees with its pair by 1.4 mm.".into(),
+            cause: AlarmCause::Spring {
+                spring: 3,
+                health: ChannelHealth::Suspect,
+            },
         },
     ];
     last.recording = Some("session-3.rrd".into());

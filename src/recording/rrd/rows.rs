@@ -15,8 +15,8 @@ use super::scene::{Part, Scene};
 use super::schema::{self, SPECS, table};
 use crate::recording::RecordingMeta;
 use crate::signal::{
-    Aim, Alarm, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp, TruthSource,
-    pose_error, ypr_from_rotation,
+    Aim, AlarmKey, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp,
+    TruthSource, pose_error, ypr_from_rotation,
 };
 use opening::opening;
 use tables::{Table, TextRows, lists};
@@ -64,7 +64,7 @@ pub(super) struct Rows {
     last_scene: Option<Stamp>,
     last_goal: Option<Option<Goal>>,
     last_mode: Option<Mode>,
-    last_alarms: Vec<Alarm>,
+    last_alarms: Vec<(AlarmKey, Severity)>,
     /// Snapshots whose time did not advance.
     pub(super) repeated: u64,
     /// Parts of snapshots with a value that is not finite.
@@ -339,19 +339,26 @@ impl Rows {
             self.logs[schema::log::MODE].push(t, mode_text(&snapshot.mode), level);
             self.last_mode = Some(snapshot.mode.clone());
         }
-        if self.last_alarms != snapshot.alarms {
+        // The figures of an alarm change from tick to tick: a line is written when it begins, and when it becomes
+        // more or less urgent.
+        let identities: Vec<_> = snapshot
+            .alarms
+            .iter()
+            .map(|a| (a.key(), a.severity))
+            .collect();
+        if self.last_alarms != identities {
             let log = &mut self.logs[schema::log::ALARMS];
-            for alarm in &snapshot.alarms {
-                if !self.last_alarms.contains(alarm) {
+            for (alarm, identity) in snapshot.alarms.iter().zip(&identities) {
+                if !self.last_alarms.contains(identity) {
                     let level = match alarm.severity {
                         Severity::Info => "INFO",
                         Severity::Warning => "WARN",
                         Severity::Critical => "CRITICAL",
                     };
-                    log.push(t, alarm.text.clone(), level);
+                    log.push(t, alarm.text(), level);
                 }
             }
-            self.last_alarms = snapshot.alarms.clone();
+            self.last_alarms = identities;
         }
     }
 }

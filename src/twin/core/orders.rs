@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{BLIND, BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
+use super::{BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
 use crate::control::{Gains, ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
 use crate::link::wire::fault;
 use crate::sensing::Calibration;
-use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState, Simulator};
+use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState, Simulator, TOO_FEW_SENSORS};
 use crate::task::{Plan, Routine, Stop, Target, allowed};
 use crate::twin::{Command, Event, sensing_for};
 
@@ -180,10 +180,16 @@ impl Twin {
                     "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
                     s.health.springs_usable()
                 )),
-                Some(_) if self.blind_frames > BLIND_FRAMES => {
-                    Some(format!("There are {BLIND}: mend springs or IMUs first."))
-                }
-                _ => None,
+                Some(_) if self.blind_frames > BLIND_FRAMES => Some(format!(
+                    "There are {TOO_FEW_SENSORS}: mend springs or IMUs first."
+                )),
+                _ => self.over_pressures().next().map(|(chamber, pa)| {
+                    format!(
+                        "Over-pressure in chamber {} ({:+.1} kPa): let its air out first.",
+                        chamber + 1,
+                        pa * 1e-3
+                    )
+                }),
             },
         }
     }

@@ -1,11 +1,13 @@
 //! What is wrong: alarms, and SAFE when the data are too old, too wrong or too few.
 
-use super::{
-    BLIND, BLIND_FRAMES, LATE_OVER_S, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin,
-};
+use std::cmp::Reverse;
+
+use super::{BLIND_FRAMES, LATE_OVER_S, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin};
 use crate::link::fault_words;
 use crate::link::wire::fault;
-use crate::signal::{Alarm, BOARDS, ChannelHealth, Severity, Stamp, spring_name};
+use crate::signal::{
+    Alarm, AlarmCause, AlarmKey, BOARDS, CHAMBERS, ChannelHealth, Severity, Stamp, TOO_FEW_SENSORS,
+};
 use crate::twin::Event;
 
 /// More than this share of the last second's frames lost puts the twin into SAFE.
@@ -15,56 +17,78 @@ const RESET_ACTS_S: f64 = 0.5;
 /// Frames within that second below which a share says little.
 const LOSS_MIN_FRAMES: u64 = 50;
 
+/// Alarms that hold now, before it is known since when.
+type Found = Vec<(Severity, AlarmCause)>;
+
 impl Twin {
     /// Alarms, and SAFE when the data are too old, too wrong or too few.
     pub(super) fn watch(&mut self, events: &mut Vec<Event>) {
-        let mut alarms: Vec<(Severity, String)> = Vec::new();
-        let age_s = self.last_frame.map(|t| self.now.since(t));
+        let mut found = Found::new();
         let moving = matches!(self.phase, Phase::Hold | Phase::Moving { .. });
-        match age_s {
-            Some(age) if age > STALE_SAFE_S => {
-                let text = format!(
-                    "No data from the boards for {:.0} ms: check the cable and the boards' power.",
-                    age * 1e3
-                );
+        self.watch_age(moving, &mut found, events);
+        self.watch_boards(moving, &mut found, events);
+        self.watch_sensors(moving, &mut found, events);
+        self.watch_pressure(moving, &mut found, events);
+        if let Phase::Safe(reason) = &self.phase {
+            let reason = reason.clone();
+            found.push((Severity::Critical, AlarmCause::Safe { reason }));
+        }
+        found.sort_by_key(|(severity, _)| Reverse(*severity));
+        self.alarms = found
+            .into_iter()
+            .map(|(severity, cause)| Alarm {
+                since: self.since(cause.key()),
+                severity,
+                cause,
+            })
+            .collect();
+    }
+
+    /// Since when the alarm of this identity has held: from now on if it is new.
+    fn since(&self, key: AlarmKey) -> Stamp {
+        let known = self.alarms.iter().find(|a| a.key() == key);
+        known.map_or(self.now, |a| a.since)
+    }
+
+    fn watch_age(&mut self, moving: bool, found: &mut Found, events: &mut Vec<Event>) {
+        match self.last_frame.map(|t| self.now.since(t)) {
+            Some(age_s) if age_s > STALE_SAFE_S => {
                 if moving {
                     self.go_safe("no data from the boards for 100 ms", events);
                 }
-                alarms.push((Severity::Critical, text));
+                found.push((Severity::Critical, AlarmCause::DataOld { age_s }));
             }
-            Some(age) if age > STALE_WARN_S => {
-                alarms.push((
-                    Severity::Warning,
-                    format!("Data are {:.0} ms old.", age * 1e3),
-                ));
+            Some(age_s) if age_s > STALE_WARN_S => {
+                found.push((Severity::Warning, AlarmCause::DataOld { age_s }));
             }
             Some(_) => {}
-            None => alarms.push((Severity::Info, "Waiting for the first data.".to_owned())),
+            None => found.push((Severity::Info, AlarmCause::NoDataYet)),
         }
         if let Some(late_s) = self.late_s()
             && late_s > STALE_WARN_S
         {
-            let text = format!("Data come {:.0} ms late", late_s * 1e3);
             if moving && late_s > STALE_SAFE_S {
+                let text = format!("Data come {:.0} ms late", late_s * 1e3);
                 self.go_safe(&text, events);
             }
-            alarms.push((Severity::Warning, format!("{text}: check the cable.")));
+            found.push((Severity::Warning, AlarmCause::DataLate { late_s }));
         }
-        let oldest = self.oldest_board();
-        if let Some((board, age_s)) = oldest
-            && age_s > STALE_SAFE_S
-        {
-            let text = format!("no data from board {} for 100 ms", board + 1);
-            if moving {
-                self.go_safe(&text, events);
-            }
-            let text = format!("There is {text}: check its cable and power.");
-            alarms.push((Severity::Critical, text));
-        } else if let Some((board, age_s)) = oldest
+    }
+
+    fn watch_boards(&mut self, moving: bool, found: &mut Found, events: &mut Vec<Event>) {
+        if let Some((board, age_s)) = self.oldest_board()
             && age_s > STALE_WARN_S
         {
-            let text = format!("Data of board {} are {:.0} ms old.", board + 1, age_s * 1e3);
-            alarms.push((Severity::Warning, text));
+            let severity = if age_s > STALE_SAFE_S {
+                if moving {
+                    let text = format!("no data from board {} for 100 ms", board + 1);
+                    self.go_safe(&text, events);
+                }
+                Severity::Critical
+            } else {
+                Severity::Warning
+            };
+            found.push((severity, AlarmCause::BoardOld { board, age_s }));
         }
         if self.bad_frames > 1 && moving {
             self.go_safe("the boards send values that make no sense", events);
@@ -88,89 +112,78 @@ impl Twin {
         if let Some(ratio) = self.loss_ratio()
             && ratio > LOSS_SAFE
         {
-            let text = format!(
-                "{:.0} % of the last second's frames were lost",
-                ratio * 100.0
-            );
             if moving {
+                let text = format!(
+                    "{:.0} % of the last second's frames were lost",
+                    ratio * 100.0
+                );
                 self.go_safe(&text, events);
             }
-            alarms.push((Severity::Warning, format!("{text}: check the cable.")));
+            found.push((Severity::Warning, AlarmCause::FramesLost { ratio }));
         }
-        if let Some(sensors) = &self.sensors {
-            let usable = sensors.health.springs_usable();
-            for (i, h) in sensors.health.springs.iter().enumerate() {
-                if *h != ChannelHealth::Ok {
-                    alarms.push((
-                        Severity::Warning,
-                        format!("Spring {} ({}) is {}.", i + 1, spring_name(i), describe(*h)),
-                    ));
-                }
+    }
+
+    fn watch_sensors(&mut self, moving: bool, found: &mut Found, events: &mut Vec<Event>) {
+        let Some(health) = self.sensors.as_ref().map(|s| s.health.clone()) else {
+            return;
+        };
+        let odd = |(_, h): &(usize, &ChannelHealth)| **h != ChannelHealth::Ok;
+        for (spring, h) in health.springs.iter().enumerate().filter(odd) {
+            let cause = AlarmCause::Spring { spring, health: *h };
+            found.push((Severity::Warning, cause));
+        }
+        for (imu, h) in health.imus.iter().enumerate().filter(odd) {
+            found.push((Severity::Warning, AlarmCause::Imu { imu, health: *h }));
+        }
+        if health.springs_usable() < SPRINGS_NEEDED && moving {
+            self.go_safe("too few springs give a reading", events);
+        }
+        if self.blind_frames > BLIND_FRAMES {
+            if moving {
+                self.go_safe(TOO_FEW_SENSORS, events);
             }
-            for (i, h) in sensors.health.imus.iter().enumerate() {
-                if *h != ChannelHealth::Ok {
-                    alarms.push((
-                        Severity::Warning,
-                        format!("IMU {} is {}.", i + 1, describe(*h)),
-                    ));
-                }
+            found.push((Severity::Critical, AlarmCause::TooFewSensors));
+        }
+    }
+
+    fn watch_pressure(&mut self, moving: bool, found: &mut Found, events: &mut Vec<Event>) {
+        let over: Vec<(usize, f64)> = self.over_pressures().collect();
+        for (chamber, measured_pa) in over {
+            if moving {
+                let kpa = measured_pa * 1e-3;
+                let text = format!("over-pressure in chamber {} ({kpa:+.1} kPa)", chamber + 1);
+                self.go_safe(&text, events);
             }
-            let over = sensors
-                .chamber_pa
-                .iter()
-                .position(|p| *p > self.robot.over_pressure_pa);
-            if usable < SPRINGS_NEEDED && moving {
-                self.go_safe("too few springs give a reading", events);
-            }
-            if self.blind_frames > BLIND_FRAMES {
-                if moving {
-                    self.go_safe(BLIND, events);
-                }
-                alarms.push((Severity::Critical, format!("There are {BLIND}.")));
-            }
-            if let Some(i) = over
-                && moving
-            {
-                self.go_safe(&format!("over-pressure in chamber {}", i + 1), events);
-            }
+            let cause = AlarmCause::OverPressure {
+                chamber,
+                measured_pa,
+                limit_pa: self.robot.over_pressure_pa,
+            };
+            found.push((Severity::Critical, cause));
         }
         if let Some(short) = self.short {
-            let chamber = short.chamber + 1;
-            let [has, wanted] = short.pa.map(|pa| pa * 1e-3);
-            let text = format!(
-                "Chamber {chamber} does not hold its pressure ({has:+.1} instead of {wanted:+.1} kPa): look for a leak \
-                 in its line, and whether its supply runs."
-            );
             if moving && short.unsafe_now {
-                self.go_safe(
-                    &format!("chamber {chamber} does not hold its pressure"),
-                    events,
-                );
+                let text = format!("chamber {} does not hold its pressure", short.chamber + 1);
+                self.go_safe(&text, events);
             }
-            alarms.push((Severity::Warning, text));
+            let [measured_pa, set_pa] = short.pa;
+            let cause = AlarmCause::ShortOfAir {
+                chamber: short.chamber,
+                measured_pa,
+                set_pa,
+            };
+            found.push((Severity::Warning, cause));
         }
-        if let Phase::Safe(reason) = &self.phase {
-            alarms.push((
-                Severity::Critical,
-                format!("SAFE: {reason}. Remove the cause, then press Reset."),
-            ));
-        }
-        alarms.sort_by_key(|(severity, _)| std::cmp::Reverse(*severity));
-        let since = |text: &str, old: &[Alarm], now: Stamp| {
-            // Ages inside a text change; its first words do not.
-            let key = |t: &str| t.chars().take_while(|c| !c.is_ascii_digit()).count().max(6);
-            old.iter()
-                .find(|a| a.text.get(..key(text)) == text.get(..key(text)))
-                .map_or(now, |a| a.since)
-        };
-        self.alarms = alarms
-            .into_iter()
-            .map(|(severity, text)| Alarm {
-                since: since(&text, &self.alarms, self.now),
-                severity,
-                text,
-            })
-            .collect();
+    }
+
+    /// Chambers (0-based) beyond the over-pressure limit with their gauge pressures, Pa. By what the boards
+    /// delivered, also where the sensing does not use the gauge: a reading that far off stops the arm, whether the
+    /// chamber or the gauge is at fault.
+    pub(super) fn over_pressures(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let raw = self.raw.iter();
+        raw.flat_map(|raw| (0..CHAMBERS).map(move |i| (raw.has_chamber(i), i, raw.chamber_pa[i])))
+            .filter(|(delivered, _, pa)| *delivered && self.robot.is_over_pressure(*pa))
+            .map(|(_, i, pa)| (i, pa))
     }
 
     /// How old frames are when they arrive, at least, s; `None` while too few have arrived to tell.
@@ -219,15 +232,5 @@ impl Twin {
         self.preview = None;
         self.check = None;
         self.paused = None;
-    }
-}
-
-fn describe(health: ChannelHealth) -> &'static str {
-    match health {
-        ChannelHealth::Ok => "ok",
-        ChannelHealth::Suspect => "in disagreement with the others",
-        ChannelHealth::Stuck => "stuck",
-        ChannelHealth::OutOfRange => "outside of its calibrated range",
-        ChannelHealth::Missing => "not delivering",
     }
 }

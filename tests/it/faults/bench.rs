@@ -255,7 +255,7 @@ impl Bench {
 
     /// Whether there is an alarm with these words.
     pub fn alarmed(&self, words: &str) -> bool {
-        self.now.alarms.iter().any(|a| a.text.contains(words))
+        self.now.alarms.iter().any(|a| a.text().contains(words))
     }
 
     /// When an event with these words came after `from_s`, s.

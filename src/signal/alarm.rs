@@ -1,0 +1,228 @@
+//! Alarms: what is abnormal now, since when, and where.
+//!
+//! The identity of an alarm is its [`AlarmKey`], the kind of abnormality and its subject. The sentence for the
+//! operator is derived from the [`AlarmCause`], which also carries the measured values; two alarms with the same
+//! words are never confused, and one whose figures change stays the same alarm.
+
+use serde::{Deserialize, Serialize};
+
+use super::{ChannelHealth, Stamp, spring_name};
+
+/// Said when fewer sensors are usable than the tip's pose needs.
+pub const TOO_FEW_SENSORS: &str = "too few sensors left to tell where the arm is";
+
+/// How urgent an alarm is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Severity {
+    /// Worth knowing.
+    Info,
+    /// Works, but degraded.
+    Warning,
+    /// Motion has stopped, or must not begin.
+    Critical,
+}
+
+/// Kind and subject (0-based) of an abnormality: the identity of an alarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum AlarmKey {
+    /// No frame has come yet.
+    NoDataYet,
+    /// The newest frame is old.
+    DataOld,
+    /// Frames arrive late.
+    DataLate,
+    /// The newest sample of this board is old.
+    BoardOld(usize),
+    /// Frames are lost.
+    FramesLost,
+    /// This spring is in this state.
+    Spring(usize, ChannelHealth),
+    /// This IMU is in this state.
+    Imu(usize, ChannelHealth),
+    /// Too few sensors are usable.
+    TooFewSensors,
+    /// The pressure of this chamber is beyond the over-pressure limit.
+    OverPressure(usize),
+    /// This chamber does not reach its set pressure.
+    ShortOfAir(usize),
+    /// The SAFE state.
+    Safe,
+}
+
+/// What is abnormal, with the values that were measured.
+#[derive(Clone, Debug, PartialEq)]
+pub enum AlarmCause {
+    /// No frame has come yet.
+    NoDataYet,
+    /// The newest frame is old.
+    DataOld {
+        /// Its age, s.
+        age_s: f64,
+    },
+    /// Frames arrive late.
+    DataLate {
+        /// How old they are on arrival, s.
+        late_s: f64,
+    },
+    /// The newest sample of a board is old.
+    BoardOld {
+        /// 0-based.
+        board: usize,
+        /// Age of the sample, s.
+        age_s: f64,
+    },
+    /// Frames are lost.
+    FramesLost {
+        /// Lost, of all sent in the last second.
+        ratio: f64,
+    },
+    /// A spring is not in order.
+    Spring {
+        /// 0-based.
+        spring: usize,
+        /// Its state.
+        health: ChannelHealth,
+    },
+    /// An IMU is not in order.
+    Imu {
+        /// 0-based.
+        imu: usize,
+        /// Its state.
+        health: ChannelHealth,
+    },
+    /// Too few sensors are usable.
+    TooFewSensors,
+    /// A chamber is beyond the over-pressure limit.
+    OverPressure {
+        /// 0-based.
+        chamber: usize,
+        /// Measured gauge pressure, Pa.
+        measured_pa: f64,
+        /// The limit on its magnitude, Pa.
+        limit_pa: f64,
+    },
+    /// A chamber does not reach its set pressure.
+    ShortOfAir {
+        /// 0-based.
+        chamber: usize,
+        /// Measured gauge pressure, Pa.
+        measured_pa: f64,
+        /// Set gauge pressure, Pa.
+        set_pa: f64,
+    },
+    /// The SAFE state.
+    Safe {
+        /// Why it was entered.
+        reason: String,
+    },
+}
+
+impl AlarmCause {
+    /// Kind and subject, without the measured values.
+    pub fn key(&self) -> AlarmKey {
+        match *self {
+            Self::NoDataYet => AlarmKey::NoDataYet,
+            Self::DataOld { .. } => AlarmKey::DataOld,
+            Self::DataLate { .. } => AlarmKey::DataLate,
+            Self::BoardOld { board, .. } => AlarmKey::BoardOld(board),
+            Self::FramesLost { .. } => AlarmKey::FramesLost,
+            Self::Spring { spring, health } => AlarmKey::Spring(spring, health),
+            Self::Imu { imu, health } => AlarmKey::Imu(imu, health),
+            Self::TooFewSensors => AlarmKey::TooFewSensors,
+            Self::OverPressure { chamber, .. } => AlarmKey::OverPressure(chamber),
+            Self::ShortOfAir { chamber, .. } => AlarmKey::ShortOfAir(chamber),
+            Self::Safe { .. } => AlarmKey::Safe,
+        }
+    }
+
+    /// One sentence for the operator: what, where, what to do.
+    pub fn text(&self) -> String {
+        match self {
+            Self::NoDataYet => "Waiting for the first data.".to_owned(),
+            Self::DataOld { age_s } => format!(
+                "No data from the boards for {:.0} ms: check the cable and the boards' power.",
+                age_s * 1e3
+            ),
+            Self::DataLate { late_s } => {
+                format!("Data come {:.0} ms late: check the cable.", late_s * 1e3)
+            }
+            Self::BoardOld { board, age_s } => format!(
+                "Data of board {} are {:.0} ms old: check its cable and power.",
+                board + 1,
+                age_s * 1e3
+            ),
+            Self::FramesLost { ratio } => format!(
+                "{:.0} % of the last second's frames were lost: check the cable.",
+                ratio * 100.0
+            ),
+            Self::Spring { spring, health } => format!(
+                "Spring {} ({}) is {}.",
+                spring + 1,
+                spring_name(*spring),
+                health_words(*health)
+            ),
+            Self::Imu { imu, health } => {
+                format!("IMU {} is {}.", imu + 1, health_words(*health))
+            }
+            Self::TooFewSensors => format!("There are {TOO_FEW_SENSORS}."),
+            Self::OverPressure {
+                chamber,
+                measured_pa,
+                limit_pa,
+            } => format!(
+                "Over-pressure in chamber {}: {:+.1} kPa, the limit is ±{:.0} kPa. Let its air out, then look at \
+                 its supply and its gauge.",
+                chamber + 1,
+                measured_pa * 1e-3,
+                limit_pa * 1e-3
+            ),
+            Self::ShortOfAir {
+                chamber,
+                measured_pa,
+                set_pa,
+            } => format!(
+                "Chamber {} does not hold its pressure ({:+.1} instead of {:+.1} kPa): look for a leak in its line, \
+                 and whether its supply runs.",
+                chamber + 1,
+                measured_pa * 1e-3,
+                set_pa * 1e-3
+            ),
+            Self::Safe { reason } => {
+                format!("SAFE: {reason}. Remove the cause, then press Reset.")
+            }
+        }
+    }
+}
+
+/// Something abnormal that holds now.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Alarm {
+    /// Since when this kind of abnormality has held for this subject.
+    pub since: Stamp,
+    /// How urgent.
+    pub severity: Severity,
+    /// What and where, with the values that were measured.
+    pub cause: AlarmCause,
+}
+
+impl Alarm {
+    /// Its identity.
+    pub fn key(&self) -> AlarmKey {
+        self.cause.key()
+    }
+
+    /// One sentence: what, where, what to do.
+    pub fn text(&self) -> String {
+        self.cause.text()
+    }
+}
+
+fn health_words(health: ChannelHealth) -> &'static str {
+    match health {
+        ChannelHealth::Ok => "ok",
+        ChannelHealth::Suspect => "in disagreement with the others",
+        ChannelHealth::Stuck => "stuck",
+        ChannelHealth::OutOfRange => "outside of its calibrated range",
+        ChannelHealth::Missing => "not delivering",
+    }
+}
