@@ -405,12 +405,13 @@ pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps_for(robot)?;
-    let twin = Twin::new(
+    let mut twin = Twin::new(
         robot,
         maps,
         model::sensing(robot, a.instruments.calibration.as_deref())?,
         a.controller.gains(),
     );
+    a.instruments.brief(&mut twin);
     #[expect(
         clippy::disallowed_methods,
         reason = "the command owns the main thread and its time"

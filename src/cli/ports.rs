@@ -19,7 +19,7 @@ use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
 use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
-use springtwin::twin::{Arrivals, Heard, InProcess, Port, SerialPort};
+use springtwin::twin::{Arrivals, Heard, InProcess, Port, SerialPort, Twin};
 
 /// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
@@ -28,6 +28,9 @@ pub struct Instruments {
     /// without it
     #[arg(long, value_name = "F.toml")]
     pub calibration: Option<PathBuf>,
+    /// Let hardware be armed although only the virtual rig's calibration is in use: lengths and pose are then wrong
+    #[arg(long)]
+    pub accept_virtual_calibration: bool,
     /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,
     /// port 51001, without it
     #[arg(long = "mocap-listen", value_name = "IP:PORT")]
@@ -44,6 +47,13 @@ pub struct Instruments {
 impl Instruments {
     fn no_mocap(&self) -> bool {
         self.listen.is_none() && self.from.is_empty() && self.registration.is_none()
+    }
+
+    /// Tells a twin what was said about its calibration.
+    pub fn brief(&self, twin: &mut Twin) {
+        if self.accept_virtual_calibration {
+            twin.accept_virtual_calibration();
+        }
     }
 
     /// Where motion capture is on the robot, if a file says so.

@@ -21,7 +21,7 @@ use super::panels::player::Player;
 use super::panels::plot::TimeWindow;
 use super::panels::recordings::{self, Library, RecordingsInput};
 use super::panels::sensors::{self, SensorsState};
-use super::panels::shell::{self, KeyAction, ShellAction, ShellInput};
+use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
 use super::panels::welcome;
@@ -68,6 +68,7 @@ pub struct App {
     theme: Option<Theme>,
     shortcuts_open: bool,
     command_palette: CommandPalette,
+    resume: Resume,
     /// What the twin could be connected to.
     pub connection: Connection,
     /// Whether a newcomer is greeted.
@@ -152,6 +153,7 @@ impl App {
             theme: None,
             shortcuts_open: false,
             command_palette: CommandPalette::default(),
+            resume: Resume::default(),
             connection: Connection::default(),
             welcome: false,
             screen: Screen::default(),
@@ -216,7 +218,7 @@ impl App {
         self.library.busy() || self.connection.busy() || self.gap.busy() || self.calibrate.busy()
     }
 
-    /// Whether a loaded recording answers to Space here; elsewhere the arm does.
+    /// Whether a loaded recording is shown here and answers to its key.
     fn plays_here(&self) -> bool {
         !matches!(self.screen, Screen::Calibrate | Screen::Gap)
     }
@@ -257,6 +259,9 @@ impl App {
         self.mind_what_is_shown();
         self.show(ui, now_s, &mut commands);
         self.typed = ctx.text_edit_focused();
+        if commands.contains(&Command::Hold) {
+            self.resume.held(now_s);
+        }
         for command in commands {
             self.send(command, now_s);
         }
@@ -332,7 +337,10 @@ impl App {
                 }
             }
         }
-        self.live = handle.snapshot();
+        let before = std::mem::replace(&mut self.live, handle.snapshot());
+        if self.live.mode == Mode::Hold && before.mode != Mode::Hold {
+            self.resume.held(now_s);
+        }
         if self.twin_gone {
             let mut last = Snapshot::clone(&self.live);
             last.link.connected = false;
@@ -387,24 +395,21 @@ impl App {
         }
     }
 
-    fn hold(&self, commands: &mut Vec<Command>) {
-        if let (_, Ok(command)) = shell::hold_action(&self.live) {
-            commands.push(command);
-        }
-    }
-
     fn keys(&mut self, ctx: &egui::Context, commands: &mut Vec<Command>) {
         for action in shell::keys(ctx) {
             match action {
                 KeyAction::Stop => commands.push(Command::Stop),
-                // What moves is held first, whatever is shown.
-                KeyAction::Hold if self.live.mode != Mode::Moving && self.plays_here() => {
-                    match &mut self.player {
-                        Some(player) => player.toggle(),
-                        None => self.hold(commands),
+                // The arm, whatever is shown.
+                KeyAction::Hold if shell::hold_gate(&self.live).is_ok() => {
+                    commands.push(Command::Hold);
+                }
+                KeyAction::Hold => {}
+                KeyAction::Play if self.plays_here() => {
+                    if let Some(player) = &mut self.player {
+                        player.toggle();
                     }
                 }
-                KeyAction::Hold => self.hold(commands),
+                KeyAction::Play => {}
                 KeyAction::Cancel => {
                     if self.shortcuts_open {
                         self.shortcuts_open = false;
@@ -457,7 +462,9 @@ impl App {
             .exact_size(56.0)
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(12, 4)))
-            .show(ui, |ui| shell::top_bar(ui, &live, commands))
+            .show(ui, |ui| {
+                shell::top_bar(ui, &live, &mut self.resume, commands)
+            })
             .inner;
         shell::banners(ui, &input, commands, &mut actions);
         Panel::bottom("strip")
@@ -540,7 +547,8 @@ impl App {
         shell::shortcuts(&ctx, &mut self.shortcuts_open, within);
         if self.command_palette.open {
             let gone = self.twin_gone || self.handle.is_none();
-            let all = palette::entries(&live, self.player.is_some(), gone);
+            let may_resume = self.resume.gate(&live, now_s);
+            let all = palette::entries(&live, self.player.is_some(), gone, &may_resume);
             match self.command_palette.ui(&ctx, within, all) {
                 Some(Deed::Window(action)) => actions.push(action),
                 Some(Deed::Twin(command)) => commands.push(command),

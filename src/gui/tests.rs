@@ -339,10 +339,10 @@ fn a_replay_is_announced_and_disables_motion() {
     h.key_press(Key::Enter);
     h.run();
     assert_eq!(twin.taken(), []);
-    // Space now plays; STOP still reaches the live twin.
+    // P plays; STOP still reaches the live twin.
     h.key_press_modifiers(Modifiers::COMMAND, Key::Num3);
     h.run();
-    h.key_press(Key::Space);
+    h.key_press(Key::P);
     h.run_steps(4);
     assert!(
         h.state()

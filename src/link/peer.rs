@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::clock::BoardClock;
 use super::event::Refusal;
 use super::wire::{Body, Hello, Packet, SCHEMA_HASH, Sample, VERSION, flag};
-use crate::signal::Stamp;
+use crate::signal::{Gripper, Stamp};
 
 /// HELLOs with another configuration after CONFIG that make a refusal.
 const CONFIG_ANSWERS: u32 = 3;
@@ -58,6 +58,8 @@ pub struct Peer {
     pub(super) silent: bool,
     /// Whether its arm is a simulated one, as its last HELLO says.
     pub(super) simulated: bool,
+    /// What its gripper does, as its last frame says.
+    pub(super) gripper: Option<Gripper>,
     pub(super) next_config: Option<Stamp>,
     board: usize,
     config_answers: u32,
@@ -105,6 +107,7 @@ impl Peer {
             heard: None,
             silent: false,
             simulated: false,
+            gripper: None,
             next_config: None,
             board,
             config_answers: 0,
@@ -247,6 +250,14 @@ impl Peer {
     /// The board restarted its count (it booted).
     pub(super) fn restart_count(&mut self) {
         self.last_seq = None;
+    }
+
+    /// Notes what the board says of its gripper.
+    pub(super) fn note_gripper(&mut self, flags: u16) {
+        self.gripper = Some(match flags & flag::GRIPPER_CLOSED {
+            0 => Gripper::Open,
+            _ => Gripper::Closed,
+        });
     }
 
     /// Takes a sample in order; `true` when it became the newest.

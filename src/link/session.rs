@@ -30,6 +30,8 @@ use crate::signal::{
     BOARDS, CHAMBERS, Gripper, IMUS, LinkStatus, PressureCommand, RawFrame, SPRINGS, Stamp,
 };
 
+/// The board that drives the gripper: that of segment 2, which carries the end pad.
+const GRIPPER_BOARD: usize = BOARDS - 1;
 /// Most ports of one session: one per board.
 pub const MAX_PORTS: usize = BOARDS;
 /// Oldest sample that is still used in a frame, s: bridges one lost sample.
@@ -344,6 +346,7 @@ impl HostSession {
                 .last_frame
                 .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),
             retry_in_s: None,
+            gripper: self.peers[GRIPPER_BOARD].gripper,
             board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
             board_clock: std::array::from_fn(|b| self.peers[b].clock.fitted()),
         }
@@ -456,6 +459,7 @@ impl HostSession {
             }
             let peer = &mut self.peers[board];
             peer.simulated = packet.flags & flag::SIMULATED != 0;
+            peer.note_gripper(packet.flags);
             peer.silent = false;
             peer.in_order(now, packet.seq);
             if hello.config_crc == 0 {
@@ -477,6 +481,7 @@ impl HostSession {
         if !peer.in_order(now, packet.seq) || !peer.understood() {
             return;
         }
+        peer.note_gripper(packet.flags);
         match &packet.body {
             Body::Sample(sample) => {
                 let known = peer.newest.map_or(0, |n| n.sample.status);

@@ -254,6 +254,13 @@ impl Calibration {
         }
     }
 
+    /// Whether the bench or any of the springs are the virtual rig's: it does not read a real arm.
+    pub fn is_of_virtual_rig(&self) -> bool {
+        let shipped = Self::virtual_rig();
+        self.bench_sha256 == shipped.bench_sha256
+            || self.springs.iter().any(|s| shipped.springs.contains(s))
+    }
+
     /// The calibration of spring `i` (0-based), if there is one that starts from a frequency.
     pub fn spring(&self, i: usize) -> Option<&SpringCalibration> {
         self.springs

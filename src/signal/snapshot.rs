@@ -4,8 +4,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Alarm, ArmShape, BOARDS, ControllerKind, Goal, Matrix6, MeshShape, Pose, PressureCommand,
-    RawFrame, SensorFrame, SensorRef, Simulator, Stamp, Via,
+    Alarm, ArmShape, BOARDS, ControllerKind, Goal, Gripper, Matrix6, MeshShape, Pose,
+    PressureCommand, RawFrame, SensorFrame, SensorRef, Simulator, Stamp, Via,
 };
 
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
@@ -86,6 +86,8 @@ pub struct LinkStatus {
     pub retry_in_s: Option<f64>,
     /// Frames per second over the last second, per board.
     pub board_rate_hz: [f64; BOARDS],
+    /// What the gripper does, as the board that drives it reports; `None` before it has said so.
+    pub gripper: Option<Gripper>,
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],
 }
@@ -229,6 +231,8 @@ pub struct Snapshot {
     pub recording: Option<String>,
     /// The live stream, if one runs or has ended by itself. Not kept in recordings.
     pub streaming: Option<StreamStatus>,
+    /// Why hardware may not be armed with the calibration in use, if so. Not kept in recordings.
+    pub calibration_refusal: Option<String>,
 }
 
 /// Motion capture and estimate further apart than this are not compared, s.

@@ -11,13 +11,14 @@ use crate::task::Plan;
 /// What the operator (or a script) asks of the twin.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// Allow motion. Refused while the link is not healthy.
+    /// Allow motion; pressures and gripper stay as they are. Refused while the link is not healthy, and on hardware
+    /// without a calibration of the robot.
     Arm,
     /// Stop commanding pressures; the boards keep their last set point until it times out.
     Disarm,
-    /// Keep the present pressures.
+    /// Keep the present pressures. Never arms and never resumes: refused while disarmed.
     Hold,
-    /// Continue after a hold.
+    /// Continue after a hold. Refused within [`super::RESUME_OFF_S`] of it.
     Resume,
     /// Pumps off now, latched: the SAFE state.
     Stop,
@@ -37,7 +38,7 @@ pub enum Command {
     Steer(ControllerKind),
     /// What the operator believes is in the gripper, kg.
     DeclarePayload(f64),
-    /// Open or close the gripper.
+    /// Open or close the gripper. Refused while disarmed.
     Grip(Gripper),
     /// Draw the arm by this simulator. Nothing moves.
     Show(Simulator),

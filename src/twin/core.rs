@@ -1,6 +1,7 @@
 //! The twin without I/O: one tick from a raw frame to a pressure command.
 
 mod air;
+mod arming;
 mod orders;
 mod watch;
 
@@ -8,6 +9,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use air::{AirWatch, Short};
+use arming::Arming;
+pub use arming::RESUME_OFF_S;
 
 use super::{Command, Event, MeshAnswer, MeshQuestion};
 use crate::control::{
@@ -112,6 +115,7 @@ pub struct Twin {
     check: Option<orders::Check>,
     /// What Resume goes on with.
     paused: Option<Box<Routine>>,
+    arming: Arming,
     /// Gains of the plant that the verdicts on the routine under way were given for.
     judged_gains: [f64; SEGMENTS],
     sensor_ref: Option<SensorRef>,
@@ -143,6 +147,7 @@ impl Twin {
     pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing, gains: Gains) -> Self {
         let model = Model::nominal(robot);
         let shape_state = State::rest(&model);
+        let arming = Arming::new(sensing.calibration());
         Self {
             robot: robot.clone(),
             controller: Controller::new(robot, gains),
@@ -169,6 +174,7 @@ impl Twin {
             preview_state: State::rest(&model),
             check: None,
             paused: None,
+            arming,
             judged_gains: [1.0; SEGMENTS],
             sensor_ref: None,
             solve_s: None,
@@ -330,6 +336,7 @@ impl Twin {
             payload_kg: self.payload_kg,
             recording: self.recording.clone(),
             streaming: self.streaming.clone(),
+            calibration_refusal: self.calibration_refusal(),
         }
     }
 
@@ -419,6 +426,11 @@ impl Twin {
     }
 
     fn enter(&mut self, phase: Phase, events: &mut Vec<Event>) {
+        if matches!(self.phase, Phase::Disarmed)
+            && matches!(phase, Phase::Hold | Phase::Moving { .. })
+        {
+            self.adopt_gripper();
+        }
         self.phase = phase;
         self.sensor_ref = None;
         let mode = match self.mode() {

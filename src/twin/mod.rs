@@ -16,7 +16,7 @@ mod stream;
 mod trial;
 
 pub use command::{Command, Event, Handle};
-pub use core::{Maps, Twin};
+pub use core::{Maps, RESUME_OFF_S, Twin};
 pub use in_process::{FarEnd, Heard, InProcess};
 pub use mesh::{MeshAnswer, MeshQuestion, MeshSolver};
 pub use runner::{

@@ -11,13 +11,14 @@ use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::ControllerKind;
 use crate::signal::{
-    CHAMBERS, Goal, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame, SIGNALS,
-    Simulator, Stamp, TruthSource,
+    CHAMBERS, Goal, Gripper, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame,
+    SIGNALS, Simulator, Stamp, TruthSource,
 };
 
 mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
 mod disk;
+mod safety;
 #[cfg(feature = "rrd")]
 mod viewer;
 
@@ -73,6 +74,7 @@ fn twin() -> Twin {
         connected: true,
         simulated: true,
         practice: true,
+        gripper: Some(Gripper::Open),
         ..LinkStatus::default()
     });
     twin
@@ -238,6 +240,7 @@ fn hardware_must_be_armed_before_it_goes() {
         connected: true,
         // The boards may well say that their arm is simulated.
         simulated: true,
+        gripper: Some(Gripper::Open),
         ..LinkStatus::default()
     });
     feed(&mut twin, 0, 20);
@@ -262,6 +265,7 @@ impl Port for Frames {
                 connected: true,
                 simulated: true,
                 practice: true,
+                gripper: Some(Gripper::Open),
                 ..LinkStatus::default()
             },
             ..Arrivals::default()

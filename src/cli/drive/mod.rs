@@ -141,6 +141,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     let sensing = model::sensing(robot, d.instruments.calibration.as_deref())?;
     let mut twin = Twin::new(robot, maps, sensing, d.gains);
     twin.time_with(stopwatch);
+    d.instruments.brief(&mut twin);
     #[expect(
         clippy::disallowed_methods,
         reason = "the command owns the main thread and its time"

@@ -28,18 +28,43 @@ use springtwin::sensing::registration::Registration;
 use springtwin::twin::Maps;
 
 const INDEX: &str = "versions.toml";
+/// Format of the list that this program writes and reads; a list without a number is of format 1.
+const FORMAT: u32 = 1;
 /// Empty; whoever changes the folder holds it.
 const LOCK: &str = "lock";
 /// Digits of the robot file's hash in the folder's name.
 const HASH_DIGITS: usize = 12;
 
 /// The list of versions as it is kept.
-#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Index {
+    #[serde(default = "first_format")]
+    format: u32,
     active: u32,
     #[serde(default)]
     version: Vec<Entry>,
+}
+
+fn first_format() -> u32 {
+    1
+}
+
+impl Default for Index {
+    fn default() -> Self {
+        Self {
+            format: FORMAT,
+            active: 0,
+            version: Vec::new(),
+        }
+    }
+}
+
+/// The part of any list, however new, that says how to read it.
+#[derive(Deserialize)]
+struct Head {
+    #[serde(default = "first_format")]
+    format: u32,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,7 +113,16 @@ impl Store {
         if !path.exists() {
             return Ok(Index::default());
         }
-        toml::from_str(&crate::cli::read_toml(&path)?).with_context(|| path.display().to_string())
+        let text = crate::cli::read_toml(&path)?;
+        let at = || path.display().to_string();
+        let Head { format } = toml::from_str(&text).with_context(at)?;
+        anyhow::ensure!(
+            format <= FORMAT,
+            "{} was written by a newer springtwin (format {format}, this one reads up to {FORMAT}): use that version, \
+             or name a calibration with --calibration",
+            path.display()
+        );
+        toml::from_str(&text).with_context(at)
     }
 
     fn write_index(&self, index: &Index) -> Result<()> {
@@ -418,6 +452,32 @@ mod tests {
         std::fs::write(store.path("calibration", 4), "").expect("writes");
         let e = store.active().expect_err("is damaged").to_string();
         assert!(e.contains("calibration-4.toml"), "{e}");
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn a_list_of_a_newer_program_is_refused_in_one_sentence_and_older_ones_are_read() {
+        let store = store("newer");
+        store.save(version("one"), "2026-03-01").expect("saves");
+        let path = store.folder.join(INDEX);
+        let text = std::fs::read_to_string(&path).expect("reads");
+        assert!(text.starts_with("format = 1\n"), "{text}");
+        // From before there were numbers.
+        std::fs::write(&path, text.replace("format = 1\n", "")).expect("writes");
+        assert_eq!(store.versions().expect("lists").len(), 1);
+        // Of a form that nobody knows yet.
+        std::fs::write(&path, "format = 2\nlatest = \"one\"\n").expect("writes");
+        for e in [
+            store.active().expect_err("newer"),
+            store.save(version("two"), "2026-03-02").expect_err("newer"),
+        ] {
+            let e = format!("{e:#}");
+            assert!(
+                e.contains("versions.toml was written by a newer springtwin (format 2")
+                    && !e.contains('\n'),
+                "{e}"
+            );
+        }
         std::fs::remove_dir_all(store.folder).expect("cleans up");
     }
 

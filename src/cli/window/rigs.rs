@@ -80,17 +80,21 @@ impl Rigs {
             reason = "the command owns the session's time"
         )]
         let start = Instant::now();
-        let (_, instruments) = self.with_active(rig);
+        let (_, instruments, trouble) = self.with_active(rig);
         let sensing = model::sensing(&self.robot, instruments.calibration.as_deref())?;
-        let twin = Twin::new(&self.robot, self.maps.clone(), sensing, self.kind.gains());
+        let mut twin = Twin::new(&self.robot, self.maps.clone(), sensing, self.kind.gains());
+        instruments.brief(&mut twin);
+        if let Some(why) = trouble {
+            twin.explain_calibration(why);
+        }
         let (file, robot) = (self.robot_file.as_deref(), &self.robot);
         let port = ports::open(rig, &self.options, file, robot, start, &instruments)?;
         Ok((Runner::new(twin, port, robot), start))
     }
 
     /// Where calibrations of `rig` are kept, and its instruments with the calibration that was saved last
-    /// in the window, where none is named.
-    fn with_active(&self, rig: &str) -> (Option<Store>, Instruments) {
+    /// in the window, where none is named; and why the active one is not used, if so.
+    fn with_active(&self, rig: &str) -> (Option<Store>, Instruments, Option<String>) {
         let is_virtual = Self::is_virtual(rig);
         let data = self.data.as_deref();
         let store = data.map(|data| Store::of(&self.robot, is_virtual, data));
@@ -101,13 +105,15 @@ impl Rigs {
             false => {
                 let mut other = self.instruments.clone();
                 other.calibration = None;
+                other.accept_virtual_calibration = false;
                 other
             }
         };
         let mut out = named.clone();
         if named.calibration.is_some() {
-            return (store, out);
+            return (store, out, None);
         }
+        let mut trouble = None;
         let saved = match store.as_ref().map_or(Ok(None), Store::active) {
             Ok(active) => active,
             Err(e) => {
@@ -120,6 +126,7 @@ impl Rigs {
                     "the active calibration cannot be read, {instead}; save a new one, or choose one on the \
                      Calibrate screen: {e:#}"
                 );
+                trouble = Some(format!("the saved one cannot be read: {e:#}"));
                 good
             }
         };
@@ -131,12 +138,12 @@ impl Rigs {
                 out.registration = registration;
             }
         }
-        (store, out)
+        (store, out, trouble)
     }
 
     /// What the wizard needs to know of `rig`, and where motion capture lies on it.
     pub fn belongings(&self, rig: &str) -> Result<(Setting, Option<Registration>)> {
-        let (store, instruments) = self.with_active(rig);
+        let (store, instruments, _) = self.with_active(rig);
         let registration = instruments.registration()?;
         let setting = Setting {
             robot: self.robot.clone(),
@@ -252,6 +259,42 @@ mod tests {
         assert_eq!(in_use(&rigs), Calibration::virtual_rig().name);
         rigs.data = None;
         assert!(rigs.belongings("sim").expect("starts").0.store.is_none());
+        std::fs::remove_dir_all(data).expect("cleans up");
+    }
+
+    #[test]
+    fn a_list_that_cannot_be_read_is_named_where_hardware_refuses_to_be_armed() {
+        let name = format!("springtwin-rigs-newer-{}", std::process::id());
+        let data = std::env::temp_dir().join(name);
+        let robot = RobotSpec::reference();
+        let store = Store::of(&robot, false, &data);
+        let new = NewVersion {
+            note: String::new(),
+            calibration: Calibration::virtual_rig(),
+            registration: None,
+        };
+        store.save(new, "2026-03-01").expect("saves");
+        let (path, _) = store.active().expect("reads").expect("is there");
+        let list = path.with_file_name("versions.toml");
+        std::fs::write(list, "format = 9\n").expect("writes");
+        let mut rigs = Rigs {
+            rig: "/dev/ttyUSB0".into(),
+            maps: model::maps_for(&robot).expect("the shipped networks load"),
+            robot,
+            robot_file: None,
+            options: rig_options(0.0, 1),
+            kind: Kind::Ours,
+            instruments: Instruments::default(),
+            data: Some(data.clone()),
+            twins: Twins::default(),
+        };
+        rigs.instruments.accept_virtual_calibration = true;
+        let (_, instruments, trouble) = rigs.with_active("/dev/ttyUSB0");
+        assert!(instruments.calibration.is_none() && instruments.accept_virtual_calibration);
+        assert!(trouble.is_some_and(|t| t.contains("newer springtwin")));
+        // The word was given for the rig that was named.
+        let (_, elsewhere, _) = rigs.with_active("/dev/ttyUSB1");
+        assert!(!elsewhere.accept_virtual_calibration);
         std::fs::remove_dir_all(data).expect("cleans up");
     }
 

@@ -2,7 +2,7 @@
 
 use egui::{Button, Key, Modifiers, RichText, ScrollArea, TextEdit, vec2};
 
-use super::shell::{ShellAction, hold_action, recording_gate};
+use super::shell::{ShellAction, hold_gate, recording_gate};
 use super::target::gripper_gate;
 use super::widgets::Gate;
 use super::{Screen, View};
@@ -54,7 +54,7 @@ fn digit_keys(screen: Screen) -> &'static str {
 }
 
 /// Everything that can be done now, with what stands in the way of the rest.
-pub fn entries(live: &View<'_>, replaying: bool, twin_gone: bool) -> Vec<Entry> {
+pub fn entries(live: &View<'_>, replaying: bool, twin_gone: bool, may_resume: &Gate) -> Vec<Entry> {
     let mut all: Vec<Entry> = Vec::new();
     let mut add = |name: &str, keys: &'static str, gate: Gate, deed: Deed| {
         all.push(Entry {
@@ -86,12 +86,18 @@ pub fn entries(live: &View<'_>, replaying: bool, twin_gone: bool) -> Vec<Entry> 
         twin.clone(),
         Deed::Twin(Command::Stop),
     );
-    match hold_action(s) {
-        (_, Ok(Command::Resume)) => {
-            add("Resume", "Space", twin.clone(), Deed::Twin(Command::Resume))
-        }
-        (_, gate) => add("Hold", "Space", gate.map(|_| ()), Deed::Twin(Command::Hold)),
-    }
+    let hold = twin.clone().and(hold_gate(s));
+    add("Hold", "Space", hold, Deed::Twin(Command::Hold));
+    let resume = twin.clone().and(may_resume.clone()).and(check(
+        s.link.simulated,
+        "Hardware moves: keep RESUME in the top bar pressed.",
+    ));
+    add(
+        "Resume the plan on hold",
+        "",
+        resume,
+        Deed::Twin(Command::Resume),
+    );
     let is_safe = matches!(s.mode, Mode::Safe(_));
     add(
         "Reset: leave SAFE",

@@ -3,14 +3,17 @@
 mod banners;
 mod keys;
 
+use std::time::Duration;
+
 use egui::{Align, Button, Layout, RichText, Ui, vec2};
 
+use super::target::{Fire, HoldToGo};
 use super::toasts::Messages;
-use super::widgets::{Gate, badge, minutes, note, status};
+use super::widgets::{Gate, badge, gated, goes_down, minutes, note, status};
 use super::{Screen, View};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
-use crate::twin::Command;
+use crate::twin::{Command, RESUME_OFF_S};
 pub use banners::{banners, disconnected};
 pub use keys::{KeyAction, keys, shortcuts};
 
@@ -71,36 +74,86 @@ pub fn mode_words(mode: &Mode) -> (&'static str, &'static str, Level) {
     }
 }
 
-/// What HOLD does now: its label and command, or why it is off.
-pub fn hold_action(snapshot: &Snapshot) -> (&'static str, Result<Command, String>) {
+/// Whether HOLD may be pressed. It only ever holds: an arm that holds already stays so, and what is being checked
+/// does not begin.
+pub fn hold_gate(snapshot: &Snapshot) -> Gate {
     match snapshot.mode {
-        Mode::Moving | Mode::AtGoal => ("▮▮ HOLD", Ok(Command::Hold)),
-        Mode::Hold if snapshot.routine.is_some() => ("▶ RESUME", Ok(Command::Resume)),
-        Mode::Hold => (
-            "▮▮ HOLD",
-            Err("The arm holds, and nothing is paused: pick a target.".into()),
-        ),
-        Mode::Disarmed => (
-            "▮▮ HOLD",
-            Err("Disarmed: no pressure is commanded, there is nothing to hold.".into()),
-        ),
-        Mode::Safe(_) => (
-            "▮▮ HOLD",
-            Err("SAFE: the pumps are off, there is nothing to hold.".into()),
-        ),
+        Mode::Moving | Mode::AtGoal | Mode::Hold => Ok(()),
+        Mode::Disarmed => {
+            Err("Disarmed: no pressure is commanded, there is nothing to hold.".into())
+        }
+        Mode::Safe(_) => Err("SAFE: the pumps are off, there is nothing to hold.".into()),
+    }
+}
+
+/// The control that resumes a plan on hold: apart from HOLD, and held down on hardware.
+#[derive(Clone, Debug, Default)]
+pub struct Resume {
+    button: HoldToGo,
+    /// Window time at which HOLD was pressed or the arm was seen to hold, s.
+    held_at_s: Option<f64>,
+}
+
+impl Resume {
+    /// Takes note that the arm was held at `now_s` (window time, s).
+    pub fn held(&mut self, now_s: f64) {
+        self.held_at_s = Some(now_s);
+    }
+
+    /// Whether something is paused.
+    pub fn is_offered(snapshot: &Snapshot) -> bool {
+        snapshot.mode == Mode::Hold && snapshot.routine.is_some()
+    }
+
+    /// Whether the plan may be resumed at `now_s` (window time, s), or why not.
+    pub fn gate(&self, live: &View<'_>, now_s: f64) -> Gate {
+        if !Self::is_offered(live.snapshot) {
+            return Err("Nothing is paused: pick a target or start a plan.".into());
+        }
+        if self.held_at_s.is_some_and(|t| now_s - t < RESUME_OFF_S) {
+            return Err("Just held: RESUME works 1 s after HOLD.".into());
+        }
+        live.motion()
+    }
+
+    fn ui(&mut self, ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
+        let gate = self.gate(live, ui.input(|i| i.time));
+        if gate.is_err() {
+            ui.ctx().request_repaint_after(Duration::from_millis(100));
+        }
+        let fire = Fire {
+            now: "▶ RESUME",
+            hold: "▶ Hold to resume",
+            hover: "Go on with the plan that is on hold",
+        };
+        if self
+            .button
+            .button(ui, live, &gate, &fire, vec2(128.0, 40.0))
+        {
+            commands.push(Command::Resume);
+        }
     }
 }
 
 /// The bar on top: always there, never covered.
 ///
 /// Gives the badge of the connection, behind which its menu opens.
-pub fn top_bar(ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) -> egui::Response {
+pub fn top_bar(
+    ui: &mut Ui,
+    live: &View<'_>,
+    resume: &mut Resume,
+    commands: &mut Vec<Command>,
+) -> egui::Response {
     let s = live.snapshot;
     // From the right: where the window is narrow, STOP keeps its place and the rest gives way.
     ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
         stop(ui, commands);
         hold(ui, s, commands);
         alarms(ui, s);
+        // Away from HOLD: a second press on that never reaches it.
+        if Resume::is_offered(s) {
+            resume.ui(ui, live, commands);
+        }
         let left = Layout::left_to_right(Align::Center);
         ui.with_layout(left, |ui| {
             ui.set_clip_rect(ui.clip_rect().intersect(ui.max_rect()));
@@ -145,31 +198,17 @@ fn stop(ui: &mut Ui, commands: &mut Vec<Command>) {
     let button = Button::new(text)
         .fill(p.critical_fill)
         .min_size(vec2(122.0, 40.0));
-    if ui
-        .add(button)
-        .on_hover_text("Pumps off now, latched until Reset (Shift+Esc, also while typing)")
-        .clicked()
-    {
+    let hover = "Pumps off as it goes down, latched until Reset (Shift+Esc, also while typing)";
+    if goes_down(&ui.add(button).on_hover_text(hover)) {
         commands.push(Command::Stop);
     }
 }
 
 fn hold(ui: &mut Ui, s: &Snapshot, commands: &mut Vec<Command>) {
-    let (label, action) = hold_action(s);
-    let button = Button::new(RichText::new(label).size(16.0)).min_size(vec2(108.0, 40.0));
-    let response = ui.add_enabled(action.is_ok(), button);
-    match action {
-        Ok(command) => {
-            if response
-                .on_hover_text("Keep the present pressures, or continue (Space)")
-                .clicked()
-            {
-                commands.push(command);
-            }
-        }
-        Err(reason) => {
-            response.on_disabled_hover_text(reason);
-        }
+    let button = Button::new(RichText::new("▮▮ HOLD").size(16.0)).min_size(vec2(108.0, 40.0));
+    let hover = "Keep the present pressures (Space)";
+    if goes_down(&gated(ui, &hold_gate(s), button, hover)) {
+        commands.push(Command::Hold);
     }
 }
 

@@ -455,6 +455,10 @@ pub fn arming_checks(view: &View<'_>) -> Vec<(&'static str, Gate)> {
         ),
         ("Estimate", check(s.estimate.is_some(), "no tip pose yet")),
         (
+            "Calibration",
+            s.calibration_refusal.clone().map_or(Ok(()), Err),
+        ),
+        (
             "Alarms",
             check(
                 s.alarms.iter().all(|a| a.severity < Severity::Critical),

@@ -97,6 +97,29 @@ pub fn gated(ui: &mut Ui, gate: &Gate, button: Button<'_>, hover: &str) -> Respo
     }
 }
 
+/// Whether a button acts now: it does when a pointer goes down on it, however long it stays down and wherever it
+/// slides, and when it is pressed by key or by an assistive technology.
+pub fn goes_down(response: &Response) -> bool {
+    if !response.enabled() {
+        return false;
+    }
+    let pressed_at = response.ctx.input(|i| {
+        i.events.iter().find_map(|e| match e {
+            egui::Event::PointerButton {
+                pos, pressed: true, ..
+            } => Some(*pos),
+            _ => None,
+        })
+    });
+    let hit = pressed_at.is_some_and(|pos| {
+        let top = response.ctx.layer_id_at(pos);
+        response.interact_rect.contains(pos) && top.is_none_or(|layer| layer == response.layer_id)
+    });
+    // The click at the end of a press has acted already.
+    let by_key = response.clicked() && !response.clicked_by(egui::PointerButton::Primary);
+    hit || by_key
+}
+
 /// A badge: text on a small filled box.
 pub fn badge(ui: &mut Ui, text: &str, fill: Color32, color: Color32) -> Response {
     let font = egui::TextStyle::Body.resolve(ui.style());

@@ -163,7 +163,9 @@ pub fn compose(
     let gripper = snapshot
         .command
         .as_ref()
-        .map_or(Gripper::Open, |command| command.gripper());
+        .map(|command| command.gripper())
+        .or(snapshot.link.gripper)
+        .unwrap_or(Gripper::Open);
     if let Some(shape) = snapshot.shown_shape().filter(|s| is_drawable(s)) {
         match snapshot.shown_mesh() {
             Some(mesh) => c.skin(&mesh.skin, snapshot.mesh_trouble.is_some()),

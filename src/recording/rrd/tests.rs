@@ -107,6 +107,7 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             age_s: 0.004,
             // Of the moment, too.
             retry_in_s: None,
+            gripper: None,
             board_rate_hz: [100.0, 99.5],
             // A fit of the moment: not kept.
             board_clock: [None; BOARDS],

@@ -62,17 +62,12 @@ impl Twin {
                     self.paused = None;
                 }
             }
-            Command::Arm | Command::Hold => {
-                if let Some(reason) = self.not_ready() {
-                    self.refuse(reason, events);
-                } else {
-                    self.hold(events);
-                }
-            }
+            Command::Arm => self.arm(events),
+            Command::Hold => self.hold_only(events),
             Command::Resume => {
                 let paused = self.paused.as_ref().map(|r| r.stops_ahead());
                 match (&self.phase, paused) {
-                    (Phase::Hold, Some(stops)) => match self.not_ready() {
+                    (Phase::Hold, Some(stops)) => match self.just_held().or(self.not_ready()) {
                         Some(reason) => self.refuse(reason, events),
                         None => {
                             self.check = Some(Check {
@@ -113,6 +108,10 @@ impl Twin {
                     );
                 }
             }
+            // What is asked for is done now, not at the next arming.
+            Command::Grip(_) if matches!(self.phase, Phase::Disarmed | Phase::Safe(_)) => {
+                self.refuse("Not armed: the gripper stays as it is.", events);
+            }
             Command::Grip(gripper) => {
                 self.gripper = *gripper;
                 if *gripper == Gripper::Open
@@ -147,6 +146,7 @@ impl Twin {
             );
         }
         self.sensing = sensing_for(&self.robot, calibration);
+        self.arming.note(calibration);
         events.push(Event::Calibrated {
             stamp: self.now,
             calibration: Arc::clone(calibration),
@@ -154,7 +154,7 @@ impl Twin {
     }
 
     /// Why motion is not allowed now.
-    fn not_ready(&self) -> Option<String> {
+    pub(super) fn not_ready(&self) -> Option<String> {
         if let Phase::Safe(reason) = &self.phase {
             return Some(format!(
                 "SAFE ({reason}): remove the cause, then press Reset."
@@ -169,6 +169,13 @@ impl Twin {
             .is_some_and(|r| r.faults & fault::SAFE != 0)
         {
             return Some("The boards have not left SAFE yet: wait a moment.".to_owned());
+        }
+        if let Some(reason) = self.calibration_refusal() {
+            return Some(reason);
+        }
+        if matches!(self.phase, Phase::Disarmed) && self.link.gripper.is_none() {
+            let text = "The boards have not said yet whether the gripper is open or closed: wait a moment.";
+            return Some(text.to_owned());
         }
         match self.last_frame {
             None => Some("No data from the boards yet: connect a rig first.".to_owned()),

@@ -129,9 +129,9 @@ fn controls(ui: &mut Ui, p: &mut Player) {
     let duration = p.duration_s();
     ui.horizontal(|ui| {
         let (text, hover) = if p.playing {
-            ("▮▮ Pause", "Pause (Space)")
+            ("▮▮ Pause", "Pause (P)")
         } else {
-            ("▶ Play", "Play (Space)")
+            ("▶ Play", "Play (P)")
         };
         let button = Button::new(text).min_size(vec2(84.0, 28.0));
         if ui

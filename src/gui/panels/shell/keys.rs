@@ -11,7 +11,8 @@ const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
         "Everywhere",
         &[
             ("Shift+Esc", "STOP: pumps off, also while typing"),
-            ("Space", "Hold or resume; in a replay play or pause"),
+            ("Space", "HOLD: keep the present pressures"),
+            ("P", "Play or pause a replay"),
             ("Esc", "Cancel the preview; close this list"),
             ("Enter", "Preview the typed target"),
             ("Ctrl+P", "Everything that can be done, found by typing"),
@@ -79,7 +80,7 @@ fn pressed(i: &mut egui::InputState, key: Key) -> bool {
     down
 }
 
-/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space and `?`
+/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space, P and `?`
 /// only while no text is typed and no menu is open. A key that is kept down asks once.
 pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
     let typing = ctx.text_edit_focused();
@@ -110,6 +111,9 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
             if pressed(i, Key::Space) {
                 actions.push(KeyAction::Hold);
             }
+            if pressed(i, Key::P) {
+                actions.push(KeyAction::Play);
+            }
             let asked = i.events.iter().any(|e| matches!(e, egui::Event::Text(t) if t == "?"));
             if asked || i.consume_key(Modifiers::NONE, Key::Questionmark) {
                 actions.push(KeyAction::Shortcuts);
@@ -124,8 +128,10 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
 pub enum KeyAction {
     /// Pumps off.
     Stop,
-    /// Hold or resume, play or pause.
+    /// Hold, and nothing else.
     Hold,
+    /// Play or pause the recording that is shown.
+    Play,
     /// Cancel the preview or close the overlay.
     Cancel,
     /// Show a screen.
