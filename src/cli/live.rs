@@ -25,7 +25,7 @@ use springtwin::signal::{
 };
 use springtwin::task::Item;
 use springtwin::twin::{
-    Command, Event, LAST_WORDS, Pace, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
+    Clock, Command, Event, LAST_WORDS, Pace, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
     run_in_simulated_time,
 };
 
@@ -42,7 +42,7 @@ pub struct RunArgs {
     pub seconds: f64,
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    #[arg(long, value_name = "sim|pty|PORT", default_value = ports::DEFAULT)]
     pub rig: String,
     /// Record to this file
     #[arg(long, value_name = "F.rrd", requires = "headless")]
@@ -417,7 +417,6 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         reason = "the command owns the main thread and its time"
     )]
     let start = std::time::Instant::now();
-    let simulated_time = a.rig == "sim";
     let options = rig_options(a.payload, a.seed);
     let port = ports::open(&a.rig, &options, robot_file, robot, start, &a.instruments)?;
     let mut runner = Runner::new(twin, port, robot);
@@ -456,10 +455,9 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
                 ControlFlow::Continue(())
             }
         };
-    let pace = if simulated_time {
-        run_in_simulated_time(&mut runner, each)
-    } else {
-        run_in_real_time(&mut runner, start, each)
+    let pace = match runner.clock() {
+        Clock::Lockstep => run_in_simulated_time(&mut runner, each),
+        Clock::Host => run_in_real_time(&mut runner, start, each),
     };
     let end = tally.last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
     let mut last = Vec::new();
@@ -502,7 +500,7 @@ pub struct RecordArgs {
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     seconds: f64,
     /// Where the boards are: `sim`, `pty`, or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    #[arg(long, value_name = "sim|pty|PORT", default_value = ports::DEFAULT)]
     rig: String,
     /// Steer the tip there meanwhile, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]

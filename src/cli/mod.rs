@@ -18,6 +18,7 @@ mod gap_bench;
 mod import;
 mod imu;
 mod live;
+mod logging;
 mod model;
 mod patch;
 #[cfg(feature = "gui")]
@@ -168,7 +169,7 @@ const LOGS: &str = "warn,re_grpc_client=off,wgpu_hal::vulkan::instance=off,efram
 
 /// Parses the arguments, runs the command, prints its report.
 pub fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or(LOGS)).init();
+    let log = logging::Log::begin(LOGS);
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) if e.kind() == ErrorKind::ValueValidation => {
@@ -179,7 +180,9 @@ pub fn main() -> ExitCode {
         }
         Err(e) => e.exit(),
     };
-    match run(&cli) {
+    let outcome = run(&cli);
+    log.end();
+    match outcome {
         Ok(report) => {
             print(&report, &cli);
             ExitCode::SUCCESS
@@ -228,7 +231,7 @@ fn run(cli: &Cli) -> Result<Report> {
         #[cfg(feature = "gui")]
         None => {
             let opening = window::Opening {
-                rig: "pty",
+                rig: ports::DEFAULT,
                 payload_kg: 0.0,
                 seed: 1,
                 kind: live::Kind::Ours,

@@ -19,7 +19,10 @@ use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
 use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
-use springtwin::twin::{Arrivals, Heard, InProcess, Port, SerialPort, Twin};
+use springtwin::twin::{Arrivals, Clock, Heard, InProcess, Port, SerialPort, Twin};
+
+/// The rig that is used where none is named: in this process, on simulated time.
+pub const DEFAULT: &str = "sim";
 
 /// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
@@ -222,6 +225,10 @@ impl SerialRig {
 }
 
 impl Port for SerialRig {
+    fn clock(&self) -> Clock {
+        Clock::Host
+    }
+
     fn poll(&mut self, now: Stamp) -> Arrivals {
         let mut arrivals = self.boards.poll(now);
         if let Some(mocap) = &self.mocap {

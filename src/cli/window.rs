@@ -12,6 +12,7 @@ mod viewer;
 
 use std::net::SocketAddr;
 use std::path::Path;
+use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -28,11 +29,7 @@ use springtwin::gui::App;
 use springtwin::gui::pace::{Pace, Wanted};
 use springtwin::gui::scene::Scene;
 use springtwin::robot::RobotSpec;
-use springtwin::signal::Goal;
 use springtwin::twin::{Command, TICK_S};
-
-/// Where the virtual arm goes when the window opens, m.
-const WELCOME_M: [f64; 3] = [0.06, 0.04, -0.30];
 
 /// What the window is called beside others: the same as its desktop file.
 const APP: &str = "springtwin";
@@ -80,13 +77,8 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         data: eframe::storage_dir(APP),
     };
     let reachable = hull(&rigs.maps);
-    let (runner, start) = rigs.runner(rig)?;
+    let made = rigs.runner(rig)?;
     let (calibration, registration) = rigs.belongings(rig)?;
-    // A newcomer sees the virtual arm move; hardware never moves unasked.
-    let mut first = rigs.declared(rig);
-    if Rigs::is_virtual(rig) {
-        first.push(Command::Goto(Goal::position(WELCOME_M)));
-    }
     let twins = rigs.twins.clone();
     let rigs_data = rigs.data.clone();
     let stream = a.stream.map(Command::StreamLive);
@@ -100,7 +92,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             .with_min_inner_size([900.0, 560.0]),
         ..eframe::NativeOptions::default()
     };
-    let robot = robot.clone();
+    let (rig, robot) = (rig.to_owned(), robot.clone());
     let robot_file = robot_file.map(Path::to_owned);
     let begin: device::Begin<'_> = Box::new(move |cc| {
         let mut pace = Pace::default();
@@ -109,7 +101,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             pace: pace.wanted(),
         };
         pace.drawn_by(cc.wgpu_render_state.as_ref());
-        let handle = rigs.start(runner, start, first, asks.repaint())?;
+        let handle = rigs.start(&rig, made, asks.repaint()?)?;
         if let Some(stream) = stream {
             handle.send(stream).map_err(anyhow::Error::msg)?;
         }
@@ -156,19 +148,28 @@ struct Asks {
 }
 
 impl Asks {
-    /// To be called after every tick.
-    fn repaint(&self) -> impl FnMut() + Send + 'static {
+    /// To be called after every tick. It only wakes a thread: the window's lock may be held by a frame under way.
+    fn repaint(&self) -> std::io::Result<impl FnMut() + Send + 'static> {
         let Self { ctx, pace } = self.clone();
+        let (wake, woken) = sync_channel(1);
+        let ask = move || {
+            while woken.recv().is_ok() {
+                // With a delay one frame is painted, without it two.
+                ctx.request_repaint_after(SOON);
+            }
+        };
+        let thread = std::thread::Builder::new().name("repaint".to_owned());
+        thread.spawn(ask)?;
         let mut ticks = 0u32;
-        move || {
+        Ok(move || {
             let every = (1.0 / (TICK_S * f64::from(pace.at_most_hz()))) as u32;
             ticks += 1;
             if ticks >= every {
                 ticks = 0;
-                // With a delay one frame is painted, without it two.
-                ctx.request_repaint_after(SOON);
+                // A wake-up that waits already is enough.
+                let _ = wake.try_send(());
             }
-        }
+        })
     }
 }
 
@@ -178,4 +179,33 @@ fn hull(maps: &springtwin::twin::Maps) -> Vec<[f32; 3]> {
         .iter()
         .map(|(_, m)| m.map(|x| x as f32))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tick_asks_for_a_picture_without_the_windows_lock() {
+        let ctx = egui::Context::default();
+        let asks = Asks {
+            ctx: ctx.clone(),
+            pace: Pace::default().wanted(),
+        };
+        let mut repaint = asks.repaint().expect("a thread");
+        let (done, is_done) = sync_channel(1);
+        // A frame that reads what was typed, and takes its time.
+        ctx.input(|_| {
+            let ticks = move || {
+                (0..1000).for_each(|_| repaint());
+                done.send(()).expect("the test waits");
+                repaint
+            };
+            let thread = std::thread::Builder::new().name("ticks".to_owned());
+            thread.spawn(ticks).expect("a thread");
+            is_done
+                .recv_timeout(Duration::from_secs(30))
+                .expect("a tick waits for the window");
+        });
+    }
 }

@@ -25,7 +25,7 @@ use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
 use super::panels::welcome;
-use super::panels::{Screen, View};
+use super::panels::{Screen, View, live_until_s};
 use super::services::Services;
 use super::theme::{self, Level};
 use crate::robot::RobotSpec;
@@ -436,7 +436,7 @@ impl App {
         let live = View {
             snapshot: &live_snapshot,
             history: &self.live_history,
-            now_s: live_snapshot.stamp.seconds(),
+            now_s: live_until_s(&live_snapshot),
             replay: None,
             spec: &self.spec,
             simulated: Some(live_snapshot.link.simulated),

@@ -133,6 +133,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             age_s: 0.012,
             retry_in_s: None,
             gripper: Some(Gripper::Open),
+            host_delay: None,
             board_rate_hz: [100.0, 99.9],
             board_clock: [(-3.1, -38e-6), (-1207.4, 21e-6)].map(|(offset_s, skew_ratio)| {
                 Some(ClockFit {

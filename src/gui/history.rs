@@ -289,6 +289,11 @@ impl History {
             }
         }
         let row = self.row_of(snapshot);
+        // While no data come, those that are there stay.
+        let has_data = (0..COLUMNS).any(|c| c != PAYLOAD && row[c].is_finite());
+        if self.keep_s.is_finite() && !snapshot.link.connected && !self.is_empty() && !has_data {
+            return;
+        }
         self.rows.push(t_s, &row);
         while self.len() > self.capacity || t_s - self.rows.time(0) > self.keep_s {
             self.rows.pop();

@@ -235,7 +235,7 @@ pub struct PortEntry {
     pub what: String,
 }
 
-/// Puts a twin on a rig: `pty`, `sim`, or the names of serial ports.
+/// Puts a twin on a rig: `sim`, `pty`, or the names of serial ports.
 pub type Connector = Box<dyn FnMut(&str) -> Job<Handle>>;
 /// Finds what belongs to a rig: its calibrations, and where motion capture lies on it.
 pub type RigFinder =

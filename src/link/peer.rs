@@ -56,7 +56,7 @@ pub struct Peer {
     /// When anything sound was last heard.
     pub(super) heard: Option<Stamp>,
     pub(super) silent: bool,
-    /// Whether its arm is a simulated one, as its last HELLO says.
+    /// Whether its arm is a simulated one, as its last HELLO says; silence does not change that.
     pub(super) simulated: bool,
     /// What its gripper does, as its last frame says.
     pub(super) gripper: Option<Gripper>,
@@ -128,6 +128,7 @@ impl Peer {
             newest: self.newest,
             heard: self.heard,
             silent: self.silent,
+            simulated: self.simulated,
             samples: std::mem::take(&mut self.samples),
             losses: std::mem::take(&mut self.losses),
             last_run: self.last_run,

@@ -20,7 +20,7 @@ use super::event::LinkEvent;
 use super::ports::PortWatch;
 use super::session::{HostSession, MAX_PORTS, Origin};
 use super::wire::{BAUD, Config};
-use crate::signal::{LinkStatus, PressureCommand, RawFrame, Stamp};
+use crate::signal::{HostDelay, LinkStatus, PressureCommand, RawFrame, Stamp};
 
 /// Frames, events and status that wait to be fetched: 2.5 s of frames.
 const INPUT_QUEUE: usize = 256;
@@ -28,11 +28,13 @@ const INPUT_QUEUE: usize = 256;
 const OUTPUT_QUEUE: usize = 64;
 /// Events held back while the queue is full.
 const MAX_HELD: usize = 64;
+/// Ports that were not served for longer than this were not served in time, s.
+const DELAY_S: f64 = 0.03;
 /// A read waits this long for the first byte, shared among the ports.
 const READ_TIMEOUT: Duration = Duration::from_millis(2);
 const REOPEN_PERIOD_S: f64 = 0.5;
-/// Time between two status messages, s.
-const STATUS_PERIOD_S: f64 = 0.05;
+/// Longest time between two status messages, s.
+pub const STATUS_PERIOD_S: f64 = 0.05;
 
 /// Why a link could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -151,6 +153,8 @@ pub fn open(
         next_status: Stamp::ZERO,
         next_reopen: Stamp::ZERO,
         watch: PortWatch::default(),
+        served: None,
+        delay: None,
     };
     let thread = std::thread::Builder::new()
         .name("link".into())
@@ -217,11 +221,15 @@ struct Worker {
     next_reopen: Stamp,
     /// Looked at while the ports are gone: a board may come back under another name.
     watch: PortWatch,
+    /// When the open ports were served last.
+    served: Option<Stamp>,
+    delay: Option<HostDelay>,
 }
 
 impl Worker {
     fn run(mut self) {
         while !self.stop.load(Ordering::Relaxed) {
+            self.note_delay();
             self.take_commands();
             if self.ports.is_empty() {
                 self.reopen();
@@ -234,6 +242,23 @@ impl Worker {
 
     fn now(&self) -> Stamp {
         Stamp(self.start.elapsed().as_nanos() as i64)
+    }
+
+    /// Notes that the ports have not been served for a while. To open them again may take longer than any delay.
+    fn note_delay(&mut self) {
+        let now = self.now();
+        let served = match self.ports.is_empty() {
+            true => self.served.take(),
+            false => self.served.replace(now),
+        };
+        let lasted_s = served.map_or(0.0, |at| now.since(at));
+        if lasted_s > DELAY_S {
+            self.delay = Some(HostDelay {
+                ended: now,
+                lasted_s,
+            });
+            self.next_status = now;
+        }
     }
 
     fn take_commands(&mut self) {
@@ -332,6 +357,7 @@ impl Worker {
             let gone = self.ports.is_empty();
             self.offer(LinkInput::Status(LinkStatus {
                 retry_in_s: gone.then(|| self.next_reopen.since(now).max(0.0)),
+                host_delay: self.delay,
                 ..self.session.status(now)
             }));
         }

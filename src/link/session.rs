@@ -349,6 +349,7 @@ impl HostSession {
             gripper: self.peers[GRIPPER_BOARD].gripper,
             board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
             board_clock: std::array::from_fn(|b| self.peers[b].clock.fitted()),
+            host_delay: None,
         }
     }
 

@@ -58,6 +58,8 @@ pub enum AlarmCause {
     DataOld {
         /// Its age, s.
         age_s: f64,
+        /// How long this program was not run meanwhile, s, if that is why.
+        busy_s: Option<f64>,
     },
     /// Frames arrive late.
     DataLate {
@@ -75,6 +77,8 @@ pub enum AlarmCause {
     FramesLost {
         /// Lost, of all sent in the last second.
         ratio: f64,
+        /// How long this program was not run in that second, s, if that is why.
+        busy_s: Option<f64>,
     },
     /// A spring is not in order.
     Spring {
@@ -114,6 +118,8 @@ pub enum AlarmCause {
     Safe {
         /// Why it was entered.
         reason: String,
+        /// What to do before a reset: the beginning of a sentence.
+        remedy: &'static str,
     },
 }
 
@@ -139,7 +145,14 @@ impl AlarmCause {
     pub fn text(&self) -> String {
         match self {
             Self::NoDataYet => "Waiting for the first data.".to_owned(),
-            Self::DataOld { age_s } => format!(
+            Self::DataOld {
+                busy_s: Some(busy_s),
+                ..
+            } => format!(
+                "This computer was busy for {:.0} ms, so the boards' data come too late: close other programs.",
+                busy_s * 1e3
+            ),
+            Self::DataOld { age_s, .. } => format!(
                 "No data from the boards for {:.0} ms: check the cable and the boards' power.",
                 age_s * 1e3
             ),
@@ -151,7 +164,16 @@ impl AlarmCause {
                 board + 1,
                 age_s * 1e3
             ),
-            Self::FramesLost { ratio } => format!(
+            Self::FramesLost {
+                ratio,
+                busy_s: Some(busy_s),
+            } => format!(
+                "This computer was busy for {:.0} ms, so {:.0} % of the last second's frames were lost: close other \
+                 programs.",
+                busy_s * 1e3,
+                ratio * 100.0
+            ),
+            Self::FramesLost { ratio, .. } => format!(
                 "{:.0} % of the last second's frames were lost: check the cable.",
                 ratio * 100.0
             ),
@@ -187,8 +209,8 @@ impl AlarmCause {
                 measured_pa * 1e-3,
                 set_pa * 1e-3
             ),
-            Self::Safe { reason } => {
-                format!("SAFE: {reason}. Remove the cause, then press Reset.")
+            Self::Safe { reason, remedy } => {
+                format!("SAFE: {reason}. {remedy}, then press Reset.")
             }
         }
     }

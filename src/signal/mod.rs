@@ -28,8 +28,8 @@ pub use pose::{
 };
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    ClockFit, Estimate, FAR_DISTANCE, GroundTruth, LinkStatus, Mode, PAIR_S, Reach, ReachState,
-    RoutineStatus, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
+    ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode, PAIR_S, Reach,
+    ReachState, RoutineStatus, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use time::Stamp;
 

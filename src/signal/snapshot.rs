@@ -90,6 +90,17 @@ pub struct LinkStatus {
     pub gripper: Option<Gripper>,
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],
+    /// The newest time when this program did not serve the ports, if there was one. Not kept in recordings.
+    pub host_delay: Option<HostDelay>,
+}
+
+/// A time when a part of this program was not run although it should have been: the computer was busy or asleep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HostDelay {
+    /// When it ended.
+    pub ended: Stamp,
+    /// How long it lasted, s.
+    pub lasted_s: f64,
 }
 
 /// How a board's clock lies on the session's time base.
@@ -183,6 +194,9 @@ pub enum StreamState {
 pub struct Snapshot {
     /// The instant.
     pub stamp: Stamp,
+    /// Simulated time per real time over the last seconds, where the twin keeps beside real time on simulated time.
+    /// Not kept in recordings.
+    pub real_time_factor: Option<f64>,
     /// What the twin is doing.
     pub mode: Mode,
     /// Which controller steers. Not kept in recordings.

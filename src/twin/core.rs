@@ -2,6 +2,7 @@
 
 mod air;
 mod arming;
+mod delays;
 mod orders;
 mod watch;
 
@@ -11,8 +12,9 @@ use std::sync::Arc;
 use air::{AirWatch, Short};
 use arming::Arming;
 pub use arming::RESUME_OFF_S;
+use delays::Delays;
 
-use super::{Command, Event, MeshAnswer, MeshQuestion};
+use super::{Command, Event, MeshAnswer, MeshQuestion, ShapeAnswer, ShapeQuestion};
 use crate::control::{
     Controller, Gains, Maps as ControlMaps, SEGMENTS, StartSample, StepInput, Stopwatch,
 };
@@ -24,7 +26,7 @@ use crate::signal::{
     PressureCommand, RawFrame, Reach, RoutineStatus, SensorFrame, SensorRef, Simulator, Snapshot,
     Stamp, StreamStatus,
 };
-use crate::sim::{Inputs, Model, State, observe, settle};
+use crate::sim::{Inputs, Model};
 use crate::task::{Happening, Routine, Target};
 
 /// A frame older than this is worth a warning, s.
@@ -91,7 +93,6 @@ pub struct Twin {
     sensing: Sensing,
     controller: Controller,
     model: Model,
-    shape_state: State,
     shape: Option<Arc<ArmShape>>,
     shape_at: Option<Stamp>,
     simulator: Simulator,
@@ -99,7 +100,12 @@ pub struct Twin {
     mesh_failure: Option<String>,
     mesh_at: Option<Stamp>,
     now: Stamp,
+    /// Where simulated time is kept beside real time.
+    real_time_factor: Option<f64>,
+    delays: Delays,
     phase: Phase,
+    /// What to do before a reset, while SAFE.
+    remedy: &'static str,
     link: LinkStatus,
     /// Frames received and lost over the last second.
     traffic: VecDeque<(Stamp, u64, u64)>,
@@ -111,7 +117,6 @@ pub struct Twin {
     preview: Option<(Goal, Reach)>,
     /// The shape under preview with what it was solved for.
     preview_shape: Option<(Inputs, Option<Arc<ArmShape>>)>,
-    preview_state: State,
     check: Option<orders::Check>,
     /// What Resume goes on with.
     paused: Option<Box<Routine>>,
@@ -146,14 +151,12 @@ impl Twin {
     /// A twin of `robot`, disarmed.
     pub fn new(robot: &RobotSpec, maps: Maps, sensing: Sensing, gains: Gains) -> Self {
         let model = Model::nominal(robot);
-        let shape_state = State::rest(&model);
         let arming = Arming::new(sensing.calibration());
         Self {
             robot: robot.clone(),
             controller: Controller::new(robot, gains),
             maps,
             sensing,
-            shape_state,
             shape: None,
             shape_at: None,
             simulator: Simulator::default(),
@@ -161,7 +164,10 @@ impl Twin {
             mesh_failure: None,
             mesh_at: None,
             now: Stamp::ZERO,
+            real_time_factor: None,
+            delays: Delays::default(),
             phase: Phase::Disarmed,
+            remedy: watch::REMEDY,
             link: LinkStatus::default(),
             traffic: VecDeque::new(),
             raw: None,
@@ -171,7 +177,6 @@ impl Twin {
             truth: None,
             preview: None,
             preview_shape: None,
-            preview_state: State::rest(&model),
             check: None,
             paused: None,
             arming,
@@ -210,6 +215,7 @@ impl Twin {
         commands: &[Command],
     ) -> (Option<PressureCommand>, Vec<Event>) {
         self.now = now;
+        self.delays.tick(now, self.link.host_delay);
         let mut events = Vec::new();
         if let Some(raw) = raw {
             self.absorb(raw);
@@ -221,7 +227,6 @@ impl Twin {
         self.judge_anew();
         self.go_on_checking(&mut events);
         let out = self.steer(&mut events);
-        self.draw();
         (out, events)
     }
 
@@ -240,6 +245,11 @@ impl Twin {
         self.link = link;
     }
 
+    /// Simulated time per real time over the last seconds, for the snapshot.
+    pub fn observe_real_time_factor(&mut self, factor: Option<f64>) {
+        self.real_time_factor = factor;
+    }
+
     /// Whether a recording runs, for the snapshot.
     pub fn observe_recording(&mut self, name: Option<String>) {
         self.recording = name;
@@ -253,6 +263,27 @@ impl Twin {
     /// How the live stream was doing at last.
     pub(super) fn stream(&self) -> Option<&StreamStatus> {
         self.streaming.as_ref()
+    }
+
+    /// What is to be settled for drawing, if it is due: the shape at the measured pressures, and that of the preview.
+    pub fn shape_question(&mut self) -> Option<ShapeQuestion> {
+        let waited_s = self.shape_at.map(|t| self.now.since(t));
+        if waited_s.is_some_and(|t| t < SHAPE_PERIOD_S) {
+            return None;
+        }
+        let inputs = self.drawn_inputs()?;
+        self.shape_at = Some(self.now);
+        Some(ShapeQuestion {
+            stamp: self.now,
+            inputs,
+            preview: self.previewed_inputs(),
+        })
+    }
+
+    /// What was settled for drawing. A load that the model cannot hold keeps the last shape.
+    pub fn observe_shape(&mut self, answer: ShapeAnswer) {
+        self.shape = answer.shape.or(self.shape.take());
+        self.preview_shape = answer.preview;
     }
 
     /// What the geometric simulator shall settle, if it is shown and its shape is due.
@@ -313,6 +344,7 @@ impl Twin {
         };
         Snapshot {
             stamp: self.now,
+            real_time_factor: self.real_time_factor,
             mode: self.mode(),
             controller: self.controller.gains().kind,
             link: self.link.clone(),
@@ -576,33 +608,5 @@ impl Twin {
         shape
             .clone()
             .filter(|_| self.previewed_inputs().as_ref() == Some(inputs))
-    }
-
-    /// The shapes by the twin's own model, at drawing rate: at the measured pressures, and once per preview at
-    /// those that its verdict found.
-    fn draw(&mut self) {
-        if self
-            .shape_at
-            .is_some_and(|t| self.now.since(t) < SHAPE_PERIOD_S)
-        {
-            return;
-        }
-        let Some(inputs) = self.drawn_inputs() else {
-            return;
-        };
-        self.shape_at = Some(self.now);
-        // A load that the model cannot hold keeps the last shape on screen.
-        if settle(&self.model, &mut self.shape_state, &inputs).is_ok() {
-            self.shape = Some(Arc::new(observe(&self.model, &self.shape_state).shape));
-        }
-        let wanted = self.previewed_inputs();
-        if self.preview_shape.as_ref().map(|(inputs, _)| inputs) != wanted.as_ref() {
-            self.preview_shape = wanted.map(|inputs| {
-                let state = &mut self.preview_state;
-                let found = settle(&self.model, state, &inputs);
-                let shape = found.ok().map(|_| observe(&self.model, state).shape);
-                (inputs, shape.map(Arc::new))
-            });
-        }
     }
 }

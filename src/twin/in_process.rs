@@ -1,6 +1,6 @@
 //! Boards in this process, on simulated time.
 
-use super::{Arrivals, Port};
+use super::{Arrivals, Clock, Port};
 use crate::link::wire::Config;
 use crate::link::{HostSession, Origin};
 use crate::signal::{GroundTruth, PressureCommand, Stamp};
@@ -53,6 +53,10 @@ impl InProcess {
 }
 
 impl Port for InProcess {
+    fn clock(&self) -> Clock {
+        Clock::Lockstep
+    }
+
     fn poll(&mut self, now: Stamp) -> Arrivals {
         let mut arrivals = Arrivals::default();
         while (self.steps + 1) as f64 * LINE_STEP_S <= now.seconds() + 1e-9 {

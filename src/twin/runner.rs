@@ -1,25 +1,20 @@
-//! The twin with its surroundings: a port, a recorder, and the thread that ticks.
+//! The twin with its surroundings: a port, a recorder, a stream.
 
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::sync::Arc;
 
+use super::loops::Clock;
 use super::mesh::mesh_worker;
 use super::newest::Newest;
 use super::record::Recording;
+use super::shape::Drawing;
 use super::stream::{LAST_WORDS, OldStream, Told};
-use super::{Command, Event, Handle, MeshAnswer, MeshQuestion, Twin};
+use super::{Command, Event, MeshAnswer, MeshQuestion, Twin};
 use crate::recording::{ArmDrawing, LiveStream, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
 
-/// The twin's period, s.
-pub const TICK_S: f64 = 0.01;
 /// Frames after which the orientation filters have settled.
 pub const SETTLING_FRAMES: u64 = 100;
-/// Snapshots that wait for the window at most: two seconds' worth.
-const FEED: usize = 200;
 
 /// What arrived since the last poll.
 #[derive(Default)]
@@ -36,6 +31,8 @@ pub struct Arrivals {
 
 /// The boards, however they are reached: over a serial port, or in this process on simulated time.
 pub trait Port: Send {
+    /// The clock that passes at the other end.
+    fn clock(&self) -> Clock;
     /// What arrived up to `now`.
     fn poll(&mut self, now: Stamp) -> Arrivals;
     /// Sends a command. `None` sends no pressures.
@@ -51,13 +48,16 @@ pub struct Runner {
     /// The twin.
     pub twin: Twin,
     port: Box<dyn Port>,
-    robot: RobotSpec,
+    pub(super) robot: RobotSpec,
     pub(super) recording: Option<Recording>,
     pub(super) stream: Option<LiveStream>,
     pub(super) old_streams: Vec<OldStream>,
     pub(super) streaming_told: Told,
     /// Started when the mesh is shown for the first time.
     pub(super) mesh: Option<Newest<MeshQuestion, MeshAnswer>>,
+    pub(super) drawing: Drawing,
+    /// Whether somebody looks at the arm.
+    pub(super) looked_at: bool,
     was_safe: bool,
 }
 
@@ -73,8 +73,15 @@ impl Runner {
             old_streams: Vec::new(),
             streaming_told: Told::default(),
             mesh: None,
+            drawing: Drawing::default(),
+            looked_at: false,
             was_safe: false,
         }
+    }
+
+    /// The clock that passes at the other end of the port.
+    pub fn clock(&self) -> Clock {
+        self.port.clock()
     }
 
     /// One tick: port, twin, port, recorder. Every frame that waited is processed; commands go
@@ -129,6 +136,7 @@ impl Runner {
             };
             log::log!(level, "{:9.3} s  {}", now.seconds(), event.text());
         }
+        self.exchange_shape();
         self.exchange_mesh();
         let snapshot = Arc::new(self.twin.snapshot());
         if let Some(recording) = &self.recording {
@@ -180,7 +188,7 @@ impl Runner {
 
     /// Ends what is under way: lets the port go first, so that another twin can have it, then ends stream
     /// and recording. Waits for the disk.
-    fn end(&mut self, now: Stamp) {
+    pub(super) fn end(&mut self, now: Stamp) {
         self.port = Box::new(NoPort);
         let mut last = Vec::new();
         self.close_recording();
@@ -196,6 +204,9 @@ impl Runner {
 struct NoPort;
 
 impl Port for NoPort {
+    fn clock(&self) -> Clock {
+        Clock::Lockstep
+    }
     fn poll(&mut self, _now: Stamp) -> Arrivals {
         Arrivals::default()
     }
@@ -212,121 +223,4 @@ fn drawing(robot: &RobotSpec) -> ArmDrawing {
         pad_radius_m: robot.bellows_m[0].norm() + 0.5 * robot.bellows_outer_diameter_m,
         pad_thickness_m: robot.pad_thickness_m,
     }
-}
-
-/// How well a loop kept its period.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Pace {
-    /// Ticks run.
-    pub ticks: u64,
-    /// Ticks that began more than one period late and were skipped.
-    pub missed: u64,
-}
-
-/// Ticks in real time until `each` says stop. `each` sees every snapshot with its events and may
-/// add commands for the next tick.
-pub fn run_in_real_time(
-    runner: &mut Runner,
-    start: Instant,
-    mut each: impl FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> std::ops::ControlFlow<()>,
-) -> Pace {
-    let period = Duration::from_secs_f64(TICK_S);
-    let mut pace = Pace::default();
-    let mut due = start.elapsed();
-    let mut commands = Vec::new();
-    loop {
-        let elapsed = start.elapsed();
-        if elapsed < due {
-            std::thread::sleep(due - elapsed);
-        }
-        let late = start.elapsed().saturating_sub(due);
-        let skipped = (late.as_secs_f64() / TICK_S) as u32;
-        pace.missed += u64::from(skipped);
-        if skipped > 0 {
-            log::debug!("{skipped} ticks missed");
-        }
-        due += period * skipped;
-        let now = Stamp::from_seconds(start.elapsed().as_secs_f64());
-        let (snapshot, events) = runner.tick(now, &std::mem::take(&mut commands));
-        pace.ticks += 1;
-        if each(&snapshot, &events, &mut commands).is_break() {
-            return pace;
-        }
-        due += period;
-    }
-}
-
-/// Ticks on simulated time, as fast as it goes, until `each` says stop.
-pub fn run_in_simulated_time(
-    runner: &mut Runner,
-    mut each: impl FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> std::ops::ControlFlow<()>,
-) -> Pace {
-    let mut pace = Pace::default();
-    let mut commands = Vec::new();
-    loop {
-        let now = Stamp::from_seconds(pace.ticks as f64 * TICK_S);
-        let (snapshot, events) = runner.tick(now, &std::mem::take(&mut commands));
-        pace.ticks += 1;
-        if each(&snapshot, &events, &mut commands).is_break() {
-            return pace;
-        }
-    }
-}
-
-/// Starts the twin's own thread. `first` is commanded once a second of frames has come in: by then
-/// the orientation filters have settled. `repaint` is called after every snapshot. The thread ends when the
-/// handle is dropped; whoever ends the program joins it first, or the end of a recording is lost.
-///
-/// # Errors
-/// When the thread cannot be started.
-pub fn spawn(
-    mut runner: Runner,
-    start: Instant,
-    mut first: Vec<Command>,
-    mut repaint: impl FnMut() + Send + 'static,
-) -> std::io::Result<(Handle, JoinHandle<()>)> {
-    let (command_tx, command_rx): (SyncSender<Command>, Receiver<Command>) = sync_channel(64);
-    let (event_tx, event_rx) = sync_channel(256);
-    let (feed_tx, feed_rx) = sync_channel(FEED);
-    let latest = Arc::new(Mutex::new(Arc::new(Snapshot::default())));
-    let published = Arc::clone(&latest);
-    let thread = std::thread::Builder::new()
-        .name("twin".to_owned())
-        .spawn(move || {
-            run_in_real_time(&mut runner, start, |snapshot, events, commands| {
-                match published.lock() {
-                    Ok(mut slot) => *slot = Arc::clone(snapshot),
-                    Err(poisoned) => *poisoned.into_inner() = Arc::clone(snapshot),
-                }
-                // A window that does not keep up loses history, never the control loop its time.
-                let _ = feed_tx.try_send(Arc::clone(snapshot));
-                for event in events {
-                    let _ = event_tx.try_send(event.clone());
-                }
-                repaint();
-                if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
-                    commands.append(&mut first);
-                }
-                loop {
-                    match command_rx.try_recv() {
-                        Ok(command) => commands.push(command),
-                        Err(std::sync::mpsc::TryRecvError::Empty) => {
-                            return std::ops::ControlFlow::Continue(());
-                        }
-                        // The window is gone: nobody could press STOP any more.
-                        Err(std::sync::mpsc::TryRecvError::Disconnected) => {
-                            return std::ops::ControlFlow::Break(());
-                        }
-                    }
-                }
-            });
-            runner.end(Stamp::from_seconds(start.elapsed().as_secs_f64()));
-        })?;
-    let handle = Handle {
-        commands: command_tx,
-        events: event_rx,
-        feed: feed_rx,
-        latest,
-    };
-    Ok((handle, thread))
 }

@@ -1,13 +1,18 @@
 //! Boards behind serial ports, as the runner sees them.
 
-use super::{Arrivals, Port};
-use crate::link::serial::{LinkInput, LinkOutput, SerialLink};
-use crate::signal::{LinkStatus, PressureCommand, Stamp};
+use super::{Arrivals, Clock, Port};
+use crate::link::serial::{LinkInput, LinkOutput, STATUS_PERIOD_S, SerialLink};
+use crate::signal::{HostDelay, LinkStatus, PressureCommand, Stamp};
+
+/// A link that has said nothing for so long is not run, s: it gives its status more often, whatever the boards do.
+const NOT_RUN_S: f64 = 1.5 * STATUS_PERIOD_S;
 
 /// A twin's way to boards on serial ports.
 pub struct SerialPort {
     link: SerialLink,
     status: LinkStatus,
+    /// When the link was heard last.
+    heard: Option<Stamp>,
 }
 
 impl SerialPort {
@@ -16,6 +21,7 @@ impl SerialPort {
         Self {
             link,
             status: LinkStatus::default(),
+            heard: None,
         }
     }
 
@@ -27,9 +33,14 @@ impl SerialPort {
 }
 
 impl Port for SerialPort {
-    fn poll(&mut self, _now: Stamp) -> Arrivals {
+    fn clock(&self) -> Clock {
+        Clock::Host
+    }
+
+    fn poll(&mut self, now: Stamp) -> Arrivals {
         let mut arrivals = Arrivals::default();
         while let Some(input) = self.link.try_recv() {
+            self.heard = Some(now);
             match input {
                 LinkInput::Frame(frame) => arrivals.frames.push(frame),
                 LinkInput::Event(event) => arrivals.notices.push(event.text()),
@@ -37,6 +48,9 @@ impl Port for SerialPort {
             }
         }
         arrivals.status = self.status.clone();
+        if let Some(delay) = silence(self.heard, now) {
+            arrivals.status.host_delay = Some(delay);
+        }
         arrivals
     }
 
@@ -51,4 +65,13 @@ impl Port for SerialPort {
     fn reset(&mut self, _now: Stamp) {
         self.tell(LinkOutput::Reset);
     }
+}
+
+/// The delay of a link that was heard last at `heard`.
+fn silence(heard: Option<Stamp>, now: Stamp) -> Option<HostDelay> {
+    let lasted_s = now.since(heard?);
+    (lasted_s > NOT_RUN_S).then_some(HostDelay {
+        ended: now,
+        lasted_s,
+    })
 }

@@ -18,7 +18,9 @@ use crate::signal::{
 mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
 mod disk;
+mod late;
 mod safety;
+mod threads;
 #[cfg(feature = "rrd")]
 mod viewer;
 
@@ -105,6 +107,16 @@ fn frame(k: u32) -> RawFrame {
         present: RawFrame::ALL_PRESENT,
         board_age_s: [0.0; 2],
         faults: 0,
+    }
+}
+
+/// As [`feed`], with what is drawn.
+fn feed_drawn(twin: &mut Twin, solver: &mut ShapeSolver, from: u32, n: u32) {
+    for k in from..from + n {
+        feed(twin, k, 1);
+        if let Some(question) = twin.shape_question() {
+            twin.observe_shape(solver.solve(&question));
+        }
     }
 }
 
@@ -257,6 +269,9 @@ fn hardware_must_be_armed_before_it_goes() {
 struct Frames(u32);
 
 impl Port for Frames {
+    fn clock(&self) -> Clock {
+        Clock::Lockstep
+    }
     fn poll(&mut self, _now: Stamp) -> Arrivals {
         self.0 += 1;
         Arrivals {
@@ -280,6 +295,7 @@ impl Port for Frames {
 fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_told() {
     use std::sync::mpsc::sync_channel;
     let mut runner = Runner::new(twin(), Box::new(Frames(0)), &RobotSpec::reference());
+    runner.draw_shapes();
     // A mesh that says when it begins and takes as long as the test wants.
     let (began_tx, began) = sync_channel(8);
     let (answer_tx, answers) = sync_channel::<MeshAnswer>(8);
@@ -518,10 +534,11 @@ fn a_calibration_is_taken_over_at_rest_and_refused_on_the_way() {
 #[test]
 fn a_preview_has_a_shape_that_is_solved_once_and_goes_with_it() {
     let mut twin = twin();
+    let mut solver = ShapeSolver::new(&RobotSpec::reference());
     feed(&mut twin, 0, 20);
     let goal = Goal::position([0.0, 0.0, -0.306]);
     twin.tick(at(20), Some(frame(20)), &[Command::Preview(goal.clone())]);
-    feed(&mut twin, 21, 5);
+    feed_drawn(&mut twin, &mut solver, 21, 5);
     let s = twin.snapshot();
     let (_, reach) = s.preview.clone().expect("a verdict");
     let shape = s.preview_shape.expect("a shape");
@@ -543,13 +560,13 @@ fn a_preview_has_a_shape_that_is_solved_once_and_goes_with_it() {
     let now = twin.snapshot().shape.expect("the arm itself");
     assert!((tip(&shape) - tip(&now)).norm() > 1e-3);
     // Solved once.
-    feed(&mut twin, 26, 20);
+    feed_drawn(&mut twin, &mut solver, 26, 20);
     let later = twin.snapshot().preview_shape.expect("a shape");
     assert!(Arc::ptr_eq(&later, &shape));
     // Another load bends it otherwise: another verdict, and another shape.
     twin.tick(at(46), Some(frame(46)), &[Command::DeclarePayload(0.3)]);
     assert_eq!(twin.snapshot().preview.expect("kept").0, goal);
-    feed(&mut twin, 47, 5);
+    feed_drawn(&mut twin, &mut solver, 47, 5);
     let loaded = twin.snapshot().preview_shape.expect("a shape");
     let (_, reach) = twin.snapshot().preview.expect("a verdict");
     let off_m = |q: nalgebra::Vector3<f64>| (tip(&loaded) - q).norm();

@@ -18,7 +18,7 @@ use springtwin::signal::{
     BOARDS, CHAMBERS, ControllerKind, Goal, Gripper, Mode, PressureCommand, Stamp,
 };
 use springtwin::twin::{
-    Arrivals, Command, Event, Port, Runner, SETTLING_FRAMES, Twin, run_in_simulated_time,
+    Arrivals, Clock, Command, Event, Port, Runner, SETTLING_FRAMES, Twin, run_in_simulated_time,
 };
 
 use crate::conformance::firmware_folder;
@@ -173,6 +173,10 @@ impl Lockstep {
 }
 
 impl Port for Lockstep {
+    fn clock(&self) -> Clock {
+        Clock::Lockstep
+    }
+
     fn poll(&mut self, now: Stamp) -> Arrivals {
         self.with(|w| {
             while w.bench.t_s() + LINE_STEP_S <= now.seconds() + 1e-9 {

@@ -147,8 +147,7 @@ fn the_window_moves_the_arm_and_its_stop_button_stops_it() {
     let (_server, display) = display();
     let dir = scratch("window");
     let (_program, log) = start(&display, &dir);
-    // The virtual rig answers and the welcome motion begins.
-    wait_for(&log, "Mode: moving", 60);
+    wait_for(&log, "Board 2 is ready", 60);
     std::thread::sleep(Duration::from_secs(3));
     let picture = dir.join("window.png");
     let image = photograph(&display, &picture);
@@ -230,9 +229,10 @@ fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_key
     let (_server, display) = display();
     let dir = scratch("newcomer");
     let (_program, log) = start(&display, &dir);
-    // First run: the embedded virtual rig answers and its arm moves by itself.
-    wait_for(&log, "Mode: moving", 60);
-    wait_for(&log, "Goal reached", 90);
+    // First run: the embedded virtual rig answers, and its arm rests.
+    wait_for(&log, "Board 2 is ready", 60);
+    std::thread::sleep(Duration::from_secs(5));
+    assert_eq!(motions(&log), NONE, "nothing moves unasked");
     // Without a window manager nobody gives the window the keyboard.
     mouse(
         &display,

@@ -36,7 +36,7 @@ const BASKET_RADIUS_M: f64 = 0.02;
 pub struct Common {
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = "sim")]
+    #[arg(long, value_name = "sim|pty|PORT", default_value = crate::cli::ports::DEFAULT)]
     rig: String,
     /// Which controller steers
     #[arg(long, value_enum, default_value_t = Kind::Ours)]

@@ -24,7 +24,8 @@ use springtwin::signal::{
 };
 use springtwin::task::Plan;
 use springtwin::twin::{
-    Command, Event, Pace, Port, Runner, TICK_S, Twin, run_in_real_time, run_in_simulated_time,
+    Clock, Command, Event, Pace, Port, Runner, TICK_S, Twin, run_in_real_time,
+    run_in_simulated_time,
 };
 
 /// What is to be driven where.
@@ -148,7 +149,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
     )]
     let start = Instant::now();
     let nature = Arc::new(Mutex::new(Nature::default()));
-    let simulated_time = d.rig == "sim";
+    let in_this_process = d.rig == "sim";
     let port: Box<dyn Port> = match d.rig {
         "sim" => {
             let rig = VirtualRig::new(robot, &d.options)?;
@@ -224,7 +225,7 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             out.rows.push(row(snapshot, seen.base_from_tip));
         }
         broken = broken.take().or(seen.broken);
-        if simulated_time {
+        if in_this_process {
             out.objects = Some(seen.objects);
         }
         let over = out
@@ -239,10 +240,9 @@ pub fn drive(d: Drive<'_>) -> Result<Driven> {
             ControlFlow::Continue(())
         }
     };
-    out.pace = if simulated_time {
-        run_in_simulated_time(&mut runner, each)
-    } else {
-        run_in_real_time(&mut runner, start, each)
+    out.pace = match runner.clock() {
+        Clock::Lockstep => run_in_simulated_time(&mut runner, each),
+        Clock::Host => run_in_real_time(&mut runner, start, each),
     };
     let end = out.rows.last().map_or(0.0, |r| r.t_s);
     let mut last = Vec::new();

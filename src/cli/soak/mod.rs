@@ -27,7 +27,7 @@ use springtwin::rig::{RigBoard, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{LinkStatus, Snapshot, Stamp};
 use springtwin::twin::{
-    Event, LAST_WORDS, Pace, Port, Runner, Twin, run_in_real_time, run_in_simulated_time,
+    Clock, Event, LAST_WORDS, Pace, Port, Runner, Twin, run_in_real_time, run_in_simulated_time,
 };
 use system::{Use, count_panics, in_use};
 use watch::{Broken, Watch, Watched};
@@ -257,9 +257,9 @@ fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Ou
         }
     };
     // A panic ends the run, but not its report.
-    let ticked = std::panic::catch_unwind(AssertUnwindSafe(|| match a.accelerate {
-        true => run_in_simulated_time(&mut runner, each),
-        false => run_in_real_time(&mut runner, start, each),
+    let ticked = std::panic::catch_unwind(AssertUnwindSafe(|| match runner.clock() {
+        Clock::Lockstep => run_in_simulated_time(&mut runner, each),
+        Clock::Host => run_in_real_time(&mut runner, start, each),
     }));
     if let Some(process) = rig_process {
         freeze(process, false, &mut frozen);

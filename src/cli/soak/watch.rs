@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, PressureCommand, Snapshot, Stamp};
-use springtwin::twin::{Arrivals, Port};
+use springtwin::twin::{Arrivals, Clock, Port};
 
 /// The pumps of a rig whose twin is SAFE are off after this time, s.
 const PUMPS_OFF_S: f64 = 0.25;
@@ -128,6 +128,10 @@ impl Watched {
 }
 
 impl Port for Watched {
+    fn clock(&self) -> Clock {
+        self.inner.clock()
+    }
+
     fn poll(&mut self, now: Stamp) -> Arrivals {
         self.inner.poll(now)
     }
@@ -176,6 +180,9 @@ mod tests {
     struct Nothing;
 
     impl Port for Nothing {
+        fn clock(&self) -> Clock {
+            Clock::Lockstep
+        }
         fn poll(&mut self, _now: Stamp) -> Arrivals {
             Arrivals::default()
         }

@@ -157,7 +157,7 @@ impl Rigs {
     }
 
     /// What a twin on `rig` is told first: what hangs in the gripper of an emulated arm.
-    pub fn declared(&self, rig: &str) -> Vec<Command> {
+    fn declared(&self, rig: &str) -> Vec<Command> {
         let payload_kg = self.options.surroundings.payload_kg;
         let declared = Command::DeclarePayload(payload_kg);
         Self::is_virtual(rig)
@@ -166,15 +166,14 @@ impl Rigs {
             .collect()
     }
 
-    /// Starts a twin's thread, which [`Twins::wait`] waits for.
+    /// Starts the thread of a twin on `rig`, which [`Twins::wait`] waits for. Nothing moves.
     pub fn start(
         &self,
-        runner: Runner,
-        start: Instant,
-        first: Vec<Command>,
+        rig: &str,
+        (runner, start): (Runner, Instant),
         repaint: impl FnMut() + Send + 'static,
     ) -> std::io::Result<Handle> {
-        let (handle, thread) = spawn(runner, start, first, repaint)?;
+        let (handle, thread) = spawn(runner, start, self.declared(rig), repaint)?;
         self.twins.add(thread);
         Ok(handle)
     }
@@ -186,7 +185,7 @@ impl Rigs {
         repaint: impl FnMut() + Send + 'static,
     ) -> Result<Handle, String> {
         let mut tried = 1;
-        let (runner, start) = loop {
+        let made = loop {
             std::thread::sleep(BETWEEN);
             match self.runner(rig) {
                 Ok(made) => break made,
@@ -198,7 +197,7 @@ impl Rigs {
                 Err(_) => tried += 1,
             }
         };
-        self.start(runner, start, self.declared(rig), repaint)
+        self.start(rig, made, repaint)
             .map_err(|e| format!("Cannot start the twin's thread: {e}."))
     }
 }
@@ -218,8 +217,11 @@ pub fn serial_ports() -> Result<Vec<PortEntry>, String> {
 mod tests {
     use super::*;
     use crate::cli::live::rig_options;
+    use springtwin::gui::panels::connect::VIRTUAL;
     use springtwin::gui::services::NewVersion;
     use springtwin::sensing::Calibration;
+    use springtwin::signal::Mode;
+    use springtwin::twin::Clock;
 
     #[test]
     fn a_damaged_active_version_gives_way_to_the_last_good_one_and_pictures_look_at_none() {
@@ -299,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_is_connected_to_again_still_declares_its_payload() {
+    fn a_virtual_rig_rests_when_it_is_connected_to_and_declares_its_payload() {
         let robot = RobotSpec::reference();
         let rigs = Rigs {
             rig: "sim".to_owned(),
@@ -313,7 +315,13 @@ mod tests {
             twins: Twins::default(),
         };
         assert_eq!(rigs.declared("/dev/ttyUSB0"), []);
-        let handle = rigs.connect("sim", || {}).expect("the virtual rig");
+        // What the window opens on, and what its menu offers first, is in step with the twin.
+        assert_eq!(ports::DEFAULT, VIRTUAL[0].0);
+        let (runner, _) = rigs.runner(ports::DEFAULT).expect("the virtual rig");
+        assert_eq!(runner.clock(), Clock::Lockstep);
+        let handle = rigs
+            .connect(ports::DEFAULT, || {})
+            .expect("the virtual rig");
         let mut looks = 0;
         while handle.snapshot().payload_kg != 0.15 {
             looks += 1;
@@ -321,6 +329,21 @@ mod tests {
             std::thread::sleep(LOOK);
         }
         assert!(!rigs.twins.wait(Duration::ZERO), "it runs");
+        // At rest, and nothing drives it: for longer than the filters take to settle.
+        let (mut ticks, mut tip_m) = (0, None);
+        while ticks < 300 {
+            let snapshot = handle.feed.recv_timeout(Duration::from_secs(60));
+            let snapshot = snapshot.expect("it ticks");
+            ticks += 1;
+            assert_eq!(snapshot.mode, Mode::Disarmed, "at tick {ticks}");
+            assert_eq!((&snapshot.goal, &snapshot.command), (&None, &None));
+            if let Some(truth) = &snapshot.truth {
+                let tip = truth.base_from_tip.translation.vector;
+                let from = *tip_m.get_or_insert(tip);
+                assert!((tip - from).norm() < 1e-3, "it has moved by tick {ticks}");
+            }
+        }
+        assert!(tip_m.is_some(), "motion capture sees it");
         drop(handle);
         assert!(rigs.twins.wait(Duration::from_secs(60)));
     }

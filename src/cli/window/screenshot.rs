@@ -315,6 +315,7 @@ fn demonstration(
     let rig = VirtualRig::new(robot, &rig_options(0.0, 1))?;
     let port = in_process(rig, board_config(robot), None);
     let mut runner = Runner::new(twin, Box::new(port), robot);
+    runner.draw_shapes();
     let mut kept: Vec<Snapshot> = Vec::new();
     run_in_simulated_time(&mut runner, |snapshot: &Arc<Snapshot>, _, commands| {
         kept.push(Snapshot::clone(snapshot));

@@ -92,7 +92,12 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
         ports: Box::new(move || later(&for_ports, "ports", |_| serial_ports())),
         connect: Box::new(move |rig| {
             let (rigs, rig) = (rigs.clone(), rig.to_owned());
-            let repaint = asks.repaint();
+            let repaint = match asks.repaint() {
+                Ok(repaint) => repaint,
+                Err(e) => {
+                    return Job::ready(Err(format!("Cannot start a thread for the window: {e}.")));
+                }
+            };
             later(&asks.ctx, "connection", move |worker| {
                 worker.tell(&format!("Connecting to {rig}"), None);
                 rigs.connect(&rig, repaint)

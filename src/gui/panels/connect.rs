@@ -12,14 +12,14 @@ use crate::twin::Handle;
 /// The rigs that need no hardware: name for the program, name on screen, what it is.
 pub const VIRTUAL: [(&str, &str, &str); 2] = [
     (
-        "pty",
+        "sim",
         "Virtual rig",
-        "An emulated arm in a process of its own, behind a pseudo-terminal: as hardware would be",
+        "An emulated arm in this program, on simulated time: on a busy computer it is slower, and nothing else",
     ),
     (
-        "sim",
-        "Virtual rig in this process",
-        "An emulated arm without a second process",
+        "pty",
+        "Virtual rig in real time",
+        "An emulated arm in a process of its own, behind a pseudo-terminal: as hardware would be",
     ),
 ];
 

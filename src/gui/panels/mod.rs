@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use super::history::History;
 use crate::robot::RobotSpec;
-use crate::signal::{Mode, Snapshot, TruthSource};
+use crate::signal::{Mode, Snapshot, Stamp, TruthSource};
 use widgets::Gate;
 
 /// The screens, in the order of the rail. Numbers are those of the shortcuts.
@@ -116,6 +116,20 @@ pub struct View<'a> {
     pub simulated: Option<bool>,
 }
 
+/// An age of the last data from which on it is told, s.
+const TOLD_S: f64 = 0.25;
+
+/// When the last data came from the boards, if they came and come no longer.
+fn last_data(live: &Snapshot) -> Option<Stamp> {
+    let sensors = live.sensors.as_ref().filter(|_| !live.link.connected)?;
+    Some(sensors.stamp)
+}
+
+/// Up to when plots show a live twin, s: now, or while no data come the time of the last.
+pub fn live_until_s(live: &Snapshot) -> f64 {
+    last_data(live).unwrap_or(live.stamp).seconds()
+}
+
 /// Where data come from, in words: `simulated`, `hardware` or `origin not told`.
 pub fn origin_name(simulated: Option<bool>) -> &'static str {
     match simulated {
@@ -145,8 +159,13 @@ impl View<'_> {
 
     /// Whether live values are shown that no longer come.
     pub fn is_stale(&self) -> bool {
-        let s = self.snapshot;
-        self.replay.is_none() && s.sensors.is_some() && !s.link.connected
+        self.replay.is_none() && last_data(self.snapshot).is_some()
+    }
+
+    /// How long ago the last data came, s, when that is long enough to be told.
+    pub fn stale_s(&self) -> Option<f64> {
+        let at = last_data(self.snapshot).filter(|_| self.replay.is_none())?;
+        Some(self.snapshot.stamp.since(at)).filter(|stale_s| *stale_s > TOLD_S)
     }
 
     /// Whether the arm may be moved.

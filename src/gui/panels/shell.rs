@@ -20,6 +20,9 @@ pub use keys::{KeyAction, keys, shortcuts};
 /// Age above which link and ground truth count as late, s.
 const LATE_S: f64 = 0.25;
 
+/// A simulation with a real-time factor from here on keeps up.
+const KEEPS_UP: f64 = 0.95;
+
 /// What the shell is told beside the live snapshot.
 pub struct ShellInput<'a> {
     /// The live twin's view, also while a recording is shown.
@@ -157,7 +160,7 @@ pub fn top_bar(
         let left = Layout::left_to_right(Align::Center);
         ui.with_layout(left, |ui| {
             ui.set_clip_rect(ui.clip_rect().intersect(ui.max_rect()));
-            state(ui, s)
+            state(ui, live)
         })
         .inner
     })
@@ -165,7 +168,8 @@ pub fn top_bar(
 }
 
 // What is connected, what it does, and whether its signals come; gives the badge of the connection.
-fn state(ui: &mut Ui, s: &Snapshot) -> egui::Response {
+fn state(ui: &mut Ui, live: &View<'_>) -> egui::Response {
+    let s = live.snapshot;
     let p = Palette::in_ui(ui);
     let (text, hover) = if s.link.source.is_empty() {
         ("OFFLINE", "Nothing is connected.")
@@ -188,7 +192,7 @@ fn state(ui: &mut Ui, s: &Snapshot) -> egui::Response {
         _ => "What the twin is doing",
     });
     ui.separator();
-    counts(ui, s);
+    counts(ui, live);
     connection
 }
 
@@ -284,7 +288,8 @@ pub fn age(age_s: f64) -> String {
     }
 }
 
-fn counts(ui: &mut Ui, s: &Snapshot) {
+fn counts(ui: &mut Ui, live: &View<'_>) {
+    let s = live.snapshot;
     if s.link.source.is_empty() {
         note(ui, "Nothing is connected");
         return;
@@ -292,20 +297,31 @@ fn counts(ui: &mut Ui, s: &Snapshot) {
     let (springs, imus) = s.sensors.as_ref().map_or((0, 0), |f| {
         (f.health.springs_usable(), f.health.imus_usable())
     });
-    item(
-        ui,
-        warn_if(springs < SPRINGS),
-        "springs",
-        &format!("{springs}/{SPRINGS}"),
-        "Springs that may be used",
-    );
-    item(
-        ui,
-        warn_if(imus < IMUS),
-        "IMU",
-        &format!("{imus}/{IMUS}"),
-        "IMUs that may be used",
-    );
+    // What was true of signals that no longer come is greyed, with its age.
+    let stale_s = live.stale_s();
+    let few = |few: bool| warn_if(few && !live.is_stale());
+    ui.scope(|ui| {
+        live.grey_if_stale(ui);
+        item(
+            ui,
+            few(springs < SPRINGS),
+            "springs",
+            &format!("{springs}/{SPRINGS}"),
+            "Springs that may be used",
+        );
+        item(
+            ui,
+            few(imus < IMUS),
+            "IMU",
+            &format!("{imus}/{IMUS}"),
+            "IMUs that may be used",
+        );
+        if let Some(stale_s) = stale_s {
+            note(ui, format!("{} ago", age(stale_s)))
+                .on_hover_text("When springs and IMUs gave data last");
+            ui.add_space(9.0);
+        }
+    });
     match &s.truth {
         Some(t) => {
             let late = s.stamp.since(t.stamp);
@@ -430,6 +446,11 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time, min:s");
+            if let Some(factor) = s.real_time_factor.filter(|f| *f < KEEPS_UP) {
+                note(ui, format!("simulation at {factor:.1}× real time")).on_hover_text(
+                    "This computer is busy: the simulation goes on more slowly, and nothing of it is lost.",
+                );
+            }
             input.messages.button(ui, input.window_s);
             if let (Some(name), Some(t)) = (&s.recording, input.recording_s) {
                 let color = Palette::in_ui(ui).critical;

@@ -44,7 +44,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
                 .on_hover_text(hover);
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            window.controls(ui, view.now_s);
+            window.controls(ui, view);
         });
     });
     let pose = |first: usize| -> Vec<Vec<Series>> {

@@ -174,6 +174,7 @@ impl Bench {
             shelf,
             h,
         };
+        bench.runner.draw_shapes();
         bench.pass(2.0);
         bench
     }

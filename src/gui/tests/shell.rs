@@ -162,7 +162,7 @@ fn another_rig_is_chosen_in_the_window() {
     press(&mut h, "Start the virtual rig");
     assert_eq!(
         *asked.lock().expect("not poisoned"),
-        ["/dev/ttyACM0", "COM9", "pty"]
+        ["/dev/ttyACM0", "COM9", "sim"]
     );
 }
 
@@ -195,7 +195,7 @@ fn connecting_is_given_up_by_a_press() {
     h.run_steps(3);
     control(&h, "Start the virtual rig").click();
     h.run_steps(3);
-    h.get_by_label("Connecting to pty…");
+    h.get_by_label("Connecting to sim…");
     control(&h, "Cancel connecting").click();
     h.run_steps(3);
     assert!(never.cancelled());
@@ -369,4 +369,57 @@ fn every_control_has_a_name_and_a_tooltip_and_says_why_it_is_off() {
 fn levels_have_glyphs_that_differ() {
     let glyphs = [Level::Normal, Level::Warning, Level::Critical].map(Level::glyph);
     assert!(glyphs[0] != glyphs[1] && glyphs[1] != glyphs[2] && glyphs[0] != glyphs[2]);
+}
+
+/// What the window shows of a link that has been silent for `silent_s` since 8 s.
+fn silent(silent_s: f64) -> Snapshot {
+    let mut s = fixture::snapshot(8.0);
+    s.stamp = s.stamp.plus(silent_s);
+    s.link.connected = false;
+    s.link.age_s = silent_s;
+    s.mode = Mode::Disarmed;
+    s
+}
+
+#[test]
+fn what_is_known_of_a_silent_link_is_shown_with_its_age() {
+    let (twin, mut h) = running(fixture::snapshot(8.0));
+    h.state_mut().screen = Screen::Sensors;
+    h.run_steps(2);
+    assert!(h.query_by_label_contains(" ago").is_none());
+    twin.publish(silent(33.0));
+    h.run_steps(4);
+    let ago = fixture::snapshot(8.0).sensors.expect("read").stamp;
+    let text = format!("{:.1} s ago", silent(33.0).stamp.since(ago));
+    h.get_by_label(&text);
+    h.get_by_label(&format!("last data {text}"));
+    // The rig is the one that was connected.
+    h.get_by_label("SIM");
+    twin.publish(fixture::snapshot(42.0));
+    h.run_steps(4);
+    assert!(h.query_by_label_contains(" ago").is_none());
+}
+
+#[test]
+fn plots_stand_still_while_a_link_is_silent() {
+    use crate::gui::history::{Channel, History};
+    use crate::gui::panels::live_until_s;
+    let mut history = History::live();
+    for k in 0..100 {
+        history.push(&fixture::snapshot(7.0 + 0.01 * f64::from(k)));
+    }
+    history.push(&fixture::snapshot(8.0));
+    let before = history.range_s().expect("rows");
+    let seen = |h: &History| h.points(Channel::Spring(0), 0.0, 1e9).count();
+    let n = seen(&history);
+    // For longer than the history keeps anything.
+    for k in 0..13 {
+        let s = silent(0.5 + 60.0 * f64::from(k));
+        history.push(&s);
+        let until_s = live_until_s(&s);
+        assert!((until_s - 8.0).abs() < 0.1, "{until_s}");
+    }
+    assert_eq!((history.range_s(), seen(&history)), (Some(before), n));
+    let live = fixture::snapshot(9.0);
+    assert_eq!(live_until_s(&live), live.stamp.seconds());
 }

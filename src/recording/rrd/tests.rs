@@ -111,6 +111,7 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             board_rate_hz: [100.0, 99.5],
             // A fit of the moment: not kept.
             board_clock: [None; BOARDS],
+            host_delay: None,
         },
         raw: Some(RawFrame {
             seq: n as u32,

@@ -10,6 +10,14 @@ use crate::signal::{
 };
 use crate::twin::Event;
 
+/// What to do before a reset, unless something better is known.
+pub(super) const REMEDY: &str = "Remove the cause";
+/// The same after this computer was busy.
+const REMEDY_BUSY: &str = "Close other programs";
+/// The same when boards are silent.
+const REMEDY_BOARDS: &str = "Check their power and the USB cable";
+/// The same when a virtual rig in a process of its own is silent.
+const REMEDY_RIG: &str = "Close other programs, or choose the virtual rig that runs in this one";
 /// More than this share of the last second's frames lost puts the twin into SAFE.
 const LOSS_SAFE: f64 = 0.1;
 /// The boards get this long to act on a reset, s.
@@ -30,8 +38,8 @@ impl Twin {
         self.watch_sensors(moving, &mut found, events);
         self.watch_pressure(moving, &mut found, events);
         if let Phase::Safe(reason) = &self.phase {
-            let reason = reason.clone();
-            found.push((Severity::Critical, AlarmCause::Safe { reason }));
+            let (reason, remedy) = (reason.clone(), self.remedy);
+            found.push((Severity::Critical, AlarmCause::Safe { reason, remedy }));
         }
         found.sort_by_key(|(severity, _)| Reverse(*severity));
         self.alarms = found
@@ -53,13 +61,16 @@ impl Twin {
     fn watch_age(&mut self, moving: bool, found: &mut Found, events: &mut Vec<Event>) {
         match self.last_frame.map(|t| self.now.since(t)) {
             Some(age_s) if age_s > STALE_SAFE_S => {
+                let busy_s = self.busy_while_silent_s(age_s);
                 if moving {
-                    self.go_safe("no data from the boards for 100 ms", events);
+                    let (reason, remedy) = self.why_stale(busy_s);
+                    self.go_safe_for(&reason, remedy, events);
                 }
-                found.push((Severity::Critical, AlarmCause::DataOld { age_s }));
+                found.push((Severity::Critical, AlarmCause::DataOld { age_s, busy_s }));
             }
             Some(age_s) if age_s > STALE_WARN_S => {
-                found.push((Severity::Warning, AlarmCause::DataOld { age_s }));
+                let busy_s = self.busy_while_silent_s(age_s);
+                found.push((Severity::Warning, AlarmCause::DataOld { age_s, busy_s }));
             }
             Some(_) => {}
             None => found.push((Severity::Info, AlarmCause::NoDataYet)),
@@ -96,7 +107,13 @@ impl Twin {
         let faults = self.raw.as_ref().map_or(0, |r| r.faults);
         if faults & fault::SAFE != 0 {
             let words = fault_words(faults & !fault::SAFE);
-            if moving {
+            let busy_s = self
+                .busy_s()
+                .filter(|_| faults & fault::HEARTBEAT_LOST != 0);
+            if moving && let Some(busy_s) = busy_s {
+                let reason = format!("{}, so the boards switched their pumps off", busy(busy_s));
+                self.go_safe_for(&reason, REMEDY_BUSY, events);
+            } else if moving {
                 self.go_safe(
                     &format!("the boards switched their pumps off: {words}"),
                     events,
@@ -112,14 +129,21 @@ impl Twin {
         if let Some(ratio) = self.loss_ratio()
             && ratio > LOSS_SAFE
         {
+            let busy_s = self.busy_s();
             if moving {
                 let text = format!(
                     "{:.0} % of the last second's frames were lost",
                     ratio * 100.0
                 );
-                self.go_safe(&text, events);
+                match busy_s {
+                    Some(busy_s) => {
+                        let reason = format!("{}, so {text}", busy(busy_s));
+                        self.go_safe_for(&reason, REMEDY_BUSY, events);
+                    }
+                    None => self.go_safe(&text, events),
+                }
             }
-            found.push((Severity::Warning, AlarmCause::FramesLost { ratio }));
+            found.push((Severity::Warning, AlarmCause::FramesLost { ratio, busy_s }));
         }
     }
 
@@ -186,6 +210,27 @@ impl Twin {
             .map(|(_, i, pa)| (i, pa))
     }
 
+    /// How long the program was not run since data came last, `age_s` ago, if that is why none has come.
+    fn busy_while_silent_s(&self, age_s: f64) -> Option<f64> {
+        let not_run_s = self.delays.within_s(self.now.plus(-age_s), self.now);
+        // Had the boards sent, something would have come in the time that is left.
+        (age_s - not_run_s < STALE_WARN_S && 2.0 * not_run_s > age_s).then_some(not_run_s)
+    }
+
+    /// Why data have been missing for too long, and what to do about it.
+    fn why_stale(&self, busy_s: Option<f64>) -> (String, &'static str) {
+        if let Some(busy_s) = busy_s {
+            let text = format!("{}, so the boards' data came too late", busy(busy_s));
+            return (text, REMEDY_BUSY);
+        }
+        let (who, remedy) = match self.link.practice {
+            true => ("the virtual rig", REMEDY_RIG),
+            false => ("the boards", REMEDY_BOARDS),
+        };
+        let text = format!("no data from {who} for 100 ms although this program was running");
+        (text, remedy)
+    }
+
     /// How old frames are when they arrive, at least, s; `None` while too few have arrived to tell.
     fn late_s(&mut self) -> Option<f64> {
         let (now, late) = (self.now, &mut self.lateness_s);
@@ -224,13 +269,23 @@ impl Twin {
     }
 
     pub(super) fn go_safe(&mut self, reason: &str, events: &mut Vec<Event>) {
+        self.go_safe_for(reason, REMEDY, events);
+    }
+
+    fn go_safe_for(&mut self, reason: &str, remedy: &'static str, events: &mut Vec<Event>) {
         if self.is_safe() {
             return;
         }
         self.enter(Phase::Safe(reason.to_owned()), events);
+        self.remedy = remedy;
         self.command = None;
         self.preview = None;
         self.check = None;
         self.paused = None;
     }
+}
+
+/// What is said of a computer that did not run this program for `busy_s`.
+fn busy(busy_s: f64) -> String {
+    format!("this computer was busy for {:.0} ms", busy_s * 1e3)
 }

@@ -30,6 +30,9 @@ struct Told {
 }
 
 impl Port for Told {
+    fn clock(&self) -> Clock {
+        self.frames.clock()
+    }
     fn poll(&mut self, now: Stamp) -> Arrivals {
         self.frames.poll(now)
     }

@@ -236,7 +236,7 @@ mod window {
         let drill = format!("lose-gpu={LOST_S}");
         let (_program, log) = start_with(display, dir, &["--drill", &drill]);
         let mut all = Vec::new();
-        until(&log, "Mode: moving", &mut all);
+        until(&log, "Board 2 is ready", &mut all);
         until(&log, "the graphics device was lost", &mut all);
         wait(6);
         let picture = dir.join("again.png");

@@ -279,7 +279,7 @@ fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &m
             }
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            window.controls(ui, view.now_s);
+            window.controls(ui, view);
         });
     });
     let mut marks = Vec::new();
@@ -334,7 +334,7 @@ fn predictions(ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow) {
     ui.horizontal(|ui| {
         ui.label("Predicted pose");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            window.controls(ui, view.now_s);
+            window.controls(ui, view);
         });
     });
     ui.spacing_mut().item_spacing.y = 2.0;

@@ -197,7 +197,8 @@ pub fn channel_age_s(
             Some(view.snapshot.stamp.since(raw.stamp) + raw.board_age_s[board])
         }
         _ => {
-            let age_s = view.now_s - view.history.last_before(channel, view.now_s)?;
+            let now_s = view.now_s.max(view.snapshot.stamp.seconds());
+            let age_s = now_s - view.history.last_before(channel, now_s)?;
             (age_s <= 600.0).then_some(age_s)
         }
     }

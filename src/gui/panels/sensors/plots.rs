@@ -78,7 +78,7 @@ fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.spacing_mut().item_spacing.x = 6.0;
-            window.controls(ui, view.now_s);
+            window.controls(ui, view);
             let on = window.cursors_s.is_some();
             let button = egui::Button::selectable(on, "A|B").frame_when_inactive(true);
             if ui

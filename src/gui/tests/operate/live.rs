@@ -70,7 +70,8 @@ impl Bench {
         let maps = maps();
         let gains = Gains::of(ControllerKind::Ours);
         let twin = crate::twin::Twin::new(&robot, maps.clone(), sensing, gains);
-        let runner = Runner::new(twin, Box::new(port), &robot);
+        let mut runner = Runner::new(twin, Box::new(port), &robot);
+        runner.draw_shapes();
         let (twin, handle) = super::super::twin(Snapshot::default());
         let mut bench = Self {
             twin,

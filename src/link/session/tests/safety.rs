@@ -117,3 +117,48 @@ fn a_closed_port_forgets_the_command() {
     let silent = |e: &LinkEvent| matches!(e, LinkEvent::BoardSilent { .. });
     assert!(w.has_event(silent).is_none());
 }
+
+/// A HELLO of boards whose arm is real.
+fn hardware_hello(board: u8, nonce: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let hello = crate::link::wire::Hello {
+        protocol: u16::from(crate::link::wire::VERSION),
+        schema: crate::link::wire::SCHEMA_HASH,
+        firmware: 1,
+        tick_rate_hz: TICK_RATE_HZ,
+        boot_nonce: nonce,
+        config_crc: Config::built_in().crc(),
+    };
+    let packet = Packet {
+        board,
+        seq: 0,
+        t_ticks: 0,
+        flags: 0,
+        body: Body::Hello(hello),
+    };
+    encode(&packet, &mut bytes);
+    bytes
+}
+
+#[test]
+fn a_rig_stays_simulated_or_real_until_another_is_connected() {
+    let mut w = World::new(5);
+    w.host = HostSession::new("port", Origin::Hardware, Config::built_in());
+    w.run(1.0);
+    let simulated = |w: &World| w.host.status(w.now()).simulated;
+    assert!(w.host.connected() && simulated(&w), "the boards say so");
+    // Silent boards, a port that is gone, and one that is back.
+    w.cut = [true; 2];
+    w.run(2.0);
+    assert!(!w.host.connected() && simulated(&w), "silent");
+    let now = w.now();
+    w.host.disconnected(now, "unplugged");
+    assert!(simulated(&w), "unplugged");
+    w.host.reconnected(now);
+    assert!(simulated(&w), "plugged in, and silent yet");
+    // Something else behind the same port.
+    for board in [0, 1] {
+        w.host.on_bytes(now, &hardware_hello(board, 77));
+    }
+    assert!(!simulated(&w), "boards of another rig");
+}

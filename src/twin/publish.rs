@@ -1,0 +1,171 @@
+//! What the twin's thread hands to the window, without ever waiting for it.
+
+use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, TryLockError};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use super::{Clock, Command, Event, Handle, Runner, SETTLING_FRAMES};
+use super::{run_in_lockstep, run_in_real_time};
+use crate::signal::{Snapshot, Stamp};
+
+/// Snapshots that wait for the window at most: two seconds' worth.
+const FEED: usize = 200;
+/// Events in the window's queue at most; what finds no room there waits with the twin's thread.
+const EVENTS: usize = 256;
+/// Notices and warnings that wait with the twin's thread at most.
+const NOTICES: usize = 256;
+/// Commands that wait for the twin at most.
+const COMMANDS: usize = 64;
+
+/// The twin's end of a [`Handle`].
+pub(super) struct Publisher {
+    events: SyncSender<Event>,
+    feed: SyncSender<Arc<Snapshot>>,
+    latest: Arc<Mutex<Arc<Snapshot>>>,
+    waiting: Waiting,
+}
+
+/// Both ends, and the commands that come from the window.
+pub(super) fn channel() -> (Publisher, Handle, Receiver<Command>) {
+    let (command_tx, commands) = sync_channel(COMMANDS);
+    let (event_tx, event_rx) = sync_channel(EVENTS);
+    let (feed_tx, feed_rx) = sync_channel(FEED);
+    let latest = Arc::new(Mutex::new(Arc::new(Snapshot::default())));
+    let publisher = Publisher {
+        events: event_tx,
+        feed: feed_tx,
+        latest: Arc::clone(&latest),
+        waiting: Waiting::default(),
+    };
+    let handle = Handle {
+        commands: command_tx,
+        events: event_rx,
+        feed: feed_rx,
+        latest,
+    };
+    (publisher, handle, commands)
+}
+
+impl Publisher {
+    /// Hands over a snapshot and what happened. A window that does not keep up loses samples and repeated notices;
+    /// what came of its commands it gets late, and in order.
+    pub(super) fn publish(&mut self, now: Stamp, snapshot: &Arc<Snapshot>, events: &[Event]) {
+        match self.latest.try_lock() {
+            Ok(mut slot) => *slot = Arc::clone(snapshot),
+            Err(TryLockError::Poisoned(poisoned)) => *poisoned.into_inner() = Arc::clone(snapshot),
+            // The window is looking at the last one; the next tick's takes its place.
+            Err(TryLockError::WouldBlock) => {}
+        }
+        let _ = self.feed.try_send(Arc::clone(snapshot));
+        for event in events {
+            self.waiting.push(event.clone());
+        }
+        if let Some(gap) = self.waiting.gap(now) {
+            if self.events.try_send(gap).is_err() {
+                return;
+            }
+            self.waiting.left_out = 0;
+        }
+        while let Some(event) = self.waiting.events.pop_front() {
+            if let Err(TrySendError::Full(event)) = self.events.try_send(event) {
+                self.waiting.events.push_front(event);
+                return;
+            }
+        }
+    }
+}
+
+/// Events on their way to the window, oldest first. Outcomes are all kept: the window asks for no more of them while it
+/// does not read. Of equal notices the newest is kept, and of others the newest [`NOTICES`].
+#[derive(Default)]
+struct Waiting {
+    events: VecDeque<Event>,
+    /// Notices that were left out and have not been reported.
+    left_out: u64,
+}
+
+/// The text of an event that says something and answers nothing.
+fn notice(event: &Event) -> Option<&str> {
+    match event {
+        Event::Notice { text, .. } | Event::Warning { text, .. } => Some(text),
+        Event::Mode { .. }
+        | Event::Refused { .. }
+        | Event::Reached { .. }
+        | Event::Finished { .. }
+        | Event::Calibrated { .. }
+        | Event::Recording { .. }
+        | Event::RecordingFailed { .. } => None,
+    }
+}
+
+impl Waiting {
+    fn push(&mut self, event: Event) {
+        if let Some(text) = notice(&event) {
+            let notices = self.events.iter().enumerate();
+            let mut notices = notices.filter_map(|(i, e)| Some((i, notice(e)?)));
+            let same = notices.clone().find(|(_, t)| *t == text).map(|(i, _)| i);
+            let oldest = notices.next().map(|(i, _)| i);
+            let many = self.events.iter().filter(|e| notice(e).is_some()).count() >= NOTICES;
+            if let Some(i) = same.or(oldest.filter(|_| many)) {
+                self.left_out += u64::from(same.is_none());
+                self.events.remove(i);
+            }
+        }
+        self.events.push_back(event);
+    }
+
+    /// What is said in place of the notices that were left out.
+    fn gap(&self, now: Stamp) -> Option<Event> {
+        let n = self.left_out;
+        (n > 0).then(|| Event::Notice {
+            stamp: now,
+            text: format!("{n} messages are left out here: the window was busy for too long."),
+        })
+    }
+}
+
+/// Starts the twin's own thread: in lockstep with simulated time where the port lives on it, in real time elsewhere.
+/// `first` is commanded once a second of frames has come in: by then the orientation filters have settled. `repaint`
+/// is called after every snapshot. The thread ends when the handle is dropped; whoever ends the program joins it
+/// first, or the end of a recording is lost.
+///
+/// # Errors
+/// When the thread cannot be started.
+pub fn spawn(
+    mut runner: Runner,
+    start: Instant,
+    mut first: Vec<Command>,
+    mut repaint: impl FnMut() + Send + 'static,
+) -> std::io::Result<(Handle, JoinHandle<()>)> {
+    runner.draw_shapes();
+    let (mut publisher, handle, asked) = channel();
+    let work = move || {
+        let mut end = Stamp::ZERO;
+        let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
+            end = snapshot.stamp;
+            publisher.publish(end, snapshot, events);
+            repaint();
+            if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
+                commands.append(&mut first);
+            }
+            loop {
+                match asked.try_recv() {
+                    Ok(command) => commands.push(command),
+                    Err(TryRecvError::Empty) => return ControlFlow::Continue(()),
+                    // The window is gone: nobody could press STOP any more.
+                    Err(TryRecvError::Disconnected) => return ControlFlow::Break(()),
+                }
+            }
+        };
+        match runner.clock() {
+            Clock::Host => run_in_real_time(&mut runner, start, each),
+            Clock::Lockstep => run_in_lockstep(&mut runner, start, each),
+        };
+        runner.end(end);
+    };
+    let thread = std::thread::Builder::new().name("twin".to_owned());
+    Ok((handle, thread.spawn(work)?))
+}
