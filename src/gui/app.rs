@@ -1,5 +1,6 @@
 //! The window: drains the twin's feed, shows a screen, sends commands.
 
+mod acts;
 mod device;
 
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use super::panels::calibrate::{self, CalibrateState};
 use super::panels::connect::{self, Connection, VIRTUAL};
 use super::panels::gap::{self, GapState};
 use super::panels::operate::{self, OperateState, Pane};
-use super::panels::palette::{self, CommandPalette, Deed};
+use super::panels::palette::{self, CommandPalette, Deed, Known};
 use super::panels::player::Player;
 use super::panels::plot::TimeWindow;
 use super::panels::recordings::{self, Library, RecordingsInput};
@@ -24,13 +25,13 @@ use super::panels::sensors::{self, SensorsState};
 use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
-use super::panels::welcome;
 use super::panels::{Screen, View, live_until_s};
 use super::services::Services;
 use super::theme::{self, Level};
 use crate::robot::RobotSpec;
 use crate::signal::{Mode, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
+pub use acts::home_m;
 
 /// Key of the kept settings; the number changes when their form does.
 const STORAGE_KEY: &str = "springtwin window 1";
@@ -115,18 +116,15 @@ impl Looked {
     }
 }
 
-/// Points that a screen needs at least; in a window that has less it is scrolled.
-const LEAST_ROOM: egui::Vec2 = egui::vec2(700.0, 300.0);
-
-/// Shows a screen with the room that it needs.
-fn roomy(ui: &mut Ui, screen: impl FnOnce(&mut Ui)) {
+/// Shows a screen with the room that it needs at least, points; in a window that has less it is scrolled.
+fn roomy(ui: &mut Ui, least: egui::Vec2, screen: impl FnOnce(&mut Ui)) {
     let room = ui.available_size();
-    if room.x >= LEAST_ROOM.x && room.y >= LEAST_ROOM.y {
+    if room.x >= least.x && room.y >= least.y {
         return screen(ui);
     }
     egui::ScrollArea::both().show(ui, |ui| {
-        ui.set_min_size(room.max(LEAST_ROOM));
-        ui.set_max_size(room.max(LEAST_ROOM));
+        ui.set_min_size(room.max(least));
+        ui.set_max_size(room.max(least));
         screen(ui);
     });
 }
@@ -454,6 +452,7 @@ impl App {
             recording_s,
             twin: self.handle.is_some(),
             twin_gone: self.twin_gone,
+            welcome: self.welcome,
         };
         let mut actions = Vec::new();
         let bar =
@@ -466,29 +465,27 @@ impl App {
                 shell::top_bar(ui, &live, &mut self.resume, commands)
             })
             .inner;
-        shell::banners(ui, &input, commands, &mut actions);
+        // As high with and without something to say: nothing below it moves.
+        Panel::top("banners")
+            .exact_size(shell::LINE)
+            .resizable(false)
+            .frame(bar(egui::Margin::ZERO))
+            .show(ui, |ui| shell::banners(ui, &input, commands, &mut actions));
         Panel::bottom("strip")
             .exact_size(28.0)
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(12, 2)))
             .show(ui, |ui| shell::strip(ui, &input));
+        let rail = shell::RAIL[usize::from(ui.ctx().content_rect().width() < shell::NARROW)];
         Panel::left("screens")
-            .exact_size(152.0)
+            .exact_size(rail)
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(8, 8)))
             .show(ui, |ui| shell::rail(ui, self.screen, &mut actions));
-        if self.welcome {
-            Panel::top("welcome")
-                .resizable(false)
-                .frame(bar(egui::Margin::symmetric(12, 6)))
-                .show(ui, |ui| {
-                    welcome::ui(ui, live_snapshot.link.simulated, &mut actions);
-                });
-        }
         let central = egui::CentralPanel::default()
             .frame(egui::Frame::new().fill(palette.window).inner_margin(6))
             .show(ui, |ui| {
-                roomy(ui, |ui| {
+                roomy(ui, self.screen.least_points(), |ui| {
                     if self.screen == Screen::Calibrate {
                         let state = &mut self.calibrate;
                         calibrate::ui(ui, &live, state, &mut self.services, commands);
@@ -545,17 +542,25 @@ impl App {
         let ctx = ui.ctx().clone();
         let within = central.response.rect;
         shell::shortcuts(&ctx, &mut self.shortcuts_open, within);
+        let mut chosen = None;
         if self.command_palette.open {
-            let gone = self.twin_gone || self.handle.is_none();
             let may_resume = self.resume.gate(&live, now_s);
-            let all = palette::entries(&live, self.player.is_some(), gone, &may_resume);
+            let all = palette::entries(&Known {
+                live,
+                may_resume: &may_resume,
+                twin_gone: self.twin_gone || self.handle.is_none(),
+                player: self.player.as_ref(),
+                window: &self.window,
+                operate: &self.operate,
+                calibrate: &self.calibrate,
+                library: &self.library,
+                gap: &self.gap,
+                connection: &self.connection,
+            });
             match self.command_palette.ui(&ctx, within, all) {
                 Some(Deed::Window(action)) => actions.push(action),
                 Some(Deed::Twin(command)) => commands.push(command),
-                Some(Deed::Record) => {
-                    let path = (self.services.default_recording)();
-                    commands.push(Command::StartRecording(path));
-                }
+                Some(Deed::Screen(act)) => chosen = Some(act),
                 None => {}
             }
         }
@@ -563,6 +568,9 @@ impl App {
         self.messages.toasts(&ctx, now_s, within);
         for action in actions {
             self.act(&ctx, action);
+        }
+        if let Some(act) = chosen {
+            self.do_act(act, commands);
         }
         if let Some(name) = wanted {
             self.connect(&name);
@@ -584,6 +592,7 @@ impl App {
             ShellAction::ToggleShortcuts => self.shortcuts_open = !self.shortcuts_open,
             ShellAction::TogglePalette => self.command_palette.toggle(),
             ShellAction::CloseWelcome => self.welcome = false,
+            ShellAction::ShowWelcome => self.welcome = true,
             ShellAction::CancelConnecting => self.connection.cancel(),
             ShellAction::StartVirtualRig => self.connect(VIRTUAL[0].0),
             ShellAction::CloseReplay => {

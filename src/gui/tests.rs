@@ -5,7 +5,9 @@ mod calibrate;
 // Its sessions come from the virtual rig, which the window itself may not import.
 #[cfg(test)]
 mod gap;
+mod layout;
 mod operate;
+mod palette;
 mod pictures;
 mod plots;
 mod recordings;

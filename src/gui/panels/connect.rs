@@ -34,8 +34,13 @@ pub struct Connection {
     pub error: Option<String>,
     listing: Option<Job<Vec<PortEntry>>>,
     joining: Option<(String, Job<Handle>)>,
+    /// Whether the menu is to be opened.
+    pub wanted: bool,
     was_open: bool,
 }
+
+/// Height of the list of ports: longer lists are scrolled, points.
+const PORTS: f32 = 140.0;
 
 impl Connection {
     /// Whether something is awaited.
@@ -115,6 +120,10 @@ pub fn menu(
     if wanted.is_some() {
         egui::Popup::close_all(ui.ctx());
     }
+    // From the next frame on: the click that asked for it does not close it.
+    if std::mem::take(&mut connection.wanted) {
+        egui::Popup::open_id(ui.ctx(), egui::Popup::default_response_id(badge));
+    }
     wanted
 }
 
@@ -134,7 +143,7 @@ fn contents(
     };
     ui.horizontal(|ui| {
         note(ui, "Now");
-        ui.label(now);
+        ui.add(egui::Label::new(now).truncate());
     });
     if let Some(e) = &connection.error {
         status(ui, Level::Warning, e);
@@ -171,15 +180,23 @@ fn contents(
         };
         note(ui, text);
     }
-    for port in &connection.ports {
-        let hover = format!("Connect to the boards on {} (hardware)", port.name);
-        if gated(ui, gate, row(ui, &port.name, &port.what), &hover)
-            .accessible_name(port.name.as_str())
-            .clicked()
-        {
-            wanted = Some(port.name.clone());
-        }
-    }
+    egui::ScrollArea::vertical()
+        .id_salt("ports")
+        .max_height(PORTS)
+        .show(ui, |ui| {
+            for port in &connection.ports {
+                let hover = format!(
+                    "Connect to the boards on {} (hardware). {}",
+                    port.name, port.what
+                );
+                if gated(ui, gate, row(ui, &port.name, &port.what), &hover)
+                    .accessible_name(port.name.as_str())
+                    .clicked()
+                {
+                    wanted = Some(port.name.clone());
+                }
+            }
+        });
     ui.horizontal(|ui| {
         let field = TextEdit::singleline(&mut connection.typed)
             .hint_text("PORT or PORT1,PORT2")
@@ -206,5 +223,6 @@ fn row<'a>(ui: &Ui, title: &'a str, what: &str) -> Button<'a> {
     let p = Palette::in_ui(ui);
     Button::selectable(false, title)
         .right_text(RichText::new(what).small().color(p.weak))
+        .truncate()
         .min_size(vec2(ui.available_width(), 28.0))
 }

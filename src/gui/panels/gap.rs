@@ -13,10 +13,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use egui::{Button, Layout, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
+use egui::{Button, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
 
 pub use super::trouble::Trouble;
-use super::widgets::{Gate, badge, empty, gated, note, status};
+use super::widgets::{Gate, badge, empty, ends, gated, note, status};
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Verdict};
@@ -251,7 +251,52 @@ impl GapState {
         explain::poll(self);
     }
 
-    fn gate(&self, step: Step) -> Gate {
+    /// Whether an example can be made now, or why not.
+    pub fn example_gate(&self) -> Gate {
+        if self.running.is_some() {
+            return Err("The finder is at work: wait, or cancel it.".into());
+        }
+        match self.select.making {
+            Some(_) => Err("An example is being made.".into()),
+            None => Ok(()),
+        }
+    }
+
+    /// Has two sessions made, in the second of which something is hidden.
+    pub fn make_example(&mut self, services: &mut Services) {
+        if self.example_gate().is_ok() {
+            self.step = Step::Select;
+            self.select.make_example(services);
+        }
+    }
+
+    /// Whether the finder can begin, or why not.
+    pub fn find_gate(&self) -> Gate {
+        match self.running {
+            Some(_) => Err("The finder is at work: wait, or cancel it.".into()),
+            None => self.select.gate(),
+        }
+    }
+
+    /// Sets the finder to work on the sessions that are chosen.
+    pub fn find(&mut self, services: &mut Services) {
+        let path = |i: usize| self.select.slots[i].known().map(|s| s.path.clone());
+        if let (Ok(()), healthy, Some(suspect), Some(origin)) =
+            (self.find_gate(), path(0), path(1), self.select.origin())
+        {
+            self.step = Step::Select;
+            self.trouble = None;
+            // What is chosen may change while the finder is at work.
+            self.running = Some(Running {
+                job: (services.gap.find)(healthy.as_deref(), &suspect),
+                origin,
+                answer: self.select.answer(),
+            });
+        }
+    }
+
+    /// Whether a step can be shown, or why not.
+    pub fn gate(&self, step: Step) -> Gate {
         if step == Step::Select {
             return Ok(());
         }
@@ -339,73 +384,86 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 }
 
 fn stepper(ui: &mut Ui, state: &mut GapState) {
-    let p = *Palette::in_ui(ui);
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 4.0;
-        for step in Step::ALL {
-            if step != Step::Select {
-                ui.label(RichText::new("›").color(p.weak));
-            }
-            let glyph = if state.done(step) { "●" } else { "○" };
-            let current = state.step == step;
-            let text = format!("{glyph} {} {}", step.index() + 1, step.name());
-            let mut button = Button::new(RichText::new(text).color(p.text));
-            if current {
-                button = button.fill(p.selected).stroke(Stroke::new(1.0, p.text));
-            }
-            let gate = state.gate(step);
-            let response = gated(ui, &gate, button, step.purpose());
-            response.widget_info(|| {
-                WidgetInfo::selected(
-                    Role::Button,
-                    gate.is_ok(),
-                    current,
-                    format!("Step {}: {}", step.index() + 1, step.name()),
-                )
-            });
-            if response.clicked() {
-                state.step = step;
-            }
-        }
-        if let Some(outcome) = &state.outcome {
-            ui.add_space(10.0);
-            let data = &outcome.found.finding.data;
-            let of = |key: &str| data.get(key).map_or("factory model", String::as_str);
-            if outcome.origin == Origin::Simulated {
-                badge(ui, "simulated", p.raised, p.text)
-                    .on_hover_text("All figures of this finding come from a virtual rig");
-            }
-            note(ui, format!("{} → {}", of("baseline"), of("session")))
-                .on_hover_text("The healthy and the suspect session of this finding");
-        }
-        ui.with_layout(Layout::right_to_left(egui::Align::Center), |ui| {
-            let next = Step::ALL.get(state.step.index() + 1).copied();
-            let gate = match next {
-                Some(step) => state.gate(step),
-                None => Err("This is the last step.".into()),
-            };
-            let hover = next.map_or("", Step::purpose);
-            if gated(ui, &gate, Button::new("Next ›"), hover).clicked()
-                && let Some(step) = next
-            {
-                state.step = step;
-            }
-            let back = state.step.index().checked_sub(1).map(|i| Step::ALL[i]);
-            let gate = match back {
-                Some(_) => Ok(()),
-                None => Err("This is the first step.".into()),
-            };
-            let hover = back.map_or("", Step::purpose);
-            if gated(ui, &gate, Button::new("‹ Back"), hover).clicked()
-                && let Some(step) = back
-            {
-                state.step = step;
-            }
-            if state.running.is_some() {
-                ui.spinner();
-                status(ui, Level::Normal, "finder at work");
-            }
-        });
-    });
+    ui.spacing_mut().item_spacing.x = 4.0;
+    let (mut pressed, mut turned) = (None, None);
+    ends(
+        ui,
+        "steps",
+        "",
+        |ui| pressed = steps(ui, state),
+        |ui| turned = back_and_next(ui, state),
+    );
+    if let Some(step) = turned.or(pressed) {
+        state.step = step;
+    }
     ui.add_space(2.0);
+}
+
+/// The steps, and what the finding is of; gives the step that was pressed.
+fn steps(ui: &mut Ui, state: &GapState) -> Option<Step> {
+    let p = *Palette::in_ui(ui);
+    let mut pressed = None;
+    for step in Step::ALL {
+        if step != Step::Select {
+            ui.label(RichText::new("›").color(p.weak));
+        }
+        let glyph = if state.done(step) { "●" } else { "○" };
+        let current = state.step == step;
+        let text = format!("{glyph} {} {}", step.index() + 1, step.name());
+        let mut button = Button::new(RichText::new(text).color(p.text));
+        if current {
+            button = button.fill(p.selected).stroke(Stroke::new(1.0, p.text));
+        }
+        let gate = state.gate(step);
+        let response = gated(ui, &gate, button, step.purpose());
+        response.widget_info(|| {
+            WidgetInfo::selected(
+                Role::Button,
+                gate.is_ok(),
+                current,
+                format!("Step {}: {}", step.index() + 1, step.name()),
+            )
+        });
+        if response.clicked() {
+            pressed = Some(step);
+        }
+    }
+    if let Some(outcome) = &state.outcome {
+        ui.add_space(10.0);
+        let data = &outcome.found.finding.data;
+        let of = |key: &str| data.get(key).map_or("factory model", String::as_str);
+        if outcome.origin == Origin::Simulated {
+            badge(ui, "simulated", p.raised, p.text)
+                .on_hover_text("All figures of this finding come from a virtual rig");
+        }
+        note(ui, format!("{} → {}", of("baseline"), of("session")))
+            .on_hover_text("The healthy and the suspect session of this finding");
+    }
+    pressed
+}
+
+/// One step back or on, and whether the finder is at work; gives the step that is to be shown.
+fn back_and_next(ui: &mut Ui, state: &GapState) -> Option<Step> {
+    if state.running.is_some() {
+        ui.spinner();
+        status(ui, Level::Normal, "finder at work");
+    }
+    let at = state.step.index();
+    let back = at.checked_sub(1).map(|i| Step::ALL[i]);
+    let next = Step::ALL.get(at + 1).copied();
+    let mut pressed = None;
+    for (text, step, none) in [
+        ("‹ Back", back, "This is the first step."),
+        ("Next ›", next, "This is the last step."),
+    ] {
+        let gate = match step {
+            Some(step) => state.gate(step),
+            None => Err(none.to_owned()),
+        };
+        let hover = step.map_or("", Step::purpose);
+        if gated(ui, &gate, Button::new(text), hover).clicked() {
+            pressed = step;
+        }
+    }
+    pressed
 }

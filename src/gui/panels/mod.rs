@@ -86,6 +86,18 @@ impl Screen {
         }
     }
 
+    /// Width and height that its panels need at least, points: in a lesser window it is scrolled.
+    pub fn least_points(self) -> egui::Vec2 {
+        match self {
+            Self::Operate => egui::vec2(880.0, 420.0),
+            Self::Sensors => egui::vec2(880.0, 564.0),
+            Self::Accuracy => egui::vec2(900.0, 520.0),
+            Self::Calibrate => egui::vec2(880.0, 320.0),
+            Self::Recordings => egui::vec2(880.0, 480.0),
+            Self::Gap => egui::vec2(900.0, 540.0),
+        }
+    }
+
     /// What it is for, one sentence.
     pub fn purpose(self) -> &'static str {
         match self {
@@ -139,6 +151,9 @@ pub fn origin_name(simulated: Option<bool>) -> &'static str {
     }
 }
 
+/// Opacity of values that no longer come: they stay readable.
+const STALE_OPACITY: f32 = 0.65;
+
 impl View<'_> {
     /// Whether a question may be put to the live twin about what is shown.
     pub fn live(&self) -> Gate {
@@ -153,7 +168,7 @@ impl View<'_> {
     /// Greys values that no longer come; they stay readable.
     pub fn grey_if_stale(&self, ui: &mut egui::Ui) {
         if self.is_stale() {
-            ui.multiply_opacity(0.65);
+            ui.multiply_opacity(STALE_OPACITY);
         }
     }
 

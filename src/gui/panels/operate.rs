@@ -75,12 +75,12 @@ pub fn default_layout() -> Tree<Pane> {
         }
         tiles.insert_container(Container::Linear(linear))
     };
-    let left = split(LinearDir::Vertical, &[(view, 0.64), (strips, 0.36)]);
+    let left = split(LinearDir::Vertical, &[(view, 0.60), (strips, 0.40)]);
     let middle = split(LinearDir::Vertical, &[(target, 0.66), (chambers, 0.34)]);
     let right = split(LinearDir::Vertical, &[(pose, 0.40), (sensors, 0.60)]);
     let root = split(
         LinearDir::Horizontal,
-        &[(left, 0.50), (middle, 0.23), (right, 0.27)],
+        &[(left, 0.46), (middle, 0.26), (right, 0.28)],
     );
     Tree::new(egui::Id::unique("operate"), root, tiles)
 }
@@ -236,7 +236,9 @@ impl Behavior<Pane> for Panes<'_, '_> {
                     let target_m = self.draft.parse().ok();
                     plans::ui(ui, self.view, self.plans, target_m, self.commands);
                 }
-                Pane::Strips => strips::ui(ui, self.view, self.strips, self.window),
+                Pane::Strips => scroll(ui, |ui| {
+                    strips::ui(ui, self.view, self.strips, self.window);
+                }),
                 Pane::Target => scroll(ui, |ui| {
                     target::ui(ui, self.view, self.draft, self.commands);
                 }),

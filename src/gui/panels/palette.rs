@@ -1,37 +1,11 @@
 //! Everything that can be done, found by typing (Ctrl+P).
 
+mod actions;
+
 use egui::{Button, Key, Modifiers, RichText, ScrollArea, TextEdit, vec2};
 
-use super::shell::{ShellAction, hold_gate, recording_gate};
-use super::target::gripper_gate;
-use super::widgets::Gate;
-use super::{Screen, View};
 use crate::gui::theme::Palette;
-use crate::signal::{ControllerKind, Gripper, Mode, Simulator};
-use crate::twin::Command;
-
-/// What an entry does.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Deed {
-    /// Something of the window.
-    Window(ShellAction),
-    /// Something of the twin.
-    Twin(Command),
-    /// Begin a recording under a fresh name.
-    Record,
-}
-
-/// One entry.
-pub struct Entry {
-    /// What it does, in words.
-    pub name: String,
-    /// Its shortcut; may be empty.
-    pub keys: &'static str,
-    /// Whether it can be done now, or why not.
-    pub gate: Gate,
-    /// What it does.
-    pub deed: Deed,
-}
+pub use actions::{Act, Deed, Entry, Known, entries};
 
 /// What the palette keeps while it is open.
 #[derive(Clone, Debug, Default)]
@@ -42,157 +16,37 @@ pub struct CommandPalette {
     chosen: usize,
 }
 
-fn digit_keys(screen: Screen) -> &'static str {
-    match screen {
-        Screen::Operate => "Ctrl+1",
-        Screen::Sensors => "Ctrl+2",
-        Screen::Accuracy => "Ctrl+3",
-        Screen::Calibrate => "Ctrl+4",
-        Screen::Recordings => "Ctrl+5",
-        Screen::Gap => "Ctrl+6",
-    }
-}
-
-/// Everything that can be done now, with what stands in the way of the rest.
-pub fn entries(live: &View<'_>, replaying: bool, twin_gone: bool, may_resume: &Gate) -> Vec<Entry> {
-    let mut all: Vec<Entry> = Vec::new();
-    let mut add = |name: &str, keys: &'static str, gate: Gate, deed: Deed| {
-        all.push(Entry {
-            name: name.to_owned(),
-            keys,
-            gate,
-            deed,
-        });
+/// How well an entry matches: 0 when every word typed is a word of its name, 1 when it is a part of one, 2 when
+/// other words are needed. `None` when it does not match.
+fn rank(entry: &Entry, typed: &str) -> Option<usize> {
+    let name = entry.name.to_lowercase();
+    let of_word = |word: &str| {
+        if name
+            .split(|c: char| !c.is_alphanumeric())
+            .any(|w| w == word)
+        {
+            Some(0)
+        } else if name.contains(word) {
+            Some(1)
+        } else {
+            let mut others = entry.words.split(' ');
+            others.any(|w| w.starts_with(word)).then_some(2)
+        }
     };
-    let window = |a| Deed::Window(a);
-    let s = live.snapshot;
-    let twin = if twin_gone {
-        Err("No twin is running.".to_owned())
-    } else {
-        Ok(())
-    };
-    for screen in Screen::ALL {
-        let name = format!("Show {}", screen.name());
-        add(
-            &name,
-            digit_keys(screen),
-            Ok(()),
-            window(ShellAction::Show(screen)),
-        );
-    }
-    add(
-        "Stop: pumps off",
-        "Shift+Esc",
-        twin.clone(),
-        Deed::Twin(Command::Stop),
-    );
-    let hold = twin.clone().and(hold_gate(s));
-    add("Hold", "Space", hold, Deed::Twin(Command::Hold));
-    let resume = twin.clone().and(may_resume.clone()).and(check(
-        s.link.simulated,
-        "Hardware moves: keep RESUME in the top bar pressed.",
-    ));
-    add(
-        "Resume the plan on hold",
-        "",
-        resume,
-        Deed::Twin(Command::Resume),
-    );
-    let is_safe = matches!(s.mode, Mode::Safe(_));
-    add(
-        "Reset: leave SAFE",
-        "",
-        check(is_safe, "The arm is not in SAFE."),
-        Deed::Twin(Command::Reset),
-    );
-    add(
-        "Disarm",
-        "",
-        check(
-            !is_safe && s.mode != Mode::Disarmed,
-            "The arm is not armed.",
-        ),
-        Deed::Twin(Command::Disarm),
-    );
-    add(
-        "Cancel the preview",
-        "Esc",
-        check(s.preview.is_some(), "Nothing is under preview."),
-        Deed::Twin(Command::CancelPreview),
-    );
-    for (name, gripper) in [
-        ("Open the gripper", Gripper::Open),
-        ("Close the gripper", Gripper::Closed),
-    ] {
-        let gate = twin.clone().and(gripper_gate(live));
-        add(name, "", gate, Deed::Twin(Command::Grip(gripper)));
-    }
-    for (name, kind) in [
-        ("Steer by the bounded controller", ControllerKind::Ours),
-        ("Steer by the paper's controller", ControllerKind::Paper),
-    ] {
-        let gate = twin
-            .clone()
-            .and(check(s.controller != kind, "It steers already."));
-        add(name, "", gate, Deed::Twin(Command::Steer(kind)));
-    }
-    for (name, simulator) in [
-        ("Draw the arm by the rod model", Simulator::Rod),
-        ("Draw the arm by the mesh", Simulator::Mesh),
-    ] {
-        let gate = twin
-            .clone()
-            .and(check(s.simulator != simulator, "It is drawn so already."));
-        add(name, "", gate, Deed::Twin(Command::Show(simulator)));
-    }
-    let recording = recording_gate(live, twin_gone);
-    match s.recording {
-        Some(_) => add(
-            "End the recording",
-            "",
-            recording,
-            Deed::Twin(Command::StopRecording),
-        ),
-        None => add("Record", "", recording, Deed::Record),
-    }
-    add(
-        "Close the replay",
-        "",
-        check(replaying, "No recording is shown."),
-        window(ShellAction::CloseReplay),
-    );
-    add(
-        "Switch between light and dark",
-        "",
-        Ok(()),
-        window(ShellAction::ToggleTheme),
-    );
-    add(
-        "Reset the layout of Operate",
-        "",
-        Ok(()),
-        window(ShellAction::ResetLayout),
-    );
-    add(
-        "Keyboard shortcuts",
-        "?",
-        Ok(()),
-        window(ShellAction::ToggleShortcuts),
-    );
-    all
-}
-
-fn check(ok: bool, why: &str) -> Gate {
-    if ok { Ok(()) } else { Err(why.to_owned()) }
-}
-
-/// Whether every word typed begins a word of the name, or stands in it.
-fn matches(name: &str, typed: &str) -> bool {
-    let name = name.to_lowercase();
+    let typed = typed.to_lowercase();
     typed
-        .to_lowercase()
         .split_whitespace()
-        .all(|word| name.contains(word))
+        .try_fold(0, |worst: usize, word| Some(worst.max(of_word(word)?)))
+}
+
+/// What is found, the best first.
+pub fn found(all: Vec<Entry>, typed: &str) -> Vec<Entry> {
+    let mut ranked: Vec<(usize, Entry)> = all
+        .into_iter()
+        .filter_map(|e| Some((rank(&e, typed)?, e)))
+        .collect();
+    ranked.sort_by_key(|(rank, _)| *rank);
+    ranked.into_iter().map(|(_, e)| e).collect()
 }
 
 impl CommandPalette {
@@ -235,10 +89,7 @@ impl CommandPalette {
                     .accessible_name("Find a command")
                     .on_hover_text("Up and Down choose, Enter does it, Esc closes")
                     .request_focus();
-                let found: Vec<Entry> = all
-                    .into_iter()
-                    .filter(|e| matches(&e.name, &self.typed))
-                    .collect();
+                let found = found(all, &self.typed);
                 if self.typed != before {
                     self.chosen = 0;
                 }
@@ -251,7 +102,9 @@ impl CommandPalette {
                 }
                 self.chosen = self.chosen.min(last);
                 if found.is_empty() {
-                    super::widgets::note(ui, "Nothing of that name. Try “show” or “record”.");
+                    let text = "Nothing of that name. Every action of every screen is here: try circle, \
+                                export, connect.";
+                    super::widgets::note(ui, text);
                 }
                 let height = (within.height() - 120.0).clamp(80.0, 380.0);
                 ScrollArea::vertical().max_height(height).show(ui, |ui| {
@@ -285,11 +138,29 @@ fn row(ui: &mut egui::Ui, entry: &Entry, chosen: bool) -> egui::Response {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gui::panels::Screen;
+    use crate::gui::panels::shell::ShellAction;
+
+    fn entry(name: &str, words: &'static str) -> Entry {
+        Entry {
+            name: name.into(),
+            words,
+            keys: "",
+            gate: Ok(()),
+            deed: Deed::Window(ShellAction::Show(Screen::Gap)),
+        }
+    }
 
     #[test]
-    fn words_are_found_in_any_order() {
-        assert!(matches("Show Recordings", "rec sh"));
-        assert!(!matches("Show Recordings", "gap"));
-        assert!(matches("Anything", ""));
+    fn words_are_found_in_any_order_and_names_come_first() {
+        let e = entry("Show Recordings", "library");
+        assert_eq!(rank(&e, "recordings show"), Some(0));
+        assert_eq!(rank(&e, "rec sh"), Some(1));
+        assert_eq!(rank(&e, "libr show"), Some(2));
+        assert_eq!(rank(&e, "gap"), None);
+        assert_eq!(rank(&e, ""), Some(0));
+        let all = vec![e, entry("Look again", "record"), entry("Record", "")];
+        let names: Vec<String> = found(all, "record").into_iter().map(|e| e.name).collect();
+        assert_eq!(names, ["Record", "Show Recordings", "Look again"]);
     }
 }

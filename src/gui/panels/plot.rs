@@ -15,7 +15,7 @@ use crate::gui::history::{Channel, envelope_of, slot_s};
 use crate::gui::theme::Palette;
 use band::Band;
 use ticks::{clock, decimals_for, marks, marks_of_time};
-pub use ticks::{marks_at, round_step};
+pub use ticks::{clock_text, clock_value, marks_at, round_step};
 pub use window::TimeWindow;
 
 /// How a line of a plot is stroked.
@@ -144,6 +144,9 @@ pub enum Legend {
 /// Height of the time labels, points.
 pub const AXIS: f32 = 18.0;
 
+/// Width of the numbers on the left: the same for all that fit, so that plots do not move with their values, points.
+const Y_AXIS: f32 = 54.0;
+
 /// Plots lower than this have title and legend inside, points.
 const COMPACT: f32 = 120.0;
 
@@ -262,7 +265,7 @@ impl TimePlot<'_> {
             .allow_axis_zoom_drag(false)
             .sense(Sense::click_and_drag())
             .show_axes([self.time_axis == TimeAxis::Shown, true])
-            .y_axis_min_width(46.0)
+            .y_axis_min_width(Y_AXIS)
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
             .x_axis_formatter(|mark, _| {
                 // Nothing happened before the session began.

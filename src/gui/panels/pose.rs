@@ -8,6 +8,9 @@ use crate::gui::history::{POSE_NAMES, display_difference, error_norms, pose_for_
 use crate::gui::theme::{Level, Palette};
 use crate::signal::FAR_DISTANCE;
 
+/// Panels narrower than this have one column less, points.
+const NARROW: f32 = 280.0;
+
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let Some(estimate) = &view.snapshot.estimate else {
@@ -24,16 +27,26 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
         .map(|a| display_difference(&predicted, &a));
     let name_width = 74.0;
     let spacing = 4.0;
-    let width = ((ui.available_width() - name_width - 4.0 * spacing) / 4.0).clamp(40.0, 90.0);
+    // In a narrow panel the doubt stands in the tooltip of the prediction only.
+    let narrow = ui.available_width() < NARROW;
+    let columns = if narrow { 3.0 } else { 4.0 };
+    let rest = ui.available_width() - name_width - columns * spacing;
+    let width = (rest / columns).clamp(44.0, 90.0);
     // The longest word heads the first column, the shortest numbers stand in the second.
-    let [first, second] = [1.17 * width, 0.83 * width];
+    let [first, second] = match narrow {
+        true => [width, 0.0],
+        false => [1.17 * width, 0.83 * width],
+    };
     dense(ui);
     let head = |text: &str| RichText::new(text).small().color(p.weak);
     ui.horizontal(|ui| {
         cell_left(ui, name_width, head(""));
-        cell(ui, first, head("predicted"));
-        cell(ui, second, head("± 2σ"))
-            .on_hover_text("Twice the standard deviation of the estimate");
+        cell(ui, first, head(if narrow { "pred." } else { "predicted" }))
+            .on_hover_text("The predicted pose");
+        if !narrow {
+            cell(ui, second, head("± 2σ"))
+                .on_hover_text("Twice the standard deviation of the estimate");
+        }
         cell(ui, width, head("Vicon")).on_hover_text(view.truth_name());
         cell(ui, width, head("error")).on_hover_text("Predicted minus Vicon");
     });
@@ -53,16 +66,18 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                 name_width,
                 RichText::new(format!("{} / {unit}", POSE_NAMES[i])).color(p.weak),
             );
+            let doubt = number(2.0 * sigma, decimals);
             cell(
                 ui,
                 first,
                 RichText::new(number(predicted[i], decimals)).color(p.text),
-            );
-            cell(
-                ui,
-                second,
-                RichText::new(number(2.0 * sigma, decimals)).color(p.weak),
-            );
+            )
+            .on_hover_text(format!(
+                "± {doubt} {unit}: twice the standard deviation of the estimate"
+            ));
+            if !narrow {
+                cell(ui, second, RichText::new(doubt).color(p.weak));
+            }
             let dash = || "—".to_owned();
             let a = actual.map_or_else(dash, |a| number(a[i], decimals));
             cell(ui, width, RichText::new(a).color(p.text));

@@ -25,6 +25,12 @@ impl LiveViewer {
         self.starting.is_some()
     }
 
+    /// Starts a viewer, or finds the one that runs.
+    pub fn start(&mut self, services: &mut Services) {
+        self.error = None;
+        self.starting = Some((services.start_viewer)());
+    }
+
     /// Takes what has come, whatever screen is shown: a viewer that is ready is streamed to.
     pub fn poll(&mut self, commands: &mut Vec<Command>) {
         let Some(answer) = self.starting.as_ref().and_then(Job::poll) else {
@@ -53,7 +59,7 @@ pub fn live_in_rerun(
         Ok(())
     };
     let stream = live.snapshot.streaming.as_ref();
-    ui.horizontal(|ui| match (&viewer.starting, stream) {
+    ui.horizontal_wrapped(|ui| match (&viewer.starting, stream) {
         (Some(_), _) => {
             ui.spinner();
             note(ui, "Starting the Rerun viewer…");
@@ -93,8 +99,7 @@ fn open(ui: &mut Ui, gate: &Gate, viewer: &mut LiveViewer, services: &mut Servic
     let hover = "Show the running twin in the Rerun viewer, on this computer only";
     let pressed = gated(ui, gate, Button::new("Open live in Rerun"), hover).clicked();
     if pressed {
-        viewer.error = None;
-        viewer.starting = Some((services.start_viewer)());
+        viewer.start(services);
     }
     pressed
 }

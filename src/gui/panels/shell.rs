@@ -14,7 +14,7 @@ use super::{Screen, View};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
 use crate::twin::{Command, RESUME_OFF_S};
-pub use banners::{banners, disconnected};
+pub use banners::{LINE, banners, disconnected};
 pub use keys::{KeyAction, keys, shortcuts};
 
 /// Age above which link and ground truth count as late, s.
@@ -41,6 +41,8 @@ pub struct ShellInput<'a> {
     pub twin: bool,
     /// Whether the twin behind the window has ended.
     pub twin_gone: bool,
+    /// Whether a newcomer is greeted.
+    pub welcome: bool,
 }
 
 /// What the operator asked of the window itself.
@@ -60,6 +62,8 @@ pub enum ShellAction {
     CloseReplay,
     /// Close the welcome for good.
     CloseWelcome,
+    /// Show the welcome again.
+    ShowWelcome,
     /// Connect to the virtual rig.
     StartVirtualRig,
     /// Stop connecting.
@@ -252,23 +256,60 @@ fn alarms(ui: &mut Ui, s: &Snapshot) {
         });
 }
 
-// One name and value of the top bar; abnormal ones get glyph and colour.
-fn item(ui: &mut Ui, level: Level, name: &str, value: &str, hover: &str) {
-    let p = Palette::in_ui(ui);
-    let glyph = match level {
-        Level::Normal => String::new(),
-        _ => format!("{} ", level.glyph()),
-    };
-    ui.spacing_mut().item_spacing.x = 5.0;
-    let name = ui.label(RichText::new(format!("{glyph}{name}")).color(p.level(level)));
-    let color = if level == Level::Normal {
-        p.text
-    } else {
-        p.level(level)
-    };
-    let value = ui.label(RichText::new(value).color(color));
-    name.union(value).on_hover_text(hover);
-    ui.add_space(9.0);
+/// Between two items of the top bar, points.
+const ITEM_GAP: f32 = 14.0;
+
+/// One name and value of the top bar.
+struct Item {
+    level: Level,
+    name: &'static str,
+    value: String,
+    hover: String,
+    /// Whether it was true when data came last: greyed.
+    stale: bool,
+}
+
+impl Item {
+    /// Abnormal ones get glyph and colour.
+    fn name(&self) -> String {
+        match self.level {
+            Level::Normal => self.name.to_owned(),
+            level => format!("{} {}", level.glyph(), self.name),
+        }
+    }
+
+    fn width(&self, ui: &Ui) -> f32 {
+        let font = egui::TextStyle::Body.resolve(ui.style());
+        let of = |text: String| {
+            let galley = ui
+                .painter()
+                .layout_no_wrap(text, font.clone(), egui::Color32::WHITE);
+            galley.size().x
+        };
+        of(self.name()) + 5.0 + of(self.value.clone()) + ITEM_GAP
+    }
+
+    fn show(&self, ui: &mut Ui) {
+        let p = Palette::in_ui(ui);
+        let share = if self.stale {
+            super::STALE_OPACITY
+        } else {
+            1.0
+        };
+        ui.spacing_mut().item_spacing.x = 5.0;
+        let color = p.level_text(self.level).gamma_multiply(share);
+        let value = RichText::new(&self.value).color(color);
+        let response = match self.name {
+            "" => ui.label(value),
+            _ => {
+                let color = p.level(self.level).gamma_multiply(share);
+                let name = ui.label(RichText::new(self.name()).color(color));
+                name.union(ui.label(value))
+            }
+        };
+        response.on_hover_text(self.hover.as_str());
+        ui.add_space(ITEM_GAP - 5.0);
+    }
 }
 
 fn warn_if(abnormal: bool) -> Level {
@@ -294,89 +335,161 @@ fn counts(ui: &mut Ui, live: &View<'_>) {
         note(ui, "Nothing is connected");
         return;
     }
+    let mut all = items(live);
+    let room = ui.available_width();
+    if all.iter().map(|i| i.width(ui)).sum::<f32>() <= room {
+        all.iter().for_each(|i| i.show(ui));
+        return;
+    }
+    // In two lines; where even those are too short, what is normal gives way, the last first.
+    let mut hidden: Vec<Item> = Vec::new();
+    let lines = loop {
+        let lines = in_lines(ui, &all, room - if hidden.is_empty() { 0.0 } else { 24.0 });
+        if lines.len() <= 2 || all.len() < 2 {
+            break lines;
+        }
+        let normal = all.iter().rposition(|i| i.level == Level::Normal);
+        hidden.insert(0, all.remove(normal.unwrap_or(all.len() - 1)));
+    };
+    let last = lines.len().saturating_sub(1);
+    ui.vertical(|ui| {
+        ui.spacing_mut().interact_size.y = 18.0;
+        ui.spacing_mut().item_spacing.y = 2.0;
+        ui.add_space(5.0);
+        for (i, line) in lines.into_iter().enumerate() {
+            ui.horizontal(|ui| {
+                all[line].iter().for_each(|i| i.show(ui));
+                if i == last && !hidden.is_empty() {
+                    let words: Vec<String> = hidden
+                        .iter()
+                        .map(|h| format!("{} {}: {}", h.name, h.value, h.hover))
+                        .collect();
+                    note(ui, "…").on_hover_text(words.join("\n"));
+                }
+            });
+        }
+    });
+}
+
+/// Which items stand in which line of that width.
+fn in_lines(ui: &Ui, items: &[Item], width: f32) -> Vec<std::ops::Range<usize>> {
+    let mut lines: Vec<std::ops::Range<usize>> = Vec::new();
+    let mut used = f32::INFINITY;
+    for (i, item) in items.iter().enumerate() {
+        let own = item.width(ui);
+        match lines.last_mut() {
+            Some(line) if used + own <= width => line.end = i + 1,
+            _ => {
+                lines.push(i..i + 1);
+                used = 0.0;
+            }
+        }
+        used += own;
+    }
+    lines
+}
+
+fn items(live: &View<'_>) -> Vec<Item> {
+    let s = live.snapshot;
+    let item = |level, name, value: String, hover: String| Item {
+        level,
+        name,
+        value,
+        hover,
+        stale: false,
+    };
     let (springs, imus) = s.sensors.as_ref().map_or((0, 0), |f| {
         (f.health.springs_usable(), f.health.imus_usable())
     });
-    // What was true of signals that no longer come is greyed, with its age.
-    let stale_s = live.stale_s();
-    let few = |few: bool| warn_if(few && !live.is_stale());
-    ui.scope(|ui| {
-        live.grey_if_stale(ui);
-        item(
-            ui,
-            few(springs < SPRINGS),
-            "springs",
-            &format!("{springs}/{SPRINGS}"),
-            "Springs that may be used",
-        );
-        item(
-            ui,
-            few(imus < IMUS),
-            "IMU",
-            &format!("{imus}/{IMUS}"),
-            "IMUs that may be used",
-        );
-        if let Some(stale_s) = stale_s {
-            note(ui, format!("{} ago", age(stale_s)))
-                .on_hover_text("When springs and IMUs gave data last");
-            ui.add_space(9.0);
-        }
-    });
-    match &s.truth {
+    let vicon = match &s.truth {
         Some(t) => {
             let late = s.stamp.since(t.stamp);
-            item(
-                ui,
-                warn_if(late > LATE_S),
-                "Vicon",
-                &age(late.max(0.0)),
-                "Age of the newest motion-capture pose. It is never used for control.",
-            );
+            let hover =
+                "Age of the newest motion-capture pose. It is never used for control.".to_owned();
+            item(warn_if(late > LATE_S), "Vicon", age(late.max(0.0)), hover)
         }
-        None => item(
-            ui,
-            Level::Normal,
-            "Vicon",
-            "—",
-            "No motion capture: predictions cannot be scored.",
-        ),
-    }
-    item(
-        ui,
-        warn_if(!s.link.connected || s.link.age_s > LATE_S),
-        "link",
-        &age(s.link.age_s),
-        &format!("Age of the newest frame from {}", s.link.source),
-    );
+        None => {
+            let hover = "No motion capture: predictions cannot be scored.".to_owned();
+            item(Level::Normal, "Vicon", "—".into(), hover)
+        }
+    };
     let lost = s.link.frames_lost as f64 / (s.link.frames + s.link.frames_lost).max(1) as f64;
-    item(
-        ui,
-        warn_if(lost > 0.01),
-        "drops",
-        &s.link.frames_lost.to_string(),
-        &format!("Frames lost since the link opened: {:.2} %", lost * 100.0),
-    );
+    // What was true of signals that no longer come is greyed, with its age.
+    let stale = live.is_stale();
+    let few = |name, usable: usize, of: usize, hover: &str| Item {
+        stale,
+        ..item(
+            warn_if(usable < of && !stale),
+            name,
+            format!("{usable}/{of}"),
+            hover.into(),
+        )
+    };
+    let mut all = vec![
+        few("springs", springs, SPRINGS, "Springs that may be used"),
+        few("IMU", imus, IMUS, "IMUs that may be used"),
+    ];
+    if let Some(stale_s) = live.stale_s() {
+        let hover = "When springs and IMUs gave data last";
+        let ago = format!("{} ago", age(stale_s));
+        all.push(item(Level::Normal, "", ago, hover.into()));
+    }
+    all.extend([
+        vicon,
+        item(
+            warn_if(!s.link.connected || s.link.age_s > LATE_S),
+            "link",
+            age(s.link.age_s),
+            format!("Age of the newest frame from {}", s.link.source),
+        ),
+        item(
+            warn_if(lost > 0.01),
+            "drops",
+            s.link.frames_lost.to_string(),
+            format!("Frames lost since the link opened: {:.2} %", lost * 100.0),
+        ),
+    ]);
+    all
 }
 
-/// The rail on the left: the screens, and what concerns the window.
+/// Width of the rail with and without the keys of its screens, points.
+pub const RAIL: [f32; 2] = [152.0, 116.0];
+
+/// Windows narrower than this have the narrow rail, points.
+pub const NARROW: f32 = 1200.0;
+
+/// The rail on the left: the screens, and what concerns the window. Where it is narrow the keys stand in the
+/// tooltips only.
 pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
     let p = *Palette::in_ui(ui);
     ui.spacing_mut().item_spacing.y = 4.0;
     let width = ui.available_width();
+    let narrow = width < 0.5 * (RAIL[0] + RAIL[1]);
+    if narrow {
+        ui.spacing_mut().button_padding.x = 6.0;
+    }
+    let shown = |button: Button<'static>, keys: &str| match narrow {
+        true => button,
+        false => button.right_text(RichText::new(keys).small().color(p.weak)),
+    };
     for screen in Screen::ALL {
         let hint = format!("Ctrl+{}", screen.key().name());
-        let button = Button::selectable(current == screen, screen.name())
-            .right_text(RichText::new(hint).small().color(p.weak))
-            .min_size(vec2(width, 34.0));
-        if ui.add(button).on_hover_text(screen.purpose()).clicked() {
+        let button = Button::selectable(current == screen, screen.name());
+        let button = shown(button, &hint).min_size(vec2(width, 34.0));
+        let hover = format!("{} ({hint})", screen.purpose());
+        let response = ui.add(button).on_hover_text(hover);
+        if response.accessible_name(screen.name()).clicked() {
             actions.push(ShellAction::Show(screen));
         }
     }
     ui.with_layout(Layout::bottom_up(Align::Min), |ui| {
         let mut small = |ui: &mut Ui, text: &str, keys: &str, hover: &str, action| {
-            let button = Button::selectable(false, text)
-                .right_text(RichText::new(keys).small().color(p.weak))
-                .min_size(vec2(width, 28.0));
+            let button = Button::selectable(false, text.to_owned());
+            let button = shown(button, keys).min_size(vec2(width, 28.0));
+            let hover = match keys {
+                "" => hover.to_owned(),
+                keys => format!("{hover} ({keys})"),
+            };
             let response = ui.add(button).on_hover_text(hover);
             if response.accessible_name(text).clicked() {
                 actions.push(action);
@@ -436,13 +549,7 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             (None, Some(a)) => {
                 status(ui, severity_level(a.severity), &a.text());
             }
-            (None, None) => {
-                let source = match s.link.source.as_str() {
-                    "" => "not connected",
-                    source => source,
-                };
-                note(ui, format!("Robot {}, {source}", input.live.spec.name));
-            }
+            (None, None) => {}
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time, min:s");

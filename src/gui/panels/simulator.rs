@@ -1,22 +1,23 @@
 //! Which simulator stands behind the drawn arm, and how far apart the two are.
 
-use egui::{Button, Margin, Ui};
+use egui::{Button, Margin, RichText, Ui};
 
 use super::View;
-use super::widgets::{gated, note, number, status};
+use super::widgets::{gated, note, number};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{Simulator, Snapshot};
 use crate::twin::Command;
 
 /// The bar above the 3D view.
 pub fn ui(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
-    let p = Palette::in_ui(ui);
+    let p = *Palette::in_ui(ui);
     let frame = egui::Frame::new()
         .fill(p.panel)
         .inner_margin(Margin::symmetric(10, 4));
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
-        ui.horizontal_wrapped(|ui| {
+        // What is said never takes a line of its own: the view below stays where it is.
+        ui.horizontal(|ui| {
             note(ui, "Simulator");
             let gate = view.live();
             for (simulator, name, hover) in [
@@ -37,14 +38,19 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
                     commands.push(Command::Show(simulator));
                 }
             }
-            match (readout(view.snapshot), &view.snapshot.mesh_trouble) {
-                (_, Some(trouble)) => status(ui, Level::Warning, trouble),
-                (Some(text), None) => note(ui, text).on_hover_text(
-                    "Distance between the tips by the mesh and by the rod model at the same \
-                     pressures and payload",
-                ),
+            let (text, color) = match (readout(view.snapshot), &view.snapshot.mesh_trouble) {
+                (_, Some(trouble)) => {
+                    let text = format!("{} {trouble}", Level::Warning.glyph());
+                    (text, p.warning)
+                }
+                (Some(text), None) => (text, p.weak),
                 (None, None) => return,
             };
+            ui.add(egui::Label::new(RichText::new(text).color(color)).truncate())
+                .on_hover_text(
+                    "Distance between the tips by the mesh and by the rod model at the same \
+                     pressures and payload",
+                );
         });
     });
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::View;
 use super::plot::{Legend, Series, TimePlot, TimeWindow, stack};
+use super::widgets::ends;
 use crate::gui::history::{Channel, POSE_NAMES};
 use crate::signal::CHAMBERS;
 
@@ -22,7 +23,7 @@ pub enum StripChoice {
 
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut TimeWindow) {
-    ui.horizontal(|ui| {
+    let chooser = |ui: &mut Ui| {
         for (value, text, hover) in [
             (
                 StripChoice::Position,
@@ -43,10 +44,9 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
             ui.selectable_value(choice, value, text)
                 .on_hover_text(hover);
         }
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            window.controls(ui, view);
-        });
-    });
+    };
+    let said = TimeWindow::said(view);
+    ends(ui, "strips", &said, chooser, |ui| window.controls(ui, view));
     let pose = |first: usize| -> Vec<Vec<Series>> {
         (first..first + 3)
             .map(|i| {
@@ -67,7 +67,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, choice: &mut StripChoice, window: &mut T
                 .collect(),
         ],
     };
-    stack(ui, stacks.len(), 0.0, |ui, i, height, time_axis| {
+    stack(ui, stacks.len(), 44.0, |ui, i, height, time_axis| {
         let series = &stacks[i];
         let channel = series[0].channel;
         let title = match channel {

@@ -186,6 +186,59 @@ pub fn meter(ui: &mut Ui, width: f32, m: &Meter<'_>) -> Response {
     response
 }
 
+/// A card that fills the room there is; what does not fit into it is scrolled to.
+pub fn pane(ui: &mut Ui, name: &str, contents: impl FnOnce(&mut Ui)) {
+    super::sensors::card(ui, |ui| {
+        ui.set_min_size(ui.available_size());
+        egui::ScrollArea::vertical()
+            .id_salt(name)
+            .auto_shrink(false)
+            .min_scrolled_height(0.0)
+            .show(ui, contents);
+    });
+}
+
+/// A row with something at its left and something at its right end; where both do not fit beside each other,
+/// the right part has a line of its own. Both are laid out from left to right. What is said stands before the right
+/// part as far as there is room, else in its tooltip, and moves nothing.
+pub fn ends(
+    ui: &mut Ui,
+    name: &str,
+    said: &str,
+    left: impl FnOnce(&mut Ui),
+    right: impl FnOnce(&mut Ui),
+) {
+    let id = ui.scope_id().with(("ends", name));
+    // How wide the right part was; not known before the first frame.
+    let known: f32 = ui.data(|d| d.get_temp(id)).unwrap_or(f32::INFINITY);
+    ui.horizontal_wrapped(|ui| {
+        left(ui);
+        if ui.available_size_before_wrap().x < known {
+            ui.end_row();
+        }
+        let rest = ui.available_size_before_wrap().x - known;
+        let gap = rest - ui.spacing().item_spacing.x;
+        if !said.is_empty() && gap > 30.0 {
+            let size = vec2(gap, ui.spacing().interact_size.y);
+            ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| {
+                ui.set_min_size(size);
+                let color = Palette::in_ui(ui).weak;
+                ui.add(Label::new(RichText::new(said).color(color)).truncate());
+            });
+        } else if rest > 0.0 {
+            ui.add_space(rest);
+        }
+        let from = ui.cursor().min;
+        right(ui);
+        let to = ui.cursor().min;
+        let width = to.x - from.x - ui.spacing().item_spacing.x;
+        if to.y == from.y && (width - known).abs() > 0.5 {
+            ui.data_mut(|d| d.insert_temp(id, width));
+            ui.ctx().request_repaint();
+        }
+    });
+}
+
 /// An empty state: what is missing and the next action, in the middle of the space left.
 pub fn empty(ui: &mut Ui, title: &str, next: &str) {
     ui.vertical_centered(|ui| {

@@ -7,7 +7,7 @@ use crate::gui::panels::accuracy::{Below, Plots, Scope};
 type Written = Arc<Mutex<Vec<(PathBuf, Vec<u8>)>>>;
 
 // Errors stand out at 110 s and at 130 s, and Vicon is away from 115 s to 117 s.
-fn session() -> Vec<Snapshot> {
+pub(super) fn session() -> Vec<Snapshot> {
     let mut session = fixture::session(40);
     for s in &mut session {
         let t = s.stamp.seconds();

@@ -68,7 +68,7 @@ fn compared(q: &Question) -> Comparison {
         .expect("nobody stops it")
 }
 
-type Shelf = Arc<Mutex<Vec<Version>>>;
+pub(super) type Shelf = Arc<Mutex<Vec<Version>>>;
 
 fn put(shelf: &Shelf, new: NewVersion) -> Vec<Version> {
     let mut list = shelf.lock().expect("not poisoned");
@@ -101,7 +101,7 @@ fn opened(handle: Handle, outside: Services) -> Harness<'static, App> {
     h
 }
 
-fn services(shelf: &Shelf) -> Services {
+pub(super) fn services(shelf: &Shelf) -> Services {
     let (list, save, activate) = (shelf.clone(), shelf.clone(), shelf.clone());
     Services {
         calibration: CalibrationServices {

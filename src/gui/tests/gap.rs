@@ -23,11 +23,11 @@ use crate::gui::services::{Dialog, Worker};
 use crate::rig::hidden::Hidden;
 use crate::rig::{SessionPlan, session};
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
-use verdicts::with_verdict;
+pub(super) use verdicts::with_verdict;
 
 const HEALTHY: &str = "made/commissioning";
 const SUSPECT: &str = "made/suspect";
-const ANSWER: &str = "answers/made.json";
+pub(super) const ANSWER: &str = "answers/made.json";
 /// What the example of these tests hides: mass, kg, and offset, m, of an undeclared payload.
 const HIDDEN: (&str, [f64; 2]) = ("payload", [0.25, 0.004]);
 
@@ -55,7 +55,7 @@ fn made(name: &str, seed: u64, hidden: Vec<Hidden>) -> Session {
 }
 
 /// The real finder on two real sessions of the virtual rig, once for all tests.
-fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
+pub(super) fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
     static FOUND: OnceLock<Arc<Found>> = OnceLock::new();
     if let Some(found) = FOUND.get() {
         return Ok(Arc::clone(found));
@@ -85,7 +85,7 @@ impl Progress for Told {
     }
 }
 
-fn sheet(path: &Path) -> SessionSheet {
+pub(super) fn sheet(path: &Path) -> SessionSheet {
     let group = |name: &str, present, of| SheetGroup {
         name: name.into(),
         present,
@@ -134,7 +134,7 @@ fn answer() -> Answer {
 
 /// What the window did outside, as the tests saw it.
 #[derive(Default)]
-struct Seen {
+pub(super) struct Seen {
     /// Text of the robot file with the accepted patches.
     robot_file: String,
     /// Pages that were opened.
@@ -150,7 +150,7 @@ struct Seen {
 }
 
 /// Services that keep their files in memory; the finder is the real one.
-fn services(seen: &Rc<RefCell<Seen>>) -> Services {
+pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
     seen.borrow_mut().robot_file = REFERENCE.to_owned();
     let robot = |text: &str| PatchedRobot {
         path: "data/reference.patched.toml".into(),

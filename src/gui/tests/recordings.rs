@@ -125,13 +125,13 @@ fn services() -> Services {
     }
 }
 
-fn app(theme: Theme) -> App {
+pub(super) fn app(theme: Theme) -> App {
     let mut app = App::for_screenshot(Screen::Recordings, theme, RobotSpec::reference(), &[]);
     app.services = services();
     app
 }
 
-fn load(h: &mut Harness<'_, App>, name: &str, button: &str) {
+pub(super) fn load(h: &mut Harness<'_, App>, name: &str, button: &str) {
     h.get_by_label(name).click();
     h.run_steps(2);
     h.get_by_label(button).click();

@@ -73,6 +73,14 @@ fn cursors_tell_the_difference_of_time_and_of_every_signal() {
     h.state_mut().window.cursors_s = Some([ta, tb]);
     h.run();
     h.get_by_label("Δt 10.00 s");
+    // As the axis below counts: 120 s into the session.
+    for (name, text) in [
+        ("Cursor A in min:s", "2:00.00"),
+        ("Cursor B in min:s", "2:10.00"),
+    ] {
+        let shown = control(&h, name).value();
+        assert_eq!(shown.as_deref(), Some(text), "{name}");
+    }
     let mm = |s: &Snapshot| s.sensors.as_ref().expect("has sensors").sensors.spring_m[7] * 1e3;
     let d = crate::gui::panels::widgets::number(mm(&b) - mm(&a), 2);
     let said = format!("4B: B − A {d} mm in 10.00 s");

@@ -31,8 +31,8 @@ pub fn ui(ui: &mut Ui, state: &mut AccuracyState) {
     }
     dense(ui);
     let largest = bins.iter().map(|b| b.translation.p95).fold(0.0, f64::max);
-    let columns = [96.0, 52.0, 52.0, 52.0, 52.0, 52.0];
-    let bar = ui.available_width() - columns.iter().sum::<f32>() - 7.0 * 4.0;
+    let columns = [80.0, 52.0, 52.0, 52.0, 52.0, 52.0];
+    let bar = (ui.available_width() - columns.iter().sum::<f32>() - 7.0 * 4.0).max(24.0);
     let head = |t: &str| RichText::new(t).small().color(p.weak);
     ui.horizontal(|ui| {
         let name = format!("{} / {}", by.name().to_lowercase(), by.unit());

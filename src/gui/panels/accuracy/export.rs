@@ -67,6 +67,8 @@ struct Shot {
 pub struct Export {
     /// The path that is typed, where there is no dialog.
     pub draft: Option<(Kind, String)>,
+    /// A kind of file that was asked for from elsewhere.
+    pub wanted: Option<Kind>,
     /// What was written last, or why not.
     pub said: Option<Result<String, String>>,
     picking: Option<(Kind, Job<Option<PathBuf>>)>,
@@ -94,7 +96,11 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, services: &mu
         Ok(())
     };
     let mut write = None;
-    ui.horizontal(|ui| {
+    let wanted = export.wanted.take();
+    if let (Some(_), Err(why)) = (wanted, &gate) {
+        export.said = Some(Err(why.clone()));
+    }
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         if let Some((kind, path)) = &mut export.draft {
             let mut cancel = false;
@@ -121,7 +127,8 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, services: &mu
         }
         note(ui, "Export");
         for kind in Kind::ALL {
-            if gated(ui, &gate, Button::new(kind.name()), kind.hover()).clicked() {
+            let pressed = gated(ui, &gate, Button::new(kind.name()), kind.hover()).clicked();
+            if pressed || (wanted == Some(kind) && gate.is_ok()) {
                 export.said = None;
                 let name = suggested(view, kind);
                 let dialog = Dialog {

@@ -7,21 +7,22 @@ mod frames;
 mod space;
 mod table;
 
-use egui::{Align, Button, Key, Layout, Modifiers, RichText, Ui, vec2};
+use egui::{Button, Key, Modifiers, RichText, Ui, vec2};
 
 use super::View;
 use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
-use super::sensors::{card, stale};
-use super::widgets::{Gate, empty, gated, minutes, note, number};
-use crate::gui::history::{Channel, POSE_NAMES};
+use super::sensors::stale;
+use super::widgets::{Gate, empty, ends, gated, minutes, note, number, pane};
+use crate::gui::history::{Channel, History, POSE_NAMES};
 use crate::gui::scene::camera::Camera;
 use crate::gui::score::{By, occlusions, peaks, scored};
 use crate::gui::services::Services;
+use crate::gui::theme::Palette;
 use crate::sensing::registration::Registration;
 
 pub use analysis::Analysis;
 use analysis::Pending;
-pub use export::Export;
+pub use export::{Export, Kind};
 pub use table::published_for;
 
 /// Which part of the session is scored.
@@ -106,7 +107,7 @@ impl AccuracyState {
     }
 
     /// Goes to the next or the previous peak of the whole session.
-    fn jump(&mut self, view: &View<'_>, window: &mut TimeWindow, forward: bool) {
+    pub fn jump(&mut self, view: &View<'_>, window: &mut TimeWindow, forward: bool) {
         let found = peaks(&scored(view.history, f64::NEG_INFINITY, view.now_s));
         let here = self.peak.map(|p| p[0]);
         let at = match (here, forward) {
@@ -162,9 +163,7 @@ pub fn ui(
         let left = ui.available_width() - table - 10.0;
         let height = ui.available_height();
         ui.allocate_ui(vec2(left, height), |ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
-                stale(ui, view);
+            pane(ui, "over time", |ui| {
                 if has_truth {
                     over_time(ui, view, state, window);
                 } else {
@@ -173,8 +172,7 @@ pub fn ui(
             });
         });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "scores", |ui| {
                 if has_truth {
                     export::finish(ui, view, state, services, whole);
                     right(ui, view, state, window, services);
@@ -192,9 +190,12 @@ pub fn ui(
 }
 
 fn has_errors(view: &View<'_>) -> bool {
-    let all = view
-        .history
-        .points(Channel::Error(6), f64::NEG_INFINITY, view.now_s);
+    is_scored(view.history, view.now_s)
+}
+
+/// Whether there are errors up to an instant, s.
+pub fn is_scored(history: &History, now_s: f64) -> bool {
+    let all = history.points(Channel::Error(6), f64::NEG_INFINITY, now_s);
     { all }.next().is_some()
 }
 
@@ -238,50 +239,17 @@ fn stack(
 }
 
 fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 4.0;
-        for (value, text, hover) in [
-            (Plots::Errors, "Errors", "Predicted minus Vicon"),
-            (
-                Plots::Overlay,
-                "Overlay",
-                "Predicted (solid) and Vicon (dashed) in one plot",
-            ),
-        ] {
-            ui.selectable_value(&mut state.plots, value, text)
-                .on_hover_text(hover);
-        }
-        ui.separator();
-        let any: Gate = match has_errors(view) {
-            true => Ok(()),
-            false => Err("Nothing is scored yet: there is no peak.".into()),
-        };
-        for (forward, text, name, hover) in [
-            (
-                false,
-                "◀",
-                "Previous peak",
-                "Previous peak of the translation error (K)",
-            ),
-            (
-                true,
-                "▶",
-                "Next peak",
-                "Next peak of the translation error (J)",
-            ),
-        ] {
-            let button = Button::new(text);
-            if gated(ui, &any, button, hover)
-                .accessible_name(name)
-                .clicked()
-            {
-                state.jump(view, window, forward);
-            }
-        }
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            window.controls(ui, view);
-        });
-    });
+    let mut jump = None;
+    ends(
+        ui,
+        "over time",
+        &TimeWindow::said(view),
+        |ui| jump = what_is_plotted(ui, view, state),
+        |ui| window.controls(ui, view),
+    );
+    if let Some(forward) = jump {
+        state.jump(view, window, forward);
+    }
     let mut marks = Vec::new();
     ui.horizontal(|ui| {
         ui.spacing_mut().interact_size.y = 16.0;
@@ -295,9 +263,7 @@ fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &m
             ui.label(RichText::new(text).small());
             marks.push((t, "peak".to_owned()));
         }
-        let text = RichText::new("Shaded: no Vicon.").small();
-        ui.label(text.color(crate::gui::theme::Palette::in_ui(ui).weak))
-            .on_hover_text("Occlusions are left out of the score and counted beside it");
+        shading(ui, view, "Shaded: no Vicon.");
     });
     ui.spacing_mut().item_spacing.y = 2.0;
     let plots: Vec<_> = (0..6)
@@ -330,12 +296,75 @@ fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &m
     stack(ui, view, window, &plots, extras);
 }
 
+// Errors or overlay, and the buttons that go from peak to peak; whether one was pressed, and if so, forwards.
+fn what_is_plotted(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) -> Option<bool> {
+    ui.spacing_mut().item_spacing.x = 4.0;
+    for (value, text, hover) in [
+        (Plots::Errors, "Errors", "Predicted minus Vicon"),
+        (
+            Plots::Overlay,
+            "Overlay",
+            "Predicted (solid) and Vicon (dashed) in one plot",
+        ),
+    ] {
+        ui.selectable_value(&mut state.plots, value, text)
+            .on_hover_text(hover);
+    }
+    ui.separator();
+    let any: Gate = match has_errors(view) {
+        true => Ok(()),
+        false => Err("Nothing is scored yet: there is no peak.".into()),
+    };
+    let mut jump = None;
+    for (forward, text, name, hover) in [
+        (
+            false,
+            "◀",
+            "Previous peak",
+            "Previous peak of the translation error (K)",
+        ),
+        (
+            true,
+            "▶",
+            "Next peak",
+            "Next peak of the translation error (J)",
+        ),
+    ] {
+        let button = Button::new(text);
+        if gated(ui, &any, button, hover)
+            .accessible_name(name)
+            .clicked()
+        {
+            jump = Some(forward);
+        }
+    }
+    jump
+}
+
+// What is shaded, or that the values are old: in a line that is always there.
+fn shading(ui: &mut Ui, view: &View<'_>, otherwise: &str) {
+    let p = *Palette::in_ui(ui);
+    let (text, color) = match stale(view) {
+        Some(text) => (text, p.warning),
+        None => (otherwise.to_owned(), p.weak),
+    };
+    ui.add(egui::Label::new(RichText::new(text).small().color(color)).truncate())
+        .on_hover_text("Occlusions are left out of the score and counted beside it");
+}
+
 fn predictions(ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow) {
+    ends(
+        ui,
+        "predictions",
+        &TimeWindow::said(view),
+        |ui| {
+            ui.label("Predicted pose");
+        },
+        |ui| window.controls(ui, view),
+    );
     ui.horizontal(|ui| {
-        ui.label("Predicted pose");
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            window.controls(ui, view);
-        });
+        ui.spacing_mut().interact_size.y = 16.0;
+        shading(ui, view, "");
     });
     ui.spacing_mut().item_spacing.y = 2.0;
     let plots: Vec<_> = (0..6)

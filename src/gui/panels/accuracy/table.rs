@@ -1,11 +1,11 @@
 //! The table of errors with the published values.
 
-use egui::{Align, Layout, RichText, Ui, vec2};
+use egui::{RichText, Ui, vec2};
 
 use super::{AccuracyState, Scope};
 use crate::gui::history::{Channel, Stats};
 use crate::gui::panels::View;
-use crate::gui::panels::widgets::{badge, cell, cell_left, note, number};
+use crate::gui::panels::widgets::{badge, cell, cell_left, ends, note, number};
 use crate::gui::theme::Palette;
 
 /// Rows of the table: the channel of the error, its name, and the published hardware value (mean
@@ -55,25 +55,30 @@ pub fn published(payload_kg: f64) -> [Option<f64>; 8] {
 /// The table.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
     let p = *Palette::in_ui(ui);
-    ui.horizontal(|ui| {
-        ui.label("Absolute error");
-        badge(ui, &format!("ours: {}", view.origin()), p.raised, p.text)
-            .on_hover_text("Where the scored data come from");
-        badge(ui, "paper: hardware", p.raised, p.text)
-            .on_hover_text("The published values were measured on hardware, not simulated");
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.selectable_value(&mut state.scope, Scope::All, "All")
-                .on_hover_text("Score everything up to now");
+    ends(
+        ui,
+        "scope",
+        "",
+        |ui| {
+            ui.label("Absolute error");
+            badge(ui, &format!("ours: {}", view.origin()), p.raised, p.text)
+                .on_hover_text("Where the scored data come from");
+            badge(ui, "paper: hardware", p.raised, p.text)
+                .on_hover_text("The published values were measured on hardware, not simulated");
+        },
+        |ui| {
             ui.selectable_value(&mut state.scope, Scope::Window, "Window")
                 .on_hover_text("Score what the plots show");
-        });
-    });
+            ui.selectable_value(&mut state.scope, Scope::All, "All")
+                .on_hover_text("Score everything up to now");
+        },
+    );
     ui.spacing_mut().item_spacing = vec2(4.0, 2.0);
     ui.spacing_mut().interact_size.y = 17.0;
     let none = [None; 8];
     let stats = state.analysis.as_ref().map_or(&none, |a| &a.stats);
     let paper = published(view.snapshot.payload_kg);
-    let name_width = 104.0;
+    let name_width = 96.0;
     let width = ((ui.available_width() - name_width - 7.0 * 4.0) / 7.0).max(36.0);
     ui.horizontal(|ui| {
         let head = |t: &str| RichText::new(t).small().color(p.weak);

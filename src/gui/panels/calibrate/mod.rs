@@ -23,12 +23,12 @@ use egui::{Align, Button, Layout, Panel, RichText, ScrollArea, Ui, vec2};
 
 use super::View;
 use super::target::HoldToGo;
-use super::widgets::{Gate, gated, note, status};
+use super::widgets::{Gate, gated};
 use crate::gui::services::{Job, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::robot::RobotSpec;
 use crate::sensing::bench::BenchLog;
-use crate::signal::Snapshot;
+use crate::signal::{Mode, Snapshot};
 use crate::twin::{Command, Event};
 use outside::{Comparison, Version};
 use wizard::{Step, Wizard};
@@ -117,6 +117,23 @@ impl CalibrateState {
             Event::Calibrated { calibration, .. } => wizard.calibrated(calibration),
             Event::Refused { reason, .. } => wizard.heard_refusal(reason),
             _ => {}
+        }
+    }
+
+    /// The wizard begins, when the screen is shown first.
+    fn begin(&mut self, services: &mut Services) {
+        if self.wizard.is_none() {
+            self.wizard = Some(Wizard::new(services.calibration.in_use.clone()));
+            self.listing = Some((services.calibration.versions)());
+        }
+    }
+
+    /// Goes to a step, when it may be entered.
+    pub fn go_to(&mut self, step: Step, mode: &Mode, services: &mut Services) -> Vec<Command> {
+        self.begin(services);
+        match &mut self.wizard {
+            Some(wizard) if wizard.may_enter(step).is_ok() => wizard.go_to(step, mode),
+            _ => Vec::new(),
         }
     }
 
@@ -222,10 +239,7 @@ pub fn ui(
     services: &mut Services,
     commands: &mut Vec<Command>,
 ) {
-    if state.wizard.is_none() {
-        state.wizard = Some(Wizard::new(services.calibration.in_use.clone()));
-        state.listing = Some((services.calibration.versions)());
-    }
+    state.begin(services);
     state.poll(live, commands);
     if state.busy() {
         ui.ctx().request_repaint_after(Duration::from_millis(100));
@@ -268,8 +282,20 @@ fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec
                 (Step::Validate, wizard::Mark::Kept) => "○ not yet".into(),
                 _ => format!("{} {}", mark.glyph(), mark.word()),
             };
-            let glyph = RichText::new(word).small().color(color);
             let title = format!("{} {}", step.index() + 1, step.name());
+            // Where there is no room for the word, its glyph stands for it; the tooltip has both.
+            let wide = |text: &str, style| {
+                let font = egui::TextStyle::resolve(&style, ui.style());
+                let galley = ui.painter().layout_no_wrap(text.to_owned(), font, p.text);
+                galley.size().x
+            };
+            let needed =
+                wide(&title, egui::TextStyle::Button) + wide(&word, egui::TextStyle::Small);
+            let word = match needed + 2.0 * ui.spacing().button_padding.x + gap > width {
+                true => word.chars().take(1).collect(),
+                false => word,
+            };
+            let glyph = RichText::new(word).small().color(color);
             let button = Button::selectable(wizard.step == step, title.as_str())
                 .frame_when_inactive(true)
                 .right_text(glyph)
@@ -284,7 +310,11 @@ fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec
     });
 }
 
-/// What concerns the whole wizard: the link, the calibration that the twin reads by, errors.
+/// Height of the line of notices, points.
+const NOTICES: f32 = 30.0;
+
+/// A line for what concerns the whole wizard, the gravest first: the link, errors, the calibration that the twin
+/// reads by. It is always there, so that nothing below it moves.
 fn notices(
     ui: &mut Ui,
     live: &View<'_>,
@@ -292,64 +322,79 @@ fn notices(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    let p = *Palette::in_ui(ui);
+    let size = vec2(ui.available_width(), NOTICES);
+    let layout = Layout::right_to_left(Align::Center);
+    ui.allocate_ui_with_layout(size, layout, |ui| {
+        ui.set_min_size(size);
+        // What there is to press keeps its place; the words give way and are whole in their tooltip.
+        let (level, text) = notice(ui, live, wizard, state, commands);
+        ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+            let p = Palette::in_ui(ui);
+            let (text, color) = match level {
+                Level::Normal => (text, p.weak),
+                level => (format!("{} {text}", level.glyph()), p.level(level)),
+            };
+            ui.add(egui::Label::new(RichText::new(text).color(color)).truncate());
+        });
+    });
+}
+
+/// The words of the line, and its button.
+fn notice(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &mut CalibrateState,
+    commands: &mut Vec<Command>,
+) -> (Level, String) {
+    if let Some(e) = state.error.clone() {
+        let hover = "Hide this message";
+        if ui.button("Dismiss").on_hover_text(hover).clicked() {
+            state.error = None;
+        }
+        return (Level::Warning, e);
+    }
     if !live.snapshot.link.connected {
-        egui::Frame::new()
-            .fill(p.warning_fill)
-            .inner_margin(6)
-            .show(ui, |ui| {
-                ui.set_width(ui.available_width());
-                let text = "▲ Paused: the boards do not answer. Everything captured is kept; capturing goes on \
-                            when they are back.";
-                ui.label(RichText::new(text).color(p.text));
-            });
+        let text = "Paused: the boards do not answer. Everything captured is kept; capturing goes on when they are \
+                    back.";
+        return (Level::Warning, text.to_owned());
     }
     let ahead = wizard.step.index() > Step::Imus.index();
     if let Some(refused) = wizard.refused.clone() {
-        ui.horizontal(|ui| {
-            let name = &refused.of.name;
-            let text = format!("The twin did not take “{name}”. {}", refused.why);
-            status(ui, Level::Warning, &text);
-            let hover = "Ask the twin once more to read by it. The arm is held first";
-            if ui.button("Ask again").on_hover_text(hover).clicked() {
-                let of = match name == wizard::DRAFT {
-                    true => wizard.named_draft(),
-                    false => refused.of,
-                };
-                commands.extend(wizard.apply(of, &live.snapshot.mode));
-            }
-        });
-    } else if ahead && wizard.sent.is_none() && !wizard.draft_is_live() {
-        ui.horizontal(|ui| {
-            let text = "The twin does not read by what was captured.";
-            status(ui, Level::Warning, text);
-            let button = Button::new("Use the draft now");
-            let hover = "Let the twin read by what was captured. The arm is held first";
-            if ui.add(button).on_hover_text(hover).clicked() {
-                let draft = wizard.named_draft();
-                commands.extend(wizard.apply(draft, &live.snapshot.mode));
-            }
-        });
+        let name = &refused.of.name;
+        let mut text = format!("The twin did not take “{name}”. {}", refused.why);
+        if let Some(asked) = &wizard.asked {
+            text += &format!(" {}: not in use.", asked.what);
+        }
+        let hover = "Ask the twin once more to read by it. The arm is held first";
+        if ui.button("Ask again").on_hover_text(hover).clicked() {
+            let of = match name == wizard::DRAFT {
+                true => wizard.named_draft(),
+                false => refused.of,
+            };
+            commands.extend(wizard.apply(of, &live.snapshot.mode));
+        }
+        return (Level::Warning, text);
     }
-    if let Some(e) = state.error.clone() {
-        ui.horizontal(|ui| {
-            status(ui, Level::Warning, &e);
-            if ui.small_button("Dismiss").clicked() {
-                state.error = None;
-            }
-        });
+    if ahead && wizard.sent.is_none() && !wizard.draft_is_live() {
+        let hover = "Let the twin read by what was captured. The arm is held first";
+        if ui
+            .button("Use the draft now")
+            .on_hover_text(hover)
+            .clicked()
+        {
+            let draft = wizard.named_draft();
+            commands.extend(wizard.apply(draft, &live.snapshot.mode));
+        }
+        let text = "The twin does not read by what was captured.";
+        return (Level::Warning, text.to_owned());
     }
-    if let Some(asked) = &wizard.asked {
-        let what = &asked.what;
-        note(
-            ui,
-            match (asked.taken, &wizard.refused) {
-                (true, _) => format!("● {what}: in use now."),
-                (false, Some(_)) => format!("○ {what}: not in use."),
-                (false, None) => format!("◌ {what}: the twin is asked to read by it."),
-            },
-        );
-    }
+    let text = match &wizard.asked {
+        Some(asked) if asked.taken => format!("● {}: in use now.", asked.what),
+        Some(asked) => format!("◌ {}: the twin is asked to read by it.", asked.what),
+        None => String::new(),
+    };
+    (Level::Normal, text)
 }
 
 fn footer(
@@ -367,7 +412,6 @@ fn footer(
         .frame(egui::Frame::new().fill(p.window).inner_margin(egui::Margin::symmetric(0, 4)))
         .show(ui, |ui| {
             ui.horizontal(|ui| {
-                cancel(ui, live, wizard, state, commands);
                 ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
                     let size = vec2(112.0, 32.0);
                     if let Some(next) = wizard.step.next() {
@@ -395,20 +439,32 @@ fn footer(
                             wizard.step = back;
                         }
                     }
-                    let open = wizard.mark(wizard.step) == wizard::Mark::Open;
-                    match wizard.gate(wizard.step) {
-                        // Under way is not abnormal.
-                        Err(why) if open => {
-                            note(ui, why);
-                        }
-                        Err(why) => {
-                            status(ui, Level::Warning, &why);
-                        }
-                        Ok(()) => {}
-                    }
+                    ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+                        cancel(ui, live, wizard, state, commands);
+                        why_not(ui, wizard, state);
+                    });
                 });
             });
         });
+}
+
+/// Why there is no going on, else what is in use, in the room that is left.
+fn why_not(ui: &mut Ui, wizard: &Wizard, state: &CalibrateState) {
+    let p = *Palette::in_ui(ui);
+    let open = wizard.mark(wizard.step) == wizard::Mark::Open;
+    let (text, color) = match wizard.gate(wizard.step) {
+        _ if state.cancelling => {
+            let name = &wizard.before.name;
+            let text = format!("Throw away what was captured and go back to “{name}”?");
+            (text, p.text)
+        }
+        // Under way is not abnormal.
+        Err(why) if open => (why, p.weak),
+        Err(why) => (format!("{} {why}", Level::Warning.glyph()), p.warning),
+        Ok(()) => (format!("In use: “{}”", wizard.in_use.name), p.weak),
+    };
+    ui.add(egui::Label::new(RichText::new(text).color(color)).truncate())
+        .on_hover_text("“In use” is the calibration that the twin reads by");
 }
 
 fn cancel(
@@ -418,16 +474,11 @@ fn cancel(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    let name = wizard.before.name.clone();
     let idle: Gate = match state.changing {
         Some(_) => Err("The versions are being changed.".into()),
         None => Ok(()),
     };
     if state.cancelling {
-        note(
-            ui,
-            format!("Throw away what was captured and go back to “{name}”?"),
-        );
         let size = vec2(0.0, 32.0);
         let discard = Button::new("Discard and restore").min_size(size);
         let hover = "The twin reads by the calibration from before; a moving arm is held first";
@@ -457,7 +508,4 @@ fn cancel(
     if gated(ui, &gate, button, hover).clicked() {
         state.cancelling = true;
     }
-    let live_name = &wizard.in_use.name;
-    note(ui, format!("In use: “{live_name}”"))
-        .on_hover_text("The calibration that the twin reads by");
 }

@@ -250,14 +250,12 @@ fn version(
     };
     let Kept { calibration, .. } = kept;
     ui.horizontal(|ui| {
-        let name = format!("{}  {}", v.number, calibration.name);
-        ui.label(RichText::new(name).strong());
-        note(ui, &v.date);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let used = same(calibration, &wizard.in_use);
             if v.active && used {
                 ui.label(RichText::new("● in use").color(p.text))
                     .on_hover_text("The twin reads by it, and the program starts with it");
+                title(ui, calibration, v);
                 return;
             }
             let gate: Gate = if state.changing.is_some() {
@@ -282,7 +280,17 @@ fn version(
                 let job = (services.calibration.activate)(v.number);
                 state.changing = Some((Change::RollBack, job));
             }
+            title(ui, calibration, v);
         });
     });
     ui.label(RichText::new(&v.note).small().color(p.weak));
+}
+
+/// Number, name and date in the room that is left; what is cut is whole in the tooltip.
+fn title(ui: &mut Ui, calibration: &Calibration, v: &Version) {
+    note(ui, &v.date);
+    ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+        let name = format!("{}  {}", v.number, calibration.name);
+        ui.add(egui::Label::new(RichText::new(name).strong()).truncate());
+    });
 }

@@ -22,12 +22,18 @@ use crate::signal::SPRINGS;
 
 /// Width of the card on the left, points.
 const LEFT: f32 = 316.0;
+/// Its width in a narrow window, points.
+const LEFT_NARROW: f32 = 292.0;
 
 /// The card on the left of a step: what the operator does.
 pub fn left_card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
-    ui.allocate_ui(vec2(LEFT, ui.available_height()), |ui| {
+    let width = match ui.available_width() < 1000.0 {
+        true => LEFT_NARROW,
+        false => LEFT,
+    };
+    ui.allocate_ui(vec2(width, ui.available_height()), |ui| {
         card(ui, |ui| {
-            ui.set_width(LEFT - 20.0);
+            ui.set_width(width - 20.0);
             contents(ui);
         });
     });
@@ -316,7 +322,21 @@ fn hand(
     }
 }
 
-const COLUMNS: [f32; 6] = [64.0, 46.0, 208.0, 92.0, 96.0, 96.0];
+/// Widths of the columns but for the coverage, which takes what is left up to [`COVERAGE`], points.
+const COLUMNS: [f32; 6] = [60.0, 44.0, 0.0, 84.0, 84.0, 74.0];
+/// Most and least width of the coverage, points.
+const COVERAGE: [f32; 2] = [208.0, 60.0];
+/// Width of the button at the end of a row, points.
+const REDO: f32 = 58.0;
+
+/// Widths of the columns in the room there is.
+fn columns(ui: &Ui) -> [f32; 6] {
+    let gaps = 6.0 * ui.spacing().item_spacing.x;
+    let rest = ui.available_width() - COLUMNS.iter().sum::<f32>() - REDO - gaps;
+    let mut columns = COLUMNS;
+    columns[2] = rest.clamp(COVERAGE[1], COVERAGE[0]);
+    columns
+}
 
 fn table(
     ui: &mut Ui,
@@ -330,20 +350,21 @@ fn table(
     let range_m = live.spec.spring.range_m;
     let [low, high] = range_m.map(|m| m * 1e3);
     let head = |t: &str| RichText::new(t).small().color(p.weak);
+    let columns = columns(ui);
     ui.horizontal(|ui| {
-        cell_left(ui, COLUMNS[0], head("spring"));
-        cell(ui, COLUMNS[1], head("points"));
+        cell_left(ui, columns[0], head("spring"));
+        cell(ui, columns[1], head("points"));
         let text = format!("{low:.0}  lengths up, down / mm  {high:.0}");
-        cell_left(ui, COLUMNS[2], head(&text));
-        cell(ui, COLUMNS[3], head("held out / mm")).on_hover_text(
+        cell_left(ui, columns[2], head(&text));
+        cell(ui, columns[3], head("held out / mm")).on_hover_text(
             "Root mean square error on points the curve has not seen, mm; at most 0.40",
         );
-        cell(ui, COLUMNS[4], head("up-down / mm"))
+        cell(ui, columns[4], head("up-down / mm"))
             .on_hover_text("Largest difference between the way up and the way down, mm");
-        cell_left(ui, COLUMNS[5], head("verdict"));
+        cell_left(ui, columns[5], head("verdict"));
     });
     for i in 0..SPRINGS {
-        row(ui, live, wizard, state, services, i);
+        row(ui, live, wizard, state, services, columns, i);
     }
     ui.add_space(6.0);
     for i in 0..SPRINGS {
@@ -376,6 +397,7 @@ fn row(
     wizard: &mut Wizard,
     state: &mut CalibrateState,
     services: &mut Services,
+    columns: [f32; 6],
     i: usize,
 ) {
     let p = *Palette::in_ui(ui);
@@ -389,25 +411,25 @@ fn row(
     };
     ui.horizontal(|ui| {
         ui.set_min_height(26.0);
-        cell_left(ui, COLUMNS[0], format!("{} ({})", i + 1, spring_name(i)));
+        cell_left(ui, columns[0], format!("{} ({})", i + 1, spring_name(i)));
         let take = &wizard.springs.springs[i];
         let points = take.points().len();
         cell(
             ui,
-            COLUMNS[1],
+            columns[1],
             RichText::new(points.to_string()).color(p.weak),
         );
-        coverage(ui, take, live.spec.spring.range_m, i);
+        coverage(ui, columns[2], take, live.spec.spring.range_m, i);
         let mm = |m: Option<f64>| m.map_or("—".to_owned(), |m| number(m * 1e3, 2));
-        cell(ui, COLUMNS[3], mm(quality.map(|q| q.held_out_rmse_m)));
-        cell(ui, COLUMNS[4], mm(quality.and_then(|q| q.hysteresis_m)));
+        cell(ui, columns[3], mm(quality.map(|q| q.held_out_rmse_m)));
+        cell(ui, columns[4], mm(quality.and_then(|q| q.hysteresis_m)));
         let color = match level {
             Level::Normal => p.text,
             level => p.level(level),
         };
         cell_left(
             ui,
-            COLUMNS[5],
+            columns[5],
             RichText::new(format!("{glyph} {word}")).color(color),
         )
         .on_hover_text(match &verdict {
@@ -459,10 +481,10 @@ fn redo(
 }
 
 /// The range in cells: upper half on the way up, lower half on the way down; empty cells are holes.
-fn coverage(ui: &mut Ui, take: &SpringTake, range_m: [f64; 2], i: usize) {
+fn coverage(ui: &mut Ui, width: f32, take: &SpringTake, range_m: [f64; 2], i: usize) {
     let p = *Palette::in_ui(ui);
     let seen = take.coverage(range_m);
-    let (rect, response) = ui.allocate_exact_size(vec2(COLUMNS[2], 18.0), Sense::hover());
+    let (rect, response) = ui.allocate_exact_size(vec2(width, 18.0), Sense::hover());
     let width = rect.width() / CELLS as f32;
     for (way, cells) in seen.iter().enumerate() {
         for (k, full) in cells.iter().enumerate() {

@@ -199,7 +199,14 @@ fn table(ui: &mut Ui, old: &TrialErrors, new: &TrialErrors) {
     ];
     Grid::new("validation")
         .num_columns(6)
-        .spacing(vec2(28.0, 8.0))
+        .spacing(vec2(
+            if ui.available_width() < 620.0 {
+                12.0
+            } else {
+                28.0
+            },
+            8.0,
+        ))
         .show(ui, |ui| {
             for t in ["", "", "RMSE", "P95", "worst", "n"] {
                 ui.label(RichText::new(t).small().color(p.weak));

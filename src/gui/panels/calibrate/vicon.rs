@@ -35,8 +35,13 @@ pub fn ui(
             });
             card(ui, |ui| {
                 ui.set_min_width(ui.available_width());
+                if ui.available_width() < BESIDE {
+                    ui.horizontal_top(|ui| maps(ui, wizard.vicon.pairs()));
+                    pairs(ui, wizard);
+                    return;
+                }
                 ui.horizontal_top(|ui| {
-                    maps(ui, wizard.vicon.pairs());
+                    ui.vertical(|ui| maps(ui, wizard.vicon.pairs()));
                     ui.vertical(|ui| pairs(ui, wizard));
                 });
             });
@@ -192,11 +197,14 @@ fn passed(ui: &mut Ui, live: &View<'_>, fit: &FrameFit, n: usize) {
     }
 }
 
+/// From this width on the maps stand beside the table, points.
+const BESIDE: f32 = 650.0;
+
 /// The poses as points: places from above, and tilts.
 fn maps(ui: &mut Ui, pairs: &[PosePair]) {
     let p = *Palette::in_ui(ui);
-    ui.vertical(|ui| {
-        let mut map = |name: &str, unit: &str, span: f64, points: Vec<[f64; 2]>| {
+    let mut map = |name: &str, unit: &str, span: f64, points: Vec<[f64; 2]>| {
+        ui.vertical(|ui| {
             note(ui, name);
             let (rect, response) = ui.allocate_exact_size(vec2(150.0, 118.0), Sense::hover());
             let painter = ui.painter().with_clip_rect(rect);
@@ -223,20 +231,20 @@ fn maps(ui: &mut Ui, pairs: &[PosePair]) {
             );
             response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
             response.on_hover_text(format!("{text}. x of the base to the right, y up"));
-        };
-        let place = |q: &PosePair| {
-            let t = q.base_from_tip.translation.vector * 1e3;
-            [t.x, t.y]
-        };
-        map(
-            "Places from above",
-            "mm",
-            115.0,
-            pairs.iter().map(place).collect(),
-        );
-        let lean = |q: &PosePair| tilt(&q.base_from_tip.rotation).map(f64::to_degrees);
-        map("Tilts", "degrees", 30.0, pairs.iter().map(lean).collect());
-    });
+        });
+    };
+    let place = |q: &PosePair| {
+        let t = q.base_from_tip.translation.vector * 1e3;
+        [t.x, t.y]
+    };
+    map(
+        "Places from above",
+        "mm",
+        115.0,
+        pairs.iter().map(place).collect(),
+    );
+    let lean = |q: &PosePair| tilt(&q.base_from_tip.rotation).map(f64::to_degrees);
+    map("Tilts", "degrees", 30.0, pairs.iter().map(lean).collect());
 }
 
 fn pairs(ui: &mut Ui, wizard: &mut Wizard) {
@@ -282,11 +290,11 @@ fn pairs(ui: &mut Ui, wizard: &mut Wizard) {
                     if remove.clicked() {
                         removed = Some(i);
                     }
-                    if suspect {
-                        status(ui, Level::Warning, "stands out: not used")
-                            .on_hover_text("It does not fit what the others predict: remove it");
-                    }
                 });
+                if suspect {
+                    status(ui, Level::Warning, "It stands out: not used")
+                        .on_hover_text("It does not fit what the others predict: remove it");
+                }
             }
         });
     if let Some(i) = removed {

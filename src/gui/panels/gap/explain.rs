@@ -1,8 +1,7 @@
 //! Explain: the verdict in words, what was found with its intervals, and what else was tried.
 
 use egui::{
-    FontId, Rangef, Rect, RichText, Role, ScrollArea, Sense, Shape, Stroke, Ui, WidgetInfo, pos2,
-    vec2,
+    FontId, Rangef, Rect, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
 use super::{GapState, Outcome, Trouble};
@@ -11,8 +10,7 @@ use crate::gap::report::{
 };
 use crate::gap::score::Key;
 use crate::gap::{Finding, FoundEffect, Ranked, Verdict};
-use crate::gui::panels::sensors::card;
-use crate::gui::panels::widgets::{badge, cell, cell_left, heading, note};
+use crate::gui::panels::widgets::{badge, cell, cell_left, heading, note, pane};
 use crate::gui::services::{Job, Services};
 use crate::gui::theme::{Level, Palette};
 
@@ -56,21 +54,15 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     ui.horizontal_top(|ui| {
         let left = ui.available_width() * 0.46;
         ui.allocate_ui(vec2(left, height), |ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
-                ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    verdict(ui, &outcome.found.finding);
-                    found(ui, &outcome.found.finding);
-                    notes(ui, &outcome.found.finding);
-                    hidden(ui, outcome, services);
-                });
+            pane(ui, "verdict", |ui| {
+                verdict(ui, &outcome.found.finding);
+                found(ui, &outcome.found.finding);
+                notes(ui, &outcome.found.finding);
+                hidden(ui, outcome, services);
             });
         });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
-                tried(ui, &outcome.found.finding);
-            });
+            pane(ui, "tried", |ui| tried(ui, &outcome.found.finding));
         });
     });
 }
@@ -118,10 +110,11 @@ pub fn parameters(ui: &mut Ui, effect: &FoundEffect) {
         ui.spacing_mut().interact_size.y = 18.0;
         for (name, value) in &effect.params {
             let q = quantity(&effect.id, name, value);
-            ui.horizontal(|ui| {
-                cell_left(ui, 110.0, RichText::new(name).color(p.weak));
+            ui.horizontal_wrapped(|ui| {
+                let width = ((ui.available_width() - 150.0) / 2.0).clamp(70.0, 110.0);
+                cell_left(ui, width, RichText::new(name).color(p.weak));
                 let text = format!("{} {}", q.value, q.unit);
-                cell(ui, 110.0, RichText::new(text.trim_end()).strong());
+                cell(ui, width, RichText::new(text.trim_end()).strong());
                 let interval = match q.interval {
                     Some(i) => format!("95 %: {i}"),
                     None => "no interval".to_owned(),
@@ -285,10 +278,12 @@ fn bar(
     let y = rect.center().y;
     let font = FontId::proportional(12.5);
     let color = if best { p.text } else { p.weak };
-    let galley = painter.layout(ranked_name(c), font.clone(), color, f32::INFINITY);
-    let clip = Rect::from_min_size(rect.min, vec2(names - 8.0, rect.height()));
+    // A name that is too long ends in an ellipsis; the row's tooltip has all of it.
+    let mut job = egui::text::LayoutJob::simple_singleline(ranked_name(c), font.clone(), color);
+    job.wrap = egui::text::TextWrapping::truncate_at_width(names - 8.0);
+    let galley = painter.layout_job(job);
     let corner = pos2(rect.left(), y - 0.5 * galley.size().y);
-    painter.with_clip_rect(clip).galley(corner, galley, color);
+    painter.galley(corner, galley, color);
     let end = at(c.gain);
     let bar = Rect::from_min_max(
         pos2(zero.min(end), y - 5.0),

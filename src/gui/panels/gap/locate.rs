@@ -94,7 +94,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState) {
             });
         });
         ui.vertical(|ui| {
-            let top = ui.available_height() * 0.54;
+            let top = (ui.available_height() * 0.54).min(ui.available_height() - 216.0);
             ui.allocate_ui(vec2(ui.available_width(), top), |ui| {
                 card(ui, |ui| {
                     ui.set_min_size(vec2(ui.available_width(), top - 20.0));
@@ -180,20 +180,23 @@ fn channel(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, height: f32
         number(v.copied().unwrap_or(f64::NAN), 1)
     };
     let top = ui.cursor().top();
+    let mut text = format!("{name} at {} s: {}", number(*now_s, 1), value(&t.before));
+    if outcome.adds() {
+        text += &format!(" floors, {} with the effect", value(&t.after));
+    } else {
+        text += " floors";
+    }
     ui.horizontal(|ui| {
         ui.spacing_mut().interact_size.y = 20.0;
-        let mut text = format!("{name} at {} s: {}", number(*now_s, 1), value(&t.before));
-        if outcome.adds() {
-            text += &format!(" floors, {} with the effect", value(&t.after));
-        } else {
-            text += " floors";
-        }
-        ui.label(RichText::new(text).strong());
+        // The switch keeps its place, the words give way and are whole in their tooltip.
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             ui.selectable_value(&mut locate.span, Span::Whole, "whole session")
                 .on_hover_text("Show the whole session");
             ui.selectable_value(&mut locate.span, Span::Near, "±8 s")
                 .on_hover_text("Show the time around the selection");
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                ui.add(egui::Label::new(RichText::new(text).strong()).truncate());
+            });
         });
     });
     let [_, without, with] = views::colors(&p);
@@ -302,7 +305,8 @@ fn pad(ui: &mut Ui, t: &Traces, after: bool, locate: &LocateState) {
     let line = |ui: &mut Ui, color, name: &str, text: String| {
         ui.horizontal(|ui| {
             ui.label(RichText::new("●").small().color(color));
-            ui.label(RichText::new(format!("{name} {text}")).small());
+            let text = RichText::new(format!("{name} {text}")).small();
+            ui.add(egui::Label::new(text).truncate());
         });
     };
     let captured = m.iter().all(|v| v.is_finite());

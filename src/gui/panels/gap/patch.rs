@@ -6,8 +6,7 @@ use super::explain::parameters;
 use super::{Decision, GapState, Outcome, Trouble};
 use crate::gap::report::{effect_name, next_step, verdict_name};
 use crate::gap::{Found, FoundEffect, Patch, Verdict};
-use crate::gui::panels::sensors::card;
-use crate::gui::panels::widgets::{Gate, gated, heading, note, status};
+use crate::gui::panels::widgets::{Gate, gated, heading, note, pane, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
@@ -42,16 +41,14 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     ui.horizontal_top(|ui| {
         let left = ui.available_width() * 0.5;
         ui.allocate_ui(vec2(left, height), |ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "patch", |ui| {
                 if let Some(outcome) = &mut state.outcome {
                     what(ui, outcome);
                 }
             });
         });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "decision", |ui| {
                 decide(ui, state, services);
                 ui.separator();
                 accepted(ui, state, services);
@@ -112,7 +109,7 @@ fn what(ui: &mut Ui, outcome: &mut Outcome) {
         .corner_radius(3)
         .inner_margin(6)
         .show(ui, |ui| {
-            ui.set_min_size(ui.available_size());
+            ui.set_min_size(ui.available_size().max(vec2(0.0, 96.0)));
             ScrollArea::both().auto_shrink(false).show(ui, |ui| {
                 ui.add(
                     egui::Label::new(RichText::new(text.as_str()).monospace())
@@ -240,7 +237,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             true => "numbers of the rig".to_owned(),
             false => names.join("; "),
         };
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             ui.label(format!("{}. {what}", i + 1));
             ui.label(RichText::new(&a.patch.name).small().color(p.weak));
         });
@@ -249,7 +246,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         Some(_) => Err("The robot file is being written.".to_owned()),
         None => Ok(()),
     };
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let button = Button::new("↶ Undo the last patch");
         let hover = "Take the last patch off; the file is then as before, byte for byte";
         if gated(ui, &gate, button, hover).clicked() {

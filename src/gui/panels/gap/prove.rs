@@ -8,7 +8,9 @@ use crate::gap::report::{self, Origin, short_number, shuffled};
 use crate::gap::{ChannelError, Finding, GapSize};
 use crate::gui::panels::plot::Dash;
 use crate::gui::panels::sensors::card;
-use crate::gui::panels::widgets::{badge, cell, cell_left, gated, heading, note, number, status};
+use crate::gui::panels::widgets::{
+    badge, cell, cell_left, gated, heading, note, number, pane, status,
+};
 use crate::gui::services::{Dialog, DialogKind, Job, Services};
 use crate::gui::theme::{Level, Palette};
 
@@ -81,7 +83,7 @@ fn page(outcome: &Outcome) -> String {
 pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     let height = ui.available_height();
     ui.horizontal_top(|ui| {
-        let left = (ui.available_width() * 0.60).max(560.0);
+        let left = (ui.available_width() * 0.60).max(548.0);
         ui.allocate_ui(vec2(left, height), |ui| {
             card(ui, |ui| {
                 ui.set_min_size(ui.available_size());
@@ -100,8 +102,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             });
         });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "report", |ui| {
                 reports(ui, state, services);
                 if let Some(outcome) = &state.outcome {
                     ui.separator();
@@ -316,7 +317,7 @@ fn ways(ui: &mut Ui, outcome: &Outcome) {
     }
     let [measured, without, with] = views::colors(&p);
     ui.spacing_mut().item_spacing.y = 2.0;
-    let height = ui.available_height() / 3.0 - 3.0;
+    let height = (ui.available_height() / 3.0 - 3.0).max(56.0);
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         let line = |name, color, dash, way: &[[f64; 3]]| Line {
             name,

@@ -11,7 +11,7 @@ use crate::gap::Stage;
 use crate::gui::panels::origin_name;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{
-    badge, cell, cell_left, gated, heading, minutes, note, number, status,
+    badge, cell, cell_left, gated, heading, minutes, note, number, pane, status,
 };
 use crate::gui::services::gap::{RobotMatch, SessionSheet};
 use crate::gui::services::{Dialog, DialogKind, Services};
@@ -61,13 +61,12 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         state.select.scanning = Some((services.scan)());
     }
     let free = state.running.is_none();
-    let height = 244.0;
+    let height = (0.44 * ui.available_height()).clamp(180.0, 244.0);
     ui.horizontal_top(|ui| {
         let width = (ui.available_width() - 8.0) / 2.0;
         for part in Part::ALL {
             ui.allocate_ui(vec2(width, height), |ui| {
-                card(ui, |ui| {
-                    ui.set_min_size(vec2(ui.available_width(), height - 20.0));
+                pane(ui, part.name(), |ui| {
                     ui.add_enabled_ui(free, |ui| {
                         slot(ui, part, &mut state.select, services);
                     });
@@ -85,8 +84,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             });
         });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "find", |ui| {
                 run(ui, state, services);
             });
         });
@@ -171,7 +169,7 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
             if let Some(trouble) = trouble_with(sheet) {
                 trouble.show(ui);
             } else if part == Part::Suspect && sheet.simulated.is_none() {
-                ui.horizontal(|ui| {
+                ui.horizontal_wrapped(|ui| {
                     ui.label("The session does not say: it is");
                     for (value, text, hover) in [
                         (
@@ -201,9 +199,9 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
     ui.spacing_mut().item_spacing.y = 3.0;
     ui.spacing_mut().interact_size.y = 20.0;
     let row = |ui: &mut Ui, name: &str, text: String| {
-        ui.horizontal(|ui| {
+        ui.horizontal_top(|ui| {
             cell_left(ui, 76.0, RichText::new(name).color(p.weak));
-            ui.label(text);
+            ui.add(egui::Label::new(text).wrap());
         });
     };
     row(
@@ -307,6 +305,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     ui.label(RichText::new("Find what is missing").strong());
     let gate = selection.gate();
     let weaker = selection.slots[0].known().is_none();
+    let mut begun = false;
     ui.horizontal(|ui| {
         let button = Button::new(RichText::new("▶ Find").strong()).min_size(vec2(110.0, 32.0));
         if gated(
@@ -317,19 +316,14 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         )
         .clicked()
         {
-            let path = |i: usize| selection.slots[i].known().map(|s| s.path.clone());
-            let origin = selection.origin();
-            if let (healthy, Some(suspect), Some(origin)) = (path(0), path(1), origin) {
-                state.trouble = None;
-                // What is chosen may change while the finder is at work.
-                state.running = Some(Running {
-                    job: (services.gap.find)(healthy.as_deref(), &suspect),
-                    origin,
-                    answer: selection.answer(),
-                });
-            }
+            begun = true;
         }
     });
+    if begun {
+        state.find(services);
+        return;
+    }
+    let selection = &mut state.select;
     if let Err(reason) = &gate {
         note(ui, reason.as_str());
     } else if weaker {
@@ -352,7 +346,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     if let Some(job) = &selection.making {
         let stage = job.stage();
         let mut cancel = false;
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             ui.spinner();
             note(
                 ui,
@@ -361,7 +355,11 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
                     false => &stage.what,
                 },
             );
-            cancel = ui.button("Cancel the example").clicked();
+            let hover = "Stop making it; nothing is kept";
+            cancel = ui
+                .button("Cancel the example")
+                .on_hover_text(hover)
+                .clicked();
         });
         if cancel {
             selection.making = None;
@@ -377,8 +375,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         .on_hover_text("Have two sessions of a virtual rig made: 45 s each, about a second's work")
         .clicked()
     {
-        selection.examples_made += 1;
-        selection.making = Some((services.gap.example)(selection.examples_made));
+        selection.make_example(services);
     }
 }
 

@@ -34,7 +34,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
     match state.kind {
         PlanKind::Circle | PlanKind::Eight => {
             place(ui, "Centre", "centre", &mut state.centre_mm, target_m);
-            ui.horizontal(|ui| {
+            ui.horizontal_wrapped(|ui| {
                 let (title, name, hover) = match state.kind {
                     PlanKind::Circle => ("Radius", "Radius in mm", "Radius of the circle, mm"),
                     _ => (
@@ -50,7 +50,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
         PlanKind::PickPlace => {
             place(ui, "Pick at", "pick", &mut state.pick_mm, target_m);
             place(ui, "Place at", "place", &mut state.place_mm, target_m);
-            ui.horizontal(|ui| {
+            ui.horizontal_wrapped(|ui| {
                 let most_g = view.spec.payload_max_kg * 1e3;
                 field(
                     ui,
@@ -112,9 +112,14 @@ fn field(
 /// A point in mm, with a button that takes the target.
 fn place(ui: &mut Ui, title: &str, name: &str, at_mm: &mut [f64; 3], target_m: Option<[f64; 3]>) {
     heading(ui, &format!("{title}: x, y, z / mm"));
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        let width = (ui.available_width() - 92.0) / 3.0 - 4.0;
+        // The button takes a line of its own where the fields would become too narrow for their numbers.
+        let beside = (ui.available_width() - 92.0) / 3.0 - 4.0;
+        let width = match beside >= 46.0 {
+            true => beside,
+            false => ui.available_width() / 3.0 - 4.0,
+        };
         for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
             let drag = typed(DragValue::new(&mut at_mm[i]))
                 .range(PLACE_MM[i].clone())
@@ -137,7 +142,7 @@ fn place(ui: &mut Ui, title: &str, name: &str, at_mm: &mut [f64; 3], target_m: O
 
 /// Speed and laps.
 fn pace(ui: &mut Ui, view: &View<'_>, state: &mut PlanState) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let most = view.spec.tip_speed_max_m_s * 1e3;
         let hover = "Along the path, mm/s; a tip that falls behind is waited for";
         let speed = &mut state.speed_mm_s;
@@ -164,7 +169,7 @@ fn points(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
     } else {
         Err(format!("{POINTS_MAX} waypoints are the most."))
     };
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let gate = live.clone().and(room.clone());
         let button = Button::selectable(state.drawing, "Draw").frame_when_inactive(true);
@@ -195,7 +200,7 @@ fn points(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
         }
     });
     list(ui, state);
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let step = |earlier: bool| match (state.selected, state.neighbour(earlier)) {
             (None, _) => Err("Select a waypoint first.".to_owned()),
@@ -216,7 +221,7 @@ fn points(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
             state.delete_selected();
         }
     });
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         for (passing, name, hover) in [
             (

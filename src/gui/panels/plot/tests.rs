@@ -37,4 +37,18 @@ fn marks_are_round_and_few() {
 fn clock_counts_minutes() {
     assert_eq!(clock(75.0, 5.0), "1:15");
     assert_eq!(clock(75.25, 0.5), "1:15.2");
+    assert_eq!(clock_text(59.999, 2), "1:00.00");
+    assert_eq!(clock_text(-0.001, 2), "0:00.00");
+    assert_eq!(clock_text(-75.5, 1), "−1:15.5");
+    for (text, t_s) in [
+        ("1:43.25", 103.25),
+        ("103.25", 103.25),
+        ("103,25", 103.25),
+        ("−0:30", -30.0),
+    ] {
+        assert_eq!(clock_value(text), Some(t_s), "{text}");
+    }
+    for none in ["", "1:", "a:b", "1:2:3", "inf"] {
+        assert_eq!(clock_value(none), None, "{none}");
+    }
 }

@@ -58,9 +58,41 @@ pub(super) fn decimals_for(span: f64) -> usize {
 // Session time as m:ss, with a decimal where the step needs it.
 pub(super) fn clock(t_s: f64, step_s: f64) -> String {
     if step_s < 1.0 {
-        let m = (t_s / 60.0).floor();
-        format!("{m:.0}:{:04.1}", t_s - 60.0 * m)
+        clock_text(t_s, 1)
     } else {
         minutes(t_s)
     }
+}
+
+/// Session time as min:s with so many decimals, as the axes of time have it.
+pub fn clock_text(t_s: f64, decimals: usize) -> String {
+    if !t_s.is_finite() {
+        return "—".into();
+    }
+    let wide = if decimals > 0 { decimals + 3 } else { 2 };
+    let shown = |minutes: f64, seconds: f64| format!("{minutes:.0}:{seconds:0wide$.decimals$}");
+    let minutes = (t_s.abs() / 60.0).floor();
+    let text = match shown(minutes, t_s.abs() - 60.0 * minutes) {
+        // 59.999 s are a minute.
+        text if text.contains(":60") => shown(minutes + 1.0, 0.0),
+        text => text,
+    };
+    let is_zero = !text.contains(|c: char| ('1'..='9').contains(&c));
+    if t_s < 0.0 && !is_zero {
+        format!("−{text}")
+    } else {
+        text
+    }
+}
+
+/// What [`clock_text`] writes, or plain seconds, as s.
+pub fn clock_value(text: &str) -> Option<f64> {
+    let text = text.trim().replace('−', "-").replace(',', ".");
+    let (sign, text) = match text.strip_prefix('-') {
+        Some(rest) => (-1.0, rest),
+        None => (1.0, text.as_str()),
+    };
+    let (minutes, seconds) = text.split_once(':').unwrap_or(("0", text));
+    let t_s = 60.0 * minutes.trim().parse::<f64>().ok()? + seconds.trim().parse::<f64>().ok()?;
+    t_s.is_finite().then_some(sign * t_s)
 }

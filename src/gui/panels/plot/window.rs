@@ -4,7 +4,6 @@ use egui::Ui;
 
 use crate::gui::panels::View;
 use crate::gui::panels::shell::age;
-use crate::gui::panels::widgets::note;
 
 /// The window of time that all plots show.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,13 +42,15 @@ impl TimeWindow {
         [end - self.span_s, end]
     }
 
-    /// The row of controls: span and freeze; and how old the newest data are when none come any more.
+    /// How old the newest data are when none come any more: the plots stand still until they do. Else empty.
+    pub fn said(view: &View<'_>) -> String {
+        let stale_s = view.stale_s();
+        stale_s.map_or_else(String::new, |s| format!("last data {} ago", age(s)))
+    }
+
+    /// The row of controls: span and freeze.
     pub fn controls(&mut self, ui: &mut Ui, view: &View<'_>) {
         let now_s = view.now_s;
-        if let Some(stale_s) = view.stale_s() {
-            note(ui, format!("last data {} ago", age(stale_s)))
-                .on_hover_text("The plots stand still until data come again.");
-        }
         let shown = SPANS
             .iter()
             .find(|(s, _)| *s == self.span_s)

@@ -4,7 +4,7 @@ use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
 use super::{Library, Side, Trouble};
 use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
-use crate::gui::services::{Dialog, DialogKind, Job, RecordingEntry, Services};
+use crate::gui::services::{Job, RecordingEntry, Services};
 use crate::gui::theme::{Level, Palette};
 
 /// The list.
@@ -55,14 +55,7 @@ fn head(ui: &mut Ui, library: &mut Library, services: &mut Services) {
             };
             let hover = "Choose a recording (.rrd) or a session log (.toml, .csv) elsewhere, and play it as A";
             if gated(ui, &gate, Button::new("Browse…"), hover).clicked() {
-                let kinds = ["rrd", "toml", "csv"].map(str::to_owned).to_vec();
-                let dialog = Dialog {
-                    title: "Open a recording".into(),
-                    kind: DialogKind::Open,
-                    filter: Some(("Recordings and session logs".into(), kinds)),
-                    name: String::new(),
-                };
-                library.picking = Some((services.pick)(dialog));
+                library.browse(services);
             }
         });
     });
@@ -92,7 +85,7 @@ fn actions(ui: &mut Ui, library: &mut Library, services: &mut Services) {
         Some(_) => Ok(()),
         None => Err("Select a recording first.".to_owned()),
     };
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         for (side, text, hover) in [
             (
                 Side::A,
@@ -218,7 +211,7 @@ fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services
                     open = Some(entry.path.clone());
                 }
                 if let Some(text) = &entry.note {
-                    ui.horizontal(|ui| {
+                    ui.horizontal_wrapped(|ui| {
                         ui.add_space(12.0);
                         status(ui, Level::Warning, text);
                     });

@@ -11,10 +11,9 @@ use egui::{Button, RichText, Ui, vec2};
 
 use super::View;
 use super::player::Player;
-use super::sensors::card;
 use super::shell::recording_gate;
-use super::widgets::{gated, minutes, note};
-use crate::gui::services::{Job, RecordingEntry, Services};
+use super::widgets::{gated, minutes, pane};
+use crate::gui::services::{Dialog, DialogKind, Job, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::twin::Command;
 use pair::Pair;
@@ -98,6 +97,26 @@ impl Library {
         true
     }
 
+    /// Loads a recording and plays it.
+    pub fn play(&mut self, path: PathBuf, services: &mut Services) {
+        self.load(path, Side::A, services);
+    }
+
+    /// Asks for a recording in a file dialog, unless one is open.
+    pub fn browse(&mut self, services: &mut Services) {
+        if self.picking.is_some() {
+            return;
+        }
+        let kinds = ["rrd", "toml", "csv"].map(str::to_owned).to_vec();
+        let dialog = Dialog {
+            title: "Open a recording".into(),
+            kind: DialogKind::Open,
+            filter: Some(("Recordings and session logs".into(), kinds)),
+            name: String::new(),
+        };
+        self.picking = Some((services.pick)(dialog));
+    }
+
     fn load(&mut self, path: PathBuf, side: Side, services: &mut Services) {
         let name = path
             .file_name()
@@ -177,8 +196,7 @@ pub fn ui(
         let height = ui.available_height();
         let left = (ui.available_width() * 0.46).clamp(420.0, 720.0);
         ui.allocate_ui(vec2(left, height), |ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "library", |ui| {
                 record(ui, input, services, commands);
                 let (live, gone) = (&input.live, input.twin_gone);
                 let viewer = &mut library.viewer;
@@ -192,8 +210,7 @@ pub fn ui(
             });
         });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(ui.available_size());
+            pane(ui, "played", |ui| {
                 shown::ui(ui, input, library, player, services);
             });
         });
@@ -243,7 +260,8 @@ fn record(
                     .color(p.critical),
             )
             .on_hover_text("Time since the recording began, min:s");
-            note(ui, name.as_str());
+            let color = p.weak;
+            ui.add(egui::Label::new(RichText::new(name).color(color)).truncate());
         }
         None => {
             let button = Button::new("● Record").min_size(vec2(0.0, 30.0));
@@ -251,7 +269,8 @@ fn record(
             if gated(ui, &gate, button, hover).clicked() {
                 commands.push(Command::StartRecording((services.default_recording)()));
             }
-            note(ui, "Records the live twin, also while a replay is shown.");
+            let text = "Records the live twin, also while a replay is shown.";
+            ui.add(egui::Label::new(RichText::new(text).color(p.weak)).truncate());
         }
     });
 }

@@ -210,7 +210,7 @@ fn sides(ui: &mut Ui, library: &mut Library, player: &Player, swap: &mut bool) {
     let name = |of: Option<String>| of.unwrap_or_else(|| "nothing loaded".into());
     let [a, b] = [name(a), name(b)];
     let both: Gate = gates[0].clone().and(gates[1].clone());
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         for (side, gate, hover) in [(Side::A, &gates[0], &a), (Side::B, &gates[1], &b)] {
             let on = pair.compared == Compared::One && pair.played == side;
             let hover = format!("Play {}: {hover}", side.name());
@@ -263,7 +263,7 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, servic
     };
     let title = b.title();
     let side = "B";
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         note(ui, format!("{side} is {title}, shifted by"));
         let shift = ui.add(
             DragValue::new(&mut pair.offset_s)

@@ -3,13 +3,15 @@
 mod plots;
 mod side;
 
+pub use plots::toggle as toggle_cursors;
+
 use egui::{RichText, Sense, Stroke, Ui, vec2};
 
 use super::View;
 use super::dashboard::spring_name;
 use super::plot::{TimeWindow, sparkline};
 use super::shell::age;
-use super::widgets::{Meter, cell, empty, heading, health, health_sentence, meter, number, status};
+use super::widgets::{Meter, cell, empty, heading, health, health_sentence, meter, number, pane};
 use crate::gui::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{ChannelHealth, SPRINGS, SensorFrame};
@@ -47,42 +49,58 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         empty(ui, "No sensors yet", next);
         return;
     };
-    stale(ui, view);
-    if frame.is_blind() {
-        status(
-            ui,
-            Level::Critical,
-            "Blind: there are signals that neither their sensors nor the others tell. The twin does not move on them.",
-        );
-    }
-    let cards = 238.0;
+    notice(ui, view, frame);
+    let side = (ui.available_width() * 0.34).clamp(380.0, 500.0);
+    let grid = ui.available_width() - side - 10.0;
+    let form = Form::within(grid);
+    let cards = form.height();
     ui.horizontal_top(|ui| {
         view.grey_if_stale(ui);
-        let side = (ui.available_width() * 0.34).clamp(380.0, 500.0);
-        let grid = ui.available_width() - side - 10.0;
         ui.allocate_ui(vec2(grid, cards), |ui| {
-            ui.vertical(|ui| springs(ui, view, frame, state, [grid, cards]));
+            ui.vertical(|ui| springs(ui, view, frame, state, form, [grid, cards]));
         });
-        ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_size(vec2(ui.available_width(), cards - 20.0));
-                side::ui(ui, view, frame, state.reading);
-            });
+        ui.allocate_ui(vec2(ui.available_width(), cards), |ui| {
+            pane(ui, "side", |ui| side::ui(ui, view, frame, state.reading));
         });
     });
     ui.add_space(4.0);
     plots::ui(ui, view, state, window);
 }
 
-/// Says that the values shown are old, if they are.
-pub fn stale(ui: &mut Ui, view: &View<'_>) {
-    if view.is_stale() {
-        let text = format!(
-            "Not connected: these are the last values, {} old.",
+/// That the values shown are old, if they are.
+pub fn stale(view: &View<'_>) -> Option<String> {
+    view.is_stale().then(|| {
+        format!(
+            "{} Not connected: these are the last values, {} old.",
+            Level::Warning.glyph(),
             age(view.snapshot.link.age_s)
-        );
-        status(ui, Level::Warning, &text);
-    }
+        )
+    })
+}
+
+// The line above the figures. It is always there, so that nothing below it moves.
+fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
+    let p = Palette::in_ui(ui);
+    let blind = frame.is_blind().then(|| {
+        format!(
+            "{} Blind: there are signals that neither their sensors nor the others tell. The twin does not move on \
+             them.",
+            Level::Critical.glyph()
+        )
+    });
+    let color = match &blind {
+        Some(_) => p.critical,
+        None => p.warning,
+    };
+    let words: Vec<String> = blind.into_iter().chain(stale(view)).collect();
+    let text = match words.is_empty() {
+        true => {
+            let hint = "A spring that is selected stands out in the plots and in 3D.";
+            RichText::new(hint).color(p.weak)
+        }
+        false => RichText::new(words.join(" ")).color(color),
+    };
+    ui.add(egui::Label::new(text).truncate());
 }
 
 /// A panel within a screen.
@@ -96,24 +114,64 @@ pub fn card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
         .show(ui, |ui| ui.vertical(contents));
 }
 
+/// How the X pairs lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    /// Three beside each other: a segment is a row. With sparklines.
+    Wide,
+    /// Two beside each other, without sparklines.
+    Narrow,
+}
+
+/// Between two cards, points.
+const GAP: f32 = 8.0;
+/// Width of a row of a pair's card with everything in it, points.
+const ROW: f32 = 186.0;
+
+impl Form {
+    fn within(width: f32) -> Self {
+        match width >= 3.0 * (ROW + 20.0) + 2.0 * GAP {
+            true => Self::Wide,
+            false => Self::Narrow,
+        }
+    }
+
+    fn columns(self) -> usize {
+        match self {
+            Self::Wide => 3,
+            Self::Narrow => 2,
+        }
+    }
+
+    /// Height of all cards, points.
+    fn height(self) -> f32 {
+        match self {
+            Self::Wide => 238.0,
+            Self::Narrow => 278.0,
+        }
+    }
+}
+
 fn springs(
     ui: &mut Ui,
     view: &View<'_>,
     frame: &SensorFrame,
     state: &mut SensorsState,
+    form: Form,
     [width, height]: [f32; 2],
 ) {
-    let gap = 8.0;
-    ui.spacing_mut().item_spacing = vec2(gap, gap);
-    let inner = (width - 2.0 * gap) / 3.0 - 20.0;
-    for segment in 0..2 {
+    ui.spacing_mut().item_spacing = vec2(GAP, GAP);
+    let columns = form.columns();
+    let rows = SPRINGS / 2 / columns;
+    let inner = (width - (columns - 1) as f32 * GAP) / columns as f32 - 20.0;
+    let high = (height - (rows - 1) as f32 * GAP) / rows as f32 - 20.0;
+    for row in 0..rows {
         ui.horizontal(|ui| {
-            for k in 0..3 {
-                let pair = 3 * segment + k;
+            for k in 0..columns {
                 card(ui, |ui| {
-                    ui.set_min_size(vec2(inner, (height - gap) / 2.0 - 20.0));
+                    ui.set_min_size(vec2(inner, high));
                     ui.set_max_width(inner);
-                    pair_card(ui, view, frame, state, pair);
+                    pair_card(ui, view, frame, state, form, columns * row + k);
                 });
             }
         });
@@ -126,6 +184,7 @@ fn pair_card(
     view: &View<'_>,
     frame: &SensorFrame,
     state: &mut SensorsState,
+    form: Form,
     pair: usize,
 ) {
     let p = *Palette::in_ui(ui);
@@ -153,7 +212,7 @@ fn pair_card(
         .on_hover_text("Angle of the X pair around the arm, from x through bellows 1");
     });
     for i in [2 * pair, 2 * pair + 1] {
-        spring_row(ui, view, frame, state, i);
+        spring_row(ui, view, frame, state, form, i);
     }
 }
 
@@ -209,6 +268,7 @@ fn spring_row(
     view: &View<'_>,
     frame: &SensorFrame,
     state: &mut SensorsState,
+    form: Form,
     i: usize,
 ) {
     let p = *Palette::in_ui(ui);
@@ -218,6 +278,9 @@ fn spring_row(
     let (value, decimals) = spring_value(view, frame, state.reading, i);
     let [value_width, age_width, glyph_width] = [54.0, 44.0, 14.0];
     ui.horizontal(|ui| {
+        if form == Form::Narrow {
+            ui.spacing_mut().button_padding.y = 2.0;
+        }
         let button = egui::Button::selectable(selected, spring_name(i)).min_size(vec2(34.0, 22.0));
         if ui
             .add(button)
@@ -231,7 +294,9 @@ fn spring_row(
         ui.vertical(|ui| {
             ui.spacing_mut().item_spacing.y = 0.0;
             ui.set_width(rest.max(24.0));
-            sparkline(ui, view, spring_channel(state.reading, i), 10.0, 0.2);
+            if form == Form::Wide {
+                sparkline(ui, view, spring_channel(state.reading, i), 10.0, 0.2);
+            }
             length_bar(ui, view, frame, i, rest.max(24.0));
         });
         let text = match level {

@@ -1,6 +1,6 @@
 //! The linked plots of the sensors, and what lies between two cursors.
 
-use egui::{Align, DragValue, Layout, RichText, ScrollArea, Ui, vec2};
+use egui::{DragValue, RichText, ScrollArea, Ui, vec2};
 
 use super::side::{axes, imu_channel};
 use super::{Reading, SensorsState, card, spring_channel};
@@ -8,7 +8,7 @@ use crate::gui::history::Channel;
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::{imu_name, spring_name};
 use crate::gui::panels::plot::{self, Legend, Series, TimePlot, TimeWindow};
-use crate::gui::panels::widgets::{cell, cell_left, dense, note, number, status};
+use crate::gui::panels::widgets::{cell, cell_left, dense, ends, note, number, status};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, SPRINGS};
 
@@ -45,40 +45,33 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
 }
 
 fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 4.0;
-        for (value, text, hover) in [
-            (
-                Reading::Calibrated,
-                "Calibrated",
-                "Lengths in mm and angles in deg",
-            ),
-            (
-                Reading::Raw,
-                "Raw",
-                "Before calibration: oscillator frequency in kHz and angular rates in deg/s",
-            ),
-            (
-                Reading::Residual,
-                "Residual",
-                "Measured less the twin's own model at the measured pressures, mm and deg",
-            ),
-        ] {
-            ui.selectable_value(&mut state.reading, value, text)
-                .on_hover_text(hover);
-        }
-        ui.separator();
-        if let Some(i) = state.selected_spring
-            && ui
-                .button(format!("Show all, not only {}", spring_name(i)))
-                .on_hover_text("No spring stands out any more")
-                .clicked()
-        {
-            state.selected_spring = None;
-        }
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.spacing_mut().item_spacing.x = 6.0;
-            window.controls(ui, view);
+    ui.spacing_mut().item_spacing.x = 4.0;
+    let SensorsState {
+        reading,
+        angle,
+        selected_spring,
+    } = state;
+    ends(
+        ui,
+        "controls",
+        &TimeWindow::said(view),
+        |ui| {
+            readings(ui, reading);
+            if let Some(i) = *selected_spring
+                && ui
+                    .button(format!("Show all, not only {}", spring_name(i)))
+                    .on_hover_text("No spring stands out any more")
+                    .clicked()
+            {
+                *selected_spring = None;
+            }
+            note(ui, "IMU");
+            for (k, name) in axes(*reading).into_iter().enumerate() {
+                ui.selectable_value(angle, k, name)
+                    .on_hover_text("Which figure of the IMUs is plotted");
+            }
+        },
+        |ui| {
             let on = window.cursors_s.is_some();
             let button = egui::Button::selectable(on, "A|B").frame_when_inactive(true);
             if ui
@@ -91,17 +84,37 @@ fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut
             {
                 toggle(view, window);
             }
-            ui.separator();
-            for (k, name) in axes(state.reading).into_iter().enumerate().rev() {
-                ui.selectable_value(&mut state.angle, k, name)
-                    .on_hover_text("Which figure of the IMUs is plotted");
-            }
-            note(ui, "IMU");
-        });
-    });
+            window.controls(ui, view);
+        },
+    );
 }
 
-fn toggle(view: &View<'_>, window: &mut TimeWindow) {
+fn readings(ui: &mut Ui, reading: &mut Reading) {
+    for (value, text, hover) in [
+        (
+            Reading::Calibrated,
+            "Calibrated",
+            "Lengths in mm and angles in deg",
+        ),
+        (
+            Reading::Raw,
+            "Raw",
+            "Before calibration: oscillator frequency in kHz and angular rates in deg/s",
+        ),
+        (
+            Reading::Residual,
+            "Residual",
+            "Measured less the twin's own model at the measured pressures, mm and deg",
+        ),
+    ] {
+        ui.selectable_value(reading, value, text)
+            .on_hover_text(hover);
+    }
+    ui.separator();
+}
+
+/// Shows both cursors, or takes them away.
+pub fn toggle(view: &View<'_>, window: &mut TimeWindow) {
     if window.cursors_s.take().is_some() {
         return;
     }
@@ -163,7 +176,7 @@ fn stack(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut TimeWi
         ),
     ];
     ui.spacing_mut().item_spacing.y = 3.0;
-    plot::stack(ui, stacks.len(), 60.0, |ui, i, height, time_axis| {
+    plot::stack(ui, stacks.len(), 52.0, |ui, i, height, time_axis| {
         let (title, series, emphasis, min_span) = &stacks[i];
         TimePlot {
             title,
@@ -189,9 +202,16 @@ fn cursors(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut Time
     ui.horizontal(|ui| {
         for (name, t) in [("A", &mut *a), ("B", &mut *b)] {
             ui.label(name);
-            ui.add(DragValue::new(t).speed(0.01).fixed_decimals(2).suffix(" s"))
-                .accessible_name(format!("Cursor {name} in s"))
-                .on_hover_text("Instant on the session's clock, s");
+            // As the axis below counts.
+            let drag = DragValue::new(t)
+                .speed(0.01)
+                .custom_formatter(|t, _| plot::clock_text(t, 2))
+                .custom_parser(plot::clock_value);
+            ui.add(drag)
+                .accessible_name(format!("Cursor {name} in min:s"))
+                .on_hover_text(
+                    "Instant on the session's clock, min:s, as on the axis of the plots",
+                );
         }
         let dt = format!("Δt {} s", number(*b - *a, 2));
         ui.label(dt).on_hover_text("B less A");

@@ -1,93 +1,186 @@
-//! Banners below the top bar: what the operator must not overlook.
+//! The line below the top bar: what the operator must not overlook, one beside the other.
+//!
+//! The line is always there and always as high, so that nothing below it moves when a banner comes or goes.
 
-use egui::{Align, Button, Layout, Panel, RichText, Ui, vec2};
+use egui::{Align, Button, Color32, Label, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
 use super::{ShellAction, ShellInput, age};
+use crate::gui::panels::welcome;
 use crate::gui::theme::Palette;
 use crate::signal::{Mode, Snapshot};
 use crate::twin::Command;
 
-/// Banners below the bar: what keeps the arm from moving, and that a recording is shown.
+/// Height of the line, points.
+pub const LINE: f32 = 34.0;
+/// Between the ends of a banner and what is in it, points.
+const MARGIN: f32 = 12.0;
+
+/// What a banner's button does.
+enum Press {
+    Twin(Command),
+    Window(ShellAction),
+}
+
+/// One thing that must not be overlooked.
+struct Banner {
+    fill: Color32,
+    color: Color32,
+    text: String,
+    waits: bool,
+    /// Label, tooltip, what it does.
+    button: Option<(&'static str, &'static str, Press)>,
+}
+
+/// The line: what keeps the arm from moving, and that a recording is shown; else the welcome, else what is
+/// connected.
 pub fn banners(
     ui: &mut Ui,
     input: &ShellInput<'_>,
     commands: &mut Vec<Command>,
     actions: &mut Vec<ShellAction>,
 ) {
+    let line = ui.max_rect();
+    let all = present(ui, input);
+    if all.is_empty() {
+        let mut inside = child(ui, line, Layout::left_to_right(Align::Center));
+        match input.welcome {
+            true => welcome::ui(&mut inside, input.live.snapshot.link.simulated, actions),
+            false => idle(&mut inside, input),
+        }
+        return;
+    }
+    let widths = widths(ui, &all, line.width());
+    let mut left = line.left();
+    for (banner, width) in all.into_iter().zip(widths) {
+        let rect = Rect::from_min_size(pos2(left, line.top()), vec2(width, line.height()));
+        left += width;
+        ui.painter().rect_filled(rect, 0.0, banner.fill);
+        match one(ui, rect, banner) {
+            Some(Press::Twin(command)) => commands.push(command),
+            Some(Press::Window(action)) => actions.push(action),
+            None => {}
+        }
+    }
+}
+
+fn child(ui: &mut Ui, line: Rect, layout: Layout) -> Ui {
+    let inside = line.shrink2(vec2(MARGIN, 0.0));
+    ui.new_child(UiBuilder::new().max_rect(inside).layout(layout))
+}
+
+/// What is connected, while there is nothing else to say.
+fn idle(ui: &mut Ui, input: &ShellInput<'_>) {
+    let source = match input.live.snapshot.link.source.as_str() {
+        "" => "not connected",
+        source => source,
+    };
+    let text = format!("Robot {}, {source}", input.live.spec.name);
+    let color = Palette::in_ui(ui).weak;
+    ui.add(Label::new(RichText::new(text).color(color)).truncate());
+}
+
+/// The banner; gives what was pressed. The button keeps its place, the text gives way and is whole in its
+/// tooltip.
+fn one(ui: &mut Ui, rect: Rect, banner: Banner) -> Option<Press> {
+    let mut inside = child(ui, rect, Layout::right_to_left(Align::Center));
+    let mut pressed = None;
+    if let Some((label, hover, press)) = banner.button {
+        let button = inside.add(Button::new(label)).on_hover_text(hover);
+        pressed = button.clicked().then_some(press);
+    }
+    inside.with_layout(Layout::left_to_right(Align::Center), |ui| {
+        if banner.waits {
+            ui.spinner();
+        }
+        ui.add(Label::new(RichText::new(&banner.text).color(banner.color)).truncate());
+    });
+    pressed
+}
+
+/// How wide each is: as its words need, the first takes what is left; where there is not enough, all give way
+/// alike.
+fn widths(ui: &Ui, all: &[Banner], whole: f32) -> Vec<f32> {
+    let font = egui::TextStyle::Body.resolve(ui.style());
+    let text = |text: &str| {
+        let galley = ui
+            .painter()
+            .layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE);
+        galley.size().x
+    };
+    let padding = 2.0 * ui.spacing().button_padding.x + 2.0 * ui.spacing().item_spacing.x;
+    let least = |b: &Banner| {
+        let button = b
+            .button
+            .as_ref()
+            .map_or(0.0, |(label, ..)| text(label) + padding);
+        2.0 * MARGIN + button + if b.waits { 34.0 } else { 4.0 }
+    };
+    let fixed: f32 = all.iter().map(least).sum();
+    let words: Vec<f32> = all.iter().map(|b| text(&b.text)).collect();
+    let wanted: f32 = words.iter().sum();
+    let left = (whole - fixed).max(0.0);
+    let share = (left / wanted.max(1.0)).min(1.0);
+    let slack = (left - wanted).max(0.0);
+    all.iter()
+        .zip(words)
+        .enumerate()
+        .map(|(i, (b, w))| least(b) + share * w + if i == 0 { slack } else { 0.0 })
+        .collect()
+}
+
+/// What there is to say, the gravest first.
+fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     let p = *Palette::in_ui(ui);
     let s = input.live.snapshot;
+    let mut all = Vec::new();
+    let mut say = |fill, color, text: String, waits, button| {
+        all.push(Banner {
+            fill,
+            color,
+            text,
+            waits,
+            button,
+        });
+    };
     if input.twin_gone {
         let text = "⊗ The twin has stopped: nothing is controlled. Restart the program.";
-        banner(ui, "gone", p.critical_fill, |ui| {
-            ui.label(RichText::new(text).color(p.on_critical));
-        });
+        say(p.critical_fill, p.on_critical, text.into(), false, None);
     }
     if let Mode::Safe(reason) = &s.mode {
-        banner(ui, "safe", p.critical_fill, |ui| {
-            let text = format!("⊗ SAFE, pumps off: {reason}");
-            ui.label(RichText::new(text).color(p.on_critical));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .add(Button::new("Reset").min_size(vec2(84.0, 0.0)))
-                    .on_hover_text("Leave SAFE. The arm stays disarmed until the next Go.")
-                    .clicked()
-                {
-                    commands.push(Command::Reset);
-                }
-            });
-        });
+        let hover = "Leave SAFE. The arm stays disarmed until the next Go.";
+        let button = ("Reset", hover, Press::Twin(Command::Reset));
+        let text = format!("⊗ SAFE, pumps off: {reason}");
+        say(p.critical_fill, p.on_critical, text, false, Some(button));
     }
     let known = input.twin || !s.link.source.is_empty();
     if !s.link.connected && !input.twin_gone && known {
-        banner(ui, "link", p.warning_fill, |ui| {
-            ui.label(RichText::new(disconnected(s)).color(p.text));
-        });
+        say(p.warning_fill, p.text, disconnected(s), false, None);
     }
     if !known && input.joining.is_none() && input.replay.is_none() {
-        banner(ui, "offline", p.raised, |ui| {
-            let text = "Nothing is connected. A click on OFFLINE lists the boards.";
-            ui.label(RichText::new(text).color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .button("Start the virtual rig")
-                    .on_hover_text("An emulated arm: nothing can break")
-                    .clicked()
-                {
-                    actions.push(ShellAction::StartVirtualRig);
-                }
-            });
-        });
+        let hover = "An emulated arm: nothing can break";
+        let start = Press::Window(ShellAction::StartVirtualRig);
+        let button = ("Start the virtual rig", hover, start);
+        let text = "Nothing is connected. A click on OFFLINE lists the boards.";
+        say(p.raised, p.text, text.into(), false, Some(button));
     }
     if let Some(name) = input.joining {
-        banner(ui, "joining", p.selected, |ui| {
-            ui.spinner();
-            ui.label(RichText::new(format!("Connecting to {name}…")).color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .button("Cancel connecting")
-                    .on_hover_text("Stay without boards; nothing moves")
-                    .clicked()
-                {
-                    actions.push(ShellAction::CancelConnecting);
-                }
-            });
-        });
+        let hover = "Stay without boards; nothing moves";
+        let cancel = Press::Window(ShellAction::CancelConnecting);
+        let button = ("Cancel connecting", hover, cancel);
+        let text = format!("Connecting to {name}…");
+        say(p.selected, p.text, text, true, Some(button));
     }
     if let Some(title) = input.replay {
-        banner(ui, "replay", p.selected, |ui| {
-            let text = format!("▶ Replay: {title}");
-            ui.label(RichText::new(text).color(p.text));
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui
-                    .button("Close replay")
-                    .on_hover_text("Show the live twin again")
-                    .clicked()
-                {
-                    actions.push(ShellAction::CloseReplay);
-                }
-            });
-        });
+        let hover = "Show the live twin again";
+        let button = (
+            "Close replay",
+            hover,
+            Press::Window(ShellAction::CloseReplay),
+        );
+        let text = format!("▶ Replay: {title}");
+        say(p.selected, p.text, text, false, Some(button));
     }
+    all
 }
 
 /// What is said while no frames come: cause, consequence, what happens next.
@@ -107,21 +200,4 @@ pub fn disconnected(s: &Snapshot) -> String {
         s.link.source,
         age(s.link.age_s)
     )
-}
-
-fn banner(ui: &mut Ui, id: &str, fill: egui::Color32, contents: impl FnOnce(&mut Ui)) {
-    Panel::top(("banner", id))
-        .resizable(false)
-        .show_separator_line(false)
-        .frame(
-            egui::Frame::new()
-                .fill(fill)
-                .inner_margin(egui::Margin::symmetric(14, 6)),
-        )
-        .show(ui, |ui| {
-            ui.horizontal(|ui| {
-                ui.set_min_height(26.0);
-                contents(ui);
-            })
-        });
 }

@@ -51,6 +51,9 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
         .constrain_to(within)
         .pivot(egui::Align2::CENTER_CENTER)
         .default_pos(within.center())
+        .max_height((within.height() - 60.0).max(80.0))
+        .max_width((within.width() - 24.0).max(120.0))
+        .vscroll(true)
         .show(ctx, |ui| {
             for (title, keys) in SHORTCUTS {
                 heading(ui, title);
@@ -61,7 +64,7 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
                     .show(ui, |ui| {
                         for (keys, what) in keys {
                             ui.label(RichText::new(*keys).monospace());
-                            ui.label(*what);
+                            ui.add(egui::Label::new(*what).wrap());
                             ui.end_row();
                         }
                     });

@@ -4,7 +4,7 @@ use super::*;
 use crate::gap::{Finding, Located};
 
 // The real finding with another verdict: what the screen makes of it.
-pub(super) fn with_verdict(verdict: Verdict) -> Arc<Found> {
+pub(in crate::gui::tests) fn with_verdict(verdict: Verdict) -> Arc<Found> {
     let real = found(&Unwatched).expect("found");
     let mut finding: Finding = real.finding.clone();
     let mut patch: Patch = real.patch.clone();

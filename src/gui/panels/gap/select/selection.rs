@@ -12,7 +12,7 @@ use crate::gui::services::{Job, RecordingEntry, Services};
 
 /// One chosen session.
 #[derive(Default)]
-pub(super) struct Slot {
+pub(in crate::gui::panels::gap) struct Slot {
     pub(super) text: String,
     pub(super) looking: Option<Job<SessionSheet>>,
     pub(super) sheet: Option<Result<SessionSheet, String>>,
@@ -28,7 +28,7 @@ impl Slot {
         self.looking = Some((services.gap.look)(path));
     }
 
-    pub(super) fn known(&self) -> Option<&SessionSheet> {
+    pub(in crate::gui::panels::gap) fn known(&self) -> Option<&SessionSheet> {
         self.sheet.as_ref()?.as_ref().ok()
     }
 
@@ -41,17 +41,23 @@ impl Slot {
 /// What is chosen.
 #[derive(Default)]
 pub struct Selection {
-    pub(super) slots: [Slot; 2],
+    pub(in crate::gui::panels::gap) slots: [Slot; 2],
     pub(super) library: Vec<RecordingEntry>,
     pub(super) scanned: bool,
     pub(super) scanning: Option<Job<Vec<RecordingEntry>>>,
     pub(super) picking: Option<(Part, Job<Option<PathBuf>>)>,
-    pub(super) making: Option<Job<ExamplePair>>,
+    pub(in crate::gui::panels::gap) making: Option<Job<ExamplePair>>,
     pub(super) example: Option<ExamplePair>,
     pub(super) examples_made: u64,
 }
 
 impl Selection {
+    /// Has an example made, another one than before.
+    pub fn make_example(&mut self, services: &mut Services) {
+        self.examples_made += 1;
+        self.making = Some((services.gap.example)(self.examples_made));
+    }
+
     pub fn busy(&self) -> bool {
         self.scanning.is_some()
             || self.picking.is_some()
@@ -60,7 +66,7 @@ impl Selection {
     }
 
     /// Where the suspect session comes from, when it or the operator says so.
-    pub(super) fn origin(&self) -> Option<Origin> {
+    pub(in crate::gui::panels::gap) fn origin(&self) -> Option<Origin> {
         Some(match self.slots[1].simulated()? {
             true => Origin::Simulated,
             false => Origin::Measured,
@@ -68,7 +74,7 @@ impl Selection {
     }
 
     /// Where the answer lies, when the example is what is looked at.
-    pub(super) fn answer(&self) -> Option<PathBuf> {
+    pub(in crate::gui::panels::gap) fn answer(&self) -> Option<PathBuf> {
         let example = self.example.as_ref()?;
         let suspect = &self.slots[1].known()?.path;
         (*suspect == example.suspect).then(|| example.answer.clone())
@@ -144,7 +150,7 @@ impl Selection {
     }
 
     /// Whether the finder can be run.
-    pub(super) fn gate(&self) -> Gate {
+    pub(in crate::gui::panels::gap) fn gate(&self) -> Gate {
         if self.making.is_some() {
             return Err("The example is being made.".into());
         }

@@ -1,0 +1,217 @@
+//! Everything that can be done is found by typing, and done.
+
+use super::*;
+use crate::gui::app::home_m;
+use crate::gui::panels::View;
+use crate::gui::panels::gap::Step as GapStep;
+use crate::gui::panels::operate::Pane;
+use crate::gui::panels::palette::{Act, Deed, Entry, Known, entries, found};
+use crate::gui::panels::plans::PlanKind;
+
+/// Types into the list and takes the first entry that is found.
+fn choose(h: &mut Harness<'_, App>, words: &str) {
+    h.key_press_modifiers(Modifiers::COMMAND, Key::P);
+    h.run_steps(4);
+    h.get_by_label("Find a command").type_text(words);
+    h.run_steps(3);
+    h.key_press(Key::Enter);
+    h.run_steps(4);
+    assert!(
+        h.query_by_label("Find a command").is_none(),
+        "“{words}” was found and done"
+    );
+}
+
+/// What the window asked of the program around it.
+#[derive(Clone, Default)]
+struct Asked(Arc<Mutex<Vec<String>>>);
+
+impl Asked {
+    fn say(&self, what: &str) {
+        self.0.lock().expect("not poisoned").push(what.to_owned());
+    }
+
+    fn all(&self) -> Vec<String> {
+        self.0.lock().expect("not poisoned").clone()
+    }
+}
+
+fn asking(asked: &Asked) -> Services {
+    let (pick, write, connect, example) =
+        (asked.clone(), asked.clone(), asked.clone(), asked.clone());
+    let mut services = library_services();
+    services.pick = Box::new(move |dialog| {
+        pick.say(&format!("pick {}", dialog.name));
+        Job::ready(Ok(Some("out/errors.csv".into())))
+    });
+    services.write = Box::new(move |path, _| {
+        write.say(&format!("write {}", path.display()));
+        Ok(())
+    });
+    services.connect = Box::new(move |name| {
+        connect.say(&format!("connect {name}"));
+        let (job, worker) = Job::pair();
+        // The connection is under way for as long as the test takes.
+        std::mem::forget(worker);
+        job
+    });
+    services.gap.example = Box::new(move |_| {
+        example.say("example");
+        Job::ready(Err("No example here.".into()))
+    });
+    services
+}
+
+fn idle(services: Services) -> (Twin, Harness<'static, App>) {
+    let mut first = fixture::snapshot(1.0);
+    first.mode = Mode::Disarmed;
+    let (twin, handle) = twin(first);
+    let app = App::new(Some(handle), RobotSpec::reference(), services);
+    let mut h = harness(app);
+    h.run_steps(3);
+    (twin, h)
+}
+
+#[test]
+fn circle_home_export_example_connect_theme_and_record_are_found_and_done() {
+    let asked = Asked::default();
+    let (twin, mut h) = idle(asking(&asked));
+    h.state_mut().screen = Screen::Gap;
+    choose(&mut h, "circle");
+    assert_eq!(h.state().screen, Screen::Operate);
+    assert_eq!(h.state().operate.plans.kind, PlanKind::Circle);
+    h.get_by_label("Radius in mm");
+
+    choose(&mut h, "home");
+    let [x, y, z] = home_m(&RobotSpec::reference());
+    assert_eq!([x, y], [0.0, 0.0]);
+    let commands = twin.taken();
+    let [Command::Preview(goal)] = commands.as_slice() else {
+        panic!("{commands:?}");
+    };
+    assert!((goal.position_m[2] - z).abs() < 1e-4, "{goal:?}");
+
+    choose(&mut h, "example");
+    assert_eq!(h.state().screen, Screen::Gap);
+    assert_eq!(asked.all(), ["example"]);
+
+    let theme = h.ctx.theme();
+    choose(&mut h, "theme");
+    assert_ne!(h.ctx.theme(), theme);
+
+    choose(&mut h, "record");
+    let started = Command::StartRecording(PathBuf::from("recording.rrd"));
+    assert_eq!(twin.taken(), [started]);
+
+    choose(&mut h, "connect");
+    assert!(asked.all()[1].starts_with("connect "), "{:?}", asked.all());
+}
+
+#[test]
+fn export_is_found_and_writes() {
+    let asked = Asked::default();
+    let session = fixture::session(12);
+    let spec = RobotSpec::reference();
+    let mut app = App::for_screenshot(Screen::Operate, Theme::Dark, spec, &session);
+    app.services = asking(&asked);
+    let mut h = harness(app);
+    h.run_steps(3);
+    choose(&mut h, "export");
+    h.run_steps(6);
+    assert_eq!(h.state().screen, Screen::Accuracy);
+    assert_eq!(
+        asked.all(),
+        ["pick accuracy-live-simulated.csv", "write out/errors.csv"]
+    );
+}
+
+#[test]
+fn a_port_a_panel_a_step_and_a_recording_are_found_and_done() {
+    let (_twin, mut h) = idle(library_services());
+    choose(&mut h, "serial port");
+    h.get_by_label("Port or ports of the boards");
+    h.key_press(Key::Escape);
+    h.run_steps(3);
+    choose(&mut h, "gap select");
+    assert_eq!(h.state().screen, Screen::Gap);
+    assert_eq!(h.state().gap.step, GapStep::Select);
+    choose(&mut h, "panel plan");
+    assert!(h.state().operate.plans.shown);
+    h.state_mut().screen = Screen::Recordings;
+    h.run_steps(3);
+    choose(&mut h, "play figure");
+    assert!(h.state().player.is_some());
+    choose(&mut h, "cursors");
+    assert_eq!(h.state().screen, Screen::Sensors);
+    assert!(h.state().window.cursors_s.is_some());
+}
+
+fn all_of(app: &App, s: &Snapshot) -> Vec<Entry> {
+    let spec = RobotSpec::reference();
+    let history = crate::gui::history::History::new(4);
+    entries(&Known {
+        live: View {
+            snapshot: s,
+            history: &history,
+            now_s: 0.0,
+            replay: None,
+            spec: &spec,
+            simulated: Some(true),
+        },
+        may_resume: &Ok(()),
+        twin_gone: false,
+        player: app.player.as_ref(),
+        window: &app.window,
+        operate: &app.operate,
+        calibrate: &app.calibrate,
+        library: &app.library,
+        gap: &app.gap,
+        connection: &app.connection,
+    })
+}
+
+#[test]
+fn no_two_entries_are_named_alike_and_every_screen_panel_and_step_has_one() {
+    let app = App::new(None, RobotSpec::reference(), Services::none());
+    let all = all_of(&app, &fixture::snapshot(1.0));
+    let mut names: Vec<&str> = all.iter().map(|e| e.name.as_str()).collect();
+    names.sort_unstable();
+    let n = names.len();
+    names.dedup();
+    assert_eq!(names.len(), n);
+    assert!(n > 60, "{n}");
+    for screen in Screen::ALL {
+        assert!(names.contains(&format!("Show {}", screen.name()).as_str()));
+    }
+    let has = |deed: &Deed| all.iter().any(|e| e.deed == *deed);
+    for pane in crate::gui::panels::operate::PANES {
+        assert!(has(&Deed::Screen(Act::Pane(pane))), "{pane:?}");
+    }
+    for (kind, ..) in PlanKind::ALL {
+        assert!(has(&Deed::Screen(Act::Plan(kind))), "{kind:?}");
+    }
+    for step in GapStep::ALL {
+        assert!(has(&Deed::Screen(Act::Gap(step))), "{step:?}");
+    }
+    assert!(has(&Deed::Screen(Act::Pane(Pane::Target))));
+}
+
+/// A gate that is open is told by a deed that does something, a closed one by a reason.
+#[test]
+fn what_is_off_says_why_in_a_sentence() {
+    let app = App::new(None, RobotSpec::reference(), Services::none());
+    let mut safe = fixture::snapshot(1.0);
+    safe.mode = Mode::Safe("stopped".into());
+    for entry in all_of(&app, &safe) {
+        if let Err(why) = &entry.gate {
+            assert!(
+                why.ends_with('.') || why.ends_with('…'),
+                "{}: {why}",
+                entry.name
+            );
+            assert!(why.len() > 8, "{}: {why}", entry.name);
+        }
+    }
+    let off = found(all_of(&app, &safe), "go to target");
+    assert!(off[0].gate.is_err());
+}
