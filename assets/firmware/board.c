@@ -14,19 +14,12 @@
 
 #define FIRMWARE_ID 0x41565231UL /* "AVR1" */
 
-#define SAMPLE_TICKS (TICK_RATE_HZ / 100)
+#define SAMPLE_TICKS (TICK_RATE_HZ / SAMPLE_RATE_HZ)
 #define CHECKS_TO_TRIP 2
 /* Gauges that have not been converted for so long are lost. */
 #define GAUGES_PATIENCE (20 * TICKS_PER_MS)
 
 /* A host may ask for narrower limits than these, never for wider ones. */
-#ifndef PRESSURE_MIN
-#define PRESSURE_MIN (32768U - 20000U)
-#endif
-#define PRESSURE_MAX (32768U + 20000U)
-#define OVER_PRESSURE (32768U + 21000U)
-#define HEARTBEAT_TIMEOUT_MS 200
-
 static const config_t BUILT_IN = {PRESSURE_MIN, PRESSURE_MAX, OVER_PRESSURE, HEARTBEAT_TIMEOUT_MS};
 
 static uint8_t board;
@@ -115,6 +108,12 @@ static void watch_host(uint32_t now)
     }
 }
 
+/* The code of the pressure with the other sign. */
+static uint16_t mirrored(uint16_t code)
+{
+    return (uint16_t)(65536UL - code);
+}
+
 /* Counts checks running in which something was found; true once there are enough. */
 static bool count_up(uint8_t *checks, bool found)
 {
@@ -136,7 +135,7 @@ static void check_gauges(uint32_t now)
         return;
     }
     const uint16_t high = config_crc ? config.over_pressure : OVER_PRESSURE;
-    const uint16_t low = (uint16_t)(65536UL - high);
+    const uint16_t low = mirrored(high);
     uint8_t over = CHAMBERS_EACH, lost = CHAMBERS_EACH;
     for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
         if (lost == CHAMBERS_EACH && !gauge_valid[i])
@@ -157,6 +156,7 @@ static bool is_allowed(const config_t *c)
 {
     return c->pressure_min >= BUILT_IN.pressure_min && c->pressure_max <= BUILT_IN.pressure_max &&
            c->pressure_min < c->pressure_max && c->over_pressure >= c->pressure_max &&
+           c->pressure_min >= mirrored(c->over_pressure) &&
            c->over_pressure <= BUILT_IN.over_pressure && c->heartbeat_timeout_ms >= 1 &&
            c->heartbeat_timeout_ms <= BUILT_IN.heartbeat_timeout_ms;
 }
@@ -224,7 +224,7 @@ static void on_message(const header_t *h, const void *payload, size_t n, uint32_
             go_safe(FAULT_ESTOP, 0);
         break;
     case MSG_RESET:
-        if (n == 4) {
+        if (n == sizeof(reset_t)) {
             uint32_t id;
             memcpy(&id, payload, 4);
             on_reset(id);
@@ -235,7 +235,7 @@ static void on_message(const header_t *h, const void *payload, size_t n, uint32_
             on_config(payload);
         break;
     case MSG_PING:
-        if (n == 8) {
+        if (n == sizeof(ping_t)) {
             pong_t p = {0, t_ticks};
             memcpy(&p.id, payload, 4);
 #ifdef HANG_ON_PING /* for the test of the watchdog */
@@ -286,7 +286,7 @@ static void send_sample(uint32_t t_ticks)
     }
     for (uint8_t k = 0; k < IMUS_EACH; k++) {
         const uint8_t i = IMUS_EACH * board + k;
-        if (hal_imu(k, s.gyro[i], s.accel[i]))
+        if (hal_imu(k, &s.gyro[3 * i], &s.accel[3 * i]))
             s.present |= 1UL << (12 + i);
         else
             channel_faults |= FAULT_IMU_LOST;

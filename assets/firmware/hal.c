@@ -1,13 +1,16 @@
 #include "hal.h"
 
-#include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 #include <string.h>
 #include <util/atomic.h>
+#include <util/delay.h>
 #include <util/twi.h>
+
+/* The compiler moves no access to memory across it. The chip itself keeps their order. */
+#define BARRIER() __asm__ volatile("" ::: "memory")
 
 /* ---- watchdog ---------------------------------------------------------------------------- */
 
@@ -69,6 +72,7 @@ ISR(USART0_RX_vect)
     if (fill && !overlong && next != slot_out) {
         f->n = fill;
         f->t_ticks = ticks();
+        BARRIER(); /* the frame is whole before it is seen */
         slot_in = next;
     }
     fill = 0;
@@ -79,13 +83,15 @@ bool hal_receive(host_frame_t *frame)
 {
     if (slot_out == slot_in)
         return false;
+    BARRIER(); /* no byte of the frame is read before it is known to be whole, */
     *frame = slot[slot_out];
+    BARRIER(); /* nor after its slot is free for another */
     slot_out = (slot_out + 1) % SLOTS;
     return true;
 }
 
 #define OUTBOX 512 /* a power of two */
-#define BYTE_TICKS 44 /* 11 bits at 500 kbaud */
+#define BYTE_TICKS (10 * TICK_RATE_HZ / BAUD) /* 8N1: start, 8 bits, stop */
 static uint8_t outbox[OUTBOX];
 static volatile uint16_t out_head, out_tail;
 
@@ -131,7 +137,7 @@ uint32_t hal_send_ticks(void)
 static void serial_init(void)
 {
     UCSR0A = _BV(U2X0); /* before the rate: some simulators compute it there */
-    UBRR0 = F_CPU / 8 / 500000UL - 1;
+    UBRR0 = F_CPU / 8 / BAUD - 1;
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }
@@ -225,6 +231,8 @@ static void counters_init(void)
 
 #define IMU_ADDRESS 0x68
 #define IMU_PATIENCE (3 * TICKS_PER_MS)
+#define SCL PD0
+#define SDA PD1
 
 static uint32_t twi_deadline;
 
@@ -236,6 +244,28 @@ static struct {
     uint8_t in_n;
     volatile enum { TWI_RUNNING, TWI_DONE, TWI_FAILED } state;
 } twi;
+
+/* An IMU that lost count of the clock in the middle of a byte (a glitch, a reset of this chip) holds the data line, and
+ * then no START comes through. It lets go within nine clocks, and a STOP ends what it was at. The pins are open
+ * drains here: low by their direction, high by the bus. */
+static void bus_free(void)
+{
+    TWCR = 0;
+    PORTD &= ~(_BV(SCL) | _BV(SDA));
+    for (uint8_t n = 0; n < 9 && bit_is_clear(PIND, SDA); n++) {
+        DDRD |= _BV(SCL);
+        _delay_us(5);
+        DDRD &= ~_BV(SCL);
+        _delay_us(5);
+    }
+    DDRD |= _BV(SCL);
+    DDRD |= _BV(SDA);
+    _delay_us(5);
+    DDRD &= ~_BV(SCL);
+    _delay_us(5);
+    DDRD &= ~_BV(SDA);
+    _delay_us(5);
+}
 
 static void twi_end(uint8_t state)
 {
@@ -300,6 +330,7 @@ static bool twi_exchange(uint8_t address, const uint8_t *out, uint8_t out_n, uin
         }
         hal_wait();
     }
+    BARRIER(); /* what was read is read after the end is known */
     return twi.state == TWI_DONE;
 }
 
@@ -323,6 +354,8 @@ bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3])
     const uint8_t first = 0x3b;
     if (!awake[which] || !twi_exchange(address, &first, 1, b, sizeof b)) {
         awake[which] = false;
+        if (bit_is_clear(PIND, SDA))
+            bus_free();
         return false;
     }
     for (uint8_t k = 0; k < 3; k++) {
@@ -334,6 +367,8 @@ bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3])
 
 static void imus_init(void)
 {
+    if (bit_is_clear(PIND, SDA))
+        bus_free();
     TWSR = 0;
     TWBR = (F_CPU / 400000UL - 16) / 2;
 }
@@ -398,13 +433,18 @@ bool hal_simulated(void)
     return !(PINL & _BV(PL1));
 }
 
+/* Survives every reset but the loss of power; after that, its cells come up as noise. */
+static struct {
+    uint32_t boots;
+    uint8_t cells[128];
+} kept __attribute__((section(".noinit")));
+
 uint32_t hal_boot_nonce(uint8_t board)
 {
-    uint32_t *const cell = (uint32_t *)16;
-    uint32_t boots = eeprom_read_dword(cell) + 1;
-    eeprom_update_dword(cell, boots);
-    /* Scattered, so that two boards that were switched on equally often still differ. */
-    return (boots * 2 + board) * 2654435761UL;
+    kept.boots++;
+    const uint32_t nonce = crc32(&kept, sizeof kept);
+    /* Two boards never share one, not even if their cells came up alike. */
+    return (nonce & ~1UL) | board;
 }
 
 void hal_wait(void)

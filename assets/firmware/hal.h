@@ -8,12 +8,14 @@
 
 #include "wire.h"
 
-#define TICK_RATE_HZ 2000000UL
 #define TICKS_PER_MS (TICK_RATE_HZ / 1000)
 
 #define SPRINGS_EACH 6
 #define IMUS_EACH 2
 #define CHAMBERS_EACH 3
+_Static_assert(sizeof ((sample_t *)0)->spring_counts == 2 * 2 * SPRINGS_EACH, "two boards share the springs");
+_Static_assert(sizeof ((sample_t *)0)->gyro == 2 * 2 * 3 * IMUS_EACH, "two boards share the IMUs");
+_Static_assert(sizeof ((sample_t *)0)->pressure == 2 * 2 * CHAMBERS_EACH, "two boards share the chambers");
 
 /* A frame from the host as it came in. */
 typedef struct {
@@ -34,7 +36,7 @@ uint8_t hal_board(void);
 /* Whether a simulated arm is at the connectors, by another strap. */
 bool hal_simulated(void);
 
-/* Differs from one boot to the next: counts boots in the EEPROM. */
+/* Differs from one boot to the next. Writes nothing that wears out. */
 uint32_t hal_boot_nonce(uint8_t board);
 
 /* 0.5 us each, wraps every 35.8 minutes. */
@@ -43,7 +45,7 @@ uint32_t hal_ticks(void);
 /* Takes the oldest frame from the host, if there is one. */
 bool hal_receive(host_frame_t *frame);
 
-/* When a frame queued now begins to go out: behind what waits already, 22 us a byte. */
+/* When a frame queued now begins to go out: behind what waits already, 20 us a byte. */
 uint32_t hal_send_ticks(void);
 
 /* Queues bytes for the host, all or none. */
@@ -55,7 +57,8 @@ bool hal_gauges(uint16_t code[CHAMBERS_EACH], bool valid[CHAMBERS_EACH]);
 /* Latches and reads the six reciprocal counters; a counter without a signal reads zeros. */
 void hal_counters(counter_t counter[SPRINGS_EACH]);
 
-/* Reads an IMU; false if it does not answer. At most 3 ms, usually 0.5 ms. */
+/* Reads an IMU; false if it does not answer. At most 3 ms, usually 0.5 ms. A bus that an IMU holds is freed for the
+ * next reading. */
 bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3]);
 
 /* Drives the regulators to these pressures (codes), or with NULL cuts them off. */

@@ -258,7 +258,7 @@ impl Board {
                 self.send(t_s, pong);
             }
             Body::Config(config) => {
-                if is_allowed(config) {
+                if config.is_allowed() {
                     self.config = Some(*config);
                 }
                 self.say_hello(t_s);
@@ -408,16 +408,6 @@ impl Board {
         s.status = self.status();
         self.send(t_s, Body::Sample(s));
     }
-}
-
-/// Whether a configuration is sound and no looser than what is built in.
-fn is_allowed(config: &Config) -> bool {
-    let built_in = Config::built_in();
-    config.pressure_min >= built_in.pressure_min
-        && config.pressure_max <= built_in.pressure_max
-        && config.pressure_min < config.pressure_max
-        && (config.pressure_max..=built_in.over_pressure).contains(&config.over_pressure)
-        && (1..=built_in.heartbeat_timeout_ms).contains(&config.heartbeat_timeout_ms)
 }
 
 /// Counts checks running in which something was found; true once there are enough.

@@ -130,6 +130,12 @@ impl FirmwareBoard {
         self.dead |= self.request(b"P").is_err();
     }
 
+    /// An IMU loses count of the bus's clock in the middle of a byte (a fault) and holds the data line, until it
+    /// has been clocked nine times.
+    pub fn jam_bus(&mut self) {
+        self.dead |= self.request(b"J").is_err();
+    }
+
     /// Set gauge pressure of the board's chambers, Pa; `None`: pumps off.
     pub fn setpoint_pa(&self) -> Option<[f64; CHAMBERS_EACH]> {
         let pa = |duty: u16| (f64::from(duty) - DUTY_ZERO) * PA_PER_DUTY;

@@ -143,7 +143,7 @@ impl RigBoard {
         }
     }
 
-    /// Power off and on again. An emulated board takes `boot_nonce`, the firmware counts its boots.
+    /// Power off and on again. An emulated board takes `boot_nonce`, the firmware makes its own.
     pub fn reboot(&mut self, t_s: f64, boot_nonce: u32) {
         match self {
             Self::Emulated(b) => b.reboot(t_s, boot_nonce),

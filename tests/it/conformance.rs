@@ -296,11 +296,24 @@ fn configurations_are_taken_if_no_looser_than_built_in(kind: Kind) {
             pressure_min: pressure_code(40e3),
             ..built_in
         },
+        // Bellows that may be set to -40 kPa would trip at -25 kPa.
+        Config {
+            pressure_max: pressure_code(20e3),
+            over_pressure: pressure_code(25e3),
+            ..built_in
+        },
+        Config {
+            pressure_min: pressure_code(-25.002e3),
+            pressure_max: pressure_code(20e3),
+            over_pressure: pressure_code(25e3),
+            ..built_in
+        },
     ] {
         assert_eq!(try_out(&mut b, loose), 0, "{loose:?}");
     }
     assert_eq!(try_out(&mut b, built_in), built_in.crc());
     let narrow = Config {
+        pressure_min: pressure_code(-25e3),
         pressure_max: pressure_code(20e3),
         over_pressure: pressure_code(25e3),
         ..built_in

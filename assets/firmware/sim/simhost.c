@@ -7,12 +7,15 @@
  * | request | |
  * |---|---|
  * | 'S', u32 cycles, line, readings | runs so many cycles of the 16 MHz clock |
- * | 'P' | power off and on; the EEPROM stays |
+ * | 'P' | power off and on: the SRAM comes up as noise |
+ * | 'J' | an IMU loses count in the middle of a byte: it holds the data line until it was clocked nine times |
  *
- * line: u16 n, n bytes for the board. They are put on its line one after the other, 22 us each.
+ * line: u16 n, n bytes for the board. They are put on its line one after the other, 20 us each.
  * readings: 6 x (u16 count, u16 gate ticks); 2 x (u8 answers, 14 register bytes); 3 x u16 gauge, mV.
  * answer: u64 cycle of the pump enable's last edge, u8 pumps, u8 gripper, 3 x u16 duty,
  * u8 runs, u16 n, n bytes from the board.
+ *
+ * A firmware that writes its EEPROM, which wears out, is ended.
  */
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,7 +25,6 @@
 #include <unistd.h>
 
 #include "avr_adc.h"
-#include "avr_eeprom.h"
 #include "avr_ioport.h"
 #include "avr_spi.h"
 #include "avr_twi.h"
@@ -31,13 +33,19 @@
 #include "sim_elf.h"
 #include "sim_time.h"
 
-#define BYTE_US 22 /* 11 bits at 500 kbaud */
+#define BYTE_BITS 10 /* 8N1 */
+#define BYTE_US 20   /* at 500 kbaud */
 #define IMU_ADDRESS 0x68
 #define IMU_REGISTERS 128
 #define IMU_DATA 0x3b
 #define IMU_DATA_N 14
 /* Data addresses of the ATmega2560. */
 #define OCR4A_ADDRESS 0xa8
+#define UCSR0A_ADDRESS 0xc0
+#define U2X0_BIT 0x02
+#define UBRR0L_ADDRESS 0xc4
+#define EECR_ADDRESS 0x3f
+#define EEPE_BIT 0x02
 
 typedef struct {
     uint8_t address; /* 7 bit */
@@ -55,18 +63,23 @@ static uint16_t inbox_n, inbox_at;
 static uint8_t outbox[1 << 16];
 static uint32_t outbox_n;
 static avr_irq_t *uart_in;
+static avr_uart_t *uart;
 
 static uint8_t counters[24];
 static uint8_t counters_at;
 static avr_irq_t *spi_in;
 
 static imu_t imu[2];
+/* Clocks that an IMU still wants before it lets go of the data line. */
+static int bus_held_for;
+static avr_irq_t *scl, *sda;
 static uint16_t gauge_mv[3];
 static avr_irq_t *adc_in;
 
 /* What a gauge's cable picks up, mV at most either way; the ADC's averages live on it. */
 #define HUM_MV 6
 static uint32_t hum_state = 1;
+static uint32_t sram_state;
 
 static avr_cycle_count_t pump_edge;
 static bool pumps, gripper;
@@ -116,7 +129,7 @@ static void on_twi(avr_irq_t *irq, uint32_t value, void *param)
     if (v.u.twi.msg & TWI_COND_STOP)
         m->selected = false;
     if (v.u.twi.msg & TWI_COND_START) {
-        m->selected = m->answers && (v.u.twi.addr >> 1) == m->address;
+        m->selected = m->answers && !bus_held_for && (v.u.twi.addr >> 1) == m->address;
         if (m->selected) {
             m->addressed = v.u.twi.addr & 1;
             avr_raise_irq(m->to_avr, avr_twi_irq_msg(TWI_COND_ACK, v.u.twi.addr, 1));
@@ -140,6 +153,41 @@ static void on_twi(avr_irq_t *irq, uint32_t value, void *param)
         m->at++;
         avr_raise_irq(m->to_avr, avr_twi_irq_msg(TWI_COND_READ, v.u.twi.addr, byte));
     }
+}
+
+/* simavr counts a parity bit whatever the frame's format is: the line's own time is put in its place. */
+static void on_baud(avr_t *a, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    (void)addr, (void)param;
+    const int cycles_per_bit = (value + 1) * (a->data[UCSR0A_ADDRESS] & U2X0_BIT ? 8 : 16);
+    uart->cycles_per_byte = (avr_cycle_count_t)(BYTE_BITS * cycles_per_bit);
+}
+
+static void on_eeprom(avr_t *a, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    (void)a, (void)addr, (void)param;
+    if (value & EEPE_BIT) {
+        fprintf(stderr, "the firmware writes its EEPROM, which wears out\n");
+        exit(3);
+    }
+}
+
+/* The levels of the two-wire bus, high by its resistors unless an IMU holds the data. */
+static void set_bus(void)
+{
+    avr_ioport_external_t bus = {.name = 'D', .mask = 3, .value = bus_held_for ? 1 : 3};
+    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &bus);
+    avr_raise_irq(scl, 1);
+    avr_raise_irq(sda, !bus_held_for);
+}
+
+/* The firmware moves the bus by the direction of its pins: a clock is one low and high again. */
+static void on_bus_direction(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)param;
+    const bool released = (irq->value & 1) && !(value & 1);
+    if (bus_held_for && released && --bus_held_for == 0)
+        set_bus();
 }
 
 /* ---- what the world does to the board -------------------------------------------------------------- */
@@ -182,6 +230,15 @@ static void world(void)
         avr_irq_register_notify(twi_out, on_twi, &imu[i]);
     }
     uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
+    for (avr_io_t *io = avr->io_port; io && !uart; io = io->next)
+        if (!strcmp(io->kind, "uart") && ((avr_uart_t *)io)->name == '0')
+            uart = (avr_uart_t *)io;
+    avr_register_io_write(avr, UBRR0L_ADDRESS, on_baud, NULL);
+    avr_register_io_write(avr, EECR_ADDRESS, on_eeprom, NULL);
+    scl = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), IOPORT_IRQ_PIN0);
+    sda = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), IOPORT_IRQ_PIN1);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), IOPORT_IRQ_DIRECTION_ALL),
+                            on_bus_direction, NULL);
     spi_in = avr_io_getirq(avr, AVR_IOCTL_SPI_GETIRQ(0), SPI_IRQ_INPUT);
     adc_in = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_uart, NULL);
@@ -218,18 +275,24 @@ static void wire_up(void)
     /* Straps: which board, and that the arm is simulated. */
     avr_ioport_external_t straps = {.name = 'L', .mask = 3, .value = board_id == 0};
     avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('L'), &straps);
+    set_bus();
     avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
     was_reset = false;
 }
 
-/* Power has come: the IMUs sleep, the line is empty. */
+/* Power has come: the SRAM holds noise, the IMUs sleep, the line is empty. */
 static void power_up(void)
 {
     for (int i = 0; i < 2; i++) {
         memset(imu[i].reg, 0, sizeof imu[i].reg);
         imu[i].reg[0x6b] = 0x40;
     }
+    for (uint32_t at = avr->ioend + 1u; at <= avr->ramend; at++) {
+        sram_state = sram_state * 1664525u + 1013904223u;
+        avr->data[at] = (uint8_t)(sram_state >> 24);
+    }
     inbox_n = inbox_at = 0;
+    bus_held_for = 0;
     wire_up();
 }
 
@@ -328,6 +391,9 @@ int main(int argc, char **argv)
         if (request == 'P') {
             avr_reset(avr);
             power_up();
+        } else if (request == 'J') {
+            bus_held_for = 9;
+            set_bus();
         } else if (request == 'S') {
             uint32_t cycles;
             if (!take(&cycles, 4) || !take_readings())

@@ -567,7 +567,8 @@ mod tests {
             &mut line,
         );
         assert_eq!(line.len(), super::super::SAMPLE_LINE_BYTES);
-        let bits_per_s = line.len() as f64 * 11.0 * super::super::SAMPLE_RATE_HZ * 2.0;
-        assert!(bits_per_s < 0.6 * f64::from(super::super::BAUD));
+        // 8N1: ten bits a byte.
+        let bits_per_s = line.len() as f64 * 10.0 * super::super::SAMPLE_RATE_HZ * 2.0;
+        assert!(bits_per_s < 0.54 * f64::from(super::super::BAUD));
     }
 }

@@ -13,13 +13,15 @@
 //! | payload | | fixed struct of the type, see [`SCHEMA`] |
 //! | CRC-32 | u32 | ISO-HDLC, over everything before it |
 //!
-//! At 500 kbaud and 11 bits a byte the line carries 45,454 bytes/s. A SAMPLE takes
-//! [`SAMPLE_LINE_BYTES`] on the line, so two boards at 100 Hz on one line fill about 59 % of it.
+//! At 500 kbaud and 10 bits a byte (8N1) the line carries 50,000 bytes/s. A SAMPLE takes
+//! [`SAMPLE_LINE_BYTES`] on the line, so two boards at 100 Hz on one line fill about 53 % of it.
 //!
 //! A board answers CONFIG with HELLO. Until it has accepted a CONFIG since it booted its
 //! configuration CRC is 0 and it ignores set points: a rebooted board never moves by itself.
 
 mod codec;
+#[cfg(test)]
+mod header;
 pub mod objects;
 
 pub use codec::{Decoder, DecoderCounts, Received, encode};
@@ -237,6 +239,20 @@ impl Config {
             over_pressure: pressure_code(42e3),
             heartbeat_timeout_ms: HEARTBEAT_TIMEOUT_MS,
         }
+    }
+
+    /// Whether a board accepts these limits: sound, no looser than [`Self::built_in`], and with the over-pressure
+    /// bound, which holds for both signs, beyond every pressure that may be set.
+    pub fn is_allowed(&self) -> bool {
+        let widest = Self::built_in();
+        let lowest_before_over = 65_536 - u32::from(self.over_pressure);
+        self.pressure_min >= widest.pressure_min
+            && self.pressure_max <= widest.pressure_max
+            && self.pressure_min < self.pressure_max
+            && self.over_pressure >= self.pressure_max
+            && u32::from(self.pressure_min) >= lowest_before_over
+            && self.over_pressure <= widest.over_pressure
+            && (1..=widest.heartbeat_timeout_ms).contains(&self.heartbeat_timeout_ms)
     }
 
     /// CRC-32 of the payload as sent; never 0, which means "no configuration yet".

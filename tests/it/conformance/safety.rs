@@ -183,6 +183,134 @@ fn a_power_cycle_forgets_everything(kind: Kind) {
     assert!(!b.moves());
 }
 
+/// A number of a board's run is never met again, whether power came, or the watchdog bit; the simulator ends a
+/// firmware that writes its EEPROM for it.
+mod runs {
+    mod firmware {
+        use super::super::*;
+
+        #[test]
+        fn no_two_runs_of_two_boards_have_one_number() {
+            let mut folder = firmware_folder().into_os_string();
+            folder.push("-hang");
+            let mut known = std::collections::BTreeSet::new();
+            for id in 0..2 {
+                let board = FirmwareBoard::start(&PathBuf::from(&folder), id.into(), 0.0);
+                let mut b = Bench::with(RigBoard::Firmware(board.expect("starts")), id);
+                for run in 0..12 {
+                    if run > 0 && run % 2 == 0 {
+                        let t_s = b.t_s();
+                        b.board.reboot(t_s, 0);
+                    } else if run > 0 {
+                        b.tell(Body::Ping { id: 0x600d_bad1 });
+                    }
+                    b.run(0.2);
+                    let nonce = b.hellos().last().expect("a HELLO at boot").boot_nonce;
+                    assert!(
+                        known.insert(nonce),
+                        "board {id}, run {run}: {nonce:08x} again"
+                    );
+                }
+            }
+            println!("{known:08x?}");
+        }
+    }
+}
+
+/// A PONG says when it goes out, however much waits before it: the host takes the wait out of the round trip.
+mod line {
+    mod firmware {
+        use super::super::*;
+
+        /// A byte on the line, s.
+        const BYTE_S: f64 = 20e-6;
+
+        #[test]
+        fn an_answer_says_when_it_goes_out_whatever_waits_before_it() {
+            let mut board = FirmwareBoard::start(&firmware_folder(), 0, 0.0).expect("starts");
+            let mut decoder = Decoder::default();
+            let readings = Readings::default();
+            // When the delimiter before the frame under way went out, s; and the last byte that did.
+            let (mut zero_s, mut begun_s, mut last) = (0.0, 0.0, 0);
+            let mut lags_s = Vec::new();
+            for step in 0..15_000_u32 {
+                let t_s = f64::from(step) * BYTE_S;
+                if step % 67 == 0 {
+                    let mut ping = Vec::new();
+                    let packet = Packet {
+                        board: 0,
+                        seq: 0,
+                        t_ticks: 0,
+                        flags: 0,
+                        body: Body::Ping { id: step },
+                    };
+                    encode(&packet, &mut ping);
+                    board.on_bytes(&ping);
+                }
+                for byte in board.poll(t_s, &readings) {
+                    if byte != 0 && last == 0 {
+                        begun_s = zero_s;
+                    }
+                    if byte == 0 {
+                        zero_s = t_s;
+                    }
+                    last = byte;
+                    if let Some(Received::Packet(p)) = decoder.push(byte)
+                        && matches!(p.body, Body::Pong { .. })
+                    {
+                        lags_s.push(begun_s - f64::from(p.t_ticks) / 2e6);
+                    }
+                }
+            }
+            // A byte that is under way and the width of a look are not in the board's reckoning.
+            let (least, most) = lags_s
+                .iter()
+                .fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(*x), b.max(*x)));
+            println!(
+                "{} answers begin within {:.0} us of what they say",
+                lags_s.len(),
+                (most - least) * 1e6
+            );
+            assert!(lags_s.len() > 200, "{}", lags_s.len());
+            assert!(most - least < 3.0 * BYTE_S, "{least} to {most}");
+        }
+    }
+}
+
+/// An IMU that holds the data line in the middle of a byte is clocked until it lets go.
+mod bus {
+    mod firmware {
+        use super::super::*;
+
+        #[test]
+        fn a_bus_that_an_imu_holds_is_freed() {
+            let board = FirmwareBoard::start(&firmware_folder(), 0, 0.0).expect("starts");
+            let mut b = Bench::with(RigBoard::Firmware(board), 0);
+            assert_eq!(b.sample().present, board_channels(0));
+            let RigBoard::Firmware(board) = &mut b.board else {
+                unreachable!()
+            };
+            board.jam_bus();
+            b.heard.clear();
+            b.run(0.1);
+            let lost: Vec<bool> = b
+                .take(|p| match p.body {
+                    Body::Sample(s) => Some(s.status & fault::IMU_LOST != 0),
+                    _ => None,
+                })
+                .into_iter()
+                .map(|(_, lost)| lost)
+                .collect();
+            println!("samples without an IMU: {lost:?}");
+            // The sample that was under way may be whole; the one that meets the held bus is not.
+            let of_them = lost.iter().filter(|l| **l).count();
+            assert!((1..=2).contains(&of_them), "{lost:?}");
+            assert!(!lost[4..].contains(&true), "{lost:?}");
+            assert_eq!(b.status(), 0);
+        }
+    }
+}
+
 /// A main loop that hangs is ended by the watchdog: pumps off, another run, no configuration, no motion.
 mod watchdog {
     mod firmware {
