@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::patch::{Patch, applied, hash_of};
 use super::{ImuMount, PadId, RobotSpec, SpringSpec};
-use crate::signal::{CHAMBERS, PressureLimits};
+use crate::signal::{CHAMBERS, PressureLimits, exactly};
 
 /// Why a robot file was refused.
 #[derive(Debug, thiserror::Error)]
@@ -63,6 +63,7 @@ struct File {
 #[serde(deny_unknown_fields)]
 struct Base {
     bellows_circle_radius_mm: f64,
+    #[serde(deserialize_with = "exactly")]
     bellows_angles_deg: [f64; CHAMBERS],
     pad_thickness_mm: f64,
 }
@@ -75,6 +76,7 @@ struct Bellows {
     #[serde(rename = "wall_mm")]
     _wall_mm: f64,
     rest_length_mm: f64,
+    #[serde(deserialize_with = "exactly")]
     length_range_mm: [f64; 2],
     effective_diameter_mm: f64,
     axial_stiffness_n_m: f64,
@@ -90,6 +92,7 @@ struct Segment {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Pressure {
+    #[serde(deserialize_with = "exactly")]
     range_kpa: [f64; 2],
     rate_kpa_s: f64,
     over_pressure_kpa: f64,
@@ -114,12 +117,14 @@ struct Mass {
 #[serde(deny_unknown_fields)]
 struct Springs {
     attachment_radius_mm: f64,
+    #[serde(deserialize_with = "exactly")]
     pair_angles_deg: [f64; 3],
     half_spread_deg: f64,
     rate_n_m: f64,
     free_length_mm: f64,
     outer_diameter_mm: f64,
     wire_diameter_mm: f64,
+    #[serde(deserialize_with = "exactly")]
     range_mm: [f64; 2],
 }
 
@@ -127,6 +132,7 @@ struct Springs {
 #[serde(deny_unknown_fields)]
 struct Imu {
     pad: Pad,
+    #[serde(deserialize_with = "exactly")]
     mounting_ypr_deg: [f64; 3],
 }
 
@@ -362,11 +368,12 @@ fn check(f: &File) -> Result<(), RobotError> {
         }
     }
     let over = f.pressure.over_pressure_kpa;
-    if !over.is_finite() || over < f.pressure.range_kpa[1] {
+    let [lowest, highest] = f.pressure.range_kpa;
+    if !over.is_finite() || over < highest || -over > lowest {
         return Err(RobotError::Value {
             key: "pressure.over_pressure_kpa",
             value: over.to_string(),
-            must: "at or above the top of pressure.range_kpa",
+            must: "at or beyond both ends of pressure.range_kpa, since it bounds either sign",
         });
     }
     if f.imus.len() != crate::signal::IMUS {
@@ -405,6 +412,39 @@ mod tests {
         assert!((r.pressure.max_pa * r.area_m2 / r.axial_stiffness_n_m - 0.075).abs() < 1e-4);
     }
 
+    /// Nothing that the file says is left unread.
+    #[test]
+    fn a_list_that_is_too_long_is_refused_at_its_place() {
+        for (key, list, wanted) in [
+            (
+                "bellows_angles_deg",
+                "[60, 180, 300, 0, 120, 240, 30, 90]",
+                "6 values are needed here, not 8",
+            ),
+            (
+                "bellows_angles_deg",
+                "[60, 180, 300, 0, 120]",
+                "6 values are needed here, not 5",
+            ),
+            ("pair_angles_deg", "[60, 180, 300, 0]", "3 values"),
+            ("range_kpa", "[-40, 40, 42]", "2 values"),
+            ("length_range_mm", "[60, 200, 210]", "2 values"),
+            ("range_mm", "[70, 240, 250]", "2 values"),
+            ("mounting_ypr_deg", "[0, 0, 0, 0]", "3 values"),
+        ] {
+            let lines: Vec<&str> = REFERENCE.lines().collect();
+            let is_it = |l: &&str| l.split('=').next().is_some_and(|k| k.trim() == key);
+            let line = lines.iter().position(is_it).expect(key);
+            let mut bad: Vec<String> = lines.iter().map(|l| (*l).to_owned()).collect();
+            bad[line] = format!("{key} = {list}");
+            let e = RobotSpec::from_toml(&bad.join("\n"))
+                .expect_err(key)
+                .to_string();
+            let place = format!("line {}, column {}", line + 1, key.len() + 4);
+            assert!(e.contains(&place) && e.contains(wanted), "{key}: {e}");
+        }
+    }
+
     #[test]
     fn refusals_name_the_key_or_the_line() {
         let bad = REFERENCE.replace("axial_stiffness_n_m = 2851.0", "axial_stiffness_n_m = -1.0");
@@ -413,6 +453,18 @@ mod tests {
             .to_string();
         assert!(
             e.contains("bellows.axial_stiffness_n_m") && e.contains("greater than 0"),
+            "{e}"
+        );
+        let bad = REFERENCE.replace("over_pressure_kpa = 42.0", "over_pressure_kpa = 39.0");
+        let e = RobotSpec::from_toml(&bad).expect_err("too low").to_string();
+        assert!(e.contains("pressure.over_pressure_kpa"), "{e}");
+        // The bound holds for either sign.
+        let bad = REFERENCE
+            .replace("range_kpa = [-40.0, 40.0]", "range_kpa = [-40.0, 20.0]")
+            .replace("over_pressure_kpa = 42.0", "over_pressure_kpa = 25.0");
+        let e = RobotSpec::from_toml(&bad).expect_err("trips").to_string();
+        assert!(
+            e.contains("pressure.over_pressure_kpa") && e.contains("either sign"),
             "{e}"
         );
         let bad = REFERENCE.replace("rate_kpa_s = 12.0", "rate_kpa_s = ");

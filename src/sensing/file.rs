@@ -7,7 +7,7 @@ use super::calibration::{
     Calibration, Curve, FitQuality, ImuCalibration, Quantity, SpringCalibration, Variable,
 };
 use super::mounting::{CORRECTION_MAX_RAD, MountingFit};
-use crate::signal::{IMUS, SPRINGS};
+use crate::signal::{IMUS, SPRINGS, exactly};
 
 /// Why a calibration file was refused.
 #[derive(Debug, thiserror::Error)]
@@ -147,7 +147,9 @@ struct SpringEntry {
     variable: Variable,
     center: f64,
     scale: f64,
+    #[serde(deserialize_with = "exactly")]
     coefficients_mm: [f64; 5],
+    #[serde(deserialize_with = "exactly")]
     domain: [f64; 2],
     rmse_mm: f64,
     held_out_rmse_mm: f64,
@@ -261,6 +263,7 @@ impl SpringEntry {
 #[serde(deny_unknown_fields)]
 struct ImuEntry {
     id: usize,
+    #[serde(deserialize_with = "exactly")]
     correction_deg: [f64; 3],
     residual_deg: f64,
     samples: usize,

@@ -7,6 +7,7 @@
 mod alarm;
 mod command;
 mod dataset;
+mod exactly;
 mod frame;
 mod hex;
 mod pose;
@@ -17,6 +18,7 @@ mod time;
 pub use alarm::{Alarm, AlarmCause, AlarmKey, Severity, TOO_FEW_SENSORS};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
+pub use exactly::exactly;
 pub use frame::{
     BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M,
     UNKNOWN_RAD, spring_name,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{FAR_M, FrameFit, Frames, HeldOutSummary, Noise, POSES_MIN, StreamRegistration};
-use crate::signal::{Pose, pose_from_ypr, ypr_from_rotation};
+use crate::signal::{Pose, exactly, pose_from_ypr, ypr_from_rotation};
 
 /// The only format there is so far.
 const FORMAT: u32 = 1;
@@ -206,7 +206,9 @@ struct File {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Transform {
+    #[serde(deserialize_with = "exactly")]
     position_mm: [f64; 3],
+    #[serde(deserialize_with = "exactly")]
     ypr_deg: [f64; 3],
     sigma_mm: f64,
     sigma_deg: f64,
