@@ -3,6 +3,11 @@
 use std::net::SocketAddr;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+#[cfg(unix)]
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
@@ -10,6 +15,7 @@ use serde_json::{Value, json};
 
 use super::drive::commands::objects;
 use super::drive::measures::spread;
+use super::outputs::Overwrite;
 use super::ports::{self, Instruments};
 use super::{Failed, Report, args, model};
 use springtwin::control::Gains;
@@ -47,6 +53,8 @@ pub struct RunArgs {
     /// Record to this file
     #[arg(long, value_name = "F.rrd", requires = "headless")]
     pub record: Option<PathBuf>,
+    #[command(flatten)]
+    pub overwrite: Overwrite,
     /// Stream to the Rerun viewer that listens there on this machine (start it with
     /// `rerun --bind 127.0.0.1`); 127.0.0.1:9876 without an address
     #[arg(long, value_name = "IP:PORT", value_parser = args::viewer, num_args = 0..=1, default_missing_value = "127.0.0.1:9876")]
@@ -404,6 +412,9 @@ pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
 /// `run --headless`.
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
+    if let Some(file) = &a.record {
+        a.overwrite.file(file)?;
+    }
     let maps = model::maps_for(robot)?;
     let mut twin = Twin::new(
         robot,
@@ -496,6 +507,8 @@ pub struct RecordArgs {
     /// Where to put the recording
     #[arg(value_name = "F.rrd")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// How long, s
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     seconds: f64,
@@ -519,6 +532,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         seconds: a.seconds,
         rig: a.rig.clone(),
         record: Some(a.out.clone()),
+        overwrite: a.overwrite,
         stream: None,
         stream_remote: None,
         target: a.target,
@@ -554,15 +568,39 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
         let script = Script::from_toml(&text).with_context(|| path.display().to_string())?;
         rig.faults.follow(script);
     }
+    let ended = asked_to_end()?;
     let mut lines = open_lines(a)?;
     println!("{}", lines.ports());
     std::io::stdout().flush().context("cannot print the port")?;
     let parent = nix::unistd::getppid();
     // A rig that belongs to a program has nobody left to serve when that is gone.
     lines.run(&mut rig, a.vicon, || {
-        !a.with_parent || nix::unistd::getppid() == parent
+        !ended.load(Ordering::Relaxed) && (!a.with_parent || nix::unistd::getppid() == parent)
     })?;
     Ok(super::silent())
+}
+
+/// Whether this process was asked to end (Ctrl+C, `kill`, its terminal closed). From now on that no longer ends it there
+/// and then: what it has put up is taken down first.
+#[cfg(unix)]
+fn asked_to_end() -> Result<Arc<AtomicBool>> {
+    use nix::sys::signal::{SigSet, Signal};
+    let mut signals = SigSet::empty();
+    for signal in [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP] {
+        signals.add(signal);
+    }
+    signals.thread_block().context("cannot take signals")?;
+    let asked = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&asked);
+    std::thread::Builder::new()
+        .name("signals".to_owned())
+        .spawn(move || {
+            if signals.wait().is_ok() {
+                flag.store(true, Ordering::Relaxed);
+            }
+        })
+        .context("cannot start a thread for signals")?;
+    Ok(asked)
 }
 
 /// One line for both boards, or one each.

@@ -104,8 +104,7 @@ impl Pty {
         } else if self.ends.is_none() {
             let (ends, port) = Ends::open()?;
             if let Some(path) = &self.link {
-                // It leads to a terminal that is gone.
-                let _ = std::fs::remove_file(path);
+                take_link_away(&self.port, path);
                 put_link(&port, path)?;
             }
             (self.ends, self.port) = (Some(ends), port);
@@ -138,7 +137,24 @@ impl Pty {
     }
 }
 
+/// Removes the link if it is the one to `port`; whatever else lies there stays.
+fn take_link_away(port: &Path, path: &Path) {
+    if std::fs::read_link(path).is_ok_and(|target| target == port) {
+        // If it is gone by now, all the better.
+        let _ = std::fs::remove_file(path);
+    }
+}
+
+/// Puts a link to `port` at `path`. One that a rig has left which was killed is replaced: it leads to a terminal that is
+/// gone, or to this one, which has the number of that one. Nothing else is.
 fn put_link(port: &Path, path: &Path) -> Result<(), PtyError> {
+    let stale =
+        |target: &Path| target.parent() == port.parent() && (target == port || !target.exists());
+    if let Ok(target) = std::fs::read_link(path)
+        && stale(&target)
+    {
+        take_link_away(&target, path);
+    }
     std::os::unix::fs::symlink(port, path).map_err(|reason| PtyError::Link {
         path: path.to_owned(),
         reason,
@@ -243,8 +259,7 @@ impl Lines {
 impl Drop for Pty {
     fn drop(&mut self) {
         if let Some(link) = &self.link {
-            // The link is ours; if it is gone already there is nothing to mend.
-            let _ = std::fs::remove_file(link);
+            take_link_away(&self.port, link);
         }
     }
 }
