@@ -96,7 +96,7 @@ class Springtwin:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         start_s = time.perf_counter()
         out = self._run(
-            "train", "--recipe", recipe, "--data", data, "--out", folder, "--json"
+            "train", "--recipe", recipe, "--data", data, "--overwrite", "--out", folder, "--json"
         )
         wall_s = time.perf_counter() - start_s
         after = resource.getrusage(resource.RUSAGE_CHILDREN)

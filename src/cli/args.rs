@@ -177,6 +177,23 @@ pub fn shard(text: &str) -> Result<(usize, usize), String> {
     }
 }
 
+/// Refuses pressures that the robot's bellows never have, gauge, Pa.
+pub fn pressures_in_range(robot: &RobotSpec, chamber_pa: &[f64; CHAMBERS]) -> anyhow::Result<()> {
+    let [low_pa, high_pa] = [robot.pressure.min_pa, robot.pressure.max_pa];
+    for (i, pa) in chamber_pa.iter().enumerate() {
+        anyhow::ensure!(
+            (low_pa..=high_pa).contains(pa),
+            "{} kPa in chamber {} is outside of the range of robot '{}' ({} to {} kPa): give pressures within it",
+            pa * 1e-3,
+            i + 1,
+            robot.name,
+            low_pa * 1e-3,
+            high_pa * 1e-3
+        );
+    }
+    Ok(())
+}
+
 /// Refuses a payload that the arm cannot carry.
 pub fn payload_in_range(robot: &RobotSpec, payload_kg: f64) -> anyhow::Result<()> {
     anyhow::ensure!(

@@ -12,6 +12,7 @@ mod springs;
 
 pub use springs::{BenchArgs, bench};
 
+use super::outputs::Overwrite;
 use super::{Report, args, model};
 use imus::ImusArgs;
 use springs::SpringsArgs;
@@ -49,6 +50,8 @@ pub struct MocapArgs {
     /// Where to put the registration
     #[arg(long, value_name = "F.toml")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Name of the tracked object
     #[arg(long, value_name = "NAME", default_value = END_PAD)]
     object: String,
@@ -84,6 +87,7 @@ pub fn run(command: &CalibrateCommand, robot: &RobotSpec) -> Result<Report> {
 }
 
 fn mocap(a: &MocapArgs) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
     let robot = robot_poses(&a.recording, a.model.as_deref())?;
     let seen = read_session(&a.mocap)?;
     anyhow::ensure!(
@@ -292,6 +296,7 @@ mod tests {
 
     fn args(dir: &Path) -> MocapArgs {
         MocapArgs {
+            overwrite: Overwrite::default(),
             recording: dir.join("robot"),
             mocap: dir.join("mocap"),
             out: dir.join("registration.toml"),

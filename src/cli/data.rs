@@ -9,11 +9,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::drive::measures::spread;
+use super::outputs::{self, Overwrite};
 use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use super::{Report, args, bench_rig, model};
 use springtwin::learn::{self, Recipe, to_pose};
 use springtwin::recording::{
-    DatasetJournal, read_dataset, read_session, write_bytes, write_dataset,
+    DATASET_SAMPLE_BYTES, DatasetJournal, SessionLog, read_dataset, read_session, write_bytes,
+    write_dataset,
 };
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Dataset, Sample, pose_error, ypr_from_rotation};
@@ -33,6 +35,8 @@ pub enum DatasetCommand {
         /// Where to put the joined file
         #[arg(long, value_name = "F.parquet")]
         out: PathBuf,
+        #[command(flatten)]
+        overwrite: Overwrite,
     },
 }
 
@@ -77,6 +81,8 @@ pub struct GenerateArgs {
     /// Where to put them
     #[arg(long, value_name = "F.parquet")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -109,12 +115,20 @@ fn bar(total: usize, quiet: bool) -> ProgressBar {
 pub fn dataset(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     match command {
         DatasetCommand::Generate(a) => generate_command(a, robot, quiet),
-        DatasetCommand::Merge { shards, out } => merge(shards, out),
+        DatasetCommand::Merge {
+            shards,
+            out,
+            overwrite,
+        } => {
+            overwrite.file(out)?;
+            merge(shards, out)
+        }
     }
 }
 
 fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     args::payload_in_range(robot, a.payload_max)?;
+    a.overwrite.file(&a.out)?;
     anyhow::ensure!(
         a.simulator != Source::Mesh || a.deviation == 0.0,
         "the mesh simulator has one arm only: leave --deviation out, or use --simulator rod"
@@ -147,6 +161,15 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
         ..Plan::nominal(draw, a.seed)
     };
     let range = stretch(draw.len(), a.shard.unwrap_or((1, 1)));
+    let needed = dataset_bytes(range.len());
+    // What a stopped run has left stands there already.
+    let kept = std::fs::metadata(DatasetJournal::path_of(&a.out)).map_or(0, |m| m.len());
+    let samples = format!("{} samples", range.len());
+    outputs::fits(&a.out, needed.saturating_sub(kept), &samples)?;
+    if !quiet {
+        let about = outputs::size(needed);
+        eprintln!("{} samples, about {about} on the disk", range.len());
+    }
     let bar = bar(range.len(), quiet);
     #[expect(
         clippy::disallowed_methods,
@@ -202,6 +225,11 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
             "seconds": seconds, "simulator": made.source, "simulated": true,
         }),
     })
+}
+
+/// What samples take on the disk while they are made, bytes: journal and data set stand side by side at the end.
+fn dataset_bytes(samples: usize) -> u64 {
+    (samples as u64).saturating_mul(DATASET_SAMPLE_BYTES)
 }
 
 struct Made {
@@ -319,11 +347,17 @@ pub struct TrainArgs {
     /// Folder for the networks
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 const RECIPE: &str = include_str!("../../assets/networks/recipe.toml");
 
+/// The file that `train` writes.
+const NETWORKS: &str = "reference.safetensors";
+
 pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
+    a.overwrite.files(&a.out, &[NETWORKS])?;
     let recipe = match &a.recipe {
         None => Recipe::from_toml(RECIPE).context("the built-in recipe does not load")?,
         Some(path) => Recipe::from_toml(&crate::cli::read_toml(path)?)
@@ -363,7 +397,7 @@ pub fn train(a: &TrainArgs, quiet: bool) -> Result<Report> {
     let trained = learn::train(&data, real.as_ref(), &recipe, &mut watch)?;
     bar.finish_and_clear();
     std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
-    let file = a.out.join("reference.safetensors");
+    let file = a.out.join(NETWORKS);
     write_bytes(&file, &trained.to_bytes()?)?;
     let seconds = start.elapsed().as_secs_f64();
     let scores = serde_json::to_value(&trained.scores)?;
@@ -436,6 +470,19 @@ fn real_samples(path: &Path) -> Result<Dataset> {
     })
 }
 
+/// Refuses a session and networks that are not of this robot, as far as they say.
+fn same_robot(log: &SessionLog, networks: &learn::Model, robot: &RobotSpec) -> Result<()> {
+    const OR: &str = "or --any-robot to estimate all the same";
+    springtwin::gap::recorded_with(robot, &log.name, &log.robot)
+        .map_err(|e| anyhow::anyhow!("{e}, {OR}"))?;
+    if let Some(notice) = model::trained_for_another(networks, robot) {
+        let of_its_base = networks.scores.smap.data.robot_hash == robot.base_hash;
+        anyhow::ensure!(of_its_base, "{notice}, {OR}");
+        log::warn!("{notice}");
+    }
+    Ok(())
+}
+
 #[derive(Args)]
 pub struct EstimateArgs {
     /// Session folder or session.toml
@@ -443,12 +490,19 @@ pub struct EstimateArgs {
     /// Networks; the shipped ones without it
     #[arg(long, value_name = "F.safetensors")]
     model: Option<PathBuf>,
+    /// Estimate all the same when session, networks and robot file are of different robots
+    #[arg(long)]
+    any_robot: bool,
 }
 
 /// Pose from springs and IMUs of a session, against its motion capture.
-pub fn estimate(a: &EstimateArgs) -> Result<Report> {
+pub fn estimate(a: &EstimateArgs, robot: &RobotSpec) -> Result<Report> {
     let log = read_session(&a.session)?;
-    let maps = model::maps(a.model.as_deref())?;
+    let networks = model::model(a.model.as_deref())?;
+    if !a.any_robot {
+        same_robot(&log, &networks, robot)?;
+    }
+    let maps = networks.into();
     let mut distance_mm = Vec::new();
     let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];
     let mut inside = [0usize; 2];

@@ -8,6 +8,7 @@ use clap::Subcommand;
 use serde_json::json;
 
 use super::Report;
+use super::outputs::Overwrite;
 use springtwin::gap::{
     self, Finding, FoundEffect, GapError, Grid, Options, Patch, Progress, Session, Stage, Verdict,
 };
@@ -25,6 +26,8 @@ pub enum GapCommand {
         /// Patch file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        #[command(flatten)]
+        overwrite: Overwrite,
     },
     /// Find what is missing in the model of a rig
     Run(RunArgs),
@@ -51,6 +54,8 @@ pub struct RunArgs {
     /// Folder for patch, report and recording
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Look only at the way from command to gauge; also reads 38-column logs of the ASU arm
     #[arg(long)]
     actuation_only: bool,
@@ -68,11 +73,29 @@ pub struct RunArgs {
     seed: u64,
 }
 
+/// What `gap run --out` writes.
+const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
+
 pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -> Result<Report> {
+    if let GapCommand::Run(RunArgs {
+        out: Some(out),
+        overwrite,
+        ..
+    }) = command
+    {
+        overwrite.files(out, &FOUND)?;
+    }
     match command {
         GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
-        GapCommand::Commission { session, out } => commission(robot, session, out),
+        GapCommand::Commission {
+            session,
+            out,
+            overwrite,
+        } => {
+            overwrite.file(out)?;
+            commission(robot, session, out)
+        }
         GapCommand::Run(a) if a.actuation_only => super::gap_actuation::run_actuation(
             &a.session,
             a.baseline.as_deref(),

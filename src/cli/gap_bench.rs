@@ -19,6 +19,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::outputs::Overwrite;
 use super::shards::{self, Shard, file_hash, read_shards, stretch, write, write_shard};
 use super::{Report, args};
 pub use generator::{CaseArgs, Maker, run as rig_case};
@@ -62,6 +63,8 @@ pub struct BenchArgs {
     /// Folder for cases, keys, verdicts and the report
     #[arg(long, value_name = "DIR", default_value = "gap-bench")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Only these parts of the suite
     #[arg(long, value_enum, value_delimiter = ',', value_name = "PART,..")]
     only: Vec<suite::Part>,
@@ -92,6 +95,8 @@ enum BenchCommand {
         /// Folder for the report
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
+        #[command(flatten)]
+        overwrite: Overwrite,
     },
 }
 
@@ -138,8 +143,19 @@ struct Run<'a> {
 
 /// `gap bench`.
 pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
-    if let Some(BenchCommand::Merge { shards, out }) = &a.merge {
+    if let Some(BenchCommand::Merge {
+        shards,
+        out,
+        overwrite,
+    }) = &a.merge
+    {
+        overwrite.files(out, &REPORT)?;
         return merge(shards, out);
+    }
+    // Cases and verdicts that are there are taken over, never replaced.
+    match a.shard {
+        Some(part) => a.overwrite.files(&a.out, &[shard_name(part)])?,
+        None => a.overwrite.files(&a.out, &REPORT)?,
     }
     let suite = Suite {
         first_seed: a.first_seed,
@@ -215,6 +231,14 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     report(&run, &out)
 }
 
+/// What a run of all cases, or the merge of its shards, leaves.
+const REPORT: [&str; 2] = ["report.md", "report.json"];
+
+/// What a shard leaves.
+fn shard_name((i, n): shards::Part) -> String {
+    format!("shard-{i}-of-{n}.json")
+}
+
 /// The command that shards are of.
 const OF: &str = "gap bench";
 
@@ -235,7 +259,7 @@ fn leave(
         shard: part,
         found: cases,
     };
-    let path = a.out.join(format!("shard-{}-of-{}.json", part.0, part.1));
+    let path = a.out.join(shard_name(part));
     write_shard(&path, &shard)?;
     let cases = shard.found.solved.len();
     Ok(Report {
@@ -310,7 +334,7 @@ fn report(run: &Run, out: &Path) -> Result<Report> {
         "version": env!("CARGO_PKG_VERSION"), "finder": run.finder, "robot": suite.robot,
         "not_made": run.not_made, "score": score,
     });
-    let paths = [out.join("report.md"), out.join("report.json")];
+    let paths = REPORT.map(|name| out.join(name));
     write(&paths[0], &text)?;
     write(&paths[1], &format!("{json:#}"))?;
     Ok(Report {

@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Report;
+use super::outputs::Overwrite;
 use springtwin::recording::{
     MarkerBody, MocapFile, MocapObject, MocapRotation, SessionLog, marker_body, read_mocap,
     write_session,
@@ -23,9 +24,11 @@ const WORLD: &str = "poses are in the motion capture's own axes, not in the robo
 pub struct ImportArgs {
     /// Vicon CSV (Trajectories, Segments, Tracker objects), OptiTrack Motive CSV, or C3D
     file: PathBuf,
-    /// Folder for the session; must not exist
+    /// Folder for the session
     #[arg(long, value_name = "SESSION")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Which object's pose to take, where the file has several
     #[arg(long, value_name = "NAME", conflicts_with_all = ["markers", "subject"])]
     object: Option<String>,
@@ -70,11 +73,7 @@ impl From<Rotation> for MocapRotation {
 
 /// `import`.
 pub fn run(a: &ImportArgs) -> Result<Report> {
-    anyhow::ensure!(
-        !a.out.exists(),
-        "{} exists already: give --out the name of a new folder",
-        a.out.display()
-    );
+    a.overwrite.folder(&a.out)?;
     let file = read_mocap(&a.file, a.rotation.map(MocapRotation::from))?;
     let chosen = choose(&file, a)?;
     let mut log = session(&file, chosen.object(), &a.out)?;
@@ -82,7 +81,10 @@ pub fn run(a: &ImportArgs) -> Result<Report> {
         None => WORLD.to_owned(),
         Some(path) => place(&mut log, &chosen, path, a.robot_clock)?,
     };
-    write_new(&a.out, &log)?;
+    match a.out.exists() {
+        true => write_session(&a.out, &log)?,
+        false => write_new(&a.out, &log)?,
+    }
     Ok(report(&file, &chosen, &log, &world, &a.out))
 }
 
@@ -373,6 +375,7 @@ mod tests {
             let file = self.0.join("capture.csv");
             std::fs::write(&file, text).expect("writes");
             ImportArgs {
+                overwrite: Overwrite::default(),
                 file,
                 out: self.0.join(out),
                 object: None,

@@ -20,6 +20,7 @@ mod imu;
 mod live;
 mod logging;
 mod model;
+mod outputs;
 mod patch;
 #[cfg(feature = "gui")]
 mod picture;
@@ -250,7 +251,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Gap(c)) => gap::run(c, &robot, cli.robot.as_deref()),
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Study(a)) => study::run(a, &robot, cli.json),
-        Some(Command::Estimate(a)) => data::estimate(a),
+        Some(Command::Estimate(a)) => data::estimate(a, &robot),
         Some(Command::Calibrate(c)) => calibrate::run(c, &robot),
         #[cfg(feature = "gui")]
         Some(Command::Screenshot(a)) => window::screenshot(a, &robot, cli.robot.as_deref()),

@@ -6,6 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::json;
 
+use super::outputs::Overwrite;
 use super::{Report, gap, robot_of};
 use springtwin::recording;
 use springtwin::robot::{Patch, REFERENCE, RobotSpec, with_patch, without_last_patch};
@@ -19,13 +20,16 @@ pub struct ApplyArgs {
     /// Take the last patch back off this robot file instead
     #[arg(long, value_name = "ROBOT", conflicts_with = "patch")]
     undo: Option<PathBuf>,
-    /// Robot file to write; must not exist
+    /// Robot file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 /// `gap apply`.
 pub fn apply(a: &ApplyArgs, robot_file: Option<&Path>) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
     match (&a.patch, &a.undo) {
         (Some(patch), None) => put_on(patch, robot_file, &a.out),
         (_, Some(file)) => take_off(file, &a.out),
@@ -41,7 +45,7 @@ fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> 
     let patch = gap::read_patch(path, &robot_of(&text)?)?;
     let parts = patch.parts()?;
     let (new, patched) = text_with(&text, &patch).with_context(|| path.display().to_string())?;
-    write_new(out, &new)?;
+    recording::write_text(out, &new)?;
     let of = |where_: Acts| -> Vec<&str> {
         let there = parts.iter().filter(|(_, acts)| *acts == where_);
         there.map(|(name, _)| name.as_str()).collect()
@@ -76,7 +80,7 @@ fn take_off(file: &Path, out: &Path) -> Result<Report> {
     let text = crate::cli::read_toml(file)?;
     let old = without_last_patch(&text).with_context(|| file.display().to_string())?;
     let left = RobotSpec::from_toml(old)?.patches.len();
-    write_new(out, old)?;
+    recording::write_text(out, old)?;
     Ok(Report {
         text: format!(
             "{} is {} before its last patch; it carries {left} more",
@@ -96,16 +100,6 @@ pub fn text_with(text: &str, patch: &Patch) -> Result<(String, RobotSpec)> {
     let new = with_patch(text, patch);
     let patched = robot_of(&new)?;
     Ok((new, patched))
-}
-
-fn write_new(out: &Path, text: &str) -> Result<()> {
-    anyhow::ensure!(
-        !out.exists(),
-        "{} exists already: give --out the name of a new file",
-        out.display()
-    );
-    recording::write_text(out, text)?;
-    Ok(())
 }
 
 fn refuse_twice(robot: &RobotSpec, patch: &Patch) -> Result<()> {

@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result};
 use clap::{Arg, Args, Command};
 use serde_json::json;
 
+use super::outputs::Overwrite;
 use super::{Report, silent};
 use springtwin::sim::effects::{EFFECTS, Effect, Side, Target};
 
@@ -18,15 +19,31 @@ pub struct ManArgs {
     /// Write the pages of all commands into this folder instead
     #[arg(long, value_name = "DIR", conflicts_with_all = ["command", "markdown"])]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Print all commands as one page of Markdown, as the guide has it
     #[arg(long, conflicts_with = "command")]
     markdown: bool,
+}
+
+/// The files that `clap_mangen` makes: a page for each command that is shown.
+fn pages(program: &Command) -> Vec<String> {
+    fn walk(command: &Command, name: &str, pages: &mut Vec<String>) {
+        pages.push(format!("{name}.1"));
+        for sub in command.get_subcommands().filter(|c| !c.is_hide_set()) {
+            walk(sub, &format!("{name}-{}", sub.get_name()), pages);
+        }
+    }
+    let mut pages = Vec::new();
+    walk(program, program.get_name(), &mut pages);
+    pages
 }
 
 /// `man`: of the whole program, whose description is `program`.
 pub fn man(a: &ManArgs, program: Command) -> Result<Report> {
     let mut program = program.disable_help_subcommand(true);
     if let Some(dir) = &a.out {
+        a.overwrite.files(dir, &pages(&program))?;
         std::fs::create_dir_all(dir).with_context(|| format!("cannot make {}", dir.display()))?;
         clap_mangen::generate_to(program, dir)
             .with_context(|| format!("cannot write the pages to {}", dir.display()))?;

@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::json;
 
+use super::outputs::Overwrite;
 use super::{Report, args};
 use springtwin::recording::{SessionLog, write_session};
 use springtwin::rig::hidden::cases::Answer;
@@ -19,6 +20,8 @@ pub struct SessionArgs {
     /// Folder for log.csv and session.toml
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Length, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
@@ -45,6 +48,9 @@ pub struct SessionArgs {
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
 }
+
+/// The files of a session's folder.
+pub const SESSION_FILES: [&str; 2] = ["log.csv", "session.toml"];
 
 fn excitation(text: &str) -> Result<Excitation, String> {
     Excitation::from_name(text).ok_or_else(|| {
@@ -100,6 +106,7 @@ pub fn log_of(s: Session, robot: &RobotSpec) -> SessionLog {
 /// `rig session`.
 pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
+    a.overwrite.files(&a.out, &SESSION_FILES)?;
     // The answer must not lie beside the question.
     if let Some(truth) = &a.truth {
         let inside = std::path::absolute(truth)?.starts_with(std::path::absolute(&a.out)?);
@@ -108,6 +115,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
             "the answer {} would lie in the session's folder: name a place outside of it",
             truth.display()
         );
+        a.overwrite.file(truth)?;
     }
     // The folder's name, so that the name tells nothing of what is hidden.
     let name = a.out.file_name().unwrap_or_default().to_string_lossy();
@@ -214,6 +222,7 @@ mod tests {
     fn the_folder_holds_the_log_alone_and_the_same_bytes_every_time() {
         let dir = std::env::temp_dir().join(format!("springtwin-session-{}", std::process::id()));
         let args = |out: &str, truth: &str| SessionArgs {
+            overwrite: Overwrite::default(),
             out: dir.join(out),
             seconds: 4.0,
             rate: 25.0,

@@ -51,7 +51,9 @@ impl<T> Shard<T> {
 
 /// The items of a part when there are `items` in all.
 pub fn stretch(items: usize, (i, n): Part) -> Range<usize> {
-    (i - 1) * items / n..i * items / n
+    // Wide enough for any number of items.
+    let at = |i: usize| (i as u128 * items as u128 / n as u128) as usize;
+    at(i - 1)..at(i)
 }
 
 /// Writes a shard's file.

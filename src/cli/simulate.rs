@@ -65,6 +65,7 @@ pub fn run(command: &SimCommand, robot: &RobotSpec) -> Result<Report> {
             patch,
         } => {
             args::payload_in_range(robot, *payload)?;
+            args::pressures_in_range(robot, pressures)?;
             let robot = &super::patch::on_top(robot, patch.as_deref())?;
             solve(robot, *simulator, pressures, *payload, force)
         }
@@ -138,10 +139,11 @@ fn solve(
 fn replay(robot: &RobotSpec, session: &Path, patch: Option<&Path>) -> Result<Report> {
     let session = super::gap::read(session)?;
     args::payload_in_range(robot, session.payload_kg)?;
+    let robot = &super::patch::on_top(robot, patch)?;
+    gap::same_robot(robot, &session)?;
     let name = session.name.clone();
     // Every sample for itself: nothing is averaged away.
     let grid = Grid::at_rate(session, 1e4)?;
-    let robot = &super::patch::on_top(robot, patch)?;
     let values = gap::nominal();
     let moved = gap::move_arm(robot, &grid, &values, &[]).with_context(|| name)?;
     let rows = gap::left_over(robot, &grid, &moved, &values, &[]);

@@ -42,7 +42,7 @@ pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};
 pub use session::{
-    CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, same_robot,
+    CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with, same_robot,
 };
 
 use crate::sim::effects::EffectError;

@@ -35,16 +35,25 @@ pub struct Session {
 /// # Errors
 /// [`GapError::OtherRobot`] when it was recorded with another robot file.
 pub fn same_robot(robot: &RobotSpec, session: &Session) -> Result<(), GapError> {
-    let known = session.robot.is_empty()
-        || session.robot == robot.hash
-        || robot.patches.iter().any(|a| a.onto == session.robot);
+    recorded_with(robot, &session.name, &session.robot)
+}
+
+/// Whether the session `name`, recorded with the robot file of the hash `recorded` (empty: not known), is of this robot,
+/// with its patches or without some of them.
+///
+/// # Errors
+/// [`GapError::OtherRobot`] when it was recorded with another robot file.
+pub fn recorded_with(robot: &RobotSpec, name: &str, recorded: &str) -> Result<(), GapError> {
+    let known = recorded.is_empty()
+        || recorded == robot.hash
+        || robot.patches.iter().any(|a| a.onto == recorded);
     if known {
         return Ok(());
     }
     let start = |hash: &str| hash.chars().take(8).collect();
     Err(GapError::OtherRobot {
-        session: session.name.clone(),
-        recorded: start(&session.robot),
+        session: name.to_owned(),
+        recorded: start(recorded),
         given: start(&robot.hash),
     })
 }

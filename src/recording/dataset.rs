@@ -40,6 +40,10 @@ const GROUP_ROWS: usize = 4096;
 pub(super) const EXACT_COLUMNS: usize = CHAMBERS + 1 + 3 + SPRINGS + 3 * IMUS + 7;
 pub(super) const COLUMNS: usize = EXACT_COLUMNS + 3;
 
+/// Most bytes that a sample takes on a disk while a data set is made: its row in the journal and, at the end, its row in
+/// the file beside it.
+pub const DATASET_SAMPLE_BYTES: u64 = 8 * (EXACT_COLUMNS + COLUMNS) as u64;
+
 /// Names of the columns, in the file's order.
 pub fn dataset_columns() -> Vec<String> {
     let mut names: Vec<String> = (1..=CHAMBERS).map(|i| format!("p{i}_pa")).collect();

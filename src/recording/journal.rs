@@ -41,6 +41,13 @@ pub struct DatasetJournal {
 }
 
 impl DatasetJournal {
+    /// Where the journal of the data set `out` lies.
+    pub fn path_of(out: &Path) -> PathBuf {
+        let mut name = out.file_name().unwrap_or_default().to_owned();
+        name.push(".resume");
+        out.with_file_name(name)
+    }
+
     /// Opens the journal of the data set `out`, or begins it. `about` names everything the samples
     /// depend on; a journal that was begun with anything else is refused.
     ///
@@ -48,9 +55,7 @@ impl DatasetJournal {
     /// [`RecordingError::Io`] when the file cannot be used, [`RecordingError::Dataset`] when it
     /// belongs to another data set or another process is writing it.
     pub fn open(out: &Path, about: &[(&str, String)]) -> Result<Self, RecordingError> {
-        let mut name = out.file_name().unwrap_or_default().to_owned();
-        name.push(".resume");
-        let path = out.with_file_name(name);
+        let path = Self::path_of(out);
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

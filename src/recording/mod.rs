@@ -35,7 +35,9 @@ mod session_file;
 mod types;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
-pub use dataset::{DatasetWriter, dataset_columns, read_dataset, write_dataset};
+pub use dataset::{
+    DATASET_SAMPLE_BYTES, DatasetWriter, dataset_columns, read_dataset, write_dataset,
+};
 pub use either::{is_rrd, read_log};
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};

@@ -48,8 +48,15 @@ fn springs_are_calibrated_one_by_one() {
     .concat();
     let (_, said) = refusal(&with);
     assert!(said.contains("too few sensors"), "{said}");
-    json(&["rig", "bench", "--out", &bench, "--seed", "2", "--json"]);
-    let report = json(&["calibrate", "springs", &bench, "--out", &cal, "--json"]);
+    let again = ["--overwrite", "--json"];
+    json(
+        &[
+            &["rig", "bench", "--out", &bench, "--seed", "2"],
+            &again[..],
+        ]
+        .concat(),
+    );
+    let report = json(&[&["calibrate", "springs", &bench, "--out", &cal], &again[..]].concat());
     assert_eq!(report["calibrated"], 12);
     let run = json(&[with.as_slice(), &["--json"]].concat());
     assert_eq!(run["reached"], true, "{run}");
@@ -100,7 +107,7 @@ fn the_papers_quartic_is_taken_corrected_and_refused_as_printed() {
     .expect("writes");
     let bench = dir.join("b.csv").display().to_string();
     json(&["rig", "bench", "--out", &bench, "--json"]);
-    let (_, said) = refusal(&["calibrate", "springs", &bench, "--out", &out]);
+    let (_, said) = refusal(&["calibrate", "springs", &bench, "--out", &out, "--overwrite"]);
     assert!(said.contains("not monotone"), "{said}");
 }
 

@@ -42,7 +42,7 @@ fn sixteen_shards_merge_to_the_bytes_of_one_run() {
     assert!(read(&whole) != read(&shards[0]));
 
     let check = |shards: &[&str], words: &str| {
-        let mut args = vec!["dataset", "merge", "--out", utf8(&merged)];
+        let mut args = vec!["dataset", "merge", "--overwrite", "--out", utf8(&merged)];
         args.extend(shards);
         let (code, text) = refusal(&args);
         assert!(code == 1 && text.contains(words), "{text}");
@@ -156,9 +156,11 @@ fn a_study_scores_the_shipped_networks_on_the_rig_whole_or_in_shards() {
 
     let check = |shards: &[&Path], words: &str| {
         let shards: Vec<&str> = shards.iter().map(|s| utf8(s)).collect();
-        let (code, text) = refusal(&[merge.as_slice(), &shards].concat());
+        let (code, text) = refusal(&[merge.as_slice(), &["--overwrite"], &shards].concat());
         assert!(code == 1 && text.contains(words), "{text}");
     };
+    let (_, text) = refusal(&[merge.as_slice(), &[utf8(&one), utf8(&two)]].concat());
+    assert!(text.contains("coverage.json exists already"), "{text}");
     check(&[&two], "no file of shard 1/2 is given (1 of 2 are there)");
     check(&[&one, &one, &two], "shard 1/2 is given twice");
     check(

@@ -30,6 +30,7 @@ fn bench_to(folder: &Path, finder: &str, options: &[&str]) -> Value {
         .args([
             "gap",
             "bench",
+            "--overwrite",
             "--json",
             "--seeds",
             "1",
@@ -145,7 +146,15 @@ fn shards_of_the_blind_test_are_scored_once_into_the_report_of_one_run() {
     // Merged in any order: what a run in one piece gives.
     let (whole, merged) = (dir.join("whole"), dir.join("merged"));
     let merged_arg = merged.display().to_string();
-    let merge = ["gap", "bench", "merge", "--json", "--out", &merged_arg];
+    let merge = [
+        "gap",
+        "bench",
+        "merge",
+        "--overwrite",
+        "--json",
+        "--out",
+        &merged_arg,
+    ];
     let said = json(&[merge.as_slice(), &[&two, &one]].concat());
     assert_eq!(said, bench_to(&whole, &finder, &[]));
     for name in ["report.md", "report.json"] {

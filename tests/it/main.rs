@@ -12,11 +12,15 @@ mod firmware;
 mod gap_bench;
 mod gap_find;
 mod guide;
+mod outputs;
 mod parsers;
 mod program;
 #[cfg(unix)]
 mod readme;
 mod real_data;
+#[cfg(unix)]
+mod rig_link;
+mod robots;
 mod shaders;
 #[cfg(all(unix, feature = "rrd"))]
 mod stream;

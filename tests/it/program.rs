@@ -222,6 +222,7 @@ fn closed_loop_through_a_pty_reaches_its_target_and_records() {
         "60,40,-300",
         "--record",
         &file,
+        "--overwrite",
         "--json",
     ]);
     assert!(

@@ -238,7 +238,7 @@ fn a_viewer_gets_every_snapshot_bit_for_bit() {
     let dir = scratch("stream-whole");
     let (ours, theirs) = (dir.join("ours.rrd"), dir.join("theirs.rrd"));
     let record = ours.to_str().expect("utf-8");
-    let more = ["--record", record, "--target", "60,40,-300"];
+    let more = ["--record", record, "--overwrite", "--target", "60,40,-300"];
     let in_time = (0..3).find_map(|_| {
         let viewer = Viewer::to_file(&theirs);
         let v = Program::start(8, &viewer, &more).finish_in_time();

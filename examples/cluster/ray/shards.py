@@ -76,8 +76,8 @@ def check_nodes(program, nodes):
 
 
 def shard_args(kind, options, i, n, shards):
-    """Arguments of a shard."""
-    part = ["--shard", f"{i}/{n}", "--out"]
+    """Arguments of a shard. One that is tried again replaces what it wrote before."""
+    part = ["--overwrite", "--shard", f"{i}/{n}", "--out"]
     match kind:
         case "dataset":
             return ["dataset", "generate", *options, *part, str(shards / f"{i}.parquet")]
@@ -89,13 +89,14 @@ def shard_args(kind, options, i, n, shards):
 
 def merge_args(kind, files, out):
     """Arguments of the merge."""
+    to = ["--overwrite", "--out"]
     match kind:
         case "dataset":
-            return ["dataset", "merge", *files, "--out", str(out / "dataset.parquet")]
+            return ["dataset", "merge", *files, *to, str(out / "dataset.parquet")]
         case "study":
-            return ["study", "merge", *files, "--out", str(out)]
+            return ["study", "merge", *files, *to, str(out)]
         case _:
-            return ["gap", "bench", "merge", *files, "--out", str(out)]
+            return ["gap", "bench", "merge", *files, *to, str(out)]
 
 
 def main():

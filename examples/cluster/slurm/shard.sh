@@ -14,29 +14,31 @@ springtwin=${SPRINGTWIN:-springtwin}
 i=${SLURM_ARRAY_TASK_ID:-}
 mkdir -p "$out/shards"
 
+# A task that was requeued replaces what it wrote before: --overwrite.
+
 case $kind in
 dataset)
     if [ -n "$i" ]; then
-        "$springtwin" dataset generate "$@" --shard "$i/$shards" --out "$out/shards/$i.parquet"
+        "$springtwin" dataset generate "$@" --overwrite --shard "$i/$shards" --out "$out/shards/$i.parquet"
     else
         files=()
         for k in $(seq "$shards"); do files+=("$out/shards/$k.parquet"); done
-        "$springtwin" dataset merge "${files[@]}" --out "$out/dataset.parquet"
+        "$springtwin" dataset merge "${files[@]}" --overwrite --out "$out/dataset.parquet"
     fi
     ;;
 study)
     # The first option is the study's name.
     if [ -n "$i" ]; then
-        "$springtwin" study "$@" --shard "$i/$shards" --out "$out/shards"
+        "$springtwin" study "$@" --overwrite --shard "$i/$shards" --out "$out/shards"
     else
-        "$springtwin" study merge "$out/shards/$1-"*"-of-$shards.json" --out "$out"
+        "$springtwin" study merge "$out/shards/$1-"*"-of-$shards.json" --overwrite --out "$out"
     fi
     ;;
 gap-bench)
     if [ -n "$i" ]; then
-        "$springtwin" gap bench "$@" --shard "$i/$shards" --out "$out/shards"
+        "$springtwin" gap bench "$@" --overwrite --shard "$i/$shards" --out "$out/shards"
     else
-        "$springtwin" gap bench merge "$out/shards/shard-"*"-of-$shards.json" --out "$out"
+        "$springtwin" gap bench merge "$out/shards/shard-"*"-of-$shards.json" --overwrite --out "$out"
     fi
     ;;
 *)

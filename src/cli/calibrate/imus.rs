@@ -7,6 +7,7 @@ use clap::Args;
 use nalgebra::UnitQuaternion;
 use serde_json::{Value, json};
 
+use crate::cli::outputs::Overwrite;
 use crate::cli::{Failed, Report, model};
 use springtwin::recording::{read_rrd, write_text};
 use springtwin::robot::RobotSpec;
@@ -27,6 +28,8 @@ pub struct ImusArgs {
     /// Where to put the calibration: the springs of --calibration, and the mountings
     #[arg(long, value_name = "F.toml")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// The springs' calibration; the virtual rig's without it
     #[arg(long, value_name = "F.toml")]
     calibration: Option<PathBuf>,
@@ -34,6 +37,7 @@ pub struct ImusArgs {
 
 /// `calibrate imus`.
 pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
     let read = read_rrd(&a.recording)?;
     let mut calibration = match &a.calibration {
         None => Calibration::virtual_rig(),

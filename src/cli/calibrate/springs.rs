@@ -8,6 +8,7 @@ use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 use serde_json::{Value, json};
 
+use crate::cli::outputs::Overwrite;
 use crate::cli::{Failed, Report, args, read_text};
 use springtwin::recording::write_text;
 use springtwin::rig::circuit::{self, BenchPlan};
@@ -24,9 +25,11 @@ pub struct SpringsArgs {
     /// The bench's log: CSV with spring, length_mm and frequency_hz, inductance_uh or reading
     #[arg(value_name = "BENCH.csv", required_unless_present = "preset")]
     bench: Option<PathBuf>,
-    /// Where to put the calibration; IMU mountings that it holds already are kept
+    /// Where to put the calibration; of one that is replaced, the IMU mountings are kept
     #[arg(long, value_name = "F.toml")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Instead of a log: a curve from the paper for all springs
     #[arg(long, value_enum, conflicts_with = "bench")]
     preset: Option<Preset>,
@@ -48,6 +51,7 @@ enum Preset {
 
 /// `calibrate springs`.
 pub fn springs(a: &SpringsArgs, robot: &RobotSpec) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
     if let Some(preset) = a.preset {
         return from_paper(a, preset);
     }
@@ -247,6 +251,8 @@ pub struct BenchArgs {
     /// Where to put the log
     #[arg(long, value_name = "BENCH.csv")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Which manufactured rig
     #[arg(long, value_name = "N", default_value = "1")]
     unit: u64,
@@ -266,6 +272,7 @@ pub struct BenchArgs {
 
 /// `rig bench`.
 pub fn bench(a: &BenchArgs, robot: &RobotSpec) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
     let mut circuit = circuit_of(robot, Unit(a.unit));
     circuit.tremble_m = a.noise * 1e-3;
     let plan = BenchPlan {

@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
+use super::super::outputs::Overwrite;
 use super::super::ports::Instruments;
 use super::measures::{self, PathMeasures};
 use super::{Drive, Driven, drive, pictures};
@@ -56,6 +57,8 @@ pub struct Common {
     /// Record to this file
     #[arg(long, value_name = "F.rrd")]
     record: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Let boards that are SAFE from before leave it; remove the cause first
     #[arg(long)]
     reset: bool,
@@ -71,6 +74,17 @@ impl Common {
         Ok(options)
     }
 
+    /// Refuses to write over what is there.
+    fn check_outputs(&self) -> Result<()> {
+        if let Some(out) = &self.out {
+            self.overwrite.files(out, &pictures::FILES)?;
+        }
+        match &self.record {
+            Some(file) => self.overwrite.file(file),
+            None => Ok(()),
+        }
+    }
+
     fn drive<'a>(
         &'a self,
         robot: &'a RobotSpec,
@@ -78,6 +92,7 @@ impl Common {
         plan: Plan,
         seconds: f64,
     ) -> Result<Drive<'a>> {
+        self.check_outputs()?;
         Ok(Drive {
             robot,
             robot_file,

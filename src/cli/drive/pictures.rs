@@ -140,7 +140,16 @@ fn line(name: impl Into<String>, colour: usize, points: Vec<(f64, f64)>) -> Line
     }
 }
 
-/// Writes `log.csv`, `pressures.svg`, `springs.svg`, `trajectory.svg`, and for a path `errors.svg`.
+/// What [`write`] writes; the last one for a path only.
+pub const FILES: [&str; 5] = [
+    "log.csv",
+    "trajectory.svg",
+    "pressures.svg",
+    "springs.svg",
+    "errors.svg",
+];
+
+/// Writes [`FILES`] into a folder.
 pub fn write(
     out: &FilePath,
     driven: &Driven,
@@ -157,15 +166,13 @@ pub fn write(
     } else {
         ""
     };
-    put("log.csv", csv(&driven.rows))?;
-    put(
-        "trajectory.svg",
-        trajectory(&driven.rows, path, label).svg()?,
-    )?;
-    put("pressures.svg", pressures(&driven.rows, label).svg()?)?;
-    put("springs.svg", springs(&driven.rows, label).svg()?)?;
+    let [log, way, set, lengths, along] = FILES;
+    put(log, csv(&driven.rows))?;
+    put(way, trajectory(&driven.rows, path, label).svg()?)?;
+    put(set, pressures(&driven.rows, label).svg()?)?;
+    put(lengths, springs(&driven.rows, label).svg()?)?;
     if !errors_mm.is_empty() {
-        put("errors.svg", errors(errors_mm, label).svg()?)?;
+        put(along, errors(errors_mm, label).svg()?)?;
     }
     Ok(())
 }

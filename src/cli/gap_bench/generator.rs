@@ -9,6 +9,8 @@ use rand::Rng as _;
 use serde_json::json;
 
 use super::suite::Planned;
+use crate::cli::outputs::Overwrite;
+use crate::cli::session::SESSION_FILES;
 use crate::cli::session::log_of;
 use crate::cli::shards::write;
 use crate::cli::{Report, args};
@@ -31,6 +33,8 @@ pub struct CaseArgs {
     /// File for what is hidden, outside of that folder
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Seed of everything
     #[arg(long, value_name = "N")]
     seed: u64,
@@ -77,6 +81,9 @@ fn effect(text: &str) -> Result<&'static Kind, String> {
     kind(text).ok_or_else(|| HiddenError::Unknown(text.to_owned()).to_string())
 }
 
+/// The sessions of a case.
+const PAIR: [&str; 2] = ["commissioning", "suspect"];
+
 /// `rig case`.
 pub fn run(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
     let (key, out) = (std::path::absolute(&a.key)?, std::path::absolute(&a.out)?);
@@ -85,11 +92,15 @@ pub fn run(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
         "the key {} would lie in the case's folder: name a place outside of it",
         a.key.display()
     );
+    for name in PAIR {
+        a.overwrite.files(&out.join(name), &SESSION_FILES)?;
+    }
+    a.overwrite.file(&key)?;
     if a.with_parent {
         end_with_parent()?;
     }
     let (case, logs) = draw(a, robot)?;
-    for (name, log) in ["commissioning", "suspect"].into_iter().zip(logs) {
+    for (name, log) in PAIR.into_iter().zip(logs) {
         write_session(&out.join(name), &log_of(log, robot))?;
     }
     // Last: where there is a key, there is a whole case.
@@ -226,7 +237,8 @@ impl Maker<'_> {
         if let Some(file) = self.robot_file {
             command.arg("--robot").arg(file);
         }
-        command.args(["rig", "case", "--kind", about]);
+        // What a case that was stopped has left is made again.
+        command.args(["rig", "case", "--overwrite", "--kind", about]);
         command.arg("--out").arg(folder).arg("--key").arg(key);
         command.args(["--seed", &seed.to_string()]);
         command.args(["--strength", &strength.to_string()]);

@@ -29,6 +29,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::outputs::Overwrite;
 use super::shards::Part;
 use super::{Report, args};
 use lab::{Lab, Sizes};
@@ -46,6 +47,8 @@ pub struct StudyArgs {
     /// Folder for tables (JSON, Markdown) and pictures (SVG)
     #[arg(long, value_name = "DIR", required = true)]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Do only part i of n; what it finds goes to DIR/NAME-i-of-n.json, for `study merge`
     #[arg(long, value_name = "I/N", value_parser = args::shard)]
     shard: Option<Part>,
@@ -83,6 +86,8 @@ enum StudyCommand {
         /// Folder for tables (JSON, Markdown) and pictures (SVG)
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
+        #[command(flatten)]
+        overwrite: Overwrite,
     },
 }
 
@@ -158,6 +163,25 @@ impl Name {
         )
     }
 
+    /// As it is written on the command line.
+    fn word(self) -> String {
+        let value = self.to_possible_value();
+        value.map_or_else(String::new, |v| v.get_name().to_owned())
+    }
+
+    /// What a run of it, or the merge of its shards, writes.
+    fn files(self) -> Vec<String> {
+        if self == Self::All {
+            let single = Self::value_variants().iter().filter(|n| **n != Self::All);
+            let mut files: Vec<String> = single.flat_map(|n| n.files()).collect();
+            files.push(SUMMARY.to_owned());
+            return files;
+        }
+        ["json", "md", "svg"]
+            .map(|ending| format!("{}.{ending}", self.word()))
+            .into()
+    }
+
     /// The studies that are meant, in the order of the report.
     fn studies(self) -> Vec<Study> {
         let study = match self {
@@ -192,6 +216,9 @@ impl Name {
     }
 }
 
+/// The report of all studies.
+const SUMMARY: &str = "README.md";
+
 /// A data set that a study made for itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Data {
@@ -212,12 +239,21 @@ struct About {
 
 /// Runs one study or all of them, or a part, or merges parts.
 pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
-    if let Some(StudyCommand::Merge { shards, out }) = &a.merge {
-        return parts::merge(shards, out);
+    if let Some(StudyCommand::Merge {
+        shards,
+        out,
+        overwrite,
+    }) = &a.merge
+    {
+        return parts::merge(shards, out, *overwrite);
     }
     let (Some(name), Some(out)) = (a.name, &a.out) else {
         anyhow::bail!("name a study and a folder: springtwin study NAME --out DIR");
     };
+    match a.shard {
+        Some(part) => a.overwrite.files(out, &[parts::file_of(name, part)])?,
+        None => a.overwrite.files(out, &name.files())?,
+    }
     make_folder(out)?;
     anyhow::ensure!(
         a.model.is_none() || !name.is_on_control(),
@@ -299,7 +335,7 @@ fn report(
     let text = head + &body.join("\n");
     // One study leaves the report of all as it was.
     if name == Name::All {
-        let path = out.join("README.md");
+        let path = out.join(SUMMARY);
         std::fs::write(&path, &text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let tables: Vec<Value> = tables.iter().map(Table::json).collect();

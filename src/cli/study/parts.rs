@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::super::Report;
+use super::super::outputs::Overwrite;
 use super::super::shards::{
     Part, Shard, file_hash, program_hash, read_shards, stretch, write_shard,
 };
@@ -29,10 +30,9 @@ struct Findings {
     data: Vec<Data>,
 }
 
-/// A study as the command line has it.
-fn word(name: Name) -> String {
-    let value = name.to_possible_value();
-    value.map_or_else(String::new, |v| v.get_name().to_owned())
+/// The file of a part.
+pub fn file_of(name: Name, (i, n): Part) -> String {
+    format!("{}-{i}-of-{n}.json", name.word())
 }
 
 /// Which items of every study a part does, given how many each has.
@@ -70,7 +70,7 @@ pub fn find(
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ("program", program_hash()?),
         ("robot", lab.robot.hash.clone()),
-        ("study", word(name)),
+        ("study", name.word()),
         ("seed", a.seed.to_string()),
         ("samples", a.samples.to_string()),
         ("geometric-samples", a.geometric_samples.to_string()),
@@ -90,8 +90,8 @@ pub fn find(
             data: lab.data(),
         },
     };
-    let (i, n) = part;
-    let path = out.join(format!("{}-{i}-of-{n}.json", word(name)));
+    let n = part.1;
+    let path = out.join(file_of(name, part));
     write_shard(&path, &shard)?;
     let items = shard.found.items.len();
     Ok(Report {
@@ -104,11 +104,12 @@ pub fn find(
 }
 
 /// Makes the tables of what all shards of a run found.
-pub fn merge(paths: &[PathBuf], out: &Path) -> Result<Report> {
+pub fn merge(paths: &[PathBuf], out: &Path, overwrite: Overwrite) -> Result<Report> {
     let shards: Vec<(PathBuf, Shard<Findings>)> = read_shards(OF, paths)?;
     let (path, first) = shards.first().context("no shards were given")?;
     let (name, sizes) =
         run_of(first).with_context(|| format!("{} is damaged: make it anew", path.display()))?;
+    overwrite.files(out, &name.files())?;
     let about = About {
         seed: sizes.seed,
         networks: first.option("networks").to_owned(),

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::super::live::{Kind, board_config, rig_options};
+use super::super::outputs::Overwrite;
 use super::super::ports::{Instruments, in_process};
 use super::super::simulate::Simulator;
 use super::super::{Report, args, model, picture};
@@ -32,6 +33,8 @@ pub struct ScreenshotArgs {
     /// Where to put the picture
     #[arg(long, value_name = "F.png")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Size in points
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = args::size)]
     size: [u32; 2],
@@ -110,6 +113,10 @@ pub fn screenshot(
     robot_file: Option<&Path>,
 ) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
+    if let Some(pressures) = &a.pressures {
+        args::pressures_in_range(robot, pressures)?;
+    }
+    a.overwrite.file(&a.out)?;
     let maps = model::maps_for(robot)?;
     let reachable = hull(&maps);
     // Screens of live values wait for a twin.

@@ -192,7 +192,14 @@ fn the_program_names_a_damaged_file_and_keeps_what_was_there() {
     // What a refused file would have replaced is there as it was.
     let kept = write("kept.toml", CALIBRATION.as_bytes());
     let bench = write("bench.csv", b"spring,length_mm,reading\n1,70,12");
-    let (code, said) = refusal(&["calibrate", "springs", text(&bench), "--out", text(&kept)]);
+    let (code, said) = refusal(&[
+        "calibrate",
+        "springs",
+        text(&bench),
+        "--overwrite",
+        "--out",
+        text(&kept),
+    ]);
     assert!(code == 1, "{said}");
     assert_eq!(std::fs::read(&kept).expect("kept"), CALIBRATION.as_bytes());
     let names = samples::names(&dir);

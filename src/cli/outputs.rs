@@ -1,0 +1,182 @@
+//! Where commands write, and the one rule for it: a file that is there is replaced only when that was asked for.
+//!
+//! Every command that writes has [`Overwrite`] among its options and asks it before it begins its work, so that nobody
+//! waits for a result that has no place.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+
+/// Whether files that are there may be replaced.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub struct Overwrite {
+    /// Replace files that are there already
+    #[arg(long)]
+    overwrite: bool,
+}
+
+impl Overwrite {
+    /// Refuses a file that is there, unless it may be replaced, and a folder in its place.
+    pub fn file(self, path: &Path) -> Result<()> {
+        anyhow::ensure!(
+            !path.is_dir(),
+            "{} is a folder: give the name of a file",
+            path.display()
+        );
+        // Whatever is no file (a terminal, /dev/null) is written to and keeps nothing.
+        self.unless(path.is_file(), path)
+    }
+
+    /// As [`Self::file`], for those of a folder's files that will be written; the folder need not exist.
+    pub fn files<S: AsRef<str>>(self, folder: &Path, names: &[S]) -> Result<()> {
+        anyhow::ensure!(
+            !folder.is_file(),
+            "{} is a file: give the name of a folder",
+            folder.display()
+        );
+        names
+            .iter()
+            .try_for_each(|name| self.file(&folder.join(name.as_ref())))
+    }
+
+    /// Refuses a folder that is there, whatever it holds, unless files in it may be replaced.
+    pub fn folder(self, path: &Path) -> Result<()> {
+        self.files::<&str>(path, &[])?;
+        self.unless(path.exists(), path)
+    }
+
+    fn unless(self, taken: bool, path: &Path) -> Result<()> {
+        anyhow::ensure!(
+            self.overwrite || !taken,
+            "{} exists already: give another name, or --overwrite to replace it",
+            path.display()
+        );
+        Ok(())
+    }
+}
+
+/// Refuses `bytes` that do not fit where `path` will be, and says how much both are.
+pub fn fits(path: &Path, bytes: u64, what: &str) -> Result<()> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let Some(free) = free_bytes(folder)
+        .with_context(|| format!("cannot tell how much room {} has", folder.display()))?
+    else {
+        return Ok(());
+    };
+    anyhow::ensure!(
+        bytes <= free,
+        "{what} take about {}, but {} has {} free: ask for less, or name another place",
+        size(bytes),
+        folder.display(),
+        size(free)
+    );
+    Ok(())
+}
+
+/// Room for files of this user, bytes; nothing where the system does not say.
+#[cfg(unix)]
+fn free_bytes(folder: &Path) -> Result<Option<u64>> {
+    let s = nix::sys::statvfs::statvfs(folder)?;
+    // The widths of these differ between systems.
+    #[allow(clippy::unnecessary_cast, clippy::useless_conversion)]
+    let (blocks, each) = (s.blocks_available() as u64, s.fragment_size() as u64);
+    Ok(Some(blocks.saturating_mul(each)))
+}
+
+#[cfg(not(unix))]
+fn free_bytes(_: &Path) -> Result<Option<u64>> {
+    Ok(None)
+}
+
+/// A number of bytes for people: decimal units, two or three digits.
+pub fn size(bytes: u64) -> String {
+    const UNITS: [&str; 7] = ["B", "kB", "MB", "GB", "TB", "PB", "EB"];
+    let mut value = bytes as f64;
+    let mut unit = 0;
+    while value >= 999.5 && unit + 1 < UNITS.len() {
+        value /= 1e3;
+        unit += 1;
+    }
+    let digits = usize::from(unit > 0 && value < 9.95);
+    format!("{value:.digits$} {}", UNITS[unit])
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    const KEEP: Overwrite = Overwrite { overwrite: false };
+    const REPLACE: Overwrite = Overwrite { overwrite: true };
+
+    #[test]
+    fn what_is_there_stays_unless_it_may_be_replaced() {
+        let dir = std::env::temp_dir().join(format!("springtwin-outputs-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("scratch");
+        let file = dir.join("there.txt");
+        std::fs::write(&file, "kept").expect("writes");
+        let said = |r: Result<()>| r.expect_err("refused").to_string();
+        assert!(KEEP.file(&dir.join("new.txt")).is_ok());
+        assert!(said(KEEP.file(&file)).contains("exists already"));
+        assert!(REPLACE.file(&file).is_ok());
+        for o in [KEEP, REPLACE] {
+            assert!(said(o.file(&dir)).contains("is a folder"));
+            assert!(said(o.files(&file, &["a"])).contains("is a file"));
+        }
+        assert!(
+            KEEP.files(&dir, &["a", "b"]).is_ok(),
+            "a folder may be shared"
+        );
+        assert!(said(KEEP.files(&dir, &["a", "there.txt"])).contains("there.txt exists already"));
+        assert!(KEEP.folder(&dir.join("new")).is_ok() && REPLACE.folder(&dir).is_ok());
+        assert!(said(KEEP.folder(&dir)).contains("--overwrite"));
+        #[cfg(unix)]
+        assert!(KEEP.file(Path::new("/dev/null")).is_ok());
+        std::fs::remove_dir_all(&dir).expect("removes");
+    }
+
+    /// Whoever takes a place to write to also takes the word to replace what is there.
+    #[test]
+    fn every_command_that_writes_can_be_told_to_replace() {
+        fn walk(command: &clap::Command, path: &str, seen: &mut Vec<String>) {
+            let has = |name: &str| command.get_arguments().any(|a| a.get_id() == name);
+            if ["out", "record", "truth"].iter().any(|name| has(name)) {
+                assert!(has("overwrite"), "{path} writes, but has no --overwrite");
+                seen.push(path.to_owned());
+            }
+            for sub in command.get_subcommands() {
+                walk(sub, &format!("{path} {}", sub.get_name()), seen);
+            }
+        }
+        let mut seen = Vec::new();
+        walk(&crate::cli::Cli::command(), "springtwin", &mut seen);
+        assert!(seen.len() > 20, "{seen:?}");
+    }
+
+    #[test]
+    fn sizes_are_for_people() {
+        for (bytes, text) in [
+            (0, "0 B"),
+            (999, "999 B"),
+            (1500, "1.5 kB"),
+            (25_000_000, "25 MB"),
+            (999_600_000, "1.0 GB"),
+            (u64::MAX, "18 EB"),
+        ] {
+            assert_eq!(size(bytes), text);
+        }
+        let said = fits(Path::new("x"), u64::MAX, "a thousand samples");
+        #[cfg(unix)]
+        assert!(
+            said.expect_err("no such disk")
+                .to_string()
+                .contains("18 EB")
+        );
+        assert!(fits(Path::new("x"), 1, "a sample").is_ok());
+    }
+}
