@@ -16,6 +16,8 @@
 
 #define SAMPLE_TICKS (TICK_RATE_HZ / SAMPLE_RATE_HZ)
 #define CHECKS_TO_TRIP 2
+/* A PONG is encoded within this time: 0.4 ms, and what interrupts take. */
+#define PONG_TICKS (TICKS_PER_MS / 2)
 /* Gauges that have not been converted for so long are lost. */
 #define GAUGES_PATIENCE (20 * TICKS_PER_MS)
 
@@ -50,7 +52,8 @@ static uint16_t channel_faults;
 
 /* ---- to the host ------------------------------------------------------------------------------ */
 
-static void say_at(uint32_t t_ticks, uint8_t type, const void *payload, size_t n)
+/* Gives the length of the frame. */
+static size_t frame_of(uint32_t t_ticks, uint8_t type, const void *payload, size_t n, uint8_t frame[BOARD_FRAME_MAX])
 {
     header_t h = {PROTOCOL_VERSION, type, board, seq++, t_ticks, 0};
     if (config_crc)
@@ -61,9 +64,14 @@ static void say_at(uint32_t t_ticks, uint8_t type, const void *payload, size_t n
         h.flags |= FLAG_GRIPPER_CLOSED;
     if (simulated)
         h.flags |= FLAG_SIMULATED;
+    return wire_encode(&h, payload, n, frame);
+}
+
+static void say_at(uint32_t t_ticks, uint8_t type, const void *payload, size_t n)
+{
     uint8_t frame[BOARD_FRAME_MAX];
     /* No room means that the line is far behind: the gap in seq tells the host. */
-    hal_send(frame, wire_encode(&h, payload, n, frame));
+    hal_send(frame, frame_of(t_ticks, type, payload, n, frame));
 }
 
 static void say(uint8_t type, const void *payload, size_t n)
@@ -75,6 +83,22 @@ static void say_hello(void)
 {
     const hello_t h = {PROTOCOL_VERSION, SCHEMA_HASH, FIRMWARE_ID, TICK_RATE_HZ, boot_nonce, config_crc};
     say(MSG_HELLO, &h, sizeof h);
+}
+
+/* A PONG says when it goes out, and the host takes out of the round trip whatever it waited for here: for a sample that
+ * was still going out, or, on an idle line, for its own encoding, which it is given a fixed time for. */
+static void say_pong(const pong_t *p)
+{
+    uint8_t frame[BOARD_FRAME_MAX];
+    const uint32_t ready = hal_ticks() + PONG_TICKS;
+    uint32_t t_ticks = hal_send_ticks();
+    const bool idle = (int32_t)(ready - t_ticks) > 0;
+    if (idle)
+        t_ticks = ready;
+    const size_t n = frame_of(t_ticks, MSG_PONG, p, sizeof *p, frame);
+    while (idle && (int32_t)(hal_ticks() - t_ticks) < 0)
+        ;
+    hal_send(frame, n);
 }
 
 /* ---- safety ------------------------------------------------------------------------------------- */
@@ -242,8 +266,7 @@ static void on_message(const header_t *h, const void *payload, size_t n, uint32_
             while (p.id == HANG_ON_PING)
                 ;
 #endif
-            /* The host takes out the time until then: a sample that is still going out is none of the line's. */
-            say_at(hal_send_ticks(), MSG_PONG, &p, sizeof p);
+            say_pong(&p);
         }
         break;
     }

@@ -364,6 +364,7 @@ mod tests {
         );
 
         write(Excitation::Still);
+        std::fs::remove_file(args(&dir).out).expect("was written");
         let e = format!("{:#}", mocap(&args(&dir)).expect_err("at rest"));
         assert!(e.contains("correlation") && e.contains("mocap"), "{e}");
         std::fs::remove_dir_all(&dir).expect("cleans up");

@@ -128,7 +128,6 @@ pub fn dataset(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Resu
 
 fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     args::payload_in_range(robot, a.payload_max)?;
-    a.overwrite.file(&a.out)?;
     anyhow::ensure!(
         a.simulator != Source::Mesh || a.deviation == 0.0,
         "the mesh simulator has one arm only: leave --deviation out, or use --simulator rod"
@@ -146,6 +145,7 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
         a.simulator != Source::Rig || a.shard.is_none(),
         "the virtual rig remembers what it did before, so its samples are made in one run: leave --shard out"
     );
+    a.overwrite.file(&a.out)?;
     let draw = match (a.grid, a.samples) {
         (Some(n), _) => Draw::Grid(usize::from(n)),
         (None, n) => match a.density {

@@ -106,7 +106,6 @@ pub fn log_of(s: Session, robot: &RobotSpec) -> SessionLog {
 /// `rig session`.
 pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    a.overwrite.files(&a.out, &SESSION_FILES)?;
     // The answer must not lie beside the question.
     if let Some(truth) = &a.truth {
         let inside = std::path::absolute(truth)?.starts_with(std::path::absolute(&a.out)?);
@@ -117,6 +116,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
         );
         a.overwrite.file(truth)?;
     }
+    a.overwrite.files(&a.out, &SESSION_FILES)?;
     // The folder's name, so that the name tells nothing of what is hidden.
     let name = a.out.file_name().unwrap_or_default().to_string_lossy();
     let plan = SessionPlan {
@@ -234,8 +234,8 @@ mod tests {
             truth: Some(dir.join(truth)),
         };
         let robot = RobotSpec::reference();
-        for out in ["one/x", "two/x"] {
-            run(&args(out, "answer.json"), &robot).expect("writes");
+        for (out, answer) in [("one/x", "answer.json"), ("two/x", "again.json")] {
+            run(&args(out, answer), &robot).expect("writes");
         }
         let mut names: Vec<_> = std::fs::read_dir(dir.join("one/x"))
             .expect("there")

@@ -128,7 +128,7 @@ fn what_may_be_replaced_is() {
     json(&make);
     std::fs::write(&answer, "kept").expect("writes");
     let again = [&make[..], &["--truth", &answer]].concat();
-    assert!(refusal(&again).1.contains("log.csv exists already"));
+    assert!(refusal(&again).1.contains("answer.json exists already"));
     json(&[&again[..], &["--overwrite"]].concat());
     assert_ne!(std::fs::read_to_string(&answer).expect("is there"), "kept");
 }

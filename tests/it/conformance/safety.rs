@@ -233,9 +233,10 @@ mod line {
             // When the delimiter before the frame under way went out, s; and the last byte that did.
             let (mut zero_s, mut begun_s, mut last) = (0.0, 0.0, 0);
             let mut lags_s = Vec::new();
-            for step in 0..15_000_u32 {
+            for step in 0..50_000_u32 {
                 let t_s = f64::from(step) * BYTE_S;
-                if step % 67 == 0 {
+                // At all places between two samples.
+                if step % 467 == 0 {
                     let mut ping = Vec::new();
                     let packet = Packet {
                         board: 0,
@@ -271,8 +272,8 @@ mod line {
                 lags_s.len(),
                 (most - least) * 1e6
             );
-            assert!(lags_s.len() > 200, "{}", lags_s.len());
-            assert!(most - least < 3.0 * BYTE_S, "{least} to {most}");
+            assert!(lags_s.len() > 100, "{}", lags_s.len());
+            assert!(most - least < 4.0 * BYTE_S, "{least} to {most}");
         }
     }
 }
