@@ -61,7 +61,7 @@ print(f"recording: {t_s[-1] - t_s[0]:.1f} s, predicted against captured tip at {
 print(f"  mean error {error_mm.mean():.4f} mm, 95 % below {np.percentile(error_mm, 95):.4f} mm")
 
 # %% [markdown]
-# A finding of `gap run --out` (what `--json` prints).
+# A finding of `gap run --out` (what `--json` prints), of the whole arm or of its supply alone (`--actuation-only`).
 
 # %%
 with open(finding_file, encoding="utf-8") as file:
@@ -70,7 +70,8 @@ gap = finding["gap"]
 print(f"finding: {finding['verdict']}")
 for effect in finding["effects"]:
     for name, p in effect["params"].items():
-        low, high = p["ci95"]
-        print(f"  {effect['id']} {effect['target'] or ''}: {name} {p['value']:.4g} {p['unit']} [{low:.4g}, {high:.4g}]")
+        # A value that rests on the edge of its range has no interval.
+        interval = "[{:.4g}, {:.4g}]".format(*p["ci95"]) if p.get("ci95") else "(at the edge of its range)"
+        print(f"  {effect['id']} {effect['target'] or ''}: {name} {p['value']:.4g} {p['unit']} {interval}")
 if all(isinstance(gap[k], float) for k in ("before", "after", "floor")):
     print(f"  error {gap['before']:.2f} -> {gap['after']:.2f} {gap['unit']}, healthy {gap['floor']:.2f} {gap['unit']}")

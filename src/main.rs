@@ -1,4 +1,6 @@
 //! The `springtwin` program: arguments in, exit code out.
+// What is printed goes through `cli::stdio`, which bears a reader that goes away.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod cli;
 

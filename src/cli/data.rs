@@ -1,4 +1,4 @@
-//! `dataset`, `train`, `estimate`.
+//! `dataset`, `train`.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -8,17 +8,15 @@ use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use super::drive::measures::spread;
 use super::outputs::{self, Overwrite};
 use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
-use super::{Report, args, bench_rig, model};
-use springtwin::learn::{self, Recipe, to_pose};
+use super::{Report, args, bench_rig};
+use springtwin::learn::{self, Recipe};
 use springtwin::recording::{
-    DATASET_SAMPLE_BYTES, DatasetJournal, SessionLog, read_dataset, read_session, write_bytes,
-    write_dataset,
+    DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, read_session, write_bytes, write_dataset,
 };
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{Dataset, Sample, pose_error, ypr_from_rotation};
+use springtwin::signal::{Dataset, Sample};
 use springtwin::sim::dataset::{Draw, Plan, generate, generate_mesh};
 use springtwin::sim::mesh::MeshModel;
 
@@ -168,7 +166,10 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
     outputs::fits(&a.out, needed.saturating_sub(kept), &samples)?;
     if !quiet {
         let about = outputs::size(needed);
-        eprintln!("{} samples, about {about} on the disk", range.len());
+        super::stdio::complain(&format!(
+            "{} samples, about {about} on the disk",
+            range.len()
+        ));
     }
     let bar = bar(range.len(), quiet);
     #[expect(
@@ -467,99 +468,5 @@ fn real_samples(path: &Path) -> Result<Dataset> {
         seed: 0,
         robot_hash: String::new(),
         shard: None,
-    })
-}
-
-/// Refuses a session and networks that are not of this robot, as far as they say.
-fn same_robot(log: &SessionLog, networks: &learn::Model, robot: &RobotSpec) -> Result<()> {
-    const OR: &str = "or --any-robot to estimate all the same";
-    springtwin::gap::recorded_with(robot, &log.name, &log.robot)
-        .map_err(|e| anyhow::anyhow!("{e}, {OR}"))?;
-    if let Some(notice) = model::trained_for_another(networks, robot) {
-        let of_its_base = networks.scores.smap.data.robot_hash == robot.base_hash;
-        anyhow::ensure!(of_its_base, "{notice}, {OR}");
-        log::warn!("{notice}");
-    }
-    Ok(())
-}
-
-#[derive(Args)]
-pub struct EstimateArgs {
-    /// Session folder or session.toml
-    session: PathBuf,
-    /// Networks; the shipped ones without it
-    #[arg(long, value_name = "F.safetensors")]
-    model: Option<PathBuf>,
-    /// Estimate all the same when session, networks and robot file are of different robots
-    #[arg(long)]
-    any_robot: bool,
-}
-
-/// Pose from springs and IMUs of a session, against its motion capture.
-pub fn estimate(a: &EstimateArgs, robot: &RobotSpec) -> Result<Report> {
-    let log = read_session(&a.session)?;
-    let networks = model::model(a.model.as_deref())?;
-    if !a.any_robot {
-        same_robot(&log, &networks, robot)?;
-    }
-    let maps = networks.into();
-    let mut distance_mm = Vec::new();
-    let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];
-    let mut inside = [0usize; 2];
-    for (k, eval) in model::estimates(&log, &maps) {
-        let Some(truth) = &log.truth[k] else {
-            continue;
-        };
-        let got = to_pose(&eval.pose);
-        let e = pose_error(&got, truth);
-        distance_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
-        let (a, b) = (
-            ypr_from_rotation(&got.rotation),
-            ypr_from_rotation(&truth.rotation),
-        );
-        for i in 0..3 {
-            angle_deg[i].push((a[i] - b[i]).to_degrees().abs());
-        }
-        // Share of coordinates within 1.00 and 1.96 predicted standard deviations.
-        for i in 0..3 {
-            let sd = eval.covariance[(i, i)].sqrt();
-            inside[0] += usize::from(e[i].abs() <= sd);
-            inside[1] += usize::from(e[i].abs() <= 1.96 * sd);
-        }
-    }
-    anyhow::ensure!(
-        !distance_mm.is_empty(),
-        "{} has no row with all sensors and motion capture: there is nothing to compare",
-        a.session.display()
-    );
-    let n = distance_mm.len();
-    let left_out = log.len() - n;
-    let spread = json!(spread(distance_mm));
-    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    let [yaw, pitch, roll] = [0, 1, 2].map(|i| mean(&angle_deg[i]));
-    let coverage = inside.map(|c| c as f64 / (3 * n) as f64);
-    Ok(Report {
-        text: format!(
-            "{}: {n} samples, translation {:.2} mm mean, {:.2} mm P95; yaw {yaw:.2}, pitch {pitch:.2}, roll {roll:.2} deg mean; \
-             {:.0} % / {:.0} % inside the 68 % / 95 % band{}",
-            log.name,
-            spread["mean"].as_f64().unwrap_or(f64::NAN),
-            spread["p95"].as_f64().unwrap_or(f64::NAN),
-            coverage[0] * 100.0,
-            coverage[1] * 100.0,
-            if left_out > 0 {
-                format!("; {left_out} rows with gaps left out")
-            } else {
-                String::new()
-            },
-        ),
-        json: json!({
-            "error": {
-                "mean_mm": spread["mean"], "rmse_mm": spread["rmse"], "p95_mm": spread["p95"], "max_mm": spread["max"],
-                "yaw_deg": yaw, "pitch_deg": pitch, "roll_deg": roll,
-            },
-            "n": n, "left_out": left_out,
-            "coverage": {"68": coverage[0], "95": coverage[1]},
-        }),
     })
 }

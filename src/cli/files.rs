@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::{Report, args, model};
 use springtwin::link::ports::{PortChange, PortInfo, PortWatch};
-use springtwin::recording::inspect;
+use springtwin::recording::{Inspection, inspect};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Stamp;
 
@@ -22,10 +22,32 @@ pub struct InspectArgs {
 /// `inspect`.
 pub fn inspect_command(a: &InspectArgs) -> Result<Report> {
     let found = inspect(&a.file)?;
-    let state = match (found.complete, found.recovered_until) {
+    Ok(Report {
+        text: inspected(&found),
+        json: serde_json::to_value(&found)?,
+    })
+}
+
+/// What was found in a file, for people.
+fn inspected(found: &Inspection) -> String {
+    let whole = match (found.complete, found.recovered_until) {
         (true, _) => "complete".to_owned(),
         (false, Some(t)) => format!("cut off: recovered up to {t:.2} s"),
         (false, None) => "cut off: nothing could be recovered".to_owned(),
+    };
+    let h = &found.health;
+    let state = match h.gaps {
+        0 => whole,
+        n => format!(
+            "{}{n} gap{}, the longest {:.2} s",
+            if found.complete {
+                String::new()
+            } else {
+                format!("{whole}, ")
+            },
+            if n == 1 { "" } else { "s" },
+            h.longest_step_s
+        ),
     };
     let origin = match found.simulated {
         Some(true) => " (simulated)",
@@ -33,19 +55,47 @@ pub fn inspect_command(a: &InspectArgs) -> Result<Report> {
         None => "",
     };
     let mut text = format!(
-        "{}{origin}: {:.2} s, {} samples, {state}, payload {} kg",
-        found.name, found.seconds, found.samples, found.payload_kg
+        "{}{origin}: {:.2} s, {} samples at {:.1} Hz, {state}, payload {} kg",
+        found.name, found.seconds, found.samples, found.rate_hz, found.payload_kg
     );
-    for c in &found.channels {
+    for gap in &h.longest_gaps {
         text.push_str(&format!(
-            "\n  {:<34} {:>8} rows {:>8.1} Hz  {}",
-            c.name, c.rows, c.rate_hz, c.unit
+            "\n  gap of {:.2} s after {:.2} s",
+            gap.seconds, gap.from_s
         ));
     }
-    Ok(Report {
-        text,
-        json: serde_json::to_value(&found)?,
-    })
+    for said in &found.units {
+        text.push_str(&format!("\nWARN {said}"));
+    }
+    text.push_str(&format!(
+        "\n  {:<34} {:>8} {:>8} {:>10} {:>10} {:>10}",
+        "channel", "rows", "Hz", "min", "mean", "max"
+    ));
+    let usual_s = found.rate_hz.recip();
+    for c in &found.channels {
+        text.push_str(&format!(
+            "\n  {:<34} {:>8} {:>8.1} ",
+            c.name, c.rows, c.rate_hz
+        ));
+        match &c.values {
+            Some(v) => text.push_str(&format!(
+                "{:>10.3} {:>10.3} {:>10.3}  {}",
+                v.min, v.mean, v.max, c.unit
+            )),
+            None => text.push_str(&format!("{:>32}  {}", "", c.unit)),
+        }
+        // A hole in this channel that the file as a whole does not have.
+        if let Some(v) = c
+            .values
+            .filter(|v| v.longest_step_s > h.longest_step_s + 0.5 * usual_s)
+        {
+            text.push_str(&format!(
+                "  (nothing for {:.2} s after {:.2} s)",
+                v.longest_step_s, v.longest_step_at_s
+            ));
+        }
+    }
+    text
 }
 
 struct Check {
@@ -246,7 +296,7 @@ pub fn ports_command(a: &PortsArgs, quiet: bool) -> Result<Report> {
         text.push("no serial ports: plug a board in, or start `springtwin rig`".to_owned());
     }
     if a.watch > 0.0 && !quiet {
-        println!("{}", text.join("\n"));
+        super::stdio::line(&text.join("\n"))?;
         text.clear();
     }
     #[expect(
@@ -258,7 +308,7 @@ pub fn ports_command(a: &PortsArgs, quiet: bool) -> Result<Report> {
     while start.elapsed().as_secs_f64() < a.watch {
         for change in watch.poll(Stamp::from_seconds(start.elapsed().as_secs_f64())) {
             if !quiet {
-                println!("{}", change.text());
+                super::stdio::line(&change.text())?;
             }
             changes.push(match &change {
                 PortChange::Appeared(p) => json!({"appeared": object(p)}),

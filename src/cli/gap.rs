@@ -1,6 +1,5 @@
 //! `gap`: find the missing effect, patch the model, prove it.
 
-use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
@@ -20,15 +19,7 @@ use springtwin::sim::effects::{self, EFFECTS, Trajectory};
 #[derive(Subcommand)]
 pub enum GapCommand {
     /// Fit a healthy rig's stiffnesses, offsets, frame and clock; writes a patch of the model
-    Commission {
-        /// Session folder or session.toml of the healthy rig
-        session: PathBuf,
-        /// Patch file to write
-        #[arg(long, value_name = "FILE")]
-        out: PathBuf,
-        #[command(flatten)]
-        overwrite: Overwrite,
-    },
+    Commission(super::gap_commission::CommissionArgs),
     /// Find what is missing in the model of a rig
     Run(RunArgs),
     /// The effects that are known
@@ -47,13 +38,13 @@ pub enum GapCommand {
 pub struct RunArgs {
     /// Session of the healthy rig; the factory model without it
     #[arg(long, value_name = "SESSION")]
-    baseline: Option<PathBuf>,
+    pub baseline: Option<PathBuf>,
     /// Session in which something may be wrong
     #[arg(long, value_name = "SESSION")]
-    session: PathBuf,
-    /// Folder for patch, report and recording
+    pub session: PathBuf,
+    /// Folder for patch, report, finding and, of the whole arm, recording
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
     /// Look only at the way from command to gauge; also reads 38-column logs of the ASU arm
@@ -61,13 +52,13 @@ pub struct RunArgs {
     actuation_only: bool,
     /// With --actuation-only: sessions to test the result on
     #[arg(long, value_name = "SESSION", requires = "actuation_only")]
-    prove: Vec<PathBuf>,
+    pub prove: Vec<PathBuf>,
     /// Label figures and pictures as simulated
     #[arg(long)]
-    simulated: bool,
+    pub simulated: bool,
     /// Effects to leave out of the table
     #[arg(long, value_name = "ID")]
-    without: Vec<String>,
+    pub without: Vec<String>,
     /// Seed of the chance sessions behind the threshold
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -88,21 +79,8 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
     match command {
         GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
-        GapCommand::Commission {
-            session,
-            out,
-            overwrite,
-        } => {
-            overwrite.file(out)?;
-            commission(robot, session, out)
-        }
-        GapCommand::Run(a) if a.actuation_only => super::gap_actuation::run_actuation(
-            &a.session,
-            a.baseline.as_deref(),
-            &a.prove,
-            &a.without,
-            robot,
-        ),
+        GapCommand::Commission(a) => super::gap_commission::commission(a, robot),
+        GapCommand::Run(a) if a.actuation_only => super::gap_actuation::run_actuation(a, robot),
         GapCommand::Run(a) => find(robot, a),
         GapCommand::Effects { markdown } => {
             let mut report = table();
@@ -117,6 +95,9 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
 /// Reads a session log for the finder.
 pub fn read(path: &Path) -> Result<Session> {
     let log = recording::read_log(path)?;
+    for suspicion in recording::suspected_units(&log) {
+        log::warn!("{}: {suspicion}", path.display());
+    }
     Ok(Session {
         name: log.name,
         hash: log.hash,
@@ -128,53 +109,6 @@ pub fn read(path: &Path) -> Result<Session> {
         sensors: log.sensors,
         captured: log.truth,
     })
-}
-
-fn commission(robot: &RobotSpec, session: &Path, out: &Path) -> Result<Report> {
-    let session = read(session)?;
-    gap::same_robot(robot, &session)?;
-    let grid = Grid::new(session)?;
-    let baseline = gap::commission(robot, &grid, &gap::Unwatched)?;
-    let mut patch = Patch {
-        version: gap::VERSION,
-        name: format!("commissioned on {}", grid.session.name),
-        robot: robot.hash.clone(),
-        verdict: String::new(),
-        data: [("commissioning".to_owned(), grid.session.hash.clone())].into(),
-        rig: Default::default(),
-        floor: Default::default(),
-        effects: Vec::new(),
-    };
-    patch.set_values(&baseline.values);
-    recording::write_text(out, &patch.to_toml())?;
-    let f = baseline.floor;
-    Ok(Report {
-        text: format!(
-            "{} numbers of this rig in {}; {}",
-            patch.rig.len(),
-            out.display(),
-            left_over(&f)
-        ),
-        json: json!({"out": out, "rig": patch.rig, "floor": f}),
-    })
-}
-
-/// What a healthy session leaves over, for people.
-fn left_over(f: &gap::Rmse) -> String {
-    let parts = [
-        ("end pad", f.position_m, 1e3, "mm"),
-        ("its rotation", f.rotation_rad, 180.0 / PI, "deg"),
-        ("springs", f.spring_m, 1e3, "mm"),
-        ("IMUs", f.imu_rad, 180.0 / PI, "deg"),
-    ];
-    let told: Vec<String> = parts
-        .into_iter()
-        .filter_map(|(what, v, factor, unit)| Some(format!("{what} {:.2} {unit}", v? * factor)))
-        .collect();
-    format!(
-        "left over on data that were not fitted: {}",
-        told.join(", ")
-    )
 }
 
 /// Reads a patch for `robot`.

@@ -342,7 +342,7 @@ fn body_text(body: &MarkerBody) -> String {
         .iter()
         .max_by(|a, b| a.residual_m.total_cmp(&b.residual_m));
     format!(
-        "\nfitted to {} markers, shape of frame {}: {:.3} mm left over (root mean square){}",
+        "\nfitted to {} markers, shape of frame {}: residual {:.3} mm (root mean square){}",
         body.markers.len(),
         body.reference_frame,
         body.residual_m * 1e3,

@@ -550,8 +550,6 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
 /// `rig`: the virtual rig as a process.
 #[cfg(unix)]
 pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
-    use std::io::Write as _;
-
     args::payload_in_range(robot, a.payload)?;
     let mut options = RigOptions {
         unit: Unit(a.unit),
@@ -570,8 +568,7 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     }
     let ended = asked_to_end()?;
     let mut lines = open_lines(a)?;
-    println!("{}", lines.ports());
-    std::io::stdout().flush().context("cannot print the port")?;
+    super::stdio::line(&lines.ports().to_string())?;
     let parent = nix::unistd::getppid();
     // A rig that belongs to a program has nobody left to serve when that is gone.
     lines.run(&mut rig, a.vicon, || {

@@ -11,10 +11,12 @@ mod bench_rig;
 mod calibrate;
 mod data;
 mod drive;
+mod estimate;
 mod files;
 mod gap;
 mod gap_actuation;
 mod gap_bench;
+mod gap_commission;
 mod import;
 mod imu;
 mod live;
@@ -30,6 +32,8 @@ mod session;
 mod shards;
 mod simulate;
 mod soak;
+mod solve;
+mod stdio;
 mod study;
 #[cfg(feature = "gui")]
 mod window;
@@ -74,7 +78,7 @@ enum Command {
     /// The paper's tables on sensing and control, made anew on the virtual rig
     Study(study::StudyArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
-    Estimate(data::EstimateArgs),
+    Estimate(estimate::EstimateArgs),
     /// Calibrate springs and IMUs, register motion capture
     #[command(subcommand)]
     Calibrate(calibrate::CalibrateCommand),
@@ -176,23 +180,22 @@ pub fn main() -> ExitCode {
         Err(e) if e.kind() == ErrorKind::ValueValidation => {
             // The first line holds the whole reason; the hint to --help would only bury it.
             let text = e.to_string();
-            eprintln!("{}", text.lines().next().unwrap_or_default());
+            stdio::complain(text.lines().next().unwrap_or_default());
             return ExitCode::from(2);
         }
         Err(e) => e.exit(),
     };
     let outcome = run(&cli);
     log.end();
-    match outcome {
-        Ok(report) => {
-            print(&report, &cli);
-            ExitCode::SUCCESS
-        }
+    match outcome.and_then(|report| print(&report, &cli)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) if e.is::<stdio::ReaderGone>() => ExitCode::from(stdio::READER_GONE),
         Err(e) => {
             if let Some(failed) = e.downcast_ref::<Failed>() {
-                print(&failed.report, &cli);
+                // What was found wrong is said below, also to somebody who does not read the report.
+                let _ = print(&failed.report, &cli);
             }
-            eprintln!("error: {}", sentence(&e));
+            stdio::complain(&format!("error: {}", sentence(&e)));
             ExitCode::FAILURE
         }
     }
@@ -251,7 +254,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Gap(c)) => gap::run(c, &robot, cli.robot.as_deref()),
         Some(Command::Train(a)) => data::train(a, cli.json),
         Some(Command::Study(a)) => study::run(a, &robot, cli.json),
-        Some(Command::Estimate(a)) => data::estimate(a, &robot),
+        Some(Command::Estimate(a)) => estimate::estimate(a, &robot),
         Some(Command::Calibrate(c)) => calibrate::run(c, &robot),
         #[cfg(feature = "gui")]
         Some(Command::Screenshot(a)) => window::screenshot(a, &robot, cli.robot.as_deref()),
@@ -289,23 +292,22 @@ fn run(cli: &Cli) -> Result<Report> {
         },
         Some(Command::Soak(a)) => soak::run(a, cli.robot.as_deref(), &robot),
         Some(Command::Completions { shell }) => {
-            clap_complete::generate(
-                *shell,
-                &mut Cli::command(),
-                "springtwin",
-                &mut std::io::stdout(),
-            );
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "springtwin", &mut script);
+            stdio::bytes(&script)?;
             Ok(silent())
         }
         Some(Command::Man(a)) => reference::man(a, Cli::command()),
     }
 }
 
-fn print(report: &Report, cli: &Cli) {
+fn print(report: &Report, cli: &Cli) -> Result<()> {
     if cli.json {
-        println!("{}", report.json);
-    } else if !report.text.is_empty() {
-        println!("{}", report.text);
+        return stdio::line(&report.json.to_string());
+    }
+    match report.text.as_str() {
+        "" => Ok(()),
+        text => stdio::line(text),
     }
 }
 

@@ -28,6 +28,15 @@ impl Overwrite {
         self.unless(path.is_file(), path)
     }
 
+    /// As [`Self::file`], for a table of numbers, if one was asked for; its ending says what it will be.
+    pub fn table(self, path: Option<&Path>) -> Result<()> {
+        let Some(path) = path else {
+            return Ok(());
+        };
+        springtwin::recording::table_file(path)?;
+        self.file(path)
+    }
+
     /// As [`Self::file`], for those of a folder's files that will be written; the folder need not exist.
     pub fn files<S: AsRef<str>>(self, folder: &Path, names: &[S]) -> Result<()> {
         anyhow::ensure!(

@@ -72,7 +72,9 @@ pub fn man(a: &ManArgs, program: Command) -> Result<Report> {
                 )
             })?;
     }
-    clap_mangen::Man::new(command.clone()).render(&mut std::io::stdout())?;
+    let mut page = Vec::new();
+    clap_mangen::Man::new(command.clone()).render(&mut page)?;
+    super::stdio::bytes(&page)?;
     Ok(silent())
 }
 

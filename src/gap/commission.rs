@@ -102,6 +102,7 @@ pub fn commission(
     grid: &Grid,
     progress: &dyn Progress,
 ) -> Result<Baseline, GapError> {
+    grid.ensure_measured()?;
     let knobs = knobs();
     let start_values = nominal();
     let weight =

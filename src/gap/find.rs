@@ -70,6 +70,7 @@ pub fn find(
 ) -> Result<Found, GapError> {
     for grid in healthy.into_iter().chain([suspect]) {
         same_robot(robot, &grid.session)?;
+        grid.ensure_measured()?;
     }
     let baseline = match healthy {
         Some(grid) => {

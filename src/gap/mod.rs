@@ -29,9 +29,9 @@ mod sides;
 
 pub use actuation::{
     Actuation, Chance, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,
-    PressureLog, PressureNoise, Proof, Regulator, Stages, actuation_only, commission_supply,
-    decide_supply, gauge_pressures, ideal_supply, line_rmse_pa, line_rows, prove_supply,
-    supply_stages,
+    PressureLog, PressureNoise, PressureUnit, Proof, Regulator, Stages, actuation_only,
+    commission_supply, decide_supply, gauge_pressures, ideal_supply, line_rmse_pa, line_rows,
+    prove_supply, supply_stages,
 };
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use find::{Found, Options, find};
@@ -40,7 +40,9 @@ pub use finding::{
 };
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
-pub use replay::{Knob, Row, knobs, left_over, move_arm, nominal, parameters, readings};
+pub use replay::{
+    Knob, Row, knobs, left_over, move_arm, nominal, parameters, predicted, readings, told_poses,
+};
 pub use session::{
     CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with, same_robot,
 };
@@ -88,6 +90,15 @@ pub enum GapError {
         "the two sessions have no measured channel in common: springs, IMUs or motion capture must be in both"
     )]
     NothingCommon,
+    /// No channel at all.
+    #[error(
+        "session '{session}' holds pressures and no measured channel: springs, IMUs or whole poses of the motion capture \
+         (position and orientation) must be in at least half of it"
+    )]
+    NothingMeasured {
+        /// The session.
+        session: String,
+    },
     /// Another robot.
     #[error(
         "session '{session}' was recorded with robot file {recorded}, but this robot file is {given}: \

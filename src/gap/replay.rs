@@ -105,7 +105,7 @@ pub fn pretend(
     effects: &[Active],
 ) -> Result<Grid, EffectError> {
     let moved = move_arm(robot, grid, values, effects)?;
-    let read = read_off(robot, grid, &moved, values, effects);
+    let read = predicted(robot, grid, &moved, values, effects);
     let pad_from_body = pad_from_body(&Correction::known(robot).and(values, &[]).values);
     Ok(Grid {
         captured: read
@@ -118,8 +118,9 @@ pub fn pretend(
     })
 }
 
-/// What sensors and motion capture would tell of a motion.
-fn read_off(
+/// What sensors and motion capture would read of a motion, without noise: the two pads' poses and the 24 signals at
+/// every bin, with what knobs and `effects` do to the readings on top of the robot's own patches.
+pub fn predicted(
     robot: &RobotSpec,
     grid: &Grid,
     moved: &Simulated,
@@ -143,7 +144,7 @@ pub fn left_over(
     values: &[f64],
     effects: &[Active],
 ) -> Vec<Row> {
-    let read = read_off(robot, grid, moved, values, effects);
+    let read = predicted(robot, grid, moved, values, effects);
     let values = &Correction::known(robot).and(values, &[]).values[..];
     let pad_from_body = pad_from_body(values);
     (0..grid.len())
@@ -158,6 +159,10 @@ pub fn left_over(
                 row[SPRING_0 + i] = seen.spring_m[i] - told.spring_m[i];
             }
             for i in 0..IMUS {
+                // An IMU that says nothing has no error; a turn of what is not finite would be none.
+                if seen.imu_ypr_rad[i].iter().any(|a| !a.is_finite()) {
+                    continue;
+                }
                 let turn = told.base_from_imu_pad(i).inverse() * seen.base_from_imu_pad(i);
                 let w = UnitQuaternion::from(turn).scaled_axis();
                 row[IMU_0 + 3 * i..IMU_0 + 3 * i + 3].copy_from_slice(w.as_slice());
@@ -176,7 +181,7 @@ pub fn told_poses(
     values: &[f64],
     effects: &[Active],
 ) -> Vec<Pose> {
-    let read = read_off(robot, grid, moved, values, effects);
+    let read = predicted(robot, grid, moved, values, effects);
     let pad_from_body = pad_from_body(&Correction::known(robot).and(values, &[]).values);
     let told = read.captured.iter();
     told.map(|pads| pads[1] * pad_from_body).collect()

@@ -236,6 +236,19 @@ impl Grid {
         .ok()
     }
 
+    /// Refuses a session in which nothing was measured that a model could be compared with.
+    ///
+    /// # Errors
+    /// [`GapError::NothingMeasured`].
+    pub fn ensure_measured(&self) -> Result<(), GapError> {
+        match self.present.contains(&true) {
+            true => Ok(()),
+            false => Err(GapError::NothingMeasured {
+                session: self.session.name.clone(),
+            }),
+        }
+    }
+
     /// Number of bins.
     pub fn len(&self) -> usize {
         self.t_s.len()

@@ -20,7 +20,7 @@ use crate::signal::{CHAMBERS, hex};
 /// Pa per psi.
 pub const PSI_PA: f64 = 6_894.757_293_168;
 /// Columns of the file.
-const COLUMNS: usize = 38;
+pub(super) const COLUMNS: usize = 38;
 
 /// Commanded and measured pressures, gauge, Pa; an empty cell is NaN.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::log::{column_names, median_step_s};
+use super::log::{columns, median_step_s};
+use super::units::suspected_units;
 use super::{Channel, ReadRecording, RecordingError, SessionLog, is_rrd, read_rrd, read_session};
 use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
 
@@ -34,6 +35,8 @@ pub struct Inspection {
     pub seconds: f64,
     /// Number of samples.
     pub samples: u64,
+    /// Usual rate of the samples, Hz; 0 below two.
+    pub rate_hz: f64,
     /// Whether the file was ended properly.
     pub complete: bool,
     /// For a recording that was cut: session time of the last sample that was recovered, s.
@@ -44,6 +47,8 @@ pub struct Inspection {
     pub simulated: Option<bool>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,
+    /// Readings that look like another unit than their channel's, a sentence each.
+    pub units: Vec<String>,
 }
 
 /// What is missing from a file.
@@ -55,9 +60,23 @@ pub struct FileHealth {
     pub gaps: u64,
     /// The longest step in time, s.
     pub longest_step_s: f64,
+    /// The longest gaps, in order of time.
+    pub longest_gaps: Vec<Gap>,
     /// Channels that are not sound throughout.
     pub channels: Vec<ChannelReport>,
 }
+
+/// A hole in time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// Time of the last sample before it, s.
+    pub from_s: f64,
+    /// From there to the next sample, s.
+    pub seconds: f64,
+}
+
+/// Most gaps that are listed.
+const GAPS_LISTED: usize = 5;
 
 /// What is wrong with one channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -90,80 +109,68 @@ pub fn inspect_recording(read: &ReadRecording) -> Inspection {
         .iter()
         .map(|s| s.stamp.seconds())
         .collect();
-    let channels = trace_reports(&read.trace);
+    let reports = trace_reports(&read.trace);
+    let log = SessionLog::from_trace(&read.trace, 0.0);
+    let mut channels = read.channels.clone();
+    channels.extend(channels_of(&log).into_iter().filter(|c| c.rows > 0));
     Inspection {
         kind: InspectedKind::Recording,
         name: read.meta.name.clone(),
-        channels: read.channels.clone(),
+        channels,
         seconds: span_s(&t_s),
         samples: t_s.len() as u64,
+        rate_hz: rate_hz(&t_s),
         complete: read.complete,
         recovered_until: read.recovered_until.map(Stamp::seconds),
-        health: file_health(&t_s, channels),
+        health: file_health(&t_s, reports),
         simulated: read.meta.simulated,
         payload_kg: read.meta.payload_kg,
+        units: suspected_units(&log),
     }
 }
 
 /// What is in a session log that was read already.
 pub fn inspect_log(log: &SessionLog) -> Inspection {
-    let mut channels = Vec::new();
-    let mut reports = Vec::new();
-    let mut add = |name: String, present: &dyn Fn(usize) -> bool| {
-        let rows: Vec<usize> = (0..log.len()).filter(|n| present(*n)).collect();
-        let ends = rows.first().zip(rows.last());
-        let at = |n: usize| Stamp::from_seconds(log.t_s[n]);
-        let (first, last) = ends.map_or((Stamp::ZERO, Stamp::ZERO), |(a, b)| (at(*a), at(*b)));
-        let missing = (log.len() - rows.len()) as u64;
-        if missing > 0 {
-            reports.push(ChannelReport {
-                name: name.clone(),
-                missing,
-                flagged: 0,
-            });
-        }
-        channels.push(Channel::new(name, rows.len() as u64, first, last));
-    };
-    // In the order of `column_names`: time, chambers, springs, IMU angles, motion capture.
-    let mut names = column_names().into_iter().skip(1);
-    let mut next = || names.next().unwrap_or_default();
-    for i in 0..CHAMBERS {
-        add(next(), &|n| log.chamber_pa[n][i].is_finite());
-    }
-    for i in 0..SPRINGS {
-        add(next(), &|n| log.sensors[n].spring_m[i].is_finite());
-    }
-    for i in 0..IMUS {
-        for k in 0..3 {
-            add(next(), &|n| log.sensors[n].imu_ypr_rad[i][k].is_finite());
-        }
-    }
-    // A log without motion capture lacks a system, not cells.
-    if log.truth.iter().any(Option::is_some) {
-        for _ in 0..6 {
-            add(next(), &|n| log.truth[n].is_some());
-        }
-    }
-    if let Some(rows) = &log.commanded_pa {
-        for i in 1..=CHAMBERS {
-            add(format!("u{i}_kpa"), &|n| rows[n][i - 1].is_finite());
-        }
-    }
-    if let Some(rows) = &log.payload_column_kg {
-        add("payload_kg".to_owned(), &|n| rows[n].is_finite());
-    }
+    let channels = channels_of(log);
+    let reports = channels
+        .iter()
+        .filter(|c| c.rows < log.len() as u64)
+        .map(|c| ChannelReport {
+            name: c.name.clone(),
+            missing: log.len() as u64 - c.rows,
+            flagged: 0,
+        })
+        .collect();
     Inspection {
         kind: InspectedKind::Session,
         name: log.name.clone(),
         channels,
         seconds: span_s(&log.t_s),
         samples: log.len() as u64,
+        rate_hz: rate_hz(&log.t_s),
         complete: true,
         recovered_until: None,
         health: file_health(&log.t_s, reports),
         simulated: None,
         payload_kg: log.payload_kg,
+        units: suspected_units(log),
     }
+}
+
+/// Usual rate, Hz; 0 below two times.
+fn rate_hz(t_s: &[f64]) -> f64 {
+    median_step_s(t_s).map_or(0.0, |dt_s| 1.0 / dt_s)
+}
+
+/// Every channel of a log with what its values are like, in the order of the file.
+fn channels_of(log: &SessionLog) -> Vec<Channel> {
+    columns(log)
+        .into_iter()
+        .map(|(name, value)| {
+            let samples = (0..log.len()).map(|n| (log.t_s[n], value(n)));
+            Channel::of_values(name, samples)
+        })
+        .collect()
 }
 
 fn span_s(t_s: &[f64]) -> f64 {
@@ -175,11 +182,24 @@ fn span_s(t_s: &[f64]) -> f64 {
 
 fn file_health(t_s: &[f64], channels: Vec<ChannelReport>) -> FileHealth {
     let usual_s = median_step_s(t_s).unwrap_or(0.0);
-    let steps = || t_s.windows(2).map(|w| w[1] - w[0]);
+    let steps = || {
+        t_s.windows(2).map(|w| Gap {
+            from_s: w[0],
+            seconds: w[1] - w[0],
+        })
+    };
+    let mut gaps: Vec<Gap> = steps()
+        .filter(|step| step.seconds > GAP_STEPS * usual_s)
+        .collect();
+    let count = gaps.len() as u64;
+    gaps.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
+    gaps.truncate(GAPS_LISTED);
+    gaps.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
     FileHealth {
         missing_cells: channels.iter().map(|c| c.missing).sum(),
-        gaps: steps().filter(|dt| *dt > GAP_STEPS * usual_s).count() as u64,
-        longest_step_s: steps().fold(0.0, f64::max),
+        gaps: count,
+        longest_step_s: steps().map(|step| step.seconds).fold(0.0, f64::max),
+        longest_gaps: gaps,
         channels,
     }
 }
@@ -220,6 +240,7 @@ fn trace_reports(trace: &Trace) -> Vec<ChannelReport> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::log::column_names;
     use crate::recording::parse_log;
 
     fn log() -> SessionLog {
@@ -248,6 +269,30 @@ mod tests {
         assert_eq!((i.health.missing_cells, i.health.gaps), (12, 1));
         assert!((i.health.longest_step_s - 0.04).abs() < 1e-12);
         assert_eq!(i.health.channels.len(), 12);
+        let at = i.health.longest_gaps[..]
+            == [Gap {
+                from_s: 0.08,
+                seconds: 0.12 - 0.08,
+            }];
+        assert!(at, "{:?}", i.health.longest_gaps);
+        assert!((i.rate_hz - 50.0).abs() < 1e-6);
+        let values = spring.values.expect("values");
+        assert_eq!((values.min, values.max), (150.0, 150.0));
+        // The empty cell of the fourth row, and the lost row.
+        assert!((values.longest_step_s - 0.04).abs() < 1e-12);
+    }
+
+    #[test]
+    fn minimum_mean_and_maximum_are_those_of_the_file() {
+        let mut log = log();
+        for n in 0..log.len() {
+            log.chamber_pa[n][2] = 1e3 * n as f64;
+        }
+        log.chamber_pa[4][2] = f64::NAN;
+        let i = inspect_log(&log);
+        let v = i.channels[2].values.expect("values");
+        assert_eq!((v.min, v.max, i.channels[2].rows), (0.0, 9.0, 9));
+        assert!((v.mean - 41.0 / 9.0).abs() < 1e-12);
     }
 
     #[test]

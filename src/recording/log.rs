@@ -18,10 +18,11 @@ mod write;
 
 use crate::signal::{
     CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, SIGNALS, SPRINGS, SensorFrame,
-    SensorVec, Snapshot, Stamp, Trace, TruthSource,
+    SensorVec, Snapshot, Stamp, Trace, TruthSource, ypr_from_rotation,
 };
-pub(crate) use read::median_step_s;
+pub(crate) use read::{median_step_s, not_our_header};
 pub use read::{parse_log, read_session, read_session_with};
+pub(crate) use write::write_whole;
 pub use write::{write_bytes, write_session, write_text};
 
 /// A session log in memory: columns of equal length, SI units.
@@ -69,6 +70,49 @@ pub(crate) fn column_names() -> Vec<String> {
     names.extend((1..=IMUS).flat_map(|i| YPR.map(|a| format!("imu{i}_{a}_deg"))));
     names.extend(VICON.map(str::to_owned));
     names
+}
+
+/// One column of a log: the value of a row in the unit of the column's name, NaN where it is missing.
+pub(crate) type Column<'a> = (String, Box<dyn Fn(usize) -> f64 + 'a>);
+
+/// Every column that a log has values for, in the order of [`column_names`], then the optional ones.
+pub(crate) fn columns(log: &SessionLog) -> Vec<Column<'_>> {
+    let mut out: Vec<Column<'_>> = Vec::new();
+    let mut names = column_names().into_iter().skip(1);
+    let mut name = || names.next().unwrap_or_default();
+    for i in 0..CHAMBERS {
+        out.push((name(), Box::new(move |n| log.chamber_pa[n][i] / KPA)));
+    }
+    for i in 0..SPRINGS {
+        out.push((name(), Box::new(move |n| log.sensors[n].spring_m[i] / MM)));
+    }
+    for i in 0..IMUS {
+        for k in 0..3 {
+            let angle = move |n: usize| log.sensors[n].imu_ypr_rad[i][k] / DEG;
+            out.push((name(), Box::new(angle)));
+        }
+    }
+    // A log without motion capture lacks a system, not cells.
+    if log.truth.iter().any(Option::is_some) {
+        for k in 0..6 {
+            let value = move |n: usize| match &log.truth[n] {
+                None => f64::NAN,
+                Some(pose) if k < 3 => pose.translation.vector[k] / MM,
+                Some(pose) => ypr_from_rotation(&pose.rotation)[k - 3] / DEG,
+            };
+            out.push((name(), Box::new(value)));
+        }
+    }
+    if let Some(rows) = &log.commanded_pa {
+        for i in 0..CHAMBERS {
+            let value = move |n: usize| rows[n][i] / KPA;
+            out.push((format!("u{}_kpa", i + 1), Box::new(value)));
+        }
+    }
+    if let Some(rows) = &log.payload_column_kg {
+        out.push(("payload_kg".to_owned(), Box::new(move |n| rows[n])));
+    }
+    out
 }
 
 const KPA: f64 = 1e3;

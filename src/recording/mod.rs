@@ -32,7 +32,9 @@ mod rrd;
 #[path = "rrd_stub.rs"]
 mod rrd;
 mod session_file;
+mod table;
 mod types;
+mod units;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{
@@ -42,7 +44,8 @@ pub use either::{is_rrd, read_log};
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};
 pub use inspect::{
-    ChannelReport, FileHealth, InspectedKind, Inspection, inspect, inspect_log, inspect_recording,
+    ChannelReport, FileHealth, Gap, InspectedKind, Inspection, inspect, inspect_log,
+    inspect_recording,
 };
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
@@ -59,6 +62,9 @@ pub use recorder::{LOW_SPACE_BYTES, Recorder, RecorderState, free_bytes};
 pub use rrd::SCHEMA_VERSION;
 pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};
 pub use session_file::{SessionFile, parse_session_file};
+pub use table::{Table, table_file};
 pub use types::{
-    ArmDrawing, Channel, ReadRecording, RecordedEvent, RecordingMeta, RecordingSummary,
+    ArmDrawing, Channel, ChannelValues, ReadRecording, RecordedEvent, RecordingMeta,
+    RecordingSummary,
 };
+pub use units::suspected_units;

@@ -42,7 +42,10 @@ pub(super) fn read_session_toml(path: &Path) -> Result<SessionFile, RecordingErr
         .map_err(RecordingError::io(path, "open"))?
         .len();
     if length > SESSION_TOML_MAX {
-        return Err(refuse(format!("{length} bytes is too much for this file")));
+        return Err(refuse(format!(
+            "{length} bytes are more than a session.toml can have: a session is a folder with session.toml, a .csv file or \
+             a recording (.rrd)"
+        )));
     }
     let text = std::fs::read_to_string(path).map_err(RecordingError::io(path, "read"))?;
     parse_session_file(&text, path)

@@ -56,6 +56,24 @@ pub struct Channel {
     pub rows: u64,
     /// Mean rate over the channel's own span, Hz; 0 below two rows.
     pub rate_hz: f64,
+    /// What its values are like; `None` where there is none, and for entities of a recording that hold several numbers.
+    #[serde(flatten)]
+    pub values: Option<ChannelValues>,
+}
+
+/// What the values of one channel are like, in the channel's unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ChannelValues {
+    /// Smallest.
+    pub min: f64,
+    /// Mean.
+    pub mean: f64,
+    /// Largest.
+    pub max: f64,
+    /// Longest time from one value to the next, s.
+    pub longest_step_s: f64,
+    /// When that begins, s.
+    pub longest_step_at_s: f64,
 }
 
 impl Channel {
@@ -72,6 +90,40 @@ impl Channel {
             name,
             rows,
             rate_hz,
+            values: None,
+        }
+    }
+
+    /// A channel of one number per time; what is not finite is missing.
+    pub(crate) fn of_values(name: String, samples: impl Iterator<Item = (f64, f64)>) -> Self {
+        let mut rows = 0;
+        let (mut first_s, mut last_s, mut sum) = (0.0, 0.0, 0.0);
+        let mut seen = ChannelValues {
+            min: f64::INFINITY,
+            mean: f64::NAN,
+            max: f64::NEG_INFINITY,
+            longest_step_s: 0.0,
+            longest_step_at_s: 0.0,
+        };
+        for (t_s, value) in samples.filter(|(_, value)| value.is_finite()) {
+            if rows == 0 {
+                first_s = t_s;
+                seen.longest_step_at_s = t_s;
+            } else if t_s - last_s > seen.longest_step_s {
+                seen.longest_step_s = t_s - last_s;
+                seen.longest_step_at_s = last_s;
+            }
+            last_s = t_s;
+            rows += 1;
+            sum += value;
+            seen.min = seen.min.min(value);
+            seen.max = seen.max.max(value);
+        }
+        seen.mean = sum / rows as f64;
+        let [first, last] = [first_s, last_s].map(Stamp::from_seconds);
+        Self {
+            values: (rows > 0).then_some(seen),
+            ..Self::new(name, rows, first, last)
         }
     }
 }

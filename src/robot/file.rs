@@ -30,6 +30,17 @@ pub enum RobotError {
         /// What it must be.
         must: &'static str,
     },
+    /// A length in metres where mm belong.
+    #[error(
+        "the robot file says {key} = {value}, which looks like metres: lengths are in mm, so write {}",
+        1e3 * value
+    )]
+    Metres {
+        /// The key, dotted.
+        key: &'static str,
+        /// What the file says.
+        value: f64,
+    },
     /// A patch at the end of the file does not hold.
     #[error("patch {number} at the end of the robot file {why}")]
     Patch {
@@ -151,6 +162,8 @@ struct Motion {
 
 /// No number of an arm, in the units of its file, is larger.
 const LARGEST: f64 = 1e6;
+/// The arm's lengths are larger; in metres they are smaller, mm.
+const LENGTH_LEAST_MM: f64 = 1.0;
 /// The widest range of set pressures: what the boards' firmware is built for, kPa.
 const PRESSURE_RANGE_KPA: [f64; 2] = [-40.0, 40.0];
 /// The widest working range of the springs, mm.
@@ -287,6 +300,28 @@ fn check(f: &File) -> Result<(), RobotError> {
                 value: value.to_string(),
                 must: "greater than 0 and at most a million",
             });
+        }
+    }
+    let lengths = [
+        (
+            "base.bellows_circle_radius_mm",
+            f.base.bellows_circle_radius_mm,
+        ),
+        ("bellows.rest_length_mm", f.bellows.rest_length_mm),
+        ("bellows.length_range_mm", f.bellows.length_range_mm[1]),
+        (
+            "bellows.effective_diameter_mm",
+            f.bellows.effective_diameter_mm,
+        ),
+        (
+            "springs.attachment_radius_mm",
+            f.springs.attachment_radius_mm,
+        ),
+        ("springs.free_length_mm", f.springs.free_length_mm),
+    ];
+    for (key, value) in lengths {
+        if value > 0.0 && value < LENGTH_LEAST_MM {
+            return Err(RobotError::Metres { key, value });
         }
     }
     let not_negative = [
@@ -465,6 +500,13 @@ mod tests {
         let e = RobotSpec::from_toml(&bad).expect_err("trips").to_string();
         assert!(
             e.contains("pressure.over_pressure_kpa") && e.contains("either sign"),
+            "{e}"
+        );
+        let bad = REFERENCE.replace("rest_length_mm = 145.0", "rest_length_mm = 0.145");
+        let e = RobotSpec::from_toml(&bad).expect_err("metres").to_string();
+        assert!(
+            e.contains("bellows.rest_length_mm = 0.145, which looks like metres")
+                && e.contains("write 145"),
             "{e}"
         );
         let bad = REFERENCE.replace("rate_kpa_s = 12.0", "rate_kpa_s = ");

@@ -25,3 +25,4 @@ mod shaders;
 #[cfg(all(unix, feature = "rrd"))]
 mod stream;
 mod window;
+mod written;

@@ -95,6 +95,7 @@ fn asu_arm(name: &str) -> springtwin::gap::PressureGrid {
         t_s: log.t_s,
         commanded_pa: log.commanded_pa,
         measured_pa: log.measured_pa,
+        ..Default::default()
     })
     .expect("the session says something")
 }
@@ -295,12 +296,19 @@ fn a_box_of_markers_is_rigid_and_a_person_is_not() {
         assert_eq!(v["markers"].as_array().map(Vec::len), Some(51));
         let log = read_session(out.as_ref()).expect("the session reads");
         assert!(log.truth.iter().all(Option::is_some));
-        let arm = "Daphnee:ACRO_tip,Daphnee:WRIST,Daphnee:T1,Daphnee:INDEX";
         let moves = dir.join("person");
         let moves = moves.to_str().expect("utf-8");
-        let v = json(&["import", file, "--out", moves, "--markers", arm, "--json"]);
-        assert!(v["residual_mm"].as_f64().expect("a figure") > 10.0, "{v}");
-        std::fs::remove_dir_all(moves).expect("cleans up");
+        let arm = "Daphnee:ACRO_tip,Daphnee:WRIST,Daphnee:T1,Daphnee:INDEX";
+        for which in [["--markers", arm], ["--subject", "Daphnee"]] {
+            let base = ["import", file, "--out", moves];
+            let (code, text) = refusal(&[&base[..], &which].concat());
+            println!("{text}");
+            assert!(
+                code == 1 && text.contains("no rigid body") && text.contains("5 mm is the most"),
+                "{text}"
+            );
+            assert!(!std::path::Path::new(moves).exists());
+        }
     }
 }
 

@@ -112,7 +112,7 @@ fn grams(k: usize) -> String {
 }
 
 fn find_loads(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let kg = f64::from(GRAMS[k].0) * 1e-3;
         Ok(Found::row(
             grams(k),
@@ -140,7 +140,7 @@ fn mm_s(k: usize) -> String {
 }
 
 fn find_speeds(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let m_s = MM_S[k].0 * 1e-3;
         Ok(Found::row(mm_s(k), condition(lab, 0.0, m_s, Push::None)?))
     })
@@ -161,7 +161,7 @@ fn speeds(found: Vec<Found>) -> Table {
 }
 
 fn find_lateral(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let newtons = LATERAL_N[k];
         let push = Push::Lateral(newtons);
         let mut cells = condition(lab, 0.0, FAST_M_S, push)?;
@@ -205,7 +205,7 @@ fn lateral(found: Vec<Found>) -> Table {
 }
 
 fn find_shocks(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let newtons = BLOWS_N[k];
         let cells = condition(lab, 0.0, FAST_M_S, Push::Shocks(newtons))?;
         Ok(Found::row(format!("{newtons:.0} N for 0.1 s"), cells))

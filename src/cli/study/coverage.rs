@@ -54,7 +54,7 @@ fn cells(map: &Cascade, moments: &[&Moment]) -> Vec<Option<f64>> {
 }
 
 fn find_coverage(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    each(items, |k| match CONDITIONS.get(k) {
+    each(&lab.progress.clone(), items, |k| match CONDITIONS.get(k) {
         Some((label, kg, push)) => {
             let motions = lab.motions(*kg, FAST_M_S, *push)?;
             let moments: Vec<&Moment> = all(&motions).collect();

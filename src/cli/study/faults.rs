@@ -137,7 +137,7 @@ fn groups() -> [(&'static str, Vec<Fault>); 6] {
 }
 
 fn find_faults(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
-    each(items, |item| {
+    each(&lab.progress.clone(), items, |item| {
         let (label, faults) = &groups()[item];
         let mut moments = Vec::new();
         let (mut worst_s, mut unflagged, mut unmoved) = (0.0_f64, 0, 0);

@@ -19,7 +19,7 @@ const SEED: u64 = 301;
 /// The study; its one item is the one motion.
 pub const HEADING: Study = Study {
     items: |_| 1,
-    find: |lab, items| each(items, |_| find(&lab.robot)),
+    find: |lab, items| each(&lab.progress.clone(), items, |_| find(&lab.robot)),
     table: heading,
 };
 

@@ -12,6 +12,7 @@ use super::super::data::{go_on, threads};
 use super::super::model;
 use super::Data;
 use super::bound::{SensorNoise, cramer_rao};
+use super::progress::Progress;
 use springtwin::learn::{
     Cascade, Channels, Coverage, Model, PoseMap as _, PoseScores, Recipe, Schedule, data_hash,
     pose_residual, train_s2r, train_smap,
@@ -69,6 +70,8 @@ pub const COLUMNS: [&str; 4] = ["translation, mm", "yaw, deg", "pitch, deg", "ro
 pub struct Lab {
     pub robot: RobotSpec,
     pub sizes: Sizes,
+    /// Told as the work goes on.
+    pub progress: Progress,
     /// The networks that the program ships with, or those in a file.
     pub shipped: Model,
     sim: Option<Rc<Dataset>>,
@@ -79,10 +82,16 @@ pub struct Lab {
 }
 
 impl Lab {
-    pub fn new(robot: RobotSpec, networks: Option<&Path>, sizes: Sizes) -> Result<Self> {
+    pub fn new(
+        robot: RobotSpec,
+        networks: Option<&Path>,
+        sizes: Sizes,
+        progress: Progress,
+    ) -> Result<Self> {
         Ok(Self {
             robot,
             sizes,
+            progress,
             shipped: model::model(networks)?,
             sim: None,
             geometric: None,

@@ -18,6 +18,7 @@ mod lab;
 mod lstm;
 mod networks;
 mod parts;
+mod progress;
 mod samples;
 mod table;
 
@@ -33,6 +34,7 @@ use super::outputs::Overwrite;
 use super::shards::Part;
 use super::{Report, args};
 use lab::{Lab, Sizes};
+use progress::Progress;
 use springtwin::robot::RobotSpec;
 use table::{Found, Table};
 
@@ -102,8 +104,18 @@ struct Study {
 }
 
 /// What each item of a stretch finds, one after the other.
-fn each(items: Range<usize>, find: impl FnMut(usize) -> Result<Found>) -> Result<Vec<Found>> {
-    items.map(find).collect()
+fn each(
+    progress: &Progress,
+    items: Range<usize>,
+    mut find: impl FnMut(usize) -> Result<Found>,
+) -> Result<Vec<Found>> {
+    items
+        .map(|item| {
+            let found = find(item)?;
+            progress.item_done();
+            Ok(found)
+        })
+        .collect()
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -267,7 +279,8 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
         seconds: f64::from(a.seconds),
         candidates: a.candidates as usize,
     };
-    let mut lab = Lab::new(robot.clone(), a.model.as_deref(), sizes)?;
+    let progress = Progress::new(quiet);
+    let mut lab = Lab::new(robot.clone(), a.model.as_deref(), sizes, progress.clone())?;
     let about = About {
         seed: a.seed,
         networks: match &a.model {
@@ -285,17 +298,16 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
         return parts::find(a, name, part, out, &mut lab, &about);
     }
     let mut tables = Vec::new();
-    for study in name.studies() {
+    let studies = name.studies();
+    for (i, study) in studies.iter().enumerate() {
         let from = start.elapsed().as_secs_f64();
         let items = (study.items)(&lab.sizes);
+        progress.study(parts::label(name, i, studies.len()), items);
         let table = (study.table)((study.find)(&mut lab, 0..items)?);
         table.write(out)?;
         if !quiet {
-            eprintln!(
-                "{}: {:.0} s",
-                table.title,
-                start.elapsed().as_secs_f64() - from
-            );
+            let seconds = start.elapsed().as_secs_f64() - from;
+            super::stdio::complain(&format!("{}: {seconds:.0} s", table.title));
         }
         tables.push(table);
     }

@@ -48,7 +48,7 @@ fn find_modality(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
     let sd =
         (lengths.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / lengths.len() as f64).sqrt();
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let (label, map) = match k {
             0 => (
                 "springs and IMUs, networks under test",
@@ -99,7 +99,7 @@ const HIDDEN: [&[usize]; 4] = [&[240], &[120, 120], &[80; 3], &[60; 4]];
 fn find_layers(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let data = lab.sim();
     let motions = lab.motions(0.0, FAST_M_S, Push::None)?;
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let recipe = lab.recipe();
         let Some(hidden) = HIDDEN.get(k) else {
             let (net, test) = Lstm::train(240, &data, &recipe);
@@ -153,7 +153,7 @@ fn find_s2r_width(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let recipe = lab.recipe();
     let map = lab.smap(&geometric, &recipe)?;
     let real = lab.real()?;
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let width = WIDTHS[k];
         let recipe = Recipe {
             s2r: Schedule {
@@ -207,7 +207,7 @@ fn find_s2r(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let real = lab.real()?;
     let motions = lab.motions(0.0, FAST_M_S, Push::None)?;
     let recipe = lab.recipe();
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let (label, data) = match k {
             0 => ("the paper's way", lab.geometric()?),
             _ => ("ours", lab.sim()),

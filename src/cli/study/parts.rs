@@ -35,6 +35,14 @@ pub fn file_of(name: Name, (i, n): Part) -> String {
     format!("{}-{i}-of-{n}.json", name.word())
 }
 
+/// What one of the studies that were asked for is called while it is done.
+pub fn label(name: Name, i: usize, count: usize) -> String {
+    match count {
+        1 => name.word(),
+        _ => format!("study {} of {count}", i + 1),
+    }
+}
+
 /// Which items of every study a part does, given how many each has.
 fn shares(counts: &[usize], part: Part) -> Vec<Range<usize>> {
     let mine = stretch(counts.iter().sum(), part);
@@ -60,8 +68,9 @@ pub fn find(
     let studies = name.studies();
     let counts: Vec<usize> = studies.iter().map(|s| (s.items)(&lab.sizes)).collect();
     let mut items = Vec::new();
-    for (study, own) in studies.iter().zip(shares(&counts, part)) {
+    for (i, (study, own)) in studies.iter().zip(shares(&counts, part)).enumerate() {
         if !own.is_empty() {
+            lab.progress.study(label(name, i, studies.len()), own.len());
             items.extend((study.find)(lab, own)?);
         }
     }

@@ -55,7 +55,7 @@ fn find_n_sim(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     ];
     let mut data = Dataset::default();
     let mut made_for = None;
-    each(items, |item| {
+    each(&lab.progress.clone(), items, |item| {
         let (n, k) = (sizes[item / SEEDS], item % SEEDS);
         if made_for != Some(n) {
             data = lab.rod(n);
@@ -129,7 +129,7 @@ fn find_n_real(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let maps = [lab.smap(&geometric, &recipe)?, lab.smap(&sim, &recipe)?];
     let mut order: Vec<usize> = (0..real.samples.len()).collect();
     order.shuffle(&mut Pcg64Mcg::seed_from_u64(lab.sizes.seed));
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let n = N_REALS[k];
         let few = Dataset {
             samples: order

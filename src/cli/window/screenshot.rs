@@ -10,7 +10,7 @@ use serde_json::json;
 use super::super::live::{Kind, board_config, rig_options};
 use super::super::outputs::Overwrite;
 use super::super::ports::{Instruments, in_process};
-use super::super::simulate::Simulator;
+use super::super::solve::Simulator;
 use super::super::{Report, args, model, picture};
 use super::rigs::{Rigs, Twins};
 use super::{Asks, hull, library};

@@ -272,10 +272,11 @@ fn notes(
             let r: [f64; KNOBS] = fitted.regulators[i].0;
             if (r[GAIN] - 1.0).abs() > GAUGE_OFF[0] || r[OFFSET].abs() > GAUGE_OFF[1] {
                 out.push(format!(
-                    "chamber {} settles at {:.2} times its command {:+.1} kPa: check its gauge",
+                    "chamber {} settles at {:.2} times its command {:+.1} {}: check its gauge",
                     i + 1,
                     r[GAIN],
-                    r[OFFSET] / 1e3
+                    r[OFFSET] / grid.log.unit.pa,
+                    grid.log.unit.name
                 ));
             }
         }

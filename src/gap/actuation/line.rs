@@ -8,6 +8,24 @@ use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::{Active, gauges};
 
+/// The unit that the pressures of a log were given in: what is said of it is said in that unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PressureUnit {
+    /// Its name.
+    pub name: &'static str,
+    /// One of it, Pa.
+    pub pa: f64,
+}
+
+impl Default for PressureUnit {
+    fn default() -> Self {
+        Self {
+            name: "kPa",
+            pa: 1e3,
+        }
+    }
+}
+
 /// Commanded and measured pressures of a session, gauge, Pa; NaN marks a gap. Any of the six
 /// chambers may be missing throughout.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,6 +40,8 @@ pub struct PressureLog {
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
     /// Measured, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
+    /// What they were given in.
+    pub unit: PressureUnit,
 }
 
 impl PressureLog {
@@ -33,6 +53,7 @@ impl PressureLog {
             t_s: session.t_s.clone(),
             commanded_pa: session.commanded_pa.clone()?,
             measured_pa: session.chamber_pa.clone(),
+            unit: PressureUnit::default(),
         })
     }
 }

@@ -25,6 +25,7 @@ fn log(seed: u64, hidden: Vec<Hidden>) -> PressureLog {
         t_s: s.t_s,
         commanded_pa: s.commanded_pa,
         measured_pa: s.chamber_pa,
+        ..PressureLog::default()
     }
 }
 

@@ -327,6 +327,9 @@ fn trouble_of(e: &GapError) -> Trouble {
         GapError::NoPressure { .. } | GapError::NoCommand { .. } => {
             "Record the measured pressures of all chambers."
         }
+        GapError::NothingMeasured { .. } => {
+            "Choose a session with springs, IMUs or whole poses of the motion capture."
+        }
         GapError::NothingCommon => "Choose two sessions in which the same sensors were measured.",
         GapError::OtherRobot { .. } => {
             "Choose a session of this robot, or start with the robot file it was recorded with (--robot)."

@@ -11,6 +11,7 @@ use super::{DEG, KPA, MM, SessionLog, VICON, YPR};
 use crate::recording::RecordingError;
 use crate::recording::csv::{Lines, fields};
 use crate::recording::session_file::{SessionFile, read_session_toml};
+use crate::recording::units::{length_unit, pressure_unit};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Stamp, hex, pose_from_ypr};
 
 /// Reads a session: its folder, its `session.toml`, or a bare `.csv` file (whose name and rate are
@@ -54,6 +55,9 @@ pub fn read_session_with(
     path: &Path,
     go_on: &mut dyn FnMut(f32) -> bool,
 ) -> Result<SessionLog, RecordingError> {
+    if !path.is_dir() {
+        refuse_other_kinds(path)?;
+    }
     let is_csv = !path.is_dir()
         && path
             .extension()
@@ -118,6 +122,56 @@ pub fn read_session_with(
         });
     }
     Ok(log)
+}
+
+/// Refuses files that begin like another kind than a session's description or table.
+fn refuse_other_kinds(path: &Path) -> Result<(), RecordingError> {
+    let mut start = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(4).read_to_end(&mut start))
+        .map_err(RecordingError::io(path, "open"))?;
+    let text = match start.as_slice() {
+        b"PAR1" => {
+            "this is a Parquet file, and a session is a folder with session.toml, a .csv file or a recording (.rrd): \
+             `springtwin train` reads datasets, `springtwin imu eval` logs of one IMU"
+        }
+        [b'R', b'R', b'F', _] => "this is a recording: give it a name that ends in .rrd",
+        _ => return Ok(()),
+    };
+    Err(RecordingError::Unsupported {
+        path: path.to_owned(),
+        text: text.to_owned(),
+    })
+}
+
+/// Why a table's first line is no header of ours, for tables that other programs write.
+pub(crate) fn not_our_header(line: &str) -> Option<String> {
+    let count = |separator: char| line.matches(separator).count();
+    for (separator, name) in [(';', "semicolons"), ('\t', "tabs")] {
+        if count(separator) > count(',') {
+            return Some(format!(
+                "the columns are separated by {name}: save the table with commas between the columns and points in the \
+                 numbers"
+            ));
+        }
+    }
+    let cells = fields(line).ok()?;
+    let numbers = cells.iter().filter(|c| c.parse::<f64>().is_ok()).count();
+    if numbers == 0
+        || cells
+            .iter()
+            .any(|c| !c.is_empty() && c.parse::<f64>().is_err())
+    {
+        return None;
+    }
+    let asu = if cells.len() == crate::recording::asu::COLUMNS {
+        "; a log of the ASU arm has none, and `springtwin gap run --actuation-only` reads it"
+    } else {
+        ""
+    };
+    Some(format!(
+        "this line holds numbers where the names of the columns belong: put a header (such as t_s,p1_kpa,...) above it{asu}"
+    ))
 }
 
 /// Where each of our columns stands in the file.
@@ -231,6 +285,8 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
     let mut layout = None;
     let mut log = SessionLog::default();
     let mut header_line = 0;
+    // The first line with a position and no orientation, and the column of that.
+    let mut half: Option<(usize, usize)> = None;
     loop {
         let number = lines.line + 1;
         let Some(line) = lines.next_line()? else {
@@ -238,6 +294,11 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
         };
         if line.trim().is_empty() {
             continue;
+        }
+        if layout.is_none()
+            && let Some(text) = not_our_header(line)
+        {
+            return Err(refuse(number, 1, text));
         }
         let cells = fields(line).map_err(|(column, text)| refuse(number, column, text.into()))?;
         match &layout {
@@ -250,6 +311,15 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
             }
             Some(layout) => {
                 push_row(&mut log, layout, &cells).map_err(|(c, text)| refuse(number, c, text))?;
+                if let (None, None, Some(columns)) =
+                    (half, log.truth.last().and_then(|t| *t), layout.vicon)
+                {
+                    let is_there =
+                        |c: usize| !cells[c].is_empty() && !cells[c].eq_ignore_ascii_case("nan");
+                    if columns[..3].iter().all(|c| is_there(*c)) {
+                        half = Some((number, columns[3] + 1));
+                    }
+                }
             }
         }
     }
@@ -257,6 +327,15 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
         return Err(refuse(1, 1, "the file is empty".to_owned()));
     };
     check_units(&log, &layout).map_err(|(c, text)| refuse(header_line, c, text))?;
+    if let Some((line, column)) = half.filter(|_| log.truth.iter().all(Option::is_none)) {
+        return Err(refuse(
+            line,
+            column,
+            "the motion capture has positions and no orientations here, nor in any other line: fill in vicon_yaw_deg, \
+             vicon_pitch_deg and vicon_roll_deg, or leave all vicon_ columns out"
+                .to_owned(),
+        ));
+    }
     log.hash = hex(&hasher.finalize());
     Ok(log)
 }
@@ -352,9 +431,10 @@ fn check_units(log: &SessionLog, layout: &Layout) -> Result<(), (usize, String)>
             return Err((
                 column + 1,
                 format!(
-                    "spring {} is typically {} mm long; 70-240 mm is expected: check the unit",
+                    "spring {} is typically {} mm long; 70-240 mm is expected: {}",
                     i + 1,
-                    middle / MM
+                    middle / MM,
+                    unit_hint(length_unit(middle / MM, [70.0, 240.0]), "mm")
                 ),
             ));
         }
@@ -366,14 +446,23 @@ fn check_units(log: &SessionLog, layout: &Layout) -> Result<(), (usize, String)>
             return Err((
                 column + 1,
                 format!(
-                    "chamber {} is typically at {} kPa; -40 to 40 kPa is expected: check the unit",
+                    "chamber {} is typically at {} kPa; -40 to 40 kPa is expected: {}",
                     i + 1,
-                    middle / KPA
+                    middle / KPA,
+                    unit_hint(pressure_unit(middle / KPA, [1.0, 42.0]), "kPa")
                 ),
             ));
         }
     }
     Ok(())
+}
+
+/// What to do about a column in another unit.
+fn unit_hint(looks_like: Option<&str>, expected: &str) -> String {
+    match looks_like {
+        Some(unit) => format!("this looks like {unit}, convert the unit to {expected}"),
+        None => "check the unit".to_owned(),
+    }
 }
 
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {

@@ -175,14 +175,75 @@ fn wrong_units_are_refused() {
     };
     let (line, column, text) = refused(&table(&[metres(row(0.0)), metres(row(0.02))]));
     assert_eq!((line, column), (1, 8));
-    assert!(text.contains("unit"), "{text}");
+    assert!(text.contains("looks like metres"), "{text}");
     let pascals = |mut r: Vec<String>| {
         for c in &mut r[1..7] {
             *c = "30000".to_owned();
         }
         r
     };
-    assert_eq!(refused(&table(&[pascals(row(0.0))])).1, 2);
+    let (_, column, text) = refused(&table(&[pascals(row(0.0))]));
+    assert!(column == 2 && text.contains("looks like Pa,"), "{text}");
+}
+
+#[test]
+fn tables_of_other_programs_are_told_what_they_are() {
+    let rows = table(&[row(0.0), row(0.02)]);
+    let (_, headless) = rows.split_once('\n').unwrap();
+    let numbers = headless.replace("0.02,", "1.00000000e+00,1.00000000e+00,");
+    for text in [headless, &numbers] {
+        let (line, column, said) = refused(text);
+        assert_eq!((line, column), (1, 1));
+        assert!(said.contains("names of the columns belong"), "{said}");
+    }
+    let asu = vec!["1.00000000e+00"; 38].join(",");
+    let (.., said) = refused(&asu);
+    assert!(said.contains("--actuation-only"), "{said}");
+
+    let semicolons = rows.replace('.', ",").replace(',', ";");
+    let (line, _, said) = refused(&semicolons);
+    assert!(line == 1 && said.contains("semicolons"), "{said}");
+    let decimal_commas = "t_s;p1_kpa\n0,00;1,5\n";
+    assert!(refused(decimal_commas).2.contains("semicolons"));
+    assert!(refused(&rows.replace(',', "\t")).2.contains("tabs"));
+}
+
+#[test]
+fn files_of_other_kinds_are_told_what_they_are() {
+    let dir = tempdir("other_kinds");
+    let read = |name: &str, bytes: &[u8]| {
+        let path = dir.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        read_session(&path).unwrap_err().to_string()
+    };
+    let parquet = read("x.parquet", &[b"PAR1".as_slice(), &[0; 2 << 20]].concat());
+    assert!(
+        parquet.contains("Parquet") && parquet.contains("springtwin train"),
+        "{parquet}"
+    );
+    assert!(read("x.log", b"RRF2abc").contains("ends in .rrd"));
+    let large = read("x.dat", &[b'a'; 2 << 20]);
+    assert!(large.contains("session is a folder"), "{large}");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn positions_without_orientations_are_refused_where_they_begin() {
+    let half = |t_s: f64| {
+        let mut r = row(t_s);
+        let n = r.len();
+        r[n - 3..].iter_mut().for_each(String::clear);
+        r
+    };
+    let mut unseen = half(0.0);
+    let n = unseen.len();
+    unseen[n - 6..].iter_mut().for_each(String::clear);
+    let (line, column, text) = refused(&table(&[unseen, half(0.02), half(0.04)]));
+    assert_eq!((line, column), (3, n - 2));
+    assert!(text.contains("positions and no orientations"), "{text}");
+    // A pose now and then is enough; half ones are gaps.
+    let log = parse(&table(&[half(0.0), row(0.02)])).unwrap();
+    assert!(log.truth[0].is_none() && log.truth[1].is_some());
 }
 
 #[test]

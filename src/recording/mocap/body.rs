@@ -22,6 +22,10 @@ const WIDTH_MIN_M: f64 = 1e-3;
 /// The same, as a share of how long they stretch.
 const WIDTH_MIN_RATIO: f64 = 0.01;
 
+/// Largest root mean square residual of a rigid body's markers, m. Eight markers on a wooden box leave 0.3 mm; those on
+/// a person, whose limbs move, 10 mm and more.
+const RESIDUAL_MAX_M: f64 = 5e-3;
+
 /// A body that was fitted to markers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkerBody {
@@ -52,7 +56,7 @@ pub struct MarkerFit {
 ///
 /// # Errors
 /// [`RecordingError::Unsupported`]: a name that no marker or more than one has, fewer than three markers, no
-/// frame with all of them, or markers in a line.
+/// frame with all of them, markers in a line, or markers that do not move as one rigid body.
 pub fn marker_body(
     file: &MocapFile,
     name: &str,
@@ -104,7 +108,7 @@ pub fn marker_body(
         poses.push(pose);
     }
     let rms = |sum: f64, count: usize| (sum / count.max(1) as f64).sqrt();
-    Ok(MarkerBody {
+    let body = MarkerBody {
         object: MocapObject {
             name: name.to_owned(),
             poses,
@@ -123,7 +127,33 @@ pub fn marker_body(
                 seen: m.positions_m.iter().flatten().count(),
             })
             .collect(),
-    })
+    };
+    rigid(&body).map_err(refuse)?;
+    Ok(body)
+}
+
+/// Whether the markers move as one; the error is a sentence.
+fn rigid(body: &MarkerBody) -> Result<(), String> {
+    if body.residual_m <= RESIDUAL_MAX_M {
+        return Ok(());
+    }
+    let worst = body
+        .markers
+        .iter()
+        .max_by(|a, b| a.residual_m.total_cmp(&b.residual_m));
+    Err(format!(
+        "the {} markers of {} are no rigid body: their residual is {:.1} mm (root mean square) and {:.0} mm is the most \
+         that is taken{}; name markers that are fixed to one another with --markers, or label the capture again",
+        body.markers.len(),
+        body.object.name,
+        body.residual_m * 1e3,
+        RESIDUAL_MAX_M * 1e3,
+        worst.map_or(String::new(), |w| format!(
+            " (worst: {} with {:.1} mm)",
+            w.name,
+            w.residual_m * 1e3
+        )),
+    ))
 }
 
 /// The markers of these names, each once.

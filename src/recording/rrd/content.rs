@@ -76,6 +76,8 @@ pub(super) struct Content {
     pub(super) events: Vec<RecordedEvent>,
     pub(super) spans: Spans,
     pub(super) properties: BTreeMap<String, String>,
+    /// Whether it is a comparison for the viewer.
+    is_comparison: bool,
 }
 
 impl Default for Content {
@@ -87,6 +89,7 @@ impl Default for Content {
             events: Vec::new(),
             spans: BTreeMap::new(),
             properties: BTreeMap::new(),
+            is_comparison: false,
         }
     }
 }
@@ -189,6 +192,7 @@ impl Content {
             if path == format!("/__properties/{}", schema::PROPERTY) {
                 self.take_properties(chunk);
             }
+            self.is_comparison |= path == format!("/__properties/{}", schema::COMPARISON);
             return Ok(());
         }
         let timeline = TimelineName::try_new(schema::TIMELINE).map_err(|e| e.to_string())?;
@@ -274,6 +278,11 @@ impl Content {
                 "the recording has layout {version}; this program reads {}",
                 schema::SCHEMA_VERSION
             ))),
+            Err(_) if self.is_comparison => Err(refuse(
+                "this is the comparison that `gap run` writes for the Rerun viewer, not a session: look at it with \
+                 `rerun FILE`, and give the session or recording that it was made of"
+                    .to_owned(),
+            )),
             Err(_) if self.spans.is_empty() => Err(refuse(
                 "the recording was cut before its first data: nothing can be recovered".to_owned(),
             )),

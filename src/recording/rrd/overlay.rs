@@ -104,7 +104,7 @@ fn opening(overlay: &Overlay) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
         .with_component_from_data("name", text_column(overlay.name))
         .with_component_from_data("simulated", text_column(&overlay.simulated.to_string()))
         .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
-    stream.send_property("comparison", &property)?;
+    stream.send_property(schema::COMPARISON, &property)?;
     stream.log_static("/", &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
     for (i, (name, rgba)) in SERIES.into_iter().enumerate() {
         let colour = rerun::Color::from_u32(rgba);

@@ -35,6 +35,8 @@ pub(super) const APPLICATION: &str = "springtwin";
 pub(super) const TIMELINE: &str = "session";
 /// Property entity with the session's data.
 pub(super) const PROPERTY: &str = "session";
+/// Property entity of a comparison, which is for viewers alone.
+pub(super) const COMPARISON: &str = "comparison";
 /// Prefix of our components' identifiers.
 pub(super) const PREFIX: &str = "springtwin";
 /// Identifier of the component with exact SI values.

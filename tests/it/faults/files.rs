@@ -344,8 +344,8 @@ fn other_units_and_ranges_are_refused() {
     for (from, to, wants) in [
         ("spring1_mm", "spring1_m", &["spring1_mm", "wrong unit"][..]),
         ("p1_kpa", "p1", &["p1_kpa", "wrong unit"]),
-        (",150,", ",0.15,", &["70-240 mm", "check the unit"]),
-        (",1,", ",10000,", &["check the unit"]),
+        (",150,", ",0.15,", &["70-240 mm", "looks like metres"]),
+        (",1,", ",10000,", &["looks like Pa"]),
     ] {
         let log = file("log.csv", &log.replace(from, to));
         check(said(&["inspect", text(&log)]), wants);

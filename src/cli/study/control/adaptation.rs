@@ -169,7 +169,7 @@ const WAYS: [(Adaptation, &str); 3] = [
 
 fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let mut known: Option<(usize, Vec<Truth>)> = None;
-    each(items, |item| {
+    each(&lab.progress.clone(), items, |item| {
         let (arm, (adaptation, how)) = (item / WAYS.len(), WAYS[item % WAYS.len()]);
         let stiffness = STIFFNESSES[arm];
         let truths = match known.take().filter(|k| k.0 == arm) {
@@ -188,7 +188,7 @@ fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
             })
         };
         let moves = trials(Task::Goto(Goal::position(MOVE_M)), REST_S);
-        let moves = run_all(&lab.robot, moves.into(), |o| {
+        let moves = run_all(lab, moves.into(), |o| {
             (
                 o.moved().and_then(|m| m.steps),
                 o.fastest_mm_s,
@@ -196,7 +196,7 @@ fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
             )
         })?;
         let circles = run_all(
-            &lab.robot,
+            lab,
             trials(Task::Path(Shape::Circle, 1), 2.0).into(),
             |o| match o.measured {
                 Some(super::Measured::Path(m)) if o.driven.finished_s.is_some() => {

@@ -187,7 +187,7 @@ fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
         .iter()
         .flat_map(|((d, _), (kind, _))| SEEDS.map(|seed| (*d, trial(*kind, *d, seed))));
     let (kinds, trials): (Vec<Disturbance>, Vec<Trial>) = trials.unzip();
-    let found = run_all(&lab.robot, trials, |o| o)?;
+    let found = run_all(lab, trials, |o| o)?;
     let found: Vec<Borne> = found.iter().zip(kinds).map(|(o, d)| borne(o, d)).collect();
     let percent = |n: usize| 100.0 * n as f64 / SEEDS.len() as f64;
     let row = |(((_, what), (_, who)), group): (&Case, &[Borne])| {

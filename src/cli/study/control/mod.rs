@@ -22,6 +22,7 @@ use super::super::drive::{Drive, Driven, drive};
 use super::super::live::rig_options;
 use super::super::ports::Instruments;
 use super::super::ports::Script;
+use super::lab::Lab;
 use springtwin::control::Gains;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
@@ -169,11 +170,13 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
 
 /// Runs many, on all cores; what `keep` makes of each, in order.
 pub fn run_all<T: Send>(
-    robot: &RobotSpec,
+    lab: &Lab,
     trials: Vec<Trial>,
     keep: impl Fn(Outcome) -> T + Sync,
 ) -> Result<Vec<T>> {
+    let (robot, progress) = (&lab.robot, &lab.progress);
     let n = trials.len();
+    progress.trials(n);
     let trials: Vec<Mutex<Option<Trial>>> =
         trials.into_iter().map(|t| Mutex::new(Some(t))).collect();
     let next = AtomicUsize::new(0);
@@ -188,6 +191,7 @@ pub fn run_all<T: Send>(
                         return;
                     };
                     let out = run(robot, trial).map(&keep);
+                    progress.trial_done();
                     if let Ok(mut found) = found.lock() {
                         found.push((i, out));
                     }

@@ -54,14 +54,14 @@ fn conditions() -> Vec<Condition> {
 
 fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = conditions();
-    each(items, |k| {
+    each(&lab.progress.clone(), items, |k| {
         let (what, task, payload_kg, who, gains) = &conditions[k];
         let trials = SEEDS.map(|seed| Trial {
             payload_kg: *payload_kg,
             declared_kg: *payload_kg,
             ..Trial::new(gains.clone(), task.clone(), seed)
         });
-        let found = run_all(&lab.robot, trials.into(), |o| {
+        let found = run_all(lab, trials.into(), |o| {
             let largest = |q: &[f64; 6]| q.iter().fold(0.0_f64, |m, p| m.max(p.abs()));
             let set = o.driven.rows.iter().filter(|r| r.steered);
             let largest = mean(set.filter_map(|r| r.set_pa.as_ref()).map(largest));

@@ -108,7 +108,7 @@ fn find_path(lab: &mut Lab, shape: Shape, items: Range<usize>) -> Result<Vec<Fou
                 ..Trial::new(Gains::of(*kind), Task::Path(shape, 1), seed)
             })
         });
-    let kept = run_all(&lab.robot, trials.collect(), keep_path)?;
+    let kept = run_all(lab, trials.collect(), keep_path)?;
     let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
     Ok(rows
         .map(|((stiffness, (_, who), payload_kg), group)| {
@@ -272,7 +272,7 @@ fn find_moves(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
             }
         })
     });
-    let kept = run_all(&lab.robot, trials.collect(), |o| {
+    let kept = run_all(lab, trials.collect(), |o| {
         let (solve, off) = (o.solve_us.map(|s| s[0]), o.off_manifold_mm);
         let refused = o.driven.refused.is_some();
         (o.moved().cloned(), solve, off, o.fastest_mm_s, refused)
@@ -350,7 +350,7 @@ fn find_pick_place(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
             ..Trial::new(Gains::of(*kind), Task::PickPlace, seed)
         })
     });
-    let kept = run_all(&lab.robot, trials.collect(), |o| {
+    let kept = run_all(lab, trials.collect(), |o| {
         let (solve, steps) = (o.solve_us.map(|s| s[0]), o.driven.rows.len());
         let objects = o.driven.objects.as_ref().map_or(0, Vec::len);
         match o.measured {

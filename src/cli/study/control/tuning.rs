@@ -118,7 +118,7 @@ fn find(lab: &mut Lab, items: Range<usize>) -> Result<Vec<Found>> {
             ..Trial::new(gains.clone(), task, SEED)
         })
     });
-    let costs = run_all(&lab.robot, trials.collect(), |o| cost(&o))?;
+    let costs = run_all(lab, trials.collect(), |o| cost(&o))?;
     let row = |((kind, label, g), costs): (&(ControllerKind, String, Gains), &[f64])| {
         let paper = *kind == ControllerKind::Paper;
         Found::row(

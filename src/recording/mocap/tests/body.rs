@@ -89,6 +89,17 @@ fn a_marker_that_is_not_rigid_shows() {
 }
 
 #[test]
+fn markers_that_move_by_themselves_are_no_body() {
+    let still = [pose_from_ypr([0.0; 3], [0.0; 3]); 2];
+    let file = body_file(&still, 60e-3);
+    let e = marker_body(&file, "box", &names(&file)).unwrap_err();
+    let e = e.to_string();
+    for said in ["no rigid body", "5 mm is the most", "worst: box:m2"] {
+        assert!(e.contains(said), "{said}: {e}");
+    }
+}
+
+#[test]
 fn bodies_that_settle_nothing_are_refused() {
     let file = body_file(&[pose_from_ypr([0.0; 3], [0.0; 3])], 0.0);
     let e = |list: &[&str]| {
