@@ -296,9 +296,9 @@ mod tests {
         SocketAddr::from((Ipv4Addr::LOCALHOST, 0))
     }
 
-    /// Waits until `enough`, at most two seconds.
+    /// Waits until `enough`, at most a minute.
     fn wait(receiver: &MocapReceiver, enough: impl Fn(MocapCounts) -> bool) -> MocapCounts {
-        for _ in 0..400 {
+        for _ in 0..12_000 {
             if enough(receiver.counts()) {
                 break;
             }

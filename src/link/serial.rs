@@ -32,7 +32,8 @@ const MAX_HELD: usize = 64;
 const DELAY_S: f64 = 0.03;
 /// A read waits this long for the first byte, shared among the ports.
 const READ_TIMEOUT: Duration = Duration::from_millis(2);
-const REOPEN_PERIOD_S: f64 = 0.5;
+/// A port that is gone is tried again this often, s.
+pub const REOPEN_PERIOD_S: f64 = 0.5;
 /// Longest time between two status messages, s.
 pub const STATUS_PERIOD_S: f64 = 0.05;
 

@@ -1,4 +1,5 @@
-//! The link against boards behind real pseudo-terminals, in real time.
+//! The link against boards behind real pseudo-terminals: what happens, and in which order. How long it takes is measured
+//! on simulated time, by the integration tests.
 
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
@@ -12,6 +13,9 @@ use super::*;
 use crate::link::wire::{TICK_RATE_HZ, fault};
 use crate::rig::board::{Board, BoardSetup, Readings, SpringReading};
 use crate::signal::{Gripper, ImuRaw, PressureLimits};
+
+/// How long anything is waited for: it measures nothing.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 #[expect(
     clippy::disallowed_methods,
@@ -146,20 +150,20 @@ fn command() -> PressureCommand {
     )
 }
 
-/// Keeps a link going until `enough` of what came in; gives all of it and how long it took, s.
+/// Keeps a link going until `enough` of what came in; gives all of it.
 fn until(
     link: &SerialLink,
     commanding: Option<&PressureCommand>,
     mut enough: impl FnMut(&[LinkInput]) -> bool,
-) -> (Vec<LinkInput>, f64) {
+) -> Vec<LinkInput> {
     let t0 = start();
     let mut all = Vec::new();
-    while t0.elapsed() < Duration::from_secs(10) {
+    while t0.elapsed() < PATIENCE {
         while let Some(input) = link.try_recv() {
             all.push(input);
         }
         if enough(&all) {
-            return (all, t0.elapsed().as_secs_f64());
+            return all;
         }
         if let Some(c) = commanding {
             // A busy computer may leave the link no time: then the next one counts.
@@ -190,6 +194,12 @@ fn frames(all: &[LinkInput]) -> Vec<&RawFrame> {
         .collect()
 }
 
+/// How many frames hold everything.
+fn whole(all: &[LinkInput]) -> usize {
+    let is_whole = |f: &&&RawFrame| f.present == RawFrame::ALL_PRESENT;
+    frames(all).iter().filter(is_whole).count()
+}
+
 fn connected(all: &[LinkInput]) -> bool {
     let last = all.iter().rev().find_map(|i| match i {
         LinkInput::Status(s) => Some(s.connected),
@@ -207,13 +217,10 @@ fn event(all: &[LinkInput], wanted: impl Fn(&LinkEvent) -> bool) -> bool {
 fn frames_and_commands_cross_a_real_terminal() {
     let rig = Rig::plug_in(&[0, 1], 1);
     let link = connect(&rig.name());
-    let (all, _) = until(&link, None, |all| frames(all).len() >= 50 && connected(all));
-    let whole = frames(&all)
-        .iter()
-        .filter(|f| f.present == RawFrame::ALL_PRESENT)
-        .count();
-    assert!(whole > 30, "{whole}");
-    let last = frames(&all)[frames(&all).len() - 1].clone();
+    let all = until(&link, None, |all| whole(all) >= 30 && connected(all));
+    let all = frames(&all);
+    let last = all.iter().rfind(|f| f.present == RawFrame::ALL_PRESENT);
+    let last = last.expect("thirty of them");
     assert_eq!(last.spring_counts, [11_000; 12]);
     assert!((last.chamber_pa[4] - 500.0).abs() <= 1.0);
     get_moving(&link, &[&rig]);
@@ -224,7 +231,7 @@ fn frames_and_commands_cross_a_real_terminal() {
     link.close();
     let t0 = start();
     while !rig.has_status(fault::HEARTBEAT_LOST) {
-        assert!(t0.elapsed() < Duration::from_secs(5), "SAFE without a host");
+        assert!(t0.elapsed() < PATIENCE, "SAFE without a host");
         std::thread::sleep(Duration::from_millis(5));
     }
     assert!(!rig.moving());
@@ -234,12 +241,7 @@ fn frames_and_commands_cross_a_real_terminal() {
 fn a_board_each_on_two_terminals_makes_one_stream() {
     let (a, b) = (Rig::plug_in(&[0], 1), Rig::plug_in(&[1], 2));
     let link = connect(&format!("{}, {}", a.name(), b.name()));
-    let whole = |all: &[LinkInput]| {
-        let all = frames(all);
-        let whole = all.iter().filter(|f| f.present == RawFrame::ALL_PRESENT);
-        whole.count() >= 20
-    };
-    until(&link, None, |all| whole(all) && connected(all));
+    until(&link, None, |all| whole(all) >= 20 && connected(all));
     get_moving(&link, &[&a, &b]);
 }
 
@@ -259,20 +261,15 @@ fn an_unplugged_port_is_noticed_reopened_and_does_not_move_by_itself() {
     let mut rig = plug_in(1);
     let link = connect(&name.display().to_string());
     until(&link, None, connected);
-    // A busy computer may delay one try, not all.
-    let mut flagged_s = f64::MAX;
-    let mut back_s = f64::MAX;
     // Unplugged with its supply kept, then restarted meanwhile, and again.
     let mut known = 1;
     for nonce in [1, 3, 3, 4] {
         get_moving(&link, &[&rig]);
         rig.unplug();
         let gone = |e: &LinkEvent| matches!(e, LinkEvent::Disconnected { .. });
-        let (_, took_s) = until(&link, None, |all| event(all, gone));
-        flagged_s = flagged_s.min(took_s);
+        until(&link, None, |all| event(all, gone));
         rig = plug_in(nonce);
-        let (all, took_s) = until(&link, None, |all| connected(all) && frames(all).len() > 10);
-        back_s = back_s.min(took_s);
+        let all = until(&link, None, |all| connected(all) && frames(all).len() > 10);
         for board in 0..2 {
             let back = event(&all, |e| *e == LinkEvent::BoardBack { board });
             let rebooted = event(&all, |e| *e == LinkEvent::BoardRebooted { board });
@@ -285,8 +282,6 @@ fn an_unplugged_port_is_noticed_reopened_and_does_not_move_by_itself() {
         known = nonce;
         let _ = link.send(LinkOutput::ClearCommand);
     }
-    assert!(flagged_s < 0.05, "flagged after {flagged_s} s");
-    assert!(back_s < 2.0, "back after {back_s} s");
 
     get_moving(&link, &[&rig]);
     rig.unplug();
@@ -311,7 +306,7 @@ fn what_nobody_fetches_is_dropped_and_counted() {
     let rig = Rig::plug_in(&[0, 1], 1);
     let link = connect(&rig.name());
     let t0 = start();
-    while link.dropped() < 20 && t0.elapsed() < Duration::from_secs(10) {
+    while link.dropped() < 20 && t0.elapsed() < PATIENCE {
         std::thread::sleep(Duration::from_millis(20));
     }
     assert!(link.dropped() >= 20);

@@ -452,6 +452,19 @@ mod tests {
         panic!("{:?}", stream.status());
     }
 
+    /// The next connection, within a minute.
+    #[cfg(feature = "rrd")]
+    fn accept(listener: &std::net::TcpListener) -> TcpStream {
+        listener.set_nonblocking(true).unwrap();
+        for _ in 0..60 * 200 {
+            if let Ok((line, _)) = listener.accept() {
+                return line;
+            }
+            std::thread::sleep(LOOK);
+        }
+        panic!("nobody calls");
+    }
+
     /// A listener that takes a connection and then nothing: the stream holds a bounded number of
     /// snapshots, drops the others, and does not connect a second time.
     #[cfg(feature = "rrd")]
@@ -467,7 +480,7 @@ mod tests {
             push(&stream, pushed as i64, 100);
             stream.event(Stamp(pushed as i64), "a line".to_owned());
             pushed += 100;
-            held.get_or_init(|| listener.accept().unwrap());
+            held.get_or_init(|| accept(&listener));
             if matches!(stream.status().state, StreamState::Away(_)) {
                 break;
             }
@@ -513,7 +526,7 @@ mod tests {
         let listener = std::net::TcpListener::bind(stream.address()).unwrap();
         let mut calls = Vec::new();
         while calls.len() < 8 {
-            let (line, _) = listener.accept().unwrap();
+            let line = accept(&listener);
             calls.push(std::time::Instant::now());
             // Hung up at once.
             drop(line);

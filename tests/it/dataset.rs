@@ -1,9 +1,8 @@
 //! Data sets made in pieces: shards, and runs that were killed.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::time::Duration;
 
+use crate::process;
 use crate::program::{json, refusal, scratch, springtwin};
 
 /// Arguments of one data set: loads, forces and deviations on.
@@ -73,24 +72,14 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
     let (whole, out) = (dir.join("whole.parquet"), dir.join("d.parquet"));
     json(&generate("6000", "4", utf8(&whole)));
     let journal = dir.join("d.parquet.resume");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .args(generate("6000", "4", utf8(&out)))
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .spawn()
-        .expect("the program starts");
+    let mut run =
+        process::Running::start(&mut process::program(&generate("6000", "4", utf8(&out))));
     // A sample takes more than 400 bytes: some hundred are in.
-    while std::fs::metadata(&journal).map_or(0, |m| m.len()) < 400_000 {
-        let ended = run.try_wait().expect("still there");
-        assert!(
-            ended.is_none(),
-            "ended before it could be killed: {ended:?}"
-        );
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    run.kill().expect("kill");
-    let status = run.wait().expect("wait");
-    assert!(!status.success(), "{status}");
+    process::until("some hundred samples", || {
+        assert!(!run.has_ended(), "ended before it could be killed");
+        std::fs::metadata(&journal).map_or(0, |m| m.len()) >= 400_000
+    });
+    run.kill();
     assert!(
         !out.exists(),
         "a killed run left a file under the final name"

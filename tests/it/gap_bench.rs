@@ -2,10 +2,10 @@
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
+use crate::process;
 use crate::program::{json, refusal, scratch};
 
 /// A finder that writes down how it was called, says `says` and ends with `code`.
@@ -26,17 +26,9 @@ fn bench(dir: &Path, finder: &str) -> Value {
 }
 
 fn bench_to(folder: &Path, finder: &str, options: &[&str]) -> Value {
-    let out = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .args([
-            "gap",
-            "bench",
-            "--overwrite",
-            "--json",
-            "--seeds",
-            "1",
-            "--first-seed",
-            "3",
-        ])
+    let mut program = process::program(&["gap", "bench"]);
+    program
+        .args(["--overwrite", "--json", "--seeds", "1", "--first-seed", "3"])
         .args([
             "--only",
             "nulls,ladder",
@@ -48,10 +40,8 @@ fn bench_to(folder: &Path, finder: &str, options: &[&str]) -> Value {
         .args(options)
         .arg("--out")
         .arg(folder)
-        .env("SPRINGTWIN_ANSWER", folder.join("keys"))
-        .stdin(Stdio::null())
-        .output()
-        .expect("the program starts");
+        .env("SPRINGTWIN_ANSWER", folder.join("keys"));
+    let out = process::output(&mut program);
     let complaint = String::from_utf8_lossy(&out.stderr);
     assert!(out.status.success(), "{complaint}");
     serde_json::from_slice(&out.stdout).expect("one JSON object")

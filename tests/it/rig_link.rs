@@ -1,46 +1,27 @@
 //! The link of `springtwin rig --link`: there as long as the rig is, and never in the way of the next one.
 
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
+use crate::process::{self, Running};
 use crate::program::{refusal, scratch};
 
 /// A rig that has told its port.
-struct Rig(Child);
+struct Rig(Running);
 
 impl Rig {
     fn start(link: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-            .args(["rig", "--link"])
-            .arg(link)
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("the rig starts");
-        let mut port = String::new();
-        BufReader::new(child.stdout.take().expect("is piped"))
-            .read_line(&mut port)
-            .expect("it tells its port");
-        let rig = Self(child);
-        let port = Path::new(port.trim());
-        assert_eq!(std::fs::read_link(link).expect("a link"), port);
-        rig
+        let (rig, port) = process::rig(&["--link", link.to_str().expect("utf-8")]);
+        assert_eq!(std::fs::read_link(link).expect("a link"), Path::new(&port));
+        Self(rig)
     }
 
     /// Sends a signal and waits; whether it ended as if it had come to its end.
     fn end(mut self, signal: Signal) -> bool {
         kill(Pid::from_raw(self.0.id() as i32), signal).expect("runs");
-        self.0.wait().expect("ends").success()
-    }
-}
-
-impl Drop for Rig {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        self.0.wait().success()
     }
 }
 

@@ -1,23 +1,27 @@
 //! The live stream against the stock Rerun viewer. Needs it: `./test peer`.
 
 use std::ffi::OsStr;
-use std::io::Read as _;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
 use std::time::Duration;
 
 use nix::sys::signal::{Signal, killpg};
 use nix::unistd::Pid;
-use serde_json::Value;
 use springtwin::recording::read_rrd;
-use springtwin::signal::{Mode, Snapshot};
+use springtwin::signal::{Goal, Mode, Snapshot, Stamp, StreamState, StreamStatus};
+use springtwin::twin::{Command as Order, LAST_WORDS, Runner, TICK_S};
 
+use crate::lockstep::{World, runner};
+use crate::process::{self, PATIENCE, Running, until};
 use crate::program::{json, scratch};
 
 /// What a program may take on while its viewer hangs, kB: a queue of snapshots, and no more.
 const GROWTH_KB: u64 = 24 << 10;
+/// Snapshots that may be on their way to a viewer that is to miss none.
+const UNDER_WAY: u64 = 256;
 
 fn folder() -> PathBuf {
     std::env::var_os("SPRINGTWIN_RERUN")
@@ -27,7 +31,7 @@ fn folder() -> PathBuf {
 
 /// The viewer, receiving on this machine.
 struct Viewer {
-    process: Child,
+    process: Running,
     address: SocketAddr,
 }
 
@@ -51,7 +55,11 @@ impl Viewer {
     }
 
     fn start_at(address: SocketAddr, more: &[&OsStr]) -> Self {
-        let process = Command::new(folder().join("rerun"))
+        // A job in the background of a script ignores the signal that ends the viewer in peace: not so the viewer.
+        let mut command = Command::new("env");
+        command
+            .arg("--default-signal=INT")
+            .arg(folder().join("rerun"))
             .args(["--bind", "127.0.0.1", "--port", &address.port().to_string()])
             .args(["--memory-limit", "500MB", "--server-memory-limit", "500MB"])
             .args(more)
@@ -59,17 +67,13 @@ impl Viewer {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             // The program starts another one: both are to hear our signals.
-            .process_group(0)
-            .spawn()
-            .expect("the viewer starts");
+            .process_group(0);
+        let process = Running::start(&mut command);
         let viewer = Self { process, address };
-        for _ in 0..600 {
-            if TcpStream::connect(viewer.address).is_ok() {
-                return viewer;
-            }
-            std::thread::sleep(Duration::from_millis(100));
-        }
-        panic!("the viewer does not listen at {}", viewer.address);
+        until("the viewer listens", || {
+            TcpStream::connect(viewer.address).is_ok()
+        });
+        viewer
     }
 
     fn signal(&self, signal: Signal) {
@@ -88,10 +92,7 @@ impl Viewer {
             self.address,
             path.display()
         );
-        let out = Command::new(folder().join("python"))
-            .args(["-c", &script])
-            .output()
-            .expect("python");
+        let out = process::output(Command::new(folder().join("python")).args(["-c", &script]));
         let said = String::from_utf8_lossy(&out.stderr).into_owned();
         assert!(out.status.success(), "{said}");
         image::open(&path).expect(&said).to_rgba8()
@@ -100,96 +101,101 @@ impl Viewer {
     /// Ends it in peace, so that its file is whole.
     fn finish(mut self) {
         self.signal(Signal::SIGINT);
-        self.process.wait().expect("wait");
+        until("the viewer ends", || self.process.has_ended());
     }
 }
 
 impl Drop for Viewer {
     fn drop(&mut self) {
         let _ = killpg(Pid::from_raw(self.process.id() as i32), Signal::SIGKILL);
-        let _ = self.process.wait();
     }
 }
 
-/// The program on a rig in real time, streaming.
-struct Program(Child);
+/// A twin on simulated time that streams. Its stream keeps real time, so the ticks are slowed down; how much, decides
+/// nothing.
+struct Streaming {
+    runner: Runner,
+    ticks: u64,
+    last: Arc<Snapshot>,
+}
 
-impl Program {
-    fn start(seconds: u32, viewer: &Viewer, more: &[&str]) -> Self {
-        let process = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-            .args(["run", "--headless", "--rig", "pty", "--json", "--seconds"])
-            .arg(seconds.to_string())
-            .args(["--stream", &viewer.address.to_string()])
-            .args(more)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
-        Self(process)
+impl Streaming {
+    fn to(address: SocketAddr, more: &[Order]) -> Self {
+        let mut world = World::new(None);
+        world.truths = Some(Vec::new());
+        let (runner, _) = runner(world);
+        let mut streaming = Self {
+            runner,
+            ticks: 0,
+            last: Arc::default(),
+        };
+        streaming.tick(&[&[Order::StreamLive(address)], more].concat());
+        streaming
     }
 
-    /// Memory it holds now, kB.
-    fn memory_kb(&self) -> u64 {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.0.id()))
-            .expect("the program runs");
-        let line = status.lines().find(|l| l.starts_with("VmRSS:"));
-        line.and_then(|l| l.split_whitespace().nth(1)?.parse().ok())
-            .expect("VmRSS")
+    fn now(&self) -> Stamp {
+        Stamp::from_seconds(self.ticks as f64 * TICK_S)
     }
 
-    fn finish(self) -> Value {
-        self.finish_in_time().expect("a machine that keeps time")
+    fn tick(&mut self, orders: &[Order]) {
+        self.ticks += 1;
+        std::thread::sleep(Duration::from_millis(2));
+        self.last = self.runner.tick(self.now(), orders).0;
     }
 
-    /// What it says at the end; `None` when the machine froze for 100 ms: then the arm goes SAFE, as it must, which
-    /// says nothing about the stream.
-    fn finish_in_time(mut self) -> Option<Value> {
-        let mut text = String::new();
-        let mut said = String::new();
-        let (out, err) = (self.0.stdout.take(), self.0.stderr.take());
-        out.expect("stdout")
-            .read_to_string(&mut text)
-            .expect("utf-8");
-        err.expect("stderr")
-            .read_to_string(&mut said)
-            .expect("utf-8");
-        let status = self.0.wait().expect("wait");
-        if said.contains("no data from") {
-            println!("the machine stalled: {said}");
-            return None;
+    /// How the stream is doing.
+    fn status(&self) -> StreamStatus {
+        self.last.streaming.clone().expect("it streams")
+    }
+
+    /// Ticks until the stream is so.
+    fn until(&mut self, what: &str, is: impl Fn(&StreamStatus) -> bool) -> StreamStatus {
+        until(what, || {
+            self.tick(&[]);
+            is(&self.status())
+        });
+        self.status()
+    }
+
+    /// Ticks so often, and never runs away from the viewer.
+    fn run_in_step(&mut self, ticks: u64) {
+        for _ in 0..ticks {
+            self.tick(&[]);
+            if self.ticks - self.status().sent > UNDER_WAY {
+                // Only a tick shows what was sent: from here on few of them.
+                let sent = self.status().sent;
+                self.until("the viewer keeps up", |s| {
+                    std::thread::sleep(Duration::from_millis(100));
+                    s.sent > sent
+                });
+            }
         }
-        assert!(status.success(), "{said}");
-        Some(serde_json::from_str(&text).expect("one JSON object on standard output"))
+    }
+
+    /// Ends the stream and tells how it went.
+    fn finish(mut self, patience: Duration) -> StreamStatus {
+        let now = self.now();
+        let status = self.runner.stop_stream(now, patience, &mut Vec::new());
+        status.expect("it streamed")
     }
 }
 
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+fn away(words: &str) -> impl Fn(&StreamStatus) -> bool {
+    let words = words.to_owned();
+    move |s| matches!(&s.state, StreamState::Away(why) if why.contains(&words))
 }
 
-fn wait(seconds: u64) {
-    std::thread::sleep(Duration::from_secs(seconds));
-}
-
-/// The loop waited for nobody: a single wait for a viewer that hangs takes ten seconds.
-fn assert_pace(v: &Value) {
-    let count = |key: &str| v[key].as_u64().expect(key);
-    println!(
-        "ticks {}, missed {}, stream {}",
-        count("ticks"),
-        count("missed_ticks"),
-        v["stream"]
-    );
-    assert!(count("ticks") > 9 * count("missed_ticks"), "{v}");
+/// Memory that this process holds now, kB.
+fn memory_kb() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").expect("Linux");
+    let line = status.lines().find(|l| l.starts_with("VmRSS:"));
+    line.and_then(|l| l.split_whitespace().nth(1)?.parse().ok())
+        .expect("VmRSS")
 }
 
 /// The arm stands on the left, and springs, pressures and error are plotted on the right, one below the
 /// other: as many pixels of their colours.
-fn assert_laid_out(picture: &image::RgbaImage) {
+fn is_laid_out(picture: &image::RgbaImage) -> bool {
     let (w, h) = picture.dimensions();
     let count = |x: std::ops::Range<u32>, y: std::ops::Range<u32>, colour: [i32; 3]| {
         let near = |p: &image::Rgba<u8>| (0..3).all(|i| (i32::from(p.0[i]) - colour[i]).abs() < 40);
@@ -203,16 +209,20 @@ fn assert_laid_out(picture: &image::RgbaImage) {
     let springs = count(right.clone(), h / 20..h / 4, [47, 191, 143]);
     let pressures = count(right, h * 6 / 20..h / 2, [76, 155, 232]);
     println!("pixels: bellows {bellows}, springs {springs}, pressures {pressures}");
-    assert!(bellows > 2000 && springs > 100 && pressures > 100);
+    bellows > 2000 && springs > 100 && pressures > 100
 }
 
 #[test]
 fn the_stock_viewer_draws_the_running_twin() {
     let viewer = Viewer::drawing(&[]);
-    let program = Program::start(25, &viewer, &[]);
-    wait(15);
-    assert_laid_out(&viewer.picture("rerun-live.png"));
-    assert_pace(&program.finish());
+    let mut streaming = Streaming::to(viewer.address, &[]);
+    streaming.until("some seconds are sent", |s| s.sent > 800);
+    until("the viewer draws them", || {
+        for _ in 0..100 {
+            streaming.tick(&[]);
+        }
+        is_laid_out(&viewer.picture("rerun-live.png"))
+    });
 }
 
 #[test]
@@ -229,33 +239,33 @@ fn the_stock_viewer_draws_a_recording() {
         "--json",
     ]);
     let viewer = Viewer::drawing(&[file.as_os_str()]);
-    wait(10);
-    assert_laid_out(&viewer.picture("rerun-file.png"));
+    until("the viewer draws it", || {
+        is_laid_out(&viewer.picture("rerun-file.png"))
+    });
 }
 
 #[test]
 fn a_viewer_gets_every_snapshot_bit_for_bit() {
     let dir = scratch("stream-whole");
     let (ours, theirs) = (dir.join("ours.rrd"), dir.join("theirs.rrd"));
-    let record = ours.to_str().expect("utf-8");
-    let more = ["--record", record, "--overwrite", "--target", "60,40,-300"];
-    let in_time = (0..3).find_map(|_| {
-        let viewer = Viewer::to_file(&theirs);
-        let v = Program::start(8, &viewer, &more).finish_in_time();
-        viewer.finish();
-        v
-    });
-    let v = in_time.expect("a machine that keeps time");
-    assert_pace(&v);
+    let viewer = Viewer::to_file(&theirs);
+    let mut streaming = Streaming::to(viewer.address, &[Order::StartRecording(ours.clone())]);
+    streaming.run_in_step(200);
+    let goal = Goal::position([0.06, 0.04, -0.30]);
+    streaming.tick(&[Order::Arm, Order::Goto(goal)]);
+    streaming.run_in_step(600);
+    let now = streaming.now();
+    streaming.runner.stop_recording(now, &mut Vec::new());
+    let ticks = streaming.ticks;
+    let status = streaming.finish(PATIENCE);
+    viewer.finish();
     let (ours, theirs) = (
         read_rrd(&ours).expect("our file"),
         read_rrd(&theirs).expect("the viewer's file"),
     );
     let (ours, theirs) = (ours.trace.snapshots, theirs.trace.snapshots);
-    assert!(ours.len() > 400, "{}", ours.len());
-    assert_eq!(v["stream"]["sent"], ours.len(), "{v}");
-    assert_eq!(v["stream"]["dropped"], 0, "{v}");
-    assert_eq!(v["stream"]["ended"], Value::Null, "{v}");
+    assert_eq!((ours.len() as u64, status.sent), (ticks, ticks));
+    assert_eq!((status.dropped, status.dropped_lines), (0, 0));
     assert_eq!(theirs.len(), ours.len());
     for (a, b) in ours.iter().zip(&theirs) {
         assert_eq!(a.stamp, b.stamp);
@@ -280,114 +290,76 @@ fn a_viewer_gets_every_snapshot_bit_for_bit() {
 fn a_viewer_that_is_killed_ends_the_stream_and_nothing_else() {
     let dir = scratch("stream-killed");
     let viewer = Viewer::to_file(&dir.join("v.rrd"));
-    let program = Program::start(15, &viewer, &[]);
-    wait(6);
+    let mut streaming = Streaming::to(viewer.address, &[]);
+    streaming.until("it streams", |s| s.sent > 100);
     viewer.signal(Signal::SIGKILL);
-    let v = program.finish();
-    assert_pace(&v);
-    let ended = v["stream"]["ended"].as_str().expect("it ended");
-    assert!(ended.contains("went away"), "{ended}");
-    let sent = v["stream"]["sent"].as_u64().expect("sent");
-    assert!((100..1300).contains(&sent), "{v}");
+    let status = streaming.until("the loss is told", away("went away"));
+    let dropped = status.dropped;
+    streaming.until("what comes is dropped", |s| s.dropped > dropped + 100);
+    assert_eq!(streaming.last.mode, Mode::Disarmed);
 }
 
 #[test]
 fn a_viewer_that_hangs_costs_a_bounded_queue() {
     let dir = scratch("stream-hangs");
     let viewer = Viewer::to_file(&dir.join("v.rrd"));
-    let program = Program::start(40, &viewer, &[]);
-    wait(6);
-    let before_kb = program.memory_kb();
+    let mut streaming = Streaming::to(viewer.address, &[]);
+    streaming.until("it streams", |s| s.sent > 500);
+    let before_kb = memory_kb();
     viewer.signal(Signal::SIGSTOP);
-    let mut most_kb = 0;
-    for _ in 0..28 {
-        wait(1);
-        most_kb = most_kb.max(program.memory_kb());
-    }
-    println!("memory before {before_kb} kB, at most {most_kb} kB while the viewer hung");
-    // The program ends in time, too, with a connection that hangs.
-    let v = program.finish();
+    streaming.until("the stop is told", away("has taken nothing"));
+    let status = streaming.until("what comes is dropped", |s| s.dropped > 3000);
+    let after_kb = memory_kb();
+    println!("memory before {before_kb} kB, {after_kb} kB while the viewer hangs: {status:?}");
+    assert!(after_kb < before_kb + GROWTH_KB);
+    // It ends with a connection that hangs, too: this returns.
+    streaming.finish(LAST_WORDS);
     viewer.signal(Signal::SIGCONT);
-    assert_pace(&v);
-    assert!(most_kb < before_kb + GROWTH_KB);
-    let ended = v["stream"]["ended"].as_str().expect("it ended");
-    assert!(ended.contains("has taken nothing"), "{ended}");
-    assert!(v["stream"]["dropped"].as_u64() > Some(100), "{v}");
 }
 
 #[test]
-fn without_a_viewer_the_program_runs_and_says_so() {
+fn without_a_viewer_the_twin_runs_and_says_so() {
     let free = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
-    let address = free.local_addr().expect("its address").to_string();
+    let address = free.local_addr().expect("its address");
     drop(free);
-    let v = json(&[
-        "run",
-        "--headless",
-        "--rig",
-        "pty",
-        "--seconds",
-        "13",
-        "--json",
-        "--stream",
-        &address,
-    ]);
-    assert_pace(&v);
-    let ended = v["stream"]["ended"].as_str().expect("it ended");
-    assert!(ended.contains("does not answer"), "{ended}");
-    assert_eq!(v["stream"]["sent"], 0, "{v}");
+    let mut streaming = Streaming::to(address, &[]);
+    let status = streaming.until("it is told", away("does not answer"));
+    assert_eq!(status.sent, 0, "{status:?}");
 }
 
 #[test]
-#[expect(clippy::disallowed_methods, reason = "how long the viewer is away")]
 fn a_viewer_that_comes_back_gets_the_stream_again() {
     let dir = scratch("stream-again");
-    let (first, second) = (dir.join("first.rrd"), dir.join("second.rrd"));
-    let viewer = Viewer::to_file(&first);
-    let program = Program::start(24, &viewer, &[]);
-    wait(7);
-    viewer.signal(Signal::SIGKILL);
-    let gone = std::time::Instant::now();
+    let second = dir.join("second.rrd");
+    let viewer = Viewer::to_file(&dir.join("first.rrd"));
     let address = viewer.address;
+    let mut streaming = Streaming::to(address, &[]);
+    streaming.until("it streams", |s| s.sent > 300);
+    viewer.signal(Signal::SIGKILL);
     drop(viewer);
-    wait(4);
-    let more = [OsStr::new("--save"), second.as_os_str()];
-    let viewer = Viewer::start_at(address, &more);
-    let away_s = gone.elapsed().as_secs_f64();
-    let v = program.finish();
+    let status = streaming.until("the loss is told", away("went away"));
+    let dropped = status.dropped;
+    streaming.until("what comes is dropped", |s| s.dropped > dropped + 300);
+    let viewer = Viewer::start_at(address, &[OsStr::new("--save"), second.as_os_str()]);
+    let status = streaming.until("it streams again", |s| s.state == StreamState::Streaming);
+    let sent = status.sent;
+    streaming.until("the second is sent, too", |s| s.sent > sent + 400);
+    let ticks = streaming.ticks;
+    let status = streaming.finish(PATIENCE);
     viewer.finish();
-    assert_pace(&v);
-    assert_eq!(v["stream"]["ended"], Value::Null, "{v}");
-    let dropped = v["stream"]["dropped"].as_u64().expect("dropped");
-    assert!(dropped > 100, "{v}");
-    let whole = |path: &Path| read_rrd(path).expect("a recording").trace;
-    let (first, second) = (whole(&first), whole(&second));
-    let ends = |t: &springtwin::signal::Trace| {
-        let (a, b) = (t.snapshots.first(), t.snapshots.last());
-        [a, b].map(|s| s.expect("snapshots").stamp.seconds())
-    };
-    let ([_, last_s], [back_s, _]) = (ends(&first), ends(&second));
-    // Batches of 0.2 s that were on their way are lost with the viewer.
-    let again_s = back_s - last_s - away_s;
-    println!("away {away_s:.2} s, then streaming again after {again_s:.2} s");
-    assert!(again_s < 2.5, "{again_s} s");
-    assert!(second.snapshots.len() > 300, "{}", second.snapshots.len());
-    let count = |key: &str| v[key].as_u64().expect(key);
+    assert_eq!(status.sent + status.dropped, ticks, "{status:?}");
+    let second = read_rrd(&second).expect("a recording").trace.snapshots;
+    assert!(second.len() > 400, "{}", second.len());
+    assert!(second.windows(2).all(|s| s[0].stamp < s[1].stamp));
     crate::faults::row(
         (19, 1),
-        "Rerun viewer killed, and started again 4 s later",
+        "Rerun viewer killed, and started again",
         "control unaffected; bounded queue, counted drops; retry 1 Hz",
         &format!(
-            "{} of {} ticks missed; {dropped} snapshots dropped and counted, {} sent; streaming again {:.1} s after the viewer listens",
-            count("missed_ticks"),
-            count("ticks") + count("missed_ticks"),
-            count_in(&v, "sent"),
-            again_s.max(0.0)
+            "of {ticks} ticks' snapshots {} sent, {} dropped and counted, no other; streaming again once it listens",
+            status.sent, status.dropped
         ),
     );
-}
-
-fn count_in(v: &Value, key: &str) -> u64 {
-    v["stream"][key].as_u64().expect(key)
 }
 
 /// `examples/read_results.py` reads our datasets, recordings and findings with stock packages alone, and finds
@@ -416,13 +388,13 @@ fn python_reads_our_files_with_stock_packages() {
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let recording = root.join("recordings/point-to-point.rrd");
-    let out = Command::new(folder().join("python"))
+    let mut python = Command::new(folder().join("python"));
+    python
         .arg(root.join("examples/read_results.py"))
         .arg(&data)
         .arg(&recording)
-        .arg(Path::new(&found).join("finding.json"))
-        .output()
-        .expect("python starts");
+        .arg(Path::new(&found).join("finding.json"));
+    let out = process::output(&mut python);
     let said = String::from_utf8_lossy(&out.stdout);
     let complaint = String::from_utf8_lossy(&out.stderr);
     assert!(out.status.success(), "{said}{complaint}");

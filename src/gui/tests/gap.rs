@@ -241,11 +241,15 @@ fn click(h: &mut Harness<'_, App>, label: &str) {
 }
 
 fn wait_for_finding(h: &mut Harness<'_, App>) {
-    while h.state().gap.outcome.is_none() {
+    for _ in 0..12_000 {
+        if h.state().gap.outcome.is_some() {
+            break;
+        }
         assert_eq!(h.state().gap.trouble, None);
         std::thread::sleep(Duration::from_millis(50));
         h.run_steps(1);
     }
+    assert!(h.state().gap.outcome.is_some(), "no finding in ten minutes");
     h.run_steps(3);
 }
 

@@ -1,26 +1,15 @@
-//! A rig on pseudo-terminals in a thread of its own, and a twin that steers it in real time. Both look at the
-//! same clock, so that what happens on one side can be timed on the other.
+//! A rig that breaks on purpose and a twin that steers it, in lockstep on simulated time: what happens on one side is
+//! timed on the other, to the millisecond.
 
-use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard};
 
-use springtwin::link::Origin;
-use springtwin::link::serial;
-use springtwin::link::wire::Config;
-use springtwin::rig::pty::{Lines, Pty};
-use springtwin::rig::{RigOptions, VirtualRig};
-use springtwin::robot::RobotSpec;
-use springtwin::signal::{BOARDS, CHAMBERS, Goal, Mode, Snapshot};
-use springtwin::twin::{Command, Event, Runner, SETTLING_FRAMES, SerialPort, run_in_real_time};
+use springtwin::rig::VirtualRig;
+use springtwin::signal::{BOARDS, Goal, Mode, Snapshot, Stamp};
+use springtwin::twin::{Command, Event, Runner, SETTLING_FRAMES, TICK_S};
 
 use crate::conformance::firmware_folder;
-use crate::program::scratch;
+pub use crate::lockstep::Moment;
+use crate::lockstep::{World, runner};
 
 /// What the rig's boards are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,38 +20,12 @@ pub enum Boards {
     Firmware,
 }
 
-/// An attempt in which a loop stood still for longer than this says nothing when it fails, s.
-const STALL_S: f64 = 0.008;
-const ATTEMPTS: u32 = 5;
-
-/// The rig at one of its steps.
-#[derive(Clone, Copy, Debug)]
-pub struct Moment {
-    /// When, s.
-    pub t_s: f64,
-    /// Whether a pump of each board runs.
-    pub pumps: [bool; BOARDS],
-    /// What the gauges read, Pa; NaN where one reads nothing.
-    pub gauge_pa: [f64; CHAMBERS],
-    /// Frames that a fault has hit.
-    pub hits: u64,
-}
-
-type Deed = Box<dyn FnOnce(&mut VirtualRig) + Send>;
-
-struct RigThread {
-    deeds: SyncSender<Deed>,
-    moments: Arc<Mutex<Vec<Moment>>>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
 /// The rig and the twin.
 pub struct Bench {
-    rig: RigThread,
+    world: Arc<Mutex<World>>,
     /// Nothing once the program is dead.
     runner: Option<Runner>,
-    start: Instant,
+    ticks: u64,
     /// The newest snapshot.
     pub now: Arc<Snapshot>,
     /// Everything that happened, with its time (s).
@@ -70,116 +33,80 @@ pub struct Bench {
     /// Frames' stamps as the twin got them, s.
     pub stamps: Vec<f64>,
     commands: Vec<Command>,
-    last_tick_s: f64,
-    worst_gap_s: f64,
-    looks_from: usize,
 }
 
-/// Carries out a case. A failure counts only when the machine kept time.
-pub fn case(name: &str, boards: Boards, act: impl Fn(&mut Bench)) {
-    for attempt in 1..=ATTEMPTS {
-        let mut bench = Bench::new(&format!("{name}-{boards:?}"), boards);
-        let done = catch_unwind(AssertUnwindSafe(|| {
-            bench.settle();
-            act(&mut bench);
-        }));
-        let Err(failure) = done else { return };
-        let gap_s = bench.worst_gap_s();
-        if gap_s <= STALL_S || attempt == ATTEMPTS {
-            println!("{:#?}", bench.events);
-            resume_unwind(failure);
-        }
-        println!(
-            "the machine stood still for {:.0} ms: once more",
-            gap_s * 1e3
-        );
-    }
+/// Carries out a case, once the boards are there and the filters have settled.
+pub fn case(boards: Boards, act: impl Fn(&mut Bench)) {
+    let mut bench = Bench::new(boards);
+    let settled = |b: &Bench| b.now.link.connected && b.now.link.frames > SETTLING_FRAMES + 150;
+    bench.until("the boards are there", 20.0, settled);
+    act(&mut bench);
 }
 
 impl Bench {
-    fn new(name: &str, boards: Boards) -> Self {
-        let dir = scratch(&format!("faults-{name}"));
-        let robot = RobotSpec::reference();
-        #[expect(
-            clippy::disallowed_methods,
-            reason = "the bench owns its threads and their time"
-        )]
-        let start = Instant::now();
-        let link = dir.join("port");
-        let (rig, ports) = RigThread::start(&robot, boards, &link, start);
-        let link = serial::open(&ports, start, Config::built_in(), Origin::Simulated)
-            .expect("the port opens");
+    fn new(boards: Boards) -> Self {
+        let mut world = match boards {
+            Boards::Emulated => World::new(None),
+            Boards::Firmware => World::new(Some(&firmware_folder())),
+        };
+        world.moments = Some(Vec::with_capacity(100_000));
+        let (runner, world) = runner(world);
         Self {
-            runner: Some(Runner::new(
-                crate::firmware::twin(&robot),
-                Box::new(SerialPort::new(link)),
-                &robot,
-            )),
-            rig,
-            start,
+            world,
+            runner: Some(runner),
+            ticks: 0,
             now: Arc::default(),
             events: Vec::new(),
             stamps: Vec::new(),
             commands: Vec::new(),
-            last_tick_s: 0.0,
-            worst_gap_s: 0.0,
-            looks_from: 0,
         }
     }
 
-    /// Until the boards are there and the filters have settled. Timing counts from here.
-    fn settle(&mut self) {
-        let settled = |b: &Self| b.now.link.connected && b.now.link.frames > SETTLING_FRAMES + 150;
-        self.until("the boards are there", 20.0, settled);
-        self.worst_gap_s = 0.0;
-        self.looks_from = self.moments().len();
+    fn world(&self) -> MutexGuard<'_, World> {
+        self.world.lock().expect("not poisoned")
     }
 
-    /// Seconds since the start.
+    /// Simulated seconds since the start.
     pub fn t_s(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
+        self.ticks as f64 * TICK_S
     }
 
     /// Ticks until `done`, for at most `limit_s`; how long it took, s.
     pub fn until(&mut self, what: &str, limit_s: f64, done: impl Fn(&Self) -> bool) -> f64 {
         let from_s = self.t_s();
-        self.tick_while(|b| !done(b) && b.t_s() - from_s < limit_s);
-        assert!(
-            done(self),
-            "{what}: not within {limit_s} s; {:?}",
-            self.now.mode
-        );
+        while !done(self) {
+            assert!(
+                self.t_s() - from_s < limit_s,
+                "{what}: not within {limit_s} s; {:?}",
+                self.now.mode
+            );
+            self.tick();
+        }
         self.t_s() - from_s
     }
 
     /// Ticks for so long.
     pub fn run(&mut self, for_s: f64) {
-        let to_s = self.t_s() + for_s;
-        self.tick_while(|b| b.t_s() < to_s);
+        for _ in 0..(for_s / TICK_S).round() as u64 {
+            self.tick();
+        }
     }
 
-    fn tick_while(&mut self, go_on: impl Fn(&Self) -> bool) {
-        // Lent to the loop; what the loop sees goes into the rest.
-        let mut runner = self.runner.take().expect("the program lives");
-        let start = self.start;
-        self.last_tick_s = self.t_s();
-        run_in_real_time(&mut runner, start, |snapshot, events, commands| {
-            self.see(snapshot, events);
-            commands.append(&mut self.commands);
-            match go_on(self) {
-                true => ControlFlow::Continue(()),
-                false => ControlFlow::Break(()),
-            }
-        });
-        self.runner = Some(runner);
-    }
-
-    fn see(&mut self, snapshot: &Arc<Snapshot>, events: &[Event]) {
+    fn tick(&mut self) {
+        self.ticks += 1;
         let t_s = self.t_s();
-        let late_s = t_s - self.last_tick_s - springtwin::twin::TICK_S;
-        self.worst_gap_s = self.worst_gap_s.max(late_s);
-        self.last_tick_s = t_s;
-        self.now = Arc::clone(snapshot);
+        let Some(runner) = &mut self.runner else {
+            // The rig goes on without the program.
+            self.world().run_to(t_s);
+            return;
+        };
+        let commands = std::mem::take(&mut self.commands);
+        let (snapshot, events) = runner.tick(Stamp::from_seconds(t_s), &commands);
+        self.see(snapshot, &events);
+    }
+
+    fn see(&mut self, snapshot: Arc<Snapshot>, events: &[Event]) {
+        let t_s = self.t_s();
         self.events.extend(events.iter().map(|e| (t_s, e.text())));
         if let Some(sensors) = &snapshot.sensors {
             let stamp_s = sensors.stamp.seconds();
@@ -187,14 +114,7 @@ impl Bench {
                 self.stamps.push(stamp_s);
             }
         }
-    }
-
-    /// The longest that the twin's or the rig's loop stood still since the start of the case, s.
-    fn worst_gap_s(&self) -> f64 {
-        let moments = self.moments();
-        let gaps = moments[self.looks_from.min(moments.len())..].windows(2);
-        let gap = |m: &[Moment]| m[1].t_s - m[0].t_s;
-        gaps.map(gap).fold(self.worst_gap_s, f64::max)
+        self.now = snapshot;
     }
 
     /// Gives the twin a command with its next tick.
@@ -210,23 +130,14 @@ impl Bench {
     }
 
     /// Does something to the rig, now; gives the time (s).
-    pub fn rig(&self, deed: impl FnOnce(&mut VirtualRig) + Send + 'static) -> f64 {
-        let (done, heard) = sync_channel(1);
-        let start = self.start;
-        let deed = Box::new(move |rig: &mut VirtualRig| {
-            deed(rig);
-            let _ = done.send(start.elapsed().as_secs_f64());
-        });
-        self.rig.deeds.send(deed).expect("the rig runs");
-        // The twin ticks on meanwhile: the rig looks every millisecond.
-        heard
-            .recv_timeout(Duration::from_secs(5))
-            .expect("the rig runs")
+    pub fn rig(&self, deed: impl FnOnce(&mut VirtualRig)) -> f64 {
+        deed(&mut self.world().rig);
+        self.t_s()
     }
 
     /// The rig's moments so far.
     pub fn moments(&self) -> Vec<Moment> {
-        self.rig.moments.lock().expect("not poisoned").clone()
+        self.world().moments.clone().unwrap_or_default()
     }
 
     /// When the pumps of all boards were off after `from_s`, s.
@@ -264,73 +175,27 @@ impl Bench {
         self.events.iter().find(found).map(|(t_s, _)| *t_s)
     }
 
+    /// Ends the recording that runs. Waits for the disk.
+    pub fn end_recording(&mut self) {
+        let (now, mut last) = (Stamp::from_seconds(self.t_s()), Vec::new());
+        let runner = self.runner.as_mut().expect("the program lives");
+        runner.stop_recording(now, &mut last);
+        let t_s = self.t_s();
+        self.events.extend(last.iter().map(|e| (t_s, e.text())));
+    }
+
     /// Ends the twin and its link as a program that dies does: nothing more is said. Gives the time, s.
     pub fn die(&mut self) -> f64 {
         self.runner = None;
+        self.world().frozen = true;
         self.t_s()
     }
 }
 
-impl RigThread {
-    fn start(robot: &RobotSpec, boards: Boards, link: &Path, start: Instant) -> (Self, String) {
-        let robot = robot.clone();
-        let link = link.to_owned();
-        let (deeds, todo): (SyncSender<Deed>, Receiver<Deed>) = sync_channel(8);
-        let (tell_ports, ports) = sync_channel(1);
-        let moments = Arc::new(Mutex::new(Vec::with_capacity(200_000)));
-        let stop = Arc::new(AtomicBool::new(false));
-        let (seen, halt) = (Arc::clone(&moments), Arc::clone(&stop));
-        let rig_loop = move || {
-            let mut rig = VirtualRig::new(&robot, &RigOptions::default()).expect("settles");
-            let open = |path: &Path| Pty::open(Some(path)).expect("a pseudo-terminal");
-            let (mut lines, names) = match boards {
-                Boards::Emulated => (Lines::Shared(open(&link)), link.display().to_string()),
-                Boards::Firmware => {
-                    rig.use_firmware(&firmware_folder())
-                        .expect("the firmware starts");
-                    let each = [link.with_extension("1"), link.with_extension("2")];
-                    let names = each.each_ref().map(|p| p.display().to_string()).join(",");
-                    (Lines::Each(each.each_ref().map(|p| open(p))), names)
-                }
-            };
-            tell_ports.send(names).expect("somebody waits for it");
-            while !halt.load(Ordering::Relaxed) {
-                let t_s = start.elapsed().as_secs_f64();
-                while let Ok(deed) = todo.try_recv() {
-                    deed(&mut rig);
-                }
-                lines.exchange(&mut rig, t_s).expect("the lines work");
-                seen.lock().expect("not poisoned").push(Moment {
-                    t_s,
-                    pumps: std::array::from_fn(|b| rig.set_pa()[3 * b].is_some()),
-                    gauge_pa: std::array::from_fn(|i| {
-                        rig.readings()[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)
-                    }),
-                    hits: rig.faults.hits(),
-                });
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        };
-        let thread = std::thread::Builder::new()
-            .name("rig".to_owned())
-            .spawn(rig_loop)
-            .expect("a thread for the rig");
-        let rig = Self {
-            deeds,
-            moments,
-            stop,
-            thread: Some(thread),
-        };
-        let ports = ports.recv_timeout(Duration::from_secs(60));
-        (rig, ports.expect("the rig starts"))
-    }
-}
-
-impl Drop for RigThread {
+impl Drop for Bench {
     fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+        if std::thread::panicking() {
+            println!("{:#?}", self.events);
         }
     }
 }

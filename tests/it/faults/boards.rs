@@ -1,5 +1,5 @@
-//! Faults of boards and of the line to them, on pseudo-terminals in real time: with
-//! emulated boards, and what is the boards' own with the real firmware, too.
+//! Faults of boards and of the line to them, on simulated time: with emulated boards, and what is the boards' own with
+//! the real firmware, too.
 
 use springtwin::rig::faults::{Fault, Place, Word};
 use springtwin::signal::{BOARDS, Goal, Mode};
@@ -57,7 +57,7 @@ on_both!(
 );
 
 fn an_unplugged_port(boards: Boards) {
-    case("unplugged", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.5);
         let from_s = b.rig(|rig| rig.faults.begin(Place::Port, Fault::of(Word::Off)));
@@ -95,7 +95,7 @@ fn an_unplugged_port(boards: Boards) {
 
 /// Garbage from both boards for 60 ms: too short for SAFE, so motion goes on.
 fn garbage_on_the_line(boards: Boards) {
-    case("garbage", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.5);
         let lost = b.now.link.frames_lost;
@@ -135,15 +135,12 @@ fn garbage_on_the_line(boards: Boards) {
 }
 
 fn broken_frames(boards: Boards) {
-    case("broken", boards, |b| {
+    case(boards, |b| {
         let both = |b: &Bench, share: f64| {
-            b.rig(move |rig| {
+            b.rig(|rig| {
                 for board in 0..BOARDS {
-                    let place = Place::Board(board);
-                    match share > 0.0 {
-                        true => rig.faults.begin(place, fault(Word::Wrong, share)),
-                        false => rig.faults.end(place),
-                    }
+                    rig.faults
+                        .begin(Place::Board(board), fault(Word::Wrong, share));
                 }
             })
         };
@@ -165,31 +162,20 @@ fn broken_frames(boards: Boards) {
             hits > 0 && lost as f64 <= 1.2 * hits as f64 + 1.0,
             "{lost} lost, {hits} hit"
         );
-        let mut target_m = NEAR_M;
-        let safe_s = loop {
-            b.go(target_m);
-            let from_s = both(b, 0.25);
-            b.until("too many losses are SAFE", 1.1, |b| {
-                matches!(b.now.mode, Mode::Safe(_))
-            });
-            if b.is_safe("frames were lost") {
-                break b.t_s() - from_s;
-            }
-            // Heartbeats are hit as well: one time in ten a board misses four running, and is SAFE first.
-            assert!(b.is_safe("the program was not heard"), "{:?}", b.now.mode);
-            both(b, 0.0);
-            b.run(1.5);
-            b.tell(Command::Reset);
-            b.until("it is reset", 2.0, |b| b.now.mode == Mode::Disarmed);
-            b.run(0.6);
-            target_m = if target_m == NEAR_M { FAR_M } else { NEAR_M };
-        };
+        b.go(NEAR_M);
+        // Few enough that no board misses four heartbeats in a row, which are hit as well.
+        let from_s = both(b, 0.15);
+        b.until("too many losses are SAFE", 1.5, |b| {
+            matches!(b.now.mode, Mode::Safe(_))
+        });
+        let safe_s = b.t_s() - from_s;
+        assert!(b.is_safe("frames were lost"), "{:?}", b.now.mode);
         row(
             place(3, boards),
             &format!("1 % of frames corrupted ({})", of(boards)),
             "loss <= 1.2 %, control goes on; > 10 % over 1 s -> SAFE",
             &format!(
-                "{hits} of {all} frames hit, {lost} lost, moving on; 25 % corrupted: SAFE after {}",
+                "{hits} of {all} frames hit, {lost} lost, moving on; 15 % corrupted: SAFE after {}",
                 ms(safe_s)
             ),
         );
@@ -197,7 +183,7 @@ fn broken_frames(boards: Boards) {
 }
 
 fn a_stale_board(boards: Boards) {
-    case("stale", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.5);
         // It says the same frame again and again: old data, freshly heard.
@@ -233,7 +219,7 @@ fn a_stale_board(boards: Boards) {
 }
 
 fn frames_twice_and_out_of_order(boards: Boards) {
-    case("order", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         let late = b.now.link.frames_late;
         for (word, for_s) in [(Word::Twice, 3.0), (Word::Swapped, 3.0)] {
@@ -273,7 +259,7 @@ fn frames_twice_and_out_of_order(boards: Boards) {
 }
 
 fn the_stop_button(boards: Boards) {
-    case("stop", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.5);
         b.tell(Command::Stop);
@@ -308,7 +294,7 @@ fn the_stop_button(boards: Boards) {
 }
 
 fn a_program_that_dies(boards: Boards) {
-    case("dies", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.5);
         assert!(
@@ -316,7 +302,7 @@ fn a_program_that_dies(boards: Boards) {
             "nothing to be stopped"
         );
         let from_s = b.die();
-        std::thread::sleep(std::time::Duration::from_secs(1));
+        b.run(1.0);
         let off_s = b.pumps_off_s(from_s).expect("the boards are SAFE") - from_s;
         assert!(!b.pumps_ran(from_s + off_s, b.t_s()));
         assert!(off_s <= 0.25, "{off_s}");
@@ -331,7 +317,7 @@ fn a_program_that_dies(boards: Boards) {
 
 /// Whatever makes the gauge read it: 45 kPa more than there are.
 fn over_pressure(boards: Boards) {
-    case("over-pressure", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.3);
         let from_s = b.rig(|rig| rig.faults.begin(Place::Gauge(4), fault(Word::Wrong, 45.0)));
@@ -362,7 +348,7 @@ fn over_pressure(boards: Boards) {
 }
 
 fn a_board_that_reboots(boards: Boards) {
-    case("reboot", boards, |b| {
+    case(boards, |b| {
         b.go(FAR_M);
         b.run(0.3);
         let from_s = b.rig(|rig| rig.faults.begin(Place::Board(0), Fault::of(Word::Off)));
@@ -390,7 +376,7 @@ fn a_board_that_reboots(boards: Boards) {
 /// Emulated boards only: nobody can move the clock of a chip from outside.
 #[test]
 fn a_clock_that_jumps() {
-    case("clock", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         b.go(FAR_M);
         b.run(2.0);
         let mut worst_s: f64 = 0.0;
@@ -433,7 +419,7 @@ fn a_clock_that_jumps() {
 /// A line that brings everything, 150 ms late.
 #[test]
 fn a_line_that_is_late() {
-    case("late", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         // In steps: a heartbeat comes every 50 ms and a board waits 200 ms, so a line that is late by 150 ms from one
         // moment to the next may be a silent program to it.
         for late_s in [0.08, 0.15] {

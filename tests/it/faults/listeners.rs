@@ -1,39 +1,11 @@
 //! What the program listens on: nothing beyond this computer unless asked.
 #![cfg(target_os = "linux")]
-#![expect(
-    clippy::disallowed_methods,
-    reason = "a program that runs is watched in real time"
-)]
 
-use std::io::{BufRead as _, BufReader};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use crate::process::{PATIENCE, Running, program, rig};
 use crate::program::scratch;
-
-/// A running program, ended with the test.
-struct Running(Child);
-
-impl Running {
-    fn new(args: &[&str]) -> Self {
-        let child = Command::new(env!("CARGO_BIN_EXE_springtwin"))
-            .args(args)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the program starts");
-        Self(child)
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 /// An address as `/proc` writes it: words in the machine's order, port in network order.
 fn address(text: &str) -> SocketAddr {
@@ -90,29 +62,33 @@ fn watched(
     run: &Running,
     wanted: impl Fn(&[(String, SocketAddr)]) -> bool,
 ) -> Vec<(String, SocketAddr)> {
-    let start = Instant::now();
+    let (nap, mut naps) = (Duration::from_millis(20), 0);
     let mut all: Vec<(String, SocketAddr)> = Vec::new();
     loop {
-        for l in listeners(run.0.id()) {
+        for l in listeners(run.id()) {
             if !all.contains(&l) {
                 all.push(l);
             }
         }
-        let took = start.elapsed();
         // Two seconds at least, so that what opens late is seen, too.
-        if (took > Duration::from_secs(2) && wanted(&all)) || took > Duration::from_secs(20) {
+        if (naps > 100 && wanted(&all)) || nap * naps > PATIENCE {
             return all;
         }
-        std::thread::sleep(Duration::from_millis(20));
+        std::thread::sleep(nap);
+        naps += 1;
     }
+}
+
+fn start(args: &[&str]) -> Running {
+    Running::start(program(args).stderr(std::process::Stdio::null()))
 }
 
 #[test]
 fn sockets_are_on_loopback_unless_asked() {
     let long = ["run", "--headless", "--seconds", "1000000", "--rig"];
-    let mut run = Running::new(&[&long[..], &["sim"]].concat());
+    let mut run = start(&[&long[..], &["sim"]].concat());
     let found = watched(&run, |_| true);
-    assert!(run.0.try_wait().expect("looks").is_none(), "it still runs");
+    assert!(!run.has_ended(), "it still runs");
     assert_eq!(found, [], "a rig in the process needs no socket");
     drop(run);
 
@@ -120,18 +96,16 @@ fn sockets_are_on_loopback_unless_asked() {
     let dir = scratch("fault-listeners");
     let port = dir.join("port");
     let port = port.to_str().expect("utf-8");
-    let mut rig = Running::new(&["rig", "--link", port]);
-    let mut line = String::new();
-    let said = rig.0.stdout.take().expect("is piped");
-    BufReader::new(said)
-        .read_line(&mut line)
-        .expect("it tells its port");
+    let (_rig, _) = rig(&["--link", port]);
 
     let hardware = [&long[..], &[port]].concat();
-    // Another program may have motion capture's port: then there is none, and nothing to look at.
-    let is_taken = UdpSocket::bind("127.0.0.1:51001").is_err();
-    let run = Running::new(&hardware);
+    // Another program may have motion capture's port: then there is none, nothing to look at, and it says so.
+    let mut run = Running::start(program(&hardware).env("RUST_LOG", "warn"));
+    let log = run.log();
     let by_default = watched(&run, |l| !l.is_empty());
+    let is_taken = log
+        .try_iter()
+        .any(|line| line.contains("no motion capture"));
     assert!(
         by_default.iter().all(|(_, a)| a.ip().is_loopback()),
         "{by_default:?}"
@@ -147,7 +121,7 @@ fn sockets_are_on_loopback_unless_asked() {
     let asked = free.local_addr().expect("is bound");
     drop(free);
     let asked_text = asked.to_string();
-    let run = Running::new(&[&hardware[..], &["--mocap-listen", &asked_text]].concat());
+    let run = start(&[&hardware[..], &["--mocap-listen", &asked_text]].concat());
     let there = watched(&run, |l| !l.is_empty());
     assert_eq!(there, [("udp".to_owned(), asked)]);
     println!("hardware listens on {by_default:?} by default");

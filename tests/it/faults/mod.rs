@@ -3,7 +3,7 @@
 
 mod bench;
 mod boards;
-mod disk;
+pub mod disk;
 mod files;
 mod listeners;
 mod samples;

@@ -1,4 +1,4 @@
-//! Faults of sensors and pneumatics that the program has to see in the readings, in real time with emulated boards.
+//! Faults of sensors and pneumatics that the program has to see in the readings, on simulated time with emulated boards.
 
 use springtwin::rig::faults::{Fault, Place, Word};
 use springtwin::signal::{CHAMBERS, ChannelHealth, Goal, Mode, SPRINGS};
@@ -10,7 +10,7 @@ use super::row;
 
 #[test]
 fn values_that_cannot_be() {
-    case("absurd", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         let dir = crate::program::scratch("faults-absurd-file");
         let file = dir.join("absurd.rrd");
         b.tell(Command::StartRecording(file.clone()));
@@ -25,8 +25,7 @@ fn values_that_cannot_be() {
         b.until("it is SAFE", 2.0, |b| matches!(b.now.mode, Mode::Safe(_)));
         let safe_s = b.t_s() - from_s;
         b.run(1.0);
-        b.tell(Command::StopRecording);
-        b.run(1.0);
+        b.end_recording();
         let read = springtwin::recording::read_rrd(&file).expect("it opens");
         let mut snapshots = 0;
         for s in &read.trace.snapshots {
@@ -68,7 +67,7 @@ fn values_that_cannot_be() {
 
 #[test]
 fn a_spring_that_is_stuck() {
-    case("stuck", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         b.go(FAR_M);
         b.run(0.6);
         let before = b.now.estimate.as_ref().expect("an estimate").clone();
@@ -112,7 +111,7 @@ fn a_spring_that_is_stuck() {
 
 #[test]
 fn an_imu_that_is_dead() {
-    case("imu", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         b.go(FAR_M);
         b.run(0.4);
         let from_s = b.rig(|rig| rig.faults.begin(Place::Imu(2), Fault::of(Word::Off)));
@@ -137,7 +136,7 @@ fn an_imu_that_is_dead() {
 
 #[test]
 fn a_chamber_that_leaks() {
-    case("leak", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         b.go(FAR_M);
         b.until("the arm is there", 30.0, |b| b.now.mode == Mode::AtGoal);
         b.run(2.0);
@@ -176,7 +175,7 @@ fn a_chamber_that_leaks() {
 
 #[test]
 fn pressures_that_are_used_up() {
-    case("saturation", Boards::Emulated, |b| {
+    case(Boards::Emulated, |b| {
         b.tell(Command::Arm);
         b.tell(Command::Goto(Goal::position([0.3, 0.0, -0.2])));
         let from_s = b.t_s();

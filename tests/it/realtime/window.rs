@@ -1,0 +1,159 @@
+//! The window as a newcomer uses it, with a real mouse and a real keyboard. The window tells nobody when it has checked
+//! a target: it is given ten seconds.
+
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use crate::process::wait_for;
+use crate::program::scratch;
+use crate::window::{display, mouse, photograph, start};
+
+fn keys(display: &str, args: &[&str]) {
+    mouse(display, args);
+    std::thread::sleep(Duration::from_millis(250));
+}
+
+/// Where things are in a window of this size: the same program lays them out without one.
+struct Plan {
+    harness: egui_kittest::Harness<'static, springtwin::gui::App>,
+}
+
+impl Plan {
+    fn new(welcome: bool) -> Self {
+        use springtwin::gui::App;
+        use springtwin::gui::panels::Screen;
+        use springtwin::robot::RobotSpec;
+        use springtwin::signal::{LinkStatus, Mode, Snapshot};
+        // As at rest at a goal on the virtual rig: nothing above the panels.
+        let snapshot = Snapshot {
+            mode: Mode::AtGoal,
+            link: LinkStatus {
+                connected: true,
+                simulated: true,
+                source: "virtual rig".into(),
+                ..LinkStatus::default()
+            },
+            ..Snapshot::default()
+        };
+        let mut app = App::for_screenshot(
+            Screen::Operate,
+            egui::Theme::Dark,
+            RobotSpec::reference(),
+            &[snapshot],
+        );
+        app.welcome = welcome;
+        let mut harness = egui_kittest::Harness::builder()
+            .with_size([1280.0, 760.0])
+            .build_eframe(|_| app);
+        harness.run_steps(4);
+        Self { harness }
+    }
+
+    fn at(&self, label: &str) -> [String; 2] {
+        use egui_kittest::kittest::Queryable;
+        let c = self.harness.get_by_label(label).rect().center();
+        [c.x, c.y].map(|v| format!("{v:.0}"))
+    }
+
+    /// A real click on the middle of it.
+    fn click(&self, display: &str, label: &str) {
+        let [x, y] = self.at(label);
+        mouse(display, &["mousemove", &x, &y]);
+        std::thread::sleep(Duration::from_millis(300));
+        mouse(display, &["click", "1"]);
+        std::thread::sleep(Duration::from_millis(500));
+    }
+
+    /// Types into a field, over what is there.
+    fn fill(&self, display: &str, label: &str, text: &str) {
+        self.click(display, label);
+        keys(display, &["key", "ctrl+a"]);
+        keys(display, &["type", "--delay", "40", "--", text]);
+    }
+}
+
+const NONE: [&str; 0] = [];
+
+/// The lines so far that tell of motion.
+fn motions(log: &Receiver<String>) -> Vec<String> {
+    log.try_iter().filter(|l| l.contains("Mode: ")).collect()
+}
+
+#[test]
+fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_keyboard() {
+    let (_server, display) = display();
+    let dir = scratch("newcomer");
+    let (_program, log) = start(&display, &dir);
+    // First run: the embedded virtual rig answers, and its arm rests.
+    wait_for(&log, "Board 2 is ready");
+    std::thread::sleep(Duration::from_secs(5));
+    assert_eq!(motions(&log), NONE, "nothing moves unasked");
+    // Without a window manager nobody gives the window the keyboard.
+    mouse(
+        &display,
+        &[
+            "search",
+            "--onlyvisible",
+            "--name",
+            "springtwin",
+            "windowfocus",
+        ],
+    );
+    std::thread::sleep(Duration::from_secs(3));
+    photograph(&display, &dir.join("welcome.png"));
+    Plan::new(true).click(&display, "Close the welcome");
+    motions(&log);
+    let plan = Plan::new(false);
+    // A reachable target, typed: Enter previews, nothing moves before Go.
+    for (field, text) in [("x", "20"), ("y", "10"), ("z", "-300")] {
+        plan.fill(&display, &format!("Target {field} in mm"), text);
+    }
+    keys(&display, &["key", "Return"]);
+    std::thread::sleep(Duration::from_secs(10));
+    photograph(&display, &dir.join("preview.png"));
+    assert_eq!(motions(&log), NONE, "a preview moves nothing");
+    plan.click(&display, "▶ Go");
+    wait_for(&log, "Mode: moving");
+    wait_for(&log, "Goal reached");
+    // An unreachable one: Go is off, the nearest point is offered and reached.
+    std::thread::sleep(Duration::from_secs(3));
+    motions(&log);
+    for (field, text) in [("x", "190"), ("y", "0"), ("z", "-200")] {
+        plan.fill(&display, &format!("Target {field} in mm"), text);
+    }
+    keys(&display, &["key", "Return"]);
+    std::thread::sleep(Duration::from_secs(10));
+    plan.click(&display, "▶ Go");
+    std::thread::sleep(Duration::from_secs(3));
+    photograph(&display, &dir.join("unreachable.png"));
+    assert_eq!(motions(&log), NONE, "Go is off");
+    plan.click(&display, "Use nearest");
+    std::thread::sleep(Duration::from_secs(10));
+    plan.click(&display, "▶ Go");
+    wait_for(&log, "Mode: moving");
+    // The keyboard: hold, another screen, stop.
+    keys(&display, &["key", "space"]);
+    wait_for(&log, "Mode: hold");
+    keys(&display, &["key", "ctrl+2"]);
+    std::thread::sleep(Duration::from_secs(5));
+    let sensors = photograph(&display, &dir.join("sensors.png"));
+    let [x, y] = plan
+        .at("Sensors Ctrl+2")
+        .map(|v| v.parse::<u32>().expect("a number"));
+    // The rail marks the screen that is shown.
+    let marked = |y: u32| {
+        let row = (x - 60..x + 60).map(|x| sensors.get_pixel(x, y).0);
+        row.filter(|p| p[2] > p[0].saturating_add(25)).count()
+    };
+    let [_, above] = plan
+        .at("Operate Ctrl+1")
+        .map(|v| v.parse::<u32>().expect("a number"));
+    assert!(
+        marked(y) > 40 && marked(above) == 0,
+        "{} {}",
+        marked(y),
+        marked(above)
+    );
+    keys(&display, &["key", "shift+Escape"]);
+    wait_for(&log, "SAFE (stopped by the operator)");
+}
