@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::{Report, args, model};
+use super::{Report, args, model, user};
 use springtwin::link::ports::{PortChange, PortInfo, PortWatch};
 use springtwin::recording::{Inspection, inspect};
 use springtwin::robot::RobotSpec;
@@ -212,23 +212,52 @@ fn viewer() -> Check {
 }
 
 fn folder() -> Check {
-    let dir = Path::new("recordings");
-    let (ok, says) = match std::fs::metadata(dir) {
-        Ok(m) if m.permissions().readonly() => (
-            false,
-            "the folder recordings/ cannot be written: give yourself the right to".to_owned(),
-        ),
-        Ok(_) => (true, "recordings/ is here".to_owned()),
-        Err(_) => (
-            true,
-            "recordings/ is made when the first recording starts".to_owned(),
-        ),
-    };
+    let folder = user::recordings_folder();
+    let (ok, says) = writable(&folder);
     Check {
         name: "recordings",
         ok,
         says,
     }
+}
+
+/// Whether recordings can be made in a folder, or where it will be made.
+fn writable(folder: &Path) -> (bool, String) {
+    let shown = folder.display();
+    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    let Some(there) = absolute.ancestors().find(|dir| dir.exists()) else {
+        return (false, format!("there is no disk for the folder {shown}"));
+    };
+    if !may_write(there) {
+        let why = match there == absolute {
+            true => "it cannot be written".to_owned(),
+            false => format!("it cannot be made in {}", there.display()),
+        };
+        return (
+            false,
+            format!(
+                "the folder {shown}: {why}; give yourself the right to, or choose another in the window"
+            ),
+        );
+    }
+    match there == absolute {
+        true => (true, format!("they go to {shown}")),
+        false => (
+            true,
+            format!("they go to {shown}, which is made with the first one"),
+        ),
+    }
+}
+
+#[cfg(unix)]
+fn may_write(folder: &Path) -> bool {
+    use nix::unistd::{AccessFlags, access};
+    folder.is_dir() && access(folder, AccessFlags::W_OK).is_ok()
+}
+
+#[cfg(not(unix))]
+fn may_write(folder: &Path) -> bool {
+    std::fs::metadata(folder).is_ok_and(|m| m.is_dir() && !m.permissions().readonly())
 }
 
 #[cfg(not(feature = "gui"))]
@@ -322,4 +351,28 @@ pub fn ports_command(a: &PortsArgs, quiet: bool) -> Result<Report> {
         text: text.join("\n"),
         json: json!({"ports": now, "changes": changes}),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_need_a_folder_that_is_there_or_can_be_made() {
+        let name = format!("springtwin-doctor-{}", std::process::id());
+        let home = std::env::temp_dir().join(name);
+        std::fs::create_dir_all(&home).expect("a folder");
+        let (ok, says) = writable(&home);
+        assert!(ok && says.ends_with(&*home.display().to_string()), "{says}");
+        let (ok, says) = writable(&home.join("a/recordings"));
+        assert!(
+            ok && says.ends_with("which is made with the first one"),
+            "{says}"
+        );
+        let file = home.join("file");
+        std::fs::write(&file, "").expect("writes");
+        let (ok, says) = writable(&file.join("recordings"));
+        std::fs::remove_dir_all(&home).expect("removed");
+        assert!(!ok && says.contains("it cannot be made in"), "{says}");
+    }
 }

@@ -35,6 +35,7 @@ mod soak;
 mod solve;
 mod stdio;
 mod study;
+mod user;
 #[cfg(feature = "gui")]
 mod window;
 

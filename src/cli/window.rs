@@ -2,6 +2,8 @@
 
 mod calibrate;
 mod device;
+mod dialog;
+mod export;
 mod gap;
 mod library;
 mod rigs;
@@ -21,6 +23,7 @@ use super::Report;
 use super::live::{Kind, rig_options};
 use super::model;
 use super::ports::Instruments;
+use super::user;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
 use services::services;
@@ -74,7 +77,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         kind: a.kind,
         instruments: a.instruments.clone(),
         twins: Twins::default(),
-        data: eframe::storage_dir(APP),
+        data: user::data_folder(),
     };
     let reachable = hull(&rigs.maps);
     let made = rigs.runner(rig)?;

@@ -3,6 +3,7 @@
 mod acts;
 mod device;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::TryRecvError;
 use std::time::Duration;
@@ -26,7 +27,7 @@ use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
 use super::panels::{Screen, View, live_until_s};
-use super::services::Services;
+use super::services::{Connected, Services};
 use super::theme::{self, Level};
 use crate::robot::RobotSpec;
 use crate::signal::{Mode, Snapshot, Stamp, Trace};
@@ -47,6 +48,8 @@ struct Settings {
     welcomed: bool,
     #[serde(default)]
     view: Shown,
+    #[serde(default)]
+    recordings: Option<PathBuf>,
 }
 
 /// The window of a twin.
@@ -198,6 +201,7 @@ impl App {
             }
             self.screen = settings.screen;
             self.operate.view3d.shown = settings.view;
+            self.services.recordings.chosen = settings.recordings;
             self.theme = settings
                 .dark
                 .map(|dark| if dark { Theme::Dark } else { Theme::Light });
@@ -213,7 +217,11 @@ impl App {
 
     /// Whether something is awaited that was asked of the program around the window.
     pub fn busy(&self) -> bool {
-        self.library.busy() || self.connection.busy() || self.gap.busy() || self.calibrate.busy()
+        self.library.busy()
+            || self.connection.busy()
+            || self.gap.busy()
+            || self.calibrate.busy()
+            || self.accuracy.export.is_busy()
     }
 
     /// Whether a loaded recording is shown here and answers to its key.
@@ -238,8 +246,12 @@ impl App {
         if drops_load && self.library.take_drops(&ctx, &mut self.services) {
             self.screen = Screen::Recordings;
         }
-        self.library.poll(&mut self.player, &mut self.services);
-        self.library.viewer.poll(&mut commands);
+        let refused = self
+            .library
+            .poll(&mut self.player, &mut self.services, &mut commands);
+        if let Some(text) = refused {
+            self.say(text, Level::Warning, now_s);
+        }
         if let Some(player) = &mut self.player
             && player.playing
         {
@@ -247,7 +259,7 @@ impl App {
             ctx.request_repaint();
         }
         match self.connection.poll() {
-            Some((name, Ok(handle))) => self.adopt(&name, handle, now_s),
+            Some((_, Ok(connected))) => self.adopt(connected, now_s),
             Some((_, Err(e))) => self.say(e, Level::Critical, now_s),
             None => {}
         }
@@ -285,8 +297,9 @@ impl App {
     }
 
     // Looks at another twin from now on.
-    fn adopt(&mut self, rig: &str, handle: Handle, now_s: f64) {
-        match (self.services.belongings)(rig) {
+    fn adopt(&mut self, connected: Connected, now_s: f64) {
+        let Connected { handle, belongings } = connected;
+        match belongings {
             Ok((calibration, registration)) => {
                 self.services.calibration = calibration;
                 self.accuracy.registration = registration;
@@ -350,6 +363,7 @@ impl App {
         self.pace.update(&self.live, now_s, hidden);
         self.operate.plans.follow(&self.live);
         let mut messages = Vec::new();
+        let mut over = false;
         while let Ok(event) = handle.events.try_recv() {
             self.calibrate.hear(&event);
             let level = match &event {
@@ -359,10 +373,19 @@ impl App {
                 _ => Level::Normal,
             };
             self.operate.plans.observe(&event);
+            over |= matches!(
+                event,
+                Event::Recording { .. } | Event::RecordingFailed { .. }
+            );
             messages.push((event.text(), level));
         }
         for (text, level) in messages {
             self.say(text, level, now_s);
+        }
+        self.library.under_way.clone_from(&self.live.recording);
+        if over && self.live.recording.is_none() {
+            self.library.rescan(&mut self.services);
+            self.gap.rescan();
         }
         self.recording_since = match &self.live.recording {
             Some(_) => self.recording_since.or(Some(self.live.stamp)),
@@ -615,6 +638,7 @@ impl eframe::App for App {
             span_s: self.window.span_s,
             welcomed: !self.welcome,
             view: self.operate.view3d.shown,
+            recordings: self.services.recordings.chosen.clone(),
         };
         eframe::set_value(storage, STORAGE_KEY, &settings);
     }

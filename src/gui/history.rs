@@ -192,6 +192,7 @@ pub struct History {
     /// Instants of the rows that left a truth without an estimate, s.
     excluded: VecDeque<f64>,
     sessions: u64,
+    zero_s: f64,
 }
 
 impl History {
@@ -211,7 +212,18 @@ impl History {
             waiting_truths: VecDeque::new(),
             excluded: VecDeque::new(),
             sessions: 0,
+            zero_s: 0.0,
         }
+    }
+
+    /// Has instants shown as time since `zero_s`.
+    pub fn counted_from(self, zero_s: f64) -> Self {
+        Self { zero_s, ..self }
+    }
+
+    /// The instant from which time is counted on screen, s: the beginning of a recording, or of the live session.
+    pub fn zero_s(&self) -> f64 {
+        self.zero_s
     }
 
     /// An empty history of at most [`LIVE_ROWS`] rows and [`LIVE_S`].
@@ -235,7 +247,8 @@ impl History {
     /// `false`.
     pub fn indexed(snapshots: &[Snapshot], go_on: &mut dyn FnMut(f32) -> bool) -> Option<Self> {
         const EVERY: usize = 1024;
-        let mut history = Self::new(snapshots.len());
+        let first_s = snapshots.first().map_or(0.0, |s| s.stamp.seconds());
+        let mut history = Self::new(snapshots.len()).counted_from(first_s);
         for (i, some) in snapshots.chunks(EVERY).enumerate() {
             if !go_on((i * EVERY) as f32 / snapshots.len() as f32) {
                 return None;

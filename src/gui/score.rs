@@ -1,6 +1,7 @@
 //! How good the predictions are: paired errors, by workspace, load and speed, their peaks, where ground
 //! truth is missing, and all of it as a table and as a report.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use super::history::{Channel, History, POSE_NAMES, Stats};
@@ -125,20 +126,32 @@ fn tips_within(history: &History, from_s: f64, to_s: f64) -> bool {
         .any(|q| q[0] > from_s && q[0] < to_s)
 }
 
-/// Instants (s) and lengths (mm) of the peaks of the translation error: the largest within
-/// [`PEAK_APART_S`] on both sides, and among the worst 5 %.
+/// [`peaks_of`] the lengths of the translation errors.
+#[cfg(test)]
 pub fn peaks(scored: &[Scored]) -> Vec<[f64; 2]> {
-    let Some(stats) = Stats::of(scored.iter().map(|s| s.error[6])) else {
+    let errors: Vec<[f64; 2]> = scored.iter().map(|s| [s.t_s, s.error[6]]).collect();
+    peaks_of(&errors)
+}
+
+/// Instants (s) and lengths (mm) of the peaks of errors in order of time: the largest within [`PEAK_APART_S`] on
+/// both sides, and among the worst 5 %.
+pub fn peaks_of(errors: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let Some(stats) = Stats::of(errors.iter().map(|e| e[1])) else {
         return Vec::new();
     };
-    let mut worst: Vec<&Scored> = scored.iter().filter(|s| s.error[6] >= stats.p95).collect();
-    worst.sort_by(|a, b| b.error[6].total_cmp(&a.error[6]));
-    let mut found: Vec<[f64; 2]> = Vec::new();
-    for s in worst {
-        if found.iter().all(|p| (p[0] - s.t_s).abs() >= PEAK_APART_S) {
-            found.push([s.t_s, s.error[6]]);
+    let worst = errors.iter().copied().filter(|e| e[1] >= stats.p95);
+    let mut worst: Vec<[f64; 2]> = worst.collect();
+    worst.sort_by(|a, b| b[1].total_cmp(&a[1]));
+    // By the second that they lie in: only the neighbours can be too near.
+    let mut found: BTreeMap<i64, Vec<[f64; 2]>> = BTreeMap::new();
+    for e in worst {
+        let slot = (e[0] / PEAK_APART_S).floor() as i64;
+        let mut near = found.range(slot - 1..=slot + 1).flat_map(|(_, of)| of);
+        if near.all(|p| (p[0] - e[0]).abs() >= PEAK_APART_S) {
+            found.entry(slot).or_default().push(e);
         }
     }
+    let mut found: Vec<[f64; 2]> = found.into_values().flatten().collect();
     found.sort_by(|a, b| a[0].total_cmp(&b[0]));
     found
 }

@@ -2,6 +2,7 @@
 //! does no input or output and starts no thread.
 
 pub mod gap;
+mod pending;
 
 use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -14,6 +15,8 @@ use super::panels::recordings::{Alignment, Pairing};
 use crate::sensing::registration::Registration;
 use crate::signal::{Stamp, Trace};
 use crate::twin::Handle;
+
+pub use pending::Pending;
 
 pub use super::panels::calibrate::outside::{
     Bench, BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version,
@@ -34,6 +37,8 @@ pub struct RecordingEntry {
     pub simulated: Option<bool>,
     /// What is unusual about it (truncated, channels missing): one sentence.
     pub note: Option<String>,
+    /// Whether it came with the program.
+    pub sample: bool,
 }
 
 /// A channel of a recording, and how sound it is.
@@ -76,6 +81,8 @@ pub struct LoggedEvent {
 pub struct About {
     /// Where it is.
     pub path: Option<PathBuf>,
+    /// When it began, as the file says: local date and time with their offset from UTC.
+    pub begun: Option<String>,
     /// Its logs, in order of time.
     pub events: Vec<LoggedEvent>,
     /// What the file holds.
@@ -224,6 +231,63 @@ pub enum DialogKind {
     Open,
     /// A file to write.
     Save,
+    /// A folder that exists.
+    Folder,
+}
+
+/// What became of a [`Dialog`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Picked {
+    /// The operator chose a path. For a file to write, the dialog has asked whether one that exists is replaced.
+    Path(PathBuf),
+    /// The operator chose nothing.
+    Cancelled,
+    /// This computer shows no file dialogs: the path has to be typed.
+    NoDialog,
+}
+
+/// What is done with a file that is there already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// It is kept: the new one gets a number behind its name.
+    Kept,
+    /// It is replaced, as the operator has confirmed.
+    Replaced,
+}
+
+/// A folder that the operator may choose.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Folder {
+    /// What is used without a choice.
+    pub default: PathBuf,
+    /// What the operator chose.
+    pub chosen: Option<PathBuf>,
+}
+
+impl Folder {
+    /// Not chosen yet.
+    pub fn of(default: PathBuf) -> Self {
+        Self {
+            default,
+            chosen: None,
+        }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        self.chosen.as_ref().unwrap_or(&self.default)
+    }
+}
+
+/// Makes the bytes of a file; called by whoever writes it.
+pub type Content = Box<dyn FnOnce() -> Result<Vec<u8>, String> + Send>;
+
+/// A twin that was put on a rig, and what belongs to that rig.
+pub struct Connected {
+    /// The twin.
+    pub handle: Handle,
+    /// The rig's calibrations, and where motion capture lies on it; or why they cannot be read: one sentence.
+    pub belongings: Result<(CalibrationServices, Option<Registration>), String>,
 }
 
 /// A serial port that could be connected to.
@@ -236,26 +300,32 @@ pub struct PortEntry {
 }
 
 /// Puts a twin on a rig: `sim`, `pty`, or the names of serial ports.
-pub type Connector = Box<dyn FnMut(&str) -> Job<Handle>>;
-/// Finds what belongs to a rig: its calibrations, and where motion capture lies on it.
-pub type RigFinder =
-    Box<dyn FnMut(&str) -> Result<(CalibrationServices, Option<Registration>), String>>;
+pub type Connector = Box<dyn FnMut(&str) -> Job<Connected>>;
+/// Looks for recordings in a folder of the operator's, and for those that came with the program.
+pub type Scanner = Box<dyn FnMut(&Path) -> Job<Vec<RecordingEntry>>>;
+/// Finds a path in a folder for a new recording, which is named after the local date and time. The folder is made
+/// when it is missing.
+pub type Namer = Box<dyn FnMut(&Path) -> Job<PathBuf>>;
 /// Loads a recording.
 pub type Loader = Box<dyn FnMut(&Path) -> Job<Player>>;
 /// Finds how two recordings lie on each other.
 pub type Aligner = Box<dyn FnMut(Pairing) -> Job<Alignment>>;
 /// Shows a file in another program.
 pub type Opener = Box<dyn FnMut(&Path) -> Result<(), String>>;
-/// Writes a file.
-pub type Writer = Box<dyn FnMut(&Path, &[u8]) -> Result<(), String>>;
-/// Asks the operator for a path; `None` when the dialog was cancelled.
-pub type PathPicker = Box<dyn FnMut(Dialog) -> Job<Option<PathBuf>>>;
+/// Writes a file and answers with its path. The folder is made when it is missing.
+pub type Writer = Box<dyn FnMut(&Path, Existing, Content) -> Job<PathBuf>>;
+/// Asks the operator for a path.
+pub type PathPicker = Box<dyn FnMut(Dialog) -> Job<Picked>>;
 
 /// What the window can ask for. Errors are sentences for the operator. Closures return at once;
 /// whoever answers later asks the window for a repaint.
 pub struct Services {
+    /// Where recordings go.
+    pub recordings: Folder,
+    /// Where tables, pictures and reports go unless the operator says otherwise.
+    pub exports: PathBuf,
     /// Looks for recordings.
-    pub scan: Box<dyn FnMut() -> Job<Vec<RecordingEntry>>>,
+    pub scan: Scanner,
     /// Loads a recording and indexes its signals.
     pub load: Loader,
     /// Finds how two recordings lie on each other, by work that takes seconds on long ones.
@@ -265,22 +335,20 @@ pub struct Services {
     /// Starts the Rerun viewer on this machine, or finds the one that it started before, and tells where
     /// it listens.
     pub start_viewer: Box<dyn FnMut() -> Job<SocketAddr>>,
-    /// A fresh path for a new recording.
-    pub default_recording: Box<dyn FnMut() -> PathBuf>,
+    /// Finds a path for a new recording.
+    pub new_recording: Namer,
     /// A native file dialog.
     pub pick: PathPicker,
     /// Writes a small file (a table, a report) whole or not at all.
     pub write: Writer,
     /// The serial ports there are.
     pub ports: Box<dyn FnMut() -> Job<Vec<PortEntry>>>,
-    /// Puts a new twin on a rig; the one before has been let go by then.
+    /// Puts a new twin on a rig and reads what belongs to it; the one before has been let go by then.
     pub connect: Connector,
     /// What the Gap screen asks for.
     pub gap: gap::GapServices,
     /// What the Calibrate screen asks for.
     pub calibration: CalibrationServices,
-    /// What belongs to a rig that was connected to.
-    pub belongings: RigFinder,
 }
 
 impl Services {
@@ -288,7 +356,9 @@ impl Services {
     pub fn none() -> Self {
         let no = |what: &str| format!("This window cannot {what}.");
         Self {
-            scan: Box::new(|| Job::ready(Ok(Vec::new()))),
+            recordings: Folder::of(PathBuf::from("recordings")),
+            exports: PathBuf::from("exports"),
+            scan: Box::new(|_| Job::ready(Ok(Vec::new()))),
             load: Box::new(move |_| Job::ready(Err(no("load recordings")))),
             align: Box::new(move |pairing| {
                 let found = pairing.align(&|| true);
@@ -296,14 +366,13 @@ impl Services {
             }),
             open_in_rerun: Box::new(move |_| Err(no("open other programs"))),
             start_viewer: Box::new(move || Job::ready(Err(no("open other programs")))),
-            default_recording: Box::new(|| PathBuf::from("recording.rrd")),
-            pick: Box::new(|_| Job::ready(Ok(None))),
-            write: Box::new(move |_, _| Err(no("write files"))),
+            new_recording: Box::new(|folder| Job::ready(Ok(folder.join("recording.rrd")))),
+            pick: Box::new(|_| Job::ready(Ok(Picked::NoDialog))),
+            write: Box::new(move |_, _, _| Job::ready(Err(no("write files")))),
             ports: Box::new(|| Job::ready(Ok(Vec::new()))),
             connect: Box::new(move |_| Job::ready(Err(no("connect to a rig")))),
             gap: gap::GapServices::none(),
             calibration: CalibrationServices::none(),
-            belongings: Box::new(|_| Ok((CalibrationServices::none(), None))),
         }
     }
 }

@@ -382,7 +382,9 @@ fn recordings_are_listed_loaded_and_made() {
     h.run_steps(2);
     assert_eq!(
         twin.taken(),
-        [Command::StartRecording(PathBuf::from("recording.rrd"))]
+        [Command::StartRecording(PathBuf::from(
+            "recordings/recording.rrd"
+        ))]
     );
 }
 
@@ -443,9 +445,10 @@ fn library_services() -> Services {
         seconds: Some(seconds),
         simulated: Some(true),
         note: note.map(str::to_owned),
+        sample: false,
     };
     Services {
-        scan: Box::new(move || {
+        scan: Box::new(move |_| {
             Job::ready(Ok(vec![
                 entry("circle-35g", 1_240_000, 126.0, None),
                 entry("figure-8-115g", 1_310_000, 131.0, None),

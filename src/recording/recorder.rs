@@ -68,6 +68,12 @@ impl Recorder {
                 let shared = Arc::clone(&shared);
                 let path = path.to_owned();
                 move || {
+                    // For people who look for a session; nothing is reckoned with it.
+                    let now = jiff::Zoned::now();
+                    let meta = RecordingMeta {
+                        begun: now.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
+                        ..meta
+                    };
                     let ended = match RecordingWriter::create(&path, meta) {
                         Ok(writer) => {
                             shared.begun.store(true, Ordering::Release);
@@ -280,6 +286,8 @@ mod tests {
         assert_eq!((summary.rows, summary.dropped), (300, 0));
         assert_eq!(summary.failed, None);
         let read = super::super::read_rrd(&path).unwrap();
+        let begun: jiff::Timestamp = read.meta.begun.parse().unwrap();
+        assert!(jiff::Timestamp::now().duration_since(begun).as_secs() < 60);
         assert!(read.complete && read.trace.snapshots.len() == 300);
         assert!(read.events.iter().any(|e| e.text == "hello"));
         std::fs::remove_file(path).unwrap();

@@ -17,6 +17,9 @@ pub struct RecordingMeta {
     pub simulated: Option<bool>,
     /// Mass the operator declared at the start, kg.
     pub payload_kg: f64,
+    /// Local date and time at which it began, with the offset from UTC: `2026-11-23T14:05:12+01:00`. Empty when
+    /// nobody says; a recorder that writes a file fills it in.
+    pub begun: String,
     /// What to draw around the arm's centre lines; not read back.
     pub drawing: Option<ArmDrawing>,
 }

@@ -17,6 +17,7 @@ pub mod mounting;
 pub mod platform;
 pub mod registration;
 pub mod score;
+mod shape;
 pub mod spring;
 
 use nalgebra::UnitQuaternion;
@@ -26,6 +27,7 @@ pub use file::CalibrationError;
 use health::{JUDGED_RATE_RAD_S, PairMonitor, SegmentFrame, SegmentMonitor};
 use imu::{ImuTrack, Sample};
 use platform::{Known, LEGS, Segment, solve};
+pub use shape::shape_by_sensors;
 use spring::SpringReading;
 
 use crate::robot::{PadId, RobotSpec};

@@ -29,7 +29,8 @@ pub use serial::SerialPort;
 pub use shape::{ShapeAnswer, ShapeQuestion, ShapeSolver};
 pub use stream::LAST_WORDS;
 pub use trial::{
-    Rest, RestPoses, Spread, TRIAL_SETTLING_S, Trial, TrialErrors, mean as mean_pose, sensing_for,
+    FrameLog, Rest, RestPoses, Spread, TRIAL_SETTLING_S, Trial, TrialErrors, mean as mean_pose,
+    sensing_for,
 };
 
 #[cfg(test)]

@@ -182,6 +182,7 @@ impl Runner {
             source: now_known.link.source,
             simulated: Some(simulated),
             payload_kg: now_known.payload_kg,
+            begun: String::new(),
             drawing: Some(drawing(&self.robot)),
         }
     }

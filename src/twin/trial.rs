@@ -1,7 +1,9 @@
 //! A calibration on trial: motion that was recorded raw, estimated with it, against motion capture.
 
+mod frames;
 mod place;
 
+pub use frames::FrameLog;
 pub use place::{Rest, RestPoses, mean};
 
 use std::sync::Arc;

@@ -14,7 +14,7 @@ use anyhow::{Context as _, Result};
 
 use super::services::later;
 use crate::cli::gap_bench::Maker;
-use crate::cli::{gap as finder, read_text, sentence};
+use crate::cli::{gap as finder, read_text, sentence, user};
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::{About, Key};
 use springtwin::gap::{
@@ -60,7 +60,7 @@ pub fn services(
     let (for_example, example_robot) = (ctx(), Arc::clone(&robot));
     let example_file = robot_file.map(Path::to_owned);
     let (for_examples, for_reports) = (data.to_owned(), data.to_owned());
-    let (for_reveal, for_keep) = (ctx(), ctx());
+    let (for_reveal, for_keep, for_page) = (ctx(), ctx(), ctx());
     let (for_patched, read_store) = (ctx(), Arc::clone(&store));
     let (for_accept, accept_store) = (ctx(), Arc::clone(&store));
     let (for_undo, undo_store) = (ctx(), Arc::clone(&store));
@@ -112,7 +112,10 @@ pub fn services(
                 keep(&data, &found, &patch, origin).map_err(said)
             })
         }),
-        open_page: Box::new(open_page),
+        open_page: Box::new(move |path| {
+            let path = path.to_owned();
+            later(&for_page, "browser", move |_| open_page(&path, OPENERS))
+        }),
     }
 }
 
@@ -122,7 +125,7 @@ fn said(e: anyhow::Error) -> String {
 
 /// Where the program keeps what it makes.
 pub fn data_folder() -> PathBuf {
-    eframe::storage_dir("springtwin").unwrap_or_else(|| std::env::temp_dir().join("springtwin"))
+    user::data_folder().unwrap_or_else(|| std::env::temp_dir().join("springtwin"))
 }
 
 /// What is known of a session before it is used.
@@ -395,29 +398,46 @@ fn data_name(data: &BTreeMap<String, String>, robot: &str) -> String {
     )
 }
 
-/// Shows a page in the browser.
-fn open_page(path: &Path) -> Result<(), String> {
-    let (program, before): (&str, &[&str]) = if cfg!(target_os = "windows") {
-        ("explorer", &[])
-    } else if cfg!(target_os = "macos") {
-        ("open", &[])
-    } else {
-        ("xdg-open", &[])
+/// What shows a file in the program that it belongs to.
+const OPENERS: &[&str] = if cfg!(target_os = "windows") {
+    &["explorer"]
+} else if cfg!(target_os = "macos") {
+    &["open"]
+} else {
+    &["xdg-open"]
+};
+/// A program that opens pages and still runs after this time has found a browser.
+const BROWSER_FOUND: Duration = Duration::from_secs(5);
+
+/// Shows a page in the browser: by the first of `openers` that there is. Waits until it is known whether that found
+/// one.
+fn open_page(path: &Path, openers: &[&str]) -> Result<(), String> {
+    let start = |program: &&str| {
+        Command::new(program)
+            .arg(path)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .ok()
     };
-    Command::new(program)
-        .args(before)
-        .arg(path)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .map(reap)
-        .map_err(|_| {
-            format!(
-                "No browser could be started: open {} by hand.",
-                path.display()
-            )
-        })
+    let no = |why: &str| Err(format!("The report cannot be shown in a browser: {why}."));
+    let Some(mut child) = openers.iter().find_map(start) else {
+        return no("this computer has no program that opens pages");
+    };
+    let looks = BROWSER_FOUND.as_millis() / LOOK.as_millis();
+    for _ in 0..looks {
+        match child.try_wait() {
+            // Windows' own opener ends with an error when all went well.
+            Ok(Some(_)) if cfg!(windows) => return Ok(()),
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(_)) => return no("no browser was found"),
+            Ok(None) => std::thread::sleep(LOOK),
+            Err(e) => return no(&e.to_string()),
+        }
+    }
+    reap(child);
+    Ok(())
 }
 
 /// Waits for a program that was started, on a thread of its own: what has ended shall not linger.

@@ -1,7 +1,11 @@
 //! The recordings the window lists and opens.
 
+pub mod names;
+mod samples;
+
 use std::path::{Path, PathBuf};
 
+use jiff::tz::TimeZone;
 use springtwin::gui::RecordingEntry;
 use springtwin::gui::services::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::recording::{
@@ -9,16 +13,54 @@ use springtwin::recording::{
 };
 use springtwin::signal::Stamp;
 
-/// Folders that are looked through for recordings.
-pub fn folders() -> Vec<PathBuf> {
-    let mut folders = vec![PathBuf::from("recordings")];
-    if let Ok(exe) = std::env::current_exe()
-        && let Some(dir) = exe.parent()
-    {
-        folders.push(dir.join("recordings"));
-        folders.push(dir.join("../share/springtwin/recordings"));
+/// Where the window finds recordings, besides the folder that it records to.
+#[derive(Clone, Debug)]
+pub struct Places {
+    /// Where the samples lie that come with the program; written there when they are not installed.
+    samples: PathBuf,
+    /// Further folders.
+    more: Vec<PathBuf>,
+}
+
+impl Places {
+    /// With `scratch` for the samples of a program that is not installed.
+    pub fn new(scratch: &Path) -> Self {
+        let exe = std::env::current_exe().ok();
+        let beside = exe.as_deref().and_then(Path::parent);
+        let installed = beside.map(|dir| dir.join("../share/springtwin/recordings"));
+        Self {
+            samples: installed
+                .filter(|folder| folder.is_dir())
+                .unwrap_or_else(|| scratch.join("samples")),
+            // Where programs before this one recorded to.
+            more: vec![PathBuf::from("recordings")],
+        }
     }
-    folders
+
+    /// All recordings: those in `folder`, newest first, then others, then the samples. Of two files of one name
+    /// and size the first is listed.
+    pub fn scan(&self, folder: &Path) -> Vec<RecordingEntry> {
+        if let Err(e) = samples::unpack(&self.samples) {
+            log::warn!("the sample recordings cannot be written: {e}");
+        }
+        let mut own = scan(folder);
+        own.sort_by(|a, b| b.name.cmp(&a.name));
+        let mut others: Vec<_> = self.more.iter().flat_map(|f| scan(f)).collect();
+        others.sort_by(|a, b| a.name.cmp(&b.name));
+        let samples = scan(&self.samples)
+            .into_iter()
+            .map(|e| RecordingEntry { sample: true, ..e });
+        let mut all: Vec<RecordingEntry> = Vec::new();
+        for entry in own.into_iter().chain(samples).chain(others) {
+            let same = |e: &RecordingEntry| (&e.name, e.bytes) == (&entry.name, entry.bytes);
+            if !all.iter().any(same) {
+                all.push(entry);
+            }
+        }
+        // Samples stand last.
+        all.sort_by_key(|e| e.sample);
+        all
+    }
 }
 
 /// Larger recordings are not opened only to be listed, bytes.
@@ -48,28 +90,35 @@ fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
     }
 }
 
-pub fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
+/// The recordings in a folder, in order of name; none where there is no folder.
+fn scan(folder: &Path) -> Vec<RecordingEntry> {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return Vec::new();
+    };
     let mut found = Vec::new();
-    for folder in folders {
-        let Ok(entries) = std::fs::read_dir(folder) else {
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let is_session = path.join("session.toml").is_file();
+        if !is_session && !is_rrd(&path) {
             continue;
-        };
-        for entry in entries.flatten() {
-            let path = entry.path();
-            let is_session = path.join("session.toml").is_file();
-            if !is_session && !is_rrd(&path) {
-                continue;
-            }
-            let name = path
-                .file_stem()
-                .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-            let bytes = if is_session {
-                std::fs::metadata(path.join("log.csv")).map_or(0, |m| m.len())
-            } else {
-                entry.metadata().map_or(0, |m| m.len())
-            };
-            found.push(describe(path, name, bytes));
         }
+        let stem = path
+            .file_stem()
+            .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let bytes = if is_session {
+            std::fs::metadata(path.join("log.csv")).map_or(0, |m| m.len())
+        } else {
+            entry.metadata().map_or(0, |m| m.len())
+        };
+        // The name of a recording that has not begun yet.
+        if bytes == 0 {
+            continue;
+        }
+        found.push(describe(
+            path,
+            names::shown(&stem, &TimeZone::system()),
+            bytes,
+        ));
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));
     found
@@ -78,14 +127,14 @@ pub fn scan(folders: &[PathBuf]) -> Vec<RecordingEntry> {
 /// Reads a recording or a session log, and looks into it. Given up when `go_on`, which is told the share that
 /// is done, answers `false`.
 pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
-    let (trace, events, seen) = if is_rrd(path) {
+    let (trace, events, seen, begun) = if is_rrd(path) {
         let read = read_rrd_with(path, go_on).map_err(|e| e.to_string())?;
         let seen = inspect_recording(&read);
-        (read.trace, read.events, seen)
+        (read.trace, read.events, seen, read.meta.begun)
     } else {
         let log = read_session_with(path, go_on).map_err(|e| e.to_string())?;
         let seen = inspect_log(&log);
-        (log.to_trace(), Vec::new(), seen)
+        (log.to_trace(), Vec::new(), seen, String::new())
     };
     let events = events.into_iter().map(|e| LoggedEvent {
         stamp: e.stamp,
@@ -94,6 +143,7 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
     });
     let about = About {
         path: Some(path.to_owned()),
+        begun: (!begun.is_empty()).then_some(begun),
         events: events.collect(),
         ..about(&seen)
     };
@@ -122,25 +172,6 @@ fn about(seen: &Inspection) -> About {
     }
 }
 
-/// `recordings/session-<seconds since 1970>.rrd`.
-pub fn default_recording() -> PathBuf {
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "a file name tells when it was made"
-    )]
-    let now = std::time::SystemTime::now();
-    let seconds = now
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(0, |d| d.as_secs());
-    let folder = PathBuf::from("recordings");
-    // Of two windows on one computer, each has a name of its own.
-    let name = folder.join(format!("session-{seconds}.rrd"));
-    match name.exists() {
-        true => folder.join(format!("session-{seconds}-{}.rrd", std::process::id())),
-        false => name,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,13 +184,46 @@ mod tests {
         std::fs::create_dir_all(&folder).expect("folder");
         let path = folder.join("X.RRD");
         std::fs::copy(&whole, &path).expect("copied");
-        let (listed, loaded) = (
-            scan(std::slice::from_ref(&folder)),
-            load(&path, &mut |_| true),
-        );
+        let (listed, loaded) = (scan(&folder), load(&path, &mut |_| true));
         std::fs::remove_dir_all(&folder).expect("removed");
         assert_eq!(listed.len(), 1);
         assert!(loaded.is_ok_and(|l| !l.trace.snapshots.is_empty()));
+    }
+
+    #[test]
+    fn samples_and_new_recordings_are_listed_wherever_the_program_is_started() {
+        let name = format!("springtwin-library-{}", std::process::id());
+        let home = std::env::temp_dir().join(name);
+        let recordings = home.join("data/recordings");
+        let places = Places {
+            samples: home.join("data/samples"),
+            more: vec![home.join("nowhere")],
+        };
+        let names = |entries: &[RecordingEntry]| -> Vec<String> {
+            entries.iter().map(|e| e.name.clone()).collect()
+        };
+        let empty = places.scan(&recordings);
+        assert_eq!(names(&empty), ["payload-200g", "point-to-point"]);
+        assert!(empty.iter().all(|e| e.sample && e.seconds.is_some()));
+        let at: jiff::civil::DateTime = "2026-11-23T14:05:12".parse().expect("a time");
+        let first = names::fresh(&recordings, at).expect("the folder is made");
+        let sample = &empty[0].path;
+        std::fs::copy(sample, &first).expect("recorded");
+        let second = names::fresh(&recordings, at).expect("the folder is there");
+        std::fs::copy(sample, &second).expect("recorded");
+        std::fs::copy(sample, recordings.join("session-1763906712-77.rrd")).expect("copied");
+        let listed = places.scan(&recordings);
+        std::fs::remove_dir_all(home).expect("removed");
+        assert_eq!(
+            names(&listed)[..2],
+            ["2026-11-23_14-05-12-2", "2026-11-23_14-05-12"]
+        );
+        assert!(
+            listed[2].name.ends_with("(session-1763906712-77)"),
+            "{}",
+            listed[2].name
+        );
+        assert_eq!(listed.len(), 5);
     }
 
     #[test]

@@ -256,10 +256,12 @@ fn picture_services(
     };
     let mut services = super::services(asks, rigs, calibration);
     services.gap = super::gap::services(ctx, robot, robot_file, scratch);
+    let places = super::library::Places::new(scratch);
+    services.scan = super::services::scanner(ctx, places);
     services.calibration.versions = Box::new(|| Job::ready(Ok(Vec::new())));
     match state {
         StateName::Now | StateName::Disconnected => {}
-        StateName::Empty => services.scan = Box::new(|| Job::ready(Ok(Vec::new()))),
+        StateName::Empty => services.scan = Box::new(|_| Job::ready(Ok(Vec::new()))),
         StateName::Loading => {
             services.load = Box::new(|_| unanswered("Reading", Some(0.4)));
             services.gap.example = Box::new(|_| unanswered("the rig plays the sessions", None));

@@ -1,13 +1,11 @@
 //! What the window asks of the program: work on threads of their own, files, dialogs.
 
-use std::path::PathBuf;
-
 use springtwin::gui::Services;
 use springtwin::gui::panels::player::Player;
-use springtwin::gui::services::{Dialog, DialogKind, Job, Worker};
+use springtwin::gui::services::{Connected, Folder, Job, Scanner, Worker};
 
 use super::rigs::{Rigs, serial_ports};
-use super::{Asks, calibrate, library, viewer};
+use super::{Asks, calibrate, dialog, export, library, viewer};
 
 /// Runs `work` on a thread of its own; the window is repainted when the answer is there.
 pub fn later<T: Send + 'static>(
@@ -30,30 +28,18 @@ pub fn later<T: Send + 'static>(
     }
 }
 
-/// Asks for a path in the system's own dialog.
-fn ask(dialog: Dialog) -> Option<PathBuf> {
-    let mut native = rfd::FileDialog::new().set_title(dialog.title);
-    if let Some((name, extensions)) = dialog.filter {
-        native = native.add_filter(name, &extensions);
-    }
-    match dialog.kind {
-        DialogKind::Open => native.pick_file(),
-        DialogKind::Save => native.set_file_name(dialog.name).save_file(),
-    }
-}
-
 /// The services of a window that is open.
 pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Services {
     let ctx = &asks.ctx;
-    let (for_scan, for_load, for_align) = (ctx.clone(), ctx.clone(), ctx.clone());
-    let (for_ports, for_dialog, for_calibration) = (ctx.clone(), ctx.clone(), ctx.clone());
-    let for_rig = rigs.clone();
+    let (for_name, for_load, for_align) = (ctx.clone(), ctx.clone(), ctx.clone());
+    let (for_ports, for_dialog, for_write) = (ctx.clone(), ctx.clone(), ctx.clone());
+    let kept = rigs.data.clone();
+    let data = kept.clone().unwrap_or_default();
+    let scratch = kept.unwrap_or_else(|| std::env::temp_dir().join("springtwin"));
     Services {
-        scan: Box::new(move || {
-            later(&for_scan, "scan", |_| {
-                Ok(library::scan(&library::folders()))
-            })
-        }),
+        recordings: Folder::of(data.join("recordings")),
+        exports: data.join("exports"),
+        scan: scanner(ctx, library::Places::new(&scratch)),
         load: Box::new(move |path| {
             let path = path.to_owned();
             later(&for_load, "loader", move |worker| {
@@ -78,20 +64,24 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
         }),
         open_in_rerun: Box::new(viewer::open),
         start_viewer: viewer::starter(&asks.ctx),
-        default_recording: Box::new(library::default_recording),
-        pick: Box::new(move |dialog| later(&for_dialog, "dialog", |_| Ok(ask(dialog)))),
-        calibration: calibrate::services(ctx, calibration),
-        belongings: Box::new(move |rig| {
-            let found = for_rig.belongings(rig).map_err(|e| format!("{e:#}."));
-            let (setting, registration) = found?;
-            Ok((calibrate::services(&for_calibration, setting), registration))
+        new_recording: Box::new(move |folder| {
+            let folder = folder.to_owned();
+            later(&for_name, "recording's name", move |_| {
+                library::names::fresh(&folder, jiff::Zoned::now().datetime())
+            })
         }),
-        write: Box::new(|path, bytes| {
-            springtwin::recording::write_bytes(path, bytes).map_err(|e| e.to_string())
+        pick: Box::new(move |asked| later(&for_dialog, "dialog", |_| Ok(dialog::ask(asked)))),
+        calibration: calibrate::services(ctx, calibration),
+        write: Box::new(move |path, existing, content| {
+            let path = path.to_owned();
+            later(&for_write, "export", move |_| {
+                export::write(&path, existing, &content()?)
+            })
         }),
         ports: Box::new(move || later(&for_ports, "ports", |_| serial_ports())),
         connect: Box::new(move |rig| {
             let (rigs, rig) = (rigs.clone(), rig.to_owned());
+            let for_calibration = asks.ctx.clone();
             let repaint = match asks.repaint() {
                 Ok(repaint) => repaint,
                 Err(e) => {
@@ -100,9 +90,24 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
             };
             later(&asks.ctx, "connection", move |worker| {
                 worker.tell(&format!("Connecting to {rig}"), None);
-                rigs.connect(&rig, repaint)
+                let handle = rigs.connect(&rig, repaint)?;
+                worker.tell("Reading its calibration", None);
+                let belongings = rigs.belongings(&rig).map_err(|e| format!("{e:#}."));
+                let belongings = belongings.map(|(setting, registration)| {
+                    (calibrate::services(&for_calibration, setting), registration)
+                });
+                Ok(Connected { handle, belongings })
             })
         }),
         gap: springtwin::gui::services::gap::GapServices::none(),
     }
+}
+
+/// Looks for recordings in `places` and in the folder that is recorded to.
+pub fn scanner(ctx: &egui::Context, places: library::Places) -> Scanner {
+    let ctx = ctx.clone();
+    Box::new(move |folder| {
+        let (places, folder) = (places.clone(), folder.to_owned());
+        later(&ctx, "scan", move |_| Ok(places.scan(&folder)))
+    })
 }

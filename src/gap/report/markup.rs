@@ -39,6 +39,10 @@ pub fn number(x: f64) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
+    // What so many decimals do not show.
+    if x.abs() < 1e-5 {
+        return format!("{x:.1e}").replace('-', "−");
+    }
     // Exponent after rounding to three digits: 9.996 has one digit before the point less than it shows.
     let digits = x.abs().log10() + 0.000_217;
     fixed(x, (2 - digits.floor() as i32).clamp(0, 6) as usize)
@@ -57,10 +61,20 @@ pub(super) fn fixed(x: f64, decimals: usize) -> String {
     }
 }
 
-/// `value ± error`, to two digits of the error.
+/// Smaller errors are only said to be below it.
+const LEAST_ERROR: f64 = 1e-3;
+
+/// `value ± error`, to two digits of the error; `value ± < 0.001` for smaller ones.
 pub fn with_error(value: f64, error: f64) -> String {
     if !(error.is_finite() && error > 0.0) {
         return number(value);
+    }
+    if error < LEAST_ERROR {
+        let value = match value.abs() < 0.5 * LEAST_ERROR {
+            true => "0".to_owned(),
+            false => fixed(value, 3),
+        };
+        return format!("{value} ± < {LEAST_ERROR}");
     }
     let decimals = decimals(error);
     format!("{} ± {}", fixed(value, decimals), fixed(error, decimals))

@@ -519,6 +519,11 @@ fn numbers_read_well() {
     assert_eq!(with_error(812.3, 41.2), "812 ± 41");
     assert_eq!(with_error(0.4, 1.04), "0.4 ± 1.0");
     assert_eq!(with_error(-6.0, f64::NAN), "−6.00");
+    // Never a row of zeros.
+    assert_eq!(with_error(3.1e-8, 2.2e-7), "0 ± < 0.001");
+    assert_eq!(with_error(-812.3, 4e-9), "−812.300 ± < 0.001");
+    assert_eq!(with_error(0.0123, 0.0021), "0.0123 ± 0.0021");
+    assert_eq!(number(-2.04e-9), "−2.0e−9");
     assert_eq!(fixed(-0.04, 1), "0.0");
     assert_eq!(at(f64::NAN), "0");
     assert_eq!(at(-0.01), "0");

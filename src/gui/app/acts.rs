@@ -21,10 +21,7 @@ impl App {
             self.screen = screen;
         }
         match act {
-            Act::Record => {
-                let path = (self.services.default_recording)();
-                commands.push(Command::StartRecording(path));
-            }
+            Act::Record => self.library.record(&mut self.services),
             Act::Pane(_)
             | Act::Plan(_)
             | Act::Draw
@@ -50,12 +47,7 @@ impl App {
             Act::Plots(plots) => self.accuracy.plots = plots,
             Act::Below(below) => self.accuracy.below = below,
             Act::Score(scope) => self.accuracy.scope = scope,
-            Act::Peak(forward) => {
-                let mut accuracy = std::mem::take(&mut self.accuracy);
-                let mut window: TimeWindow = self.window;
-                accuracy.jump(&self.shown(), &mut window, forward);
-                (self.accuracy, self.window) = (accuracy, window);
-            }
+            Act::Peak(forward) => self.accuracy.want_peak(forward),
             Act::Export(kind) => self.accuracy.export.wanted = Some(kind),
             Act::Calibrate(step) => {
                 let mode = self.live.mode.clone();

@@ -4,10 +4,9 @@ use egui::{Button, RichText, TextEdit, Ui, vec2};
 
 use super::View;
 use super::widgets::{Gate, gated, heading, note, status};
-use crate::gui::services::{Job, PortEntry, Services};
+use crate::gui::services::{Connected, Pending, PortEntry, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::Mode;
-use crate::twin::Handle;
 
 /// The rigs that need no hardware: name for the program, name on screen, what it is.
 pub const VIRTUAL: [(&str, &str, &str); 2] = [
@@ -32,8 +31,8 @@ pub struct Connection {
     typed: String,
     /// What went wrong last: one sentence.
     pub error: Option<String>,
-    listing: Option<Job<Vec<PortEntry>>>,
-    joining: Option<(String, Job<Handle>)>,
+    listing: Pending<Vec<PortEntry>>,
+    joining: Pending<Connected, String>,
     /// Whether the menu is to be opened.
     pub wanted: bool,
     was_open: bool,
@@ -45,38 +44,36 @@ const PORTS: f32 = 140.0;
 impl Connection {
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
-        self.listing.is_some() || self.joining.is_some()
+        self.listing.is_busy() || self.joining.is_busy()
     }
 
     /// Takes what has come; gives the rig's name and the twin when a connection is made.
-    pub fn poll(&mut self) -> Option<(String, Result<Handle, String>)> {
-        if let Some(found) = self.listing.as_ref().and_then(Job::poll) {
-            self.listing = None;
-            match found {
-                Ok(ports) => self.ports = ports,
-                Err(e) => self.error = Some(e),
-            }
+    pub fn poll(&mut self) -> Option<(String, Result<Connected, String>)> {
+        match self.listing.take() {
+            Some(Ok(ports)) => self.ports = ports,
+            Some(Err(e)) => self.error = Some(e),
+            None => {}
         }
-        let answer = self.joining.as_ref()?.1.poll()?;
-        let (name, _) = self.joining.take()?;
+        let (name, answer) = self.joining.take_for()?;
         self.error = answer.as_ref().err().cloned();
         Some((name, answer))
     }
 
     /// What is being connected to.
     pub fn joining(&self) -> Option<&str> {
-        self.joining.as_ref().map(|(name, _)| name.as_str())
+        self.joining.context().map(String::as_str)
     }
 
     /// Gives up connecting.
     pub fn cancel(&mut self) {
-        self.joining = None;
+        self.joining.cancel();
     }
 
     /// Begins to connect.
     pub fn join(&mut self, name: &str, services: &mut Services) {
         self.error = None;
-        self.joining = Some((name.to_owned(), (services.connect)(name)));
+        self.joining
+            .begin_for(name.to_owned(), (services.connect)(name));
     }
 }
 
@@ -114,7 +111,7 @@ pub fn menu(
             wanted = contents(ui, live, connection, services, &gate);
         });
     if shown.is_some() && !connection.was_open {
-        connection.listing = Some((services.ports)());
+        connection.listing.begin((services.ports)());
     }
     connection.was_open = shown.is_some();
     if wanted.is_some() {
@@ -168,12 +165,12 @@ fn contents(
                 .on_hover_text("Look for serial ports again")
                 .clicked()
             {
-                connection.listing = Some((services.ports)());
+                connection.listing.begin((services.ports)());
             }
         });
     });
     if connection.ports.is_empty() {
-        let text = if connection.listing.is_some() {
+        let text = if connection.listing.is_busy() {
             "Looking…"
         } else {
             "None found. Plug the boards in and look again; see springtwin doctor for rights."

@@ -15,13 +15,14 @@ use std::time::Duration;
 
 use egui::{Button, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
 
+use super::files::Saving;
 pub use super::trouble::Trouble;
 use super::widgets::{Gate, badge, empty, ends, gated, note, status};
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Verdict};
 use crate::gui::services::gap::PatchedRobot;
-use crate::gui::services::{Job, Services};
+use crate::gui::services::{Job, Pending, Services};
 use crate::gui::theme::{Level, Palette};
 
 /// A step of the story.
@@ -102,9 +103,9 @@ pub struct Outcome {
     pub answer: Option<PathBuf>,
     /// What was hidden, once the operator asked.
     pub revealed: Option<Key>,
-    revealing: Option<Job<Key>>,
+    revealing: Pending<Key>,
     // What is shown then, and of which alternative.
-    keeping: Option<(Show, usize, Job<PathBuf>)>,
+    keeping: Pending<PathBuf, (Show, usize)>,
     // Folder that holds the report of this finding, with the alternative it was written for.
     kept: Option<(usize, PathBuf)>,
 }
@@ -118,8 +119,8 @@ impl Outcome {
             alternative: 0,
             answer,
             revealed: None,
-            revealing: None,
-            keeping: None,
+            revealing: Pending::default(),
+            keeping: Pending::default(),
             kept: None,
         }
     }
@@ -143,6 +144,16 @@ enum Show {
     Overlay,
 }
 
+impl Show {
+    /// Its file in the report's folder.
+    fn file(self) -> &'static str {
+        match self {
+            Self::Page => "report.html",
+            Self::Overlay => "overlay.rrd",
+        }
+    }
+}
+
 /// The finder at work on the sessions that were chosen when it was started.
 struct Running {
     job: Job<Result<Arc<Found>, GapError>>,
@@ -164,8 +175,10 @@ pub struct GapState {
     select: select::Selection,
     running: Option<Running>,
     unread: Option<String>,
-    patching: Option<(Option<Decision>, Job<PatchedRobot>)>,
-    saving: Option<Job<Option<PathBuf>>>,
+    patching: Pending<PatchedRobot, Option<Decision>>,
+    saving: Saving,
+    // A report that is being shown, and where it is.
+    opening: Pending<(), (Show, PathBuf)>,
     said: Option<String>,
     locate: locate::LocateState,
     asked_for_patches: bool,
@@ -177,17 +190,23 @@ impl GapState {
         let outcome = self
             .outcome
             .as_ref()
-            .is_some_and(|o| o.revealing.is_some() || o.keeping.is_some());
+            .is_some_and(|o| o.revealing.is_busy() || o.keeping.is_busy());
         outcome
             || self.running.is_some()
-            || self.patching.is_some()
-            || self.saving.is_some()
+            || self.patching.is_busy()
+            || self.saving.is_busy()
+            || self.opening.is_busy()
             || self.select.busy()
     }
 
     /// Lets what lies on the graphics device be made anew.
     pub fn forget_pictures(&mut self) {
         self.locate.forget_picture();
+    }
+
+    /// Looks for sessions again, when the screen is shown next.
+    pub fn rescan(&mut self) {
+        self.select.rescan();
     }
 
     /// Takes a finding, as if the finder had just made it.
@@ -202,7 +221,7 @@ impl GapState {
     fn poll(&mut self, services: &mut Services) {
         if !self.asked_for_patches {
             self.asked_for_patches = true;
-            self.patching = Some((None, (services.gap.patched)()));
+            self.patching.begin_for(None, (services.gap.patched)());
         }
         if let Some(trouble) = self.select.poll(services) {
             self.trouble = Some(trouble);
@@ -222,12 +241,7 @@ impl GapState {
                 }
             }
         }
-        if let Some((decision, answer)) = self
-            .patching
-            .as_ref()
-            .and_then(|(d, job)| Some((*d, job.poll()?)))
-        {
-            self.patching = None;
+        if let Some((decision, answer)) = self.patching.take_for() {
             match answer {
                 Ok(robot) => {
                     self.unread = None;
@@ -256,9 +270,9 @@ impl GapState {
         if self.running.is_some() {
             return Err("The finder is at work: wait, or cancel it.".into());
         }
-        match self.select.making {
-            Some(_) => Err("An example is being made.".into()),
-            None => Ok(()),
+        match self.select.making.is_busy() {
+            true => Err("An example is being made.".into()),
+            false => Ok(()),
         }
     }
 

@@ -6,6 +6,7 @@ pub mod calibrate;
 pub mod chambers;
 pub mod connect;
 pub mod dashboard;
+pub mod files;
 pub mod gap;
 pub mod operate;
 pub mod palette;

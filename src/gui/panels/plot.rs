@@ -254,6 +254,7 @@ impl TimePlot<'_> {
         let cursors = window.cursors_s;
         let emphasis = self.emphasis;
         let playhead = self.playhead_s;
+        let zero_s = view.history.zero_s();
         let response = Plot::new(self.title)
             .height(height)
             .width(width)
@@ -267,16 +268,17 @@ impl TimePlot<'_> {
             .show_axes([self.time_axis == TimeAxis::Shown, true])
             .y_axis_min_width(Y_AXIS)
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
-            .x_axis_formatter(|mark, _| {
-                // Nothing happened before the session began.
-                if mark.value < -1e-9 {
+            .x_axis_formatter(move |mark, _| {
+                let t_s = mark.value - zero_s;
+                // Nothing happened before the session or the recording began.
+                if t_s < -1e-9 {
                     String::new()
                 } else {
-                    clock(mark.value, mark.step_size)
+                    clock(t_s, mark.step_size)
                 }
             })
             .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
-            .x_grid_spacer(move |_| marks_of_time(range, width / 90.0))
+            .x_grid_spacer(move |_| marks_of_time(range, zero_s, width / 90.0))
             .grid_color(palette.line)
             .grid_fade(0.0)
             .link_cursor(egui::Id::unique("time"), [true, false])
@@ -288,7 +290,7 @@ impl TimePlot<'_> {
                 } => Some(format!(
                     "{plot_name}\n{} {unit} at {}",
                     number(position.y, decimals + 1),
-                    clock(position.x, 0.1)
+                    clock(position.x - zero_s, 0.1)
                 )),
                 HoverPosition::Elsewhere { .. } => None,
             })

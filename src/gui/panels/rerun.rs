@@ -6,7 +6,7 @@ use egui::{Button, Ui};
 
 use super::View;
 use super::widgets::{Gate, gated, note, status};
-use crate::gui::services::{Job, Services};
+use crate::gui::services::{Pending, Services};
 use crate::gui::theme::Level;
 use crate::signal::{StreamState, StreamStatus};
 use crate::twin::Command;
@@ -14,7 +14,7 @@ use crate::twin::Command;
 /// A viewer that is being started.
 #[derive(Default)]
 pub struct LiveViewer {
-    starting: Option<Job<SocketAddr>>,
+    starting: Pending<SocketAddr>,
     /// Why it could not be started: one sentence.
     error: Option<String>,
 }
@@ -22,21 +22,20 @@ pub struct LiveViewer {
 impl LiveViewer {
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
-        self.starting.is_some()
+        self.starting.is_busy()
     }
 
     /// Starts a viewer, or finds the one that runs.
     pub fn start(&mut self, services: &mut Services) {
         self.error = None;
-        self.starting = Some((services.start_viewer)());
+        self.starting.begin((services.start_viewer)());
     }
 
     /// Takes what has come, whatever screen is shown: a viewer that is ready is streamed to.
     pub fn poll(&mut self, commands: &mut Vec<Command>) {
-        let Some(answer) = self.starting.as_ref().and_then(Job::poll) else {
+        let Some(answer) = self.starting.take() else {
             return;
         };
-        self.starting = None;
         match answer {
             Ok(address) => commands.push(Command::StreamLive(address)),
             Err(e) => self.error = Some(e),
@@ -59,8 +58,8 @@ pub fn live_in_rerun(
         Ok(())
     };
     let stream = live.snapshot.streaming.as_ref();
-    ui.horizontal_wrapped(|ui| match (&viewer.starting, stream) {
-        (Some(_), _) => {
+    ui.horizontal_wrapped(|ui| match (viewer.starting.is_busy(), stream) {
+        (true, _) => {
             ui.spinner();
             note(ui, "Starting the Rerun viewer…");
             if ui
@@ -69,17 +68,17 @@ pub fn live_in_rerun(
                 .on_hover_text("Do not wait for the Rerun viewer")
                 .clicked()
             {
-                viewer.starting = None;
+                viewer.starting.cancel();
             }
         }
-        (None, Some(s)) if !matches!(s.state, StreamState::Ended(_)) => {
+        (false, Some(s)) if !matches!(s.state, StreamState::Ended(_)) => {
             streaming(ui, &gate, s, commands);
             // A viewer that is away is given up for another.
             if matches!(s.state, StreamState::Away(_)) && open(ui, &gate, viewer, services) {
                 commands.push(Command::StopStream);
             }
         }
-        (None, _) => {
+        (false, _) => {
             open(ui, &gate, viewer, services);
         }
     });
@@ -87,7 +86,7 @@ pub fn live_in_rerun(
         StreamState::Ended(reason) | StreamState::Away(reason) => Some(reason),
         StreamState::Starting | StreamState::Streaming => None,
     });
-    if viewer.starting.is_none()
+    if !viewer.starting.is_busy()
         && let Some(text) = viewer.error.as_ref().or(ended)
     {
         status(ui, Level::Warning, text);

@@ -1,7 +1,10 @@
 //! Something that went wrong, as a box.
 
+use std::path::{Path, PathBuf};
+
 use egui::{RichText, Ui};
 
+use super::files::copy_path;
 use crate::gui::theme::{Level, Palette};
 
 /// Something went wrong: what, what follows from it, what to do. One sentence each.
@@ -13,6 +16,8 @@ pub struct Trouble {
     pub consequence: String,
     /// What to do.
     pub remedy: String,
+    /// What it is about: its path can be copied.
+    pub path: Option<PathBuf>,
 }
 
 impl Trouble {
@@ -22,6 +27,15 @@ impl Trouble {
             cause: cause.into(),
             consequence: consequence.to_owned(),
             remedy: remedy.to_owned(),
+            path: None,
+        }
+    }
+
+    /// With the file or folder that it is about.
+    pub fn about(self, path: &Path) -> Self {
+        Self {
+            path: Some(path.to_owned()),
+            ..self
         }
     }
 
@@ -33,14 +47,22 @@ impl Trouble {
             .corner_radius(4)
             .inner_margin(8)
             .show(ui, |ui| {
-                ui.set_width(ui.available_width());
-                ui.spacing_mut().item_spacing.y = 3.0;
-                let line = |ui: &mut Ui, text: String| {
-                    ui.add(egui::Label::new(RichText::new(text).color(p.text)).wrap());
-                };
-                line(ui, format!("{} {}", Level::Warning.glyph(), self.cause));
-                line(ui, self.consequence.clone());
-                line(ui, format!("→ {}", self.remedy));
+                // In a row the sentences would stand beside each other, the last ones a letter wide.
+                ui.vertical(|ui| self.lines(ui, p.text));
             });
+    }
+
+    fn lines(&self, ui: &mut Ui, color: egui::Color32) {
+        ui.set_width(ui.available_width());
+        ui.spacing_mut().item_spacing.y = 3.0;
+        let line = |ui: &mut Ui, text: String| {
+            ui.add(egui::Label::new(RichText::new(text).color(color)).wrap());
+        };
+        line(ui, format!("{} {}", Level::Warning.glyph(), self.cause));
+        line(ui, self.consequence.clone());
+        line(ui, format!("→ {}", self.remedy));
+        if let Some(path) = &self.path {
+            copy_path(ui, path);
+        }
     }
 }

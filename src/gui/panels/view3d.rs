@@ -3,6 +3,8 @@
 //! Without a graphics adapter a side view stands in: x to the right, z up, both in mm; a click takes
 //! the point in the plane of the tip.
 
+use std::sync::Arc;
+
 use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 use serde::{Deserialize, Serialize};
@@ -15,7 +17,8 @@ use crate::gui::scene::{
     Aids, Controls, Entity, Picking, PlanMarks, Scene, SceneInput, Theme, Tool,
 };
 use crate::gui::theme::Palette;
-use crate::signal::ReachState;
+use crate::sensing::shape_by_sensors;
+use crate::signal::{ReachState, Snapshot};
 
 /// Length of the trails, s.
 const TRAIL_S: f64 = 20.0;
@@ -114,6 +117,17 @@ pub fn scene_view(
     view: &View<'_>,
     edited: &Edited<'_>,
 ) -> View3dOutput {
+    let shaped;
+    let view = match shape_of(view) {
+        Some(snapshot) => {
+            shaped = snapshot;
+            &View {
+                snapshot: &shaped,
+                ..*view
+            }
+        }
+        None => view,
+    };
     let Some(scene) = &mut state.scene else {
         return side_view(ui, view, edited);
     };
@@ -182,6 +196,20 @@ pub fn scene_view(
             _ => None,
         },
     }
+}
+
+/// The snapshot of a replay with the shape that its springs and IMUs tell, where it keeps none.
+fn shape_of(view: &View<'_>) -> Option<Snapshot> {
+    let s = view.snapshot;
+    let sensors = s.sensors.as_ref()?;
+    if view.replay.is_none() || s.shown_shape().is_some() {
+        return None;
+    }
+    let shape = shape_by_sensors(view.spec, sensors)?;
+    Some(Snapshot {
+        shape: Some(Arc::new(shape)),
+        ..s.clone()
+    })
 }
 
 /// The bar with the directions of view and what is switched on.
@@ -387,5 +415,46 @@ fn grid(painter: &egui::Painter, rect: egui::Rect, origin: Pos2, scale: f32, p: 
                 painter.text(at, Align2::LEFT_BOTTOM, text, font.clone(), p.weak);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gui::fixture;
+    use crate::gui::history::History;
+    use crate::robot::RobotSpec;
+
+    #[test]
+    fn a_replay_without_a_shape_shows_the_arm_by_its_springs_and_imus() {
+        let spec = RobotSpec::reference();
+        let history = History::new(1);
+        let whole = fixture::snapshot(3.0);
+        let log = Snapshot {
+            shape: None,
+            estimate: None,
+            command: None,
+            ..whole.clone()
+        };
+        let view = |snapshot, replay| View {
+            snapshot,
+            history: &history,
+            now_s: 3.0,
+            replay,
+            spec: &spec,
+            simulated: None,
+        };
+        let drawn = shape_of(&view(&log, Some("log"))).expect("all sensors are there");
+        let tip = |s: &Snapshot| s.shown_shape().expect("a shape").base_from_pad[2].translation;
+        let off = tip(&drawn).vector - tip(&whole).vector;
+        assert!(off.norm() < 2e-3, "{off}");
+        // The twin's own shape is kept, and a live arm is never drawn by guesswork.
+        assert!(shape_of(&view(&whole, Some("recording"))).is_none());
+        assert!(shape_of(&view(&log, None)).is_none());
+        let blind = Snapshot {
+            sensors: None,
+            ..log.clone()
+        };
+        assert!(shape_of(&view(&blind, Some("log"))).is_none());
     }
 }

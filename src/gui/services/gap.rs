@@ -89,6 +89,8 @@ pub type Keep = Box<dyn FnMut(&Arc<Found>, &Patch, Origin) -> Job<PathBuf>>;
 
 /// Reads what was hidden in an example.
 pub type KeyReader = Box<dyn FnMut(&Path) -> Job<Key>>;
+/// Shows a page in another program.
+pub type PageOpener = Box<dyn FnMut(&Path) -> Job<()>>;
 /// Puts a patch on a robot file.
 pub type Patcher = Box<dyn FnMut(&Patch) -> Job<PatchedRobot>>;
 
@@ -111,8 +113,8 @@ pub struct GapServices {
     pub undo: Box<dyn FnMut() -> Job<PatchedRobot>>,
     /// Writes everything there is to say of a finding.
     pub keep: Keep,
-    /// Shows a page in the browser.
-    pub open_page: super::Opener,
+    /// Shows a page in the browser; the answer says whether one took it.
+    pub open_page: PageOpener,
 }
 
 impl GapServices {
@@ -133,7 +135,7 @@ impl GapServices {
             accept: Box::new(move |_| Job::ready(Err(no("write robot files")))),
             undo: Box::new(move || Job::ready(Err(no("write robot files")))),
             keep: Box::new(move |_, _, _| Job::ready(Err(no("write reports")))),
-            open_page: Box::new(move |_| Err(no("open other programs"))),
+            open_page: Box::new(move |_| Job::ready(Err(no("open other programs")))),
         }
     }
 }

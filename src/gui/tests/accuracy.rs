@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::gui::panels::accuracy::{Below, Plots, Scope};
+use crate::gui::services::{Existing, Picked, Worker};
 
 /// Files that the window wrote.
 type Written = Arc<Mutex<Vec<(PathBuf, Vec<u8>)>>>;
@@ -30,11 +31,11 @@ fn app(session: &[Snapshot], theme: Theme) -> App {
 fn writing(app: &mut App) -> Written {
     let written = Written::default();
     let to = Arc::clone(&written);
-    app.services.write = Box::new(move |path, bytes| {
+    app.services.write = Box::new(move |path, _, content| {
         to.lock()
             .expect("not poisoned")
-            .push((path.to_owned(), bytes.to_vec()));
-        Ok(())
+            .push((path.to_owned(), content().expect("bytes")));
+        Job::ready(Ok(path.to_owned()))
     });
     written
 }
@@ -90,13 +91,15 @@ fn the_scores_of_one_recording_are_never_shown_for_another() {
     };
     let mut app = app(&[], Theme::Dark);
     let written = writing(&mut app);
-    app.services.pick = Box::new(|dialog| Job::ready(Ok(Some(dialog.name.into()))));
+    app.services.pick = Box::new(|dialog| Job::ready(Ok(Picked::Path(dialog.name.into()))));
     app.player = Some(player("good", 0.0));
     let mut h = harness(app);
     h.run_steps(3);
     h.state_mut().player = Some(player("bad", 0.05));
     h.run_steps(3);
     h.get_by_label("CSV").click();
+    h.run_steps(2);
+    h.get_by_label("Browse…").click();
     h.run_steps(4);
     let written = written.lock().expect("not poisoned");
     let (path, bytes) = &written[0];
@@ -172,7 +175,7 @@ fn the_table_that_is_written_holds_as_many_rows_as_are_shown() {
             press(&mut h, "All");
         }
         press(&mut h, "CSV");
-        // There is no dialog: the path is typed.
+        // The path can be typed; there is no dialog.
         h.get_by_label("Path to write");
         press(&mut h, "Write");
         h.run();
@@ -181,7 +184,7 @@ fn the_table_that_is_written_holds_as_many_rows_as_are_shown() {
             .expect("not poisoned")
             .pop()
             .expect("written");
-        assert_eq!(path, PathBuf::from("accuracy-live-simulated.csv"));
+        assert_eq!(path, PathBuf::from("exports/accuracy-live-simulated.csv"));
         let text = String::from_utf8(bytes).expect("text");
         let rows: Vec<Vec<f64>> = text
             .lines()
@@ -205,7 +208,18 @@ fn the_table_that_is_written_holds_as_many_rows_as_are_shown() {
             let length = (1..4).map(|k| r[k] * r[k]).sum::<f64>().sqrt();
             assert!((length - r[7]).abs() < 2e-4, "{r:?}");
         }
-        h.get_by_label_contains(&format!("Wrote {shown} rows"));
+        h.get_by_label(&format!(
+            "Wrote {shown} rows to exports/accuracy-live-simulated.csv."
+        ));
+        control(&h, "Copy path").click();
+        let copied = (0..4).any(|_| {
+            h.step();
+            let commands = &h.output().platform_output.commands;
+            commands.iter().any(|c| {
+                matches!(c, egui::OutputCommand::CopyText(t) if t.ends_with("live-simulated.csv"))
+            })
+        });
+        assert!(copied);
     }
 }
 
@@ -215,11 +229,12 @@ fn the_report_says_that_the_data_are_simulated_and_a_failure_says_what_to_do() {
     let written = writing(&mut app);
     app.services.pick = Box::new(|dialog| {
         assert_eq!(dialog.name, "accuracy-live-simulated.html");
-        Job::ready(Ok(Some(PathBuf::from("report.html"))))
+        Job::ready(Ok(Picked::Path(PathBuf::from("report.html"))))
     });
     let mut h = harness(app);
     h.run();
     press(&mut h, "Report");
+    press(&mut h, "Browse…");
     let (path, bytes) = written
         .lock()
         .expect("not poisoned")
@@ -228,23 +243,44 @@ fn the_report_says_that_the_data_are_simulated_and_a_failure_says_what_to_do() {
     assert_eq!(path, PathBuf::from("report.html"));
     let html = String::from_utf8(bytes).expect("text");
     assert!(html.contains("simulated data") && html.contains("1 occlusions (2.0 s)"));
-    h.state_mut().services.write = Box::new(|_, _| Err("The disk is full.".into()));
+    h.state_mut().services.write = Box::new(|_, _, _| Job::ready(Err("The disk is full.".into())));
     press(&mut h, "Report");
+    press(&mut h, "Write");
     h.get_by_label_contains("The disk is full. Nothing was written: choose another place.");
 }
 
 #[test]
-fn the_picture_shows_this_screen_alone() {
+fn the_picture_shows_this_screen_alone_without_the_controls_that_made_it() {
     let mut app = app(&session(), Theme::Dark);
     let written = writing(&mut app);
-    app.services.pick = Box::new(|_| Job::ready(Ok(Some(PathBuf::from("a.png")))));
+    // A window that stands still: nothing else changes between two pictures.
+    app.window.frozen_end_s = Some(140.0);
+    app.accuracy.scope = Scope::All;
     let mut h = Harness::builder()
         .with_size([1280.0, 720.0])
         .wgpu()
         .build_eframe(|_| app);
-    h.run_steps(3);
-    h.get_by_label("PNG").click();
     h.run_steps(6);
+    h.get_by_label("PNG").click();
+    h.run_steps(2);
+    h.get_by_label("Write").click();
+    h.step();
+    // While the picture is taken there is neither button nor spinner, but what the picture is of.
+    let mut frames = 0;
+    while written.lock().expect("not poisoned").is_empty() {
+        h.step();
+        frames += 1;
+        assert!(frames < 10);
+        if h.state().accuracy.export.is_posing() {
+            for control in ["CSV", "PNG", "Report", "Write", "Cancel", "Browse…"] {
+                assert!(h.query_by_label(control).is_none(), "{control}");
+            }
+            assert!(h.query_by_label_contains("Taking").is_none());
+            h.get_by_label_contains("simulated data, 100.0 to 140.0 s");
+        }
+    }
+    h.run_steps(3);
+    h.get_by_label("PNG");
     let (_, bytes) = written
         .lock()
         .expect("not poisoned")
@@ -254,6 +290,45 @@ fn the_picture_shows_this_screen_alone() {
     assert!((1000..1280).contains(&picture.width()) && (500..720).contains(&picture.height()));
     let shades: std::collections::BTreeSet<_> = picture.pixels().step_by(97).map(|p| p.0).collect();
     assert!(shades.len() > 20, "nearly blank");
+}
+
+#[test]
+fn a_file_that_takes_long_to_write_holds_no_frame_up_and_one_that_is_there_is_kept() {
+    let mut app = app(&session(), Theme::Dark);
+    let workers = Arc::new(Mutex::new(Vec::<(Existing, Worker<PathBuf>)>::new()));
+    let to = Arc::clone(&workers);
+    app.services.write = Box::new(move |_, existing, _| {
+        let (job, worker) = Job::pair();
+        to.lock().expect("not poisoned").push((existing, worker));
+        job
+    });
+    let mut h = harness(app);
+    h.run_steps(4);
+    press(&mut h, "CSV");
+    h.get_by_label("Write").click();
+    // The disk does not answer; frames go on.
+    h.run_steps(20);
+    h.get_by_label("Writing…");
+    assert!(is_disabled(&h, "CSV") && h.state().busy());
+    let (existing, worker) = workers.lock().expect("not poisoned").remove(0);
+    assert_eq!(existing, Existing::Kept, "nobody was asked");
+    worker.finish(Ok("exports/accuracy-live-simulated-2.csv".into()));
+    h.run_steps(3);
+    h.get_by_label_contains("rows to exports/accuracy-live-simulated-2.csv.");
+    control(&h, "Copy path");
+}
+
+#[test]
+fn a_press_of_j_on_a_long_session_goes_through_a_slice_per_frame() {
+    let mut h = harness(app(&fixture::session(300), Theme::Dark));
+    h.run();
+    // More rows than a frame goes through.
+    assert!(h.state().accuracy.peak.is_none());
+    h.key_press(Key::J);
+    h.step();
+    assert!(h.state().accuracy.peak.is_none(), "not all in one frame");
+    h.run();
+    assert!(h.state().accuracy.peak.is_some());
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::*;
 use crate::control::Gains;
 use crate::gui::panels::calibrate::wizard::{DRAFT, Step, Wizard, same};
 use crate::gui::services::{
-    BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version,
+    BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Picked, Question, Version,
 };
 use crate::link::wire::Config;
 use crate::rig::circuit::{self, BenchPlan};
@@ -432,7 +432,7 @@ fn a_log_is_browsed_read_and_judged_and_a_circuit_s_own_readings_are_not_used() 
     let mut outside = services(&Shelf::default());
     outside.pick = Box::new(|dialog| {
         assert_eq!(dialog.kind, crate::gui::services::DialogKind::Open);
-        Job::ready(Ok(Some(PathBuf::from("logs/bench.csv"))))
+        Job::ready(Ok(Picked::Path(PathBuf::from("logs/bench.csv"))))
     });
     outside.calibration.bench = None;
     outside.calibration.read_bench = Box::new(|path| {

@@ -19,7 +19,7 @@ use crate::gui::panels::gap::{Decision, Step};
 use crate::gui::services::gap::{
     ExamplePair, GapServices, PatchedRobot, RobotMatch, SessionSheet, SheetGroup,
 };
-use crate::gui::services::{Dialog, Worker};
+use crate::gui::services::{Dialog, Existing, Picked, Worker};
 use crate::rig::hidden::Hidden;
 use crate::rig::{SessionPlan, session};
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
@@ -163,12 +163,13 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
     Services {
         pick: Box::new(move |dialog| {
             ask.borrow_mut().asked.push(dialog);
-            Job::ready(Ok(Some("out/gap.html".into())))
+            Job::ready(Ok(Picked::Path("out/gap.html".into())))
         }),
-        write: Box::new(move |path, bytes| {
-            let file = (path.to_owned(), bytes.to_vec());
+        write: Box::new(move |path, existing, content| {
+            assert_eq!(existing, Existing::Replaced, "the dialog has asked");
+            let file = (path.to_owned(), content().expect("a report"));
             write.borrow_mut().written.push(file);
-            Ok(())
+            Job::ready(Ok(path.to_owned()))
         }),
         open_in_rerun: Box::new(move |path| {
             rerun.borrow_mut().opened.push(path.into());
@@ -222,7 +223,7 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
             }),
             open_page: Box::new(move |path| {
                 open.borrow_mut().opened.push(path.into());
-                Ok(())
+                Job::ready(Ok(()))
             }),
         },
         ..base
@@ -327,6 +328,9 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
         ["reports/abc/report.html", "reports/abc/overlay.rrd"].map(PathBuf::from)
     );
     click(&mut h, "Save report…");
+    h.get_by_label("Path to write");
+    click(&mut h, "Browse…");
+    h.get_by_label("Wrote the report to out/gap.html.");
     {
         let seen = seen.borrow();
         let (path, bytes) = &seen.written[0];
@@ -515,7 +519,7 @@ fn a_finding_keeps_the_origin_and_the_answer_of_the_moment_it_was_asked_for() {
     let seen = Rc::new(RefCell::new(Seen::default()));
     let mut services = services(&seen);
     let workers: Finders = Rc::default();
-    let dialogs: Rc<RefCell<Vec<Worker<Option<PathBuf>>>>> = Rc::default();
+    let dialogs: Rc<RefCell<Vec<Worker<Picked>>>> = Rc::default();
     let (given, asked) = (Rc::clone(&workers), Rc::clone(&dialogs));
     services.gap.find = Box::new(move |_, _| {
         let (job, worker) = Job::pair();
@@ -535,7 +539,7 @@ fn a_finding_keeps_the_origin_and_the_answer_of_the_moment_it_was_asked_for() {
     click(&mut h, "▶ Find");
     // The dialog was open all the time.
     let dialog = dialogs.borrow_mut().pop().expect("a dialog");
-    dialog.finish(Ok(Some("elsewhere/hardware.rrd".into())));
+    dialog.finish(Ok(Picked::Path("elsewhere/hardware.rrd".into())));
     h.run_steps(4);
     let worker = workers.borrow_mut().pop().expect("a run");
     worker.finish(Ok(Ok(with_verdict(Verdict::Named))));

@@ -7,6 +7,7 @@ use crate::gui::panels::gap::Step as GapStep;
 use crate::gui::panels::operate::Pane;
 use crate::gui::panels::palette::{Act, Deed, Entry, Known, entries, found};
 use crate::gui::panels::plans::PlanKind;
+use crate::gui::services::Picked;
 
 /// Types into the list and takes the first entry that is found.
 fn choose(h: &mut Harness<'_, App>, words: &str) {
@@ -42,11 +43,11 @@ fn asking(asked: &Asked) -> Services {
     let mut services = library_services();
     services.pick = Box::new(move |dialog| {
         pick.say(&format!("pick {}", dialog.name));
-        Job::ready(Ok(Some("out/errors.csv".into())))
+        Job::ready(Ok(Picked::Path("out/errors.csv".into())))
     });
-    services.write = Box::new(move |path, _| {
+    services.write = Box::new(move |path, _, _| {
         write.say(&format!("write {}", path.display()));
-        Ok(())
+        Job::ready(Ok(path.to_owned()))
     });
     services.connect = Box::new(move |name| {
         connect.say(&format!("connect {name}"));
@@ -100,7 +101,7 @@ fn circle_home_export_example_connect_theme_and_record_are_found_and_done() {
     assert_ne!(h.ctx.theme(), theme);
 
     choose(&mut h, "record");
-    let started = Command::StartRecording(PathBuf::from("recording.rrd"));
+    let started = Command::StartRecording(PathBuf::from("recordings/recording.rrd"));
     assert_eq!(twin.taken(), [started]);
 
     choose(&mut h, "connect");
@@ -119,6 +120,9 @@ fn export_is_found_and_writes() {
     choose(&mut h, "export");
     h.run_steps(6);
     assert_eq!(h.state().screen, Screen::Accuracy);
+    h.get_by_label("Path to write");
+    h.get_by_label("Browse…").click();
+    h.run_steps(4);
     assert_eq!(
         asked.all(),
         ["pick accuracy-live-simulated.csv", "write out/errors.csv"]

@@ -5,7 +5,7 @@ use egui::accesskit::Role;
 
 use super::*;
 use crate::gui::panels::View;
-use crate::gui::services::PortEntry;
+use crate::gui::services::{Connected, PortEntry};
 use crate::gui::theme::Level;
 
 #[test]
@@ -125,7 +125,10 @@ fn another_rig_is_chosen_in_the_window() {
         connect: Box::new(move |name| {
             log.lock().expect("not poisoned").push(name.to_owned());
             match ready.take() {
-                Some(handle) => Job::ready(Ok(handle)),
+                Some(handle) => Job::ready(Ok(Connected {
+                    handle,
+                    belongings: Err("The calibration of this rig is damaged.".into()),
+                })),
                 None => Job::ready(Err("Not connected to COM9: there is no such port.".into())),
             }
         }),
@@ -139,6 +142,8 @@ fn another_rig_is_chosen_in_the_window() {
     h.run_steps(4);
     assert_eq!(*asked.lock().expect("not poisoned"), ["/dev/ttyACM0"]);
     h.get_by_label("HARDWARE");
+    // What cannot be read of the rig was found by whoever connected, and is said.
+    h.get_by_label_contains("The calibration of this rig is damaged.");
     // The first twin was let go; commands reach the second.
     h.key_press_modifiers(Modifiers::SHIFT, Key::Escape);
     h.run_steps(2);

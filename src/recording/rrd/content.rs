@@ -301,6 +301,7 @@ impl Content {
             source: self.property("source"),
             simulated: self.property("simulated").parse().ok(),
             payload_kg: self.property("payload_kg").parse().unwrap_or(0.0),
+            begun: self.property("begun"),
             drawing: None,
         }
     }

@@ -21,6 +21,7 @@ fn meta() -> RecordingMeta {
         source: "virtual rig".into(),
         simulated: Some(true),
         payload_kg: 0.1,
+        begun: "2026-11-23T14:05:12+01:00".into(),
         drawing: Some(ArmDrawing {
             bellows_m: std::array::from_fn(|i| {
                 let a = (i as f64 * 120.0 + if i < 3 { 0.0 } else { 60.0 }).to_radians();

@@ -1,17 +1,16 @@
 //! Where motion capture is on the robot, as read with one calibration: poses at rest are kept raw, so that every
 //! calibration on trial gets frames of its own and none is judged in those of another.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use nalgebra::UnitQuaternion;
 
-use super::{Maps, TRIAL_SETTLING_S, sensing_for};
+use super::{FrameLog, Maps, TRIAL_SETTLING_S, sensing_for};
 use crate::learn::to_pose;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::{FitOptions, Frames, ObjectFrame, PosePair, register};
-use crate::signal::{Pose, RawFrame, Stamp};
+use crate::signal::{Pose, Stamp};
 
 /// A pause longer than this lets the filters settle anew, s.
 const PAUSE_S: f64 = 0.5;
@@ -31,7 +30,7 @@ pub struct Rest {
 #[derive(Clone, Debug, PartialEq)]
 pub struct RestPoses {
     /// Raw frames in order of time.
-    pub frames: VecDeque<RawFrame>,
+    pub frames: FrameLog,
     /// The poses.
     pub rests: Vec<Rest>,
     /// What is known of the end pad's frame on the tracked object.

@@ -162,3 +162,20 @@ fn a_sheet_tells_what_a_session_holds_and_whose_it_is() {
     let s = sheet_of(Path::new("s"), &silent, None, &robot);
     assert_eq!(s.robot, RobotMatch::Silent);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_page_that_no_browser_takes_is_told() {
+    let page = Path::new("report.html");
+    // xdg-open ends with 3 where it finds no browser.
+    assert_eq!(
+        open_page(page, &["false"]).err().as_deref(),
+        Some("The report cannot be shown in a browser: no browser was found.")
+    );
+    let none = open_page(page, &["springtwin-no-such-program"]);
+    assert!(none.is_err_and(|e| e.contains("no program that opens pages")));
+    assert_eq!(
+        open_page(page, &["springtwin-no-such-program", "true"]),
+        Ok(())
+    );
+}

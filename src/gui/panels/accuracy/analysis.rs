@@ -1,5 +1,7 @@
 //! What is scored: worked out a slice per frame, so that a long window never holds the others up.
 
+use std::sync::Arc;
+
 use super::{AccuracyState, Scope};
 use crate::gui::history::Stats;
 use crate::gui::panels::View;
@@ -20,7 +22,7 @@ pub struct Analysis {
     range_s: [f64; 2],
     rows: usize,
     /// The pairs.
-    pub scored: Vec<Scored>,
+    pub scored: Arc<Vec<Scored>>,
     /// Statistics of each error.
     pub stats: [Option<Stats>; 8],
     /// Spans without ground truth within the scope, s.
@@ -31,7 +33,7 @@ pub struct Analysis {
 }
 
 /// An analysis that is being made.
-pub struct Pending {
+pub struct Underway {
     made: Analysis,
     /// From here on nothing is scored yet, s; infinite once all is.
     next_s: f64,
@@ -58,12 +60,12 @@ impl Analysis {
     }
 }
 
-impl Pending {
+impl Underway {
     fn new(range_s: [f64; 2], rows: usize) -> Self {
         let made = Analysis {
             range_s,
             rows,
-            scored: Vec::new(),
+            scored: Arc::default(),
             stats: [None; 8],
             occlusions: Vec::new(),
             excluded: 0,
@@ -83,7 +85,7 @@ impl Pending {
             let until_s = view.history.after_rows(self.next_s, ROWS_PER_FRAME);
             let until_s = until_s.min(to_s);
             let more = scored(view.history, self.next_s, until_s);
-            self.made.scored.extend(more);
+            Arc::make_mut(&mut self.made.scored).extend(more);
             self.next_s = until_s.next_up();
             if self.next_s <= to_s {
                 return false;
@@ -148,7 +150,7 @@ impl AccuracyState {
         let mut pending = self
             .pending
             .take()
-            .unwrap_or_else(|| Pending::new(range_s, rows));
+            .unwrap_or_else(|| Underway::new(range_s, rows));
         if pending.work(view) {
             self.analysis = Some(pending.made);
         } else {
@@ -187,7 +189,7 @@ mod tests {
             simulated: Some(true),
             spec: &spec,
         };
-        let mut pending = Pending::new([f64::NEG_INFINITY, view.now_s], n);
+        let mut pending = Underway::new([f64::NEG_INFINITY, view.now_s], n);
         let mut frames = 1;
         while !pending.work(&view) {
             frames += 1;
@@ -196,7 +198,7 @@ mod tests {
         assert!(frames >= 3, "{frames}");
         let whole = scored(&history, f64::NEG_INFINITY, view.now_s);
         assert!(whole.len() > n - 200, "{}", whole.len());
-        assert_eq!(pending.made.scored, whole);
+        assert_eq!(*pending.made.scored, whole);
         for i in 0..8 {
             let stats = Stats::of(whole.iter().map(|s| s.error[i]));
             assert_eq!(pending.made.stats[i], stats);

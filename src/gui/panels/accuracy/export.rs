@@ -1,20 +1,19 @@
 //! Scores as files: a table, a picture, a report.
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
-use egui::{Button, ColorImage, Rect, TextEdit, Ui};
+use egui::{Button, ColorImage, Rect, Ui};
 
 use super::frames::sentences;
 use super::table::published;
 use super::{AccuracyState, Analysis};
 use crate::gui::panels::View;
-use crate::gui::panels::widgets::{Gate, gated, note, status};
+use crate::gui::panels::files::Saving;
+use crate::gui::panels::widgets::{Gate, gated, note};
 use crate::gui::score::{ReportFacts, csv, report};
-use crate::gui::services::{Dialog, DialogKind, Job, Services};
-use crate::gui::theme::Level;
+use crate::gui::services::{Content, Dialog, DialogKind, Existing, Services};
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +56,7 @@ impl Kind {
 
 // A picture that the renderer is asked for.
 struct Shot {
-    path: PathBuf,
+    to: (PathBuf, Existing),
     rect: Rect,
     image: Arc<Mutex<Option<Arc<ColorImage>>>>,
 }
@@ -65,15 +64,26 @@ struct Shot {
 /// Files that are being written.
 #[derive(Default)]
 pub struct Export {
-    /// The path that is typed, where there is no dialog.
-    pub draft: Option<(Kind, String)>,
     /// A kind of file that was asked for from elsewhere.
     pub wanted: Option<Kind>,
-    /// What was written last, or why not.
-    pub said: Option<Result<String, String>>,
-    picking: Option<(Kind, Job<Option<PathBuf>>)>,
+    kind: Option<Kind>,
+    /// Path, writing, and what was written last.
+    pub saving: Saving,
+    /// A picture is taken of the next frame, which shows no controls of its own.
+    pose: Option<(PathBuf, Existing)>,
     shot: Option<Shot>,
-    asked: Option<(Kind, PathBuf)>,
+}
+
+impl Export {
+    /// Whether a picture is being taken: the controls are not drawn.
+    pub fn is_posing(&self) -> bool {
+        self.pose.is_some() || self.shot.is_some()
+    }
+
+    /// Whether something is awaited.
+    pub fn is_busy(&self) -> bool {
+        self.saving.is_busy() || self.is_posing()
+    }
 }
 
 fn suggested(view: &View<'_>, kind: Kind) -> String {
@@ -81,108 +91,83 @@ fn suggested(view: &View<'_>, kind: Kind) -> String {
         .replay
         .and_then(|r| r.split(" (").next())
         .unwrap_or("live");
+    let of = of.replace(|c: char| c.is_whitespace() || "/\\:".contains(c), "-");
     format!("accuracy-{of}-{}.{}", view.origin(), kind.extension())
 }
 
-/// The buttons, and the path where it is typed.
+/// The buttons, or the path that is asked for. In a picture the row says what the picture is of.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, services: &mut Services) {
-    let n = state.analysis.as_ref().map_or(0, |a| a.scored.len());
+    if state.export.is_posing() {
+        let height = ui.spacing().interact_size.y;
+        ui.horizontal(|ui| {
+            ui.set_min_height(height);
+            note(ui, caption(view, state));
+        });
+        return;
+    }
+    let analysis = state.analysis.as_ref();
+    let n = analysis.map_or(0, |a| a.scored.len());
     let export = &mut state.export;
+    if let Some(kind) = export.kind.filter(|_| export.saving.is_asking()) {
+        let dialog = || Dialog {
+            title: format!("Write {}", kind.name()),
+            kind: DialogKind::Save,
+            filter: Some((kind.name().into(), vec![kind.extension().into()])),
+            name: suggested(view, kind),
+        };
+        if let Some(to) = export.saving.ui(ui, kind.hover(), dialog, services) {
+            write(view, state, kind, to, services);
+            ui.ctx().request_repaint();
+        }
+        return;
+    }
     let gate: Gate = if n == 0 {
         Err("Nothing is scored in this window: there is nothing to write.".into())
-    } else if export.picking.is_some() {
-        Err("A file dialog is open.".into())
+    } else if export.is_busy() {
+        Err("A file is being written.".into())
     } else {
         Ok(())
     };
-    let mut write = None;
     let wanted = export.wanted.take();
     if let (Some(_), Err(why)) = (wanted, &gate) {
-        export.said = Some(Err(why.clone()));
+        export.saving.said = Some(Err(why.clone()));
     }
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        if let Some((kind, path)) = &mut export.draft {
-            let mut cancel = false;
-            let field = TextEdit::singleline(path).desired_width(ui.available_width() - 150.0);
-            ui.add(field)
-                .accessible_name("Path to write")
-                .on_hover_text("Where the file is written; a relative path begins where the program was started");
-            let empty: Gate = match path.trim().is_empty() {
-                true => Err("Type a path first.".into()),
-                false => Ok(()),
-            };
-            if gated(ui, &empty, Button::new("Write"), kind.hover()).clicked() {
-                write = Some((*kind, PathBuf::from(path.trim())));
-            }
-            cancel |= ui
-                .button("Cancel")
-                .accessible_name("Cancel writing")
-                .on_hover_text("Write nothing")
-                .clicked();
-            if cancel {
-                export.draft = None;
-            }
-            return;
-        }
         note(ui, "Export");
         for kind in Kind::ALL {
             let pressed = gated(ui, &gate, Button::new(kind.name()), kind.hover()).clicked();
             if pressed || (wanted == Some(kind) && gate.is_ok()) {
-                export.said = None;
-                let name = suggested(view, kind);
-                let dialog = Dialog {
-                    title: format!("Write {}", kind.name()),
-                    kind: DialogKind::Save,
-                    filter: Some((kind.name().into(), vec![kind.extension().into()])),
-                    name,
-                };
-                export.picking = Some((kind, (services.pick)(dialog)));
+                export.kind = Some(kind);
+                let path = services.exports.join(suggested(view, kind));
+                export.saving.ask(&path);
             }
         }
-        match &export.said {
-            Some(Ok(text)) => {
-                ui.add(egui::Label::new(text).truncate()).on_hover_text(text);
-            }
-            Some(Err(text)) => {
-                status(ui, Level::Warning, text);
-            }
-            None if export.shot.is_some() => {
-                ui.spinner();
-                note(ui, "Taking the picture…");
-            }
-            None => {}
-        }
+        export.saving.show(ui);
     });
-    if let Some(w) = write {
-        export.draft = None;
-        export.asked = Some(w);
-    }
 }
 
-/// Takes answers of dialogs and pictures, and writes.
-pub fn finish(
-    ui: &Ui,
-    view: &View<'_>,
-    state: &mut AccuracyState,
-    services: &mut Services,
-    whole: Rect,
-) {
+// What is scored, in a line.
+fn caption(view: &View<'_>, state: &AccuracyState) -> String {
+    let Some(analysis) = &state.analysis else {
+        return String::new();
+    };
+    let facts = facts(view, state, analysis);
+    let [from, to] = facts.range_s;
+    format!(
+        "{}, {} data, {from:.1} to {to:.1} s, {} poses",
+        facts.source,
+        facts.origin,
+        analysis.scored.len()
+    )
+}
+
+/// Takes pictures and what was written.
+pub fn finish(ui: &Ui, state: &mut AccuracyState, services: &mut Services, whole: Rect) {
     let export = &mut state.export;
-    if let Some((kind, answer)) = export
-        .picking
-        .as_ref()
-        .and_then(|(k, j)| Some((*k, j.poll()?)))
-    {
-        export.picking = None;
-        match answer {
-            Ok(Some(path)) => export.asked = Some((kind, path)),
-            Ok(None) => export.draft = Some((kind, suggested(view, kind))),
-            Err(e) => export.said = Some(Err(e)),
-        }
-    }
-    if export.picking.is_some() {
-        ui.ctx().request_repaint_after(Duration::from_millis(100));
+    export.saving.poll();
+    if let Some(to) = export.pose.take() {
+        export.shot = Some(take_picture(ui, to, whole));
     }
     if let Some(shot) = export.shot.take() {
         let image = shot
@@ -192,30 +177,44 @@ pub fn finish(
             .take();
         match image {
             Some(image) => {
-                let part = image.region(&shot.rect, Some(ui.ctx().pixels_per_point()));
-                let said =
-                    png(&part).and_then(|bytes| write(services, &shot.path, &bytes, "the picture"));
-                export.said = Some(said);
+                let (rect, scale) = (shot.rect, ui.ctx().pixels_per_point());
+                let content: Content = Box::new(move || png(&image.region(&rect, Some(scale))));
+                export
+                    .saving
+                    .write(shot.to, "the picture", content, services);
+                ui.ctx().request_repaint();
             }
             None => export.shot = Some(shot),
         }
     }
-    let Some((kind, path)) = export.asked.take() else {
-        return;
-    };
+}
+
+// The files are made by whoever writes them: a long table takes longer than a frame may.
+fn write(
+    view: &View<'_>,
+    state: &mut AccuracyState,
+    kind: Kind,
+    to: (PathBuf, Existing),
+    services: &mut Services,
+) {
     let Some(analysis) = &state.analysis else {
         return;
     };
+    let scored = Arc::clone(&analysis.scored);
     match kind {
-        Kind::Png => state.export.shot = Some(take_picture(ui, path, whole)),
+        Kind::Png => state.export.pose = Some(to),
         Kind::Csv => {
-            let text = csv(&analysis.scored, view.origin());
-            let what = format!("{} rows", analysis.scored.len());
-            state.export.said = Some(write(services, &path, text.as_bytes(), &what));
+            let (origin, what) = (view.origin(), format!("{} rows", scored.len()));
+            let content: Content = Box::new(move || Ok(csv(&scored, origin).into_bytes()));
+            state.export.saving.write(to, what, content, services);
         }
         Kind::Report => {
-            let html = report(&analysis.scored, &facts(view, state, analysis));
-            state.export.said = Some(write(services, &path, html.as_bytes(), "the report"));
+            let facts = facts(view, state, analysis);
+            let content: Content = Box::new(move || Ok(report(&scored, &facts).into_bytes()));
+            state
+                .export
+                .saving
+                .write(to, "the report", content, services);
         }
     }
 }
@@ -236,20 +235,14 @@ fn facts(view: &View<'_>, state: &AccuracyState, analysis: &Analysis) -> ReportF
     }
 }
 
-fn write(services: &mut Services, path: &Path, bytes: &[u8], what: &str) -> Result<String, String> {
-    (services.write)(path, bytes)
-        .map(|()| format!("Wrote {what} to {}.", path.display()))
-        .map_err(|e| format!("{e} Nothing was written: choose another place."))
-}
-
-fn take_picture(ui: &Ui, path: PathBuf, rect: Rect) -> Shot {
+fn take_picture(ui: &Ui, to: (PathBuf, Existing), rect: Rect) -> Shot {
     let image = Arc::new(Mutex::new(None));
     let (slot, ctx) = (Arc::clone(&image), ui.ctx().clone());
     ui.ctx().request_screenshot(move |picture| {
         *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(picture);
         ctx.request_repaint();
     });
-    Shot { path, rect, image }
+    Shot { to, rect, image }
 }
 
 fn png(image: &ColorImage) -> Result<Vec<u8>, String> {

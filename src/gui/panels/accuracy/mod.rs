@@ -4,6 +4,7 @@ mod analysis;
 mod breakdown;
 mod export;
 mod frames;
+mod peaks;
 mod space;
 mod table;
 
@@ -15,14 +16,15 @@ use super::sensors::stale;
 use super::widgets::{Gate, empty, ends, gated, minutes, note, number, pane};
 use crate::gui::history::{Channel, History, POSE_NAMES};
 use crate::gui::scene::camera::Camera;
-use crate::gui::score::{By, occlusions, peaks, scored};
+use crate::gui::score::{By, occlusions};
 use crate::gui::services::Services;
 use crate::gui::theme::Palette;
 use crate::sensing::registration::Registration;
 
 pub use analysis::Analysis;
-use analysis::Pending;
+use analysis::Underway;
 pub use export::{Export, Kind};
+use peaks::Peaks;
 pub use table::published_for;
 
 /// Which part of the session is scored.
@@ -81,7 +83,10 @@ pub struct AccuracyState {
     camera: Option<Camera>,
     // Costly over ten minutes: kept until half a second of new data came.
     analysis: Option<Analysis>,
-    pending: Option<Pending>,
+    pending: Option<Underway>,
+    peaks: Peaks,
+    /// Jumps to the next (`true`) or the previous peak that were asked for, while the errors are gathered.
+    jumps: Vec<bool>,
 }
 
 /// What is said where nothing is scored.
@@ -104,11 +109,37 @@ impl AccuracyState {
         self.peak_place = None;
         self.analysis = None;
         self.pending = None;
+        self.peaks = Peaks::default();
+        self.jumps.clear();
     }
 
-    /// Goes to the next or the previous peak of the whole session.
-    pub fn jump(&mut self, view: &View<'_>, window: &mut TimeWindow, forward: bool) {
-        let found = peaks(&scored(view.history, f64::NEG_INFINITY, view.now_s));
+    /// Goes to the next or the previous peak of the whole session, once its errors are gathered.
+    pub fn want_peak(&mut self, forward: bool) {
+        self.jumps.push(forward);
+    }
+
+    /// Goes on with what was asked for: to the next or the previous peak of the whole session.
+    fn jump_on(&mut self, ctx: &egui::Context, view: &View<'_>, window: &mut TimeWindow) {
+        if self.jumps.is_empty() {
+            return;
+        }
+        if !self.peaks.gather(view.history, view.now_s) {
+            ctx.request_repaint();
+            return;
+        }
+        let found = self.peaks.found();
+        for forward in std::mem::take(&mut self.jumps) {
+            self.jump(&found, view, window, forward);
+        }
+    }
+
+    fn jump(
+        &mut self,
+        found: &[[f64; 2]],
+        view: &View<'_>,
+        window: &mut TimeWindow,
+        forward: bool,
+    ) {
         let here = self.peak.map(|p| p[0]);
         let at = match (here, forward) {
             (None, true) => 0,
@@ -155,7 +186,8 @@ pub fn ui(
     let whole = ui.available_rect_before_wrap();
     let has_truth = is_scored || view.snapshot.truth.is_some();
     if has_truth {
-        keys(ui, view, state, window);
+        keys(ui, state);
+        state.jump_on(ui.ctx(), view, window);
         state.analyse(ui.ctx(), view, window);
     }
     let table = 540.0_f32.min(ui.available_width() * 0.49);
@@ -174,7 +206,7 @@ pub fn ui(
         ui.vertical(|ui| {
             pane(ui, "scores", |ui| {
                 if has_truth {
-                    export::finish(ui, view, state, services, whole);
+                    export::finish(ui, state, services, whole);
                     right(ui, view, state, window, services);
                 } else {
                     ui.label(RichText::new("Prediction only").heading());
@@ -199,16 +231,16 @@ pub fn is_scored(history: &History, now_s: f64) -> bool {
     { all }.next().is_some()
 }
 
-fn keys(ui: &Ui, view: &View<'_>, state: &mut AccuracyState, window: &mut TimeWindow) {
+fn keys(ui: &Ui, state: &mut AccuracyState) {
     if ui.ctx().text_edit_focused() {
         return;
     }
     let pressed = |key| ui.input_mut(|i| i.consume_key(Modifiers::NONE, key));
     if pressed(Key::J) {
-        state.jump(view, window, true);
+        state.jumps.push(true);
     }
     if pressed(Key::K) {
-        state.jump(view, window, false);
+        state.jumps.push(false);
     }
 }
 
@@ -248,17 +280,19 @@ fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &m
         |ui| window.controls(ui, view),
     );
     if let Some(forward) = jump {
-        state.jump(view, window, forward);
+        state.want_peak(forward);
+        ui.ctx().request_repaint();
     }
     let mut marks = Vec::new();
     ui.horizontal(|ui| {
         ui.spacing_mut().interact_size.y = 16.0;
         if let (Some([t, mm]), Some([k, n])) = (state.peak, state.peak_place) {
+            let at_s = t - view.history.zero_s();
             let text = format!(
                 "Peak {k} of {n}: {} mm at {} ({} s).",
                 number(mm, 2),
-                minutes(t),
-                number(t, 2)
+                minutes(at_s),
+                number(at_s, 2)
             );
             ui.label(RichText::new(text).small());
             marks.push((t, "peak".to_owned()));

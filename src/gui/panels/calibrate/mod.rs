@@ -16,12 +16,12 @@ mod validate;
 mod vicon;
 pub mod wizard;
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use egui::{Align, Button, Layout, Panel, RichText, ScrollArea, Ui, vec2};
 
 use super::View;
+use super::files::PathField;
 use super::target::HoldToGo;
 use super::widgets::{Gate, gated};
 use crate::gui::services::{Job, Services};
@@ -57,7 +57,7 @@ enum Change {
 pub struct CalibrateState {
     wizard: Option<Wizard>,
     source: Option<Source>,
-    log_path: String,
+    log: PathField,
     hand_spring: usize,
     hand_mm: String,
     /// Spring of the virtual rig's bench whose plug sits loose until it is captured anew.
@@ -71,7 +71,6 @@ pub struct CalibrateState {
     /// What was saved, once it is known, or why it is not.
     versions: Option<Result<Vec<Version>, String>>,
     bench: Option<(Vec<usize>, Job<BenchLog>)>,
-    picking: Option<Job<Option<PathBuf>>>,
     comparing: Option<(std::sync::Arc<crate::sensing::Calibration>, Job<Comparison>)>,
     listing: Option<Job<Vec<Version>>>,
     changing: Option<(Change, Job<Vec<Version>>)>,
@@ -82,7 +81,7 @@ impl Default for CalibrateState {
         Self {
             wizard: None,
             source: None,
-            log_path: String::new(),
+            log: PathField::default(),
             hand_spring: 0,
             hand_mm: String::new(),
             loose: Some(6),
@@ -92,7 +91,6 @@ impl Default for CalibrateState {
             error: None,
             versions: None,
             bench: None,
-            picking: None,
             comparing: None,
             listing: None,
             changing: None,
@@ -145,7 +143,7 @@ impl CalibrateState {
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
         self.bench.is_some()
-            || self.picking.is_some()
+            || self.log.is_busy()
             || self.comparing.is_some()
             || self.listing.is_some()
             || self.changing.is_some()
@@ -168,14 +166,6 @@ impl CalibrateState {
                 Err(e) => self.error = Some(e),
             }
             self.bench = None;
-        }
-        if let Some(answer) = self.picking.as_ref().and_then(Job::poll) {
-            self.picking = None;
-            match answer {
-                Ok(Some(path)) => self.log_path = path.display().to_string(),
-                Ok(None) => {}
-                Err(e) => self.error = Some(e),
-            }
         }
         if let Some((of, job)) = &self.comparing
             && let Some(answer) = job.poll()

@@ -25,7 +25,7 @@ pub struct BenchRequest {
 #[derive(Clone, Debug)]
 pub struct Question {
     /// The motion.
-    pub trial: Trial,
+    pub trial: Arc<Trial>,
     /// The calibration in use before.
     pub old: Arc<Calibration>,
     /// The new one.
@@ -52,7 +52,7 @@ impl Question {
                 })?,
             };
             let mut go_on = |share: f32| go_on(what, from + 0.25 + 0.25 * share);
-            let trial = &self.trial;
+            let trial = &*self.trial;
             trial.errors(robot, maps, calibration, frames.as_ref(), &mut go_on)
         };
         let old = part(&self.old, 0.0, "With the calibration from before")?;
@@ -106,12 +106,15 @@ pub struct NewVersion {
 }
 
 /// Draws springs on a bench.
-pub type Bench = Box<dyn FnMut(BenchRequest) -> Job<BenchLog>>;
+pub type Bench = Box<dyn FnMut(BenchRequest) -> Job<BenchLog> + Send>;
 
 /// Reads a bench's log.
-pub type LogReader = Box<dyn FnMut(&Path) -> Job<BenchLog>>;
+pub type LogReader = Box<dyn FnMut(&Path) -> Job<BenchLog> + Send>;
 
-/// The services of the Calibrate screen.
+/// Changes what was saved and lists it again.
+pub type Versions<T> = Box<dyn FnMut(T) -> Job<Vec<Version>> + Send>;
+
+/// The services of the Calibrate screen. They are made where files may be read, and sent to the window.
 pub struct CalibrationServices {
     /// The calibration the twin was started with.
     pub in_use: Arc<Calibration>,
@@ -122,13 +125,13 @@ pub struct CalibrationServices {
     /// Reads a bench's log.
     pub read_bench: LogReader,
     /// Tries two calibrations on the same motion.
-    pub compare: Box<dyn FnMut(Question) -> Job<Comparison>>,
+    pub compare: Box<dyn FnMut(Question) -> Job<Comparison> + Send>,
     /// Lists what was saved, newest first.
-    pub versions: Box<dyn FnMut() -> Job<Vec<Version>>>,
+    pub versions: Box<dyn FnMut() -> Job<Vec<Version>> + Send>,
     /// Saves a version, which becomes the active one; lists them anew.
-    pub save: Box<dyn FnMut(NewVersion) -> Job<Vec<Version>>>,
+    pub save: Versions<NewVersion>,
     /// Makes another version the active one; lists them anew.
-    pub activate: Box<dyn FnMut(u32) -> Job<Vec<Version>>>,
+    pub activate: Versions<u32>,
     /// Where versions are kept, for the operator.
     pub folder: PathBuf,
 }

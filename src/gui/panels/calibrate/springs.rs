@@ -1,7 +1,5 @@
 //! The springs: where points come from, and the table of the twelve.
 
-use std::path::PathBuf;
-
 use egui::{
     Button, ComboBox, ProgressBar, Rect, RichText, Role, Sense, TextEdit, Ui, WidgetInfo, pos2,
     vec2,
@@ -13,6 +11,7 @@ use super::wizard::Wizard;
 use super::{CalibrateState, Source, capture_gate};
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::spring_name;
+use crate::gui::panels::files::Ask;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{Gate, cell, cell_left, gated, heading, note, number, status};
 use crate::gui::services::{Dialog, DialogKind, Services};
@@ -215,42 +214,33 @@ fn log(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, h
         "CSV with a header row: spring (1 to 12), length_mm, one of frequency_hz, frequency_khz, frequency_mhz, \
          inductance_uh; direction (up, down) if known. {low:.0} to {high:.0} mm, at least 10 lengths."
     ));
-    let label = note(ui, "File");
-    ui.add(
-        TextEdit::singleline(&mut state.log_path)
-            .hint_text("bench.csv")
-            .desired_width(f32::INFINITY),
-    )
-    .labelled_by(label.id)
-    .on_hover_text("Path of the bench log");
+    let ask = Ask {
+        name: "Path of the bench log",
+        hint: "bench.csv",
+        hover: "Path of the bench log; Enter reads it",
+        browse: "Browse…",
+        right: 0.0,
+    };
+    let dialog = || Dialog {
+        title: "Bench log".into(),
+        kind: DialogKind::Open,
+        filter: Some(("CSV".into(), vec!["csv".into(), "txt".into()])),
+        name: String::new(),
+    };
+    let mut entered = None;
+    ui.horizontal(|ui| entered = state.log.ui(ui, &ask, dialog, services));
+    state.log.trouble(ui);
     ui.horizontal(|ui| {
-        let gate = match state.picking {
-            Some(_) => Err("A file dialog is open.".to_owned()),
-            None => Ok(()),
+        let gate = match (&state.bench, state.log.path()) {
+            (Some(_), _) => Err("A log is being read.".into()),
+            (None, path) => path,
         };
-        if gated(
-            ui,
-            &gate,
-            Button::new("Browse…"),
-            "Choose the file in a dialog",
-        )
-        .clicked()
-        {
-            state.picking = Some((services.pick)(Dialog {
-                title: "Bench log".into(),
-                kind: DialogKind::Open,
-                filter: Some(("CSV".into(), vec!["csv".into(), "txt".into()])),
-                name: String::new(),
-            }));
-        }
-        let gate = match (state.log_path.trim(), &state.bench) {
-            ("", _) => Err("Type or choose a file first.".into()),
-            (_, Some(_)) => Err("A log is being read.".into()),
-            _ => Ok(()),
-        };
+        let can = gate.clone().map(|_| ());
         let hover = "Read the log; springs that it holds are replaced";
-        if gated(ui, &gate, Button::new("Read the log"), hover).clicked() {
-            let path = PathBuf::from(state.log_path.trim());
+        let pressed = gated(ui, &can, Button::new("Read the log"), hover).clicked();
+        if let Ok(path) = gate
+            && (pressed || entered.is_some())
+        {
             let job = (services.calibration.read_bench)(&path);
             state.bench = Some(((0..SPRINGS).collect(), job));
         }

@@ -8,7 +8,7 @@ use crate::sensing::registration::{
     FitOptions, FrameFit, ObjectFrame, PosePair, Registration, RegistrationError, digest, register,
 };
 use crate::signal::{Pose, RawFrame, Snapshot, Stamp};
-use crate::twin::{Rest, RestPoses, TRIAL_SETTLING_S, mean_pose};
+use crate::twin::{FrameLog, Rest, RestPoses, TRIAL_SETTLING_S, mean_pose};
 
 /// The arm must have rested for so long, s.
 const REST_S: f64 = 0.5;
@@ -32,7 +32,7 @@ pub struct ViconTake {
     pairs: Vec<PosePair>,
     /// Per pair, when it was, and what the robot read by.
     kept: Vec<(Rest, Arc<Calibration>)>,
-    raw: VecDeque<RawFrame>,
+    raw: FrameLog,
     reads_by: Option<Arc<Calibration>>,
     window: VecDeque<(Stamp, Pose, Pose)>,
     fit: Option<Result<FrameFit, RegistrationError>>,
@@ -56,7 +56,7 @@ impl ViconTake {
         any(&|c| c.imus != draft.imus).then_some("the IMU mountings have changed since")
     }
 
-    /// The poses as the boards sent them, for calibrations that shall be compared.
+    /// The poses as the boards sent them, for calibrations that shall be compared. The frames are shared.
     pub fn raw_poses(&self) -> RestPoses {
         RestPoses {
             frames: self.raw.clone(),
@@ -118,14 +118,13 @@ impl ViconTake {
     }
 
     fn keep_raw(&mut self, raw: &RawFrame) {
-        let newer = self.raw.back().is_none_or(|l| raw.stamp > l.stamp);
+        let newer = self.raw.last().is_none_or(|l| raw.stamp > l.stamp);
         if !newer || self.raw.len() >= RAW_MAX {
             return;
         }
-        self.raw.push_back(raw.clone());
-        let old = |f: &RawFrame| raw.stamp.since(f.stamp) > BEFORE_S;
-        while self.pairs.is_empty() && self.raw.front().is_some_and(old) {
-            self.raw.pop_front();
+        self.raw.push(raw.clone());
+        if self.pairs.is_empty() {
+            self.raw.forget_before(raw.stamp.plus(-BEFORE_S));
         }
     }
 

@@ -70,7 +70,7 @@ pub struct Wizard {
     /// Motion capture.
     pub vicon: ViconTake,
     /// Motion for the validation.
-    pub trial: Trial,
+    pub trial: Arc<Trial>,
     /// Whether the motion is being recorded.
     pub recording: bool,
     /// What the validation gave, and the calibration it was for.
@@ -94,7 +94,7 @@ impl Wizard {
             springs: SpringsTake::default(),
             imus: ImusTake::default(),
             vicon: ViconTake::default(),
-            trial: Trial::default(),
+            trial: Arc::default(),
             recording: false,
             comparison: None,
             name: String::new(),
@@ -121,7 +121,8 @@ impl Wizard {
     }
 
     fn record(&mut self, snapshot: &Snapshot) {
-        let trial = &mut self.trial;
+        // Not shared while it is recorded: no copy is made.
+        let trial = Arc::make_mut(&mut self.trial);
         if let Some(raw) = &snapshot.raw
             && trial.frames.last().is_none_or(|l| raw.stamp > l.stamp)
         {
@@ -139,7 +140,7 @@ impl Wizard {
 
     /// Begins to record motion for the validation.
     pub fn begin_trial(&mut self) {
-        self.trial = Trial::default();
+        self.trial = Arc::default();
         self.comparison = None;
         self.recording = true;
     }

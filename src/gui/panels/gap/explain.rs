@@ -11,7 +11,7 @@ use crate::gap::report::{
 use crate::gap::score::Key;
 use crate::gap::{Finding, FoundEffect, Ranked, Verdict};
 use crate::gui::panels::widgets::{badge, cell, cell_left, heading, note, pane};
-use crate::gui::services::{Job, Services};
+use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
 
 /// Takes what was hidden.
@@ -19,8 +19,7 @@ pub fn poll(state: &mut GapState) {
     let Some(outcome) = &mut state.outcome else {
         return;
     };
-    if let Some(answer) = outcome.revealing.as_ref().and_then(Job::poll) {
-        outcome.revealing = None;
+    if let Some(answer) = outcome.revealing.take() {
         match answer {
             Ok(key) => outcome.revealed = Some(key),
             Err(e) => {
@@ -151,7 +150,7 @@ fn hidden(ui: &mut Ui, outcome: &mut Outcome, services: &mut Services) {
         revealed(ui, key, &outcome.found.finding);
         return;
     }
-    if outcome.revealing.is_some() {
+    if outcome.revealing.is_busy() {
         ui.spinner();
         return;
     }
@@ -160,7 +159,7 @@ fn hidden(ui: &mut Ui, outcome: &mut Outcome, services: &mut Services) {
         .on_hover_text("Read the answer of the example; the finder never saw it")
         .clicked()
     {
-        outcome.revealing = Some((services.gap.reveal)(answer));
+        outcome.revealing.begin((services.gap.reveal)(answer));
     }
 }
 

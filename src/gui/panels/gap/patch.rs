@@ -145,9 +145,9 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         return;
     };
     ui.label(RichText::new("Your decision").strong());
-    let idle = match state.patching {
-        Some(_) => Err("The robot file is being written.".to_owned()),
-        None => Ok(()),
+    let idle = match state.patching.is_busy() {
+        true => Err("The robot file is being written.".to_owned()),
+        false => Ok(()),
     };
     let patched = match (&state.patched, &state.unread) {
         (Some(patched), _) => Ok(patched),
@@ -161,7 +161,7 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             "Write a copy of the robot file with the patch at its end; it can be taken back";
         if gated(ui, &accept, button, hover).clicked() {
             let job = (services.gap.accept)(&outcome.patch());
-            state.patching = Some((Some(Decision::Accepted), job));
+            state.patching.begin_for(Some(Decision::Accepted), job);
         }
         let reject = match outcome.decision {
             Decision::Accepted => Err("It was accepted: undo it below.".to_owned()),
@@ -173,7 +173,7 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         if gated(ui, &reject, button, "Leave the model as it is").clicked() {
             outcome.decision = Decision::Rejected;
         }
-        if state.patching.is_some() {
+        if state.patching.is_busy() {
             ui.spinner();
         }
     });
@@ -202,7 +202,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     let p = *Palette::in_ui(ui);
     ui.label(RichText::new("Accepted patches").strong());
     let Some(patched) = &state.patched else {
-        let Some(why) = state.unread.clone().filter(|_| state.patching.is_none()) else {
+        let Some(why) = state.unread.clone().filter(|_| !state.patching.is_busy()) else {
             note(ui, "The robot file is being read…");
             return;
         };
@@ -217,7 +217,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             .on_hover_text("Read the robot file with the accepted patches again")
             .clicked()
         {
-            state.patching = Some((None, (services.gap.patched)()));
+            state.patching.begin_for(None, (services.gap.patched)());
         }
         return;
     };
@@ -242,9 +242,9 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             ui.label(RichText::new(&a.patch.name).small().color(p.weak));
         });
     }
-    let gate = match state.patching {
-        Some(_) => Err("The robot file is being written.".to_owned()),
-        None => Ok(()),
+    let gate = match state.patching.is_busy() {
+        true => Err("The robot file is being written.".to_owned()),
+        false => Ok(()),
     };
     ui.horizontal_wrapped(|ui| {
         let button = Button::new("↶ Undo the last patch");
@@ -252,7 +252,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         if gated(ui, &gate, button, hover).clicked() {
             let was = state.outcome.as_ref().map(|o| o.decision);
             let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
-            state.patching = Some((back, (services.gap.undo)()));
+            state.patching.begin_for(back, (services.gap.undo)());
         }
         note(ui, "Patches stack: the last goes first.");
     });

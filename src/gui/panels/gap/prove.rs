@@ -1,5 +1,8 @@
 //! Prove: errors on held-out data before and after, the control, what got worse, and the report.
 
+use std::path::Path;
+use std::sync::Arc;
+
 use egui::{Button, RichText, ScrollArea, Sense, Ui, vec2};
 
 use super::chart::{Chart, Line};
@@ -11,56 +14,48 @@ use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{
     badge, cell, cell_left, gated, heading, note, number, pane, status,
 };
-use crate::gui::services::{Dialog, DialogKind, Job, Services};
+use crate::gui::services::{Content, Dialog, DialogKind, Job, Services};
 use crate::gui::theme::{Level, Palette};
 
-/// Takes reports that were written and names that were chosen.
+/// Name of a report that is saved.
+const REPORT: &str = "gap-report.html";
+
+/// Takes reports that were written and shown.
 pub fn poll(state: &mut GapState, services: &mut Services) {
-    if let Some(answer) = state.saving.as_ref().and_then(Job::poll) {
-        state.saving = None;
-        match (answer, &state.outcome) {
-            (Ok(Some(path)), Some(outcome)) => {
-                let page = page(outcome);
-                match (services.write)(&path, page.as_bytes()) {
-                    Ok(()) => state.said = Some(format!("Saved {}.", path.display())),
-                    Err(e) => state.trouble = Some(unwritten(e)),
-                }
-            }
-            (Err(e), _) => state.trouble = Some(unwritten(e)),
-            _ => {}
+    state.saving.poll();
+    if let Some(((show, folder), answer)) = state.opening.take_for() {
+        match answer {
+            Ok(()) => state.said = Some(format!("Written to {}.", folder.display())),
+            Err(e) => state.trouble = Some(unshown(e, show, &folder)),
         }
     }
     let Some(outcome) = &mut state.outcome else {
         return;
     };
-    let Some((show, alternative, answer)) = outcome
-        .keeping
-        .as_ref()
-        .and_then(|(show, of, job)| Some((*show, *of, job.poll()?)))
-    else {
+    let Some(((show, alternative), answer)) = outcome.keeping.take_for() else {
         return;
     };
-    outcome.keeping = None;
     match answer {
         Ok(folder) => {
-            let opened = match show {
-                Show::Page => (services.gap.open_page)(&folder.join("report.html")),
-                Show::Overlay => (services.open_in_rerun)(&folder.join("overlay.rrd")),
+            let job = match show {
+                Show::Page => (services.gap.open_page)(&folder.join(show.file())),
+                Show::Overlay => Job::ready((services.open_in_rerun)(&folder.join(show.file()))),
             };
-            match opened {
-                Ok(()) => state.said = Some(format!("Written to {}.", folder.display())),
-                Err(e) => {
-                    state.trouble = Some(Trouble::new(
-                        e,
-                        &format!("The files are in {} all the same.", folder.display()),
-                        "Open them by hand.",
-                    ));
-                }
-            }
+            state.opening.begin_for((show, folder.clone()), job);
             outcome.kept = Some((alternative, folder));
         }
         Err(e) => state.trouble = Some(unwritten(e)),
     }
+}
+
+fn unshown(e: String, show: Show, folder: &Path) -> Trouble {
+    let path = folder.join(show.file());
+    let remedy = match show {
+        Show::Page => "Open it in a browser, here or on another computer: it needs no other file.",
+        Show::Overlay => "Open it by hand: rerun with the path behind it.",
+    };
+    let text = format!("It is written all the same: {}", path.display());
+    Trouble::new(e, &text, remedy).about(&path)
 }
 
 fn unwritten(e: String) -> Trouble {
@@ -71,12 +66,13 @@ fn unwritten(e: String) -> Trouble {
     )
 }
 
-fn page(outcome: &Outcome) -> String {
-    report::html(
-        &outcome.found.finding,
-        &outcome.patch().to_toml(),
+fn page(outcome: &Outcome) -> Content {
+    let (found, patch, origin) = (
+        Arc::clone(&outcome.found),
+        outcome.patch().to_toml(),
         outcome.origin,
-    )
+    );
+    Box::new(move || Ok(report::html(&found.finding, &patch, origin).into_bytes()))
 }
 
 /// The step.
@@ -262,10 +258,24 @@ fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         return;
     };
     ui.label(RichText::new("Report").strong());
-    let idle = match (&outcome.keeping, &state.saving) {
-        (Some(_), _) => Err("The report is being written.".to_owned()),
-        (_, Some(_)) => Err("A dialog is open.".to_owned()),
-        (None, None) => Ok(()),
+    if state.saving.is_asking() {
+        let dialog = || Dialog {
+            title: "Save the gap report".to_owned(),
+            kind: DialogKind::Save,
+            filter: Some(("web pages".to_owned(), vec!["html".to_owned()])),
+            name: REPORT.to_owned(),
+        };
+        let hover = "Write the report: one page that needs nothing else";
+        if let Some(to) = state.saving.ui(ui, hover, dialog, services) {
+            let content = page(outcome);
+            state.saving.write(to, "the report", content, services);
+        }
+        return;
+    }
+    let busy = outcome.keeping.is_busy() || state.opening.is_busy() || state.saving.is_busy();
+    let idle = match busy {
+        true => Err("The report is being written.".to_owned()),
+        false => Ok(()),
     };
     ui.horizontal_wrapped(|ui| {
         let mut keep = None;
@@ -275,13 +285,7 @@ fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         }
         let hover = "Write the report where you like: one page that needs nothing else";
         if gated(ui, &idle, Button::new("Save report…"), hover).clicked() {
-            let dialog = Dialog {
-                title: "Save the gap report".to_owned(),
-                kind: DialogKind::Save,
-                filter: Some(("web pages".to_owned(), vec!["html".to_owned()])),
-                name: "gap-report.html".to_owned(),
-            };
-            state.saving = Some((services.pick)(dialog));
+            state.saving.ask(&services.exports.join(REPORT));
         }
         let hover = "The measured way of the tip beside the simulated ones, in the Rerun viewer";
         if gated(ui, &idle, Button::new("Open in Rerun"), hover).clicked() {
@@ -292,12 +296,14 @@ fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
                 Some((of, folder)) if *of == outcome.alternative => Job::ready(Ok(folder.clone())),
                 _ => (services.gap.keep)(&outcome.found, &outcome.patch(), outcome.origin),
             };
-            outcome.keeping = Some((show, outcome.alternative, job));
+            outcome.keeping.begin_for((show, outcome.alternative), job);
+            (state.said, state.saving.said) = (None, None);
         }
-        if outcome.keeping.is_some() {
+        if outcome.keeping.is_busy() || state.opening.is_busy() {
             ui.spinner();
         }
     });
+    ui.horizontal(|ui| state.saving.show(ui));
     if let Some(said) = &state.said {
         note(ui, said.as_str());
     }

@@ -2,12 +2,11 @@
 
 mod selection;
 
-use std::path::PathBuf;
-
-use egui::{Button, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, vec2};
+use egui::{Button, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
 use super::{GapState, Running, Trouble};
 use crate::gap::Stage;
+use crate::gui::panels::files::Ask;
 use crate::gui::panels::origin_name;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{
@@ -58,7 +57,8 @@ impl Part {
 pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     if !state.select.scanned {
         state.select.scanned = true;
-        state.select.scanning = Some((services.scan)());
+        let found = (services.scan)(services.recordings.path());
+        state.select.scanning.begin(found);
     }
     let free = state.running.is_none();
     let height = (0.44 * ui.available_height()).clamp(180.0, 244.0);
@@ -92,50 +92,38 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 }
 
 fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Services) {
-    let Selection { slots, picking, .. } = selection;
-    let slot = &mut slots[part as usize];
+    let slot = &mut selection.slots[part as usize];
     ui.label(RichText::new(part.title()).strong());
     ui.horizontal(|ui| {
-        let width = ui.available_width() - 128.0;
-        let edit = ui
-            .add(
-                TextEdit::singleline(&mut slot.text)
-                    .desired_width(width)
-                    .hint_text("session folder, session.toml, .csv or .rrd"),
-            )
-            .accessible_name(format!("Path of the {} session", part.name()))
-            .on_hover_text("Path of a session log or a recording; Enter reads it");
-        if edit.changed() {
+        let name = format!("Path of the {} session", part.name());
+        let browse = format!("Browse for the {} session", part.name());
+        let ask = Ask {
+            name: &name,
+            hint: "session folder, session.toml, .csv or .rrd",
+            hover: "Path of a session log or a recording; Enter reads it",
+            browse: &browse,
+            right: 34.0,
+        };
+        let dialog = || Dialog {
+            title: part.title().to_owned(),
+            kind: DialogKind::Open,
+            filter: Some((
+                "sessions".to_owned(),
+                ["rrd", "toml", "csv"].map(str::to_owned).to_vec(),
+            )),
+            name: String::new(),
+        };
+        let before = slot.path.text.clone();
+        let chosen = slot.path.ui(ui, &ask, dialog, services);
+        if slot.path.text != before {
             slot.sheet = None;
             slot.told = None;
-            slot.looking = None;
+            slot.looking.cancel();
         }
-        let entered = edit.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
-        if entered && !slot.text.trim().is_empty() {
-            let path = PathBuf::from(slot.text.trim());
+        if let Some(path) = chosen {
             slot.choose(&path, services);
         }
-        let gate = match picking {
-            Some(_) => Err("A dialog is open.".to_owned()),
-            None => Ok(()),
-        };
-        let browse = gated(ui, &gate, Button::new("Browse…"), "Choose a file");
-        if browse
-            .accessible_name(format!("Browse for the {} session", part.name()))
-            .clicked()
-        {
-            let dialog = Dialog {
-                title: part.title().to_owned(),
-                kind: DialogKind::Open,
-                filter: Some((
-                    "sessions".to_owned(),
-                    ["rrd", "toml", "csv"].map(str::to_owned).to_vec(),
-                )),
-                name: String::new(),
-            };
-            *picking = Some((part, (services.pick)(dialog)));
-        }
-        let gate = match slot.text.is_empty() {
+        let gate = match slot.path.text.is_empty() {
             true => Err("Nothing is chosen.".to_owned()),
             false => Ok(()),
         };
@@ -147,7 +135,8 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
             *slot = Slot::default();
         }
     });
-    if slot.looking.is_some() {
+    slot.path.trouble(ui);
+    if slot.looking.is_busy() {
         ui.horizontal(|ui| {
             ui.spinner();
             note(ui, "Reading the session…");
@@ -243,14 +232,15 @@ fn library(ui: &mut Ui, selection: &mut Selection, services: &mut Services) {
                 .on_hover_text("Look for recordings again")
                 .clicked()
             {
-                selection.scanning = Some((services.scan)());
+                let found = (services.scan)(services.recordings.path());
+                selection.scanning.begin(found);
             }
         });
     });
     if selection.library.is_empty() {
         note(
             ui,
-            if selection.scanning.is_some() {
+            if selection.scanning.is_busy() {
                 "Looking for recordings…"
             } else {
                 "No recordings yet: type a path above, or use the example."
@@ -278,8 +268,8 @@ fn library(ui: &mut Ui, selection: &mut Selection, services: &mut Services) {
                 };
                 cell(ui, columns[1], RichText::new(source).color(p.weak));
                 for part in Part::ALL {
-                    let used =
-                        selection.slots[part as usize].text == entry.path.display().to_string();
+                    let used = selection.slots[part as usize].path.text
+                        == entry.path.display().to_string();
                     let r = ui
                         .add(Button::selectable(used, part.name()))
                         .accessible_name(format!("Use {} as {} session", entry.name, part.name()))
@@ -343,8 +333,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         "The virtual rig is driven twice; in the second session something is wrong. What it is is kept \
          from the finder, and can be revealed after the verdict. All of it is simulated.",
     );
-    if let Some(job) = &selection.making {
-        let stage = job.stage();
+    if let Some(stage) = selection.making.stage() {
         let mut cancel = false;
         ui.horizontal_wrapped(|ui| {
             ui.spinner();
@@ -362,7 +351,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
                 .clicked();
         });
         if cancel {
-            selection.making = None;
+            selection.making.cancel();
         }
         return;
     }

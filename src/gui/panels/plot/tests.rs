@@ -29,7 +29,12 @@ fn marks_are_round_and_few() {
     let m = marks(-3.1, 7.2, 5.0);
     let values: Vec<_> = m.iter().map(|m| m.value).collect();
     assert_eq!(values, [0.0, 5.0]);
-    assert_eq!(marks_of_time([0.0, 30.0], 6.0).len(), 7);
+    assert_eq!(marks_of_time([0.0, 30.0], 0.0, 6.0).len(), 7);
+    // Round since the recording began, 39 min 50 s into its session.
+    let m = marks_of_time([2390.0, 2420.0], 2389.3, 6.0);
+    let since: Vec<_> = m.iter().map(|m| (m.value - 2389.3).round()).collect();
+    assert_eq!(since, [5.0, 10.0, 15.0, 20.0, 25.0, 30.0]);
+    assert!(m.iter().all(|m| ((m.value - 2389.3) % 5.0).abs() < 1e-9));
     assert!(marks(f64::NAN, 1.0, 3.0).is_empty());
 }
 

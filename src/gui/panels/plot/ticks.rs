@@ -21,13 +21,16 @@ pub(super) fn marks(low: f64, high: f64, count: f32) -> Vec<GridMark> {
     marks_at(low + edge, high - edge, step)
 }
 
-pub(super) fn marks_of_time([from, to]: [f64; 2], count: f32) -> Vec<GridMark> {
+// At round times since `zero_s`.
+pub(super) fn marks_of_time([from, to]: [f64; 2], zero_s: f64, count: f32) -> Vec<GridMark> {
     let raw = (to - from) / f64::from(count.max(2.0));
     let step = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0]
         .into_iter()
         .find(|s| *s >= raw)
         .unwrap_or(300.0);
-    marks_at(from, to, step)
+    let mut marks = marks_at(from - zero_s, to - zero_s, step);
+    marks.iter_mut().for_each(|m| m.value += zero_s);
+    marks
 }
 
 /// Marks at the multiples of a step; none where there is no step.

@@ -183,6 +183,10 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
             number(rate, 1)
         ),
     );
+    if let Some(begun) = &about.begun {
+        note(ui, format!("Begun {begun}"))
+            .on_hover_text("Local date and time, with their offset from UTC");
+    }
     if let Some(path) = &about.path {
         note(ui, path.display().to_string());
     }

@@ -2,25 +2,26 @@
 
 use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
-use super::{Library, Side, Trouble};
+use super::{Library, Side, Trouble, recording_dialog};
+use crate::gui::panels::files::Ask;
 use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
-use crate::gui::services::{Job, RecordingEntry, Services};
+use crate::gui::services::{RecordingEntry, Services};
 use crate::gui::theme::{Level, Palette};
 
 /// The list.
 pub fn ui(ui: &mut Ui, library: &mut Library, details: bool, services: &mut Services) {
-    take_picked(library, services);
     head(ui, library, services);
+    elsewhere(ui, library, services);
     actions(ui, library, services);
     progress(ui, library);
     trouble(ui, library);
     if library.entries.is_empty() {
         note(
             ui,
-            if library.scanning.is_some() {
+            if library.scanning.is_busy() {
                 "Looking for recordings…"
             } else {
-                "No recordings yet: press Record to make one, Browse for one, or drop a file here."
+                "No recordings yet: press Record to make one, open one above, or drop a file here."
             },
         );
         return;
@@ -38,7 +39,7 @@ fn head(ui: &mut Ui, library: &mut Library, services: &mut Services) {
     ui.horizontal(|ui| {
         ui.label("Library");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            let looking = library.scanning.is_some();
+            let looking = library.scanning.is_busy();
             if ui
                 .button("↻ Refresh")
                 .on_hover_text("Look for recordings again")
@@ -49,33 +50,25 @@ fn head(ui: &mut Ui, library: &mut Library, services: &mut Services) {
             if looking {
                 ui.spinner();
             }
-            let gate = match library.picking {
-                Some(_) => Err("A file dialog is open.".to_owned()),
-                None => Ok(()),
-            };
-            let hover = "Choose a recording (.rrd) or a session log (.toml, .csv) elsewhere, and play it as A";
-            if gated(ui, &gate, Button::new("Browse…"), hover).clicked() {
-                library.browse(services);
-            }
         });
     });
 }
 
-fn take_picked(library: &mut Library, services: &mut Services) {
-    let Some(answer) = library.picking.as_ref().and_then(Job::poll) else {
-        return;
+// A recording that lies elsewhere.
+fn elsewhere(ui: &mut Ui, library: &mut Library, services: &mut Services) {
+    let ask = Ask {
+        name: "Path of a recording",
+        hint: "a recording elsewhere: .rrd, session folder, .toml, .csv",
+        hover: "Path of a recording (.rrd) or a session log (folder, .toml, .csv); Enter plays it as A",
+        browse: "Browse…",
+        right: 0.0,
     };
-    library.picking = None;
-    match answer {
-        Ok(Some(path)) => library.load(path, Side::A, services),
-        Ok(None) => {}
-        Err(cause) => {
-            library.trouble = Some(Trouble {
-                cause,
-                consequence: "No file was chosen.".into(),
-                remedy: "Drop the file on this window instead.".into(),
-            });
-        }
+    let chosen = ui
+        .horizontal(|ui| library.open.ui(ui, &ask, recording_dialog, services))
+        .inner;
+    library.open.trouble(ui);
+    if let Some(path) = chosen {
+        library.load(path, Side::A, services);
     }
 }
 
@@ -113,11 +106,11 @@ fn actions(ui: &mut Ui, library: &mut Library, services: &mut Services) {
             && let Some(path) = &chosen
             && let Err(cause) = (services.open_in_rerun)(path)
         {
-            library.trouble = Some(Trouble {
+            library.trouble = Some(Trouble::new(
                 cause,
-                consequence: "The recording was not shown there.".into(),
-                remedy: "Load and play shows it in this window.".into(),
-            });
+                "The recording was not shown there.",
+                "Load and play shows it in this window.",
+            ));
         }
     });
 }
@@ -210,7 +203,14 @@ fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services
                 if row.double_clicked() {
                     open = Some(entry.path.clone());
                 }
-                if let Some(text) = &entry.note {
+                let growing = library.under_way.is_some()
+                    && library.under_way.as_deref()
+                        == entry.path.file_stem().and_then(|s| s.to_str());
+                let text = match growing {
+                    true => Some("Being recorded: it is whole when the recording has ended."),
+                    false => entry.note.as_deref(),
+                };
+                if let Some(text) = text {
                     ui.horizontal_wrapped(|ui| {
                         ui.add_space(12.0);
                         status(ui, Level::Warning, text);
@@ -244,6 +244,7 @@ fn row(
         cell(ui, columns[0], entry.seconds.map_or("—".into(), minutes));
         cell(ui, columns[1], size_text(entry.bytes));
         let source = match entry.simulated {
+            _ if entry.sample => "sample",
             Some(true) => "simulated",
             Some(false) => "hardware",
             None => "—",

@@ -1,6 +1,7 @@
 //! The Recordings screen: record, list, play, compare, look inside, open elsewhere.
 
 mod details;
+mod folder;
 mod library;
 mod pair;
 mod shown;
@@ -13,7 +14,8 @@ use super::View;
 use super::player::Player;
 use super::shell::recording_gate;
 use super::widgets::{gated, minutes, pane};
-use crate::gui::services::{Dialog, DialogKind, Job, RecordingEntry, Services};
+use crate::gui::panels::files::PathField;
+use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::twin::Command;
 use pair::Pair;
@@ -24,6 +26,8 @@ pub use pair::{Alignment, Compared, Pairing, Quantity, Side};
 struct Loading {
     name: String,
     side: Side,
+    /// Whether it is to be compared with the other one.
+    compared: bool,
     job: Job<Player>,
 }
 
@@ -52,10 +56,14 @@ pub struct Library {
     pub pair: Pair,
     /// What is shown about the recording that is played.
     pub detail: Detail,
+    /// Name of the recording that is being written.
+    pub under_way: Option<String>,
     scanned: bool,
-    scanning: Option<Job<Vec<RecordingEntry>>>,
+    scanning: Pending<Vec<RecordingEntry>>,
     loading: Vec<Loading>,
-    picking: Option<Job<Option<PathBuf>>>,
+    naming: Pending<PathBuf>,
+    open: PathField,
+    choice: folder::Choice,
     findings: Option<details::Findings>,
 }
 
@@ -63,14 +71,23 @@ impl Library {
     /// Looks for recordings again.
     pub fn rescan(&mut self, services: &mut Services) {
         self.scanned = true;
-        self.scanning = Some((services.scan)());
+        let found = (services.scan)(services.recordings.path());
+        self.scanning.begin(found);
+    }
+
+    /// Begins a recording as soon as it has a file.
+    pub fn record(&mut self, services: &mut Services) {
+        let path = (services.new_recording)(services.recordings.path());
+        self.naming.begin(path);
     }
 
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
-        self.scanning.is_some()
+        self.scanning.is_busy()
             || !self.loading.is_empty()
-            || self.picking.is_some()
+            || self.naming.is_busy()
+            || self.open.is_busy()
+            || self.choice.is_busy()
             || self.pair.busy()
             || self.viewer.busy()
     }
@@ -92,6 +109,7 @@ impl Library {
             [one, other, ..] => {
                 self.load(one.clone(), Side::A, services);
                 self.load(other.clone(), Side::B, services);
+                self.loading.iter_mut().for_each(|l| l.compared = true);
             }
         }
         true
@@ -104,17 +122,7 @@ impl Library {
 
     /// Asks for a recording in a file dialog, unless one is open.
     pub fn browse(&mut self, services: &mut Services) {
-        if self.picking.is_some() {
-            return;
-        }
-        let kinds = ["rrd", "toml", "csv"].map(str::to_owned).to_vec();
-        let dialog = Dialog {
-            title: "Open a recording".into(),
-            kind: DialogKind::Open,
-            filter: Some(("Recordings and session logs".into(), kinds)),
-            name: String::new(),
-        };
-        self.picking = Some((services.pick)(dialog));
+        self.open.browse(recording_dialog(), services);
     }
 
     fn load(&mut self, path: PathBuf, side: Side, services: &mut Services) {
@@ -126,24 +134,37 @@ impl Library {
         self.loading.push(Loading {
             name,
             side,
+            compared: side == Side::B,
             job: (services.load)(&path),
         });
         self.selected = Some(path);
     }
 
-    /// Takes what has come.
-    pub fn poll(&mut self, player: &mut Option<Player>, services: &mut Services) {
+    /// Takes what has come, whatever screen is shown. Gives a sentence for the operator where a recording has no
+    /// file.
+    pub fn poll(
+        &mut self,
+        player: &mut Option<Player>,
+        services: &mut Services,
+        commands: &mut Vec<Command>,
+    ) -> Option<String> {
         self.pair.poll();
-        if let Some(found) = self.scanning.as_ref().and_then(Job::poll) {
-            self.scanning = None;
+        self.viewer.poll(commands);
+        let mut refused = None;
+        match self.naming.take() {
+            Some(Ok(path)) => commands.push(Command::StartRecording(path)),
+            Some(Err(cause)) => refused = Some(format!("Nothing is recorded. {cause}")),
+            None => {}
+        }
+        if let Some(found) = self.scanning.take() {
             match found {
                 Ok(entries) => self.entries = entries,
                 Err(cause) => {
-                    self.trouble = Some(Trouble {
+                    self.trouble = Some(Trouble::new(
                         cause,
-                        consequence: "The list may be out of date.".into(),
-                        remedy: "Press Refresh to look again.".into(),
-                    });
+                        "The list may be out of date.",
+                        "Press Refresh to look again.",
+                    ));
                 }
             }
         }
@@ -153,19 +174,29 @@ impl Library {
                 k += 1;
                 continue;
             };
-            let side = self.loading.remove(k).side;
+            let Loading { side, compared, .. } = self.loading.remove(k);
             match answer {
-                Ok(loaded) => self.pair.place(side, loaded, player, services),
+                Ok(loaded) => self.pair.place((side, compared), loaded, player, services),
                 Err(cause) => {
-                    self.trouble = Some(Trouble {
+                    self.trouble = Some(Trouble::new(
                         cause,
-                        consequence: "Nothing was loaded: what was shown before stays.".into(),
-                        remedy: "Choose another recording, or copy this one again from where it was made."
-                            .into(),
-                    });
+                        "Nothing was loaded: what was shown before stays.",
+                        "Choose another recording, or copy this one again from where it was made.",
+                    ));
                 }
             }
         }
+        refused
+    }
+}
+
+fn recording_dialog() -> Dialog {
+    let kinds = ["rrd", "toml", "csv"].map(str::to_owned).to_vec();
+    Dialog {
+        title: "Open a recording".into(),
+        kind: DialogKind::Open,
+        filter: Some(("Recordings and session logs".into(), kinds)),
+        name: String::new(),
     }
 }
 
@@ -197,7 +228,8 @@ pub fn ui(
         let left = (ui.available_width() * 0.46).clamp(420.0, 720.0);
         ui.allocate_ui(vec2(left, height), |ui| {
             pane(ui, "library", |ui| {
-                record(ui, input, services, commands);
+                record(ui, input, library, services, commands);
+                folder::ui(ui, library, services);
                 let (live, gone) = (&input.live, input.twin_gone);
                 let viewer = &mut library.viewer;
                 super::rerun::live_in_rerun(ui, live, gone, viewer, services, commands);
@@ -244,10 +276,14 @@ fn drop_here(ui: &Ui, rect: egui::Rect) {
 fn record(
     ui: &mut Ui,
     input: &RecordingsInput<'_>,
+    library: &mut Library,
     services: &mut Services,
     commands: &mut Vec<Command>,
 ) {
-    let gate = recording_gate(&input.live, input.twin_gone);
+    let mut gate = recording_gate(&input.live, input.twin_gone);
+    if library.naming.is_busy() {
+        gate = Err("The recording's file is being made.".into());
+    }
     let p = *Palette::in_ui(ui);
     ui.horizontal(|ui| match &input.live.snapshot.recording {
         Some(name) => {
@@ -267,7 +303,7 @@ fn record(
             let button = Button::new("● Record").min_size(vec2(0.0, 30.0));
             let hover = "Write everything the live twin knows to a file";
             if gated(ui, &gate, button, hover).clicked() {
-                commands.push(Command::StartRecording((services.default_recording)()));
+                library.record(services);
             }
             let text = "Records the live twin, also while a replay is shown.";
             ui.add(egui::Label::new(RichText::new(text).color(p.weak)).truncate());

@@ -238,10 +238,10 @@ fn samples(history: &History, start_s: f64, channel: Channel) -> Samples {
 }
 
 impl Pair {
-    /// Puts a recording into its place.
+    /// Puts a recording into its place: beside the other one, if it is to be compared, else it is played alone.
     pub fn place(
         &mut self,
-        side: Side,
+        (side, compared): (Side, bool),
         mut new: Player,
         player: &mut Option<Player>,
         services: &mut Services,
@@ -252,6 +252,10 @@ impl Pair {
                 self.other = None;
             }
             *player = Some(new);
+            self.compared = match compared && self.other.is_some() {
+                true => Compared::Both,
+                false => Compared::One,
+            };
         } else {
             new.playing = false;
             self.other = Some(new);

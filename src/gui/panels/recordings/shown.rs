@@ -390,7 +390,7 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
         Side::A => p.position_s,
         Side::B => p.position_s + pair.offset_s,
     };
-    let nothing = History::new(1);
+    let nothing = History::new(1).counted_from(start_s);
     let view = View {
         snapshot: p.snapshot(),
         history: &nothing,

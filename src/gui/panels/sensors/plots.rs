@@ -198,6 +198,7 @@ fn cursors(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut Time
         return;
     };
     dense(ui);
+    let zero_s = view.history.zero_s();
     let head = |t: &str| RichText::new(t).small().color(p.weak);
     ui.horizontal(|ui| {
         for (name, t) in [("A", &mut *a), ("B", &mut *b)] {
@@ -205,12 +206,12 @@ fn cursors(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut Time
             // As the axis below counts.
             let drag = DragValue::new(t)
                 .speed(0.01)
-                .custom_formatter(|t, _| plot::clock_text(t, 2))
-                .custom_parser(plot::clock_value);
+                .custom_formatter(move |t, _| plot::clock_text(t - zero_s, 2))
+                .custom_parser(move |text| Some(plot::clock_value(text)? + zero_s));
             ui.add(drag)
                 .accessible_name(format!("Cursor {name} in min:s"))
                 .on_hover_text(
-                    "Instant on the session's clock, min:s, as on the axis of the plots",
+                    "Instant since the session or the recording began, min:s, as on the axis of the plots",
                 );
         }
         let dt = format!("Δt {} s", number(*b - *a, 2));

@@ -55,6 +55,45 @@ pub(in crate::gui::tests) fn with_verdict(verdict: Verdict) -> Arc<Found> {
 }
 
 #[test]
+fn a_report_that_no_browser_shows_says_where_it_is_in_lines_that_can_be_read() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut services = services(&seen);
+    services.gap.open_page = Box::new(|path| {
+        assert_eq!(path, Path::new("reports/abc/report.html"));
+        Job::ready(Err(
+            "The report cannot be shown in a browser: no browser was found.".into(),
+        ))
+    });
+    let mut app = gap_app(services);
+    app.gap
+        .take(with_verdict(Verdict::Named), Origin::Simulated, None);
+    app.gap.step = Step::Prove;
+    let mut h = harness(app);
+    h.run_steps(4);
+    click(&mut h, "Open report");
+    let mut below = 0.0;
+    for part in [
+        "no browser was found",
+        "It is written all the same: reports/abc/report.html",
+        "→ Open it in a browser",
+    ] {
+        let line = h.get_by_label_contains(part).rect();
+        assert!(line.width() > 10.0 * line.height(), "{part}: {line:?}");
+        assert!(line.top() > below, "{part} stands below what comes before");
+        below = line.top();
+    }
+    h.get_by_label("Copy path").click();
+    let copied = (0..4).any(|_| {
+        h.step();
+        let commands = &h.output().platform_output.commands;
+        commands.iter().any(
+            |c| matches!(c, egui::OutputCommand::CopyText(t) if t == "reports/abc/report.html"),
+        )
+    });
+    assert!(copied);
+}
+
+#[test]
 fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
     let cases = [
         (

@@ -47,7 +47,7 @@ impl Wizard {
     /// The question of the validation.
     pub fn question(&self) -> Question {
         Question {
-            trial: self.trial.clone(),
+            trial: Arc::clone(&self.trial),
             old: Arc::clone(&self.before),
             new: Arc::new(self.draft()),
             poses: self.registered().map(|_| self.vicon.raw_poses()),

@@ -5,16 +5,17 @@ use std::path::{Path, PathBuf};
 use super::Part;
 use crate::gap::SECONDS_MIN;
 use crate::gap::report::Origin;
+use crate::gui::panels::files::PathField;
 use crate::gui::panels::gap::Trouble;
 use crate::gui::panels::widgets::{Gate, number};
 use crate::gui::services::gap::{ExamplePair, RobotMatch, SessionSheet};
-use crate::gui::services::{Job, RecordingEntry, Services};
+use crate::gui::services::{Pending, RecordingEntry, Services};
 
 /// One chosen session.
 #[derive(Default)]
 pub(in crate::gui::panels::gap) struct Slot {
-    pub(super) text: String,
-    pub(super) looking: Option<Job<SessionSheet>>,
+    pub(super) path: PathField,
+    pub(super) looking: Pending<SessionSheet>,
     pub(super) sheet: Option<Result<SessionSheet, String>>,
     /// Whether the data are simulated, as the operator says where the session does not.
     pub(super) told: Option<bool>,
@@ -22,10 +23,10 @@ pub(in crate::gui::panels::gap) struct Slot {
 
 impl Slot {
     pub(super) fn choose(&mut self, path: &Path, services: &mut Services) {
-        self.text = path.display().to_string();
+        self.path.text = path.display().to_string();
         self.sheet = None;
         self.told = None;
-        self.looking = Some((services.gap.look)(path));
+        self.looking.begin((services.gap.look)(path));
     }
 
     pub(in crate::gui::panels::gap) fn known(&self) -> Option<&SessionSheet> {
@@ -44,9 +45,8 @@ pub struct Selection {
     pub(in crate::gui::panels::gap) slots: [Slot; 2],
     pub(super) library: Vec<RecordingEntry>,
     pub(super) scanned: bool,
-    pub(super) scanning: Option<Job<Vec<RecordingEntry>>>,
-    pub(super) picking: Option<(Part, Job<Option<PathBuf>>)>,
-    pub(in crate::gui::panels::gap) making: Option<Job<ExamplePair>>,
+    pub(super) scanning: Pending<Vec<RecordingEntry>>,
+    pub(in crate::gui::panels::gap) making: Pending<ExamplePair>,
     pub(super) example: Option<ExamplePair>,
     pub(super) examples_made: u64,
 }
@@ -55,14 +55,22 @@ impl Selection {
     /// Has an example made, another one than before.
     pub fn make_example(&mut self, services: &mut Services) {
         self.examples_made += 1;
-        self.making = Some((services.gap.example)(self.examples_made));
+        let job = (services.gap.example)(self.examples_made);
+        self.making.begin(job);
+    }
+
+    /// Looks for sessions again, when the step is shown next.
+    pub fn rescan(&mut self) {
+        self.scanned = false;
     }
 
     pub fn busy(&self) -> bool {
-        self.scanning.is_some()
-            || self.picking.is_some()
-            || self.making.is_some()
-            || self.slots.iter().any(|s| s.looking.is_some())
+        self.scanning.is_busy()
+            || self.making.is_busy()
+            || self
+                .slots
+                .iter()
+                .any(|s| s.looking.is_busy() || s.path.is_busy())
     }
 
     /// Where the suspect session comes from, when it or the operator says so.
@@ -85,8 +93,7 @@ impl Selection {
         let mut trouble = None;
         let Self { slots, example, .. } = self;
         for slot in slots {
-            if let Some(sheet) = slot.looking.as_ref().and_then(Job::poll) {
-                slot.looking = None;
+            if let Some(sheet) = slot.looking.take() {
                 slot.sheet = Some(sheet.map(|sheet| {
                     let made = example.as_ref();
                     let made =
@@ -98,8 +105,7 @@ impl Selection {
                 }));
             }
         }
-        if let Some(found) = self.scanning.as_ref().and_then(Job::poll) {
-            self.scanning = None;
+        if let Some(found) = self.scanning.take() {
             match found {
                 Ok(entries) => self.library = entries,
                 Err(e) => {
@@ -111,26 +117,7 @@ impl Selection {
                 }
             }
         }
-        if let Some((part, answer)) = self
-            .picking
-            .as_ref()
-            .and_then(|(part, job)| Some((*part, job.poll()?)))
-        {
-            self.picking = None;
-            match answer {
-                Ok(Some(path)) => self.slots[part as usize].choose(&path, services),
-                Ok(None) => {}
-                Err(e) => {
-                    trouble = Some(Trouble::new(
-                        e,
-                        "No file was chosen.",
-                        "Type the path of the session instead.",
-                    ));
-                }
-            }
-        }
-        if let Some(made) = self.making.as_ref().and_then(Job::poll) {
-            self.making = None;
+        if let Some(made) = self.making.take() {
             match made {
                 Ok(pair) => {
                     self.slots[0].choose(&pair.healthy, services);
@@ -151,17 +138,17 @@ impl Selection {
 
     /// Whether the finder can be run.
     pub(in crate::gui::panels::gap) fn gate(&self) -> Gate {
-        if self.making.is_some() {
+        if self.making.is_busy() {
             return Err("The example is being made.".into());
         }
-        if self.slots.iter().any(|s| s.looking.is_some()) {
+        if self.slots.iter().any(|s| s.looking.is_busy()) {
             return Err("A session is being read.".into());
         }
         for (part, slot) in Part::ALL.into_iter().zip(&self.slots) {
             match &slot.sheet {
-                None if part == Part::Healthy && slot.text.trim().is_empty() => {}
+                None if part == Part::Healthy && slot.path.text.trim().is_empty() => {}
                 None => {
-                    return Err(match slot.text.trim().is_empty() {
+                    return Err(match slot.path.text.trim().is_empty() {
                         true => format!("Choose a {} session first.", part.name()),
                         false => format!("Press Enter to read the {} session.", part.name()),
                     });
