@@ -85,7 +85,8 @@ impl Log {
         let begun = standard_error().and_then(queue);
         let counts = begun.as_ref().ok().map(|queue| Arc::clone(&queue.counts));
         if let Ok(queue) = begun {
-            if io::stderr().is_terminal() {
+            let plain = ["NO_COLOR", "RUST_LOG_STYLE"].map(std::env::var_os);
+            if io::stderr().is_terminal() && plain.iter().all(Option::is_none) {
                 builder.write_style(WriteStyle::Always);
             }
             builder.target(Target::Pipe(Box::new(queue)));

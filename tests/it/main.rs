@@ -28,5 +28,6 @@ mod robots;
 mod shaders;
 #[cfg(all(unix, feature = "rrd"))]
 mod stream;
+mod under_load;
 mod window;
 mod written;
