@@ -163,7 +163,7 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
     // What a stopped run has left stands there already.
     let kept = std::fs::metadata(DatasetJournal::path_of(&a.out)).map_or(0, |m| m.len());
     let samples = format!("{} samples", range.len());
-    outputs::fits(&a.out, needed.saturating_sub(kept), &samples)?;
+    outputs::fits(&a.out, needed.saturating_sub(kept.into()), &samples)?;
     if !quiet {
         let about = outputs::size(needed);
         super::stdio::complain(&format!(
@@ -229,8 +229,8 @@ fn generate_command(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<
 }
 
 /// What samples take on the disk while they are made, bytes: journal and data set stand side by side at the end.
-fn dataset_bytes(samples: usize) -> u64 {
-    (samples as u64).saturating_mul(DATASET_SAMPLE_BYTES)
+fn dataset_bytes(samples: usize) -> u128 {
+    samples as u128 * u128::from(DATASET_SAMPLE_BYTES)
 }
 
 struct Made {

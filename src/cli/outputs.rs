@@ -66,22 +66,20 @@ impl Overwrite {
 }
 
 /// Refuses `bytes` that do not fit where `path` will be, and says how much both are.
-pub fn fits(path: &Path, bytes: u64, what: &str) -> Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
+    let path = std::path::absolute(path)?;
+    let folder = path.parent().unwrap_or(&path);
     let Some(free) = free_bytes(folder)
         .with_context(|| format!("cannot tell how much room {} has", folder.display()))?
     else {
         return Ok(());
     };
     anyhow::ensure!(
-        bytes <= free,
+        bytes <= u128::from(free),
         "{what} take about {}, but {} has {} free: ask for less, or name another place",
         size(bytes),
         folder.display(),
-        size(free)
+        size(free.into())
     );
     Ok(())
 }
@@ -102,8 +100,8 @@ fn free_bytes(_: &Path) -> Result<Option<u64>> {
 }
 
 /// A number of bytes for people: decimal units, two or three digits.
-pub fn size(bytes: u64) -> String {
-    const UNITS: [&str; 7] = ["B", "kB", "MB", "GB", "TB", "PB", "EB"];
+pub fn size(bytes: u128) -> String {
+    const UNITS: [&str; 8] = ["B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB"];
     let mut value = bytes as f64;
     let mut unit = 0;
     while value >= 999.5 && unit + 1 < UNITS.len() {
@@ -175,11 +173,13 @@ mod tests {
             (1500, "1.5 kB"),
             (25_000_000, "25 MB"),
             (999_600_000, "1.0 GB"),
-            (u64::MAX, "18 EB"),
+            (u64::MAX.into(), "18 EB"),
+            (68 * 10_u128.pow(18), "68 EB"),
+            (2 * 10_u128.pow(21), "2.0 ZB"),
         ] {
             assert_eq!(size(bytes), text);
         }
-        let said = fits(Path::new("x"), u64::MAX, "a thousand samples");
+        let said = fits(Path::new("x"), u64::MAX.into(), "a thousand samples");
         #[cfg(unix)]
         assert!(
             said.expect_err("no such disk")
