@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with what it needs to be told, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 25] = [
+const WRITERS: [(&str, &str, &str); 28] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
@@ -51,6 +51,13 @@ const WRITERS: [(&str, &str, &str); 25] = [
     ("rig session", "--seconds 5 --out OUT", "session.toml"),
     ("rig bench", "--out OUT/b.csv", "b.csv"),
     ("man", "--out OUT", "springtwin-gap-run.1"),
+    (
+        "sim solve",
+        "--pressures 0,0,0,0,0,0 --out OUT/s.csv",
+        "s.csv",
+    ),
+    ("sim replay", "session --out OUT/r.csv", "r.csv"),
+    ("estimate", "session --out OUT/e.parquet", "e.parquet"),
 ];
 
 #[test]
