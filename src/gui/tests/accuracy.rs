@@ -266,12 +266,15 @@ fn the_picture_shows_this_screen_alone_without_the_controls_that_made_it() {
     h.get_by_label("Write").click();
     h.step();
     // While the picture is taken there is neither button nor spinner, but what the picture is of.
-    let mut frames = 0;
+    let (mut frames, mut posed) = (0, 0);
     while written.lock().expect("not poisoned").is_empty() {
+        let asked = h.state().accuracy.export.is_posing();
         h.step();
         frames += 1;
         assert!(frames < 10);
-        if h.state().accuracy.export.is_posing() {
+        // A picture that was asked for is taken of the next frame.
+        if asked && h.state().accuracy.export.is_posing() {
+            posed += 1;
             for control in ["CSV", "PNG", "Report", "Write", "Cancel", "Browse…"] {
                 assert!(h.query_by_label(control).is_none(), "{control}");
             }
@@ -279,6 +282,7 @@ fn the_picture_shows_this_screen_alone_without_the_controls_that_made_it() {
             h.get_by_label_contains("simulated data, 100.0 to 140.0 s");
         }
     }
+    assert!(posed > 0, "a frame was drawn for the picture");
     h.run_steps(3);
     h.get_by_label("PNG");
     let (_, bytes) = written
@@ -320,14 +324,14 @@ fn a_file_that_takes_long_to_write_holds_no_frame_up_and_one_that_is_there_is_ke
 
 #[test]
 fn a_press_of_j_on_a_long_session_goes_through_a_slice_per_frame() {
-    let mut h = harness(app(&fixture::session(300), Theme::Dark));
-    h.run();
-    // More rows than a frame goes through.
+    // As many rows as four frames go through; a press and a release are a frame each.
+    let mut h = harness(app(&fixture::session(400), Theme::Dark));
+    h.run_steps(6);
     assert!(h.state().accuracy.peak.is_none());
     h.key_press(Key::J);
     h.step();
-    assert!(h.state().accuracy.peak.is_none(), "not all in one frame");
-    h.run();
+    assert!(h.state().accuracy.peak.is_none(), "not all at once");
+    h.run_steps(6);
     assert!(h.state().accuracy.peak.is_some());
 }
 

@@ -54,7 +54,7 @@ fn choose(ui: &mut Ui, library: &mut Library, services: &mut Services) {
         name: "Folder for recordings",
         hint: "a folder; it is made when it is missing",
         hover: "Folder for recordings; Enter takes it. It is made when it is missing",
-        browse: "Browse…",
+        browse: "Browse for a folder",
         right: 150.0,
     };
     let dialog = || Dialog {
