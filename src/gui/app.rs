@@ -314,7 +314,7 @@ impl App {
         self.live_history = History::live();
         self.twins += 1;
         self.recording_since = None;
-        self.operate.draft.asked_m = None;
+        self.operate.draft.course.forget();
         self.operate.plans.forget();
     }
 
@@ -377,8 +377,10 @@ impl App {
                 event,
                 Event::Recording { .. } | Event::RecordingFailed { .. }
             );
+            self.operate.draft.course.observe(&event);
             messages.push((event.text(), level));
         }
+        self.operate.draft.course.follow(&self.live);
         for (text, level) in messages {
             self.say(text, level, now_s);
         }
@@ -440,7 +442,7 @@ impl App {
                         self.operate.plans.drawing = false;
                     } else if self.live.preview.is_some() && !self.typed {
                         // From a text field, Esc only leaves the field.
-                        self.operate.draft.asked_m = None;
+                        self.operate.draft.course.forget();
                         commands.push(Command::CancelPreview);
                     }
                 }

@@ -147,6 +147,99 @@ fn typed_target_is_previewed_then_gone_to() {
 }
 
 #[test]
+fn after_go_the_panel_tells_of_the_way_and_of_the_end_and_a_click_sets_the_next_target() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    type_target(&mut h, ["-62", "-41.5", "-268"]);
+    press(&mut h, "Preview");
+    h.get_by_label("Checking…");
+    let goal = Goal::position([-0.062, -0.0415, -0.268]);
+    let mut s = fixture::snapshot(1.1);
+    (s.mode, s.goal) = (Mode::Hold, None);
+    let reach = fixture::reach(ReachState::Reachable, goal.position_m);
+    s.preview = Some((goal.clone(), reach));
+    twin.publish(s);
+    h.run();
+    press(&mut h, "▶ Go");
+    // The twin lets the preview go as it sets out.
+    let mut moving = fixture::snapshot(1.2);
+    moving.goal = Some(goal.clone());
+    twin.publish(moving.clone());
+    h.run();
+    h.get_by_label_contains("▶ Moving: ");
+    assert!(h.query_by_label("Checking…").is_none());
+    assert!(is_disabled(&h, "▶ Go"));
+    moving.stamp = Stamp::from_seconds(9.0);
+    moving.mode = Mode::AtGoal;
+    if let Some(e) = &mut moving.estimate {
+        e.base_from_tip.translation.vector = nalgebra::Vector3::new(-0.062, -0.0415, -0.2676);
+    }
+    twin.publish(moving.clone());
+    h.run();
+    h.get_by_label("◎ Reached: 0.4 mm from the target");
+    twin.taken();
+    press(&mut h, "Arm, side view");
+    let commands = twin.taken();
+    assert!(
+        matches!(commands.as_slice(), [Command::Preview(_)]),
+        "{commands:?}"
+    );
+    h.get_by_label("Checking…");
+    // One that the arm stops short of says why.
+    type_target(&mut h, ["-62", "-41.5", "-268"]);
+    press(&mut h, "Preview");
+    let mut s = fixture::snapshot(9.5);
+    s.mode = Mode::Hold;
+    let reach = fixture::reach(ReachState::Reachable, goal.position_m);
+    s.preview = Some((goal.clone(), reach));
+    twin.publish(s.clone());
+    h.run();
+    press(&mut h, "▶ Go");
+    (s.mode, s.goal, s.preview) = (Mode::Moving, Some(goal), None);
+    s.stamp = Stamp::from_seconds(9.6);
+    twin.publish(s.clone());
+    h.run();
+    let reason = "The tip does not come nearer than 6 mm: chamber 3 is at +40 kPa. Holding.";
+    (s.mode, s.goal) = (Mode::Hold, None);
+    s.stamp = Stamp::from_seconds(12.0);
+    twin.publish(s);
+    let event = Event::Refused {
+        stamp: Stamp::from_seconds(12.0),
+        reason: reason.into(),
+    };
+    twin.events.try_send(event).expect("room");
+    h.run();
+    h.get_by_label_contains("▲ Not reached: ");
+    assert!(h.query_all_by_label(reason).count() > 0);
+    assert!(!is_disabled(&h, "Preview"));
+}
+
+#[test]
+fn typing_into_a_target_field_replaces_what_stood_there_and_tab_goes_from_x_to_y_to_z() {
+    let (_twin, mut h) = running(fixture::snapshot(1.0));
+    h.state_mut().operate.draft.text = ["60.0".into(), "40.0".into(), "-300.0".into()];
+    h.run();
+    h.get_by_label("Target x in mm").focus();
+    h.run_steps(2);
+    for (i, text) in ["12", "-7.5", "-290"].into_iter().enumerate() {
+        h.event(egui::Event::Text(text.into()));
+        h.run_steps(2);
+        assert_eq!(h.state().operate.draft.text[i], text);
+        h.key_press(Key::Tab);
+        h.run_steps(2);
+    }
+    assert!(
+        h.get_by_label("Preview").is_focused(),
+        "and on to what follows"
+    );
+    // A click into a field does the same.
+    h.get_by_label("Target y in mm").click();
+    h.run_steps(2);
+    h.event(egui::Event::Text("5".into()));
+    h.run_steps(2);
+    assert_eq!(h.state().operate.draft.text[1], "5");
+}
+
+#[test]
 fn unreachable_target_says_why_and_offers_the_nearest() {
     let goal = Goal::position([0.2, 0.0, -0.2]);
     let reach = fixture::reach(ReachState::Unreachable, goal.position_m);

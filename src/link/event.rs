@@ -154,7 +154,7 @@ impl LinkEvent {
 /// The causes among the bits of [`fault`], in words.
 pub fn fault_words(faults: u16) -> String {
     let words = [
-        (fault::ESTOP, "stop was pressed"),
+        (fault::ESTOP, "a program sent them a stop"),
         (fault::HEARTBEAT_LOST, "the program was not heard"),
         (fault::OVER_PRESSURE, "over-pressure"),
         (fault::GAUGE_LOST, "a pressure gauge does not answer"),
@@ -171,5 +171,16 @@ pub fn fault_words(faults: u16) -> String {
         "no cause given".into()
     } else {
         said.join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_that_a_program_sent_is_not_said_to_be_a_button() {
+        let words = fault_words(fault::ESTOP | fault::OVER_PRESSURE);
+        assert_eq!(words, "a program sent them a stop, over-pressure");
     }
 }

@@ -172,7 +172,10 @@ impl Panes<'_, '_> {
         ui.spacing_mut().item_spacing.y = 0.0;
         simulator::ui(ui, self.view, self.commands);
         view3d::toolbar(ui, self.view3d, self.view);
+        // What the tip goes to is the goal: there is nothing to drag.
+        let placed = self.view.replay.is_none();
         let target_m = self.draft.parse().ok();
+        let target_m = target_m.filter(|t| !(placed && self.draft.course.is_settled(t)));
         let track = self.plans.track(self.view);
         let drawing = self.plans.is_drawing() && self.view.replay.is_none();
         let edited = Edited {

@@ -258,7 +258,8 @@ impl PlanState {
         }
     }
 
-    fn along(&self, path: Path, spec: &RobotSpec) -> Result<Plan, String> {
+    /// The speed along a path, m/s, or why it is refused.
+    fn speed(&self, spec: &RobotSpec) -> Result<f64, String> {
         let most_mm_s = spec.tip_speed_max_m_s * 1e3;
         if self.speed_mm_s > most_mm_s {
             let (asked, most) = (number(self.speed_mm_s, 1), number(most_mm_s, 1));
@@ -266,9 +267,13 @@ impl PlanState {
                 "{asked} mm/s is more than the tip's {most} mm/s: choose a lower speed."
             ));
         }
+        Ok(self.speed_mm_s * 1e-3)
+    }
+
+    fn along(&self, path: Path, spec: &RobotSpec) -> Result<Plan, String> {
         let follow = Follow {
             path,
-            speed_m_s: self.speed_mm_s * 1e-3,
+            speed_m_s: self.speed(spec)?,
             laps: self.laps,
         };
         Plan::follow(follow).ok_or_else(|| "The path has no waypoints.".into())

@@ -1,5 +1,8 @@
-//! Where the tip shall go: a draft, the verdict on it before anything moves, and Go.
+//! Where the tip shall go: a draft, the verdict on it before anything moves, Go, and what becomes of it.
 
+mod course;
+
+use egui::text::{CCursor, CCursorRange};
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
 use super::View;
@@ -7,6 +10,7 @@ use super::widgets::{Gate, gated, heading, note, number};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState, Severity};
 use crate::twin::Command;
+pub use course::{Course, Said};
 
 /// How long Go is held on hardware, s.
 pub(super) const HOLD_TO_GO_S: f64 = 0.8;
@@ -16,8 +20,8 @@ pub(super) const HOLD_TO_GO_S: f64 = 0.8;
 pub struct TargetDraft {
     /// x, y, z in mm as typed.
     pub text: [String; 3],
-    /// The target the twin was last asked about, m.
-    pub asked_m: Option<[f64; 3]>,
+    /// What has become of the target that was asked about or gone to.
+    pub course: Course,
     hold: HoldToGo,
 }
 
@@ -87,7 +91,7 @@ pub fn arm_simulated(view: &View<'_>, commands: &mut Vec<Command>) {
 impl TargetDraft {
     /// Takes a point of the view and asks for its verdict. Nothing moves.
     pub fn set(&mut self, target_m: [f64; 3], commands: &mut Vec<Command>) {
-        self.text = target_m.map(|v| format!("{:.1}", v * 1e3));
+        self.text = target_m.map(|v| number(v * 1e3, 1).replace('−', "-"));
         if let Ok(rounded_m) = self.parse() {
             self.ask(rounded_m, commands);
         }
@@ -113,7 +117,7 @@ impl TargetDraft {
     }
 
     fn ask(&mut self, target_m: [f64; 3], commands: &mut Vec<Command>) {
-        self.asked_m = Some(target_m);
+        self.course.ask(target_m);
         commands.push(Command::Preview(Goal::position(target_m)));
     }
 }
@@ -185,6 +189,9 @@ pub fn preview_of<'a>(view: &View<'a>, target_m: [f64; 3]) -> Option<&'a Reach> 
 pub fn go_gate(view: &View<'_>, draft: &TargetDraft) -> Gate {
     view.motion()?;
     let target_m = draft.parse()?;
+    if let Some(reason) = draft.course.refusal(&target_m) {
+        return Err(reason.into());
+    }
     let Some(reach) = preview_of(view, target_m) else {
         return Err("Preview the target first.".into());
     };
@@ -238,7 +245,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
         )
         .clicked()
         {
-            draft.asked_m = None;
+            draft.course.forget();
             commands.push(Command::CancelPreview);
         }
     });
@@ -286,11 +293,23 @@ fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
                     .add(edit)
                     .accessible_name(format!("Target {name} in mm"))
                     .on_hover_text("In the base frame: origin at the fixed top pad, z up");
+                if response.gained_focus() {
+                    select_all(ui, response.id, draft.text[i].chars().count());
+                }
                 submitted |= response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
             });
         }
     });
     submitted
+}
+
+/// Marks a text that the focus has just come to, so that typing replaces it.
+fn select_all(ui: &Ui, id: egui::Id, chars: usize) {
+    if let Some(mut state) = TextEdit::load_state(ui.ctx(), id) {
+        let all = CCursorRange::two(CCursor::default(), CCursor::new(chars));
+        state.cursor.set_char_range(Some(all));
+        state.store(ui.ctx(), id);
+    }
 }
 
 fn verdict_box(
@@ -310,13 +329,26 @@ fn verdict_box(
             ui.set_width(ui.available_width());
             ui.set_min_height(56.0);
             ui.spacing_mut().item_spacing.y = 3.0;
-            let Some(reach) = reach else {
-                let text = match parsed {
-                    Ok(t) if draft.asked_m == Some(*t) && view.replay.is_none() => "Checking…",
-                    Ok(_) => "Not checked yet: press Preview. Nothing moves.",
-                    Err(_) => "No target.",
-                };
-                note(ui, text);
+            let target_m = parsed.as_ref().ok().filter(|_| view.replay.is_none());
+            let said = target_m.and_then(|t| draft.course.says(t, view.snapshot));
+            let settled = target_m.is_some_and(|t| draft.course.is_settled(t));
+            let Some(reach) = reach.filter(|_| !settled) else {
+                match (said, parsed) {
+                    (Some(said), _) => {
+                        let color = match said.level {
+                            Level::Normal => p.text,
+                            level => p.level(level),
+                        };
+                        ui.label(RichText::new(said.title).color(color));
+                        note(ui, said.detail);
+                    }
+                    (None, Ok(_)) => {
+                        note(ui, "Not checked yet: press Preview. Nothing moves.");
+                    }
+                    (None, Err(_)) => {
+                        note(ui, "No target.");
+                    }
+                }
                 return;
             };
             let v = verdict(reach);
@@ -355,6 +387,9 @@ fn go(
     if draft.hold.button(ui, view, &gate, &fire, size) {
         arm_simulated(view, commands);
         commands.push(Command::Go);
+        if let Ok(target_m) = draft.parse() {
+            draft.course.send(target_m, view.snapshot.stamp);
+        }
     }
 }
 
@@ -530,6 +565,13 @@ mod tests {
         }
         d.text[1] = "−5,5".into();
         assert_eq!(d.parse(), Ok([0.01, -0.0055, -0.3]));
+    }
+
+    #[test]
+    fn a_point_beside_the_axis_has_no_negative_zero() {
+        let mut d = TargetDraft::default();
+        d.set([-1e-6, 4e-5, -0.3], &mut Vec::new());
+        assert_eq!(d.text, ["0.0", "0.0", "-300.0"]);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::camera::Ray;
 use super::click::Anchor;
 use super::overlay::{self, Stage};
 use super::{Scene, SceneInput, compose, convert};
+use crate::gui::panels::widgets::number;
 use crate::robot::RobotSpec;
 use crate::signal::{ArmShape, CHAMBERS, IMUS, SPRINGS, Snapshot, spring_name};
 
@@ -82,16 +83,17 @@ impl Entity {
             },
             Entity::Imu(i) => match &snapshot.sensors {
                 Some(s) => {
-                    let [yaw, pitch, roll] = s.sensors.imu_ypr_rad[i].map(f64::to_degrees);
-                    format!(
-                        "IMU {}, yaw {yaw:.1}, pitch {pitch:.1}, roll {roll:.1} deg",
-                        i + 1
-                    )
+                    let angles = s.sensors.imu_ypr_rad[i];
+                    let [yaw, pitch, roll] = angles.map(|a| number(a.to_degrees(), 1));
+                    format!("IMU {}, yaw {yaw}, pitch {pitch}, roll {roll} deg", i + 1)
                 }
                 None => format!("IMU {}", i + 1),
             },
             Entity::Bellows(i) => match &snapshot.sensors {
-                Some(s) => format!("chamber {}, {:.1} kPa", i + 1, s.chamber_pa[i] * 1e-3),
+                Some(s) => {
+                    let kpa = number(s.chamber_pa[i] * 1e-3, 1);
+                    format!("chamber {}, {kpa} kPa", i + 1)
+                }
                 None => format!("chamber {}", i + 1),
             },
             Entity::Pad(0) => "top pad".to_owned(),
@@ -184,8 +186,8 @@ impl Scene {
             }
         }
         let mut point = |name: String, text: &str, p: [f64; 3]| {
-            let [x, y, z] = p.map(|v| v * 1e3);
-            let label = format!("{text} at x {x:.1}, y {y:.1}, z {z:.1} mm");
+            let [x, y, z] = p.map(|v| number(v * 1e3, 1).replace('−', "-"));
+            let label = format!("{text} at x {x}, y {y}, z {z} mm");
             items.push((name, label, convert::vec3(p)));
         };
         if snapshot.estimate.is_some() {

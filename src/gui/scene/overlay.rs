@@ -10,10 +10,16 @@ use super::convert;
 use super::{PlanMarks, SceneInput, Theme};
 use crate::gui::panels::widgets::number;
 use crate::robot::RobotSpec;
-use crate::signal::ReachState;
+use crate::signal::{Matrix6, ReachState};
 
 /// Length of a handle's arrow in points.
 const HANDLE_PT: f32 = 62.0;
+/// An error below this is never shown as abnormal, m.
+const ERROR_MIN_M: f64 = 2e-3;
+/// An error beyond so many standard deviations of the prediction is abnormal.
+const SIGMAS: f64 = 3.0;
+/// Half the size of the goal's mark with some room, points.
+const MARK_PT: f32 = 14.0;
 /// How near the pointer must come to a handle, points.
 const REACH_PT: f32 = 9.0;
 
@@ -270,7 +276,7 @@ fn into_view(tag: Rect, at: Pos2, view: Rect) -> egui::Vec2 {
     )
 }
 
-/// Text on a plate that keeps it readable over anything.
+/// Text on a plate that keeps it readable over anything; gives where the plate is.
 pub fn paint_tag(
     painter: &egui::Painter,
     at: Pos2,
@@ -278,12 +284,49 @@ pub fn paint_tag(
     text: &str,
     c: Color32,
     theme: Theme,
-) {
+) -> Rect {
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(12.0), c);
     let rect = align.anchor_size(at, galley.size()).expand2(vec2(6.0, 3.0));
     let rect = rect.translate(into_view(rect, at, painter.clip_rect()));
     painter.rect_filled(rect, 4.0, plate(theme));
     painter.galley(rect.min + vec2(6.0, 3.0), galley, c);
+    rect
+}
+
+/// Where a tag of `size` beside `at` covers none of `taken`: a corner around it, or the one that covers least.
+fn free_corner(at: Pos2, size: egui::Vec2, taken: &[Rect]) -> (Pos2, Align2) {
+    let corners = [
+        (vec2(-26.0, 26.0), Align2::RIGHT_TOP),
+        (vec2(-26.0, -26.0), Align2::RIGHT_BOTTOM),
+        (vec2(26.0, -26.0), Align2::LEFT_BOTTOM),
+        (vec2(26.0, 26.0), Align2::LEFT_TOP),
+        // Beyond handles that lie around the tip itself.
+        (vec2(-HANDLE_PT - 20.0, 0.0), Align2::RIGHT_CENTER),
+        (vec2(HANDLE_PT + 20.0, 0.0), Align2::LEFT_CENTER),
+        (vec2(0.0, HANDLE_PT + 20.0), Align2::CENTER_TOP),
+        (vec2(0.0, -HANDLE_PT - 20.0), Align2::CENTER_BOTTOM),
+    ];
+    let covered = |(offset, align): &(egui::Vec2, Align2)| {
+        let tag = align
+            .anchor_size(at + *offset, size)
+            .expand2(vec2(6.0, 3.0));
+        let areas = taken.iter().map(|r| tag.intersect(*r));
+        areas
+            .filter(|r| r.is_positive())
+            .map(|r| r.area())
+            .sum::<f32>()
+    };
+    let best = corners
+        .iter()
+        .min_by(|a, b| covered(a).total_cmp(&covered(b)));
+    let (offset, align) = best.copied().unwrap_or(corners[0]);
+    (at + offset, align)
+}
+
+/// Whether prediction and measurement are further apart than the prediction's own uncertainty accounts for.
+fn is_abnormal(error_m: f64, covariance: &Matrix6) -> bool {
+    let variance_m2: f64 = (0..3).map(|i| covariance[(i, i)]).sum();
+    error_m > ERROR_MIN_M && error_m.powi(2) > SIGMAS.powi(2) * variance_m2
 }
 
 /// What a verdict is called.
@@ -352,6 +395,8 @@ pub fn paint_labels(
     input: &SceneInput<'_>,
 ) {
     let snapshot = input.snapshot;
+    // What the label of the error must leave free.
+    let mut taken = Vec::new();
     if let Some((draft, state)) = input.target()
         && let Some(at) = stage.place(convert::vec3(draft))
     {
@@ -362,7 +407,7 @@ pub fn paint_labels(
             None => format!("not checked   {numbers}"),
         };
         let c = colour(palette.reach(state));
-        paint_tag(
+        let tag = paint_tag(
             painter,
             at + vec2(30.0, 30.0),
             Align2::LEFT_TOP,
@@ -370,11 +415,13 @@ pub fn paint_labels(
             c,
             input.theme,
         );
+        taken.push(tag);
+        taken.push(Rect::from_center_size(at, vec2(2.0, 2.0) * HANDLE_PT));
     } else if let Some(goal) = &snapshot.goal
         && let Some(at) = stage.place(convert::vec3(goal.position_m))
     {
         let c = colour(palette.goal);
-        paint_tag(
+        let tag = paint_tag(
             painter,
             at + vec2(26.0, 0.0),
             Align2::LEFT_CENTER,
@@ -382,6 +429,8 @@ pub fn paint_labels(
             c,
             input.theme,
         );
+        taken.push(tag);
+        taken.push(Rect::from_center_size(at, vec2(2.0, 2.0) * MARK_PT));
     }
     if let (Some(estimate), Some(truth)) = (&snapshot.estimate, snapshot.fresh_truth()) {
         let error_m = crate::signal::pose_error(&estimate.base_from_tip, &truth.base_from_tip)
@@ -389,16 +438,15 @@ pub fn paint_labels(
             .norm();
         let (a, _) = convert::parts(&estimate.base_from_tip);
         if let Some(at) = stage.place(a) {
-            let text = format!("error {:.1} mm", error_m * 1e3);
-            let c = colour(palette.error);
-            paint_tag(
-                painter,
-                at + vec2(-26.0, 26.0),
-                Align2::RIGHT_TOP,
-                &text,
-                c,
-                input.theme,
-            );
+            let text = format!("error {} mm", number(error_m * 1e3, 1));
+            let c = colour(match is_abnormal(error_m, &estimate.covariance) {
+                true => palette.error,
+                false => palette.ink,
+            });
+            let font = FontId::proportional(12.0);
+            let size = painter.layout_no_wrap(text.clone(), font, c).size();
+            let (at, align) = free_corner(at, size, &taken);
+            paint_tag(painter, at, align, &text, c, input.theme);
         }
     }
 }
@@ -429,6 +477,36 @@ mod tests {
         assert_eq!(moved(-30.0, -10.0), vec2(34.0, 14.0));
         // What it names is out of sight: it stays with it.
         assert_eq!(moved(700.0, 100.0), egui::Vec2::ZERO);
+    }
+
+    #[test]
+    fn the_label_of_the_error_leaves_the_target_free() {
+        let (tip, size) = (Pos2::new(300.0, 200.0), vec2(80.0, 14.0));
+        let covers = |taken: &[Rect]| {
+            let (at, align) = free_corner(tip, size, taken);
+            let tag = align.anchor_size(at, size).expand2(vec2(6.0, 3.0));
+            taken.iter().any(|r| tag.intersects(*r))
+        };
+        for angle in 0..36 {
+            let (y, x) = (10.0 * angle as f32).to_radians().sin_cos();
+            for distance in [0.0, 20.0, 40.0, 60.0, 120.0] {
+                let target = tip + distance * vec2(x, y);
+                let handles = Rect::from_center_size(target, vec2(2.0, 2.0) * HANDLE_PT);
+                let tag = Rect::from_min_size(target + vec2(24.0, 27.0), vec2(170.0, 20.0));
+                assert!(
+                    !covers(&[handles, tag]),
+                    "target {distance} pt away at {angle}0 deg"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_is_abnormal_beyond_the_predictions_own_doubt_and_two_millimetres() {
+        let sigma_m = |s: f64| Matrix6::identity() * (s * s / 3.0);
+        assert!(!is_abnormal(0.3e-3, &sigma_m(0.05e-3)));
+        assert!(!is_abnormal(5e-3, &sigma_m(2e-3)));
+        assert!(is_abnormal(5e-3, &sigma_m(0.7e-3)));
     }
 
     #[test]

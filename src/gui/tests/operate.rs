@@ -31,6 +31,18 @@ fn started(commands: &[Command]) -> &Plan {
 }
 
 #[test]
+fn a_speed_that_the_tip_does_not_have_is_refused_at_its_field_and_not_cut() {
+    let (twin, mut h) = with_plan(fixture::snapshot(1.0));
+    set(&mut h, "Speed in mm/s", 20.0);
+    assert_eq!(h.state().operate.plans.speed_mm_s, 20.0);
+    h.get_by_label("▲ 20.0 mm/s is more than the tip's 5.0 mm/s: choose a lower speed.");
+    assert!(is_disabled(&h, "▶ Start"));
+    set(&mut h, "Speed in mm/s", 5.0);
+    assert!(!is_disabled(&h, "▶ Start"));
+    assert_eq!(twin.taken(), []);
+}
+
+#[test]
 fn a_circle_is_set_by_its_numbers_and_started_once() {
     let (twin, mut h) = with_plan(fixture::snapshot(1.0));
     set(&mut h, "Radius in mm", 20.0);

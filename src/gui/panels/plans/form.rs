@@ -6,7 +6,8 @@ use egui::{Button, DragValue, ScrollArea, Ui, vec2};
 
 use super::{PATH_WAYPOINTS, POINTS_MAX, Passing, PlanKind, PlanState, Track};
 use crate::gui::panels::View;
-use crate::gui::panels::widgets::{Gate, cell_left, gated, heading, note, number};
+use crate::gui::panels::widgets::{Gate, cell_left, gated, heading, note, number, status};
+use crate::gui::theme::Level;
 
 /// Where a point of a plan may be typed, mm.
 const PLACE_MM: [RangeInclusive<f64>; 3] = [-400.0..=400.0, -400.0..=400.0, -600.0..=0.0];
@@ -109,6 +110,9 @@ fn field(
     ui.add(drag).accessible_name(name).on_hover_text(limits);
 }
 
+/// The most that may be typed as a speed, mm/s: what is too fast is refused, not cut.
+const TYPED_SPEED_MM_S: f64 = 1000.0;
+
 /// A point in mm, with a button that takes the target.
 fn place(ui: &mut Ui, title: &str, name: &str, at_mm: &mut [f64; 3], target_m: Option<[f64; 3]>) {
     heading(ui, &format!("{title}: x, y, z / mm"));
@@ -143,23 +147,25 @@ fn place(ui: &mut Ui, title: &str, name: &str, at_mm: &mut [f64; 3], target_m: O
 /// Speed and laps.
 fn pace(ui: &mut Ui, view: &View<'_>, state: &mut PlanState) {
     ui.horizontal_wrapped(|ui| {
-        let most = view.spec.tip_speed_max_m_s * 1e3;
-        let hover = "Along the path, mm/s; a tip that falls behind is waited for";
-        let speed = &mut state.speed_mm_s;
-        field(
-            ui,
-            "Speed",
-            "Speed in mm/s",
-            hover,
-            speed,
-            0.1..=most,
-            " mm/s",
-        );
+        let most = number(view.spec.tip_speed_max_m_s * 1e3, 1);
+        let hover =
+            format!("Along the path, at most {most} mm/s; a tip that falls behind is waited for");
+        note(ui, "Speed");
+        let drag = typed(DragValue::new(&mut state.speed_mm_s))
+            .range(0.1..=TYPED_SPEED_MM_S)
+            .speed(0.1)
+            .suffix(" mm/s");
+        ui.add(drag)
+            .accessible_name("Speed in mm/s")
+            .on_hover_text(hover);
         let mut laps = f64::from(state.laps);
         let hover = "How many times round";
         field(ui, "Laps", "Number of laps", hover, &mut laps, LAPS, "");
         state.laps = laps.round() as u32;
     });
+    if let Err(reason) = state.speed(view.spec) {
+        status(ui, Level::Warning, &reason);
+    }
 }
 
 fn points(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<[f64; 3]>) {

@@ -37,15 +37,12 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
         return;
     };
     let d = estimate.training_distance;
-    let text = format!(
-        "Distance from the training data {} (far above {})",
-        number(d, 2),
-        number(FAR_DISTANCE, 1)
-    );
+    let bound = number(FAR_DISTANCE, 1);
+    let text = format!("Distance from the training data {}", number(d, 2));
     if d > FAR_DISTANCE {
-        status(ui, Level::Warning, &text)
+        status(ui, Level::Warning, &format!("{text}: far, above {bound}"))
     } else {
-        note(ui, text)
+        note(ui, format!("{text}: within {bound}"))
     }
     .on_hover_text(
         "Distance of the 24 sensor signals from the training data in standard deviations: about 1 inside",
