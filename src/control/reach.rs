@@ -5,6 +5,8 @@
 //! to the middle of their range inside the null space (min |q − q_mid|² subject to r = 0), so the centring
 //! costs no accuracy. In actuator space every point is feasible, unlike in the sensor space of Algorithm 1.
 
+mod nearest;
+
 use nalgebra::SVector;
 
 use super::adapt::SEGMENTS;
@@ -26,6 +28,13 @@ pub struct ReachConfig {
     pub margin_ratio: f64,
     /// Training distance beyond which there is no verdict.
     pub training_distance_max: f64,
+    /// Share of the half range next to a bound that the nearest point leaves free: an arm that differs from its model
+    /// needs it to get there.
+    pub nearest_spare_ratio: f64,
+    /// Training distance that the nearest point keeps within.
+    pub nearest_training_distance_max: f64,
+    /// Whether a point is looked for that is reachable where the goal is not: it takes as long again.
+    pub proposes: bool,
     /// How much more each segment of this arm gives way to pressure than the plant map has it.
     pub plant_gains: [f64; SEGMENTS],
     /// How many nearest samples are tried.
@@ -42,6 +51,9 @@ impl Default for ReachConfig {
             tolerance_m: 2e-3,
             margin_ratio: 0.05,
             training_distance_max: 3.0,
+            nearest_spare_ratio: 0.15,
+            nearest_training_distance_max: 2.0,
+            proposes: true,
             plant_gains: [1.0; SEGMENTS],
             starts: 3,
             max_iterations: 15,
@@ -81,10 +93,12 @@ struct Problem<'a> {
     /// Pressures of the map's own arm: those of this arm times its gains.
     mid_pa: Vector6,
     half_pa: Vector6,
+    /// Largest scaled pressure that may be used, at most 1.
+    box_x: f64,
     config: &'a ReachConfig,
 }
 
-/// A point in scaled pressures x = (q − q_mid) / half range, each in [−1, 1].
+/// A point in scaled pressures x = (q − q_mid) / half range, each within ± the box.
 #[derive(Clone)]
 struct Point {
     x: Vector6,
@@ -105,12 +119,16 @@ impl Point {
     }
 
     /// Whether descent would take chamber `i` out of its box.
-    fn blocked(&self, i: usize, gradient: &Vector6) -> bool {
-        self.x[i] <= -1.0 && gradient[i] > 0.0 || self.x[i] >= 1.0 && gradient[i] < 0.0
+    fn blocked(&self, i: usize, gradient: &Vector6, box_x: f64) -> bool {
+        self.x[i] <= -box_x && gradient[i] > 0.0 || self.x[i] >= box_x && gradient[i] < 0.0
     }
 }
 
 impl Problem<'_> {
+    fn boxed(&self, x: &Vector6) -> Vector6 {
+        x.map(|v| v.clamp(-self.box_x, self.box_x))
+    }
+
     fn pressures(&self, x: &Vector6) -> [f64; CHAMBERS] {
         std::array::from_fn(|i| self.mid_pa[i] + self.half_pa[i] * x[i])
     }
@@ -147,14 +165,14 @@ impl Problem<'_> {
                 break;
             }
             let gradient = at.gradient();
-            let free: [bool; 6] = std::array::from_fn(|i| !at.blocked(i, &gradient));
+            let free: [bool; 6] = std::array::from_fn(|i| !at.blocked(i, &gradient, self.box_x));
             let h = at.jacobian.transpose() * at.jacobian;
             // (JᵀJ + λ max diag I) dx = −Jᵀr
             let lift = damping * h.diagonal().amax() + f64::MIN_POSITIVE;
             let Some(dx) = solve_free(&(h + Matrix6::identity() * lift), &-gradient, &free) else {
                 break;
             };
-            let x = (at.x + dx).map(|v| v.clamp(-1.0, 1.0));
+            let x = self.boxed(&(at.x + dx));
             if (x - at.x).amax() < 1e-6 {
                 break;
             }
@@ -182,7 +200,7 @@ impl Problem<'_> {
             if pull.amax() < 1e-3 {
                 break;
             }
-            let x = (best.x - pull * 0.8).map(|v| v.clamp(-1.0, 1.0));
+            let x = self.boxed(&(best.x - pull * 0.8));
             let Some(moved) = self.evaluate(&x) else {
                 break;
             };
@@ -191,6 +209,32 @@ impl Problem<'_> {
                 break;
             }
             best = next;
+        }
+        best
+    }
+
+    /// The best point from all starts: among exact ones that with most pressure to spare, else the nearest.
+    fn solve(&self, samples: &[StartSample]) -> Option<Point> {
+        let mut starts = nearest_starts(self, samples);
+        starts.push(Vector6::zeros());
+        let edge = 1.0 - self.config.margin_ratio;
+        let mut best: Option<Point> = None;
+        for start in starts {
+            let Some(start) = self.evaluate(&start) else {
+                continue;
+            };
+            let mut found = self.descend(start, self.config.max_iterations);
+            if found.residual.norm() <= EXACT {
+                found = self.centre(found);
+            }
+            let key = |p: &Point| (p.residual.norm().max(EXACT), p.x.amax());
+            if best.as_ref().is_none_or(|b| key(&found) < key(b)) {
+                best = Some(found);
+            }
+            let spare = |b: &Point| b.residual.norm() <= EXACT && b.x.amax() < edge;
+            if best.as_ref().is_some_and(spare) {
+                break;
+            }
         }
         best
     }
@@ -224,7 +268,8 @@ fn nearest_starts(problem: &Problem, samples: &[StartSample]) -> Vec<Vector6> {
 ///
 /// `samples` may be the whole training set; the nearest few are used as starts, after them the
 /// middle of the pressure range. With an orientation in the goal the verdict weighs both, and
-/// `distance_m` is the distance of the position alone.
+/// `distance_m` is the distance of the position alone. Where the goal is not reachable, `nearest_m` is a point that
+/// is: with pressure to spare, within the training data, and by the same verdict.
 ///
 /// # Errors
 /// [`ReachError`] when the question or every answer of the model is not finite.
@@ -253,34 +298,18 @@ pub fn reach(
         payload_kg,
         mid_pa: Vector6::from_fn(|i, _| mid_pa * gain(i)),
         half_pa: Vector6::from_fn(|i, _| half_pa * gain(i)),
+        box_x: 1.0,
         config,
     };
-    let mut starts = nearest_starts(&problem, samples);
-    starts.push(Vector6::zeros());
-    let edge = 1.0 - config.margin_ratio;
-    let mut best: Option<Point> = None;
-    for start in starts {
-        let Some(start) = problem.evaluate(&start) else {
-            continue;
-        };
-        let mut found = problem.descend(start, config.max_iterations);
-        if found.residual.norm() <= EXACT {
-            found = problem.centre(found);
-        }
-        // Among exact solutions the one with most pressure to spare, else the nearest.
-        let key = |p: &Point| (p.residual.norm().max(EXACT), p.x.amax());
-        if best.as_ref().is_none_or(|b| key(&found) < key(b)) {
-            best = Some(found);
-        }
-        if best
-            .as_ref()
-            .is_some_and(|b| b.residual.norm() <= EXACT && b.x.amax() < edge)
-        {
-            break;
-        }
+    let best = problem.solve(samples).ok_or(ReachError::ModelNotFinite)?;
+    let mut found = verdict(&problem, &best);
+    if config.proposes
+        && found.state != ReachState::Reachable
+        && let Some(nearest) = problem.nearest(samples, &best)
+    {
+        found.nearest_m = nearest.position_m;
     }
-    let best = best.ok_or(ReachError::ModelNotFinite)?;
-    Ok(verdict(&problem, &best))
+    Ok(found)
 }
 
 fn check(goal: &Goal, payload_kg: f64) -> Result<(), ReachError> {
@@ -310,7 +339,7 @@ fn verdict(problem: &Problem, best: &Point) -> Reach {
     // To first order, releasing chamber i lowers the cost by |∂(½|r|²)/∂x_i| per unit of x.
     let gradient = best.gradient();
     let blocking = (0..CHAMBERS)
-        .filter(|&i| best.blocked(i, &gradient))
+        .filter(|&i| best.blocked(i, &gradient, problem.box_x))
         .max_by(|&a, &b| gradient[a].abs().total_cmp(&gradient[b].abs()));
     let state = if best.training_distance > config.training_distance_max {
         ReachState::OutsideData
@@ -411,6 +440,7 @@ mod tests {
             payload_kg: 0.0,
             mid_pa: Vector6::zeros(),
             half_pa: Vector6::repeat(40e3),
+            box_x: 1.0,
             config: &config,
         };
         let start = Vector6::new(0.8, -0.8, 0.1, -0.9, 0.7, 0.4);
@@ -433,7 +463,11 @@ mod tests {
         let r = ask(&Goal::position([0.0, 0.0, -0.6]), &samples(&arm, 500)).unwrap();
         assert_eq!(r.state, ReachState::Unreachable);
         assert!((r.distance_m - 0.150).abs() < 1e-3, "{r:?}");
-        assert!((r.nearest_m[2] + 0.450).abs() < 1e-3);
+        // What is offered leaves 15 % of the half range free.
+        assert!(
+            (r.nearest_m[2] + 0.450 - 0.15 * 0.150).abs() < 2e-3,
+            "{r:?}"
+        );
         let (_, pa) = r.limiting_chamber.unwrap();
         assert!((pa - 40e3).abs() < 1.0);
     }
@@ -466,6 +500,24 @@ mod tests {
                 "{p:?} {r:?} {by_samples}"
             );
             assert!((distance(&arm.tip_m(&r.chamber_pa)) - r.distance_m).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn what_is_offered_instead_is_reachable_with_pressure_to_spare() {
+        let arm = ToyArm::nominal(&RobotSpec::reference());
+        let set = samples(&arm, 500);
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut asked = 0;
+        while asked < 50 {
+            let p = [0.5, 0.5, 0.6].map(|m| rng.random_range(-m..m));
+            let r = ask(&Goal::position(p), &set).unwrap();
+            if r.state != ReachState::Unreachable {
+                continue;
+            }
+            asked += 1;
+            let own = ask(&Goal::position(r.nearest_m), &set).unwrap();
+            assert_eq!(own.state, ReachState::Reachable, "{p:?}: {r:?}");
         }
     }
 
@@ -557,8 +609,18 @@ mod tests {
             reach(&goal, &robot, &probe, &probe, 0.0, &set, &config).unwrap();
             worst[k] = probe.evaluations.load(Ordering::Relaxed);
         }
-        // At 20 µs for both networks this is within 2 ms.
-        assert!(worst[0] <= 30 && worst[1] <= 70, "{worst:?}");
+        // At 20 µs for both networks this is within 2 ms, and 4 ms with a point to go to instead.
+        println!("evaluations: {worst:?}");
+        assert!(worst[0] <= 30 && worst[1] <= 200, "{worst:?}");
+        let config = ReachConfig {
+            proposes: false,
+            ..config
+        };
+        probe.evaluations.store(0, Ordering::Relaxed);
+        let goal = Goal::position([0.4, 0.0, -0.3]);
+        reach(&goal, &robot, &probe, &probe, 0.0, &set, &config).unwrap();
+        let verdict_alone = probe.evaluations.load(Ordering::Relaxed);
+        assert!(verdict_alone <= 70, "{verdict_alone}");
         probe.training_distance = 9.0;
         let goal = Goal::position([0.06, 0.04, -0.3]);
         let r = reach(&goal, &robot, &probe, &probe, 0.0, &set, &config).unwrap();

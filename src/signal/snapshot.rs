@@ -135,13 +135,13 @@ pub enum ReachState {
 pub struct Reach {
     /// The verdict.
     pub state: ReachState,
-    /// Distance from the goal to the nearest reachable point, m (0 when reachable).
+    /// How far from the goal the pressures at their bounds bring the tip, m (0 when reachable).
     pub distance_m: f64,
-    /// The nearest reachable point, m.
+    /// The goal where it is reachable, else a point near it that is, with pressure to spare, m.
     pub nearest_m: [f64; 3],
     /// Chamber (1-based) and its pressure (Pa) that stands in the way, if one does.
     pub limiting_chamber: Option<(usize, f64)>,
-    /// Pressures that bring the tip to the nearest point, Pa.
+    /// Pressures that bring the tip as near to the goal as they can, Pa.
     pub chamber_pa: [f64; super::CHAMBERS],
 }
 

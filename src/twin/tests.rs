@@ -19,6 +19,7 @@ mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
 mod disk;
 mod late;
+mod nearest;
 mod safety;
 mod threads;
 #[cfg(feature = "rrd")]

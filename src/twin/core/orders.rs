@@ -222,11 +222,12 @@ impl Twin {
     /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
     fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
         let gains = judging_gains(self.controller.plant_gains());
-        let config = ReachConfig {
-            plant_gains: gains,
-            ..ReachConfig::default()
-        };
-        let ask = |seeds: &[StartSample]| {
+        let ask = |seeds: &[StartSample], proposes: bool| {
+            let config = ReachConfig {
+                plant_gains: gains,
+                proposes,
+                ..ReachConfig::default()
+            };
             reach(
                 goal,
                 &self.robot,
@@ -241,12 +242,12 @@ impl Twin {
         if let Some(near) = near {
             let alike_pa =
                 std::array::from_fn(|i| near.chamber_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
-            let found = ask(&[(alike_pa, near.nearest_m)])?;
+            let found = ask(&[(alike_pa, near.nearest_m)], false)?;
             if found.state == ReachState::Reachable {
                 return Ok(found);
             }
         }
-        ask(&self.maps.seeds)
+        ask(&self.maps.seeds, true)
     }
 
     /// Takes a plan in hand: it sets out once every stop has been found reachable.
