@@ -186,9 +186,14 @@ fn contents(
                     "Connect to the boards on {} (hardware). {}",
                     port.name, port.what
                 );
-                if gated(ui, gate, row(ui, &port.name, &port.what), &hover)
-                    .accessible_name(port.name.as_str())
-                    .clicked()
+                if gated(
+                    ui,
+                    gate,
+                    row(ui, &port.name, &shortened(&port.what)),
+                    &hover,
+                )
+                .accessible_name(port.name.as_str())
+                .clicked()
                 {
                     wanted = Some(port.name.clone());
                 }
@@ -214,6 +219,15 @@ fn contents(
         }
     });
     wanted
+}
+
+/// What is behind a port, so short that the port's name stays whole; the tooltip has all of it.
+fn shortened(what: &str) -> String {
+    const MOST: usize = 32;
+    match what.chars().count() > MOST {
+        true => what.chars().take(MOST - 1).chain(['…']).collect(),
+        false => what.to_owned(),
+    }
 }
 
 fn row<'a>(ui: &Ui, title: &'a str, what: &str) -> Button<'a> {

@@ -401,15 +401,17 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 }
 
 fn stepper(ui: &mut Ui, state: &mut GapState) {
-    ui.spacing_mut().item_spacing.x = 4.0;
     let (mut pressed, mut turned) = (None, None);
-    ends(
-        ui,
-        "steps",
-        "",
-        |ui| pressed = steps(ui, state),
-        |ui| turned = back_and_next(ui, state),
-    );
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        ends(
+            ui,
+            "steps",
+            "",
+            |ui| pressed = steps(ui, state),
+            |ui| turned = back_and_next(ui, state),
+        );
+    });
     if let Some(step) = turned.or(pressed) {
         state.step = step;
     }

@@ -90,7 +90,8 @@ impl Screen {
     /// Width and height that its panels need at least, points: in a lesser window it is scrolled.
     pub fn least_points(self) -> egui::Vec2 {
         match self {
-            Self::Operate => egui::vec2(880.0, 420.0),
+            // Its panels are scrolled one by one: they would not be cut at the edge of a scroll area around all.
+            Self::Operate => egui::vec2(300.0, 150.0),
             Self::Sensors => egui::vec2(880.0, 564.0),
             Self::Accuracy => egui::vec2(900.0, 520.0),
             Self::Calibrate => egui::vec2(880.0, 320.0),

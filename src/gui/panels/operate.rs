@@ -239,15 +239,15 @@ impl Behavior<Pane> for Panes<'_, '_> {
                     let target_m = self.draft.parse().ok();
                     plans::ui(ui, self.view, self.plans, target_m, self.commands);
                 }
-                Pane::Strips => scroll(ui, |ui| {
+                Pane::Strips => scroll(ui, 240.0, |ui| {
                     strips::ui(ui, self.view, self.strips, self.window);
                 }),
-                Pane::Target => scroll(ui, |ui| {
+                Pane::Target => scroll(ui, 216.0, |ui| {
                     target::ui(ui, self.view, self.draft, self.commands);
                 }),
-                Pane::Chambers => scroll(ui, |ui| chambers::ui(ui, self.view)),
-                Pane::Pose => scroll(ui, |ui| pose::ui(ui, self.view)),
-                Pane::Sensors => scroll(ui, |ui| dashboard::ui(ui, self.view)),
+                Pane::Chambers => scroll(ui, 190.0, |ui| chambers::ui(ui, self.view)),
+                Pane::Pose => scroll(ui, 222.0, |ui| pose::ui(ui, self.view)),
+                Pane::Sensors => scroll(ui, 216.0, |ui| dashboard::ui(ui, self.view)),
             }
         });
         UiResponse::None
@@ -277,8 +277,17 @@ impl Behavior<Pane> for Panes<'_, '_> {
     }
 }
 
-fn scroll(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
-    ScrollArea::vertical().auto_shrink(false).show(ui, contents);
+/// Contents that need a least width, points: downwards they are scrolled always, to the side in narrower panels.
+fn scroll(ui: &mut Ui, least: f32, contents: impl FnOnce(&mut Ui)) {
+    let narrow = ui.available_width() < least;
+    ScrollArea::new([narrow, true])
+        .auto_shrink(false)
+        .show(ui, |ui| {
+            if narrow {
+                ui.set_max_width(least);
+            }
+            contents(ui);
+        });
 }
 
 #[cfg(test)]

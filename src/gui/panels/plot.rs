@@ -144,6 +144,9 @@ pub enum Legend {
 /// Height of the time labels, points.
 pub const AXIS: f32 = 18.0;
 
+/// Labels of the time so close to an edge are left out, points.
+const EDGE: f64 = 20.0;
+
 /// Width of the numbers on the left: the same for all that fit, so that plots do not move with their values, points.
 const Y_AXIS: f32 = 54.0;
 
@@ -270,8 +273,10 @@ impl TimePlot<'_> {
             .y_axis_formatter(move |mark, _| number(mark.value, decimals))
             .x_axis_formatter(move |mark, _| {
                 let t_s = mark.value - zero_s;
-                // Nothing happened before the session or the recording began.
-                if t_s < -1e-9 {
+                // A label at the very edge would be cut; nothing happened before the session or the recording began.
+                let [from, to] =
+                    range.map(|t| f64::from(width) * (t - mark.value) / (range[1] - range[0]));
+                if from.abs().min(to.abs()) < EDGE || t_s < -1e-9 {
                     String::new()
                 } else {
                     clock(t_s, mark.step_size)
@@ -357,9 +362,14 @@ impl TimePlot<'_> {
                     );
                     let text = RichText::new(name).small().color(palette.text);
                     let at = egui_plot::PlotPoint::new(t, bottom + 0.02 * (top - bottom));
+                    // Towards the middle: never beyond the plot's edge.
+                    let anchor = match t < 0.5 * (range[0] + range[1]) {
+                        true => egui::Align2::LEFT_BOTTOM,
+                        false => egui::Align2::RIGHT_BOTTOM,
+                    };
                     plot.text(
                         egui_plot::Text::new(name, at, text)
-                            .anchor(egui::Align2::LEFT_BOTTOM)
+                            .anchor(anchor)
                             .allow_hover(false),
                     );
                 }

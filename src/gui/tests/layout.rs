@@ -1,10 +1,117 @@
-//! Where widgets lie: nothing moves when a banner comes or goes, and what is cut, covered or out of reach is noticed.
+//! Nothing is cut off, covered or out of reach: the rectangles of all widgets in every state of every screen.
+//!
+//! Sizes are in points, as the window system counts them: a window of 1024 x 700 on a display of density 2
+//! has 2048 x 1400 pixels. The layout is made in points, so the density changes only what is rounded to
+//! pixels: the first state of every screen is looked at in every size with the densities 1, 1.5 and 2, every
+//! other state in every size with one of them in turn. Sizes in pixels are covered beside that where no fewer
+//! than 1024 x 660 points are left. In lesser windows, down to the smallest (900 x 560, `cli/window.rs`),
+//! screens are scrolled as a whole, and STOP is what must be whole (`scale.rs`).
 
 mod audit;
+mod states;
 mod still;
 
 use super::*;
 use audit::{Audit, faults};
+use states::{State, screens};
+
+/// Sizes of the window, points.
+const SIZES: [[f32; 2]; 4] = [
+    [1024.0, 700.0],
+    [1280.0, 760.0],
+    [1600.0, 1000.0],
+    [2560.0, 1440.0],
+];
+/// Pixels per point.
+const DENSITIES: [f32; 3] = [1.0, 1.5, 2.0];
+/// 1600 x 1000 pixels at 1.5, and 2560 x 1440 pixels at 2 and 1.5: points and pixels per point.
+const IN_PIXELS: [([f32; 2], f32); 3] = [
+    ([1066.5, 666.5], 1.5),
+    ([1280.0, 720.0], 2.0),
+    ([1706.5, 960.0], 1.5),
+];
+
+/// The windows in which the state with this number is looked at.
+fn windows(number: usize) -> Vec<([f32; 2], f32)> {
+    let mut all: Vec<([f32; 2], f32)> = Vec::new();
+    for (i, size) in SIZES.into_iter().enumerate() {
+        match number {
+            0 => all.extend(DENSITIES.map(|d| (size, d))),
+            n => all.push((size, DENSITIES[(n + i) % DENSITIES.len()])),
+        }
+    }
+    if number == 0 {
+        all.extend(IN_PIXELS);
+    }
+    all
+}
+
+/// All states of a screen in all windows.
+fn assert_fits(states: Vec<State>) {
+    let mut found = Vec::new();
+    for (number, mut state) in states.into_iter().enumerate() {
+        for (size, density) in windows(number) {
+            let h = &mut state.h;
+            // The size counts in the points that the density makes.
+            h.set_pixels_per_point(density);
+            h.run_steps(1);
+            h.set_size(size.into());
+            h.run_steps(4);
+            for fault in faults(h, &state.audit) {
+                let [width, height] = size;
+                let fault = format!("{}, {width} x {height} x {density}: {fault}", state.name);
+                println!("{fault}");
+                found.push(fault);
+            }
+        }
+    }
+    assert!(
+        found.is_empty(),
+        "{} faults\n{}",
+        found.len(),
+        found.join("\n")
+    );
+}
+
+#[test]
+fn operate_fits_in_every_window() {
+    assert_fits(states::operate());
+}
+
+#[test]
+fn sensors_fit_in_every_window() {
+    assert_fits(states::sensors());
+}
+
+#[test]
+fn accuracy_fits_in_every_window() {
+    assert_fits(states::accuracy());
+}
+
+#[test]
+fn calibrate_fits_in_every_window() {
+    assert_fits(states::calibrate());
+}
+
+#[test]
+fn recordings_fit_in_every_window() {
+    assert_fits(states::recordings());
+}
+
+#[test]
+fn gap_fits_in_every_window() {
+    assert_fits(states::gap());
+}
+
+#[test]
+fn dialogs_and_menus_fit_in_every_window() {
+    assert_fits(states::dialogs());
+}
+
+#[test]
+fn what_concerns_every_screen_fits_in_every_window() {
+    assert_fits(screens());
+}
 
 /// The audit notices what it is there for.
 #[test]

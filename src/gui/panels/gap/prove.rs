@@ -79,7 +79,7 @@ fn page(outcome: &Outcome) -> Content {
 pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     let height = ui.available_height();
     ui.horizontal_top(|ui| {
-        let left = (ui.available_width() * 0.60).max(548.0);
+        let left = (ui.available_width() * 0.60).max(600.0);
         ui.allocate_ui(vec2(left, height), |ui| {
             card(ui, |ui| {
                 ui.set_min_size(ui.available_size());

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use egui::{Button, DragValue, ScrollArea, Ui, vec2};
+use egui::{Button, DragValue, Ui, vec2};
 
 use super::{PATH_WAYPOINTS, POINTS_MAX, Passing, PlanKind, PlanState, Track};
 use crate::gui::panels::View;
@@ -76,6 +76,10 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
         PlanKind::Points => points(ui, view, state, target_m),
     }
     summary(ui, view, state);
+    // At the end, without a scroll area of its own: the form is scrolled.
+    if state.kind == PlanKind::Points {
+        list(ui, state);
+    }
 }
 
 /// Shown with a true minus sign and at most one decimal; typed with either sign, point or comma.
@@ -205,7 +209,6 @@ fn points(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
             state.selected = None;
         }
     });
-    list(ui, state);
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let step = |earlier: bool| match (state.selected, state.neighbour(earlier)) {
@@ -263,28 +266,22 @@ fn list(ui: &mut Ui, state: &mut PlanState) {
     }
     let digits = state.points_m.len().to_string().len();
     let row_height = 20.0;
-    ScrollArea::vertical()
-        .id_salt("waypoints")
-        .max_height(4.0 * (row_height + 1.0))
-        .auto_shrink([false, true])
-        .show(ui, |ui| {
-            ui.spacing_mut().item_spacing.y = 1.0;
-            ui.spacing_mut().interact_size.y = row_height;
-            ui.spacing_mut().button_padding.y = 1.0;
-            for (i, m) in state.points_m.iter().enumerate() {
-                let [x, y, z] = m.map(|v| number(v * 1e3, 1));
-                let text = format!("{:>digits$}   {x}, {y}, {z} mm", i + 1);
-                let button = Button::selectable(state.selected == Some(i), text)
-                    .min_size(vec2(ui.available_width(), row_height));
-                let response = ui
-                    .add(button)
-                    .accessible_name(format!("Waypoint {} at {x}, {y}, {z} mm", i + 1))
-                    .on_hover_text("Select it: its handles appear in the 3D view while Draw is on");
-                if response.clicked() {
-                    state.selected = (state.selected != Some(i)).then_some(i);
-                }
-            }
-        });
+    ui.spacing_mut().item_spacing.y = 1.0;
+    ui.spacing_mut().interact_size.y = row_height;
+    ui.spacing_mut().button_padding.y = 1.0;
+    for (i, m) in state.points_m.iter().enumerate() {
+        let [x, y, z] = m.map(|v| number(v * 1e3, 1));
+        let text = format!("{:>digits$}   {x}, {y}, {z} mm", i + 1);
+        let button = Button::selectable(state.selected == Some(i), text)
+            .min_size(vec2(ui.available_width(), row_height));
+        let response = ui
+            .add(button)
+            .accessible_name(format!("Waypoint {} at {x}, {y}, {z} mm", i + 1))
+            .on_hover_text("Select it: its handles appear in the 3D view while Draw is on");
+        if response.clicked() {
+            state.selected = (state.selected != Some(i)).then_some(i);
+        }
+    }
 }
 
 /// Length and least time.

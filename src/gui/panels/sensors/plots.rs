@@ -45,7 +45,6 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
 }
 
 fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
-    ui.spacing_mut().item_spacing.x = 4.0;
     let SensorsState {
         reading,
         angle,
@@ -56,6 +55,7 @@ fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut
         "controls",
         &TimeWindow::said(view),
         |ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
             readings(ui, reading);
             if let Some(i) = *selected_spring
                 && ui

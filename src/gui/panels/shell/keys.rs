@@ -55,6 +55,7 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
         .max_width((within.width() - 24.0).max(120.0))
         .vscroll(true)
         .show(ctx, |ui| {
+            ui.set_width((within.width() - 60.0).clamp(120.0, 540.0));
             for (title, keys) in SHORTCUTS {
                 heading(ui, title);
                 egui::Grid::new(title)

@@ -10,6 +10,9 @@ use egui_kittest::{Harness, kittest::NodeT};
 /// Points by which rounding may move an edge.
 const ROUNDING: f32 = 1.1;
 
+/// Windows up to this width scroll their screens to the side, points.
+const SCROLLED: f32 = 1000.0;
+
 /// What an audit is told beside the window.
 #[derive(Clone, Copy, Default)]
 pub struct Audit {
@@ -19,6 +22,8 @@ pub struct Audit {
     pub shell: bool,
     /// Whether only what lies over the screen is looked at: the screen itself is a state of its own.
     pub over: bool,
+    /// Whether only what stands around the screen is looked at.
+    pub around: bool,
 }
 
 /// A widget as it lies in the window.
@@ -107,6 +112,13 @@ pub fn faults<S>(h: &mut Harness<'_, S>, audit: &Audit) -> Vec<String> {
     areas(h, window, &mut found);
     if audit.over {
         all.retain(|p| p.layer.order != egui::Order::Background);
+    }
+    if audit.around {
+        let inside = Rect::from_min_max(
+            window.min + egui::vec2(100.0, 92.0),
+            window.max - egui::vec2(0.0, 30.0),
+        );
+        all.retain(|p| !inside.contains(p.rect.center()));
     }
     let cut: Vec<Placed> = all.into_iter().filter(|p| !p.is_whole(window)).collect();
     out_of_reach(h, cut, window, &mut found);
@@ -238,7 +250,9 @@ fn texts<S>(h: &Harness<'_, S>, all: &[Placed], audit: &Audit, found: &mut Vec<S
         };
         let seen = rect.intersect(clip);
         let cut = seen.width() < rect.width() - 2.0 && seen.is_positive();
-        if cut && !all.iter().any(of_widget) {
+        // A window narrower than what screens need is scrolled to the side.
+        let whole = !audit.shell || h.ctx.content_rect().width() > SCROLLED;
+        if cut && whole && !all.iter().any(of_widget) {
             found.push(format!("the text “{said}” at {rect:?} ends at {clip:?}"));
         }
     }
@@ -325,7 +339,7 @@ fn scroll_to<S>(h: &mut Harness<'_, S>, to: &Placed) {
 /// Turns the wheel as far as it goes, over the place nearest to a widget.
 fn turn_wheel<S>(h: &mut Harness<'_, S>, near: &Placed, window: Rect, corner: [f32; 2]) {
     let at = near.rect.center().clamp(
-        window.min + egui::vec2(120.0, 110.0),
+        window.min + egui::vec2(150.0, 110.0),
         window.max - egui::vec2(20.0, 50.0),
     );
     h.hover_at(at);
