@@ -32,7 +32,7 @@ use super::services::{Job, RecordingEntry, Services};
 use crate::robot::RobotSpec;
 use crate::signal::{Goal, Mode, ReachState, Simulator, Snapshot, Stamp};
 use crate::twin::{Command, Event, Handle};
-use pictures::{busy_session, picture, save, sharp_picture};
+use pictures::{assert_drawn, busy_session, picture, save, sharp_picture};
 
 /// The twin's end of the window's channels.
 struct Twin {

@@ -420,29 +420,64 @@ fn frame_indifference(out: &mut Vec<Case>) {
     ));
 }
 
-/// Pressures kPa, position mm, yaw/pitch/roll deg.
-pub(super) type SettledPose = ([f64; CHAMBERS], [f64; 3], [f64; 3]);
+/// A pose of the reference robot, settled, by an independent rigid-disc engine.
+pub(super) struct SettledPose {
+    pub kpa: [f64; CHAMBERS],
+    /// Position, mm, and yaw, pitch, roll, deg; to one decimal.
+    pub mm: [f64; 3],
+    pub ypr_deg: [f64; 3],
+    /// How near the rod comes, mm and deg: what is measured, rounded up. Straight it is the same arm; where it bends, the
+    /// other engine's discs and tendons give way elsewhere, and the turn agrees better than the place.
+    pub rod_within: (f64, f64),
+    /// How near the mesh comes.
+    #[cfg_attr(
+        not(test),
+        allow(dead_code, reason = "the mesh is held to it by a test")
+    )]
+    pub mesh_within: (f64, f64),
+}
 
-/// The reference robot, settled, by an independent rigid-disc engine.
+/// The known poses.
 pub(super) const REFERENCE_POSES: [SettledPose; 5] = [
-    ([0.0; 6], [0.0, 0.0, -296.6], [0.0; 3]),
-    ([40.0; 6], [0.0, 0.0, -441.2], [0.0; 3]),
-    ([-40.0; 6], [0.0, 0.0, -151.5], [0.0; 3]),
-    (
-        [40.0, -40.0, -40.0, 0.0, 0.0, 0.0],
-        [-143.4, 0.0, -219.9],
-        [0.0, 43.7, 0.0],
-    ),
-    (
-        [20.0, -20.0, -20.0, 20.0, -20.0, -20.0],
-        [-82.4, -17.7, -253.3],
-        [-2.3, 33.1, -21.1],
-    ),
+    straight([0.0; 6], -296.6),
+    straight([40.0; 6], -441.2),
+    straight([-40.0; 6], -151.5),
+    SettledPose {
+        kpa: [40.0, -40.0, -40.0, 0.0, 0.0, 0.0],
+        mm: [-143.4, 0.0, -219.9],
+        ypr_deg: [0.0, 43.7, 0.0],
+        rod_within: (7.1, 0.2),
+        mesh_within: (7.7, 0.6),
+    },
+    SettledPose {
+        kpa: [20.0, -20.0, -20.0, 20.0, -20.0, -20.0],
+        mm: [-82.4, -17.7, -253.3],
+        ypr_deg: [-2.3, 33.1, -21.1],
+        rod_within: (6.7, 0.4),
+        mesh_within: (5.6, 0.3),
+    },
 ];
+
+const fn straight(kpa: [f64; CHAMBERS], z_mm: f64) -> SettledPose {
+    SettledPose {
+        kpa,
+        mm: [0.0, 0.0, z_mm],
+        ypr_deg: [0.0; 3],
+        rod_within: (0.15, 0.01),
+        mesh_within: (0.15, 0.01),
+    }
+}
 
 fn reference_robot(out: &mut Vec<Case>) {
     let model = Model::nominal(&RobotSpec::reference());
-    for (kpa, mm, ypr_deg) in REFERENCE_POSES {
+    for pose in REFERENCE_POSES {
+        let SettledPose {
+            kpa,
+            mm,
+            ypr_deg,
+            rod_within: within,
+            ..
+        } = pose;
         let mut state = State::rest(&model);
         let inputs = Inputs {
             chamber_pa: kpa.map(|p| p * 1e3),
@@ -461,8 +496,14 @@ fn reference_robot(out: &mut Vec<Case>) {
             let list = kpa.map(|p| p.to_string()).join(", ");
             format!("reference robot at ({list}) kPa: {what} from the rigid-disc model")
         };
-        out.push(Case::new(name("distance"), "mm", 0.0, off_mm, 8.0));
-        out.push(Case::new(name("largest angle"), "deg", 0.0, off_deg, 3.0));
+        out.push(Case::new(name("distance"), "mm", 0.0, off_mm, within.0));
+        out.push(Case::new(
+            name("largest angle"),
+            "deg",
+            0.0,
+            off_deg,
+            within.1,
+        ));
     }
 }
 

@@ -55,9 +55,56 @@ pub(super) fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
         size,
         "{name}"
     );
-    let shades: std::collections::BTreeSet<_> = image.pixels().step_by(97).map(|p| p.0).collect();
-    assert!(shades.len() > 20, "{name} is nearly blank");
     save(name, &image);
+    assert_drawn(&h, &image, name);
+}
+
+/// Least difference between a text and what is behind it, of 255.
+const CONTRAST: u8 = 30;
+
+/// What was laid out is seen in the picture: of the texts that are whole within the window, nine tenths differ in their
+/// place from what is behind them. The others may be covered, or pale because their control is off.
+pub(super) fn assert_drawn(h: &Harness<'_, App>, image: &image::RgbaImage, name: &str) {
+    fn texts<'a>(shape: &'a egui::Shape, found: &mut Vec<&'a egui::epaint::TextShape>) {
+        match shape {
+            egui::Shape::Text(text) => found.push(text),
+            egui::Shape::Vec(shapes) => shapes.iter().for_each(|s| texts(s, found)),
+            _ => {}
+        }
+    }
+    let scale = h.ctx.pixels_per_point();
+    let window = h.ctx.viewport_rect();
+    let (mut seen, mut unseen) = (0, Vec::new());
+    for clipped in &h.output().shapes {
+        let mut found = Vec::new();
+        texts(&clipped.shape, &mut found);
+        for text in found {
+            let place = text.visual_bounding_rect();
+            let is_whole = clipped.clip_rect.contains_rect(place) && window.contains_rect(place);
+            if text.galley.text().trim().is_empty() || !is_whole {
+                continue;
+            }
+            let [low, high] = [place.min, place.max].map(|p| (p * scale).to_vec2());
+            let columns = low.x as u32..(high.x.ceil() as u32).min(image.width());
+            let pixels = (low.y as u32..(high.y.ceil() as u32).min(image.height()))
+                .flat_map(|y| columns.clone().map(move |x| (x, y)));
+            let (mut least, mut most) = ([255; 3], [0; 3]);
+            for (x, y) in pixels {
+                for (k, value) in image.get_pixel(x, y).0[..3].iter().enumerate() {
+                    least[k] = least[k].min(*value);
+                    most[k] = most[k].max(*value);
+                }
+            }
+            match (0..3).any(|k| most[k].saturating_sub(least[k]) >= CONTRAST) {
+                true => seen += 1,
+                false => unseen.push(format!("{:?} at {place:?}", text.galley.text())),
+            }
+        }
+    }
+    assert!(
+        seen > 10 && seen > 9 * unseen.len(),
+        "{name}: {seen} texts are seen, not so {unseen:#?}"
+    );
 }
 
 pub(super) fn save(name: &str, image: &image::RgbaImage) {
@@ -81,6 +128,7 @@ pub(super) fn sharp_picture(name: &str, theme: Theme, app: App) {
     let image = h.render().expect("a GPU or a software renderer draws");
     assert_eq!([image.width(), image.height()], [2560, 1440], "{name}");
     save(name, &image);
+    assert_drawn(&h, &image, name);
 }
 
 #[test]
