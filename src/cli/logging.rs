@@ -126,6 +126,7 @@ fn standard_error() -> io::Result<File> {
 mod tests {
     use std::sync::Mutex;
 
+    use springtwin::link::LinkEvent;
     use springtwin::robot::RobotSpec;
     use springtwin::signal::{PressureCommand, Stamp};
     use springtwin::twin::{Arrivals, Clock, Port, Runner, Twin};
@@ -159,7 +160,9 @@ mod tests {
         }
         fn poll(&mut self, now: Stamp) -> Arrivals {
             Arrivals {
-                notices: vec![format!("at {now:?}")],
+                notices: vec![LinkEvent::Disconnected {
+                    reason: format!("at {now:?}"),
+                }],
                 ..Arrivals::default()
             }
         }
@@ -214,7 +217,7 @@ mod tests {
             .next()
             .and_then(|n| n.parse().ok())
             .expect("a number");
-        let written = text.lines().filter(|l| l.contains("  at Stamp")).count();
+        let written = text.lines().filter(|l| l.contains("(at Stamp")).count();
         // What other tests log meanwhile is counted, too.
         assert!(missing + written >= 3000, "{missing} {written}");
         assert!(written <= LINES + 2, "{written}");

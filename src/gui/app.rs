@@ -366,23 +366,23 @@ impl App {
         let mut over = false;
         while let Ok(event) = handle.events.try_recv() {
             self.calibrate.hear(&event);
-            let level = match &event {
-                Event::Refused { .. } | Event::RecordingFailed { .. } | Event::Warning { .. } => {
-                    Level::Warning
-                }
-                _ => Level::Normal,
-            };
+            let level = shell::severity_level(event.severity());
             self.operate.plans.observe(&event);
             over |= matches!(
                 event,
                 Event::Recording { .. } | Event::RecordingFailed { .. }
             );
             self.operate.draft.course.observe(&event);
-            messages.push((event.text(), level));
+            // The banner and the badge show the mode: in the list it is enough.
+            let shown = !matches!(event, Event::Mode { .. });
+            messages.push((event.text(), level, shown));
         }
         self.operate.draft.course.follow(&self.live);
-        for (text, level) in messages {
-            self.say(text, level, now_s);
+        for (text, level, shown) in messages {
+            match shown {
+                true => self.messages.say(text, level, now_s),
+                false => self.messages.list(text, level, now_s),
+            }
         }
         self.library.under_way.clone_from(&self.live.recording);
         if over && self.live.recording.is_none() {
@@ -455,6 +455,7 @@ impl App {
 
     fn show(&mut self, ui: &mut Ui, now_s: f64, commands: &mut Vec<Command>) {
         let palette = *theme::Palette::in_ui(ui);
+        self.messages.pin_safe(&self.live.mode, now_s);
         let live_snapshot = Arc::clone(&self.live);
         let live = View {
             snapshot: &live_snapshot,

@@ -6,6 +6,7 @@ mod calibrate;
 #[cfg(test)]
 mod gap;
 mod layout;
+mod messages;
 mod operate;
 mod palette;
 mod pictures;

@@ -2,6 +2,7 @@
 
 use super::ports::PortChange;
 use super::wire::{SCHEMA_HASH, VERSION, fault};
+use crate::signal::Severity;
 
 /// Why a board is not used. The arm cannot be armed while one stands.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -86,7 +87,7 @@ pub enum LinkEvent {
     },
     /// The last command was not renewed in time; no set points are sent until the next one.
     CommandStale,
-    /// More than a tenth of the last second's frames were lost.
+    /// More than a tenth of the last second's frames were lost; told once until the loss is over.
     HighLoss {
         /// Lost, of all.
         ratio: f64,
@@ -103,6 +104,24 @@ pub enum LinkEvent {
 }
 
 impl LinkEvent {
+    /// How urgent it is.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::BoardReady { .. }
+            | Self::BoardBack { .. }
+            | Self::Ports(_)
+            | Self::Reconnected => Severity::Info,
+            Self::Refused(_)
+            | Self::BoardRebooted { .. }
+            | Self::BoardSilent { .. }
+            | Self::ClockJump { .. }
+            | Self::BoardSafe { .. }
+            | Self::CommandStale
+            | Self::HighLoss { .. }
+            | Self::Disconnected { .. } => Severity::Warning,
+        }
+    }
+
     /// One sentence for the operator.
     pub fn text(&self) -> String {
         match self {

@@ -54,7 +54,7 @@ const REFUSED_PERIOD_S: f64 = 1.0;
 /// RESET and ESTOP are repeated this often, RESET for this long, s.
 const REPEAT_PERIOD_S: f64 = 0.05;
 const RESET_REPEATS_S: f64 = 0.3;
-/// Loss over one second that is reported.
+/// Loss over one second that is reported, once until it has fallen to half of this.
 const HIGH_LOSS: f64 = 0.1;
 /// Frames within the second that make a share worth telling.
 const MIN_FOR_RATIO: u64 = 50;
@@ -84,7 +84,8 @@ pub struct HostSession {
     next_setpoint: Option<Stamp>,
     next_estop: Option<Stamp>,
     next_reset: Option<Stamp>,
-    loss_told: Option<Stamp>,
+    /// Whether the present loss has been told.
+    loss_told: bool,
     frames: VecDeque<RawFrame>,
     events: VecDeque<LinkEvent>,
     last_frame: Option<(u32, Stamp)>,
@@ -124,7 +125,7 @@ impl HostSession {
             next_setpoint: None,
             next_estop: None,
             next_reset: None,
-            loss_told: None,
+            loss_told: false,
             frames: VecDeque::new(),
             events: VecDeque::new(),
             last_frame: None,
@@ -424,10 +425,11 @@ impl HostSession {
             }
         }
         let ratio = self.loss_ratio(self.now);
-        let told = self.loss_told.is_some_and(|t| self.now.since(t) < 1.0);
-        if ratio > HIGH_LOSS && !told {
-            self.loss_told = Some(self.now);
+        if ratio > HIGH_LOSS && !self.loss_told {
+            self.loss_told = true;
             self.event(LinkEvent::HighLoss { ratio });
+        } else if ratio < 0.5 * HIGH_LOSS {
+            self.loss_told = false;
         }
     }
 

@@ -181,31 +181,44 @@ impl Lines {
         }
     }
 
-    /// One look at the lines at `t_s` of the rig's time: what came goes to the rig, what it says goes out.
+    /// One look at the lines: what came goes to the rig, what it says goes out. Gives the rig's time of it, s.
+    ///
+    /// `now_s` is asked once what came has been read. A process that waits for a processor in between then has its
+    /// bytes late, as a real board may; a time from before would let the board have them before they were sent, and
+    /// its clock would seem to jump.
     ///
     /// # Errors
     /// [`PtyError`] when an unplugged line cannot be plugged in again.
-    pub fn exchange(&mut self, rig: &mut VirtualRig, t_s: f64) -> Result<(), PtyError> {
+    pub fn exchange(
+        &mut self,
+        rig: &mut VirtualRig,
+        now_s: impl FnOnce() -> f64,
+    ) -> Result<f64, PtyError> {
         let mut inbox = [[0u8; 4096]; BOARDS];
-        match self {
+        let t_s = match self {
             Self::Shared(pty) => {
                 let n = pty.read(&mut inbox[0]);
+                let t_s = now_s();
                 pty.write(rig.advance(t_s, &inbox[0][..n]));
+                t_s
             }
             Self::Each(ptys) => {
                 let n: [usize; BOARDS] = std::array::from_fn(|b| ptys[b].read(&mut inbox[b]));
                 let heard: [&[u8]; BOARDS] = std::array::from_fn(|b| &inbox[b][..n[b]]);
+                let t_s = now_s();
                 let said = rig.advance_lines(t_s, heard);
                 for (pty, bytes) in ptys.iter_mut().zip(said) {
                     pty.write(bytes);
                 }
+                t_s
             }
-        }
+        };
         let plugged = !rig.faults.is_unplugged();
         match self {
-            Self::Shared(pty) => pty.plug(plugged),
-            Self::Each(ptys) => ptys.iter_mut().try_for_each(|pty| pty.plug(plugged)),
+            Self::Shared(pty) => pty.plug(plugged)?,
+            Self::Each(ptys) => ptys.iter_mut().try_for_each(|pty| pty.plug(plugged))?,
         }
+        Ok(t_s)
     }
 
     /// Runs the rig in real time until `go_on` says no. Motion-capture packets go to `mocap_to`.
@@ -233,8 +246,7 @@ impl Lines {
         };
         let mut mocap_frame: u32 = 0;
         while go_on() {
-            let t_s = start.elapsed().as_secs_f64();
-            self.exchange(rig, t_s)?;
+            let t_s = self.exchange(rig, || start.elapsed().as_secs_f64())?;
             let due = (t_s / MOCAP_PERIOD_S) as u32 + 1;
             if due > mocap_frame {
                 mocap_frame = due;
@@ -261,5 +273,72 @@ impl Drop for Pty {
         if let Some(link) = &self.link {
             take_link_away(&self.port, link);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::wire::{Body, Decoder, Packet, Received};
+    use crate::rig::RigOptions;
+    use crate::robot::RobotSpec;
+
+    /// The process waits for a processor after it has looked at the line, and a PING comes meanwhile.
+    #[test]
+    fn a_board_has_nothing_before_it_was_sent() {
+        let mut rig =
+            VirtualRig::new(&RobotSpec::reference(), &RigOptions::default()).expect("settles");
+        let mut lines = Lines::Shared(Pty::open(None).expect("a pseudo-terminal"));
+        let mut port = File::options()
+            .read(true)
+            .write(true)
+            .open(lines.ports())
+            .expect("the other end");
+        let ping = Packet {
+            board: 0,
+            seq: 0,
+            t_ticks: 0,
+            flags: 0,
+            body: Body::Ping { id: 7 },
+        };
+        let mut bytes = Vec::new();
+        crate::link::wire::encode(&ping, &mut bytes);
+        let start_s = 1.0;
+        lines.exchange(&mut rig, || start_s).expect("works");
+        let sent_s = 1.08;
+        let at_s = lines
+            .exchange(&mut rig, || {
+                port.write_all(&bytes).expect("the line takes it");
+                sent_s
+            })
+            .expect("works");
+        assert_eq!(at_s, sent_s);
+        lines.exchange(&mut rig, || 1.081).expect("works");
+        // Ticks of both boards at the start, by their HELLO or SAMPLE, and at the PING.
+        let mut said = [0u8; 4096];
+        let n = port.read(&mut said).expect("the boards answered");
+        let mut decoder = Decoder::default();
+        let ticks: Vec<(bool, u32)> = said[..n]
+            .iter()
+            .filter_map(|byte| match decoder.push(*byte) {
+                Some(Received::Packet(Packet {
+                    board: 0,
+                    t_ticks,
+                    body,
+                    ..
+                })) => match body {
+                    Body::Pong { t_receive, .. } => Some((true, t_receive)),
+                    _ => Some((false, t_ticks)),
+                },
+                _ => None,
+            })
+            .collect();
+        let first = ticks.iter().find(|(pong, _)| !pong).expect("a sample").1;
+        let had = ticks.iter().find(|(pong, _)| *pong).expect("a PONG").1;
+        let had_s = start_s + f64::from(had.wrapping_sub(first)) / 2e6;
+        assert!(
+            had_s >= sent_s - 1e-3,
+            "had at {had_s} s, sent at {sent_s} s"
+        );
     }
 }

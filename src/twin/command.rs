@@ -3,9 +3,10 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
+use crate::link::LinkEvent;
 use crate::sensing::Calibration;
 use crate::signal::ControllerKind;
-use crate::signal::{Goal, Gripper, Simulator, Snapshot, Stamp};
+use crate::signal::{Goal, Gripper, Mode, Severity, Simulator, Snapshot, Stamp};
 use crate::task::Plan;
 
 /// What the operator (or a script) asks of the twin.
@@ -61,8 +62,8 @@ pub enum Event {
     Mode {
         /// When.
         stamp: Stamp,
-        /// The new mode, in words.
-        mode: String,
+        /// The new mode.
+        mode: Mode,
     },
     /// A command was refused, with the reason as one sentence.
     Refused {
@@ -125,10 +126,44 @@ pub enum Event {
 }
 
 impl Event {
+    /// What was noticed about the link at `stamp`.
+    pub fn of_link(stamp: Stamp, event: &LinkEvent) -> Self {
+        let text = event.text();
+        match event.severity() {
+            Severity::Info => Self::Notice { stamp, text },
+            Severity::Warning | Severity::Critical => Self::Warning { stamp, text },
+        }
+    }
+
+    /// How urgent it is.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::Mode {
+                mode: Mode::Safe(_),
+                ..
+            } => Severity::Critical,
+            Self::Refused { .. } | Self::RecordingFailed { .. } | Self::Warning { .. } => {
+                Severity::Warning
+            }
+            Self::Mode { .. }
+            | Self::Reached { .. }
+            | Self::Finished { .. }
+            | Self::Calibrated { .. }
+            | Self::Recording { .. }
+            | Self::Notice { .. } => Severity::Info,
+        }
+    }
+
     /// The event as one sentence.
     pub fn text(&self) -> String {
         match self {
-            Self::Mode { mode, .. } => format!("Mode: {mode}"),
+            Self::Mode { mode, .. } => match mode {
+                Mode::Disarmed => "Mode: disarmed".to_owned(),
+                Mode::Hold => "Mode: hold".to_owned(),
+                Mode::Moving => "Mode: moving".to_owned(),
+                Mode::AtGoal => "Mode: at goal".to_owned(),
+                Mode::Safe(reason) => format!("Mode: SAFE ({reason})"),
+            },
             Self::Refused { reason, .. } | Self::RecordingFailed { reason, .. } => reason.clone(),
             Self::Reached {
                 distance_m, steps, ..

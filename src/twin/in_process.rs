@@ -68,9 +68,7 @@ impl Port for InProcess {
             arrivals.truths.extend(heard.truth);
         }
         arrivals.frames = std::iter::from_fn(|| self.session.next_frame()).collect();
-        arrivals.notices = std::iter::from_fn(|| self.session.next_event())
-            .map(|e| e.text())
-            .collect();
+        arrivals.notices = std::iter::from_fn(|| self.session.next_event()).collect();
         arrivals.status = self.session.status(now);
         arrivals
     }

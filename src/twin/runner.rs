@@ -9,6 +9,7 @@ use super::record::Recording;
 use super::shape::Drawing;
 use super::stream::{LAST_WORDS, OldStream, Told};
 use super::{Command, Event, MeshAnswer, MeshQuestion, Twin};
+use crate::link::LinkEvent;
 use crate::recording::{ArmDrawing, LiveStream, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
@@ -25,8 +26,8 @@ pub struct Arrivals {
     pub truths: Vec<GroundTruth>,
     /// State of the link.
     pub status: LinkStatus,
-    /// Things worth telling, one sentence each.
-    pub notices: Vec<String>,
+    /// Things worth telling.
+    pub notices: Vec<LinkEvent>,
 }
 
 /// The boards, however they are reached: over a serial port, or in this process on simulated time.
@@ -91,7 +92,7 @@ impl Runner {
         let mut events: Vec<Event> = arrivals
             .notices
             .into_iter()
-            .map(|text| Event::Notice { stamp: now, text })
+            .map(|event| Event::of_link(now, &event))
             .collect();
         for truth in arrivals.truths {
             self.twin.observe_truth(truth);

@@ -43,7 +43,7 @@ impl Port for SerialPort {
             self.heard = Some(now);
             match input {
                 LinkInput::Frame(frame) => arrivals.frames.push(frame),
-                LinkInput::Event(event) => arrivals.notices.push(event.text()),
+                LinkInput::Event(event) => arrivals.notices.push(event),
                 LinkInput::Status(status) => self.status = status,
             }
         }

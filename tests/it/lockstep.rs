@@ -168,7 +168,7 @@ impl Port for Lockstep {
             Arrivals {
                 frames: std::iter::from_fn(|| w.host.next_frame()).collect(),
                 truths: w.truths.as_mut().map(std::mem::take).unwrap_or_default(),
-                notices: w.events.drain(..).map(|e| e.text()).collect(),
+                notices: w.events.drain(..).collect(),
                 status: w.host.status(now),
             }
         })

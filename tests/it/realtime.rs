@@ -131,8 +131,9 @@ impl RigThread {
                     true => rig.faults.begin(Place::Port, Fault::of(Word::Off)),
                     false => rig.faults.end(Place::Port),
                 }
-                let t_s = start.elapsed().as_secs_f64();
-                lines.exchange(&mut rig, t_s).expect("the line works");
+                lines
+                    .exchange(&mut rig, || start.elapsed().as_secs_f64())
+                    .expect("the line works");
                 std::thread::sleep(Duration::from_millis(1));
             }
         };

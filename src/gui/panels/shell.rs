@@ -533,7 +533,8 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
     });
 }
 
-/// The strip at the bottom: the newest message or the most urgent alarm, the recording, and all that was said.
+/// The strip at the bottom: the newest message or the most urgent alarm (a critical one first), the recording, and
+/// all that was said.
 pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
     let s = input.live.snapshot;
     ui.horizontal_centered(|ui| {
@@ -543,13 +544,13 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             .filter(|a| a.severity >= Severity::Warning)
             .max_by_key(|a| a.severity);
         match (input.messages.newest(input.window_s), urgent) {
-            (Some(m), _) => {
+            (Some(m), a) if a.is_none_or(|a| a.severity < Severity::Critical) => {
                 ui.label(m.text.as_str());
             }
-            (None, Some(a)) => {
+            (_, Some(a)) => {
                 status(ui, severity_level(a.severity), &a.text());
             }
-            (None, None) => {}
+            (_, None) => {}
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time, min:s");

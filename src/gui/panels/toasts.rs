@@ -6,8 +6,9 @@ use std::time::Duration;
 
 use egui::{Align2, Button, Id, RichText, Ui, vec2};
 
-use super::widgets::{minutes, note};
+use super::widgets::{minutes, note, status};
 use crate::gui::theme::{Level, Palette};
+use crate::signal::Mode;
 
 /// Messages kept.
 const KEPT: usize = 200;
@@ -23,8 +24,12 @@ pub struct Message {
     pub text: String,
     /// How urgent.
     pub level: Level,
-    /// Window time it came at, s.
+    /// Window time it came at last, s.
     pub at_s: f64,
+    /// Window time it came at first, s.
+    pub first_s: f64,
+    /// How often it came.
+    pub count: u32,
     closed: bool,
 }
 
@@ -38,24 +43,68 @@ impl Message {
     }
 }
 
-/// The messages, oldest first.
+/// The SAFE state while it lasts: above all messages, whatever came since and whatever the list is narrowed to.
+#[derive(Clone, Debug, PartialEq)]
+struct Pinned {
+    reason: String,
+    since_s: f64,
+}
+
+/// The messages, in the order in which each came last. The same sentence again is the same message, counted.
 #[derive(Clone, Debug, Default)]
 pub struct Messages {
     kept: VecDeque<Message>,
+    pinned: Option<Pinned>,
 }
 
 impl Messages {
-    /// Adds a message that came at `now_s`.
+    /// Adds a message that came at `now_s`. Warnings show over the screen for a while.
     pub fn say(&mut self, text: impl Into<String>, level: Level, now_s: f64) {
+        self.add(text.into(), level, now_s, false);
+    }
+
+    /// The same for a message that is shown elsewhere: it is in the list alone.
+    pub fn list(&mut self, text: impl Into<String>, level: Level, now_s: f64) {
+        self.add(text.into(), level, now_s, true);
+    }
+
+    fn add(&mut self, text: String, level: Level, now_s: f64, closed: bool) {
+        let known = |m: &Message| m.text == text && m.level == level;
+        let again = self.kept.iter().position(known);
+        if let Some(mut message) = again.and_then(|i| self.kept.remove(i)) {
+            // Closed by the operator, it stays closed as long as it would have been shown.
+            let still = message.closed && now_s - message.at_s < message.stays_s();
+            message.closed = closed || still;
+            message.at_s = now_s;
+            message.count += 1;
+            self.kept.push_back(message);
+            return;
+        }
         if self.kept.len() == KEPT {
-            self.kept.pop_front();
+            let of = |level| self.kept.iter().position(|m| m.level == level);
+            let least = of(Level::Normal).or_else(|| of(Level::Warning));
+            self.kept.remove(least.unwrap_or(0));
         }
         self.kept.push_back(Message {
-            text: text.into(),
+            text,
             level,
             at_s: now_s,
-            closed: false,
+            first_s: now_s,
+            count: 1,
+            closed,
         });
+    }
+
+    /// Keeps SAFE above all messages from `now_s` on until the mode is another.
+    pub fn pin_safe(&mut self, mode: &Mode, now_s: f64) {
+        self.pinned = match (mode, self.pinned.take()) {
+            (Mode::Safe(reason), Some(known)) if known.reason == *reason => Some(known),
+            (Mode::Safe(reason), _) => Some(Pinned {
+                reason: reason.clone(),
+                since_s: now_s,
+            }),
+            _ => None,
+        };
     }
 
     /// All messages kept, oldest first.
@@ -79,13 +128,15 @@ impl Messages {
         (m.level == Level::Normal && now_s - m.at_s < m.stays_s()).then_some(m)
     }
 
-    /// Shows the newest warnings in the lower left corner of `within`; they never leave it.
+    /// Shows the newest warnings in the lower left corner of `within`; they never leave it. Critical ones are not
+    /// displaced by others.
     pub fn toasts(&mut self, ctx: &egui::Context, now_s: f64, within: egui::Rect) {
         let mut live: Vec<&mut Message> = self
             .kept
             .iter_mut()
             .filter(|m| m.level > Level::Normal && !m.closed && now_s - m.at_s < m.stays_s())
             .collect();
+        live.sort_by_key(|m| m.level);
         let first = live.len().saturating_sub(SHOWN);
         let corner = within.left_bottom() + CORNER;
         let mut bottom = corner.y;
@@ -115,30 +166,101 @@ impl Messages {
             .button(format!("Messages {}", self.len()))
             .on_hover_text("What the program has said, newest first");
         egui::Popup::menu(&response)
+            // The button's own id changes when a banner comes or goes: the list would close.
+            .id(Id::unique("messages"))
             .accessible_name("Messages")
             .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside)
             .show(|ui| {
                 ui.set_width(460.0);
+                if let Some(safe) = &self.pinned {
+                    let text = format!(
+                        "SAFE for {}: {}. It lasts until Reset.",
+                        minutes(now_s - safe.since_s),
+                        safe.reason
+                    );
+                    status(ui, Level::Critical, &text);
+                    ui.separator();
+                }
                 if self.is_empty() {
                     note(ui, "Nothing has been said yet.");
+                    return;
                 }
+                let shown = self.filters(ui);
                 egui::ScrollArea::vertical()
                     .max_height(320.0)
                     .show(ui, |ui| {
-                        for m in self.iter().rev() {
-                            line(ui, m, &format!("{} ago", minutes(now_s - m.at_s)));
+                        let listed = self.iter().rev().filter(|m| shown.includes(m.level));
+                        let mut none = true;
+                        for m in listed {
+                            line(ui, m, now_s);
+                            none = false;
+                        }
+                        if none {
+                            note(ui, "All messages are hidden: press a button above.");
                         }
                     });
             });
     }
+
+    /// One button per level that shows and hides its messages; gives what is shown.
+    fn filters(&self, ui: &mut Ui) -> Shown {
+        let id = Id::unique("shown messages");
+        let mut shown = ui.data(|d| d.get_temp::<Shown>(id)).unwrap_or_default();
+        ui.horizontal(|ui| {
+            for (i, level) in LEVELS.into_iter().enumerate() {
+                let n = self.kept.iter().filter(|m| m.level == level).count();
+                let name = ["Notices", "Warnings", "Critical"][i];
+                let text = format!("{} {name} {n}", level.glyph());
+                let on = &mut shown.0[i];
+                let button = Button::selectable(*on, text);
+                if ui
+                    .add(button)
+                    .on_hover_text("Show or hide these messages")
+                    .clicked()
+                {
+                    *on = !*on;
+                }
+            }
+        });
+        ui.data_mut(|d| d.insert_temp(id, shown));
+        shown
+    }
 }
 
-fn line(ui: &mut Ui, m: &Message, when: &str) {
+/// Levels in the order of their buttons.
+const LEVELS: [Level; 3] = [Level::Normal, Level::Warning, Level::Critical];
+
+/// Which levels the list shows.
+#[derive(Clone, Copy, Debug)]
+struct Shown([bool; 3]);
+
+impl Default for Shown {
+    fn default() -> Self {
+        Self([true; 3])
+    }
+}
+
+impl Shown {
+    fn includes(self, level: Level) -> bool {
+        let of = |(l, on): (Level, bool)| l == level && on;
+        LEVELS.into_iter().zip(self.0).any(of)
+    }
+}
+
+fn line(ui: &mut Ui, m: &Message, now_s: f64) {
     let p = Palette::in_ui(ui);
     let color = p.level_text(m.level);
+    let ago = |at_s: f64| format!("{} ago", minutes(now_s - at_s));
     ui.horizontal_wrapped(|ui| {
-        note(ui, when);
+        note(ui, ago(m.at_s));
         ui.label(RichText::new(marked(m)).color(color));
+        if m.count > 1 {
+            note(ui, format!("×{}", m.count)).on_hover_text(format!(
+                "{} times, first {}",
+                m.count,
+                ago(m.first_s)
+            ));
+        }
     });
 }
 
@@ -182,10 +304,57 @@ mod tests {
     #[test]
     fn only_so_many_are_kept() {
         let mut m = Messages::default();
+        m.say("critical", Level::Critical, 0.0);
         for i in 0..KEPT + 5 {
             m.say(format!("{i}"), Level::Normal, 0.0);
         }
         assert_eq!(m.len(), KEPT);
-        assert_eq!(m.iter().next().map(|m| m.text.as_str()), Some("5"));
+        let oldest: Vec<&str> = m.iter().take(2).map(|m| m.text.as_str()).collect();
+        assert_eq!(oldest, ["critical", "6"], "notices go first");
+    }
+
+    #[test]
+    fn the_same_sentence_again_is_one_message_with_a_count_and_its_last_time() {
+        let mut m = Messages::default();
+        for k in 0..100 {
+            m.say("Board 2 is silent.", Level::Warning, f64::from(k));
+            m.say("Board 1 is silent.", Level::Warning, f64::from(k));
+        }
+        m.say("Board 1 is silent.", Level::Normal, 100.0);
+        let found: Vec<_> = m
+            .iter()
+            .map(|m| (m.text.as_str(), m.level, m.count, m.first_s, m.at_s))
+            .collect();
+        assert_eq!(
+            found,
+            [
+                ("Board 2 is silent.", Level::Warning, 100, 0.0, 99.0),
+                ("Board 1 is silent.", Level::Warning, 100, 0.0, 99.0),
+                ("Board 1 is silent.", Level::Normal, 1, 100.0, 100.0),
+            ]
+        );
+    }
+
+    #[test]
+    fn what_was_closed_stays_closed_while_it_repeats() {
+        let mut m = Messages::default();
+        m.say("a", Level::Warning, 0.0);
+        m.kept[0].closed = true;
+        m.say("a", Level::Warning, 10.0);
+        m.say("a", Level::Warning, 25.0);
+        assert!(m.kept[0].closed);
+        m.say("a", Level::Warning, 60.0);
+        assert!(!m.kept[0].closed, "it is news again");
+    }
+
+    #[test]
+    fn safe_is_pinned_until_it_is_left() {
+        let mut m = Messages::default();
+        let safe = Mode::Safe("over-pressure in chamber 3".into());
+        m.pin_safe(&safe, 1.0);
+        m.pin_safe(&safe, 9.0);
+        assert_eq!(m.pinned.as_ref().map(|p| p.since_s), Some(1.0));
+        m.pin_safe(&Mode::Disarmed, 10.0);
+        assert_eq!(m.pinned, None);
     }
 }

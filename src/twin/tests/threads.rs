@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::super::publish::channel;
 use super::*;
+use crate::link::LinkEvent;
 use crate::link::wire::Config;
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 
@@ -146,7 +147,7 @@ fn outcomes_reach_a_window_that_did_not_read_for_a_minute() {
         .expect("a number");
     let notices = events
         .iter()
-        .filter(|e| e.text().starts_with("jump"))
+        .filter(|e| e.text().contains("(jump "))
         .count();
     assert_eq!(left_out + notices, 6010, "{gap}");
     assert_eq!(handle.snapshot().stamp, newest);
@@ -162,7 +163,8 @@ impl Port for Chatty {
     }
     fn poll(&mut self, now: Stamp) -> Arrivals {
         let mut arrivals = self.0.poll(now);
-        arrivals.notices.push(format!("jump {}", now.0));
+        let reason = format!("jump {}", now.0);
+        arrivals.notices.push(LinkEvent::Disconnected { reason });
         arrivals
     }
     fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}

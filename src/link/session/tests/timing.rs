@@ -125,3 +125,44 @@ fn skew_drift_jitter_and_jumps_leave_half_a_millisecond_between_boards_and_time_
         assert!(c.residual_s < 0.5e-3 && c.round_trip_s < 4e-3, "{c:?}");
     }
 }
+
+/// The program waits for a processor again and again, up to 300 ms, and then reads all that has come at once.
+#[test]
+fn frames_that_are_read_late_and_together_are_no_clock_jump() {
+    let mut w = World::ready(31);
+    let jumps = |w: &World| {
+        let told = w.events.iter().filter_map(|(_, e)| match e {
+            LinkEvent::ClockJump { board, jump_s } => Some((*board, *jump_s)),
+            _ => None,
+        });
+        told.collect::<Vec<_>>()
+    };
+    let busy = |w: &mut World, for_s: f64| {
+        let end_s = w.t_s() + for_s;
+        while w.t_s() < end_s {
+            let u: f64 = w.rng.random_range(1e-9..1.0);
+            w.host_alive = false;
+            w.run((1e-3 * u.powf(-0.9)).min(0.3));
+            w.host_alive = true;
+            let slice_s = w.rng.random_range(1e-3..6e-3);
+            w.run(slice_s);
+        }
+    };
+    busy(&mut w, 120.0);
+    assert_eq!(jumps(&w), []);
+    w.frames.clear();
+    busy(&mut w, 60.0);
+    let worst_s = w
+        .stamp_errors_s()
+        .iter()
+        .fold(0.0f64, |a, e| a.max(e.abs()));
+    assert!(worst_s < 3e-3, "{worst_s}");
+    w.boards[1].jump_clock(0.05);
+    busy(&mut w, 60.0);
+    let told = jumps(&w);
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(
+        told[0].0 == 1 && (told[0].1 - 0.05).abs() < 5e-3,
+        "{told:?}"
+    );
+}

@@ -1,0 +1,72 @@
+//! The list of messages: repeats, levels, and SAFE above all of them.
+
+use super::*;
+use crate::signal::{Alarm, AlarmCause, Severity};
+use crate::twin::Event;
+
+const REASON: &str = "over-pressure in chamber 3 (+42.6 kPa)";
+
+fn notice(twin: &Twin, text: String) {
+    let stamp = Stamp::ZERO;
+    let event = Event::Notice { stamp, text };
+    twin.events.try_send(event).expect("room");
+}
+
+fn safe_now(t_s: f64) -> Snapshot {
+    let mut s = fixture::snapshot(t_s);
+    s.mode = Mode::Safe(REASON.into());
+    let cause = AlarmCause::Safe {
+        reason: REASON.into(),
+        remedy: "Remove the cause",
+    };
+    s.alarms = vec![Alarm {
+        since: s.stamp,
+        severity: Severity::Critical,
+        cause,
+    }];
+    s
+}
+
+#[test]
+fn repeats_are_one_line_and_safe_stays_on_top_until_it_is_reset() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    twin.publish(safe_now(1.1));
+    let stamp = Stamp::from_seconds(1.1);
+    let mode = Mode::Safe(REASON.into());
+    twin.events
+        .try_send(Event::Mode { stamp, mode })
+        .expect("room");
+    h.run_steps(2);
+    // What came since fills the list, most of it the same sentence.
+    for k in 0..40 {
+        notice(&twin, "Board 2 is back.".into());
+        notice(&twin, format!("Stop {k} was reached."));
+        h.run_steps(1);
+    }
+    // The strip tells of SAFE, not of the newest notice.
+    h.get_by_label(&format!(
+        "⊗ SAFE: {REASON}. Remove the cause, then press Reset."
+    ));
+    assert!(h.query_by_label("Stop 39 was reached.").is_none());
+    h.get_by_label("Messages 42").click();
+    h.run_steps(3);
+    h.get_by_label_contains("⊗ SAFE for 0:");
+    h.get_by_label("×40");
+    // Narrowed to nothing, SAFE is still there.
+    for button in ["● Notices 41", "▲ Warnings 0", "⊗ Critical 1"] {
+        h.get_by_label(button).click();
+        h.run_steps(2);
+    }
+    assert!(h.query_by_label("×40").is_none());
+    h.get_by_label("All messages are hidden: press a button above.");
+    h.get_by_label_contains("⊗ SAFE for 0:");
+    let mut reset = fixture::snapshot(9.0);
+    reset.mode = Mode::Disarmed;
+    twin.publish(reset);
+    h.run_steps(3);
+    assert!(h.query_by_label_contains("⊗ SAFE for").is_none());
+    // What was said of it stays listed.
+    h.get_by_label("⊗ Critical 1").click();
+    h.run_steps(2);
+    h.get_by_label(&format!("⊗ Mode: SAFE ({REASON})"));
+}
