@@ -121,6 +121,8 @@ pub(super) struct RateOut {
     pub refining: bool,
     /// Whether something was solved for, not only stepped on.
     pub solved: bool,
+    /// Whether it was found. Where it was not, the rates are 0: the set pressures stay.
+    pub converged: bool,
 }
 
 enum Inner {
@@ -177,6 +179,7 @@ pub struct Controller {
     active: Option<Active>,
     plant_gain: PlantGain,
     stopwatch: Option<Stopwatch>,
+    unsolved_ticks: u64,
 }
 
 /// The longest time step the loop believes in, as [`PressureCommand::limited`] does, s.
@@ -211,7 +214,13 @@ impl Controller {
             gains,
             active: None,
             stopwatch: None,
+            unsolved_ticks: 0,
         }
+    }
+
+    /// Ticks so far in which no admissible rates were found: the set pressures were held in them.
+    pub fn unsolved_ticks(&self) -> u64 {
+        self.unsolved_ticks
     }
 
     /// Times what is solved from now on.
@@ -467,6 +476,7 @@ impl Controller {
             Inner::Paper(paper) => paper.rate(&tick, &self.gains),
             Inner::Ours(ours) => ours.rate(&tick, &self.gains),
         };
+        self.unsolved_ticks += u64::from(!out.converged);
         let solve_s = match (self.stopwatch, began, out.solved || anew) {
             (Some(now), Some(began), true) => Some((now() - began).as_secs_f64()),
             _ => None,

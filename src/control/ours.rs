@@ -72,13 +72,23 @@ impl Ours {
         let h = ata + Matrix6::identity() * lambda;
         let g = -(a.transpose() * wanted + pull * lambda);
         let (lo, hi) = (tick.lo_pa_s / PA_PER_KPA, tick.hi_pa_s / PA_PER_KPA);
-        let rate_pa_s = solve_box_qp(&h, &g, &lo, &hi).x * PA_PER_KPA;
+        let found = solve_box_qp(&h, &g, &lo, &hi);
+        // What did not converge is within the bounds, but leads nowhere in particular: the set pressures stay, and what
+        // was observed on the way to it is forgotten.
+        if !found.converged {
+            self.restart();
+        }
+        let rate_pa_s = match found.converged {
+            true => found.x * PA_PER_KPA,
+            false => Vector6::zeros(),
+        };
         RateOut {
             rate_pa_s,
             // Where the signals would be when the present wish has run its course.
             sensor_ref: tick.sensors + tick.plant.jacobian * rate_pa_s / gains.adrc.k_p(),
             refining: true,
             solved: true,
+            converged: found.converged,
         }
     }
 }

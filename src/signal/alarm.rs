@@ -45,6 +45,8 @@ pub enum AlarmKey {
     OverPressure(usize),
     /// This chamber does not reach its set pressure.
     ShortOfAir(usize),
+    /// The controller finds no admissible rates.
+    Unsolved,
     /// The SAFE state.
     Safe,
 }
@@ -114,6 +116,11 @@ pub enum AlarmCause {
         /// Set gauge pressure, Pa.
         set_pa: f64,
     },
+    /// The controller finds no admissible rates.
+    Unsolved {
+        /// Ticks so far without.
+        ticks: u64,
+    },
     /// The SAFE state.
     Safe {
         /// Why it was entered.
@@ -137,6 +144,7 @@ impl AlarmCause {
             Self::TooFewSensors => AlarmKey::TooFewSensors,
             Self::OverPressure { chamber, .. } => AlarmKey::OverPressure(chamber),
             Self::ShortOfAir { chamber, .. } => AlarmKey::ShortOfAir(chamber),
+            Self::Unsolved { .. } => AlarmKey::Unsolved,
             Self::Safe { .. } => AlarmKey::Safe,
         }
     }
@@ -208,6 +216,10 @@ impl AlarmCause {
                 chamber + 1,
                 measured_pa * 1e-3,
                 set_pa * 1e-3
+            ),
+            Self::Unsolved { ticks } => format!(
+                "The controller found no admissible rates in {ticks} ticks so far and held the pressures in them: \
+                 press HOLD and choose another target."
             ),
             Self::Safe { reason, remedy } => {
                 format!("SAFE: {reason}. {remedy}, then press Reset.")

@@ -110,9 +110,9 @@ pub struct ClockFit {
     pub offset_s: f64,
     /// Session seconds per board second, minus 1.
     pub skew_ratio: f64,
-    /// Root mean square of what the fit leaves of the pings, s.
+    /// Root mean square of the pings' residuals, weighted as in the fit, s.
     pub residual_s: f64,
-    /// Round trip of the newest accepted ping, s.
+    /// Shortest round trip among the pings of the fit, s.
     pub round_trip_s: f64,
 }
 
@@ -227,6 +227,9 @@ pub struct Snapshot {
     pub plant_gains: Option<[f64; 2]>,
     /// How long the controller took, s, if it solved in this tick and is timed. Not kept in recordings.
     pub solve_s: Option<f64>,
+    /// Ticks so far in which the controller found no admissible rates and held the set pressures. Not kept in
+    /// recordings.
+    pub unsolved_ticks: u64,
     /// Newest command.
     pub command: Option<PressureCommand>,
     /// Shape by the twin's own model at the measured pressures.

@@ -1,6 +1,6 @@
 //! The robot in motion: [`rod::step`] with the robot's inputs.
 
-use super::model::{Inputs, Model, SimError, State, check};
+use super::model::{Inputs, Model, SimError, State, check, inside_out};
 use super::rod::{self, Energy, Motion, Outcome, Stride};
 
 /// A state that moves.
@@ -33,8 +33,8 @@ impl Moving {
 /// One step of `dt_s` with inertia and stiffness-proportional damping `tau_s` (s).
 ///
 /// # Errors
-/// [`SimError`] when an input is not finite or the step does not converge; `moving` is then left
-/// as it was.
+/// [`SimError`] when an input is not finite, the step does not converge, or it ends with a bellows pressed through
+/// itself; `moving` is then left as it was.
 pub fn swing(
     model: &Model,
     moving: &mut Moving,
@@ -44,16 +44,24 @@ pub fn swing(
 ) -> Result<Outcome, SimError> {
     check(inputs)?;
     let loads = model.loads(inputs, 0.0);
+    let before = moving.motion.clone();
     let Moving { motion, work } = moving;
     let outcome = rod::step(&model.rod, &loads, motion, dt_s, tau_s, work);
-    if outcome.converged {
-        Ok(outcome)
-    } else {
-        Err(SimError::NoEquilibrium {
+    if !outcome.converged {
+        return Err(SimError::NoEquilibrium {
             iterations: outcome.iterations,
             last_step: outcome.last_step,
-        })
+        });
     }
+    if let Some(segment) = inside_out(model, &motion.q) {
+        // What the step handed on to the next one leads there, too.
+        *moving = Moving {
+            motion: before,
+            work: Stride::default(),
+        };
+        return Err(SimError::InsideOut { segment });
+    }
+    Ok(outcome)
 }
 
 /// Kinetic and potential energy under `inputs`, work of the pressures included, J.
@@ -107,6 +115,23 @@ mod tests {
             ..Inputs::default()
         };
         assert!(swing(&model, &mut moving, &inputs, 0.0, 1e-3).is_err());
+        assert_eq!(moving.motion, before);
+    }
+
+    #[test]
+    fn a_step_that_ends_inside_out_is_refused_and_leaves_the_motion_alone() {
+        let model = Model::nominal(&RobotSpec::reference());
+        let inputs = Inputs::default();
+        let d = model.rod.strains.indices().len();
+        // The second segment pressed through zero length: its bellows are as long as at rest, upwards.
+        let mut moving = Moving::from_rest(&State::rest(&model));
+        let second = moving.motion.q.len() / 2;
+        for xi in moving.motion.q[second..].chunks_exact_mut(d) {
+            xi[d - 1] = -xi[d - 1];
+        }
+        let before = moving.motion.clone();
+        let found = swing(&model, &mut moving, &inputs, 0.02, 1e-4);
+        assert_eq!(found, Err(SimError::InsideOut { segment: 2 }));
         assert_eq!(moving.motion, before);
     }
 }

@@ -369,7 +369,7 @@ pub(super) fn relax(model: &Model, state: &mut State, loads: &Loads) -> Result<O
 
 /// The first segment (1, 2) in which a bellows no longer points downstream: it would have passed
 /// through zero length, where its energy has another, meaningless, branch.
-fn inside_out(model: &Model, q: &[f64]) -> Option<usize> {
+pub(super) fn inside_out(model: &Model, q: &[f64]) -> Option<usize> {
     let d = model.rod.strains.indices().len();
     let mut elements = q.chunks_exact(d);
     for (s, section) in model.rod.sections.iter().enumerate() {

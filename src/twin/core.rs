@@ -125,6 +125,8 @@ pub struct Twin {
     judged_gains: [f64; SEGMENTS],
     sensor_ref: Option<SensorRef>,
     solve_s: Option<f64>,
+    /// When the controller last found no admissible rates.
+    unsolved_at: Option<Stamp>,
     command: Option<PressureCommand>,
     held_pa: Option<[f64; CHAMBERS]>,
     gripper: Gripper,
@@ -183,6 +185,7 @@ impl Twin {
             judged_gains: [1.0; SEGMENTS],
             sensor_ref: None,
             solve_s: None,
+            unsolved_at: None,
             command: None,
             held_pa: None,
             gripper: Gripper::Open,
@@ -358,6 +361,7 @@ impl Twin {
             preview_shape: self.previewed_shape(),
             sensor_ref: self.sensor_ref,
             solve_s: self.solve_s,
+            unsolved_ticks: self.controller.unsolved_ticks(),
             plant_gains: Some(self.controller.plant_gains()),
             command: self.command.clone(),
             shape: self.shape.clone(),
@@ -465,16 +469,9 @@ impl Twin {
         }
         self.phase = phase;
         self.sensor_ref = None;
-        let mode = match self.mode() {
-            Mode::Disarmed => "disarmed".to_owned(),
-            Mode::Hold => "hold".to_owned(),
-            Mode::Moving => "moving".to_owned(),
-            Mode::AtGoal => "at goal".to_owned(),
-            Mode::Safe(reason) => format!("SAFE ({reason})"),
-        };
         events.push(Event::Mode {
             stamp: self.now,
-            mode,
+            mode: self.mode(),
         });
     }
 
@@ -542,6 +539,7 @@ impl Twin {
                     plant: self.maps.plant.as_ref(),
                     samples: &self.maps.seeds,
                 };
+                let unsolved = self.controller.unsolved_ticks();
                 let out = self.controller.step(
                     maps,
                     &StepInput {
@@ -552,6 +550,9 @@ impl Twin {
                         stamp: self.now,
                     },
                 );
+                if self.controller.unsolved_ticks() > unsolved {
+                    self.unsolved_at = Some(self.now);
+                }
                 self.sensor_ref = out.sensor_ref;
                 self.solve_s = out.solve_s;
                 stall = out.stall;

@@ -65,9 +65,13 @@ impl PlantMap for Crude {
 }
 
 fn twin() -> Twin {
+    twin_with(Arc::new(Crude))
+}
+
+fn twin_with(pose: Arc<dyn PoseMap>) -> Twin {
     let robot = RobotSpec::reference();
     let maps = Maps {
-        pose: Arc::new(Crude),
+        pose,
         plant: Arc::new(Crude),
         seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
     };

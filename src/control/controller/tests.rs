@@ -22,6 +22,8 @@ struct Loop {
     command: Option<PressureCommand>,
     now: Stamp,
     samples: Vec<StartSample>,
+    /// What the pose map's Jacobian is multiplied by.
+    steepness: f64,
 }
 
 impl Loop {
@@ -42,6 +44,7 @@ impl Loop {
             payload_kg: 0.2,
             command: None,
             now: Stamp::ZERO,
+            steepness: 1.0,
         }
     }
 
@@ -67,7 +70,8 @@ impl Loop {
 
     /// One tick with checks that the wish needs no further limiting.
     fn tick_with(&mut self, controller: &mut Controller, frame: SensorFrame) -> ControlOut {
-        let eval = self.nominal.pose(&frame.sensors.to_vector());
+        let mut eval = self.nominal.pose(&frame.sensors.to_vector());
+        eval.jacobian *= self.steepness;
         let maps = Maps {
             pose: &self.nominal,
             plant: &self.nominal,
@@ -506,4 +510,27 @@ proptest! {
         controller.set_goal(goal, verdict.as_ref());
         sim.run(&mut controller, 3.0);
     }
+}
+
+#[test]
+fn a_programme_without_a_solution_holds_the_set_pressures_and_is_counted() {
+    let mut l = Loop::new();
+    let mut controller = Controller::new(&l.robot, Gains::of(ControllerKind::Ours));
+    let goal = Goal::position([0.06, 0.04, -0.30]);
+    let reach = l.verdict(&goal);
+    controller.set_goal(goal, Some(&reach));
+    l.run(&mut controller, 1.0);
+    assert_eq!(controller.unsolved_ticks(), 0);
+    let before = l.command.as_ref().map(|c| *c.chamber_pa());
+    // Finite, but its square is not.
+    l.steepness = 1e200;
+    for k in 1..=10 {
+        let out = l.tick(&mut controller);
+        assert_eq!(Some(out.wanted_pa), before, "tick {k}");
+        assert_eq!(controller.unsolved_ticks(), k);
+    }
+    l.steepness = 1.0;
+    let out = l.run(&mut controller, 10.0);
+    assert_eq!(controller.unsolved_ticks(), 10);
+    assert!(out.distance_m.is_some_and(|d| d < 2e-3), "{out:?}");
 }

@@ -61,7 +61,7 @@ fn path_columns(tube: &Tube) -> [Vector3<f64>; 6] {
 }
 
 /// What the tubes remember at the strains q: energy, pushing forces with it, and stiffness.
-fn remembered(rod: &Rod, loads: &Loads, q: &[f64]) -> (f64, Vec<f64>, Vec<f64>) {
+pub(super) fn remembered(rod: &Rod, loads: &Loads, q: &[f64]) -> (f64, Vec<f64>, Vec<f64>) {
     let mut tube_n = loads.tube_n.clone();
     if loads.memory.is_empty() {
         return (0.0, tube_n, Vec::new());

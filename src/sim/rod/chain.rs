@@ -10,7 +10,7 @@
 
 use nalgebra::Vector3;
 
-use super::assemble::{for_dead_forces, strain_of, twist_of};
+use super::assemble::{for_dead_forces, remembered, strain_of, twist_of};
 use super::se3::{ExpMap, Frame, Twist};
 use super::{Loads, Rod, Section};
 
@@ -86,7 +86,8 @@ pub(super) struct Wrenches {
     across: Vec<Twist>,
 }
 
-/// Π'(q) into `out`, with `chain` placed at `q`. `loads.viscosity` is not used.
+/// Π'(q) into `out`, with `chain` placed at `q`: what the tubes remember and the floor included. `loads.viscosity` is not
+/// used.
 pub(super) fn gradient(
     rod: &Rod,
     loads: &Loads,
@@ -101,10 +102,12 @@ pub(super) fn gradient(
     nodes.clear();
     nodes.resize(chain.nodes.len(), Twist::zero());
     across.clear();
+    let with_memory = (!loads.memory.is_empty()).then(|| remembered(rod, loads, q).1);
+    let all_n = with_memory.as_ref().unwrap_or(&loads.tube_n);
     let (mut element, mut tube) = (0, 0);
     for (si, s) in rod.sections.iter().enumerate() {
         let l = s.length_m / s.elements as f64;
-        let tube_n = &loads.tube_n[tube..tube + s.tubes.len()];
+        let tube_n = &all_n[tube..tube + s.tubes.len()];
         let first = element + si;
         for k in element * d..(element + s.elements) * d {
             if k % d == 0 {
@@ -122,8 +125,11 @@ pub(super) fn gradient(
         element += s.elements;
         tube += s.tubes.len();
     }
-    if let Some(tip) = nodes.last_mut() {
+    if let (Some(tip), Some(end)) = (nodes.last_mut(), chain.nodes.last()) {
         tip.w += loads.tip_moment_nm;
+        if let Some(floor) = &loads.floor {
+            add(tip, &end.p, &floor.at(&end.p).force_n);
+        }
     }
     chain.pull_back(rod, nodes, across, -1.0, out);
 }

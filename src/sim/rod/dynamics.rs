@@ -20,6 +20,8 @@
 //! Source: J. E. Marsden, M. West, "Discrete mechanics and variational integrators",
 //! Acta Numerica 2001, doi:10.1017/S096249290100006X.
 
+use std::borrow::Cow;
+
 use nalgebra::DVector;
 
 use super::assemble::{Assembly, drag, screws};
@@ -123,7 +125,8 @@ pub struct Stride {
 }
 
 /// One step of `dt_s` under constant `loads`, with stiffness-proportional damping `tau_s`
-/// (`loads.viscosity` is not used). On failure `motion` is left as it was.
+/// (`loads.viscosity` is not used). What the tubes remember and the floor act with their forces in the middle of the
+/// step; their state stays that of its start. On failure `motion` is left as it was.
 pub fn step(
     rod: &Rod,
     loads: &Loads,
@@ -132,6 +135,8 @@ pub fn step(
     tau_s: f64,
     work: &mut Stride,
 ) -> Outcome {
+    let halfway = in_the_middle(loads);
+    let loads = halfway.as_ref();
     work.begin(rod, loads, motion, tau_s);
     let mut outcome = Outcome {
         converged: false,
@@ -188,6 +193,18 @@ pub fn step(
         work.made_for_s = None;
     }
     outcome
+}
+
+/// The loads as they act in the middle of a step: half of its time has passed for what the tubes remember.
+fn in_the_middle(loads: &Loads) -> Cow<'_, Loads> {
+    if loads.memory.is_empty() {
+        return Cow::Borrowed(loads);
+    }
+    let mut halfway = loads.clone();
+    for memory in &mut halfway.memory {
+        memory.dt_s *= 0.5;
+    }
+    Cow::Owned(halfway)
 }
 
 /// Largest component of a change of strains, in units of strain times section length.
@@ -370,223 +387,4 @@ impl Stride {
 }
 
 #[cfg(test)]
-mod tests {
-    use nalgebra::Vector3;
-
-    use super::super::assemble::kinematics;
-    use super::*;
-    use crate::robot::RobotSpec;
-    use crate::sim::rod::se3::Frame;
-    use crate::sim::rod::{PointMass, Section, Strains, Workspace, solve};
-    use crate::sim::{Model, Parameters, Resolution};
-
-    fn moved_rod() -> (Rod, Loads, Vec<f64>) {
-        let model = Model::new(
-            &RobotSpec::reference(),
-            &Parameters {
-                hardening: 0.3,
-                ..Parameters::default()
-            },
-            Resolution {
-                elements: 2,
-                strains: Strains::All,
-            },
-        );
-        let rod = model.rod;
-        let mut q = rod.rest_state();
-        for (i, x) in q.iter_mut().enumerate() {
-            *x += 0.3 * (1.7 * i as f64).sin();
-        }
-        let loads = Loads {
-            tube_n: vec![200.0, -100.0, 50.0, 30.0, -200.0, 120.0],
-            tip_force_n: Vector3::new(10.0, -7.0, 3.0),
-            tip_masses: vec![PointMass {
-                at_m: Vector3::new(0.01, 0.02, -0.1),
-                kg: 0.5,
-            }],
-            ..Loads::default()
-        };
-        (rod, loads, q)
-    }
-
-    /// Every mass of the rod as a point: place and kg.
-    fn points(rod: &Rod, loads: &Loads, q: &[f64]) -> Vec<(Vector3<f64>, f64)> {
-        let kin = kinematics(rod, q);
-        let mut out = Vec::new();
-        for (si, s) in rod.sections.iter().enumerate() {
-            let lump_kg = s.kg_per_m * s.length_m / s.elements as f64;
-            for (i, node) in kin.nodes[si].iter().enumerate() {
-                let share = if i == 0 || i == s.elements { 0.5 } else { 1.0 };
-                for t in &s.tubes {
-                    out.push((node.point(&t.r_m), lump_kg * share / s.tubes.len() as f64));
-                }
-            }
-            let end = &kin.nodes[si][s.elements];
-            let extra: &[PointMass] = if si == 1 { &loads.tip_masses } else { &[] };
-            for m in s.masses.iter().chain(extra) {
-                out.push((end.point(&m.at_m), m.kg));
-            }
-        }
-        out
-    }
-
-    #[test]
-    fn both_gradients_agree() {
-        let (rod, loads, q) = moved_rod();
-        let mut assembly = Assembly::default();
-        assembly.evaluate(&rod, &loads, &q, &q);
-        let mut chain = Chain::default();
-        chain.place(&rod, &q);
-        let mut got = vec![f64::NAN; q.len()];
-        gradient(&rod, &loads, &q, &chain, &mut Wrenches::default(), &mut got);
-        for (a, b) in got.iter().zip(&assembly.gradient) {
-            assert!((a - b).abs() < 1e-11 * b.abs().max(1.0), "{a} {b}");
-        }
-    }
-
-    #[test]
-    fn the_mass_matrix_agrees_with_differences_of_points() {
-        let (rod, loads, q) = moved_rod();
-        let n = q.len();
-        let velocity = |c: usize| {
-            let moved = |eps: f64| {
-                let mut q = q.clone();
-                q[c] += eps;
-                points(&rod, &loads, &q)
-            };
-            let ends = moved(1e-6).into_iter().zip(moved(-1e-6));
-            ends.map(|(a, b)| ((a.0 - b.0) / 2e-6, a.1))
-                .collect::<Vec<_>>()
-        };
-        let j: Vec<_> = (0..n).map(velocity).collect();
-        let mut carried = Vec::new();
-        bodies(&rod, &loads, &mut carried);
-        let mut chain = Chain::default();
-        chain.place(&rod, &q);
-        let (_, screws) = screws(&rod, &q);
-        let place = Place {
-            nodes: &chain.nodes,
-            screws: &screws,
-        };
-        let mass = mass_matrix(&rod, &carried, &place, &place);
-        for b in 0..n {
-            for a in 0..=b {
-                let both = j[a].iter().zip(&j[b]);
-                let num: f64 = both.map(|(x, y)| x.1 * x.0.dot(&y.0)).sum();
-                assert!((num - mass[b * n + a]).abs() < 1e-9, "{a} {b}");
-            }
-        }
-    }
-
-    #[test]
-    fn the_exact_derivative_of_the_balance_agrees_with_differences() {
-        let (rod, loads, q0) = moved_rod();
-        let motion = Motion::at_rest(q0.clone());
-        let mut work = Stride::default();
-        let dt_s = 1e-2;
-        work.begin(&rod, &loads, &motion, 0.01);
-        let q1: Vec<f64> = (0..q0.len())
-            .map(|i| q0[i] + 0.1 * (2.3 * i as f64).cos())
-            .collect();
-        let mut balance = |q1: Vec<f64>| {
-            work.q1 = q1;
-            work.balance(&rod, &loads, &motion, dt_s);
-            DVector::from_column_slice(&work.change)
-        };
-        let rest = balance(q1.clone());
-        // A step of Newton's method along which the balance falls at the rate of its size.
-        work.q1.clone_from(&q1);
-        assert!(work.solve_exactly(&rod, &loads, &motion, dt_s));
-        let change = work.change.clone();
-        let mut along = |eps: f64| {
-            work.q1 = q1.iter().zip(&change).map(|(q, c)| q + eps * c).collect();
-            work.balance(&rod, &loads, &motion, dt_s);
-            DVector::from_column_slice(&work.change)
-        };
-        let slope = (along(1e-5) - along(-1e-5)) / 2e-5;
-        assert!((slope - &rest).norm() < 1e-6 * rest.norm());
-    }
-
-    #[test]
-    fn a_step_obeys_its_equations_on_points() {
-        let (rod, loads, q0) = moved_rod();
-        let (dt_s, tau_s) = (1e-3, 0.01);
-        let before = Motion::at_rest(q0.clone());
-        let mut after = before.clone();
-        let mut work = Stride::default();
-        assert!(step(&rod, &loads, &mut after, dt_s, tau_s, &mut work).converged);
-        let x0 = points(&rod, &loads, &q0);
-        let x1 = points(&rod, &loads, &after.q);
-        let lagrangian = |q0: &[f64], q1: &[f64]| {
-            let (x0, x1) = (points(&rod, &loads, q0), points(&rod, &loads, q1));
-            let moves = x0.iter().zip(&x1);
-            let kinetic: f64 = moves
-                .map(|(a, b)| a.1 * (b.0 - a.0).norm_squared() / (2.0 * dt_s))
-                .sum();
-            let q: Vec<f64> = q0.iter().zip(q1).map(|(a, b)| 0.5 * (a + b)).collect();
-            kinetic - dt_s * Assembly::energy_only(&rod, &loads, &q, &q)
-        };
-        assert!(x0.iter().zip(&x1).any(|(a, b)| (a.0 - b.0).norm() > 1e-4));
-        for k in 0..q0.len() {
-            let drag = work.drag[k] * (after.q[k] - q0[k]);
-            let slope = |which: usize| {
-                let at = |eps: f64| {
-                    let mut ends = [q0.clone(), after.q.clone()];
-                    ends[which][k] += eps;
-                    lagrangian(&ends[0], &ends[1])
-                };
-                (at(1e-5) - at(-1e-5)) / 2e-5
-            };
-            // p₀ = −∂L/∂q₀ + drag, p₁ = ∂L/∂q₁ − drag
-            assert!((drag - slope(0) - before.p[k]).abs() < 1e-7, "{k}");
-            assert!((slope(1) - drag - after.p[k]).abs() < 1e-7, "{k}");
-        }
-    }
-
-    #[test]
-    fn a_cantilever_swings_with_its_first_frequency() {
-        // ω₁ = 1.8751² √(EI / (ρA L⁴)); here EI = ρA = L = 1.
-        let rod = Rod {
-            sections: vec![Section {
-                elements: 12,
-                length_m: 1.0,
-                rigidity: [1.0, 1.0, 1.0, 0.0, 0.0, 1e5],
-                rest: [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
-                tubes: Vec::new(),
-                links: Vec::new(),
-                kg_per_m: 1.0,
-                masses: Vec::new(),
-                offset_m: Vector3::zeros(),
-            }],
-            strains: Strains::NoShear,
-            gravity_m_s2: Vector3::zeros(),
-            base: Frame::identity(),
-        };
-        let mut q = rod.rest_state();
-        let push = Loads {
-            tip_force_n: Vector3::x() * 0.01,
-            ..Loads::default()
-        };
-        assert!(solve(&rod, &push, &mut q, &mut Workspace::default()).converged);
-        let mut motion = Motion::at_rest(q);
-        let mut work = Stride::default();
-        let dt_s = 0.01;
-        let mut crossings_s = Vec::new();
-        let mut before_m = kinematics(&rod, &motion.q).tip().p.x;
-        for k in 1..=1000 {
-            assert!(step(&rod, &Loads::default(), &mut motion, dt_s, 0.002, &mut work).converged);
-            let now_m = kinematics(&rod, &motion.q).tip().p.x;
-            if before_m > 0.0 && now_m <= 0.0 {
-                crossings_s.push(dt_s * (k as f64 - now_m / (now_m - before_m)));
-            }
-            before_m = now_m;
-        }
-        let turns = crossings_s.len() - 1;
-        let period_s = (crossings_s[turns] - crossings_s[0]) / turns as f64;
-        let expected_s = std::f64::consts::TAU / 1.8751f64.powi(2);
-        assert!(
-            (period_s / expected_s - 1.0).abs() < 0.01,
-            "{period_s} {expected_s}"
-        );
-    }
-}
+mod tests;

@@ -1,7 +1,8 @@
 //! Forces of a bellows that depend on how its length came about, and a floor under the tip.
 //!
 //! Over one step each has a convex potential in the length x reached, so they join the energy that
-//! statics minimise and cost no iteration of their own:
+//! statics minimise and cost no iteration of their own. Motion with inertia takes their forces in the middle of its step,
+//! where the length is halfway and half of Δt has passed:
 //!
 //! | | force at x = x₀ + Δ | state |
 //! |---|---|---|

@@ -157,10 +157,10 @@ pub struct Loads {
     /// Viscous resistance to a change of strain since `previous`, as a share of each strain's
     /// rigidity (0: statics).
     pub viscosity: f64,
-    /// What the tubes remember, in their order; empty when they remember nothing. Statics alone
-    /// knows of it: in [`step`] forces come from the present state.
+    /// What the tubes remember, in their order; empty when they remember nothing. Whoever takes a step moves it to the
+    /// lengths reached.
     pub memory: Vec<Memory>,
-    /// A floor under the last section's end, for statics.
+    /// A floor under the last section's end. Whoever takes a step moves it to the place reached.
     pub floor: Option<Floor>,
 }
 

@@ -20,6 +20,8 @@ const REMEDY_BOARDS: &str = "Check their power and the USB cable";
 const REMEDY_RIG: &str = "Close other programs, or choose the virtual rig that runs in this one";
 /// More than this share of the last second's frames lost puts the twin into SAFE.
 const LOSS_SAFE: f64 = 0.1;
+/// A tick without admissible rates is alarmed for so long, s.
+const UNSOLVED_S: f64 = 2.0;
 /// The boards get this long to act on a reset, s.
 const RESET_ACTS_S: f64 = 0.5;
 /// Frames within that second below which a share says little.
@@ -37,6 +39,14 @@ impl Twin {
         self.watch_boards(moving, &mut found, events);
         self.watch_sensors(moving, &mut found, events);
         self.watch_pressure(moving, &mut found, events);
+        if moving
+            && self
+                .unsolved_at
+                .is_some_and(|at| self.now.since(at) < UNSOLVED_S)
+        {
+            let ticks = self.controller.unsolved_ticks();
+            found.push((Severity::Warning, AlarmCause::Unsolved { ticks }));
+        }
         if let Phase::Safe(reason) = &self.phase {
             let (reason, remedy) = (reason.clone(), self.remedy);
             found.push((Severity::Critical, AlarmCause::Safe { reason, remedy }));

@@ -119,3 +119,38 @@ fn a_gauge_out_of_its_range_counts_as_over_pressure() {
     assert!(twin.is_safe(), "{:?}", twin.mode());
     assert!(alarm(&twin, AlarmKey::OverPressure(0)).is_some());
 }
+
+/// A map whose derivative can become so steep that its square is not finite.
+struct Steep(std::sync::atomic::AtomicBool);
+
+impl PoseMap for Steep {
+    fn pose(&self, s: &SVector<f64, SIGNALS>) -> PoseEval {
+        let mut eval = Crude.pose(s);
+        if self.0.load(std::sync::atomic::Ordering::Relaxed) {
+            eval.jacobian *= 1e200;
+        }
+        eval
+    }
+}
+
+#[test]
+fn a_controller_that_finds_no_rates_holds_and_is_reported() {
+    let map = Arc::new(Steep(false.into()));
+    let mut twin = twin_with(Arc::<Steep>::clone(&map));
+    feed(&mut twin, 0, 20);
+    let goal = Goal::position([0.0, 0.0, -0.306]);
+    let commands = [Command::Arm, Command::Goto(goal)];
+    twin.tick(at(20), Some(frame(20)), &commands);
+    feed(&mut twin, 21, 30);
+    assert_eq!(twin.mode(), Mode::Moving);
+    let before = twin.snapshot();
+    assert_eq!(before.unsolved_ticks, 0);
+    map.0.store(true, std::sync::atomic::Ordering::Relaxed);
+    feed(&mut twin, 51, 10);
+    let after = twin.snapshot();
+    assert_eq!(after.unsolved_ticks, 10);
+    let set_pa = |s: &crate::signal::Snapshot| s.command.as_ref().map(|c| *c.chamber_pa());
+    assert_eq!(set_pa(&after), set_pa(&before));
+    let found = alarm(&twin, AlarmKey::Unsolved).expect("an alarm");
+    assert_eq!((found.since, found.severity), (at(52), Severity::Warning));
+}
