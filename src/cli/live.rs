@@ -1,5 +1,7 @@
 //! `run`, `rig`, `record`: commands with a rig at the other end.
 
+mod tally;
+
 use std::net::SocketAddr;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -11,10 +13,8 @@ use std::sync::{
 
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
-use serde_json::{Value, json};
 
 use super::drive::commands::objects;
-use super::drive::measures::spread;
 use super::outputs::Overwrite;
 use super::ports::{self, Instruments};
 use super::{Failed, Report, args, model};
@@ -26,14 +26,13 @@ use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
-use springtwin::signal::{
-    BOARDS, Goal, LinkStatus, Mode, Snapshot, Stamp, StreamState, StreamStatus, pose_error,
-};
+use springtwin::signal::{Goal, LinkStatus, Mode, Snapshot, Stamp};
 use springtwin::task::Item;
 use springtwin::twin::{
-    Clock, Command, Event, LAST_WORDS, Pace, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
+    Clock, Command, Event, LAST_WORDS, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
     run_in_simulated_time,
 };
+use tally::Tally;
 
 /// Time the boards get to introduce themselves, s.
 pub const HELLO_S: f64 = 5.0;
@@ -147,195 +146,6 @@ pub struct RigArgs {
     /// End when the starting process ends
     #[arg(long, hide = true)]
     with_parent: bool,
-}
-
-/// What a run adds up to.
-#[derive(Default)]
-struct Tally {
-    tip_error_mm: Vec<f64>,
-    rotation_error_deg: Vec<f64>,
-    /// Distance of the true tip from the target over the last second, mm.
-    target_error_mm: std::collections::VecDeque<f64>,
-    refused: Option<String>,
-    /// Why the recording ended before the run.
-    recording_failed: Option<String>,
-    reached: bool,
-    steps: u64,
-    last: Option<std::sync::Arc<Snapshot>>,
-    stream: Option<StreamStatus>,
-}
-
-impl Tally {
-    fn take(
-        &mut self,
-        snapshot: &std::sync::Arc<Snapshot>,
-        events: &[Event],
-        target: Option<&Goal>,
-    ) {
-        for event in events {
-            match event {
-                Event::Refused { reason, .. } => self.refused = Some(reason.clone()),
-                Event::RecordingFailed { reason, .. } => {
-                    self.recording_failed = Some(reason.clone());
-                }
-                Event::Reached { steps, .. } => {
-                    self.reached = true;
-                    self.steps = *steps;
-                }
-                _ => {}
-            }
-        }
-        if let (Some(estimate), Some(truth)) = (&snapshot.estimate, &snapshot.truth) {
-            let e = pose_error(&estimate.base_from_tip, &truth.base_from_tip);
-            self.tip_error_mm.push(e.fixed_rows::<3>(0).norm() * 1e3);
-            self.rotation_error_deg
-                .push(e.fixed_rows::<3>(3).norm().to_degrees());
-        }
-        if let (Some(target), Some(truth)) = (target, &snapshot.truth) {
-            let d =
-                truth.base_from_tip.translation.vector - nalgebra::Vector3::from(target.position_m);
-            self.target_error_mm.push_back(d.norm() * 1e3);
-            if self.target_error_mm.len() > 100 {
-                self.target_error_mm.pop_front();
-            }
-        }
-        self.last = Some(std::sync::Arc::clone(snapshot));
-    }
-
-    fn report(&self, pace: Pace, seconds: f64, record: Option<&Path>) -> Report {
-        let tip = json!(spread(self.tip_error_mm.clone()));
-        let rotation = json!(spread(self.rotation_error_deg.clone()));
-        let target = (!self.target_error_mm.is_empty())
-            .then(|| self.target_error_mm.iter().sum::<f64>() / self.target_error_mm.len() as f64);
-        let link = self
-            .last
-            .as_ref()
-            .map(|s| s.link.clone())
-            .unwrap_or_default();
-        let mode = self
-            .last
-            .as_ref()
-            .map(|s| mode_word(&s.mode))
-            .unwrap_or("disarmed");
-        let show = |v: &Value, unit: &str| {
-            v["mean"]
-                .as_f64()
-                .map_or("no ground truth".to_owned(), |m| {
-                    format!("{m:.2} {unit} mean")
-                })
-        };
-        let simulated = if link.simulated {
-            " (simulated rig)"
-        } else {
-            ""
-        };
-        Report {
-            text: format!(
-                "{seconds:.1} s on {}{simulated}, {} ticks, {} missed, {} frames, {} lost\n\
-                 predicted against motion capture: {}, {}\n\
-                 {}mode {mode}{}",
-                link.source,
-                pace.ticks,
-                pace.missed,
-                link.frames,
-                link.frames_lost,
-                show(&tip, "mm"),
-                show(&rotation, "deg"),
-                target.map_or(String::new(), |t| format!(
-                    "true tip {t:.2} mm from the target ({})\n",
-                    if self.reached {
-                        format!("settled after {} steps", self.steps)
-                    } else {
-                        "not settled".to_owned()
-                    }
-                )),
-                clock_lines(&link)
-                    + &record.map_or(String::new(), |p| match self.recording_failed {
-                        Some(_) => format!("\nrecorded to {} in part only", p.display()),
-                        None => format!("\nrecorded to {}", p.display()),
-                    })
-                    + &self.stream.as_ref().map_or(String::new(), stream_line),
-            ),
-            json: json!({
-                "ticks": pace.ticks, "missed_ticks": pace.missed,
-                "frames": link.frames, "frames_lost": link.frames_lost,
-                "tip_error_mm": tip, "target_error_mm": target,
-                "rotation_error_deg": rotation, "seconds": seconds,
-                "reached": self.reached, "steps": self.steps, "mode": mode,
-                "simulated": link.simulated, "boards": boards(&link),
-                "recording_failed": self.recording_failed,
-                "stream": self.stream.as_ref().map(stream_json),
-            }),
-        }
-    }
-}
-
-fn stream_json(status: &StreamStatus) -> Value {
-    let ended = match &status.state {
-        StreamState::Ended(reason) | StreamState::Away(reason) => Some(reason),
-        _ => None,
-    };
-    json!({
-        "address": status.address.to_string(), "sent": status.sent,
-        "dropped": status.dropped, "dropped_lines": status.dropped_lines, "ended": ended,
-    })
-}
-
-fn stream_line(status: &StreamStatus) -> String {
-    let ended = match &status.state {
-        StreamState::Ended(reason) | StreamState::Away(reason) => format!(": {reason}"),
-        _ => String::new(),
-    };
-    format!(
-        "\nstreamed {} snapshots to {}, {} dropped{ended}",
-        status.sent, status.address, status.dropped
-    )
-}
-
-/// Per board: its rate, and how its clock lies on the time base.
-fn boards(link: &LinkStatus) -> Value {
-    let board = |b: usize| {
-        let clock = link.board_clock[b].map(|c| {
-            json!({
-                "offset_ms": c.offset_s * 1e3, "skew_ppm": c.skew_ratio * 1e6,
-                "residual_ms": c.residual_s * 1e3, "round_trip_ms": c.round_trip_s * 1e3,
-            })
-        });
-        json!({"rate_hz": link.board_rate_hz[b], "clock": clock})
-    };
-    (0..BOARDS).map(board).collect()
-}
-
-fn clock_lines(link: &LinkStatus) -> String {
-    let clocks = link.board_clock.iter().enumerate();
-    clocks
-        .filter_map(|(b, clock)| {
-            let c = (*clock)?;
-            Some(format!(
-                "\nclock of board {}: {:.4} s {} ours, runs {:.0} ppm {}, pings within {:.3} ms",
-                b + 1,
-                c.offset_s.abs(),
-                if c.offset_s > 0.0 {
-                    "behind"
-                } else {
-                    "ahead of"
-                },
-                c.skew_ratio.abs() * 1e6,
-                if c.skew_ratio > 0.0 { "slow" } else { "fast" },
-                c.residual_s * 1e3
-            ))
-        })
-        .collect()
-}
-
-fn mode_word(mode: &Mode) -> &'static str {
-    match mode {
-        Mode::Disarmed => "disarmed",
-        Mode::Hold => "hold",
-        Mode::Moving => "moving",
-        Mode::AtGoal => "at-goal",
-        Mode::Safe(_) => "safe",
-    }
 }
 
 /// Options of the virtual rig.

@@ -33,7 +33,7 @@ pub use plant::{PlantBounds, PlantNet};
 pub use recipe::{Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule};
 pub use scores::{
     CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,
-    SignalScores, pose_residual, quantile, to_pose,
+    RunningStats, SignalScores, pose_residual, quantile, to_pose,
 };
 pub use train::{TrainError, Watch, train, train_plant, train_s2r, train_smap};
 

@@ -36,6 +36,74 @@ impl ErrorStats {
     }
 }
 
+/// Statistics of absolute errors as they come, in memory that does not grow with their number: mean, root mean square
+/// and largest value are exact, the 95th percentile is within 0.5 %.
+#[derive(Clone, Debug, Default)]
+pub struct RunningStats {
+    count: u64,
+    sum: f64,
+    squares: f64,
+    max: f64,
+    /// How many fell into each bin; a bin's ends are 1 % apart.
+    bins: Vec<u64>,
+}
+
+impl RunningStats {
+    /// Lower end of the first bin, in the errors' unit; smaller ones count there.
+    const LEAST: f64 = 1e-6;
+    const RATIO: f64 = 1.01;
+    /// Up to 1e6.
+    const BINS: usize = 2778;
+
+    /// Takes an error. One that is not finite is left out.
+    pub fn push(&mut self, error: f64) {
+        let error = error.abs();
+        if !error.is_finite() {
+            return;
+        }
+        self.count += 1;
+        self.sum += error;
+        self.squares += error * error;
+        self.max = self.max.max(error);
+        self.bins.resize(Self::BINS, 0);
+        let bin = (error / Self::LEAST).max(1.0).ln() / Self::RATIO.ln();
+        self.bins[(bin as usize).min(Self::BINS - 1)] += 1;
+    }
+
+    /// How many were taken.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The statistics; `None` of nothing.
+    pub fn stats(&self) -> Option<ErrorStats> {
+        let n = self.count as f64;
+        (self.count > 0).then(|| ErrorStats {
+            mean: self.sum / n,
+            rmse: (self.squares / n).sqrt(),
+            p95: self.quantile(0.95),
+            max: self.max,
+        })
+    }
+
+    /// The middle of the bin that holds the smallest error not exceeded by a fraction `q` of them.
+    fn quantile(&self, q: f64) -> f64 {
+        let wanted = (q * self.count as f64).ceil() as u64;
+        let mut seen = 0;
+        let bin = self.bins.iter().position(|n| {
+            seen += n;
+            seen >= wanted
+        });
+        let middle = bin.map_or(0.0, |i| Self::LEAST * Self::RATIO.powf(i as f64 + 0.5));
+        middle.min(self.max)
+    }
+
+    /// Size in memory, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>() + self.bins.capacity() * size_of::<u64>()
+    }
+}
+
 /// The smallest of `sorted` that is not exceeded by a fraction `q` of them; 0 when empty.
 pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = (q * sorted.len() as f64).ceil() as usize;
@@ -252,6 +320,27 @@ mod tests {
         assert!((s.rmse - 3383.5_f64.sqrt()).abs() < 1e-9);
         assert_eq!((s.p95, s.max), (95.0, 100.0));
         assert_eq!(ErrorStats::of(Vec::new()), ErrorStats::default());
+    }
+
+    #[test]
+    fn running_statistics_agree_with_those_of_the_list() {
+        // From micrometres to metres, in mm, in no order.
+        let list: Vec<f64> = (0..5000)
+            .map(|i| 10f64.powf(-3.0 + 6.0 * f64::from(i * 1013 % 5000) / 5000.0))
+            .collect();
+        let mut running = RunningStats::default();
+        assert_eq!(running.stats(), None);
+        list.iter().for_each(|e| running.push(*e));
+        running.push(f64::NAN);
+        let (exact, s) = (ErrorStats::of(list), running.stats().expect("some"));
+        assert_eq!((running.count(), s.max), (5000, exact.max));
+        assert!((s.mean / exact.mean - 1.0).abs() < 1e-12);
+        assert!((s.rmse / exact.rmse - 1.0).abs() < 1e-12);
+        assert!((s.p95 / exact.p95 - 1.0).abs() < 5.1e-3, "{s:?} {exact:?}");
+        // All alike, and all zero.
+        let mut same = RunningStats::default();
+        (0..10).for_each(|_| same.push(0.0));
+        assert_eq!(same.stats(), Some(ErrorStats::default()));
     }
 
     #[test]

@@ -71,7 +71,7 @@ pub struct Row {
     pub goal: Option<Goal>,
     /// The point that moves along a path, m.
     pub via_m: Option<[f64; 3]>,
-    /// Where the tip truly is: exactly for a rig in this process, else by motion capture.
+    /// Where the tip truly is: exactly for a rig in this process, else by motion capture while it sees the tip.
     pub truth: Option<Pose>,
     /// Where the twin believes it to be.
     pub estimate: Option<Pose>,
@@ -331,7 +331,7 @@ fn row(snapshot: &Snapshot, truth: Option<Pose>) -> Row {
         waypoint: routine.and_then(|r| r.waypoint).map(|(k, _)| k),
         goal: snapshot.goal.clone(),
         via_m: routine.and_then(|r| r.via.as_ref()).map(|v| v.position_m),
-        truth: truth.or_else(|| snapshot.truth.as_ref().map(|t| t.base_from_tip)),
+        truth: truth.or_else(|| snapshot.fresh_truth().map(|t| t.base_from_tip)),
         estimate: snapshot.estimate.as_ref().map(|e| e.base_from_tip),
         set_pa: snapshot.command.as_ref().map(|c| *c.chamber_pa()),
         chamber_pa: frame.map_or([f64::NAN; CHAMBERS], |f| f.chamber_pa),
@@ -339,5 +339,35 @@ fn row(snapshot: &Snapshot, truth: Option<Pose>) -> Row {
         sensor_ref: snapshot.sensor_ref,
         solve_s: snapshot.solve_s,
         steered: matches!(snapshot.mode, Mode::Moving | Mode::AtGoal),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use springtwin::signal::{Estimate, GroundTruth, Matrix6, Stamp, TruthSource};
+
+    #[test]
+    fn a_row_has_no_truth_once_motion_capture_has_stopped() {
+        let seen = |late_s: f64| {
+            let stamp = Stamp::from_seconds(10.0);
+            let snapshot = Snapshot {
+                stamp,
+                estimate: Some(Estimate {
+                    stamp,
+                    base_from_tip: Pose::identity(),
+                    covariance: Matrix6::zeros(),
+                    training_distance: 1.0,
+                }),
+                truth: Some(GroundTruth {
+                    stamp: stamp.plus(-late_s),
+                    base_from_tip: Pose::identity(),
+                    source: TruthSource::Vicon,
+                }),
+                ..Snapshot::default()
+            };
+            row(&snapshot, None).truth.is_some()
+        };
+        assert!(seen(0.02) && !seen(0.5));
     }
 }
