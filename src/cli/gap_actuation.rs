@@ -311,6 +311,7 @@ mod tests {
             },
             worse: Vec::new(),
             channels: Vec::new(),
+            failed_folds: Vec::new(),
             separate_by: None,
             notes: Vec::new(),
             data: Default::default(),

@@ -9,13 +9,13 @@ use super::candidates::{Candidate, starts_in};
 use super::commission::{Baseline, commission, factory};
 use super::describe::{described, notes, range_pa, separate, unique};
 use super::explain::{Explained, admitted, chance, columns};
-use super::finding::{Finding, GapSize, Located, Verdict};
+use super::finding::{FailedFold, Finding, GapSize, Located, Verdict};
 use super::fit::cost;
 use super::left::Left;
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::Replayed;
-use super::prove::prove;
+use super::prove::{prove, withheld};
 use super::select::{Selected, rivals_of, select};
 use super::session::{Grid, same_robot};
 use super::sides::{add_supply, may_misread, supply};
@@ -49,8 +49,6 @@ const DRAWS: usize = 100;
 const CLOSED_MIN: f64 = 0.5;
 /// The same for sensors, frames and steady loads, whose laws are nearly definitions. Clocks wander.
 const CLOSED_MIN_EXACT: f64 = 0.8;
-/// Share of the held-out gap that has to close before an effect is named.
-const PROVEN_MIN: f64 = 0.5;
 /// Pressures that all stay within this excite little, Pa.
 const EXCITED_PA: f64 = 8e3;
 
@@ -164,15 +162,13 @@ pub fn find(
     // For a verdict without a name the best attempt is still measured, but never patched in.
     let measured = chosen.as_ref().or(first.first());
     let proof = prove(&replayed, &problem, measured)?;
+    notes.extend(proof.failed.iter().map(FailedFold::text));
     if matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
-        && proof.gap.closed < PROVEN_MIN
+        && let Some(why) = withheld(&proof.failed, proof.gap.closed)
     {
         verdict = Verdict::Unknown;
         rivals.clear();
-        notes.push(format!(
-            "The best effect of the table closes only {:.0} % of the held-out gap.",
-            100.0 * proof.gap.closed
-        ));
+        notes.push(why);
     }
     let accepted = match verdict {
         Verdict::Named | Verdict::Indistinguishable => chosen.as_ref(),
@@ -213,6 +209,7 @@ pub fn find(
         gap,
         worse: proof.worse,
         channels: proof.channels,
+        failed_folds: proof.failed,
         separate_by,
         notes,
         data: data.clone(),

@@ -16,7 +16,7 @@ pub enum Verdict {
     Named,
     /// Several effects explain it as well as each other.
     Indistinguishable,
-    /// Something is there, and no known effect explains it.
+    /// Something is there, and no known effect explains it, or none could be proven on held-out data.
     Unknown,
     /// The session moves too little to tell.
     NotExcited,
@@ -95,6 +95,28 @@ pub struct ChannelError {
     pub floor: Option<f64>,
 }
 
+/// A fold of the held-out proof that could not be computed. Nothing is known of the effects on its blocks: they count
+/// with the error of the model without the effects, and no name is given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FailedFold {
+    /// Which one (1-based).
+    pub fold: usize,
+    /// Of how many.
+    pub of: usize,
+    /// Why: the end of a sentence that begins with "because".
+    pub reason: String,
+}
+
+impl FailedFold {
+    /// One sentence.
+    pub fn text(&self) -> String {
+        format!(
+            "Held-out fold {} of {} failed, because {}: its blocks count as without the effect.",
+            self.fold, self.of, self.reason
+        )
+    }
+}
+
 /// What to run to tell effects apart.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeparateBy {
@@ -147,6 +169,9 @@ pub struct Finding {
     pub worse: Vec<ChannelError>,
     /// All channel groups.
     pub channels: Vec<ChannelError>,
+    /// Folds of the held-out proof that could not be computed; no name is given while there is one.
+    #[serde(default)]
+    pub failed_folds: Vec<FailedFold>,
     /// What to run to tell the alternatives apart.
     pub separate_by: Option<SeparateBy>,
     /// What weakens the verdict, one sentence each; and for [`Verdict::Unknown`] what is there.

@@ -36,7 +36,8 @@ pub use actuation::{
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use find::{Found, Options, find};
 pub use finding::{
-    ChannelError, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces, Verdict,
+    ChannelError, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces,
+    Verdict,
 };
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};

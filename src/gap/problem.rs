@@ -326,13 +326,14 @@ impl<'a> Problem<'a> {
         self.folds(r, j, weak).0
     }
 
-    /// As [`Self::held_out`], with the change of the columns' coefficients in every fold.
+    /// As [`Self::held_out`], with the change of the columns' coefficients in every fold; `None` where its equations
+    /// have no solution.
     pub fn folds(
         &self,
         r: &DVector<f64>,
         j: &DMatrix<f64>,
         weak: &DVector<f64>,
-    ) -> (Losses, Vec<DVector<f64>>) {
+    ) -> (Losses, Vec<Option<DVector<f64>>>) {
         let p = j.ncols();
         // Per block: NᵀJ, Nᵀr, JᵀJ, Jᵀr.
         struct Block {
@@ -355,7 +356,7 @@ impl<'a> Problem<'a> {
             })
             .collect();
         let mut losses = vec![f64::INFINITY; BLOCKS];
-        let mut changes = vec![DVector::zeros(p); FOLDS];
+        let mut changes = vec![None; FOLDS];
         for fold in 0..FOLDS {
             let k = self.nuisance.columns();
             let (mut nj, mut nr) = (DMatrix::zeros(k, p), DMatrix::zeros(k, 1));
@@ -377,7 +378,7 @@ impl<'a> Problem<'a> {
                 };
                 a = schur.solve(&(jr - nj.tr_mul(&sr)));
             }
-            changes[fold] = a.column(0).into_owned();
+            changes[fold] = Some(a.column(0).into_owned());
             let d = sr - sj * &a;
             let prior = match self.prior_counts {
                 true => d.dot(&(&self.lambda * &d)) / BLOCKS as f64,

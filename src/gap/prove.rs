@@ -1,10 +1,13 @@
-//! Held-out proof: effects are refitted without some blocks, the session is simulated anew with
-//! them, and the error is taken on the blocks that were left out.
+//! Held-out proof: effects are refitted without some blocks, the session is simulated again with
+//! them, and the error is taken on the blocks that were left out. A refit that fails proves nothing: its blocks count
+//! with the error of the model without the effects, and the effects get no name.
+
+use nalgebra::DVector;
 
 use super::GapError;
 use super::commission::Baseline;
 use super::explain::{Explained, weak_prior};
-use super::finding::{ChannelError, GapSize, Traces};
+use super::finding::{ChannelError, FailedFold, GapSize, Traces};
 use super::noise::{bridged, start};
 use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
 use super::replay::{Row, move_arm, told_poses};
@@ -20,6 +23,8 @@ pub struct Proof {
     pub channels: Vec<ChannelError>,
     /// Those that got worse.
     pub worse: Vec<ChannelError>,
+    /// Folds that could not be computed.
+    pub failed: Vec<FailedFold>,
     /// For pictures.
     pub traces: Traces,
 }
@@ -70,6 +75,7 @@ pub fn prove(
     let n = before.len();
     let block_of = |k: usize| (0..BLOCKS).rev().find(|b| b * n / BLOCKS <= k).unwrap_or(0);
     let mut after = before.clone();
+    let mut failed = Vec::new();
     let mut whole: Vec<Active> = Vec::new();
     if let Some(e) = e {
         whole = e.fit.active();
@@ -83,29 +89,22 @@ pub fn prove(
                 .sum()
         };
         let (_, changes) = problem.folds(&e.fit.residual, &e.fit.columns, &weak_prior(&e.fit));
-        for (fold, change) in changes.iter().enumerate().take(FOLDS) {
-            let mut at = 0;
-            let mut effects = whole.clone();
-            for a in &mut effects {
-                for (v, p) in a.values.iter_mut().zip(a.effect.parameters) {
-                    *v = (*v + change[at]).clamp(p.bounds[0], p.bounds[1]);
-                    at += 1;
-                }
-            }
-            // The change is a linear guess. One that cannot be simulated, or does not even suit the
-            // blocks it was made from, is dropped for the whole fit.
-            let training = |k: usize| block_of(k) % FOLDS != fold;
-            let rows = match replayed.rows(&effects) {
-                Ok(rows) if misfit(&rows, &training) <= 1.05 * misfit(&whole_rows, &training) => {
-                    rows
-                }
-                _ => whole_rows.clone(),
-            };
-            let rows = bridged(&rows);
-            for k in (0..n).filter(|k| block_of(*k) % FOLDS == fold) {
-                after[k] = rows[k];
-            }
-        }
+        let folds: Vec<_> = changes
+            .iter()
+            .enumerate()
+            .map(|(fold, change)| {
+                let training = |k: usize| block_of(k) % FOLDS != fold;
+                let rows = fold_rows(
+                    &whole,
+                    change.as_ref(),
+                    &|effects| Ok(replayed.rows(effects)?),
+                    &|rows| misfit(rows, &training),
+                    &whole_rows,
+                );
+                rows.map(|rows| bridged(&rows))
+            })
+            .collect();
+        (after, failed) = held_out_rows(&before, &folds, &|k| block_of(k) % FOLDS);
     }
     let shuffled: Vec<Row> = (0..n)
         .map(|k| {
@@ -154,7 +153,90 @@ pub fn prove(
         gap,
         channels,
         worse,
+        failed,
         traces,
+    })
+}
+
+/// A refit may be worse on the blocks it was made from by this factor: its change is a linear guess.
+const REFIT_MISFIT: f64 = 1.05;
+
+/// The rows of a session with effects.
+type Simulate<'a> = dyn Fn(&[Active]) -> Result<Vec<Row>, GapError> + 'a;
+
+/// The arm with the effects `whole` moved by `change`, which was fitted without a fold; `misfit` is the error on the
+/// blocks it was fitted to. Why there is none, where there is none: the fit to all blocks is no stand-in, it has seen
+/// those that are held out.
+fn fold_rows(
+    whole: &[Active],
+    change: Option<&DVector<f64>>,
+    simulate: &Simulate<'_>,
+    misfit: &dyn Fn(&[Row]) -> f64,
+    whole_rows: &[Row],
+) -> Result<Vec<Row>, String> {
+    let Some(change) = change else {
+        return Err("the effects cannot be told apart on the other blocks".to_owned());
+    };
+    let mut effects = whole.to_vec();
+    let mut moved = change.iter();
+    for a in &mut effects {
+        for ((v, p), by) in a.values.iter_mut().zip(a.effect.parameters).zip(&mut moved) {
+            *v = (*v + by).clamp(p.bounds[0], p.bounds[1]);
+        }
+    }
+    let rows = simulate(&effects).map_err(|e| {
+        format!("the arm cannot be simulated with the effects fitted to the other blocks ({e})")
+    })?;
+    let [refit, all] = [misfit(&rows), misfit(whole_rows)];
+    if refit <= REFIT_MISFIT * all {
+        return Ok(rows);
+    }
+    Err(format!(
+        "the effects refitted to the other blocks suit these blocks {:.1} times worse than those fitted to all",
+        (refit / all).sqrt()
+    ))
+}
+
+/// Rows as each fold leaves those that it has not seen; a fold that failed leaves them as they were before.
+fn held_out_rows(
+    before: &[Row],
+    folds: &[Result<Vec<Row>, String>],
+    fold_of: &dyn Fn(usize) -> usize,
+) -> (Vec<Row>, Vec<FailedFold>) {
+    let unseen = |(k, row): (usize, &Row)| match &folds[fold_of(k)] {
+        Ok(rows) => rows[k],
+        Err(_) => *row,
+    };
+    let rows = before.iter().enumerate().map(unseen).collect();
+    let failed = folds.iter().enumerate().filter_map(|(fold, rows)| {
+        let reason = rows.as_ref().err()?.clone();
+        Some(FailedFold {
+            fold: fold + 1,
+            of: folds.len(),
+            reason,
+        })
+    });
+    (rows, failed.collect())
+}
+
+/// Share of the held-out gap that has to close before an effect is named.
+const PROVEN_MIN: f64 = 0.5;
+
+/// Why no name is given although the fit found one; `None` when the proof holds.
+pub fn withheld(failed: &[FailedFold], closed: f64) -> Option<String> {
+    if !failed.is_empty() {
+        return Some(format!(
+            "No effect is named: {} of {} held-out folds failed, so it is not known whether the effect predicts data it \
+             was not fitted to. Record a longer session with more motion.",
+            failed.len(),
+            FOLDS
+        ));
+    }
+    (closed < PROVEN_MIN).then(|| {
+        format!(
+            "The best effect of the table closes only {:.0} % of the held-out gap.",
+            100.0 * closed
+        )
     })
 }
 
@@ -265,5 +347,72 @@ mod tests {
         assert!(place.iter().chain(&turn).all(|v| v.is_nan()));
         let (place, turn) = drawn(&Some(Pose::translation(1.0, 2.0, 3.0)));
         assert_eq!((place, turn), ([1.0, 2.0, 3.0], [1.0, 0.0, 0.0, 0.0]));
+    }
+
+    const FEW: [f64; CHANNELS] = [0.1; CHANNELS];
+    const MANY: [f64; CHANNELS] = [1.0; CHANNELS];
+
+    #[test]
+    fn a_fold_that_failed_is_reported_and_does_not_count_as_held_out() {
+        let before = vec![MANY; 8];
+        let folds = [
+            Ok(vec![FEW; 8]),
+            Err("the arm folded up".to_owned()),
+            Ok(vec![FEW; 8]),
+        ];
+        let (after, failed) = held_out_rows(&before, &folds, &|k| k % 3);
+        for (k, row) in after.iter().enumerate() {
+            let wanted = if k % 3 == 1 { MANY } else { FEW };
+            assert_eq!(*row, wanted, "row {k}");
+        }
+        assert_eq!(failed.len(), 1);
+        assert_eq!((failed[0].fold, failed[0].of), (2, 3));
+        assert_eq!(
+            failed[0].text(),
+            "Held-out fold 2 of 3 failed, because the arm folded up: its blocks count as without the effect."
+        );
+    }
+
+    #[test]
+    fn a_refit_that_has_no_solution_or_cannot_move_or_does_not_suit_its_own_blocks_fails() {
+        let square = |rows: &[Row]| rows.iter().flatten().map(|x| x * x).sum::<f64>();
+        let none = DVector::zeros(0);
+        let whole_rows = vec![FEW; 4];
+        let run = |change: Option<&DVector<f64>>, rows: Result<[f64; CHANNELS], GapError>| {
+            let simulate = |_: &[Active]| match &rows {
+                Ok(row) => Ok(vec![*row; 4]),
+                Err(_) => Err(GapError::Degenerate),
+            };
+            fold_rows(&[], change, &simulate, &square, &whole_rows)
+        };
+        assert_eq!(run(Some(&none), Ok(FEW)), Ok(vec![FEW; 4]));
+        for (change, rows, words) in [
+            (None, Ok(FEW), "told apart"),
+            (
+                Some(&none),
+                Err(GapError::Degenerate),
+                "cannot be simulated",
+            ),
+            (Some(&none), Ok(MANY), "10.0 times worse"),
+        ] {
+            let why = run(change, rows).expect_err(words);
+            assert!(why.contains(words), "{why}");
+        }
+    }
+
+    #[test]
+    fn no_name_is_given_while_a_fold_failed_however_much_the_others_close() {
+        let fold = FailedFold {
+            fold: 1,
+            of: FOLDS,
+            reason: "x".to_owned(),
+        };
+        let why = withheld(std::slice::from_ref(&fold), 0.99).expect("withheld");
+        assert!(
+            why.contains("1 of") && why.contains("not fitted to"),
+            "{why}"
+        );
+        assert_eq!(withheld(&[], 0.99), None);
+        assert!(withheld(&[], 0.3).is_some_and(|w| w.contains("only 30 %")));
     }
 }

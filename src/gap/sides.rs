@@ -55,6 +55,7 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
     arm.located.extend(supply.located);
     arm.channels.extend(supply.channels);
     arm.candidates.extend(supply.candidates);
+    arm.failed_folds.extend(supply.failed_folds);
     let says = |v: Verdict| matches!(v, Verdict::Named | Verdict::Indistinguishable);
     let quiet = matches!(arm.verdict, Verdict::NothingMissing | Verdict::NotExcited);
     if !says(supply.verdict) {

@@ -10,7 +10,8 @@ use super::line::{
     GAIN, KNOBS, Lag, OFFSET, PressureGrid, Regulator, gauge_pressures, line_rmse_pa, line_rows,
 };
 use super::search::{EffectSet, Stages, supply_stages};
-use crate::gap::finding::{Finding, GapSize, Located, SeparateBy, Traces, Verdict};
+use crate::gap::finding::{FailedFold, Finding, GapSize, Located, SeparateBy, Traces, Verdict};
+use crate::gap::prove::withheld;
 use crate::gap::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use effects::{add_effects, alternatives, at_bound, ranked, separate, unseen};
@@ -156,9 +157,9 @@ pub fn decide_supply(
     };
     let before = model.rows(&[]);
     let best = found.sets.first();
-    let after = match best {
-        Some(set) => unseen(&model, set, commissioned)?,
-        None => before.clone(),
+    let (after, failed_folds) = match best {
+        Some(set) => unseen(&model, &before, set, commissioned)?,
+        None => (before.clone(), Vec::new()),
     };
     let floor_pa = baseline.floor_pa.unwrap_or_else(|| scatter_pa(grid));
     let gap = gap_size(grid, &before, &after, floor_pa);
@@ -171,7 +172,7 @@ pub fn decide_supply(
         Some(set) => {
             let above = !commissioned || set.mean_square > limit;
             let fails = above && gap.closed < CLOSES;
-            if fails || at_bound(&set.explained) {
+            if fails || at_bound(&set.explained) || !failed_folds.is_empty() {
                 Verdict::Unknown
             } else if alternatives.is_empty() {
                 Verdict::Named
@@ -187,7 +188,9 @@ pub fn decide_supply(
             add_effects(&mut effects, &model, other)?;
         }
     }
-    let notes = notes(grid, baseline, found, verdict, &located);
+    let mut notes = notes(grid, baseline, found, verdict, &located);
+    notes.extend(failed_folds.iter().map(FailedFold::text));
+    notes.extend(withheld(&failed_folds, 1.0));
     let channels = channels(grid, &before, &after, baseline);
     let mut data = BTreeMap::from([("suspect".to_owned(), label(grid))]);
     if let Some([name, hash]) = &baseline.session {
@@ -210,6 +213,7 @@ pub fn decide_supply(
             .cloned()
             .collect(),
         channels,
+        failed_folds,
         notes,
         data,
         seconds: 0.0,
@@ -241,6 +245,7 @@ fn still(grid: &PressureGrid, baseline: &LineBaseline) -> Finding {
         },
         worse: Vec::new(),
         channels: Vec::new(),
+        failed_folds: Vec::new(),
         separate_by: Some(SeparateBy {
             excitation: "steps".to_owned(),
             effects: Vec::new(),

@@ -148,6 +148,7 @@ fn finding(verdict: Verdict) -> Finding {
             channel("r3 springs", 3.1, 1.2),
             channel("r4 IMU 2", 0.8, 0.95),
         ],
+        failed_folds: Vec::new(),
         separate_by: (verdict == Verdict::Indistinguishable).then(|| SeparateBy {
             excitation: "loads".to_owned(),
             effects: vec!["payload".to_owned(), "tip-force".to_owned()],

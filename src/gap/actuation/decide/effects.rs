@@ -8,11 +8,10 @@ use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
 use crate::gap::actuation::search::{EffectSet, Stages, same};
 use crate::gap::explain::{Explained, form_sd};
-use crate::gap::finding::{FoundEffect, Ranked, SeparateBy};
+use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
 use crate::gap::patch::PatchValue;
 use crate::gap::problem::{BLOCKS, FOLDS};
-use crate::signal::CHAMBERS;
 use crate::sim::effects::Side;
 
 /// Everything that was compared with the best set, best first.
@@ -195,12 +194,14 @@ pub(super) fn add_effects(
     Ok(())
 }
 
-/// Residual rows, each as a fit to the other folds leaves it.
+/// Residual rows, each as a fit to the other folds leaves it; those of folds that cannot be fitted as they were
+/// `before`, with why.
 pub(super) fn unseen(
     model: &LineModel,
+    before: &[LineRow],
     set: &EffectSet,
     commissioned: bool,
-) -> Result<Vec<LineRow>, GapError> {
+) -> Result<(Vec<LineRow>, Vec<FailedFold>), GapError> {
     let bins = model.grid.len();
     let fold_of: Vec<usize> = (0..BLOCKS)
         .flat_map(|b| {
@@ -208,7 +209,8 @@ pub(super) fn unseen(
             bins_of_b.map(move |_| b % FOLDS)
         })
         .collect();
-    let mut out = vec![[0.0; CHAMBERS]; bins];
+    let mut out = before.to_vec();
+    let mut failed = Vec::new();
     for fold in 0..FOLDS {
         let mut m = LineModel {
             baseline: set.baseline.clone(),
@@ -216,6 +218,7 @@ pub(super) fn unseen(
             ..model.clone()
         };
         let mut effects = set.explained.fit.effects.clone();
+        let mut refitted = false;
         for _ in 0..2 {
             let active: Vec<_> = effects.iter().map(|(c, v)| c.with(v)).collect();
             if !commissioned {
@@ -224,7 +227,17 @@ pub(super) fn unseen(
             let problem = m.problem(&active)?;
             if let Some(f) = fit(&problem, effects.clone(), 6) {
                 effects = f.effects;
+                refitted = true;
             }
+        }
+        if !refitted {
+            // What the fit to all folds leaves is not held out.
+            failed.push(FailedFold {
+                fold: fold + 1,
+                of: FOLDS,
+                reason: "the effects cannot be fitted to the other blocks".to_owned(),
+            });
+            continue;
         }
         let active: Vec<_> = effects.iter().map(|(c, v)| c.with(v)).collect();
         for (k, row) in m.rows(&active).into_iter().enumerate() {
@@ -233,7 +246,7 @@ pub(super) fn unseen(
             }
         }
     }
-    Ok(out)
+    Ok((out, failed))
 }
 
 pub(super) fn separate(effects: &[FoundEffect]) -> SeparateBy {

@@ -189,6 +189,9 @@ fn groups(ui: &mut Ui, finding: &Finding) {
             &format!("Got worse: {}.", names.join(", ")),
         );
     }
+    for fold in &finding.failed_folds {
+        status(ui, Level::Warning, &fold.text());
+    }
     if let Some(text) = shuffled(&finding.channels) {
         note(ui, text);
     }
