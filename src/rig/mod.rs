@@ -15,6 +15,7 @@ pub mod faults;
 pub mod firmware;
 pub mod hidden;
 pub mod inertial;
+pub mod multibody;
 pub mod plant;
 #[cfg(unix)]
 pub mod pty;

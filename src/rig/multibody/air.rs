@@ -1,0 +1,117 @@
+//! The air in the chambers and in the lines to them.
+//!
+//! A chamber holds an amount n of air, counted as p V at room temperature (Pa m³), at a temperature θ relative to
+//! the room's. With κ = 1.4, for volume V and inflow ṅ:
+//!
+//! ```text
+//! p = n θ / V − p_atm        θ̇ = −(κ−1) θ V̇/V + (κ−θ) ṅ⁺/n + (κ−1) θ ṅ⁻/n + (1−θ)/τ
+//! ```
+//!
+//! Pump and valve of a board feed a small volume V_b, where the gauge sits; a line with a resistance R leads to the
+//! chamber, which may leak (flows in m³/s at atmospheric pressure):
+//!
+//! ```text
+//! V_b ṗ_b = p_atm (q_pump − q_line)        q_line = (p_b − p) / R        ṅ = p_atm (q_line − q_leak)
+//! ```
+
+use super::chain::Air;
+use crate::signal::CHAMBERS;
+
+/// Pressure of the air around, Pa.
+pub const ATMOSPHERE_PA: f64 = 101_325.0;
+/// Ratio of the specific heats of air.
+const HEAT_RATIO: f64 = 1.4;
+/// Time in which the air takes the wall's temperature, s.
+const WALL_S: f64 = 0.8;
+/// Volume between pump, valve and gauge, m³.
+const BOARD_M3: f64 = 20e-6;
+/// Resistance of a line, Pa s/m³.
+const LINE_PA_S_M3: f64 = 7.5e6;
+
+/// Flows through one chamber's pump and leak.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Flow {
+    /// What the pump delivers, m³/s at atmospheric pressure; negative when it evacuates.
+    pub pumped_m3_s: f64,
+    /// What the chamber loses per Pa of gauge pressure, m³/(s Pa) at atmospheric pressure.
+    pub leak_m3_s_pa: f64,
+}
+
+/// Air of all chambers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chambers {
+    /// Amount in each chamber, Pa m³ at room temperature.
+    amount_pa_m3: [f64; CHAMBERS],
+    /// Temperature relative to the room's.
+    warmth: [f64; CHAMBERS],
+    board_pa: [f64; CHAMBERS],
+    volume_m3: [f64; CHAMBERS],
+}
+
+impl Chambers {
+    /// At atmospheric pressure with these volumes, m³.
+    pub fn open(volume_m3: [f64; CHAMBERS]) -> Self {
+        Self {
+            amount_pa_m3: volume_m3.map(|v| v * ATMOSPHERE_PA),
+            warmth: [1.0; CHAMBERS],
+            board_pa: [0.0; CHAMBERS],
+            volume_m3,
+        }
+    }
+
+    /// Gauge pressures in the chambers, Pa.
+    pub fn chamber_pa(&self) -> [f64; CHAMBERS] {
+        std::array::from_fn(|c| self.gauge_pa(c, self.volume_m3[c]))
+    }
+
+    /// Gauge pressures at the boards, Pa: what their gauges see.
+    pub fn board_pa(&self) -> &[f64; CHAMBERS] {
+        &self.board_pa
+    }
+
+    /// Air in a chamber and at its board together, Pa m³.
+    pub fn held_pa_m3(&self, chamber: usize) -> f64 {
+        self.amount_pa_m3[chamber] + (ATMOSPHERE_PA + self.board_pa[chamber]) * BOARD_M3
+    }
+
+    /// Takes over the volumes (m³) that the arm has now, and lets air flow for `dt_s`. Returns what came in through
+    /// pump and leak, Pa m³.
+    pub fn flow(
+        &mut self,
+        volume_m3: &[f64; CHAMBERS],
+        flows: &[Flow; CHAMBERS],
+        dt_s: f64,
+    ) -> [f64; CHAMBERS] {
+        std::array::from_fn(|c| {
+            let pressed = (self.volume_m3[c] / volume_m3[c]).powf(HEAT_RATIO - 1.0);
+            self.warmth[c] *= pressed;
+            self.volume_m3[c] = volume_m3[c];
+            let p = self.gauge_pa(c, volume_m3[c]);
+            // Backward in the board's small volume.
+            let a = dt_s * ATMOSPHERE_PA / BOARD_M3;
+            let pumped = flows[c].pumped_m3_s;
+            self.board_pa[c] =
+                (self.board_pa[c] + a * (pumped + p / LINE_PA_S_M3)) / (1.0 + a / LINE_PA_S_M3);
+            let leaked = flows[c].leak_m3_s_pa * p;
+            let through = (self.board_pa[c] - p) / LINE_PA_S_M3;
+            let change = ATMOSPHERE_PA * (through - leaked) * dt_s;
+            let brought = if change > 0.0 {
+                HEAT_RATIO - self.warmth[c]
+            } else {
+                (HEAT_RATIO - 1.0) * self.warmth[c]
+            };
+            let warmth = self.warmth[c] + brought * change / self.amount_pa_m3[c];
+            self.warmth[c] = 1.0 + (warmth - 1.0) * (-dt_s / WALL_S).exp();
+            self.amount_pa_m3[c] += change;
+            ATMOSPHERE_PA * (pumped - leaked) * dt_s
+        })
+    }
+}
+
+impl Air for Chambers {
+    /// Without exchange of heat since the last flow.
+    fn gauge_pa(&self, chamber: usize, volume_m3: f64) -> f64 {
+        let pressed = (self.volume_m3[chamber] / volume_m3).powf(HEAT_RATIO - 1.0);
+        self.amount_pa_m3[chamber] * self.warmth[chamber] * pressed / volume_m3 - ATMOSPHERE_PA
+    }
+}
