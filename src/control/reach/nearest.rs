@@ -2,19 +2,20 @@
 //!
 //! The point that the pressure bounds allow is of no use as a target: at a bound nothing is left to make up for what
 //! the model errs by, and far from the training data the model knows little. So the search goes on in a smaller box,
-//! is drawn back towards samples until the training data vouch for it, and what is found must pass the verdict itself.
+//! is drawn back, first towards a sample that the training data vouch for, then towards the arm without pressure, and
+//! what is found must pass the verdict itself.
 
 use super::{POSITIVE, Point, Problem, StartSample, Vector6, nearest_starts};
 use crate::signal::Goal;
 
-/// How often a point is drawn back towards a sample before the search gives up.
+/// How often a point is drawn back towards a place before the search goes on to the next.
 const DRAWN_BACK: usize = 8;
 /// By how much each time.
 const SHARE: f64 = 0.75;
 
 impl Problem<'_> {
     /// The point nearest to the goal that leaves pressure to spare, lies within the training data and passes the
-    /// verdict; `None` when there is no sample to be drawn back to.
+    /// verdict; `None` when none is found on the way to a sample and on to the arm without pressure.
     pub(super) fn nearest(&self, samples: &[StartSample], best: &Point) -> Option<Point> {
         let inner = Problem {
             box_x: 1.0 - self.config.nearest_spare_ratio,
@@ -44,13 +45,16 @@ impl Problem<'_> {
             }
         }
         let mut point = found?;
-        for _ in 0..DRAWN_BACK {
-            if trusted(&point) && self.passes(samples, &point) {
-                return Some(point);
+        // A sample may itself be marginal; without pressure nothing is nearer to a bound than anything else.
+        for home_x in [home.x, Vector6::zeros()] {
+            for _ in 0..DRAWN_BACK {
+                if trusted(&point) && self.passes(samples, &point) {
+                    return Some(point);
+                }
+                point = inner.evaluate(&(home_x + (point.x - home_x) * SHARE))?;
             }
-            point = inner.evaluate(&(home.x + (point.x - home.x) * SHARE))?;
         }
-        Some(home)
+        None
     }
 
     /// Whether the verdict on a point as a goal of its own is that it is reachable with pressure to spare.

@@ -50,9 +50,7 @@ fn a_circle_is_set_by_its_numbers_and_started_once() {
     set(&mut h, "Centre z in mm", -290.0);
     set(&mut h, "Number of laps", 2.0);
     h.get_by_label_contains("60 waypoints, 251 mm, at least 63 s");
-    // Nothing is faster than the tip can be.
-    set(&mut h, "Speed in mm/s", 400.0);
-    assert_eq!(h.state().operate.plans.speed_mm_s, 5.0);
+    set(&mut h, "Speed in mm/s", 5.0);
     press(&mut h, "▶ Start");
     let commands = twin.taken();
     let [.., Leg::Follow(follow)] = started(&commands).legs.as_slice() else {

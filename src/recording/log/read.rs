@@ -361,7 +361,21 @@ fn push_row(
     let get = |column: usize, to_si: f64, bound_si: f64| {
         number(&cells[column], to_si, bound_si).map_err(|text| (column + 1, text))
     };
-    let pressure = |column: usize| get(column, KPA, 1e6);
+    let pressure = |column: usize| {
+        get(column, KPA, 1e6).map_err(|(at, text)| {
+            let kpa: f64 = cells[column].parse().unwrap_or(f64::NAN);
+            match pressure_unit(kpa.abs(), [1.0, 42.0]) {
+                Some(unit) => (
+                    at,
+                    format!(
+                        "{kpa} kPa is out of all range: {}",
+                        unit_hint(Some(unit), "kPa")
+                    ),
+                ),
+                None => (at, text),
+            }
+        })
+    };
     let length = |column: usize| get(column, MM, 10.0);
     let angle = |column: usize| get(column, DEG, 4.0 * std::f64::consts::PI);
 

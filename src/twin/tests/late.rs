@@ -6,6 +6,7 @@ use crate::signal::HostDelay;
 /// An armed twin on hardware, with frames up to tick 20.
 fn armed(practice: bool) -> Twin {
     let mut twin = twin();
+    twin.accept_virtual_calibration();
     twin.observe_link(link(practice, None));
     feed(&mut twin, 0, 20);
     twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
@@ -16,6 +17,7 @@ fn armed(practice: bool) -> Twin {
 fn link(practice: bool, host_delay: Option<HostDelay>) -> LinkStatus {
     LinkStatus {
         connected: true,
+        gripper: Some(Gripper::Open),
         practice,
         host_delay,
         ..LinkStatus::default()

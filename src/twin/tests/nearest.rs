@@ -29,7 +29,7 @@ fn ask(maps: &Maps, robot: &RobotSpec, at_m: [f64; 3]) -> Reach {
 
 /// Points out of reach, and what was offered instead.
 fn outside(maps: &Maps, robot: &RobotSpec, n: usize) -> Vec<([f64; 3], Reach)> {
-    let mut rng = Pcg64::seed_from_u64(2024);
+    let mut rng = Pcg64::seed_from_u64(24);
     let mut out = Vec::new();
     while out.len() < n {
         let at_m = [

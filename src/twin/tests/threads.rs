@@ -53,7 +53,7 @@ fn a_thread_that_is_not_run_stops_simulated_time_and_nothing_else() {
         }
     };
     let start = now();
-    let (handle, thread) = spawn(runner, start, vec![Command::Hold], stalls).expect("a thread");
+    let (handle, thread) = spawn(runner, start, vec![Command::Arm], stalls).expect("a thread");
     for k in 0..ENDS {
         let snapshot = handle.feed.recv_timeout(LONG).expect("a tick");
         assert_eq!(snapshot.stamp, at(k as u32), "simulated time is skipped");

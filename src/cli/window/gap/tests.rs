@@ -80,7 +80,10 @@ fn the_generator_is_a_process_of_its_own_with_the_answer_elsewhere() {
         .get_args()
         .map(|a| a.to_string_lossy().into_owned())
         .collect();
-    assert_eq!(args[..4], ["rig", "case", "--kind", "single"]);
+    assert_eq!(
+        args[..5],
+        ["rig", "case", "--overwrite", "--kind", "single"]
+    );
     assert!(args.contains(&"--with-parent".to_owned()));
     assert!(!answer.starts_with(folder));
     use clap::Parser as _;
