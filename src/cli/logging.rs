@@ -55,7 +55,12 @@ fn queue(sink: impl Write + Send + 'static) -> io::Result<Queue> {
     let counted = Arc::clone(&counts);
     std::thread::Builder::new()
         .name("log".to_owned())
-        .spawn(move || write_lines(&taken, sink, &counted))?;
+        .spawn(move || {
+            // Signals are for the threads that wait for them.
+            #[cfg(unix)]
+            let _ = nix::sys::signal::SigSet::all().thread_block();
+            write_lines(&taken, sink, &counted);
+        })?;
     Ok(Queue { lines, counts })
 }
 

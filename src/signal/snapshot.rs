@@ -145,6 +145,13 @@ pub struct Reach {
     pub chamber_pa: [f64; super::CHAMBERS],
 }
 
+impl Reach {
+    /// [`Self::nearest_m`] in whole mm, for texts; without a negative zero.
+    pub fn nearest_mm(&self) -> [f64; 3] {
+        self.nearest_m.map(|v| (v * 1e3).round() + 0.0)
+    }
+}
+
 /// How far a plan has come.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoutineStatus {

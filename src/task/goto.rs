@@ -17,9 +17,9 @@ const RAD_PER_M: f64 = std::f64::consts::PI / 180.0 / 1e-3;
 pub enum GotoError {
     /// The bounds of the pressures keep the tip away.
     #[error(
-        "The target cannot be reached: {:.0} mm short{}. The nearest point is {:.0}, {:.0}, {:.0} mm.",
+        "The target cannot be reached: {:.0} mm short{}. The nearest point with pressure to spare is {:.0}, {:.0}, {:.0} mm.",
         .0.distance_m * 1e3, chamber_text(.0),
-        .0.nearest_m[0] * 1e3, .0.nearest_m[1] * 1e3, .0.nearest_m[2] * 1e3
+        .0.nearest_mm()[0], .0.nearest_mm()[1], .0.nearest_mm()[2]
     )]
     Unreachable(Box<Reach>),
     /// The model knows nothing about the goal.

@@ -569,10 +569,10 @@ fn reach_text(found: &Reach, micros: f64) -> String {
             format!("marginal: {:.1} mm short{chamber}", found.distance_m * 1e3)
         }
         ReachState::Unreachable => {
-            let [x, y, z] = found.nearest_m.map(|v| v * 1e3);
+            let [x, y, z] = found.nearest_mm();
             let short_mm = found.distance_m * 1e3;
             format!(
-                "unreachable: {short_mm:.0} mm short{chamber}; the nearest point is {x:.0}, {y:.0}, {z:.0} mm"
+                "unreachable: {short_mm:.0} mm short{chamber}; the nearest point with pressure to spare is {x:.0}, {y:.0}, {z:.0} mm"
             )
         }
         ReachState::OutsideData => {
