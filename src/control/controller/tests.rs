@@ -535,7 +535,7 @@ fn a_programme_without_a_solution_holds_the_set_pressures_and_is_counted() {
         assert_eq!(controller.unsolved_ticks(), k);
     }
     l.steepness = 1.0;
-    let out = l.run(&mut controller, 10.0);
+    let out = l.run(&mut controller, 30.0);
     assert_eq!(controller.unsolved_ticks(), 10);
     assert!(out.distance_m.is_some_and(|d| d < 2e-3), "{out:?}");
 }
