@@ -98,8 +98,38 @@ impl Viewer {
         image::open(&path).expect(&said).to_rgba8()
     }
 
-    /// Ends it in peace, so that its file is whole.
+    /// Whether none of its threads runs or waits for a processor or a disk.
+    fn is_idle(&self) -> bool {
+        let group = self.process.id().to_string();
+        // After the name in brackets: state, parent, process group.
+        let state_and_group = |stat: &str| {
+            let (_, rest) = stat.rsplit_once(") ")?;
+            let mut fields = rest.split(' ');
+            Some((fields.next()?.to_owned(), fields.nth(1)?.to_owned()))
+        };
+        let entries = |folder: &Path| {
+            let listed = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            listed.map(|e| e.path()).collect::<Vec<_>>()
+        };
+        let stats = entries(Path::new("/proc"))
+            .into_iter()
+            .flat_map(|process| entries(&process.join("task")))
+            .filter_map(|task| std::fs::read_to_string(task.join("stat")).ok());
+        stats
+            .filter_map(|stat| state_and_group(&stat))
+            .filter(|(_, of)| *of == group)
+            .all(|(state, _)| state != "R" && state != "D")
+    }
+
+    /// Ends it in peace once it has taken in all that was sent, so that its file is whole.
     fn finish(mut self) {
+        // On a busy machine it may be far behind; then it is found waiting for a processor.
+        let mut looks = 0;
+        until("the viewer has nothing left to do", || {
+            std::thread::sleep(Duration::from_millis(20));
+            looks = if self.is_idle() { looks + 1 } else { 0 };
+            looks >= 50
+        });
         self.signal(Signal::SIGINT);
         until("the viewer ends", || self.process.has_ended());
     }

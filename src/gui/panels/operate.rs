@@ -80,7 +80,7 @@ pub fn default_layout() -> Tree<Pane> {
     let right = split(LinearDir::Vertical, &[(pose, 0.40), (sensors, 0.60)]);
     let root = split(
         LinearDir::Horizontal,
-        &[(left, 0.46), (middle, 0.26), (right, 0.28)],
+        &[(left, 0.45), (middle, 0.27), (right, 0.28)],
     );
     Tree::new(egui::Id::unique("operate"), root, tiles)
 }
