@@ -204,6 +204,16 @@ impl Arm {
         (above, at(&poses[i], &self.bodies[i].upper_m))
     }
 
+    /// Strain of each gap with the bodies at these poses.
+    fn strains(&self, poses: &[Pose]) -> Vec<Strain> {
+        let gaps = self.gaps.iter().enumerate();
+        gaps.map(|(i, gap)| {
+            let (a, b) = self.ends_of_gap(i, poses);
+            Strain::between(&a, &b, &gap.elastic)
+        })
+        .collect()
+    }
+
     /// Volume of each chamber with members of these lengths, m³.
     pub fn volumes_m3(&self, lengths_m: &[[f64; 3]]) -> [f64; CHAMBERS] {
         let mut out = [self.dead_m3; CHAMBERS];
@@ -269,9 +279,7 @@ impl Chain {
             iterations: 0,
         };
         let poses = out.poses();
-        for i in 0..arm.gaps.len() {
-            let (a, b) = arm.ends_of_gap(i, &poses);
-            let strain = Strain::between(&a, &b, &arm.gaps[i].elastic);
+        for (i, strain) in arm.strains(&poses).into_iter().enumerate() {
             out.lengths_m[i] = strain.length_m;
             out.strains[i] = (strain.u_m, strain.psi);
         }
@@ -330,12 +338,7 @@ impl Chain {
             poses = (0..n)
                 .map(|i| moved(&self.motions[i].pose, &(v[i] * half)))
                 .collect::<Vec<_>>();
-            strains = (0..n)
-                .map(|i| {
-                    let (a, b) = arm.ends_of_gap(i, &poses);
-                    Strain::between(&a, &b, &arm.gaps[i].elastic)
-                })
-                .collect::<Vec<_>>();
+            strains = arm.strains(&poses);
             let axial = self.axial(arm, &strains, air, half);
             if stale {
                 self.factor(arm, &poses, &strains, &axial, h_s);
@@ -363,7 +366,7 @@ impl Chain {
             stale = correction > SLOW * last;
             last = correction;
         }
-        self.commit(arm, &v, &poses, h_s);
+        self.commit(arm, &v, &poses, &strains, h_s);
         Ok(())
     }
 
@@ -469,7 +472,7 @@ impl Chain {
             let d = diagonal[i] - carry;
             let d = 0.5 * (d + d.transpose());
             let Some(pivot) = Cholesky::new(d) else {
-                // Buckled beyond what inertia holds within a step: without the stress' own stiffness.
+                // Buckled beyond what inertia holds within a step: the step fails.
                 self.factors.clear();
                 return;
             };
@@ -502,14 +505,15 @@ impl Chain {
         }
     }
 
-    fn commit(&mut self, arm: &Arm, v: &[Vector6<f64>], mids: &[Pose], h_s: f64) {
+    fn commit(
+        &mut self,
+        arm: &Arm,
+        v: &[Vector6<f64>],
+        mids: &[Pose],
+        mid_strains: &[Strain],
+        h_s: f64,
+    ) {
         let half = 0.5 * h_s;
-        let mid_lengths: Vec<[f64; 3]> = (0..v.len())
-            .map(|i| {
-                let (a, b) = arm.ends_of_gap(i, mids);
-                Strain::between(&a, &b, &arm.gaps[i].elastic).length_m
-            })
-            .collect();
         for i in 0..v.len() {
             let m = &mut self.motions[i];
             m.pose = moved(&mids[i], &(v[i] * half));
@@ -518,14 +522,12 @@ impl Chain {
             m.velocity = v[i];
         }
         let poses = self.poses();
-        for i in 0..v.len() {
-            let (a, b) = arm.ends_of_gap(i, &poses);
-            let strain = Strain::between(&a, &b, &arm.gaps[i].elastic);
+        for (i, strain) in arm.strains(&poses).into_iter().enumerate() {
             for k in 0..3 {
                 arm.gaps[i].members[k].remember(
                     &mut self.memories[i][k],
                     self.lengths_m[i][k],
-                    mid_lengths[i][k],
+                    mid_strains[i].length_m[k],
                     strain.length_m[k],
                     h_s,
                 );
@@ -568,12 +570,7 @@ impl Chain {
     /// Wrench that the arm puts on the base, about its origin, base axes: what its gap and springs pull with.
     pub fn on_base(&self, arm: &Arm, air: &dyn Air) -> Wrench {
         let poses = self.poses();
-        let strains: Vec<Strain> = (0..poses.len())
-            .map(|i| {
-                let (a, b) = arm.ends_of_gap(i, &poses);
-                Strain::between(&a, &b, &arm.gaps[i].elastic)
-            })
-            .collect();
+        let strains = arm.strains(&poses);
         let axial = self.axial(arm, &strains, air, 1e-9);
         let (f, m) = strains[0].gradient(&arm.gaps[0].elastic, &axial[0]);
         let mut out = strains[0].wrenches(&f, &m)[0];
