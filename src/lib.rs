@@ -4,6 +4,7 @@
 //! ARCHITECTURE.md draws the rooms and the direction in which things flow.
 
 pub mod control;
+pub mod drive;
 pub mod gap;
 #[cfg(feature = "gui")]
 pub mod gui;

@@ -1,10 +1,70 @@
-//! Parsers for command-line values. A refusal says what was given and what is wanted.
+//! Options that several commands have, and parsers for values. A refusal says what was given and what is wanted.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 
+use clap::{Args, ValueEnum};
+
+use springtwin::control::Gains;
+use springtwin::drive::Instruments;
 use springtwin::robot::RobotSpec;
-use springtwin::signal::CHAMBERS;
+use springtwin::signal::{CHAMBERS, ControllerKind};
 use springtwin::task::Item;
+
+/// The two controllers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Kind {
+    /// Sensor-space descent and ADRC, as the paper has it (corrected)
+    Paper,
+    /// A bounded quadratic programme in actuator space
+    Ours,
+}
+
+impl Kind {
+    /// Its tuning.
+    pub fn gains(self) -> Gains {
+        Gains::of(match self {
+            Self::Paper => ControllerKind::Paper,
+            Self::Ours => ControllerKind::Ours,
+        })
+    }
+}
+
+/// What belongs to a rig besides its boards.
+#[derive(Args, Clone, Debug, Default)]
+pub struct InstrumentArgs {
+    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; the virtual rig's
+    /// without it
+    #[arg(long, value_name = "F.toml")]
+    calibration: Option<PathBuf>,
+    /// Let hardware be armed although only the virtual rig's calibration is in use: lengths and pose are then wrong
+    #[arg(long)]
+    accept_virtual_calibration: bool,
+    /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,
+    /// port 51001, without it
+    #[arg(long = "mocap-listen", value_name = "IP:PORT")]
+    listen: Option<SocketAddr>,
+    /// Take it from these senders only; from this computer without it
+    #[arg(long = "mocap-from", value_name = "IP,IP", value_delimiter = ',')]
+    from: Vec<IpAddr>,
+    /// Where motion capture's world and object are on the robot, from `calibrate mocap`; without it the
+    /// object is `end_pad` in the robot's base
+    #[arg(long = "registration", value_name = "F.toml")]
+    registration: Option<PathBuf>,
+}
+
+impl InstrumentArgs {
+    /// As a twin's builder takes them.
+    pub fn plain(&self) -> Instruments {
+        Instruments {
+            calibration: self.calibration.clone(),
+            accept_virtual_calibration: self.accept_virtual_calibration,
+            mocap_listen: self.listen,
+            mocap_from: self.from.clone(),
+            registration: self.registration.clone(),
+        }
+    }
+}
 
 fn numbers<const N: usize>(text: &str, what: &str) -> Result<[f64; N], String> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();

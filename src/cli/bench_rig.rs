@@ -7,7 +7,8 @@ use anyhow::Result;
 use nalgebra::Vector3;
 use rand::Rng as _;
 
-use super::{live, model};
+use super::model;
+use springtwin::drive::rig_options;
 use springtwin::rig::board::Readings;
 use springtwin::rig::{PHYSICS_STEP_S, VirtualRig};
 use springtwin::robot::RobotSpec;
@@ -25,7 +26,7 @@ pub fn settled(
     range: std::ops::Range<usize>,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<(Dataset, usize)> {
-    let options = live::rig_options(0.0, plan.seed);
+    let options = rig_options(0.0, plan.seed);
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut sensing = model::sensing(robot, None)?;
     let mut data = Dataset {
@@ -137,7 +138,7 @@ pub fn motion(
     m: &Motion,
     spoil: &mut dyn FnMut(f64, &mut RawFrame),
 ) -> Result<Vec<Moment>> {
-    let options = live::rig_options(m.payload_kg, m.seed);
+    let options = rig_options(m.payload_kg, m.seed);
     let mut rig = VirtualRig::new(robot, &options)?;
     let mut sensing = model::sensing(robot, None)?;
     let mut rng = sample_rng(m.seed, 0x7a7);

@@ -6,9 +6,9 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::json;
 
-use super::drive::measures::spread;
 use super::outputs::Overwrite;
 use super::{Report, model, solve};
+use springtwin::drive::measures::spread;
 use springtwin::learn::{Model, PoseEval, to_pose};
 use springtwin::recording::{SessionLog, Table, read_log};
 use springtwin::robot::RobotSpec;

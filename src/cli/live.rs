@@ -1,6 +1,6 @@
 //! `run`, `rig`, `record`: commands with a rig at the other end.
 
-mod tally;
+mod report;
 
 use std::net::SocketAddr;
 use std::ops::ControlFlow;
@@ -12,30 +12,24 @@ use std::sync::{
 };
 
 use anyhow::{Context as _, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-use super::drive::commands::objects;
+use super::args::{self, InstrumentArgs, Kind};
 use super::outputs::Overwrite;
-use super::ports::{self, Instruments};
-use super::{Failed, Report, args, model};
-use springtwin::control::Gains;
-use springtwin::link::wire::Config;
+use super::{Failed, Report};
+use springtwin::drive::{
+    DEFAULT_RIG, HELLO_S, Start, Tally, check_link, model, objects, open, rig_options,
+};
 #[cfg(unix)]
 use springtwin::rig::faults::Script;
 use springtwin::rig::pty::{Lines, Pty};
-use springtwin::rig::{RigOptions, Surroundings, Unit, VirtualRig};
+use springtwin::rig::{RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::ControllerKind;
-use springtwin::signal::{Goal, LinkStatus, Mode, Snapshot, Stamp};
+use springtwin::signal::{Goal, Mode, Snapshot, Stamp};
 use springtwin::task::Item;
 use springtwin::twin::{
-    Clock, Command, Event, LAST_WORDS, Runner, SETTLING_FRAMES, Twin, run_in_real_time,
-    run_in_simulated_time,
+    Clock, Command, Event, LAST_WORDS, Runner, Twin, run_in_real_time, run_in_simulated_time,
 };
-use tally::Tally;
-
-/// Time the boards get to introduce themselves, s.
-pub const HELLO_S: f64 = 5.0;
 
 #[derive(Args)]
 pub struct RunArgs {
@@ -47,7 +41,7 @@ pub struct RunArgs {
     pub seconds: f64,
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = ports::DEFAULT)]
+    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
     pub rig: String,
     /// Record to this file
     #[arg(long, value_name = "F.rrd", requires = "headless")]
@@ -81,32 +75,13 @@ pub struct RunArgs {
     #[cfg(feature = "gui")]
     pub drill: Vec<std::time::Duration>,
     #[command(flatten)]
-    pub instruments: Instruments,
+    pub instruments: InstrumentArgs,
 }
 
 impl RunArgs {
     /// The viewer to stream to.
     pub fn viewer(&self) -> Option<SocketAddr> {
         self.stream.or(self.stream_remote)
-    }
-}
-
-/// The two controllers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Kind {
-    /// Sensor-space descent and ADRC, as the paper has it (corrected)
-    Paper,
-    /// A bounded quadratic programme in actuator space
-    Ours,
-}
-
-impl Kind {
-    /// Its tuning.
-    pub fn gains(self) -> Gains {
-        Gains::of(match self {
-            Self::Paper => ControllerKind::Paper,
-            Self::Ours => ControllerKind::Ours,
-        })
     }
 }
 
@@ -148,77 +123,6 @@ pub struct RigArgs {
     with_parent: bool,
 }
 
-/// Options of the virtual rig.
-pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
-    RigOptions {
-        unit: Unit::default(),
-        seed,
-        surroundings: Surroundings {
-            payload_kg,
-            ..Surroundings::default()
-        },
-        objects: Vec::new(),
-    }
-}
-
-/// The limits that the boards must agree to.
-pub fn board_config(robot: &RobotSpec) -> Config {
-    Config::new(&robot.pressure, robot.over_pressure_pa)
-}
-
-/// What is done before anything is asked of a rig.
-pub struct Start {
-    /// Whether boards that are SAFE from before may leave it.
-    reset: bool,
-    tried: bool,
-}
-
-impl Start {
-    /// `reset` if boards that are SAFE from before may leave it.
-    pub fn new(reset: bool) -> Self {
-        Self {
-            reset,
-            tried: false,
-        }
-    }
-
-    /// Whether something can be asked of the rig now; why it never can.
-    pub fn ready(
-        &mut self,
-        snapshot: &Snapshot,
-        commands: &mut Vec<Command>,
-    ) -> std::result::Result<bool, String> {
-        if let Mode::Safe(reason) = &snapshot.mode {
-            if !self.reset {
-                return Err(format!(
-                    "SAFE from before ({reason}): remove the cause, then start again with --reset"
-                ));
-            }
-            if self.tried {
-                return Err(format!(
-                    "still SAFE after a reset ({reason}): remove the cause"
-                ));
-            }
-            self.tried = true;
-            commands.push(Command::Reset);
-            return Ok(false);
-        }
-        Ok(snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES)
-    }
-}
-
-/// Says why nothing came of a link, if so.
-pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
-    if let Some(refusal) = &link.refusal {
-        anyhow::bail!("{refusal}");
-    }
-    anyhow::ensure!(
-        link.connected || link.frames > 0,
-        "no data from the boards on {rig} within {HELLO_S} s: check the cable, the boards' power and the firmware"
-    );
-    Ok(())
-}
-
 /// `run --headless`.
 pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
@@ -226,20 +130,21 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         a.overwrite.file(file)?;
     }
     let maps = model::maps_for(robot)?;
+    let instruments = a.instruments.plain();
     let mut twin = Twin::new(
         robot,
         maps,
-        model::sensing(robot, a.instruments.calibration.as_deref())?,
+        model::sensing(robot, instruments.calibration.as_deref())?,
         a.controller.gains(),
     );
-    a.instruments.brief(&mut twin);
+    instruments.brief(&mut twin);
     #[expect(
         clippy::disallowed_methods,
         reason = "the command owns the main thread and its time"
     )]
     let start = std::time::Instant::now();
     let options = rig_options(a.payload, a.seed);
-    let port = ports::open(&a.rig, &options, robot_file, robot, start, &a.instruments)?;
+    let port = open(&a.rig, &options, robot_file, robot, start, &instruments)?;
     let mut runner = Runner::new(twin, port, robot);
     let goal = a.target.map(Goal::position);
     let mut tally = Tally::default();
@@ -304,7 +209,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             anyhow::bail!("the arm went SAFE: {reason}");
         }
     }
-    let report = tally.report(pace, end.seconds(), a.record.as_deref());
+    let report = report::report(&tally, pace, end.seconds(), a.record.as_deref());
     match tally.recording_failed {
         None => Ok(report),
         Some(why) => Err(Failed { report, why }.into()),
@@ -323,7 +228,7 @@ pub struct RecordArgs {
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     seconds: f64,
     /// Where the boards are: `sim`, `pty`, or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = ports::DEFAULT)]
+    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
     rig: String,
     /// Steer the tip there meanwhile, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
@@ -332,7 +237,7 @@ pub struct RecordArgs {
     #[arg(long)]
     reset: bool,
     #[command(flatten)]
-    instruments: Instruments,
+    instruments: InstrumentArgs,
 }
 
 /// `record`.

@@ -137,7 +137,8 @@ mod tests {
     use springtwin::twin::{Arrivals, Clock, Port, Runner, Twin};
 
     use super::*;
-    use crate::cli::{live::Kind, model};
+    use crate::cli::args::Kind;
+    use springtwin::drive::model;
 
     /// A terminal that takes nothing until it is let go.
     struct Terminal {

@@ -21,12 +21,10 @@ mod import;
 mod imu;
 mod live;
 mod logging;
-mod model;
 mod outputs;
 mod patch;
 #[cfg(feature = "gui")]
 mod picture;
-mod ports;
 mod reference;
 mod session;
 mod shards;
@@ -47,6 +45,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use serde_json::Value;
 
+use springtwin::drive::{DEFAULT_RIG, Instruments, model, read_text, read_toml};
 use springtwin::robot::RobotSpec;
 use springtwin::sim::patch::Correction;
 
@@ -236,13 +235,13 @@ fn run(cli: &Cli) -> Result<Report> {
         #[cfg(feature = "gui")]
         None => {
             let opening = window::Opening {
-                rig: ports::DEFAULT,
+                rig: DEFAULT_RIG,
                 payload_kg: 0.0,
                 seed: 1,
-                kind: live::Kind::Ours,
+                kind: args::Kind::Ours,
                 stream: None,
                 drill: &[],
-                instruments: &ports::Instruments::default(),
+                instruments: &Instruments::default(),
             };
             window::open(&opening, cli.robot.as_deref(), &robot)
         }
@@ -269,7 +268,7 @@ fn run(cli: &Cli) -> Result<Report> {
                 kind: a.controller,
                 stream: a.viewer(),
                 drill: &a.drill,
-                instruments: &a.instruments,
+                instruments: &a.instruments.plain(),
             };
             window::open(&opening, cli.robot.as_deref(), &robot)
         }
@@ -331,26 +330,4 @@ fn robot_of(text: &str) -> Result<RobotSpec> {
     let robot = RobotSpec::from_toml(text)?;
     Correction::of(&robot)?;
     Ok(robot)
-}
-
-/// Reads a text file; a refusal names it.
-pub fn read_text(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
-}
-
-/// Largest description (robot, calibration, recipe, ...) that is read, bytes; real ones take a twentieth. Their reader
-/// takes some fifty times the size of a text that is made for it.
-const TOML_MAX_BYTES: u64 = 128 << 10;
-
-/// Reads a TOML file as [`read_text`] does, if it is of a size that such a file can have.
-pub fn read_toml(path: &Path) -> Result<String> {
-    let about =
-        std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
-    anyhow::ensure!(
-        about.len() <= TOML_MAX_BYTES,
-        "{} has {} bytes, and {TOML_MAX_BYTES} are the most such a file can have: is it the right one?",
-        path.display(),
-        about.len()
-    );
-    read_text(path)
 }

@@ -20,14 +20,14 @@ use std::time::Duration;
 use anyhow::Result;
 
 use super::Report;
-use super::live::{Kind, rig_options};
+use super::args::Kind;
 use super::model;
-use super::ports::Instruments;
 use super::user;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
 use services::services;
 use settings::Settings;
+use springtwin::drive::{Instruments, rig_options};
 use springtwin::gui::App;
 use springtwin::gui::pace::{Pace, Wanted};
 use springtwin::gui::scene::Scene;

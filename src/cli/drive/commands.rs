@@ -7,37 +7,29 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
-use super::super::outputs::Overwrite;
-use super::super::ports::Instruments;
-use super::measures::{self, PathMeasures};
-use super::{Drive, Driven, drive, pictures};
-use crate::cli::live::{Kind, rig_options};
-use crate::cli::{Failed, Report, args, model};
+use super::pictures;
+use crate::cli::args::{self, InstrumentArgs, Kind};
+use crate::cli::outputs::Overwrite;
+use crate::cli::{Failed, Report};
 use springtwin::control::{ReachConfig, reach};
+use springtwin::drive::measures::{self, PathMeasures};
+use springtwin::drive::{
+    BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Row, Shape, drive,
+    fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
+};
 use springtwin::learn::ErrorStats;
-use springtwin::rig::{Object, RigOptions};
+use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Aim, Goal, Reach, ReachState};
-use springtwin::task::{Follow, Item, Leg, PATH_WAYPOINTS, Path, Plan, circle, figure_eight};
+use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan};
 use springtwin::twin::Event;
-
-/// Centre of the shipped paths, m.
-pub const PATH_CENTRE_M: [f64; 3] = [0.0, 0.0, -0.31];
-/// Radius of the circle and half the length of the 8, m.
-pub const PATH_SIZE_M: f64 = 0.05;
-/// Where the basket is: the tip lets go there, m.
-pub const BASKET_M: [f64; 3] = [0.09, 0.03, -0.30];
-/// How much higher the tip travels with something in the gripper, m.
-pub const LIFT_M: f64 = 0.03;
-/// A fruit that lands this close to the basket's middle is in it, m.
-const BASKET_RADIUS_M: f64 = 0.02;
 
 /// What every drive has.
 #[derive(Args, Clone)]
 pub struct Common {
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = crate::cli::ports::DEFAULT)]
+    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
     rig: String,
     /// Which controller steers
     #[arg(long, value_enum, default_value_t = Kind::Ours)]
@@ -63,7 +55,7 @@ pub struct Common {
     #[arg(long)]
     reset: bool,
     #[command(flatten)]
-    instruments: Instruments,
+    instruments: InstrumentArgs,
 }
 
 impl Common {
@@ -106,7 +98,7 @@ impl Common {
             script: None,
             record: self.record.clone(),
             reset: self.reset,
-            instruments: self.instruments.clone(),
+            instruments: self.instruments.plain(),
         })
     }
 
@@ -245,7 +237,7 @@ fn solve_text(solve: Option<[f64; 2]>) -> String {
 
 /// Predicted against true tip, mm.
 fn predicted_mm(driven: &Driven) -> Value {
-    let off = |r: &super::Row| {
+    let off = |r: &Row| {
         let (a, b) = (r.estimate?, r.truth?);
         Some((a.translation.vector - b.translation.vector).norm() * 1e3)
     };
@@ -255,19 +247,18 @@ fn predicted_mm(driven: &Driven) -> Value {
 
 /// The paper's two paths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Shape {
+enum ShapeName {
     /// A level circle
     Circle,
     /// A level figure 8
     Eight,
 }
 
-impl Shape {
-    /// The path of that shape.
-    pub fn path(self, centre_m: [f64; 3], size_m: f64, waypoints: usize) -> Path {
+impl ShapeName {
+    fn shape(self) -> Shape {
         match self {
-            Self::Circle => circle(centre_m, size_m, waypoints),
-            Self::Eight => figure_eight(centre_m, size_m, waypoints),
+            Self::Circle => Shape::Circle,
+            Self::Eight => Shape::Eight,
         }
     }
 }
@@ -276,7 +267,7 @@ impl Shape {
 pub struct FollowArgs {
     /// Which path
     #[arg(long, value_enum)]
-    path: Shape,
+    path: ShapeName,
     /// Waypoints, evenly spread
     #[arg(long, value_name = "N", default_value_t = PATH_WAYPOINTS, value_parser = args::waypoints)]
     waypoints: usize,
@@ -305,7 +296,7 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
         a.speed,
         robot.tip_speed_max_m_s * 1e3
     );
-    let path = a.path.path(
+    let path = a.path.shape().path(
         a.centre.unwrap_or(PATH_CENTRE_M),
         a.size * 1e-3,
         a.waypoints,
@@ -322,14 +313,6 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
     let m = measures::of_path(&driven, &path.waypoints_m, robot);
     a.common.write(&driven, Some(&path), &m.at_waypoints_mm)?;
     follow_report(&path, &driven, &m, robot)
-}
-
-/// A time in which a path is followed even if it takes a while to get to it, s.
-pub fn longest_s(path: &Path, speed_m_s: f64, laps: u32) -> f64 {
-    let waypoints = path.waypoints_m.iter().map(|p| Vector3::from(*p));
-    let next = waypoints.clone().cycle().skip(1);
-    let length_m: f64 = waypoints.zip(next).map(|(a, b)| (a - b).norm()).sum();
-    120.0 + 4.0 * f64::from(laps) * length_m / speed_m_s
 }
 
 fn follow_report(
@@ -372,22 +355,6 @@ fn follow_report(
         "seconds": driven.rows.last().map(|r| r.t_s), "simulated": driven.simulated,
     });
     answer(driven, Report { text, json })
-}
-
-/// The paper's fruit, where it lies here.
-pub fn fruit() -> Vec<Item> {
-    [
-        ("tomato", [-0.07, -0.05, -0.32], 0.12),
-        ("lemon", [-0.08, 0.0, -0.32], 0.21),
-        ("guava", [-0.07, 0.05, -0.32], 0.17),
-    ]
-    .into_iter()
-    .map(|(name, grasp_m, mass_kg)| Item {
-        name: name.to_owned(),
-        grasp_m,
-        mass_kg,
-    })
-    .collect()
 }
 
 #[derive(Args)]
@@ -455,60 +422,6 @@ pub fn pick_place(
     answer(&driven, Report { text, json })
 }
 
-/// How pick-and-place went.
-pub struct PickPlaceMeasures {
-    /// How many things lie in the basket; `None` where nobody can tell.
-    pub in_basket: Option<usize>,
-    /// True tip from where it should be when the gripper moves, mm.
-    pub at_grips: Option<ErrorStats>,
-    /// Share of saturated steps.
-    pub saturated_ratio: f64,
-}
-
-/// Of the plan's drive.
-pub fn of_pick_place(
-    driven: &Driven,
-    plan: &Plan,
-    basket_m: [f64; 3],
-    robot: &RobotSpec,
-) -> PickPlaceMeasures {
-    let mut at_grips = Vec::new();
-    for (leg, part) in plan.legs.iter().enumerate() {
-        let (Leg::Grip { .. }, Some(Leg::Move(goal))) =
-            (part, leg.checked_sub(1).map(|k| &plan.legs[k]))
-        else {
-            continue;
-        };
-        let row = driven.rows.iter().find(|r| r.legs_done == leg);
-        if let Some(truth) = row.and_then(|r| r.truth) {
-            let off = truth.translation.vector - Vector3::from(goal.position_m);
-            at_grips.push(off.norm() * 1e3);
-        }
-    }
-    let lies_in = |o: &&Object| {
-        let off = Vector3::from(o.grasp_m) - Vector3::from(basket_m);
-        !o.held && off.xy().norm() <= BASKET_RADIUS_M
-    };
-    PickPlaceMeasures {
-        in_basket: driven
-            .objects
-            .as_ref()
-            .map(|all| all.iter().filter(lies_in).count()),
-        at_grips: measures::spread(at_grips),
-        saturated_ratio: measures::saturated_ratio(&driven.rows, robot),
-    }
-}
-
-/// The items as things of the virtual rig.
-pub fn objects(items: &[Item]) -> Vec<Object> {
-    let object = |i: &Item| Object {
-        grasp_m: i.grasp_m,
-        mass_kg: i.mass_kg,
-        held: false,
-    };
-    items.iter().map(object).collect()
-}
-
 #[derive(Args)]
 pub struct ReachArgs {
     /// Where to, mm
@@ -536,9 +449,9 @@ pub fn reach_command(a: &ReachArgs, robot: &RobotSpec) -> Result<Report> {
     };
     ask()?;
     // The first answer fetches everything into the caches.
-    let before = super::stopwatch();
+    let before = stopwatch();
     let found = ask()?;
-    let micros = (super::stopwatch() - before).as_secs_f64() * 1e6;
+    let micros = (stopwatch() - before).as_secs_f64() * 1e6;
     let state = serde_json::to_value(found.state)?;
     let chamber = found.limiting_chamber;
     let json = json!({
@@ -581,6 +494,3 @@ fn reach_text(found: &Reach, micros: f64) -> String {
     };
     format!("{verdict}\npressures {kpa} kPa, found in {micros:.0} us")
 }
-
-#[cfg(test)]
-mod tests;

@@ -6,7 +6,7 @@ use std::path::Path as FilePath;
 use anyhow::{Context as _, Result};
 use plotters::prelude::*;
 
-use super::{Driven, Row};
+use springtwin::drive::{Driven, Row};
 use springtwin::signal::{CHAMBERS, SPRINGS};
 use springtwin::task::Path;
 

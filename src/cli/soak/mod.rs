@@ -18,11 +18,11 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::{Map, Value, json};
 
-use super::live::{Kind as Controller, board_config, check_link, rig_options};
-use super::ports::{SerialRig, in_process};
-use super::{Failed, Report, args, model};
+use super::args::Kind as Controller;
+use super::{Failed, Report, args};
 use faults::{FROM_OUTSIDE, IN_PROCESS, Kind, Weather};
 use operator::{Done, Operator};
+use springtwin::drive::{SerialRig, board_config, check_link, in_process, model, rig_options};
 use springtwin::rig::{RigBoard, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{LinkStatus, Snapshot, Stamp};

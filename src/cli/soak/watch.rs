@@ -3,6 +3,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use springtwin::drive::over_limits;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, PressureCommand, Snapshot, Stamp};
 use springtwin::twin::{Arrivals, Clock, Port};
@@ -146,8 +147,7 @@ impl Port for Watched {
             }
             if let Some(command) = command {
                 seen.sent += 1;
-                let found =
-                    super::super::drive::over_limits(&self.robot, seen.last.as_ref(), command);
+                let found = over_limits(&self.robot, seen.last.as_ref(), command);
                 if let Some(what) = found {
                     seen.broken.add(|| format!("{t_s:.3} s: {what}"));
                 }

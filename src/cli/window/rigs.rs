@@ -8,9 +8,8 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 
 use super::calibrate::{Setting, Store};
-use crate::cli::live::Kind;
-use crate::cli::model;
-use crate::cli::ports::{self, Instruments};
+use crate::cli::args::Kind;
+use springtwin::drive::{self, Instruments, model};
 use springtwin::gui::services::PortEntry;
 use springtwin::link;
 use springtwin::rig::RigOptions;
@@ -88,7 +87,7 @@ impl Rigs {
             twin.explain_calibration(why);
         }
         let (file, robot) = (self.robot_file.as_deref(), &self.robot);
-        let port = ports::open(rig, &self.options, file, robot, start, &instruments)?;
+        let port = drive::open(rig, &self.options, file, robot, start, &instruments)?;
         Ok((Runner::new(twin, port, robot), start))
     }
 
@@ -216,7 +215,7 @@ pub fn serial_ports() -> Result<Vec<PortEntry>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::live::rig_options;
+    use springtwin::drive::{DEFAULT_RIG, rig_options};
     use springtwin::gui::panels::connect::VIRTUAL;
     use springtwin::gui::services::NewVersion;
     use springtwin::sensing::Calibration;
@@ -316,12 +315,10 @@ mod tests {
         };
         assert_eq!(rigs.declared("/dev/ttyUSB0"), []);
         // What the window opens on, and what its menu offers first, is in step with the twin.
-        assert_eq!(ports::DEFAULT, VIRTUAL[0].0);
-        let (runner, _) = rigs.runner(ports::DEFAULT).expect("the virtual rig");
+        assert_eq!(DEFAULT_RIG, VIRTUAL[0].0);
+        let (runner, _) = rigs.runner(DEFAULT_RIG).expect("the virtual rig");
         assert_eq!(runner.clock(), Clock::Lockstep);
-        let handle = rigs
-            .connect(ports::DEFAULT, || {})
-            .expect("the virtual rig");
+        let handle = rigs.connect(DEFAULT_RIG, || {}).expect("the virtual rig");
         let mut looks = 0;
         while handle.snapshot().payload_kg != 0.15 {
             looks += 1;

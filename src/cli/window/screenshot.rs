@@ -7,13 +7,13 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::super::live::{Kind, board_config, rig_options};
+use super::super::args::Kind;
 use super::super::outputs::Overwrite;
-use super::super::ports::{Instruments, in_process};
 use super::super::solve::Simulator;
-use super::super::{Report, args, model, picture};
+use super::super::{Report, args, picture};
 use super::rigs::{Rigs, Twins};
 use super::{Asks, hull, library};
+use springtwin::drive::{Instruments, board_config, in_process, model, rig_options};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
 use springtwin::gui::panels::Screen;

@@ -13,17 +13,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context as _, Result};
 
 use super::super::data::threads;
-use super::super::drive::commands::{
-    BASKET_M, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Shape, fruit, longest_s,
-    objects, of_pick_place,
-};
-use super::super::drive::measures::{self, MoveMeasures, PathMeasures};
-use super::super::drive::{Drive, Driven, drive};
-use super::super::live::rig_options;
-use super::super::ports::Instruments;
-use super::super::ports::Script;
 use super::lab::Lab;
 use springtwin::control::Gains;
+use springtwin::drive::measures::{self, MoveMeasures, PathMeasures};
+use springtwin::drive::{
+    BASKET_M, Drive, Driven, Instruments, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures,
+    Script, Shape, drive, fruit, longest_s, objects, of_pick_place, rig_options,
+};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;

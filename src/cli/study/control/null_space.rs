@@ -9,8 +9,8 @@ use super::super::table::{Drawn, Found, Table};
 use super::super::{Study, each};
 use super::tasks::{SEEDS, TARGETS_M};
 use super::{Measured, Task, Trial, mean, run_all};
-use crate::cli::drive::commands::Shape;
 use springtwin::control::Gains;
+use springtwin::drive::Shape;
 use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 

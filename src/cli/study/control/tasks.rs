@@ -9,9 +9,9 @@ use super::super::Study;
 use super::super::lab::Lab;
 use super::super::table::{Drawn, Found, Table};
 use super::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
-use crate::cli::drive::commands::Shape;
-use crate::cli::drive::measures::{PathMeasures, spread};
 use springtwin::control::{Gains, InitialGuess};
+use springtwin::drive::Shape;
+use springtwin::drive::measures::{PathMeasures, spread};
 use springtwin::signal::ControllerKind;
 use springtwin::signal::Goal;
 

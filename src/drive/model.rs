@@ -4,16 +4,20 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 
-use springtwin::learn::{Model, PoseEval};
-use springtwin::recording::SessionLog;
-use springtwin::robot::RobotSpec;
-use springtwin::sensing::{Calibration, Sensing};
-use springtwin::twin::{Maps, sensing_for};
+use super::files::read_toml;
+use crate::learn::{Model, PoseEval};
+use crate::recording::SessionLog;
+use crate::robot::RobotSpec;
+use crate::sensing::{Calibration, Sensing};
+use crate::twin::{Maps, sensing_for};
 
 const MODEL: &[u8] = include_bytes!("../../assets/networks/reference.safetensors");
 const CALIBRATION: &str = include_str!("../../assets/calibration/virtual-rig.toml");
 
 /// The shipped model, or the one in a file.
+///
+/// # Errors
+/// When the file cannot be read or holds something else.
 pub fn model(path: Option<&Path>) -> Result<Model> {
     match path {
         None => Model::from_bytes(MODEL).context("the built-in networks do not load"),
@@ -45,7 +49,10 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
     }
 }
 
-/// What a twin of `robot` works with.
+/// The shipped maps for a twin of `robot`; logs a warning where they were trained for another.
+///
+/// # Errors
+/// When the built-in networks do not load.
 pub fn maps_for(robot: &RobotSpec) -> Result<Maps> {
     if let Some(notice) = trained_for_another(&model(None)?, robot) {
         log::warn!("{notice}");
@@ -54,6 +61,9 @@ pub fn maps_for(robot: &RobotSpec) -> Result<Maps> {
 }
 
 /// The maps of the shipped model, or of the one in a file.
+///
+/// # Errors
+/// When the file cannot be read or holds something else.
 pub fn maps(path: Option<&Path>) -> Result<Maps> {
     Ok(model(path)?.into())
 }
@@ -68,19 +78,25 @@ pub fn estimates(log: &SessionLog, maps: &Maps) -> impl Iterator<Item = (usize, 
 }
 
 /// The shipped calibration of the virtual rig, or the one in a file.
+///
+/// # Errors
+/// When the file cannot be read or holds something else.
 pub fn calibration(path: Option<&Path>) -> Result<Calibration> {
     match path {
         None => {
             Calibration::from_toml(CALIBRATION).context("the built-in calibration does not load")
         }
         Some(path) => {
-            let text = crate::cli::read_toml(path)?;
+            let text = read_toml(path)?;
             Calibration::from_toml(&text).with_context(|| path.display().to_string())
         }
     }
 }
 
 /// Sensing with that calibration, corrected by what the robot's patches say of its sensors.
+///
+/// # Errors
+/// When the calibration's file cannot be read or holds something else.
 pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
     Ok(sensing_for(robot, &calibration(path)?))
 }

@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
-use super::{Driven, Row};
-use springtwin::control::virtual_output;
-use springtwin::learn::{ErrorStats, PlantMap, quantile};
-use springtwin::robot::RobotSpec;
-use springtwin::signal::{Aim, CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
+use super::run::{Driven, Row};
+use crate::control::virtual_output;
+use crate::learn::{ErrorStats, PlantMap, quantile};
+use crate::robot::RobotSpec;
+use crate::signal::{Aim, CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
 
 /// A chamber set this close to its bound counts as saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
@@ -33,12 +33,15 @@ fn off_mm(truth: &Pose, point_m: [f64; 3]) -> f64 {
 /// How a move to a goal went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MoveMeasures {
-    /// True error over the last second, mm and degrees (of what the goal asks for); `None` without ground truth.
+    /// True position error over the last second, mm; `None` without ground truth.
     pub final_mm: Option<ErrorStats>,
+    /// True orientation error over the last second, degrees; `None` where the goal has no orientation.
     pub final_deg: Option<f64>,
-    /// When the true tip came within 1 mm (and 1°) for good, s and control steps; `None`: never.
+    /// When the true tip came within 1 mm (and 1°) and stayed there, s; `None`: never.
     pub settled_s: Option<f64>,
+    /// The same in control steps.
     pub steps: Option<usize>,
+    /// Share of the steered steps with a chamber set to its bound.
     pub saturated_ratio: f64,
 }
 
@@ -89,10 +92,13 @@ pub struct PathMeasures {
     pub at_waypoints_mm: Vec<f64>,
     /// The same from the path itself, at every tick, mm.
     pub off_path: Option<ErrorStats>,
+    /// Statistics of `at_waypoints_mm`.
     pub spread: Option<ErrorStats>,
+    /// Share of the steered steps with a chamber set to its bound.
     pub saturated_ratio: f64,
     /// Control steps on the path.
     pub steps: usize,
+    /// Time on the path, s.
     pub seconds: f64,
 }
 
@@ -224,7 +230,7 @@ fn springs_off_mm(
 ) -> f64 {
     const STEPS: usize = 12;
     let limits = &robot.pressure;
-    let weights = springtwin::control::SignalSigma::default()
+    let weights = crate::control::SignalSigma::default()
         .to_vector()
         .map(|s| 1.0 / s);
     let mut q = start_pa;

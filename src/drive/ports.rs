@@ -7,62 +7,57 @@ use std::process::{Child, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use clap::Args;
 
-use super::live::board_config;
-use springtwin::link::Origin;
-use springtwin::link::mocap::{self, MocapReceiver};
-use springtwin::link::serial;
-use springtwin::link::wire::Config;
-use springtwin::link::wire::objects::END_PAD;
-use springtwin::rig::{RigOptions, VirtualRig};
-use springtwin::robot::RobotSpec;
-use springtwin::sensing::registration::Registration;
-use springtwin::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
-use springtwin::twin::{Arrivals, Clock, Heard, InProcess, Port, SerialPort, Twin};
+use super::files::read_toml;
+use crate::link::Origin;
+use crate::link::mocap::{self, MocapReceiver};
+use crate::link::serial;
+use crate::link::wire::Config;
+use crate::link::wire::objects::END_PAD;
+use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
+use crate::robot::RobotSpec;
+use crate::sensing::registration::Registration;
+use crate::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
+use crate::twin::{Arrivals, Clock, Heard, InProcess, Port, SerialPort, Twin};
 
 /// The rig that is used where none is named: in this process, on simulated time.
-pub const DEFAULT: &str = "sim";
+pub const DEFAULT_RIG: &str = "sim";
 
 /// What belongs to a rig besides its boards.
-#[derive(Args, Clone, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Instruments {
-    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; the virtual rig's
-    /// without it
-    #[arg(long, value_name = "F.toml")]
+    /// Calibration of springs and IMUs; the virtual rig's without it.
     pub calibration: Option<PathBuf>,
-    /// Let hardware be armed although only the virtual rig's calibration is in use: lengths and pose are then wrong
-    #[arg(long)]
+    /// Whether hardware may be armed although only the virtual rig's calibration is in use.
     pub accept_virtual_calibration: bool,
-    /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,
-    /// port 51001, without it
-    #[arg(long = "mocap-listen", value_name = "IP:PORT")]
-    listen: Option<SocketAddr>,
-    /// Take it from these senders only; from this computer without it
-    #[arg(long = "mocap-from", value_name = "IP,IP", value_delimiter = ',')]
-    from: Vec<IpAddr>,
-    /// Where motion capture's world and object are on the robot, from `calibrate mocap`; without it the
-    /// object is `end_pad` in the robot's base
-    #[arg(long = "registration", value_name = "F.toml")]
+    /// Where motion capture (Vicon Tracker's object stream) is received on this computer; loopback without it.
+    pub mocap_listen: Option<SocketAddr>,
+    /// The only senders it is taken from; this computer where there are none.
+    pub mocap_from: Vec<IpAddr>,
+    /// File with the place of motion capture's world and object on the robot; without it the object is `end_pad` in
+    /// the robot's base.
     pub registration: Option<PathBuf>,
 }
 
 impl Instruments {
     fn no_mocap(&self) -> bool {
-        self.listen.is_none() && self.from.is_empty() && self.registration.is_none()
+        self.mocap_listen.is_none() && self.mocap_from.is_empty() && self.registration.is_none()
     }
 
-    /// Tells a twin what was said about its calibration.
+    /// Lets a twin accept the virtual rig's calibration on hardware, where that was allowed.
     pub fn brief(&self, twin: &mut Twin) {
         if self.accept_virtual_calibration {
             twin.accept_virtual_calibration();
         }
     }
 
-    /// Where motion capture is on the robot, if a file says so.
+    /// Place of motion capture on the robot, if there is a file with it.
+    ///
+    /// # Errors
+    /// When the file cannot be read; the error names it.
     pub fn registration(&self) -> Result<Option<Registration>> {
         let read = |path: &PathBuf| {
-            let text = crate::cli::read_toml(path)?;
+            let text = read_toml(path)?;
             Registration::from_toml(&text).with_context(|| path.display().to_string())
         };
         self.registration.as_ref().map(read).transpose()
@@ -71,14 +66,14 @@ impl Instruments {
     /// Listens; where nobody asked for it, an address that is taken is no error.
     fn receiver(&self, start: Instant) -> Result<Option<MocapReceiver>> {
         let loopback = [Ipv4Addr::LOCALHOST.into()];
-        let allowed = match self.from.is_empty() {
+        let allowed = match self.mocap_from.is_empty() {
             true => loopback.as_slice(),
-            false => &self.from,
+            false => &self.mocap_from,
         };
-        let address = self.listen.unwrap_or_else(mocap::default_address);
+        let address = self.mocap_listen.unwrap_or_else(mocap::default_address);
         match MocapReceiver::open(address, allowed, start) {
             Ok(receiver) => Ok(Some(receiver)),
-            Err(e) if self.listen.is_some() => Err(e.into()),
+            Err(e) if self.mocap_listen.is_some() => Err(e.into()),
             Err(e) => {
                 log::warn!("no motion capture: {e}");
                 Ok(None)
@@ -87,7 +82,28 @@ impl Instruments {
     }
 }
 
+/// The pressure limits that the boards must agree to.
+pub fn board_config(robot: &RobotSpec) -> Config {
+    Config::new(&robot.pressure, robot.over_pressure_pa)
+}
+
+/// Options of the virtual rig: the standard unit with a mass in its gripper (kg), and the seed of its noise.
+pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
+    RigOptions {
+        unit: Unit::default(),
+        seed,
+        surroundings: Surroundings {
+            payload_kg,
+            ..Surroundings::default()
+        },
+        objects: Vec::new(),
+    }
+}
+
 /// The port that `rig` names: `sim`, `pty`, or serial ports.
+///
+/// # Errors
+/// When there is no such port, or it does not go with the instruments.
 pub fn open(
     rig: &str,
     options: &RigOptions,
@@ -159,7 +175,10 @@ impl SerialRig {
         })
     }
 
-    /// Starts a rig process behind a pseudo-terminal and opens its port.
+    /// Starts a rig process of this program behind a pseudo-terminal and opens its port.
+    ///
+    /// # Errors
+    /// When the process cannot be started or does not name its port.
     pub fn spawn(
         options: &RigOptions,
         robot_file: Option<&Path>,

@@ -1,0 +1,26 @@
+//! Running a twin on a port: what it is made of, the port that a name stands for, the checks before anything is
+//! asked of the boards, a plan carried out under observation, and what the drive adds up to.
+//!
+//! `run`, `goto`, `follow`, `pick-place`, the studies, the long run and the window all put their twins on a rig
+//! through this module.
+
+mod files;
+pub mod measures;
+pub mod model;
+mod ports;
+mod run;
+mod start;
+mod tally;
+mod tasks;
+
+pub use files::{read_text, read_toml};
+pub use ports::{
+    DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, open, rig_options,
+};
+pub use run::{Drive, Driven, Row, drive, over_limits, stopwatch};
+pub use start::{HELLO_S, Start, check_link};
+pub use tally::Tally;
+pub use tasks::{
+    BASKET_M, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Shape, fruit, longest_s,
+    objects, of_pick_place,
+};
