@@ -3,7 +3,6 @@
 mod report;
 
 use std::net::SocketAddr;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 #[cfg(unix)]
 use std::sync::{
@@ -17,19 +16,14 @@ use clap::Args;
 use super::args::{self, InstrumentArgs, Kind};
 use super::outputs::Overwrite;
 use super::{Failed, Report};
-use springtwin::drive::{
-    DEFAULT_RIG, HELLO_S, Start, Tally, check_link, model, objects, open, rig_options,
-};
+use springtwin::drive::{self, DEFAULT_RIG, TwinBuilder, objects, rig_options};
 #[cfg(unix)]
 use springtwin::rig::faults::Script;
 use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{Goal, Mode, Snapshot, Stamp};
+use springtwin::signal::Goal;
 use springtwin::task::Item;
-use springtwin::twin::{
-    Clock, Command, Event, LAST_WORDS, Runner, Twin, run_in_real_time, run_in_simulated_time,
-};
 
 #[derive(Args)]
 pub struct RunArgs {
@@ -129,88 +123,24 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     if let Some(file) = &a.record {
         a.overwrite.file(file)?;
     }
-    let maps = model::maps_for(robot)?;
-    let instruments = a.instruments.plain();
-    let mut twin = Twin::new(
-        robot,
-        maps,
-        model::sensing(robot, instruments.calibration.as_deref())?,
-        a.controller.gains(),
-    );
-    instruments.brief(&mut twin);
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "the command owns the main thread and its time"
-    )]
-    let start = std::time::Instant::now();
-    let options = rig_options(a.payload, a.seed);
-    let port = open(&a.rig, &options, robot_file, robot, start, &instruments)?;
-    let mut runner = Runner::new(twin, port, robot);
-    let goal = a.target.map(Goal::position);
-    let mut tally = Tally::default();
-    let mut asked = false;
-    let mut start_up = Start::new(a.reset);
-    let each =
-        |snapshot: &std::sync::Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
-            let first = tally.last.is_none();
-            tally.take(snapshot, events, goal.as_ref());
-            if first {
-                commands.push(Command::DeclarePayload(a.payload));
-                if let Some(path) = &a.record {
-                    commands.push(Command::StartRecording(path.clone()));
-                }
-                commands.extend(a.viewer().map(Command::StreamLive));
-            }
-            // To watch boards that are SAFE is allowed.
-            if !asked && (goal.is_some() || a.reset) {
-                match start_up.ready(snapshot, commands) {
-                    Ok(false) => {}
-                    Ok(true) => {
-                        asked = true;
-                        if let Some(goal) = &goal {
-                            commands.extend([Command::Arm, Command::Goto(goal.clone())]);
-                        }
-                    }
-                    Err(why) => tally.refused = Some(why),
-                }
-            }
-            let late = snapshot.stamp.seconds() > HELLO_S && !snapshot.link.connected && !asked;
-            if snapshot.stamp.seconds() >= a.seconds || tally.refused.is_some() || late {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
-        };
-    let pace = match runner.clock() {
-        Clock::Lockstep => run_in_simulated_time(&mut runner, each),
-        Clock::Host => run_in_real_time(&mut runner, start, each),
-    };
-    let end = tally.last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
-    let mut last = Vec::new();
-    runner.stop_recording(end, &mut last);
-    tally.stream = runner.stop_stream(end, LAST_WORDS, &mut last);
-    for event in &last {
-        log::info!("{}", event.text());
-        if let Event::Refused { reason, .. } = event {
-            tally.refused.get_or_insert_with(|| reason.clone());
-        }
-        if let Event::RecordingFailed { reason, .. } = event {
-            tally.recording_failed = Some(reason.clone());
-        }
-    }
-    if let Some(reason) = &tally.refused {
-        anyhow::bail!("{reason}");
-    }
-    if let Some(snapshot) = &tally.last {
-        check_link(&snapshot.link, &a.rig)?;
-        if let Mode::Safe(reason) = &snapshot.mode
-            && goal.is_some()
-        {
-            anyhow::bail!("the arm went SAFE: {reason}");
-        }
-    }
-    let report = report::report(&tally, pace, end.seconds(), a.record.as_deref());
-    match tally.recording_failed {
+    let twin = TwinBuilder::new(robot)
+        .robot_file(robot_file)
+        .rig(&a.rig, rig_options(a.payload, a.seed))
+        .gains(a.controller.gains())
+        .instruments(a.instruments.plain());
+    let ran = drive::run(
+        twin,
+        &drive::Run {
+            seconds: a.seconds,
+            declared_kg: a.payload,
+            target: a.target.map(Goal::position),
+            record: a.record.clone(),
+            viewer: a.viewer(),
+            reset: a.reset,
+        },
+    )?;
+    let report = report::report(&ran, a.record.as_deref());
+    match ran.tally.recording_failed {
         None => Ok(report),
         Some(why) => Err(Failed { report, why }.into()),
     }

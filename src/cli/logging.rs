@@ -137,8 +137,7 @@ mod tests {
     use springtwin::twin::{Arrivals, Clock, Port, Runner, Twin};
 
     use super::*;
-    use crate::cli::args::Kind;
-    use springtwin::drive::model;
+    use springtwin::drive::TwinBuilder;
 
     /// A terminal that takes nothing until it is let go.
     struct Terminal {
@@ -196,10 +195,8 @@ mod tests {
         let (done, is_done) = sync_channel(1);
         let ticks = move || {
             let robot = RobotSpec::reference();
-            let maps = model::maps_for(&robot).expect("the networks");
-            let sensing = model::sensing(&robot, None).expect("the calibration");
-            let twin = Twin::new(&robot, maps, sensing, Kind::Ours.gains());
-            let mut runner = Runner::new(twin, Box::new(Chatty), &robot);
+            let twin = TwinBuilder::new(&robot).port(Box::new(Chatty));
+            let mut runner = twin.build().expect("a twin").runner;
             for k in 0..3000 {
                 runner.tick(Stamp::from_seconds(f64::from(k) * 0.01), &[]);
             }

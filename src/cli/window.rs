@@ -80,7 +80,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         data: user::data_folder(),
     };
     let reachable = hull(&rigs.maps);
-    let made = rigs.runner(rig)?;
+    let made = rigs.driver(rig)?;
     let (calibration, registration) = rigs.belongings(rig)?;
     let twins = rigs.twins.clone();
     let rigs_data = rigs.data.clone();

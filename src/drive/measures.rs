@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::run::{Driven, Row};
+use super::plan::{Driven, Row};
 use crate::control::virtual_output;
 use crate::learn::{ErrorStats, PlantMap, quantile};
 use crate::robot::RobotSpec;

@@ -4,20 +4,26 @@
 //! `run`, `goto`, `follow`, `pick-place`, the studies, the long run and the window all put their twins on a rig
 //! through this module.
 
+mod driver;
 mod files;
+mod limits;
 pub mod measures;
 pub mod model;
+mod plan;
 mod ports;
 mod run;
 mod start;
 mod tally;
 mod tasks;
 
+pub use driver::{Driver, Ended, Observer, TwinBuilder, stopwatch};
 pub use files::{read_text, read_toml};
+pub use limits::over_limits;
+pub use plan::{Drive, Driven, Row, drive};
 pub use ports::{
-    DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, open, rig_options,
+    DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, rig_options,
 };
-pub use run::{Drive, Driven, Row, drive, over_limits, stopwatch};
+pub use run::{Ran, Run, run};
 pub use start::{HELLO_S, Start, check_link};
 pub use tally::Tally;
 pub use tasks::{

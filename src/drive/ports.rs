@@ -18,7 +18,7 @@ use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::registration::Registration;
 use crate::signal::{GroundTruth, PressureCommand, Stamp, TruthSource};
-use crate::twin::{Arrivals, Clock, Heard, InProcess, Port, SerialPort, Twin};
+use crate::twin::{Arrivals, Clock, Heard, InProcess, Port, SerialPort};
 
 /// The rig that is used where none is named: in this process, on simulated time.
 pub const DEFAULT_RIG: &str = "sim";
@@ -42,13 +42,6 @@ pub struct Instruments {
 impl Instruments {
     fn no_mocap(&self) -> bool {
         self.mocap_listen.is_none() && self.mocap_from.is_empty() && self.registration.is_none()
-    }
-
-    /// Lets a twin accept the virtual rig's calibration on hardware, where that was allowed.
-    pub fn brief(&self, twin: &mut Twin) {
-        if self.accept_virtual_calibration {
-            twin.accept_virtual_calibration();
-        }
     }
 
     /// Place of motion capture on the robot, if there is a file with it.
@@ -100,17 +93,18 @@ pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
     }
 }
 
-/// The port that `rig` names: `sim`, `pty`, or serial ports.
+/// The port that `rig` names: `sim`, `pty`, or serial ports. `script` is for a rig in this process.
 ///
 /// # Errors
 /// When there is no such port, or it does not go with the instruments.
-pub fn open(
+pub(super) fn open(
     rig: &str,
     options: &RigOptions,
     robot_file: Option<&Path>,
     robot: &RobotSpec,
     start: Instant,
     instruments: &Instruments,
+    script: Option<Script>,
 ) -> Result<Box<dyn Port>> {
     anyhow::ensure!(
         !matches!(rig, "sim" | "pty") || instruments.no_mocap(),
@@ -122,7 +116,7 @@ pub fn open(
         "sim" | "pty" => Box::new(in_process(
             VirtualRig::new(robot, options)?,
             board_config(robot),
-            None,
+            script,
         )),
         names => Box::new(SerialRig::open(names, robot, start, instruments)?),
     })

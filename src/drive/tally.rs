@@ -1,11 +1,13 @@
 //! What a run adds up to, in memory that does not grow with its length.
 
 use std::collections::VecDeque;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use super::driver::Observer;
 use crate::learn::RunningStats;
 use crate::signal::{Goal, Snapshot, Stamp, StreamStatus, pose_error};
-use crate::twin::Event;
+use crate::twin::{Command, Event};
 
 /// The distance from the target is the mean over so long before the end, s.
 const TARGET_S: f64 = 1.0;
@@ -13,14 +15,13 @@ const TARGET_S: f64 = 1.0;
 /// Running sums over the ticks of a run.
 #[derive(Default)]
 pub struct Tally {
+    target: Option<Goal>,
     /// Position errors of the estimate where motion capture saw the tip at the same time, mm.
     pub tip_error_mm: RunningStats,
     /// Rotation errors of the estimate at the same times, degrees.
     pub rotation_error_deg: RunningStats,
     /// Distance of the true tip from the target with its time, over the last second, mm.
     off_target_mm: VecDeque<(Stamp, f64)>,
-    /// Why a command was refused.
-    pub refused: Option<String>,
     /// Why the recording ended before the run.
     pub recording_failed: Option<String>,
     /// Whether a goal was reached.
@@ -34,11 +35,18 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Takes one tick. Its memory does not grow with the number of ticks.
-    pub fn take(&mut self, snapshot: &Arc<Snapshot>, events: &[Event], target: Option<&Goal>) {
+    /// Of a run to a target, or without one.
+    pub fn new(target: Option<Goal>) -> Self {
+        Self {
+            target,
+            ..Self::default()
+        }
+    }
+
+    /// Takes one tick. The memory does not grow with the number of ticks.
+    fn take(&mut self, snapshot: &Arc<Snapshot>, events: &[Event]) {
         for event in events {
             match event {
-                Event::Refused { reason, .. } => self.refused = Some(reason.clone()),
                 Event::RecordingFailed { reason, .. } => {
                     self.recording_failed = Some(reason.clone());
                 }
@@ -57,7 +65,7 @@ impl Tally {
             self.rotation_error_deg
                 .push(e.fixed_rows::<3>(3).norm().to_degrees());
         }
-        if let (Some(target), Some(truth)) = (target, truth) {
+        if let (Some(target), Some(truth)) = (&self.target, truth) {
             let d =
                 truth.base_from_tip.translation.vector - nalgebra::Vector3::from(target.position_m);
             self.off_target_mm
@@ -75,6 +83,18 @@ impl Tally {
         let off_mm = self.off_target_mm.iter().map(|(_, mm)| mm);
         (!self.off_target_mm.is_empty())
             .then(|| off_mm.sum::<f64>() / self.off_target_mm.len() as f64)
+    }
+}
+
+impl Observer for Tally {
+    fn observe(
+        &mut self,
+        snapshot: &Arc<Snapshot>,
+        events: &[Event],
+        _commands: &mut Vec<Command>,
+    ) -> ControlFlow<()> {
+        self.take(snapshot, events);
+        ControlFlow::Continue(())
     }
 }
 
@@ -108,9 +128,9 @@ mod tests {
     #[test]
     fn a_pose_from_before_motion_capture_stopped_scores_nothing() {
         let target = Goal::position([0.0, 0.0, -0.3]);
-        let mut tally = Tally::default();
+        let mut tally = Tally::new(Some(target));
         for k in 0..2000 {
-            tally.take(&tick(k, 5.0), &[], Some(&target));
+            tally.take(&tick(k, 5.0), &[]);
         }
         // Up to 0.1 s old it is compared: 0.1 mm at 1 mm/s.
         let most_mm = tally.tip_error_mm.stats().expect("scored").max;
@@ -122,17 +142,17 @@ mod tests {
     #[test]
     fn hours_take_no_more_memory_than_seconds() {
         let target = Goal::position([0.0, 0.0, -0.3]);
-        let mut tally = Tally::default();
+        let mut tally = Tally::new(Some(target));
         let bytes = |t: &Tally| {
             let queue = t.off_target_mm.capacity() * size_of::<(Stamp, f64)>();
             t.tip_error_mm.bytes() + t.rotation_error_deg.bytes() + queue
         };
         for k in 0..2000 {
-            tally.take(&tick(k, f64::MAX), &[], Some(&target));
+            tally.take(&tick(k, f64::MAX), &[]);
         }
         let early = bytes(&tally);
         for k in 2000..200_000 {
-            tally.take(&tick(k, f64::MAX), &[], Some(&target));
+            tally.take(&tick(k, f64::MAX), &[]);
         }
         assert_eq!(bytes(&tally), early);
         assert!(early < 100_000, "{early} bytes");

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::measures;
-use super::run::Driven;
+use super::plan::Driven;
 use crate::learn::ErrorStats;
 use crate::rig::Object;
 use crate::robot::RobotSpec;

@@ -14,11 +14,11 @@ use crate::cli::{Failed, Report};
 use springtwin::control::{ReachConfig, reach};
 use springtwin::drive::measures::{self, PathMeasures};
 use springtwin::drive::{
-    BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Row, Shape, drive,
-    fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
+    BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Row, Shape,
+    TwinBuilder, drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
 use springtwin::learn::ErrorStats;
-use springtwin::rig::RigOptions;
+use springtwin::rig::{Object, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Aim, Goal, Reach, ReachState};
 use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan};
@@ -77,29 +77,34 @@ impl Common {
         }
     }
 
-    fn drive<'a>(
-        &'a self,
-        robot: &'a RobotSpec,
-        robot_file: Option<&'a FilePath>,
+    /// Carries out the plan; `objects` lie about for the virtual rig.
+    fn drive(
+        &self,
+        robot: &RobotSpec,
+        robot_file: Option<&FilePath>,
         plan: Plan,
         seconds: f64,
-    ) -> Result<Drive<'a>> {
+        objects: Vec<Object>,
+    ) -> Result<Driven> {
         self.check_outputs()?;
-        Ok(Drive {
-            robot,
-            robot_file,
-            rig: &self.rig,
-            options: self.options(robot)?,
-            declared_kg: self.payload,
-            gains: self.controller.gains(),
+        let options = RigOptions {
+            objects,
+            ..self.options(robot)?
+        };
+        let twin = TwinBuilder::new(robot)
+            .robot_file(robot_file)
+            .rig(&self.rig, options)
+            .gains(self.controller.gains())
+            .instruments(self.instruments.plain());
+        let what = Drive {
             plan,
+            declared_kg: self.payload,
             seconds,
             after_s: 2.0,
-            script: None,
             record: self.record.clone(),
             reset: self.reset,
-            instruments: self.instruments.plain(),
-        })
+        };
+        drive(twin, &what, None)
     }
 
     fn write(&self, driven: &Driven, path: Option<&Path>, errors_mm: &[f64]) -> Result<()> {
@@ -148,7 +153,9 @@ fn ensure_carried_out(driven: &Driven, seconds: f64) -> Result<()> {
 pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
     let goal = goal(a.target, a.direction);
     let plan = Plan::goto(goal.clone());
-    let driven = drive(a.common.drive(robot, robot_file, plan, a.seconds)?)?;
+    let driven = a
+        .common
+        .drive(robot, robot_file, plan, a.seconds, Vec::new())?;
     ensure_no_refusal(&driven)?;
     let m = measures::of_move(&driven.rows, &goal, robot).context("there was no motion")?;
     let reached = driven.finished_s.is_some();
@@ -308,7 +315,9 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
     })
     .context("a path needs waypoints")?;
     let seconds = longest_s(&path, speed_m_s, a.laps);
-    let driven = drive(a.common.drive(robot, robot_file, plan, seconds)?)?;
+    let driven = a
+        .common
+        .drive(robot, robot_file, plan, seconds, Vec::new())?;
     ensure_carried_out(&driven, seconds)?;
     let m = measures::of_path(&driven, &path.waypoints_m, robot);
     a.common.write(&driven, Some(&path), &m.at_waypoints_mm)?;
@@ -386,9 +395,9 @@ pub fn pick_place(
     };
     let basket_m = a.basket.unwrap_or(BASKET_M);
     let plan = Plan::pick_and_place(&items, basket_m, LIFT_M);
-    let mut d = a.common.drive(robot, robot_file, plan.clone(), a.seconds)?;
-    d.options.objects = objects(&items);
-    let driven = drive(d)?;
+    let driven = a
+        .common
+        .drive(robot, robot_file, plan.clone(), a.seconds, objects(&items))?;
     ensure_carried_out(&driven, a.seconds)?;
     a.common.write(&driven, None, &[])?;
     let p = of_pick_place(&driven, &plan, basket_m, robot);

@@ -5,12 +5,12 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::super::Report;
-use springtwin::drive::Tally;
+use springtwin::drive::Ran;
 use springtwin::signal::{BOARDS, LinkStatus, Mode, StreamState, StreamStatus};
-use springtwin::twin::Pace;
 
 /// The report of a run without a window.
-pub fn report(tally: &Tally, pace: Pace, seconds: f64, record: Option<&Path>) -> Report {
+pub fn report(ran: &Ran, record: Option<&Path>) -> Report {
+    let (tally, pace, seconds) = (&ran.tally, ran.pace, ran.seconds);
     let tip = json!(tally.tip_error_mm.stats());
     let rotation = json!(tally.rotation_error_deg.stats());
     let target = tally.target_error_mm();

@@ -18,17 +18,16 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::{Map, Value, json};
 
-use super::args::Kind as Controller;
 use super::{Failed, Report, args};
 use faults::{FROM_OUTSIDE, IN_PROCESS, Kind, Weather};
 use operator::{Done, Operator};
-use springtwin::drive::{SerialRig, board_config, check_link, in_process, model, rig_options};
+use springtwin::drive::{
+    SerialRig, TwinBuilder, board_config, check_link, in_process, rig_options,
+};
 use springtwin::rig::{RigBoard, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{LinkStatus, Snapshot, Stamp};
-use springtwin::twin::{
-    Clock, Event, LAST_WORDS, Pace, Port, Runner, Twin, run_in_real_time, run_in_simulated_time,
-};
+use springtwin::twin::{Event, Pace, Port};
 use system::{Use, count_panics, in_use};
 use watch::{Broken, Watch, Watched};
 
@@ -186,11 +185,8 @@ pub fn run(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result
 }
 
 fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Outcome> {
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "the command owns the main thread and its time"
-    )]
-    let start = Instant::now();
+    let twin = TwinBuilder::new(robot);
+    let start = twin.start();
     let folder = Folder::new()?;
     let panics = count_panics();
     let watch = Watch::default();
@@ -218,19 +214,14 @@ fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Ou
         rig_process = rig.process_id();
         Box::new(rig)
     };
-    let twin = Twin::new(
-        robot,
-        model::maps_for(robot)?,
-        model::sensing(robot, None)?,
-        Controller::Ours.gains(),
-    );
-    let mut runner = Runner::new(twin, Box::new(Watched::new(inner, robot, &watch)), robot);
+    let watched = Watched::new(inner, robot, &watch);
+    let mut driver = twin.port(Box::new(watched)).build()?;
     let mut operator = Operator::new(robot, a.seed, &folder.0, nobody()?);
     let mut growth = Growth::new(a.hours);
     let mut last: Option<Arc<Snapshot>> = None;
     let mut frozen = false;
     let end_s = a.hours * HOUR_S;
-    let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<_>| {
+    let mut each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<_>| {
         let t_s = snapshot.stamp.seconds();
         watch.look_at(snapshot);
         operator.attend(snapshot, events, commands);
@@ -257,17 +248,12 @@ fn soak(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Ou
         }
     };
     // A panic ends the run, but not its report.
-    let ticked = std::panic::catch_unwind(AssertUnwindSafe(|| match runner.clock() {
-        Clock::Lockstep => run_in_simulated_time(&mut runner, each),
-        Clock::Host => run_in_real_time(&mut runner, start, each),
-    }));
+    let ticked = std::panic::catch_unwind(AssertUnwindSafe(|| driver.run(&mut [&mut each])));
     if let Some(process) = rig_process {
         freeze(process, false, &mut frozen);
     }
     let end = last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
-    let mut events = Vec::new();
-    runner.stop_recording(end, &mut events);
-    runner.stop_stream(end, LAST_WORDS, &mut events);
+    driver.finish(end);
     let link = last.map(|s| s.link.clone()).unwrap_or_default();
     check_link(&link, "the virtual rig")?;
     let mut seen = watch.seen();

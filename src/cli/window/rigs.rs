@@ -3,19 +3,19 @@
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::Result;
 
 use super::calibrate::{Setting, Store};
 use crate::cli::args::Kind;
-use springtwin::drive::{self, Instruments, model};
+use springtwin::drive::{Driver, Instruments, TwinBuilder, model};
 use springtwin::gui::services::PortEntry;
 use springtwin::link;
 use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
-use springtwin::twin::{Command, Handle, Maps, Runner, Twin, spawn};
+use springtwin::twin::{Command, Handle, Maps};
 
 /// A port that was just let go may be held for a moment: so often it is tried, and so long apart.
 const TRIES: usize = 5;
@@ -72,23 +72,20 @@ impl Rigs {
         matches!(rig, "sim" | "pty")
     }
 
-    /// A twin on `rig`, and when its session began.
-    pub fn runner(&self, rig: &str) -> Result<(Runner, Instant)> {
-        #[expect(
-            clippy::disallowed_methods,
-            reason = "the command owns the session's time"
-        )]
-        let start = Instant::now();
+    /// A twin on `rig`. Nothing moves.
+    pub fn driver(&self, rig: &str) -> Result<Driver> {
         let (_, instruments, trouble) = self.with_active(rig);
-        let sensing = model::sensing(&self.robot, instruments.calibration.as_deref())?;
-        let mut twin = Twin::new(&self.robot, self.maps.clone(), sensing, self.kind.gains());
-        instruments.brief(&mut twin);
+        let mut driver = TwinBuilder::new(&self.robot)
+            .robot_file(self.robot_file.as_deref())
+            .rig(rig, self.options.clone())
+            .maps(self.maps.clone())
+            .gains(self.kind.gains())
+            .instruments(instruments)
+            .build()?;
         if let Some(why) = trouble {
-            twin.explain_calibration(why);
+            driver.runner.twin.explain_calibration(why);
         }
-        let (file, robot) = (self.robot_file.as_deref(), &self.robot);
-        let port = drive::open(rig, &self.options, file, robot, start, &instruments)?;
-        Ok((Runner::new(twin, port, robot), start))
+        Ok(driver)
     }
 
     /// Where calibrations of `rig` are kept, and its instruments with the calibration that was saved last
@@ -155,7 +152,7 @@ impl Rigs {
         Ok((setting, registration))
     }
 
-    /// What a twin on `rig` is told first: what hangs in the gripper of an emulated arm.
+    /// The first commands of a twin on `rig`: what hangs in the gripper of an emulated arm.
     fn declared(&self, rig: &str) -> Vec<Command> {
         let payload_kg = self.options.surroundings.payload_kg;
         let declared = Command::DeclarePayload(payload_kg);
@@ -169,10 +166,10 @@ impl Rigs {
     pub fn start(
         &self,
         rig: &str,
-        (runner, start): (Runner, Instant),
+        driver: Driver,
         repaint: impl FnMut() + Send + 'static,
     ) -> std::io::Result<Handle> {
-        let (handle, thread) = spawn(runner, start, self.declared(rig), repaint)?;
+        let (handle, thread) = driver.spawn(self.declared(rig), repaint)?;
         self.twins.add(thread);
         Ok(handle)
     }
@@ -186,7 +183,7 @@ impl Rigs {
         let mut tried = 1;
         let made = loop {
             std::thread::sleep(BETWEEN);
-            match self.runner(rig) {
+            match self.driver(rig) {
                 Ok(made) => break made,
                 Err(e) if tried == TRIES => {
                     return Err(format!(
@@ -316,8 +313,8 @@ mod tests {
         assert_eq!(rigs.declared("/dev/ttyUSB0"), []);
         // What the window opens on, and what its menu offers first, is in step with the twin.
         assert_eq!(DEFAULT_RIG, VIRTUAL[0].0);
-        let (runner, _) = rigs.runner(DEFAULT_RIG).expect("the virtual rig");
-        assert_eq!(runner.clock(), Clock::Lockstep);
+        let driver = rigs.driver(DEFAULT_RIG).expect("the virtual rig");
+        assert_eq!(driver.runner.clock(), Clock::Lockstep);
         let handle = rigs.connect(DEFAULT_RIG, || {}).expect("the virtual rig");
         let mut looks = 0;
         while handle.snapshot().payload_kg != 0.15 {

@@ -13,17 +13,16 @@ use super::super::solve::Simulator;
 use super::super::{Report, args, picture};
 use super::rigs::{Rigs, Twins};
 use super::{Asks, hull, library};
-use springtwin::drive::{Instruments, board_config, in_process, model, rig_options};
+use springtwin::drive::{Instruments, TwinBuilder, model, rig_options};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
 use springtwin::gui::panels::Screen;
 use springtwin::gui::scene::Scene;
 use springtwin::gui::services::Job;
 use springtwin::gui::{App, Services};
-use springtwin::rig::VirtualRig;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Snapshot};
-use springtwin::twin::{Command, Maps, Runner, Twin, run_in_simulated_time};
+use springtwin::twin::{Command, Event, Maps};
 
 #[derive(Args)]
 pub struct ScreenshotArgs {
@@ -315,18 +314,10 @@ fn demonstration(
     maps: Maps,
     preview: Option<[f64; 3]>,
 ) -> Result<Vec<Snapshot>> {
-    let twin = Twin::new(
-        robot,
-        maps,
-        model::sensing(robot, None)?,
-        Kind::Ours.gains(),
-    );
-    let rig = VirtualRig::new(robot, &rig_options(0.0, 1))?;
-    let port = in_process(rig, board_config(robot), None);
-    let mut runner = Runner::new(twin, Box::new(port), robot);
-    runner.draw_shapes();
+    let mut driver = TwinBuilder::new(robot).maps(maps).build()?;
+    driver.runner.draw_shapes();
     let mut kept: Vec<Snapshot> = Vec::new();
-    run_in_simulated_time(&mut runner, |snapshot: &Arc<Snapshot>, _, commands| {
+    let mut keep = |snapshot: &Arc<Snapshot>, _: &[Event], commands: &mut Vec<Command>| {
         kept.push(Snapshot::clone(snapshot));
         match kept.len() {
             150 => commands.push(Command::Goto(Goal::position([0.09, 0.05, -0.30]))),
@@ -338,6 +329,7 @@ fn demonstration(
         } else {
             std::ops::ControlFlow::Break(())
         }
-    });
+    };
+    driver.run(&mut [&mut keep]);
     Ok(kept)
 }

@@ -17,8 +17,8 @@ use super::lab::Lab;
 use springtwin::control::Gains;
 use springtwin::drive::measures::{self, MoveMeasures, PathMeasures};
 use springtwin::drive::{
-    BASKET_M, Drive, Driven, Instruments, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures,
-    Script, Shape, drive, fruit, longest_s, objects, of_pick_place, rig_options,
+    BASKET_M, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Script, Shape,
+    TwinBuilder, drive, fruit, longest_s, objects, of_pick_place, rig_options,
 };
 use springtwin::robot::RobotSpec;
 use springtwin::signal::ControllerKind;
@@ -128,21 +128,19 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
             (Plan::pick_and_place(&fruit(), BASKET_M, LIFT_M), 900.0)
         }
     };
-    let driven = drive(Drive {
-        robot,
-        robot_file: None,
-        rig: "sim",
-        options,
-        declared_kg: trial.declared_kg,
-        gains: trial.gains,
+    let twin = TwinBuilder::new(robot)
+        .rig("sim", options)
+        .gains(trial.gains)
+        .script(trial.script);
+    let what = Drive {
         plan: plan.clone(),
+        declared_kg: trial.declared_kg,
         seconds,
         after_s: trial.after_s,
-        script: trial.script,
         record: None,
         reset: false,
-        instruments: Instruments::default(),
-    })?;
+    };
+    let driven = drive(twin, &what, None)?;
     let measured = match &trial.task {
         Task::Path(shape, _) => Some(Measured::Path(measures::of_path(
             &driven,

@@ -1,0 +1,245 @@
+//! A twin on a rig: put together in one place, ticked by one loop that observers look at.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+
+use super::model;
+use super::ports::{self, DEFAULT_RIG, Instruments, Script, rig_options};
+use crate::control::{Gains, Stopwatch};
+use crate::rig::RigOptions;
+use crate::robot::RobotSpec;
+use crate::signal::{ControllerKind, Snapshot, Stamp, StreamStatus};
+use crate::twin::{
+    Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, Runner, Twin, run_in_real_time,
+    run_in_simulated_time, spawn,
+};
+
+/// Builds a twin on a rig: robot, networks, calibration, controller and port.
+pub struct TwinBuilder<'a> {
+    pub(super) robot: &'a RobotSpec,
+    robot_file: Option<&'a Path>,
+    pub(super) rig: &'a str,
+    options: RigOptions,
+    maps: Option<Maps>,
+    gains: Gains,
+    instruments: Instruments,
+    pub(super) script: Option<Script>,
+    port: Option<Box<dyn Port>>,
+    stopwatch: Option<Stopwatch>,
+    start: Instant,
+}
+
+impl<'a> TwinBuilder<'a> {
+    /// A twin of `robot` with the shipped networks, calibration and controller, on the virtual rig in this process.
+    /// The session's time begins now.
+    pub fn new(robot: &'a RobotSpec) -> Self {
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "whoever builds a twin owns the time of its session"
+        )]
+        let start = Instant::now();
+        Self {
+            robot,
+            robot_file: None,
+            rig: DEFAULT_RIG,
+            options: rig_options(0.0, 1),
+            maps: None,
+            gains: Gains::of(ControllerKind::default()),
+            instruments: Instruments::default(),
+            script: None,
+            port: None,
+            stopwatch: None,
+            start,
+        }
+    }
+
+    /// The file that the robot came from: a rig in a process of its own reads it, too.
+    pub fn robot_file(mut self, file: Option<&'a Path>) -> Self {
+        self.robot_file = file;
+        self
+    }
+
+    /// The rig: `sim`, `pty`, or serial ports; `options` are those of a virtual one.
+    pub fn rig(mut self, rig: &'a str, options: RigOptions) -> Self {
+        (self.rig, self.options) = (rig, options);
+        self
+    }
+
+    /// Networks in place of the shipped ones.
+    pub fn maps(mut self, maps: Maps) -> Self {
+        self.maps = Some(maps);
+        self
+    }
+
+    /// The controller's tuning.
+    pub fn gains(mut self, gains: Gains) -> Self {
+        self.gains = gains;
+        self
+    }
+
+    /// Calibration and motion capture.
+    pub fn instruments(mut self, instruments: Instruments) -> Self {
+        self.instruments = instruments;
+        self
+    }
+
+    /// What happens to a virtual rig in this process.
+    pub fn script(mut self, script: Option<Script>) -> Self {
+        self.script = script;
+        self
+    }
+
+    /// A port in place of the one that the rig's name stands for. One on the host's clock was opened at
+    /// [`Self::start`].
+    pub fn port(mut self, port: Box<dyn Port>) -> Self {
+        self.port = Some(port);
+        self
+    }
+
+    /// Times the controller; the figures decide nothing.
+    pub fn timed(mut self) -> Self {
+        self.stopwatch = Some(stopwatch);
+        self
+    }
+
+    /// When the session's time began.
+    pub fn start(&self) -> Instant {
+        self.start
+    }
+
+    /// Opens the port and puts the twin on it. Nothing moves.
+    ///
+    /// # Errors
+    /// When networks or calibration cannot be read, or the port cannot be opened.
+    pub fn build(self) -> Result<Driver> {
+        let robot = self.robot;
+        let maps = match self.maps {
+            Some(maps) => maps,
+            None => model::maps_for(robot)?,
+        };
+        let sensing = model::sensing(robot, self.instruments.calibration.as_deref())?;
+        let mut twin = Twin::new(robot, maps.clone(), sensing, self.gains);
+        if let Some(stopwatch) = self.stopwatch {
+            twin.time_with(stopwatch);
+        }
+        if self.instruments.accept_virtual_calibration {
+            twin.accept_virtual_calibration();
+        }
+        let port = match self.port {
+            Some(port) => port,
+            None => ports::open(
+                self.rig,
+                &self.options,
+                self.robot_file,
+                robot,
+                self.start,
+                &self.instruments,
+                self.script,
+            )?,
+        };
+        Ok(Driver {
+            runner: Runner::new(twin, port, robot),
+            maps,
+            start: self.start,
+        })
+    }
+}
+
+/// Time since the first call: the stopwatch that is handed to the controller.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a stopwatch that is handed to the controller and decides nothing"
+)]
+pub fn stopwatch() -> Duration {
+    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+    START.get_or_init(Instant::now).elapsed()
+}
+
+/// Looks at every tick of a run.
+pub trait Observer {
+    /// Takes a snapshot and what happened; may add commands for the next tick, or end the run.
+    fn observe(
+        &mut self,
+        snapshot: &Arc<Snapshot>,
+        events: &[Event],
+        commands: &mut Vec<Command>,
+    ) -> ControlFlow<()>;
+}
+
+impl<F> Observer for F
+where
+    F: FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> ControlFlow<()>,
+{
+    fn observe(
+        &mut self,
+        snapshot: &Arc<Snapshot>,
+        events: &[Event],
+        commands: &mut Vec<Command>,
+    ) -> ControlFlow<()> {
+        self(snapshot, events, commands)
+    }
+}
+
+/// What was under way when a run ended.
+pub struct Ended {
+    /// How recording and stream ended.
+    pub events: Vec<Event>,
+    /// The live stream as it was, if there was one.
+    pub stream: Option<StreamStatus>,
+}
+
+/// A twin on a rig.
+pub struct Driver {
+    /// The twin with its port and its recorder.
+    pub runner: Runner,
+    pub(super) maps: Maps,
+    start: Instant,
+}
+
+impl Driver {
+    /// Ticks until an observer ends the run: as fast as it goes where the rig lives on simulated time, else on the
+    /// host's clock. All observers see every tick, in order.
+    pub fn run(&mut self, observers: &mut [&mut dyn Observer]) -> Pace {
+        let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
+            let mut flow = ControlFlow::Continue(());
+            for observer in observers.iter_mut() {
+                if observer.observe(snapshot, events, commands).is_break() {
+                    flow = ControlFlow::Break(());
+                }
+            }
+            flow
+        };
+        match self.runner.clock() {
+            Clock::Lockstep => run_in_simulated_time(&mut self.runner, each),
+            Clock::Host => run_in_real_time(&mut self.runner, self.start, each),
+        }
+    }
+
+    /// Ends recording and stream at `end`, the time of the last tick. Waits for the disk, and a moment for the viewer.
+    pub fn finish(mut self, end: Stamp) -> Ended {
+        let mut events = Vec::new();
+        self.runner.stop_recording(end, &mut events);
+        let stream = self.runner.stop_stream(end, LAST_WORDS, &mut events);
+        for event in &events {
+            log::info!("{}", event.text());
+        }
+        Ended { events, stream }
+    }
+
+    /// Starts the twin's own thread; see [`spawn`].
+    ///
+    /// # Errors
+    /// When the thread cannot be started.
+    pub fn spawn(
+        self,
+        first: Vec<Command>,
+        repaint: impl FnMut() + Send + 'static,
+    ) -> std::io::Result<(Handle, JoinHandle<()>)> {
+        spawn(self.runner, self.start, first, repaint)
+    }
+}
