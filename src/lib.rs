@@ -1,7 +1,7 @@
 //! springtwin: a digital twin for a two-segment pneumatic soft manipulator whose shape is sensed by
 //! twelve inductive springs and four IMUs.
 //!
-//! ARCHITECTURE.md draws the rooms and the direction in which things flow.
+//! ARCHITECTURE.md draws the modules and the direction in which things flow.
 
 pub mod control;
 pub mod drive;

@@ -1,4 +1,4 @@
-//! Options that several commands have, and parsers for values. A refusal says what was given and what is wanted.
+//! Options that several commands have, and parsers for values. An error names what was given and what is needed.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;

@@ -83,7 +83,7 @@ fn write_lines(lines: &Receiver<Vec<u8>>, mut sink: impl Write, counts: &Counts)
 pub struct Log(Option<Arc<Counts>>);
 
 impl Log {
-    /// Logs to standard error what `RUST_LOG` says, `filter` without it.
+    /// Logs to standard error what `RUST_LOG` selects, `filter` without it.
     pub fn begin(filter: &str) -> Self {
         let mut builder = Builder::from_env(Env::default().default_filter_or(filter));
         // Not through the lock of standard error: whoever reports an error at the end needs it.
@@ -207,7 +207,7 @@ mod tests {
         is_done
             .recv_timeout(Duration::from_secs(60))
             .expect("a tick waits for the terminal");
-        // It goes on, and what was dropped is told.
+        // It goes on, and what was dropped is reported.
         drop(stop);
         log.end();
         let text = String::from_utf8(seen.lock().expect("not poisoned").clone()).expect("text");
@@ -215,7 +215,7 @@ mod tests {
             .lines()
             .find(|l| l.contains("lines of the log are missing"));
         let missing: usize = missing
-            .expect("told")
+            .expect("reported")
             .split(' ')
             .next()
             .and_then(|n| n.parse().ok())

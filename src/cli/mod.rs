@@ -3,7 +3,7 @@
 //! `--json` prints one JSON object on standard output; logs go to standard error. Exit code 0 only
 //! on success, 2 on bad usage, 1 otherwise, with one plain sentence.
 //!
-//! The binary's only room: it sees every other, opens files, ports and windows for them, and is imported by
+//! The binary's only module: it sees the library's, opens files, ports and windows for them, and is imported by
 //! none. What can be tested without a file or a clock belongs into the library.
 
 mod args;

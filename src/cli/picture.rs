@@ -71,7 +71,7 @@ pub fn show_mesh(robot: &RobotSpec, snapshot: &mut Snapshot) -> Result<()> {
     Ok(())
 }
 
-/// The 3D view alone, with a line that tells what it shows.
+/// The 3D view alone, with a caption.
 pub fn arm(
     offscreen: &mut Offscreen,
     mut scene: Scene,
@@ -80,7 +80,7 @@ pub fn arm(
 ) -> Result<image::RgbaImage> {
     let (title, details) = caption(snapshot);
     let palette = Palette::of(theme);
-    // Between ceiling plate and floor there is more room than the arm needs.
+    // Between ceiling plate and floor there is more space than the arm needs.
     scene.camera.distance_m *= 0.82;
     let picture = offscreen.render(|ui| {
         let bar = egui::Frame::new()
@@ -128,7 +128,7 @@ fn caption(snapshot: &Snapshot) -> (String, String) {
     (title.to_owned(), details)
 }
 
-/// Writes a picture as small as PNG makes it; a window is opaque, so its alpha says nothing.
+/// Writes a picture as small as PNG makes it; a window is opaque, so its alpha is dropped.
 pub fn save(picture: image::RgbaImage, out: &Path) -> Result<()> {
     let refused = || format!("cannot write {}", out.display());
     let file = std::fs::File::create(out).with_context(refused)?;

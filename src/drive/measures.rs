@@ -10,7 +10,7 @@ use crate::signal::{Aim, CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
 
 /// A chamber set this close to its bound counts as saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
-/// Settled: within so much of the goal for good.
+/// Settled: comes within so much of the goal and stays there.
 const SETTLED_M: f64 = 1e-3;
 const SETTLED_RAD: f64 = std::f64::consts::PI / 180.0;
 /// Stretch over which a speed is taken, s.

@@ -57,7 +57,7 @@ impl Tally {
                 _ => {}
             }
         }
-        // What motion capture saw before it lost the object says nothing of now.
+        // What motion capture saw before it lost the object is no reference for now.
         let truth = snapshot.fresh_truth();
         if let (Some(estimate), Some(truth)) = (&snapshot.estimate, truth) {
             let e = pose_error(&estimate.base_from_tip, &truth.base_from_tip);

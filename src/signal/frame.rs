@@ -150,9 +150,9 @@ impl Health {
     }
 }
 
-/// Doubt about a length that is only held, m.
+/// Standard deviation of a length that is only held, m.
 pub const UNKNOWN_M: f64 = 0.02;
-/// Doubt about an angle that is only held, rad.
+/// Standard deviation of an angle that is only held, rad.
 pub const UNKNOWN_RAD: f64 = 0.35;
 
 /// Calibrated sensors at one instant.
@@ -160,12 +160,11 @@ pub const UNKNOWN_RAD: f64 = 0.35;
 pub struct SensorFrame {
     /// When the raw frame was sampled.
     pub stamp: Stamp,
-    /// The 24 signals. For channels that cannot be believed it is what the other channels say that
-    /// they would read; where these cannot tell, the last good value is held.
+    /// The 24 signals. Those of channels that are not usable are reconstructed from the other channels; where that is
+    /// impossible, the last good value is held.
     pub sensors: SensorVec,
-    /// Standard deviation by which each of the 24 signals may be off beyond its usual noise, m and rad:
-    /// because others told it, argue against it, or have not confirmed its heading for a while;
-    /// [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
+    /// Standard deviation by which each of the 24 signals may be off beyond its usual noise, m and rad: because it is
+    /// reconstructed, inconsistent with the others, or its heading has not been confirmed for a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
     pub doubt: [f64; SIGNALS],
     /// Gauge pressure of each chamber, Pa.
     pub chamber_pa: [f64; CHAMBERS],
@@ -174,7 +173,7 @@ pub struct SensorFrame {
 }
 
 impl SensorFrame {
-    /// Whether there are signals that neither their sensors nor the others tell.
+    /// Whether there are signals that can neither be read nor reconstructed.
     pub fn is_blind(&self) -> bool {
         let (springs, imus) = self.doubt.split_at(SPRINGS);
         springs.iter().any(|sd| *sd >= UNKNOWN_M) || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)

@@ -1,8 +1,8 @@
-//! The types that cross doors between rooms: time stamps, frames, commands, snapshots, datasets.
+//! The types that cross the interfaces between modules: time stamps, frames, commands, snapshots, datasets.
 //!
 //! Everything here is plain data in SI units (seconds, metres, radians, pascals, kilograms);
 //! every dimensional name ends in its unit. Transforms are written `a_from_b`, vectors `x_in_a`.
-//! This room imports no other room.
+//! This module imports no other.
 
 mod alarm;
 mod command;

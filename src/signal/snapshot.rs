@@ -11,7 +11,7 @@ use super::{
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
 pub const FAR_DISTANCE: f64 = 2.0;
 
-/// Where the tip is, as the sensors tell it.
+/// The pose of the tip, as estimated from the sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
     /// When the sensors were sampled.
@@ -298,6 +298,6 @@ pub struct Trace {
     pub snapshots: Vec<Snapshot>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,
-    /// Whether the data were simulated; `None` when nobody says.
+    /// Whether the data were simulated; `None` when it is not known.
     pub simulated: Option<bool>,
 }

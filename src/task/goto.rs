@@ -224,7 +224,7 @@ mod tests {
         assert!((t - (2.0 + 0.92 + 0.5)).abs() < 0.05, "{t}");
         assert!((arrival.duration_s - t).abs() < 1e-9 && arrival.distance_m <= 1e-3);
         assert!(matches!(task.state(), GotoState::AtGoal));
-        // Pushed away, it is on its way again and arrives anew.
+        // Pushed away, it is on its way again and arrives again.
         assert!(feed(&mut task, 6.0, 7.0, 0.01).is_empty());
         assert!(matches!(task.state(), GotoState::Moving { .. }));
         assert_eq!(feed(&mut task, 7.0, 9.0, 0.0).len(), 1);

@@ -1,8 +1,8 @@
 //! What the operator asks the arm to do: go to a point, follow a path, pick and place.
 //!
 //! Pure state machines over estimates and verdicts; they command no pressure and read no clock. A [`Plan`] is a
-//! row of legs, a [`Routine`] is a plan under way. This room imports robot and signal alone: whether a stop
-//! can be reached, it is told.
+//! row of legs, a [`Routine`] is a plan under way. This module imports robot and signal alone: the
+//! verdict whether a stop can be reached is an input.
 
 mod goto;
 mod path;

@@ -22,7 +22,7 @@ const LAG_SMOOTHING_S: f64 = 0.2;
 pub enum Happening {
     /// The tip has settled at a goal.
     Arrived(Arrival),
-    /// The gripper has been told, and holds so much (kg) from now on.
+    /// The gripper was commanded, and holds so much (kg) from now on.
     Gripped(Gripper, f64),
     /// Nothing is left to do; the last goal is kept.
     Finished,

@@ -9,7 +9,7 @@ use crate::signal::ControllerKind;
 use crate::signal::{Goal, Gripper, Mode, Severity, Simulator, Snapshot, Stamp};
 use crate::task::Plan;
 
-/// What the operator (or a script) asks of the twin.
+/// A command of the operator (or of a script) to the twin.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     /// Allow motion; pressures and gripper stay as they are. Refused while the link is not healthy, and on hardware
@@ -109,7 +109,7 @@ pub enum Event {
         /// Why, what is kept, and what to do.
         reason: String,
     },
-    /// Something that the operator should mend soon.
+    /// Something that the operator should repair soon.
     Warning {
         /// When.
         stamp: Stamp,
@@ -197,7 +197,7 @@ pub struct Handle {
 }
 
 impl Handle {
-    /// Sends a command; says so when the twin is gone or its queue is full.
+    /// Sends a command; an error when the twin is gone or its queue is full.
     ///
     /// # Errors
     /// One sentence for the operator.

@@ -1,6 +1,6 @@
 //! Boards in this process, on simulated time.
 
-use super::{Arrivals, Clock, Port};
+use super::port::{Arrivals, Clock, Port};
 use crate::link::wire::Config;
 use crate::link::{HostSession, Origin};
 use crate::signal::{GroundTruth, PressureCommand, Stamp};

@@ -6,25 +6,16 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::{Command, Event, Runner};
+use super::command::{Command, Event};
+use super::port::TICK_S;
+use super::runner::Runner;
 use crate::signal::{Snapshot, Stamp};
 
-/// The twin's period, s.
-pub const TICK_S: f64 = 0.01;
 const TICK: Duration = Duration::from_millis(10);
 /// Simulated time that has fallen behind real time by no more than this is made up for.
 const MADE_UP: Duration = Duration::from_millis(50);
 /// The real-time factor is a mean over this time.
 const FACTOR_OVER: Duration = Duration::from_secs(2);
-
-/// The clock that passes at the other end of a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Clock {
-    /// The host's: the boards go on whether the twin ticks or not.
-    Host,
-    /// Simulated time, which passes with the ticks, one period each: without a tick nothing happens at the boards.
-    Lockstep,
-}
 
 /// How well a loop kept its period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,7 +26,7 @@ pub struct Pace {
     pub missed: u64,
 }
 
-/// Ticks on the host's clock until `each` says stop. `each` sees every snapshot with its events and may
+/// Ticks on the host's clock until `each` ends them. `each` sees every snapshot with its events and may
 /// add commands for the next tick.
 pub fn run_in_real_time(
     runner: &mut Runner,
@@ -68,7 +59,7 @@ pub fn run_in_real_time(
     }
 }
 
-/// Ticks on simulated time, as fast as it goes, until `each` says stop.
+/// Ticks on simulated time, as fast as it goes, until `each` ends them.
 pub fn run_in_simulated_time(
     runner: &mut Runner,
     each: impl FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> ControlFlow<()>,
@@ -76,7 +67,7 @@ pub fn run_in_simulated_time(
     run_in_steps(runner, |_| {}, each)
 }
 
-/// Ticks on simulated time that keeps beside real time where the machine is fast enough, until `each` says stop.
+/// Ticks on simulated time that keeps beside real time where the machine is fast enough, until `each` ends them.
 /// Where it is not, or was not run for a while, simulated time falls behind; no tick is skipped.
 pub fn run_in_lockstep(
     runner: &mut Runner,
@@ -88,7 +79,7 @@ pub fn run_in_lockstep(
     let wait = |runner: &mut Runner| {
         std::thread::sleep(pacer.wait(start.elapsed()));
         let factor = pacer.real_time_factor(start.elapsed());
-        runner.twin.observe_real_time_factor(factor);
+        runner.observe_real_time_factor(factor);
     };
     run_in_steps(runner, wait, each)
 }

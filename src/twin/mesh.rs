@@ -1,5 +1,5 @@
 //! The geometric simulator behind the drawn arm. It takes tens of milliseconds, so a thread of its own
-//! settles it; the twin asks and goes on.
+//! settles it; the twin asks and continues.
 
 use nalgebra::Vector3;
 
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_beyond_the_arm_is_told_and_the_last_state_serves_on() {
+    fn a_load_beyond_the_arm_is_reported_and_the_last_state_serves_on() {
         let mut solver = MeshSolver::new(&RobotSpec::reference());
         let before = solver.solve(&question([10.0; 6])).expect("settles");
         let mut bad = question([f64::NAN; 6]);

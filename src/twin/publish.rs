@@ -7,13 +7,15 @@ use std::sync::{Arc, Mutex, TryLockError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use super::{Clock, Command, Event, Handle, Runner, SETTLING_FRAMES};
-use super::{run_in_lockstep, run_in_real_time};
+use super::command::{Command, Event, Handle};
+use super::loops::{run_in_lockstep, run_in_real_time};
+use super::port::{Clock, SETTLING_FRAMES};
+use super::runner::Runner;
 use crate::signal::{Snapshot, Stamp};
 
 /// Snapshots that wait for the window at most: two seconds' worth.
 const FEED: usize = 200;
-/// Events in the window's queue at most; what finds no room there waits with the twin's thread.
+/// Events in the window's queue at most; what does not fit waits with the twin's thread.
 const EVENTS: usize = 256;
 /// Notices and warnings that wait with the twin's thread at most.
 const NOTICES: usize = 256;
@@ -87,7 +89,7 @@ struct Waiting {
     left_out: u64,
 }
 
-/// The text of an event that says something and answers nothing.
+/// The text of an event that answers nothing.
 fn notice(event: &Event) -> Option<&str> {
     match event {
         Event::Notice { text, .. } | Event::Warning { text, .. } => Some(text),
@@ -117,7 +119,7 @@ impl Waiting {
         self.events.push_back(event);
     }
 
-    /// What is said in place of the notices that were left out.
+    /// The notice in place of those that were left out.
     fn gap(&self, now: Stamp) -> Option<Event> {
         let n = self.left_out;
         (n > 0).then(|| Event::Notice {

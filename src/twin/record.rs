@@ -3,25 +3,25 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Event, Runner};
-use crate::recording::{LOW_SPACE_BYTES, Recorder, RecorderState, RecordingSummary};
+use super::command::Event;
+use crate::recording::{LOW_SPACE_BYTES, Recorder, RecorderState, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
 /// A recording under way.
-pub(super) struct Recording {
+struct Recording {
     path: PathBuf,
     recorder: Recorder,
-    /// Whether the operator knows that it has begun.
-    told: bool,
-    /// Whether the operator knows that the disk is nearly full.
+    /// Whether its beginning has been reported.
+    announced: bool,
+    /// Whether it has been reported that the disk is nearly full.
     warned: bool,
     /// Takes nothing more; what waits is being written.
     closing: bool,
 }
 
 impl Recording {
-    /// Hands over a snapshot and what happened. What the recording says of itself is not part of it.
-    pub(super) fn push(&self, now: Stamp, snapshot: &Arc<Snapshot>, events: &[Event]) {
+    /// Hands over a snapshot and what happened. What becomes of the recording itself is not part of it.
+    fn push(&self, now: Stamp, snapshot: &Arc<Snapshot>, events: &[Event]) {
         if self.closing {
             return;
         }
@@ -35,16 +35,25 @@ impl Recording {
     }
 }
 
-impl Runner {
-    /// Begins a recording; whether its file can be made turns out later.
-    pub(super) fn start_recording(
+/// The recording under way, if there is one.
+#[derive(Default)]
+pub(super) struct Recordings {
+    running: Option<Recording>,
+    /// Name of the recording that takes snapshots.
+    name: Option<String>,
+}
+
+impl Recordings {
+    /// Begins a recording of the session that `session` describes by a name; whether its file can be made turns out
+    /// later.
+    pub(super) fn start(
         &mut self,
         now: Stamp,
         path: &Path,
-        simulated: bool,
+        session: impl FnOnce(String) -> RecordingMeta,
         events: &mut Vec<Event>,
     ) {
-        let busy = self.recording.as_ref().map(|r| match r.closing {
+        let busy = self.running.as_ref().map(|r| match r.closing {
             false => "A recording is running already: stop it first.".to_owned(),
             true => format!(
                 "The recording {} is still being written: try again when it is done.",
@@ -58,14 +67,14 @@ impl Runner {
         let name = path
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        match Recorder::start(path, self.session(name.clone(), simulated)) {
+        match Recorder::start(path, session(name.clone())) {
             Ok(recorder) => {
                 recorder.event(now, begun(path));
-                self.twin.observe_recording(Some(name));
-                self.recording = Some(Recording {
+                self.name = Some(name);
+                self.running = Some(Recording {
                     path: path.to_owned(),
                     recorder,
-                    told: false,
+                    announced: false,
                     warned: false,
                     closing: false,
                 });
@@ -77,18 +86,35 @@ impl Runner {
         }
     }
 
-    /// Lets the recording end, if one runs; [`Runner::watch_recording`] tells when it has.
-    pub(super) fn close_recording(&mut self) {
-        if let Some(recording) = &mut self.recording {
-            recording.recorder.close();
-            recording.closing = true;
-            self.twin.observe_recording(None);
+    /// Whether a recording runs or is still being written.
+    pub(super) fn is_running(&self) -> bool {
+        self.running.is_some()
+    }
+
+    /// Name of the recording that takes snapshots, if one does.
+    pub(super) fn name(&self) -> Option<&String> {
+        self.name.as_ref()
+    }
+
+    /// Hands over a snapshot and what happened.
+    pub(super) fn push(&self, now: Stamp, snapshot: &Arc<Snapshot>, events: &[Event]) {
+        if let Some(recording) = &self.running {
+            recording.push(now, snapshot, events);
         }
     }
 
-    /// Tells the operator what has become of the recording.
-    pub(super) fn watch_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
-        let Some(recording) = &mut self.recording else {
+    /// Lets the recording end, if one runs; [`Self::watch`] reports when it has.
+    pub(super) fn close(&mut self) {
+        if let Some(recording) = &mut self.running {
+            recording.recorder.close();
+            recording.closing = true;
+            self.name = None;
+        }
+    }
+
+    /// Reports what has become of the recording.
+    pub(super) fn watch(&mut self, now: Stamp, events: &mut Vec<Event>) {
+        let Some(recording) = &mut self.running else {
             return;
         };
         if recording.recorder.low_space() && !recording.warned {
@@ -105,26 +131,24 @@ impl Runner {
         if state == RecorderState::Opening {
             return;
         }
-        if !recording.told && !matches!(state, RecorderState::Refused(_)) {
-            recording.told = true;
+        if !recording.announced && !matches!(state, RecorderState::Refused(_)) {
+            recording.announced = true;
             let text = begun(&recording.path);
             events.push(Event::Recording { stamp: now, text });
         }
         if let Some(event) = last_word(now, &recording.path, state) {
             events.push(event);
-            self.recording = None;
-            self.twin.observe_recording(None);
+            self.running = None;
+            self.name = None;
         }
     }
 
-    /// Ends the recording, if one runs, and tells how it went. Waits for the disk: the control loop must
-    /// be over.
-    pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
-        let Some(recording) = self.recording.take() else {
-            return;
-        };
-        self.twin.observe_recording(None);
-        events.extend(last_word(now, &recording.path, recording.recorder.stop()));
+    /// Ends the recording, if one runs, and reports how it went. Waits for the disk: the control loop must be over.
+    pub(super) fn stop(&mut self, now: Stamp, events: &mut Vec<Event>) {
+        self.name = None;
+        if let Some(recording) = self.running.take() {
+            events.extend(last_word(now, &recording.path, recording.recorder.stop()));
+        }
     }
 }
 

@@ -1,64 +1,29 @@
-//! The twin with its surroundings: a port, a recorder, a stream.
+//! The twin with its surroundings: a port, a view, a recorder, a stream.
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use super::loops::Clock;
-use super::mesh::mesh_worker;
-use super::newest::Newest;
-use super::record::Recording;
-use super::shape::Drawing;
-use super::stream::{LAST_WORDS, OldStream, Told};
-use super::{Command, Event, MeshAnswer, MeshQuestion, Twin};
-use crate::link::LinkEvent;
-use crate::recording::{ArmDrawing, LiveStream, RecordingMeta};
+use super::command::{Command, Event};
+use super::core::Twin;
+use super::port::{Clock, NoPort, Port};
+use super::record::Recordings;
+use super::stream::{LAST_WORDS, Streams};
+use super::view::View;
+use crate::recording::{ArmDrawing, RecordingMeta};
 use crate::robot::RobotSpec;
-use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Snapshot, Stamp};
+use crate::signal::{Snapshot, Stamp, StreamStatus};
 
-/// Frames after which the orientation filters have settled.
-pub const SETTLING_FRAMES: u64 = 100;
-
-/// What arrived since the last poll.
-#[derive(Default)]
-pub struct Arrivals {
-    /// Frames, oldest first.
-    pub frames: Vec<RawFrame>,
-    /// Motion capture, oldest first.
-    pub truths: Vec<GroundTruth>,
-    /// State of the link.
-    pub status: LinkStatus,
-    /// Things worth telling.
-    pub notices: Vec<LinkEvent>,
-}
-
-/// The boards, however they are reached: over a serial port, or in this process on simulated time.
-pub trait Port: Send {
-    /// The clock that passes at the other end.
-    fn clock(&self) -> Clock;
-    /// What arrived up to `now`.
-    fn poll(&mut self, now: Stamp) -> Arrivals;
-    /// Sends a command. `None` sends no pressures.
-    fn send(&mut self, now: Stamp, command: Option<&PressureCommand>);
-    /// Tells the boards to switch their pumps off and latch.
-    fn estop(&mut self, now: Stamp);
-    /// Lets the boards leave their latched state.
-    fn reset(&mut self, now: Stamp);
-}
-
-/// A twin, its port and its recorder.
+/// A twin, its port, its view and its recorder.
 pub struct Runner {
     /// The twin.
     pub twin: Twin,
     port: Box<dyn Port>,
-    pub(super) robot: RobotSpec,
-    pub(super) recording: Option<Recording>,
-    pub(super) stream: Option<LiveStream>,
-    pub(super) old_streams: Vec<OldStream>,
-    pub(super) streaming_told: Told,
-    /// Started when the mesh is shown for the first time.
-    pub(super) mesh: Option<Newest<MeshQuestion, MeshAnswer>>,
-    pub(super) drawing: Drawing,
-    /// Whether somebody looks at the arm.
-    pub(super) looked_at: bool,
+    robot: RobotSpec,
+    pub(super) view: View,
+    recordings: Recordings,
+    streams: Streams,
+    /// Where simulated time is kept beside real time.
+    real_time_factor: Option<f64>,
     was_safe: bool,
 }
 
@@ -69,13 +34,10 @@ impl Runner {
             twin,
             port,
             robot: robot.clone(),
-            recording: None,
-            stream: None,
-            old_streams: Vec::new(),
-            streaming_told: Told::default(),
-            mesh: None,
-            drawing: Drawing::default(),
-            looked_at: false,
+            view: View::new(robot),
+            recordings: Recordings::default(),
+            streams: Streams::default(),
+            real_time_factor: None,
             was_safe: false,
         }
     }
@@ -85,9 +47,50 @@ impl Runner {
         self.port.clock()
     }
 
-    /// One tick: port, twin, port, recorder. Every frame that waited is processed; commands go
-    /// with the last one.
+    /// Settles the arm's shapes from now on, because somebody looks at them. A recording and a stream do so, too.
+    pub fn draw_shapes(&mut self) {
+        self.view.look();
+    }
+
+    /// Lets a thread of its own settle the shapes.
+    pub(super) fn draw_beside(&mut self) {
+        self.view.draw_beside();
+    }
+
+    /// Takes simulated time per real time over the last seconds, for the snapshot.
+    pub(super) fn observe_real_time_factor(&mut self, factor: Option<f64>) {
+        self.real_time_factor = factor;
+    }
+
+    /// One tick. The command goes to the boards before anything is recorded, logged or drawn.
     pub fn tick(&mut self, now: Stamp, commands: &[Command]) -> (Arc<Snapshot>, Vec<Event>) {
+        let mut events = self.control(now, commands);
+        let mut snapshot = self.twin.snapshot();
+        for command in commands {
+            self.serve(now, command, &snapshot, &mut events);
+        }
+        self.recordings.watch(now, &mut events);
+        self.streams.watch(now, &mut events);
+        for event in &events {
+            let level = match event {
+                Event::Warning { .. } | Event::RecordingFailed { .. } => log::Level::Warn,
+                _ => log::Level::Info,
+            };
+            log::log!(level, "{:9.3} s  {}", now.seconds(), event.text());
+        }
+        let is_kept = self.recordings.is_running() || self.streams.is_running();
+        self.view.update(&mut snapshot, is_kept);
+        snapshot.real_time_factor = self.real_time_factor;
+        snapshot.recording = self.recordings.name().cloned();
+        snapshot.streaming = self.streams.status().cloned();
+        let snapshot = Arc::new(snapshot);
+        self.recordings.push(now, &snapshot, &events);
+        self.streams.push(now, &snapshot, &events);
+        (snapshot, events)
+    }
+
+    /// Port, twin, port: every frame that waited is processed; commands go with the last one.
+    fn control(&mut self, now: Stamp, commands: &[Command]) -> Vec<Event> {
         let arrivals = self.port.poll(now);
         let mut events: Vec<Event> = arrivals
             .notices
@@ -97,7 +100,6 @@ impl Runner {
         for truth in arrivals.truths {
             self.twin.observe_truth(truth);
         }
-        let simulated = arrivals.status.simulated;
         self.twin.observe_link(arrivals.status);
         // Only the newest frame is answered; older ones that piled up still move the filters.
         let mut frames = arrivals.frames;
@@ -115,77 +117,43 @@ impl Runner {
             (false, false) => self.port.send(now, command.as_ref()),
         }
         self.was_safe = self.twin.is_safe();
-        for command in commands {
-            match command {
-                Command::StartRecording(path) => {
-                    self.start_recording(now, path, simulated, &mut events)
-                }
-                Command::StopRecording => self.close_recording(),
-                Command::StreamLive(address) => {
-                    self.start_stream(now, *address, simulated, &mut events);
-                }
-                Command::StopStream => self.close_stream(now),
-                _ => {}
-            }
-        }
-        self.watch_recording(now, &mut events);
-        self.watch_stream(now, &mut events);
-        for event in &events {
-            let level = match event {
-                Event::Warning { .. } | Event::RecordingFailed { .. } => log::Level::Warn,
-                _ => log::Level::Info,
-            };
-            log::log!(level, "{:9.3} s  {}", now.seconds(), event.text());
-        }
-        self.exchange_shape();
-        self.exchange_mesh();
-        let snapshot = Arc::new(self.twin.snapshot());
-        if let Some(recording) = &self.recording {
-            recording.push(now, &snapshot, &events);
-        }
-        if let Some(stream) = &self.stream {
-            stream.push(Arc::clone(&snapshot));
-            for event in &events {
-                stream.event(now, event.text());
-            }
-        }
-        (snapshot, events)
+        events
     }
 
-    /// Hands the mesh's thread its next question and fetches what it has found; waits for nothing.
-    fn exchange_mesh(&mut self) {
-        if let Some(question) = self.twin.mesh_question() {
-            if self.mesh.is_none() {
-                match mesh_worker(&self.robot) {
-                    Ok(worker) => self.mesh = Some(worker),
-                    Err(e) => {
-                        let reason = format!("a thread for the mesh cannot be started ({e})");
-                        self.twin.observe_mesh(Err(reason));
-                    }
-                }
+    /// Carries out a command that is not the twin's own.
+    fn serve(&mut self, now: Stamp, command: &Command, known: &Snapshot, events: &mut Vec<Event>) {
+        let robot = &self.robot;
+        match command {
+            Command::Show(simulator) => self.view.show(*simulator),
+            Command::StartRecording(path) => {
+                let session = |name| session(robot, known, name);
+                self.recordings.start(now, path, session, events);
             }
-            if let Some(worker) = &self.mesh {
-                worker.ask(question);
+            Command::StopRecording => self.recordings.close(),
+            Command::StreamLive(address) => {
+                let session = |name| session(robot, known, name);
+                self.streams.start(now, *address, session, events);
             }
-        }
-        if let Some(answer) = self.mesh.as_ref().and_then(Newest::answer) {
-            self.twin.observe_mesh(answer);
+            Command::StopStream => self.streams.close(now),
+            _ => {}
         }
     }
 
-    /// What a recording tells of the session as a whole.
-    pub(super) fn session(&self, name: String, simulated: bool) -> RecordingMeta {
-        let now_known = self.twin.snapshot();
-        RecordingMeta {
-            name,
-            robot: self.robot.name.clone(),
-            robot_hash: self.robot.hash.clone(),
-            source: now_known.link.source,
-            simulated: Some(simulated),
-            payload_kg: now_known.payload_kg,
-            begun: String::new(),
-            drawing: Some(drawing(&self.robot)),
-        }
+    /// Ends the recording, if one runs, and reports how it went. Waits for the disk: the control loop must
+    /// be over.
+    pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
+        self.recordings.stop(now, events);
+    }
+
+    /// Ends the stream, if one runs, and reports how it went. Waits for what is left to arrive no longer
+    /// than `patience`: the control loop must be over.
+    pub fn stop_stream(
+        &mut self,
+        now: Stamp,
+        patience: Duration,
+        events: &mut Vec<Event>,
+    ) -> Option<StreamStatus> {
+        self.streams.stop(now, patience, events)
     }
 
     /// Ends what is under way: lets the port go first, so that another twin can have it, then ends stream
@@ -193,28 +161,27 @@ impl Runner {
     pub(super) fn end(&mut self, now: Stamp) {
         self.port = Box::new(NoPort);
         let mut last = Vec::new();
-        self.close_recording();
-        self.stop_stream(now, LAST_WORDS, &mut last);
-        self.stop_recording(now, &mut last);
+        self.recordings.close();
+        self.streams.stop(now, LAST_WORDS, &mut last);
+        self.recordings.stop(now, &mut last);
         for event in &last {
             log::info!("{:9.3} s  {}", now.seconds(), event.text());
         }
     }
 }
 
-/// What stands for a port that was let go.
-struct NoPort;
-
-impl Port for NoPort {
-    fn clock(&self) -> Clock {
-        Clock::Lockstep
+/// The session as a whole, for a recording or a stream.
+fn session(robot: &RobotSpec, known: &Snapshot, name: String) -> RecordingMeta {
+    RecordingMeta {
+        name,
+        robot: robot.name.clone(),
+        robot_hash: robot.hash.clone(),
+        source: known.link.source.clone(),
+        simulated: Some(known.link.simulated),
+        payload_kg: known.payload_kg,
+        begun: String::new(),
+        drawing: Some(drawing(robot)),
     }
-    fn poll(&mut self, _now: Stamp) -> Arrivals {
-        Arrivals::default()
-    }
-    fn send(&mut self, _now: Stamp, _command: Option<&PressureCommand>) {}
-    fn estop(&mut self, _now: Stamp) {}
-    fn reset(&mut self, _now: Stamp) {}
 }
 
 /// What a viewer draws around the arm's centre lines.

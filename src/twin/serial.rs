@@ -1,10 +1,10 @@
 //! Boards behind serial ports, as the runner sees them.
 
-use super::{Arrivals, Clock, Port};
+use super::port::{Arrivals, Clock, Port};
 use crate::link::serial::{LinkInput, LinkOutput, STATUS_PERIOD_S, SerialLink};
 use crate::signal::{HostDelay, LinkStatus, PressureCommand, Stamp};
 
-/// A link that has said nothing for so long is not run, s: it gives its status more often, whatever the boards do.
+/// A link that was not heard for so long is not run, s: it gives its status more often, whatever the boards do.
 const NOT_RUN_S: f64 = 1.5 * STATUS_PERIOD_S;
 
 /// A twin's way to boards on serial ports.
@@ -25,7 +25,7 @@ impl SerialPort {
         }
     }
 
-    fn tell(&self, output: LinkOutput) {
+    fn output(&self, output: LinkOutput) {
         if let Err(e) = self.link.send(output) {
             log::warn!("{e}");
         }
@@ -55,15 +55,15 @@ impl Port for SerialPort {
     }
 
     fn send(&mut self, _now: Stamp, command: Option<&PressureCommand>) {
-        self.tell(command.map_or(LinkOutput::ClearCommand, |c| LinkOutput::Command(c.clone())));
+        self.output(command.map_or(LinkOutput::ClearCommand, |c| LinkOutput::Command(c.clone())));
     }
 
     fn estop(&mut self, _now: Stamp) {
-        self.tell(LinkOutput::Estop);
+        self.output(LinkOutput::Estop);
     }
 
     fn reset(&mut self, _now: Stamp) {
-        self.tell(LinkOutput::Reset);
+        self.output(LinkOutput::Reset);
     }
 }
 

@@ -12,8 +12,9 @@ use crate::sensing::{Calibration, Sensing};
 use crate::signal::ControllerKind;
 use crate::signal::{
     CHAMBERS, Goal, Gripper, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame,
-    SIGNALS, Simulator, Stamp, TruthSource,
+    SIGNALS, Simulator, Snapshot, Stamp, TruthSource,
 };
+use crate::twin::view::View;
 
 mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
@@ -116,13 +117,14 @@ fn frame(k: u32) -> RawFrame {
 }
 
 /// As [`feed`], with what is drawn.
-fn feed_drawn(twin: &mut Twin, solver: &mut ShapeSolver, from: u32, n: u32) {
+fn feed_drawn(twin: &mut Twin, view: &mut View, from: u32, n: u32) -> Snapshot {
+    let mut snapshot = Snapshot::default();
     for k in from..from + n {
         feed(twin, k, 1);
-        if let Some(question) = twin.shape_question() {
-            twin.observe_shape(solver.solve(&question));
-        }
+        snapshot = twin.snapshot();
+        view.update(&mut snapshot, true);
     }
+    snapshot
 }
 
 /// Runs `n` ticks with frames from tick `from`; the last command and all events.
@@ -297,7 +299,7 @@ impl Port for Frames {
 }
 
 #[test]
-fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_told() {
+fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_reported() {
     use std::sync::mpsc::sync_channel;
     let mut runner = Runner::new(twin(), Box::new(Frames(0)), &RobotSpec::reference());
     runner.draw_shapes();
@@ -308,7 +310,7 @@ fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_told() {
         began_tx.send(question.stamp).expect("the test listens");
         answers.recv().expect("the test answers")
     });
-    runner.mesh = Some(worker.expect("a thread"));
+    runner.view.mesh_worker = Some(worker.expect("a thread"));
     let mesh = |stamp| MeshShape {
         stamp,
         ..MeshShape::default()
@@ -358,10 +360,10 @@ fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_told() {
     // Back to the rod model: the mesh is gone, nothing more is asked, a late answer is left alone.
     let (snapshot, _) = runner.tick(at(k + 1), &[Command::Show(Simulator::Rod)]);
     assert!(snapshot.mesh.is_none() && snapshot.shown_mesh().is_none());
-    runner.twin.observe_mesh(Ok(mesh(third)));
-    runner.tick(at(k + 50), &[]);
-    assert!(runner.twin.mesh_question().is_none());
-    assert!(runner.twin.snapshot().mesh.is_none());
+    runner.view.observe_mesh(Ok(mesh(third)));
+    let (snapshot, _) = runner.tick(at(k + 50), &[]);
+    assert!(runner.view.mesh_question(&snapshot).is_none());
+    assert!(snapshot.mesh.is_none());
     answer_tx.send(Ok(mesh(third))).expect("the mesh listens");
 }
 
@@ -526,11 +528,11 @@ fn a_calibration_is_taken_over_at_rest_and_refused_on_the_way() {
     assert_eq!(twin.calibration(), &Calibration::virtual_rig());
     twin.tick(at(22), Some(frame(22)), &[Command::Hold]);
     let (_, events) = twin.tick(at(23), Some(frame(23)), &calibrate);
-    let told = Event::Calibrated {
+    let calibrated = Event::Calibrated {
         stamp: at(23),
         calibration: Arc::clone(&other),
     };
-    assert!(events.contains(&told), "{events:?}");
+    assert!(events.contains(&calibrated), "{events:?}");
     assert_eq!(twin.calibration(), other.as_ref());
     feed(&mut twin, 24, 20);
     assert!((read_m(&twin) - before_m - 5e-3).abs() < 0.5e-3);
@@ -539,12 +541,11 @@ fn a_calibration_is_taken_over_at_rest_and_refused_on_the_way() {
 #[test]
 fn a_preview_has_a_shape_that_is_solved_once_and_goes_with_it() {
     let mut twin = twin();
-    let mut solver = ShapeSolver::new(&RobotSpec::reference());
+    let mut view = View::new(&RobotSpec::reference());
     feed(&mut twin, 0, 20);
     let goal = Goal::position([0.0, 0.0, -0.306]);
     twin.tick(at(20), Some(frame(20)), &[Command::Preview(goal.clone())]);
-    feed_drawn(&mut twin, &mut solver, 21, 5);
-    let s = twin.snapshot();
+    let s = feed_drawn(&mut twin, &mut view, 21, 5);
     let (_, reach) = s.preview.clone().expect("a verdict");
     let shape = s.preview_shape.expect("a shape");
     // The model at the pressures of the verdict, in another shape than the arm at rest.
@@ -562,20 +563,23 @@ fn a_preview_has_a_shape_that_is_solved_once_and_goes_with_it() {
     };
     let tip = |s: &crate::signal::ArmShape| s.base_from_pad[2].translation.vector;
     assert!((tip(&shape) - settled(reach.chamber_pa, 0.0)).norm() < 1e-5);
-    let now = twin.snapshot().shape.expect("the arm itself");
+    let now = s.shape.expect("the arm itself");
     assert!((tip(&shape) - tip(&now)).norm() > 1e-3);
     // Solved once.
-    feed_drawn(&mut twin, &mut solver, 26, 20);
-    let later = twin.snapshot().preview_shape.expect("a shape");
+    let later = feed_drawn(&mut twin, &mut view, 26, 20)
+        .preview_shape
+        .expect("a shape");
     assert!(Arc::ptr_eq(&later, &shape));
     // Another load bends it otherwise: another verdict, and another shape.
     twin.tick(at(46), Some(frame(46)), &[Command::DeclarePayload(0.3)]);
     assert_eq!(twin.snapshot().preview.expect("kept").0, goal);
-    feed_drawn(&mut twin, &mut solver, 47, 5);
-    let loaded = twin.snapshot().preview_shape.expect("a shape");
-    let (_, reach) = twin.snapshot().preview.expect("a verdict");
+    let s = feed_drawn(&mut twin, &mut view, 47, 5);
+    let loaded = s.preview_shape.expect("a shape");
+    let (_, reach) = s.preview.expect("a verdict");
     let off_m = |q: nalgebra::Vector3<f64>| (tip(&loaded) - q).norm();
     assert!(off_m(settled(reach.chamber_pa, 0.3)) < 1e-5 && off_m(tip(&shape)) > 1e-4);
     twin.tick(at(52), Some(frame(52)), &[Command::CancelPreview]);
-    assert_eq!(twin.snapshot().preview_shape, None);
+    let mut s = twin.snapshot();
+    view.update(&mut s, true);
+    assert_eq!(s.preview_shape, None);
 }

@@ -37,7 +37,7 @@ pub struct Common {
     /// Mass in the virtual rig's gripper, kg (also declared to the twin)
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload: f64,
-    /// Stiffness of the virtual rig's arm as a factor; the twin is not told
+    /// Stiffness of the virtual rig's arm as a factor; the twin does not know it
     #[arg(long, value_name = "K", default_value = "1", value_parser = args::stiffness)]
     stiffness: f64,
     /// Seed of the virtual rig's noise
@@ -139,7 +139,7 @@ fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Goal {
     }
 }
 
-/// What a refused or interrupted drive says.
+/// The error of a refused or interrupted drive.
 fn ensure_carried_out(driven: &Driven, seconds: f64) -> Result<()> {
     ensure_no_refusal(driven)?;
     anyhow::ensure!(
@@ -185,7 +185,7 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> R
         match m.final_mm {
             None => "no ground truth".to_owned(),
             Some(e) => format!(
-                "true tip {:.2} mm from the target, within 1 mm for good after {}",
+                "true tip {:.2} mm from the target, stays within 1 mm after {}",
                 e.mean,
                 m.settled_s
                     .map_or("never".to_owned(), |s| format!("{s:.1} s")),

@@ -148,7 +148,7 @@ mod tests {
     fn run(set_pa: impl Fn(f64) -> f64, leak: f64, seconds: f64) -> [Option<f64>; 2] {
         let robot = RobotSpec::reference();
         let mut watch = AirWatch::default();
-        let (mut p, mut told) = ([0.0; CHAMBERS], [None; 2]);
+        let (mut p, mut found) = ([0.0; CHAMBERS], [None; 2]);
         for k in 0..(seconds * 100.0) as u32 {
             let t_s = f64::from(k) * 0.01;
             let mut set = [0.0; CHAMBERS];
@@ -162,13 +162,13 @@ mod tests {
             let short = watch.update(&robot, Stamp::from_seconds(t_s), &p, &set, &pads);
             if let Some(s) = short {
                 assert_eq!(s.chamber, 4);
-                told[0].get_or_insert(t_s);
+                found[0].get_or_insert(t_s);
                 if s.unsafe_now {
-                    told[1].get_or_insert(t_s);
+                    found[1].get_or_insert(t_s);
                 }
             }
         }
-        told
+        found
     }
 
     #[test]

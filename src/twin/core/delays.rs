@@ -1,18 +1,15 @@
-//! Times when this program was not run although it should have been. What came too late meanwhile says nothing about
+//! Times when this program was not run although it should have been. What came too late meanwhile is no evidence about
 //! the boards. On simulated time there are none.
 
 use std::collections::VecDeque;
 
-use super::Twin;
 use crate::signal::{HostDelay, Stamp};
-use crate::twin::TICK_S;
+use crate::twin::port::TICK_S;
 
 /// Ticks that come later than this after one another are late, s.
 const LATE_TICK_S: f64 = 3.0 * TICK_S;
 /// Delays are kept for so long, s.
 const KEPT_S: f64 = 2.0;
-/// More than this of a second makes a busy computer the cause of what was lost in it, s.
-const BUSY_S: f64 = 0.1;
 
 /// The delays of the last seconds.
 #[derive(Clone, Debug, Default)]
@@ -23,7 +20,7 @@ pub(super) struct Delays {
 }
 
 impl Delays {
-    /// To be called in every tick with what the link says of itself.
+    /// To be called in every tick with the delay that the link reports.
     pub(super) fn tick(&mut self, now: Stamp, link: Option<HostDelay>) {
         if let Some(before) = self.ticked.replace(now)
             && now.since(before) > LATE_TICK_S
@@ -59,14 +56,6 @@ impl Delays {
             }
         }
         sum_s
-    }
-}
-
-impl Twin {
-    /// How long the program was not run in the last second, s, if that explains what is missing of it.
-    pub(super) fn busy_s(&self) -> Option<f64> {
-        let busy_s = self.delays.within_s(self.now.plus(-1.0), self.now);
-        (busy_s > BUSY_S).then_some(busy_s)
     }
 }
 

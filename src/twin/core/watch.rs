@@ -2,29 +2,31 @@
 
 use std::cmp::Reverse;
 
-use super::{BLIND_FRAMES, LATE_OVER_S, Phase, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin};
+use super::state::{
+    BLIND_FRAMES, LATE_OVER_S, Phase, REMEDY, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin,
+};
 use crate::link::fault_words;
 use crate::link::wire::fault;
 use crate::signal::{
     Alarm, AlarmCause, AlarmKey, BOARDS, CHAMBERS, ChannelHealth, Severity, Stamp, TOO_FEW_SENSORS,
 };
-use crate::twin::Event;
+use crate::twin::command::Event;
 
-/// What to do before a reset, unless something better is known.
-pub(super) const REMEDY: &str = "Remove the cause";
 /// The same after this computer was busy.
 const REMEDY_BUSY: &str = "Close other programs";
 /// The same when boards are silent.
 const REMEDY_BOARDS: &str = "Check their power and the USB cable";
 /// The same when a virtual rig in a process of its own is silent.
 const REMEDY_RIG: &str = "Close other programs, or choose the virtual rig that runs in this one";
+/// More than this of a second makes a busy computer the cause of what was lost in it, s.
+const BUSY_S: f64 = 0.1;
 /// More than this share of the last second's frames lost puts the twin into SAFE.
 const LOSS_SAFE: f64 = 0.1;
 /// A tick without admissible rates is alarmed for so long, s.
 const UNSOLVED_S: f64 = 2.0;
 /// The boards get this long to act on a reset, s.
 const RESET_ACTS_S: f64 = 0.5;
-/// Frames within that second below which a share says little.
+/// Frames within that second below which a share means little.
 const LOSS_MIN_FRAMES: u64 = 50;
 
 /// Alarms that hold now, before it is known since when.
@@ -220,6 +222,12 @@ impl Twin {
             .map(|(_, i, pa)| (i, pa))
     }
 
+    /// How long the program was not run in the last second, s, if that explains what is missing of it.
+    pub(super) fn busy_s(&self) -> Option<f64> {
+        let busy_s = self.delays.within_s(self.now.plus(-1.0), self.now);
+        (busy_s > BUSY_S).then_some(busy_s)
+    }
+
     /// How long the program was not run since data came last, `age_s` ago, if that is why none has come.
     fn busy_while_silent_s(&self, age_s: f64) -> Option<f64> {
         let not_run_s = self.delays.within_s(self.now.plus(-age_s), self.now);
@@ -271,7 +279,7 @@ impl Twin {
             self.traffic.pop_front();
         }
         let (_, frames, lost) = *self.traffic.front()?;
-        // A link that was opened anew counts from zero again.
+        // A link that was opened again counts from zero again.
         let lost = self.link.frames_lost.checked_sub(lost)?;
         // What is lost is counted per board, a frame has one part of each.
         let all = self.link.frames.checked_sub(frames)? * BOARDS as u64 + lost;

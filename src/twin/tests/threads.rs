@@ -3,11 +3,11 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use super::super::publish::channel;
 use super::*;
 use crate::link::LinkEvent;
 use crate::link::wire::Config;
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
+use crate::twin::publish::channel;
 
 /// Longer than anything here takes.
 const LONG: Duration = Duration::from_secs(120);
@@ -176,14 +176,14 @@ impl Port for Chatty {
 /// What is drawn is settled by nobody in a run without a window, and beside the tick elsewhere.
 #[test]
 fn no_tick_settles_or_waits_for_what_is_drawn() {
-    use super::super::newest::Newest;
-    use super::super::shape::Drawing;
+    use crate::twin::newest::Newest;
+    use crate::twin::view::Drawing;
     use std::sync::mpsc::sync_channel;
     let robot = RobotSpec::reference();
     let mut headless = Runner::new(twin(), Box::new(Frames(0)), &robot);
     for k in 0..200 {
         let (snapshot, _) = headless.tick(at(k), &[]);
-        assert!(snapshot.shape.is_none() && matches!(headless.drawing, Drawing::Nobody));
+        assert!(snapshot.shape.is_none() && matches!(headless.view.drawing, Drawing::Nobody));
     }
     // A window's: with a model that takes as long as the test wants.
     let mut runner = Runner::new(twin(), Box::new(Frames(0)), &robot);
@@ -196,7 +196,7 @@ fn no_tick_settles_or_waits_for_what_is_drawn() {
         wait.recv().expect("the test lets go");
         solver.solve(&question)
     });
-    runner.drawing = Drawing::Thread(worker.expect("a thread"));
+    runner.view.drawing = Drawing::Thread(worker.expect("a thread"));
     for k in 0..200 {
         let (snapshot, _) = runner.tick(at(k), &[]);
         assert!(snapshot.shape.is_none(), "at tick {k}");

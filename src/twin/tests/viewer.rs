@@ -46,16 +46,16 @@ fn a_viewer_that_hangs_gets_no_second_stream() {
 /// A port where every call is taken and hung up: in four short stays at most the operator hears of it.
 #[test]
 fn a_viewer_that_comes_and_goes_is_not_told_of_for_ever() {
-    let mut told = super::super::stream::Told::default();
+    let mut stays = crate::twin::stream::Stays::default();
     let mut said = 0;
     for s in 0..100 {
         let (comes, goes) = (at(s * 200), at(s * 200 + 100));
-        said += u32::from(told.comes(comes)) + u32::from(told.goes(goes));
+        said += u32::from(stays.comes(comes)) + u32::from(stays.goes(goes));
     }
     assert_eq!(said, 6);
     // One that stayed is told of again.
-    assert!(told.goes(at(99 * 200 + 2000)));
-    assert!(told.comes(at(99 * 200 + 2100)));
+    assert!(stays.goes(at(99 * 200 + 2000)));
+    assert!(stays.comes(at(99 * 200 + 2100)));
 }
 
 #[test]

@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use nalgebra::UnitQuaternion;
 
-use super::{FrameLog, Maps, TRIAL_SETTLING_S, sensing_for};
+use super::errors::TRIAL_SETTLING_S;
+use super::frames::FrameLog;
 use crate::learn::to_pose;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::{FitOptions, Frames, ObjectFrame, PosePair, register};
 use crate::signal::{Pose, Stamp};
+use crate::twin::maps::{Maps, sensing_for};
 
-/// A pause longer than this lets the filters settle anew, s.
+/// A pause longer than this lets the filters settle again, s.
 const PAUSE_S: f64 = 0.5;
 
 /// A pose at rest.
@@ -87,7 +89,7 @@ impl RestPoses {
     }
 
     /// Where motion capture is on the robot as `calibration` reads it; no frames where its poses do not give any.
-    /// `go_on` is asked now and then with the share done; `None` when it says no.
+    /// `go_on` is asked now and then with the share done; `None` when it returns false.
     pub fn place(
         &self,
         robot: &RobotSpec,

@@ -1,0 +1,150 @@
+//! Arming and holding: what must be so before hardware moves, and what only ever holds the arm.
+
+use super::arming::{Arming, RESUME_OFF_S};
+use super::state::{BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
+use crate::link::wire::fault;
+use crate::signal::TOO_FEW_SENSORS;
+use crate::twin::command::Event;
+
+impl Twin {
+    /// Lets hardware be armed although only the virtual rig's calibration is in use: the operator's explicit word.
+    pub fn accept_virtual_calibration(&mut self) {
+        self.arming.is_accepted = true;
+    }
+
+    /// Says why no calibration of the robot could be used, for the message that refuses to arm. One sentence.
+    pub fn explain_calibration(&mut self, why: String) {
+        self.arming.trouble = Some(why);
+    }
+
+    /// Why hardware may not be armed with the calibration in use.
+    pub(super) fn calibration_refusal(&self) -> Option<String> {
+        let Arming {
+            calibration_is_virtual,
+            is_accepted,
+            trouble,
+            ..
+        } = &self.arming;
+        if self.link.simulated || *is_accepted || !calibration_is_virtual {
+            return None;
+        }
+        let cause = trouble
+            .as_ref()
+            .map_or(String::new(), |why| format!(" ({why})"));
+        Some(format!(
+            "The virtual rig's calibration is in use, not one of this robot{cause}: calibrate it on the Calibrate \
+             screen, or start with --calibration F.toml."
+        ))
+    }
+
+    /// Allows motion. Pressures and gripper stay as the boards report them.
+    pub(super) fn arm(&mut self, events: &mut Vec<Event>) {
+        match self.not_ready() {
+            Some(reason) => self.refuse(reason, events),
+            None => self.hold(events),
+        }
+    }
+
+    /// Holds what moves, and nothing else: it neither arms nor resumes, however often it is asked for.
+    pub(super) fn hold_only(&mut self, events: &mut Vec<Event>) {
+        self.arming.held_at = Some(self.now);
+        let checked = self.check.take().is_some();
+        match &self.phase {
+            Phase::Moving { .. } => self.hold(events),
+            Phase::Hold if checked => {
+                self.refuse(
+                    "Held: the motion that was being checked does not begin.",
+                    events,
+                );
+            }
+            Phase::Hold => {}
+            Phase::Disarmed => self.refuse(
+                "Disarmed: no pressure is commanded, there is nothing to hold.",
+                events,
+            ),
+            Phase::Safe(_) => {
+                self.refuse("SAFE: the pumps are off, there is nothing to hold.", events)
+            }
+        }
+    }
+
+    /// Why a plan on hold may not be resumed yet: it was held a moment ago.
+    pub(super) fn just_held(&self) -> Option<String> {
+        let ago_s = self.now.since(self.arming.held_at?);
+        (ago_s < RESUME_OFF_S)
+            .then(|| format!("Held {ago_s:.1} s ago: RESUME works {RESUME_OFF_S:.0} s after HOLD."))
+    }
+
+    /// Keeps the gripper as it is when the rig is armed: what the boards report is what they are commanded.
+    pub(super) fn adopt_gripper(&mut self) {
+        if let Some(gripper) = self.link.gripper {
+            self.gripper = gripper;
+        }
+    }
+
+    /// Why motion is not allowed now.
+    pub(super) fn not_ready(&self) -> Option<String> {
+        if let Phase::Safe(reason) = &self.phase {
+            return Some(format!(
+                "SAFE ({reason}): remove the cause, then press Reset."
+            ));
+        }
+        if let Some(refusal) = &self.link.refusal {
+            return Some(refusal.clone());
+        }
+        if self
+            .raw
+            .as_ref()
+            .is_some_and(|r| r.faults & fault::SAFE != 0)
+        {
+            return Some("The boards have not left SAFE yet: wait a moment.".to_owned());
+        }
+        if let Some(reason) = self.calibration_refusal() {
+            return Some(reason);
+        }
+        if matches!(self.phase, Phase::Disarmed) && self.link.gripper.is_none() {
+            let text = "The boards have not said yet whether the gripper is open or closed: wait a moment.";
+            return Some(text.to_owned());
+        }
+        match self.last_frame {
+            None => Some("No data from the boards yet: connect a rig first.".to_owned()),
+            Some(t) if self.now.since(t) > STALE_WARN_S => {
+                Some("The data from the boards are too old to move on.".to_owned())
+            }
+            Some(_) => match &self.sensors {
+                Some(s) if s.health.springs_usable() < SPRINGS_NEEDED => Some(format!(
+                    "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
+                    s.health.springs_usable()
+                )),
+                Some(_) if self.blind_frames > BLIND_FRAMES => Some(format!(
+                    "There are {TOO_FEW_SENSORS}: repair springs or IMUs first."
+                )),
+                _ => self.over_pressures().next().map(|(chamber, pa)| {
+                    format!(
+                        "Over-pressure in chamber {} ({:+.1} kPa): let its air out first.",
+                        chamber + 1,
+                        pa * 1e-3
+                    )
+                }),
+            },
+        }
+    }
+
+    /// Why nothing may set out now.
+    pub(super) fn not_allowed(&self) -> Option<String> {
+        self.not_ready().or_else(|| {
+            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.practice;
+            unarmed.then(|| "Disarmed: arm the rig first.".to_owned())
+        })
+    }
+
+    pub(super) fn hold(&mut self, events: &mut Vec<Event>) {
+        let last = self.command.as_ref().map(|c| *c.chamber_pa());
+        self.held_pa = last.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa));
+        self.check = None;
+        if let Phase::Moving { routine, .. } = &self.phase {
+            self.paused = Some(routine.clone());
+        }
+        self.enter(Phase::Hold, events);
+    }
+}

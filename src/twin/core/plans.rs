@@ -1,0 +1,223 @@
+//! Verdicts before anything moves, and plans that set out once every stop has been found reachable.
+
+use super::state::{Check, Phase, Then, Twin};
+use crate::control::{ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
+use crate::signal::{CHAMBERS, Goal, Reach, ReachState};
+use crate::task::{Plan, Routine, Target, allowed};
+use crate::twin::command::Event;
+
+/// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
+const CHECKS_PER_TICK: usize = 2;
+/// Change of a plant gain after which the goals ahead are looked at again.
+const GAIN_CHANGE_RATIO: f64 = 0.1;
+
+/// What has begun is given up for a stop that is so much out of reach, m: the plant map errs by some millimetres on
+/// an arm of another stiffness. Whatever stays in the way then shows as a stall.
+const GIVE_UP_M: f64 = 15e-3;
+
+impl Twin {
+    /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
+    fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
+        let gains = judging_gains(self.controller.plant_gains());
+        let ask = |seeds: &[StartSample], proposes: bool| {
+            let config = ReachConfig {
+                plant_gains: gains,
+                proposes,
+                ..ReachConfig::default()
+            };
+            reach(
+                goal,
+                &self.robot,
+                self.maps.pose.as_ref(),
+                self.maps.plant.as_ref(),
+                self.model.carried_kg(held_kg),
+                seeds,
+                &config,
+            )
+            .map_err(|e| e.to_string())
+        };
+        if let Some(near) = near {
+            let alike_pa =
+                std::array::from_fn(|i| near.chamber_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
+            let found = ask(&[(alike_pa, near.nearest_m)], false)?;
+            if found.state == ReachState::Reachable {
+                return Ok(found);
+            }
+        }
+        ask(&self.maps.seeds, true)
+    }
+
+    /// Takes a plan in hand: it sets out once every stop has been found reachable.
+    pub(super) fn start(&mut self, plan: &Plan, events: &mut Vec<Event>) {
+        if let Some(reason) = self.not_allowed() {
+            return self.refuse(reason, events);
+        }
+        let stops = plan.stops(self.payload_kg);
+        let known = 0.0..=self.robot.payload_max_kg;
+        if let Some(stop) = stops.iter().find(|s| !known.contains(&s.payload_kg)) {
+            let (kg, most) = (stop.payload_kg, self.robot.payload_max_kg);
+            return self.refuse(
+                format!("The plan lifts {kg} kg, but the arm carries 0 to {most} kg: nothing was started."),
+                events,
+            );
+        }
+        if matches!(self.phase, Phase::Moving { .. }) {
+            self.hold(events);
+        }
+        self.check = Some(Check {
+            stops,
+            reaches: Vec::new(),
+            then: Then::Begin(plan.clone()),
+        });
+    }
+
+    /// Looks at the goals ahead again when the arm has turned out to be of another stiffness than they were judged
+    /// for.
+    pub(super) fn judge_again(&mut self) {
+        let Phase::Moving { routine, .. } = &self.phase else {
+            return;
+        };
+        let gains = judging_gains(self.controller.plant_gains());
+        let changed = |k: usize| (gains[k] / self.judged_gains[k] - 1.0).abs() > GAIN_CHANGE_RATIO;
+        if self.check.is_some() || !(0..SEGMENTS).any(changed) {
+            return;
+        }
+        let stops = routine.stops_ahead();
+        self.judged_gains = gains;
+        self.check = Some(Check {
+            stops,
+            reaches: Vec::new(),
+            then: Then::GoOn,
+        });
+    }
+
+    /// Looks at the next stops in hand; the last one lets the plan begin.
+    pub(super) fn go_on_checking(&mut self, events: &mut Vec<Event>) {
+        let Some(mut check) = self.check.take() else {
+            return;
+        };
+        for _ in 0..CHECKS_PER_TICK {
+            let Some(stop) = check.stops.get(check.reaches.len()) else {
+                break;
+            };
+            let found = self.reach(&stop.goal, stop.payload_kg, check.reaches.last());
+            let verdict = found.and_then(|r| {
+                let refused = allowed(&r).map_err(|e| e.to_string());
+                let near = r.state == ReachState::Unreachable && r.distance_m < GIVE_UP_M;
+                match check.then {
+                    // Where nobody can tell, what has begun goes on.
+                    Then::GoOn if near || r.state == ReachState::OutsideData => Ok(r),
+                    _ => refused.map(|()| r),
+                }
+            });
+            match (verdict, &check.then) {
+                (Ok(reach), _) => check.reaches.push(reach),
+                (Err(reason), Then::Begin(plan)) if plan.legs.len() == 1 => {
+                    return self.refuse(reason, events);
+                }
+                (Err(reason), Then::Resume) => {
+                    let text = format!("Not resumed, because of {}. {reason}", stop.name);
+                    return self.refuse(text, events);
+                }
+                (Err(reason), Then::Begin(_)) => {
+                    let text = format!("Not started, because of {}. {reason}", stop.name);
+                    return self.refuse(text, events);
+                }
+                (Err(reason), Then::GoOn) => {
+                    let [a, b] = self.judged_gains.map(|g| 1.0 / g);
+                    let text = format!(
+                        "The arm has turned out to be {a:.1} (segment 1) and {b:.1} (segment 2) times as stiff as its \
+                         model: {} is out of reach. {reason} Holding.",
+                        stop.name
+                    );
+                    self.refuse(text, events);
+                    return self.hold(events);
+                }
+            }
+        }
+        if check.reaches.len() < check.stops.len() {
+            self.check = Some(check);
+            return;
+        }
+        match check.then {
+            Then::Begin(plan) => {
+                let mut of_leg = vec![None; plan.legs.len()];
+                // The first stop of a leg: its only one, or the start of a path.
+                for (stop, reach) in check.stops.iter().zip(check.reaches).rev() {
+                    of_leg[stop.leg] = Some(reach);
+                }
+                if let Some(reason) = self.not_allowed() {
+                    return self.refuse(reason, events);
+                }
+                let routine = Routine::new(plan, of_leg, self.payload_kg, self.now);
+                self.set_out(Box::new(routine), events);
+            }
+            Then::Resume => {
+                if let (None, Some(mut routine)) = (self.not_allowed(), self.paused.take()) {
+                    for (stop, reach) in check.stops.iter().zip(check.reaches) {
+                        routine.judge(stop.leg, reach);
+                    }
+                    self.set_out(routine, events);
+                }
+            }
+            Then::GoOn => {
+                if let Phase::Moving { routine, .. } = &mut self.phase {
+                    for (stop, reach) in check.stops.iter().zip(check.reaches) {
+                        routine.judge(stop.leg, reach);
+                    }
+                    if let Some(Target::Goal(_, Some(reach))) = routine.target() {
+                        self.controller.inform(reach);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Begins a routine, or goes on with one.
+    fn set_out(&mut self, routine: Box<Routine>, events: &mut Vec<Event>) {
+        self.preview = None;
+        self.paused = None;
+        self.judged_gains = judging_gains(self.controller.plant_gains());
+        if let Some(Target::Goal(goal, reach)) = routine.target() {
+            self.controller.set_goal(goal.clone(), reach);
+        } else {
+            self.controller.hold();
+        }
+        self.enter(Phase::Moving { routine, steps: 0 }, events);
+    }
+
+    pub(super) fn preview(&mut self, goal: &Goal, events: &mut Vec<Event>) {
+        self.preview = None;
+        match self.reach(goal, self.payload_kg, None) {
+            Ok(reach) => self.preview = Some((goal.clone(), reach)),
+            Err(reason) => self.refuse(reason, events),
+        }
+    }
+
+    pub(super) fn go(&mut self, events: &mut Vec<Event>) {
+        let Some((goal, _)) = self.preview.clone() else {
+            return self.refuse("Pick a target first.", events);
+        };
+        // Load and stiffness may be others than when it was previewed.
+        let reach = match self.reach(&goal, self.payload_kg, None) {
+            Ok(reach) => reach,
+            Err(reason) => return self.refuse(reason, events),
+        };
+        if let Some(reason) = self.not_allowed() {
+            return self.refuse(reason, events);
+        }
+        match allowed(&reach) {
+            Ok(()) => {
+                self.check = None;
+                let routine = Routine::new(
+                    Plan::goto(goal),
+                    vec![Some(reach)],
+                    self.payload_kg,
+                    self.now,
+                );
+                self.set_out(Box::new(routine), events);
+            }
+            Err(reason) => self.refuse(reason.to_string(), events),
+        }
+    }
+}

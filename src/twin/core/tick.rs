@@ -1,0 +1,205 @@
+//! One tick: from raw frames to a pressure command.
+
+use super::state::{Phase, Twin};
+use crate::control::{Maps as ControlMaps, StepInput};
+use crate::learn::estimate;
+use crate::signal::{Gripper, PressureCommand, RawFrame, Stamp};
+use crate::task::{Happening, Target};
+use crate::twin::command::{Command, Event};
+
+impl Twin {
+    /// One step: takes what arrived, answers with a command for the boards (or none) and events.
+    pub fn tick(
+        &mut self,
+        now: Stamp,
+        raw: Option<RawFrame>,
+        commands: &[Command],
+    ) -> (Option<PressureCommand>, Vec<Event>) {
+        self.now = now;
+        self.delays.tick(now, self.link.host_delay);
+        let mut events = Vec::new();
+        if let Some(raw) = raw {
+            self.absorb(raw);
+        }
+        self.watch(&mut events);
+        for command in commands {
+            self.handle(command, &mut events);
+        }
+        self.judge_again();
+        self.go_on_checking(&mut events);
+        let out = self.steer(&mut events);
+        (out, events)
+    }
+
+    /// Calibrates a frame and estimates the pose. A frame that makes no sense is dropped; the last
+    /// good one is held.
+    pub fn absorb(&mut self, raw: RawFrame) {
+        let frame = self.sensing.update(&raw);
+        let vector = frame.sensors.to_vector();
+        let mut values = vector.iter().chain(&frame.chamber_pa);
+        if values.any(|x| !x.is_finite()) {
+            self.bad_frames += 1;
+            return;
+        }
+        if frame.health.chambers.iter().any(|h| !h.usable()) {
+            // A board or a gauge is silent: such a frame keeps nothing alive.
+            self.raw = Some(raw);
+            return;
+        }
+        let mut eval = self.maps.pose.pose(&vector);
+        eval.doubt(&frame.doubt);
+        if eval.pose.iter().any(|x| !x.is_finite()) {
+            self.bad_frames += 1;
+            return;
+        }
+        self.bad_frames = 0;
+        self.last_frame = Some(self.now);
+        self.lateness_s
+            .push_back((self.now, self.now.since(frame.stamp)));
+        self.estimate = Some(estimate(frame.stamp, &eval));
+        self.eval = Some(eval);
+        self.blind_frames = if frame.is_blind() {
+            self.blind_frames + 1
+        } else {
+            0
+        };
+        self.short = match &self.command {
+            Some(command) => self.air.update(
+                &self.robot,
+                frame.stamp,
+                &frame.chamber_pa,
+                command.chamber_pa(),
+                &self.sensing.pads().base_from_pad,
+            ),
+            // The pumps are off.
+            None => {
+                self.air.reset();
+                None
+            }
+        };
+        self.sensors = Some(frame);
+        self.raw = Some(raw);
+    }
+
+    pub(super) fn enter(&mut self, phase: Phase, events: &mut Vec<Event>) {
+        if matches!(self.phase, Phase::Disarmed)
+            && matches!(phase, Phase::Hold | Phase::Moving { .. })
+        {
+            self.adopt_gripper();
+        }
+        self.phase = phase;
+        self.sensor_ref = None;
+        events.push(Event::Mode {
+            stamp: self.now,
+            mode: self.mode(),
+        });
+    }
+
+    /// The command of this tick, if the phase has one.
+    fn steer(&mut self, events: &mut Vec<Event>) -> Option<PressureCommand> {
+        let carried_kg = self.model.carried_kg(self.payload_kg);
+        let sensors = self.sensors.as_ref()?;
+        let mut stall = None;
+        self.solve_s = None;
+        let wanted_pa = match &mut self.phase {
+            Phase::Disarmed | Phase::Safe(_) => {
+                self.command = None;
+                return None;
+            }
+            Phase::Hold => self.held_pa.unwrap_or(sensors.chamber_pa),
+            Phase::Moving { routine, steps } => {
+                let (estimate, eval) = (self.estimate.as_ref()?, self.eval.as_ref()?);
+                *steps += 1;
+                for happening in routine.update(self.now, estimate) {
+                    match happening {
+                        Happening::Arrived(arrival) => {
+                            events.push(Event::Reached {
+                                stamp: self.now,
+                                distance_m: arrival.distance_m,
+                                steps: *steps,
+                            });
+                            *steps = 0;
+                        }
+                        Happening::Gripped(gripper, payload_kg) => {
+                            self.before_grip_kg = match gripper {
+                                Gripper::Closed => Some(self.payload_kg),
+                                Gripper::Open => None,
+                            };
+                            self.gripper = gripper;
+                            self.payload_kg = payload_kg;
+                            let what = match gripper {
+                                Gripper::Closed => "closes on",
+                                Gripper::Open => "opens; left in it:",
+                            };
+                            events.push(Event::Notice {
+                                stamp: self.now,
+                                text: format!("The gripper {what} {:.0} g.", payload_kg * 1e3),
+                            });
+                        }
+                        Happening::Finished => events.push(Event::Finished {
+                            stamp: self.now,
+                            name: routine.plan().name.clone(),
+                        }),
+                    }
+                }
+                match routine.target() {
+                    Some(Target::Goal(goal, reach)) => {
+                        // A path that has ended is settled from where it led.
+                        if reach.is_none() {
+                            self.controller.lead(goal.clone(), None);
+                        } else if self.controller.goal() != Some(goal) {
+                            self.controller.set_goal(goal.clone(), reach);
+                        }
+                    }
+                    Some(Target::Along(goal, via)) => self.controller.lead(goal, Some(via)),
+                    None => self.controller.hold(),
+                }
+                let maps = ControlMaps {
+                    pose: self.maps.pose.as_ref(),
+                    plant: self.maps.plant.as_ref(),
+                    samples: &self.maps.seeds,
+                };
+                let unsolved = self.controller.unsolved_ticks();
+                let out = self.controller.step(
+                    maps,
+                    &StepInput {
+                        frame: sensors,
+                        eval,
+                        payload_kg: carried_kg,
+                        previous: self.command.as_ref(),
+                        stamp: self.now,
+                    },
+                );
+                if self.controller.unsolved_ticks() > unsolved {
+                    self.unsolved_at = Some(self.now);
+                }
+                self.sensor_ref = out.sensor_ref;
+                self.solve_s = out.solve_s;
+                stall = out.stall;
+                out.wanted_pa
+            }
+        };
+        let command = PressureCommand::limited(
+            self.now,
+            wanted_pa,
+            self.gripper,
+            self.command.as_ref(),
+            &sensors.chamber_pa,
+            &self.robot.pressure,
+        );
+        self.command = Some(command.clone());
+        if let Some(stall) = stall {
+            let (chamber, pa) = stall.chamber;
+            self.refuse(
+                format!(
+                    "The tip does not come nearer than {:.0} mm: chamber {chamber} is at {:+.0} kPa. Holding.",
+                    stall.distance_m * 1e3,
+                    pa * 1e-3
+                ),
+                events,
+            );
+            self.hold(events);
+        }
+        Some(command)
+    }
+}
