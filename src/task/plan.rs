@@ -147,8 +147,8 @@ pub struct Stop {
 
 #[cfg(test)]
 mod tests {
-    use super::super::path::circle;
     use super::*;
+    use crate::task::circle;
 
     #[test]
     fn stops_carry_what_has_been_gripped() {

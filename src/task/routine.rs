@@ -342,10 +342,10 @@ impl Routine {
 
 #[cfg(test)]
 mod tests {
-    use super::super::path::circle;
-    use super::super::plan::Item;
     use super::*;
     use crate::signal::{Matrix6, pose_from_ypr};
+    use crate::task::Item;
+    use crate::task::circle;
 
     /// Runs a plan with a tip that is always where it shall be; what happened, with times and tip positions.
     fn run(plan: Plan, seconds: f64) -> (Routine, Vec<(f64, Happening)>, Vec<[f64; 3]>) {

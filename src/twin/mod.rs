@@ -26,12 +26,11 @@ pub use core::{RESUME_OFF_S, Twin};
 pub use in_process::{FarEnd, Heard, InProcess};
 pub use loops::{Pace, run_in_lockstep, run_in_real_time, run_in_simulated_time};
 pub use maps::{Maps, sensing_for};
-pub use mesh::{MeshAnswer, MeshQuestion, MeshSolver};
+pub use mesh::{MeshQuestion, MeshSolver};
 pub use port::{Arrivals, Clock, Port, SETTLING_FRAMES, TICK_S};
 pub use publish::spawn;
 pub use runner::Runner;
 pub use serial::SerialPort;
-pub use shape::{ShapeAnswer, ShapeQuestion, ShapeSolver};
 pub use stream::LAST_WORDS;
 pub use trial::{
     FrameLog, Rest, RestPoses, Spread, TRIAL_SETTLING_S, Trial, TrialErrors, mean as mean_pose,

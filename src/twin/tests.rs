@@ -14,6 +14,7 @@ use crate::signal::{
     CHAMBERS, Goal, Gripper, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame,
     SIGNALS, Simulator, Snapshot, Stamp, TruthSource,
 };
+use crate::twin::mesh::MeshAnswer;
 use crate::twin::view::View;
 
 mod alarms;
@@ -306,7 +307,7 @@ fn the_tick_never_waits_for_the_mesh_and_a_stale_one_is_reported() {
     // A mesh that says when it begins and takes as long as the test wants.
     let (began_tx, began) = sync_channel(8);
     let (answer_tx, answers) = sync_channel::<MeshAnswer>(8);
-    let worker = super::newest::Newest::spawn("test", move |question: MeshQuestion| {
+    let worker = crate::twin::newest::Newest::spawn("test", move |question: MeshQuestion| {
         began_tx.send(question.stamp).expect("the test listens");
         answers.recv().expect("the test answers")
     });

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::super::Report;
+use crate::cli::Report;
 use springtwin::drive::Ran;
 use springtwin::signal::{BOARDS, LinkStatus, Mode, StreamState, StreamStatus};
 

@@ -7,12 +7,12 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::super::args::Kind;
-use super::super::outputs::Overwrite;
-use super::super::solve::Simulator;
-use super::super::{Report, args, picture};
 use super::rigs::{Rigs, Twins};
 use super::{Asks, hull, library};
+use crate::cli::args::Kind;
+use crate::cli::outputs::Overwrite;
+use crate::cli::solve::Simulator;
+use crate::cli::{Report, args, picture};
 use springtwin::drive::{Instruments, TwinBuilder, model, rig_options};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;

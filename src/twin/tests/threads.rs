@@ -177,6 +177,7 @@ impl Port for Chatty {
 #[test]
 fn no_tick_settles_or_waits_for_what_is_drawn() {
     use crate::twin::newest::Newest;
+    use crate::twin::shape::{ShapeQuestion, ShapeSolver};
     use crate::twin::view::Drawing;
     use std::sync::mpsc::sync_channel;
     let robot = RobotSpec::reference();
