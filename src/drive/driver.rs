@@ -243,3 +243,36 @@ impl Driver {
         spawn(self.runner, self.start, first, repaint)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_observers_see_every_tick_until_one_ends_the_run() {
+        let robot = RobotSpec::reference();
+        let mut driver = TwinBuilder::new(&robot).build().expect("a twin");
+        assert_eq!(driver.runner.clock(), Clock::Lockstep);
+        let (mut first, mut second) = (Vec::new(), Vec::new());
+        let mut ends = |snapshot: &Arc<Snapshot>, _: &[Event], commands: &mut Vec<Command>| {
+            first.push(snapshot.stamp);
+            match first.len() {
+                5 => commands.push(Command::DeclarePayload(0.1)),
+                20 => return ControlFlow::Break(()),
+                _ => {}
+            }
+            ControlFlow::Continue(())
+        };
+        let mut watches = |snapshot: &Arc<Snapshot>, _: &[Event], _: &mut Vec<Command>| {
+            second.push((snapshot.stamp, snapshot.payload_kg));
+            ControlFlow::Continue(())
+        };
+        let pace = driver.run(&mut [&mut ends, &mut watches]);
+        assert_eq!((pace.ticks, pace.missed), (20, 0));
+        assert!(first.iter().eq(second.iter().map(|(stamp, _)| stamp)));
+        // A command takes effect in the next tick.
+        assert_eq!((second[4].1, second[5].1), (0.0, 0.1));
+        let end = driver.finish(first[19]);
+        assert!(end.events.is_empty() && end.stream.is_none());
+    }
+}
