@@ -45,7 +45,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use serde_json::Value;
 
-use springtwin::drive::{DEFAULT_RIG, Instruments, model, read_text, read_toml};
+use springtwin::drive::{model, read_text, read_toml};
 use springtwin::robot::RobotSpec;
 use springtwin::sim::patch::Correction;
 
@@ -235,13 +235,13 @@ fn run(cli: &Cli) -> Result<Report> {
         #[cfg(feature = "gui")]
         None => {
             let opening = window::Opening {
-                rig: DEFAULT_RIG,
+                rig: springtwin::drive::DEFAULT_RIG,
                 payload_kg: 0.0,
                 seed: 1,
                 kind: args::Kind::Ours,
                 stream: None,
                 drill: &[],
-                instruments: &Instruments::default(),
+                instruments: &springtwin::drive::Instruments::default(),
             };
             window::open(&opening, cli.robot.as_deref(), &robot)
         }
