@@ -134,7 +134,7 @@ mod tests {
     use springtwin::link::LinkEvent;
     use springtwin::robot::RobotSpec;
     use springtwin::signal::{PressureCommand, Stamp};
-    use springtwin::twin::{Arrivals, Clock, Port, Runner, Twin};
+    use springtwin::twin::{Arrivals, Clock, Port};
 
     use super::*;
     use springtwin::drive::TwinBuilder;
