@@ -30,6 +30,15 @@ fn off_mm(truth: &Pose, point_m: [f64; 3]) -> f64 {
     (truth.translation.vector - Vector3::from(point_m)).norm() * 1e3
 }
 
+/// Distance of the estimated from the true tip over a drive, mm; `None` without ground truth.
+pub fn tip_error_mm(driven: &Driven) -> Option<ErrorStats> {
+    let off = |r: &Row| {
+        let (a, b) = (r.estimate?, r.truth?);
+        Some((a.translation.vector - b.translation.vector).norm() * 1e3)
+    };
+    spread(driven.rows.iter().filter_map(off).collect())
+}
+
 /// How a move to a goal went.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MoveMeasures {

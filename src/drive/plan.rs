@@ -278,7 +278,7 @@ pub fn drive(
         anyhow::bail!("{why}");
     }
     if let Some(what) = violation {
-        anyhow::bail!("a limit was broken: {what}");
+        anyhow::bail!("a limit was violated: {what}");
     }
     if out.rows.is_empty() {
         check_link(&link, rig)?;

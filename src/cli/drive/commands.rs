@@ -14,8 +14,8 @@ use crate::cli::{Failed, Report};
 use springtwin::control::{ReachConfig, reach};
 use springtwin::drive::measures::{self, PathMeasures};
 use springtwin::drive::{
-    BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Row, Shape,
-    TwinBuilder, drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
+    BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Shape, TwinBuilder,
+    drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
 use springtwin::learn::ErrorStats;
 use springtwin::rig::{Object, RigOptions};
@@ -163,7 +163,7 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> R
         Event::Reached { steps, .. } => Some(*steps),
         _ => None,
     });
-    let predicted = predicted_mm(&driven);
+    let predicted = measures::tip_error_mm(&driven);
     let solve = measures::solve_micros(&driven.rows);
     a.common.write(&driven, None, &[])?;
     let [ticks, missed] = [driven.pace.ticks, driven.pace.missed];
@@ -240,16 +240,6 @@ fn solve_text(solve: Option<[f64; 2]>) -> String {
     solve.map_or(String::new(), |[median, p95]| {
         format!("\ncontroller: {median:.0} us median, {p95:.0} us 95 %")
     })
-}
-
-/// Predicted against true tip, mm.
-fn predicted_mm(driven: &Driven) -> Value {
-    let off = |r: &Row| {
-        let (a, b) = (r.estimate?, r.truth?);
-        Some((a.translation.vector - b.translation.vector).norm() * 1e3)
-    };
-    let errors: Vec<f64> = driven.rows.iter().filter_map(off).collect();
-    json!(measures::spread(errors))
 }
 
 /// The paper's two paths.
@@ -356,7 +346,7 @@ fn follow_report(
     let json = json!({
         "path": path.name, "laps_mm": laps.map(|l| ErrorStats::of(l.to_vec())).collect::<Vec<_>>(), "waypoints": m.at_waypoints_mm.len(),
         "mean_mm": s.mean, "rmse_mm": s.rmse, "p95_mm": s.p95, "max_mm": s.max,
-        "off_path_mm": m.off_path, "tip_error_mm": predicted_mm(driven),
+        "off_path_mm": m.off_path, "tip_error_mm": measures::tip_error_mm(driven),
         "steps": m.steps, "saturated_ratio": m.saturated_ratio, "solve_micros": solve_json(solve),
         "off_manifold_mm": off_manifold, "success": driven.finished_s.is_some(),
         "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
