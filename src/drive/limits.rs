@@ -1,7 +1,12 @@
 //! The limits that every pressure command obeys.
 
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use super::driver::Observer;
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, PressureCommand};
+use crate::signal::{CHAMBERS, PressureCommand, Snapshot};
+use crate::twin::{Command, Event};
 
 /// The limit that a command violates after the one before it, in range or rate; `None` where it obeys them.
 pub fn over_limits(
@@ -25,4 +30,56 @@ pub fn over_limits(
             )
         })
     })
+}
+
+/// Ends a run whose twin commands a pressure beyond its limits, whoever asked for it.
+pub(super) struct LimitWatch<'a> {
+    robot: &'a RobotSpec,
+    last: Option<PressureCommand>,
+    /// The first violation.
+    pub violation: Option<String>,
+}
+
+impl<'a> LimitWatch<'a> {
+    pub(super) fn new(robot: &'a RobotSpec) -> Self {
+        Self {
+            robot,
+            last: None,
+            violation: None,
+        }
+    }
+
+    /// Checks the command of a snapshot against the one before it.
+    pub(super) fn check(&mut self, snapshot: &Snapshot) {
+        if let (Some(command), None) = (&snapshot.command, &self.violation) {
+            self.violation = over_limits(self.robot, self.last.as_ref(), command);
+        }
+        self.last.clone_from(&snapshot.command);
+    }
+
+    /// The first violation as an error.
+    ///
+    /// # Errors
+    /// When a limit was violated.
+    pub(super) fn ensure_none(self) -> anyhow::Result<()> {
+        match self.violation {
+            Some(what) => anyhow::bail!("a limit was violated: {what}"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Observer for LimitWatch<'_> {
+    fn observe(
+        &mut self,
+        snapshot: &Arc<Snapshot>,
+        _events: &[Event],
+        _commands: &mut Vec<Command>,
+    ) -> ControlFlow<()> {
+        self.check(snapshot);
+        match self.violation {
+            Some(_) => ControlFlow::Break(()),
+            None => ControlFlow::Continue(()),
+        }
+    }
 }

@@ -7,16 +7,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::Result;
 
 use super::driver::{Observer, TwinBuilder};
-use super::limits::over_limits;
+use super::limits::LimitWatch;
 use super::ports::Script;
 use super::start::{HELLO_S, Start, check_link};
 use crate::control::SEGMENTS;
 use crate::learn::PlantMap;
 use crate::rig::Object;
 use crate::robot::RobotSpec;
-use crate::signal::{
-    CHAMBERS, Goal, LinkStatus, Mode, Pose, PressureCommand, SensorRef, Snapshot, Stamp,
-};
+use crate::signal::{CHAMBERS, Goal, LinkStatus, Mode, Pose, SensorRef, Snapshot, Stamp};
 use crate::task::Plan;
 use crate::twin::{Command, Event, Pace, TICK_S};
 
@@ -106,16 +104,13 @@ struct Plant {
 /// Gives the plan to a twin that is ready for it, and keeps what happens.
 struct Execution<'a> {
     drive: &'a Drive,
-    robot: &'a RobotSpec,
+    limits: LimitWatch<'a>,
     /// Where the rig is in this process.
     plant: Option<Arc<Mutex<Plant>>>,
     start_up: Start,
     first: bool,
     /// When the plan was given, s.
     given_s: Option<f64>,
-    last: Option<PressureCommand>,
-    /// The first violation of a limit.
-    violation: Option<String>,
     /// The link before the plan was given.
     link: LinkStatus,
     /// Why the rig cannot become ready.
@@ -164,10 +159,7 @@ impl Execution<'_> {
         }
         out.simulated = snapshot.link.simulated;
         out.plant_gains = snapshot.plant_gains;
-        if let (Some(command), None) = (&snapshot.command, &self.violation) {
-            self.violation = over_limits(self.robot, self.last.as_ref(), command);
-        }
-        self.last.clone_from(&snapshot.command);
+        self.limits.check(snapshot);
         let plant = self.plant.as_ref();
         let plant = plant.map(|p| p.lock().unwrap_or_else(PoisonError::into_inner).clone());
         if self.given_s.is_some() {
@@ -175,7 +167,7 @@ impl Execution<'_> {
             out.rows.push(row(snapshot, truth));
         }
         if let Some(plant) = plant {
-            self.violation = self.violation.take().or(plant.violation);
+            self.limits.violation = self.limits.violation.take().or(plant.violation);
             out.objects = Some(plant.objects);
         }
     }
@@ -186,7 +178,7 @@ impl Execution<'_> {
         let done = finished_s.is_some_and(|(f, g)| t_s >= g + f + self.drive.after_s);
         let stopped = self.out.refused.is_some()
             || self.out.safe.is_some()
-            || self.violation.is_some()
+            || self.limits.violation.is_some()
             || self.unfit.is_some();
         let late = t_s > HELLO_S && !snapshot.link.connected && self.given_s.is_none();
         done || stopped || late || t_s >= self.drive.seconds
@@ -229,13 +221,11 @@ pub fn drive(
     let mut driver = twin.timed().build()?;
     let mut execution = Execution {
         drive,
-        robot,
+        limits: LimitWatch::new(robot),
         plant,
         start_up: Start::new(drive.reset),
         first: true,
         given_s: None,
-        last: None,
-        violation: None,
         link: LinkStatus::default(),
         unfit: None,
         out: Driven {
@@ -262,7 +252,7 @@ pub fn drive(
         mut out,
         link,
         unfit,
-        violation,
+        limits,
         ..
     } = execution;
     out.pace = pace;
@@ -277,9 +267,7 @@ pub fn drive(
     if let Some(why) = unfit {
         anyhow::bail!("{why}");
     }
-    if let Some(what) = violation {
-        anyhow::bail!("a limit was violated: {what}");
-    }
+    limits.ensure_none()?;
     if out.rows.is_empty() {
         check_link(&link, rig)?;
         if let Some(why) = out.refused {

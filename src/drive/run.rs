@@ -8,6 +8,7 @@ use std::sync::Arc;
 use anyhow::Result;
 
 use super::driver::{Observer, TwinBuilder};
+use super::limits::LimitWatch;
 use super::start::{HELLO_S, Start, check_link};
 use super::tally::Tally;
 use crate::signal::{Goal, Mode, Snapshot, Stamp};
@@ -93,9 +94,10 @@ impl Observer for Schedule<'_> {
 /// Runs a twin for a while.
 ///
 /// # Errors
-/// When the twin cannot be put on the rig, no data come, a command is refused, or the arm goes SAFE on its way.
+/// When the twin cannot be put on the rig, no data come, a command is refused, a limit is violated, or the arm goes
+/// SAFE on its way.
 pub fn run(twin: TwinBuilder<'_>, run: &Run) -> Result<Ran> {
-    let rig = twin.rig;
+    let (rig, robot) = (twin.rig, twin.robot);
     let mut driver = twin.build()?;
     let mut tally = Tally::new(run.target.clone());
     let mut schedule = Schedule {
@@ -105,7 +107,8 @@ pub fn run(twin: TwinBuilder<'_>, run: &Run) -> Result<Ran> {
         asked: false,
         refused: None,
     };
-    let pace = driver.run(&mut [&mut tally, &mut schedule]);
+    let mut limits = LimitWatch::new(robot);
+    let pace = driver.run(&mut [&mut tally, &mut schedule, &mut limits]);
     let mut refused = schedule.refused;
     let end = tally.last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
     let ended = driver.finish(end);
@@ -119,6 +122,7 @@ pub fn run(twin: TwinBuilder<'_>, run: &Run) -> Result<Ran> {
             _ => {}
         }
     }
+    limits.ensure_none()?;
     if let Some(reason) = refused {
         anyhow::bail!("{reason}");
     }
