@@ -8,6 +8,7 @@ pub mod drive;
 pub mod gap;
 #[cfg(feature = "gui")]
 pub mod gui;
+pub mod lab;
 pub mod learn;
 pub mod link;
 pub mod recording;

@@ -275,7 +275,7 @@ mod tests {
             payload_kg: 0.0,
             hidden: Vec::new(),
         };
-        super::super::session::log_of(session(&robot, &plan).expect("runs"), &robot)
+        springtwin::lab::session_log(session(&robot, &plan).expect("runs"), &robot)
     }
 
     /// What motion capture would have written: its own world, its own object, its clock 0.8 s behind,

@@ -9,8 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use super::outputs::{self, Overwrite};
-use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use super::{Report, args, bench_rig};
+use springtwin::lab::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use springtwin::learn::{self, Recipe};
 use springtwin::recording::{
     DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, read_session, write_bytes, write_dataset,

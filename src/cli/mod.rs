@@ -25,9 +25,9 @@ mod outputs;
 mod patch;
 #[cfg(feature = "gui")]
 mod picture;
+mod progress;
 mod reference;
 mod session;
-mod shards;
 mod simulate;
 mod soak;
 mod solve;
@@ -142,14 +142,7 @@ enum Offline {
     Case(gap_bench::CaseArgs),
 }
 
-/// What a command has to say: for people, and for scripts.
-#[derive(Debug)]
-pub struct Report {
-    /// Shown without `--json`.
-    pub text: String,
-    /// Shown with `--json`.
-    pub json: Value,
-}
+pub use springtwin::lab::Report;
 
 /// A command that ran to its end and found something wrong: its report is printed all the same.
 #[derive(Debug)]
@@ -286,7 +279,7 @@ fn run(cli: &Cli) -> Result<Report> {
         Some(Command::Rig { live, offline }) => match offline {
             None => live::rig(live, &robot),
             Some(Offline::Session(a)) => session::run(a, &robot),
-            Some(Offline::Case(a)) => gap_bench::rig_case(a, &robot),
+            Some(Offline::Case(a)) => gap_bench::case(a, &robot),
             Some(Offline::Effects) => Ok(session::effects()),
             Some(Offline::Bench(a)) => calibrate::bench(a, &robot),
         },

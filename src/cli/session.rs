@@ -8,11 +8,12 @@ use serde_json::json;
 
 use super::outputs::Overwrite;
 use super::{Report, args};
-use springtwin::recording::{SessionLog, write_session};
+use springtwin::lab::session_log;
+use springtwin::recording::{SESSION_FILES, write_session};
 use springtwin::rig::hidden::cases::Answer;
 use springtwin::rig::hidden::{HIDDEN, Hidden};
 use springtwin::rig::session::Excitation;
-use springtwin::rig::{Session, SessionPlan, session};
+use springtwin::rig::{SessionPlan, session};
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
@@ -49,9 +50,6 @@ pub struct SessionArgs {
     truth: Option<PathBuf>,
 }
 
-/// The files of a session's folder.
-pub const SESSION_FILES: [&str; 2] = ["log.csv", "session.toml"];
-
 fn excitation(text: &str) -> Result<Excitation, String> {
     Excitation::from_name(text).ok_or_else(|| {
         let names = Excitation::ALL.map(Excitation::name).join(", ");
@@ -86,23 +84,6 @@ fn hidden(text: &str) -> Result<Hidden, String> {
     Hidden::new(id, target, &values).map_err(|e| e.to_string())
 }
 
-/// A session of `robot`'s rig as a session log.
-pub fn log_of(s: Session, robot: &RobotSpec) -> SessionLog {
-    SessionLog {
-        name: s.name,
-        rate_hz: s.rate_hz,
-        payload_kg: s.payload_kg,
-        t_s: s.t_s,
-        chamber_pa: s.chamber_pa,
-        sensors: s.sensors,
-        truth: s.captured.into_iter().map(Some).collect(),
-        commanded_pa: Some(s.commanded_pa),
-        payload_column_kg: None,
-        hash: String::new(),
-        robot: robot.hash.clone(),
-    }
-}
-
 /// `rig session`.
 pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
@@ -129,7 +110,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
         payload_kg: a.payload,
         hidden: a.hide.clone(),
     };
-    let log = log_of(session(robot, &plan)?, robot);
+    let log = session_log(session(robot, &plan)?, robot);
     write_session(&a.out, &log)?;
     if let Some(path) = &a.truth {
         let answers: Vec<Answer> = a.hide.iter().map(Answer::new).collect();

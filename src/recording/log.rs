@@ -23,7 +23,7 @@ use crate::signal::{
 pub(crate) use read::{median_step_s, not_our_header};
 pub use read::{parse_log, read_session, read_session_with};
 pub(crate) use write::write_whole;
-pub use write::{write_bytes, write_session, write_text};
+pub use write::{SESSION_FILES, write_bytes, write_session, write_text};
 
 /// A session log in memory: columns of equal length, SI units.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -50,7 +50,8 @@ pub use inspect::{
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
 pub use log::{
-    SessionLog, parse_log, read_session, read_session_with, write_bytes, write_session, write_text,
+    SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, write_bytes,
+    write_session, write_text,
 };
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,

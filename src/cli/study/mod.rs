@@ -31,10 +31,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::outputs::Overwrite;
-use super::shards::Part;
 use super::{Report, args};
 use lab::{Lab, Sizes};
 use progress::Progress;
+use springtwin::lab::shards::Part;
 use springtwin::robot::RobotSpec;
 use table::{Found, Table};
 

@@ -11,12 +11,12 @@ use serde_json::json;
 
 use super::super::Report;
 use super::super::outputs::Overwrite;
-use super::super::shards::{
-    Part, Shard, file_hash, program_hash, read_shards, stretch, write_shard,
-};
 use super::lab::{DATA, Lab, Sizes};
 use super::table::Found;
 use super::{About, Data, Name, StudyArgs, make_folder, report};
+use springtwin::lab::shards::{
+    Part, Shard, file_hash, program_hash, read_shards, stretch, write_shard,
+};
 
 /// The command that shards are of.
 const OF: &str = "study";

@@ -9,6 +9,9 @@ use crate::recording::RecordingError;
 use crate::recording::session_file::{SessionFile, default_log};
 use crate::signal::{CHAMBERS, ypr_from_rotation};
 
+/// Files that [`write_session`] writes.
+pub const SESSION_FILES: [&str; 2] = ["log.csv", "session.toml"];
+
 /// Writes a session into a folder (made if missing): `session.toml` and `log.csv`.
 ///
 /// Values are rounded to the sixth decimal of their unit (nm, mPa, µdeg), times to the nanosecond.

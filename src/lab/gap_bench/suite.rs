@@ -1,28 +1,62 @@
 //! What the blind test consists of: the same seeds, the same cases.
 
-use clap::ValueEnum;
 use rand::Rng as _;
 use sha2::{Digest as _, Sha256};
 
-use crate::cli::shards::Shard;
-use springtwin::gap::score::About;
-use springtwin::rig::hidden::{Class, HIDDEN, Kind};
-use springtwin::signal::hex;
-use springtwin::sim::dataset::sample_rng;
+use crate::gap::score::About;
+use crate::lab::shards::Shard;
+use crate::rig::hidden::{Class, HIDDEN, Kind};
+use crate::signal::hex;
+use crate::sim::dataset::sample_rng;
 
 /// A part of the suite.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// One effect at 2, 4 and 8 times the floor
+    /// One effect at 2, 4 and 8 times the floor.
     Singles,
-    /// No effect
+    /// No effect.
     Nulls,
-    /// An effect that the finder does not know
+    /// An effect that the finder does not know.
     Aliens,
-    /// Two effects
+    /// Two effects.
     Pairs,
-    /// One effect at 0.5 and 1 times the floor
+    /// One effect at 0.5 and 1 times the floor.
     Ladder,
+}
+
+impl Part {
+    /// All parts, each with its name and what it holds.
+    pub const ALL: [(Self, &'static str, &'static str); 5] = [
+        (
+            Self::Singles,
+            "singles",
+            "One effect at 2, 4 and 8 times the floor",
+        ),
+        (Self::Nulls, "nulls", "No effect"),
+        (
+            Self::Aliens,
+            "aliens",
+            "An effect that the finder does not know",
+        ),
+        (Self::Pairs, "pairs", "Two effects"),
+        (
+            Self::Ladder,
+            "ladder",
+            "One effect at 0.5 and 1 times the floor",
+        ),
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        let of = Self::ALL.iter().find(|(part, ..)| *part == self);
+        of.map_or("", |(_, name, _)| name)
+    }
+
+    /// The part of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        let of = Self::ALL.iter().find(|(_, n, _)| *n == name);
+        of.map(|(part, ..)| *part)
+    }
 }
 
 /// Strengths of the singles of every seed, times the floor.
@@ -72,8 +106,7 @@ pub struct Planned {
 impl Suite {
     /// All of it as names and texts, for a shard; see [`Suite::from_about`].
     pub fn about(&self) -> Vec<(String, String)> {
-        let parts = self.parts.iter().filter_map(Part::to_possible_value);
-        let parts: Vec<String> = parts.map(|p| p.get_name().to_owned()).collect();
+        let parts: Vec<&str> = self.parts.iter().map(|p| p.name()).collect();
         [
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
             ("robot", self.robot.clone()),
@@ -92,9 +125,7 @@ impl Suite {
         Some(Self {
             first_seed: shard.option("first-seed").parse().ok()?,
             seeds: shard.option("seeds").parse().ok()?,
-            parts: parts
-                .map(|p| Part::from_str(p, false).ok())
-                .collect::<Option<_>>()?,
+            parts: parts.map(Part::from_name).collect::<Option<_>>()?,
             seconds: shard.option("seconds").parse().ok()?,
             robot: shard.option("robot").to_owned(),
         })

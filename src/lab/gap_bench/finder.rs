@@ -1,4 +1,4 @@
-//! Has verdicts made by a process that is shown the sessions and nothing else.
+//! Runs the gap finder in a process that is given the sessions of a case and nothing else.
 
 use std::fs::File;
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
-use crate::cli::shards::write;
+use crate::lab::shards::write;
 
 /// What the finder said.
 pub const VERDICT: &str = "verdict.json";

@@ -1,9 +1,9 @@
-//! Long work in parts: the same command on many machines, each with its `--shard I/N`, and a merge that
-//! makes of their results what one run would have made.
+//! Long runs in parts: the same command on many machines, each with its `--shard I/N`, and a merge of their
+//! results into those of one run.
 //!
-//! The items of a run stand in a fixed order, and a shard does a stretch of them. What it found is a JSON
-//! file that begins with everything that decides the results. Figures in it are texts, so that they are
-//! read back bit for bit.
+//! The items of a run have a fixed order, and a shard does a contiguous range of them. Its results are a JSON
+//! file that begins with everything that decides them. Figures in it are texts, so that they are read back bit for
+//! bit.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -13,17 +13,18 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use springtwin::signal::hex;
+use crate::drive::read_text;
+use crate::signal::hex;
 
 /// Which part of how many; both count from 1.
 pub type Part = (usize, usize);
 
-/// What a shard found.
+/// Results of a shard, with all that they depend on.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Shard<T> {
     /// The command.
     pub of: String,
-    /// Whatever decides the results: name and value of options, versions, hashes.
+    /// Everything that decides the results: names and values of options, versions, hashes.
     pub about: Vec<(String, String)>,
     /// Which part of how many.
     pub shard: Part,
@@ -32,7 +33,7 @@ pub struct Shard<T> {
 }
 
 impl<T> Shard<T> {
-    /// The same shard with what it found.
+    /// The same shard with other results.
     pub fn with<U>(self, found: U) -> Shard<U> {
         Shard {
             of: self.of,
@@ -57,11 +58,14 @@ pub fn stretch(items: usize, (i, n): Part) -> Range<usize> {
 }
 
 /// Writes a shard's file.
+///
+/// # Errors
+/// When the file cannot be written.
 pub fn write_shard<T: Serialize>(path: &Path, shard: &Shard<T>) -> Result<()> {
     write(path, &serde_json::to_string_pretty(shard)?)
 }
 
-/// Says of a file that it is no shard of the command `of`.
+/// Message for a file that is no shard of the command `of`.
 pub fn not_a_shard(of: &str, path: &Path) -> String {
     format!(
         "{} is no shard of `{of}`: name the files that `{of} --shard I/N` has written",
@@ -79,7 +83,7 @@ pub fn read_shards<T: DeserializeOwned>(
 ) -> Result<Vec<(PathBuf, Shard<T>)>> {
     let mut read: Vec<(PathBuf, Shard<T>)> = Vec::new();
     for path in paths {
-        let shard = serde_json::from_str(&super::read_text(path)?);
+        let shard = serde_json::from_str(&read_text(path)?);
         let shard = shard.ok().with_context(|| not_a_shard(of, path))?;
         read.push((path.clone(), shard));
     }
@@ -160,8 +164,8 @@ fn difference<T>(a: &Shard<T>, b: &Shard<T>) -> Option<String> {
         })
 }
 
-/// Writes beside the target and renames: what is there is whole.
-pub fn write(path: &Path, text: &str) -> Result<()> {
+/// Writes a file whole: beside its place first, then renamed to it.
+pub(super) fn write(path: &Path, text: &str) -> Result<()> {
     let part = path.with_extension("part");
     std::fs::write(&part, text)
         .and_then(|()| std::fs::rename(&part, path))
@@ -169,14 +173,20 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
 }
 
 /// SHA-256 of a file.
+///
+/// # Errors
+/// When the file cannot be read.
 pub fn file_hash(path: &Path) -> Result<String> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(hex(&Sha256::digest(bytes)))
 }
 
 /// SHA-256 of this program's file.
+///
+/// # Errors
+/// As [`file_hash`].
 pub fn program_hash() -> Result<String> {
-    file_hash(&std::env::current_exe().context("cannot tell where this program is")?)
+    file_hash(&std::env::current_exe().context("cannot find this program's own file")?)
 }
 
 #[cfg(test)]

@@ -1,0 +1,201 @@
+//! Makes cases: two sessions in a folder, the answer key elsewhere.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, Result};
+use rand::Rng as _;
+
+use super::suite::Planned;
+use crate::gap::score::{About, Key, KeyEffect, KeyValue};
+use crate::lab::session_log;
+use crate::lab::shards::write;
+use crate::recording::write_session;
+use crate::rig::hidden::cases::{Answer, Case, CaseKind, case_like};
+use crate::rig::hidden::{Growth, Kind, kind};
+use crate::rig::{Session, SessionPlan, session};
+use crate::robot::RobotSpec;
+use crate::sim::dataset::sample_rng;
+
+/// Rigs that are tried for a case before it is given up.
+const ATTEMPTS: usize = 5;
+
+/// Options of one case.
+#[derive(Clone, Debug)]
+pub struct CaseOptions {
+    /// Folder for the sessions commissioning/ and suspect/.
+    pub out: PathBuf,
+    /// File for the answer, outside of that folder.
+    pub key: PathBuf,
+    /// Seed of everything.
+    pub seed: u64,
+    /// What the case is about.
+    pub about: About,
+    /// Strength of every effect, times the noise floor.
+    pub strength: f64,
+    /// The hidden effects.
+    pub effects: Vec<&'static Kind>,
+    /// One of these is hidden, too, drawn by the seed; none if empty.
+    pub one_of: Vec<&'static Kind>,
+    /// Length of the sessions, s.
+    pub seconds: f64,
+}
+
+/// Folders of a case's sessions.
+pub const SESSIONS: [&str; 2] = ["commissioning", "suspect"];
+
+/// Makes a case: both sessions, and the answer elsewhere.
+///
+/// # Errors
+/// When the key would lie in the folder of the sessions, no rig can hold the effects, or a file cannot be written.
+pub fn make_case(o: &CaseOptions, robot: &RobotSpec) -> Result<()> {
+    let (key, out) = (std::path::absolute(&o.key)?, std::path::absolute(&o.out)?);
+    anyhow::ensure!(
+        !key.starts_with(&out),
+        "the key {} would lie in the case's folder: name a place outside of it",
+        o.key.display()
+    );
+    let (case, logs) = draw(o, robot)?;
+    for (name, log) in SESSIONS.into_iter().zip(logs) {
+        write_session(&out.join(name), &session_log(log, robot))?;
+    }
+    // Last: where there is a key, there is a whole case.
+    write(&key, &serde_json::to_string_pretty(&key_of(&case))?)
+}
+
+/// The case and its two sessions; rigs that cannot hold what is hidden are passed over.
+fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, [Session; 2])> {
+    let plan = SessionPlan {
+        seconds: o.seconds,
+        ..SessionPlan::default()
+    };
+    let mut effects = o.effects.clone();
+    if !o.one_of.is_empty() {
+        let drawn = sample_rng(o.seed, ATTEMPTS).random_range(0..o.one_of.len());
+        effects.push(o.one_of[drawn]);
+    }
+    let mut last = None;
+    for attempt in 0..ATTEMPTS {
+        let seed = sample_rng(o.seed, attempt).random();
+        let made = case_like(&plan, robot, seed, kind_of(o.about), &effects, o.strength).and_then(
+            |case| {
+                let logs = [
+                    session(robot, &case.commissioning)?,
+                    session(robot, &case.suspect)?,
+                ];
+                Ok((case, logs))
+            },
+        );
+        match made {
+            Ok(made) => return Ok(made),
+            Err(e) => last = Some(e),
+        }
+    }
+    match last {
+        Some(e) => Err(e.into()),
+        None => anyhow::bail!("no rig was tried"),
+    }
+}
+
+fn kind_of(about: About) -> CaseKind {
+    match about {
+        About::Single => CaseKind::Single,
+        About::Null => CaseKind::Null,
+        About::Alien => CaseKind::Alien,
+        About::Pair => CaseKind::Pair,
+    }
+}
+
+fn key_of(case: &Case) -> Key {
+    Key {
+        kind: match case.truth.kind {
+            CaseKind::Single => About::Single,
+            CaseKind::Null => About::Null,
+            CaseKind::Alien => About::Alien,
+            CaseKind::Pair => About::Pair,
+        },
+        strength: case.truth.strength,
+        effects: case.truth.effects.iter().map(key_effect).collect(),
+    }
+}
+
+fn key_effect(answer: &Answer) -> KeyEffect {
+    let magnitudes = kind(answer.id).map_or(&[][..], |k| k.magnitudes);
+    let value = |(name, v): (&&'static str, &crate::rig::hidden::cases::Value)| {
+        let linear = magnitudes
+            .iter()
+            .find(|m| m.name == *name && m.growth == Growth::Linear);
+        let value = KeyValue {
+            value: v.value,
+            unit: v.unit.to_owned(),
+            none: linear.map(|m| m.none),
+        };
+        ((*name).to_owned(), value)
+    };
+    KeyEffect {
+        id: answer.id.to_owned(),
+        target: answer.target,
+        params: answer.params.iter().map(value).collect(),
+        // JSON has no infinity: what the draft arm could not hold is as strong as can be.
+        reached: answer.reached.map(|r| r.min(1e3)),
+        capped: answer.capped,
+    }
+}
+
+/// Starts generators.
+pub struct Maker<'a> {
+    /// This program.
+    pub program: &'a Path,
+    /// Robot file, if not the reference robot.
+    pub robot_file: Option<&'a Path>,
+    /// Length of the sessions, s.
+    pub seconds: f64,
+}
+
+impl Maker<'_> {
+    /// The process that makes a case; what is hidden in it comes behind.
+    pub fn command(
+        &self,
+        about: About,
+        seed: u64,
+        strength: f64,
+        folder: &Path,
+        key: &Path,
+    ) -> Command {
+        let about = match about {
+            About::Single => "single",
+            About::Null => "null",
+            About::Alien => "alien",
+            About::Pair => "pair",
+        };
+        let mut command = Command::new(self.program);
+        if let Some(file) = self.robot_file {
+            command.arg("--robot").arg(file);
+        }
+        // What a case that was stopped has left is made again.
+        command.args(["rig", "case", "--overwrite", "--kind", about]);
+        command.arg("--out").arg(folder).arg("--key").arg(key);
+        command.args(["--seed", &seed.to_string()]);
+        command.args(["--strength", &strength.to_string()]);
+        command.args(["--seconds", &self.seconds.to_string()]);
+        command
+    }
+
+    /// Has a case made, unless it is there.
+    pub fn make(&self, planned: &Planned, folder: &Path, key: &Path) -> Result<()> {
+        if key.exists() && folder.join("suspect").join("session.toml").exists() {
+            return Ok(());
+        }
+        let mut command = self.command(planned.about, planned.seed, planned.strength, folder, key);
+        for id in &planned.effects {
+            command.args(["--effect", id]);
+        }
+        let out = command
+            .stdin(Stdio::null())
+            .output()
+            .context("cannot start the generator")?;
+        let said = String::from_utf8_lossy(&out.stderr);
+        anyhow::ensure!(out.status.success(), "{}", said.trim());
+        Ok(())
+    }
+}
