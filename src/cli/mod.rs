@@ -7,9 +7,8 @@
 //! none. What can be tested without a file or a clock belongs into the library.
 
 mod args;
-mod bench_rig;
 mod calibrate;
-mod data;
+mod dataset;
 mod drive;
 mod estimate;
 mod files;
@@ -33,6 +32,7 @@ mod soak;
 mod solve;
 mod stdio;
 mod study;
+mod train;
 mod user;
 #[cfg(feature = "gui")]
 mod window;
@@ -69,12 +69,12 @@ enum Command {
     Sim(simulate::SimCommand),
     /// Generate or merge datasets of settled samples
     #[command(subcommand)]
-    Dataset(data::DatasetCommand),
+    Dataset(dataset::DatasetCommand),
     /// Find the effect that the model misses, patch it, prove it
     #[command(subcommand)]
     Gap(gap::GapCommand),
     /// Train the networks
-    Train(data::TrainArgs),
+    Train(train::TrainArgs),
     /// The paper's tables on sensing and control, made anew on the virtual rig
     Study(study::StudyArgs),
     /// Pose from springs and IMUs of a session, against its motion capture
@@ -243,9 +243,9 @@ fn run(cli: &Cli) -> Result<Report> {
             "this program was built without its window: use springtwin run --headless"
         ),
         Some(Command::Sim(c)) => simulate::run(c, &robot),
-        Some(Command::Dataset(c)) => data::dataset(c, &robot, cli.json),
+        Some(Command::Dataset(c)) => dataset::run(c, &robot, cli.json),
         Some(Command::Gap(c)) => gap::run(c, &robot, cli.robot.as_deref()),
-        Some(Command::Train(a)) => data::train(a, cli.json),
+        Some(Command::Train(a)) => train::run(a, cli.json),
         Some(Command::Study(a)) => study::run(a, &robot, cli.json),
         Some(Command::Estimate(a)) => estimate::estimate(a, &robot),
         Some(Command::Calibrate(c)) => calibrate::run(c, &robot),

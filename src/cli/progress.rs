@@ -32,6 +32,10 @@ impl Progress for Bar {
         self.with(|b| b.iter().for_each(|bar| bar.inc(1)));
     }
 
+    fn items_done(&self, count: usize) {
+        self.with(|b| b.iter().for_each(|bar| bar.set_position(count as u64)));
+    }
+
     fn stage_done(&self, _result: &str) {
         self.with(|b| b.iter().for_each(ProgressBar::finish_and_clear));
     }

@@ -4,16 +4,29 @@
 //! writes the files that its options name and prints nothing. All of them run on the virtual rig, so every figure is
 //! simulated.
 //!
+//! - [`study`]: the paper's tables and figures on sensing and control.
 //! - [`gap_bench`]: hidden effects that the gap finder has to name.
+//! - [`soak`]: the twin for hours on a rig with faults.
+//! - [`dataset`]: settled samples for training.
 //! - [`shards`]: long runs in parts, on many machines, to the bytes of one run.
+//! - [`table`], [`plot`], [`drive_log`]: tables, charts, and a drive as both.
 
+pub mod dataset;
+pub mod drive_log;
 pub mod gap_bench;
+pub mod motions;
+pub mod plot;
 mod progress;
 mod session;
 pub mod shards;
+pub mod soak;
+pub mod study;
+pub mod table;
 
 pub use progress::{Progress, Silent};
 pub use session::session_log;
+
+use std::ops::ControlFlow;
 
 use serde_json::Value;
 
@@ -24,4 +37,14 @@ pub struct Report {
     pub text: String,
     /// One JSON value with the same content.
     pub json: Value,
+}
+
+/// Number of processors.
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, |n| n.get())
+}
+
+/// Progress that never stops a run.
+fn go_on(_: usize) -> ControlFlow<()> {
+    ControlFlow::Continue(())
 }

@@ -8,6 +8,11 @@ pub trait Progress: Send + Sync {
     /// An item is done.
     fn item_done(&self);
 
+    /// `count` items of the stage are done in all.
+    fn items_done(&self, count: usize) {
+        let _ = count;
+    }
+
     /// `count` trials begin: those of the present item, or of all items of the stage.
     fn trials(&self, count: usize) {
         let _ = count;

@@ -7,7 +7,6 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
-use super::pictures;
 use crate::cli::args::{self, InstrumentArgs, Kind};
 use crate::cli::outputs::Overwrite;
 use crate::cli::{Failed, Report};
@@ -17,6 +16,7 @@ use springtwin::drive::{
     BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Shape, TwinBuilder,
     drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
+use springtwin::lab::drive_log;
 use springtwin::learn::ErrorStats;
 use springtwin::rig::{Object, RigOptions};
 use springtwin::robot::RobotSpec;
@@ -69,7 +69,7 @@ impl Common {
     /// Refuses to write over what is there.
     fn check_outputs(&self) -> Result<()> {
         if let Some(out) = &self.out {
-            self.overwrite.files(out, &pictures::FILES)?;
+            self.overwrite.files(out, &drive_log::FILES)?;
         }
         match &self.record {
             Some(file) => self.overwrite.file(file),
@@ -109,7 +109,7 @@ impl Common {
 
     fn write(&self, driven: &Driven, path: Option<&Path>, errors_mm: &[f64]) -> Result<()> {
         match &self.out {
-            Some(out) => pictures::write(out, driven, path, errors_mm),
+            Some(out) => drive_log::write(out, driven, path, errors_mm),
             None => Ok(()),
         }
     }

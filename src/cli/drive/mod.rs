@@ -1,4 +1,3 @@
-//! Commands that carry out a plan, and pictures of how it went.
+//! Commands that carry out a plan.
 
 pub mod commands;
-pub mod pictures;

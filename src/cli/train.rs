@@ -1,0 +1,153 @@
+//! `train`: the networks.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use super::Report;
+use super::outputs::Overwrite;
+use springtwin::learn::{self, Recipe};
+use springtwin::recording::{read_dataset, read_session, write_bytes};
+use springtwin::signal::{Dataset, Sample};
+
+#[derive(Args)]
+pub struct TrainArgs {
+    /// Recipe; the shipped one without it
+    #[arg(long, value_name = "F.toml")]
+    recipe: Option<PathBuf>,
+    /// Simulated samples
+    #[arg(long, value_name = "F.parquet")]
+    data: PathBuf,
+    /// Samples of the arm itself, for the sim-to-real networks: a dataset or a session
+    #[arg(long, value_name = "F")]
+    real: Option<PathBuf>,
+    /// Folder for the networks
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+}
+
+const RECIPE: &str = include_str!("../../assets/networks/recipe.toml");
+
+/// The file that `train` writes.
+const NETWORKS: &str = "reference.safetensors";
+
+/// `train`.
+pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
+    a.overwrite.files(&a.out, &[NETWORKS])?;
+    let recipe = match &a.recipe {
+        None => Recipe::from_toml(RECIPE).context("the built-in recipe does not load")?,
+        Some(path) => Recipe::from_toml(&crate::cli::read_toml(path)?)
+            .with_context(|| path.display().to_string())?,
+    };
+    let data = read_dataset(&a.data)?;
+    let real = a.real.as_deref().map(real_samples).transpose()?;
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the command, for the report"
+    )]
+    let start = std::time::Instant::now();
+    let bar = if quiet {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new_spinner()
+    };
+    // Wall time from one stage's last epoch to the next one's.
+    let mut stages: Vec<(learn::Stage, f64)> = Vec::new();
+    let mut watch = |p: learn::Progress| {
+        let now = start.elapsed().as_secs_f64();
+        match stages.last_mut() {
+            Some((stage, until)) if *stage == p.stage => *until = now,
+            _ => stages.push((p.stage, now)),
+        }
+        bar.set_message(format!(
+            "{:?} network {}: epoch {}/{}, validation loss {:.2e}",
+            p.stage,
+            p.member + 1,
+            p.epoch,
+            p.epochs,
+            p.validation_loss
+        ));
+        bar.tick();
+        ControlFlow::Continue(())
+    };
+    let trained = learn::train(&data, real.as_ref(), &recipe, &mut watch)?;
+    bar.finish_and_clear();
+    std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
+    let file = a.out.join(NETWORKS);
+    write_bytes(&file, &trained.to_bytes()?)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let scores = serde_json::to_value(&trained.scores)?;
+    let mut by_stage = serde_json::Map::new();
+    let mut from = 0.0;
+    for (stage, until) in stages {
+        let name = match stage {
+            learn::Stage::SensorMap => "sensor-map",
+            learn::Stage::TranslationCorrection => "translation-correction",
+            learn::Stage::RotationCorrection => "rotation-correction",
+            learn::Stage::Plant => "plant",
+        };
+        by_stage.insert(name.to_owned(), json!(until - from));
+        from = until;
+    }
+    Ok(Report {
+        text: format!(
+            "trained in {seconds:.1} s to {}\n{}",
+            file.display(),
+            told(&trained.scores)
+        ),
+        json: json!({"seconds": seconds, "seconds_by_stage": by_stage, "file": file, "scores": scores}),
+    })
+}
+
+/// How networks do on samples that they have not seen, for people; `--json` has all of it.
+fn told(scores: &learn::Scores) -> String {
+    let pose = &scores.smap.test;
+    let mut text = format!(
+        "on {} samples that it has not seen: translation {:.2} mm mean, {:.2} mm P95, rotation {:.2} deg mean; plant: springs {:.2} mm, IMUs {:.2} deg mean",
+        pose.n,
+        pose.translation_mm.mean,
+        pose.translation_mm.p95,
+        pose.rotation_deg.mean,
+        scores.plant.test.spring_mm.mean,
+        scores.plant.test.imu_deg.mean,
+    );
+    if scores.s2r.is_some() {
+        text += "; with a sim-to-real step";
+    }
+    text
+}
+
+/// A dataset, or the samples of a session that has motion capture.
+fn real_samples(path: &Path) -> Result<Dataset> {
+    if path.extension().is_some_and(|e| e == "parquet") {
+        return Ok(read_dataset(path)?);
+    }
+    let log = read_session(path)?;
+    let samples = (0..log.len())
+        .filter_map(|k| {
+            let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
+                && log.sensors[k].to_vector().iter().all(|x| x.is_finite());
+            let truth = log.truth[k].filter(|_| complete)?;
+            Some(Sample {
+                chamber_pa: log.chamber_pa[k],
+                payload_kg: log.payload_kg,
+                tip_force_n: [0.0; 3],
+                sensors: log.sensors[k].clone(),
+                base_from_tip: truth,
+            })
+        })
+        .collect();
+    Ok(Dataset {
+        samples,
+        source: log.name.clone(),
+        seed: 0,
+        robot_hash: String::new(),
+        shard: None,
+    })
+}

@@ -1,0 +1,182 @@
+//! Data sets of settled samples, for training.
+
+use std::ops::{ControlFlow, Range};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+
+use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
+use super::{Progress, go_on, motions, threads};
+use crate::recording::{DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, write_dataset};
+use crate::robot::RobotSpec;
+use crate::signal::Dataset;
+use crate::sim::dataset::{Plan, generate as by_rod, generate_mesh};
+use crate::sim::mesh::MeshModel;
+
+/// What makes the samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// Piecewise-constant-strain rods.
+    Rod,
+    /// Tetrahedra between rigid pads, the nominal arm.
+    Mesh,
+    /// The virtual rig, read through its circuits and the calibration.
+    Rig,
+}
+
+/// Options of a data set.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What makes the samples.
+    pub source: Source,
+    /// Pressures, loads and scatter of the samples, and their seed.
+    pub plan: Plan,
+    /// Only this part of the samples; by rod or mesh.
+    pub shard: Option<Part>,
+    /// The file.
+    pub out: PathBuf,
+}
+
+impl Options {
+    /// Indices of the samples to be made.
+    pub fn range(&self) -> Range<usize> {
+        stretch(self.plan.draw.len(), self.shard.unwrap_or((1, 1)))
+    }
+
+    /// Space that the samples take on the disk while they are made, bytes: journal and data set are there together
+    /// at the end.
+    pub fn bytes(&self) -> u128 {
+        self.range().len() as u128 * u128::from(DATASET_SAMPLE_BYTES)
+    }
+}
+
+/// A data set that was made.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// Number of samples.
+    pub samples: usize,
+    /// Samples without equilibrium, which are left out.
+    pub left_out: usize,
+    /// Samples that an earlier, interrupted run had computed.
+    pub taken_over: usize,
+    /// Name of what made them.
+    pub source: String,
+}
+
+/// Makes a data set. By rod or mesh an interrupted run continues where it was, to the same bytes.
+///
+/// # Errors
+/// When the simulator cannot be set up, or the file cannot be written.
+pub fn generate(o: &Options, robot: &RobotSpec, progress: &dyn Progress) -> Result<Made> {
+    progress.stage("settling", o.range().len());
+    let made = match o.source {
+        Source::Rig => {
+            let mut done = |n: usize| {
+                progress.items_done(n);
+                ControlFlow::Continue(())
+            };
+            let (data, left_out) = motions::settled(robot, &o.plan, o.range(), &mut done)?;
+            write_dataset(&o.out, &data)?;
+            Made {
+                samples: data.samples.len(),
+                left_out,
+                taken_over: 0,
+                source: data.source,
+            }
+        }
+        Source::Rod => resumable("rod", 4, o, robot, progress, &|part| {
+            by_rod(robot, &o.plan, part, threads(), &mut go_on)
+        })?,
+        Source::Mesh => {
+            let mesh = MeshModel::new(robot)?;
+            resumable("mesh", 1, o, robot, progress, &|part| {
+                generate_mesh(&mesh, &o.plan, part, threads(), &mut go_on)
+            })?
+        }
+    };
+    progress.stage_done("settled");
+    Ok(made)
+}
+
+/// Generates the samples in parts of `rounds` times 64 indices per thread and keeps every part in a
+/// journal beside the output.
+fn resumable(
+    source: &str,
+    rounds: usize,
+    o: &Options,
+    robot: &RobotSpec,
+    progress: &dyn Progress,
+    part: &dyn Fn(Range<usize>) -> (Dataset, usize),
+) -> Result<Made> {
+    let (plan, range) = (&o.plan, o.range());
+    let mut about = vec![
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("simulator", source.to_owned()),
+        ("robot", robot.hash.clone()),
+        ("draw", format!("{:?}", plan.draw)),
+        ("seed", plan.seed.to_string()),
+        ("payload-max", plan.payload_max_kg.to_string()),
+        ("force", plan.tip_force_sd_n.to_string()),
+        ("deviation", plan.deviation_sd.to_string()),
+        ("free-pads", plan.free_pads_sd_m.to_string()),
+        ("disturbed-share", plan.disturbed_share.to_string()),
+    ];
+    let shard = o.shard.map(|part| Shard {
+        of: SHARDS_OF.to_owned(),
+        about: about
+            .iter()
+            .map(|(name, value)| ((*name).to_owned(), value.clone()))
+            .collect(),
+        shard: part,
+        found: (),
+    });
+    about.push(("shard", format!("{range:?}")));
+    let mut journal = DatasetJournal::open(&o.out, &about)?;
+    let taken_over = journal.samples;
+    let block = rounds * 64 * threads();
+    while journal.done < range.len() {
+        progress.items_done(journal.done);
+        let from = range.start + journal.done;
+        let to = (from + block).min(range.end);
+        let (data, _) = part(from..to);
+        journal.append(to - from, &data.samples)?;
+    }
+    let (samples, left_out) = (journal.samples, journal.done - journal.samples);
+    journal.finish(&Dataset {
+        samples: Vec::new(),
+        source: source.to_owned(),
+        seed: plan.seed,
+        robot_hash: robot.hash.clone(),
+        shard: shard.map(|s| serde_json::to_string(&s)).transpose()?,
+    })?;
+    Ok(Made {
+        samples,
+        left_out,
+        taken_over,
+        source: source.to_owned(),
+    })
+}
+
+/// The command that shards are of.
+const SHARDS_OF: &str = "dataset generate";
+
+/// Joins shards into the file that one run would have made; returns the number of samples and what made them.
+///
+/// # Errors
+/// When the shards are not all parts of one run, or a file cannot be read or written.
+pub fn merge(paths: &[PathBuf], out: &Path) -> Result<(usize, String)> {
+    let mut shards: Vec<(PathBuf, Shard<Dataset>)> = Vec::new();
+    for path in paths {
+        let mut data = read_dataset(path)?;
+        let about = data.shard.take();
+        let about: Option<Shard<()>> = about.and_then(|t| serde_json::from_str(&t).ok());
+        let about = about.with_context(|| not_a_shard(SHARDS_OF, path))?;
+        shards.push((path.clone(), about.with(data)));
+    }
+    let shards = in_order(SHARDS_OF, shards)?;
+    let mut parts = shards.into_iter().map(|(_, shard)| shard.found);
+    let mut joined = parts.next().context("no shards were given")?;
+    joined.samples.extend(parts.flat_map(|p| p.samples));
+    write_dataset(out, &joined)?;
+    Ok((joined.samples.len(), joined.source))
+}

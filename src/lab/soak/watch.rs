@@ -1,0 +1,237 @@
+//! What must hold at every tick of a soak: a port that looks at every command on its way, and a look at every
+//! snapshot.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::drive::over_limits;
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, PressureCommand, Snapshot, Stamp};
+use crate::twin::{Arrivals, Clock, Port};
+
+/// The pumps of a rig whose twin is SAFE are off after this time, s.
+const PUMPS_OFF_S: f64 = 0.25;
+/// Violations that are told in words.
+const TOLD: usize = 10;
+
+/// What was found broken.
+#[derive(Debug, Default)]
+pub struct Broken {
+    /// How often.
+    pub count: u64,
+    /// The first of them, one sentence each.
+    pub told: Vec<String>,
+}
+
+impl Broken {
+    fn add(&mut self, text: impl FnOnce() -> String) {
+        self.count += 1;
+        if self.told.len() < TOLD {
+            self.told.push(text());
+        }
+    }
+}
+
+/// What port, rig and loop see of each other.
+#[derive(Debug, Default)]
+pub struct Seen {
+    /// What was found broken.
+    pub broken: Broken,
+    /// Since when the twin is SAFE, s.
+    safe_since_s: Option<f64>,
+    /// What was sent last, if nothing else came after it.
+    last: Option<PressureCommand>,
+    /// Pressure commands sent.
+    pub sent: u64,
+    last_stamp: Option<Stamp>,
+    last_frame: Option<Stamp>,
+    /// Whether pumps that run in SAFE were told already.
+    pumps_told: bool,
+}
+
+/// [`Seen`], from several places.
+#[derive(Clone, Default)]
+pub struct Watch(Arc<Mutex<Seen>>);
+
+impl Watch {
+    /// What was seen so far.
+    pub fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Looks at what the boards drive their chambers to at `t_s`, s.
+    pub fn look_at_pumps(&self, t_s: f64, set_pa: &[Option<f64>; CHAMBERS]) {
+        let mut seen = self.seen();
+        let late = seen.safe_since_s.is_some_and(|s| t_s - s > PUMPS_OFF_S);
+        let on = set_pa.iter().any(Option::is_some);
+        if !(late && on) {
+            seen.pumps_told = false;
+        } else if !seen.pumps_told {
+            seen.pumps_told = true;
+            seen.broken
+                .add(|| format!("{t_s:.3} s: pumps run more than 250 ms after SAFE"));
+        }
+    }
+
+    /// Looks at a snapshot: its time goes on, and everything in it is finite.
+    pub fn look_at(&self, snapshot: &Snapshot) {
+        let mut seen = self.seen();
+        let Seen {
+            broken,
+            last_stamp,
+            last_frame,
+            ..
+        } = &mut *seen;
+        let t_s = snapshot.stamp.seconds();
+        if last_stamp.is_some_and(|last| snapshot.stamp <= last) {
+            broken.add(|| format!("{t_s:.3} s: the time of the snapshots does not go on"));
+        }
+        *last_stamp = Some(snapshot.stamp);
+        if let Some(frame) = &snapshot.sensors {
+            if last_frame.is_some_and(|last| frame.stamp < last) {
+                broken.add(|| format!("{t_s:.3} s: the time of the frames goes back"));
+            }
+            *last_frame = Some(frame.stamp);
+            let vector = frame.sensors.to_vector();
+            if !vector
+                .iter()
+                .chain(&frame.chamber_pa)
+                .all(|x| x.is_finite())
+            {
+                broken.add(|| format!("{t_s:.3} s: a sensor value is not finite"));
+            }
+        }
+        if let Some(estimate) = &snapshot.estimate {
+            let pose = estimate.base_from_tip.to_homogeneous();
+            let mut all = pose.iter().chain(estimate.covariance.iter());
+            if !all.all(|x| x.is_finite()) || !estimate.training_distance.is_finite() {
+                broken.add(|| format!("{t_s:.3} s: the estimate is not finite"));
+            }
+        }
+    }
+}
+
+/// A port with an eye on what goes through it.
+pub struct Watched {
+    inner: Box<dyn Port>,
+    robot: RobotSpec,
+    watch: Watch,
+}
+
+impl Watched {
+    /// Puts the eye on `inner`.
+    pub fn new(inner: Box<dyn Port>, robot: &RobotSpec, watch: &Watch) -> Self {
+        Self {
+            inner,
+            robot: robot.clone(),
+            watch: watch.clone(),
+        }
+    }
+}
+
+impl Port for Watched {
+    fn clock(&self) -> Clock {
+        self.inner.clock()
+    }
+
+    fn poll(&mut self, now: Stamp) -> Arrivals {
+        self.inner.poll(now)
+    }
+
+    fn send(&mut self, now: Stamp, command: Option<&PressureCommand>) {
+        {
+            let mut seen = self.watch.seen();
+            let t_s = now.seconds();
+            if seen.safe_since_s.is_some() && command.is_some() {
+                seen.broken
+                    .add(|| format!("{t_s:.3} s: a pressure was commanded in SAFE"));
+            }
+            if let Some(command) = command {
+                seen.sent += 1;
+                let found = over_limits(&self.robot, seen.last.as_ref(), command);
+                if let Some(what) = found {
+                    seen.broken.add(|| format!("{t_s:.3} s: {what}"));
+                }
+            }
+            seen.last = command.cloned();
+        }
+        self.inner.send(now, command);
+    }
+
+    fn estop(&mut self, now: Stamp) {
+        {
+            let mut seen = self.watch.seen();
+            seen.safe_since_s = Some(now.seconds());
+            seen.last = None;
+        }
+        self.inner.estop(now);
+    }
+
+    fn reset(&mut self, now: Stamp) {
+        self.watch.seen().safe_since_s = None;
+        self.inner.reset(now);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::{Gripper, PressureLimits};
+
+    struct Nothing;
+
+    impl Port for Nothing {
+        fn clock(&self) -> Clock {
+            Clock::Lockstep
+        }
+        fn poll(&mut self, _now: Stamp) -> Arrivals {
+            Arrivals::default()
+        }
+        fn send(&mut self, _now: Stamp, _command: Option<&PressureCommand>) {}
+        fn estop(&mut self, _now: Stamp) {}
+        fn reset(&mut self, _now: Stamp) {}
+    }
+
+    #[test]
+    fn what_is_broken_is_found() {
+        let robot = RobotSpec::reference();
+        let watch = Watch::default();
+        let mut port = Watched::new(Box::new(Nothing), &robot, &watch);
+        let at = Stamp::from_seconds;
+        let wide = PressureLimits {
+            min_pa: -1e6,
+            max_pa: 1e6,
+            rate_pa_s: 1e9,
+        };
+        let command = |t_s: f64, pa: f64| {
+            let (all, open) = ([pa; CHAMBERS], Gripper::Open);
+            PressureCommand::limited(at(t_s), all, open, None, &[pa; CHAMBERS], &wide)
+        };
+        let count = || watch.seen().broken.count;
+        port.send(at(0.0), Some(&command(0.0, 0.0)));
+        assert_eq!(count(), 0);
+        // A leap, and a pressure beyond the bounds.
+        port.send(at(0.01), Some(&command(0.01, 30e3)));
+        assert_eq!(count(), 1);
+        port.send(at(0.02), None);
+        port.send(at(0.03), Some(&command(0.03, 60e3)));
+        assert_eq!(count(), 2);
+        // In SAFE nothing is sent, and pumps go off.
+        port.estop(at(1.0));
+        watch.look_at_pumps(1.2, &[Some(0.0); CHAMBERS]);
+        assert_eq!(count(), 2);
+        watch.look_at_pumps(1.3, &[Some(0.0); CHAMBERS]);
+        assert_eq!(count(), 3);
+        port.send(at(1.4), Some(&command(1.4, 0.0)));
+        assert_eq!(count(), 4);
+        port.reset(at(2.0));
+        port.send(at(2.0), Some(&command(2.0, 0.0)));
+        assert_eq!(count(), 4);
+        // Time that stands still.
+        let snapshot = Snapshot::default();
+        watch.look_at(&snapshot);
+        assert_eq!(count(), 4);
+        watch.look_at(&snapshot);
+        assert_eq!(count(), 5);
+        assert_eq!(watch.seen().broken.told.len(), 5);
+    }
+}

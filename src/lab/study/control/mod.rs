@@ -1,0 +1,15 @@
+//! Studies on control: both controllers on the same tasks, loads, arms and seeds, with the same budget of
+//! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
+
+mod adaptation;
+mod disturbances;
+mod null_space;
+mod tasks;
+mod trial;
+mod tuning;
+
+pub use adaptation::ADAPTATION;
+pub use disturbances::DISTURBANCES;
+pub use null_space::NULL_SPACE;
+pub use tasks::{CIRCLE, EIGHT, MOVES, PICK_PLACE};
+pub use tuning::TUNING;

@@ -1,0 +1,213 @@
+//! Studies on control: both controllers on the same tasks, loads, arms and seeds, with the same budget of
+//! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context as _, Result};
+
+use crate::control::Gains;
+use crate::drive::measures::{self, MoveMeasures, PathMeasures};
+use crate::drive::{
+    BASKET_M, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Script, Shape,
+    TwinBuilder, drive, fruit, longest_s, objects, of_pick_place, rig_options,
+};
+use crate::lab::study::setup::Setup;
+use crate::lab::threads;
+use crate::robot::RobotSpec;
+use crate::signal::ControllerKind;
+use crate::signal::Goal;
+use crate::task::{Follow, PATH_WAYPOINTS, Path, Plan};
+
+/// Speed along the paths, m/s.
+pub const SPEED_M_S: f64 = 3e-3;
+/// Longest time of a move, s.
+const MOVE_S: f64 = 90.0;
+
+/// What is to be done.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Task {
+    /// Once round, or more often.
+    Path(Shape, u32),
+    /// To a goal.
+    Goto(Goal),
+    /// The paper's fruit into the basket.
+    PickPlace,
+}
+
+/// One drive.
+pub struct Trial {
+    pub gains: Gains,
+    pub task: Task,
+    pub payload_kg: f64,
+    /// What the twin is told of it, kg.
+    pub declared_kg: f64,
+    pub stiffness: f64,
+    pub seed: u64,
+    /// How long to go on at the end, s.
+    pub after_s: f64,
+    pub script: Option<Script>,
+}
+
+impl Trial {
+    /// The nominal arm without load.
+    pub fn new(gains: Gains, task: Task, seed: u64) -> Self {
+        Self {
+            gains,
+            task,
+            payload_kg: 0.0,
+            declared_kg: 0.0,
+            stiffness: 1.0,
+            seed,
+            after_s: 2.0,
+            script: None,
+        }
+    }
+}
+
+/// How it came out.
+pub enum Measured {
+    /// A path.
+    Path(PathMeasures),
+    /// A move.
+    Move(MoveMeasures),
+    /// Pick and place.
+    PickPlace(PickPlaceMeasures),
+}
+
+/// A drive with its measures.
+pub struct Outcome {
+    /// `None` when there was no motion.
+    pub measured: Option<Measured>,
+    pub solve_us: Option<[f64; 2]>,
+    pub off_manifold_mm: Option<f64>,
+    pub fastest_mm_s: Option<f64>,
+    pub driven: Driven,
+}
+
+impl Outcome {
+    /// Of a move.
+    pub fn moved(&self) -> Option<&MoveMeasures> {
+        match &self.measured {
+            Some(Measured::Move(m)) => Some(m),
+            _ => None,
+        }
+    }
+}
+
+/// The path of a shape, where the studies have it.
+pub fn path_of(shape: Shape) -> Path {
+    shape.path(PATH_CENTRE_M, PATH_SIZE_M, PATH_WAYPOINTS)
+}
+
+/// Runs one trial.
+pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
+    let mut options = rig_options(trial.payload_kg, trial.seed);
+    options.surroundings.stiffness = trial.stiffness;
+    let (plan, seconds) = match &trial.task {
+        Task::Path(shape, laps) => {
+            let path = path_of(*shape);
+            let seconds = longest_s(&path, SPEED_M_S, *laps);
+            let follow = Follow {
+                path,
+                speed_m_s: SPEED_M_S,
+                laps: *laps,
+            };
+            let plan = Plan::follow(follow).context("a path needs waypoints")?;
+            (plan, seconds)
+        }
+        Task::Goto(goal) => (Plan::goto(goal.clone()), MOVE_S + trial.after_s),
+        Task::PickPlace => {
+            options.objects = objects(&fruit());
+            (Plan::pick_and_place(&fruit(), BASKET_M, LIFT_M), 900.0)
+        }
+    };
+    let twin = TwinBuilder::new(robot)
+        .rig("sim", options)
+        .gains(trial.gains)
+        .script(trial.script);
+    let what = Drive {
+        plan: plan.clone(),
+        declared_kg: trial.declared_kg,
+        seconds,
+        after_s: trial.after_s,
+        record: None,
+        reset: false,
+    };
+    let driven = drive(twin, &what, None)?;
+    let measured = match &trial.task {
+        Task::Path(shape, _) => Some(Measured::Path(measures::of_path(
+            &driven,
+            &path_of(*shape).waypoints_m,
+            robot,
+        ))),
+        Task::Goto(goal) => measures::of_move(&driven.rows, goal, robot).map(Measured::Move),
+        Task::PickPlace => Some(Measured::PickPlace(of_pick_place(
+            &driven, &plan, BASKET_M, robot,
+        ))),
+    };
+    let rows = &driven.rows;
+    Ok(Outcome {
+        measured,
+        solve_us: measures::solve_micros(rows),
+        fastest_mm_s: measures::fastest_mm_s(rows),
+        off_manifold_mm: measures::off_manifold_mm(&driven, robot),
+        driven,
+    })
+}
+
+/// Runs many, on all cores; what `keep` makes of each, in order.
+pub fn run_all<T: Send>(
+    setup: &Setup,
+    trials: Vec<Trial>,
+    keep: impl Fn(Outcome) -> T + Sync,
+) -> Result<Vec<T>> {
+    let (robot, progress) = (&setup.robot, &setup.progress);
+    let n = trials.len();
+    progress.trials(n);
+    let trials: Vec<Mutex<Option<Trial>>> =
+        trials.into_iter().map(|t| Mutex::new(Some(t))).collect();
+    let next = AtomicUsize::new(0);
+    let found: Mutex<Vec<(usize, Result<T>)>> = Mutex::new(Vec::with_capacity(n));
+    std::thread::scope(|scope| {
+        for k in 0..threads().min(n.max(1)) {
+            let work = || {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(slot) = trials.get(i) else { return };
+                    let Some(trial) = slot.lock().ok().and_then(|mut t| t.take()) else {
+                        return;
+                    };
+                    let out = run(robot, trial).map(&keep);
+                    progress.trial_done();
+                    if let Ok(mut found) = found.lock() {
+                        found.push((i, out));
+                    }
+                }
+            };
+            // Without a thread of its own the work is done by the others.
+            let _ = std::thread::Builder::new()
+                .name(format!("trial-{k}"))
+                .spawn_scoped(scope, work);
+        }
+    });
+    let mut found = found.into_inner().unwrap_or_default();
+    found.sort_by_key(|(i, _)| *i);
+    anyhow::ensure!(
+        found.len() == n,
+        "the system gives no threads for the trials"
+    );
+    found.into_iter().map(|(_, out)| out).collect()
+}
+
+/// Both, with their names.
+pub const KINDS: [(ControllerKind, &str); 2] = [
+    (ControllerKind::Paper, "paper's controller"),
+    (ControllerKind::Ours, "ours"),
+];
+
+/// Mean of what there is.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let all: Vec<f64> = values.into_iter().collect();
+    (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
+}

@@ -1,0 +1,208 @@
+//! The study on dead and stuck sensors.
+
+use std::ops::Range;
+
+use anyhow::Result;
+
+use super::item::Found;
+use super::item::{Field, Study, each};
+use super::setup::{COLUMNS, FAST_M_S, Score, Setup, score};
+use crate::lab::motions::{Moment, Motion, Push, motion};
+use crate::lab::table::{Drawn, Table};
+use crate::signal::{ChannelHealth, Health, IMUS, RawFrame, SPRINGS};
+
+/// Dead and stuck sensors; an item is a kind of fault.
+pub const FAULTS: Study = Study {
+    name: "faults",
+    about: "Dead and stuck sensors",
+    field: Field::Sensing,
+    items: |_| groups().len(),
+    find: find_faults,
+    table: faults,
+};
+
+/// How a fault is put into what the boards send.
+#[derive(Clone, Copy)]
+enum Fault {
+    None,
+    Missing { spring: usize },
+    Stuck { spring: usize },
+    DeadImu { imu: usize },
+    NoImus,
+    MissingAndNoImus { spring: usize },
+}
+
+/// When it begins, s of motion.
+const FAULT_AT_S: f64 = 4.0;
+/// A spring has moved when its length is off by this, m.
+const MOVED_M: f64 = 0.3e-3;
+
+fn with_fault(setup: &Setup, fault: Fault, seed: u64) -> Result<Vec<Moment>> {
+    let m = Motion {
+        payload_kg: 0.0,
+        speed_m_s: FAST_M_S,
+        push: Push::None,
+        seconds: setup.sizes.seconds,
+        seed,
+    };
+    let mut held = None;
+    let mut spoil = |t_s: f64, raw: &mut RawFrame| {
+        if t_s < FAULT_AT_S {
+            return;
+        }
+        let mut drop = |bit: usize| raw.present &= !(1 << bit);
+        match fault {
+            Fault::None => {}
+            Fault::Missing { spring } => drop(spring),
+            Fault::DeadImu { imu } => drop(SPRINGS + imu),
+            Fault::NoImus => (0..IMUS).for_each(|i| drop(SPRINGS + i)),
+            Fault::MissingAndNoImus { spring } => {
+                drop(spring);
+                (0..IMUS).for_each(|i| drop(SPRINGS + i));
+            }
+            Fault::Stuck { spring } => {
+                let now = (raw.spring_counts[spring], raw.spring_gate_ticks[spring]);
+                let (count, gate) = *held.get_or_insert(now);
+                raw.spring_counts[spring] = count;
+                raw.spring_gate_ticks[spring] = gate;
+            }
+        }
+    };
+    motion(&setup.robot, &m, &mut spoil)
+}
+
+/// When a fault was noticed.
+enum Flag {
+    /// Seconds from the fault, or from when a stuck spring should have moved.
+    After(f64),
+    Never,
+    /// The stuck spring never had to move.
+    Unmoved,
+}
+
+fn flagged(setup: &Setup, moments: &[Moment], fault: Fault) -> Flag {
+    let Some(at) = moments.iter().position(|m| m.t_s >= FAULT_AT_S) else {
+        return Flag::Never;
+    };
+    let length = |m: &Moment, spring: usize| {
+        crate::sim::sensors::spring_lengths(&setup.robot, &m.base_from_pad)[spring]
+    };
+    let since_s = match fault {
+        Fault::Stuck { spring } => {
+            let before = length(&moments[at], spring);
+            let mut later = moments[at..].iter();
+            match later.find(|m| (length(m, spring) - before).abs() > MOVED_M) {
+                Some(moved) => moved.t_s,
+                None => return Flag::Unmoved,
+            }
+        }
+        _ => FAULT_AT_S,
+    };
+    let bad = |h: &Health| match fault {
+        Fault::None => false,
+        Fault::Missing { spring }
+        | Fault::Stuck { spring }
+        | Fault::MissingAndNoImus { spring } => h.springs[spring] != ChannelHealth::Ok,
+        Fault::DeadImu { imu } => h.imus[imu] != ChannelHealth::Ok,
+        Fault::NoImus => h.imus.iter().all(|h| *h != ChannelHealth::Ok),
+    };
+    match moments[at..].iter().find(|m| bad(&m.frame.health)) {
+        Some(m) => Flag::After((m.t_s - since_s).max(0.0)),
+        None => Flag::Never,
+    }
+}
+
+/// Kinds of faults, each with all motions that have it.
+fn groups() -> [(&'static str, Vec<Fault>); 6] {
+    let each = |f: fn(usize) -> Fault, n: usize| -> Vec<Fault> { (0..n).map(f).collect() };
+    [
+        ("none", vec![Fault::None]),
+        (
+            "one spring silent (each in turn)",
+            each(|spring| Fault::Missing { spring }, SPRINGS),
+        ),
+        (
+            "one spring stuck (each in turn)",
+            each(|spring| Fault::Stuck { spring }, SPRINGS),
+        ),
+        (
+            "one IMU silent (each in turn)",
+            each(|imu| Fault::DeadImu { imu }, IMUS),
+        ),
+        ("no IMUs", vec![Fault::NoImus]),
+        (
+            "a spring silent and no IMUs",
+            vec![
+                Fault::MissingAndNoImus { spring: 2 },
+                Fault::MissingAndNoImus { spring: 9 },
+            ],
+        ),
+    ]
+}
+
+fn find_faults(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
+    each(&*setup.progress.clone(), items, |item| {
+        let (label, faults) = &groups()[item];
+        let mut moments = Vec::new();
+        let (mut worst_s, mut unflagged, mut unmoved) = (0.0_f64, 0, 0);
+        for (k, fault) in faults.iter().enumerate() {
+            let seed = setup.sizes.seed.wrapping_mul(1000).wrapping_add(k as u64);
+            let run = with_fault(setup, *fault, seed)?;
+            match (fault, flagged(setup, &run, *fault)) {
+                (Fault::None, _) => {}
+                (_, Flag::After(s)) => worst_s = worst_s.max(s),
+                (_, Flag::Never) => unflagged += 1,
+                (_, Flag::Unmoved) => unmoved += 1,
+            }
+            moments.extend(run.into_iter().filter(|m| m.t_s >= FAULT_AT_S));
+        }
+        let blind = moments.iter().filter(|m| m.frame.is_blind()).count();
+        let s: Score = score(&setup.shipped.cascade, &moments);
+        let mut cells = s.cells();
+        let flagged = (unflagged == 0 && !matches!(faults[0], Fault::None)).then_some(worst_s);
+        cells.extend([
+            Some(s.scores.translation_mm.p95),
+            flagged,
+            Some(100.0 * blind as f64 / moments.len() as f64),
+            Some(100.0 * s.coverage.translation_95),
+        ]);
+        let mut found = Found::row(*label, cells);
+        if unmoved > 0 {
+            found.notes.push(format!(
+                "{label}: {unmoved} of {} never had to move and are not in the time to the flag.",
+                faults.len()
+            ));
+        }
+        if unflagged > 0 {
+            found.notes.push(format!(
+                "{label}: {unflagged} of {} were never flagged.",
+                faults.len()
+            ));
+        }
+        Ok(found)
+    })
+}
+
+fn faults(found: Vec<Found>) -> Table {
+    let columns = [
+        COLUMNS.as_slice(),
+        &[
+            "P95, mm",
+            "flagged after, s (worst)",
+            "refused as blind, %",
+            "inside 95 %, %",
+        ],
+    ]
+    .concat();
+    let mut t = Table::new("faults", "Dead and stuck sensors", &columns, Drawn::Bars);
+    t.notes.push(
+        "Faults from the fourth second of a motion at 5 mm/s on; the errors count everything after it, also before \
+         the flag. What a sensor does not tell the others stand in for: five springs and the IMUs give the sixth, the \
+         springs give the orientations. A silent spring without IMUs cannot be made up for: such frames are called \
+         blind, and the twin does not move on them. A stuck spring (its reading frozen) counts from when it should have moved by 0.3 mm; \
+         frames are looked at 20 times a second. One motion per fault."
+        .to_owned(),
+    );
+    t.take(found);
+    t
+}

@@ -1,0 +1,143 @@
+//! Items of a study: what one is, and what it found for the table.
+
+use std::ops::Range;
+
+use anyhow::Result;
+use serde::{Deserialize, Serialize};
+
+use super::setup::{Setup, Sizes};
+use crate::lab::Progress;
+use crate::lab::table::Table;
+
+/// What a study is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Field {
+    /// Networks and sensors.
+    Sensing,
+    /// Controllers.
+    Control,
+}
+
+/// A study: independent items, and the table that is made of what they found.
+pub struct Study {
+    /// Its name on the command line, and of its files.
+    pub name: &'static str,
+    /// What it compares, in a line.
+    pub about: &'static str,
+    /// What it is about.
+    pub field: Field,
+    /// Number of items.
+    pub(super) items: fn(&Sizes) -> usize,
+    /// Does a range of the items, at least one; what each found, in order.
+    pub(super) find: fn(&mut Setup, Range<usize>) -> Result<Vec<Found>>,
+    /// Makes the table of what all items found.
+    pub(super) table: fn(Vec<Found>) -> Table,
+}
+
+/// What each item of a range finds, one after the other.
+pub(super) fn each(
+    progress: &dyn Progress,
+    items: Range<usize>,
+    mut find: impl FnMut(usize) -> Result<Found>,
+) -> Result<Vec<Found>> {
+    items
+        .map(|item| {
+            let found = find(item)?;
+            progress.item_done();
+            Ok(found)
+        })
+        .collect()
+}
+
+/// Figures of one item under their label.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// What they are of.
+    pub label: String,
+    /// One figure per column; `None` where there is none.
+    #[serde(with = "exact")]
+    pub cells: Vec<Option<f64>>,
+}
+
+/// What one item of a study found for its table.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Rows of the table, or what they are made of.
+    pub rows: Vec<Figures>,
+    /// What there is to say about them.
+    pub notes: Vec<String>,
+}
+
+impl Found {
+    /// A single row.
+    pub fn row(label: impl Into<String>, cells: Vec<Option<f64>>) -> Self {
+        let mut found = Self::default();
+        found.add(label, cells);
+        found
+    }
+
+    /// The first figure of the first row.
+    pub fn first(&self) -> Option<f64> {
+        *self.rows.first()?.cells.first()?
+    }
+
+    /// One row more.
+    pub fn add(&mut self, label: impl Into<String>, cells: Vec<Option<f64>>) {
+        let label = label.into();
+        self.rows.push(Figures { label, cells });
+    }
+}
+
+/// Figures as texts: they come back bit for bit, the infinite ones too.
+mod exact {
+    use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer, de::Error as _};
+
+    pub fn serialize<S: Serializer>(cells: &[Option<f64>], to: S) -> Result<S::Ok, S::Error> {
+        let texts: Vec<Option<String>> =
+            cells.iter().map(|c| c.map(|x| format!("{x:?}"))).collect();
+        texts.serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Option<f64>>, D::Error> {
+        let texts = Vec::<Option<String>>::deserialize(from)?;
+        let number = |text: String| text.parse().map_err(D::Error::custom);
+        texts
+            .into_iter()
+            .map(|t| t.map(number).transpose())
+            .collect()
+    }
+}
+
+impl Table {
+    /// Adds what items found: their rows as rows of ours, their notes as notes.
+    pub(super) fn take(&mut self, found: Vec<Found>) {
+        for f in found {
+            for row in f.rows {
+                self.ours(row.label, row.cells);
+            }
+            self.notes.extend(f.notes);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_item_found_is_read_back_bit_for_bit() {
+        let cells = vec![
+            Some(0.1 + 0.2),
+            Some(1.0 / 3.0 * 1e-300),
+            Some(f64::INFINITY),
+            Some(-0.0),
+            Some(f64::MIN_POSITIVE / 8.0),
+            None,
+        ];
+        let found = Found::row("a", cells.clone());
+        let text = serde_json::to_string(&found).expect("text");
+        let back: Found = serde_json::from_str(&text).expect("reads");
+        let bits = |c: &[Option<f64>]| c.iter().map(|x| x.map(f64::to_bits)).collect::<Vec<_>>();
+        assert_eq!(bits(&back.rows[0].cells), bits(&cells));
+    }
+}

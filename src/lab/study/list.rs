@@ -1,0 +1,29 @@
+//! The list of studies.
+
+use super::item::Study;
+use super::{conditions, control, coverage, faults, heading, networks, samples};
+
+/// All studies, in the order of the report.
+pub static STUDIES: [Study; 21] = [
+    networks::MODALITY,
+    networks::LAYERS,
+    networks::S2R_WIDTH,
+    networks::S2R,
+    samples::N_SIM,
+    samples::N_REAL,
+    conditions::LOADS,
+    conditions::SPEEDS,
+    conditions::LATERAL,
+    conditions::SHOCKS,
+    faults::FAULTS,
+    coverage::COVERAGE,
+    heading::HEADING,
+    control::TUNING,
+    control::CIRCLE,
+    control::EIGHT,
+    control::MOVES,
+    control::PICK_PLACE,
+    control::ADAPTATION,
+    control::NULL_SPACE,
+    control::DISTURBANCES,
+];

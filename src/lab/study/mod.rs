@@ -1,0 +1,32 @@
+//! Studies: the paper's tables and figures on sensing and control, made again on the virtual rig.
+//!
+//! Every study trains what it compares on simulated samples and scores it on the rig, which is another
+//! simulator with sensors of its own; sim-to-real networks and stated uncertainties come from settled
+//! samples of the same rig, motions are new. The paper's figures, from hardware, stand beside ours.
+//!
+//! A study consists of items that do not need each other (a training, a condition, a candidate), and a
+//! table that is made of what they found. A shard does a contiguous range of the items of all studies asked for.
+//! A new study is a file with its [`Study`] and a line in [`STUDIES`].
+
+mod bound;
+mod conditions;
+mod control;
+mod coverage;
+mod faults;
+mod heading;
+mod item;
+mod list;
+mod lstm;
+mod networks;
+mod options;
+mod parts;
+mod report;
+mod samples;
+mod setup;
+
+pub use item::{Field, Figures, Found, Study};
+pub use list::STUDIES;
+pub use options::{Options, Selection};
+pub use parts::Merge;
+pub use report::run;
+pub use setup::{Setup, Sizes};

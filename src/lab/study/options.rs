@@ -1,0 +1,93 @@
+//! Options of a run of studies.
+
+use std::path::PathBuf;
+
+use super::item::Study;
+use super::list::STUDIES;
+use super::setup::Sizes;
+use crate::lab::shards::Part;
+
+/// The studies of a run: one, or all of them.
+#[derive(Clone, Copy)]
+pub struct Selection {
+    /// Name of the study, or [`Self::ALL`].
+    pub name: &'static str,
+    /// The studies, in the order of the report.
+    pub(super) studies: &'static [Study],
+}
+
+/// The report of all studies.
+pub(super) const SUMMARY: &str = "README.md";
+
+impl Selection {
+    /// The name of all studies together.
+    pub const ALL: &'static str = "all";
+
+    /// The study of that name, or all.
+    pub fn from_name(name: &str) -> Option<Self> {
+        if name == Self::ALL {
+            return Some(Self {
+                name: Self::ALL,
+                studies: &STUDIES,
+            });
+        }
+        let study = STUDIES.iter().find(|s| s.name == name)?;
+        Some(Self {
+            name: study.name,
+            studies: std::slice::from_ref(study),
+        })
+    }
+
+    /// Whether all studies are meant.
+    pub(super) fn is_all(&self) -> bool {
+        self.name == Self::ALL
+    }
+
+    /// Label of the study at that index while it is done.
+    pub(super) fn label(&self, i: usize) -> String {
+        match self.studies.len() {
+            1 => self.name.to_owned(),
+            count => format!("study {} of {count}", i + 1),
+        }
+    }
+
+    /// Files that a run, or the merge of its shards, writes.
+    pub(super) fn files(&self) -> Vec<String> {
+        let of = |s: &Study| ["json", "md", "svg"].map(|ending| format!("{}.{ending}", s.name));
+        let mut files: Vec<String> = self.studies.iter().flat_map(of).collect();
+        if self.is_all() {
+            files.push(SUMMARY.to_owned());
+        }
+        files
+    }
+}
+
+/// Options of a run of studies.
+#[derive(Clone)]
+pub struct Options {
+    /// The studies.
+    pub selection: Selection,
+    /// Folder for tables (JSON, Markdown) and pictures (SVG).
+    pub out: PathBuf,
+    /// Do only this part of the items, for a merge.
+    pub shard: Option<Part>,
+    /// Networks in the place of the shipped ones, for the studies on sensing.
+    pub model: Option<PathBuf>,
+    /// How large the studies are.
+    pub sizes: Sizes,
+}
+
+impl Options {
+    /// Names of the files that the run writes into its folder.
+    pub fn files(&self) -> Vec<String> {
+        match self.shard {
+            Some(part) => vec![self.shard_file(part)],
+            None => self.selection.files(),
+        }
+    }
+
+    /// The file of a part.
+    pub(super) fn shard_file(&self, (i, n): Part) -> String {
+        format!("{}-{i}-of-{n}.json", self.selection.name)
+    }
+}
