@@ -375,6 +375,6 @@ mod tests {
         use clap::Parser as _;
         let line =
             "springtwin calibrate mocap a b --out c.toml --object x --date 2025-01-01 --about -3";
-        assert!(crate::cli::Cli::try_parse_from(line.split(' ')).is_ok());
+        assert!(crate::cli::program::Cli::try_parse_from(line.split(' ')).is_ok());
     }
 }

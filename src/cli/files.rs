@@ -98,6 +98,9 @@ fn inspected(found: &Inspection) -> String {
     text
 }
 
+#[derive(Args)]
+pub struct DoctorArgs {}
+
 struct Check {
     name: &'static str,
     ok: bool,

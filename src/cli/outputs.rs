@@ -161,7 +161,11 @@ mod tests {
             }
         }
         let mut seen = Vec::new();
-        walk(&crate::cli::Cli::command(), "springtwin", &mut seen);
+        walk(
+            &crate::cli::program::Cli::command(),
+            "springtwin",
+            &mut seen,
+        );
         assert!(seen.len() > 20, "{seen:?}");
     }
 

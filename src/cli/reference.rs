@@ -26,6 +26,20 @@ pub struct ManArgs {
     markdown: bool,
 }
 
+#[derive(Args)]
+pub struct CompletionsArgs {
+    /// Which shell
+    shell: clap_complete::Shell,
+}
+
+/// `completions`: of the whole program, whose description is `program`.
+pub fn completions(a: &CompletionsArgs, mut program: Command) -> Result<Report> {
+    let mut script = Vec::new();
+    clap_complete::generate(a.shell, &mut program, "springtwin", &mut script);
+    super::stdio::bytes(&script)?;
+    Ok(silent())
+}
+
 /// The files that `clap_mangen` makes: a page for each command that is shown.
 fn pages(program: &Command) -> Vec<String> {
     fn walk(command: &Command, name: &str, pages: &mut Vec<String>) {

@@ -186,14 +186,14 @@ mod tests {
     #[test]
     fn the_live_rig_keeps_its_options_beside_the_offline_ones() {
         use clap::{CommandFactory as _, Parser as _};
-        crate::cli::Cli::command().debug_assert();
+        crate::cli::program::Cli::command().debug_assert();
         for line in [
             "springtwin rig --link /tmp/arm --seed 3",
             "springtwin rig session --out a --seed 3 --hide leak:2 --hide payload=0.2",
             "springtwin rig effects",
         ] {
             assert!(
-                crate::cli::Cli::try_parse_from(line.split(' ')).is_ok(),
+                crate::cli::program::Cli::try_parse_from(line.split(' ')).is_ok(),
                 "{line}"
             );
         }

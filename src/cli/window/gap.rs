@@ -13,7 +13,6 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 
 use super::services::later;
-use crate::cli::gap_bench::Maker;
 use crate::cli::{gap as finder, read_text, sentence, user};
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::{About, Key};
@@ -24,6 +23,7 @@ use springtwin::gui::services::Worker;
 use springtwin::gui::services::gap::{
     ExamplePair, GapServices, RobotMatch, SessionSheet, SheetGroup,
 };
+use springtwin::lab::gap_bench::Maker;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};

@@ -182,7 +182,7 @@ impl Maker<'_> {
     }
 
     /// Has a case made, unless it is there.
-    pub fn make(&self, planned: &Planned, folder: &Path, key: &Path) -> Result<()> {
+    pub(super) fn make(&self, planned: &Planned, folder: &Path, key: &Path) -> Result<()> {
         if key.exists() && folder.join("suspect").join("session.toml").exists() {
             return Ok(());
         }

@@ -22,8 +22,7 @@ use super::{Progress, Report};
 use crate::drive::read_text;
 use crate::gap::score::{Key, Said, Scored, score};
 use crate::robot::RobotSpec;
-use generator::Maker;
-pub use generator::{CaseOptions, SESSIONS, make_case};
+pub use generator::{CaseOptions, Maker, SESSIONS, make_case};
 pub use suite::Part;
 use suite::{Planned, Suite};
 

@@ -4,8 +4,7 @@ use std::ops::Range;
 
 use anyhow::Result;
 
-use super::item::Found;
-use super::item::{Field, Study, each};
+use super::item::{Field, Found, Study, each};
 use super::setup::{FAST_M_S, Setup, all, least_error, score, sensor_noise};
 use crate::lab::motions::{Moment, Push};
 use crate::lab::table::{Drawn, Table, some};

@@ -7,8 +7,7 @@ use nalgebra::Vector3;
 use rand::{Rng as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 
-use super::item::Found;
-use super::item::{Field, Study, each};
+use super::item::{Field, Found, Study, each};
 use super::setup::{FAST_M_S, Setup, all, score};
 use crate::lab::motions::{Moment, Push};
 use crate::lab::table::{Drawn, Table, some};

@@ -4,8 +4,7 @@ use std::ops::Range;
 
 use anyhow::Result;
 
-use super::item::Found;
-use super::item::{Field, Study, each};
+use super::item::{Field, Found, Study, each};
 use super::setup::{COLUMNS, FAST_M_S, Score, Setup, score};
 use crate::lab::motions::{Moment, Motion, Push, motion};
 use crate::lab::table::{Drawn, Table};

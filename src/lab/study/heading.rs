@@ -3,8 +3,7 @@
 use anyhow::Result;
 use nalgebra::UnitQuaternion;
 
-use super::item::Found;
-use super::item::{Field, Study, each};
+use super::item::{Field, Found, Study, each};
 use crate::lab::motions::{Motion, Push, motion};
 use crate::lab::table::{Drawn, Table};
 use crate::rig::inertial::InertialErrors;

@@ -21,6 +21,7 @@ mod networks;
 mod options;
 mod parts;
 mod report;
+mod run;
 mod samples;
 mod setup;
 
@@ -28,5 +29,5 @@ pub use item::{Field, Figures, Found, Study};
 pub use list::STUDIES;
 pub use options::{Options, Selection};
 pub use parts::Merge;
-pub use report::run;
+pub use run::run;
 pub use setup::{Setup, Sizes};

@@ -4,8 +4,7 @@ use std::ops::{ControlFlow, Range};
 
 use anyhow::Result;
 
-use super::item::Found;
-use super::item::{Field, Study, each};
+use super::item::{Field, Found, Study, each};
 use super::lstm::Lstm;
 use super::setup::{COLUMNS, FAST_M_S, Setup, all, means, score};
 use crate::lab::motions::{Moment, Push};

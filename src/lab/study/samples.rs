@@ -7,8 +7,7 @@ use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_pcg::Pcg64Mcg;
 
-use super::item::Found;
-use super::item::{Field, Study, each};
+use super::item::{Field, Found, Study, each};
 use super::setup::{COLUMNS, FAST_M_S, Setup, all, score};
 use crate::lab::motions::Push;
 use crate::lab::table::{Drawn, Table, some};

@@ -88,7 +88,7 @@ fn the_generator_is_a_process_of_its_own_with_the_answer_elsewhere() {
     assert!(!answer.starts_with(folder));
     use clap::Parser as _;
     let line = std::iter::once("springtwin".to_owned()).chain(args);
-    assert!(crate::cli::Cli::try_parse_from(line).is_ok());
+    assert!(crate::cli::program::Cli::try_parse_from(line).is_ok());
 }
 
 #[cfg(unix)]

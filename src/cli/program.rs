@@ -1,0 +1,207 @@
+//! The program: its options, its list of commands, and how it ends.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
+
+use super::drive::commands as drive;
+use super::{
+    Failed, Report, calibrate, dataset, estimate, files, gap, import, imu, live, load_robot,
+    logging, reference, rig, sentence, simulate, soak, stdio, study, train,
+};
+#[cfg(feature = "gui")]
+use super::{args, window};
+use springtwin::robot::RobotSpec;
+
+#[derive(Parser)]
+#[command(name = "springtwin", version, about, max_term_width = 100)]
+pub struct Cli {
+    /// Robot file; the reference robot without it
+    #[arg(long, global = true, value_name = "FILE")]
+    robot: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+/// The options of the program itself, which go with every command.
+struct Context<'a> {
+    robot: &'a RobotSpec,
+    robot_file: Option<&'a Path>,
+    json: bool,
+}
+
+/// The list of commands: for each its help, its name, its arguments and what it calls with them. Makes the enum
+/// `Command` and its `run`.
+macro_rules! commands {
+    ($c:ident: $($(#[$meta:meta])* $name:ident($a:ident: $args:ty) $(if $feature:literal)? => $run:expr,)*) => {
+        #[derive(Subcommand)]
+        enum Command {
+            $($(#[$meta])* $(#[cfg(feature = $feature)])? $name($args),)*
+        }
+
+        impl Command {
+            fn run(&self, $c: &Context<'_>) -> Result<Report> {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$name($a) => $run,)*
+                }
+            }
+        }
+    };
+}
+
+commands! { c:
+    /// Solve, replay or validate the simulators
+    #[command(subcommand)]
+    Sim(a: simulate::SimCommand) => simulate::run(a, c.robot),
+    /// Generate or merge datasets of settled samples
+    #[command(subcommand)]
+    Dataset(a: dataset::DatasetCommand) => dataset::run(a, c.robot, c.json),
+    /// Find the effect that the model misses, patch it, prove it
+    #[command(subcommand)]
+    Gap(a: gap::GapCommand) => gap::run(a, c.robot, c.robot_file),
+    /// Train the networks
+    Train(a: train::TrainArgs) => train::run(a, c.json),
+    /// The paper's tables on sensing and control, made anew on the virtual rig
+    Study(a: study::StudyArgs) => study::run(a, c.robot, c.json),
+    /// Pose from springs and IMUs of a session, against its motion capture
+    Estimate(a: estimate::EstimateArgs) => estimate::estimate(a, c.robot),
+    /// Calibrate springs and IMUs, register motion capture
+    #[command(subcommand)]
+    Calibrate(a: calibrate::CalibrateCommand) => calibrate::run(a, c.robot),
+    /// Run the twin on a rig
+    Run(a: live::RunArgs) => run_twin(a, c),
+    /// Steer the tip to a point and tell how it went
+    Goto(a: drive::GotoArgs) => drive::goto(a, c.robot_file, c.robot),
+    /// Follow a path and tell how it went
+    Follow(a: drive::FollowArgs) => drive::follow(a, c.robot_file, c.robot),
+    /// Pick things up and put them into a basket
+    PickPlace(a: drive::PickPlaceArgs) => drive::pick_place(a, c.robot_file, c.robot),
+    /// The orientation filter on its own
+    #[command(subcommand)]
+    Imu(a: imu::ImuCommand) => imu::run(a),
+    /// Whether the tip can get to a point; nothing moves
+    Reach(a: drive::ReachArgs) => drive::reach_command(a, c.robot),
+    /// Record a rig for a while
+    Record(a: live::RecordArgs) => live::record(a, c.robot_file, c.robot),
+    /// Make a session of a motion-capture file (Vicon or OptiTrack CSV, C3D)
+    Import(a: import::ImportArgs) => import::run(a),
+    /// What is in a recording or session
+    Inspect(a: files::InspectArgs) => files::inspect_command(a),
+    /// The serial ports there are, and those that come and go
+    Ports(a: files::PortsArgs) => files::ports_command(a, c.json),
+    /// Check adapter, ports, viewer and files, and say what to do
+    Doctor(_a: files::DoctorArgs) => files::doctor(c.robot),
+    /// The virtual rig on a pseudo-terminal, speaking the wire protocol (prints the port); or a
+    /// session of it, made offline
+    #[command(args_conflicts_with_subcommands = true)]
+    Rig(a: rig::RigCommand) => rig::run(a, c.robot),
+    /// Run for hours on a rig that breaks now and then, and hold to what must always hold
+    Soak(a: soak::SoakArgs) => soak::run(a, c.robot_file, c.robot),
+    /// A picture of a screen, made without a window
+    Screenshot(a: window::ScreenshotArgs) if "gui" => window::screenshot(a, c.robot, c.robot_file),
+    /// Print shell completions
+    Completions(a: reference::CompletionsArgs) => reference::completions(a, Cli::command()),
+    /// Print a man page (roff), or write those of all commands
+    Man(a: reference::ManArgs) => reference::man(a, Cli::command()),
+}
+
+/// What is logged unless RUST_LOG says otherwise. A viewer that goes away and a graphics driver that is missing are
+/// told in our own words.
+const LOGS: &str = "warn,re_grpc_client=off,wgpu_hal::vulkan::instance=off,eframe::native::run=off";
+
+/// Parses the arguments, runs the command, prints its report.
+pub fn main() -> ExitCode {
+    let log = logging::Log::begin(LOGS);
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(e) if e.kind() == ErrorKind::ValueValidation => {
+            // The first line holds the whole reason; the hint to --help would only bury it.
+            let text = e.to_string();
+            stdio::complain(text.lines().next().unwrap_or_default());
+            return ExitCode::from(2);
+        }
+        Err(e) => e.exit(),
+    };
+    let outcome = run(&cli);
+    log.end();
+    match outcome.and_then(|report| print(&report, &cli)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) if e.is::<stdio::ReaderGone>() => ExitCode::from(stdio::READER_GONE),
+        Err(e) => {
+            if let Some(failed) = e.downcast_ref::<Failed>() {
+                // What was found wrong is said below, also to somebody who does not read the report.
+                let _ = print(&failed.report, &cli);
+            }
+            stdio::complain(&format!("error: {}", sentence(&e)));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<Report> {
+    let robot = load_robot(cli.robot.as_deref())?;
+    let c = Context {
+        robot: &robot,
+        robot_file: cli.robot.as_deref(),
+        json: cli.json,
+    };
+    match &cli.command {
+        Some(command) => command.run(&c),
+        None => open_window(&c),
+    }
+}
+
+/// No command: the window on the virtual rig.
+#[cfg(feature = "gui")]
+fn open_window(c: &Context<'_>) -> Result<Report> {
+    let opening = window::Opening {
+        rig: springtwin::drive::DEFAULT_RIG,
+        payload_kg: 0.0,
+        seed: 1,
+        kind: args::Kind::Ours,
+        stream: None,
+        drill: &[],
+        instruments: &springtwin::drive::Instruments::default(),
+    };
+    window::open(&opening, c.robot_file, c.robot)
+}
+
+#[cfg(not(feature = "gui"))]
+fn open_window(_: &Context<'_>) -> Result<Report> {
+    anyhow::bail!("this program was built without its window: use springtwin run --headless")
+}
+
+/// `run`: in the window, or without it.
+fn run_twin(a: &live::RunArgs, c: &Context<'_>) -> Result<Report> {
+    #[cfg(feature = "gui")]
+    if !a.headless {
+        args::payload_in_range(c.robot, a.payload)?;
+        let opening = window::Opening {
+            rig: &a.rig,
+            payload_kg: a.payload,
+            seed: a.seed,
+            kind: a.controller,
+            stream: a.viewer(),
+            drill: &a.drill,
+            instruments: &a.instruments.plain(),
+        };
+        return window::open(&opening, c.robot_file, c.robot);
+    }
+    live::run(a, c.robot_file, c.robot)
+}
+
+fn print(report: &Report, cli: &Cli) -> Result<()> {
+    if cli.json {
+        return stdio::line(&report.json.to_string());
+    }
+    match report.text.as_str() {
+        "" => Ok(()),
+        text => stdio::line(text),
+    }
+}
