@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 
 use springtwin::control::Gains;
 use springtwin::drive::Instruments;
-use springtwin::robot::RobotSpec;
+pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::signal::{CHAMBERS, ControllerKind};
 use springtwin::task::Item;
 
@@ -235,34 +235,6 @@ pub fn shard(text: &str) -> Result<(usize, usize), String> {
     } else {
         Ok((i, n))
     }
-}
-
-/// Refuses pressures that the robot's bellows never have, gauge, Pa.
-pub fn pressures_in_range(robot: &RobotSpec, chamber_pa: &[f64; CHAMBERS]) -> anyhow::Result<()> {
-    let [low_pa, high_pa] = [robot.pressure.min_pa, robot.pressure.max_pa];
-    for (i, pa) in chamber_pa.iter().enumerate() {
-        anyhow::ensure!(
-            (low_pa..=high_pa).contains(pa),
-            "{} kPa in chamber {} is outside of the range of robot '{}' ({} to {} kPa): give pressures within it",
-            pa * 1e-3,
-            i + 1,
-            robot.name,
-            low_pa * 1e-3,
-            high_pa * 1e-3
-        );
-    }
-    Ok(())
-}
-
-/// Refuses a payload that the arm cannot carry.
-pub fn payload_in_range(robot: &RobotSpec, payload_kg: f64) -> anyhow::Result<()> {
-    anyhow::ensure!(
-        payload_kg <= robot.payload_max_kg,
-        "a payload of {payload_kg} kg is more than robot '{}' carries ({} kg): take off mass or change the robot file",
-        robot.name,
-        robot.payload_max_kg
-    );
-    Ok(())
 }
 
 #[cfg(test)]

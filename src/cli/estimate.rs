@@ -7,8 +7,9 @@ use clap::Args;
 use serde_json::json;
 
 use super::outputs::Overwrite;
-use super::{Report, model, solve};
+use super::{Report, model};
 use springtwin::drive::measures::spread;
+use springtwin::lab::columns;
 use springtwin::learn::{Model, PoseEval, to_pose};
 use springtwin::recording::{SessionLog, Table, read_log};
 use springtwin::robot::RobotSpec;
@@ -164,14 +165,14 @@ fn table(log: &SessionLog, estimated: &[Estimated]) -> Table {
         ["x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"].map(|name| format!("{what}_{name}"))
     };
     let names = ["t_s".to_owned()].into_iter();
-    let names = names.chain(solve::pose_names());
+    let names = names.chain(columns::pose_names());
     let mut table = Table::new(names.chain(each("sd")).chain(each("residual")));
     let shown = |v: [f64; 6]| -> [f64; 6] {
         std::array::from_fn(|i| if i < 3 { v[i] * 1e3 } else { v[i].to_degrees() })
     };
     for one in estimated {
         let mut row = vec![log.t_s[one.row]];
-        row.extend(solve::pose_values(&one.pose));
+        row.extend(columns::pose_values(&one.pose));
         row.extend(shown(one.sd));
         row.extend(one.residual.map_or([f64::NAN; 6], shown));
         table.rows.push(row);

@@ -9,6 +9,7 @@ use serde_json::json;
 use super::outputs::Overwrite;
 use super::{Failed, Report};
 use springtwin::gap::{self, Grid, Patch, Rmse};
+use springtwin::lab::gap_files::read_session;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 
@@ -74,7 +75,7 @@ fn kinds(f: &Rmse) -> [Kind; 4] {
 /// `gap commission`.
 pub fn commission(a: &CommissionArgs, robot: &RobotSpec) -> Result<Report> {
     a.overwrite.file(&a.out)?;
-    let session = super::gap::read(&a.session)?;
+    let session = read_session(&a.session)?;
     gap::same_robot(robot, &session)?;
     let grid = Grid::new(session)?;
     let baseline = gap::commission(robot, &grid, &gap::Unwatched)?;

@@ -13,9 +13,9 @@ mod drive;
 mod estimate;
 mod files;
 mod gap;
-mod gap_actuation;
 mod gap_bench;
 mod gap_commission;
+mod gap_run;
 mod import;
 mod imu;
 mod live;
@@ -46,8 +46,8 @@ use serde_json::Value;
 
 use springtwin::drive::{model, read_text, read_toml};
 pub use springtwin::lab::Report;
+use springtwin::lab::patches::robot_of;
 use springtwin::robot::RobotSpec;
-use springtwin::sim::patch::Correction;
 
 /// A command that ran to its end and found something wrong: its report is printed all the same.
 #[derive(Debug)]
@@ -106,11 +106,4 @@ fn load_robot(path: Option<&Path>) -> Result<RobotSpec> {
         return Ok(RobotSpec::reference());
     };
     robot_of(&read_toml(path)?).with_context(|| path.display().to_string())
-}
-
-/// The robot of a file's text, with patches that mean something.
-fn robot_of(text: &str) -> Result<RobotSpec> {
-    let robot = RobotSpec::from_toml(text)?;
-    Correction::of(&robot)?;
-    Ok(robot)
 }

@@ -6,11 +6,12 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::json;
 
+use super::Report;
 use super::outputs::Overwrite;
-use super::{Report, gap, robot_of};
+use springtwin::lab::patches::{read_patch, robot_of, text_with};
 use springtwin::recording;
-use springtwin::robot::{Patch, REFERENCE, RobotSpec, with_patch, without_last_patch};
-use springtwin::sim::patch::{Acts, Correction};
+use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
+use springtwin::sim::patch::Acts;
 
 #[derive(Args)]
 pub struct ApplyArgs {
@@ -42,7 +43,7 @@ fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> 
         Some(file) => crate::cli::read_toml(file)?,
         None => REFERENCE.to_owned(),
     };
-    let patch = gap::read_patch(path, &robot_of(&text)?)?;
+    let patch = read_patch(path, &robot_of(&text)?)?;
     let parts = patch.parts()?;
     let (new, patched) = text_with(&text, &patch).with_context(|| path.display().to_string())?;
     recording::write_text(out, &new)?;
@@ -89,36 +90,4 @@ fn take_off(file: &Path, out: &Path) -> Result<Report> {
         ),
         json: json!({"out": out, "patches": left}),
     })
-}
-
-/// The text of a robot file with one more patch, and the robot it then is. A patch that would not hold
-/// is refused.
-pub fn text_with(text: &str, patch: &Patch) -> Result<(String, RobotSpec)> {
-    let robot = robot_of(text)?;
-    patch.check_robot(&robot)?;
-    refuse_twice(&robot, patch)?;
-    let new = with_patch(text, patch);
-    let patched = robot_of(&new)?;
-    Ok((new, patched))
-}
-
-fn refuse_twice(robot: &RobotSpec, patch: &Patch) -> Result<()> {
-    anyhow::ensure!(
-        robot.patches.iter().all(|a| a.patch != *patch),
-        "the robot file carries the patch '{}' already",
-        patch.name
-    );
-    Ok(())
-}
-
-/// The robot with one more patch from a file, if there is one.
-pub fn on_top(robot: &RobotSpec, path: Option<&Path>) -> Result<RobotSpec> {
-    let Some(path) = path else {
-        return Ok(robot.clone());
-    };
-    let patch = gap::read_patch(path, robot)?;
-    refuse_twice(robot, &patch)?;
-    let patched = robot.patched(patch);
-    Correction::of(&patched).with_context(|| path.display().to_string())?;
-    Ok(patched)
 }

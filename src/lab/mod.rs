@@ -11,15 +11,23 @@
 //! - [`shards`]: long runs in parts, on many machines, to the bytes of one run.
 //! - [`table`], [`plot`], [`drive_log`]: tables, charts, and a drive as both.
 
+pub mod actuation;
+pub mod columns;
 pub mod dataset;
 pub mod drive_log;
 pub mod gap_bench;
+pub mod gap_files;
 pub mod motions;
+pub mod multibody;
+pub mod patches;
 pub mod plot;
 mod progress;
+pub mod ranges;
+pub mod replay;
 mod session;
 pub mod shards;
 pub mod soak;
+pub mod solve;
 pub mod study;
 pub mod table;
 

@@ -13,7 +13,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 
 use super::services::later;
-use crate::cli::{gap as finder, read_text, sentence, user};
+use crate::cli::{read_text, sentence, user};
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::{About, Key};
 use springtwin::gap::{
@@ -24,6 +24,7 @@ use springtwin::gui::services::gap::{
     ExamplePair, GapServices, RobotMatch, SessionSheet, SheetGroup,
 };
 use springtwin::lab::gap_bench::Maker;
+use springtwin::lab::gap_files;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
@@ -130,7 +131,7 @@ pub fn data_folder() -> PathBuf {
 
 /// What is known of a session before it is used.
 fn sheet(path: &Path, robot: &RobotSpec) -> Result<SessionSheet> {
-    let session = finder::read(path)?;
+    let session = gap_files::read_session(path)?;
     let simulated = match recording::is_rrd(path) {
         true => recording::inspect(path)?.simulated,
         false => None,
@@ -252,12 +253,12 @@ fn find(
     )]
     let start = std::time::Instant::now();
     worker.tell("Reading the sessions", None);
-    let healthy = healthy.map(finder::read).transpose()?;
-    let suspect = finder::read(suspect)?;
+    let healthy = healthy.map(gap_files::read_session).transpose()?;
+    let suspect = gap_files::read_session(suspect)?;
     let options = Options {
         without: Vec::new(),
         seed: 1,
-        excitations: finder::excitations(),
+        excitations: gap_files::excitations(),
     };
     let run = || -> Answer {
         let healthy = healthy.map(Grid::new).transpose()?;
@@ -381,7 +382,7 @@ fn keep(data: &Path, found: &Found, patch: &Patch, origin: Origin) -> Result<Pat
     let folder = data
         .join("gap-reports")
         .join(data_name(&found.finding.data, &found.patch.robot));
-    finder::write_all(&folder, found, patch, origin == Origin::Simulated)?;
+    gap_files::write_all(&folder, found, patch, origin == Origin::Simulated)?;
     Ok(folder)
 }
 

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use springtwin::gap::Patch;
 use springtwin::gui::services::gap::PatchedRobot;
+use springtwin::lab::patches;
 use springtwin::recording;
 use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
 
-use crate::cli::{patch, read_text};
+use crate::cli::read_text;
 
 /// The copy of the robot file that carries the accepted patches.
 pub(super) struct Store {
@@ -73,7 +74,7 @@ impl Store {
 
     pub(super) fn accept(&self, patch: &Patch) -> Result<PatchedRobot> {
         let text = self.text()?;
-        let (new, robot) = patch::text_with(&text, patch)?;
+        let (new, robot) = patches::text_with(&text, patch)?;
         // Two findings on the same robot would correct the rig twice.
         let now = RobotSpec::from_toml(&text)?.patches.len();
         anyhow::ensure!(

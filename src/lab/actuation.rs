@@ -1,19 +1,17 @@
-//! `gap run --actuation-only`: what is missing between command and gauge.
+//! The gap finder between command and gauge: its sessions, its findings in the unit of the log, its files.
 
 use std::io::{BufRead as _, Read as _};
 use std::path::Path;
-use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use super::Report;
-use super::gap::RunArgs;
-use springtwin::gap::{
+use super::gap_files::read_session;
+use crate::gap::{
     self, Finding, Patch, PatchEffect, PressureGrid, PressureLog, PressureUnit, Verdict, report,
 };
-use springtwin::recording::{self, PSI_PA};
-use springtwin::robot::RobotSpec;
+use crate::recording::{self, PSI_PA};
+use crate::robot::RobotSpec;
 
 /// Pounds per square inch, in which logs of the ASU arm are.
 const PSI: PressureUnit = PressureUnit {
@@ -22,7 +20,10 @@ const PSI: PressureUnit = PressureUnit {
 };
 
 /// Reads a session with commands, or a 38-column log of the ASU arm (psi).
-fn read(path: &Path) -> Result<PressureGrid> {
+///
+/// # Errors
+/// When the file cannot be read or has no commanded pressures.
+pub fn read(path: &Path) -> Result<PressureGrid> {
     let log = if is_asu_arm(path)? {
         let log = recording::read_asu_arm(path)?;
         PressureLog {
@@ -34,7 +35,7 @@ fn read(path: &Path) -> Result<PressureGrid> {
             unit: PSI,
         }
     } else {
-        let session = super::gap::read(path)?;
+        let session = read_session(path)?;
         let Some(log) = PressureLog::of(&session) else {
             bail!(
                 "{}: no commanded pressures (columns u1_kpa .. u6_kpa): without them nothing can be said \
@@ -68,51 +69,8 @@ fn is_asu_arm(path: &Path) -> Result<bool> {
     Ok(cell.trim().parse::<f64>().is_ok())
 }
 
-/// Finds what is missing in a session between command and gauge, against a baseline (a session of
-/// the supply in order) or the ideal supply, and tests it on the sessions to prove it with.
-pub fn run_actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "wall time of a command is reported"
-    )]
-    let begun = Instant::now();
-    let suspect = read(&a.session)?;
-    let healthy = a.baseline.as_deref().map(read).transpose()?;
-    let others: Vec<PressureGrid> = a.prove.iter().map(|p| read(p)).collect::<Result<_>>()?;
-    let mut found = gap::actuation_only(
-        robot,
-        healthy.as_ref(),
-        &suspect,
-        &others,
-        &a.without,
-        &gap::Unwatched,
-    )?;
-    found.finding.seconds = begun.elapsed().as_secs_f64();
-    let patch = patch_of(&found.finding, &suspect, robot);
-    let unit = suspect.log.unit;
-    found.finding = in_unit(found.finding, unit);
-    let mut json = serde_json::to_value(&found.finding)?;
-    if let Value::Object(map) = &mut json {
-        let proof = found.proof.iter().map(|p| {
-            json!({
-                "session": p.session,
-                "rmse_before": p.rmse_before_pa / unit.pa,
-                "rmse_after": p.rmse_after_pa / unit.pa,
-                "unit": unit.name,
-            })
-        });
-        map.insert("proof".to_owned(), proof.collect());
-    }
-    let mut text = text(&found, unit);
-    if let Some(dir) = &a.out {
-        let names = write(dir, &found.finding, &json, patch.as_ref(), a.simulated)?;
-        text += &format!("\n{} in {}", names.join(", "), dir.display());
-    }
-    Ok(Report { text, json })
-}
-
 /// The effects that were named, in SI; nothing when no effect was.
-fn patch_of(f: &Finding, log: &PressureGrid, robot: &RobotSpec) -> Option<Patch> {
+pub fn patch_of(f: &Finding, log: &PressureGrid, robot: &RobotSpec) -> Option<Patch> {
     if f.verdict != Verdict::Named {
         return None;
     }
@@ -134,7 +92,7 @@ fn patch_of(f: &Finding, log: &PressureGrid, robot: &RobotSpec) -> Option<Patch>
 }
 
 /// A finding with its pressures in the unit that the log was given in.
-fn in_unit(mut f: Finding, unit: PressureUnit) -> Finding {
+pub fn in_unit(mut f: Finding, unit: PressureUnit) -> Finding {
     // Of this unit in one of what the finding has.
     let factor = |of: &str| match of {
         "Pa" | "Pa/s" => Some(1.0 / unit.pa),
@@ -172,7 +130,10 @@ fn in_unit(mut f: Finding, unit: PressureUnit) -> Finding {
 }
 
 /// Writes the finding, its report and, when an effect was named, the patch; returns the files' names.
-fn write(
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(
     dir: &Path,
     f: &Finding,
     json: &Value,
@@ -198,49 +159,6 @@ fn write(
         recording::write_text(&dir.join(name), text)?;
     }
     Ok(files.into_iter().map(|(name, _)| name).collect())
-}
-
-fn text(found: &gap::Actuation, unit: PressureUnit) -> String {
-    let f = &found.finding;
-    let verdict = match f.verdict {
-        Verdict::NothingMissing => "Nothing is missing between command and gauge.",
-        Verdict::Named => "Missing between command and gauge:",
-        Verdict::Indistinguishable => "These explain it equally well:",
-        Verdict::Unknown => "Something is there, and no known effect explains it.",
-        Verdict::NotExcited => "The commands move too little to tell.",
-    };
-    let mut out = vec![verdict.to_owned()];
-    for e in &f.effects {
-        let place = e
-            .target
-            .map_or_else(String::new, |t| format!(" (chamber {t})"));
-        let params: Vec<String> = e
-            .params
-            .iter()
-            .map(|(name, v)| {
-                let within = v
-                    .ci95
-                    .map_or_else(String::new, |[a, b]| format!(" [{a:.4}, {b:.4}]"));
-                format!("{name} {:.4} {}{within}", v.value, v.unit)
-            })
-            .collect();
-        out.push(format!("  {}{place}: {}", e.id, params.join("; ")));
-    }
-    out.push(format!(
-        "error {:.2} -> {:.2} {} on held-out blocks, floor {:.2}",
-        f.gap.before, f.gap.after, f.gap.unit, f.gap.floor
-    ));
-    for p in &found.proof {
-        out.push(format!(
-            "{}: {:.2} -> {:.2} {}",
-            p.session,
-            p.rmse_before_pa / unit.pa,
-            p.rmse_after_pa / unit.pa,
-            unit.name
-        ));
-    }
-    out.extend(f.notes.iter().cloned());
-    out.join("\n")
 }
 
 #[cfg(test)]
@@ -281,7 +199,7 @@ mod tests {
 
     #[test]
     fn what_is_found_in_psi_is_told_in_psi() {
-        let value = |v: f64, unit: &str| springtwin::gap::PatchValue {
+        let value = |v: f64, unit: &str| crate::gap::PatchValue {
             value: v * PSI_PA,
             unit: unit.to_owned(),
             ci95: Some([0.5 * v * PSI_PA, 2.0 * v * PSI_PA]),
@@ -292,7 +210,7 @@ mod tests {
         delay.value = 0.2;
         let f = Finding {
             verdict: Verdict::Named,
-            effects: vec![springtwin::gap::FoundEffect {
+            effects: vec![crate::gap::FoundEffect {
                 id: "flow-limit".to_owned(),
                 side: "actuation".to_owned(),
                 target: None,
@@ -304,7 +222,7 @@ mod tests {
             candidates: Vec::new(),
             threshold: 0.0,
             located: Vec::new(),
-            gap: springtwin::gap::GapSize {
+            gap: crate::gap::GapSize {
                 before: PSI_PA * 1e-3,
                 unit: "kPa".to_owned(),
                 ..Default::default()

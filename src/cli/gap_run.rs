@@ -1,0 +1,250 @@
+//! `gap run`: what is missing in the model of a rig, or between command and gauge.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use serde_json::{Value, json};
+
+use super::Report;
+use super::outputs::Overwrite;
+use springtwin::gap::{
+    self, Finding, FoundEffect, GapError, Grid, Options, PressureGrid, PressureUnit, Progress,
+    Stage, Verdict,
+};
+use springtwin::lab::actuation;
+use springtwin::lab::gap_files::{excitations, read_session, write_all};
+use springtwin::robot::RobotSpec;
+use springtwin::sim::effects;
+
+#[derive(clap::Args)]
+pub struct RunArgs {
+    /// Session of the healthy rig; the factory model without it
+    #[arg(long, value_name = "SESSION")]
+    baseline: Option<PathBuf>,
+    /// Session in which something may be wrong
+    #[arg(long, value_name = "SESSION")]
+    session: PathBuf,
+    /// Folder for patch, report, finding and, of the whole arm, recording
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// Look only at the way from command to gauge; also reads 38-column logs of the ASU arm
+    #[arg(long)]
+    actuation_only: bool,
+    /// With --actuation-only: sessions to test the result on
+    #[arg(long, value_name = "SESSION", requires = "actuation_only")]
+    prove: Vec<PathBuf>,
+    /// Label figures and pictures as simulated
+    #[arg(long)]
+    simulated: bool,
+    /// Effects to leave out of the table
+    #[arg(long, value_name = "ID")]
+    without: Vec<String>,
+    /// Seed of the chance sessions behind the threshold
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// What `gap run --out` writes.
+const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
+
+/// `gap run`.
+pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
+    if let Some(out) = &a.out {
+        a.overwrite.files(out, &FOUND)?;
+    }
+    match a.actuation_only {
+        true => actuation(a, robot),
+        false => find(robot, a),
+    }
+}
+
+/// Tells on standard error how far the finder is.
+struct Told;
+
+impl Progress for Told {
+    fn at(&self, stage: Stage, share: f64) -> Result<(), GapError> {
+        log::info!("{stage:?} {:.0} %", 100.0 * share);
+        Ok(())
+    }
+}
+
+fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the run, for the report"
+    )]
+    let start = Instant::now();
+    for id in &a.without {
+        if effects::effect(id).is_none() {
+            anyhow::bail!("there is no effect '{id}' to leave out: see springtwin gap effects");
+        }
+    }
+    let healthy = a.baseline.as_deref().map(read_session).transpose()?;
+    let healthy = healthy.map(Grid::new).transpose()?;
+    let suspect = Grid::new(read_session(&a.session)?)?;
+    let options = Options {
+        without: a.without.clone(),
+        seed: a.seed,
+        excitations: excitations(),
+    };
+    let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Told)?;
+    found.finding.seconds = start.elapsed().as_secs_f64();
+    if let Some(dir) = &a.out {
+        write_all(dir, &found, &found.patch, a.simulated)?;
+    }
+    Ok(Report {
+        text: told(&found.finding),
+        json: serde_json::to_value(&found.finding)?,
+    })
+}
+
+/// A finding for people.
+fn told(f: &Finding) -> String {
+    let name = |id: &str| effects::effect(id).map_or(id.to_owned(), |e| e.name.to_lowercase());
+    let all = |e: &FoundEffect| {
+        let at = e.target.map_or(String::new(), |t| format!(" {t}"));
+        let values: Vec<String> = e
+            .params
+            .iter()
+            .map(|(k, p)| {
+                let within = p
+                    .ci95
+                    .map_or(String::new(), |[a, b]| format!(" [{a:.4}, {b:.4}]"));
+                format!("{k} {:.4} {}{within}", p.value, p.unit)
+            })
+            .collect();
+        format!("{}{at}: {}", name(&e.id), values.join(", "))
+    };
+    let list = |s: &str| {
+        let lines: Vec<String> = f.effects.iter().map(|e| format!("  {}", all(e))).collect();
+        format!("{s}\n{}", lines.join("\n"))
+    };
+    let mut text = match f.verdict {
+        Verdict::NothingMissing => {
+            "Nothing is missing: no effect of the table explains more than chance would.".to_owned()
+        }
+        Verdict::Named => list("Missing in the model:"),
+        Verdict::Indistinguishable => {
+            list("One of these is missing, and this session cannot tell which:")
+        }
+        Verdict::Unknown => "Something is missing, and it is none of the known effects.".to_owned(),
+        Verdict::NotExcited => "The session moves too little to tell.".to_owned(),
+    };
+    if !f.effects.is_empty() {
+        let g = &f.gap;
+        text += &format!(
+            "\nheld-out error {:.2} -> {:.2} {} (floor {:.2}): {:.0} % of the gap closed",
+            g.before,
+            g.after,
+            g.unit,
+            g.floor,
+            100.0 * g.closed
+        );
+    }
+    for c in &f.worse {
+        text += &format!(
+            "\nworse: {} {:.2} -> {:.2} {}",
+            c.name, c.before, c.after, c.unit
+        );
+    }
+    if let Some(s) = &f.separate_by {
+        text += &format!("\nto tell them apart: {}", s.why);
+    }
+    for n in &f.notes {
+        text += &format!("\n{n}");
+    }
+    text + &format!("\n{:.0} s", f.seconds)
+}
+
+/// Finds what is missing in a session between command and gauge, against a baseline (a session of
+/// the supply in order) or the ideal supply, and tests it on the sessions to prove it with.
+fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of a command is reported"
+    )]
+    let begun = Instant::now();
+    let suspect = actuation::read(&a.session)?;
+    let healthy = a.baseline.as_deref().map(actuation::read).transpose()?;
+    let others: Vec<PressureGrid> = a
+        .prove
+        .iter()
+        .map(|p| actuation::read(p))
+        .collect::<Result<_>>()?;
+    let mut found = gap::actuation_only(
+        robot,
+        healthy.as_ref(),
+        &suspect,
+        &others,
+        &a.without,
+        &gap::Unwatched,
+    )?;
+    found.finding.seconds = begun.elapsed().as_secs_f64();
+    let patch = actuation::patch_of(&found.finding, &suspect, robot);
+    let unit = suspect.log.unit;
+    found.finding = actuation::in_unit(found.finding, unit);
+    let mut json = serde_json::to_value(&found.finding)?;
+    if let Value::Object(map) = &mut json {
+        let proof = found.proof.iter().map(|p| {
+            json!({
+                "session": p.session,
+                "rmse_before": p.rmse_before_pa / unit.pa,
+                "rmse_after": p.rmse_after_pa / unit.pa,
+                "unit": unit.name,
+            })
+        });
+        map.insert("proof".to_owned(), proof.collect());
+    }
+    let mut text = actuation_text(&found, unit);
+    if let Some(dir) = &a.out {
+        let names = actuation::write(dir, &found.finding, &json, patch.as_ref(), a.simulated)?;
+        text += &format!("\n{} in {}", names.join(", "), dir.display());
+    }
+    Ok(Report { text, json })
+}
+
+fn actuation_text(found: &gap::Actuation, unit: PressureUnit) -> String {
+    let f = &found.finding;
+    let verdict = match f.verdict {
+        Verdict::NothingMissing => "Nothing is missing between command and gauge.",
+        Verdict::Named => "Missing between command and gauge:",
+        Verdict::Indistinguishable => "These explain it equally well:",
+        Verdict::Unknown => "Something is there, and no known effect explains it.",
+        Verdict::NotExcited => "The commands move too little to tell.",
+    };
+    let mut out = vec![verdict.to_owned()];
+    for e in &f.effects {
+        let place = e
+            .target
+            .map_or_else(String::new, |t| format!(" (chamber {t})"));
+        let params: Vec<String> = e
+            .params
+            .iter()
+            .map(|(name, v)| {
+                let within = v
+                    .ci95
+                    .map_or_else(String::new, |[a, b]| format!(" [{a:.4}, {b:.4}]"));
+                format!("{name} {:.4} {}{within}", v.value, v.unit)
+            })
+            .collect();
+        out.push(format!("  {}{place}: {}", e.id, params.join("; ")));
+    }
+    out.push(format!(
+        "error {:.2} -> {:.2} {} on held-out blocks, floor {:.2}",
+        f.gap.before, f.gap.after, f.gap.unit, f.gap.floor
+    ));
+    for p in &found.proof {
+        out.push(format!(
+            "{}: {:.2} -> {:.2} {}",
+            p.session,
+            p.rmse_before_pa / unit.pa,
+            p.rmse_after_pa / unit.pa,
+            unit.name
+        ));
+    }
+    out.extend(f.notes.iter().cloned());
+    out.join("\n")
+}

@@ -1,0 +1,93 @@
+//! Files of the gap finder: the sessions that it reads, the finding that it writes.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+
+use crate::gap::{self, Patch, Session};
+use crate::recording;
+use crate::rig::session::excitation::{Drive, Excitation};
+use crate::sim::effects::Trajectory;
+
+/// Reads a session log for the finder; warns of columns that look like another unit.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn read_session(path: &Path) -> Result<Session> {
+    let log = recording::read_log(path)?;
+    for suspicion in recording::suspected_units(&log) {
+        log::warn!("{}: {suspicion}", path.display());
+    }
+    Ok(Session {
+        name: log.name,
+        hash: log.hash,
+        robot: log.robot,
+        payload_kg: log.payload_kg,
+        t_s: log.t_s,
+        chamber_pa: log.chamber_pa,
+        commanded_pa: log.commanded_pa,
+        sensors: log.sensors,
+        captured: log.truth,
+    })
+}
+
+/// Finding, report and overlay of a run and the patch that was chosen, in one folder.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_all(dir: &Path, found: &gap::Found, patch: &Patch, simulated: bool) -> Result<()> {
+    let f = &found.finding;
+    std::fs::create_dir_all(dir)
+        .with_context(|| format!("cannot make the folder {}", dir.display()))?;
+    let write = |name: &str, text: &str| recording::write_text(&dir.join(name), text);
+    let patch = patch.to_toml();
+    let origin = if simulated {
+        gap::report::Origin::Simulated
+    } else {
+        gap::report::Origin::Measured
+    };
+    write("patch.toml", &patch)?;
+    write("finding.json", &serde_json::to_string_pretty(f)?)?;
+    write("report.html", &gap::report::html(f, &patch, origin))?;
+    let t = &f.traces;
+    let series = |position_m, turn_wxyz| recording::TipSeries {
+        position_m,
+        turn_wxyz,
+    };
+    let name = f.data.get("session").map_or("session", String::as_str);
+    let overlay = recording::Overlay {
+        name,
+        simulated,
+        t_s: &t.t_s,
+        measured: series(&t.measured_m, &t.turns[0]),
+        before: series(&t.before_m, &t.turns[1]),
+        after: series(&t.after_m, &t.turns[2]),
+        channels: &t.channels,
+        residual_before: &t.before,
+        residual_after: &t.after,
+        residual_unit: "floors",
+    };
+    match recording::write_overlay(&dir.join("overlay.rrd"), &overlay) {
+        // A program built without Rerun still writes everything else.
+        Err(recording::RecordingError::WithoutRrd { .. }) => Ok(()),
+        other => Ok(other?),
+    }
+}
+
+/// Motions of the virtual rig among which the finder looks for a discriminating excitation.
+pub fn excitations() -> Vec<(String, Trajectory)> {
+    const SECONDS: f64 = 60.0;
+    const RATE_HZ: f64 = 20.0;
+    Excitation::ALL
+        .into_iter()
+        .filter(|e| *e != Excitation::Still)
+        .map(|e| {
+            let drive = Drive::new(e, 1, SECONDS);
+            let t_s: Vec<f64> = (0..(SECONDS * RATE_HZ) as usize)
+                .map(|k| k as f64 / RATE_HZ)
+                .collect();
+            let chamber_pa = t_s.iter().map(|t| drive.at(*t)).collect();
+            (e.name().to_owned(), Trajectory { t_s, chamber_pa })
+        })
+        .collect()
+}
