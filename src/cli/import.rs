@@ -2,23 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Report;
 use super::outputs::Overwrite;
-use springtwin::recording::{
-    MarkerBody, MocapFile, MocapObject, MocapRotation, SessionLog, marker_body, read_mocap,
-    write_session,
-};
-use springtwin::sensing::registration::Registration;
-use springtwin::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec};
-
-/// Largest coordinate that a session log takes, m.
-const COORDINATE_MAX_M: f64 = 10.0;
-/// What the poses of a session without registration are.
-const WORLD: &str = "poses are in the motion capture's own axes, not in the robot's base";
+use springtwin::lab::import::{Chosen, Imported, Options, import};
+use springtwin::recording::{MarkerBody, MocapRotation};
 
 #[derive(Args)]
 pub struct ImportArgs {
@@ -74,216 +65,30 @@ impl From<Rotation> for MocapRotation {
 /// `import`.
 pub fn run(a: &ImportArgs) -> Result<Report> {
     a.overwrite.folder(&a.out)?;
-    let file = read_mocap(&a.file, a.rotation.map(MocapRotation::from))?;
-    let chosen = choose(&file, a)?;
-    let mut log = session(&file, chosen.object(), &a.out)?;
-    let world = match &a.registration {
-        None => WORLD.to_owned(),
-        Some(path) => place(&mut log, &chosen, path, a.robot_clock)?,
-    };
-    match a.out.exists() {
-        true => write_session(&a.out, &log)?,
-        false => write_new(&a.out, &log)?,
-    }
-    Ok(report(&file, &chosen, &log, &world, &a.out))
+    let imported = import(&Options {
+        file: a.file.clone(),
+        out: a.out.clone(),
+        object: a.object.clone(),
+        markers: a.markers.clone(),
+        subject: a.subject.clone(),
+        registration: a.registration.clone(),
+        robot_clock: a.robot_clock,
+        rotation: a.rotation.map(MocapRotation::from),
+    })?;
+    Ok(report(&imported, &a.out))
 }
 
-/// Puts the poses into the robot's base, and on request onto its clock; says so.
-fn place(log: &mut SessionLog, chosen: &Chosen<'_>, path: &Path, clock: bool) -> Result<String> {
-    let Chosen::Object(object) = chosen else {
-        anyhow::bail!(
-            "a body of markers has axes of its own in every file, and {} speaks of an object's: define the object \
-             in the motion-capture program, or register this very session with springtwin calibrate mocap",
-            path.display()
-        );
-    };
-    let registration = Registration::from_toml(&crate::cli::read_toml(path)?)
-        .with_context(|| path.display().to_string())?;
-    anyhow::ensure!(
-        registration.object == object.name,
-        "{} was made for the object '{}', not for '{}': calibrate with --object '{}'",
-        path.display(),
-        registration.object,
-        object.name,
-        object.name
-    );
-    for pose in log.truth.iter_mut().flatten() {
-        *pose = registration.ground_truth_pose(pose);
-    }
-    if clock {
-        for t_s in &mut log.t_s {
-            *t_s = registration.robot_time_s(*t_s).with_context(|| {
-                format!(
-                    "{} says nothing of the clock, since it rests on settled poses: leave --robot-clock out, or make \
-                     one with springtwin calibrate mocap",
-                    path.display()
-                )
-            })?;
-        }
-    }
-    Ok(format!(
-        "poses are of the end pad in the robot's base, by {}; time is {}",
-        path.display(),
-        if clock {
-            "that of the robot's recording"
-        } else {
-            "counted from the first frame"
-        }
-    ))
-}
-
-/// The pose that was asked for.
-enum Chosen<'a> {
-    Object(&'a MocapObject),
-    Body(MarkerBody),
-}
-
-impl Chosen<'_> {
-    fn object(&self) -> &MocapObject {
-        match self {
-            Self::Object(object) => object,
-            Self::Body(body) => &body.object,
-        }
-    }
-}
-
-fn choose<'a>(file: &'a MocapFile, a: &ImportArgs) -> Result<Chosen<'a>> {
-    if let Some(markers) = &a.markers {
-        let name = format!("markers {}", markers.join(" "));
-        return Ok(Chosen::Body(marker_body(file, &name, markers)?));
-    }
-    if let Some(subject) = &a.subject {
-        let markers: Vec<String> = file
-            .markers
-            .iter()
-            .map(|m| &m.name)
-            .filter(|n| n.split_once(':').is_some_and(|(s, _)| s == subject))
-            .cloned()
-            .collect();
-        anyhow::ensure!(
-            !markers.is_empty(),
-            "{} has no markers of a subject '{subject}'; {}",
-            a.file.display(),
-            subjects(file)
-        );
-        return Ok(Chosen::Body(marker_body(file, subject, &markers)?));
-    }
-    let names: Vec<&str> = file.objects.iter().map(|o| o.name.as_str()).collect();
-    let Some(wanted) = &a.object else {
-        return match &file.objects[..] {
-            [one] => Ok(Chosen::Object(one)),
-            [] => anyhow::bail!(
-                "{} holds markers and no object: make one of three or more with --subject or --markers; {}",
-                a.file.display(),
-                subjects(file)
-            ),
-            _ => anyhow::bail!(
-                "{} holds {} objects: choose one with --object; there are {}",
-                a.file.display(),
-                names.len(),
-                names.join(", ")
-            ),
-        };
-    };
-    let is = |o: &&MocapObject| {
-        o.name == *wanted || o.name.split_once(':').is_some_and(|(_, n)| n == wanted)
-    };
-    let exact = file.objects.iter().find(|o| o.name == *wanted);
-    let mut short = file.objects.iter().filter(is);
-    let found = exact.or(short.next().filter(|_| short.next().is_none()));
-    found.map(Chosen::Object).with_context(|| {
-        format!(
-            "{} has no one object '{wanted}'; it has {}",
-            a.file.display(),
-            if names.is_empty() {
-                "markers only".to_owned()
-            } else {
-                names.join(", ")
-            }
-        )
-    })
-}
-
-fn subjects(file: &MocapFile) -> String {
-    let named = file.subjects();
-    if file.markers.is_empty() {
-        "it holds no markers".to_owned()
-    } else if named.is_empty() {
-        let names: Vec<&str> = file.markers.iter().map(|m| m.name.as_str()).collect();
-        format!("its markers have no subject: {}", names.join(", "))
-    } else {
-        format!("its subjects are {}", named.join(", "))
-    }
-}
-
-/// A session of motion capture alone; every other signal is a gap.
-fn session(file: &MocapFile, object: &MocapObject, out: &Path) -> Result<SessionLog> {
-    anyhow::ensure!(
-        object.poses.iter().any(Option::is_some),
-        "{}: {} is seen in none of its {} frames",
-        file.path.display(),
-        object.name,
-        file.frames.len()
-    );
-    for (frame, pose) in file.frames.iter().zip(&object.poses) {
-        let far_m = pose.map_or(0.0, |p| p.translation.vector.amax());
-        anyhow::ensure!(
-            far_m <= COORDINATE_MAX_M,
-            "{}: {} is {far_m:.1} m from the origin in frame {frame}; a session takes {COORDINATE_MAX_M} m: check the units",
-            file.path.display(),
-            object.name
-        );
-    }
-    let n = file.frames.len();
-    Ok(SessionLog {
-        name: out
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned(),
-        rate_hz: file.rate_hz / file.usual_step() as f64,
-        payload_kg: 0.0,
-        t_s: file.t_s.clone(),
-        chamber_pa: vec![[f64::NAN; CHAMBERS]; n],
-        sensors: vec![
-            SensorVec {
-                spring_m: [f64::NAN; SPRINGS],
-                imu_ypr_rad: [[f64::NAN; 3]; IMUS],
-            };
-            n
-        ],
-        truth: object.poses.clone(),
-        ..SessionLog::default()
-    })
-}
-
-/// Writes a session into a folder that is whole or not there.
-fn write_new(out: &Path, log: &SessionLog) -> Result<()> {
-    let mut name = out.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.part", std::process::id()));
-    let part = out.with_file_name(name);
-    let written = write_session(&part, log).map_err(anyhow::Error::from);
-    let moved = written.and_then(|()| {
-        std::fs::rename(&part, out).with_context(|| format!("cannot make {}", out.display()))
-    });
-    if moved.is_err() {
-        // The error that matters is the first one.
-        let _ = std::fs::remove_dir_all(&part);
-    }
-    moved
-}
-
-fn report(
-    file: &MocapFile,
-    chosen: &Chosen<'_>,
-    log: &SessionLog,
-    world: &str,
-    out: &Path,
-) -> Report {
+fn report(imported: &Imported, out: &Path) -> Report {
+    let Imported {
+        file,
+        chosen,
+        log,
+        world,
+    } = imported;
     let object = chosen.object();
     let gaps = file.gaps(object);
     let mut notes = file.notes.clone();
-    notes.push(world.to_owned());
+    notes.push(world.clone());
     let rotation = file.rotation.map(MocapRotation::name);
     let (first, last) = (
         file.first_frame,

@@ -9,6 +9,7 @@
 mod args;
 mod calibrate;
 mod dataset;
+mod doctor;
 mod drive;
 mod estimate;
 mod files;

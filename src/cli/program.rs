@@ -9,8 +9,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use super::drive::commands as drive;
 use super::{
-    Failed, Report, calibrate, dataset, estimate, files, gap, import, imu, live, load_robot,
-    logging, reference, rig, sentence, simulate, soak, stdio, study, train,
+    Failed, Report, calibrate, dataset, doctor, estimate, files, gap, import, imu, live,
+    load_robot, logging, reference, rig, sentence, simulate, soak, stdio, study, train,
 };
 #[cfg(feature = "gui")]
 use super::{args, window};
@@ -96,7 +96,7 @@ commands! { c:
     /// The serial ports there are, and those that come and go
     Ports(a: files::PortsArgs) => files::ports_command(a, c.json),
     /// Check adapter, ports, viewer and files, and say what to do
-    Doctor(_a: files::DoctorArgs) => files::doctor(c.robot),
+    Doctor(_a: doctor::DoctorArgs) => doctor::run(c.robot),
     /// The virtual rig on a pseudo-terminal, speaking the wire protocol (prints the port); or a
     /// session of it, made offline
     #[command(args_conflicts_with_subcommands = true)]

@@ -13,10 +13,14 @@
 
 pub mod actuation;
 pub mod columns;
+pub mod commission;
 pub mod dataset;
+pub mod doctor;
 pub mod drive_log;
+pub mod estimate;
 pub mod gap_bench;
 pub mod gap_files;
+pub mod import;
 pub mod motions;
 pub mod multibody;
 pub mod patches;

@@ -142,7 +142,7 @@ mod window {
         // The doctor tells of it among the rest.
         let doctor = without_driver(&display, &["doctor"]);
         let text = String::from_utf8_lossy(&doctor.stdout).into_owned();
-        let look = text.lines().filter(|l| l.starts_with("LOOK graphics"));
+        let look = text.lines().filter(|l| l.starts_with("WARN graphics"));
         assert_eq!(look.count(), 1, "{text}");
         super::super::row(
             (20, 1),

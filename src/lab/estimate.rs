@@ -1,0 +1,129 @@
+//! Poses of a session estimated from springs and IMUs, against its motion capture.
+
+use anyhow::Result;
+
+use super::columns;
+use crate::drive::measures::spread;
+use crate::drive::model;
+use crate::learn::{ErrorStats, Model, PoseEval, to_pose};
+use crate::recording::{SessionLog, Table};
+use crate::robot::RobotSpec;
+use crate::signal::{Pose, pose_error, ypr_from_rotation};
+
+/// One row of a session whose sensors are all there.
+#[derive(Clone, Debug)]
+pub struct Estimated {
+    /// Index of the row.
+    pub row: usize,
+    /// Estimated pose of the tip.
+    pub pose: Pose,
+    /// Predicted standard deviations: position, m, then rotation, rad.
+    pub sd: [f64; 6],
+    /// Estimated less captured: position, m, then rotation vector, rad; `None` without motion capture.
+    pub residual: Option<[f64; 6]>,
+}
+
+impl Estimated {
+    /// The estimate of a row of `log`.
+    fn new(row: usize, eval: &PoseEval, log: &SessionLog) -> Self {
+        let pose = to_pose(&eval.pose);
+        Self {
+            row,
+            sd: std::array::from_fn(|i| eval.covariance[(i, i)].sqrt()),
+            residual: log.truth[row].map(|truth| pose_error(&pose, &truth).into()),
+            pose,
+        }
+    }
+}
+
+/// Estimates of all rows whose sensors are all there.
+pub fn estimates(log: &SessionLog, networks: Model) -> Vec<Estimated> {
+    let maps = networks.into();
+    model::estimates(log, &maps)
+        .map(|(row, eval)| Estimated::new(row, &eval, log))
+        .collect()
+}
+
+/// Estimates against motion capture.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// Number of samples.
+    pub samples: usize,
+    /// Distance of the tips, mm.
+    pub translation_mm: ErrorStats,
+    /// Mean errors of yaw, pitch and roll, deg.
+    pub ypr_deg: [f64; 3],
+    /// Shares of coordinates within 1.00 and 1.96 predicted standard deviations.
+    pub coverage: [f64; 2],
+}
+
+/// Refuses a session and networks that are not of this robot, as far as they say.
+///
+/// # Errors
+/// The message names both robots.
+pub fn same_robot(log: &SessionLog, networks: &Model, robot: &RobotSpec) -> Result<()> {
+    const OR: &str = "or --any-robot to estimate all the same";
+    crate::gap::recorded_with(robot, &log.name, &log.robot)
+        .map_err(|e| anyhow::anyhow!("{e}, {OR}"))?;
+    if let Some(notice) = model::trained_for_another(networks, robot) {
+        let of_its_base = networks.scores.smap.data.robot_hash == robot.base_hash;
+        anyhow::ensure!(of_its_base, "{notice}, {OR}");
+        log::warn!("{notice}");
+    }
+    Ok(())
+}
+
+/// How the estimates compare with the motion capture; `None` where there is none.
+pub fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison> {
+    let mut distance_mm = Vec::new();
+    let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];
+    let mut inside = [0usize; 2];
+    for one in estimated {
+        let (Some(e), Some(truth)) = (&one.residual, &log.truth[one.row]) else {
+            continue;
+        };
+        distance_mm.push(e[..3].iter().map(|x| x * x).sum::<f64>().sqrt() * 1e3);
+        let (a, b) = (
+            ypr_from_rotation(&one.pose.rotation),
+            ypr_from_rotation(&truth.rotation),
+        );
+        for i in 0..3 {
+            angle_deg[i].push((a[i] - b[i]).to_degrees().abs());
+        }
+        // Share of coordinates within 1.00 and 1.96 predicted standard deviations.
+        for i in 0..3 {
+            inside[0] += usize::from(e[i].abs() <= one.sd[i]);
+            inside[1] += usize::from(e[i].abs() <= 1.96 * one.sd[i]);
+        }
+    }
+    let n = distance_mm.len();
+    let spread = spread(distance_mm)?;
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    Some(Comparison {
+        samples: n,
+        translation_mm: spread,
+        ypr_deg: [0, 1, 2].map(|i| mean(&angle_deg[i])),
+        coverage: inside.map(|c| c as f64 / (3 * n) as f64),
+    })
+}
+
+/// Every estimate, in mm and degrees.
+pub fn table(log: &SessionLog, estimated: &[Estimated]) -> Table {
+    let each = |what: &str| {
+        ["x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"].map(|name| format!("{what}_{name}"))
+    };
+    let names = ["t_s".to_owned()].into_iter();
+    let names = names.chain(columns::pose_names());
+    let mut table = Table::new(names.chain(each("sd")).chain(each("residual")));
+    let shown = |v: [f64; 6]| -> [f64; 6] {
+        std::array::from_fn(|i| if i < 3 { v[i] * 1e3 } else { v[i].to_degrees() })
+    };
+    for one in estimated {
+        let mut row = vec![log.t_s[one.row]];
+        row.extend(columns::pose_values(&one.pose));
+        row.extend(shown(one.sd));
+        row.extend(one.residual.map_or([f64::NAN; 6], shown));
+        table.rows.push(row);
+    }
+    table
+}
