@@ -11,6 +11,7 @@ pub mod gui;
 pub mod lab;
 pub mod learn;
 pub mod link;
+pub mod plot;
 pub mod recording;
 pub mod rig;
 pub mod robot;

@@ -5,8 +5,8 @@ use std::path::Path as FilePath;
 
 use anyhow::{Context as _, Result};
 
-use super::plot::{Axes, Chart, Line};
 use crate::drive::{Driven, Row};
+use crate::plot::{Axes, Chart, Line};
 use crate::signal::{CHAMBERS, SPRINGS};
 use crate::task::Path;
 
@@ -43,11 +43,11 @@ pub fn write(
     };
     let [log, way, set, lengths, along] = FILES;
     put(log, csv(&driven.rows))?;
-    put(way, trajectory(&driven.rows, path, label).svg()?)?;
-    put(set, pressures(&driven.rows, label).svg()?)?;
-    put(lengths, springs(&driven.rows, label).svg()?)?;
+    put(way, trajectory(&driven.rows, path, label).svg())?;
+    put(set, pressures(&driven.rows, label).svg())?;
+    put(lengths, springs(&driven.rows, label).svg())?;
     if !errors_mm.is_empty() {
-        put(along, errors(errors_mm, label).svg()?)?;
+        put(along, errors(errors_mm, label).svg())?;
     }
     Ok(())
 }

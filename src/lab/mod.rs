@@ -9,7 +9,7 @@
 //! - [`soak`]: the twin for hours on a rig with faults.
 //! - [`dataset`]: settled samples for training.
 //! - [`shards`]: long runs in parts, on many machines, to the bytes of one run.
-//! - [`table`], [`plot`], [`drive_log`]: tables, charts, and a drive as both.
+//! - [`table`], [`drive_log`]: tables of figures, and a drive as a table of its ticks, both with their pictures.
 
 pub mod actuation;
 pub mod columns;
@@ -24,7 +24,6 @@ pub mod import;
 pub mod motions;
 pub mod multibody;
 pub mod patches;
-pub mod plot;
 mod progress;
 pub mod ranges;
 pub mod replay;

@@ -238,6 +238,7 @@ fn table(found: Vec<Found>) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lab::study::control::trial::run;
     use crate::robot::RobotSpec;
 
     /// Limits are checked within the drive, at every tick.

@@ -8,10 +8,10 @@ use super::trial::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_a
 use crate::control::{Gains, InitialGuess};
 use crate::drive::Shape;
 use crate::drive::measures::{PathMeasures, spread};
-use crate::lab::plot::{Axes, Chart, Line};
 use crate::lab::study::item::{Field, Found, Study};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
+use crate::plot::{Axes, Chart, Line};
 use crate::signal::ControllerKind;
 use crate::signal::Goal;
 
