@@ -3,6 +3,7 @@
 //!
 //! ARCHITECTURE.md draws the modules and the direction in which things flow.
 
+pub mod charts;
 pub mod control;
 pub mod drive;
 pub mod gap;
@@ -11,7 +12,6 @@ pub mod gui;
 pub mod lab;
 pub mod learn;
 pub mod link;
-pub mod plot;
 pub mod recording;
 pub mod rig;
 pub mod robot;

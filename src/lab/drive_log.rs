@@ -5,8 +5,8 @@ use std::path::Path as FilePath;
 
 use anyhow::{Context as _, Result};
 
+use crate::charts::{Axes, Chart, Line};
 use crate::drive::{Driven, Row};
-use crate::plot::{Axes, Chart, Line};
 use crate::signal::{CHAMBERS, SPRINGS};
 use crate::task::Path;
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
-use crate::plot::{Axes, Bar, Bars, Chart, Line};
+use crate::charts::{Axes, Bar, Bars, Chart, Line};
 
 /// Origin of a row's figures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Numbers with their errors, and pictures as they stand in the page.
 
-pub use crate::plot::svg::number;
-pub(super) use crate::plot::svg::{at, escape, fixed, label, line, path, rect, ticks};
+pub use crate::charts::svg::number;
+pub(super) use crate::charts::svg::{at, escape, fixed, label, line, path, rect, ticks};
 
 /// Smaller errors are only said to be below it.
 const LEAST_ERROR: f64 = 1e-3;

@@ -5,13 +5,13 @@ use std::ops::Range;
 use anyhow::Result;
 
 use super::trial::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
+use crate::charts::{Axes, Chart, Line};
 use crate::control::{Gains, InitialGuess};
 use crate::drive::Shape;
 use crate::drive::measures::{PathMeasures, spread};
 use crate::lab::study::item::{Field, Found, Study};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
-use crate::plot::{Axes, Chart, Line};
 use crate::signal::ControllerKind;
 use crate::signal::Goal;
 
