@@ -99,7 +99,7 @@ fn inspected(found: &Inspection) -> String {
 
 #[derive(Args)]
 pub struct PortsArgs {
-    /// Go on for so many seconds and tell what comes and goes
+    /// Go on for so many seconds and report what comes and goes
     #[arg(long, value_name = "S", default_value = "0", value_parser = args::not_negative)]
     watch: f64,
 }

@@ -227,7 +227,7 @@ fn end_with_parent() -> Result<()> {
     Ok(())
 }
 
-/// Where processes do not tell who started them.
+/// Where a process does not know its parent.
 #[cfg(not(unix))]
 fn end_with_parent() -> Result<()> {
     Ok(())

@@ -61,10 +61,10 @@ pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     }
 }
 
-/// Tells on standard error how far the finder is.
-struct Told;
+/// Logs the progress of the finder.
+struct Logged;
 
-impl Progress for Told {
+impl Progress for Logged {
     fn at(&self, stage: Stage, share: f64) -> Result<(), GapError> {
         log::info!("{stage:?} {:.0} %", 100.0 * share);
         Ok(())
@@ -90,19 +90,19 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         seed: a.seed,
         excitations: excitations(),
     };
-    let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Told)?;
+    let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Logged)?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     if let Some(dir) = &a.out {
         write_all(dir, &found, &found.patch, a.simulated)?;
     }
     Ok(Report {
-        text: told(&found.finding),
+        text: finding_text(&found.finding),
         json: serde_json::to_value(&found.finding)?,
     })
 }
 
 /// A finding for people.
-fn told(f: &Finding) -> String {
+fn finding_text(f: &Finding) -> String {
     let name = |id: &str| effects::effect(id).map_or(id.to_owned(), |e| e.name.to_lowercase());
     let all = |e: &FoundEffect| {
         let at = e.target.map_or(String::new(), |t| format!(" {t}"));
@@ -128,10 +128,10 @@ fn told(f: &Finding) -> String {
         }
         Verdict::Named => list("Missing in the model:"),
         Verdict::Indistinguishable => {
-            list("One of these is missing, and this session cannot tell which:")
+            list("One of these is missing, and this session cannot distinguish them:")
         }
         Verdict::Unknown => "Something is missing, and it is none of the known effects.".to_owned(),
-        Verdict::NotExcited => "The session moves too little to tell.".to_owned(),
+        Verdict::NotExcited => "The session moves too little for a verdict.".to_owned(),
     };
     if !f.effects.is_empty() {
         let g = &f.gap;
@@ -151,7 +151,7 @@ fn told(f: &Finding) -> String {
         );
     }
     if let Some(s) = &f.separate_by {
-        text += &format!("\nto tell them apart: {}", s.why);
+        text += &format!("\nto distinguish them: {}", s.why);
     }
     for n in &f.notes {
         text += &format!("\n{n}");
@@ -213,7 +213,7 @@ fn actuation_text(found: &gap::Actuation, unit: PressureUnit) -> String {
         Verdict::Named => "Missing between command and gauge:",
         Verdict::Indistinguishable => "These explain it equally well:",
         Verdict::Unknown => "Something is there, and no known effect explains it.",
-        Verdict::NotExcited => "The commands move too little to tell.",
+        Verdict::NotExcited => "The commands move too little for a verdict.",
     };
     let mut out = vec![verdict.to_owned()];
     for e in &f.effects {

@@ -73,11 +73,11 @@ fn one_line(text: &str) -> String {
         let margin = line.trim_start_matches(|c: char| c.is_ascii_digit() || c == ' ');
         margin.starts_with('|')
     };
-    let told = text
+    let kept = text
         .lines()
         .map(str::trim)
         .filter(|l| !l.is_empty() && !is_drawn(l));
-    told.collect::<Vec<_>>().join(": ")
+    kept.collect::<Vec<_>>().join(": ")
 }
 
 /// The chain of causes as one sentence; a cause that its effect quotes already is not repeated.

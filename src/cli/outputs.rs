@@ -70,7 +70,7 @@ pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     let path = std::path::absolute(path)?;
     let folder = path.parent().unwrap_or(&path);
     let Some(free) = free_bytes(folder)
-        .with_context(|| format!("cannot tell how much room {} has", folder.display()))?
+        .with_context(|| format!("cannot find the free space of {}", folder.display()))?
     else {
         return Ok(());
     };
@@ -84,7 +84,7 @@ pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     Ok(())
 }
 
-/// Room for files of this user, bytes; nothing where the system does not say.
+/// Space for files of this user, bytes; nothing where the system does not say.
 #[cfg(unix)]
 fn free_bytes(folder: &Path) -> Result<Option<u64>> {
     let s = nix::sys::statvfs::statvfs(folder)?;

@@ -67,7 +67,7 @@ commands! { c:
     Gap(a: gap::GapCommand) => gap::run(a, c.robot, c.robot_file),
     /// Train the networks
     Train(a: train::TrainArgs) => train::run(a, c.json),
-    /// The paper's tables on sensing and control, made anew on the virtual rig
+    /// The paper's tables on sensing and control, made again on the virtual rig
     Study(a: study::StudyArgs) => study::run(a, c.robot, c.json),
     /// Pose from springs and IMUs of a session, against its motion capture
     Estimate(a: estimate::EstimateArgs) => estimate::estimate(a, c.robot),
@@ -76,9 +76,9 @@ commands! { c:
     Calibrate(a: calibrate::CalibrateCommand) => calibrate::run(a, c.robot),
     /// Run the twin on a rig
     Run(a: live::RunArgs) => run_twin(a, c),
-    /// Steer the tip to a point and tell how it went
+    /// Steer the tip to a point and report how it went
     Goto(a: drive::GotoArgs) => drive::goto(a, c.robot_file, c.robot),
-    /// Follow a path and tell how it went
+    /// Follow a path and report how it went
     Follow(a: drive::FollowArgs) => drive::follow(a, c.robot_file, c.robot),
     /// Pick things up and put them into a basket
     PickPlace(a: drive::PickPlaceArgs) => drive::pick_place(a, c.robot_file, c.robot),
@@ -101,7 +101,7 @@ commands! { c:
     /// session of it, made offline
     #[command(args_conflicts_with_subcommands = true)]
     Rig(a: rig::RigCommand) => rig::run(a, c.robot),
-    /// Run for hours on a rig that breaks now and then, and hold to what must always hold
+    /// Run for hours on a rig with faults, and check the invariants in every tick
     Soak(a: soak::SoakArgs) => soak::run(a, c.robot_file, c.robot),
     /// A picture of a screen, made without a window
     Screenshot(a: window::ScreenshotArgs) if "gui" => window::screenshot(a, c.robot, c.robot_file),
@@ -112,7 +112,7 @@ commands! { c:
 }
 
 /// What is logged unless RUST_LOG says otherwise. A viewer that goes away and a graphics driver that is missing are
-/// told in our own words.
+/// reported in our own words.
 const LOGS: &str = "warn,re_grpc_client=off,wgpu_hal::vulkan::instance=off,eframe::native::run=off";
 
 /// Parses the arguments, runs the command, prints its report.

@@ -98,7 +98,7 @@ pub fn run(a: &SessionArgs, robot: &RobotSpec) -> Result<Report> {
         a.overwrite.file(truth)?;
     }
     a.overwrite.files(&a.out, &SESSION_FILES)?;
-    // The folder's name, so that the name tells nothing of what is hidden.
+    // The folder's name, so that the name does not depend on what is hidden.
     let name = a.out.file_name().unwrap_or_default().to_string_lossy();
     let plan = SessionPlan {
         name: name.into_owned(),

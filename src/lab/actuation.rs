@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_in_psi_is_told_in_psi() {
+    fn what_is_found_in_psi_is_reported_in_psi() {
         let value = |v: f64, unit: &str| crate::gap::PatchValue {
             value: v * PSI_PA,
             unit: unit.to_owned(),
@@ -236,15 +236,15 @@ mod tests {
             seconds: 0.0,
             traces: Default::default(),
         };
-        let told = in_unit(f.clone(), PSI);
-        let p = |name: &str| &told.effects[0].params[name];
+        let shown = in_unit(f.clone(), PSI);
+        let p = |name: &str| &shown.effects[0].params[name];
         assert_eq!(
             (p("inflate").unit.as_str(), p("offset").unit.as_str()),
             ("psi/s", "psi")
         );
         assert!((p("inflate").value - 3.0).abs() < 1e-12);
         assert_eq!((p("delay").value, p("delay").unit.as_str()), (0.2, "s"));
-        assert!((told.gap.before - 1.0).abs() < 1e-12 && told.gap.unit == "psi");
+        assert!((shown.gap.before - 1.0).abs() < 1e-12 && shown.gap.unit == "psi");
         let kpa = in_unit(f, PressureUnit::default());
         assert_eq!(kpa.effects[0].params["inflate"].unit, "kPa/s");
     }

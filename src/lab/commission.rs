@@ -93,9 +93,9 @@ pub fn beyond(kinds: &[Kind], bound: impl Fn(&Kind) -> f64) -> Option<String> {
 
 /// All residuals, for people.
 pub fn residuals(kinds: &[Kind]) -> String {
-    let told: Vec<String> = kinds
+    let parts: Vec<String> = kinds
         .iter()
         .filter_map(|k| Some(format!("{} {:.2} {}", k.name, k.rms? * k.unit.1, k.unit.0)))
         .collect();
-    told.join(", ")
+    parts.join(", ")
 }

@@ -65,7 +65,7 @@ const SINGLES: [f64; 3] = [2.0, 4.0, 8.0];
 const LOW: [f64; 2] = [0.5, 1.0];
 /// Every so many seeds there is one of those.
 const LOW_EVERY: u64 = 3;
-/// Strength of aliens and of each member of a pair.
+/// Strength of unmodelled effects and of each member of a pair.
 const CLEAR: f64 = 4.0;
 /// Changes when the same plan makes other sessions.
 const EDITION: u32 = 1;
@@ -87,7 +87,7 @@ pub struct Suite {
 /// A case to be made and solved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
-    /// Its folder; tells nothing of what is hidden.
+    /// Its folder; a name that does not show what is hidden.
     pub name: String,
     /// Its part.
     pub part: Part,

@@ -324,7 +324,7 @@ fn missed(o: &Outcome) -> Option<String> {
             format!(
                 "{} violations of what must always hold, the first: {}",
                 o.broken.count,
-                o.broken.told.first().map_or("", String::as_str)
+                o.broken.reported.first().map_or("", String::as_str)
             ),
         ),
         // Before an hour is over, the first use of everything is still to come.
@@ -415,7 +415,7 @@ fn report(o: &Outcome) -> Report {
             shown(threads_first),
             shown(threads_last),
             o.broken
-                .told
+                .reported
                 .iter()
                 .map(|t| format!("\nviolation at {t}"))
                 .collect::<String>(),
@@ -435,7 +435,7 @@ fn report(o: &Outcome) -> Report {
             },
             "handles": {"first": whole(handles_first), "last": whole(handles_last)},
             "threads": {"first": whole(threads_first), "last": whole(threads_last)},
-            "tick_wraps": o.wraps, "violations": o.broken.count, "violated": o.broken.told,
+            "tick_wraps": o.wraps, "violations": o.broken.count, "violated": o.broken.reported,
             "simulated": o.simulated, "wall_seconds": tenth(o.wall.as_secs_f64()),
         }),
     }

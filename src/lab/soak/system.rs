@@ -1,4 +1,4 @@
-//! What the system tells of this process, and the panics in it.
+//! Memory, handles and threads of this process, and the panics in it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -14,7 +14,7 @@ pub struct Use {
     pub threads: u64,
 }
 
-/// What this process takes now; `None` where the system does not tell.
+/// What this process uses now; `None` where the system does not report it.
 pub fn in_use() -> Option<Use> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let number = |key: &str| -> Option<u64> {

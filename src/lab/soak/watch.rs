@@ -1,4 +1,4 @@
-//! What must hold at every tick of a soak: a port that looks at every command on its way, and a look at every
+//! Invariants of an endurance run: a port that checks every command on its way, and a check of every
 //! snapshot.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,8 +10,8 @@ use crate::twin::{Arrivals, Clock, Port};
 
 /// The pumps of a rig whose twin is SAFE are off after this time, s.
 const PUMPS_OFF_S: f64 = 0.25;
-/// Violations that are told in words.
-const TOLD: usize = 10;
+/// Violations that are reported in words.
+const REPORTED: usize = 10;
 
 /// What was found broken.
 #[derive(Debug, Default)]
@@ -19,14 +19,14 @@ pub struct Broken {
     /// How often.
     pub count: u64,
     /// The first of them, one sentence each.
-    pub told: Vec<String>,
+    pub reported: Vec<String>,
 }
 
 impl Broken {
     fn add(&mut self, text: impl FnOnce() -> String) {
         self.count += 1;
-        if self.told.len() < TOLD {
-            self.told.push(text());
+        if self.reported.len() < REPORTED {
+            self.reported.push(text());
         }
     }
 }
@@ -44,8 +44,8 @@ pub struct Seen {
     pub sent: u64,
     last_stamp: Option<Stamp>,
     last_frame: Option<Stamp>,
-    /// Whether pumps that run in SAFE were told already.
-    pumps_told: bool,
+    /// Whether pumps that run in SAFE were reported already.
+    pumps_reported: bool,
 }
 
 /// [`Seen`], from several places.
@@ -64,9 +64,9 @@ impl Watch {
         let late = seen.safe_since_s.is_some_and(|s| t_s - s > PUMPS_OFF_S);
         let on = set_pa.iter().any(Option::is_some);
         if !(late && on) {
-            seen.pumps_told = false;
-        } else if !seen.pumps_told {
-            seen.pumps_told = true;
+            seen.pumps_reported = false;
+        } else if !seen.pumps_reported {
+            seen.pumps_reported = true;
             seen.broken
                 .add(|| format!("{t_s:.3} s: pumps run more than 250 ms after SAFE"));
         }
@@ -232,6 +232,6 @@ mod tests {
         assert_eq!(count(), 4);
         watch.look_at(&snapshot);
         assert_eq!(count(), 5);
-        assert_eq!(watch.seen().broken.told.len(), 5);
+        assert_eq!(watch.seen().broken.reported.len(), 5);
     }
 }

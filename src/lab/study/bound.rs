@@ -1,6 +1,6 @@
 //! How well any estimator could do: the Cramér-Rao bound of the 24 signals.
 //!
-//! Unknown are both pads, six numbers each and free of any model: what the springs and IMUs then tell
+//! Unknown are both pads, six numbers each and free of any model: what the springs and IMUs then determine
 //! about the end pad is what an unbiased estimator without prior knowledge of the arm can reach at
 //! best. A prior (arms bend smoothly) may beat it.
 
@@ -33,7 +33,7 @@ fn moved(pads: &[Pose; 3], x: &[f64; 12]) -> [Pose; 3] {
 }
 
 /// Least standard deviation of the end pad's translation (root of the summed variances, m) and
-/// rotation (rad) with the pads there; `None` where the signals do not tell them.
+/// rotation (rad) with the pads there; `None` where the signals do not determine them.
 pub fn cramer_rao(robot: &RobotSpec, pads: &[Pose; 3], noise: &SensorNoise) -> Option<[f64; 2]> {
     const H: f64 = 1e-6;
     let mut jacobian = SMatrix::<f64, SIGNALS, 12>::zeros();

@@ -229,8 +229,8 @@ fn shocks(found: Vec<Found>) -> Table {
     t.take(found);
     t.notes.push(NOTE.to_owned());
     t.notes.push(
-        "Blows on the end pad, one every two seconds, from any side, in motion. The rig creeps to where forces hold \
-         each other (time constant 0.06 s) and does not swing: what is tested is lag and range, not vibration. The \
+        "Blows on the end pad, one every two seconds, from any side, in motion. The rig is overdamped \
+         (time constant 0.06 s): what is tested is lag and range, not vibration. The \
          paper shows shocks in a video, without numbers."
             .to_owned(),
     );

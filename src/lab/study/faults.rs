@@ -196,7 +196,7 @@ fn faults(found: Vec<Found>) -> Table {
     let mut t = Table::new("faults", "Dead and stuck sensors", &columns, Drawn::Bars);
     t.notes.push(
         "Faults from the fourth second of a motion at 5 mm/s on; the errors count everything after it, also before \
-         the flag. What a sensor does not tell the others stand in for: five springs and the IMUs give the sixth, the \
+         the flag. A missing signal is reconstructed from the others: five springs and the IMUs give the sixth, the \
          springs give the orientations. A silent spring without IMUs cannot be made up for: such frames are called \
          blind, and the twin does not move on them. A stuck spring (its reading frozen) counts from when it should have moved by 0.3 mm; \
          frames are looked at 20 times a second. One motion per fault."

@@ -7,7 +7,7 @@
 //!
 //! Source: S. Hochreiter, J. Schmidhuber, "Long short-term memory" (1997),
 //! doi:10.1162/neco.1997.9.8.1735. Trained as the others are (squared error, Adam, cosine decay, noise
-//! drawn anew for every batch), but to the last epoch.
+//! drawn again for every batch), but to the last epoch.
 
 use std::f64::consts::PI;
 

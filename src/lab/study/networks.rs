@@ -85,7 +85,7 @@ fn find_modality(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             found.notes.push(format!(
                 "Motions of the rig at 5 mm/s without load; all but the networks under test saw the same samples. \
                  Length: how far the predicted distance from base to tip is off. It varies by {:.1} mm (SD) here, and \
-                 orientations do not tell it.",
+                 orientations do not determine it.",
                 sd * 1e3
             ));
         }

@@ -250,7 +250,7 @@ fn table(found: Vec<Found>) -> Table {
     );
     t.notes = vec![
         format!(
-            "Our controller on arms of which the twin is not told the stiffness; three seeds per row. A move to {:?} mm, \
+            "Our controller on arms of a stiffness that the twin does not know; three seeds per row. A move to {:?} mm, \
              then {REST_S:.0} s of rest there; and the circle without load.",
             MOVE_M.map(|x| x * 1e3)
         ),

@@ -1,4 +1,4 @@
-//! Pushes, blows, a swapped load, dead sensors and lost frames on the way round a circle: the arm recovers or goes
+//! Study of disturbances on a circle: pushes, blows, a swapped load, dead sensors, lost frames. The arm recovers or goes
 //! SAFE.
 
 use std::ops::Range;
@@ -38,7 +38,7 @@ pub enum Disturbance {
     Push(f64),
     /// Blows of so many newtons for 0.1 s every two seconds, ten times, from anywhere.
     Blows(f64),
-    /// The load becomes so many kg; nobody tells the twin.
+    /// The load becomes so many kg, undeclared.
     Load(f64),
     /// A spring's reading stays as it is.
     StuckSpring(usize),
@@ -52,8 +52,8 @@ pub enum Disturbance {
 pub const ALL: [(Disturbance, &str); 8] = [
     (Disturbance::Push(40.0), "lateral push, 40 N, twice"),
     (Disturbance::Blows(30.0), "ten blows, 30 N"),
-    (Disturbance::Load(0.5), "load 115 to 500 g, not told"),
-    (Disturbance::Load(0.0), "load 115 to 0 g, not told"),
+    (Disturbance::Load(0.5), "load 115 to 500 g, undeclared"),
+    (Disturbance::Load(0.0), "load 115 to 0 g, undeclared"),
     (Disturbance::StuckSpring(3), "spring 4 stuck"),
     (Disturbance::DeadImu(2), "IMU 3 dead"),
     (Disturbance::LostFrames(0.06), "60 ms of lost frames"),
@@ -115,7 +115,7 @@ impl Disturbance {
     }
 }
 
-/// How it was borne.
+/// Response to a disturbance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Borne {
     /// Mean true distance from the path, mm: before, and from three seconds after its end.

@@ -69,7 +69,8 @@ pub const PICK_PLACE: Study = Study {
     table: pick_place,
 };
 
-const NOT_TOLD: &str = "The twin is told the load, not the stiffness. Three seeds per row. Errors are of the true tip.";
+const KNOWN: &str =
+    "The twin knows the load, not the stiffness. Three seeds per row. Errors are of the true tip.";
 
 fn percent(share: f64) -> f64 {
     100.0 * share
@@ -200,7 +201,7 @@ fn path(shape: Shape, found: Vec<Found>) -> Table {
     t.notes = vec![
         format!(
             "60 waypoints. A point moves along the path at {:.0} mm/s and waits for a tip that is behind it; ours is led by that \
-             point, the paper's controller is given the waypoint ahead of it. {NOT_TOLD} Error: distance from each \
+             point, the paper's controller is given the waypoint ahead of it. {KNOWN} Error: distance from each \
              waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
              far the springs of the reference are from what any pressures can make.",
             SPEED_M_S * 1e3
@@ -334,8 +335,8 @@ fn moves(found: Vec<Found>) -> Table {
     );
     t.notes = vec![
             format!(
-                "From rest to three points, without load and with 500 g. {NOT_TOLD} Steps and settling: until the true tip is \
-                 within 1 mm for good; rows without settled moves have none. One step is 10 ms. Final: mean over the \
+                "From rest to three points, without load and with 500 g. {KNOWN} Steps and settling: until the true tip is \
+                 within 1 mm and stays there; rows without settled moves have none. One step is 10 ms. Final: mean over the \
                  last second."
             ),
             "The paper counts 160 iterations with and 480 without its initial guess for its long move; its iterations \
@@ -410,7 +411,7 @@ fn pick_place(found: Vec<Found>) -> Table {
         Drawn::Bars,
     );
     t.notes = vec![format!(
-        "The gripper grasps what is within 10 mm; a basket of 40 mm. {NOT_TOLD} Error: true tip from where it should \
+        "The gripper grasps what is within 10 mm; a basket of 40 mm. {KNOWN} Error: true tip from where it should \
              be when the gripper moves. The paper shows its fruit in the basket and gives no figures."
     )];
     t.take(found);

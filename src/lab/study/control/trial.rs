@@ -40,7 +40,7 @@ pub struct Trial {
     pub gains: Gains,
     pub task: Task,
     pub payload_kg: f64,
-    /// What the twin is told of it, kg.
+    /// Payload declared to the twin, kg.
     pub declared_kg: f64,
     pub stiffness: f64,
     pub seed: u64,

@@ -161,7 +161,7 @@ fn table(found: Vec<Found>) -> Table {
             "{budget} candidates of each, a Latin hypercube over the same ranges, on a circle, an 8 and two moves with \
              {:.0} g, on an arm of {} and one of {} of the stiffness that the twin knows (a load, a seed and arms that \
              no table uses). Cost: mean true error at the waypoints in mm, and {MM_PER_S} \
-             per second until a move has settled within 1 mm for good; mean over the four tasks. The best five of each, \
+             per second until a move has settled within 1 mm and stays there; mean over the four tasks. The best five of each, \
              and the gains that ship.",
             PAYLOAD_KG * 1e3,
             STIFFNESSES[0],
