@@ -1,4 +1,4 @@
-//! `calibrate`: files that say how instruments lie on a robot and what they read.
+//! `calibrate`: calibrations of springs and IMUs, registrations of motion capture.
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use sha2::{Digest as _, Sha256};
 
 mod imus;
 mod springs;
+mod wizard;
 
 pub use springs::{BenchArgs, bench};
 
@@ -25,16 +26,21 @@ use springtwin::sensing::registration::{
     register_streams,
 };
 use springtwin::signal::{Pose, hex, ypr_from_rotation};
+use wizard::WizardArgs;
 
 #[derive(Subcommand)]
 pub enum CalibrateCommand {
+    /// All steps of the window's wizard on a rig, without a window: preflight, springs, IMUs, motion
+    /// capture, validation, save. The arm moves. Every step prints PASS or REDO with its figures; a
+    /// refused step is repeated
+    Wizard(WizardArgs),
     /// A curve per spring from the log of a bench that drew them up and down, with a verdict on each
     Springs(SpringsArgs),
-    /// How the IMUs really sit on their pads, from a recording of slow motion
+    /// Mountings of the IMUs on their pads, from a recording of slow motion
     Imus(ImusArgs),
-    /// Where motion capture's world and object are on the robot, and what its clock reads, from one
-    /// motion that both recorded: half a minute or more of bending to all sides. What the robot's
-    /// poses err by alike everywhere cannot be told from where the world is, and goes into it
+    /// Where motion capture's world and object are on the robot, and the offset of its clock, from one
+    /// motion that both recorded: half a minute or more of bending to all sides. An error of the robot's
+    /// poses that is the same everywhere cannot be separated from the place of the world, and is part of it
     Mocap(MocapArgs),
 }
 
@@ -72,14 +78,25 @@ pub struct MocapArgs {
     /// Look for it so far to both sides, s
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     search: f64,
-    /// Networks that tell a session's poses; the shipped ones without it
+    /// Networks that estimate a session's poses; the shipped ones without it
     #[arg(long, value_name = "F.safetensors")]
     model: Option<PathBuf>,
 }
 
+/// Today's date (UTC), as 2026-03-01.
+pub fn today() -> String {
+    jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
+}
+
 /// `calibrate`.
-pub fn run(command: &CalibrateCommand, robot: &RobotSpec) -> Result<Report> {
+pub fn run(
+    command: &CalibrateCommand,
+    robot_file: Option<&Path>,
+    robot: &RobotSpec,
+    json: bool,
+) -> Result<Report> {
     match command {
+        CalibrateCommand::Wizard(a) => wizard::wizard(a, robot_file, robot, json),
         CalibrateCommand::Springs(a) => springs::springs(a, robot),
         CalibrateCommand::Imus(a) => imus::imus(a, robot),
         CalibrateCommand::Mocap(a) => mocap(a),
@@ -118,21 +135,21 @@ fn mocap(a: &MocapArgs) -> Result<Report> {
     let data = hex(&Sha256::digest(format!("{}\n{}\n", robot.hash, seen.hash)));
     let registration = Registration::new(&found, &a.object, &a.date, &data);
     write_text(&a.out, &registration.to_toml()?)?;
-    let mut said = report(&found, &registration, &a.out);
+    let mut out = report(&found, &registration, &a.out);
     if robot.simulated == Some(true) {
-        said.text.insert_str(0, "simulated: ");
+        out.text.insert_str(0, "simulated: ");
     }
-    said.json["simulated"] = json!(robot.simulated);
-    Ok(said)
+    out.json["simulated"] = json!(robot.simulated);
+    Ok(out)
 }
 
-/// What the robot knew of its tip.
+/// Estimated poses of the tip.
 struct RobotPoses {
     /// Time by its clock, s; base from tip.
     poses: Vec<(f64, Pose)>,
     /// Nominal rate, Hz.
     rate_hz: f64,
-    /// Whether the arm was a simulated one, where the file says.
+    /// Whether the arm was simulated, if known.
     simulated: Option<bool>,
     /// SHA-256 of the file.
     hash: String,
@@ -147,7 +164,7 @@ fn robot_poses(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
     };
     anyhow::ensure!(
         !robot.poses.is_empty(),
-        "{} tells no pose of the tip: it needs samples with all sensors, or recorded estimates",
+        "{} holds no pose of the tip: it needs samples with all sensors, or recorded estimates",
         path.display()
     );
     Ok(robot)
@@ -338,13 +355,13 @@ mod tests {
         let text = std::fs::read_to_string(dir.join("registration.toml")).expect("there");
         let file = Registration::from_toml(&text).expect("reads");
         assert_eq!((&*file.object, &*file.date), ("flange", "2025-03-01"));
-        // The tip as motion capture tells it through the file, against the truth.
+        // The tip as motion capture measures it through the file, against the truth.
         let log = rig_log(Excitation::Mixed);
         let raw = seen(&log, &frames);
         let off_m: Vec<f64> = (0..log.len())
             .filter_map(|k| {
-                let told = file.ground_truth_pose(&raw.truth[k]?);
-                Some((told.translation.vector - log.truth[k]?.translation.vector).norm())
+                let seen = file.ground_truth_pose(&raw.truth[k]?);
+                Some((seen.translation.vector - log.truth[k]?.translation.vector).norm())
             })
             .collect();
         let mean_m = off_m.iter().sum::<f64>() / off_m.len() as f64;
@@ -352,8 +369,8 @@ mod tests {
         let robot = estimated(&dir.join("robot"), None).expect("estimates");
         let estimates_m: f64 = (0..log.len())
             .filter_map(|k| {
-                let told = robot.poses.get(k)?.1.translation.vector;
-                Some((told - log.truth[k]?.translation.vector).norm())
+                let estimate = robot.poses.get(k)?.1.translation.vector;
+                Some((estimate - log.truth[k]?.translation.vector).norm())
             })
             .sum();
         let estimates_m = estimates_m / log.len() as f64;

@@ -73,7 +73,7 @@ commands! { c:
     Estimate(a: estimate::EstimateArgs) => estimate::estimate(a, c.robot),
     /// Calibrate springs and IMUs, register motion capture
     #[command(subcommand)]
-    Calibrate(a: calibrate::CalibrateCommand) => calibrate::run(a, c.robot),
+    Calibrate(a: calibrate::CalibrateCommand) => calibrate::run(a, c.robot_file, c.robot, c.json),
     /// Run the twin on a rig
     Run(a: live::RunArgs) => run_twin(a, c),
     /// Steer the tip to a point and report how it went

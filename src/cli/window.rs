@@ -5,6 +5,7 @@ mod device;
 mod dialog;
 mod export;
 mod gap;
+mod later;
 mod library;
 mod rigs;
 mod screenshot;

@@ -1,6 +1,7 @@
 //! What the window asks of the program around it: files, long work, other programs. The window itself
 //! does no input or output and starts no thread.
 
+pub mod calibrate;
 pub mod gap;
 mod pending;
 
@@ -18,9 +19,7 @@ use crate::twin::Handle;
 
 pub use pending::Pending;
 
-pub use super::panels::calibrate::outside::{
-    Bench, BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Question, Version,
-};
+pub use calibrate::CalibrationServices;
 
 /// A recording in the library.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -165,7 +165,7 @@ fn columns(line: usize, header: &str) -> Result<Columns, BenchError> {
 
 /// Reads a bench log: CSV with a header row naming `spring` (1 … 12), `length_mm`, one of `reading`,
 /// `inductance_uh`, `frequency_hz`, `frequency_khz`, `frequency_mhz`, and optionally `direction`
-/// (`up` or `down`; told from the order of the lengths when absent). Other columns are ignored, as
+/// (`up` or `down`; taken from the order of the lengths when absent). Other columns are ignored, as
 /// are empty lines and lines that start with `#`.
 ///
 /// # Errors

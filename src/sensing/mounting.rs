@@ -110,7 +110,7 @@ mod tests {
                 // Nominal mounting assumed although pad from IMU = exp(c) · nominal: the IMU
                 // reports truth · exp(c), turned back by the heading state.
                 let by_imu = truth * off;
-                let delta = super::super::imu::heading_between(&truth, &by_imu);
+                let delta = crate::sensing::imu::heading_between(&truth, &by_imu);
                 let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * delta);
                 (truth, turn * by_imu)
             })

@@ -265,3 +265,63 @@ fn motion_capture_is_imported_registered_and_put_into_the_base() {
     assert!(said.contains("'flange', not for 'pad:pad'"), "{said}");
     assert!(!dir.join("other").exists());
 }
+
+/// The wizard without its window, from the first check to a saved calibration: a loose plug costs one REDO, and the
+/// next run starts from what was saved.
+#[test]
+fn the_wizard_saves_a_calibration_without_a_window() {
+    let dir = scratch("calibrate-wizard");
+    let wizard = |args: &[&str]| {
+        let all = [&["calibrate", "wizard", "--rig", "sim"], args].concat();
+        let mut program = crate::process::program(&all);
+        program.env("XDG_DATA_HOME", &dir);
+        crate::process::output(&mut program)
+    };
+    // Nobody is there to be asked.
+    let out = wizard(&[]);
+    let (said, why) = (
+        String::from_utf8_lossy(&out.stdout),
+        String::from_utf8_lossy(&out.stderr),
+    );
+    assert_eq!(out.status.code(), Some(1), "{said} {why}");
+    assert!(
+        said.contains("1 Preflight: PASS") && said.contains("REDO  Spring 7:"),
+        "{said}"
+    );
+    assert!(why.contains("Nothing was saved"), "{why}");
+    let out = wizard(&["--yes", "--name", "arm 2", "--json"]);
+    let why = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{why}");
+    let report: Value = serde_json::from_slice(&out.stdout).expect("one JSON object");
+    println!("{report:#}");
+    assert_eq!(report["passed"], true);
+    let attempts = report["attempts"].as_array().expect("attempts");
+    let verdicts: Vec<(&str, &str)> = attempts
+        .iter()
+        .filter_map(|a| Some((a["step"].as_str()?, a["verdict"].as_str()?)))
+        .collect();
+    assert_eq!(
+        verdicts,
+        [
+            ("Preflight", "PASS"),
+            ("Springs", "REDO"),
+            ("Springs", "PASS"),
+            ("IMUs", "PASS"),
+            ("Vicon", "PASS"),
+            ("Validate", "PASS"),
+        ]
+    );
+    assert_eq!(report["saved"]["version"], 1);
+    for (kind, tables) in [("calibration", 12), ("registration", 0)] {
+        let path = report["saved"][kind].as_str().expect("where");
+        let text = std::fs::read_to_string(path).expect("written");
+        assert_eq!(text.matches("[[spring]]").count(), tables, "{path}");
+    }
+    // What is kept needs no REDO; a dry run saves nothing.
+    let out = wizard(&["--keep", "springs,imus,mocap", "--dry-run", "--json"]);
+    let report: Value = serde_json::from_slice(&out.stdout).expect("one JSON object");
+    assert_eq!(
+        (&report["passed"], &report["saved"]),
+        (&true.into(), &Value::Null)
+    );
+}

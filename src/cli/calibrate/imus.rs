@@ -15,9 +15,9 @@ use springtwin::sensing::mounting::{MountingError, MountingFit, fit_mounting};
 use springtwin::sensing::{Calibration, Sensing};
 use springtwin::signal::{IMUS, RawFrame};
 
-/// The filters settle for so long first, s.
+/// Time that the filters take to settle, s.
 const SETTLING_S: f64 = 10.0;
-/// One frame in so many is used: neighbours tell the same.
+/// One frame in this many is used: neighbours are correlated.
 const EVERY: usize = 10;
 
 #[derive(Args)]
@@ -41,7 +41,7 @@ pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
     let read = read_rrd(&a.recording)?;
     let mut calibration = match &a.calibration {
         None => Calibration::virtual_rig(),
-        Some(path) => Calibration::from_toml(&crate::cli::read_toml(path)?)
+        Some(path) => Calibration::from_toml(&springtwin::drive::read_toml(path)?)
             .with_context(|| path.display().to_string())?,
     };
     let mut frames: Vec<&RawFrame> = Vec::new();
@@ -82,7 +82,7 @@ pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
 
 type Pairs = Vec<(UnitQuaternion<f64>, UnitQuaternion<f64>)>;
 
-/// Each IMU's pad by the springs and by the IMU.
+/// Orientation of each IMU's pad from the springs and from the IMU.
 fn pairs(mut sensing: Sensing, frames: &[&RawFrame]) -> [Pairs; IMUS] {
     let mut pairs: [Pairs; IMUS] = Default::default();
     let Some(start) = frames.first().map(|f| f.stamp) else {
@@ -113,7 +113,7 @@ fn report(
     let label = match simulated {
         Some(true) => " (simulated rig)",
         Some(false) => "",
-        None => " (origin not told)",
+        None => " (origin unknown)",
     };
     let mut text = match good {
         0 => format!("no IMU's mounting was found{label}"),
@@ -124,7 +124,7 @@ fn report(
         match fit {
             Ok(f) => {
                 text += &format!(
-                    "\nIMU {}: {:.3} deg off nominal, {:.3} deg left over in {} samples",
+                    "\nIMU {}: {:.3} deg off nominal, {:.3} deg RMS residual in {} samples",
                     i + 1,
                     f.correction_rad.norm().to_degrees(),
                     f.residual_rad.to_degrees(),

@@ -9,7 +9,8 @@ use rand_pcg::Pcg64Mcg;
 use serde_json::{Value, json};
 
 use crate::cli::outputs::Overwrite;
-use crate::cli::{Failed, Report, args, read_text};
+use crate::cli::{Failed, Report, args};
+use springtwin::drive::{read_text, read_toml};
 use springtwin::recording::write_text;
 use springtwin::rig::circuit::{self, BenchPlan};
 use springtwin::rig::{Unit, circuit_of};
@@ -84,10 +85,10 @@ pub fn springs(a: &SpringsArgs, robot: &RobotSpec) -> Result<Report> {
     Err(Failed { report, why }.into())
 }
 
-/// Writes the springs; mountings of IMUs that the file holds already stay in it.
+/// Writes the springs; mountings of IMUs that the file already holds stay in it.
 fn save(a: &SpringsArgs, mut fresh: Calibration) -> Result<()> {
     if a.out.exists() {
-        let old = Calibration::from_toml(&crate::cli::read_toml(&a.out)?).with_context(|| {
+        let old = Calibration::from_toml(&read_toml(&a.out)?).with_context(|| {
             format!(
                 "{} exists and is no calibration: give --out another name",
                 a.out.display()
@@ -108,7 +109,7 @@ fn report(
     let [low_m, high_m] = robot.spring.range_m;
     let mut text = format!(
         "{good} of {} springs calibrated over {:.0} to {:.0} mm{}\n\
-         spring   RMSE  held out  worst  up-down  (mm)",
+         spring   RMSE  held out  worst  hysteresis  (mm)",
         verdicts.len(),
         low_m * 1e3,
         high_m * 1e3,
@@ -124,7 +125,7 @@ fn report(
         };
         text += &match quality {
             Some(q) => format!(
-                "\n{id:>6}  {:>5.3}  {:>8.3}  {:>5.3}  {:>7}  {word}",
+                "\n{id:>6}  {:>5.3}  {:>8.3}  {:>5.3}  {:>10}  {word}",
                 q.rmse_m * 1e3,
                 q.held_out_rmse_m * 1e3,
                 q.worst_m * 1e3,
@@ -259,10 +260,10 @@ pub struct BenchArgs {
     /// Seed of the noise
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// Tremble of the springs, mm (standard deviation of one reading)
+    /// Vibration of the springs, mm (standard deviation of one reading)
     #[arg(long, value_name = "MM", default_value = "0.09", value_parser = args::not_negative)]
     noise: f64,
-    /// Slack of the motor's screw between up and down, mm
+    /// Backlash of the motor's screw between up and down, mm
     #[arg(long, value_name = "MM", default_value = "0", value_parser = args::not_negative)]
     slack: f64,
     /// A spring (1 to 12) with a loose contact; may be given several times

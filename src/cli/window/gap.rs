@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
-use super::services::later;
+use super::later::later;
 use crate::cli::{read_text, sentence, user};
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::{About, Key};

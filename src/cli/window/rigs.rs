@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use super::calibrate::{Setting, Store};
+use super::calibrate::Setting;
 use crate::cli::args::Kind;
+use springtwin::calibrate::Store;
 use springtwin::drive::{Driver, Instruments, TwinBuilder, model};
 use springtwin::gui::services::PortEntry;
 use springtwin::link;
@@ -109,23 +110,7 @@ impl Rigs {
         if named.calibration.is_some() {
             return (store, out, None);
         }
-        let mut trouble = None;
-        let saved = match store.as_ref().map_or(Ok(None), Store::active) {
-            Ok(active) => active,
-            Err(e) => {
-                let good = store.as_ref().and_then(Store::last_good);
-                let instead = good.as_ref().map_or_else(
-                    || "no saved calibration is used".to_owned(),
-                    |(path, _)| format!("{} is used instead", path.display()),
-                );
-                log::warn!(
-                    "the active calibration cannot be read, {instead}; save a new one, or choose one on the \
-                     Calibrate screen: {e:#}"
-                );
-                trouble = Some(format!("the saved one cannot be read: {e:#}"));
-                good
-            }
-        };
+        let (saved, trouble) = store.as_ref().map_or((None, None), Store::usable);
         if let Some((calibration, registration)) = saved {
             log::info!("calibration: {}", calibration.display());
             out.calibration = Some(calibration);
@@ -212,9 +197,9 @@ pub fn serial_ports() -> Result<Vec<PortEntry>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use springtwin::calibrate::NewVersion;
     use springtwin::drive::{DEFAULT_RIG, rig_options};
     use springtwin::gui::panels::connect::VIRTUAL;
-    use springtwin::gui::services::NewVersion;
     use springtwin::sensing::Calibration;
     use springtwin::signal::Mode;
     use springtwin::twin::Clock;

@@ -2,31 +2,11 @@
 
 use springtwin::gui::Services;
 use springtwin::gui::panels::player::Player;
-use springtwin::gui::services::{Connected, Folder, Job, Scanner, Worker};
+use springtwin::gui::services::{Connected, Folder, Job, Scanner};
 
+use super::later::later;
 use super::rigs::{Rigs, serial_ports};
 use super::{Asks, calibrate, dialog, export, library, viewer};
-
-/// Runs `work` on a thread of its own; the window is repainted when the answer is there.
-pub fn later<T: Send + 'static>(
-    ctx: &egui::Context,
-    name: &str,
-    work: impl FnOnce(&Worker<T>) -> Result<T, String> + Send + 'static,
-) -> Job<T> {
-    let (job, worker) = Job::pair();
-    let ctx = ctx.clone();
-    let spawned = std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(move || {
-            let answer = work(&worker);
-            worker.finish(answer);
-            ctx.request_repaint();
-        });
-    match spawned {
-        Ok(_) => job,
-        Err(e) => Job::ready(Err(format!("Cannot start a thread for the {name}: {e}."))),
-    }
-}
 
 /// The services of a window that is open.
 pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Services {

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use springtwin::gui::services::{Job, Worker};
 
-use super::services::later;
+use super::later::later;
 
 /// Where the viewer listens unless that is taken.
 const USUAL_PORT: u16 = 9876;

@@ -4,24 +4,22 @@ mod troubles;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rand::SeedableRng as _;
-
 use super::*;
-use crate::control::Gains;
-use crate::gui::panels::calibrate::wizard::{DRAFT, Step, Wizard, same};
-use crate::gui::services::{
-    BenchRequest, CalibrationServices, Comparison, Kept, NewVersion, Picked, Question, Version,
+use crate::calibrate::{
+    BenchRequest, Comparison, DRAFT, Kept, NewVersion, Question, Step, Version, Wizard, bench, same,
 };
+use crate::control::Gains;
+use crate::gui::services::Picked;
+use crate::gui::services::calibrate::CalibrationServices;
 use crate::link::wire::Config;
-use crate::rig::circuit::{self, BenchPlan};
 use crate::rig::faults::{Fault, Place, Word};
-use crate::rig::{RigOptions, Unit, VirtualRig, circuit_of};
-use crate::sensing::bench::{BenchLog, parse_bench};
+use crate::rig::{RigOptions, Unit, VirtualRig};
+use crate::sensing::bench::BenchLog;
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::ControllerKind;
 use crate::twin::{Heard, InProcess, Maps, Runner};
 
-mod told;
+mod notices;
 
 /// The virtual rig behind a line that can be cut.
 fn line(mut rig: VirtualRig, config: Config, cut: Arc<AtomicBool>) -> InProcess {
@@ -48,18 +46,7 @@ fn maps() -> Maps {
 }
 
 fn drawn(request: &BenchRequest) -> BenchLog {
-    let robot = RobotSpec::reference();
-    let mut circuit = circuit_of(&robot, Unit::default());
-    let plan = BenchPlan {
-        loose: request.loose.into_iter().collect(),
-        ..BenchPlan::for_robot(&robot)
-    };
-    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(request.seed);
-    let text = circuit::bench(&mut circuit, &plan, &mut rng);
-    let mut log = parse_bench(&text).expect("the bench writes what is read");
-    log.springs
-        .retain(|(n, _)| request.springs.contains(&(n - 1)));
-    log
+    bench::draw(&RobotSpec::reference(), Unit::default(), request).expect("the bench draws")
 }
 
 fn compared(q: &Question) -> Comparison {
@@ -294,13 +281,13 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     assert!(!is_disabled(&b.h, "Next ▶"));
     b.press("Next ▶");
     b.pass(1.0);
-    assert_eq!(b.wizard().step, Step::Vicon);
+    assert_eq!(b.wizard().step, Step::Mocap);
     assert!(same(b.runner.twin.calibration(), &b.wizard().draft()));
 
     b.press("▶ Visit the poses");
-    b.until("poses", 400.0, |w| w.vicon.pairs().len() >= 17);
+    b.until("poses", 400.0, |w| w.mocap.pairs().len() >= 17);
     b.shoot("4-vicon");
-    let fit = match b.wizard().vicon.fit() {
+    let fit = match b.wizard().mocap.fit() {
         Some(Ok(fit)) => fit.clone(),
         other => panic!("{other:?}"),
     };
@@ -346,14 +333,14 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     );
     b.press("Next ▶");
 
-    assert!(is_disabled(&b.h, "Save and use"));
+    assert!(is_disabled(&b.h, "Save and apply version"));
     b.h.get_by_label("Name").focus();
     b.h.run_steps(2);
     b.h.get_by_label("Name").type_text("arm 2");
     b.h.run_steps(2);
     b.shoot("6-save");
     let draft = b.wizard().draft();
-    b.press("Save and use");
+    b.press("Save and apply version");
     b.pass(0.5);
     b.shoot("6-saved");
     let saved = b.shelf.lock().expect("not poisoned").clone();

@@ -1,20 +1,18 @@
 //! The clock offset Δ: coarse by speeds, fine by the poses together with the frames.
 //!
 //! Fine: instants of the robot's track, the object's track at t − Δ; Gauss and Newton over the
-//! frames and what is left of Δ (module `fit`), the tracks read anew with each Δ. One sigma is the
+//! frames and the rest of Δ (module `fit`), the tracks read again with each Δ. One sigma is the
 //! jackknife over ten blocks of time, each left out in the linearised problem,
 //! σ² = (m − 1)/m Σ (Δ₋ₖ − mean)² (Wu 1986, <https://doi.org/10.1214/aos/1176350142>): errors of the
 //! robot's pose last for seconds, which the normal matrix would not know.
 
-use super::correlate::{HALF_S, Peak, peak};
+use super::correlate::{ClockOptions, HALF_S, Peak, peak};
 use super::fit::{self, DELAY, Normal, Observation, State, UNITS, Unknowns, centre};
 use super::held_out::fit_from_guesses;
 use super::track::Track;
 use super::{FitOptions, Frames, ObjectFrame, RegistrationError, is_pose};
 use crate::signal::Pose;
 
-/// The least that both streams must share, s.
-pub(super) const OVERLAP_MIN_S: f64 = 5.0;
 /// Poses are lines through the samples within this of an instant, s.
 pub(super) const SMOOTH_S: f64 = 0.1;
 /// Instants at most.
@@ -31,57 +29,6 @@ const SETTLED_S: f64 = 1e-7;
 const ASTRAY_S: f64 = 0.5;
 /// Instants this far from the others are glitches: squared residual against the median one.
 const GLITCH: f64 = 36.0;
-
-/// Where the offset is looked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ClockOptions {
-    /// About this offset, s.
-    pub about_s: f64,
-    /// So far to both sides, s.
-    pub search_s: f64,
-    /// Poses are never interpolated across a longer gap, s.
-    pub gap_max_s: f64,
-}
-
-impl Default for ClockOptions {
-    fn default() -> Self {
-        Self {
-            about_s: 0.0,
-            search_s: 10.0,
-            gap_max_s: 0.1,
-        }
-    }
-}
-
-impl ClockOptions {
-    fn check(&self) -> Result<(), RegistrationError> {
-        for (name, value, range, must) in [
-            (
-                "offset to search about (s)",
-                self.about_s,
-                [-1e10, 1e10],
-                "finite",
-            ),
-            (
-                "offsets to search (s)",
-                self.search_s,
-                [0.1, 600.0],
-                "between 0.1 and 600",
-            ),
-            (
-                "longest gap (s)",
-                self.gap_max_s,
-                [1e-3, 2.0],
-                "between 0.001 and 2",
-            ),
-        ] {
-            if !(range[0]..=range[1]).contains(&value) {
-                return Err(RegistrationError::Option { name, value, must });
-            }
-        }
-        Ok(())
-    }
-}
 
 /// The clock offset: t_robot = t_mocap + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,7 +53,7 @@ pub struct ClockOffset {
 /// they are held and the tip's speed is correlated too; without, they are fitted along.
 ///
 /// # Errors
-/// [`RegistrationError`] for times that run backwards, too little in common, motion that says too
+/// [`RegistrationError`] for times that run backwards, too little in common, motion that determines too
 /// little or repeats itself.
 pub fn clock_offset(
     robot: &[(f64, Pose)],

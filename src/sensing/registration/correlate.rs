@@ -4,10 +4,11 @@
 //! the frames known, the tip's speed |v| is too. Both streams are sampled on one grid, gaps stay
 //! gaps, and at each lag Pearson's correlation runs over what both have.
 
-use super::clock::{ClockOptions, OVERLAP_MIN_S};
 use super::track::{Motion, Track};
 use super::{Frames, RegistrationError};
 
+/// The least that both streams must share, s.
+pub(super) const OVERLAP_MIN_S: f64 = 5.0;
 /// Grid, s.
 const STEP_S: f64 = 0.05;
 /// Speeds are slopes over twice this, s.
@@ -20,10 +21,61 @@ const SIGMAS_MIN: f64 = 5.0;
 /// [`LEFT_MORE`] times as much of the variance unexplained.
 const RUNNER_UP_MAX: f64 = 0.8;
 const LEFT_MORE: f64 = 4.0;
-/// Less left over than this is none, r².
+/// Residual below which there is none, r².
 const LEFT_MIN: f64 = 1e-3;
 
-/// What the correlation says.
+/// Range of offsets that is searched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClockOptions {
+    /// Middle of the range, s.
+    pub about_s: f64,
+    /// Half of its width, s.
+    pub search_s: f64,
+    /// Poses are never interpolated across a longer gap, s.
+    pub gap_max_s: f64,
+}
+
+impl Default for ClockOptions {
+    fn default() -> Self {
+        Self {
+            about_s: 0.0,
+            search_s: 10.0,
+            gap_max_s: 0.1,
+        }
+    }
+}
+
+impl ClockOptions {
+    pub(super) fn check(&self) -> Result<(), RegistrationError> {
+        for (name, value, range, must) in [
+            (
+                "offset to search about (s)",
+                self.about_s,
+                [-1e10, 1e10],
+                "finite",
+            ),
+            (
+                "offsets to search (s)",
+                self.search_s,
+                [0.1, 600.0],
+                "between 0.1 and 600",
+            ),
+            (
+                "longest gap (s)",
+                self.gap_max_s,
+                [1e-3, 2.0],
+                "between 0.001 and 2",
+            ),
+        ] {
+            if !(range[0]..=range[1]).contains(&value) {
+                return Err(RegistrationError::Option { name, value, must });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Result of the correlation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peak {
     pub offset_s: f64,

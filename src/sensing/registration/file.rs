@@ -60,12 +60,12 @@ pub enum RegistrationFileError {
     Syntax(#[from] toml::de::Error),
     /// A value makes no sense.
     #[error(
-        "the registration file says {key} = {value}, but it must be {must}; run springtwin calibrate mocap again"
+        "the registration file has {key} = {value}, but it must be {must}; run springtwin calibrate mocap again"
     )]
     Value {
         /// The key.
         key: String,
-        /// What the file says.
+        /// Value in the file.
         value: String,
         /// What it must be.
         must: &'static str,

@@ -29,7 +29,7 @@ pub(super) type Step = SVector<f64, PARAMETERS>;
 pub(super) type Square = SMatrix<f64, PARAMETERS, PARAMETERS>;
 /// Unit of the delay in a [`Step`], s.
 const DELAY_S: f64 = 0.01;
-/// Rounds of weighting anew.
+/// Rounds of reweighting.
 const ROUNDS: usize = 3;
 const ITERATIONS_MAX: usize = 40;
 /// Steps below this change nothing, in units of [`UNITS`].

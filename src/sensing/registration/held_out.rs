@@ -4,7 +4,7 @@
 //! covariance of its prediction, position and rotation apart: d² = rᵀ C⁻¹ r over three degrees of
 //! freedom. A pair stands out where d² / s² > 36, s² the χ² per degree of freedom of the fit without
 //! it (the externally studentised residual: Cook and Weisberg 1982, Residuals and Influence in
-//! Regression, section 2.2.1). The worst is taken out first, then all are judged anew: one bad pose
+//! Regression, section 2.2.1). The worst is taken out first, then all are judged again: one bad pose
 //! spoils the predictions of good ones.
 
 use nalgebra::{Matrix3, Vector3};

@@ -21,7 +21,7 @@
 //!
 //! What the robot's poses err by alike everywhere goes into the frames, and no residual shows it: a
 //! registration to the robot's own estimates is no judge of their constant part. Stated noise has to
-//! be that of the robot as a whole, not its repeatability; one sigma never falls below what it says.
+//! be that of the robot as a whole, not its repeatability; one sigma never falls below it.
 //!
 //! [`register`] fits the frames to settled poses, [`clock_offset`] finds Δ between two streams,
 //! [`register_streams`] does both, [`Registration`] is the file.
@@ -43,7 +43,8 @@ mod fake;
 #[cfg(test)]
 mod tests;
 
-pub use clock::{ClockOffset, ClockOptions, clock_offset};
+pub use clock::{ClockOffset, clock_offset};
+pub use correlate::ClockOptions;
 pub use file::{MeasuredOffset, Placed, Registration, RegistrationFileError};
 pub use held_out::{HeldOut, HeldOutSummary, register, register_blocks};
 pub use streams::{StreamOptions, StreamRegistration, register_streams};
@@ -150,7 +151,7 @@ impl Default for FitOptions {
 pub struct FrameFit {
     /// The frames.
     pub frames: Frames,
-    /// ā, m. Uncertainty of `base_from_world` is told at this point, not at an origin far away.
+    /// ā, m. Uncertainty of `base_from_world` is given at this point, not at an origin far away.
     pub centre_in_world_m: Vector3<f64>,
     /// Covariance by the stated noise over φ_X (rad, base frame, R_X ← exp(φ) R_X), the image X ā
     /// (m), φ_Y (rad, tip frame, R_Y ← R_Y exp(φ)) and t_Y (m). Zero for what was held.
@@ -310,13 +311,13 @@ pub enum RegistrationError {
     #[error(
         "robot and motion capture share only {seconds:.1} s without gaps within the offsets searched; at least \
          {} s are needed",
-        clock::OVERLAP_MIN_S
+        correlate::OVERLAP_MIN_S
     )]
     NoOverlap {
         /// Seconds shared at best.
         seconds: f64,
     },
-    /// The motion says too little.
+    /// The motion determines too little.
     #[error(
         "robot and motion capture do not turn alike at any offset (correlation {correlation:.2} at best): record \
          half a minute or more of bending in changing directions, and check that both show the same motion"
@@ -348,9 +349,9 @@ pub enum RegistrationError {
         /// That offset, s.
         offset_s: f64,
     },
-    /// Speeds and poses tell different offsets.
+    /// Speeds and poses give different offsets.
     #[error(
-        "speeds say an offset of {coarse_s:.2} s, poses one of {fine_s:.2} s: the motion is too poor to tell; record \
+        "speeds give an offset of {coarse_s:.2} s, poses one of {fine_s:.2} s: the motion does not determine it; record \
          half a minute or more of bending in changing directions"
     )]
     Unsettled {

@@ -1,6 +1,7 @@
 //! Registration from two streams: the offset with the frames, then poses spread over the motion.
 
-use super::clock::{ClockOffset, ClockOptions, Fine, Streams};
+use super::clock::{ClockOffset, Fine, Streams};
+use super::correlate::ClockOptions;
 use super::correlate::peak;
 use super::fit::Observation;
 use super::held_out::register_blocks;

@@ -16,7 +16,7 @@ use crate::signal::Pose;
 /// Longest stream, s.
 const SPAN_MAX_S: f64 = 86_400.0;
 
-/// Where something is and how it moves (in the frame it is told in).
+/// Pose and velocity, in the frame that the pose is given in.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
     pub pose: Pose,

@@ -5,9 +5,9 @@ use std::f32::consts::TAU;
 use egui::{Button, Mesh, Pos2, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 use super::springs::left_card;
-use super::take_imus::{ImuTake, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict};
-use super::wizard::Wizard;
 use super::{CalibrateState, capture_gate, motion};
+use crate::calibrate::imus::{ImuTake, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict};
+use crate::calibrate::{Wizard, motion::all_sides};
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::imu_name;
 use crate::gui::panels::sensors::card;
@@ -59,7 +59,7 @@ fn controls(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    ui.heading("How do the IMUs sit?");
+    ui.heading("Capture the mountings of the IMUs");
     ui.label(format!(
         "While the arm moves slowly to all sides, each pad's orientation by the springs is compared with that of its \
          IMUs. An IMU is done after {SAMPLES_NEEDED} samples with the pad tilted by {:.0}° to {SECTORS_NEEDED} of \
@@ -101,7 +101,7 @@ fn controls(
         "▶ Circle slowly to all sides",
         "▶ Circle slowly to all sides (hold 0.8 s)",
     ];
-    let plan = motion::all_sides();
+    let plan = all_sides();
     motion::button(ui, live, label, plan, &mut state.hold, commands);
     motion::under_way(ui, live);
     let captured = wizard
@@ -112,7 +112,7 @@ fn controls(
     if captured && !wizard.imus.running() {
         ui.separator();
         let button = Button::new("Discard the captures and skip").min_size(wide);
-        let hover = "Forget what was captured of all IMUs; the mountings from before are kept";
+        let hover = "Forget what was captured of all IMUs; the former mountings are kept";
         if gated(ui, &Ok(()), button, hover).clicked() {
             wizard.imus = Default::default();
         }
@@ -157,10 +157,12 @@ fn imu(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, i: usize) {
                 ))
                 .on_hover_text("Angle of the correction to the mounting in use, degrees");
                 ui.label(format!(
-                    "{}° left over",
+                    "{}° residual",
                     number(fit.residual_rad.to_degrees(), 2)
                 ))
-                .on_hover_text("Root mean square of what springs and IMU still differ by, degrees");
+                .on_hover_text(
+                    "Root mean square of the angle between springs and IMU after the fit, degrees",
+                );
             }
             let response = gated(
                 ui,

@@ -5,16 +5,11 @@
 
 mod imus;
 mod motion;
-pub mod outside;
 mod preflight;
 mod save;
 mod springs;
-mod take_imus;
-mod take_springs;
-mod take_vicon;
 mod validate;
 mod vicon;
-pub mod wizard;
 
 use std::time::Duration;
 
@@ -24,14 +19,13 @@ use super::View;
 use super::files::PathField;
 use super::target::HoldToGo;
 use super::widgets::{Gate, gated};
+use crate::calibrate::{Comparison, DRAFT, Mark, PracticeBench, Step, Version, Wizard};
 use crate::gui::services::{Job, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::robot::RobotSpec;
 use crate::sensing::bench::BenchLog;
 use crate::signal::{Mode, Snapshot};
 use crate::twin::{Command, Event};
-use outside::{Comparison, Version};
-use wizard::{Step, Wizard};
 
 /// Where the springs' points come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,17 +47,16 @@ enum Change {
     RollBack,
 }
 
-/// What the screen keeps.
+/// State of the screen.
+#[derive(Default)]
 pub struct CalibrateState {
     wizard: Option<Wizard>,
     source: Option<Source>,
     log: PathField,
     hand_spring: usize,
     hand_mm: String,
-    /// Spring of the virtual rig's bench whose plug sits loose until it is captured anew.
-    loose: Option<usize>,
-    /// Runs of the bench: each has noise of its own.
-    runs: u64,
+    /// The virtual rig's bench.
+    practice: PracticeBench,
     cancelling: bool,
     hold: HoldToGo,
     /// What went wrong last: one sentence.
@@ -76,28 +69,6 @@ pub struct CalibrateState {
     changing: Option<(Change, Job<Vec<Version>>)>,
 }
 
-impl Default for CalibrateState {
-    fn default() -> Self {
-        Self {
-            wizard: None,
-            source: None,
-            log: PathField::default(),
-            hand_spring: 0,
-            hand_mm: String::new(),
-            loose: Some(6),
-            runs: 0,
-            cancelling: false,
-            hold: HoldToGo::default(),
-            error: None,
-            versions: None,
-            bench: None,
-            comparing: None,
-            listing: None,
-            changing: None,
-        }
-    }
-}
-
 impl CalibrateState {
     /// Takes in every live snapshot, also while another screen is shown.
     pub fn observe(&mut self, snapshot: &Snapshot, robot: &RobotSpec) {
@@ -106,15 +77,10 @@ impl CalibrateState {
         }
     }
 
-    /// Hears what the twin tells.
+    /// Processes an event of the twin.
     pub fn hear(&mut self, event: &Event) {
-        let Some(wizard) = &mut self.wizard else {
-            return;
-        };
-        match event {
-            Event::Calibrated { calibration, .. } => wizard.calibrated(calibration),
-            Event::Refused { reason, .. } => wizard.heard_refusal(reason),
-            _ => {}
+        if let Some(wizard) = &mut self.wizard {
+            wizard.hear(event);
         }
     }
 
@@ -215,7 +181,7 @@ fn capture_gate(view: &View<'_>) -> Gate {
     match view.snapshot.link.connected {
         true => Ok(()),
         false => Err(
-            "Not connected: what was captured is kept, capturing goes on when the boards answer."
+            "Not connected: what was captured is kept, capturing continues when the boards answer."
                 .into(),
         ),
     }
@@ -246,7 +212,7 @@ pub fn ui(
             Step::Preflight => preflight::ui(ui, live, w, state, services),
             Step::Springs => springs::ui(ui, live, w, state, services),
             Step::Imus => imus::ui(ui, live, w, state, commands),
-            Step::Vicon => vicon::ui(ui, live, w, state, commands),
+            Step::Mocap => vicon::ui(ui, live, w, state, commands),
             Step::Validate => validate::ui(ui, live, w, state, services, commands),
             Step::Save => save::ui(ui, live, w, state, services),
         }
@@ -264,13 +230,13 @@ fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec
             let mark = wizard.mark(step);
             let gate = wizard.may_enter(step);
             let color = match mark {
-                wizard::Mark::Redo | wizard::Mark::NotPassed(_) => p.warning,
+                Mark::Redo | Mark::NotPassed(_) => p.warning,
                 _ => p.weak,
             };
             let word = match (step, mark) {
                 (Step::Save, _) => String::new(),
-                (Step::Validate, wizard::Mark::Kept) => "○ not yet".into(),
-                _ => format!("{} {}", mark.glyph(), mark.word()),
+                (Step::Validate, Mark::Kept) => "○ not yet".into(),
+                _ => format!("{} {}", glyph(mark), mark.word()),
             };
             let title = format!("{} {}", step.index() + 1, step.name());
             // Where there is no room for the word, its glyph stands for it; the tooltip has both.
@@ -298,6 +264,15 @@ fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec
             }
         }
     });
+}
+
+fn glyph(mark: Mark) -> &'static str {
+    match mark {
+        Mark::Kept => "○",
+        Mark::Open => "◌",
+        Mark::Pass => "●",
+        Mark::Redo | Mark::NotPassed(_) => "▲",
+    }
 }
 
 /// Height of the line of notices, points.
@@ -339,26 +314,30 @@ fn notice(
 ) -> (Level, String) {
     if let Some(e) = state.error.clone() {
         let hover = "Hide this message";
-        if ui.button("Dismiss").on_hover_text(hover).clicked() {
+        if ui.button("Hide message").on_hover_text(hover).clicked() {
             state.error = None;
         }
         return (Level::Warning, e);
     }
     if !live.snapshot.link.connected {
-        let text = "Paused: the boards do not answer. Everything captured is kept; capturing goes on when they are \
-                    back.";
+        let text = "Paused: the boards do not answer. What was captured is kept; capturing continues when they \
+                    answer.";
         return (Level::Warning, text.to_owned());
     }
     let ahead = wizard.step.index() > Step::Imus.index();
     if let Some(refused) = wizard.refused.clone() {
         let name = &refused.of.name;
-        let mut text = format!("The twin did not take “{name}”. {}", refused.why);
+        let mut text = format!("Calibration “{name}” not applied. {}", refused.why);
         if let Some(asked) = &wizard.asked {
             text += &format!(" {}: not in use.", asked.what);
         }
-        let hover = "Ask the twin once more to read by it. The arm is held first";
-        if ui.button("Ask again").on_hover_text(hover).clicked() {
-            let of = match name == wizard::DRAFT {
+        let hover = "Apply it once more. The arm is held first";
+        if ui
+            .button("Apply calibration again")
+            .on_hover_text(hover)
+            .clicked()
+        {
+            let of = match name == DRAFT {
                 true => wizard.named_draft(),
                 false => refused.of,
             };
@@ -367,21 +346,21 @@ fn notice(
         return (Level::Warning, text);
     }
     if ahead && wizard.sent.is_none() && !wizard.draft_is_live() {
-        let hover = "Let the twin read by what was captured. The arm is held first";
+        let hover = "Read the sensors with what was captured. The arm is held first";
         if ui
-            .button("Use the draft now")
+            .button("Apply draft calibration")
             .on_hover_text(hover)
             .clicked()
         {
             let draft = wizard.named_draft();
             commands.extend(wizard.apply(draft, &live.snapshot.mode));
         }
-        let text = "The twin does not read by what was captured.";
+        let text = "What was captured is not in use. Apply the draft calibration, or cancel.";
         return (Level::Warning, text.to_owned());
     }
     let text = match &wizard.asked {
         Some(asked) if asked.taken => format!("● {}: in use now.", asked.what),
-        Some(asked) => format!("◌ {}: the twin is asked to read by it.", asked.what),
+        Some(asked) => format!("◌ {}: being applied.", asked.what),
         None => String::new(),
     };
     (Level::Normal, text)
@@ -410,7 +389,7 @@ fn footer(
                             && !wizard.draft_is_live();
                         let hover = match applies {
                             true => format!(
-                                "To {}. The twin reads by what was captured from then on; a moving arm is held first",
+                                "To {}. What was captured is in use from then on; a moving arm is held first",
                                 next.name()
                             ),
                             false => format!("To {}", next.name()),
@@ -441,11 +420,11 @@ fn footer(
 /// Why there is no going on, else what is in use, in the room that is left.
 fn why_not(ui: &mut Ui, wizard: &Wizard, state: &CalibrateState) {
     let p = *Palette::in_ui(ui);
-    let open = wizard.mark(wizard.step) == wizard::Mark::Open;
+    let open = wizard.mark(wizard.step) == Mark::Open;
     let (text, color) = match wizard.gate(wizard.step) {
         _ if state.cancelling => {
             let name = &wizard.before.name;
-            let text = format!("Throw away what was captured and go back to “{name}”?");
+            let text = format!("Discard what was captured and restore “{name}”?");
             (text, p.text)
         }
         // Under way is not abnormal.
@@ -454,7 +433,7 @@ fn why_not(ui: &mut Ui, wizard: &Wizard, state: &CalibrateState) {
         Ok(()) => (format!("In use: “{}”", wizard.in_use.name), p.weak),
     };
     ui.add(egui::Label::new(RichText::new(text).color(color)).truncate())
-        .on_hover_text("“In use” is the calibration that the twin reads by");
+        .on_hover_text("“In use” is the calibration that the sensors are read with");
 }
 
 fn cancel(
@@ -470,8 +449,8 @@ fn cancel(
     };
     if state.cancelling {
         let size = vec2(0.0, 32.0);
-        let discard = Button::new("Discard and restore").min_size(size);
-        let hover = "The twin reads by the calibration from before; a moving arm is held first";
+        let discard = Button::new("Discard captures and restore").min_size(size);
+        let hover = "The former calibration is in use again; a moving arm is held first";
         if gated(ui, &idle, discard, hover).clicked() {
             commands.extend(wizard.cancel(&live.snapshot.mode));
             *state = CalibrateState {
@@ -481,8 +460,8 @@ fn cancel(
             };
         }
         if ui
-            .add(Button::new("Keep going").min_size(size))
-            .on_hover_text("Nothing is thrown away")
+            .add(Button::new("Continue calibration").min_size(size))
+            .on_hover_text("Nothing is discarded")
             .clicked()
         {
             state.cancelling = false;
@@ -494,7 +473,7 @@ fn cancel(
         false => Err("Nothing has been captured: there is nothing to cancel.".into()),
     };
     let button = Button::new("Cancel calibration…").min_size(vec2(0.0, 32.0));
-    let hover = "Throw away what was captured and restore the calibration in use before";
+    let hover = "Discard what was captured and restore the former calibration";
     if gated(ui, &gate, button, hover).clicked() {
         state.cancelling = true;
     }

@@ -2,17 +2,15 @@
 
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
-use super::outside::{Kept, Version};
-use super::wizard::{Mark, Step, Wizard, same};
 use super::{CalibrateState, Change};
+use crate::calibrate::{Kept, Mark, Step, Version, Wizard, changes, same};
 use crate::gui::panels::View;
 use crate::gui::panels::sensors::card;
-use crate::gui::panels::widgets::{Gate, gated, heading, note, number, status};
+use crate::gui::panels::widgets::{Gate, gated, heading, note, status};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
-use crate::signal::{IMUS, SPRINGS};
 
 /// The step.
 pub fn ui(
@@ -32,62 +30,6 @@ pub fn ui(
             versions(ui, live, wizard, state, services);
         });
     });
-}
-
-/// What a calibration changes against another, one line each.
-pub fn changes(old: &Calibration, new: &Calibration, range_m: [f64; 2]) -> Vec<String> {
-    let mut lines = Vec::new();
-    let (mut changed, mut fresh, mut worst_m) = (Vec::new(), Vec::new(), 0.0_f64);
-    for i in 0..SPRINGS {
-        match (old.spring(i), new.spring(i)) {
-            (a, b) if a == b => {}
-            (Some(a), Some(b)) => {
-                // How far apart the two curves are over the readings that both cover.
-                let low = a.curve.domain[0].max(b.curve.domain[0]);
-                let high = a.curve.domain[1].min(b.curve.domain[1]);
-                for k in 0..=40 {
-                    let reading = low + (high - low) * f64::from(k) / 40.0;
-                    let lengths = (a.curve.length_m(reading), b.curve.length_m(reading));
-                    if let (Some(was_m), Some(is_m)) = lengths
-                        && (range_m[0]..=range_m[1]).contains(&is_m)
-                    {
-                        worst_m = worst_m.max((was_m - is_m).abs());
-                    }
-                }
-                changed.push((i + 1).to_string());
-            }
-            _ => fresh.push((i + 1).to_string()),
-        }
-    }
-    let all = |list: &[String], n: usize| match list.len() == n {
-        true => format!("all {n}"),
-        false => list.join(", "),
-    };
-    if !changed.is_empty() {
-        lines.push(format!(
-            "Springs {}: lengths move by up to {} mm",
-            all(&changed, SPRINGS),
-            number(worst_m * 1e3, 2)
-        ));
-    }
-    if !fresh.is_empty() {
-        lines.push(format!(
-            "Springs {}: had no curve before",
-            all(&fresh, SPRINGS)
-        ));
-    }
-    for i in 0..IMUS {
-        let turn_rad = old.mounting(i).angle_to(&new.mounting(i));
-        // Rounding is no change.
-        if turn_rad > 1e-6 {
-            lines.push(format!(
-                "IMU {}: mounting turned by {}°",
-                i + 1,
-                number(turn_rad.to_degrees(), 2)
-            ));
-        }
-    }
-    lines
 }
 
 fn new_version(
@@ -113,7 +55,7 @@ fn new_version(
             fit.used()
         ));
     }
-    let nothing = lines.is_empty() && wizard.mark(Step::Vicon) != Mark::Pass;
+    let nothing = lines.is_empty() && wizard.mark(Step::Mocap) != Mark::Pass;
     if nothing {
         note(
             ui,
@@ -129,7 +71,7 @@ fn new_version(
         None => status(
             ui,
             Level::Warning,
-            "Not validated: the version will say so.",
+            "Not validated: the version will record that.",
         ),
     };
     ui.add_space(6.0);
@@ -154,8 +96,8 @@ fn new_version(
             Some(Ok(_)) => wizard.may_enter(Step::Save),
         }
     };
-    let button = Button::new("Save and use").min_size(vec2(ui.available_width(), 32.0));
-    let hover = "Save as a new version and let the twin read by it; a moving arm is held first";
+    let button = Button::new("Save and apply version").min_size(vec2(ui.available_width(), 32.0));
+    let hover = "Save as a new version and read the sensors with it; a moving arm is held first";
     if gated(ui, &gate, button, hover).clicked() {
         let simulated = live.snapshot.link.simulated;
         let in_use = services.calibration.registration.as_ref();
@@ -200,7 +142,11 @@ pub fn versions(
         Some(Err(why)) => {
             status(ui, Level::Warning, &why);
             let hover = "Read the saved versions once more";
-            if ui.button("Read again").on_hover_text(hover).clicked() {
+            if ui
+                .button("Read versions again")
+                .on_hover_text(hover)
+                .clicked()
+            {
                 state.versions = None;
                 state.listing = Some((services.calibration.versions)());
             }
@@ -212,7 +158,7 @@ pub fn versions(
         note(
             ui,
             format!(
-                "None yet. In use: “{}”. What you save here is listed with its way back.",
+                "None yet. In use: “{}”. Saved versions are listed here; each can be restored.",
                 wizard.before.name
             ),
         );
@@ -254,7 +200,7 @@ fn version(
             let used = same(calibration, &wizard.in_use);
             if v.active && used {
                 ui.label(RichText::new("● in use").color(p.text))
-                    .on_hover_text("The twin reads by it, and the program starts with it");
+                    .on_hover_text("The sensors are read with it, and the program starts with it");
                 title(ui, calibration, v);
                 return;
             }
@@ -267,7 +213,7 @@ fn version(
             };
             let changed = changes(&wizard.in_use, calibration, live.spec.spring.range_m);
             let hover = match changed.is_empty() {
-                true => "Use this version again; it reads as the one in use does".to_owned(),
+                true => "Use this version again; it equals the one in use".to_owned(),
                 false => format!(
                     "Use this version again; a moving arm is held first. {}",
                     changed.join(". ")

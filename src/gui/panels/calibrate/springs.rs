@@ -5,10 +5,9 @@ use egui::{
     vec2,
 };
 
-use super::outside::BenchRequest;
-use super::take_springs::{CELLS, SpringTake, Verdict};
-use super::wizard::Wizard;
 use super::{CalibrateState, Source, capture_gate};
+use crate::calibrate::springs::{CELLS, SpringTake, Verdict};
+use crate::calibrate::{BenchRequest, Wizard};
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::spring_name;
 use crate::gui::panels::files::Ask;
@@ -72,7 +71,7 @@ fn source(
     state: &mut CalibrateState,
     services: &mut Services,
 ) {
-    ui.heading("Where do the points come from?");
+    ui.heading("Choose where the points come from");
     ui.horizontal(|ui| {
         for (source, name, hover) in [
             (
@@ -111,7 +110,7 @@ fn source(
         Some(Source::Log) | None => log(ui, state, services, [low, high]),
         Some(Source::Hand) => hand(ui, live, wizard, state, [low, high]),
     }
-    if let Some((trouble, text)) = &wizard.springs.said {
+    if let Some((trouble, text)) = &wizard.springs.notice {
         ui.add_space(4.0);
         match trouble {
             true => {
@@ -139,7 +138,7 @@ pub fn progress(ui: &mut Ui, what: &str, share: Option<f32>) -> bool {
         note(ui, what);
         cancelled = ui
             .button("Stop")
-            .on_hover_text("Nothing is taken from it")
+            .on_hover_text("Its result is discarded")
             .clicked();
     });
     cancelled
@@ -160,18 +159,11 @@ fn running(ui: &mut Ui, state: &mut CalibrateState) -> bool {
     true
 }
 
-/// Sets the virtual rig's bench going for `only`.
-fn run_bench(state: &mut CalibrateState, services: &mut Services, only: Vec<usize>) {
-    let Some(bench) = &mut services.calibration.bench else {
-        return;
-    };
-    state.runs += 1;
-    let request = BenchRequest {
-        springs: only.clone(),
-        loose: state.loose,
-        seed: state.runs,
-    };
-    state.bench = Some((only, bench(request)));
+/// Starts a run of the virtual rig's bench.
+fn run_bench(state: &mut CalibrateState, services: &mut Services, request: BenchRequest) {
+    if let Some(bench) = &mut services.calibration.bench {
+        state.bench = Some((request.springs.clone(), bench(request)));
+    }
 }
 
 fn bench(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, high]: [f64; 2]) {
@@ -186,11 +178,11 @@ fn bench(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low,
             None => "none".to_owned(),
         };
         ComboBox::from_id_salt("loose plug")
-            .selected_text(name(state.loose))
+            .selected_text(name(state.practice.loose))
             .width(150.0)
             .show_ui(ui, |ui| {
                 for choice in std::iter::once(None).chain((0..SPRINGS).map(Some)) {
-                    ui.selectable_value(&mut state.loose, choice, name(choice));
+                    ui.selectable_value(&mut state.practice.loose, choice, name(choice));
                 }
             })
             .response
@@ -205,7 +197,8 @@ fn bench(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low,
         Button::new("▶ Draw all twelve springs").min_size(vec2(ui.available_width(), 30.0));
     let hover = "Capture all springs on the practice bench; what they had is replaced";
     if gated(ui, &Ok(()), button, hover).clicked() {
-        run_bench(state, services, (0..SPRINGS).collect());
+        let request = state.practice.draw_all();
+        run_bench(state, services, request);
     }
 }
 
@@ -349,7 +342,7 @@ fn table(
         cell(ui, columns[3], head("held out / mm")).on_hover_text(
             "Root mean square error on points the curve has not seen, mm; at most 0.40",
         );
-        cell(ui, columns[4], head("up-down / mm"))
+        cell(ui, columns[4], head("hysteresis / mm"))
             .on_hover_text("Largest difference between the way up and the way down, mm");
         cell_left(ui, columns[5], head("verdict"));
     });
@@ -458,10 +451,8 @@ fn redo(
     }
     match state.source {
         Some(Source::Bench) => {
-            if state.loose == Some(i) {
-                state.loose = None;
-            }
-            run_bench(state, services, vec![i]);
+            let request = state.practice.redraw(vec![i]);
+            run_bench(state, services, request);
         }
         _ => {
             wizard.springs.discard(i);

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use egui::{Button, Grid, RichText, Ui, vec2};
 
 use super::springs::{left_card, progress};
-use super::wizard::{Outcome, TRIAL_MIN_S, TRIAL_S, Wizard};
 use super::{CalibrateState, capture_gate, motion};
+use crate::calibrate::{TRIAL_MIN_S, TRIAL_S, Wizard, motion::held_out};
 use crate::gui::panels::View;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{gated, note, number, status};
@@ -55,10 +55,10 @@ fn controls(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    ui.heading("Is it any better?");
+    ui.heading("Compare both calibrations");
     ui.label(format!(
         "{:.0} s of motion that no step has used are recorded raw, after {TRIAL_SETTLING_S:.0} s in which the filters \
-         settle, and estimated twice: with the calibration from before and with the new one.",
+         settle, and estimated twice: with the former calibration and with the new one.",
         TRIAL_S
     ));
     ui.add_space(4.0);
@@ -79,7 +79,7 @@ fn controls(
             wizard.recording = false;
         }
         if ui
-            .button("Discard")
+            .button("Discard recording")
             .on_hover_text("Forget this motion")
             .clicked()
         {
@@ -107,7 +107,7 @@ fn controls(
         "▶ Figure 8, not used before",
         "▶ Figure 8, not used before (hold 0.8 s)",
     ];
-    let plan = motion::held_out();
+    let plan = held_out();
     motion::button(ui, live, label, plan, &mut state.hold, commands);
     motion::under_way(ui, live);
     if let Some((_, job)) = &state.comparing {
@@ -127,7 +127,7 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard) {
         ui.label("○ Not validated yet.");
         note(
             ui,
-            "A calibration can be saved without it; its version then says so.",
+            "A calibration can be saved without it; its version records that.",
         );
         return;
     };
@@ -138,24 +138,19 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard) {
             "The calibration has changed since: compare again.",
         );
         let hover = "Compare on the motion that was recorded";
-        if ui.button("Compare again").on_hover_text(hover).clicked() {
+        if ui
+            .button("Compare calibrations again")
+            .on_hover_text(hover)
+            .clicked()
+        {
             wizard.comparison = None;
         }
         return;
     };
-    match judgement.outcome {
-        Outcome::NoWorse => {
-            ui.label(RichText::new(format!("● PASS: {}.", judgement.text)).color(p.text))
-        }
-        Outcome::Still => {
-            let text = format!("REDO: {}. Record again while it moves.", judgement.text);
-            status(ui, Level::Warning, &text)
-        }
-        Outcome::Worse => {
-            let text = format!(
-                "REDO: {}. Look for the sensor that is off on Springs and IMUs, or cancel.",
-                judgement.text
-            );
+    match judgement.todo() {
+        None => ui.label(RichText::new(format!("● PASS: {}.", judgement.text)).color(p.text)),
+        Some(todo) => {
+            let text = format!("REDO: {}. {todo}", judgement.text);
             status(ui, Level::Warning, &text)
         }
     };
@@ -172,7 +167,7 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard) {
         }
         (Some(_), None) => format!("Estimate against {}.", live.truth_name()),
         (None, _) => format!(
-            "No motion capture: springs and IMUs are judged by each other only ({}). What both err by alike does \
+            "No motion capture: springs and IMUs are judged by each other only ({}). An error that both share does \
              not show.",
             live.origin()
         ),
@@ -180,8 +175,8 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard) {
     if c.new.position_m.is_some() && placed {
         note(
             ui,
-            "Motion capture is placed by the poses of step 4, for each calibration as that one reads them: what \
-             either errs by alike everywhere does not show.",
+            "Motion capture is placed by the poses of step 4, for each calibration as that one reads them: an \
+             error that is the same everywhere does not show.",
         );
     }
     note(ui, text);

@@ -5,9 +5,10 @@ use egui::{
 };
 
 use super::springs::left_card;
-use super::take_imus::tilt;
-use super::wizard::Wizard;
 use super::{CalibrateState, capture_gate, motion};
+use crate::calibrate::Wizard;
+use crate::calibrate::imus::tilt;
+use crate::calibrate::motion::{POSES, poses};
 use crate::gui::panels::View;
 use crate::gui::panels::sensors::card;
 use crate::gui::panels::widgets::{cell, gated, note, number, status};
@@ -36,12 +37,12 @@ pub fn ui(
             card(ui, |ui| {
                 ui.set_min_width(ui.available_width());
                 if ui.available_width() < BESIDE {
-                    ui.horizontal_top(|ui| maps(ui, wizard.vicon.pairs()));
+                    ui.horizontal_top(|ui| maps(ui, wizard.mocap.pairs()));
                     pairs(ui, wizard);
                     return;
                 }
                 ui.horizontal_top(|ui| {
-                    ui.vertical(|ui| maps(ui, wizard.vicon.pairs()));
+                    ui.vertical(|ui| maps(ui, wizard.mocap.pairs()));
                     ui.vertical(|ui| pairs(ui, wizard));
                 });
             });
@@ -56,9 +57,9 @@ fn controls(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    ui.heading("Where is motion capture?");
+    ui.heading("Register motion capture");
     ui.label(format!(
-        "Poses at rest, seen by both the robot and motion capture, tell where its world and its object are: at \
+        "Poses at rest, seen by both the robot and motion capture, register its world and its object: at \
          least {POSES_MIN}, tilted to different sides."
     ));
     let connected = capture_gate(live);
@@ -67,7 +68,7 @@ fn controls(
         false => Err("Motion capture does not see the end pad.".to_owned()),
     };
     let can = connected.and(seen);
-    let rested = wizard.vicon.rested();
+    let rested = wizard.mocap.rested();
     let gate = can.clone().and(rested.clone().map(|_| ()));
     let wide = vec2(ui.available_width(), 30.0);
     let hover = "Keep the mean of the last half second";
@@ -75,15 +76,15 @@ fn controls(
     if gated(ui, &gate, capture, hover).clicked()
         && let Ok(pair) = rested
     {
-        wizard.vicon.add(pair);
+        wizard.mocap.add(pair);
     }
-    let mut automatic = wizard.vicon.automatic;
+    let mut automatic = wizard.mocap.automatic;
     let response = ui.add_enabled(
         can.is_ok(),
         egui::Checkbox::new(&mut automatic, "Capture whenever the arm rests"),
     );
     if response.changed() {
-        wizard.vicon.automatic = automatic;
+        wizard.mocap.automatic = automatic;
     }
     match &can {
         Ok(()) => response
@@ -93,24 +94,24 @@ fn controls(
     if let Err(why) = &can {
         status(ui, Level::Warning, why);
     }
-    let mut known = wizard.vicon.object_is_pad();
+    let mut known = wizard.mocap.object_is_pad();
     let response = ui.checkbox(&mut known, "The object is the end pad's own frame");
     let hover = "It was defined so in Tracker: then only where its world is remains to be found";
     if response.on_hover_text(hover).changed() {
-        wizard.vicon.set_object_is_pad(known);
+        wizard.mocap.set_object_is_pad(known);
     }
     ui.separator();
     note(
         ui,
         format!(
             "The arm has to visit poses; the button ({} of them), or any motion from Operate:",
-            motion::POSES
+            POSES
         ),
     );
     let label = ["▶ Visit the poses", "▶ Visit the poses (hold 0.8 s)"];
-    let plan = Some(motion::poses());
+    let plan = Some(poses());
     if motion::button(ui, live, label, plan, &mut state.hold, commands) {
-        wizard.vicon.automatic = true;
+        wizard.mocap.automatic = true;
     }
     if let Some(r) = &live.snapshot.routine {
         note(
@@ -124,18 +125,18 @@ fn controls(
         "Without this step predictions cannot be scored against motion capture, unless a registration is in use \
          already. Springs and IMUs do not need it.",
     );
-    if !wizard.vicon.pairs().is_empty() {
+    if !wizard.mocap.pairs().is_empty() {
         let button = Button::new("Discard the poses and skip").min_size(wide);
         let hover = "Forget all poses; the registration in use, if any, is kept";
         if gated(ui, &Ok(()), button, hover).clicked() {
-            wizard.vicon = Default::default();
+            wizard.mocap = Default::default();
         }
     }
 }
 
 fn result(ui: &mut Ui, live: &View<'_>, wizard: &Wizard) {
-    let n = wizard.vicon.pairs().len();
-    match wizard.vicon.fit() {
+    let n = wizard.mocap.pairs().len();
+    match wizard.mocap.fit() {
         None => {
             note(ui, "○ No poses yet: what is in use is kept.");
         }
@@ -145,7 +146,7 @@ fn result(ui: &mut Ui, live: &View<'_>, wizard: &Wizard) {
         Some(Err(e)) => {
             status(ui, Level::Warning, &format!("REDO: {e}."));
         }
-        Some(Ok(fit)) => match wizard.vicon.outdated(&wizard.draft()) {
+        Some(Ok(fit)) => match wizard.mocap.outdated(&wizard.draft()) {
             Some(why) => {
                 let text = format!(
                     "REDO: {why}. The poses were read with a former calibration: discard them and capture new ones."
@@ -264,14 +265,14 @@ fn pairs(ui: &mut Ui, wizard: &mut Wizard) {
             cell(ui, width, head(t));
         }
     });
-    let fit = wizard.vicon.fit().and_then(|f| f.as_ref().ok()).cloned();
+    let fit = wizard.mocap.fit().and_then(|f| f.as_ref().ok()).cloned();
     let mut removed = None;
     ScrollArea::vertical()
         .id_salt("pairs")
         .max_height(264.0)
         .auto_shrink(false)
         .show(ui, |ui| {
-            for (i, pair) in wizard.vicon.pairs().iter().enumerate() {
+            for (i, pair) in wizard.mocap.pairs().iter().enumerate() {
                 let held_out = fit.as_ref().and_then(|f| f.held_out.get(i));
                 let suspect = fit.as_ref().is_some_and(|f| f.suspects.contains(&i));
                 let t = pair.base_from_tip.translation.vector * 1e3;
@@ -298,6 +299,6 @@ fn pairs(ui: &mut Ui, wizard: &mut Wizard) {
             }
         });
     if let Some(i) = removed {
-        wizard.vicon.remove(i);
+        wizard.mocap.remove(i);
     }
 }

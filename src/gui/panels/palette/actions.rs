@@ -3,8 +3,9 @@
 
 use std::path::PathBuf;
 
+use crate::calibrate::Step;
 use crate::gui::panels::accuracy::{self, Below, Plots, Scope};
-use crate::gui::panels::calibrate::{CalibrateState, wizard};
+use crate::gui::panels::calibrate::CalibrateState;
 use crate::gui::panels::connect::{self, Connection, VIRTUAL};
 use crate::gui::panels::gap::{self, GapState};
 use crate::gui::panels::operate::{OperateState, PANES, Pane};
@@ -72,7 +73,7 @@ pub enum Act {
     /// Write the scores.
     Export(accuracy::Kind),
     /// A step of the calibration.
-    Calibrate(wizard::Step),
+    Calibrate(Step),
     /// Look for recordings again.
     Refresh,
     /// Choose a recording in a file dialog.
@@ -457,7 +458,7 @@ fn plots(all: &mut List, known: &Known<'_>) {
 }
 
 fn calibrate(all: &mut List, known: &Known<'_>) {
-    for step in wizard::Step::ALL {
+    for step in Step::ALL {
         let gate = known
             .calibrate
             .wizard()

@@ -55,10 +55,10 @@ fn cancel_gives_the_twin_the_calibration_from_before() {
     assert!(!same(b.runner.twin.calibration(), &before));
     b.press("Cancel calibration…");
     b.shoot("8-cancel");
-    b.press("Keep going");
+    b.press("Continue calibration");
     assert_eq!(b.wizard().step, Step::Imus);
     b.press("Cancel calibration…");
-    b.press("Discard and restore");
+    b.press("Discard captures and restore");
     b.pass(1.0);
     assert_eq!(b.runner.twin.calibration(), &before);
     assert_eq!(spring_points(b.wizard()), [0; 12]);

@@ -1,4 +1,4 @@
-//! Springs: points from a bench, a log or by hand, and the verdict on each spring. No window in here.
+//! Springs: points from a bench, a log or by hand, and the verdict on each spring.
 
 use crate::sensing::bench::{BenchLog, BenchPoint, Direction, FitError, fit};
 use crate::sensing::bench::{CAPACITANCE_F, COMPENSATION_H};
@@ -6,33 +6,33 @@ use crate::sensing::calibration::{Curve, FitQuality, Quantity, SpringCalibration
 use crate::sensing::spring::frequency_hz;
 use crate::signal::{RawFrame, SPRINGS, Stamp};
 
-/// Parts of the range that the coverage is shown in.
+/// Number of parts of the range that the coverage is given for.
 pub const CELLS: usize = 17;
-/// Readings by hand are averaged over so long, s.
+/// Time that readings by hand are averaged over, s.
 const HAND_S: f64 = 0.5;
 /// Fewest frames in a reading by hand.
 const HAND_FRAMES: usize = 10;
-/// A reading whose frequency scatters by more than this was taken while the spring moved (about 1 mm), Hz.
+/// Standard deviation of the frequency above which the spring moved while it was read (about 1 mm), Hz.
 const HAND_SCATTER_HZ: f64 = 800.0;
-/// A reading by hand that has not come about by then is given up, s.
+/// Time after which an incomplete reading by hand is given up, s.
 const HAND_PATIENCE_S: f64 = 3.0;
 
-/// How a spring stands.
+/// Verdict on a spring.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
     /// Not captured: the curve in use is kept.
     Kept,
     /// Not captured, and there is no curve in use.
     Uncovered,
-    /// Being captured by hand: what is still missing.
+    /// Being captured by hand; holds what is missing.
     Open(String),
-    /// Good.
+    /// Accepted.
     Pass(FitQuality),
     /// Refused.
     Redo {
         /// Why: one sentence.
         why: String,
-        /// How it fits all the same, where that is known.
+        /// Errors of the refused curve, where they are known.
         quality: Option<FitQuality>,
     },
 }
@@ -45,7 +45,7 @@ pub struct SpringTake {
     by_hand: bool,
     log_sha256: Option<String>,
     fitted: Option<Result<(Curve, FitQuality), FitError>>,
-    /// How often it was captured anew.
+    /// How often it was captured again.
     pub redone: u32,
 }
 
@@ -55,7 +55,7 @@ impl SpringTake {
         &self.points
     }
 
-    /// Which parts of the range were visited: on the way up, on the way down.
+    /// Parts of the range that were visited, by index: on the way up, on the way down.
     pub fn coverage(&self, range_m: [f64; 2]) -> [[bool; CELLS]; 2] {
         let mut seen = [[false; CELLS]; 2];
         let width_m = (range_m[1] - range_m[0]) / CELLS as f64;
@@ -80,7 +80,7 @@ impl SpringTake {
         self.fitted = (!self.points.is_empty()).then(|| fit(&self.points, quantity, needed_m));
     }
 
-    /// How it stands; `covered`: whether the calibration in use has a curve for it.
+    /// The verdict; `covered`: whether the calibration in use has a curve for the spring.
     pub fn verdict(&self, covered: bool) -> Verdict {
         let Some(fitted) = &self.fitted else {
             return match covered {
@@ -132,13 +132,13 @@ impl SpringTake {
         })
     }
 
-    /// SHA-256 of the log the points are from, if they are all from one.
+    /// SHA-256 of the log that the points come from, if they come from one.
     pub fn log_sha256(&self) -> Option<&str> {
         self.log_sha256.as_deref()
     }
 }
 
-/// A reading by hand under way.
+/// A reading by hand in progress.
 #[derive(Clone, Debug)]
 pub struct HandReading {
     /// Spring, 0-based.
@@ -162,14 +162,14 @@ impl HandReading {
 pub struct SpringsTake {
     /// Per spring.
     pub springs: [SpringTake; SPRINGS],
-    /// The reading by hand under way.
+    /// The reading by hand in progress.
     pub hand: Option<HandReading>,
-    /// What came of the last reading by hand or log: one sentence; whether it is trouble.
-    pub said: Option<(bool, String)>,
+    /// Result of the last reading by hand or log: whether it failed, and one sentence.
+    pub notice: Option<(bool, String)>,
 }
 
 impl SpringsTake {
-    /// Takes the springs `only` (0-based) from a log; what they had is discarded.
+    /// Takes the springs `only` (0-based) from a log and replaces their points.
     pub fn take_log(&mut self, log: &BenchLog, only: &[usize], needed_m: [f64; 2]) {
         let mut taken = Vec::new();
         for (number, points) in &log.springs {
@@ -196,7 +196,7 @@ impl SpringsTake {
             .filter(|i| !taken.contains(i))
             .map(|i| (i + 1).to_string())
             .collect();
-        self.said = match missing.is_empty() {
+        self.notice = match missing.is_empty() {
             true => None,
             false => Some((
                 true,
@@ -208,7 +208,7 @@ impl SpringsTake {
         };
     }
 
-    /// Forgets the points of one spring, to capture them anew.
+    /// Discards the points of one spring, to capture it again.
     pub fn discard(&mut self, i: usize) {
         let redone = self.springs[i].redone + 1;
         self.springs[i] = SpringTake {
@@ -219,7 +219,7 @@ impl SpringsTake {
 
     /// Begins a reading by hand: spring `i` is at `length_m`.
     pub fn begin_hand(&mut self, i: usize, length_m: f64) {
-        self.said = None;
+        self.notice = None;
         self.hand = Some(HandReading {
             spring: i,
             length_m,
@@ -229,7 +229,7 @@ impl SpringsTake {
         });
     }
 
-    /// Takes in a live frame; a reading by hand that is complete becomes a point.
+    /// Processes a live frame; a complete reading by hand becomes a point.
     pub fn observe(&mut self, raw: &RawFrame, needed_m: [f64; 2]) {
         let Some(hand) = &mut self.hand else {
             return;
@@ -257,7 +257,7 @@ impl SpringsTake {
                 "Spring {} gives no counts: check its plug, then capture again.",
                 i + 1
             );
-            self.said = Some((true, text));
+            self.notice = Some((true, text));
             return;
         }
         let mean_hz = values.iter().sum::<f64>() / n as f64;
@@ -268,7 +268,7 @@ impl SpringsTake {
                 i + 1,
                 variance.sqrt() * 1e-3
             );
-            self.said = Some((true, text));
+            self.notice = Some((true, text));
             return;
         }
         let reading = inductance_h(mean_hz, CAPACITANCE_F, COMPENSATION_H) * 1e6;
@@ -278,7 +278,7 @@ impl SpringsTake {
             i + 1,
             length_m * 1e3
         );
-        self.said = Some((false, text));
+        self.notice = Some((false, text));
     }
 
     fn add_by_hand(&mut self, i: usize, length_m: f64, reading: f64, needed_m: [f64; 2]) {
@@ -357,7 +357,7 @@ mod tests {
             take.observe(&frame(k, 1.35e6 + 100.0 * f64::from(k)), RANGE_M);
         }
         assert!(
-            take.said
+            take.notice
                 .as_ref()
                 .is_some_and(|s| s.1.contains("not still"))
         );
@@ -368,7 +368,7 @@ mod tests {
             take.observe(&f, RANGE_M);
         }
         assert!(
-            take.said
+            take.notice
                 .as_ref()
                 .is_some_and(|s| s.1.contains("no counts"))
         );

@@ -1,4 +1,4 @@
-//! Motion capture: pairs of the robot's pose and the seen one while the arm rests. No window in here.
+//! Motion capture: pairs of estimated and measured pose while the arm rests, and the registration from them.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,44 +10,44 @@ use crate::sensing::registration::{
 use crate::signal::{Pose, RawFrame, Snapshot, Stamp};
 use crate::twin::{FrameLog, Rest, RestPoses, TRIAL_SETTLING_S, mean_pose};
 
-/// The arm must have rested for so long, s.
+/// Time that the arm must have rested, s.
 const REST_S: f64 = 0.5;
-/// It rests when the seen pose moves more slowly than this, m/s and rad/s.
+/// Speed of the measured pose below which the arm rests, m/s and rad/s.
 const REST_M_S: f64 = 1.5e-3;
 const REST_RAD_S: f64 = 1.0 * std::f64::consts::PI / 180.0;
-/// A pose is captured by itself when it is so far from all others, m or rad.
+/// Least distance from all other poses for a pose to be captured automatically, m or rad.
 const APART_M: f64 = 12e-3;
 const APART_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
-/// Most pairs kept.
+/// Largest number of pairs.
 const PAIRS_MAX: usize = 60;
-/// Raw frames are kept from so long before the first pose on, s: the filters settle meanwhile.
+/// Time before the first pose from which raw frames are kept, s: the filters settle meanwhile.
 const BEFORE_S: f64 = TRIAL_SETTLING_S + 1.0;
-/// Most raw frames kept, ten minutes of them; poses after that place motion capture, but take no part in the
+/// Largest number of raw frames, ten minutes of them; later poses register motion capture, but take no part in the
 /// validation.
 const RAW_MAX: usize = 60_000;
 
-/// The pairs and what they give.
+/// The pairs and the registration fitted to them.
 #[derive(Clone, Debug, Default)]
-pub struct ViconTake {
+pub struct MocapTake {
     pairs: Vec<PosePair>,
-    /// Per pair, when it was, and what the robot read by.
+    /// Per pair, its time and the calibration in use.
     kept: Vec<(Rest, Arc<Calibration>)>,
     raw: FrameLog,
     reads_by: Option<Arc<Calibration>>,
     window: VecDeque<(Stamp, Pose, Pose)>,
     fit: Option<Result<FrameFit, RegistrationError>>,
     object_is_pad: bool,
-    /// Whether poses are captured by themselves when the arm rests.
+    /// Whether poses are captured automatically when the arm rests.
     pub automatic: bool,
 }
 
-impl ViconTake {
+impl MocapTake {
     /// The pairs captured.
     pub fn pairs(&self) -> &[PosePair] {
         &self.pairs
     }
 
-    /// What has changed since the poses were captured, if they were read with anything but `draft`.
+    /// What has changed since the poses were captured, if they were read with another calibration than `draft`.
     pub fn outdated(&self, draft: &Calibration) -> Option<&'static str> {
         let any = |f: &dyn Fn(&Calibration) -> bool| self.kept.iter().any(|(_, c)| f(c));
         if any(&|c| c.springs != draft.springs) {
@@ -56,7 +56,7 @@ impl ViconTake {
         any(&|c| c.imus != draft.imus).then_some("the IMU mountings have changed since")
     }
 
-    /// The poses as the boards sent them, for calibrations that shall be compared. The frames are shared.
+    /// The poses as raw frames, to compare calibrations. The frames are shared.
     pub fn raw_poses(&self) -> RestPoses {
         RestPoses {
             frames: self.raw.clone(),
@@ -65,12 +65,12 @@ impl ViconTake {
         }
     }
 
-    /// What they give, once there are any.
+    /// The registration fitted to the poses, once there are any.
     pub fn fit(&self) -> Option<&Result<FrameFit, RegistrationError>> {
         self.fit.as_ref()
     }
 
-    /// The registration for the file: chained to the one that the poses went through already, if one did.
+    /// The registration for the file: chained to the one that the poses were already transformed by, if any.
     pub fn registration(
         &self,
         in_use: Option<&Registration>,
@@ -88,7 +88,10 @@ impl ViconTake {
         Some(found)
     }
 
-    /// The mean pose of the last moments, if the arm rested; else why not.
+    /// The mean pose of the last half second.
+    ///
+    /// # Errors
+    /// Why there is none: the arm moves, or motion capture does not see it.
     pub fn rested(&self) -> Result<PosePair, String> {
         let span = self.window.front().zip(self.window.back());
         let span_s = span.map_or(0.0, |(a, b)| b.0.since(a.0));
@@ -128,7 +131,7 @@ impl ViconTake {
         }
     }
 
-    /// Takes in a live snapshot of a robot that reads by `in_use`.
+    /// Processes a live snapshot of a robot whose sensors are read with `in_use`.
     pub fn observe(&mut self, snapshot: &Snapshot, in_use: &Arc<Calibration>) {
         if let Some(raw) = &snapshot.raw {
             self.keep_raw(raw);
@@ -168,7 +171,7 @@ impl ViconTake {
         }
     }
 
-    /// Keeps a pair.
+    /// Adds a pair.
     pub fn add(&mut self, pair: PosePair) {
         let span = self.window.front().zip(self.window.back());
         if let (Some((first, last)), Some(reads_by)) = (span, &self.reads_by)
@@ -185,7 +188,7 @@ impl ViconTake {
         }
     }
 
-    /// Takes a pair out again.
+    /// Removes pair `i`.
     pub fn remove(&mut self, i: usize) {
         if i < self.pairs.len() {
             self.pairs.remove(i);
@@ -194,12 +197,12 @@ impl ViconTake {
         }
     }
 
-    /// Whether the tracked object is taken to be the end pad's own frame.
+    /// Whether the tracked object is assumed to be the end pad's own frame.
     pub fn object_is_pad(&self) -> bool {
         self.object_is_pad
     }
 
-    /// Takes the tracked object to be the end pad's own frame, or fits where it is.
+    /// Assumes the tracked object to be the end pad's own frame, or fits where it is.
     pub fn set_object_is_pad(&mut self, known: bool) {
         self.object_is_pad = known;
         self.refit();
@@ -228,59 +231,9 @@ fn is_apart(a: &PosePair, b: &PosePair) -> bool {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
-    use crate::gui::fixture;
-    use crate::signal::pose_from_ypr;
-
-    // Seven poses per radius about the middle, each tilted its own way.
-    fn pose(k: usize) -> Pose {
-        let a = k as f64 * 0.9;
-        pose_from_ypr(
-            [0.05 * a.cos(), 0.05 * a.sin(), -0.3 + 0.004 * k as f64],
-            [0.1 * a.sin(), 0.3 * a.sin(), 0.3 * a.cos()],
-        )
-    }
-
-    fn in_use() -> Arc<Calibration> {
-        Arc::new(Calibration::virtual_rig())
-    }
-
-    fn rest_at(take: &mut ViconTake, from_s: f64, at: &Pose, seen: &Pose) {
-        let in_use = in_use();
-        for k in 0..80 {
-            let mut s = fixture::snapshot(from_s + 0.01 * f64::from(k));
-            if let Some(e) = &mut s.estimate {
-                e.base_from_tip = *at;
-            }
-            if let Some(t) = &mut s.truth {
-                t.base_from_tip = *seen;
-            }
-            take.observe(&s, &in_use);
-        }
-    }
-
-    fn frames() -> [Pose; 2] {
-        [
-            pose_from_ypr([0.4, -0.2, 1.1], [0.7, 0.1, -0.2]),
-            pose_from_ypr([0.01, 0.0, 0.02], [0.3, 0.0, 0.0]),
-        ]
-    }
-
-    /// Twelve poses that register, read with the virtual rig's calibration.
-    pub fn captured() -> ViconTake {
-        let [x, y] = frames();
-        let mut take = ViconTake {
-            automatic: true,
-            ..ViconTake::default()
-        };
-        for k in 0..12 {
-            let at = pose(k);
-            let seen = x.inverse() * at * y.inverse();
-            rest_at(&mut take, k as f64, &at, &seen);
-        }
-        take
-    }
+    use crate::calibrate::fixture::{captured, frames, in_use, pose, rest_at, snapshot};
 
     #[test]
     fn poses_are_captured_at_rest_once_each_and_give_the_frames_back() {
@@ -325,13 +278,13 @@ pub(super) mod tests {
 
     #[test]
     fn an_object_that_is_hidden_gives_no_pair_of_its_former_pose() {
-        let mut take = ViconTake::default();
+        let mut take = MocapTake::default();
         let at = pose(0);
         rest_at(&mut take, 0.0, &at, &at);
         assert!(take.rested().is_ok());
         // The cameras lose it: the newest truth there is stays the old one.
         for k in 0..40 {
-            let mut s = fixture::snapshot(0.8 + 0.01 * f64::from(k));
+            let mut s = snapshot(0.8 + 0.01 * f64::from(k));
             if let Some(t) = &mut s.truth {
                 t.stamp = Stamp::from_seconds(0.79);
             }
@@ -342,10 +295,10 @@ pub(super) mod tests {
 
     #[test]
     fn a_moving_arm_gives_no_pair() {
-        let mut take = ViconTake::default();
+        let mut take = MocapTake::default();
         for k in 0..80 {
             let t_s = 0.01 * f64::from(k);
-            let mut s = fixture::snapshot(t_s);
+            let mut s = snapshot(t_s);
             if let Some(t) = &mut s.truth {
                 t.base_from_tip = Pose::translation(5e-3 * t_s, 0.0, -0.3);
             }

@@ -1,4 +1,4 @@
-//! What the wizard says of what it could not do, or what is not done yet.
+//! Notices of the wizard: what failed, and what is not done yet.
 
 use super::*;
 
@@ -17,7 +17,7 @@ fn versions_that_cannot_be_read_are_not_passed_off_as_none() {
     let mut h = opened(handle, outside);
     h.get_by_label_contains("no permission");
     assert!(h.query_by_label_contains("None yet").is_none());
-    h.get_by_label("Read again").click();
+    h.get_by_label("Read versions again").click();
     h.run_steps(3);
     h.get_by_label_contains("None yet");
     assert!(h.query_by_label_contains("no permission").is_none());
@@ -58,7 +58,7 @@ fn a_version_counts_as_in_use_when_the_twin_says_so_and_a_refusal_is_told_on_eve
     let mut h = opened(handle, services(&shelf));
     h.get_by_label("Roll back to version 1").click();
     h.run_steps(3);
-    h.get_by_label_contains("Rolled back to version 1, “one”: the twin is asked");
+    h.get_by_label_contains("Rolled back to version 1, “one”: being applied");
     let asked = |twin: &super::super::Twin| {
         let calibrate = |c| match c {
             Command::Calibrate(c) => Some(c),
@@ -73,9 +73,9 @@ fn a_version_counts_as_in_use_when_the_twin_says_so_and_a_refusal_is_told_on_eve
     let refused = Event::Refused { stamp, reason };
     twin.events.try_send(refused).expect("room");
     h.run_steps(3);
-    h.get_by_label_contains("The twin did not take “one”. The arm moves");
+    h.get_by_label_contains("Calibration “one” not applied. The arm moves");
     h.get_by_label_contains("Rolled back to version 1, “one”: not in use.");
-    h.get_by_label("Ask again").click();
+    h.get_by_label("Apply calibration again").click();
     h.run_steps(3);
     assert_eq!(asked(&twin).as_ref(), Some(&one));
     let calibration = one;
@@ -83,7 +83,7 @@ fn a_version_counts_as_in_use_when_the_twin_says_so_and_a_refusal_is_told_on_eve
     twin.events.try_send(taken).expect("room");
     h.run_steps(3);
     h.get_by_label_contains("Rolled back to version 1, “one”: in use now.");
-    assert!(h.query_by_label_contains("did not take").is_none());
+    assert!(h.query_by_label_contains("not applied").is_none());
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! IMUs: each pad by the springs against each pad by its IMUs while the arm moves slowly. No window in here.
+//! IMUs: orientation of each pad from the springs compared with that from its IMUs while the arm moves slowly.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -12,39 +12,39 @@ use crate::sensing::{Calibration, Sensing};
 use crate::signal::{ChannelHealth, IMUS, RawFrame, Stamp};
 use crate::twin::sensing_for;
 
-/// The filters settle for so long first, s.
+/// Time that the filters take to settle, s.
 pub const SETTLING_S: f64 = 10.0;
-/// One frame in so many is used: neighbours tell the same.
+/// One frame in this many is used: neighbours are correlated.
 const EVERY: u64 = 10;
-/// A pause longer than this lets the filters settle anew, s.
+/// Pause after which the filters settle again, s.
 const PAUSE_S: f64 = 0.5;
-/// Directions that the tilt is shown in.
+/// Number of directions that tilts are counted in.
 pub const SECTORS: usize = 8;
-/// A direction counts when the pad was tilted so far towards it, rad.
+/// Least tilt towards a direction for it to count, rad.
 pub const TILT_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
-/// So many directions are enough.
+/// Number of directions that have to count.
 pub const SECTORS_NEEDED: usize = 7;
-/// Fewest samples; neighbours are a tenth of a second apart.
+/// Least number of samples; neighbours are a tenth of a second apart.
 pub const SAMPLES_NEEDED: usize = 300;
 /// Most samples kept: beyond them every other one is dropped, and only every other one is taken from then on.
 const SAMPLES_MAX: usize = 3_000;
-/// Springs and IMU must agree to this when all is done, rad.
-const RESIDUAL_MAX_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
+/// Largest RMS residual between springs and IMU after the fit, rad.
+pub const RESIDUAL_MAX_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
 
-/// How an IMU stands.
+/// Verdict on an IMU.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
     /// Not captured: the mounting in use is kept.
     Kept,
     /// Being captured.
     Open,
-    /// Good.
+    /// Accepted.
     Pass(MountingFit),
     /// Refused: why, one sentence.
     Redo(String),
 }
 
-/// What one IMU has seen.
+/// Samples of one IMU.
 #[derive(Clone, Debug, Default)]
 pub struct ImuTake {
     pairs: Vec<(UnitQuaternion<f64>, UnitQuaternion<f64>)>,
@@ -58,12 +58,12 @@ pub struct ImuTake {
     springs: Option<Arc<Vec<SpringCalibration>>>,
     open: bool,
     verdict: Option<Result<MountingFit, String>>,
-    /// How often it was captured anew.
+    /// How often it was captured again.
     pub redone: u32,
 }
 
 impl ImuTake {
-    /// How it stands.
+    /// The verdict.
     pub fn verdict(&self) -> Verdict {
         match &self.verdict {
             _ if self.open => Verdict::Open,
@@ -83,12 +83,12 @@ impl ImuTake {
         self.pairs.len()
     }
 
-    /// Which directions the pad was tilted to.
+    /// Directions that the pad was tilted to, by index.
     pub fn sectors(&self) -> [bool; SECTORS] {
         self.sectors
     }
 
-    /// Takes in the pad's orientation by the springs and by the IMU, unless it has seen enough.
+    /// Adds the pad's orientation from the springs and from the IMU, unless there are enough samples.
     pub(super) fn add(&mut self, by_springs: UnitQuaternion<f64>, by_imu: UnitQuaternion<f64>) {
         if self.complete() {
             return;
@@ -126,7 +126,7 @@ impl ImuTake {
                 TILT_RAD.to_degrees()
             )),
             Ok(fit) if fit.residual_rad > RESIDUAL_MAX_RAD => Err(format!(
-                "springs and IMU disagree by {:.2} degrees when all is done: move more slowly, and check that \
+                "springs and IMU disagree by {:.2} degrees RMS after the fit: move more slowly, and check that \
                  the IMU is fixed",
                 fit.residual_rad.to_degrees()
             )),
@@ -162,12 +162,12 @@ pub struct ImusTake {
 }
 
 impl ImusTake {
-    /// Whether a capture runs.
+    /// Whether a capture is in progress.
     pub fn running(&self) -> bool {
         self.sensing.is_some()
     }
 
-    /// Begins to capture `which` with the springs and mountings of `base`; what they had is discarded.
+    /// Begins to capture `which` with the springs and mountings of `base`; their former samples are discarded.
     pub fn begin(&mut self, which: [bool; IMUS], robot: &RobotSpec, base: &Calibration) {
         let springs = Arc::new(base.springs.clone());
         for (take, _) in self.imus.iter_mut().zip(which).filter(|(_, w)| *w) {
@@ -184,13 +184,13 @@ impl ImusTake {
         self.last = None;
     }
 
-    /// Seconds the filters still settle; nothing before the first frame.
+    /// Time until the filters have settled, s; `None` before the first frame.
     pub fn settling_s(&self) -> Option<f64> {
         let since_s = self.last?.since(self.settling_since?);
         Some((SETTLING_S - since_s).max(0.0))
     }
 
-    /// Judges what there is and ends.
+    /// Ends the capture and judges the samples.
     pub fn finish(&mut self) {
         self.sensing = None;
         for take in self.imus.iter_mut().filter(|t| t.open) {
@@ -198,7 +198,7 @@ impl ImusTake {
         }
     }
 
-    /// Takes in a live frame; ends by itself when every IMU has seen enough.
+    /// Processes a live frame; ends by itself when every IMU has enough samples.
     pub fn observe(&mut self, raw: &RawFrame) {
         let Some(sensing) = &mut self.sensing else {
             return;

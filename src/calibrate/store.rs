@@ -1,0 +1,437 @@
+//! Saved calibrations: versions of one robot in a folder of the user's data.
+//!
+//! A folder holds `calibration-<n>.toml` (what `--calibration` takes), `registration-<n>.toml` where motion capture
+//! was registered (what `--registration` takes), and `versions.toml`, which lists them, names the active one and is
+//! written last: a version that it does not list does not exist.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use serde::{Deserialize, Serialize};
+
+use super::versions::{Kept, NewVersion, Version};
+use crate::drive::read_toml;
+use crate::recording::write_text;
+use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
+use crate::sensing::registration::Registration;
+
+const INDEX: &str = "versions.toml";
+/// Format of the list that this program writes; a list without a number has format 1.
+const FORMAT: u32 = 1;
+/// Name of the empty file that is locked while the folder is changed.
+const LOCK: &str = "lock";
+/// Digits of the robot file's hash in the folder's name.
+const HASH_DIGITS: usize = 12;
+
+/// The list of versions in the file.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Index {
+    #[serde(default = "first_format")]
+    format: u32,
+    active: u32,
+    #[serde(default)]
+    version: Vec<Entry>,
+}
+
+fn first_format() -> u32 {
+    1
+}
+
+impl Default for Index {
+    fn default() -> Self {
+        Self {
+            format: FORMAT,
+            active: 0,
+            version: Vec::new(),
+        }
+    }
+}
+
+/// The part that a list of any format has.
+#[derive(Deserialize)]
+struct Head {
+    #[serde(default = "first_format")]
+    format: u32,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    number: u32,
+    date: String,
+    note: String,
+}
+
+/// Saved calibrations of one robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Store {
+    folder: PathBuf,
+}
+
+impl Store {
+    /// The store below the user's data folder: one for each robot, and for its virtual rig and its hardware.
+    ///
+    /// A robot file that was copied and changed describes another arm under the same name; patches do not.
+    pub fn of(robot: &RobotSpec, virtual_rig: bool, data: &Path) -> Self {
+        let mut name: String = robot
+            .name
+            .chars()
+            .map(|c| match c.is_ascii_alphanumeric() {
+                true => c,
+                false => '-',
+            })
+            .collect();
+        name.push('-');
+        name.extend(robot.base_hash.chars().take(HASH_DIGITS));
+        let kind = match virtual_rig {
+            true => "virtual-rig",
+            false => "hardware",
+        };
+        let folder = data.join("calibrations").join(name).join(kind);
+        Self { folder }
+    }
+
+    /// The folder that holds the versions.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn path(&self, kind: &str, number: u32) -> PathBuf {
+        self.folder.join(format!("{kind}-{number}.toml"))
+    }
+
+    fn index(&self) -> Result<Index> {
+        let path = self.folder.join(INDEX);
+        if !path.exists() {
+            return Ok(Index::default());
+        }
+        let text = read_toml(&path)?;
+        let at = || path.display().to_string();
+        let Head { format } = toml::from_str(&text).with_context(at)?;
+        anyhow::ensure!(
+            format <= FORMAT,
+            "{} was written by a newer springtwin (format {format}, this one reads up to {FORMAT}): use that version, \
+             or name a calibration with --calibration",
+            path.display()
+        );
+        toml::from_str(&text).with_context(at)
+    }
+
+    fn write_index(&self, index: &Index) -> Result<()> {
+        write_text(&self.folder.join(INDEX), &toml::to_string(index)?)?;
+        Ok(())
+    }
+
+    fn calibration(&self, number: u32) -> Result<Calibration> {
+        let path = self.path("calibration", number);
+        Calibration::from_toml(&read_toml(&path)?).with_context(|| path.display().to_string())
+    }
+
+    fn registration(&self, number: u32) -> Result<Option<Registration>> {
+        let path = self.path("registration", number);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let read = Registration::from_toml(&read_toml(&path)?);
+        read.map(Some).with_context(|| path.display().to_string())
+    }
+
+    fn kept(&self, number: u32) -> Result<Kept> {
+        Ok(Kept {
+            calibration: Arc::new(self.calibration(number)?),
+            registration: self.registration(number)?,
+        })
+    }
+
+    /// All versions, newest first; a damaged one holds the reason and does not affect the others.
+    ///
+    /// # Errors
+    /// When the list cannot be read.
+    pub fn versions(&self) -> Result<Vec<Version>> {
+        let index = self.index()?;
+        let version = |e: &Entry| Version {
+            number: e.number,
+            date: e.date.clone(),
+            note: e.note.clone(),
+            active: e.number == index.active,
+            kept: self.kept(e.number).map_err(sentence),
+        };
+        Ok(index.version.iter().rev().map(version).collect())
+    }
+
+    /// Files of the active version, calibration and registration, if there is one.
+    ///
+    /// # Errors
+    /// When the list or the files cannot be read.
+    pub fn active(&self) -> Result<Option<(PathBuf, Option<PathBuf>)>> {
+        let index = self.index()?;
+        if !index.version.iter().any(|e| e.number == index.active) {
+            return Ok(None);
+        }
+        self.kept(index.active)?;
+        Ok(Some(self.files(index.active)))
+    }
+
+    /// The registration of the active version, if there is one.
+    ///
+    /// # Errors
+    /// When the list or the file cannot be read.
+    pub fn active_registration(&self) -> Result<Option<Registration>> {
+        self.registration(self.index()?.active)
+    }
+
+    /// Files of the newest version that can be read, if there is one.
+    pub fn last_good(&self) -> Option<(PathBuf, Option<PathBuf>)> {
+        let index = self.index().ok()?;
+        let mut numbers = index.version.iter().rev().map(|e| e.number);
+        let good = numbers.find(|n| self.kept(*n).is_ok())?;
+        Some(self.files(good))
+    }
+
+    /// Files to start with: those of the active version; where they cannot be read, those of the newest version that
+    /// can, and the reason.
+    pub fn usable(&self) -> (Option<(PathBuf, Option<PathBuf>)>, Option<String>) {
+        let e = match self.active() {
+            Ok(active) => return (active, None),
+            Err(e) => e,
+        };
+        let good = self.last_good();
+        let instead = good.as_ref().map_or_else(
+            || "no saved calibration is used".to_owned(),
+            |(path, _)| format!("{} is used instead", path.display()),
+        );
+        log::warn!(
+            "the active calibration cannot be read, {instead}; save a new one, or choose one on the Calibrate screen: \
+             {e:#}"
+        );
+        (good, Some(format!("the saved one cannot be read: {e:#}")))
+    }
+
+    /// Paths of a version's calibration and of its registration, if there is one.
+    pub fn files(&self, number: u32) -> (PathBuf, Option<PathBuf>) {
+        let registration = self.path("registration", number);
+        let calibration = self.path("calibration", number);
+        (calibration, registration.exists().then_some(registration))
+    }
+
+    /// Locks the folder against changes by other processes until the result is dropped.
+    fn lock(&self) -> Result<std::fs::File> {
+        std::fs::create_dir_all(&self.folder)
+            .with_context(|| format!("cannot make the folder {}", self.folder.display()))?;
+        let path = self.folder.join(LOCK);
+        let lock = std::fs::File::create(&path)
+            .and_then(|file| file.lock().map(|()| file))
+            .with_context(|| format!("cannot lock {}", path.display()))?;
+        Ok(lock)
+    }
+
+    /// Saves a version of `date` and makes it the active one; its number.
+    ///
+    /// # Errors
+    /// When the list cannot be read, or a file cannot be written.
+    pub fn save(&self, new: NewVersion, date: &str) -> Result<u32> {
+        let _lock = self.lock()?;
+        let mut index = self.index()?;
+        let number = index.version.iter().map(|e| e.number).max().unwrap_or(0) + 1;
+        let calibration = Calibration {
+            date: date.to_owned(),
+            ..new.calibration
+        };
+        write_text(&self.path("calibration", number), &calibration.to_toml()?)?;
+        let registration = self.path("registration", number);
+        match new.registration {
+            Some(r) => {
+                let dated = Registration {
+                    date: date.to_owned(),
+                    ..r
+                };
+                write_text(&registration, &dated.to_toml()?)?;
+            }
+            // Left by a version whose saving was interrupted before the list was written.
+            None if registration.exists() => std::fs::remove_file(&registration)?,
+            None => {}
+        }
+        index.active = number;
+        index.version.push(Entry {
+            number,
+            date: date.to_owned(),
+            note: new.note,
+        });
+        self.write_index(&index)?;
+        Ok(number)
+    }
+
+    /// Makes another version the active one.
+    ///
+    /// # Errors
+    /// When there is no such version, or it cannot be read, or the list cannot be written.
+    pub fn activate(&self, number: u32) -> Result<()> {
+        let _lock = self.lock()?;
+        let mut index = self.index()?;
+        anyhow::ensure!(
+            index.version.iter().any(|e| e.number == number),
+            "there is no version {number} in {}",
+            self.folder.display()
+        );
+        // A version that does not load must not become the one that the program starts with.
+        self.kept(number)?;
+        index.active = number;
+        self.write_index(&index)
+    }
+}
+
+/// An error with its causes as one sentence with a full stop.
+pub fn sentence(e: anyhow::Error) -> String {
+    format!("{e:#}.")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn version(name: &str) -> NewVersion {
+        NewVersion {
+            note: format!("{name} passed"),
+            calibration: Calibration {
+                name: name.into(),
+                ..Calibration::virtual_rig()
+            },
+            registration: None,
+        }
+    }
+
+    fn store(name: &str) -> Store {
+        let id = std::process::id();
+        let folder = std::env::temp_dir().join(format!("springtwin-versions-{name}-{id}"));
+        Store { folder }
+    }
+
+    fn kept(v: &Version) -> &Kept {
+        v.kept.as_ref().expect("reads")
+    }
+
+    #[test]
+    fn a_damaged_version_is_listed_as_such_and_breaks_no_other() {
+        let store = store("damaged");
+        for name in ["one", "two", "three"] {
+            store.save(version(name), "2026-03-01").expect("saves");
+        }
+        std::fs::write(store.path("calibration", 2), "name = 3").expect("writes");
+        let listed = |store: &Store| -> Vec<_> {
+            let list = store.versions().expect("lists");
+            list.iter().map(|v| (v.number, v.kept.is_ok())).collect()
+        };
+        assert_eq!(listed(&store), [(3, true), (2, false), (1, true)]);
+        // It does not become the active one.
+        let e = store.activate(2).expect_err("is damaged").to_string();
+        assert!(e.contains("calibration-2.toml"), "{e}");
+        store.activate(1).expect("another one is sound");
+        store.save(version("four"), "2026-03-02").expect("saves");
+        assert_eq!(store.versions().expect("lists").len(), 4);
+        // Nor does one whose registration is damaged.
+        std::fs::write(store.path("registration", 1), "format = 1").expect("writes");
+        assert!(store.activate(1).is_err());
+        // The program does not start with an active one that is damaged.
+        std::fs::write(store.path("calibration", 4), "").expect("writes");
+        let e = store.active().expect_err("is damaged").to_string();
+        assert!(e.contains("calibration-4.toml"), "{e}");
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn a_list_of_a_newer_program_is_refused_in_one_sentence_and_older_ones_are_read() {
+        let store = store("newer");
+        store.save(version("one"), "2026-03-01").expect("saves");
+        let path = store.folder.join(INDEX);
+        let text = std::fs::read_to_string(&path).expect("reads");
+        assert!(text.starts_with("format = 1\n"), "{text}");
+        // From before there were numbers.
+        std::fs::write(&path, text.replace("format = 1\n", "")).expect("writes");
+        assert_eq!(store.versions().expect("lists").len(), 1);
+        // Of a form that nobody knows yet.
+        std::fs::write(&path, "format = 2\nlatest = \"one\"\n").expect("writes");
+        for e in [
+            store.active().expect_err("newer"),
+            store.save(version("two"), "2026-03-02").expect_err("newer"),
+        ] {
+            let e = format!("{e:#}");
+            assert!(
+                e.contains("versions.toml was written by a newer springtwin (format 2")
+                    && !e.contains('\n'),
+                "{e}"
+            );
+        }
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn windows_that_save_at_the_same_time_lose_nothing() {
+        let store = store("together");
+        std::thread::scope(|scope| {
+            for window in 0..4 {
+                let store = &store;
+                let saves = move || {
+                    for i in 0..5 {
+                        let new = version(&format!("{window}.{i}"));
+                        store.save(new, "2026-03-01").expect("saves");
+                    }
+                };
+                let thread = std::thread::Builder::new().name("window".to_owned());
+                thread.spawn_scoped(scope, saves).expect("a thread");
+            }
+        });
+        let versions = store.versions().expect("lists");
+        let numbers: Vec<u32> = versions.iter().map(|v| v.number).collect();
+        assert_eq!(numbers, (1..=20).rev().collect::<Vec<_>>());
+        let names: std::collections::BTreeSet<String> = versions
+            .iter()
+            .map(|v| kept(v).calibration.name.clone())
+            .collect();
+        assert_eq!(names.len(), 20);
+        assert!(versions[0].active);
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn a_changed_copy_of_a_robot_file_does_not_get_the_first_arm_s_curves() {
+        let data = Path::new("data");
+        let text = crate::robot::REFERENCE;
+        let robot = RobotSpec::reference();
+        let copy = RobotSpec::from_toml(&format!("{text}\n# longer springs\n")).expect("reads");
+        assert_eq!(copy.name, robot.name);
+        let of = |robot: &RobotSpec| Store::of(robot, false, data).folder;
+        assert_ne!(of(&robot), of(&copy));
+        assert_eq!(of(&robot), of(&RobotSpec::reference()));
+        assert_ne!(of(&robot), Store::of(&robot, true, data).folder);
+    }
+
+    #[test]
+    fn versions_are_kept_listed_and_taken_back() {
+        let store = store("kept");
+        assert_eq!(store.active().expect("empty"), None);
+        assert_eq!(store.versions().expect("empty"), []);
+        store.save(version("one"), "2026-03-01").expect("saves");
+        store.save(version("two"), "2026-03-02").expect("saves");
+        let list = store.versions().expect("lists");
+        let found: Vec<_> = list
+            .iter()
+            .map(|v| (v.number, &*kept(v).calibration.name, &*v.date, v.active))
+            .collect();
+        assert_eq!(
+            found,
+            [
+                (2, "two", "2026-03-02", true),
+                (1, "one", "2026-03-01", false)
+            ]
+        );
+        assert_eq!(kept(&list[0]).calibration.date, "2026-03-02");
+        store.activate(1).expect("rolls back");
+        let (path, registration) = store.active().expect("reads").expect("is there");
+        assert!(path.ends_with("calibration-1.toml") && registration.is_none());
+        assert!(store.activate(9).is_err());
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+}

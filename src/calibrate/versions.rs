@@ -1,0 +1,103 @@
+//! Versions of a calibration: what is saved, and what one calibration changes against another.
+
+use std::sync::Arc;
+
+use crate::sensing::Calibration;
+use crate::sensing::registration::Registration;
+use crate::signal::{IMUS, SPRINGS};
+
+/// A saved calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Version {
+    /// Number, from 1.
+    pub number: u32,
+    /// Day it was saved (UTC).
+    pub date: String,
+    /// What passed, one line.
+    pub note: String,
+    /// Whether the program starts with it.
+    pub active: bool,
+    /// What it holds, or why its files cannot be read: one sentence.
+    pub kept: Result<Kept, String>,
+}
+
+/// Content of a version.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept {
+    /// The calibration.
+    pub calibration: Arc<Calibration>,
+    /// The registration of motion capture saved with it, if there is one.
+    pub registration: Option<Registration>,
+}
+
+/// A version to save; the date is set when it is saved.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewVersion {
+    /// What passed, one line.
+    pub note: String,
+    /// The calibration, with its name.
+    pub calibration: Calibration,
+    /// The registration of motion capture, if there is one.
+    pub registration: Option<Registration>,
+}
+
+/// Whether two calibrations read alike, whatever their names.
+pub fn same(a: &Calibration, b: &Calibration) -> bool {
+    a.springs == b.springs && a.imus == b.imus
+}
+
+/// Differences of calibration `new` from `old`, one line each; `range_m` is the range of lengths in use.
+pub fn changes(old: &Calibration, new: &Calibration, range_m: [f64; 2]) -> Vec<String> {
+    let mut lines = Vec::new();
+    let (mut changed, mut fresh, mut worst_m) = (Vec::new(), Vec::new(), 0.0_f64);
+    for i in 0..SPRINGS {
+        match (old.spring(i), new.spring(i)) {
+            (a, b) if a == b => {}
+            (Some(a), Some(b)) => {
+                // Largest difference of the two curves over the readings that both cover.
+                let low = a.curve.domain[0].max(b.curve.domain[0]);
+                let high = a.curve.domain[1].min(b.curve.domain[1]);
+                for k in 0..=40 {
+                    let reading = low + (high - low) * f64::from(k) / 40.0;
+                    let lengths = (a.curve.length_m(reading), b.curve.length_m(reading));
+                    if let (Some(was_m), Some(is_m)) = lengths
+                        && (range_m[0]..=range_m[1]).contains(&is_m)
+                    {
+                        worst_m = worst_m.max((was_m - is_m).abs());
+                    }
+                }
+                changed.push((i + 1).to_string());
+            }
+            _ => fresh.push((i + 1).to_string()),
+        }
+    }
+    let all = |list: &[String], n: usize| match list.len() == n {
+        true => format!("all {n}"),
+        false => list.join(", "),
+    };
+    if !changed.is_empty() {
+        lines.push(format!(
+            "Springs {}: lengths move by up to {:.2} mm",
+            all(&changed, SPRINGS),
+            worst_m * 1e3
+        ));
+    }
+    if !fresh.is_empty() {
+        lines.push(format!(
+            "Springs {}: had no curve before",
+            all(&fresh, SPRINGS)
+        ));
+    }
+    for i in 0..IMUS {
+        let turn_rad = old.mounting(i).angle_to(&new.mounting(i));
+        // Rounding is no change.
+        if turn_rad > 1e-6 {
+            lines.push(format!(
+                "IMU {}: mounting turned by {:.2}°",
+                i + 1,
+                turn_rad.to_degrees()
+            ));
+        }
+    }
+    lines
+}
