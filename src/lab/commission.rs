@@ -37,7 +37,7 @@ pub struct Kind {
     pub warn: f64,
     /// No patch is written above this, SI.
     pub refuse: f64,
-    /// Unit of the report, and how many of it are one of SI.
+    /// Unit of the report, and its number per SI unit.
     pub unit: (&'static str, f64),
     /// Unit of a warning.
     pub warn_unit: (&'static str, f64),

@@ -13,7 +13,7 @@ use crate::signal::Dataset;
 use crate::sim::dataset::{Plan, generate as by_rod, generate_mesh};
 use crate::sim::mesh::MeshModel;
 
-/// What makes the samples.
+/// Simulator that makes the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     /// Piecewise-constant-strain rods.
@@ -27,7 +27,7 @@ pub enum Source {
 /// Options of a data set.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// What makes the samples.
+    /// Simulator that makes the samples.
     pub source: Source,
     /// Pressures, loads and scatter of the samples, and their seed.
     pub plan: Plan,
@@ -59,7 +59,7 @@ pub struct Made {
     pub left_out: usize,
     /// Samples that an earlier, interrupted run had computed.
     pub taken_over: usize,
-    /// Name of what made them.
+    /// Name of the simulator.
     pub source: String,
 }
 
@@ -160,7 +160,7 @@ fn resumable(
 /// The command that shards are of.
 const SHARDS_OF: &str = "dataset generate";
 
-/// Joins shards into the file that one run would have made; returns the number of samples and what made them.
+/// Joins shards into the file of one run; returns the number of samples and the name of their simulator.
 ///
 /// # Errors
 /// When the shards are not all parts of one run, or a file cannot be read or written.

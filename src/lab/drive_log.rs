@@ -10,7 +10,7 @@ use crate::drive::{Driven, Row};
 use crate::signal::{CHAMBERS, SPRINGS};
 use crate::task::Path;
 
-/// One tick in so many is drawn.
+/// Interval of the ticks that are drawn.
 const DRAWN_EVERY: usize = 5;
 /// Files that [`write`] writes; the last one for a path only.
 pub const FILES: [&str; 5] = [

@@ -57,7 +57,7 @@ pub struct Comparison {
     pub coverage: [f64; 2],
 }
 
-/// Refuses a session and networks that are not of this robot, as far as they say.
+/// Refuses a session and networks that are not of this robot, as far as their files say.
 ///
 /// # Errors
 /// The message names both robots.
@@ -73,7 +73,7 @@ pub fn same_robot(log: &SessionLog, networks: &Model, robot: &RobotSpec) -> Resu
     Ok(())
 }
 
-/// How the estimates compare with the motion capture; `None` where there is none.
+/// Errors of the estimates against motion capture; `None` where there is none.
 pub fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison> {
     let mut distance_mm = Vec::new();
     let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];

@@ -91,10 +91,10 @@ fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
 pub enum Push {
     /// Nothing.
     None,
-    /// A level force at every stop, swelling to so many newtons and back; only the frames under at
+    /// A horizontal force at every stop, rising to this many newtons and back; only the frames under at
     /// least nine tenths of it are kept.
     Lateral(f64),
-    /// Blows of so many newtons for 0.1 s, one every 2 s or so, in any direction.
+    /// Impacts of this many newtons for 0.1 s, about one every 2 s, in random directions.
     Shocks(f64),
 }
 
@@ -105,7 +105,7 @@ pub struct Motion {
     pub payload_kg: f64,
     /// Mean speed of the tip along each line, m/s.
     pub speed_m_s: f64,
-    /// What disturbs it.
+    /// Its disturbance.
     pub push: Push,
     /// Least length, s; a motion with pushes or blows ends with a line.
     pub seconds: f64,
@@ -126,12 +126,12 @@ pub struct Moment {
 
 /// Share of the pressure range that motions use.
 const RANGE_SHARE: f64 = 0.8;
-/// One frame in so many is kept.
+/// Interval of the frames that are kept, in frames.
 const EVERY: u32 = 5;
 /// Rest before a motion, so that filters and monitors settle, s.
 const REST_S: f64 = 3.0;
 
-/// Moves a rig and gives what its sensors said, at 20 frames per second. `spoil` may change what the
+/// Moves a rig and returns its sensor frames, at 20 frames per second. `spoil` may change what the
 /// boards send, given the time.
 ///
 /// # Errors

@@ -14,7 +14,7 @@ pub const POSES: usize = 50;
 /// Seed of their pressures.
 const POSES_SEED: u64 = 1;
 
-/// How far the rod model is from an arm of rigid rings with the same drawing: model-form error, reported and not
+/// Distance of the rod model from an arm of rigid rings with the same drawing: model inadequacy, reported and not
 /// judged. Pressures are drawn uniformly, the payload from 0 to the heaviest.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 //! Progress of long work, for whoever shows it.
 
-/// Receives the progress of long work: stages, each of so many items; an item may consist of trials.
+/// Receives the progress of long work: stages of items; an item may consist of trials.
 pub trait Progress: Send + Sync {
     /// A stage begins, with `items` items to do.
     fn stage(&self, name: &str, items: usize);
@@ -21,7 +21,7 @@ pub trait Progress: Send + Sync {
     /// A trial is done.
     fn trial_done(&self) {}
 
-    /// The stage is done; `result` is what it made, in words.
+    /// The stage is done; `result` is its result in words.
     fn stage_done(&self, result: &str);
 }
 

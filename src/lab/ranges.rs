@@ -1,4 +1,4 @@
-//! Ranges of what an arm can be given.
+//! Checks of pressures and payloads against the limits of a robot.
 
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;

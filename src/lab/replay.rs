@@ -7,7 +7,8 @@ use crate::robot::RobotSpec;
 use crate::signal::{IMUS, SPRINGS};
 use crate::sim::effects::Simulated;
 
-/// Simulated poses and sensors at every sample, and what was measured less that; nothing where nothing was measured.
+/// Simulated poses and sensors at every sample, and the residuals against the measured ones; empty where nothing was
+/// measured.
 pub fn table(
     robot: &RobotSpec,
     grid: &Grid,

@@ -16,7 +16,7 @@ use sha2::{Digest as _, Sha256};
 use crate::drive::read_text;
 use crate::signal::hex;
 
-/// Which part of how many; both count from 1.
+/// Index of a part and number of parts; both count from 1.
 pub type Part = (usize, usize);
 
 /// Results of a shard, with all that they depend on.
@@ -26,7 +26,7 @@ pub struct Shard<T> {
     pub of: String,
     /// Everything that decides the results: names and values of options, versions, hashes.
     pub about: Vec<(String, String)>,
-    /// Which part of how many.
+    /// Index of the part and number of parts.
     pub shard: Part,
     /// The results.
     pub found: T,
@@ -147,7 +147,7 @@ pub fn in_order<T>(
     Ok(read)
 }
 
-/// In what two shards differ that must be alike.
+/// The first difference of two shards that must be alike.
 fn difference<T>(a: &Shard<T>, b: &Shard<T>) -> Option<String> {
     if a.shard.1 != b.shard.1 {
         return Some(format!("{} shards, not {}", b.shard.1, a.shard.1));

@@ -130,7 +130,7 @@ pub fn cases(path: &Path, given: &Inputs, robot: &RobotSpec) -> Result<Vec<Input
     read.rows.iter().enumerate().map(case).collect()
 }
 
-/// Refuses what the arm cannot be given.
+/// Refuses pressures and loads out of range.
 fn in_range(inputs: &Inputs, robot: &RobotSpec) -> Result<()> {
     let forces = inputs.tip_force_n.iter();
     let all = forces.chain(&inputs.chamber_pa).chain([&inputs.payload_kg]);

@@ -36,9 +36,9 @@ impl Source {
 /// One line of figures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// What it is of.
+    /// Label of the row.
     pub label: String,
-    /// Who measured it.
+    /// Origin of the figures.
     pub source: Source,
     /// One figure per column; `None` where there is none.
     pub cells: Vec<Option<f64>>,
@@ -49,14 +49,14 @@ pub fn some(cells: &[f64]) -> Vec<Option<f64>> {
     cells.iter().map(|c| Some(*c)).collect()
 }
 
-/// How a table is drawn: its first column over the rows, or a chart of its own.
+/// Picture of a table: its first column over the rows, or a chart of its own.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Drawn {
     /// A bar per row.
     Bars,
     /// A point per row, over the number that each label begins with.
     Line {
-        /// What the labels count.
+        /// Quantity that the labels count.
         x: &'static str,
         /// Whether they are spread by their logarithm.
         logarithmic: bool,
@@ -70,9 +70,9 @@ pub enum Drawn {
 pub struct Table {
     /// File name without its ending.
     pub name: &'static str,
-    /// What it shows.
+    /// Its title.
     pub title: &'static str,
-    /// How it was made and what it says.
+    /// Notes on method and result.
     pub notes: Vec<String>,
     /// Names of the columns, with units.
     pub columns: Vec<&'static str>,

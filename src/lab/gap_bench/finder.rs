@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 
 use crate::lab::shards::write;
 
-/// What the finder said.
+/// File of the finder's verdict.
 pub const VERDICT: &str = "verdict.json";
-/// What said it.
+/// File that identifies the finder of that verdict.
 const RUN: &str = "run.json";
 /// Its standard error.
 const LOG: &str = "finder.log";
@@ -26,7 +26,7 @@ const ALLOWED: [&str; 7] = [
     "run.part",
     LOG,
 ];
-/// How often it is looked whether the finder is done.
+/// Interval of the checks whether the finder is done.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Starts finders.
@@ -42,7 +42,7 @@ pub struct Seeker<'a> {
 }
 
 impl Seeker<'_> {
-    /// The finder's command line: the sessions of the case, and what it has to do without.
+    /// The finder's command line: the sessions of the case, and the effect that it must not use.
     fn command(&self, folder: &Path, without: Option<&str>) -> Command {
         let mut command = Command::new(self.program);
         command.env_clear().current_dir(std::env::temp_dir());
@@ -119,7 +119,7 @@ fn wait(mut child: Child, limit_s: f64) -> Result<ExitStatus> {
     anyhow::bail!("the finder took more than {limit_s} s")
 }
 
-/// What a verdict depends on besides the sessions.
+/// Everything that a verdict depends on besides the sessions.
 fn run(finder: &str, without: Option<&str>) -> Value {
     json!({"finder": finder, "without": without})
 }

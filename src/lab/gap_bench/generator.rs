@@ -29,7 +29,7 @@ pub struct CaseOptions {
     pub key: PathBuf,
     /// Seed of everything.
     pub seed: u64,
-    /// What the case is about.
+    /// Kind of case.
     pub about: About,
     /// Strength of every effect, times the noise floor.
     pub strength: f64,
@@ -63,7 +63,7 @@ pub fn make_case(o: &CaseOptions, robot: &RobotSpec) -> Result<()> {
     write(&key, &serde_json::to_string_pretty(&key_of(&case))?)
 }
 
-/// The case and its two sessions; rigs that cannot hold what is hidden are passed over.
+/// The case and its two sessions; rigs that cannot hold the hidden effects are passed over.
 fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, [Session; 2])> {
     let plan = SessionPlan {
         seconds: o.seconds,
@@ -153,7 +153,7 @@ pub struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// The process that makes a case; what is hidden in it comes behind.
+    /// The process that makes a case; the hidden effects are further arguments.
     pub fn command(
         &self,
         about: About,

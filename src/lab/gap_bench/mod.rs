@@ -59,7 +59,7 @@ impl Options {
     }
 }
 
-/// What a shard leaves for the merge: never what was hidden, and no verdict.
+/// Results of a shard for the merge: neither hidden effects nor verdicts.
 #[derive(Debug, Serialize, Deserialize)]
 struct Cases {
     /// Cases with sessions, a key and a verdict.
@@ -187,7 +187,7 @@ pub fn run(
 /// Files that a run of all cases, or the merge of its shards, writes.
 pub const REPORT: [&str; 2] = ["report.md", "report.json"];
 
-/// What a shard leaves.
+/// Name of a shard's file.
 fn shard_name((i, n): shards::Part) -> String {
     format!("shard-{i}-of-{n}.json")
 }
@@ -195,7 +195,7 @@ fn shard_name((i, n): shards::Part) -> String {
 /// The command that shards are of.
 const OF: &str = "gap bench";
 
-/// Leaves for the merge what a shard has done.
+/// Writes the results of a shard for the merge.
 fn leave(
     a: &Options,
     suite: &Suite,

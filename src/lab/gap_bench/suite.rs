@@ -1,4 +1,4 @@
-//! What the blind test consists of: the same seeds, the same cases.
+//! The suite of the blind test: the same seeds give the same cases.
 
 use rand::Rng as _;
 use sha2::{Digest as _, Sha256};
@@ -25,7 +25,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// All parts, each with its name and what it holds.
+    /// All parts, each with its name and its content.
     pub const ALL: [(Self, &'static str, &'static str); 5] = [
         (
             Self::Singles,
@@ -63,7 +63,7 @@ impl Part {
 const SINGLES: [f64; 3] = [2.0, 4.0, 8.0];
 /// Strengths of the additional singles, in turn.
 const LOW: [f64; 2] = [0.5, 1.0];
-/// Every so many seeds there is one of those.
+/// Interval of the seeds that have an additional single.
 const LOW_EVERY: u64 = 3;
 /// Strength of unmodelled effects and of each member of a pair.
 const CLEAR: f64 = 4.0;
@@ -91,15 +91,15 @@ pub struct Planned {
     pub name: String,
     /// Its part.
     pub part: Part,
-    /// What it is about.
+    /// Its kind.
     pub about: About,
     /// Its own seed: every case is another rig.
     pub seed: u64,
     /// Times the floor.
     pub strength: f64,
-    /// What is to be hidden.
+    /// Effects to hide.
     pub effects: Vec<&'static str>,
-    /// What the finder has to do without.
+    /// Effect that the finder must not use.
     pub without: Option<&'static str>,
 }
 

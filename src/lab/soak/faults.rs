@@ -10,7 +10,7 @@ use crate::signal::{BOARDS, CHAMBERS, IMUS, SPRINGS};
 /// The shortest and the longest time between the beginnings of two faults, s.
 const PAUSE_S: std::ops::Range<f64> = 15.0..120.0;
 
-/// What may break.
+/// A kind of fault.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
     /// Its name in the report.
@@ -47,7 +47,7 @@ const BOARD: (fn(usize) -> Place, usize) = (Place::Board, BOARDS);
 const SECOND: (fn(usize) -> Place, usize) = (|_| Place::Board(1), 1);
 const PORT: (fn(usize) -> Place, usize) = (|_| Place::Port, 1);
 
-/// What can be done to a rig in this process.
+/// Faults of a rig in this process.
 pub const IN_PROCESS: [Kind; 24] = [
     kind("spring_off", SPRING, Word::Off, (1.0, 60.0)),
     kind("spring_stuck", SPRING, Word::Stuck, (2.0, 180.0)),
@@ -79,7 +79,7 @@ pub const IN_PROCESS: [Kind; 24] = [
     kind("swapped", BOARD, Word::Swapped, (1.0, 60.0)),
     kind("unplugged", PORT, Word::Off, (0.05, 10.0)),
 ];
-/// What can be done to a rig in a process of its own: it stands still.
+/// Faults of a rig in a process of its own: the process is stopped for a while.
 pub const FROM_OUTSIDE: [Kind; 1] = [kind("frozen", PORT, Word::Off, (0.05, 10.0))];
 
 /// Schedule of faults. The same seed gives the same faults at the same times.
@@ -113,13 +113,13 @@ impl FaultSchedule {
         }
     }
 
-    /// How often each fault has begun.
+    /// Number of times that each fault has begun.
     pub fn begun(&self) -> impl Iterator<Item = (&'static str, u64)> + '_ {
         let keys = self.kinds.iter().map(|k| k.key);
         keys.zip(self.begun.iter().copied())
     }
 
-    /// What begins at `t_s` (s, must not decrease).
+    /// The fault that begins at `t_s` (s, must not decrease).
     fn draw(&mut self, t_s: f64) -> Option<Drawn> {
         if t_s < self.next_s {
             return None;

@@ -30,7 +30,7 @@ use watch::{Broken, Watch, Watched};
 
 /// Memory may grow by this much after the first hour, MiB.
 const GROWTH_MIB: f64 = 20.0;
-/// Ticks of a board's clock, 1/s, and after how many it wraps.
+/// Rate of a board's clock, 1/s, and the ticks after which it wraps.
 const TICK_RATE_HZ: f64 = crate::link::wire::TICK_RATE_HZ as f64;
 const WRAP_TICKS: f64 = (1u64 << 32) as f64;
 /// Before memory is looked at, recording and stream are ended and get this long for it, s.
@@ -114,7 +114,7 @@ impl Growth {
     }
 }
 
-/// How often a board's clock has wrapped.
+/// Count of a board clock's wraps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Wraps {
     first: Option<f64>,
@@ -133,7 +133,7 @@ impl Wraps {
     }
 }
 
-/// Everything that a soak adds up to.
+/// Figures of an endurance run.
 struct Outcome {
     hours: f64,
     pace: Pace,

@@ -1,5 +1,5 @@
 //! The operator of a soak: arms, sends the arm about, rests, records, streams to a viewer that is not there, and
-//! resets what went SAFE.
+//! resets a twin that went SAFE.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ const GIVE_UP_S: f64 = 180.0;
 /// Names of recordings that take turns.
 const FILES: u64 = 3;
 
-/// What the operator has done.
+/// Counts of the operator's actions.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Done {
     /// Times that the twin went SAFE.
@@ -48,7 +48,7 @@ pub struct Operator {
     folder: PathBuf,
     viewer: SocketAddr,
     payload_max_kg: f64,
-    /// What has been done.
+    /// Counts of the actions so far.
     pub done: Done,
     mode: Mode,
     mode_since_s: f64,
@@ -73,7 +73,7 @@ struct Recorded {
 }
 
 impl Operator {
-    /// One who keeps recordings in `folder` and looks for a viewer at `viewer`.
+    /// An operator whose recordings go to `folder` and whose streams go to `viewer`.
     pub fn new(robot: &RobotSpec, seed: u64, folder: &Path, viewer: SocketAddr) -> Self {
         Self {
             rng: Pcg64Mcg::seed_from_u64(seed ^ 0x6f70_6572),
@@ -103,7 +103,7 @@ impl Operator {
         self.recording.is_none() && !self.streaming
     }
 
-    /// Takes note of a tick and says what shall be done in the next.
+    /// Takes the snapshot and events of a tick and adds commands for the next.
     pub fn attend(&mut self, snapshot: &Snapshot, events: &[Event], commands: &mut Vec<Command>) {
         let t_s = snapshot.stamp.seconds();
         for event in events {

@@ -13,10 +13,10 @@ const PUMPS_OFF_S: f64 = 0.25;
 /// Violations that are reported in words.
 const REPORTED: usize = 10;
 
-/// What was found broken.
+/// Violations of the invariants.
 #[derive(Debug, Default)]
 pub struct Broken {
-    /// How often.
+    /// Their number.
     pub count: u64,
     /// The first of them, one sentence each.
     pub reported: Vec<String>,
@@ -31,14 +31,14 @@ impl Broken {
     }
 }
 
-/// What port, rig and loop see of each other.
+/// State that port, rig and loop share for the checks.
 #[derive(Debug, Default)]
 pub struct Seen {
-    /// What was found broken.
+    /// Violations of the invariants.
     pub broken: Broken,
     /// Since when the twin is SAFE, s.
     safe_since_s: Option<f64>,
-    /// What was sent last, if nothing else came after it.
+    /// The last command sent, if nothing else came after it.
     last: Option<PressureCommand>,
     /// Pressure commands sent.
     pub sent: u64,
@@ -53,12 +53,12 @@ pub struct Seen {
 pub struct Watch(Arc<Mutex<Seen>>);
 
 impl Watch {
-    /// What was seen so far.
+    /// The state so far.
     pub fn seen(&self) -> MutexGuard<'_, Seen> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Looks at what the boards drive their chambers to at `t_s`, s.
+    /// Checks the pressures that the boards set at `t_s`, s.
     pub fn look_at_pumps(&self, t_s: f64, set_pa: &[Option<f64>; CHAMBERS]) {
         let mut seen = self.seen();
         let late = seen.safe_since_s.is_some_and(|s| t_s - s > PUMPS_OFF_S);
@@ -72,7 +72,7 @@ impl Watch {
         }
     }
 
-    /// Looks at a snapshot: its time goes on, and everything in it is finite.
+    /// Checks a snapshot: its time increases, and everything in it is finite.
     pub fn look_at(&self, snapshot: &Snapshot) {
         let mut seen = self.seen();
         let Seen {
@@ -110,7 +110,7 @@ impl Watch {
     }
 }
 
-/// A port with an eye on what goes through it.
+/// A port that checks every command on its way.
 pub struct Watched {
     inner: Box<dyn Port>,
     robot: RobotSpec,

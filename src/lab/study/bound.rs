@@ -1,4 +1,4 @@
-//! How well any estimator could do: the Cramér-Rao bound of the 24 signals.
+//! Cramér-Rao bound of the pose from the 24 signals.
 //!
 //! Unknown are both pads, six numbers each and free of any model: what the springs and IMUs then determine
 //! about the end pad is what an unbiased estimator without prior knowledge of the arm can reach at

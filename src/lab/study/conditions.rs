@@ -1,4 +1,4 @@
-//! Studies on how the arm is moved and pushed: loads, speeds, lateral forces, blows.
+//! Studies on operating conditions: loads, speeds, lateral forces, impacts.
 
 use std::ops::Range;
 

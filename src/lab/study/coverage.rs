@@ -24,7 +24,7 @@ pub const COVERAGE: Study = Study {
     table: coverage,
 };
 
-/// Conditions: their name, payload, kg, and what disturbs the motion.
+/// Conditions: their name, payload, kg, and disturbance of the motion.
 const CONDITIONS: [(&str, f64, Push); 3] = [
     ("no load, 5 mm/s", 0.0, Push::None),
     ("500 g, 5 mm/s", 0.5, Push::None),

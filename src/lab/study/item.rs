@@ -1,4 +1,4 @@
-//! Items of a study: what one is, and what it found for the table.
+//! Studies, their items, and the findings of an item for the table.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use super::setup::{Setup, Sizes};
 use crate::lab::Progress;
 use crate::lab::table::Table;
 
-/// What a study is about.
+/// Field of a study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Field {
     /// Networks and sensors.
@@ -18,23 +18,23 @@ pub enum Field {
     Control,
 }
 
-/// A study: independent items, and the table that is made of what they found.
+/// A study: independent items, and the table that is made of their findings.
 pub struct Study {
     /// Its name on the command line, and of its files.
     pub name: &'static str,
-    /// What it compares, in a line.
+    /// The comparison, in a line.
     pub about: &'static str,
-    /// What it is about.
+    /// Its field.
     pub field: Field,
     /// Number of items.
     pub(super) items: fn(&Sizes) -> usize,
-    /// Does a range of the items, at least one; what each found, in order.
+    /// Does a range of the items, at least one; returns their findings in order.
     pub(super) find: fn(&mut Setup, Range<usize>) -> Result<Vec<Found>>,
-    /// Makes the table of what all items found.
+    /// Makes the table of the findings of all items.
     pub(super) table: fn(Vec<Found>) -> Table,
 }
 
-/// What each item of a range finds, one after the other.
+/// Findings of the items of a range, one after the other.
 pub(super) fn each(
     progress: &dyn Progress,
     items: Range<usize>,
@@ -52,19 +52,19 @@ pub(super) fn each(
 /// Figures of one item under their label.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
-    /// What they are of.
+    /// Label of the row.
     pub label: String,
     /// One figure per column; `None` where there is none.
     #[serde(with = "exact")]
     pub cells: Vec<Option<f64>>,
 }
 
-/// What one item of a study found for its table.
+/// Findings of an item for the table of its study.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Found {
-    /// Rows of the table, or what they are made of.
+    /// Rows of the table, or the parts of a row.
     pub rows: Vec<Figures>,
-    /// What there is to say about them.
+    /// Notes on them.
     pub notes: Vec<String>,
 }
 
@@ -81,7 +81,7 @@ impl Found {
         *self.rows.first()?.cells.first()?
     }
 
-    /// One row more.
+    /// Adds a row.
     pub fn add(&mut self, label: impl Into<String>, cells: Vec<Option<f64>>) {
         let label = label.into();
         self.rows.push(Figures { label, cells });
@@ -109,7 +109,7 @@ mod exact {
 }
 
 impl Table {
-    /// Adds what items found: their rows as rows of ours, their notes as notes.
+    /// Adds the findings of items: their rows as simulated rows, their notes as notes.
     pub(super) fn take(&mut self, found: Vec<Found>) {
         for f in found {
             for row in f.rows {

@@ -34,7 +34,7 @@ pub struct Lstm {
 
 const ROW: usize = SIGNALS + 1;
 
-/// What a forward pass leaves for the backward pass.
+/// Values of a forward pass that the backward pass needs.
 #[derive(Default)]
 struct Pass {
     gates: Vec<[f32; GATES]>,

@@ -1,11 +1,11 @@
 //! Studies: the paper's tables and figures on sensing and control, made again on the virtual rig.
 //!
-//! Every study trains what it compares on simulated samples and scores it on the rig, which is another
+//! Every study trains the networks it compares on simulated samples and scores it on the rig, which is another
 //! simulator with sensors of its own; sim-to-real networks and stated uncertainties come from settled
 //! samples of the same rig, motions are new. The paper's figures, from hardware, stand beside ours.
 //!
 //! A study consists of items that do not need each other (a training, a condition, a candidate), and a
-//! table that is made of what they found. A shard does a contiguous range of the items of all studies asked for.
+//! table that is made of their findings. A shard does a contiguous range of the items of all studies asked for.
 //! A new study is a file with its [`Study`] and a line in [`STUDIES`].
 
 mod bound;

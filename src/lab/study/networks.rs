@@ -1,4 +1,4 @@
-//! Studies on what the networks are made of: signals, layers, sim-to-real networks.
+//! Studies on the structure of the networks: signals, layers, sim-to-real networks.
 
 use std::ops::{ControlFlow, Range};
 

@@ -73,7 +73,7 @@ pub struct Options {
     pub shard: Option<Part>,
     /// Networks in the place of the shipped ones, for the studies on sensing.
     pub model: Option<PathBuf>,
-    /// How large the studies are.
+    /// Sizes of the studies.
     pub sizes: Sizes,
 }
 

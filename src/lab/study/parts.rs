@@ -18,7 +18,7 @@ use crate::lab::shards::{Part, Shard, file_hash, program_hash, read_shards, stre
 /// The command that shards are of.
 const OF: &str = "study";
 
-/// What a shard found.
+/// Findings of a shard.
 #[derive(Debug, Serialize, Deserialize)]
 struct Findings {
     /// Per item, in the order of studies and items.
@@ -27,7 +27,7 @@ struct Findings {
     data: Vec<Data>,
 }
 
-/// Which items of every study a part does, given how many each has.
+/// Items of every study that belong to a part, given the number of items of each.
 fn shares(counts: &[usize], part: Part) -> Vec<Range<usize>> {
     let mine = stretch(counts.iter().sum(), part);
     let mut first = 0;
@@ -177,7 +177,7 @@ impl Merge {
     }
 }
 
-/// What a shard is a part of.
+/// The run that a shard is a part of.
 fn run_of(shard: &Shard<Findings>) -> Option<(Selection, Sizes)> {
     let number = |option: &str| shard.option(option).parse::<u32>().ok();
     let sizes = Sizes {

@@ -10,7 +10,7 @@ use super::setup::Data;
 use crate::lab::Report;
 use crate::lab::table::Table;
 
-/// What a report says of the run beside its tables.
+/// Facts of the run for the head of the report.
 pub(super) struct About {
     pub seed: u64,
     /// Where the networks under test come from.

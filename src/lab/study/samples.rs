@@ -1,4 +1,4 @@
-//! Studies on how many samples are enough.
+//! Studies on the number of samples.
 
 use std::ops::{ControlFlow, Range};
 

@@ -23,7 +23,7 @@ use crate::sim::dataset::{Draw, Plan, generate, generate_mesh};
 use crate::sim::mesh::MeshModel;
 use crate::sim::sensors::spring_lengths;
 
-/// How large the studies are.
+/// Sizes of the studies.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes {
     /// Seed of every random choice of the studies on sensing; those on control have seeds of their own.
@@ -55,7 +55,7 @@ pub(super) const FAST_M_S: f64 = 5e-3;
 /// Motions per condition.
 const MOTIONS: u64 = 3;
 
-/// How a pose map came out on some moments.
+/// Scores of a pose map on some moments.
 #[derive(Clone, Debug)]
 pub(super) struct Score {
     pub scores: PoseScores,
@@ -80,7 +80,7 @@ pub(super) fn means(s: &PoseScores) -> Vec<Option<f64>> {
 /// See [`means`].
 pub(super) const COLUMNS: [&str; 4] = ["translation, mm", "yaw, deg", "pitch, deg", "roll, deg"];
 
-/// What the studies of a run share.
+/// Data, motions and networks that the studies of a run share.
 pub struct Setup {
     pub(super) robot: RobotSpec,
     pub(super) sizes: Sizes,

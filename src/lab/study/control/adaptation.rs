@@ -1,4 +1,4 @@
-//! What learning the arm's stiffness is good for, and what its gate is good for.
+//! Study of learning the arm's stiffness: off, without its gate, gated.
 
 use std::ops::Range;
 
@@ -24,15 +24,15 @@ use crate::sim::{Inputs, Model, Parameters, Resolution, State, observe, sensitiv
 const GOALS: usize = 150;
 /// Where they lie, m.
 const BOX_M: [[f64; 2]; 3] = [[-0.20, 0.20], [-0.20, 0.20], [-0.42, -0.18]];
-/// A goal that is this near to what the arm can do counts as reachable, m; the verdict's own bound.
+/// A goal this close to the reachable set counts as reachable, m; the verdict's own bound.
 const NEAR_M: f64 = 2e-3;
 /// Goals whose true distance is this close to the bound are left out: either verdict would be right, m.
 const DOUBTFUL_M: [f64; 2] = [0.5e-3, 6e-3];
-/// The move, and how long the arm then rests, m and s.
+/// Goal of the move, m, and rest after it, s.
 const MOVE_M: [f64; 3] = [0.06, 0.04, -0.30];
 const REST_S: f64 = 300.0;
 
-/// How near an arm can bring its tip to a goal, m: Gauss-Newton in the box of pressures from several starts, by the
+/// Least distance of the tip from a goal, m: Gauss-Newton in the box of pressures from several starts, by the
 /// twin's own mechanics at the arm's true stiffness. The twin has no part in it.
 fn nearest_m(arm: &Model, robot: &RobotSpec, goal_m: [f64; 3], rng: &mut impl rand::Rng) -> f64 {
     const STARTS: usize = 4;

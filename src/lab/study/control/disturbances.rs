@@ -31,20 +31,20 @@ const OVER_S: f64 = 0.2;
 /// In the gripper, kg.
 const PAYLOAD_KG: f64 = 0.115;
 
-/// What happens.
+/// A disturbance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
-    /// A level force that swells to so many newtons and back within four seconds, twice.
+    /// A horizontal force that rises to this many newtons and back within four seconds, twice.
     Push(f64),
-    /// Blows of so many newtons for 0.1 s every two seconds, ten times, from anywhere.
+    /// Impacts of this many newtons for 0.1 s every two seconds, ten times, in random directions.
     Blows(f64),
-    /// The load becomes so many kg, undeclared.
+    /// The load changes to this many kg, undeclared.
     Load(f64),
-    /// A spring's reading stays as it is.
+    /// A spring's reading is frozen.
     StuckSpring(usize),
-    /// An IMU answers no more.
+    /// An IMU stops answering.
     DeadImu(usize),
-    /// Nothing arrives for so many seconds.
+    /// No frame arrives for this many seconds.
     LostFrames(f64),
 }
 
@@ -73,7 +73,7 @@ impl Disturbance {
             }
     }
 
-    /// What the rig undergoes.
+    /// Its script for the rig.
     fn script(self, seed: u64) -> Script {
         let mut rng = sample_rng(seed, 0xd157);
         let heading = rng.random_range(0.0..std::f64::consts::TAU);
@@ -177,7 +177,7 @@ pub const DISTURBANCES: Study = Study {
     table,
 };
 
-/// A disturbance and who bears it, with their names.
+/// A disturbance and a controller, with their names.
 type Case = ((Disturbance, &'static str), (ControllerKind, &'static str));
 
 fn cases() -> Vec<Case> {

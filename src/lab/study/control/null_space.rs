@@ -1,4 +1,4 @@
-//! Spare pressures kept in the middle of their range, where the baseline runs into its bounds.
+//! Study of the null space: spare pressures in the middle of their range, where the baseline runs into its bounds.
 
 use std::ops::Range;
 
@@ -24,7 +24,7 @@ pub const NULL_SPACE: Study = Study {
     table,
 };
 
-/// What is done, the payload, kg, who does it, and with what gains.
+/// Task with its name, payload, kg, controller with its name, and gains.
 type Condition = (&'static str, Task, f64, &'static str, Gains);
 
 fn conditions() -> Vec<Condition> {

@@ -76,7 +76,7 @@ fn percent(share: f64) -> f64 {
     100.0 * share
 }
 
-/// What a table keeps of an outcome.
+/// Figures of an outcome that a table needs.
 struct Kept {
     /// Of a path that was finished.
     measured: Option<PathMeasures>,
@@ -98,7 +98,7 @@ fn keep_path(o: Outcome) -> Kept {
     }
 }
 
-/// Stiffness, who steers, and the load, kg: the rows of a path's table.
+/// Stiffness, controller and load, kg: the rows of a path's table.
 fn path_conditions() -> Vec<(f64, (ControllerKind, &'static str), f64)> {
     let mut out = Vec::new();
     for stiffness in STIFFNESSES {
@@ -235,7 +235,7 @@ fn path_cells(group: &[Kept]) -> Vec<Option<f64>> {
     ]
 }
 
-/// Who moves, and from what guess.
+/// Controllers with their initial guesses.
 const MOVERS: [(&str, ControllerKind, InitialGuess); 3] = [
     (
         "paper's controller, without initial guess",
@@ -250,7 +250,7 @@ const MOVERS: [(&str, ControllerKind, InitialGuess); 3] = [
     ("ours", ControllerKind::Ours, InitialGuess::Nearest),
 ];
 
-/// Name and place of the target, m, stiffness, load, kg, and who moves.
+/// Name and place of the target, m, stiffness, load, kg, and controller.
 type MoveCondition = (
     &'static str,
     [f64; 3],
@@ -349,7 +349,7 @@ fn moves(found: Vec<Found>) -> Table {
     t
 }
 
-/// Stiffness, and who steers.
+/// Stiffness and controller.
 fn pick_place_conditions() -> Vec<(f64, ControllerKind, &'static str)> {
     STIFFNESSES
         .iter()

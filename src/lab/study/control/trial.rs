@@ -24,7 +24,7 @@ pub const SPEED_M_S: f64 = 3e-3;
 /// Longest time of a move, s.
 const MOVE_S: f64 = 90.0;
 
-/// What is to be done.
+/// A task.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {
     /// Once round, or more often.
@@ -35,7 +35,7 @@ pub enum Task {
     PickPlace,
 }
 
-/// One drive.
+/// A drive of a task under one condition.
 pub struct Trial {
     pub gains: Gains,
     pub task: Task,
@@ -44,7 +44,7 @@ pub struct Trial {
     pub declared_kg: f64,
     pub stiffness: f64,
     pub seed: u64,
-    /// How long to go on at the end, s.
+    /// Time that the run continues after the task, s.
     pub after_s: f64,
     pub script: Option<Script>,
 }
@@ -65,7 +65,7 @@ impl Trial {
     }
 }
 
-/// How it came out.
+/// Measures of a drive.
 pub enum Measured {
     /// A path.
     Path(PathMeasures),
@@ -156,7 +156,7 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
     })
 }
 
-/// Runs many, on all cores; what `keep` makes of each, in order.
+/// Runs trials on all cores; returns `keep` of each outcome, in order.
 pub fn run_all<T: Send>(
     setup: &Setup,
     trials: Vec<Trial>,
@@ -206,7 +206,7 @@ pub const KINDS: [(ControllerKind, &str); 2] = [
     (ControllerKind::Ours, "ours"),
 ];
 
-/// Mean of what there is.
+/// Mean; `None` of no values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let all: Vec<f64> = values.into_iter().collect();
     (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)

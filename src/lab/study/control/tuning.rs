@@ -1,4 +1,4 @@
-//! The same budget of tuning for both controllers: so many candidates, drawn alike, on the same tasks.
+//! Study of tuning: the same number of candidates for both controllers, drawn alike, on the same tasks.
 
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ const SEED: u64 = 1000;
 const PAYLOAD_KG: f64 = 0.06;
 /// Stiffness of the arms, as factors: neither of those either.
 const STIFFNESSES: [f64; 2] = [0.7, 1.4];
-/// What a second until a move has settled weighs against a millimetre on a path.
+/// Weight of a second of settling time against a millimetre on a path.
 const MM_PER_S: f64 = 0.1;
 /// A move that does not settle counts as long as this, s.
 const NEVER_S: f64 = 90.0;
@@ -47,7 +47,7 @@ fn hypercube(n: usize) -> Vec<[f64; DIMENSIONS]> {
     points
 }
 
-/// A candidate: bandwidths, lead, and what else each has (the period of the paper's outer loop, our pull in the null
+/// A candidate: bandwidths, lead, and the parameter that each has alone (the period of the paper's outer loop, our pull in the null
 /// space).
 fn candidate(kind: ControllerKind, at: &[f64; DIMENSIONS]) -> Gains {
     let between = |d: usize, lo: f64, hi: f64| lo * (hi / lo).powf(at[d]);
