@@ -1,15 +1,22 @@
-//! Tests that the program runs on itself: studies, the blind test of the gap finder, endurance runs.
+//! Offline work on the virtual rig and on sessions.
 //!
-//! Every test takes a plain struct of options, reports its progress to a [`Progress`] and returns a [`Report`]. It
-//! writes the files that its options name and prints nothing. All of them run on the virtual rig, so every figure is
-//! simulated.
+//! Everything here takes a plain struct of options, reports its progress to a [`Progress`] and returns plain data or a
+//! [`Report`]. It reads and writes the files that its options name, and prints nothing.
 //!
+//! Tests that the program runs on itself; all of their figures are simulated:
 //! - [`study`]: the paper's tables and figures on sensing and control.
 //! - [`gap_bench`]: hidden effects that the gap finder has to name.
 //! - [`soak`]: the twin for hours on a rig with faults.
 //! - [`dataset`]: settled samples for training.
 //! - [`shards`]: long runs in parts, on many machines, to the bytes of one run.
-//! - [`table`], [`drive_log`]: tables of figures, and a drive as a table of its ticks, both with their pictures.
+//! - [`motions`], [`multibody`]: motions of the rig without its serial line; its multibody arm beside the rod.
+//!
+//! Sessions and robot files:
+//! - [`solve`], [`replay`], [`estimate`]: the arm at rest, a session through the model, poses from its sensors.
+//! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
+//! - [`import`]: motion capture as a session.
+//! - [`doctor`], [`ranges`]: checks before work begins.
+//! - [`table`], [`columns`], [`drive_log`]: tables of figures, their columns, and a drive as a table with pictures.
 
 pub mod actuation;
 pub mod columns;
