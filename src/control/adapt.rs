@@ -178,8 +178,8 @@ pub fn adapted(
 
 #[cfg(test)]
 mod tests {
-    use super::super::toy::ToyArm;
     use super::*;
+    use crate::control::toy::ToyArm;
     use crate::robot::RobotSpec;
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;

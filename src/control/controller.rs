@@ -9,33 +9,19 @@
 //! The set pressure may lead the measured one only by `Gains::lead_pa`, so a slow pump cannot wind
 //! it up.
 
-mod gains;
-mod limits;
-
 use super::adapt::{PlantGain, SEGMENTS, adapted};
+use super::gains::Gains;
+use super::limits::{limit_tip_speed, signal_weights, usable_gauges};
 use super::ours::Ours;
 use super::paper::Paper;
-use super::reach::StartSample;
 use super::residual::{goal_residual, within};
-use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
+use super::tick::{Maps, Pressures, Tick};
+use crate::learn::PoseEval;
 use crate::robot::RobotSpec;
 use crate::signal::{
     CHAMBERS, ControllerKind, Goal, PressureCommand, PressureLimits, Reach, SensorFrame, SensorRef,
     Stamp, Vector6, Via,
 };
-pub use gains::{Gains, InitialGuess};
-use limits::{limit_tip_speed, signal_weights, usable_gauges};
-
-/// The learned maps the controller works on.
-#[derive(Clone, Copy)]
-pub struct Maps<'a> {
-    /// Signals to pose.
-    pub pose: &'a dyn PoseMap,
-    /// Pressures to signals.
-    pub plant: &'a dyn PlantMap,
-    /// Settled samples of the training set.
-    pub samples: &'a [StartSample],
-}
 
 /// What is known at one tick.
 #[derive(Clone, Copy)]
@@ -83,48 +69,6 @@ pub struct ControlOut {
     pub solve_s: Option<f64>,
 }
 
-/// What one tick looks like to a controller.
-pub(super) struct Tick<'a> {
-    pub maps: Maps<'a>,
-    pub goal: &'a Goal,
-    /// Where the tip shall be now, on the way to the goal.
-    pub via: Option<&'a Via>,
-    /// Pressures of the reachability solution.
-    pub reach_pa: Option<&'a [f64; CHAMBERS]>,
-    pub payload_kg: f64,
-    pub sensors: SensorRef,
-    pub eval: &'a PoseEval,
-    /// The plant at the measured pressures.
-    pub plant: PlantEval,
-    /// 1/σ of each signal, 0 for one that may not be used.
-    pub signal_weights: SensorRef,
-    /// Present set pressures.
-    pub set_pa: [f64; CHAMBERS],
-    /// Input applied since the last tick.
-    pub applied_pa_s: Vector6,
-    /// Since the last frame.
-    pub dt_s: f64,
-    pub now: Stamp,
-    pub limits: &'a PressureLimits,
-    pub rate_max_pa_s: f64,
-    pub tip_speed_max_m_s: f64,
-    /// Bounds of the rates from range, rate and lead.
-    pub lo_pa_s: Vector6,
-    pub hi_pa_s: Vector6,
-}
-
-/// A controller's answer.
-pub(super) struct RateOut {
-    pub rate_pa_s: Vector6,
-    pub sensor_ref: SensorRef,
-    /// Whether the estimated pose is being driven (not yet while approaching an initial guess).
-    pub refining: bool,
-    /// Whether something was solved for, not only stepped on.
-    pub solved: bool,
-    /// Whether it was found. Where it was not, the rates are 0: the set pressures stay.
-    pub converged: bool,
-}
-
 enum Inner {
     Paper(Box<Paper>),
     Ours(Ours),
@@ -139,17 +83,6 @@ struct Memory {
     sensor_ref: SensorRef,
     refining: bool,
     solve_s: Option<f64>,
-}
-
-/// The chambers at one tick.
-struct Pressures {
-    /// As commanded last.
-    set_pa: [f64; CHAMBERS],
-    /// As measured; where the gauge is unusable, as commanded.
-    chamber_pa: [f64; CHAMBERS],
-    usable: [bool; CHAMBERS],
-    /// Since the last command, as the rate limit counts it.
-    dt_s: f64,
 }
 
 /// Nearest approach and when it was.
@@ -194,8 +127,6 @@ const PROGRESS_M: f64 = 0.2e-3;
 const STALL_S: f64 = 1.1;
 /// Time constant of the distance that progress is judged by, s.
 const SMOOTHING_S: f64 = 0.2;
-/// In this time a pump makes up for most of a chamber's lag, s.
-const PUMP_LAG_S: f64 = 0.3;
 /// A set pressure this close to its bound is saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
 

@@ -19,23 +19,26 @@ mod adapt;
 mod adrc;
 mod box_qp;
 mod controller;
+mod gains;
+mod limits;
 mod ours;
 mod paper;
 mod reach;
 mod residual;
 mod solver;
+mod tick;
 #[cfg(test)]
 mod toy;
 
 pub use adapt::{Adaptation, SEGMENTS, judging_gains};
 pub use adrc::{Adrc, AdrcGains};
 pub use box_qp::{BoxQp, solve_box_qp};
-pub use controller::{
-    ControlOut, Controller, Gains, InitialGuess, Maps, Stall, StepInput, Stopwatch,
-};
+pub use controller::{ControlOut, Controller, Stall, StepInput, Stopwatch};
+pub use gains::{Gains, InitialGuess};
 pub use paper::virtual_output;
 pub use reach::{ReachConfig, ReachError, StartSample, reach};
 pub use residual::{
     SignalSigma, TaskWeights, goal_residual, rotation_rate_from_ypr, task_jacobian, within,
 };
 pub use solver::{SolverConfig, SolverOut, objective, objective_gradient, solve};
+pub use tick::Maps;

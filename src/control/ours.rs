@@ -8,8 +8,9 @@
 
 use super::adrc::Adrc;
 use super::box_qp::solve_box_qp;
-use super::controller::{Gains, RateOut, Tick};
+use super::gains::Gains;
 use super::residual::{goal_residual, null_space, task_jacobian};
+use super::tick::{RateOut, Tick};
 use crate::signal::{Goal, Matrix6, Vector6};
 
 /// λ relative to the mean diagonal of AᵀA.

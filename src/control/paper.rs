@@ -11,8 +11,9 @@
 
 use super::adrc::Adrc;
 use super::box_qp::solve_free;
-use super::controller::{Gains, InitialGuess, RateOut, Tick};
+use super::gains::{Gains, InitialGuess};
 use super::solver::solve;
+use super::tick::{RateOut, Tick};
 use crate::learn::SATURATED_RATIO;
 use crate::signal::{CHAMBERS, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6};
 use nalgebra::{SMatrix, Vector3};
@@ -234,9 +235,9 @@ fn free_output(
 
 #[cfg(test)]
 mod tests {
-    use super::super::residual::SignalSigma;
-    use super::super::toy::ToyArm;
     use super::*;
+    use crate::control::residual::SignalSigma;
+    use crate::control::toy::ToyArm;
     use crate::learn::PlantMap;
     use crate::robot::RobotSpec;
 

@@ -377,8 +377,8 @@ fn verdict(problem: &Problem, best: &Point) -> Reach {
 
 #[cfg(test)]
 mod tests {
-    use super::super::toy::ToyArm;
     use super::*;
+    use crate::control::toy::ToyArm;
     use crate::learn::{PlantEval, PoseEval};
     use crate::signal::{Aim, SensorRef, pose_from_ypr};
     use rand::{Rng, SeedableRng};

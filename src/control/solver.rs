@@ -143,8 +143,8 @@ pub fn solve(
 
 #[cfg(test)]
 mod tests {
-    use super::super::toy::{TanhMap, ToyArm};
     use super::*;
+    use crate::control::toy::{TanhMap, ToyArm};
     use crate::learn::PlantMap;
     use crate::robot::RobotSpec;
     use crate::signal::{Aim, pose_from_ypr};

@@ -3,7 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::noise::{Noise, bridged, start};
-use super::replay::{Knob, Row, knobs, left_over, move_arm, nominal};
+use super::replay::{
+    CalibrationParameter, Row, calibration_parameters, left_over, move_arm, nominal,
+};
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
@@ -71,7 +73,7 @@ pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
 const WANDER: f64 = 0.01;
 
 /// Covariance of what may have wandered.
-pub fn wander(knobs: &[Knob]) -> DMatrix<f64> {
+pub fn wander(knobs: &[CalibrationParameter]) -> DMatrix<f64> {
     let variances = knobs.iter().map(|k| (WANDER * k.prior()).powi(2));
     DMatrix::from_diagonal(&DVector::from_iterator(knobs.len(), variances))
 }
@@ -81,10 +83,15 @@ const STEPS: usize = 4;
 
 /// The factory model: nominal values, uncertain by their priors.
 pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
-    let priors = knobs().into_iter().map(|k| k.prior().powi(2));
+    let priors = calibration_parameters()
+        .into_iter()
+        .map(|k| k.prior().powi(2));
     Baseline {
         values: nominal(),
-        covariance: DMatrix::from_diagonal(&DVector::from_iterator(knobs().len(), priors)),
+        covariance: DMatrix::from_diagonal(&DVector::from_iterator(
+            calibration_parameters().len(),
+            priors,
+        )),
         noise: Noise::usual(present),
         floor: Rmse::default(),
         channel_floor: [f64::NAN; CHANNELS],
@@ -103,7 +110,7 @@ pub fn commission(
     progress: &dyn Progress,
 ) -> Result<Baseline, GapError> {
     grid.ensure_measured()?;
-    let knobs = knobs();
+    let knobs = calibration_parameters();
     let start_values = nominal();
     let weight =
         DVector::from_iterator(knobs.len(), knobs.iter().map(|k| k.prior().powi(2).recip()));
@@ -148,7 +155,12 @@ pub fn commission(
         let rows = left_over(robot, grid, &moved, &values, &[]);
         let timed = Noise::from_healthy(&rows, &grid.present);
         let times: Vec<usize> = (0..knobs.len())
-            .filter(|i| matches!(knobs[*i], Knob::Clock | Knob::Damping))
+            .filter(|i| {
+                matches!(
+                    knobs[*i],
+                    CalibrationParameter::Clock | CalibrationParameter::Damping
+                )
+            })
             .collect();
         let w: Vec<DMatrix<f64>> = sensitivities_of(robot, grid, &values, &[], &moved, &times)?
             .iter()
@@ -251,7 +263,7 @@ fn sensitivities_of(
     moved: &Simulated,
     which: &[usize],
 ) -> Result<Vec<Vec<Row>>, EffectError> {
-    let knobs = knobs();
+    let knobs = calibration_parameters();
     let base = left_over(robot, grid, moved, values, effects);
     super::parallel(which, |&i| {
         let knob = knobs[i];

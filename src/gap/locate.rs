@@ -12,7 +12,7 @@ use super::GapError;
 use super::finding::Located;
 use super::noise::{bridged, start};
 use super::problem::{BLOCKS, Replayed};
-use super::replay::{Knob, Row, knobs, pad_from_body, readings};
+use super::replay::{CalibrationParameter, Row, calibration_parameters, pad_from_body, readings};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects;
@@ -85,10 +85,10 @@ fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
         .collect();
     effects::read(replayed.robot, &grid.t_s, &mut frame, &only);
     let body = pad_from_body(&known);
-    let gain: Vec<f64> = knobs()
+    let gain: Vec<f64> = calibration_parameters()
         .iter()
         .zip(&known)
-        .filter_map(|(k, v)| matches!(k, Knob::SpringGain(_)).then_some(*v))
+        .filter_map(|(k, v)| matches!(k, CalibrationParameter::SpringGain(_)).then_some(*v))
         .collect();
     for (k, row) in rows.iter_mut().enumerate() {
         let Some(captured) = grid.captured[k] else {

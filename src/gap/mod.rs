@@ -42,7 +42,8 @@ pub use finding::{
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{
-    Knob, Row, knobs, left_over, move_arm, nominal, parameters, predicted, readings, told_poses,
+    CalibrationParameter, Row, calibration_parameters, left_over, move_arm, nominal, parameters,
+    predicted, readings, told_poses,
 };
 pub use session::{
     CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with, same_robot,

@@ -1,7 +1,7 @@
 //! What was found, as a file: it turns the factory model into the commissioned one and adds the
 //! missing effects. Patches stack in order and can be taken back.
 
-use super::replay::knobs;
+use super::replay::calibration_parameters;
 use crate::robot::RobotSpec;
 pub use crate::robot::{PATCH_VERSION as VERSION, Patch, PatchEffect, PatchValue};
 pub use crate::sim::patch::PatchError;
@@ -52,7 +52,7 @@ impl Patch {
 
     /// Puts knob values into the patch; nominal ones are left out.
     pub fn set_values(&mut self, values: &[f64]) {
-        self.rig = knobs()
+        self.rig = calibration_parameters()
             .into_iter()
             .zip(values)
             .filter(|(k, v)| **v != k.nominal())

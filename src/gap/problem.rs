@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use super::GapError;
 use super::commission::{Baseline, sensitivities, wander};
 use super::nuisance::Nuisance;
-use super::replay::{Row, knobs, left_over, move_arm, pretend};
+use super::replay::{Row, calibration_parameters, left_over, move_arm, pretend};
 use super::session::Grid;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -120,7 +120,7 @@ impl<'a> Replayed<'a> {
         let baseline = self.baseline;
         let columns = sensitivities(self.robot, self.grid, &baseline.values, &[], &self.healthy)?;
         let dense: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
-        let covariance = &baseline.covariance + wander(&knobs());
+        let covariance = &baseline.covariance + wander(&calibration_parameters());
         let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
         let count = dense.len();
         let combinations = baseline.noise.channels.len();

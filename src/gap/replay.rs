@@ -6,10 +6,12 @@ use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use crate::robot::RobotSpec;
 use crate::signal::{IMUS, Pose, SPRINGS, pose_error};
 use crate::sim::effects::{self, Active, EffectError, Simulated};
+pub use crate::sim::patch::{
+    CalibrationParameter, calibration_parameters, nominal, parameters, readings,
+};
 use crate::sim::patch::{Correction, motions};
-pub use crate::sim::patch::{Knob, knobs, nominal, parameters, readings};
 
-impl Knob {
+impl CalibrationParameter {
     /// How far a well-made arm departs from the nominal one (standard deviation).
     pub fn prior(self) -> f64 {
         match self {
@@ -41,8 +43,8 @@ impl Knob {
 /// The tracked body in the end pad's frame.
 pub(super) fn pad_from_body(values: &[f64]) -> Pose {
     let mut b = [0.0; 6];
-    for (knob, &v) in knobs().iter().zip(values) {
-        if let Knob::Body(k) = *knob {
+    for (knob, &v) in calibration_parameters().iter().zip(values) {
+        if let CalibrationParameter::Body(k) = *knob {
             b[k] = v;
         }
     }

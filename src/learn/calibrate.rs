@@ -192,8 +192,8 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    use super::super::scores::Coverage;
     use super::*;
+    use crate::learn::scores::Coverage;
 
     /// Nearly normal: the sum of twelve uniform numbers.
     fn normal(rng: &mut Pcg64Mcg) -> f64 {

@@ -312,10 +312,10 @@ mod tests {
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
 
-    use super::super::data::add_noise;
-    use super::super::mlp::Scaling;
-    use super::super::synthetic;
     use super::*;
+    use crate::learn::data::add_noise;
+    use crate::learn::mlp::Scaling;
+    use crate::learn::synthetic;
     use crate::signal::pose_error;
 
     fn scaling(width: usize, mean: f64, std: f64) -> Scaling {

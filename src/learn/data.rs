@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn the_hash_sees_every_sample() {
-        let data = super::super::synthetic::dataset(5, 1);
+        let data = crate::learn::synthetic::dataset(5, 1);
         let mut other = data.clone();
         other.samples[4].sensors.spring_m[11] += 1e-12;
         assert_eq!(data_hash(&data), data_hash(&data.clone()));

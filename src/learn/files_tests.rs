@@ -3,8 +3,8 @@ use std::sync::OnceLock;
 
 use proptest::prelude::*;
 
-use super::super::{PlantMap, PoseMap, synthetic, train};
 use super::*;
+use crate::learn::{PlantMap, PoseMap, synthetic, train};
 
 /// A tiny model, trained once for all tests of this file.
 fn model() -> &'static (Model, Vec<u8>) {

@@ -5,42 +5,10 @@ use std::ops::ControlFlow;
 
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64Mcg;
-use serde::{Deserialize, Serialize};
 
 use super::mlp::{Mlp, Workspace, backward, forward};
+use super::progress::{Progress, Stage, TrainError};
 use super::recipe::Schedule;
-use super::train::TrainError;
-
-/// Which network is being trained.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Stage {
-    /// Sensors to pose.
-    SensorMap,
-    /// The correction of the translation.
-    TranslationCorrection,
-    /// The correction of the rotation.
-    RotationCorrection,
-    /// Pressures to sensors.
-    Plant,
-}
-
-/// Where training stands, told once per epoch.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
-    /// The network.
-    pub stage: Stage,
-    /// Member of the ensemble, 0-based.
-    pub member: usize,
-    /// Epochs done.
-    pub epoch: usize,
-    /// Most epochs there will be.
-    pub epochs: usize,
-    /// Mean squared error over the epoch, scaled outputs.
-    pub train_loss: f64,
-    /// Mean squared error on the validation part, scaled outputs.
-    pub validation_loss: f64,
-}
 
 /// Rows of scaled inputs and targets that do not change.
 #[derive(Clone, Debug, Default)]

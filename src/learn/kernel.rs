@@ -432,8 +432,8 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
-    use super::super::mlp::{Scaling, Workspace, forward};
     use super::*;
+    use crate::learn::mlp::{Scaling, Workspace, forward};
 
     fn net(sizes: &[usize], seed: u64) -> Mlp {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);

@@ -15,6 +15,7 @@ mod guess;
 mod kernel;
 mod mlp;
 mod plant;
+mod progress;
 mod recipe;
 mod scores;
 #[cfg(test)]
@@ -25,17 +26,17 @@ pub use calibrate::Calibration;
 pub use cascade::{Cascade, CascadeParts, Correction, SensorSpread, ShapeError, estimate};
 pub use data::{Parts, add_noise, data_hash, pose_vector, split};
 pub use files::{Model, ModelError, Scores};
-pub use fit::{Progress, Stage};
 pub use guess::{GuessSample, GuessSet, SATURATED_RATIO};
 pub use kernel::Kernel;
 pub use mlp::{Mlp, Scaling, Workspace, backward, forward, tan_sigmoid};
 pub use plant::{PlantBounds, PlantNet};
+pub use progress::{Progress, Stage, TrainError};
 pub use recipe::{Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule};
 pub use scores::{
     CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,
     RunningStats, SignalScores, pose_residual, quantile, to_pose,
 };
-pub use train::{TrainError, Watch, train, train_plant, train_s2r, train_smap};
+pub use train::{Watch, train, train_plant, train_s2r, train_smap};
 
 use nalgebra::{SMatrix, SVector};
 

@@ -20,69 +20,16 @@ use super::calibrate::Hints;
 use super::cascade::{Cascade, SensorSpread, ShapeError, used_channels};
 use super::data::{self, add_noise, data_hash, is_finite, split};
 use super::files::{Model, Scores};
-use super::fit::{Progress, Stage, Table};
+use super::fit::Table;
 use super::guess::GuessSet;
 use super::mlp::{Mlp, Scaling};
+use super::progress::{Progress, SAMPLES_MIN, Stage, TrainError};
 use super::recipe::{Noise, Recipe, RecipeError, Schedule};
 use super::scores::{Coverage, DataOrigin, PoseReport, PoseScores, pose_residual, quantile};
 use crate::signal::{Dataset, Matrix6, Pose, SIGNALS, SPRINGS, Sample, Vector6};
 pub use correction::train_s2r;
 pub use plant::train_plant;
 pub use smap::train_smap;
-
-/// Fewest samples a network is trained on.
-const SAMPLES_MIN: usize = 50;
-
-/// Why training gave nothing.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError {
-    /// Too little data.
-    #[error("{what} has {got} samples, but at least {SAMPLES_MIN} are needed; generate more")]
-    TooFew {
-        /// Which data.
-        what: &'static str,
-        /// How many there are.
-        got: usize,
-    },
-    /// Blocks too long for the data.
-    #[error(
-        "{what} has {samples} samples: in blocks of {block} they do not fill training, validation and test; \
-         make split.block smaller in the recipe"
-    )]
-    Split {
-        /// Which data.
-        what: &'static str,
-        /// How many there are.
-        samples: usize,
-        /// Consecutive samples that stay together.
-        block: usize,
-    },
-    /// A sample is not a number.
-    #[error("sample {index} of {what} holds a value that is not finite; generate the data again")]
-    NotFinite {
-        /// Which data.
-        what: &'static str,
-        /// 0-based.
-        index: usize,
-    },
-    /// The recipe makes no sense.
-    #[error(transparent)]
-    Recipe(#[from] RecipeError),
-    /// The error became infinite.
-    #[error("training of the {stage:?} network diverged in epoch {epoch}; lower its learning_rate")]
-    Diverged {
-        /// The network.
-        stage: Stage,
-        /// 1-based.
-        epoch: usize,
-    },
-    /// The caller asked to stop.
-    #[error("training was cancelled")]
-    Cancelled,
-    /// Networks do not fit together.
-    #[error(transparent)]
-    Shape(#[from] ShapeError),
-}
 
 /// Called once per epoch; `Break` cancels.
 pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;

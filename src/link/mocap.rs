@@ -268,8 +268,8 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
-    use super::super::wire::objects::{END_PAD, Object};
     use super::*;
+    use crate::link::wire::objects::{END_PAD, Object};
 
     #[expect(
         clippy::disallowed_methods,

@@ -4,55 +4,8 @@ use nalgebra::{Rotation3, Vector3};
 use serde::Deserialize;
 
 use super::patch::{Patch, applied, hash_of};
-use super::{ImuMount, PadId, RobotSpec, SpringSpec};
+use super::{ImuMount, PadId, RobotError, RobotSpec, SpringSpec};
 use crate::signal::{CHAMBERS, PressureLimits, exactly};
-
-/// Why a robot file was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum RobotError {
-    /// Not valid TOML, or a key is missing, unknown or of the wrong type.
-    #[error("the robot file is not valid at line {line}, column {column}: {message}")]
-    Syntax {
-        /// 1-based.
-        line: usize,
-        /// 1-based.
-        column: usize,
-        /// What is wrong there.
-        message: String,
-    },
-    /// A value makes no sense.
-    #[error("the robot file says {key} = {value}, but it must be {must}")]
-    Value {
-        /// The key, dotted.
-        key: &'static str,
-        /// What the file says.
-        value: String,
-        /// What it must be.
-        must: &'static str,
-    },
-    /// A length in metres where mm belong.
-    #[error(
-        "the robot file says {key} = {value}, which looks like metres: lengths are in mm, so write {}",
-        1e3 * value
-    )]
-    Metres {
-        /// The key, dotted.
-        key: &'static str,
-        /// What the file says.
-        value: f64,
-    },
-    /// A patch at the end of the file does not hold.
-    #[error("patch {number} at the end of the robot file {why}")]
-    Patch {
-        /// Its number in the file, from 1.
-        number: usize,
-        /// What is wrong with it, and what to do.
-        why: &'static str,
-    },
-    /// Nothing to take back.
-    #[error("the robot file carries no patch that could be taken back")]
-    NoPatch,
-}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -5,13 +5,14 @@
 //! kPa and degrees; [`RobotSpec`] is SI throughout. This room imports signal alone and opens no file: it is
 //! given the text.
 
+mod error;
 mod file;
 mod patch;
 
 use nalgebra::{Rotation3, Vector3};
 
 use crate::signal::{CHAMBERS, IMUS, PressureLimits, SPRINGS};
-pub use file::RobotError;
+pub use error::RobotError;
 pub use patch::{
     Applied, PATCH_VERSION, Patch, PatchEffect, PatchValue, with_patch, without_last_patch,
 };

@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 
-use super::patch::Correction;
 use super::rod::{
     Link, Loads, Outcome, PointMass, Rod, Section, Strains, Tube, Workspace, se3::Frame, solve,
 };
@@ -101,14 +100,6 @@ pub struct Model {
 }
 
 impl Model {
-    /// The robot as a rod, with its patches ([`super::patch`]) and `parameters` on top of them.
-    pub fn new(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
-        if robot.patches.is_empty() {
-            return Self::bare(robot, parameters, resolution);
-        }
-        Correction::known(robot).arm(robot, parameters, resolution)
-    }
-
     /// The robot as a rod, without its patches.
     pub fn bare(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
         let sections = (0..2)
@@ -135,11 +126,6 @@ impl Model {
     /// within what the network has seen.
     pub fn carried_kg(&self, held_kg: f64) -> f64 {
         (held_kg + self.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
-    }
-
-    /// The twin's own model of a robot: its patches, else nominal parameters; default resolution.
-    pub fn nominal(robot: &RobotSpec) -> Self {
-        Self::new(robot, &Parameters::default(), Resolution::default())
     }
 
     pub(super) fn loads(&self, inputs: &Inputs, viscosity: f64) -> Loads {

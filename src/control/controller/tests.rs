@@ -1,10 +1,10 @@
 //! Closed loop on the toy arm: 5 % wrong gains, a constant disturbance, an undeclared payload,
 //! pumps with lag and limited flow.
 
-use super::super::reach::{ReachConfig, StartSample, reach};
-use super::super::residual::SignalSigma;
-use super::super::toy::{ToyArm, pump_step};
 use super::*;
+use crate::control::reach::{ReachConfig, StartSample, reach};
+use crate::control::residual::SignalSigma;
+use crate::control::toy::{ToyArm, pump_step};
 use crate::signal::{Aim, ChannelHealth, Gripper, ReachState, SIGNALS, SPRINGS};
 use nalgebra::SMatrix;
 use proptest::prelude::*;

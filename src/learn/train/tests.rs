@@ -1,6 +1,6 @@
-use super::super::recipe::Channels;
-use super::super::{PlantMap, synthetic};
 use super::*;
+use crate::learn::recipe::Channels;
+use crate::learn::{PlantMap, synthetic};
 use crate::signal::CHAMBERS;
 
 /// Small and short: enough to see that training works.

@@ -84,7 +84,7 @@ fn put_payload(out: &mut Vec<u8>, body: &Body) {
         }
         Body::Heartbeat | Body::Estop => {}
         Body::Reset { id } => put_u32(out, *id),
-        Body::Config(c) => put_config(out, c),
+        Body::Config(c) => put_u16(out, &c.words()),
         Body::Ping { id } => {
             put_u32(out, *id);
             put_u32(out, 0);
@@ -102,19 +102,6 @@ fn put_i16(out: &mut Vec<u8>, values: &[i16]) {
 
 fn put_u32(out: &mut Vec<u8>, value: u32) {
     out.extend(value.to_le_bytes());
-}
-
-/// The CONFIG payload: also what its CRC is taken over.
-pub(super) fn put_config(out: &mut Vec<u8>, c: &Config) {
-    put_u16(
-        out,
-        &[
-            c.pressure_min,
-            c.pressure_max,
-            c.over_pressure,
-            c.heartbeat_timeout_ms,
-        ],
-    );
 }
 
 /// Takes integers off the front of a slice.
@@ -331,8 +318,8 @@ fn take_packet(content: &[u8]) -> Option<Received> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::SCHEMA;
     use super::*;
+    use crate::link::wire::SCHEMA;
 
     fn decode(bytes: &[u8]) -> (Vec<Packet>, DecoderCounts) {
         let mut decoder = Decoder::default();
@@ -566,9 +553,9 @@ mod tests {
             },
             &mut line,
         );
-        assert_eq!(line.len(), super::super::SAMPLE_LINE_BYTES);
+        assert_eq!(line.len(), crate::link::wire::SAMPLE_LINE_BYTES);
         // 8N1: ten bits a byte.
-        let bits_per_s = line.len() as f64 * 10.0 * super::super::SAMPLE_RATE_HZ * 2.0;
-        assert!(bits_per_s < 0.54 * f64::from(super::super::BAUD));
+        let bits_per_s = line.len() as f64 * 10.0 * crate::link::wire::SAMPLE_RATE_HZ * 2.0;
+        assert!(bits_per_s < 0.54 * f64::from(crate::link::wire::BAUD));
     }
 }

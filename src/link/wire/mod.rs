@@ -255,10 +255,22 @@ impl Config {
             && (1..=widest.heartbeat_timeout_ms).contains(&self.heartbeat_timeout_ms)
     }
 
+    /// The payload, field by field.
+    fn words(&self) -> [u16; 4] {
+        [
+            self.pressure_min,
+            self.pressure_max,
+            self.over_pressure,
+            self.heartbeat_timeout_ms,
+        ]
+    }
+
     /// CRC-32 of the payload as sent; never 0, which means "no configuration yet".
     pub fn crc(&self) -> u32 {
         let mut payload = Vec::with_capacity(8);
-        codec::put_config(&mut payload, self);
+        for word in self.words() {
+            payload.extend(word.to_le_bytes());
+        }
         CRC32.checksum(&payload).max(1)
     }
 }

@@ -18,6 +18,7 @@
 //! `stuck`, `slow`, `twice` and `swapped` only to what the board says.
 
 mod channel;
+mod fault;
 mod line;
 mod script;
 
@@ -27,114 +28,9 @@ use rand_pcg::Pcg64Mcg;
 use super::board::{CHAMBERS_EACH, Readings, SpringReading};
 use crate::signal::{BOARDS, CHAMBERS, IMUS, ImuRaw, SPRINGS};
 use channel::Channel;
+pub use fault::{Amount, Fault, Place, Word, amount};
 use line::Line;
 pub use script::{Script, ScriptError};
-
-/// What can break. Indices are 0-based.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// A spring's reading.
-    Spring(usize),
-    /// An IMU's reading.
-    Imu(usize),
-    /// A pressure gauge's reading.
-    Gauge(usize),
-    /// What supplies a chamber.
-    Chamber(usize),
-    /// A board and its line.
-    Board(usize),
-    /// The port that a program has open.
-    Port,
-}
-
-/// How it breaks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Word {
-    /// Does nothing.
-    Off,
-    /// Does the same again.
-    Stuck,
-    /// Does anything.
-    Garbage,
-    /// Does it wrong.
-    Wrong,
-    /// Does it slowly.
-    Slow,
-    /// Does it late.
-    Delayed,
-    /// Does it now and then.
-    Intermittent,
-    /// Loses air.
-    Leak,
-    /// The clock jumps.
-    Jump,
-    /// Says things twice.
-    Twice,
-    /// Says things in the wrong order.
-    Swapped,
-}
-
-/// A fault and how bad it is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fault {
-    /// What it is.
-    pub word: Word,
-    /// How much of it, in the unit that [`amount`] tells.
-    pub amount: f64,
-}
-
-impl Fault {
-    /// A fault that has no number.
-    pub fn of(word: Word) -> Self {
-        Self { word, amount: 0.0 }
-    }
-}
-
-/// What a number means with a fault: usual value, least, greatest, unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Amount {
-    /// Without a number in the script.
-    pub usual: f64,
-    /// Least.
-    pub min: f64,
-    /// Greatest.
-    pub max: f64,
-    /// What it is counted in.
-    pub unit: &'static str,
-}
-
-/// What the number of a fault means at a place; `None` when a place does not break like that.
-pub fn amount(place: Place, word: Word) -> Option<Amount> {
-    let of = |usual, min, max, unit| {
-        Some(Amount {
-            usual,
-            min,
-            max,
-            unit,
-        })
-    };
-    let none = of(0.0, 0.0, 0.0, "nothing");
-    let share = |usual| of(usual, 0.0, 1.0, "share");
-    match (place, word) {
-        (Place::Port, Word::Off) => none,
-        (Place::Port, _) => None,
-        (_, Word::Off | Word::Stuck | Word::Garbage) => none,
-        (_, Word::Delayed) => of(0.1, 0.0, 10.0, "s"),
-        (_, Word::Intermittent) => share(0.5),
-        (Place::Spring(_), Word::Wrong) => of(10.0, -200.0, 200.0, "mm"),
-        (Place::Imu(_), Word::Wrong) => of(5.0, -500.0, 500.0, "deg/s"),
-        (Place::Gauge(_), Word::Wrong) => of(5.0, -100.0, 100.0, "kPa"),
-        (Place::Chamber(_), Word::Wrong) => of(50.0, -100.0, 100.0, "kPa"),
-        (Place::Board(_), Word::Wrong) => share(0.01),
-        (Place::Chamber(_), Word::Slow) => share(0.3),
-        (Place::Board(_), Word::Slow) => of(5000.0, 1.0, 1e6, "bytes/s"),
-        (_, Word::Slow) => of(0.2, 0.01, 10.0, "s"),
-        (Place::Chamber(_), Word::Leak) => of(2.2, 0.0, 100.0, "l/min at 20 kPa"),
-        (Place::Board(_), Word::Jump) => of(1.0, -1e6, 1e6, "s"),
-        (Place::Board(_), Word::Twice | Word::Swapped) => share(0.05),
-        (_, Word::Leak | Word::Jump | Word::Twice | Word::Swapped) => None,
-    }
-}
 
 /// What the rig does when a fault of a board begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]

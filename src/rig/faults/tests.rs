@@ -1,6 +1,6 @@
-use super::super::{RigOptions, VirtualRig};
 use super::*;
 use crate::link::wire::{Body, Decoder, Packet, Received};
+use crate::rig::{RigOptions, VirtualRig};
 use crate::robot::RobotSpec;
 
 fn rig() -> VirtualRig {

@@ -414,8 +414,8 @@ impl<'a> Sizing<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::HIDDEN;
     use super::*;
+    use crate::rig::hidden::HIDDEN;
 
     fn case_of(
         robot: &RobotSpec,
@@ -430,7 +430,7 @@ mod tests {
     #[test]
     fn a_single_case_has_the_strength_that_was_asked_for() {
         let robot = RobotSpec::reference();
-        let kind = super::super::kind("payload").expect("kind");
+        let kind = crate::rig::hidden::kind("payload").expect("kind");
         let case = case_of(&robot, 4, CaseKind::Single, &[kind], 4.0).expect("drawn");
         assert!(case.commissioning.hidden.is_empty());
         assert_eq!(case.commissioning.specimen, case.suspect.specimen);
@@ -486,7 +486,7 @@ mod tests {
                 }
                 let bare = h.scaled(0.0);
                 for (m, v) in kind.magnitudes.iter().zip(&bare.values) {
-                    assert!(m.growth == super::super::Growth::Shape || *v == m.none);
+                    assert!(m.growth == crate::rig::hidden::Growth::Shape || *v == m.none);
                 }
             }
         }

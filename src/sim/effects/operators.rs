@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 
-use super::{Call, Line, Plant};
+use super::effect::{Call, Line, Plant};
 use crate::signal::{CHAMBERS, Pose, SensorVec, ypr_from_rotation};
 use crate::sim::rod::{Branch, Floor, Friction};
 

@@ -5,8 +5,10 @@
 
 use nalgebra::Vector3;
 
+use super::active::{Active, EffectError, Simulated, Trajectory};
+use super::effect::{Call, Line, Operator, Plant};
 use super::operators::behind_lag;
-use super::{Active, Call, EffectError, Line, Operator, Plant, Simulated, Trajectory};
+use super::table::EFFECTS;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::model::relax;
@@ -118,7 +120,7 @@ pub(in crate::sim) fn built_in(model: &Model, effects: &[Active]) -> Model {
 
 /// In the order of the table.
 fn ordered(effects: &[Active]) -> Vec<&Active> {
-    let place = |a: &&Active| super::EFFECTS.iter().position(|e| e.id == a.effect.id);
+    let place = |a: &&Active| EFFECTS.iter().position(|e| e.id == a.effect.id);
     let mut ordered: Vec<&Active> = effects.iter().collect();
     ordered.sort_by_key(place);
     ordered

@@ -310,3 +310,25 @@ fn tet(mut nodes: [usize; 4], rest: &[Vector3<f64>]) -> Option<Tet> {
         volume_m3: d.determinant() / 6.0,
     })
 }
+
+/// Triangles between the outer nodes of neighbouring layers.
+pub(super) fn triangles(columns: &[Column]) -> Vec<[u32; 3]> {
+    let mut out = Vec::new();
+    let mut first = 0;
+    for c in columns {
+        let sectors = c.ring / 2;
+        let layers = c.rest_m.len() / c.ring - 1;
+        for layer in 0..layers {
+            for j in 0..sectors {
+                let at = |l: usize, j: usize| (first + l * sectors + j % sectors) as u32;
+                // Layers count downwards.
+                let (a, b) = (at(layer, j), at(layer, j + 1));
+                let (d, e) = (at(layer + 1, j), at(layer + 1, j + 1));
+                out.push([a, d, e]);
+                out.push([a, e, b]);
+            }
+        }
+        first += (layers + 1) * sectors;
+    }
+    out
+}

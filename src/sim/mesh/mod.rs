@@ -208,7 +208,7 @@ impl MeshModel {
             hidden_force_n: rod.hidden_force_n,
             robot: robot.clone(),
             wall_ratio,
-            triangles: observe::triangles(&columns),
+            triangles: column::triangles(&columns),
             columns,
             acting: Acting {
                 springs: springs(robot),

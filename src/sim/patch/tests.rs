@@ -1,9 +1,9 @@
 use std::collections::BTreeMap;
 
-use super::super::effects::{EFFECTS, Trajectory, simulate};
-use super::super::{Inputs, State, observe, settle};
 use super::*;
 use crate::robot::{PatchValue, REFERENCE, with_patch};
+use crate::sim::effects::{EFFECTS, Trajectory, simulate};
+use crate::sim::{Inputs, State, observe, settle};
 use nalgebra::UnitQuaternion;
 
 const CHAMBER_PA: [f64; CHAMBERS] = [25e3, -10e3, 4e3, -20e3, 15e3, 8e3];
@@ -45,7 +45,7 @@ fn put_on(text: &str, patch: &Patch) -> RobotSpec {
     RobotSpec::from_toml(&with_patch(text, patch)).expect("reads")
 }
 
-fn settled(model: &Model, payload_kg: f64) -> super::super::Observation {
+fn settled(model: &Model, payload_kg: f64) -> crate::sim::Observation {
     let mut state = State::rest(model);
     let inputs = Inputs {
         chamber_pa: CHAMBER_PA,
@@ -143,7 +143,7 @@ fn a_patched_model_is_the_arm_that_its_effects_make() {
 fn every_mechanical_knob_moves_the_model_and_the_others_do_not() {
     let robot = RobotSpec::reference();
     let plain = settled(&Model::nominal(&robot), 0.1);
-    for knob in knobs() {
+    for knob in calibration_parameters() {
         let v = knob.nominal() + 0.01;
         let patched = put_on(REFERENCE, &patch(&robot.hash, &[(&knob.id(), v)], &[]));
         let o = settled(&Model::nominal(&patched), 0.1);
@@ -164,9 +164,9 @@ fn knobs_add_to_the_robot_they_depart_from_and_replace_what_lies_between() {
     let r1 = RobotSpec::from_toml(&one).expect("reads");
     let values = |r: &RobotSpec| {
         let v = Correction::of(r).expect("known").values;
-        let at = knobs()
+        let at = calibration_parameters()
             .iter()
-            .position(|k| *k == Knob::Damping)
+            .position(|k| *k == CalibrationParameter::Damping)
             .expect("is");
         [v[0], v[at]]
     };

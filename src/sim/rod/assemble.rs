@@ -22,9 +22,10 @@ mod stiffness;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::se3::{ExpMap, Frame, Twist};
+use super::section::strain_of;
 use super::{Loads, Rod, Section, Tube};
 pub use kinematics::Kinematics;
-pub(super) use kinematics::{kinematics, screws, strain_of, twist_of};
+pub(super) use kinematics::{kinematics, screws, twist_of};
 use stiffness::{Dead, Stiffness6};
 
 /// What is kept of one element between the passes.

@@ -10,8 +10,9 @@
 
 use nalgebra::Vector3;
 
-use super::assemble::{for_dead_forces, remembered, strain_of, twist_of};
+use super::assemble::{for_dead_forces, remembered, twist_of};
 use super::se3::{ExpMap, Frame, Twist};
+use super::section::strain_of;
 use super::{Loads, Rod, Section};
 
 /// The rod at given strains.

@@ -26,186 +26,22 @@ mod chain;
 mod dense;
 mod dynamics;
 mod inertia;
+mod loads;
 mod memory;
 pub mod se3;
+mod section;
 mod solve;
 mod tangent;
-
-use nalgebra::Vector3;
 
 pub use assemble::Kinematics;
 pub use dense::Factor;
 pub(super) use dense::dot;
 pub use dynamics::{Energy, Motion, Stride, energy, step};
+pub use loads::Loads;
 pub use memory::{Branch, Floor, Friction, Memory};
-use se3::Frame;
+pub use section::{Link, PointMass, Rod, Section, Strains, Tube};
 pub use solve::{Outcome, Workspace, is_stable, poses, solve};
 pub use tangent::Tangent;
-
-/// Which strains are free.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Strains {
-    /// Bending, torsion, extension.
-    NoShear,
-    /// Bending, torsion, extension and both shears.
-    All,
-}
-
-impl Strains {
-    /// Indices into (κx, κy, κz, vx, vy, vz).
-    pub fn indices(self) -> &'static [usize] {
-        match self {
-            Self::NoShear => &[0, 1, 2, 5],
-            Self::All => &[0, 1, 2, 3, 4, 5],
-        }
-    }
-}
-
-/// A bellows running along a section.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Tube {
-    /// Its place in the cross-section, m.
-    pub r_m: Vector3<f64>,
-    /// k l₀: force per unit stretch, N.
-    pub stiffness_n: f64,
-    /// Stretch without force.
-    pub rest_stretch: f64,
-    /// Cubic hardening: force β (λ − λ₀)³, N.
-    pub cubic_n: f64,
-}
-
-impl Tube {
-    /// Where its path runs, per reference length: v + κ × r; its norm is the stretch.
-    fn along(&self, xi: &[f64; 6]) -> Vector3<f64> {
-        let (kappa, v) = (
-            Vector3::new(xi[0], xi[1], xi[2]),
-            Vector3::new(xi[3], xi[4], xi[5]),
-        );
-        v + kappa.cross(&self.r_m)
-    }
-}
-
-/// A tension spring between the two ends of a section; slack below its free length.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Link {
-    /// Upper end in the frame at the section's start, m.
-    pub top_m: Vector3<f64>,
-    /// Lower end in the frame at the section's end, m.
-    pub bottom_m: Vector3<f64>,
-    /// Rate, N/m.
-    pub rate_n_m: f64,
-    /// Free length, m.
-    pub free_m: f64,
-}
-
-/// A mass fixed to the end of a section.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointMass {
-    /// Its place in the frame at the section's end, m.
-    pub at_m: Vector3<f64>,
-    /// Mass, kg.
-    pub kg: f64,
-}
-
-/// One segment.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Section {
-    /// Number of elements.
-    pub elements: usize,
-    /// Reference length, m.
-    pub length_m: f64,
-    /// Rigidity against (κx, κy, κz) in N m² and (vx, vy, vz) in N, about the reference strain.
-    pub rigidity: [f64; 6],
-    /// Reference strain (κ in 1/m, v).
-    pub rest: [f64; 6],
-    /// Bellows.
-    pub tubes: Vec<Tube>,
-    /// Tension springs across the section.
-    pub links: Vec<Link>,
-    /// Mass per reference length, kg/m, lumped at the element ends.
-    pub kg_per_m: f64,
-    /// Masses carried by the end.
-    pub masses: Vec<PointMass>,
-    /// From the section's end to the next section's start, in the end's axes, m.
-    pub offset_m: Vector3<f64>,
-}
-
-/// The constant part: geometry, stiffness, masses, gravity.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Rod {
-    /// Sections from the base to the tip.
-    pub sections: Vec<Section>,
-    /// Which strains are free.
-    pub strains: Strains,
-    /// Gravity in the base frame, m/s².
-    pub gravity_m_s2: Vector3<f64>,
-    /// Base from the start of the first section.
-    pub base: Frame,
-}
-
-/// The varying part: what acts on the rod.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Loads {
-    /// Pushing force p A − f of each tube, in the order of sections and tubes, N.
-    pub tube_n: Vec<f64>,
-    /// Force on the tip frame's origin in the base frame, N.
-    pub tip_force_n: Vector3<f64>,
-    /// Moment on the tip in the base frame, N m (constant direction).
-    pub tip_moment_nm: Vector3<f64>,
-    /// Additional masses on the tip frame.
-    pub tip_masses: Vec<PointMass>,
-    /// Viscous resistance to a change of strain since `previous`, as a share of each strain's
-    /// rigidity (0: statics).
-    pub viscosity: f64,
-    /// What the tubes remember, in their order; empty when they remember nothing. Whoever takes a step moves it to the
-    /// lengths reached.
-    pub memory: Vec<Memory>,
-    /// A floor under the last section's end. Whoever takes a step moves it to the place reached.
-    pub floor: Option<Floor>,
-}
-
-impl Rod {
-    /// Number of unknowns.
-    pub fn unknowns(&self) -> usize {
-        let d = self.strains.indices().len();
-        self.sections.iter().map(|s| s.elements * d).sum()
-    }
-
-    /// Number of tubes.
-    pub fn tubes(&self) -> usize {
-        self.sections.iter().map(|s| s.tubes.len()).sum()
-    }
-
-    /// Lengths of all tubes along their own paths, m.
-    pub fn tube_lengths_m(&self, q: &[f64]) -> Vec<f64> {
-        let idx = self.strains.indices();
-        let mut elements = q.chunks_exact(idx.len());
-        let mut out = Vec::with_capacity(self.tubes());
-        for s in &self.sections {
-            let from = out.len();
-            out.resize(from + s.tubes.len(), 0.0);
-            for xi in elements.by_ref().take(s.elements) {
-                let xi = assemble::strain_of(s, idx, xi);
-                for (sum, tube) in out[from..].iter_mut().zip(&s.tubes) {
-                    *sum += s.length_m / s.elements as f64 * tube.along(&xi).norm();
-                }
-            }
-        }
-        out
-    }
-
-    /// The unloaded state.
-    pub fn rest_state(&self) -> Vec<f64> {
-        let idx = self.strains.indices();
-        let mut q = Vec::with_capacity(self.unknowns());
-        for s in &self.sections {
-            for _ in 0..s.elements {
-                q.extend(idx.iter().map(|&i| s.rest[i]));
-            }
-        }
-        q
-    }
-}
 
 #[cfg(test)]
 mod sweeps;

@@ -2,8 +2,9 @@
 
 use nalgebra::Vector3;
 
+use crate::sim::rod::Rod;
 use crate::sim::rod::se3::{ExpMap, Frame, Twist};
-use crate::sim::rod::{Rod, Section};
+use crate::sim::rod::section::strain_of;
 
 /// Poses along the rod.
 #[derive(Clone, Debug, Default)]
@@ -21,14 +22,6 @@ impl Kinematics {
             .copied()
             .unwrap_or_else(Frame::identity)
     }
-}
-
-pub fn strain_of(section: &Section, idx: &[usize], q: &[f64]) -> [f64; 6] {
-    let mut xi = section.rest;
-    for (k, &i) in idx.iter().enumerate() {
-        xi[i] = q[k];
-    }
-    xi
 }
 
 pub fn twist_of(xi: &[f64; 6], scale: f64) -> Twist {

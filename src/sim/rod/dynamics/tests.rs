@@ -2,9 +2,9 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::super::assemble::kinematics;
 use super::*;
 use crate::robot::RobotSpec;
+use crate::sim::rod::assemble::kinematics;
 use crate::sim::rod::se3::Frame;
 use crate::sim::rod::{
     Branch, Floor, Friction, Memory, PointMass, Section, Strains, Workspace, solve,

@@ -2,8 +2,10 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::knobs::shifted;
-use super::{Acts, PatchError, geometry, knobs, nominal, possible, readings};
+use super::acts::Acts;
+use super::file::{PatchError, possible};
+use super::parameters::{calibration_parameters, geometry, nominal, parameters, shifted};
+use super::readings::readings;
 use crate::robot::RobotSpec;
 use crate::signal::{IMUS, SPRINGS};
 use crate::sim::effects::{self, Active};
@@ -12,7 +14,7 @@ use crate::sim::{Model, Parameters, Resolution};
 /// All patches of a robot as one.
 #[derive(Clone, Debug)]
 pub struct Correction {
-    /// Values of the knobs.
+    /// Values of the calibration parameters.
     pub values: Vec<f64>,
     /// Effects.
     pub effects: Vec<Active>,
@@ -66,7 +68,12 @@ impl Correction {
     /// With departures and effects on top.
     #[must_use]
     pub fn and(mut self, values: &[f64], effects: &[Active]) -> Self {
-        for ((mine, knob), v) in self.values.iter_mut().zip(knobs()).zip(values) {
+        for ((mine, knob), v) in self
+            .values
+            .iter_mut()
+            .zip(calibration_parameters())
+            .zip(values)
+        {
             *mine += v - knob.nominal();
         }
         self.effects.extend(effects.iter().cloned());
@@ -78,7 +85,7 @@ impl Correction {
         geometry(robot, &self.values)
     }
 
-    /// The arm it describes: the knobs and the effects that need no history.
+    /// The arm it describes: the calibration parameters and the effects that need no history.
     pub fn arm(&self, robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Model {
         let bare = Model::bare(
             &self.geometry(robot),
@@ -91,6 +98,30 @@ impl Correction {
             .cloned()
             .collect();
         effects::built_in(&bare, &lasting)
+    }
+}
+
+/// The model at these calibration parameters alone: the robot's own patches are not in it.
+pub fn model(robot: &RobotSpec, values: &[f64]) -> Model {
+    Model::bare(
+        &geometry(robot, values),
+        &parameters(values),
+        Resolution::default(),
+    )
+}
+
+impl Model {
+    /// The robot as a rod, with its patches and `parameters` on top of them.
+    pub fn new(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
+        if robot.patches.is_empty() {
+            return Self::bare(robot, parameters, resolution);
+        }
+        Correction::known(robot).arm(robot, parameters, resolution)
+    }
+
+    /// The twin's own model of a robot: its patches, else nominal parameters; default resolution.
+    pub fn nominal(robot: &RobotSpec) -> Self {
+        Self::new(robot, &Parameters::default(), Resolution::default())
     }
 }
 

@@ -1,13 +1,14 @@
 //! The departures of one rig from the robot that it was made for.
 
-use super::Acts;
+use super::acts::Acts;
+use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::Parameters;
 
 /// One number that differs from arm to arm and from mounting to mounting: a nuisance parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Knob {
+pub enum CalibrationParameter {
     /// Axial stiffness of a bellows, as a factor less one.
     Stiffness(usize),
     /// Effective area of a chamber, as a factor less one.
@@ -54,7 +55,7 @@ pub enum Knob {
     SpringEnds(usize),
 }
 
-impl Knob {
+impl CalibrationParameter {
     /// Its name in a patch file.
     pub fn id(self) -> String {
         match self {
@@ -132,58 +133,80 @@ impl Knob {
     }
 }
 
-/// All knobs, in the order of the vectors that hold their values.
-pub fn knobs() -> Vec<Knob> {
+/// All calibration parameters, in the order of the vectors that hold their values.
+pub fn calibration_parameters() -> Vec<CalibrationParameter> {
     let mut out = Vec::new();
-    out.extend((0..CHAMBERS).map(Knob::Stiffness));
-    out.extend((0..CHAMBERS).map(Knob::Area));
-    out.extend((0..CHAMBERS).map(Knob::RestLength));
-    out.push(Knob::Hardening);
-    out.extend((0..2).map(Knob::Bending));
-    out.extend((0..2).map(Knob::Torsion));
-    out.push(Knob::Gripper);
-    out.extend((0..2).map(Knob::Tilt));
-    out.push(Knob::Damping);
-    out.extend((0..CHAMBERS).map(Knob::Friction));
-    out.extend([Knob::FrictionTravel, Knob::Creep, Knob::CreepTime]);
-    out.push(Knob::Lag);
-    out.extend((0..SPRINGS).map(Knob::SpringOffset));
-    out.extend((0..SPRINGS).map(Knob::SpringGain));
+    out.extend((0..CHAMBERS).map(CalibrationParameter::Stiffness));
+    out.extend((0..CHAMBERS).map(CalibrationParameter::Area));
+    out.extend((0..CHAMBERS).map(CalibrationParameter::RestLength));
+    out.push(CalibrationParameter::Hardening);
+    out.extend((0..2).map(CalibrationParameter::Bending));
+    out.extend((0..2).map(CalibrationParameter::Torsion));
+    out.push(CalibrationParameter::Gripper);
+    out.extend((0..2).map(CalibrationParameter::Tilt));
+    out.push(CalibrationParameter::Damping);
+    out.extend((0..CHAMBERS).map(CalibrationParameter::Friction));
+    out.extend([
+        CalibrationParameter::FrictionTravel,
+        CalibrationParameter::Creep,
+        CalibrationParameter::CreepTime,
+    ]);
+    out.push(CalibrationParameter::Lag);
+    out.extend((0..SPRINGS).map(CalibrationParameter::SpringOffset));
+    out.extend((0..SPRINGS).map(CalibrationParameter::SpringGain));
     for i in 0..IMUS {
-        out.extend((0..3).map(|a| Knob::Mounting(i, a)));
+        out.extend((0..3).map(|a| CalibrationParameter::Mounting(i, a)));
     }
-    out.extend((0..IMUS).map(Knob::Drift));
-    out.extend((0..6).map(Knob::Frame));
-    out.push(Knob::Clock);
-    out.extend((0..6).map(Knob::Body));
-    out.extend((0..2).map(Knob::SpringEnds));
+    out.extend((0..IMUS).map(CalibrationParameter::Drift));
+    out.extend((0..6).map(CalibrationParameter::Frame));
+    out.push(CalibrationParameter::Clock);
+    out.extend((0..6).map(CalibrationParameter::Body));
+    out.extend((0..2).map(CalibrationParameter::SpringEnds));
     out
 }
 
-/// Nominal values of all knobs.
+/// Nominal values of all calibration parameters.
 pub fn nominal() -> Vec<f64> {
-    knobs().into_iter().map(Knob::nominal).collect()
+    calibration_parameters()
+        .into_iter()
+        .map(CalibrationParameter::nominal)
+        .collect()
 }
 
-/// The model's parameters at these knobs.
+/// The model's parameters at these calibration parameters.
 pub fn parameters(values: &[f64]) -> Parameters {
     shifted(&Parameters::default(), values)
 }
 
 pub(super) fn shifted(parameters: &Parameters, values: &[f64]) -> Parameters {
     let mut p = parameters.clone();
-    for (knob, &v) in knobs().iter().zip(values) {
+    for (knob, &v) in calibration_parameters().iter().zip(values) {
         match *knob {
-            Knob::Stiffness(i) => p.chamber_stiffness[i] += v,
-            Knob::Area(i) => p.chamber_area[i] += v,
-            Knob::RestLength(i) => p.rest_length[i] += v,
-            Knob::Hardening => p.hardening += v,
-            Knob::Bending(s) => p.bending[s] += v,
-            Knob::Torsion(s) => p.torsion[s] += v,
-            Knob::Gripper => p.gripper_mass += v,
-            Knob::Tilt(a) => p.base_tilt_rad[a] += v,
+            CalibrationParameter::Stiffness(i) => p.chamber_stiffness[i] += v,
+            CalibrationParameter::Area(i) => p.chamber_area[i] += v,
+            CalibrationParameter::RestLength(i) => p.rest_length[i] += v,
+            CalibrationParameter::Hardening => p.hardening += v,
+            CalibrationParameter::Bending(s) => p.bending[s] += v,
+            CalibrationParameter::Torsion(s) => p.torsion[s] += v,
+            CalibrationParameter::Gripper => p.gripper_mass += v,
+            CalibrationParameter::Tilt(a) => p.base_tilt_rad[a] += v,
             _ => {}
         }
     }
     p
+}
+
+/// The robot with its springs fixed where these calibration parameters have them.
+pub(super) fn geometry(robot: &RobotSpec, values: &[f64]) -> RobotSpec {
+    let mut robot = robot.clone();
+    for (knob, &v) in calibration_parameters().iter().zip(values) {
+        if let CalibrationParameter::SpringEnds(s) = *knob {
+            let (top_m, bottom_m) = (&mut robot.spring_top_m, &mut robot.spring_bottom_m);
+            for i in 6 * s..6 * s + 6 {
+                top_m[i].z += v;
+                bottom_m[i].z += v;
+            }
+        }
+    }
+    robot
 }

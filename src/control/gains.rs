@@ -1,8 +1,8 @@
 //! The tuning of a controller.
 
-use crate::control::adapt::Adaptation;
-use crate::control::adrc::AdrcGains;
-use crate::control::solver::SolverConfig;
+use super::adapt::Adaptation;
+use super::adrc::AdrcGains;
+use super::solver::SolverConfig;
 use crate::signal::ControllerKind;
 
 /// Where the paper's controller starts the first solution for a goal from.

@@ -2,9 +2,12 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::{PUMP_LAG_S, Pressures, Tick};
-use crate::control::residual::SignalSigma;
+use super::residual::SignalSigma;
+use super::tick::{Pressures, Tick};
 use crate::signal::{CHAMBERS, SIGNALS, SPRINGS, SensorFrame, SensorRef, Vector6};
+
+/// In this time a pump makes up for most of a chamber's lag, s.
+const PUMP_LAG_S: f64 = 0.3;
 
 pub(super) fn usable_gauges(frame: &SensorFrame) -> [bool; CHAMBERS] {
     std::array::from_fn(|i| frame.health.chambers[i].usable() && frame.chamber_pa[i].is_finite())

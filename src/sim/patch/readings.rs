@@ -1,0 +1,83 @@
+//! Calibration parameters of readings and motion as effects of the table.
+
+use super::parameters::{CalibrationParameter, calibration_parameters};
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, IMUS, SPRINGS};
+use crate::sim::effects::{self, Active};
+
+/// What calibration parameters change in the readings, as effects.
+pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
+    let mut offset_m = [0.0; SPRINGS];
+    let mut gain = [0.0; SPRINGS];
+    let mut mounting = [[0.0; 3]; IMUS];
+    let mut drift_rad_s = [0.0; IMUS];
+    let mut frame = vec![0.0; 6];
+    let mut clock_s = 0.0;
+    for (knob, &v) in calibration_parameters().iter().zip(values) {
+        match *knob {
+            CalibrationParameter::SpringOffset(i) => offset_m[i] = v,
+            CalibrationParameter::SpringGain(i) => gain[i] = v,
+            CalibrationParameter::Mounting(i, a) => mounting[i][a] = v,
+            CalibrationParameter::Drift(i) => drift_rad_s[i] = v,
+            CalibrationParameter::Frame(k) => frame[k] = v,
+            CalibrationParameter::Clock => clock_s = v,
+            _ => {}
+        }
+    }
+    let springs = (0..SPRINGS).map(|i| {
+        // y = l + o + γ (l − l₀)
+        let shift_m = offset_m[i] - gain[i] * robot.rest_length_m;
+        ("spring-calibration", Some(i), vec![1.0 + gain[i], shift_m])
+    });
+    let imus = (0..IMUS).map(|i| ("imu-misalignment", Some(i), mounting[i].to_vec()));
+    let drifts = (0..IMUS).map(|i| ("imu-drift", Some(i), vec![drift_rad_s[i]]));
+    springs
+        .chain(imus)
+        .chain(drifts)
+        .chain([
+            ("clock-offset", None, vec![clock_s]),
+            ("mocap-frame", None, frame.clone()),
+        ])
+        .filter_map(|(id, target, values)| unbounded(id, target, values))
+        .collect()
+}
+
+/// What calibration parameters do to the motion that needs a history, as effects.
+pub fn motions(values: &[f64]) -> Vec<Active> {
+    let value = |wanted: CalibrationParameter| {
+        let found = calibration_parameters()
+            .into_iter()
+            .zip(values)
+            .find(|(k, _)| *k == wanted);
+        found.map_or(0.0, |(k, v)| v.max(k.least()))
+    };
+    let friction = |i: usize| {
+        let both = vec![
+            value(CalibrationParameter::Friction(i)),
+            value(CalibrationParameter::FrictionTravel),
+        ];
+        ("hysteresis", Some(i), both)
+    };
+    let creep = vec![
+        value(CalibrationParameter::Creep),
+        value(CalibrationParameter::CreepTime),
+    ];
+    (0..CHAMBERS)
+        .map(friction)
+        .chain([
+            ("damping", None, vec![value(CalibrationParameter::Damping)]),
+            ("creep", None, creep),
+            ("pressure-lag", None, vec![value(CalibrationParameter::Lag)]),
+        ])
+        .filter_map(|(id, target, values)| unbounded(id, target, values))
+        .collect()
+}
+
+/// An effect whose values are corrections of healthy things: the bounds of faults do not bind them.
+pub fn unbounded(id: &str, target: Option<usize>, values: Vec<f64>) -> Option<Active> {
+    effects::effect(id).map(|effect| Active {
+        effect,
+        target,
+        values,
+    })
+}
