@@ -19,7 +19,7 @@ use springtwin::signal::{
     CHAMBERS, ChannelHealth, ControllerKind, Goal, Health, SIGNALS, SPRINGS, SensorFrame, Stamp,
 };
 use springtwin::sim::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
-use springtwin::sim::{Inputs, Model, Moving, State, observe, sensitivity, settle, swing};
+use springtwin::sim::{Inputs, Model, State, observe, sensitivity, settle, step_dynamics};
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/reference.safetensors");
 
@@ -110,7 +110,7 @@ fn dynamics(c: &mut Criterion) {
     let model = Model::nominal(&RobotSpec::reference());
     c.bench_function("dynamics, 1 kHz step, driven", |b| {
         let mut k = 0;
-        let mut moving = Moving::from_rest(&State::rest(&model));
+        let mut state = State::rest(&model);
         b.iter(|| {
             k += 1;
             let inputs = Inputs {
@@ -118,7 +118,7 @@ fn dynamics(c: &mut Criterion) {
                 payload_kg: 0.3,
                 ..Inputs::default()
             };
-            swing(&model, &mut moving, black_box(&inputs), 0.02, 1e-3).map(|o| o.iterations)
+            step_dynamics(&model, &mut state, black_box(&inputs), 0.02, 1e-3).map(|o| o.iterations)
         });
     });
     for (name, tau_s) in [
@@ -133,9 +133,9 @@ fn dynamics(c: &mut Criterion) {
             };
             assert!(settle(&model, &mut state, &bent).is_ok());
             let rest = Inputs::default();
-            let mut moving = Moving::from_rest(&state);
             b.iter(|| {
-                swing(&model, &mut moving, black_box(&rest), tau_s, 1e-3).map(|o| o.iterations)
+                step_dynamics(&model, &mut state, black_box(&rest), tau_s, 1e-3)
+                    .map(|o| o.iterations)
             });
         });
     }

@@ -20,10 +20,10 @@ use crate::signal::{CHAMBERS, Pose};
 use crate::sim::dataset::{sample_rng, scattered};
 use crate::sim::rod::Strains;
 use crate::sim::{
-    Inputs, Model, Observation, Parameters, Resolution, SimError, State, creep_to, observe, settle,
+    ATMOSPHERE_PA, Inputs, Model, Observation, Parameters, Resolution, SimError, State, observe,
+    settle, step_overdamped,
 };
 
-const ATMOSPHERE_PA: f64 = 101_325.0;
 /// Share of full pump flow per Pa of pressure error: full flow beyond 0.5 kPa.
 const PUMP_GAIN_1_PA: f64 = 1.0 / 500.0;
 /// Time constant of the rubber's viscous response, s.
@@ -191,7 +191,7 @@ impl Plant {
             self.chamber_pa[i] = p + rate * dt_s;
         }
         let inputs = self.inputs();
-        creep_to(&self.model, &mut self.state, &inputs, VISCOUS_TAU_S, dt_s)?;
+        step_overdamped(&self.model, &mut self.state, &inputs, VISCOUS_TAU_S, dt_s)?;
         let before = std::mem::replace(&mut self.observation, observe(&self.model, &self.state));
         for i in 0..CHAMBERS {
             let dx = self.observation.bellows_m[i] - self.bellows_m[i];

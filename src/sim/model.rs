@@ -2,14 +2,18 @@
 
 use nalgebra::Vector3;
 
+use super::rod::se3::Frame;
 use super::rod::{
-    Link, Loads, Outcome, PointMass, Rod, Section, Strains, Tube, Workspace, se3::Frame, solve,
+    Bellows, History, Integrator, Link, Loads, Outcome, PointMass, Rod, Section, StepLoads,
+    Strains, Workspace, solve, solve_step,
 };
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 
 /// Standard gravity, m/s².
 pub const GRAVITY_M_S2: f64 = 9.806_65;
+/// Standard atmosphere, Pa.
+pub const ATMOSPHERE_PA: f64 = 101_325.0;
 
 /// How finely the rod is cut and which strains are free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,6 +118,7 @@ impl Model {
                 strains: resolution.strains,
                 gravity_m_s2: down * GRAVITY_M_S2,
                 base: Frame::identity(),
+                floor: None,
             },
             area_m2: std::array::from_fn(|i| robot.area_m2 * parameters.chamber_area[i]),
             hidden_kg: 0.0,
@@ -128,20 +133,18 @@ impl Model {
         (held_kg + self.hidden_kg).clamp(0.0, self.robot.payload_max_kg)
     }
 
-    pub(super) fn loads(&self, inputs: &Inputs, viscosity: f64) -> Loads {
+    pub(super) fn loads(&self, inputs: &Inputs) -> Loads {
         let payload = PointMass {
             at_m: self.payload_m,
             kg: inputs.payload_kg + self.hidden_kg,
         };
         Loads {
-            tube_n: (0..CHAMBERS)
+            bellows_n: (0..CHAMBERS)
                 .map(|i| inputs.chamber_pa[i] * self.area_m2[i] - inputs.tension_n[i])
                 .collect(),
             tip_force_n: Vector3::from(inputs.tip_force_n) + self.hidden_force_n,
             tip_moment_nm: Vector3::zeros(),
             tip_masses: vec![payload],
-            viscosity,
-            ..Loads::default()
         }
     }
 }
@@ -186,14 +189,16 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
             0.0,
         ],
         rest: [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
-        tubes: chambers
+        bellows: chambers
             .map(|i| {
                 let stiffness_n = robot.axial_stiffness_n_m * p.chamber_stiffness[i] * l0;
-                Tube {
+                Bellows {
                     r_m: robot.bellows_m[i],
                     stiffness_n,
                     rest_stretch: p.rest_length[i],
                     cubic_n: p.hardening * stiffness_n,
+                    friction: Vec::new(),
+                    branches: Vec::new(),
                 }
             })
             .collect(),
@@ -211,22 +216,39 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
     }
 }
 
-/// The changing part of a simulation: the strains, and memory that is reused between solves.
+/// The changing part of a simulation, and memory that is reused between solves.
 #[derive(Default)]
 pub struct State {
     /// Strains of all elements.
     pub strains: Vec<f64>,
+    /// Momenta conjugate to the strains; empty for an arm at rest.
+    pub momenta: Vec<f64>,
+    /// Friction, viscoelastic branches and contact. `None`: none of their forces has built up yet.
+    pub history: Option<History>,
     /// Solver memory; holds no result.
     pub work: Workspace,
+    /// Integrator memory; holds no result.
+    pub integrator: Integrator,
 }
 
 impl State {
     /// The unloaded arm.
     pub fn rest(model: &Model) -> Self {
+        Self::at(model.rod.rest_state())
+    }
+
+    /// An arm at rest at these strains.
+    pub fn at(strains: Vec<f64>) -> Self {
         Self {
-            strains: model.rod.rest_state(),
-            work: Workspace::default(),
+            strains,
+            ..Self::default()
         }
+    }
+
+    /// Friction, branches and contact as they are now.
+    pub(super) fn take_history(&mut self, model: &Model) -> History {
+        let starting = || History::starting(&model.rod, &self.strains);
+        self.history.take().unwrap_or_else(starting)
     }
 }
 
@@ -302,67 +324,82 @@ pub(super) fn check(inputs: &Inputs) -> Result<(), SimError> {
     Ok(())
 }
 
-/// Settles the arm under `inputs`, starting from `state`.
+/// Settles the arm under `inputs`, starting from `state`. Friction and viscoelastic branches exert no force in a settled
+/// arm: they build up from there.
 ///
 /// # Errors
 /// [`SimError`] when an input is not finite, no stable equilibrium is found, or the one found has a
 /// bellows pressed through itself; `state` is then left as it was.
 pub fn settle(model: &Model, state: &mut State, inputs: &Inputs) -> Result<Outcome, SimError> {
-    advance(model, state, inputs, 0.0)
+    check(inputs)?;
+    let loads = model.loads(inputs);
+    let mut q = state.strains.clone();
+    let outcome = solve(&model.rod, &loads, &mut q, &mut state.work);
+    accepted(model, &q, &outcome)?;
+    state.history = None;
+    state.momenta.clear();
+    state.strains = q;
+    Ok(outcome)
 }
 
 /// One implicit step of overdamped motion: strains relax towards equilibrium with the time
-/// constant `tau_s` (stiffness-proportional viscosity).
+/// constant `tau_s` (stiffness-proportional viscosity), against friction and viscoelastic branches.
 ///
 /// # Errors
 /// As [`settle`].
-pub fn creep_to(
+pub fn step_overdamped(
     model: &Model,
     state: &mut State,
     inputs: &Inputs,
     tau_s: f64,
     dt_s: f64,
 ) -> Result<Outcome, SimError> {
-    advance(model, state, inputs, tau_s / dt_s)
-}
-
-fn advance(
-    model: &Model,
-    state: &mut State,
-    inputs: &Inputs,
-    viscosity: f64,
-) -> Result<Outcome, SimError> {
     check(inputs)?;
-    relax(model, state, &model.loads(inputs, viscosity))
+    let loads = model.loads(inputs);
+    let mut history = state.take_history(model);
+    let mut q = state.strains.clone();
+    let step = StepLoads {
+        loads: &loads,
+        viscosity: tau_s / dt_s,
+        history: &history,
+        dt_s,
+    };
+    let outcome = solve_step(&model.rod, &step, &mut q, &mut state.work);
+    if let Err(e) = accepted(model, &q, &outcome) {
+        state.history = Some(history);
+        return Err(e);
+    }
+    history.advance(&model.rod, &q, dt_s);
+    state.history = Some(history);
+    state.momenta.clear();
+    state.strains = q;
+    Ok(outcome)
 }
 
-/// Brings the arm into balance with loads of any kind.
-pub(super) fn relax(model: &Model, state: &mut State, loads: &Loads) -> Result<Outcome, SimError> {
-    let mut q = state.strains.clone();
-    let outcome = solve(&model.rod, loads, &mut q, &mut state.work);
+/// Whether the strains `q` that a solver ended at are those of an arm.
+pub(super) fn accepted(model: &Model, q: &[f64], outcome: &Outcome) -> Result<(), SimError> {
     if !outcome.converged {
         return Err(SimError::NoEquilibrium {
             iterations: outcome.iterations,
             last_step: outcome.last_step,
         });
     }
-    if let Some(segment) = inside_out(model, &q) {
-        return Err(SimError::InsideOut { segment });
+    match inside_out(model, q) {
+        Some(segment) => Err(SimError::InsideOut { segment }),
+        None => Ok(()),
     }
-    state.strains = q;
-    Ok(outcome)
 }
 
 /// The first segment (1, 2) in which a bellows no longer points downstream: it would have passed
 /// through zero length, where its energy has another, meaningless, branch.
-pub(super) fn inside_out(model: &Model, q: &[f64]) -> Option<usize> {
+fn inside_out(model: &Model, q: &[f64]) -> Option<usize> {
     let d = model.rod.strains.indices().len();
     let mut elements = q.chunks_exact(d);
     for (s, section) in model.rod.sections.iter().enumerate() {
         for xi in elements.by_ref().take(section.elements) {
             // v + κ × r along the axis, −z at rest; κx, κy come first and vz last in both choices.
             let through = |r: &Vector3<f64>| xi[d - 1] + xi[0] * r.y - xi[1] * r.x >= 0.0;
-            if section.tubes.iter().any(|t| through(&t.r_m)) {
+            if section.bellows.iter().any(|t| through(&t.r_m)) {
                 return Some(s + 1);
             }
         }

@@ -29,9 +29,9 @@ pub struct Sensitivity {
 /// state is not stable under them, or an input is not finite.
 pub fn sensitivity(model: &Model, state: &State, inputs: &Inputs) -> Option<Sensitivity> {
     let (rod, q) = (&model.rod, &state.strains);
-    let tangent = Tangent::at(rod, &model.loads(inputs, 0.0), q)?;
-    let nodes = &tangent.kinematics.nodes;
-    let end = |s: usize| nodes[s][nodes[s].len() - 1];
+    let tangent = Tangent::at(rod, &model.loads(inputs), q)?;
+    let ends = [tangent.kinematics.ends(0), tangent.kinematics.ends(1)];
+    let end = |s: usize| ends[s][1];
     let tip = end(1);
     let payload_m = tip.point(&model.payload_m);
     let mut out = Sensitivity {
@@ -43,7 +43,7 @@ pub fn sensitivity(model: &Model, state: &State, inputs: &Inputs) -> Option<Sens
         let dq: Vec<f64> = match column {
             // du = A dp
             i if i < CHAMBERS => {
-                let per_newton = tangent.by_tube(rod, q, i / 3, i % 3);
+                let per_newton = tangent.by_bellows(rod, q, i / 3, i % 3);
                 per_newton.iter().map(|x| x * model.area_m2[i]).collect()
             }
             CHAMBERS => tangent.by_tip_force(&payload_m, &rod.gravity_m_s2),
@@ -58,7 +58,7 @@ pub fn sensitivity(model: &Model, state: &State, inputs: &Inputs) -> Option<Sens
         set(&mut out.tip, column, &twists[2], &tip);
         for i in 0..SPRINGS {
             let s = i / 6;
-            let top = nodes[s][0].point(&model.robot.spring_top_m[i]);
+            let top = ends[s][0].point(&model.robot.spring_top_m[i]);
             let bottom = end(s).point(&model.robot.spring_bottom_m[i]);
             // dl = n·(dx_bottom − dx_top)
             let along = (bottom - top).normalize();

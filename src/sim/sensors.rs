@@ -3,7 +3,8 @@
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion};
 
 use super::model::{Model, State};
-use super::rod::{poses, se3::Frame};
+use super::rod::Kinematics;
+use super::rod::se3::Frame;
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{ArmShape, CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, ypr_from_rotation};
 
@@ -30,18 +31,18 @@ fn pose(frame: &Frame) -> Pose {
 /// Poses, spring lengths, pad orientations and shape at a state.
 pub fn observe(model: &Model, state: &State) -> Observation {
     let robot = &model.robot;
-    let kin = poses(&model.rod, &state.strains);
-    let ends: Vec<(Frame, Frame)> = kin.nodes.iter().map(|n| (n[0], n[n.len() - 1])).collect();
+    let kin = Kinematics::at(&model.rod, &state.strains);
+    let ends = [kin.ends(0), kin.ends(1)];
     let mut spring_m = [0.0; SPRINGS];
     let mut spring_ends_m = [[[0.0; 3]; 2]; SPRINGS];
     for i in 0..SPRINGS {
-        let (start, end) = &ends[i / 6];
+        let [start, end] = &ends[i / 6];
         let top = start.point(&robot.spring_top_m[i]);
         let bottom = end.point(&robot.spring_bottom_m[i]);
         spring_m[i] = (bottom - top).norm();
         spring_ends_m[i] = [top.into(), bottom.into()];
     }
-    let pads = [pose(&ends[0].0), pose(&ends[0].1), pose(&ends[1].1)];
+    let pads = [pose(&ends[0][0]), pose(&ends[0][1]), pose(&ends[1][1])];
     let imu_ypr_rad = orientations(robot, &pads);
     Observation {
         base_from_tip: pads[2],
@@ -52,8 +53,8 @@ pub fn observe(model: &Model, state: &State) -> Observation {
         bellows_m: bellows_lengths(model, &state.strains),
         shape: ArmShape {
             base_from_section: [
-                kin.nodes[0].iter().map(pose).collect(),
-                kin.nodes[1].iter().map(pose).collect(),
+                kin.section(0).iter().map(pose).collect(),
+                kin.section(1).iter().map(pose).collect(),
             ],
             base_from_pad: pads,
             spring_ends_m,
@@ -96,6 +97,6 @@ pub fn pads_read(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> SensorVec {
 
 /// L_i = Σ l |v + κ × r_i|, m.
 pub(super) fn bellows_lengths(model: &Model, strains: &[f64]) -> [f64; CHAMBERS] {
-    let lengths_m = model.rod.tube_lengths_m(strains);
+    let lengths_m = model.rod.bellows_lengths_m(strains);
     std::array::from_fn(|i| lengths_m[i])
 }

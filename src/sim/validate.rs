@@ -15,8 +15,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 use nalgebra::{Rotation3, Vector3};
 
 use super::rod::se3::Frame;
-use super::rod::{Loads, Rod, Section, Strains, Workspace, is_stable, poses, solve};
-use super::{Inputs, Model, Moving, State, mechanical_energy, observe, settle, swing};
+use super::rod::{Kinematics, Loads, Rod, Section, Strains, Workspace, is_stable, solve};
+use super::{Inputs, Model, State, mechanical_energy, observe, settle, step_dynamics};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, ypr_from_rotation};
 
@@ -92,7 +92,7 @@ fn cantilever(elements: usize, length_m: f64, rigidity: [f64; 6]) -> Rod {
             length_m,
             rigidity,
             rest: [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
-            tubes: Vec::new(),
+            bellows: Vec::new(),
             links: Vec::new(),
             kg_per_m: 0.0,
             masses: Vec::new(),
@@ -101,6 +101,7 @@ fn cantilever(elements: usize, length_m: f64, rigidity: [f64; 6]) -> Rod {
         strains: Strains::All,
         gravity_m_s2: Vector3::zeros(),
         base: Frame::identity(),
+        floor: None,
     }
 }
 
@@ -113,7 +114,7 @@ fn unit_cantilever(elements: usize) -> Rod {
 fn tip(rod: &Rod, loads: &Loads) -> Frame {
     let mut q = rod.rest_state();
     if solve(rod, loads, &mut q, &mut Workspace::default()).converged {
-        poses(rod, &q).tip()
+        Kinematics::at(rod, &q).tip()
     } else {
         Frame {
             r: Frame::identity().r * f64::NAN,
@@ -179,7 +180,8 @@ fn helix(out: &mut Vec<Case>) {
         xi[0] = kappa;
         xi[2] = tau;
     }
-    let nodes = &poses(&rod, &q).nodes[0];
+    let at = Kinematics::at(&rod, &q);
+    let nodes = at.section(0);
     let axis = Vector3::new(kappa, 0.0, tau).normalize();
     let across = |d: Vector3<f64>| (d - axis * d.dot(&axis)).norm();
     let radius = 0.5 * across(nodes[elements / 2].p - nodes[0].p);
@@ -327,21 +329,20 @@ fn released(model: &Model, tau_s: f64) -> Option<(f64, f64)> {
         chamber_pa: [10e3, -10e3, 0.0, 5e3, 0.0, -10e3],
         ..Inputs::default()
     };
-    let total = |m: &Moving| {
-        let e = mechanical_energy(model, m, &rest);
+    let total = |s: &State| {
+        let e = mechanical_energy(model, s, &rest);
         e.kinetic_j + e.potential_j
     };
     let mut state = State::rest(model);
     settle(model, &mut state, &rest).ok()?;
-    let lowest = total(&Moving::from_rest(&state));
+    let lowest = total(&state);
     settle(model, &mut state, &bent).ok()?;
-    let mut moving = Moving::from_rest(&state);
-    let start = total(&moving);
+    let start = total(&state);
     let (mut before, mut departure, mut gain) = (start, 0.0f64, 0.0f64);
     for k in 1..=10_000 {
-        swing(model, &mut moving, &rest, tau_s, 1e-3).ok()?;
+        step_dynamics(model, &mut state, &rest, tau_s, 1e-3).ok()?;
         if k % 5 == 0 {
-            let now = total(&moving);
+            let now = total(&state);
             departure = departure.max((now - start).abs());
             gain = gain.max(now - before);
             before = now;
@@ -387,11 +388,10 @@ fn frame_indifference(out: &mut Vec<Case>) {
         let mut state = State::rest(&turned);
         settle(&turned, &mut state, &inputs).ok()?;
         let start = turned.rod.base;
-        let nodes = poses(&turned.rod, &state.strains).nodes;
+        let at = Kinematics::at(&turned.rod, &state.strains);
         Some(
-            nodes
-                .concat()
-                .iter()
+            (0..2)
+                .flat_map(|s| at.section(s).to_vec())
                 .map(|f| {
                     (
                         start.r.transpose() * (f.p - start.p),

@@ -11,7 +11,8 @@ use crate::sim::dataset::{normal, sample_rng, scattered};
 use crate::sim::rod::{PointMass, Strains};
 use crate::sim::sensors::spring_lengths;
 use crate::sim::{
-    Inputs, Model, Observation, Parameters, Resolution, SimError, State, creep_to, observe, settle,
+    Inputs, Model, Observation, Parameters, Resolution, SimError, State, observe, settle,
+    step_overdamped,
 };
 
 /// Shares and times of the creep's terms.
@@ -196,7 +197,7 @@ impl<'a> Arm<'a> {
             payload_kg: self.payload_kg,
             tip_force_n: (self.hose_n() + self.floor_n()).into(),
         };
-        creep_to(
+        step_overdamped(
             &self.model,
             &mut self.state,
             &inputs,

@@ -5,7 +5,6 @@ use nalgebra::Vector3;
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
 use crate::sim::Model;
-use crate::sim::rod::{Floor, Memory};
 
 /// Where an effect sits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -153,8 +152,4 @@ pub struct Plant {
     pub tip_force_n: Vector3<f64>,
     /// Time constant of stiffness-proportional damping, s (0: settled at every instant).
     pub tau_s: f64,
-    /// Dry friction and viscoelastic branches of each bellows.
-    pub memory: [Memory; CHAMBERS],
-    /// A floor.
-    pub floor: Option<Floor>,
 }

@@ -1,10 +1,10 @@
 //! What each effect does. The equations stand in the table.
 
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::effect::{Call, Line, Plant};
 use crate::signal::{CHAMBERS, Pose, SensorVec, ypr_from_rotation};
-use crate::sim::rod::{Branch, Floor, Friction};
+use crate::sim::rod::{Bellows, Branch, Floor, Friction};
 
 /// First-order lag of a series: y' = (x − y)/τ, exact for inputs held between instants.
 fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
@@ -156,54 +156,47 @@ pub(super) fn gauge_error(c: &Call, line: &mut Line) {
 }
 
 pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
-    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-        if c.values[0] > 0.0 {
-            plant.memory[i].friction.push(Friction {
-                most_n: c.values[0],
-                width_m: c.values[1],
-                force_n: 0.0,
+    if c.values[0] > 0.0 {
+        each_bellows(c, plant, |bellows| {
+            bellows.friction.push(Friction {
+                coulomb_force_n: c.values[0],
+                presliding_m: c.values[1],
             });
-        }
+        });
     }
 }
 
 pub(super) fn creep(c: &Call, plant: &mut Plant) {
-    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-        if c.values[0] > 0.0 {
-            plant.memory[i].branches.push(Branch {
+    if c.values[0] > 0.0 {
+        each_bellows(c, plant, |bellows| {
+            bellows.branches.push(Branch {
                 rate_n_m: c.values[0] * c.robot.axial_stiffness_n_m,
                 tau_s: c.values[1],
-                force_n: 0.0,
             });
-        }
+        });
     }
 }
 
 pub(super) fn stiffening(c: &Call, plant: &mut Plant) {
-    each_tube(c, plant, |tube| {
-        tube.cubic_n += c.values[0] * tube.stiffness_n
+    each_bellows(c, plant, |bellows| {
+        bellows.cubic_n += c.values[0] * bellows.stiffness_n
     });
 }
 
 pub(super) fn chamber_stiffness(c: &Call, plant: &mut Plant) {
-    each_tube(c, plant, |tube| {
-        tube.stiffness_n *= c.values[0];
-        tube.cubic_n *= c.values[0];
+    each_bellows(c, plant, |bellows| {
+        bellows.stiffness_n *= c.values[0];
+        bellows.cubic_n *= c.values[0];
     });
 }
 
-fn each_tube(c: &Call, plant: &mut Plant, mut f: impl FnMut(&mut crate::sim::rod::Tube)) {
-    let tubes = plant
-        .model
-        .rod
-        .sections
-        .iter_mut()
-        .flat_map(|s| &mut s.tubes);
-    for (i, tube) in tubes.enumerate() {
-        if c.hits(i) {
-            f(tube);
-        }
-    }
+/// Changes every bellows the effect acts on.
+fn each_bellows(c: &Call, plant: &mut Plant, f: impl FnMut(&mut Bellows)) {
+    let bellows = plant.model.rod.bellows_mut().enumerate();
+    bellows
+        .filter(|(i, _)| c.hits(*i))
+        .map(|(_, b)| b)
+        .for_each(f);
 }
 
 pub(super) fn damping(c: &Call, plant: &mut Plant) {
@@ -239,12 +232,10 @@ pub(super) fn tip_force(c: &Call, plant: &mut Plant) {
 }
 
 pub(super) fn contact(c: &Call, plant: &mut Plant) {
-    plant.floor = Some(Floor {
+    plant.model.rod.floor = Some(Floor {
         height_m: c.values[0],
         rate_n_m: c.values[1],
         friction: c.values[2],
-        at_m: Vector3::zeros(),
-        grip_n: Vector2::zeros(),
     });
 }
 

@@ -1,7 +1,7 @@
 //! A trajectory through the arm with effects at work.
 //!
 //! The arm is settled (or, with damping, moved on) at every instant. Friction, viscoelastic branches
-//! and a floor are part of the energy that each instant minimises (see [`crate::sim::rod::Memory`]).
+//! and a floor are part of the energy that each instant minimises (see [`crate::sim::rod::History`]).
 
 use nalgebra::Vector3;
 
@@ -11,9 +11,8 @@ use super::operators::behind_lag;
 use super::table::EFFECTS;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use crate::sim::model::relax;
-use crate::sim::rod::{Memory, PointMass};
-use crate::sim::{Inputs, Model, SimError, State, observe};
+use crate::sim::rod::PointMass;
+use crate::sim::{Inputs, Model, SimError, State, observe, settle, step_overdamped};
 
 /// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`.
 ///
@@ -106,7 +105,7 @@ pub fn arm_only(
     arm(model, t_s, chamber_pa, payload_kg, &ordered(effects))
 }
 
-/// A model with effects in it that need no history; what others do is lost.
+/// A model with effects of mechanics in it; their damping is lost.
 pub(in crate::sim) fn built_in(model: &Model, effects: &[Active]) -> Model {
     let mut plant = Plant::new(model, 0.0);
     plant.act(&[0.0], &ordered(effects));
@@ -179,8 +178,6 @@ impl Plant {
             payload_m: model.payload_m,
             tip_force_n: model.hidden_force_n,
             tau_s: 0.0,
-            memory: std::array::from_fn(|_| Memory::default()),
-            floor: None,
         }
     }
 
@@ -200,8 +197,8 @@ impl Plant {
                 kg: self.payload_kg,
             });
         }
-        let remembers = self.memory.iter().any(|m| !m.is_empty());
-        let mut state = State::rest(&self.model);
+        let (model, tau_s) = (&self.model, self.tau_s);
+        let mut state = State::rest(model);
         let mut out = Simulated::default();
         for (k, chamber_pa) in chamber_pa.iter().enumerate() {
             let inputs = Inputs {
@@ -210,31 +207,12 @@ impl Plant {
                 ..Inputs::default()
             };
             // The first instant has no before: the arm rests there, and nothing pulls yet.
-            let dt_s = (k > 0).then(|| t_s[k] - t_s[k - 1]);
-            let mut loads = self
-                .model
-                .loads(&inputs, dt_s.map_or(0.0, |dt_s| self.tau_s / dt_s));
-            loads.floor = self.floor;
-            if let Some(dt_s) = dt_s.filter(|_| remembers) {
-                self.memory.iter_mut().for_each(|m| m.dt_s = dt_s);
-                loads.memory = self.memory.to_vec();
-            }
-            relax(&self.model, &mut state, &loads)?;
-            let o = observe(&self.model, &state);
-            for (memory, length_m) in self.memory.iter_mut().zip(o.bellows_m) {
-                match dt_s {
-                    Some(_) => memory.move_to(length_m),
-                    None => memory.length_m = length_m,
-                }
-            }
+            match k {
+                0 => settle(model, &mut state, &inputs)?,
+                _ => step_overdamped(model, &mut state, &inputs, tau_s, t_s[k] - t_s[k - 1])?,
+            };
+            let o = observe(model, &state);
             let pads = o.shape.base_from_pad;
-            let end_m = pads[2].translation.vector;
-            if let Some(floor) = &mut self.floor {
-                match dt_s {
-                    Some(_) => floor.move_to(&end_m),
-                    None => floor.at_m = end_m,
-                }
-            }
             out.sensors.push(o.sensors);
             out.base_from_pad.push(pads);
             out.captured.push([pads[1], pads[2]]);

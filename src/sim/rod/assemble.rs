@@ -13,29 +13,21 @@
 //! ∂g_i/∂q_j − ∂g_j/∂q_i = −(ω_j × ω_i)·M,
 //!
 //! which the Hessian leaves out and [`Assembly::jacobian`] has. Tension springs span one section, so they
-//! add their forces, and their stiffness through the screws, to that section alone. What a bellows
-//! remembers is a function W of its whole length x, and adds W″ ∇x ∇xᵀ over its section.
+//! add their forces, and their stiffness through the screws, to that section alone. Forces of a
+//! bellows that depend on the way have a potential W of its whole length x, which adds W″ ∇x ∇xᵀ over its section.
 
-mod kinematics;
 mod stiffness;
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-use super::se3::{ExpMap, Frame, Twist};
-use super::section::strain_of;
-use super::{Loads, Rod, Section, Tube};
-pub use kinematics::Kinematics;
-pub(super) use kinematics::{kinematics, screws, twist_of};
+use super::kinematics::{Kinematics, screw};
+use super::loads::{Acting, Loads};
+use super::se3::{Frame, Twist};
+use super::section::{Bellows, PointMass, Rod, Section, strain_of};
 use stiffness::{Dead, Stiffness6};
 
-/// What is kept of one element between the passes.
-#[derive(Clone, Debug)]
-struct ElementPass {
-    start: Frame,
-    exp: ExpMap,
-    /// Per free strain: spatial screw and ad⁰e..ad⁴e.
-    screws: [(Twist, [Twist; 5]); 6],
-}
+/// Per free strain of an element: spatial screw and ad⁰e..ad⁴e.
+type Screws = [(Twist, [Twist; 5]); 6];
 
 /// Scratch memory and results of one evaluation.
 #[derive(Clone, Debug, Default)]
@@ -44,13 +36,14 @@ pub(super) struct Assembly {
     pub gradient: Vec<f64>,
     /// Row-major, lower triangle filled.
     pub hessian: Vec<f64>,
-    elements: Vec<ElementPass>,
+    kinematics: Kinematics,
+    elements: Vec<Screws>,
     moved: Vec<[f64; 9]>,
 }
 
 /// ∂(v + κ × r)/∂ξ: e_i × r for κ_i, e_i for v_i.
-fn path_columns(tube: &Tube) -> [Vector3<f64>; 6] {
-    let r = tube.r_m;
+fn path_columns(bellows: &Bellows) -> [Vector3<f64>; 6] {
+    let r = bellows.r_m;
     [
         Vector3::new(0.0, -r.z, r.y),
         Vector3::new(r.z, 0.0, -r.x),
@@ -61,30 +54,41 @@ fn path_columns(tube: &Tube) -> [Vector3<f64>; 6] {
     ]
 }
 
-/// What the tubes remember at the strains q: energy, pushing forces with it, and stiffness.
-pub(super) fn remembered(rod: &Rod, loads: &Loads, q: &[f64]) -> (f64, Vec<f64>, Vec<f64>) {
-    let mut tube_n = loads.tube_n.clone();
-    if loads.memory.is_empty() {
-        return (0.0, tube_n, Vec::new());
-    }
-    let mut energy = 0.0;
-    let mut slopes_n_m = Vec::with_capacity(tube_n.len());
-    let lengths_m = rod.tube_lengths_m(q);
-    for ((memory, x_m), push_n) in loads.memory.iter().zip(lengths_m).zip(&mut tube_n) {
-        let w = memory.at(x_m);
+/// Forces of the bellows that depend on the way.
+pub(super) struct WayDependent {
+    energy: f64,
+    /// Pushing forces of the bellows with them, N.
+    pub bellows_n: Vec<f64>,
+    slopes_n_m: Vec<f64>,
+}
+
+/// Forces of the bellows that depend on the way, at the strains `q`; `None` when there are none.
+pub(super) fn way_dependent(rod: &Rod, acting: &Acting, q: &[f64]) -> Option<WayDependent> {
+    let (history, dt_s) = acting.history.filter(|(h, _)| !h.bellows.is_empty())?;
+    let mut out = WayDependent {
+        energy: 0.0,
+        bellows_n: acting.loads.bellows_n.clone(),
+        slopes_n_m: Vec::with_capacity(history.bellows.len()),
+    };
+    let bellows = history.bellows.iter().zip(rod.bellows());
+    for (((history, bellows), x_m), push_n) in bellows
+        .zip(rod.bellows_lengths_m(q))
+        .zip(&mut out.bellows_n)
+    {
+        let w = history.at(bellows, x_m, dt_s);
         // In the elements' energy the force at x counts as a dead one, F x in all.
-        energy += w.energy - w.force_n * x_m;
+        out.energy += w.energy - w.force_n * x_m;
         *push_n -= w.force_n;
-        slopes_n_m.push(w.slope_n_m);
+        out.slopes_n_m.push(w.slope_n_m);
     }
-    (energy, tube_n, slopes_n_m)
+    Some(out)
 }
 
 /// Strain energy of one element with its first two derivatives after the six strains.
 fn local(
     section: &Section,
     l: f64,
-    tube_n: &[f64],
+    bellows_n: &[f64],
     xi: &[f64; 6],
 ) -> (f64, [f64; 6], [[f64; 6]; 6]) {
     let mut e = 0.0;
@@ -96,16 +100,17 @@ fn local(
         g[i] += l * section.rigidity[i] * dx;
         h[i][i] += l * section.rigidity[i];
     }
-    for (tube, push) in section.tubes.iter().zip(tube_n) {
-        let d = tube.along(xi);
+    for (bellows, push) in section.bellows.iter().zip(bellows_n) {
+        let d = bellows.along(xi);
         let stretch = d.norm();
         let n = d / stretch;
-        let x = stretch - tube.rest_stretch;
-        e +=
-            l * (0.5 * tube.stiffness_n * x * x + 0.25 * tube.cubic_n * x.powi(4) - push * stretch);
-        let d1 = l * (tube.stiffness_n * x + tube.cubic_n * x.powi(3) - push);
-        let d2 = l * (tube.stiffness_n + 3.0 * tube.cubic_n * x * x);
-        let columns = path_columns(tube);
+        let x = stretch - bellows.rest_stretch;
+        e += l
+            * (0.5 * bellows.stiffness_n * x * x + 0.25 * bellows.cubic_n * x.powi(4)
+                - push * stretch);
+        let d1 = l * (bellows.stiffness_n * x + bellows.cubic_n * x.powi(3) - push);
+        let d2 = l * (bellows.stiffness_n + 3.0 * bellows.cubic_n * x * x);
+        let columns = path_columns(bellows);
         let along = columns.map(|c| n.dot(&c));
         for i in 0..6 {
             g[i] += d1 * along[i];
@@ -120,35 +125,40 @@ fn local(
 
 impl Assembly {
     /// Energy alone, for the line search.
-    pub fn energy_only(rod: &Rod, loads: &Loads, q: &[f64], previous: &[f64]) -> f64 {
+    pub fn energy_only(rod: &Rod, acting: &Acting, q: &[f64]) -> f64 {
         let idx = rod.strains.indices();
         let d = idx.len();
-        let kin = kinematics(rod, q);
-        let (mut e, all_n, _) = remembered(rod, loads, q);
-        let (mut k, mut t) = (0, 0);
-        if let Some(floor) = &loads.floor {
-            e += floor.at(&kin.tip().p).energy;
+        let loads = acting.loads;
+        let at = Kinematics::at(rod, q);
+        let way = way_dependent(rod, acting, q);
+        let mut e = way.as_ref().map_or(0.0, |w| w.energy);
+        let all_n = way.as_ref().map_or(&loads.bellows_n, |w| &w.bellows_n);
+        let (mut k, mut b) = (0, 0);
+        if let Some(floor) = &rod.floor {
+            e += floor.at(&at.tip().p, acting.contact()).energy;
         }
         for (si, s) in rod.sections.iter().enumerate() {
             let l = s.length_m / s.elements as f64;
-            let tube_n = &all_n[t..t + s.tubes.len()];
+            let bellows_n = &all_n[b..b + s.bellows.len()];
             for _ in 0..s.elements {
                 let xi = strain_of(s, idx, &q[k..k + d]);
-                e += local(s, l, tube_n, &xi).0;
-                for (m, &i) in idx.iter().enumerate() {
-                    let dq = q[k + m] - previous[k + m];
-                    e += 0.5 * loads.viscosity * drag(s, l, i) * dq * dq;
+                e += local(s, l, bellows_n, &xi).0;
+                if let Some((viscosity, from)) = acting.drag {
+                    for (m, &i) in idx.iter().enumerate() {
+                        let dq = q[k + m] - from[k + m];
+                        e += 0.5 * viscosity * drag(s, l, i) * dq * dq;
+                    }
                 }
                 k += d;
             }
-            t += s.tubes.len();
-            let (start, end) = (kin.nodes[si][0], kin.nodes[si][s.elements]);
+            b += s.bellows.len();
+            let [start, end] = at.ends(si);
             for link in &s.links {
                 let dist = (end.point(&link.bottom_m) - start.point(&link.top_m)).norm();
                 let x = (dist - link.free_m).max(0.0);
                 e += 0.5 * link.rate_n_m * x * x;
             }
-            for_dead_forces(rod, loads, si, &kin.nodes[si], |_, x, f| e -= x.dot(f));
+            for_dead_forces(rod, loads, si, at.section(si), |_, x, f| e -= x.dot(f));
         }
         // A constant moment has no energy in general; its work is left out here and the line
         // search is skipped when one acts.
@@ -156,10 +166,11 @@ impl Assembly {
     }
 
     /// Energy, gradient and Hessian at q.
-    pub fn evaluate(&mut self, rod: &Rod, loads: &Loads, q: &[f64], previous: &[f64]) {
+    pub fn evaluate(&mut self, rod: &Rod, acting: &Acting, q: &[f64]) {
         let idx = rod.strains.indices();
         let d = idx.len();
         let n = rod.unknowns();
+        let loads = acting.loads;
         self.energy = 0.0;
         self.gradient.clear();
         self.gradient.resize(n, 0.0);
@@ -169,9 +180,11 @@ impl Assembly {
         self.moved.clear();
         self.moved.resize(n, [0.0; 9]);
 
-        let (energy, tube_n, slopes_n_m) = remembered(rod, loads, q);
-        self.energy += energy;
-        let nodes = self.forward(rod, loads, &tube_n, q, previous);
+        let way = way_dependent(rod, acting, q);
+        self.energy += way.as_ref().map_or(0.0, |w| w.energy);
+        let bellows_n = way.as_ref().map_or(&loads.bellows_n, |w| &w.bellows_n);
+        self.kinematics.place(rod, q);
+        self.forward(rod, bellows_n, q, acting.drag);
 
         // Backward: from the tip to the base, dead loads accumulate.
         let mut dead = Dead::zero();
@@ -179,17 +192,17 @@ impl Assembly {
         let mut element_end = self.elements.len();
         for (si, s) in rod.sections.iter().enumerate().rev() {
             let first = element_end - s.elements;
-            let (start, end) = (nodes[si][0], nodes[si][s.elements]);
+            let [start, end] = self.kinematics.ends(si);
             let (link, link_k) = self.links(s, &start, &end);
             let mut forces = vec![Vec::new(); s.elements + 1];
             let mut energy = 0.0;
-            for_dead_forces(rod, loads, si, &nodes[si], |node, x, f| {
+            for_dead_forces(rod, loads, si, self.kinematics.section(si), |node, x, f| {
                 energy -= x.dot(f);
                 forces[node].push((*x, *f));
             });
-            let floor = loads.floor.filter(|_| si + 1 == rod.sections.len());
+            let floor = rod.floor.filter(|_| si + 1 == rod.sections.len());
             if let Some(floor) = floor {
-                let push = floor.at(&end.p);
+                let push = floor.at(&end.p, acting.contact());
                 energy += push.energy;
                 forces[s.elements].push((end.p, push.force_n));
             }
@@ -199,19 +212,20 @@ impl Assembly {
                     dead.add(x, f);
                 }
                 let all = dead.sum(&link);
-                let pass = &self.elements[first + e];
+                let screws = &self.elements[first + e];
+                let at = &self.kinematics.nodes[first + e + si];
                 // Wrench on the element's end as seen from its start, paired with its twists.
-                let about = all.m - pass.start.p.cross(&all.f);
+                let about = all.m - at.p.cross(&all.f);
                 let z = Twist {
-                    w: -(pass.start.r.transpose() * about),
-                    v: -(pass.start.r.transpose() * all.f),
+                    w: -(at.r.transpose() * about),
+                    v: -(at.r.transpose() * all.f),
                 };
-                let contraction = pass.exp.contraction(&z);
+                let contraction = self.kinematics.maps[first + e].contraction(&z);
                 let l = s.length_m / s.elements as f64;
                 let base = (first + e) * d;
                 let mut sections = [Vector3::zeros(); 6];
                 for a in 0..d {
-                    let (screw, y) = &pass.screws[a];
+                    let (screw, y) = &screws[a];
                     self.gradient[base + a] -= screw.w.dot(&all.m) + screw.v.dot(&all.f);
                     let upstream = dead.moved(screw);
                     let section = all.moved(screw);
@@ -232,7 +246,7 @@ impl Assembly {
                     sections[a] = section;
                     for b in 0..=a {
                         // ω_a·C_b is not symmetric by itself; the derivative term makes up for it.
-                        let cross = pull.dot(&pass.screws[b].0) - screw.w.dot(&sections[b]);
+                        let cross = pull.dot(&screws[b].0) - screw.w.dot(&sections[b]);
                         let tangent = l * l * h.get(idx[b]);
                         self.hessian[(base + a) * n + base + b] += cross + tangent;
                     }
@@ -244,9 +258,13 @@ impl Assembly {
             element_end = first;
         }
         self.couple(rod, n, d);
-        self.stiffen(rod, q, &slopes_n_m);
-        if let (Some(floor), Some(end)) = (loads.floor, nodes.last().and_then(|c| c.last())) {
-            self.rest_on(&floor.at(&end.p).stiffness_n_m, end, d);
+        if let Some(way) = &way {
+            self.stiffen(rod, q, &way.slopes_n_m);
+        }
+        if let Some(floor) = rod.floor {
+            let end = self.kinematics.tip();
+            let push = floor.at(&end.p, acting.contact());
+            self.rest_on(&push.stiffness_n_m, &end, d);
         }
         if loads.tip_moment_nm.norm() > 0.0 {
             self.symmetrise(&loads.tip_moment_nm, n, d);
@@ -255,34 +273,31 @@ impl Assembly {
 
     /// Spatial screws of all strains, `d` of each element, at the place last evaluated.
     pub fn screws(&self, d: usize) -> impl Iterator<Item = Twist> {
-        let screws = self.elements.iter().flat_map(move |e| &e.screws[..d]);
+        let screws = self.elements.iter().flat_map(move |e| &e[..d]);
         screws.map(|(screw, _)| *screw)
     }
 
-    /// Adds the stiffness of what the tubes remember.
+    /// Adds the stiffness of the forces that depend on the way.
     fn stiffen(&mut self, rod: &Rod, q: &[f64], slopes_n_m: &[f64]) {
-        if slopes_n_m.is_empty() {
-            return;
-        }
         let idx = rod.strains.indices();
         let d = idx.len();
         let (mut from, mut t) = (0, 0);
         for s in &rod.sections {
             let l = s.length_m / s.elements as f64;
             let to = from + d * s.elements;
-            for (tube, slope_n_m) in s.tubes.iter().zip(&slopes_n_m[t..]) {
-                let columns = path_columns(tube);
+            for (bellows, slope_n_m) in s.bellows.iter().zip(&slopes_n_m[t..]) {
+                let columns = path_columns(bellows);
                 let longer: Vec<f64> = q[from..to]
                     .chunks_exact(d)
                     .flat_map(|xi| {
-                        let n = tube.along(&strain_of(s, idx, xi)).normalize();
+                        let n = bellows.along(&strain_of(s, idx, xi)).normalize();
                         idx.iter().map(move |&i| l * n.dot(&columns[i]))
                     })
                     .collect();
                 self.add_outer(from, &longer, *slope_n_m);
             }
             from = to;
-            t += s.tubes.len();
+            t += s.bellows.len();
         }
     }
 
@@ -314,7 +329,7 @@ impl Assembly {
 
     /// −½ (ω_j × ω_i)·M: the skew part of ∂g_i/∂q_j under a tip moment.
     fn skew(&self, moment: &Vector3<f64>, d: usize, i: usize, j: usize) -> f64 {
-        let w = |k: usize| &self.elements[k / d].screws[k % d].0.w;
+        let w = |k: usize| &self.elements[k / d][k % d].0.w;
         -0.5 * w(j).cross(w(i)).dot(moment)
     }
 
@@ -338,63 +353,44 @@ impl Assembly {
         })
     }
 
-    /// Frames, screws and the local energy of every element. Returns the nodes.
-    fn forward(
-        &mut self,
-        rod: &Rod,
-        loads: &Loads,
-        all_n: &[f64],
-        q: &[f64],
-        previous: &[f64],
-    ) -> Vec<Vec<Frame>> {
+    /// Screws and the local energy of every element.
+    fn forward(&mut self, rod: &Rod, all_n: &[f64], q: &[f64], resists: Option<(f64, &[f64])>) {
         let idx = rod.strains.indices();
         let d = idx.len();
         let n = rod.unknowns();
-        let (mut at, mut k, mut t) = (rod.base, 0, 0);
-        let mut nodes = Vec::with_capacity(rod.sections.len());
-        for s in &rod.sections {
+        let (mut k, mut b) = (0, 0);
+        for (si, s) in rod.sections.iter().enumerate() {
             let l = s.length_m / s.elements as f64;
-            let tube_n = &all_n[t..t + s.tubes.len()];
-            let mut chain = Vec::with_capacity(s.elements + 1);
-            chain.push(at);
+            let bellows_n = &all_n[b..b + s.bellows.len()];
             for _ in 0..s.elements {
-                let xi = strain_of(s, idx, &q[k..k + d]);
-                let exp = ExpMap::new(twist_of(&xi, l));
+                let element = self.elements.len();
+                let at = &self.kinematics.nodes[element + si];
+                let map = &self.kinematics.maps[element];
                 let mut screws = [(Twist::zero(), [Twist::zero(); 5]); 6];
                 for (m, &i) in idx.iter().enumerate() {
-                    let (tangent, y) = exp.tangent(&Twist::unit(i));
-                    let w = at.r * tangent.w * l;
-                    screws[m] = (
-                        Twist {
-                            w,
-                            v: at.r * tangent.v * l + at.p.cross(&w),
-                        },
-                        y,
-                    );
+                    screws[m] = screw(at, map, i, l);
                 }
-                let (e, g, h) = local(s, l, tube_n, &xi);
+                self.elements.push(screws);
+                let xi = strain_of(s, idx, &q[k..k + d]);
+                let (e, g, h) = local(s, l, bellows_n, &xi);
                 self.energy += e;
                 for (m, &i) in idx.iter().enumerate() {
-                    let dq = q[k + m] - previous[k + m];
-                    let drag = loads.viscosity * drag(s, l, i);
-                    self.energy += 0.5 * drag * dq * dq;
-                    self.gradient[k + m] += g[i] + drag * dq;
-                    self.hessian[(k + m) * n + k + m] += drag;
+                    self.gradient[k + m] += g[i];
                     for (o, &j) in idx[..=m].iter().enumerate() {
                         self.hessian[(k + m) * n + k + o] += h[i][j];
                     }
+                    if let Some((viscosity, from)) = resists {
+                        let dq = q[k + m] - from[k + m];
+                        let drag = viscosity * drag(s, l, i);
+                        self.energy += 0.5 * drag * dq * dq;
+                        self.gradient[k + m] += drag * dq;
+                        self.hessian[(k + m) * n + k + m] += drag;
+                    }
                 }
-                let start = at;
-                at = at.then(&exp.frame);
-                chain.push(at);
-                self.elements.push(ElementPass { start, exp, screws });
                 k += d;
             }
-            t += s.tubes.len();
-            at = at.shifted(&s.offset_m);
-            nodes.push(chain);
+            b += s.bellows.len();
         }
-        nodes
     }
 
     /// Forces and stiffness of the springs across a section.
@@ -433,7 +429,7 @@ impl Assembly {
                 for ea in 0..eb {
                     let same = section_of[ea] == section_of[eb];
                     for a in 0..d {
-                        let s = &self.elements[ea].screws[a].0;
+                        let s = &self.elements[ea][a].0;
                         let h = if same {
                             s.w.x * m[3]
                                 + s.w.y * m[4]
@@ -454,8 +450,8 @@ impl Assembly {
 
 /// Resistance of one strain to change, per unit viscosity.
 pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
-    let tubes: f64 = s
-        .tubes
+    let bellows: f64 = s
+        .bellows
         .iter()
         .map(|t| match i {
             0 => t.stiffness_n * t.r_m.y * t.r_m.y,
@@ -464,7 +460,7 @@ pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
             _ => 0.0,
         })
         .sum();
-    l * (s.rigidity[i] + tubes)
+    l * (s.rigidity[i] + bellows)
 }
 
 /// Calls `each(node, point, force)` for every dead force on a section; node 0 is its start.
@@ -483,7 +479,7 @@ pub(super) fn for_dead_forces(
         each(i, &node.p, &(lump * share));
     }
     let last = si + 1 == rod.sections.len();
-    let extra: &[super::PointMass] = if last { &loads.tip_masses } else { &[] };
+    let extra: &[PointMass] = if last { &loads.tip_masses } else { &[] };
     for m in s.masses.iter().chain(extra) {
         each(end, &nodes[end].point(&m.at_m), &(rod.gravity_m_s2 * m.kg));
     }

@@ -20,15 +20,17 @@
 //! Source: J. E. Marsden, M. West, "Discrete mechanics and variational integrators",
 //! Acta Numerica 2001, doi:10.1017/S096249290100006X.
 
-use std::borrow::Cow;
-
 use nalgebra::DVector;
 
-use super::assemble::{Assembly, drag, screws};
-use super::chain::{Chain, Wrenches, gradient};
+use super::assemble::{Assembly, drag};
+use super::gradient::{Wrenches, gradient};
+use super::history::History;
 use super::inertia::{Body, Place, bodies, mass_matrix};
+use super::kinematics::Kinematics;
+use super::loads::{Acting, Loads};
 use super::se3::Twist;
-use super::{Factor, Loads, Outcome, Rod};
+use super::section::Rod;
+use super::{Factor, Outcome};
 use crate::sim::anderson::Anderson;
 
 /// Where the rod is and how it moves.
@@ -57,14 +59,13 @@ pub struct Energy {
     pub potential_j: f64,
 }
 
-/// Energy of `motion` under `loads`. The kinetic part is not a number when the masses leave a
+/// Energy of `motion` under `loads`, friction, viscoelastic branches and grip left out. The kinetic part is not a number when the masses leave a
 /// strain without inertia.
 pub fn energy(rod: &Rod, loads: &Loads, motion: &Motion) -> Energy {
-    let mut at = Chain::default();
-    at.place(rod, &motion.q);
+    let at = Kinematics::at(rod, &motion.q);
     let mut carried = Vec::new();
     bodies(rod, loads, &mut carried);
-    let (_, screws) = screws(rod, &motion.q);
+    let screws = at.screws(rod);
     let place = Place {
         nodes: &at.nodes,
         screws: &screws,
@@ -80,7 +81,7 @@ pub fn energy(rod: &Rod, loads: &Loads, motion: &Motion) -> Energy {
     };
     Energy {
         kinetic_j,
-        potential_j: Assembly::energy_only(rod, loads, &motion.q, &motion.q),
+        potential_j: Assembly::energy_only(rod, &Acting::at_rest(loads), &motion.q),
     }
 }
 
@@ -95,19 +96,19 @@ const LOST: f64 = 10.0;
 /// Then, and after this many iterations, the exact derivative takes over, costly as it is.
 const PATIENCE: usize = 20;
 
-/// What a motion's steps hand on to each other: memory, a matrix and a guess. Holds no result; one
+/// Memory of the integrator, with the matrix and the guess that a step hands on to the next one. Holds no result; one
 /// that comes from another motion costs time only.
 #[derive(Clone, Debug, Default)]
-pub struct Stride {
+pub struct Integrator {
     /// A, and the step and damping it was made for.
     factor: Factor,
     made_for_s: Option<[f64; 2]>,
     assembly: Assembly,
     /// Change of the strains over the last step.
     taken: Vec<f64>,
-    start: Chain,
-    middle: Chain,
-    end: Chain,
+    start: Kinematics,
+    middle: Kinematics,
+    end: Kinematics,
     bodies: Vec<Body>,
     wrenches: Wrenches,
     /// m (x₁ − x₀)/h of every body about the base origin.
@@ -124,19 +125,23 @@ pub struct Stride {
     image: Vec<f64>,
 }
 
-/// One step of `dt_s` under constant `loads`, with stiffness-proportional damping `tau_s`
-/// (`loads.viscosity` is not used). What the tubes remember and the floor act with their forces in the middle of the
-/// step; their state stays that of its start. On failure `motion` is left as it was.
+/// One step of `dt_s` under constant `loads`, with stiffness-proportional damping `tau_s`. Friction, viscoelastic
+/// branches and contact act with their forces in the middle of the step; `history` is their state at its start. On
+/// failure `motion` is left as it was.
 pub fn step(
     rod: &Rod,
     loads: &Loads,
+    history: &History,
     motion: &mut Motion,
     dt_s: f64,
     tau_s: f64,
-    work: &mut Stride,
+    work: &mut Integrator,
 ) -> Outcome {
-    let halfway = in_the_middle(loads);
-    let loads = halfway.as_ref();
+    let acting = &Acting {
+        loads,
+        drag: None,
+        history: Some((history, 0.5 * dt_s)),
+    };
     work.begin(rod, loads, motion, tau_s);
     let mut outcome = Outcome {
         converged: false,
@@ -148,14 +153,14 @@ pub fn step(
     work.anderson.begin();
     for iteration in 1..=MAX_ITERATIONS {
         outcome.iterations = iteration;
-        work.balance(rod, loads, motion, dt_s);
+        work.balance(rod, acting, motion, dt_s);
         let solved = if exact {
             work.anderson.clear();
-            work.solve_exactly(rod, loads, motion, dt_s)
+            work.solve_exactly(rod, acting, motion, dt_s)
         } else {
             if renew {
                 work.anderson.clear();
-                let made = work.renew(rod, loads, dt_s);
+                let made = work.renew(rod, acting, dt_s);
                 work.made_for_s = made.then_some([dt_s, tau_s]);
             }
             let made = work.made_for_s.is_some();
@@ -195,18 +200,6 @@ pub fn step(
     outcome
 }
 
-/// The loads as they act in the middle of a step: half of its time has passed for what the tubes remember.
-fn in_the_middle(loads: &Loads) -> Cow<'_, Loads> {
-    if loads.memory.is_empty() {
-        return Cow::Borrowed(loads);
-    }
-    let mut halfway = loads.clone();
-    for memory in &mut halfway.memory {
-        memory.dt_s *= 0.5;
-    }
-    Cow::Owned(halfway)
-}
-
 /// Largest component of a change of strains, in units of strain times section length.
 fn size(rod: &Rod, change: &[f64]) -> f64 {
     let length_m = rod.sections.iter().map(|s| s.length_m).sum::<f64>() / rod.sections.len() as f64;
@@ -222,7 +215,7 @@ fn size(rod: &Rod, change: &[f64]) -> f64 {
     most
 }
 
-impl Stride {
+impl Integrator {
     /// Everything that stays the same over a step, and the first guess of its end.
     fn begin(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, tau_s: f64) {
         let n = motion.q.len();
@@ -251,7 +244,7 @@ impl Stride {
     }
 
     /// `change` = J₀ᵀ m (x₁ − x₀)/h + h/2 Π'(q½) + τ/2 D (q₁ − q₀) − p₀.
-    fn balance(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, dt_s: f64) {
+    fn balance(&mut self, rod: &Rod, acting: &Acting, motion: &Motion, dt_s: f64) {
         self.q_middle.clear();
         let ends = motion.q.iter().zip(&self.q1);
         self.q_middle.extend(ends.map(|(a, b)| 0.5 * (a + b)));
@@ -259,7 +252,7 @@ impl Stride {
         self.end.place(rod, &self.q1);
         gradient(
             rod,
-            loads,
+            acting,
             &self.q_middle,
             &self.middle,
             &mut self.wrenches,
@@ -285,18 +278,13 @@ impl Stride {
         let rest = self.impulse.iter().zip(&motion.p);
         self.change.extend(rest.map(|(i, p)| i - p));
         self.start
-            .pull_back(rod, &self.momenta, &[], 1.0, &mut self.change);
+            .add_jacobian_transpose(rod, &self.momenta, &[], 1.0, &mut self.change);
     }
 
     /// Factorises A at the middle. Returns false when it holds no finite numbers.
-    fn renew(&mut self, rod: &Rod, loads: &Loads, dt_s: f64) -> bool {
+    fn renew(&mut self, rod: &Rod, acting: &Acting, dt_s: f64) -> bool {
         let n = self.q1.len();
-        let loads = &Loads {
-            viscosity: 0.0,
-            ..loads.clone()
-        };
-        self.assembly
-            .evaluate(rod, loads, &self.q_middle, &self.q_middle);
+        self.assembly.evaluate(rod, acting, &self.q_middle);
         let d = rod.strains.indices().len();
         let screws: Vec<Twist> = self.assembly.screws(d).collect();
         let place = Place {
@@ -329,23 +317,18 @@ impl Stride {
 
     /// `change` by Newton's method proper, with J₀ᵀ m J₁/h + h/4 Π'' + τ/2 D at the present guess.
     /// Returns false when that is singular.
-    fn solve_exactly(&mut self, rod: &Rod, loads: &Loads, motion: &Motion, dt_s: f64) -> bool {
+    fn solve_exactly(&mut self, rod: &Rod, acting: &Acting, motion: &Motion, dt_s: f64) -> bool {
         let n = self.q1.len();
-        let loads = &Loads {
-            viscosity: 0.0,
-            ..loads.clone()
-        };
-        self.assembly
-            .evaluate(rod, loads, &self.q_middle, &self.q_middle);
-        let ends = [screws(rod, &motion.q).1, screws(rod, &self.q1).1];
+        self.assembly.evaluate(rod, acting, &self.q_middle);
+        let ends = [self.start.screws(rod), self.end.screws(rod)];
         let [from, to] =
-            [(&self.start, &ends[0]), (&self.end, &ends[1])].map(|(chain, screws)| Place {
-                nodes: &chain.nodes,
+            [(&self.start, &ends[0]), (&self.end, &ends[1])].map(|(at, screws)| Place {
+                nodes: &at.nodes,
                 screws,
             });
         let lower = mass_matrix(rod, &self.bodies, &from, &to);
         let upper = mass_matrix(rod, &self.bodies, &to, &from);
-        let mut a = self.assembly.jacobian(rod, loads) * (0.25 * dt_s);
+        let mut a = self.assembly.jacobian(rod, acting.loads) * (0.25 * dt_s);
         for i in 0..n {
             a[(i, i)] += self.drag[i];
             for j in 0..n {
@@ -382,7 +365,7 @@ impl Stride {
         }
         motion.q.copy_from_slice(&self.q1);
         self.end
-            .pull_back(rod, &self.momenta, &[], 1.0, &mut motion.p);
+            .add_jacobian_transpose(rod, &self.momenta, &[], 1.0, &mut motion.p);
     }
 }
 

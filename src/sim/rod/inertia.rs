@@ -14,8 +14,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::loads::Loads;
 use super::se3::{Frame, Twist};
-use super::{Loads, Rod};
+use super::section::{PointMass, Rod};
 
 /// Moments of mass about a frame's origin, in its axes.
 #[derive(Clone, Copy, Debug)]
@@ -60,27 +61,27 @@ impl Body {
     }
 }
 
-/// The bodies at the element ends, in the order of [`super::chain::Chain::nodes`]. A section's own
-/// mass sits in its tubes, which gives it rotary inertia.
+/// The bodies at the element ends, in the order of [`super::kinematics::Kinematics::nodes`]. A section's own
+/// mass sits in its bellows, which gives it rotary inertia.
 pub(super) fn bodies(rod: &Rod, loads: &Loads, out: &mut Vec<Body>) {
     out.clear();
     for (si, s) in rod.sections.iter().enumerate() {
         let lump_kg = s.kg_per_m * s.length_m / s.elements as f64;
         let slice = |share: f64| {
             let kg = lump_kg * share;
-            if s.tubes.is_empty() {
+            if s.bellows.is_empty() {
                 return Body::nothing().with(&Vector3::zeros(), kg);
             }
-            let each_kg = kg / s.tubes.len() as f64;
-            s.tubes
+            let each_kg = kg / s.bellows.len() as f64;
+            s.bellows
                 .iter()
-                .fold(Body::nothing(), |b, t| b.with(&t.r_m, each_kg))
+                .fold(Body::nothing(), |sum, b| sum.with(&b.r_m, each_kg))
         };
         let (half, whole) = (slice(0.5), slice(1.0));
         out.push(half);
         out.extend(std::iter::repeat_n(whole, s.elements - 1));
         let last = si + 1 == rod.sections.len();
-        let extra: &[super::PointMass] = if last { &loads.tip_masses } else { &[] };
+        let extra: &[PointMass] = if last { &loads.tip_masses } else { &[] };
         let carried = s.masses.iter().chain(extra);
         out.push(carried.fold(half, |b, m| b.with(&m.at_m, m.kg)));
     }

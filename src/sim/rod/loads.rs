@@ -1,27 +1,68 @@
-//! What acts on a rod.
+//! What acts on a rod: at an instant, and over a time step.
 
 use nalgebra::Vector3;
 
-use super::memory::{Floor, Memory};
+use super::history::{Contact, History};
 use super::section::PointMass;
 
-/// The varying part: what acts on the rod.
+/// Loads at an instant: all that statics balances besides weight and springs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Loads {
-    /// Pushing force p A − f of each tube, in the order of sections and tubes, N.
-    pub tube_n: Vec<f64>,
+    /// Pushing force p A − f of each bellows, in the order of sections and bellows, N.
+    pub bellows_n: Vec<f64>,
     /// Force on the tip frame's origin in the base frame, N.
     pub tip_force_n: Vector3<f64>,
     /// Moment on the tip in the base frame, N m (constant direction).
     pub tip_moment_nm: Vector3<f64>,
     /// Additional masses on the tip frame.
     pub tip_masses: Vec<PointMass>,
-    /// Viscous resistance to a change of strain since `previous`, as a share of each strain's
-    /// rigidity (0: statics).
+}
+
+/// Loads over one overdamped time step: those at its end, viscous resistance, and the forces that depend on the way.
+#[derive(Clone, Copy, Debug)]
+pub struct StepLoads<'a> {
+    /// Loads at the end of the step.
+    pub loads: &'a Loads,
+    /// Viscous resistance to a change of strain over the step, as a share of each strain's rigidity: τ/Δt.
     pub viscosity: f64,
-    /// What the tubes remember, in their order; empty when they remember nothing. Whoever takes a step moves it to the
-    /// lengths reached.
-    pub memory: Vec<Memory>,
-    /// A floor under the last section's end. Whoever takes a step moves it to the place reached.
-    pub floor: Option<Floor>,
+    /// Friction, viscoelastic branches and contact at the start of the step.
+    pub history: &'a History,
+    /// Length of the step, s.
+    pub dt_s: f64,
+}
+
+/// Everything that one evaluation of the rod's energy takes into account.
+#[derive(Clone, Copy)]
+pub(super) struct Acting<'a> {
+    pub loads: &'a Loads,
+    /// Viscosity, and the strains that it resists to move away from.
+    pub drag: Option<(f64, &'a [f64])>,
+    /// Friction, branches and contact, and the time since, s.
+    pub history: Option<(&'a History, f64)>,
+}
+
+impl<'a> Acting<'a> {
+    /// Statics.
+    pub fn at_rest(loads: &'a Loads) -> Self {
+        Self {
+            loads,
+            drag: None,
+            history: None,
+        }
+    }
+
+    /// Contact with the floor at the start of the step.
+    pub fn contact(&self) -> Option<&'a Contact> {
+        self.history
+            .and_then(|(history, _)| history.contact.as_ref())
+    }
+
+    /// An overdamped step from the strains `from`.
+    pub fn over(step: &StepLoads<'a>, from: &'a [f64]) -> Self {
+        Self {
+            loads: step.loads,
+            drag: Some((step.viscosity, from)),
+            history: Some((step.history, step.dt_s)),
+        }
+    }
 }

@@ -22,25 +22,26 @@
 //! dynamics", IEEE T-RO 2018, doi:10.1109/TRO.2018.2868815 (kinematics); the energy is ours.
 
 mod assemble;
-mod chain;
 mod dense;
 mod dynamics;
+mod gradient;
+mod history;
 mod inertia;
+mod kinematics;
 mod loads;
-mod memory;
 pub mod se3;
 mod section;
 mod solve;
 mod tangent;
 
-pub use assemble::Kinematics;
 pub use dense::Factor;
 pub(super) use dense::dot;
-pub use dynamics::{Energy, Motion, Stride, energy, step};
-pub use loads::Loads;
-pub use memory::{Branch, Floor, Friction, Memory};
-pub use section::{Link, PointMass, Rod, Section, Strains, Tube};
-pub use solve::{Outcome, Workspace, is_stable, poses, solve};
+pub use dynamics::{Energy, Integrator, Motion, energy, step};
+pub use history::{BellowsHistory, Branch, Contact, Floor, Friction, History};
+pub use kinematics::Kinematics;
+pub use loads::{Loads, StepLoads};
+pub use section::{Bellows, Link, PointMass, Rod, Section, Strains};
+pub use solve::{Outcome, Workspace, is_stable, solve, solve_step};
 pub use tangent::Tangent;
 
 #[cfg(test)]

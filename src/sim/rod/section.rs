@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::history::{Branch, Floor, Friction};
 use super::se3::Frame;
 
 /// Which strains are free.
@@ -25,7 +26,7 @@ impl Strains {
 
 /// A bellows running along a section.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tube {
+pub struct Bellows {
     /// Its place in the cross-section, m.
     pub r_m: Vector3<f64>,
     /// k l₀: force per unit stretch, N.
@@ -34,9 +35,13 @@ pub struct Tube {
     pub rest_stretch: f64,
     /// Cubic hardening: force β (λ − λ₀)³, N.
     pub cubic_n: f64,
+    /// Presliding friction of its folds.
+    pub friction: Vec<Friction>,
+    /// Viscoelastic branches beside its spring.
+    pub branches: Vec<Branch>,
 }
 
-impl Tube {
+impl Bellows {
     /// Where its path runs, per reference length: v + κ × r; its norm is the stretch.
     pub(super) fn along(&self, xi: &[f64; 6]) -> Vector3<f64> {
         let (kappa, v) = (
@@ -81,7 +86,7 @@ pub struct Section {
     /// Reference strain (κ in 1/m, v).
     pub rest: [f64; 6],
     /// Bellows.
-    pub tubes: Vec<Tube>,
+    pub bellows: Vec<Bellows>,
     /// Tension springs across the section.
     pub links: Vec<Link>,
     /// Mass per reference length, kg/m, lumped at the element ends.
@@ -103,6 +108,8 @@ pub struct Rod {
     pub gravity_m_s2: Vector3<f64>,
     /// Base from the start of the first section.
     pub base: Frame,
+    /// A floor under the last section's end.
+    pub floor: Option<Floor>,
 }
 
 impl Rod {
@@ -112,23 +119,28 @@ impl Rod {
         self.sections.iter().map(|s| s.elements * d).sum()
     }
 
-    /// Number of tubes.
-    pub fn tubes(&self) -> usize {
-        self.sections.iter().map(|s| s.tubes.len()).sum()
+    /// All bellows, section after section.
+    pub fn bellows(&self) -> impl Iterator<Item = &Bellows> {
+        self.sections.iter().flat_map(|s| &s.bellows)
     }
 
-    /// Lengths of all tubes along their own paths, m.
-    pub fn tube_lengths_m(&self, q: &[f64]) -> Vec<f64> {
+    /// All bellows, to change them.
+    pub fn bellows_mut(&mut self) -> impl Iterator<Item = &mut Bellows> {
+        self.sections.iter_mut().flat_map(|s| &mut s.bellows)
+    }
+
+    /// Lengths of all bellows along their own paths, m.
+    pub fn bellows_lengths_m(&self, q: &[f64]) -> Vec<f64> {
         let idx = self.strains.indices();
         let mut elements = q.chunks_exact(idx.len());
-        let mut out = Vec::with_capacity(self.tubes());
+        let mut out = Vec::with_capacity(self.bellows().count());
         for s in &self.sections {
             let from = out.len();
-            out.resize(from + s.tubes.len(), 0.0);
+            out.resize(from + s.bellows.len(), 0.0);
             for xi in elements.by_ref().take(s.elements) {
                 let xi = strain_of(s, idx, xi);
-                for (sum, tube) in out[from..].iter_mut().zip(&s.tubes) {
-                    *sum += s.length_m / s.elements as f64 * tube.along(&xi).norm();
+                for (sum, bellows) in out[from..].iter_mut().zip(&s.bellows) {
+                    *sum += s.length_m / s.elements as f64 * bellows.along(&xi).norm();
                 }
             }
         }

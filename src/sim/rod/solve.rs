@@ -2,8 +2,10 @@
 
 use nalgebra::DVector;
 
-use super::assemble::{Assembly, Kinematics, kinematics};
-use super::{Factor, Loads, Rod};
+use super::Factor;
+use super::assemble::Assembly;
+use super::loads::{Acting, Loads, StepLoads};
+use super::section::Rod;
 
 /// How a solve ended.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +26,8 @@ pub struct Workspace {
     factor: Factor,
     step: Vec<f64>,
     trial: Vec<f64>,
-    previous: Vec<f64>,
+    /// Strains at the start of an overdamped step.
+    from: Vec<f64>,
 }
 
 impl Workspace {
@@ -44,25 +47,53 @@ const MAX_STRETCH_STEP: f64 = 0.5;
 
 /// Settles the rod from the strains in `q`, which are left at the result.
 ///
-/// When a direct Newton iteration fails, the tube forces are applied in steps from the state of
-/// rest. With `loads.viscosity` > 0 the strains resist moving away from the `q` passed in.
+/// When a direct Newton iteration fails, the forces of bellows and tip are applied in steps from the state of rest.
 pub fn solve(rod: &Rod, loads: &Loads, q: &mut Vec<f64>, work: &mut Workspace) -> Outcome {
-    work.previous.clone_from(q);
-    let first = newton(rod, loads, q, work);
-    if first.converged || loads.viscosity > 0.0 {
-        return first;
+    let direct = newton(rod, &Acting::at_rest(loads), q, work);
+    if direct.converged {
+        return direct;
     }
-    let mut iterations = first.iterations;
+    in_load_steps(rod, &Acting::at_rest(loads), direct, q, work)
+}
+
+/// One implicit overdamped step from the strains in `q`, which are left at the result.
+///
+/// Without viscosity, when a direct Newton iteration fails, as [`solve`].
+pub fn solve_step(rod: &Rod, loads: &StepLoads, q: &mut Vec<f64>, work: &mut Workspace) -> Outcome {
+    let mut from = std::mem::take(&mut work.from);
+    from.clone_from(q);
+    let acting = Acting::over(loads, &from);
+    let mut outcome = newton(rod, &acting, q, work);
+    if !outcome.converged && loads.viscosity <= 0.0 {
+        outcome = in_load_steps(rod, &acting, outcome, q, work);
+    }
+    work.from = from;
+    outcome
+}
+
+/// Newton's method with the loads applied in 4, then 16 steps from the state of rest, once the `direct` one failed.
+fn in_load_steps(
+    rod: &Rod,
+    acting: &Acting,
+    direct: Outcome,
+    q: &mut Vec<f64>,
+    work: &mut Workspace,
+) -> Outcome {
+    let mut iterations = direct.iterations;
     for steps in [4usize, 16] {
         let mut at = rod.rest_state();
         let mut ok = true;
-        let mut last = first.clone();
+        let mut last = direct.clone();
         for k in 1..=steps {
             let share = k as f64 / steps as f64;
-            let mut part = loads.clone();
-            part.tube_n.iter_mut().for_each(|f| *f *= share);
+            let mut part = acting.loads.clone();
+            part.bellows_n.iter_mut().for_each(|f| *f *= share);
             part.tip_force_n *= share;
             part.tip_moment_nm *= share;
+            let part = Acting {
+                loads: &part,
+                ..*acting
+            };
             last = newton(rod, &part, &mut at, work);
             iterations += last.iterations;
             ok = last.converged;
@@ -77,20 +108,17 @@ pub fn solve(rod: &Rod, loads: &Loads, q: &mut Vec<f64>, work: &mut Workspace) -
     }
     Outcome {
         iterations,
-        ..first
+        ..direct
     }
 }
 
-fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outcome {
+fn newton(rod: &Rod, acting: &Acting, q: &mut [f64], work: &mut Workspace) -> Outcome {
     let n = q.len();
     let idx = rod.strains.indices();
     let d = idx.len();
     let length: f64 =
         rod.sections.iter().map(|s| s.length_m).sum::<f64>() / rod.sections.len() as f64;
-    let with_moment = loads.tip_moment_nm.norm() > 0.0;
-    if work.previous.len() != n {
-        work.previous = q.to_vec();
-    }
+    let with_moment = acting.loads.tip_moment_nm.norm() > 0.0;
     let mut last_step = f64::INFINITY;
     for iteration in 1..=MAX_ITERATIONS {
         let Workspace {
@@ -98,9 +126,9 @@ fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outc
             factor,
             step,
             trial,
-            previous,
+            ..
         } = work;
-        assembly.evaluate(rod, loads, q, previous);
+        assembly.evaluate(rod, acting, q);
         let mut definite = factor.compute(&assembly.hessian, n, 0.0);
         // Under a moment of constant direction there is no energy to be least: any equilibrium counts.
         let unshifted = definite || with_moment;
@@ -121,7 +149,7 @@ fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outc
         let exact = with_moment
             .then(|| {
                 let g = DVector::from_column_slice(step);
-                assembly.jacobian(rod, loads).lu().solve(&g)
+                assembly.jacobian(rod, acting.loads).lu().solve(&g)
             })
             .flatten();
         match exact {
@@ -179,7 +207,7 @@ fn newton(rod: &Rod, loads: &Loads, q: &mut [f64], work: &mut Workspace) -> Outc
             if small || with_moment {
                 break;
             }
-            let energy = Assembly::energy_only(rod, loads, trial, previous);
+            let energy = Assembly::energy_only(rod, acting, trial);
             if energy <= assembly.energy + 1e-4 * t * slope {
                 break;
             }
@@ -202,11 +230,6 @@ fn diagonal_mean(a: &[f64], n: usize) -> f64 {
 /// positive. At an equilibrium this is stability; a load at which it is lost is critical.
 pub fn is_stable(rod: &Rod, loads: &Loads, q: &[f64]) -> bool {
     let mut assembly = Assembly::default();
-    assembly.evaluate(rod, loads, q, q);
+    assembly.evaluate(rod, &Acting::at_rest(loads), q);
     Factor::default().compute(&assembly.hessian, q.len(), 0.0)
-}
-
-/// Poses at the strains `q`.
-pub fn poses(rod: &Rod, q: &[f64]) -> Kinematics {
-    kinematics(rod, q)
 }

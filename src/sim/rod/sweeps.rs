@@ -9,8 +9,9 @@ use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
 use super::assemble::Assembly;
+use super::loads::Acting;
 use super::se3::Frame;
-use super::{Loads, Strains, poses};
+use super::{Kinematics, Strains};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, SPRINGS};
 use crate::sim::dataset::{normal, parallel, sample_rng};
@@ -100,8 +101,8 @@ fn is_smooth(model: &Model, q: &[f64]) -> bool {
         let shear = if d == 6 { [xi[3], xi[4]] } else { [0.0; 2] };
         let v = Vector3::new(shear[0], shear[1], xi[d - 1]);
         let kappa = Vector3::new(xi[0], xi[1], xi[2]);
-        let mut tubes = section.tubes.iter();
-        tubes.all(|t| (v + kappa.cross(&t.r_m)).norm() > 0.2)
+        let mut bellows = section.bellows.iter();
+        bellows.all(|t| (v + kappa.cross(&t.r_m)).norm() > 0.2)
     });
     long && springs
         .iter()
@@ -127,17 +128,18 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
     let found = sweep(STATES, &|index| {
         let rod = &models[index / 2 % 2].rod;
         let (inputs, mut rng) = drawn(11, index);
-        let loads = Loads {
-            viscosity: 0.1,
-            ..models[index / 2 % 2].loads(&inputs, 0.0)
-        };
+        let loads = models[index / 2 % 2].loads(&inputs);
         let rest = rod.rest_state();
+        let acting = Acting {
+            drag: Some((0.1, &rest)),
+            ..Acting::at_rest(&loads)
+        };
         let mut q = scattered_strains(&models[index / 2 % 2], &mut rng);
         while !is_smooth(&models[index / 2 % 2], &q) {
             q = scattered_strains(&models[index / 2 % 2], &mut rng);
         }
         let mut at = Assembly::default();
-        at.evaluate(rod, &loads, &q, &rest);
+        at.evaluate(rod, &acting, &q);
         let n = q.len();
         let (exact_g, exact_h) = (at.gradient.clone(), at.hessian.clone());
         let full = |i: usize, j: usize| exact_h[i.max(j) * n + i.min(j)];
@@ -149,12 +151,12 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
         let (mut worst_g, mut norm_g, mut worst_h) = (0.0f64, 0.0f64, 0.0f64);
         for j in 0..n {
             let g = slope::<1>(1e-3, |by| {
-                SVector::repeat(Assembly::energy_only(rod, &loads, &moved(j, by), &rest))
+                SVector::repeat(Assembly::energy_only(rod, &acting, &moved(j, by)))
             });
             worst_g += (g[0] - exact_g[j]).powi(2);
             norm_g += exact_g[j].powi(2);
             let column = slope::<36>(1e-3, |by| {
-                at.evaluate(rod, &loads, &moved(j, by), &rest);
+                at.evaluate(rod, &acting, &moved(j, by));
                 SVector::from_fn(|i, _| at.gradient.get(i).copied().unwrap_or(0.0))
             });
             let (mut off, mut norm) = (0.0, 0.0);
@@ -164,10 +166,10 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
             }
             worst_h = worst_h.max((off / norm).sqrt());
         }
-        let nodes = poses(rod, &q).nodes;
-        let bend = nodes
+        let at = Kinematics::at(rod, &q);
+        let bend = [at.ends(0), at.ends(1)]
             .iter()
-            .map(|s| bend_deg(&s[0], &s[ELEMENTS]))
+            .map(|[a, b]| bend_deg(a, b))
             .fold(0.0, f64::max);
         ((worst_g / norm_g).sqrt(), worst_h, bend)
     });
@@ -220,8 +222,8 @@ fn sensitivities_agree_with_differences_everywhere() {
         let s: Sensitivity =
             sensitivity(&MODEL, &state, &inputs).expect("a settled state is stable");
         let ends = |state: &State| {
-            let nodes = poses(&MODEL.rod, &state.strains).nodes;
-            [1, 0].map(|s| nodes[s][nodes[s].len() - 1])
+            let at = Kinematics::at(&MODEL.rod, &state.strains);
+            [1, 0].map(|s| at.ends(s)[1])
         };
         let base = ends(&state);
         let mut worst = 0.0f64;
@@ -354,7 +356,7 @@ fn solved(inputs: &Inputs) -> Option<Verified> {
     }
     let q = &state.strains;
     let mut at = Assembly::default();
-    at.evaluate(&MODEL.rod, &MODEL.loads(inputs, 0.0), q, q);
+    at.evaluate(&MODEL.rod, &Acting::at_rest(&MODEL.loads(inputs)), q);
     let n = q.len();
     let h = DMatrix::from_fn(n, n, |i, j| at.hessian[i.max(j) * n + i.min(j)]);
     let imbalance = imbalance(&at.gradient);
@@ -398,7 +400,7 @@ fn ten_thousand_solves_are_right() {
     let apart = sweep(500, &|index| {
         let slow = followed(&drawn(13, index).0, 64).expect("held at every share of the load");
         let strains = &found[index].as_ref().expect("held").strains;
-        let tip = |q: &[f64]| poses(&MODEL.rod, q).tip().p;
+        let tip = |q: &[f64]| Kinematics::at(&MODEL.rod, q).tip().p;
         (tip(&slow.strains) - tip(strains)).norm()
     });
     assert!(apart.iter().all(|d| *d < 1e-9), "{apart:?}");
@@ -430,7 +432,7 @@ fn loads_beyond_reason_are_right_or_refused() {
 fn tip(inputs: &Inputs) -> Frame {
     let mut state = State::rest(&MODEL);
     settle(&MODEL, &mut state, inputs).expect("settles");
-    poses(&MODEL.rod, &state.strains).tip()
+    Kinematics::at(&MODEL.rod, &state.strains).tip()
 }
 
 fn kpa(values: [f64; CHAMBERS]) -> Inputs {
@@ -559,7 +561,7 @@ fn half_a_kilogram_bends_an_arm_down_and_settles_lowest() {
         };
         let (light, heavy) = (settled(&at), settled(&loaded));
         let energy = |inputs: &Inputs, q: &[f64]| {
-            Assembly::energy_only(&MODEL.rod, &MODEL.loads(inputs, 0.0), q, q)
+            Assembly::energy_only(&MODEL.rod, &Acting::at_rest(&MODEL.loads(inputs)), q)
         };
         // Each shape has the least energy under its own load.
         assert!(energy(&loaded, &heavy) < energy(&loaded, &light), "{index}");
@@ -567,7 +569,7 @@ fn half_a_kilogram_bends_an_arm_down_and_settles_lowest() {
         // The payload itself has come down, and with it the energy of everything it hangs on.
         let payload = |q: &[f64]| {
             let com = Vector3::new(0.0, 0.0, -MODEL.robot.payload_com_m);
-            poses(&MODEL.rod, q).tip().point(&com).z
+            Kinematics::at(&MODEL.rod, q).tip().point(&com).z
         };
         let sunk = payload(&light) - payload(&heavy);
         assert!(sunk > 5e-4, "{index}: {sunk}");

@@ -8,14 +8,17 @@
 //!
 //! | load u | −∂g/∂u_a, strain a |
 //! |---|---|
-//! | pushing force of tube i | l ∂λ_i/∂q_a, in the elements of its section |
+//! | pushing force of bellows i | l ∂λ_i/∂q_a, in the elements of its section |
 //! | force component k on a point x | (ω_a × x + v_a)_k, for a upstream of x |
 
 use nalgebra::Vector3;
 
-use super::assemble::{Assembly, Kinematics, screws};
+use super::Factor;
+use super::assemble::Assembly;
+use super::kinematics::Kinematics;
+use super::loads::{Acting, Loads};
 use super::se3::Twist;
-use super::{Factor, Loads, Rod};
+use super::section::{Rod, strain_of};
 
 /// A settled rod with what is needed to move it a little.
 pub struct Tangent {
@@ -34,42 +37,38 @@ impl Tangent {
     /// allowed for (it has no energy).
     pub fn at(rod: &Rod, loads: &Loads, q: &[f64]) -> Option<Self> {
         let mut assembly = Assembly::default();
-        assembly.evaluate(rod, loads, q, q);
+        assembly.evaluate(rod, &Acting::at_rest(loads), q);
         let mut factor = Factor::default();
         if !factor.compute(&assembly.hessian, q.len(), 0.0) {
             return None;
         }
-        let (kinematics, screws) = screws(rod, q);
         let d = rod.strains.indices().len();
+        let screws = assembly.screws(d).collect();
         let mut first = vec![0];
         for s in &rod.sections {
             first.push(first[first.len() - 1] + d * s.elements);
         }
         Some(Self {
-            kinematics,
+            kinematics: Kinematics::at(rod, q),
             screws,
             factor,
             first,
         })
     }
 
-    /// dq per newton of the pushing force of tube `tube` of section `section`.
-    pub fn by_tube(&self, rod: &Rod, q: &[f64], section: usize, tube: usize) -> Vec<f64> {
+    /// dq per newton of the pushing force of bellows `bellows` of section `section`.
+    pub fn by_bellows(&self, rod: &Rod, q: &[f64], section: usize, bellows: usize) -> Vec<f64> {
         let idx = rod.strains.indices();
         let s = &rod.sections[section];
-        let r = s.tubes[tube].r_m;
+        let bellows = &s.bellows[bellows];
         let l = s.length_m / s.elements as f64;
         let mut out = vec![0.0; q.len()];
         for start in (self.first[section]..self.first[section + 1]).step_by(idx.len()) {
-            let mut xi = s.rest;
-            for (k, &i) in idx.iter().enumerate() {
-                xi[i] = q[start + k];
-            }
-            let kappa = Vector3::new(xi[0], xi[1], xi[2]);
+            let xi = strain_of(s, idx, &q[start..start + idx.len()]);
             // λ = |v + κ × r|; ∂λ/∂κ = r × n, ∂λ/∂v = n
-            let n = (Vector3::new(xi[3], xi[4], xi[5]) + kappa.cross(&r)).normalize();
+            let n = bellows.along(&xi).normalize();
             let along = Twist {
-                w: r.cross(&n),
+                w: bellows.r_m.cross(&n),
                 v: n,
             };
             for (k, &i) in idx.iter().enumerate() {

@@ -1,4 +1,5 @@
 use super::assemble::Assembly;
+use super::loads::Acting;
 use super::*;
 use crate::robot::RobotSpec;
 use crate::sim::{Model, Parameters, Resolution};
@@ -21,41 +22,46 @@ fn gradient_and_hessian_agree_with_differences() {
                 strains,
             },
         );
-        let rod = &model.rod;
+        let mut rod = model.rod;
         let loads = Loads {
-            tube_n: vec![200.0, -100.0, 50.0, 30.0, -200.0, 120.0],
+            bellows_n: vec![200.0, -100.0, 50.0, 30.0, -200.0, 120.0],
             tip_force_n: nalgebra::Vector3::new(10.0, -7.0, 3.0),
             tip_masses: vec![PointMass {
                 at_m: nalgebra::Vector3::new(0.01, 0.02, -0.1),
                 kg: 0.5,
             }],
-            viscosity: 0.2,
-            // Long memories of forces that are far from saturated, over a floor that is felt.
-            memory: (0..6)
-                .map(|i| Memory {
+            ..Loads::default()
+        };
+        // Long memories of forces that are far from saturated, over a floor that is felt.
+        for bellows in rod.bellows_mut() {
+            bellows.friction.push(Friction {
+                coulomb_force_n: 60.0,
+                presliding_m: 0.08,
+            });
+            bellows.branches.push(Branch {
+                rate_n_m: 300.0,
+                tau_s: 0.2,
+            });
+        }
+        rod.floor = Some(Floor {
+            height_m: 1.0,
+            rate_n_m: 200.0,
+            friction: 0.3,
+        });
+        let history = History {
+            bellows: (0..6)
+                .map(|i| BellowsHistory {
                     length_m: 0.12,
-                    dt_s: 0.1,
-                    friction: vec![Friction {
-                        most_n: 60.0,
-                        width_m: 0.08,
-                        force_n: 20.0 * jitter(i),
-                    }],
-                    branches: vec![Branch {
-                        rate_n_m: 300.0,
-                        tau_s: 0.2,
-                        force_n: 30.0 * jitter(i + 7),
-                    }],
+                    friction_n: vec![20.0 * jitter(i)],
+                    branch_n: vec![30.0 * jitter(i + 7)],
                 })
                 .collect(),
-            floor: Some(Floor {
-                height_m: 1.0,
-                rate_n_m: 200.0,
-                friction: 0.3,
+            contact: Some(Contact {
                 at_m: nalgebra::Vector3::new(0.01, -0.02, 0.2),
                 grip_n: nalgebra::Vector2::new(20.0, 5.0),
             }),
-            ..Loads::default()
         };
+        let rod = &rod;
         let rest = rod.rest_state();
         let d = strains.indices().len();
         let q: Vec<f64> = rest
@@ -71,9 +77,16 @@ fn gradient_and_hessian_agree_with_differences() {
             })
             .collect();
         let n = q.len();
+        let step = StepLoads {
+            loads: &loads,
+            viscosity: 0.2,
+            history: &history,
+            dt_s: 0.1,
+        };
+        let acting = Acting::over(&step, &rest);
         let mut at = Assembly::default();
-        at.evaluate(rod, &loads, &q, &rest);
-        let e0 = Assembly::energy_only(rod, &loads, &q, &rest);
+        at.evaluate(rod, &acting, &q);
+        let e0 = Assembly::energy_only(rod, &acting, &q);
         assert!(
             (at.energy - e0).abs() < 1e-9 * e0.abs().max(1.0),
             "{} {e0}",
@@ -88,17 +101,17 @@ fn gradient_and_hessian_agree_with_differences() {
             plus[i] += eps;
             let mut minus = q.clone();
             minus[i] -= eps;
-            let num = (Assembly::energy_only(rod, &loads, &plus, &rest)
-                - Assembly::energy_only(rod, &loads, &minus, &rest))
+            let num = (Assembly::energy_only(rod, &acting, &plus)
+                - Assembly::energy_only(rod, &acting, &minus))
                 / (2.0 * eps);
             assert!(
                 (num - g[i]).abs() < 1e-6 * scale,
                 "gradient {i}: {num} {}",
                 g[i]
             );
-            at.evaluate(rod, &loads, &plus, &rest);
+            at.evaluate(rod, &acting, &plus);
             let gp = at.gradient.clone();
-            at.evaluate(rod, &loads, &minus, &rest);
+            at.evaluate(rod, &acting, &minus);
             for j in 0..=i {
                 let num = (gp[j] - at.gradient[j]) / (2.0 * eps);
                 assert!(
@@ -123,7 +136,7 @@ fn the_jacobian_under_a_tip_moment_agrees_with_differences() {
     );
     let rod = &model.rod;
     let loads = Loads {
-        tube_n: vec![100.0, -100.0, 50.0, 30.0, -200.0, 120.0],
+        bellows_n: vec![100.0, -100.0, 50.0, 30.0, -200.0, 120.0],
         tip_moment_nm: nalgebra::Vector3::new(3.0, -5.0, 4.0),
         ..Loads::default()
     };
@@ -134,7 +147,7 @@ fn the_jacobian_under_a_tip_moment_agrees_with_differences() {
         .map(|(i, r)| r + jitter(i) * if i % 6 < 3 { 5.0 } else { 0.3 })
         .collect();
     let mut at = Assembly::default();
-    at.evaluate(rod, &loads, &q, &rest);
+    at.evaluate(rod, &Acting::at_rest(&loads), &q);
     let exact = at.jacobian(rod, &loads);
     let scale = exact.amax();
     for j in 0..q.len() {
@@ -142,7 +155,7 @@ fn the_jacobian_under_a_tip_moment_agrees_with_differences() {
             let mut moved = q.clone();
             moved[j] += eps;
             let mut at = Assembly::default();
-            at.evaluate(rod, &loads, &moved, &rest);
+            at.evaluate(rod, &Acting::at_rest(&loads), &moved);
             at.gradient
         };
         let (plus, minus) = (gradient(1e-5), gradient(-1e-5));

@@ -19,7 +19,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose, Stamp};
-use crate::sim::pneumatics::ATMOSPHERE_PA;
+use crate::sim::ATMOSPHERE_PA;
 
 /// A supply works in full when its chamber is off by more than this, Pa. The controller does not ask for much
 /// more than a chamber has: a leak shows as a small lag that stays.

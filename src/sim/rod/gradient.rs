@@ -1,4 +1,4 @@
-//! Gradient of the rod's energy alone, in one pass down the chain and one back up.
+//! Gradient of the rod's energy alone, in one pass back up the chain.
 //!
 //! A wrench z = (M, F) about the base origin, acting on everything downstream of an element that
 //! starts at (R, p), does the work z·S_a in the element's strain a. With the tangent map's
@@ -10,43 +10,16 @@
 
 use nalgebra::Vector3;
 
-use super::assemble::{for_dead_forces, remembered, twist_of};
-use super::se3::{ExpMap, Frame, Twist};
-use super::section::strain_of;
-use super::{Loads, Rod, Section};
+use super::assemble::{for_dead_forces, way_dependent};
+use super::kinematics::Kinematics;
+use super::loads::Acting;
+use super::se3::{Frame, Twist};
+use super::section::{Rod, Section, strain_of};
 
-/// The rod at given strains.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Chain {
-    /// Element ends in the base frame, section after section: its start, then every element's end.
-    pub nodes: Vec<Frame>,
-    maps: Vec<ExpMap>,
-}
-
-impl Chain {
-    /// Places the rod at the strains `q`.
-    pub fn place(&mut self, rod: &Rod, q: &[f64]) {
-        let idx = rod.strains.indices();
-        self.nodes.clear();
-        self.maps.clear();
-        let mut at = rod.base;
-        let mut strains = q.chunks_exact(idx.len());
-        for s in &rod.sections {
-            let l = s.length_m / s.elements as f64;
-            self.nodes.push(at);
-            for q in strains.by_ref().take(s.elements) {
-                let map = ExpMap::new(twist_of(&strain_of(s, idx, q), l));
-                at = at.then(&map.frame);
-                self.nodes.push(at);
-                self.maps.push(map);
-            }
-            at = at.shifted(&s.offset_m);
-        }
-    }
-
-    /// Adds factor · Jᵀ z to `out` for the wrenches `z` at the nodes (about the base origin) and
-    /// `across` each section (between its start and its end).
-    pub fn pull_back(
+impl Kinematics {
+    /// Adds the generalized forces factor · Jᵀ z to `out`, for the wrenches `z` at the nodes (about the base origin)
+    /// and `across` each section (between its start and its end).
+    pub(super) fn add_jacobian_transpose(
         &self,
         rod: &Rod,
         z: &[Twist],
@@ -87,13 +60,12 @@ pub(super) struct Wrenches {
     across: Vec<Twist>,
 }
 
-/// Π'(q) into `out`, with `chain` placed at `q`: what the tubes remember and the floor included. `loads.viscosity` is not
-/// used.
+/// Π'(q) into `out`, with `at` placed at `q`: forces that depend on the way and the floor included, viscous drag not.
 pub(super) fn gradient(
     rod: &Rod,
-    loads: &Loads,
+    acting: &Acting,
     q: &[f64],
-    chain: &Chain,
+    at: &Kinematics,
     work: &mut Wrenches,
     out: &mut [f64],
 ) {
@@ -101,38 +73,39 @@ pub(super) fn gradient(
     let d = idx.len();
     let Wrenches { nodes, across } = work;
     nodes.clear();
-    nodes.resize(chain.nodes.len(), Twist::zero());
+    nodes.resize(at.nodes.len(), Twist::zero());
     across.clear();
-    let with_memory = (!loads.memory.is_empty()).then(|| remembered(rod, loads, q).1);
-    let all_n = with_memory.as_ref().unwrap_or(&loads.tube_n);
-    let (mut element, mut tube) = (0, 0);
+    let loads = acting.loads;
+    let all_n = way_dependent(rod, acting, q).map(|w| w.bellows_n);
+    let all_n = all_n.as_ref().unwrap_or(&loads.bellows_n);
+    let (mut element, mut bellows) = (0, 0);
     for (si, s) in rod.sections.iter().enumerate() {
         let l = s.length_m / s.elements as f64;
-        let tube_n = &all_n[tube..tube + s.tubes.len()];
+        let bellows_n = &all_n[bellows..bellows + s.bellows.len()];
         let first = element + si;
         for k in element * d..(element + s.elements) * d {
             if k % d == 0 {
-                let slope = local_slope(s, tube_n, &strain_of(s, idx, &q[k..k + d]));
+                let slope = local_slope(s, bellows_n, &strain_of(s, idx, &q[k..k + d]));
                 for (o, &i) in out[k..k + d].iter_mut().zip(idx) {
                     *o = l * slope[i];
                 }
             }
         }
-        let ends = &chain.nodes[first..=first + s.elements];
+        let ends = &at.nodes[first..=first + s.elements];
         for_dead_forces(rod, loads, si, ends, |node, x, f| {
             add(&mut nodes[first + node], x, f);
         });
         across.push(pull_of_links(s, &ends[0], &ends[s.elements]));
         element += s.elements;
-        tube += s.tubes.len();
+        bellows += s.bellows.len();
     }
-    if let (Some(tip), Some(end)) = (nodes.last_mut(), chain.nodes.last()) {
+    if let (Some(tip), Some(end)) = (nodes.last_mut(), at.nodes.last()) {
         tip.w += loads.tip_moment_nm;
-        if let Some(floor) = &loads.floor {
-            add(tip, &end.p, &floor.at(&end.p).force_n);
+        if let Some(floor) = &rod.floor {
+            add(tip, &end.p, &floor.at(&end.p, acting.contact()).force_n);
         }
     }
-    chain.pull_back(rod, nodes, across, -1.0, out);
+    at.add_jacobian_transpose(rod, nodes, across, -1.0, out);
 }
 
 fn add(z: &mut Twist, x: &Vector3<f64>, f: &Vector3<f64>) {
@@ -141,18 +114,18 @@ fn add(z: &mut Twist, x: &Vector3<f64>, f: &Vector3<f64>) {
 }
 
 /// Slope of the strain energy per length after the six strains.
-fn local_slope(section: &Section, tube_n: &[f64], xi: &[f64; 6]) -> [f64; 6] {
+fn local_slope(section: &Section, bellows_n: &[f64], xi: &[f64; 6]) -> [f64; 6] {
     let mut g: [f64; 6] = std::array::from_fn(|i| section.rigidity[i] * (xi[i] - section.rest[i]));
     let kappa = Vector3::new(xi[0], xi[1], xi[2]);
     let v = Vector3::new(xi[3], xi[4], xi[5]);
-    for (tube, push) in section.tubes.iter().zip(tube_n) {
-        let d = v + kappa.cross(&tube.r_m);
+    for (bellows, push) in section.bellows.iter().zip(bellows_n) {
+        let d = v + kappa.cross(&bellows.r_m);
         let stretch = d.norm();
-        let x = stretch - tube.rest_stretch;
-        let tension = (tube.stiffness_n + tube.cubic_n * x * x) * x - push;
+        let x = stretch - bellows.rest_stretch;
+        let tension = (bellows.stiffness_n + bellows.cubic_n * x * x) * x - push;
         // ∂λ/∂v = n, ∂λ/∂κ = r × n
         let f = d * (tension / stretch);
-        let m = tube.r_m.cross(&f);
+        let m = bellows.r_m.cross(&f);
         for i in 0..3 {
             g[i] += m[i];
             g[i + 3] += f[i];
