@@ -49,6 +49,8 @@ pub use session::{
     CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with, same_robot,
 };
 
+use rayon::prelude::*;
+
 use crate::sim::effects::EffectError;
 
 /// Why nothing can be said.
@@ -195,32 +197,12 @@ impl Progress for Unwatched {
 
 /// Does jobs on all cores, results in order.
 pub(crate) fn parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
-    let workers = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
-        let hands: Vec<_> = (0..workers.min(jobs.len()).max(1))
-            .map(|_| {
-                let hand = std::thread::Builder::new().name("gap finder".to_owned());
-                let jobs_in_turn = || {
-                    let mut mine = Vec::new();
-                    loop {
-                        let i = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                        let Some(job) = jobs.get(i) else { break };
-                        mine.push((i, work(job)));
-                    }
-                    mine
-                };
-                hand.spawn_scoped(scope, jobs_in_turn).expect("a thread")
-            })
-            .collect();
-        hands
-            .into_iter()
-            .flat_map(|h| match h.join() {
-                Ok(mine) => mine,
-                Err(panic) => std::panic::resume_unwind(panic),
-            })
-            .collect()
-    });
-    done.sort_by_key(|(i, _)| *i);
-    done.into_iter().map(|(_, r)| r).collect()
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    // The threads end with the pool.
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(cores.min(jobs.len()).max(1))
+        .thread_name(|_| "gap finder".to_owned())
+        .build()
+        .expect("threads");
+    pool.install(|| jobs.par_iter().map(&work).collect())
 }

@@ -190,14 +190,14 @@ fn fitted(samples: &[(Vector3<f64>, [Matrix3<f64>; PARTS])]) -> ([f64; PARTS], f
 #[cfg(test)]
 mod tests {
     use rand::{Rng, SeedableRng};
+    use rand_distr::StandardNormal;
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
     use crate::learn::scores::Coverage;
 
-    /// Nearly normal: the sum of twelve uniform numbers.
     fn normal(rng: &mut Pcg64Mcg) -> f64 {
-        (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
+        rng.sample(StandardNormal)
     }
 
     /// Errors of noise that the Jacobian carries, of spread, and of neither, in known shares: both

@@ -9,7 +9,7 @@ mod plant;
 mod smap;
 
 use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::SVector;
 use rand::SeedableRng;
@@ -76,36 +76,31 @@ fn members(
     train: &TrainMember,
     progress: Watch,
 ) -> Result<Vec<(Mlp, usize)>, TrainError> {
-    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let (next, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-    // Told once per epoch: room for a few of each is never full for long.
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    // The threads end with the pool.
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(cores.min(count.max(1)))
+        .thread_name(|_| "training".to_owned())
+        .build()
+        .expect("threads");
+    let stop = AtomicBool::new(false);
+    let mut results = Vec::new();
+    results.resize_with(count, || Err(TrainError::Cancelled));
+    // Sent once per epoch: room for a few of each is never full for long.
     let (send, receive) = std::sync::mpsc::sync_channel::<Progress>(64);
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.min(count))
-            .map(|_| {
-                let (send, next, stop) = (send.clone(), &next, &stop);
-                let thread = std::thread::Builder::new().name("training".to_owned());
-                let members_in_turn = move || {
-                    let mut done = Vec::new();
-                    loop {
-                        let member = next.fetch_add(1, Ordering::Relaxed);
-                        if member >= count {
-                            return done;
-                        }
-                        let mut watch = |p: Progress| {
-                            if send.send(p).is_err() || stop.load(Ordering::Relaxed) {
-                                return ControlFlow::Break(());
-                            }
-                            ControlFlow::Continue(())
-                        };
-                        done.push((member, train(member, &mut watch)));
+    pool.in_place_scope_fifo(|scope| {
+        for (member, result) in results.iter_mut().enumerate() {
+            let (send, stop) = (send.clone(), &stop);
+            scope.spawn_fifo(move |_| {
+                let mut watch = |p: Progress| {
+                    if send.send(p).is_err() || stop.load(Ordering::Relaxed) {
+                        return ControlFlow::Break(());
                     }
+                    ControlFlow::Continue(())
                 };
-                thread
-                    .spawn_scoped(scope, members_in_turn)
-                    .expect("a thread")
-            })
-            .collect();
+                *result = train(member, &mut watch);
+            });
+        }
         drop(send);
         // The receiver goes with the loop: should `progress` panic, nobody waits for it.
         for p in receive {
@@ -113,19 +108,11 @@ fn members(
                 stop.store(true, Ordering::Relaxed);
             }
         }
-        let mut all = Vec::new();
-        for worker in workers {
-            match worker.join() {
-                Ok(done) => all.extend(done),
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        if stop.load(Ordering::Relaxed) {
-            return Err(TrainError::Cancelled);
-        }
-        all.sort_by_key(|(member, _)| *member);
-        all.into_iter().map(|(_, result)| result).collect()
-    })
+    });
+    match stop.into_inner() {
+        true => Err(TrainError::Cancelled),
+        false => results.into_iter().collect(),
+    }
 }
 
 const QUIET: Noise = Noise {

@@ -4,7 +4,7 @@
 //! rest: the order, the number of threads and the sharding do not change a single bit.
 
 use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -91,7 +91,8 @@ pub fn sample_rng(seed: u64, index: usize) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(rng.random())
 }
 
-/// A standard normal deviate (Box-Muller).
+/// A standard normal deviate (Box-Muller). The shipped calibration and networks belong to arms that are drawn with
+/// this stream: another method would draw other arms from the same seeds.
 pub fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     let u: f64 = 1.0 - rng.random::<f64>();
     let v: f64 = rng.random();
@@ -277,43 +278,41 @@ pub fn parallel<T: Send>(
     work: &(dyn Fn(usize) -> T + Sync),
 ) -> Vec<T> {
     const BLOCK: usize = 64;
-    let blocks = range.len().div_ceil(BLOCK);
-    let next = AtomicUsize::new(0);
+    let mut blocks: Vec<Option<Vec<T>>> = Vec::new();
+    blocks.resize_with(range.len().div_ceil(BLOCK), || None);
     let stop = AtomicBool::new(false);
-    let (send, receive) = std::sync::mpsc::sync_channel::<(usize, Vec<T>)>(64);
-    let mut done: Vec<Option<Vec<T>>> = (0..blocks).map(|_| None).collect();
-    std::thread::scope(|scope| {
-        for _ in 0..threads.max(1) {
-            let (send, next, stop, range) = (send.clone(), &next, &stop, range.clone());
-            let blocks_in_turn = move || {
-                loop {
-                    let b = next.fetch_add(1, Ordering::Relaxed);
-                    if b >= blocks || stop.load(Ordering::Relaxed) {
-                        break;
-                    }
-                    let from = range.start + b * BLOCK;
-                    let to = (from + BLOCK).min(range.end);
-                    if send.send((b, (from..to).map(work).collect())).is_err() {
-                        break;
-                    }
+    // The threads end with the pool.
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.max(1))
+        .thread_name(|_| "data set".to_owned())
+        .build()
+        .expect("threads");
+    let (send, receive) = std::sync::mpsc::channel::<usize>();
+    pool.in_place_scope_fifo(|scope| {
+        for (b, block) in blocks.iter_mut().enumerate() {
+            let (send, stop) = (send.clone(), &stop);
+            let from = range.start + b * BLOCK;
+            let indices = from..(from + BLOCK).min(range.end);
+            scope.spawn_fifo(move |_| {
+                if !stop.load(Ordering::Relaxed) {
+                    let done: Vec<T> = indices.map(work).collect();
+                    let count = done.len();
+                    *block = Some(done);
+                    // Nobody counts once `progress` has panicked.
+                    let _ = send.send(count);
                 }
-            };
-            std::thread::Builder::new()
-                .name("data set".to_owned())
-                .spawn_scoped(scope, blocks_in_turn)
-                .expect("a thread");
+            });
         }
         drop(send);
         let mut count = 0;
-        while let Ok((b, results)) = receive.recv() {
-            count += results.len();
-            done[b] = Some(results);
+        for more in receive {
+            count += more;
             if progress(count).is_break() {
                 stop.store(true, Ordering::Relaxed);
             }
         }
     });
-    done.into_iter().map_while(|b| b).flatten().collect()
+    blocks.into_iter().map_while(|b| b).flatten().collect()
 }
 
 #[cfg(test)]
