@@ -199,8 +199,8 @@ fn controllers(c: &mut Criterion) {
     };
     let eval = networks.cascade.pose(&observation.sensors.to_vector());
     for (name, kind) in [
-        ("controller, ours, one tick", ControllerKind::Ours),
-        ("controller, paper's, one target", ControllerKind::Paper),
+        ("controller, ours, one tick", ControllerKind::NullSpaceQp),
+        ("controller, paper's, one target", ControllerKind::PaperAdrc),
     ] {
         let gains = Gains {
             outer_period_s: 0.0,
@@ -211,7 +211,7 @@ fn controllers(c: &mut Criterion) {
         controller.set_goal(Goal::position([0.06, 0.04, -0.30]), None);
         let mut frame = SensorFrame {
             stamp: Stamp::ZERO,
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors: observation.sensors.clone(),
             chamber_pa: [0.0; CHAMBERS],
             health: Health {

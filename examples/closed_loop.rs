@@ -27,7 +27,12 @@ pub fn go(to_m: [f64; 3], seconds: f64) -> Result<f64, Box<dyn Error>> {
     let robot = RobotSpec::reference();
     let maps = learn::Model::from_bytes(NETWORKS)?.into();
     let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-    let mut twin = Twin::new(&robot, maps, sensing, Gains::of(ControllerKind::Ours));
+    let mut twin = Twin::new(
+        &robot,
+        maps,
+        sensing,
+        Gains::of(ControllerKind::NullSpaceQp),
+    );
     let mut rig = VirtualRig::new(&robot, &RigOptions::default())?;
     let config = Config::new(&robot.pressure, robot.over_pressure_pa);
     let mut link = HostSession::new("virtual rig", Origin::Simulated, config);

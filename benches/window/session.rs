@@ -80,7 +80,7 @@ impl Session {
             sensor_ref: Some(SensorRef::from_fn(|i, _| 0.1 * wave(i))),
             sensors: Some(SensorFrame {
                 stamp,
-                doubt: [0.0; SIGNALS],
+                extra_sigma: [0.0; SIGNALS],
                 sensors,
                 chamber_pa: pa,
                 health: Health::default(),

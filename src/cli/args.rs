@@ -24,8 +24,8 @@ impl Kind {
     /// Its tuning.
     pub fn gains(self) -> Gains {
         Gains::of(match self {
-            Self::Paper => ControllerKind::Paper,
-            Self::Ours => ControllerKind::Ours,
+            Self::Paper => ControllerKind::PaperAdrc,
+            Self::Ours => ControllerKind::NullSpaceQp,
         })
     }
 }

@@ -40,7 +40,7 @@ pub fn at_rest(
         },
         sensors: Some(SensorFrame {
             stamp: Stamp::ZERO,
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors: seen.sensors,
             chamber_pa: *chamber_pa,
             health: Health::default(),

@@ -1,4 +1,4 @@
-//! How stiff is this arm? Two numbers, learned from its own motion, and only while it moves enough to tell.
+//! Online estimation of the arm's stiffness: one gain per segment, learned from its own motion while that excites it.
 //!
 //! ∂s/∂q of the real arm ≈ g_k ∂s/∂q of the plant map, one gain g per segment k: the springs of a segment answer
 //! to its own three chambers, and a linear arm of another stiffness c answers like this one at the pressures q/c.
@@ -27,13 +27,13 @@ const SPRINGS_EACH: usize = SPRINGS / SEGMENTS;
 const SPAN_S: f64 = 1.0;
 /// Time between two pairs, s.
 const PERIOD_S: f64 = 0.1;
-/// What a pair's own weight fades by with every later pair.
+/// Factor on a pair's weight with every later pair.
 const FORGETTING: f64 = 0.98;
-/// Sum of squares of what is believed at the start, m²: a few seconds of slow motion.
+/// Weight of the initial gains as a sum of squares, m²: a few seconds of slow motion.
 const PRIOR_M2: f64 = 1e-4;
-/// Norm over the springs of a segment below which z tells nothing, m.
+/// Norm over the springs of a segment below which z does not excite its gain, m.
 const EXCITED_M: f64 = 2e-3;
-/// Largest share of Δs that may not look like z.
+/// Largest share of Δs that may be orthogonal to z.
 const UNLIKE_RATIO: f64 = 0.5;
 /// Bounds of a gain.
 const GAIN_RANGE: [f64; 2] = [0.3, 3.0];
@@ -41,18 +41,18 @@ const GAIN_RANGE: [f64; 2] = [0.3, 3.0];
 /// When the gains are learned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Adaptation {
-    /// Never: the plant map is believed.
+    /// Never: the plant map is used as it is.
     Off,
-    /// While the motion tells something about them.
+    /// While the motion excites them.
     Gated,
-    /// Always: to show what the gate is good for.
+    /// Always, for comparison.
     Always,
 }
 
-/// An instant: when, spring lengths (NaN where unusable), pressures.
+/// One instant: time stamp, spring lengths (NaN where unusable), pressures.
 type Instant = (Stamp, SVector<f64, SPRINGS>, [f64; CHAMBERS]);
 
-/// The gains and what they were learned from.
+/// Estimated gains with the data they come from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantGain {
     when: Adaptation,
@@ -148,8 +148,8 @@ impl PlantGain {
     }
 }
 
-/// The gains that verdicts go by: hysteresis makes every arm look a little stiffer on its way back than it is, so
-/// small departures from the model are not believed.
+/// Gains for verdicts on reachability: hysteresis makes every arm look a little stiffer on its way back than it is, so
+/// small departures from the model are ignored.
 pub fn judging_gains(gains: [f64; SEGMENTS]) -> [f64; SEGMENTS] {
     /// Departures up to this are the model's own error.
     const KNOWN: f64 = 0.15;

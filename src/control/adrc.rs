@@ -46,7 +46,7 @@ pub struct Adrc {
 }
 
 impl Adrc {
-    /// Starts without a bump: the outputs as measured, no disturbance known.
+    /// Bumpless start: the outputs as measured, zero disturbance.
     pub fn new(y: &Vector6) -> Self {
         Self {
             y: *y,

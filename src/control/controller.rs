@@ -1,7 +1,7 @@
 //! One goal, one controller, one set of pressures per tick.
 //!
 //! The controllers compute rates of the set pressures; this module gives them what they need, keeps
-//! the result within every bound, and says when the arm is there or cannot get there.
+//! the result within every bound, and reports when the arm has arrived or cannot arrive.
 //!
 //! The input fed to the observers is the rate at which the *measured* chamber pressures changed:
 //! it already carries the clipping by magnitude, rate and pump flow (about a quarter of the rate
@@ -12,8 +12,8 @@
 use super::adapt::{PlantGain, SEGMENTS, adapted};
 use super::gains::Gains;
 use super::limits::{limit_tip_speed, signal_weights, usable_gauges};
-use super::ours::Ours;
-use super::paper::Paper;
+use super::null_space_qp::NullSpaceQp;
+use super::paper_adrc::PaperAdrc;
 use super::residual::{goal_residual, within};
 use super::tick::{Maps, Pressures, Tick};
 use crate::learn::PoseEval;
@@ -23,7 +23,7 @@ use crate::signal::{
     Stamp, Vector6, Via,
 };
 
-/// What is known at one tick.
+/// Inputs of one control tick.
 #[derive(Clone, Copy)]
 pub struct StepInput<'a> {
     /// Newest calibrated sensors.
@@ -38,7 +38,7 @@ pub struct StepInput<'a> {
     pub stamp: Stamp,
 }
 
-/// The arm does not come nearer to its goal because a chamber is at its bound.
+/// Report that the arm comes no nearer to its goal because a chamber is at its bound.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stall {
     /// Distance of the estimate from the goal, m.
@@ -47,7 +47,7 @@ pub struct Stall {
     pub chamber: (usize, f64),
 }
 
-/// Time since some fixed instant, to time the controller with. It decides nothing.
+/// Time since a fixed instant, to measure the controller's time. It decides nothing.
 pub type Stopwatch = fn() -> std::time::Duration;
 
 /// The outcome of one tick.
@@ -70,11 +70,11 @@ pub struct ControlOut {
 }
 
 enum Inner {
-    Paper(Box<Paper>),
-    Ours(Ours),
+    PaperAdrc(Box<PaperAdrc>),
+    NullSpaceQp(NullSpaceQp),
 }
 
-/// What the last frame left behind.
+/// State kept from the last frame.
 struct Memory {
     frame_stamp: Stamp,
     chamber_pa: [f64; CHAMBERS],
@@ -85,7 +85,7 @@ struct Memory {
     solve_s: Option<f64>,
 }
 
-/// Nearest approach and when it was.
+/// Nearest approach and its time.
 struct Progress {
     smooth_m: f64,
     updated: Stamp,
@@ -103,7 +103,7 @@ struct Active {
     steps: u64,
 }
 
-/// Steers to one goal at a time; without one it holds the pressures.
+/// Controller: steers to one goal at a time; without one it holds the pressures.
 pub struct Controller {
     limits: PressureLimits,
     pump_rate_pa_s: f64,
@@ -115,19 +115,19 @@ pub struct Controller {
     unsolved_ticks: u64,
 }
 
-/// The longest time step the loop believes in, as [`PressureCommand::limited`] does, s.
+/// The longest time step the loop accepts, as [`PressureCommand::limited`] does, s.
 const DT_MAX_S: f64 = 0.1;
 /// Time step of the first command, s.
 const DT_FIRST_S: f64 = 0.01;
-/// A gap in the frames after which the observers start anew, s.
+/// A gap in the frames after which the observers restart, s.
 const GAP_S: f64 = 0.5;
 /// An approach by less than this is none, m.
 const PROGRESS_M: f64 = 0.2e-3;
-/// So long without approach at a bound is a stall, s.
+/// Time without approach at a bound after which the arm has stalled, s.
 const STALL_S: f64 = 1.1;
 /// Time constant of the distance that progress is judged by, s.
 const SMOOTHING_S: f64 = 0.2;
-/// A set pressure this close to its bound is saturated, Pa.
+/// Distance from its bound within which a set pressure is saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
 
 impl Controller {
@@ -149,12 +149,12 @@ impl Controller {
         }
     }
 
-    /// Ticks so far in which no admissible rates were found: the set pressures were held in them.
+    /// Number of ticks in which no admissible rates were found: the set pressures were held in them.
     pub fn unsolved_ticks(&self) -> u64 {
         self.unsolved_ticks
     }
 
-    /// Times what is solved from now on.
+    /// Measures solve times with `stopwatch` from now on.
     pub fn time_with(&mut self, stopwatch: Stopwatch) {
         self.stopwatch = Some(stopwatch);
     }
@@ -170,7 +170,7 @@ impl Controller {
         }
     }
 
-    /// Starts to steer to `goal`. `reach` is the verdict on it: its pressures are where ours takes what is spare.
+    /// Starts to steer to `goal`. `reach` is its verdict: the null-space QP moves spare pressures towards its pressures.
     pub fn set_goal(&mut self, goal: Goal, reach: Option<&Reach>) {
         let reach_pa = reach
             .map(|r| r.chamber_pa)
@@ -212,7 +212,7 @@ impl Controller {
         }
     }
 
-    /// Forgets the goal: the set pressures stay as they are.
+    /// Drops the goal: the set pressures stay as they are.
     pub fn hold(&mut self) {
         self.active = None;
     }
@@ -222,7 +222,7 @@ impl Controller {
         self.active.as_ref().map(|a| &a.goal)
     }
 
-    /// How much more the segments give way to pressure than the plant map has it, as learned so far.
+    /// Estimated gain of each segment over the plant map.
     pub fn plant_gains(&self) -> [f64; SEGMENTS] {
         self.plant_gain.gains()
     }
@@ -255,7 +255,7 @@ impl Controller {
         out.unwrap_or_else(|| hold(steps))
     }
 
-    /// The present set pressures: the last command, or what the gauges say before the first one.
+    /// The present set pressures: the last command, or what the gauges read before the first one.
     fn present_set_pa(&self, input: &StepInput) -> [f64; CHAMBERS] {
         std::array::from_fn(|i| {
             let from = match input.previous {
@@ -400,12 +400,14 @@ impl Controller {
         // A new controller solves for its first reference.
         let anew = active.inner.is_none();
         let inner = active.inner.get_or_insert_with(|| match self.gains.kind {
-            ControllerKind::Paper => Inner::Paper(Box::new(Paper::new(&tick, &self.gains))),
-            ControllerKind::Ours => Inner::Ours(Ours::new()),
+            ControllerKind::PaperAdrc => {
+                Inner::PaperAdrc(Box::new(PaperAdrc::new(&tick, &self.gains)))
+            }
+            ControllerKind::NullSpaceQp => Inner::NullSpaceQp(NullSpaceQp::new()),
         });
         let mut out = match inner {
-            Inner::Paper(paper) => paper.rate(&tick, &self.gains),
-            Inner::Ours(ours) => ours.rate(&tick, &self.gains),
+            Inner::PaperAdrc(paper) => paper.rate(&tick, &self.gains),
+            Inner::NullSpaceQp(qp) => qp.rate(&tick, &self.gains),
         };
         self.unsolved_ticks += u64::from(!out.converged);
         let solve_s = match (self.stopwatch, began, out.solved || anew) {
@@ -496,16 +498,16 @@ impl Inner {
     /// The goal has moved on.
     fn retarget(&mut self) {
         match self {
-            Self::Paper(paper) => paper.retarget(),
+            Self::PaperAdrc(paper) => paper.retarget(),
             // It measures against the moving point in every tick.
-            Self::Ours(_) => {}
+            Self::NullSpaceQp(_) => {}
         }
     }
 
     fn restart(&mut self) {
         match self {
-            Self::Paper(paper) => paper.restart(),
-            Self::Ours(ours) => ours.restart(),
+            Self::PaperAdrc(paper) => paper.restart(),
+            Self::NullSpaceQp(qp) => qp.restart(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What keeps the rates of a tick within bounds: usable channels and the tip's speed.
+//! Limits on the rates of a tick: usable channels and the tip's speed.
 
 use nalgebra::{SMatrix, SVector};
 

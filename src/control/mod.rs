@@ -1,6 +1,6 @@
 //! From a goal to chamber pressures: the sensor-space solver, ADRC, reachability, the controllers.
 //!
-//! Source: the paper, section IV (systems S9 to S12, S16), with errata 4 to 8 applied; ours beside it.
+//! Source: the paper, section IV (systems S9 to S12, S16), with errata 4 to 8 applied, and the null-space QP beside it.
 //! Everything here works on the learned maps ([`PoseMap`](crate::learn::PoseMap),
 //! [`PlantMap`](crate::learn::PlantMap)) and on measured signals. Absent by design: simulators,
 //! motion capture, clocks, I/O.
@@ -21,8 +21,8 @@ mod box_qp;
 mod controller;
 mod gains;
 mod limits;
-mod ours;
-mod paper;
+mod null_space_qp;
+mod paper_adrc;
 mod reach;
 mod residual;
 mod solver;
@@ -35,7 +35,7 @@ pub use adrc::{Adrc, AdrcGains};
 pub use box_qp::{BoxQp, solve_box_qp};
 pub use controller::{ControlOut, Controller, Stall, StepInput, Stopwatch};
 pub use gains::{Gains, InitialGuess};
-pub use paper::virtual_output;
+pub use paper_adrc::virtual_output;
 pub use reach::{ReachConfig, ReachError, StartSample, reach};
 pub use residual::{
     SignalSigma, TaskWeights, goal_residual, rotation_rate_from_ypr, task_jacobian, within,

@@ -1,4 +1,4 @@
-//! Can the tip get there? Answered before anything moves.
+//! Reachability of a goal, decided before anything moves.
 //!
 //! Levenberg–Marquardt over the six pressures q within their bounds on r(f(plant(q))), from several
 //! starts; the spare pressures (three where only the position matters, one with a direction) are then drawn
@@ -33,15 +33,15 @@ pub struct ReachConfig {
     pub nearest_spare_ratio: f64,
     /// Training distance that the nearest point keeps within.
     pub nearest_training_distance_max: f64,
-    /// Whether a point is looked for that is reachable where the goal is not: it takes as long again.
+    /// Whether to search for the nearest reachable point where the goal is not: this takes as long again.
     pub proposes: bool,
-    /// How much more each segment of this arm gives way to pressure than the plant map has it.
+    /// Gain of each segment over the plant map.
     pub plant_gains: [f64; SEGMENTS],
     /// How many nearest samples are tried.
     pub starts: usize,
     /// Most steps from each start.
     pub max_iterations: usize,
-    /// What makes position and rotation comparable.
+    /// Weights between position and rotation.
     pub weights: TaskWeights,
 }
 
@@ -315,7 +315,7 @@ pub fn reach(
 fn check(goal: &Goal, payload_kg: f64) -> Result<(), ReachError> {
     let parts = [
         ("position", goal.position_m.iter().all(|v| v.is_finite())),
-        ("orientation", goal.aim.is_finite()),
+        ("orientation", goal.orientation.is_finite()),
         (
             "tolerance",
             goal.tolerance_m.is_finite() && goal.tolerance_m > 0.0,
@@ -344,7 +344,7 @@ fn verdict(problem: &Problem, best: &Point) -> Reach {
     let state = if best.training_distance > config.training_distance_max {
         ReachState::OutsideData
     } else if residual > bound {
-        // At a bound of what the map knows, a softer arm has pressure to spare: nobody can tell.
+        // At a bound of the map's training range, a softer arm has pressure to spare: no verdict is possible.
         match blocking.is_some_and(|i| gain(i) > 1.0 + 2.0 * config.margin_ratio) {
             true => ReachState::OutsideData,
             false => ReachState::Unreachable,
@@ -380,7 +380,7 @@ mod tests {
     use super::*;
     use crate::control::toy::ToyArm;
     use crate::learn::{PlantEval, PoseEval};
-    use crate::signal::{Aim, SensorRef, pose_from_ypr};
+    use crate::signal::{OrientationGoal, SensorRef, pose_from_ypr};
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -539,12 +539,13 @@ mod tests {
         let target = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
         let mut goal = Goal {
             position_m: [pose[0], pose[1], pose[2]],
-            aim: Aim::Rotation(target.rotation),
+            orientation: OrientationGoal::Rotation(target.rotation),
             tolerance_m: 1e-3,
         };
         let r = ask(&goal, &samples(&arm, 500)).unwrap();
         assert_eq!(r.state, ReachState::Reachable, "{r:?}");
-        goal.aim = Aim::Rotation(pose_from_ypr([0.0; 3], [0.0, 2.5, 0.0]).rotation);
+        goal.orientation =
+            OrientationGoal::Rotation(pose_from_ypr([0.0; 3], [0.0, 2.5, 0.0]).rotation);
         let r = ask(&goal, &samples(&arm, 500)).unwrap();
         assert_eq!(r.state, ReachState::Unreachable, "{r:?}");
     }

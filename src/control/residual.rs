@@ -1,4 +1,4 @@
-//! How far a pose is from a goal, in one unit, and how that changes with what the pose depends on.
+//! Task residual of a pose against a goal, in one unit, and its Jacobian.
 //!
 //! r = [w_t (x − x_goal), w_r log(R R_goalᵀ)]; the rotation rows are zero for a position-only goal, and for a
 //! direction R_goal is the nearest rotation that points there, so they have rank two.
@@ -6,9 +6,11 @@
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
-use crate::signal::{Aim, Goal, Matrix6, SIGNALS, SPRINGS, Vector6, pose_error, pose_from_ypr};
+use crate::signal::{
+    Goal, Matrix6, OrientationGoal, SIGNALS, SPRINGS, Vector6, pose_error, pose_from_ypr,
+};
 
-/// What makes a metre and a radian comparable.
+/// Weights between metres and radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskWeights {
     /// Residual per metre.
@@ -64,7 +66,7 @@ pub fn goal_residual(pose: &SVector<f64, 6>, goal: &Goal, weights: &TaskWeights)
     let actual = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
     let mut wanted = actual;
     wanted.translation.vector = Vector3::from(goal.position_m);
-    wanted.rotation = goal.aim.nearest(&actual.rotation);
+    wanted.rotation = goal.orientation.nearest(&actual.rotation);
     let e = pose_error(&actual, &wanted);
     Vector6::from_fn(|i, _| {
         let weight = if i < 3 {
@@ -85,7 +87,7 @@ pub fn rotation_rate_from_ypr(ypr_rad: [f64; 3]) -> Matrix3<f64> {
     Matrix3::from_columns(&[Vector3::z(), rz * Vector3::y(), rz * (ry * Vector3::x())])
 }
 
-/// The derivative of r after whatever `jacobian` (of x, y, z, yaw, pitch, roll) is taken after.
+/// Jacobian of r, with respect to the variables of `jacobian` (of x, y, z, yaw, pitch, roll).
 ///
 /// The rotation rows are w_r E J, the base-frame rotation rate. That is the derivative of the
 /// logarithm up to J_l⁻¹(r), which leaves r itself alone: Jᵀ r is the exact gradient of ½|r|².
@@ -98,11 +100,11 @@ pub fn task_jacobian<const C: usize>(
     let mut out = SMatrix::<f64, 6, C>::zeros();
     out.fixed_rows_mut::<3>(0)
         .copy_from(&(jacobian.fixed_rows::<3>(0) * weights.per_m));
-    let turning = match goal.aim {
-        Aim::Free => return out,
+    let turning = match goal.orientation {
+        OrientationGoal::Free => return out,
         // Turning about the wanted direction changes nothing.
-        Aim::Direction(d) => Matrix3::identity() - d.into_inner() * d.transpose(),
-        Aim::Rotation(_) => Matrix3::identity(),
+        OrientationGoal::Direction(d) => Matrix3::identity() - d.into_inner() * d.transpose(),
+        OrientationGoal::Rotation(_) => Matrix3::identity(),
     };
     let e = rotation_rate_from_ypr([pose[3], pose[4], pose[5]]);
     out.fixed_rows_mut::<3>(3)
@@ -110,7 +112,7 @@ pub fn task_jacobian<const C: usize>(
     out
 }
 
-/// N, the projector on what moves the six inputs without moving the task: N = V₀ V₀ᵀ over the right
+/// Null-space projector N of the task: N = V₀ V₀ᵀ over the right
 /// singular vectors of `a` whose singular values vanish.
 ///
 /// Rank three of six for a position, one for a position with a direction, none for a whole pose. A direction that
@@ -148,7 +150,7 @@ mod tests {
     fn a_millimetre_weighs_as_much_as_a_degree() {
         let goal = Goal {
             position_m: [0.0, 0.0, -0.3],
-            aim: Aim::Rotation(UnitQuaternion::identity()),
+            orientation: OrientationGoal::Rotation(UnitQuaternion::identity()),
             tolerance_m: 1e-3,
         };
         let w = TaskWeights::default();

@@ -22,7 +22,7 @@ pub struct SolverConfig {
     pub max_iterations: usize,
     /// Most shrinkings or expansions within one line search.
     pub max_line_steps: usize,
-    /// What makes position and rotation comparable.
+    /// Weights between position and rotation.
     pub weights: TaskWeights,
     /// Scale of the sensor space.
     pub sigma: SignalSigma,
@@ -42,7 +42,7 @@ impl Default for SolverConfig {
     }
 }
 
-/// What the descent found.
+/// Result of the descent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolverOut {
     /// The best signals.
@@ -147,12 +147,14 @@ mod tests {
     use crate::control::toy::{TanhMap, ToyArm};
     use crate::learn::PlantMap;
     use crate::robot::RobotSpec;
-    use crate::signal::{Aim, pose_from_ypr};
+    use crate::signal::{OrientationGoal, pose_from_ypr};
 
     fn oriented_goal() -> Goal {
         Goal {
             position_m: [0.05, 0.02, -0.31],
-            aim: Aim::Rotation(pose_from_ypr([0.0; 3], [0.3, -0.4, 0.2]).rotation),
+            orientation: OrientationGoal::Rotation(
+                pose_from_ypr([0.0; 3], [0.3, -0.4, 0.2]).rotation,
+            ),
             tolerance_m: 1e-3,
         }
     }

@@ -1,4 +1,4 @@
-//! What one tick hands to a controller, and the controller's answer.
+//! Inputs and output of a controller at one tick.
 
 use super::reach::StartSample;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
@@ -15,7 +15,7 @@ pub struct Maps<'a> {
     pub samples: &'a [StartSample],
 }
 
-/// What one tick looks like to a controller.
+/// Inputs of a controller at one tick.
 pub(super) struct Tick<'a> {
     pub maps: Maps<'a>,
     pub goal: &'a Goal,
@@ -51,9 +51,9 @@ pub(super) struct RateOut {
     pub sensor_ref: SensorRef,
     /// Whether the estimated pose is being driven (not yet while approaching an initial guess).
     pub refining: bool,
-    /// Whether something was solved for, not only stepped on.
+    /// Whether a new reference was solved for in this tick.
     pub solved: bool,
-    /// Whether it was found. Where it was not, the rates are 0: the set pressures stay.
+    /// Whether the solver converged. Where it did not, the rates are 0: the set pressures stay.
     pub converged: bool,
 }
 

@@ -134,7 +134,7 @@ impl ToyArm {
         let s = self.kinematics(&self.lengths(&chamber_pa, payload_kg)).0 + self.bias;
         SensorFrame {
             stamp,
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors: SensorVec::from_vector(&s),
             chamber_pa,
             health: crate::signal::Health {

@@ -6,7 +6,7 @@ use super::plan::{Driven, Row};
 use crate::control::virtual_output;
 use crate::learn::{ErrorStats, PlantMap, quantile};
 use crate::robot::RobotSpec;
-use crate::signal::{Aim, CHAMBERS, Goal, Pose, SPRINGS, SensorRef, pose_error};
+use crate::signal::{CHAMBERS, Goal, OrientationGoal, Pose, SPRINGS, SensorRef, pose_error};
 
 /// A chamber set this close to its bound counts as saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
@@ -61,7 +61,7 @@ pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasu
         let truth = r.truth?;
         let mut wanted = truth;
         wanted.translation.vector = Vector3::from(goal.position_m);
-        wanted.rotation = goal.aim.nearest(&truth.rotation);
+        wanted.rotation = goal.orientation.nearest(&truth.rotation);
         let e = pose_error(&truth, &wanted);
         Some([e.fixed_rows::<3>(0).norm(), e.fixed_rows::<3>(3).norm()])
     };
@@ -84,8 +84,8 @@ pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasu
     let deg = spread(end().map(|e| e[1].to_degrees()).collect());
     Some(MoveMeasures {
         final_mm: spread(end().map(|e| e[0] * 1e3).collect()),
-        final_deg: match goal.aim {
-            Aim::Free => None,
+        final_deg: match goal.orientation {
+            OrientationGoal::Free => None,
             _ => deg.map(|d| d.mean),
         },
         settled_s: settled.map(|k| rows[k].t_s - first.t_s),

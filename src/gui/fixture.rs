@@ -147,7 +147,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         raw: Some(raw),
         sensors: Some(SensorFrame {
             stamp,
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors,
             chamber_pa,
             health: Health::default(),

@@ -1,4 +1,4 @@
-//! How far off a pose may be: what noise of the sensors does to it, how far the members of the ensemble
+//! Covariance of a pose: noise of the sensors, how far the members of the ensemble
 //! are apart, and the rest, weighed so that the errors on samples that no optimiser has seen fit.
 //!
 //! C = F₁ J S Jᵀ F₁ + F₂ P F₂ + G F₃ M F₃ G
@@ -28,7 +28,7 @@ const REST: usize = 2;
 /// Growths that are tried.
 const GROWTHS: [f64; 6] = [0.0, 1.0, 2.0, 3.0, 4.0, 6.0];
 
-/// What a [`super::Cascade`] knows of its errors.
+/// Error statistics of a [`super::Cascade`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
     /// Standard deviation of the signals' noise, m and rad.
@@ -44,7 +44,7 @@ pub struct Calibration {
     pub distance_p95: f64,
 }
 
-/// What one evaluation says about its error.
+/// Contributions to the error of one evaluation.
 #[derive(Clone, Debug)]
 pub(super) struct Hints {
     pub jacobian: SMatrix<f64, 6, SIGNALS>,

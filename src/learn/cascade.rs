@@ -30,7 +30,7 @@ pub struct ShapeError {
     pub want: &'static str,
 }
 
-/// How the training signals are spread, for the distance to them.
+/// Distribution of the training signals, for the distance to them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSpread {
     /// Mean of the signals, m and rad.
@@ -104,7 +104,7 @@ pub struct Correction {
     pub rotation: Mlp,
 }
 
-/// What a [`Cascade`] is made of.
+/// Parts of a [`Cascade`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CascadeParts {
     /// Sensor maps 24 → 6, one to five; their mean is used.
@@ -209,7 +209,7 @@ impl Cascade {
         (mean, jacobian, spread)
     }
 
-    /// The pose, and what it says about its error.
+    /// The pose and the contributions to its error.
     pub(super) fn evaluate(&self, sensors: &SVector<f64, SIGNALS>) -> (Vector6, Hints) {
         let mut scratch = Scratch::default();
         let (mut pose, mut jacobian, mut spread) = self.members(sensors, &mut scratch);

@@ -1,4 +1,4 @@
-//! What training does to data before a network sees them: dealing, hashing, sensor noise.
+//! Preparation of training data: splitting, hashing, sensor noise.
 
 use rand::Rng;
 use rand::SeedableRng;

@@ -12,7 +12,7 @@
 //! | `guess` | f32, samples × 37: pressures, payload, signals, pose |
 //!
 //! The metadata entry `springtwin` is JSON: format number, recipe (as the TOML text that
-//! reproduces the model) and scores. This room only turns models into bytes and back; the caller
+//! reproduces the model) and scores. This module only turns models into bytes and back; the caller
 //! reads and writes files.
 
 use std::borrow::Cow;

@@ -249,7 +249,7 @@ pub(super) struct Scratch {
     activations: Vec<Vec<f64>>,
     /// 1 − a² of one layer, padded.
     slopes: Vec<f32>,
-    /// What the sweep has so far, and room for the next.
+    /// What the sweep has so far, and space for the next.
     sweep: [Vec<f32>; 2],
     /// Column-major, outputs × inputs.
     jacobian: Vec<f32>,

@@ -1,5 +1,5 @@
 //! Networks, training and the estimator. Imports robot and signal alone: what a simulator or a measurement
-//! has to say comes as a data set, and files come and go as bytes.
+//! contributes comes as a data set, and files come and go as bytes.
 //!
 //! Flow: [`train`] makes a [`Model`] from datasets by a [`Recipe`]; [`Cascade`] (sensors to pose)
 //! and [`PlantNet`] (pressures to sensors) answer the control loop with exact Jacobians;
@@ -56,9 +56,8 @@ pub struct PoseEval {
 }
 
 impl PoseEval {
-    /// Adds what signals that are in doubt by these standard deviations (m, then rad) do to the pose:
-    /// J diag(σ²) Jᵀ.
-    pub fn doubt(&mut self, sd: &[f64; SIGNALS]) {
+    /// Adds the covariance of signals with these extra standard deviations (m, then rad) to the pose's: J diag(σ²) Jᵀ.
+    pub fn add_sigma(&mut self, sd: &[f64; SIGNALS]) {
         for (sd, column) in sd.iter().zip(self.jacobian.column_iter()) {
             if *sd > 0.0 {
                 self.covariance.ger(sd * sd, &column, &column, 1.0);
@@ -82,7 +81,7 @@ pub trait PoseMap: Send + Sync {
     fn pose(&self, sensors: &SVector<f64, SIGNALS>) -> PoseEval;
 }
 
-/// The plant as the controller knows it: chamber pressures to sensor signals.
+/// Plant map: chamber pressures to sensor signals.
 pub trait PlantMap: Send + Sync {
     /// Evaluates the map and its exact Jacobian.
     fn sensors(&self, chamber_pa: &[f64; CHAMBERS], payload_kg: f64) -> PlantEval;

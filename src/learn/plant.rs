@@ -1,4 +1,4 @@
-//! The plant as the controller knows it: six pressures and the payload to 24 signals.
+//! Plant network: six pressures and the payload to 24 signals.
 
 use nalgebra::{SMatrixView, SVector};
 use serde::{Deserialize, Serialize};

@@ -22,7 +22,7 @@ pub enum Stage {
     Plant,
 }
 
-/// Where training stands, told once per epoch.
+/// Progress of a training, reported once per epoch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// The network.
@@ -82,7 +82,7 @@ pub enum TrainError {
         /// 1-based.
         epoch: usize,
     },
-    /// The caller asked to stop.
+    /// Cancelled by the caller.
     #[error("training was cancelled")]
     Cancelled,
     /// Networks do not fit together.

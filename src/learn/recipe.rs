@@ -23,7 +23,7 @@ pub enum RecipeError {
     Value {
         /// The key, dotted.
         key: String,
-        /// What the file says.
+        /// Value in the file.
         value: String,
         /// What it must be.
         must: &'static str,

@@ -1,6 +1,6 @@
 //! Training of the three parts: sensor map, sim-to-real correction, plant.
 //!
-//! Paper section III-B, with three additions: sensor noise is drawn anew for every batch, the
+//! Paper section III-B, with three additions: sensor noise is drawn again for every batch, the
 //! learning rate decays, and training stops early on the validation part. Everything is seeded:
 //! the same data and recipe give the same bytes.
 
@@ -17,14 +17,14 @@ use rand_pcg::Pcg64Mcg;
 
 use super::PoseMap;
 use super::calibrate::Hints;
-use super::cascade::{Cascade, SensorSpread, ShapeError, used_channels};
+use super::cascade::{Cascade, SensorSpread, used_channels};
 use super::data::{self, add_noise, data_hash, is_finite, split};
 use super::files::{Model, Scores};
 use super::fit::Table;
 use super::guess::GuessSet;
 use super::mlp::{Mlp, Scaling};
-use super::progress::{Progress, SAMPLES_MIN, Stage, TrainError};
-use super::recipe::{Noise, Recipe, RecipeError, Schedule};
+use super::progress::{Progress, SAMPLES_MIN, TrainError};
+use super::recipe::{Noise, Recipe, Schedule};
 use super::scores::{Coverage, DataOrigin, PoseReport, PoseScores, pose_residual, quantile};
 use crate::signal::{Dataset, Matrix6, Pose, SIGNALS, SPRINGS, Sample, Vector6};
 pub use correction::train_s2r;

@@ -44,7 +44,7 @@ const PING_PERIOD_S: f64 = 0.983;
 const FIRST_PERIOD_S: f64 = 0.103;
 /// Time to the next ping after a slow or lost one, s.
 const RETRY_PERIOD_S: f64 = 0.137;
-/// Time to the next ping after one that may tell of a jump, s.
+/// Time to the next ping after one that may show a jump, s.
 const CONFIRM_PERIOD_S: f64 = 0.005;
 /// Pairs after which the fit counts as settled.
 const SETTLED_PAIRS: usize = 6;
@@ -52,25 +52,25 @@ const SETTLED_PAIRS: usize = 6;
 const MAX_EXCESS_S: f64 = 500e-6;
 /// Slow answers in a row after which a quick one is not waited for any longer.
 const MAX_SLOW: u32 = 8;
-/// Pairs remembered.
+/// Pairs kept.
 const MEMORY: usize = 64;
 /// A pair that misses the fit by this much more than both can be in error does not belong to it, s.
 const JUMP_S: f64 = 3e-3;
 /// Age at which a pair's weight has fallen to 1/e, s.
 const AGEING_S: f64 = 20.0;
-/// Age at which a pair is forgotten: a path that has become longer for good is then the usual one, s.
+/// Age at which a pair is forgotten: a path that has become permanently longer is then the usual one, s.
 const FORGOTTEN_S: f64 = 100.0;
 /// Error of one pair on a quiet line, s, and spread of skews before anything is known (ceramic resonators).
 const PING_SIGMA_S: f64 = 1e-4;
 const SKEW_SIGMA: f64 = 5e-3;
 /// Spread of the skew across a jump: the oscillator stays the same.
 const SKEW_SIGMA_AFTER_JUMP: f64 = 5e-5;
-/// Counting begins one wrap up, so that earlier ticks have room below.
+/// Counting begins one wrap up, so that earlier ticks stay above zero.
 const EPOCH_TICKS: i64 = 1 << 32;
-/// Pings without an answer that are remembered.
+/// Pings without an answer that are kept.
 const MAX_OUTSTANDING: usize = 8;
 
-/// What became of a PONG.
+/// Verdict on a PONG.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pong {
     /// Used for the fit.
@@ -222,7 +222,7 @@ impl BoardClock {
         };
         let held_s = f64::from(t_answer.wrapping_sub(t_receive) as i32) / self.rate_hz;
         let there_and_back_s = now.since(sent).max(0.0);
-        // A board that says it took longer than the answer did is not believed.
+        // A board that reports a longer time than the answer took is ignored.
         let round_trip_s = there_and_back_s - held_s.clamp(0.0, there_and_back_s);
         let pair = Pair {
             ticks: self.unwrap(t_receive, now),

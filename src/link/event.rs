@@ -1,4 +1,4 @@
-//! What a session notices about the link.
+//! Events of a link.
 
 use super::ports::PortChange;
 use super::wire::{SCHEMA_HASH, VERSION, fault};
@@ -56,17 +56,17 @@ pub enum LinkEvent {
     },
     /// A board answered, but does not match.
     Refused(Refusal),
-    /// A board restarted: it must be armed anew.
+    /// A board restarted: it must be armed again.
     BoardRebooted {
         /// 0-based.
         board: usize,
     },
-    /// A board is back that was away, and has not restarted meanwhile: it must be armed anew.
+    /// A board is back that was away, and has not restarted meanwhile: it must be armed again.
     BoardBack {
         /// 0-based.
         board: usize,
     },
-    /// A board has sent nothing for half a second: it must be armed anew.
+    /// A board has sent nothing for half a second: it must be armed again.
     BoardSilent {
         /// 0-based.
         board: usize,
@@ -87,24 +87,24 @@ pub enum LinkEvent {
     },
     /// The last command was not renewed in time; no set points are sent until the next one.
     CommandStale,
-    /// More than a tenth of the last second's frames were lost; told once until the loss is over.
+    /// More than a tenth of the last second's frames were lost; reported once until the loss is over.
     HighLoss {
         /// Lost, of all.
         ratio: f64,
     },
     /// The port is gone.
     Disconnected {
-        /// What the system said.
+        /// Message of the operating system.
         reason: String,
     },
     /// A serial port came or went while ours is gone.
     Ports(PortChange),
-    /// The port is back; boards must answer and the arm be armed anew.
+    /// The port is back; boards must answer and the arm be armed again.
     Reconnected,
 }
 
 impl LinkEvent {
-    /// How urgent it is.
+    /// Severity.
     pub fn severity(&self) -> Severity {
         match self {
             Self::BoardReady { .. }

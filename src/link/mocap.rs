@@ -31,7 +31,7 @@ pub enum MocapError {
     Bind {
         /// The address.
         address: SocketAddr,
-        /// What the system said.
+        /// Message of the operating system.
         source: io::Error,
     },
     /// No thread.
@@ -52,7 +52,7 @@ pub struct MocapSample {
     pub world_from_object: Pose,
 }
 
-/// What a receiver has seen.
+/// Counters of a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MocapCounts {
     /// Datagrams used.
@@ -67,7 +67,7 @@ pub struct MocapCounts {
     pub missing: u64,
     /// Objects that were in a datagram but not seen by the cameras: all zeros.
     pub unseen: u64,
-    /// Poses thrown away because nobody fetched them.
+    /// Poses dropped because the queue was full.
     pub dropped: u64,
 }
 
@@ -81,7 +81,7 @@ pub struct MocapReceiver {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Where the stream is received unless told otherwise: loopback, port 51001.
+/// Default address at which the stream is received: loopback, port 51001.
 pub fn default_address() -> SocketAddr {
     SocketAddr::from((Ipv4Addr::LOCALHOST, objects::PORT))
 }
@@ -135,7 +135,7 @@ impl MocapReceiver {
         self.samples.try_recv().ok()
     }
 
-    /// What was received so far.
+    /// Counters so far.
     pub fn counts(&self) -> MocapCounts {
         *self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -218,7 +218,7 @@ impl Listener {
     }
 }
 
-/// Whether a frame comes after the last one, or so far before it that the count began anew.
+/// Whether a frame comes after the last one, or so far before it that the count restarted.
 fn is_later(last: Option<u32>, frame: u32) -> bool {
     let Some(last) = last else { return true };
     let step = frame.wrapping_sub(last) as i32;
@@ -253,7 +253,7 @@ impl MocapSender {
     /// Sends one frame. Nobody listening is no error.
     ///
     /// # Errors
-    /// What the system says, except that the datagram was refused.
+    /// Message of the operating system, except that the datagram was refused.
     pub fn send(&self, frame: &ObjectFrame) -> io::Result<()> {
         match self.socket.send(&objects::encode(frame)) {
             Err(e) if e.kind() != ErrorKind::ConnectionRefused => Err(e),

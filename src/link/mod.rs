@@ -1,4 +1,4 @@
-//! Wire protocol, serial port, board clocks, motion-capture stream, replay.
+//! Wire protocol, serial port, board clocks and motion-capture stream.
 //!
 //! - [`wire`] is the protocol and the motion-capture stream as pure bytes; [`BoardClock`] puts a
 //!   board's ticks on the session's time base.
@@ -7,9 +7,9 @@
 //!   the bytes of [`HostSession::poll`] to the boards and theirs to [`HostSession::on_bytes`],
 //!   about every millisecond, and fetch frames and events.
 //! - [`ports`] lists the serial ports, as they come and go.
-//! - [`mocap`] receives motion capture by UDP; [`Replay`] plays a recorded trace.
+//! - [`mocap`] receives motion capture by UDP.
 //!
-//! This room imports signal alone: what the numbers of a frame mean for the arm is other rooms' matter.
+//! It imports signal alone: what the numbers of a frame mean for the arm is left to other modules.
 //! Only [`serial`], [`ports`] and [`mocap`] do I/O, each in a thread of its own with bounded queues.
 
 mod clock;
@@ -17,7 +17,6 @@ mod event;
 pub mod mocap;
 mod peer;
 pub mod ports;
-mod replay;
 pub mod serial;
 mod session;
 pub mod wire;
@@ -25,6 +24,5 @@ pub mod wire;
 pub use clock::{BoardClock, Pong};
 pub use event::{LinkEvent, Refusal, fault_words};
 pub use peer::Counters;
-pub use replay::{AtEnd, Replay};
 pub use serial::{LinkError, LinkInput, LinkOutput, SerialLink};
 pub use session::{COMMAND_LIFE_S, FRESH_S, HostSession, MAX_PORTS, Origin};

@@ -1,4 +1,4 @@
-//! What the host knows about one board: handshake, order of frames, clock, newest sample.
+//! The host's state of one board: handshake, order of frames, clock, newest sample.
 
 use std::collections::VecDeque;
 
@@ -9,13 +9,13 @@ use crate::signal::{Gripper, Stamp};
 
 /// HELLOs with another configuration after CONFIG that make a refusal.
 const CONFIG_ANSWERS: u32 = 3;
-/// Late frames in a row after which the count is taken to have started anew.
+/// Late frames in a row after which the count is taken to have restarted.
 const LATE_IN_A_ROW: u32 = 10;
 /// A sample that comes this much earlier or later than usual hints at a clock jump, s.
 const ODD_DELAY_S: f64 = 4e-3;
 /// Odd samples in a row that call for a ping.
 const ODD_IN_A_ROW: u32 = 3;
-/// How fast the usual delay may grow, s per sample.
+/// Fastest growth of the usual delay, s per sample.
 const DELAY_CREEP_S: f64 = 1e-5;
 /// Window of rates and losses, s.
 const WINDOW_S: f64 = 1.0;
@@ -40,7 +40,7 @@ pub struct Counters {
 pub struct Stamped {
     /// When it was taken.
     pub stamp: Stamp,
-    /// What it says.
+    /// Its value.
     pub sample: Sample,
 }
 
@@ -56,9 +56,9 @@ pub struct Peer {
     /// When anything sound was last heard.
     pub(super) heard: Option<Stamp>,
     pub(super) silent: bool,
-    /// Whether its arm is a simulated one, as its last HELLO says; silence does not change that.
+    /// Whether its arm is a simulated one by its last HELLO; silence does not change that.
     pub(super) simulated: bool,
-    /// What its gripper does, as its last frame says.
+    /// State of its gripper by its last frame.
     pub(super) gripper: Option<Gripper>,
     pub(super) next_config: Option<Stamp>,
     board: usize,
@@ -73,7 +73,7 @@ pub struct Peer {
     last_run: Option<u32>,
 }
 
-/// Which run of a board a HELLO comes from.
+/// Run of a board that a HELLO comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Run {
     /// The one that is talking, or the first.
@@ -84,7 +84,7 @@ pub enum Run {
     Another,
 }
 
-/// What a HELLO changed.
+/// Change by a HELLO.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Greeting {
     /// Nothing new.
@@ -136,7 +136,7 @@ impl Peer {
         };
     }
 
-    /// The port closed or opened: silence up to now says nothing.
+    /// The port closed or opened: silence up to now does not count.
     pub(super) fn start_over(&mut self) {
         self.forget();
         self.heard = None;
@@ -197,7 +197,7 @@ impl Peer {
                 Greeting::Ready
             };
         }
-        // A HELLO may have been under way when CONFIG was sent: believe the third.
+        // A HELLO may have been under way when CONFIG was sent: the third counts.
         self.config_answers += 1;
         if self.config_answers < CONFIG_ANSWERS {
             return Greeting::Nothing;
@@ -209,7 +209,7 @@ impl Peer {
         })
     }
 
-    /// Notes why the board is not used; tells it only once.
+    /// Notes why the board is not used; reports it only once.
     pub(super) fn refuse(&mut self, refusal: Refusal) -> Greeting {
         if self.refusal.as_ref() == Some(&refusal) {
             return Greeting::Nothing;
@@ -253,7 +253,7 @@ impl Peer {
         self.last_seq = None;
     }
 
-    /// Notes what the board says of its gripper.
+    /// Notes the gripper state that the board reports.
     pub(super) fn note_gripper(&mut self, flags: u16) {
         self.gripper = Some(match flags & flag::GRIPPER_CLOSED {
             0 => Gripper::Open,
@@ -297,7 +297,7 @@ impl Peer {
         }
     }
 
-    /// The clock was fitted anew: what was usual is not any more.
+    /// The clock was fitted again: earlier statistics no longer hold.
     pub(super) fn forget_delay(&mut self) {
         self.usual_delay_s = None;
         self.odd_in_a_row = 0;

@@ -1,4 +1,4 @@
-//! The serial ports that the system knows, as they come and go.
+//! The serial ports of the computer, as they come and go.
 
 use serialport::{SerialPortInfo, SerialPortType};
 
@@ -10,9 +10,9 @@ const PERIOD_S: f64 = 1.0;
 /// A serial port.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PortInfo {
-    /// What it is opened by.
+    /// Path or name to open it by.
     pub name: String,
-    /// What is behind it, as far as the system tells; may be empty.
+    /// What is behind it, as far as the operating system reports; may be empty.
     pub what: String,
 }
 
@@ -70,7 +70,7 @@ fn described(found: Vec<SerialPortInfo>) -> Vec<PortInfo> {
     ports
 }
 
-/// How the list is got; `None` when the system does not tell.
+/// How the list is got; `None` when the operating system has none.
 type Look = Box<dyn FnMut() -> Option<Vec<PortInfo>> + Send>;
 
 /// Watches the list; looks at most once a second.
@@ -101,18 +101,18 @@ impl PortWatch {
         }
     }
 
-    /// What is known to be there.
+    /// Ports known to be present.
     pub fn known(&self) -> &[PortInfo] {
         &self.known
     }
 
-    /// What has come and gone since the last look, if it is time for one.
+    /// Changes since the last query, if it is time for one.
     pub fn poll(&mut self, now: Stamp) -> Vec<PortChange> {
         if now < self.next {
             return Vec::new();
         }
         self.next = now.plus(PERIOD_S);
-        // A look that failed says nothing of the ports.
+        // A failed query changes no port.
         let Some(fresh) = (self.look)() else {
             return Vec::new();
         };

@@ -4,7 +4,7 @@
 //! all ports; frames, events and status come out through a bounded queue (when it is full the
 //! newest are dropped and counted), commands go in through another. `Ok(0)` from a read means the
 //! port is gone, a timeout never does. A port that is gone is opened again every 0.5 s; what was
-//! commanded before is forgotten, so nothing moves until it is commanded anew.
+//! commanded before is forgotten, so nothing moves until it is commanded again.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
@@ -58,7 +58,7 @@ pub enum LinkError {
     Open {
         /// The port.
         port: String,
-        /// What the system said.
+        /// Message of the operating system.
         reason: String,
         /// What to do.
         advice: &'static str,
@@ -68,7 +68,7 @@ pub enum LinkError {
     Thread(io::Error),
 }
 
-/// What comes out of a link.
+/// Output of a link.
 #[derive(Clone, Debug)]
 pub enum LinkInput {
     /// A merged frame.
@@ -79,7 +79,7 @@ pub enum LinkInput {
     Status(LinkStatus),
 }
 
-/// What goes into a link.
+/// Input of a link.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkOutput {
     /// Set pressures, see [`HostSession::set_command`].
@@ -166,7 +166,7 @@ pub fn open(
 }
 
 impl SerialLink {
-    /// What came in, oldest first; `None` when nothing waits.
+    /// Oldest output; `None` when there is none.
     pub fn try_recv(&self) -> Option<LinkInput> {
         self.input.try_recv().ok()
     }
@@ -187,7 +187,7 @@ impl SerialLink {
         }
     }
 
-    /// Frames and status thrown away because nobody fetched them.
+    /// Frames and status dropped because the queue was full.
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
@@ -378,7 +378,7 @@ impl Worker {
     }
 }
 
-/// Errors that say nothing about the port itself.
+/// Errors that do not concern the port itself.
 fn is_passing(e: &io::Error) -> bool {
     matches!(
         e.kind(),
@@ -396,7 +396,7 @@ fn open_port(name: &str, timeout: Duration) -> Result<Box<dyn SerialPort>, LinkE
         .timeout(timeout)
         .open()
         .map_err(|e| explain(name, &e))?;
-    // Bytes of an earlier run; where it fails, the boot nonces tell.
+    // Bytes of an earlier run; where it fails, the boot nonces show them.
     let _ = port.clear(ClearBuffer::Input);
     Ok(port)
 }
@@ -428,7 +428,7 @@ fn explain(port: &str, error: &serialport::Error) -> LinkError {
     }
 }
 
-/// Program and process id that has a device open, where the system tells.
+/// Program and process id that has a device open, where the operating system reports it.
 #[cfg(target_os = "linux")]
 fn owner_of(port: &str) -> Option<String> {
     let device = std::fs::canonicalize(port).ok()?;

@@ -8,7 +8,7 @@
 //! **One time base.** Each board samples by its own clock. Every sample is put on the session's
 //! time base by its board's fit. The lowest-numbered board that delivers leads: each of its samples
 //! makes a frame, filled with the other's newest sample if that is at most [`FRESH_S`] old, so one
-//! lost sample is bridged and its age told in `board_age_s`. If the leader falls silent, the other
+//! lost sample is bridged and its age reported in `board_age_s`. If the leader falls silent, the other
 //! leads. `seq` counts 10 ms slots: a gap in time is a gap in `seq`.
 //!
 //! **Never by itself.** A command is forgotten when a board restarts, falls silent, goes SAFE or
@@ -46,7 +46,7 @@ const SETPOINT_PERIOD_S: f64 = 0.025;
 const LEAD_GAP_S: f64 = 0.015;
 /// Frames closer than this to their predecessor are left out, s.
 const MIN_SPACING_S: f64 = 0.004;
-/// A board that says nothing for this long must introduce itself again, s.
+/// A board that is silent for this long must introduce itself again, s.
 const SILENCE_S: f64 = 0.5;
 /// Time between two CONFIGs to a board that is not ready, s; the second once it has refused.
 const CONFIG_PERIOD_S: f64 = 0.25;
@@ -84,7 +84,7 @@ pub struct HostSession {
     next_setpoint: Option<Stamp>,
     next_estop: Option<Stamp>,
     next_reset: Option<Stamp>,
-    /// Whether the present loss has been told.
+    /// Whether the present loss has been reported.
     loss_told: bool,
     frames: VecDeque<RawFrame>,
     events: VecDeque<LinkEvent>,
@@ -104,7 +104,7 @@ pub enum Origin {
 
 impl HostSession {
     /// A session with open ports and unknown boards. `source` is shown to the operator. A board
-    /// that says that its arm is simulated makes the data simulated, whatever `origin` says.
+    /// that reports a simulated arm makes the data simulated, whatever `origin` is.
     pub fn new(source: &str, origin: Origin, config: Config) -> Self {
         Self {
             source: source.into(),
@@ -160,7 +160,7 @@ impl HostSession {
         }
     }
 
-    /// What to write to every port now. Call it every few milliseconds.
+    /// Bytes to write to every port now. Call it every few milliseconds.
     pub fn poll(&mut self, now: Stamp) -> Vec<u8> {
         self.advance(now);
         self.watch_peers();
@@ -310,7 +310,7 @@ impl HostSession {
         }
     }
 
-    /// The port is open again; the boards must introduce themselves anew.
+    /// The port is open again; the boards must introduce themselves again.
     pub fn reconnected(&mut self, now: Stamp) {
         self.advance(now);
         if !self.open {
@@ -364,7 +364,7 @@ impl HostSession {
         self.peers.iter().find_map(|p| p.refusal.as_ref())
     }
 
-    /// What was counted over all boards.
+    /// Counters over all boards.
     pub fn counters(&self) -> Counters {
         self.peers
             .iter()
@@ -401,7 +401,7 @@ impl HostSession {
         !self.estop && !self.interrupted && self.connected() && !self.peers.iter().any(safe)
     }
 
-    /// Time never runs backwards, whatever the caller says.
+    /// Time never runs backwards, whatever the caller passes.
     pub(super) fn advance(&mut self, now: Stamp) {
         self.now = self.now.max(now);
     }
@@ -474,7 +474,7 @@ impl HostSession {
             return;
         }
         if peer.lost_configuration(packet) {
-            // It restarted and its HELLO was lost: CONFIG makes it say HELLO again.
+            // It restarted and its HELLO was lost: CONFIG makes it send HELLO again.
             peer.configured = false;
             peer.next_config = None;
             peer.restart_count();
@@ -508,7 +508,7 @@ impl HostSession {
             }
             // The sample after it carries the same bits; the command ends at once.
             Body::Fault { .. } => self.interrupt(),
-            // What only hosts say.
+            // What only hosts send.
             _ => {}
         }
     }

@@ -163,7 +163,7 @@ impl SessionLog {
                     stamp,
                     sensors: Some(SensorFrame {
                         stamp,
-                        doubt: [0.0; SIGNALS],
+                        extra_sigma: [0.0; SIGNALS],
                         sensors: SensorVec {
                             spring_m: held_spring_m,
                             imu_ypr_rad: held_ypr_rad,

@@ -31,7 +31,7 @@ const CHECK_PERIOD_S: f64 = 0.005;
 const CHECKS_TO_TRIP: u8 = 2;
 /// Slack of the schedule, s: a caller's time steps need not hit it to the last bit.
 const SLACK_S: f64 = 1e-6;
-/// What HELLO calls this firmware: "RIG1".
+/// Name of this firmware in HELLO: "RIG1".
 pub const FIRMWARE_ID: u32 = u32::from_be_bytes(*b"RIG1");
 
 /// One spring's reciprocal count.
@@ -43,7 +43,7 @@ pub struct SpringReading {
     pub gate_ticks: u32,
 }
 
-/// What one board's sensors deliver at an instant; `None` where a sensor does not answer.
+/// Readings of one board's sensors at an instant; `None` where a sensor does not answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Readings {
     /// The board's six springs.
@@ -54,7 +54,7 @@ pub struct Readings {
     pub chamber_pa: [Option<f64>; CHAMBERS_EACH],
 }
 
-/// What distinguishes one board from another.
+/// Properties in which boards differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardSetup {
     /// 0-based: board 0 serves segment 1, board 1 segment 2.
@@ -63,15 +63,15 @@ pub struct BoardSetup {
     pub boot_nonce: u32,
     /// Nominal clock rate, ticks/s.
     pub tick_rate_hz: u32,
-    /// How much too fast the clock runs, s/s.
+    /// Frequency error of the clock, s/s.
     pub clock_skew: f64,
-    /// How fast that changes, 1/s.
+    /// Rate of change of that error, 1/s.
     pub clock_drift_per_s: f64,
-    /// What the clock shows at t = 0, s (may be anything: it wraps).
+    /// Reading of the clock at t = 0, s (any value: it wraps).
     pub clock_offset_s: f64,
 }
 
-/// A board. All times `t_s` are the rig's true time in s and must not decrease.
+/// An emulated board. All times `t_s` are the rig's true time in s and must not decrease.
 #[derive(Clone, Debug)]
 pub struct Board {
     setup: BoardSetup,
@@ -100,7 +100,7 @@ struct Live {
 }
 
 impl Board {
-    /// A board that has just booted; its first [`Self::poll`] says HELLO.
+    /// A board that has just booted; its first [`Self::poll`] sends HELLO.
     pub fn new(setup: BoardSetup) -> Self {
         let mut board = Self {
             setup,
@@ -141,7 +141,7 @@ impl Board {
         self.next_sample_ticks += by_s * f64::from(self.setup.tick_rate_hz);
     }
 
-    /// What the board's clock shows at `t_s`, not wrapped, s.
+    /// Reading of the board's clock at `t_s`, not wrapped, s.
     pub fn clock_s(&self, t_s: f64) -> f64 {
         self.ticks(t_s) / f64::from(self.setup.tick_rate_hz)
     }
@@ -156,7 +156,7 @@ impl Board {
         self.setpoint.map(|s| s.chamber_pa)
     }
 
-    /// What the gripper was last told.
+    /// Last command to the gripper.
     pub fn gripper(&self) -> Gripper {
         self.gripper
     }
@@ -185,7 +185,7 @@ impl Board {
         }
     }
 
-    /// Runs the watchdogs and gives what the board has to say: answers at once, a SAMPLE when due.
+    /// Runs the watchdogs and gives what the board sends: answers at once, a SAMPLE when due.
     pub fn poll(&mut self, t_s: f64, readings: &Readings) -> Vec<u8> {
         self.watch_host(t_s);
         if t_s >= self.next_check_s - SLACK_S {
@@ -272,7 +272,7 @@ impl Board {
                 }
             }
             Body::Setpoint(setpoint) => self.on_setpoint(t_s, setpoint, packet.flags),
-            // What only boards say.
+            // What only boards send.
             Body::Hello(_) | Body::Sample(_) | Body::Pong { .. } | Body::Fault { .. } => {}
         }
     }

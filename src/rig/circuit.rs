@@ -133,7 +133,7 @@ impl Oscillator {
     }
 }
 
-/// The twelve oscillators, what the springs feel, and the boards' counters.
+/// The twelve oscillators, what disturbs the springs, and the boards' counters.
 #[derive(Clone, Debug)]
 pub struct Circuit {
     oscillators: [Oscillator; SPRINGS],
@@ -147,7 +147,7 @@ pub struct Circuit {
     pub jitter_ticks: f64,
     /// Temperature above that of the bench, K.
     pub temperature_rise_k: f64,
-    /// Gate that the board asks for, s.
+    /// Gate that the board sets, s.
     pub gate_s: f64,
     /// Clock of the counters, Hz.
     pub tick_rate_hz: f64,
@@ -225,7 +225,7 @@ impl Circuit {
     }
 }
 
-/// How the linear motor of the bench moves.
+/// Motion of the bench's linear motor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BenchPlan {
     /// Shortest and longest length, m.
@@ -236,7 +236,7 @@ pub struct BenchPlan {
     pub dwell_s: f64,
     /// Readings averaged at each stop.
     pub readings: usize,
-    /// How much longer a spring is on the way down than on the way up where the motor says the same, m:
+    /// How much longer a spring is on the way down than on the way up at the same reading of the motor, m:
     /// slack in the motor's screw.
     pub slack_m: f64,
     /// Springs (0-based) with a loose contact.

@@ -29,7 +29,7 @@ const PA_PER_DUTY: f64 = 12.5;
 pub struct FirmwareError {
     /// Where `board.elf` and `simhost` should be.
     folder: PathBuf,
-    /// What the system said.
+    /// Message of the operating system.
     source: io::Error,
 }
 
@@ -54,9 +54,9 @@ pub struct FirmwareBoard {
     process: Child,
     requests: BufWriter<ChildStdin>,
     answers: BufReader<ChildStdout>,
-    /// How much too fast the clock runs, s/s.
+    /// Frequency error of the clock, s/s.
     skew: f64,
-    /// Cycles asked for.
+    /// Cycles to run.
     asked: f64,
     line: Vec<u8>,
     pins: Pins,
@@ -104,7 +104,7 @@ impl FirmwareBoard {
         self.line.extend(bytes);
     }
 
-    /// Runs up to `t_s` of the rig's time with these readings; gives what the board says.
+    /// Runs up to `t_s` of the rig's time with these readings; gives what the board sends.
     pub fn poll(&mut self, t_s: f64, readings: &Readings) -> Vec<u8> {
         let until = t_s * CLOCK_HZ * (1.0 + self.skew);
         let cycles = ((until - self.asked).max(0.0) as u64).min(MAX_CYCLES);

@@ -14,7 +14,7 @@ use crate::signal::{IMUS, ImuRaw};
 use crate::sim::GRAVITY_M_S2;
 use crate::sim::dataset::normal;
 
-/// How a pad moves, in the pad's own axes.
+/// Motion of a pad, in the pad's own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PadMotion {
     /// Angular rate in the pad frame, rad/s.
@@ -39,7 +39,7 @@ impl PadMotion {
     }
 }
 
-/// Errors of the IMUs, one standard deviation per axis where not said otherwise.
+/// Errors of the IMUs, one standard deviation per axis unless stated otherwise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InertialErrors {
     /// White noise of the gyro per sample, rad/s.

@@ -34,7 +34,7 @@ use crate::sim::dataset::normal;
 use crate::sim::patch::SensorErrors;
 use board::{Board, BoardSetup, CHAMBERS_EACH, Readings, SpringReading};
 use circuit::{Circuit, USUAL_SCATTER};
-use faults::{Faults, Jolt};
+use faults::{BoardEvent, Faults};
 use firmware::{FirmwareBoard, FirmwareError};
 use inertial::{Inertial, InertialErrors};
 pub use plant::{Plant, Surroundings, Unit};
@@ -44,35 +44,35 @@ pub use session::{Session, SessionPlan, session};
 pub const PHYSICS_STEP_S: f64 = 0.01;
 /// Clock rate of the boards, ticks/s.
 const TICK_RATE_HZ: u32 = 2_000_000;
-/// How much too fast the boards' clocks run, s/s.
+/// Frequency errors of the boards' clocks, s/s.
 const CLOCK_SKEW: [f64; BOARDS] = [38e-6, -21e-6];
 /// Standard deviations of the emulated gauges and of the emulated motion capture.
 const GAUGE_NOISE_PA: f64 = 30.0;
 const MOCAP_NOISE_M: f64 = 0.1e-3;
 const MOCAP_NOISE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
-/// The gripper takes what is this close to it, m.
+/// Distance within which the gripper takes an object, m.
 const GRASP_M: f64 = 10e-3;
-/// How fast a weight comes onto the gripper and leaves it, kg/s.
+/// Rate at which a weight comes onto the gripper and leaves it, kg/s.
 const LIFT_KG_S: f64 = 1.0;
 
-/// Which rig, and what is in its gripper.
+/// Options of a rig: its arm and the load in its gripper.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RigOptions {
     /// Which manufactured arm.
     pub unit: Unit,
     /// Seed of all noise.
     pub seed: u64,
-    /// What acts on the arm.
+    /// Inputs of a simulation: pressures, payload and forces.
     pub surroundings: Surroundings,
-    /// What lies about to be picked up.
+    /// An object to be picked up.
     pub objects: Vec<Object>,
 }
 
 /// Something that the gripper can pick up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
-    /// Where the end pad's origin must be to grasp it; where it was last let go, m.
+    /// Position of the end pad's origin that grasps it; where it was last released, m.
     pub grasp_m: [f64; 3],
     /// Its mass, kg.
     pub mass_kg: f64,
@@ -80,14 +80,14 @@ pub struct Object {
     pub held: bool,
 }
 
-/// The arm, its sensors and its boards.
+/// The virtual rig: the arm, its sensors and its boards.
 pub struct VirtualRig {
     /// The arm.
     pub plant: Plant,
     circuit: Circuit,
     sensor_errors: SensorErrors,
     inertial: Inertial,
-    /// What is broken.
+    /// Injected faults.
     pub faults: Faults,
     objects: Vec<Object>,
     gripper: Gripper,
@@ -105,9 +105,9 @@ pub struct VirtualRig {
 /// A board of the rig.
 #[derive(Debug)]
 pub enum RigBoard {
-    /// As its firmware should behave.
+    /// Emulated.
     Emulated(Box<Board>),
-    /// As its firmware does behave.
+    /// The real firmware, simulated.
     Firmware(FirmwareBoard),
 }
 
@@ -120,7 +120,7 @@ impl RigBoard {
         }
     }
 
-    /// Lets the board run up to `t_s` and gives what it says.
+    /// Lets the board run up to `t_s` and gives what it sends.
     pub fn poll(&mut self, t_s: f64, readings: &Readings) -> Vec<u8> {
         match self {
             Self::Emulated(b) => b.poll(t_s, readings),
@@ -136,7 +136,7 @@ impl RigBoard {
         }
     }
 
-    /// What the gripper was last told.
+    /// Last command to the gripper.
     pub fn gripper(&self) -> Gripper {
         match self {
             Self::Emulated(b) => b.gripper(),
@@ -222,10 +222,10 @@ impl VirtualRig {
         self.advance_lines(t_s, [from_host; BOARDS]).concat()
     }
 
-    /// The same with a line for each board, as firmware needs it: it says its frames byte by byte.
+    /// The same with a line for each board, as firmware needs it: it sends its frames byte by byte.
     pub fn advance_lines(&mut self, t_s: f64, from_host: [&[u8]; BOARDS]) -> [Vec<u8>; BOARDS] {
-        for jolt in self.faults.at(t_s) {
-            self.suffer(t_s, jolt);
+        for event in self.faults.at(t_s) {
+            self.apply(t_s, event);
         }
         for (b, bytes) in from_host.into_iter().enumerate() {
             let heard = self.faults.down(b, t_s, bytes);
@@ -251,16 +251,16 @@ impl VirtualRig {
         })
     }
 
-    /// What a fault does to a board as it begins or ends.
-    fn suffer(&mut self, t_s: f64, jolt: Jolt) {
-        match jolt {
-            Jolt::Boot(b) => {
+    /// Applies a board's event as a fault begins or ends.
+    fn apply(&mut self, t_s: f64, event: BoardEvent) {
+        match event {
+            BoardEvent::Boot(b) => {
                 self.boots += 1;
                 // Differs from every nonce before.
                 let nonce = 0x0b00_0000 ^ self.boots.wrapping_mul(0x9e37_79b9) ^ b as u32;
                 self.boards[b].reboot(t_s, nonce);
             }
-            Jolt::Jump(b, by_s) => {
+            BoardEvent::Jump(b, by_s) => {
                 // The clock of a real chip cannot be moved from outside.
                 if let RigBoard::Emulated(board) = &mut self.boards[b] {
                     board.jump_clock(by_s);
@@ -280,7 +280,7 @@ impl VirtualRig {
         Ok(())
     }
 
-    /// What lies about, and where.
+    /// Objects and their places.
     pub fn objects(&self) -> &[Object] {
         &self.objects
     }
@@ -331,7 +331,7 @@ impl VirtualRig {
         self.measure();
     }
 
-    /// What the boards drive the chambers to now; `None`: pumps off.
+    /// Set pressures of the boards, Pa; `None`: pumps off.
     pub fn set_pa(&self) -> [Option<f64>; CHAMBERS] {
         std::array::from_fn(|i| {
             let board = (!self.faults.is_off(i / 3)).then(|| &self.boards[i / 3])?;
@@ -358,7 +358,7 @@ impl VirtualRig {
         pose
     }
 
-    /// What the emulated motion capture sends at `t_s`: a pose at every 10 ms.
+    /// Packet of the emulated motion capture at `t_s`: a pose at every 10 ms.
     pub fn mocap_sample(&mut self, t_s: f64) -> Option<GroundTruth> {
         let ms = (t_s * 1e3).round() as u64;
         ms.is_multiple_of(10).then(|| GroundTruth {

@@ -1,4 +1,4 @@
-//! The virtual arm's physics: everything that is not electronics.
+//! Plant of the virtual rig: the physics of the arm, without electronics.
 //!
 //! Deliberately not the twin's model: twice the strains (shear is free) on finer elements,
 //! manufacturing scatter, hardening rubber, Bouc-Wen hysteresis in every bellows, pumps that
@@ -45,10 +45,10 @@ impl Default for Unit {
     }
 }
 
-/// What the operator (or nature) does to the arm.
+/// Loads on the arm that the program does not command.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surroundings {
-    /// Stiffness of bellows and tube, as a factor on the unit's own. Fixed when the arm is made.
+    /// Stiffness of bellows and central tube, as a factor on the unit's own. Fixed when the arm is made.
     pub stiffness: f64,
     /// Mass in the gripper, kg.
     pub payload_kg: f64,
@@ -66,15 +66,15 @@ impl Default for Surroundings {
     }
 }
 
-/// The arm with its pumps.
+/// Plant: the arm with its pumps.
 pub struct Plant {
     model: Model,
     state: State,
-    /// What acts from outside.
+    /// External loads.
     pub surroundings: Surroundings,
-    /// Share of its flow that each chamber's supply gives.
+    /// Share of its nominal flow that each chamber's supply gives.
     pub flow_share: [f64; CHAMBERS],
-    /// What each chamber loses, m³/s at atmospheric pressure per Pa of gauge pressure.
+    /// Leak of each chamber, m³/s at atmospheric pressure per Pa of gauge pressure.
     pub leak_m3_s_pa: [f64; CHAMBERS],
     chamber_pa: [f64; CHAMBERS],
     hysteresis: [f64; CHAMBERS],
@@ -207,7 +207,7 @@ impl Plant {
     }
 
     /// Goes straight to a settled state at `chamber_pa`, as if the pumps had had all the time they
-    /// need; the rubber remembers the way it came.
+    /// need; hysteresis follows the way.
     ///
     /// # Errors
     /// As [`Self::step`].

@@ -31,7 +31,7 @@ pub enum PtyError {
     Link {
         /// Wanted path.
         path: PathBuf,
-        /// What the system said.
+        /// Message of the operating system.
         reason: std::io::Error,
     },
     /// Reading or writing failed.
@@ -181,7 +181,7 @@ impl Lines {
         }
     }
 
-    /// One look at the lines: what came goes to the rig, what it says goes out. Gives the rig's time of it, s.
+    /// One pass over the lines: what came goes to the rig, what it sends goes out. Gives the rig's time of it, s.
     ///
     /// `now_s` is asked once what came has been read. A process that waits for a processor in between then has its
     /// bytes late, as a real board may; a time from before would let the board have them before they were sent, and
@@ -221,7 +221,7 @@ impl Lines {
         Ok(t_s)
     }
 
-    /// Runs the rig in real time until `go_on` says no. Motion-capture packets go to `mocap_to`.
+    /// Runs the rig in real time until `go_on` is false. Motion-capture packets go to `mocap_to`.
     ///
     /// # Errors
     /// [`PtyError`] when no packets can be sent there, or a line cannot be plugged in again.

@@ -18,7 +18,7 @@ pub enum RobotError {
     Value {
         /// The key, dotted.
         key: &'static str,
-        /// What the file says.
+        /// Value in the file.
         value: String,
         /// What it must be.
         must: &'static str,
@@ -31,7 +31,7 @@ pub enum RobotError {
     Metres {
         /// The key, dotted.
         key: &'static str,
-        /// What the file says.
+        /// Value in the file.
         value: f64,
     },
     /// A patch at the end of the file does not hold.

@@ -400,7 +400,7 @@ mod tests {
         assert!((r.pressure.max_pa * r.area_m2 / r.axial_stiffness_n_m - 0.075).abs() < 1e-4);
     }
 
-    /// Nothing that the file says is left unread.
+    /// Every key of the file is read.
     #[test]
     fn a_list_that_is_too_long_is_refused_at_its_place() {
         for (key, list, wanted) in [

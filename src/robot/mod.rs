@@ -2,7 +2,7 @@
 //!
 //! One TOML file per robot (`assets/robots/`); nothing in the code repeats its numbers. Segment and
 //! chamber counts are fixed: two segments, six chambers, twelve springs, four IMUs. Keys carry mm,
-//! kPa and degrees; [`RobotSpec`] is SI throughout. This room imports signal alone and opens no file: it is
+//! kPa and degrees; [`RobotSpec`] is SI throughout. It imports signal alone and opens no file: it is
 //! given the text.
 
 mod error;
@@ -29,7 +29,7 @@ pub enum PadId {
     End,
 }
 
-/// How an IMU is fixed to its pad.
+/// Mounting of an IMU on its pad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImuMount {
     /// The pad.
@@ -104,7 +104,7 @@ pub struct RobotSpec {
     pub spring_bottom_m: [Vector3<f64>; SPRINGS],
     /// The springs' common data.
     pub spring: SpringSpec,
-    /// How each IMU is mounted.
+    /// Mounting of each IMU.
     pub imus: [ImuMount; IMUS],
     /// Fastest tip speed, m/s.
     pub tip_speed_max_m_s: f64,
@@ -112,7 +112,7 @@ pub struct RobotSpec {
     pub hash: String,
     /// The same of the file without its patches.
     pub base_hash: String,
-    /// What the file is patched with, in order. The fields above are the robot without it: the
+    /// Patches of the file, in order. The fields above are the robot without it: the
     /// simulators apply it.
     pub patches: Vec<Applied>,
 }

@@ -1,8 +1,8 @@
-//! Patches at the end of a robot file: what was found on one rig, on top of what its file says.
+//! Patches at the end of a robot file: corrections found on one rig, on top of its file.
 //!
 //! A patched file is the text it was applied to, byte for byte, then one comment line with the
 //! SHA-256 of that text, then a `[[patches]]` table. Patches stack; the last one can be taken back.
-//! What the names in a patch mean is told by the simulators, not here.
+//! What the names in a patch mean is defined by the simulators, not here.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +31,7 @@ pub struct Patch {
     /// Hashes of the data behind it, by role.
     #[serde(default)]
     pub data: BTreeMap<String, String>,
-    /// Departures of this rig from the robot it was made for, SI, by knob.
+    /// Departures of this rig from the robot it was made for, SI, by calibration parameter.
     #[serde(default)]
     pub rig: BTreeMap<String, f64>,
     /// Errors on data that were not fitted, SI.
@@ -74,7 +74,7 @@ pub struct PatchValue {
 pub struct Applied {
     /// Hash of the robot it was put on.
     pub onto: String,
-    /// What it says.
+    /// Its value.
     pub patch: Patch,
 }
 
@@ -93,7 +93,7 @@ struct Section<'a> {
     patches: [&'a Patch; 1],
 }
 
-/// The text of a robot file with a patch put on it. [`RobotSpec::from_toml`] says whether the result
+/// The text of a robot file with a patch put on it. [`RobotSpec::from_toml`] checks whether the result
 /// holds.
 pub fn with_patch(text: &str, patch: &Patch) -> String {
     let section = match toml::to_string(&Section { patches: [patch] }) {
@@ -123,7 +123,7 @@ fn check_hash(text: &str, at: usize, number: usize) -> Result<String, RobotError
     }
     Err(RobotError::Patch {
         number,
-        why: "does not fit the text above it, which was changed: put that text back, or apply the patch anew",
+        why: "does not fit the text above it, which was changed: put that text back, or apply the patch again",
     })
 }
 

@@ -1,4 +1,4 @@
-//! Spring calibration: from an oscillator's frequency to a length, and the file that says how.
+//! Spring calibration: from an oscillator's frequency to a length, and its file.
 //!
 //! Sources: paper II-C. Eq. (1), L_spring = 1 / (C (2π f)²) − L_comp; eq. (2), length by a quartic in
 //! the reading. The paper prints "L_comp = 1000 pF", a capacitance; we read C = 1000 pF and
@@ -8,7 +8,7 @@
 //! millimetre at short lengths, while the quartic in 1/L is right to some micrometres. A [`Curve`]
 //! therefore states its [`Variable`]: the reading itself or its reciprocal; the fitter takes the
 //! better one. Coefficients belong to the scaled variable u = (x − centre) / scale, |u| ≤ 1 over the
-//! domain, so that none of them hangs on the twelfth digit. Outside its domain a curve says nothing.
+//! domain, so that none of them hangs on the twelfth digit. Outside its domain a curve has no value.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::mounting::MountingFit;
 use crate::signal::{IMUS, SPRINGS};
 
-/// What a spring's reading is.
+/// Meaning of a spring's reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
@@ -51,7 +51,7 @@ impl Variable {
 /// Eq. (2): length = Σ c_k u^k with u = (x − centre) / scale, over a stated domain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// What the reading is.
+    /// Meaning of the reading.
     pub quantity: Quantity,
     /// In what the curve is a quartic.
     pub variable: Variable,
@@ -170,7 +170,7 @@ fn quadratic_roots(a: f64, b: f64, c: f64) -> Vec<f64> {
         .collect()
 }
 
-/// How well a curve fits its bench data.
+/// Residuals of a curve on its bench data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitQuality {
     /// Root mean square of the residuals, m.
@@ -197,13 +197,13 @@ pub struct SpringCalibration {
     pub compensation_h: f64,
     /// Eq. (2).
     pub curve: Curve,
-    /// How well it fits.
+    /// Residuals.
     pub quality: FitQuality,
 }
 
 impl SpringCalibration {
     /// The curve's reading at a frequency: eq. (1) in µH. `None` when the curve is over a circuit's
-    /// own reading, to which a frequency says nothing.
+    /// own reading, which no frequency corresponds to.
     pub fn reading(&self, frequency_hz: f64) -> Option<f64> {
         match self.curve.quantity {
             Quantity::InductanceUh => {

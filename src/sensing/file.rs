@@ -22,11 +22,11 @@ pub enum CalibrationError {
     Value {
         /// `spring` or `IMU`.
         channel: &'static str,
-        /// Its number (1-based) as the file says.
+        /// Its number (1-based) in the file.
         number: usize,
         /// The key.
         key: &'static str,
-        /// What the file says.
+        /// Value in the file.
         value: String,
         /// What it must be.
         must: &'static str,
@@ -36,7 +36,7 @@ pub enum CalibrationError {
         "the curve of spring {spring} is not monotone over its domain; calibrate this spring again"
     )]
     NotMonotone {
-        /// Spring (1-based) as the file says.
+        /// Spring (1-based) in the file.
         spring: usize,
     },
     /// Could not be written as TOML.

@@ -1,4 +1,4 @@
-//! Which channels can be believed.
+//! Health of the channels: which readings are plausible.
 //!
 //! Six lengths fix a segment's pose exactly, so springs alone can never contradict each other; the
 //! IMUs can. The monitor follows the discrepancy d between the rotation across a segment by the
@@ -10,7 +10,7 @@
 //! A single faulty spring i moves d along its own column g_i by e_i = g_iᵀ Δd / |g_i|². Constant
 //! parts (IMU mounting, calibration) sit in a baseline and do not count.
 //!
-//! - A spring whose counts repeat exactly while d says it should have moved is stuck.
+//! - A spring whose counts repeat exactly while d shows that it should have moved is stuck.
 //! - A spring whose column explains a jump of d is suspect, and stuck when it did not move itself.
 
 use std::collections::VecDeque;
@@ -38,7 +38,7 @@ const OTHERS_MOVED_M: f64 = 1.0e-3;
 const JUMP_RAD: f64 = 0.014;
 /// A jump must last this long, s.
 const JUMP_S: f64 = 0.1;
-/// How well one column must explain the jump, as a cosine.
+/// Smallest cosine between one column and the jump that explains it.
 const BLAME_COS: f64 = 0.95;
 /// Pads turning faster than this are not judged: the springs lag behind, rad/s.
 pub const JUDGED_RATE_RAD_S: f64 = 0.35;
@@ -48,7 +48,7 @@ const WINDOW_S: f64 = 0.6;
 const CLEAR_S: f64 = 0.5;
 /// IMUs of one pad may differ by this much, rad.
 const PAIR_RAD: f64 = 0.05;
-/// A pad that turned this much must have been felt by its IMUs, rad.
+/// A rotation of a pad that its IMUs must have measured, rad.
 const TURNED_RAD: f64 = 0.0175;
 
 /// One frame of one segment.
@@ -66,7 +66,7 @@ pub struct SegmentFrame {
     pub discrepancy: Option<(Vector3<f64>, RotationPerLength)>,
 }
 
-/// How things stood when a run of equal counts began to be watched.
+/// State when a run of equal counts began.
 #[derive(Clone, Copy, Debug)]
 struct RunStart {
     smooth_rad: Option<Vector3<f64>>,
@@ -188,7 +188,7 @@ impl SegmentMonitor {
         }
     }
 
-    /// How far leg `i` itself moved over the window, m.
+    /// Motion of leg `i` itself over the window, m.
     fn moved_m(&self, i: usize) -> f64 {
         let window = &self.legs[i].window;
         let n = (window.len() / 4).max(1);
@@ -297,7 +297,7 @@ impl PairMonitor {
             if unit.run_s < RUN_STUCK_S {
                 continue;
             }
-            // Both sit on one rigid pad: what one feels the other feels.
+            // Both sit on one rigid pad: they measure the same rotation.
             unit.stuck |= other_lives;
             if let Some(now) = by_springs {
                 let start = unit.start.get_or_insert(*now);

@@ -23,18 +23,18 @@ use crate::signal::ImuRaw;
 
 /// Frame rate the filters of the arm are laid out for, 1/s.
 pub const RATE_HZ: f64 = 100.0;
-/// Rates beyond this cannot be told from a gyro at its rail, rad/s.
+/// Rates beyond this cannot be distinguished from a gyro at its rail, rad/s.
 pub const GYRO_LIMIT_RAD_S: f64 = 8.6;
 /// Specific force outside of this is not a working accelerometer, m/s².
 pub const ACCEL_LIMITS_M_S2: [f64; 2] = [0.5, 100.0];
 /// Bandwidth of the heading tracker, rad/s.
 const HEADING_BANDWIDTH_RAD_S: f64 = 0.2;
-/// Fastest heading drift that is believed, rad/s.
+/// Fastest heading drift that is accepted, rad/s.
 const HEADING_RATE_MAX_RAD_S: f64 = 0.02;
-/// A gap longer than this starts the filter anew, s.
+/// A gap longer than this restarts the filter, s.
 const GAP_MAX_S: f64 = 0.25;
 
-/// What the filter is used on.
+/// Kind of motion that the filter is tuned for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tuning {
     /// Anything that rests now and then and moves fast in between: the filter as published.
@@ -148,14 +148,14 @@ impl Heading {
     }
 }
 
-/// What became of one frame's sample.
+/// Verdict on one frame's sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sample {
     /// Taken.
     Good,
     /// Not credible; the last orientation is held for this frame.
     Held,
-    /// Nothing credible for more than one frame.
+    /// Not credible for more than one frame.
     Lost,
 }
 
@@ -171,7 +171,7 @@ pub struct ImuTrack {
     rate_rad_s: f64,
 }
 
-/// Whether a sample can be true: finite, the gyro off its rail, gravity felt.
+/// Whether a sample is plausible: finite, the gyro off its rail, gravity present.
 pub fn credible(raw: &ImuRaw) -> bool {
     let force = Vector3::from(raw.accel_m_s2).norm();
     raw.gyro_rad_s

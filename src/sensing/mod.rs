@@ -1,9 +1,9 @@
-//! From counts to lengths, from rates to orientations, and which of them to believe.
+//! From counts to lengths, from rates to orientations, and the health of each channel.
 //!
 //! [`Sensing::update`] takes one [`RawFrame`] and gives one [`SensorFrame`]: twelve lengths by the
 //! calibration, four pad orientations by the IMU filters with their heading anchored to the springs,
-//! six pressures, and the health of every channel. Channels that cannot be believed hold their last
-//! good value, or what the others say in their place; nothing that is not finite leaves this room.
+//! six pressures, and the health of every channel. Implausible channels hold their last
+//! good value, or are reconstructed from the others; nothing that is not finite leaves this module.
 //!
 //! It imports robot and signal alone: no simulator, no rig, no clock, no I/O. Motion capture is put
 //! into the robot's frame here ([`registration`]) and takes no part in a [`SensorFrame`].
@@ -38,7 +38,7 @@ use crate::signal::{
 
 /// A length cannot change faster than this between two frames, m/s.
 const LENGTH_RATE_MAX_M_S: f64 = 2.0;
-/// A length that stays away from the last good one for this many frames is believed.
+/// A length that stays away from the last good one for this many frames is accepted.
 const JUMP_FRAMES: u32 = 5;
 /// Gauge pressures outside of this are not pressures, Pa (a gauge cannot read below vacuum).
 const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
@@ -46,12 +46,12 @@ const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
 /// Standard deviation of an orientation that is read but argued against, rad.
 const DISPUTED_RAD: f64 = 0.05;
-/// How fast a heading that no spring holds may go astray: the gyro's bias, as far as it is not known,
+/// Drift rate of a heading that no spring holds: the gyro's bias, as far as it is not known,
 /// rad/s.
 const ASTRAY_RAD_S: f64 = 0.03 * std::f64::consts::PI / 180.0;
 /// Standard deviation of a pad's orientation by the springs, or by one IMU for another, rad.
 const TOLD_RAD: f64 = 0.005;
-/// A longer gap between frames starts the monitors anew, s.
+/// A longer gap between frames restarts the monitors, s.
 const GAP_S: f64 = 1.0;
 
 /// Last good length of one channel and what argues against it.
@@ -85,23 +85,23 @@ impl Length {
     }
 }
 
-/// Where the pads are by the springs (helped by the IMUs where a spring is out).
+/// Pose of the pads by the springs (with the IMUs where a spring is out).
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpringPads {
     /// Middle and end pad (upper faces), base from pad.
     pub base_from_pad: [Pose; 2],
-    /// Whether six healthy springs per segment above it say so.
+    /// Whether six healthy springs per segment above it confirm it.
     pub by_springs_alone: [bool; 2],
 }
 
-/// The state of the room.
+/// State of the sensing.
 pub struct Sensing {
     spec: RobotSpec,
     calibration: Calibration,
     segments: [Segment; 2],
     lengths: [Length; SPRINGS],
     tracks: [ImuTrack; IMUS],
-    /// Per segment: pose by all delivered springs, and by the believed ones.
+    /// Per segment: pose by all delivered springs, and by the plausible ones.
     delivered_pose: [Pose; 2],
     believed_pose: [Pose; 2],
     monitors: [SegmentMonitor; 2],
@@ -111,12 +111,12 @@ pub struct Sensing {
     /// Per pad: how long the springs have not held its IMUs' headings, s.
     astray_s: [f64; 2],
     /// Per spring: length and its standard deviation as the rest of its segment has it, where the
-    /// spring itself is not believed, m.
+    /// spring itself is implausible, m.
     told_m: [Option<(f64, f64)>; SPRINGS],
     last: Option<SensorFrame>,
 }
 
-/// What the springs of one frame gave, before they are judged.
+/// Spring readings of one frame, before they are checked.
 struct Springs {
     fresh_m: [Option<f64>; SPRINGS],
     health: [ChannelHealth; SPRINGS],
@@ -163,7 +163,7 @@ impl Sensing {
         &self.calibration
     }
 
-    /// Where the pads are by the springs, as of the last frame.
+    /// Pose of the pads by the springs, as of the last frame.
     pub fn pads(&self) -> &SpringPads {
         &self.pads
     }
@@ -345,7 +345,7 @@ impl Sensing {
                 let segment = &self.segments[k];
                 let found = solve(segment, &known, &self.believed_pose[k]);
                 let pose = plausible(segment, &found);
-                // A pose that was not found tells no length.
+                // Without a pose there is no length.
                 if pose == found.upper_from_lower {
                     let lengths_m = segment.lengths_m(&pose);
                     for i in (0..LEGS).filter(|i| known.length_m[*i].is_none()) {
@@ -433,14 +433,14 @@ impl Sensing {
 
     fn frame(&self, stamp: Stamp, samples: &[Sample; IMUS], health: Health) -> SensorFrame {
         let rest_m = self.segments.each_ref().map(|s| s.lengths_m(&s.rest()));
-        let mut doubt = [0.0; SIGNALS];
+        let mut extra_sigma = [0.0; SIGNALS];
         let spring_m = std::array::from_fn(|i| {
             if let Some((length_m, sd_m)) = self.told_m[i] {
-                doubt[i] = sd_m;
+                extra_sigma[i] = sd_m;
                 return length_m;
             }
             if !health.springs[i].usable() {
-                doubt[i] = UNKNOWN_M;
+                extra_sigma[i] = UNKNOWN_M;
             }
             // Before the first reading: the length at rest.
             self.lengths[i].good_m.unwrap_or(rest_m[i / LEGS][i % LEGS])
@@ -456,10 +456,10 @@ impl Sensing {
                     None => (turned, UNKNOWN_RAD),
                 };
                 turned = told;
-                doubt[SPRINGS + 3 * i..SPRINGS + 3 * i + 3].fill(sd_rad);
+                extra_sigma[SPRINGS + 3 * i..SPRINGS + 3 * i + 3].fill(sd_rad);
             }
             // Above all about the vertical.
-            let heading = &mut doubt[SPRINGS + 3 * i];
+            let heading = &mut extra_sigma[SPRINGS + 3 * i];
             *heading =
                 heading.hypot(ASTRAY_RAD_S * self.astray_s[pad_index(self.spec.imus[i].pad)]);
             ypr_from_rotation(&turned)
@@ -470,7 +470,7 @@ impl Sensing {
                 spring_m,
                 imu_ypr_rad,
             },
-            doubt,
+            extra_sigma,
             chamber_pa: self.chamber_pa,
             health,
         }
@@ -501,7 +501,7 @@ fn board_of_imu(i: usize) -> usize {
     i / (IMUS / BOARDS)
 }
 
-/// What a board's age says about all of its channels.
+/// Health of all channels of a board by its age.
 fn board_health(frame: &RawFrame, board: usize) -> ChannelHealth {
     let age_s = frame.board_age_s[board];
     if age_s < BOARD_AGE_S[0] {

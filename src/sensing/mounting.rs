@@ -1,4 +1,4 @@
-//! How an IMU really sits on its pad: a small correction to the nominal mounting.
+//! Mounting of an IMU on its pad: a small correction to the nominal one.
 //!
 //! Some tenths of a degree between the nominal and the real mounting are the largest error of a
 //! pad orientation once the heading is anchored. The springs know the pad's orientation to a few
@@ -6,7 +6,7 @@
 //!
 //! r_k = log(R_imu,kᵀ R_springs,k) ≈ c up to a turn about the vertical, which the heading state has
 //! taken away. With P_k the projector across the vertical as seen in the pad,
-//! c = (Σ P_k + λ I)⁻¹ Σ P_k r_k. Upright poses alone say nothing about the yaw part of c, which
+//! c = (Σ P_k + λ I)⁻¹ Σ P_k r_k. Upright poses alone do not determine the yaw part of c, which
 //! the small λ then keeps at zero.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};

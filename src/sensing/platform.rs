@@ -1,4 +1,4 @@
-//! Where the pads are by the springs alone: each segment is a six-legged platform.
+//! Poses of the pads by the springs alone: each segment is a six-legged platform.
 //!
 //! Six lengths and six degrees of freedom: the pose of the lower pad's upper face in the frame of
 //! the face above it follows by Gauss-Newton from the last pose. The three X pairs make this well
@@ -45,7 +45,7 @@ pub struct Segment {
     pub rest_m: f64,
 }
 
-/// What is known about a segment in one frame.
+/// Measurements of a segment in one frame.
 #[derive(Clone, Debug, Default)]
 pub struct Known {
     /// Length per leg, m; `None` for a leg not to be used.
@@ -128,7 +128,7 @@ impl Segment {
         Some(row.dot(&factor.solve(&row)).sqrt())
     }
 
-    /// How the rotation found from six lengths errs per error of each length; `None` where the
+    /// Sensitivity of the rotation found from six lengths to each length; `None` where the
     /// platform is singular.
     pub fn rotation_per_length(&self, upper_from_lower: &Pose) -> Option<RotationPerLength> {
         let inverse = self.jacobian(upper_from_lower).try_inverse()?;

@@ -1,4 +1,4 @@
-//! How far an orientation is from an optical reference, the way BROAD counts it.
+//! Orientation error against an optical reference, by the metrics of BROAD.
 //!
 //! D. Laidig et al., "BROAD: a benchmark for robust inertial orientation estimation", Data 6(7),
 //! 2021, doi 10.3390/data6070072: the error quaternion in the earth frame is split into a turn
@@ -24,9 +24,9 @@ pub struct OrientationScore {
 /// An estimate and its reference, both earth from IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
-    /// What the filter says.
+    /// Orientation by the filter.
     pub estimate: UnitQuaternion<f64>,
-    /// What is true.
+    /// True orientation.
     pub reference: UnitQuaternion<f64>,
     /// Whether the error counts.
     pub counts: bool,

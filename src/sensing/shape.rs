@@ -11,7 +11,7 @@ const SECTIONS: usize = 13;
 /// Lengths that no pose fits better than this (root mean square, m) give no shape.
 const RESIDUAL_MAX_M: f64 = 0.02;
 
-/// The shape that usable springs and IMUs tell; `None` where they do not fix both segments. Pads are where springs and
+/// The shape by usable springs and IMUs; `None` where they do not fix both segments. Pads are where springs and
 /// IMUs have them; between two pads the backbone is the cubic that leaves and meets them at right angles.
 pub fn shape_by_sensors(robot: &RobotSpec, frame: &SensorFrame) -> Option<ArmShape> {
     let turned = [pad_by_imus(frame, 0), pad_by_imus(frame, 1)];
@@ -62,7 +62,7 @@ fn segment_pose(
         known.then(|| frame.sensors.spring_m[i])
     });
     let legs = length_m.iter().flatten().count();
-    // With all six lengths the IMUs only tell where to begin.
+    // With all six lengths the IMUs only give the initial guess.
     let known = Known {
         length_m,
         upper_from_lower: turned.filter(|_| legs < LEGS),
@@ -115,7 +115,7 @@ mod tests {
     fn frame(sensors: SensorVec, chamber_pa: [f64; 6]) -> SensorFrame {
         SensorFrame {
             stamp: Stamp::ZERO,
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors,
             chamber_pa,
             health: Health::default(),

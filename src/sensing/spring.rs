@@ -2,7 +2,7 @@
 
 use super::calibration::SpringCalibration;
 
-/// What a channel says in one frame.
+/// Reading of a channel in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpringReading {
     /// A length inside the calibrated range, m.
@@ -44,7 +44,7 @@ pub fn read(
     }
 }
 
-/// How much length one tick of the gate stands for at this count, m; zero where that is unknown.
+/// Length per tick of the gate at this count, m; zero where that is unknown.
 pub fn resolution_m(
     calibration: Option<&SpringCalibration>,
     counts: u32,

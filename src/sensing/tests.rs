@@ -464,19 +464,19 @@ fn five_springs_and_the_imus_stand_in_for_the_sixth() {
         let frames = spoiled(|raw| raw.present &= !(1 << victim));
         let (mut squares, mut stated) = (0.0, 0.0);
         for (frame, lengths_m, _) in &frames {
-            assert!(frame.doubt[victim] > 0.0 && !frame.is_blind());
-            for (i, doubt) in frame.doubt.iter().enumerate() {
+            assert!(frame.extra_sigma[victim] > 0.0 && !frame.is_blind());
+            for (i, sigma) in frame.extra_sigma.iter().enumerate() {
                 // Headings go astray while the springs do not hold them.
                 let is_heading = i >= SPRINGS && (i - SPRINGS).is_multiple_of(3);
-                assert!(i == victim || is_heading || *doubt == 0.0, "{i}");
+                assert!(i == victim || is_heading || *sigma == 0.0, "{i}");
             }
             squares += (frame.sensors.spring_m[victim] - lengths_m[victim]).powi(2);
-            stated += frame.doubt[victim].powi(2);
+            stated += frame.extra_sigma[victim].powi(2);
         }
         let n = frames.len() as f64;
         let (off_m, stated_m) = (f64::sqrt(squares / n), f64::sqrt(stated / n));
         let last = &frames[frames.len() - 1].0;
-        assert!(last.doubt[SPRINGS + 9] > 9.0 * ASTRAY_RAD_S);
+        assert!(last.extra_sigma[SPRINGS + 9] > 9.0 * ASTRAY_RAD_S);
         // The last good length would be off by centimetres.
         assert!(off_m < 2e-3, "spring {victim}: {off_m}");
         assert!(
@@ -493,7 +493,7 @@ fn the_springs_stand_in_for_the_imus() {
         assert!(!frame.is_blind());
         for i in 0..IMUS {
             assert!(off_deg(frame, i, pads) < 0.7, "IMU {i}");
-            assert!(frame.doubt[SPRINGS + 3 * i] > 0.0);
+            assert!(frame.extra_sigma[SPRINGS + 3 * i] > 0.0);
         }
     }
 }

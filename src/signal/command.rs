@@ -16,11 +16,11 @@ pub enum Gripper {
 /// Which controller steers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ControllerKind {
-    /// The paper's: sensor-space descent and ADRC.
-    Paper,
-    /// Ours: a bounded quadratic programme in actuator space.
+    /// Sensor-space descent with ADRC, as in the paper.
+    PaperAdrc,
+    /// Null-space QP: a bounded quadratic programme in actuator space.
     #[default]
-    Ours,
+    NullSpaceQp,
 }
 
 /// The bounds every pressure command obeys. Read from the robot file.

@@ -165,7 +165,7 @@ pub struct SensorFrame {
     pub sensors: SensorVec,
     /// Standard deviation by which each of the 24 signals may be off beyond its usual noise, m and rad: because it is
     /// reconstructed, inconsistent with the others, or its heading has not been confirmed for a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
-    pub doubt: [f64; SIGNALS],
+    pub extra_sigma: [f64; SIGNALS],
     /// Gauge pressure of each chamber, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Which channels may be used.
@@ -175,7 +175,7 @@ pub struct SensorFrame {
 impl SensorFrame {
     /// Whether there are signals that can neither be read nor reconstructed.
     pub fn is_blind(&self) -> bool {
-        let (springs, imus) = self.doubt.split_at(SPRINGS);
+        let (springs, imus) = self.extra_sigma.split_at(SPRINGS);
         springs.iter().any(|sd| *sd >= UNKNOWN_M) || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)
     }
 }

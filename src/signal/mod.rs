@@ -25,8 +25,8 @@ pub use frame::{
 };
 pub use hex::hex;
 pub use pose::{
-    Aim, Goal, Matrix6, Pose, Vector6, Via, nearest_rotation, pose_error, pose_from_ypr,
-    ypr_from_rotation,
+    Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_error,
+    pose_from_ypr, ypr_from_rotation,
 };
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{

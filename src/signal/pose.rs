@@ -35,7 +35,7 @@ pub fn pose_error(actual: &Pose, wanted: &Pose) -> Vector6 {
 
 /// How the end pad shall be turned at a goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Aim {
+pub enum OrientationGoal {
     /// It does not matter: three of the six pressures are spare.
     #[default]
     Free,
@@ -45,7 +45,7 @@ pub enum Aim {
     Rotation(UnitQuaternion<f64>),
 }
 
-impl Aim {
+impl OrientationGoal {
     /// The rotation nearest to `rotation` that fulfils it.
     pub fn nearest(&self, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         match self {
@@ -79,7 +79,7 @@ pub struct Goal {
     /// Wanted position of the end pad's origin in the base frame, m.
     pub position_m: [f64; 3],
     /// Wanted orientation.
-    pub aim: Aim,
+    pub orientation: OrientationGoal,
     /// The goal counts as reached within this distance, m.
     pub tolerance_m: f64,
 }
@@ -89,7 +89,7 @@ impl Goal {
     pub fn position(position_m: [f64; 3]) -> Self {
         Self {
             position_m,
-            aim: Aim::Free,
+            orientation: OrientationGoal::Free,
             tolerance_m: 1e-3,
         }
     }
@@ -127,12 +127,12 @@ mod tests {
     fn the_nearest_rotation_points_there_and_turns_no_further_than_it_must() {
         let at = UnitQuaternion::from_euler_angles(0.3, -0.5, 0.8);
         let wanted = Unit::new_normalize(Vector3::new(0.2, -0.4, -0.7));
-        let found = Aim::Direction(wanted).nearest(&at);
+        let found = OrientationGoal::Direction(wanted).nearest(&at);
         assert!((found * -Vector3::z() - wanted.into_inner()).norm() < 1e-12);
         let angle = (at * -Vector3::z()).angle(&wanted);
         assert!((found.angle_to(&at) - angle).abs() < 1e-12);
-        assert_eq!(Aim::Free.nearest(&at), at);
-        let back = Aim::Direction(Unit::new_normalize(at * Vector3::z())).nearest(&at);
+        assert_eq!(OrientationGoal::Free.nearest(&at), at);
+        let back = OrientationGoal::Direction(Unit::new_normalize(at * Vector3::z())).nearest(&at);
         assert!((back * Vector3::z() + at * Vector3::z()).norm() < 1e-9);
     }
 }

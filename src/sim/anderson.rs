@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::rod::dot;
 
-/// Differences remembered.
+/// Differences kept.
 const MEMORY: usize = 6;
 /// Added to the products of unit differences, so that like ones do no harm.
 const RIDGE: f64 = 1e-12;
@@ -23,7 +23,7 @@ pub(super) struct Anderson {
     /// Image and f that the next pair of differences begins at, if `goes_on`.
     last: [Vec<f64>; 2],
     goes_on: bool,
-    /// ΔG/|ΔF| and ΔF/|ΔF|; when there is no more room, the oldest goes.
+    /// ΔG/|ΔF| and ΔF/|ΔF|; at most [`MEMORY`], the oldest is replaced.
     pairs: Vec<[Vec<f64>; 2]>,
     /// Where the next pair goes.
     next: usize,

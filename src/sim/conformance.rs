@@ -1,4 +1,4 @@
-//! What both simulators must get right, as one suite.
+//! Conformance suite of the two simulators.
 
 use std::f64::consts::TAU;
 use std::sync::LazyLock;

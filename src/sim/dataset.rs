@@ -17,7 +17,7 @@ use super::{Inputs, Model, Observation, Parameters, Resolution, SimError, State,
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Dataset, Pose, Sample};
 
-/// Which pressures are visited.
+/// Distribution of the pressures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Draw {
     /// So many samples, uniform in the pressure box.
@@ -30,7 +30,7 @@ pub enum Draw {
 }
 
 impl Draw {
-    /// How many samples that makes.
+    /// Number of samples.
     pub fn len(self) -> usize {
         match self {
             Self::Uniform(n) | Self::Arcsine(n) => n,
@@ -44,7 +44,7 @@ impl Draw {
     }
 }
 
-/// What a dataset is drawn from.
+/// Distribution that a data set is drawn from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// Pressures.
@@ -133,7 +133,7 @@ pub fn pressures(
     }
 }
 
-/// What a sample is drawn to be.
+/// One drawn sample.
 struct Drawn {
     inputs: Inputs,
     parameters: Parameters,
@@ -141,7 +141,7 @@ struct Drawn {
     off: Option<[Pose; 2]>,
 }
 
-/// What sample `index` of a plan subjects the arm to, and how that arm deviates from the nominal one.
+/// Inputs and parameters of sample `index` of a plan.
 fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> Drawn {
     let mut rng = sample_rng(plan.seed, index);
     let chamber_pa = pressures(plan.draw, robot, index, &mut rng);
@@ -223,7 +223,7 @@ pub fn sample_mesh(mesh: &MeshModel, plan: &Plan, index: usize) -> Result<Sample
     Ok(sampled(&mesh.robot, &drawn, observe_mesh(mesh, &state)))
 }
 
-/// Samples `range` of a plan on `threads` threads. `progress` is told how many are done and may
+/// Samples `range` of a plan on `threads` threads. `progress` gets how many are done and may
 /// stop the run. Samples without equilibrium are left out and counted in the second result.
 pub fn generate(
     robot: &RobotSpec,
@@ -287,7 +287,7 @@ pub fn parallel<T: Send>(
         .thread_name(|_| "data set".to_owned())
         .build()
         .expect("threads");
-    let (send, receive) = std::sync::mpsc::channel::<usize>();
+    let (send, receive) = std::sync::mpsc::sync_channel::<usize>(64);
     pool.in_place_scope_fifo(|scope| {
         for (b, block) in blocks.iter_mut().enumerate() {
             let (send, stop) = (send.clone(), &stop);

@@ -4,7 +4,7 @@
 //! the next state of an overdamped motion and [`step_dynamics`] the next one of a motion with inertia.
 //! The [`mesh`] is the second simulator, built on geometry.
 //!
-//! It lies below all that moves: it imports robot and signal alone, knows nothing of links, twins or
+//! It lies below all that moves: it imports robot and signal alone, depends on no links, twins or
 //! networks, and does no I/O. Generators and seeds are passed in.
 
 mod anderson;

@@ -15,7 +15,7 @@ pub const GRAVITY_M_S2: f64 = 9.806_65;
 /// Standard atmosphere, Pa.
 pub const ATMOSPHERE_PA: f64 = 101_325.0;
 
-/// How finely the rod is cut and which strains are free.
+/// Discretisation of the rod: elements and free strains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Resolution {
     /// Elements per segment.
@@ -34,7 +34,7 @@ impl Default for Resolution {
     }
 }
 
-/// What differs from arm to arm. All ones and zeros for the nominal robot.
+/// Parameters that differ from arm to arm; all ones and zeros for the nominal robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
     /// Axial stiffness of each bellows, as a factor.
@@ -73,7 +73,7 @@ impl Default for Parameters {
     }
 }
 
-/// What acts on the arm.
+/// Inputs of a simulation: pressures, payload and forces.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inputs {
     /// Gauge pressure per chamber, Pa.

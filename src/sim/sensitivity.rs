@@ -1,4 +1,4 @@
-//! How a settled arm answers to small changes of its inputs, exactly and from one factorisation.
+//! Exact derivatives of a settled arm with respect to its inputs, from one factorisation.
 //!
 //! See [`super::rod::Tangent`] for the equations.
 

@@ -1,4 +1,4 @@
-//! What the sensors would read at a state: geometry only, no noise.
+//! Ideal sensor readings at a state: geometry only, no noise.
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion};
 
@@ -87,7 +87,7 @@ fn orientations(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [[f64; 3]; IMUS
     })
 }
 
-/// What the sensors read with top, middle and end pad there.
+/// Sensor readings with top, middle and end pad at these poses.
 pub fn pads_read(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> SensorVec {
     SensorVec {
         spring_m: spring_lengths(robot, base_from_pad),

@@ -162,7 +162,7 @@ impl Goto {
 fn goal_error(base_from_tip: &Pose, goal: &Goal) -> Vector6 {
     let mut wanted = *base_from_tip;
     wanted.translation.vector = goal.position_m.into();
-    wanted.rotation = goal.aim.nearest(&base_from_tip.rotation);
+    wanted.rotation = goal.orientation.nearest(&base_from_tip.rotation);
     pose_error(base_from_tip, &wanted)
 }
 
@@ -177,7 +177,7 @@ fn tolerance_ratio(error: &Vector6, goal: &Goal) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::{Aim, Matrix6, pose_from_ypr};
+    use crate::signal::{Matrix6, OrientationGoal, pose_from_ypr};
 
     const GOAL_M: [f64; 3] = [0.06, 0.04, -0.3];
 
@@ -253,13 +253,15 @@ mod tests {
     #[test]
     fn an_orientation_must_be_met_too() {
         let goal = Goal {
-            aim: Aim::Rotation(pose_from_ypr([0.0; 3], [0.0, 0.05, 0.0]).rotation),
+            orientation: OrientationGoal::Rotation(
+                pose_from_ypr([0.0; 3], [0.0, 0.05, 0.0]).rotation,
+            ),
             ..Goal::position(GOAL_M)
         };
         let mut task = Goto::new(goal, Stamp::ZERO);
         assert!(feed(&mut task, 0.0, 3.0, 0.0).is_empty());
         let down = Goal {
-            aim: Aim::Direction(-nalgebra::Vector3::z_axis()),
+            orientation: OrientationGoal::Direction(-nalgebra::Vector3::z_axis()),
             ..Goal::position(GOAL_M)
         };
         let mut task = Goto::new(down, Stamp::ZERO);

@@ -78,7 +78,12 @@ fn twin_with(pose: Arc<dyn PoseMap>) -> Twin {
         seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
     };
     let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-    let mut twin = Twin::new(&robot, maps, sensing, Gains::of(ControllerKind::Ours));
+    let mut twin = Twin::new(
+        &robot,
+        maps,
+        sensing,
+        Gains::of(ControllerKind::NullSpaceQp),
+    );
     twin.observe_link(LinkStatus {
         connected: true,
         simulated: true,
@@ -487,11 +492,11 @@ fn the_controller_can_be_changed_on_the_way() {
     );
     feed(&mut twin, 21, 50);
     let before = twin.snapshot();
-    assert_eq!(before.controller, ControllerKind::Ours);
+    assert_eq!(before.controller, ControllerKind::NullSpaceQp);
     let (command, _) = twin.tick(
         at(71),
         Some(frame(71)),
-        &[Command::Steer(ControllerKind::Paper)],
+        &[Command::Steer(ControllerKind::PaperAdrc)],
     );
     let (old, new) = (before.command.expect("moves"), command.expect("moves"));
     // Half of what the rate limit lets through in a tick.
@@ -499,7 +504,7 @@ fn the_controller_can_be_changed_on_the_way() {
     for (a, b) in old.chamber_pa().iter().zip(new.chamber_pa()) {
         assert!((a - b).abs() <= step_pa, "{a} {b}");
     }
-    assert_eq!(twin.snapshot().controller, ControllerKind::Paper);
+    assert_eq!(twin.snapshot().controller, ControllerKind::PaperAdrc);
     assert_eq!(twin.mode(), Mode::Moving);
 }
 

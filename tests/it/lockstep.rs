@@ -199,7 +199,7 @@ pub fn twin(robot: &RobotSpec) -> Twin {
         robot,
         model.into(),
         sensing,
-        Gains::of(ControllerKind::Ours),
+        Gains::of(ControllerKind::NullSpaceQp),
     )
 }
 

@@ -20,7 +20,7 @@ use springtwin::lab::drive_log;
 use springtwin::learn::ErrorStats;
 use springtwin::rig::{Object, RigOptions};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{Aim, Goal, Reach, ReachState};
+use springtwin::signal::{Goal, OrientationGoal, Reach, ReachState};
 use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan};
 use springtwin::twin::Event;
 
@@ -132,8 +132,8 @@ pub struct GotoArgs {
 
 fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Goal {
     Goal {
-        aim: direction.map_or(Aim::Free, |d| {
-            Aim::Direction(Unit::new_normalize(Vector3::from(d)))
+        orientation: direction.map_or(OrientationGoal::Free, |d| {
+            OrientationGoal::Direction(Unit::new_normalize(Vector3::from(d)))
         }),
         ..Goal::position(position_m)
     }

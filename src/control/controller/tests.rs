@@ -2,10 +2,12 @@
 //! pumps with lag and limited flow.
 
 use super::*;
+use crate::control::gains::InitialGuess;
 use crate::control::reach::{ReachConfig, StartSample, reach};
 use crate::control::residual::SignalSigma;
 use crate::control::toy::{ToyArm, pump_step};
-use crate::signal::{Aim, ChannelHealth, Gripper, ReachState, SIGNALS, SPRINGS};
+use crate::learn::{PlantMap, PoseMap};
+use crate::signal::{ChannelHealth, Gripper, OrientationGoal, ReachState, SIGNALS, SPRINGS};
 use nalgebra::SMatrix;
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
@@ -151,17 +153,17 @@ fn check_reaches(kind: ControllerKind) {
 
 #[test]
 fn paper_reaches_three_targets_with_a_wrong_model_and_load() {
-    check_reaches(ControllerKind::Paper);
+    check_reaches(ControllerKind::PaperAdrc);
 }
 
 #[test]
 fn ours_reaches_three_targets_with_a_wrong_model_and_load() {
-    check_reaches(ControllerKind::Ours);
+    check_reaches(ControllerKind::NullSpaceQp);
 }
 
 #[test]
 fn both_reach_without_an_initial_guess() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         let mut controller = Controller::new(&sim.robot, blind(kind));
         controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
@@ -178,8 +180,8 @@ fn both_reach_without_an_initial_guess() {
 #[test]
 fn both_reach_the_edge_of_the_workspace_without_an_initial_guess() {
     for (kind, bound_m) in [
-        (ControllerKind::Paper, 3e-3),
-        (ControllerKind::Ours, 0.5e-3),
+        (ControllerKind::PaperAdrc, 3e-3),
+        (ControllerKind::NullSpaceQp, 0.5e-3),
     ] {
         for q in [
             [36e3, -36e3, -36e3, 30e3, -36e3, -36e3],
@@ -197,7 +199,7 @@ fn both_reach_the_edge_of_the_workspace_without_an_initial_guess() {
 
 #[test]
 fn both_reach_an_orientation() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         // The pose of known pressures: all six degrees of freedom are consistent.
         let pose = sim
@@ -212,7 +214,7 @@ fn both_reach_an_orientation() {
             crate::signal::pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
         let goal = Goal {
             position_m: [pose[0], pose[1], pose[2]],
-            aim: Aim::Rotation(target.rotation),
+            orientation: OrientationGoal::Rotation(target.rotation),
             tolerance_m: 1e-3,
         };
         let verdict = sim.verdict(&goal);
@@ -228,7 +230,7 @@ fn both_reach_an_orientation() {
 
 #[test]
 fn tip_keeps_to_its_speed_limit() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         let goal = Goal::position([0.06, 0.04, -0.30]);
         let verdict = sim.verdict(&goal);
@@ -252,7 +254,7 @@ fn tip_keeps_to_its_speed_limit() {
 
 #[test]
 fn an_unreachable_goal_is_reported_within_two_seconds_of_saturation() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         sim.chamber_pa = [38e3; CHAMBERS];
         let goal = Goal::position([0.0, 0.0, -0.6]);
@@ -294,7 +296,7 @@ fn an_unreachable_goal_is_reported_within_two_seconds_of_saturation() {
 /// Signals with the noise the weights assume, gauges with 30 Pa.
 #[test]
 fn both_stay_at_the_goal_under_sensor_noise() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut rng = Pcg64::seed_from_u64(5);
         let mut sim = Loop::new();
         let goal = Goal::position([0.03, -0.02, -0.31]);
@@ -332,7 +334,7 @@ fn both_stay_at_the_goal_under_sensor_noise() {
 /// signals lie off the model's: no reference made from the model alone gives the right pose.
 #[test]
 fn both_reach_with_a_pose_map_that_is_steep_off_the_manifold() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut rng = Pcg64::seed_from_u64(8);
         let mut sim = Loop::new();
         sim.nominal.off_manifold = SMatrix::from_fn(|i, j| {
@@ -364,7 +366,7 @@ fn a_dead_spring_does_not_stop_the_arm() {
     sim.nominal.masked_spring = Some(3);
     let goal = Goal::position([0.06, 0.04, -0.30]);
     let verdict = sim.verdict(&goal);
-    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::Paper));
+    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::PaperAdrc));
     controller.set_goal(goal, Some(&verdict));
     let held_m = sim
         .real
@@ -384,7 +386,7 @@ fn a_dead_spring_does_not_stop_the_arm() {
 #[test]
 fn leaving_saturation_is_immediate() {
     // Half a minute against the bound, then a goal inside: no windup keeps it there.
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         sim.chamber_pa = [38e3; CHAMBERS];
         let far = Goal::position([0.0, 0.0, -0.6]);
@@ -405,7 +407,7 @@ fn leaving_saturation_is_immediate() {
 #[test]
 fn hold_keeps_the_set_pressures() {
     let mut sim = Loop::new();
-    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::Paper));
+    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::PaperAdrc));
     controller.set_goal(Goal::position([0.03, -0.02, -0.31]), None);
     sim.run(&mut controller, 3.0);
     controller.hold();
@@ -417,7 +419,7 @@ fn hold_keeps_the_set_pressures() {
 
 #[test]
 fn values_that_are_not_finite_make_it_hold_and_recover() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         let goal = Goal::position([0.03, -0.02, -0.31]);
         let verdict = sim.verdict(&goal);
@@ -450,7 +452,7 @@ fn unusable_channels_have_no_weight() {
 
 #[test]
 fn a_pump_that_does_not_deliver_winds_nothing_up() {
-    for kind in [ControllerKind::Paper, ControllerKind::Ours] {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
         let mut sim = Loop::new();
         let goal = Goal::position([0.06, 0.04, -0.30]);
         let verdict = sim.verdict(&goal);
@@ -478,7 +480,7 @@ fn a_dead_gauge_does_not_stop_the_arm() {
     let mut sim = Loop::new();
     let goal = Goal::position([0.03, -0.02, -0.31]);
     let verdict = sim.verdict(&goal);
-    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::Paper));
+    let mut controller = Controller::new(&sim.robot, Gains::of(ControllerKind::PaperAdrc));
     controller.set_goal(goal, Some(&verdict));
     let mut distance_m = f64::INFINITY;
     for _ in 0..800 {
@@ -501,7 +503,7 @@ proptest! {
         paper in any::<bool>(),
         guess in any::<bool>(),
     ) {
-        let kind = if paper { ControllerKind::Paper } else { ControllerKind::Ours };
+        let kind = if paper { ControllerKind::PaperAdrc } else { ControllerKind::NullSpaceQp };
         let mut sim = Loop::new();
         sim.chamber_pa = start;
         let goal = Goal::position(goal);
@@ -515,7 +517,7 @@ proptest! {
 #[test]
 fn a_programme_without_a_solution_holds_the_set_pressures_and_is_counted() {
     let mut l = Loop::new();
-    let mut controller = Controller::new(&l.robot, Gains::of(ControllerKind::Ours));
+    let mut controller = Controller::new(&l.robot, Gains::of(ControllerKind::NullSpaceQp));
     let goal = Goal::position([0.06, 0.04, -0.30]);
     let reach = l.verdict(&goal);
     controller.set_goal(goal, Some(&reach));

@@ -411,12 +411,12 @@ fn controller(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
         note(ui, "Controller");
         for (kind, name, hover) in [
             (
-                ControllerKind::Ours,
+                ControllerKind::NullSpaceQp,
                 "Bounded",
                 "Steer by a bounded quadratic programme in actuator space, from now on",
             ),
             (
-                ControllerKind::Paper,
+                ControllerKind::PaperAdrc,
                 "Paper",
                 "Steer by the paper's sensor-space descent and ADRC, from now on",
             ),

@@ -15,7 +15,7 @@ use super::convert;
 use super::mesh::{self, Part, Vertex};
 use super::{Entity, SceneInput, SceneOutput};
 use crate::robot::{PadId, RobotSpec};
-use crate::signal::{Aim, ArmShape, Gripper, IMUS, Pose, SPRINGS};
+use crate::signal::{ArmShape, Gripper, IMUS, OrientationGoal, Pose, SPRINGS};
 
 /// Section frames per segment as the shader holds them.
 pub const FRAMES: usize = 33;
@@ -184,7 +184,7 @@ pub fn compose(
         c.gripper(&ghost.base_from_pad[2], gripper, 0.0);
         c.layer = Layer::Solid;
     } else if let Some((goal, reach)) = &snapshot.preview {
-        c.ghost_tip(&goal.aim, reach.nearest_m, input, gripper);
+        c.ghost_tip(&goal.orientation, reach.nearest_m, input, gripper);
     }
     if input.aids.hull {
         c.outlines(input.outlines);
@@ -466,7 +466,7 @@ impl Composer<'_> {
     /// Ghost of the end pad and gripper where a preview ends.
     fn ghost_tip(
         &mut self,
-        aim: &Aim,
+        aim: &OrientationGoal,
         position_m: [f64; 3],
         input: &SceneInput<'_>,
         gripper: Gripper,

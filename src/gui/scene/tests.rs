@@ -68,7 +68,7 @@ pub fn snapshot_of(shape: ArmShape) -> Snapshot {
     Snapshot {
         sensors: Some(SensorFrame {
             stamp: Default::default(),
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors,
             chamber_pa: [0.0; CHAMBERS],
             health: Health::default(),

@@ -124,7 +124,12 @@ impl Bench {
     fn new(shelf: Shelf) -> Self {
         let robot = RobotSpec::reference();
         let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-        let twin = crate::twin::Twin::new(&robot, maps(), sensing, Gains::of(ControllerKind::Ours));
+        let twin = crate::twin::Twin::new(
+            &robot,
+            maps(),
+            sensing,
+            Gains::of(ControllerKind::NullSpaceQp),
+        );
         let cut = Arc::new(AtomicBool::new(false));
         let config = Config::new(&robot.pressure, robot.over_pressure_pa);
         let rig = VirtualRig::new(&robot, &RigOptions::default()).expect("settles");

@@ -106,7 +106,7 @@ fn doubt_blindness_age_and_a_lost_link_are_told() {
     last.link.age_s = 3.2;
     let raw = last.raw.as_mut().expect("has a raw frame");
     raw.stamp = raw.stamp.plus(-3.2);
-    last.sensors.as_mut().expect("has sensors").doubt[2] = UNKNOWN_M;
+    last.sensors.as_mut().expect("has sensors").extra_sigma[2] = UNKNOWN_M;
     last.estimate
         .as_mut()
         .expect("has an estimate")

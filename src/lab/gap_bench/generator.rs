@@ -101,7 +101,7 @@ fn kind_of(about: About) -> CaseKind {
     match about {
         About::Single => CaseKind::Single,
         About::Null => CaseKind::Null,
-        About::Alien => CaseKind::Alien,
+        About::Alien => CaseKind::Unmodelled,
         About::Pair => CaseKind::Pair,
     }
 }
@@ -111,7 +111,7 @@ fn key_of(case: &Case) -> Key {
         kind: match case.truth.kind {
             CaseKind::Single => About::Single,
             CaseKind::Null => About::Null,
-            CaseKind::Alien => About::Alien,
+            CaseKind::Unmodelled => About::Alien,
             CaseKind::Pair => About::Pair,
         },
         strength: case.truth.strength,

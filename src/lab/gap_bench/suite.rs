@@ -142,7 +142,7 @@ impl Suite {
     }
 
     fn of_seed(&self, seed: u64) -> Vec<Planned> {
-        let (known, aliens) = (of(Class::Known), of(Class::Alien));
+        let (known, aliens) = (of(Class::Known), of(Class::Unmodelled));
         // Ten is coprime with the 27 effects, and nine seeds make one round of all.
         let nth = |i: u64, step: u64, from: u64| {
             let n = known.len() as u64;

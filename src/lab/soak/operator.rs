@@ -219,8 +219,8 @@ impl Operator {
             3 => commands.push(Command::Stop),
             4 => {
                 let kind = match self.rng.random() {
-                    true => ControllerKind::Paper,
-                    false => ControllerKind::Ours,
+                    true => ControllerKind::PaperAdrc,
+                    false => ControllerKind::NullSpaceQp,
                 };
                 commands.push(Command::Steer(kind));
             }

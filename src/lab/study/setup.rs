@@ -266,7 +266,7 @@ pub(super) fn score<'a>(map: &Cascade, moments: impl IntoIterator<Item = &'a Mom
     let mut stated: Vec<(Vector6, Matrix6)> = Vec::new();
     for m in moments {
         let mut eval = map.pose(&m.frame.sensors.to_vector());
-        eval.doubt(&m.frame.doubt);
+        eval.add_sigma(&m.frame.extra_sigma);
         let truth = m.base_from_pad[2];
         stated.push((pose_residual(&eval.pose, &truth), eval.covariance));
         pairs.push((eval.pose, truth));

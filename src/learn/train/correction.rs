@@ -3,18 +3,19 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::{QUIET, TrainError, Watch, check, dealt, fill_from, finish, sizes};
+use super::{QUIET, Watch, check, dealt, fill_from, finish, sizes};
 use crate::learn::PoseMap;
 use crate::learn::cascade::{Cascade, CascadeParts, Correction, correction_input};
 use crate::learn::data::pose_vector;
-use crate::learn::fit::{Run, Stage, Table, fit};
+use crate::learn::fit::{Run, Table, fit};
 use crate::learn::mlp::{Mlp, Scaling};
+use crate::learn::progress::{Stage, TrainError};
 use crate::learn::recipe::{CorrectionInput, Recipe};
 use crate::learn::scores::{CorrectionReport, PoseScores, wrapped};
 use crate::signal::{Dataset, Pose, SIGNALS, Vector6};
 
 /// Trains the sim-to-real correction on measured samples; the cascade's own correction, if any, is
-/// replaced and its covariance calibrated anew.
+/// replaced and its covariance recalibrated.
 ///
 /// No noise is added: measured samples carry their own.
 ///

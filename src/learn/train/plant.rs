@@ -3,10 +3,11 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::{TrainError, Watch, check, dealt, fill_from, origin, rows, sizes};
-use crate::learn::fit::{Run, Stage, Table, fit};
+use super::{Watch, check, dealt, fill_from, origin, rows, sizes};
+use crate::learn::fit::{Run, Table, fit};
 use crate::learn::mlp::{Mlp, Scaling};
 use crate::learn::plant::{PlantBounds, PlantNet, input};
+use crate::learn::progress::{Stage, TrainError};
 use crate::learn::recipe::Recipe;
 use crate::learn::scores::{PlantReport, SignalScores};
 use crate::signal::{CHAMBERS, Dataset, SIGNALS, Sample};

@@ -5,14 +5,14 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::{
-    TrainError, Watch, check, dealt, distance_p95, finish, members, noisy, noisy_scaling, rows,
-    sizes,
+    Watch, check, dealt, distance_p95, finish, members, noisy, noisy_scaling, rows, sizes,
 };
 use crate::learn::calibrate::Calibration;
 use crate::learn::cascade::{Cascade, CascadeParts, SensorSpread};
 use crate::learn::data::{add_noise, pose_vector};
-use crate::learn::fit::{Run, Stage, Table, fit};
+use crate::learn::fit::{Run, Table, fit};
 use crate::learn::mlp::{Mlp, Scaling};
+use crate::learn::progress::{Stage, TrainError};
 use crate::learn::recipe::Recipe;
 use crate::learn::scores::PoseReport;
 use crate::signal::{Dataset, SIGNALS};

@@ -192,7 +192,7 @@ fn take_body(code: u8, c: &mut Cursor<'_>) -> Option<Body> {
     })
 }
 
-/// What a [`Decoder`] made of a whole frame.
+/// Result of a [`Decoder`] for a whole frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Received {
     /// A sound packet of our version.
@@ -201,12 +201,12 @@ pub enum Received {
     OtherVersion {
         /// Its version byte.
         version: u8,
-        /// Its third byte: the board, if that version still says so there.
+        /// Its third byte: the board, if that version still has it there.
         board: u8,
     },
 }
 
-/// What passed through a [`Decoder`].
+/// Counters of a [`Decoder`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DecoderCounts {
     /// Sound packets.
@@ -232,7 +232,7 @@ pub struct Decoder {
     frame: Vec<u8>,
     /// The frame under way is too long: everything up to the next 00 is dropped.
     overlong: bool,
-    /// What passed so far.
+    /// Counters so far.
     pub counts: DecoderCounts,
 }
 

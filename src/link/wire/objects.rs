@@ -63,7 +63,7 @@ pub enum ObjectError {
         /// Its size.
         size: u16,
     },
-    /// A pose that is not finite or far out of the room.
+    /// A pose that is not finite or out of any laboratory.
     #[error(
         "item {item} of the motion-capture datagram has a pose that is not finite or more than 100 m away: check the sender's units"
     )]

@@ -15,7 +15,7 @@ use super::scene::{Part, Scene};
 use super::schema::{self, SPECS, table};
 use crate::recording::RecordingMeta;
 use crate::signal::{
-    Aim, AlarmKey, ChannelHealth, Goal, Gripper, Mode, Pose, Severity, Snapshot, Stamp,
+    AlarmKey, ChannelHealth, Goal, Gripper, Mode, OrientationGoal, Pose, Severity, Snapshot, Stamp,
     TruthSource, pose_error, ypr_from_rotation,
 };
 use opening::opening;
@@ -391,10 +391,10 @@ fn goal_row(goal: Option<&Goal>) -> ([f64; 8], [i64; 2]) {
         return ([0.0; 8], [0, 0]);
     };
     let [x, y, z] = goal.position_m;
-    let (aim, [i, j, k, w]) = match goal.aim {
-        Aim::Free => (0, [0.0, 0.0, 0.0, 1.0]),
-        Aim::Rotation(q) => (1, [q.i, q.j, q.k, q.w]),
-        Aim::Direction(d) => (2, [d.x, d.y, d.z, 0.0]),
+    let (aim, [i, j, k, w]) = match goal.orientation {
+        OrientationGoal::Free => (0, [0.0, 0.0, 0.0, 1.0]),
+        OrientationGoal::Rotation(q) => (1, [q.i, q.j, q.k, q.w]),
+        OrientationGoal::Direction(d) => (2, [d.x, d.y, d.z, 0.0]),
     };
     ([x, y, z, i, j, k, w, goal.tolerance_m], [1, aim])
 }

@@ -69,7 +69,7 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
         std::array::from_fn(|i| 20e3 * wave * (i as f64 - 2.5) / 2.5 + rng.random_range(-9.0..9.0));
     let mut sensors = SensorFrame {
         stamp,
-        doubt: [0.0; SIGNALS],
+        extra_sigma: [0.0; SIGNALS],
         sensors: SensorVec {
             spring_m: std::array::from_fn(|i| {
                 0.15 + 0.02 * wave * (i as f64 / 12.0) + rng.random_range(-1e-4..1e-4)

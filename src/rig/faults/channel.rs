@@ -7,12 +7,12 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{Fault, Word};
 
-/// Readings remembered: the longest delay at 100 Hz.
+/// Readings kept: the longest delay at 100 Hz.
 const MEMORY: usize = 1001;
 
-/// What can come out of a channel.
+/// A value that a channel carries.
 pub(super) trait Reading: Copy {
-    /// Anything that the channel can say at all.
+    /// Any reading that the channel can give.
     fn garbage(rng: &mut Pcg64Mcg) -> Self;
     /// The same, off by an amount in the script's unit.
     fn shifted(self, amount: f64) -> Self;
@@ -23,7 +23,7 @@ pub(super) trait Reading: Copy {
 pub(super) struct Channel<T> {
     /// Newest last, with their times (s).
     past: VecDeque<(f64, Option<T>)>,
-    /// What it says while it is stuck or slow, and since when (s).
+    /// Its reading while it is stuck or slow, and since when (s).
     held: Option<(f64, Option<T>)>,
 }
 
@@ -37,7 +37,7 @@ impl<T> Default for Channel<T> {
 }
 
 impl<T: Reading> Channel<T> {
-    /// What comes out at `t_s` (s) of what goes in.
+    /// Output at `t_s` (s) for an input.
     pub fn pass(
         &mut self,
         t_s: f64,

@@ -1,6 +1,6 @@
 //! A fault: its place, its kind and its amount.
 
-/// What can break. Indices are 0-based.
+/// Place of a fault. Indices are 0-based.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// A spring's reading.
@@ -17,39 +17,39 @@ pub enum Place {
     Port,
 }
 
-/// How it breaks.
+/// Kind of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Word {
-    /// Does nothing.
+    /// Gives no output.
     Off,
-    /// Does the same again.
+    /// Repeats its last output.
     Stuck,
-    /// Does anything.
+    /// Gives random output.
     Garbage,
-    /// Does it wrong.
+    /// Gives output with an error.
     Wrong,
-    /// Does it slowly.
+    /// Gives output slowly.
     Slow,
-    /// Does it late.
+    /// Gives output late.
     Delayed,
-    /// Does it now and then.
+    /// Gives output now and then.
     Intermittent,
     /// Loses air.
     Leak,
     /// The clock jumps.
     Jump,
-    /// Says things twice.
+    /// Sends frames twice.
     Twice,
-    /// Says things in the wrong order.
+    /// Sends frames in the wrong order.
     Swapped,
 }
 
-/// A fault and how bad it is.
+/// A fault with its amount.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fault {
     /// What it is.
     pub word: Word,
-    /// How much of it, in the unit that [`amount`] tells.
+    /// How much of it, in the unit that [`amount`] gives.
     pub amount: f64,
 }
 
@@ -73,7 +73,7 @@ pub struct Amount {
     pub unit: &'static str,
 }
 
-/// What the number of a fault means at a place; `None` when a place does not break like that.
+/// Meaning of a fault's amount at a place; `None` when the place has no such fault.
 pub fn amount(place: Place, word: Word) -> Option<Amount> {
     let of = |usual, min, max, unit| {
         Some(Amount {

@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{Fault, Word};
 
-/// Bytes that wait at most; a line that is slower than what is said on it loses the rest.
+/// Bytes that wait at most; a line that is slower than its traffic loses the rest.
 const MAX_WAITING: usize = 16 << 10;
 
 /// A line with what is under way on it.
@@ -29,7 +29,7 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// What comes out at `t_s` (s) of what goes in.
+    /// Output at `t_s` (s) for an input.
     pub fn pass(
         &mut self,
         t_s: f64,
@@ -140,7 +140,7 @@ impl Line {
         }
     }
 
-    /// What arrives now: the oldest for which `may` (due time, length) says so.
+    /// What arrives now: the oldest for which `may` (due time, length) holds.
     fn arrive(&mut self, mut may: impl FnMut(f64, usize) -> bool) -> Vec<u8> {
         let mut out = Vec::new();
         while let Some((due_s, bytes)) = self.waiting.front() {

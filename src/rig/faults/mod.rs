@@ -1,10 +1,10 @@
-//! Faults on purpose: what breaks, where, from when to when.
+//! Injected faults: what fails, where, from when to when.
 //!
 //! | word | a spring, IMU or gauge | a chamber's supply | a board, with its line |
 //! |---|---|---|---|
 //! | off | is not delivered | does not run | has no power |
-//! | stuck | repeats its reading | stays as it was told last | says its last frame again and again |
-//! | garbage | reads anything | is told anything | says random bytes |
+//! | stuck | repeats its reading | keeps its last command | sends its last frame again and again |
+//! | garbage | reads anything | gets any command | sends random bytes |
 //! | wrong | is off by mm, °/s, kPa | drives to so many kPa | one bit is flipped in this share of frames |
 //! | slow | is read every so many seconds | gives this share of its flow | passes so many bytes a second |
 //! | delayed | is so many seconds old | hears everything so many seconds late | as its chambers |
@@ -15,7 +15,7 @@
 //!
 //! One place has one fault at a time. A board that was off boots when its fault ends. The port can be
 //! off: it is unplugged, and plugged in again. What a board's line does it does in both directions, but
-//! `stuck`, `slow`, `twice` and `swapped` only to what the board says.
+//! `stuck`, `slow`, `twice` and `swapped` only to what the board sends.
 
 mod channel;
 mod fault;
@@ -32,16 +32,16 @@ pub use fault::{Amount, Fault, Place, Word, amount};
 use line::Line;
 pub use script::{Script, ScriptError};
 
-/// What the rig does when a fault of a board begins or ends.
+/// Event at a board when a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Jolt {
+pub(super) enum BoardEvent {
     /// The board boots.
     Boot(usize),
     /// Its clock jumps by so many seconds.
     Jump(usize, f64),
 }
 
-/// What is broken now, and what will be.
+/// Present faults and the schedule of those to come.
 #[derive(Debug)]
 pub struct Faults {
     springs: [Option<Fault>; SPRINGS],
@@ -51,8 +51,8 @@ pub struct Faults {
     boards: [Option<Fault>; BOARDS],
     port_off: bool,
     script: Script,
-    /// What the rig does next. A board that is to boot stays off until then.
-    jolts: Vec<Jolt>,
+    /// Pending events. A board that is to boot stays off until then.
+    events: Vec<BoardEvent>,
     spring_channels: [Channel<SpringReading>; SPRINGS],
     imu_channels: [Channel<ImuRaw>; IMUS],
     gauge_channels: [Channel<f64>; CHAMBERS],
@@ -63,7 +63,7 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// Nothing is broken. `seed` is that of everything random about faults to come.
+    /// No fault. `seed` is that of everything random about faults to come.
     pub fn new(seed: u64) -> Self {
         Self {
             springs: [None; SPRINGS],
@@ -73,7 +73,7 @@ impl Faults {
             boards: [None; BOARDS],
             port_off: false,
             script: Script::default(),
-            jolts: Vec::new(),
+            events: Vec::new(),
             spring_channels: Default::default(),
             imu_channels: Default::default(),
             gauge_channels: Default::default(),
@@ -84,12 +84,12 @@ impl Faults {
         }
     }
 
-    /// Breaks things as `script` says, from now on by the rig's time.
+    /// Applies the fault schedule `script`, from now on by the rig's time.
     pub fn follow(&mut self, script: Script) {
         self.script = script;
     }
 
-    /// Breaks a place; what was wrong with it before ends. The fault that it has already goes on.
+    /// Begins a fault; an earlier one at the same place ends. The same fault continues.
     pub fn begin(&mut self, place: Place, fault: Fault) {
         if self.slot(place).is_some_and(|slot| *slot == Some(fault)) {
             return;
@@ -99,7 +99,7 @@ impl Faults {
             Place::Port => self.port_off = true,
             // Over as soon as it has happened.
             Place::Board(b) if fault.word == Word::Jump => {
-                self.jolts.push(Jolt::Jump(b, fault.amount));
+                self.events.push(BoardEvent::Jump(b, fault.amount));
             }
             _ => {
                 if let Some(slot) = self.slot(place) {
@@ -109,7 +109,7 @@ impl Faults {
         }
     }
 
-    /// Mends a place.
+    /// Ends the fault at a place.
     pub fn end(&mut self, place: Place) {
         if place == Place::Port {
             self.port_off = false;
@@ -117,12 +117,12 @@ impl Faults {
         }
         let was = self.slot(place).and_then(Option::take);
         if let (Place::Board(b), Some(Word::Off)) = (place, was.map(|f| f.word)) {
-            self.jolts.push(Jolt::Boot(b));
+            self.events.push(BoardEvent::Boot(b));
         }
     }
 
-    /// Mends everything and forgets the script.
-    pub fn mend(&mut self) {
+    /// Ends all faults and discards the schedule.
+    pub fn clear(&mut self) {
         self.script = Script::default();
         let places = (0..SPRINGS).map(Place::Spring);
         let places = places.chain((0..IMUS).map(Place::Imu));
@@ -155,23 +155,23 @@ impl Faults {
     }
 
     /// Begins and ends what the script has for `t_s`; gives what happens to boards.
-    pub(super) fn at(&mut self, t_s: f64) -> Vec<Jolt> {
+    pub(super) fn at(&mut self, t_s: f64) -> Vec<BoardEvent> {
         for (place, fault) in self.script.due(t_s) {
             match fault {
                 Some(fault) => self.begin(place, fault),
                 None => self.end(place),
             }
         }
-        std::mem::take(&mut self.jolts)
+        std::mem::take(&mut self.events)
     }
 
     /// Whether a board has no power.
     pub(super) fn is_off(&self, board: usize) -> bool {
         self.boards[board].is_some_and(|f| f.word == Word::Off)
-            || self.jolts.contains(&Jolt::Boot(board))
+            || self.events.contains(&BoardEvent::Boot(board))
     }
 
-    /// What arrives at a board of what the host said.
+    /// What arrives at a board of what the host sent.
     pub(super) fn down(&mut self, board: usize, t_s: f64, bytes: &[u8]) -> Vec<u8> {
         if self.port_off {
             return Vec::new();
@@ -181,7 +181,7 @@ impl Faults {
         self.down[board].pass(t_s, bytes, fault, &mut self.rng)
     }
 
-    /// What arrives at the host of what a board said.
+    /// What arrives at the host of what a board sent.
     pub(super) fn up(&mut self, board: usize, t_s: f64, bytes: &[u8]) -> Vec<u8> {
         if self.port_off {
             return Vec::new();
@@ -216,7 +216,7 @@ impl Faults {
         r
     }
 
-    /// What the supplies do of what the boards tell them, Pa; `None`: off.
+    /// What the supplies do of what the boards command, Pa; `None`: off.
     pub(super) fn supply(
         &mut self,
         t_s: f64,
@@ -241,7 +241,7 @@ impl Faults {
         })
     }
 
-    /// What each chamber loses, m³/s at atmospheric pressure per Pa of gauge pressure.
+    /// Leak of each chamber, m³/s at atmospheric pressure per Pa of gauge pressure.
     pub(super) fn leak_m3_s_pa(&self) -> [f64; CHAMBERS] {
         self.chambers.map(|f| match f {
             Some(f) if f.word == Word::Leak => f.amount * 1e-3 / 60.0 / 20e3,

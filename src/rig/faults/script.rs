@@ -29,7 +29,7 @@ const WORDS: [(&str, Word); 11] = [
 ];
 const PLACES: &str = "spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards or port";
 
-/// What is wrong with a script.
+/// Why a fault schedule is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ScriptError {
     /// Not TOML, or not of this form.
@@ -68,7 +68,7 @@ struct Entry {
     amount: Option<f64>,
 }
 
-/// Faults that begin and end at set times.
+/// Fault schedule: faults that begin and end at set times.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Script {
     /// Time (s), place, and what it has from then on; in the order of time.
@@ -110,7 +110,7 @@ impl Script {
         Self { edges, next: 0 }
     }
 
-    /// What begins and ends up to `t_s` and has not yet.
+    /// Edges up to `t_s` that have not been applied yet.
     pub(super) fn due(&mut self, t_s: f64) -> Vec<(Place, Option<Fault>)> {
         let rest = &self.edges[self.next..];
         let due: Vec<_> = rest

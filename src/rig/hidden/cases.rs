@@ -22,13 +22,13 @@ use crate::sim::{Inputs, Model, SimError, State, observe, settle};
 
 /// A strength within this share of what is wanted is right.
 const CLOSE_ENOUGH: f64 = 0.05;
-/// Sample rates of the drafts that size an effect and of the session that tells the floor, Hz.
+/// Sample rates of the drafts that size an effect and of the session that gives the noise floor, Hz.
 const DRAFT_HZ: f64 = 25.0;
 const FLOOR_HZ: f64 = 10.0;
-/// As much of the healthy session tells the floor, s.
+/// Length of the healthy session that gives the noise floor, s.
 const FLOOR_S: f64 = 60.0;
 
-/// What a case is about.
+/// Kind of a blind case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CaseKind {
@@ -37,7 +37,8 @@ pub enum CaseKind {
     /// Nothing.
     Null,
     /// One that the table does not have.
-    Alien,
+    #[serde(rename = "alien")]
+    Unmodelled,
     /// Two effects of different sides.
     Pair,
 }
@@ -241,7 +242,7 @@ pub fn change(a: &Session, b: &Session) -> Vec<f64> {
         .collect()
 }
 
-/// What the nominal model leaves of a healthy session, per channel as in [`change`].
+/// Residual of the nominal model on a healthy session, per channel as in [`change`].
 ///
 /// # Errors
 /// [`SessionError`] when the session cannot be run or replayed.
@@ -277,7 +278,7 @@ pub fn floor(robot: &RobotSpec, plan: &SessionPlan) -> Result<Vec<f64>, SessionE
     Ok(out)
 }
 
-/// RMS of what a least-squares fit leaves.
+/// RMS residual of a least-squares fit.
 fn unexplained(x: &DMatrix<f64>, y: &DVector<f64>) -> f64 {
     let left = match (x.transpose() * x).cholesky() {
         Some(factor) => y - x * factor.solve(&(x.transpose() * y)),

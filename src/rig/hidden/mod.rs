@@ -2,7 +2,7 @@
 //!
 //! Every effect of [`crate::sim::effects::EFFECTS`] has a counterpart here that is made by other
 //! mathematics, so that finding it does not come down to fitting the equation that made it; the
-//! [`HIDDEN`] table says which. [`Class::Alien`] entries have no counterpart in that table.
+//! The [`HIDDEN`] table lists them. [`Class::Unmodelled`] entries have no counterpart in that table.
 //! A parameter that bears the name of the candidate effect's parameter means the same quantity.
 
 pub mod cases;
@@ -14,16 +14,16 @@ use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects::{Side, Target};
 pub use table::HIDDEN;
 
-/// Whether the table of effects knows it.
+/// Whether the table of effects has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     /// Same physics as the effect with this id, other mathematics.
     Known,
     /// Physics that the table of effects does not have.
-    Alien,
+    Unmodelled,
 }
 
-/// What one usually finds it on.
+/// Channels it usually acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
     /// All channels at once (or no channel at all).
@@ -34,7 +34,7 @@ pub enum Scope {
     Either,
 }
 
-/// The readings in which it is judged how strong it is.
+/// The readings that measure its strength.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     /// Measured pressure.
@@ -93,13 +93,13 @@ pub struct Kind {
     pub id: &'static str,
     /// How the rig makes it.
     pub doc: &'static str,
-    /// Known or alien.
+    /// Known or unmodelled.
     pub class: Class,
     /// Where it sits.
     pub side: Side,
     /// What it is bound to.
     pub target: Target,
-    /// What one usually finds it on.
+    /// Channels it usually acts on.
     pub scope: Scope,
     /// Where its strength is judged.
     pub shows: Shows,
@@ -136,7 +136,7 @@ pub enum HiddenError {
     Target {
         /// The kind.
         id: &'static str,
-        /// The channel asked for (1-based).
+        /// The requested channel (1-based).
         channel: usize,
         /// How many there are.
         count: usize,

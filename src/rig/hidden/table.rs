@@ -1,4 +1,4 @@
-//! The table of what can be hidden. The equations stand in the docs; `rig::session` carries them out.
+//! Table of hidden effects. The equations stand in the docs; `rig::session` carries them out.
 
 use super::{Class, Growth, Kind, Magnitude, Scope, Shows, Signed};
 use crate::sim::effects::{Side, Target};
@@ -27,7 +27,7 @@ const fn m(
     }
 }
 
-/// Everything that can be hidden: first the counterparts of the effects, then the aliens.
+/// Everything that can be hidden: first the counterparts of the effects, then the unmodelled effects.
 pub const HIDDEN: &[Kind] = &[
     Kind {
         id: "pressure-delay",
@@ -189,7 +189,7 @@ pub const HIDDEN: &[Kind] = &[
     Kind {
         id: "damping",
         doc: "A dashpot on an elastic seat (2.5 times the bellows' rate) in each bellows, a fifth \
-              scattered; the tube between them does not damp: not proportional to stiffness.",
+              scattered; the central tube does not damp: not proportional to stiffness.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::None,
@@ -507,7 +507,7 @@ pub const HIDDEN: &[Kind] = &[
     Kind {
         id: "temperature-stiffness",
         doc: "All bellows soften as they warm up: k (1 − s (1 − e^{−t/40 s})).",
-        class: Class::Alien,
+        class: Class::Unmodelled,
         side: Side::Mechanics,
         target: Target::None,
         scope: Scope::Common,
@@ -518,7 +518,7 @@ pub const HIDDEN: &[Kind] = &[
     Kind {
         id: "area-growth",
         doc: "The effective area grows with the stretch, A (1 + g ε): pressure and length multiply.",
-        class: Class::Alien,
+        class: Class::Unmodelled,
         side: Side::Mechanics,
         target: Target::None,
         scope: Scope::Common,
@@ -530,7 +530,7 @@ pub const HIDDEN: &[Kind] = &[
         id: "bellows-snap",
         doc: "A fold of one bellows snaps in when it is shorter than 135 mm and out when it is longer \
               than 150 mm; while in, it pulls harder.",
-        class: Class::Alien,
+        class: Class::Unmodelled,
         side: Side::Mechanics,
         target: Target::Chamber,
         scope: Scope::One,
@@ -550,7 +550,7 @@ pub const HIDDEN: &[Kind] = &[
         id: "pad-slip",
         doc: "The end pad has play about its axis against the bellows: it follows the tip's lateral \
               motion through a dead band.",
-        class: Class::Alien,
+        class: Class::Unmodelled,
         side: Side::Mechanics,
         target: Target::None,
         scope: Scope::Common,
@@ -570,7 +570,7 @@ pub const HIDDEN: &[Kind] = &[
         id: "pump-interference",
         doc: "The valves' current disturbs all oscillators: every spring reads longer in proportion \
               to Σ |dp/dt|.",
-        class: Class::Alien,
+        class: Class::Unmodelled,
         side: Side::Sensing,
         target: Target::None,
         scope: Scope::Common,

@@ -31,9 +31,9 @@ const LINE_PA_S_M3: f64 = 7.5e6;
 /// Flows through one chamber's pump and leak.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Flow {
-    /// What the pump delivers, m³/s at atmospheric pressure; negative when it evacuates.
+    /// Pump flow, m³/s at atmospheric pressure; negative when it evacuates.
     pub pumped_m3_s: f64,
-    /// What the chamber loses per Pa of gauge pressure, m³/(s Pa) at atmospheric pressure.
+    /// Leak per Pa of gauge pressure, m³/(s Pa) at atmospheric pressure.
     pub leak_m3_s_pa: f64,
 }
 

@@ -20,12 +20,12 @@ const GRAVITY_M_S2: f64 = 9.806_65;
 /// Rings per segment unless a test asks for others.
 pub const RINGS: usize = 8;
 
-/// What no robot file says: how bellows, tube and lines behave beyond their nominal numbers.
+/// Properties beyond the robot file: how bellows, central tube and lines behave beyond their nominal numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Character {
     /// Rings per segment.
     pub rings: usize,
-    /// Relative standard deviation of a bellows' stiffness; areas have half, tubes twice, lengths a fifth of it.
+    /// Relative standard deviation of a bellows' stiffness; areas have half, central tubes twice, lengths a fifth of it.
     pub scatter: f64,
     /// Standard deviation of each coordinate of a spring's end, m.
     pub attachment_m: f64,

@@ -38,7 +38,7 @@ pub struct Gap {
     pub members: [Member; 3],
     /// Index of each bellows' chamber.
     pub chamber: [usize; 3],
-    /// Damping of tube and folds as a time, s: force is this times the rate of the elastic force.
+    /// Damping of central tube and folds as a time, s: force is this times the rate of the elastic force.
     pub damping_s: f64,
 }
 
@@ -59,7 +59,7 @@ pub struct Spring {
     pub free_m: f64,
 }
 
-/// What does not change: the arm as it was manufactured.
+/// Constant part: the arm as it was manufactured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
     /// From the base downwards.
@@ -87,12 +87,12 @@ pub struct Motion {
     pub velocity: Vector6<f64>,
 }
 
-/// What changes.
+/// State of the arm.
 #[derive(Clone, Debug)]
 pub struct Chain {
     /// Motion of each body.
     pub motions: Vec<Motion>,
-    /// What the bellows members remember.
+    /// State of the bellows members.
     pub memories: Vec<[Memory; 3]>,
     /// Length of each member, m.
     pub lengths_m: Vec<[f64; 3]>,
@@ -141,7 +141,7 @@ pub struct Outside {
 
 const TOLERANCE: f64 = 1e-10;
 const MOST_ITERATIONS: usize = 25;
-/// The matrix is made anew when an iteration leaves more than this share of the correction.
+/// The matrix is recomputed when an iteration leaves more than this share of the correction.
 const SLOW: f64 = 0.1;
 
 /// A pose moved by a small displacement and a rotation vector, both in base axes.
@@ -408,7 +408,7 @@ impl Chain {
             let gap = &arm.gaps[i];
             let e = &gap.elastic;
             let (mut f, mut m) = strain.gradient(e, &axial[i]);
-            // Kelvin-Voigt damping of tube and folds.
+            // Kelvin-Voigt damping of central tube and folds.
             let c = gap.damping_s / dt_s;
             let (u0, p0) = self.strains[i];
             let (du, dp) = (strain.u_m - u0, strain.psi - p0);

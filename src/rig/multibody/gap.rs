@@ -29,13 +29,13 @@ pub type Wrench = Vector6<f64>;
 /// Elastic constants of one gap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Elastic {
-    /// Where each bellows crosses the rings (x, y, 0), m.
+    /// Position of each bellows in the rings (x, y, 0), m.
     pub at_m: [Vector3<f64>; 3],
     /// Lateral stiffness of each bellows' folds, N/m.
     pub lateral_n_m: [f64; 3],
     /// Lateral stiffness of the central tube, N/m.
     pub tube_shear_n_m: f64,
-    /// Bending (x, y) and torsional (z) stiffness of tube and folds, N m/rad.
+    /// Bending (x, y) and torsional (z) stiffness of central tube and folds, N m/rad.
     pub tube_nm_rad: Vector3<f64>,
 }
 

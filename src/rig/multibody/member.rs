@@ -57,7 +57,7 @@ pub struct Member {
     pub area_slope: f64,
 }
 
-/// What a member remembers.
+/// State of a member.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
     /// Extension that each branch has relaxed to, m.
@@ -132,7 +132,7 @@ impl Member {
         axial
     }
 
-    /// What the member remembers after a step of `dt_s` from `before_m` by `mid_m` to `after_m`.
+    /// State of the member after a step of `dt_s` from `before_m` by `mid_m` to `after_m`.
     pub fn remember(
         &self,
         memory: &mut Memory,

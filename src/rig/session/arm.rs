@@ -48,9 +48,9 @@ struct Bellows {
     snap: f64,
 }
 
-/// What a specimen has that no two arms share.
+/// Ground truth of a specimen: what no two arms share.
 #[derive(Clone, Debug)]
-struct Nature {
+struct GroundTruth {
     viscous_s: f64,
     friction: [[f64; 2]; CHAMBERS],
     /// Scatter of whatever is hidden in each bellows.
@@ -63,7 +63,7 @@ pub struct Arm<'a> {
     state: State,
     robot: &'a RobotSpec,
     defects: &'a Defects,
-    nature: Nature,
+    truth: GroundTruth,
     bellows: [Bellows; CHAMBERS],
     gravity_m_s2: Vector3<f64>,
     gripper_m: Vector3<f64>,
@@ -101,7 +101,7 @@ impl<'a> Arm<'a> {
                 strains: Strains::NoShear,
             },
         };
-        let nature = Nature {
+        let truth = GroundTruth {
             viscous_s: rng.random_range(0.02..0.03),
             friction: std::array::from_fn(|_| [rng.random_range(0.8..1.6), 6e-3]),
             scatter: std::array::from_fn(|_| 1.0 + 0.08 * normal(&mut rng)),
@@ -130,7 +130,7 @@ impl<'a> Arm<'a> {
             state,
             robot,
             defects,
-            nature,
+            truth,
             bellows: [Bellows::default(); CHAMBERS],
             gripper_m,
             torsion,
@@ -149,7 +149,7 @@ impl<'a> Arm<'a> {
         Ok(arm)
     }
 
-    /// Lets hidden loads and stiffness act until nothing moves; what remembers begins afterwards.
+    /// Lets hidden loads and stiffness act until nothing moves; history begins afterwards.
     fn come_to_rest(&mut self) -> Result<(), SimError> {
         const STEP_S: f64 = 0.03;
         for _ in 0..80 {
@@ -201,7 +201,7 @@ impl<'a> Arm<'a> {
             &self.model,
             &mut self.state,
             &inputs,
-            self.nature.viscous_s,
+            self.truth.viscous_s,
             dt_s,
         )?;
         let before_m = self.here.base_from_tip.translation.vector;
@@ -220,10 +220,10 @@ impl<'a> Arm<'a> {
     fn tension_n(&self, i: usize, t_s: f64, chamber_pa: f64) -> f64 {
         let (d, b) = (self.defects, &self.bellows[i]);
         let (k, l0) = (self.robot.axial_stiffness_n_m, self.robot.rest_length_m);
-        let scatter = self.nature.scatter[i];
+        let scatter = self.truth.scatter[i];
         let x_m = b.length_m - l0;
         let strain = x_m / l0;
-        let friction = self.nature.friction[i][0] * b.z[0] + d.friction[i][0] * scatter * b.z[1];
+        let friction = self.truth.friction[i][0] * b.z[0] + d.friction[i][0] * scatter * b.z[1];
         let memory = b.creep_n.iter().sum::<f64>() + b.dashpot_n;
         // β k l₀ |ε|^2.6 sign(ε) · 0.25^0.4
         let side = if strain > 0.0 { 1.05 } else { 0.95 };
@@ -245,11 +245,11 @@ impl<'a> Arm<'a> {
 
     fn remember(&mut self, i: usize, dt_s: f64) {
         let d = self.defects;
-        let k = self.robot.axial_stiffness_n_m * self.nature.scatter[i];
+        let k = self.robot.axial_stiffness_n_m * self.truth.scatter[i];
         let length_m = self.here.bellows_m[i];
         let b = &mut self.bellows[i];
         let dx = length_m - b.length_m;
-        b.z[0] = bouc_wen(b.z[0], dx / self.nature.friction[i][1]);
+        b.z[0] = bouc_wen(b.z[0], dx / self.truth.friction[i][1]);
         b.z[1] = bouc_wen(b.z[1], dx / d.friction[i][1]);
         let [share, middle_s] = d.creep[i];
         for (f, [part, pace]) in b.creep_n.iter_mut().zip(PRONY) {
@@ -259,7 +259,7 @@ impl<'a> Arm<'a> {
         }
         if d.dashpot_s > 0.0 {
             // A fifth of scatter where `scatter` has 8 %.
-            let tau_s = d.dashpot_s / SEAT_RATIO * (1.0 + 2.5 * (self.nature.scatter[i] - 1.0));
+            let tau_s = d.dashpot_s / SEAT_RATIO * (1.0 + 2.5 * (self.truth.scatter[i] - 1.0));
             let decay = (-dt_s / tau_s.max(1e-3)).exp();
             let mean = if dt_s > 0.0 {
                 tau_s * (1.0 - decay) / dt_s
@@ -299,7 +299,7 @@ impl<'a> Arm<'a> {
                 gripper.at_m = self.gripper_m + Vector3::from(d.com_m) * (1.0 + 0.1 * lean);
             }
             if let Some(hanging) = end.masses.last_mut() {
-                let (s, c) = self.nature.side_rad.sin_cos();
+                let (s, c) = self.truth.side_rad.sin_cos();
                 let pivot = Vector3::new(
                     d.payload_off_m * c,
                     d.payload_off_m * s,

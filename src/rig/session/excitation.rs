@@ -1,4 +1,4 @@
-//! What a session commands: seeded, piecewise linear set pressures per chamber.
+//! Excitation of a session: seeded, piecewise linear set pressures per chamber.
 
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;

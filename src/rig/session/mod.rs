@@ -1,4 +1,4 @@
-//! Sessions of the virtual rig, made offline: what a log of an hour at the bench would hold, in a
+//! Sessions of the virtual rig, made offline: a log of an hour at the bench, in a
 //! second or two of computing, with anything of [`super::hidden`] hidden in it.
 //!
 //! The rig of a session hangs on a regulated supply (40 kPa/s), not on the pumps of the live rig:

@@ -1,4 +1,4 @@
-//! What a session is made from, and its log.
+//! Plan and log of a session.
 
 use super::excitation::Excitation;
 use crate::rig::hidden::Hidden;
@@ -20,7 +20,7 @@ pub struct SessionPlan {
     pub rate_hz: f64,
     /// How it is moved.
     pub excitation: Excitation,
-    /// Mass that is in the gripper and that the operator knows of, kg.
+    /// Declared mass in the gripper, kg.
     pub payload_kg: f64,
     /// What is wrong with it.
     pub hidden: Vec<Hidden>,
@@ -49,7 +49,7 @@ pub struct Session {
     pub name: String,
     /// Samples per second.
     pub rate_hz: f64,
-    /// What the operator believes is in the gripper, kg.
+    /// Declared mass in the gripper, kg.
     pub payload_kg: f64,
     /// Times, s.
     pub t_s: Vec<f64>,
@@ -81,7 +81,7 @@ impl Noise {
     }
 }
 
-/// How finely the arm is cut.
+/// Discretisation of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fineness {
     /// Eight elements per segment, shear free.
@@ -111,7 +111,7 @@ pub enum SessionError {
     Arm {
         /// When, s.
         t_s: f64,
-        /// What the simulator said.
+        /// Message of the simulator.
         reason: SimError,
     },
 }

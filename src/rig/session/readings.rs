@@ -1,4 +1,4 @@
-//! From the arm's motion to what springs, IMUs and motion capture say, noise and all.
+//! From the arm's motion to the readings of springs, IMUs and motion capture, noise included.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rand::Rng;
@@ -22,11 +22,11 @@ const DEG: f64 = std::f64::consts::PI / 180.0;
 const FRAME_S: f64 = 0.01;
 const WARM_UP_S: f64 = 150.0;
 
-/// What differs between healthy sensors.
+/// Scatter of healthy sensors.
 pub struct Fittings {
     /// Gain and offset (m) of each spring.
     spring: [[f64; 2]; SPRINGS],
-    /// How much each oscillator warms up against the mean.
+    /// Warm-up of each oscillator relative to the mean.
     warmth: [f64; SPRINGS],
     imu_off: [UnitQuaternion<f64>; IMUS],
     imu_drift_rad_s: [f64; IMUS],
@@ -71,7 +71,7 @@ fn wander(n: usize, dt_s: f64, tau_s: f64, rng: &mut Pcg64Mcg) -> Vec<f64> {
         .collect()
 }
 
-/// What the sensors look at.
+/// Inputs of the sensor models.
 pub struct Seen<'a> {
     pub robot: &'a RobotSpec,
     pub fittings: &'a Fittings,
@@ -207,13 +207,13 @@ fn read_spring(seen: &Seen, column: &mut [f64], i: usize) {
     }
 }
 
-/// How much later than the log's end the arm must have been watched for the capture, s.
+/// Time beyond the log's end for which the capture needs the arm's motion, s.
 pub fn capture_margin_s(d: &Defects, seconds: f64) -> f64 {
     let early = (-d.clock_offset_s).max(0.0) + 1.6 * (-d.clock_skew).max(0.0) * seconds;
     if early > 0.0 { early + 0.1 } else { 0.0 }
 }
 
-/// What the motion capture says of the end pad at every sample.
+/// The end pad's pose by motion capture at every sample.
 pub fn capture(seen: &Seen) -> Vec<Pose> {
     let &Seen {
         fittings,

@@ -26,7 +26,7 @@ const PACKET_S: f64 = 0.02;
 pub const GAUGE_STEP_PA: f64 = 10.0;
 pub const GAUGE_NOISE_PA: f64 = 40.0;
 
-/// What differs between healthy supplies.
+/// Scatter of healthy supplies.
 #[derive(Clone, Debug)]
 pub struct Fittings {
     /// Lag 2/ω of each regulator, s.
@@ -92,7 +92,7 @@ impl<'a> Supply<'a> {
         self.rate_pa_s.iter().map(|r| r.abs()).sum()
     }
 
-    /// Pressures as the gauges tell them, without noise, Pa.
+    /// Gauge readings without noise, Pa.
     pub fn gauge_pa(&self) -> [f64; CHAMBERS] {
         std::array::from_fn(|i| {
             let [gain, offset] = self.defects.gauge[i];

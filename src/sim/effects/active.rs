@@ -27,7 +27,7 @@ pub enum EffectError {
     Target {
         /// The effect.
         id: &'static str,
-        /// The channel asked for (1-based).
+        /// The requested channel (1-based).
         channel: usize,
         /// How many there are.
         count: usize,
@@ -130,16 +130,16 @@ pub struct Trajectory {
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
 }
 
-/// What a run gives, one entry per instant of the trajectory.
+/// Result of a run, one entry per instant of the trajectory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Simulated {
     /// Pressure in the chambers, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// Pressure as the gauges tell it, Pa.
+    /// Gauge readings, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
     /// The 24 signals as read.
     pub sensors: Vec<SensorVec>,
-    /// Where the top, middle and end pad are.
+    /// Poses of the top, middle and end pad.
     pub base_from_pad: Vec<[Pose; 3]>,
     /// Middle and end pad as motion capture reports them.
     pub captured: Vec<[Pose; 2]>,

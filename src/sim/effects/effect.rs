@@ -6,7 +6,7 @@ use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
 use crate::sim::Model;
 
-/// Where an effect sits.
+/// Side on which an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// Between commanded and chamber pressure.
@@ -19,7 +19,7 @@ pub enum Side {
     FrameAndTime,
 }
 
-/// What an effect is bound to.
+/// Kind of channel that an effect acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// One chamber.
@@ -35,7 +35,7 @@ pub enum Target {
 }
 
 impl Target {
-    /// How many there are to choose from.
+    /// Number of such channels.
     pub fn count(self) -> usize {
         match self {
             Self::Chamber => CHAMBERS,
@@ -84,7 +84,7 @@ pub struct Effect {
     pub name: &'static str,
     /// Equation and meaning.
     pub doc: &'static str,
-    /// Where the equation is from.
+    /// Source of the equation.
     pub source: &'static str,
     /// Where it sits.
     pub side: Side,
@@ -94,11 +94,11 @@ pub struct Effect {
     pub parameters: &'static [Parameter],
     /// The comparisons it shows in; it shows in no other.
     pub residuals: &'static [Residual],
-    /// How it is brought about.
+    /// Operator that applies it.
     pub operator: Operator,
 }
 
-/// How an effect is brought about: what it changes.
+/// Operator of an effect, by what it changes.
 #[derive(Clone, Copy, Debug)]
 pub enum Operator {
     /// The pressures on their way from command to chamber.
@@ -107,11 +107,11 @@ pub enum Operator {
     Mechanics(fn(&Call, &mut Plant)),
     /// The readings.
     Sensors(fn(&Call, &mut [SensorVec])),
-    /// What motion capture reports of the middle and the end pad.
+    /// Poses of the middle and the end pad by motion capture.
     Capture(fn(&Call, &mut [[Pose; 2]])),
 }
 
-/// What an operator is told.
+/// Arguments of an operator.
 pub struct Call<'a> {
     /// The robot.
     pub robot: &'a RobotSpec,
@@ -135,7 +135,7 @@ impl Call<'_> {
 pub struct Line {
     /// In the chambers, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// As the gauges tell them, Pa.
+    /// Gauge readings, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
 }
 

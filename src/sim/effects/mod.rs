@@ -1,4 +1,4 @@
-//! What can be wrong with an arm, its pumps, its sensors and its motion capture: one table.
+//! Table of effects: errors of an arm, its pumps, its sensors and its motion capture.
 //!
 //! [`EFFECTS`] names every effect once, with equation, source, parameters and the operator that
 //! brings it about; [`simulate`] runs a trajectory with any of them acting together.

@@ -1,4 +1,4 @@
-//! What each effect does. The equations stand in the table.
+//! Operators of the effects. The equations stand in the table.
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -55,7 +55,7 @@ fn column(series: &[[f64; CHAMBERS]], i: usize) -> Vec<f64> {
     series.iter().map(|row| row[i]).collect()
 }
 
-/// What chambers hold that follow their gauges with the lag of `c`.
+/// Pressures of chambers that follow their gauges with the lag of `c`.
 pub(super) fn behind_lag(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
     for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
         change(chamber_pa, i, |x| lagged_ramps(c.t_s, x, c.values[0]));

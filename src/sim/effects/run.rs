@@ -48,7 +48,7 @@ pub fn simulate(
     Ok(out)
 }
 
-/// What the gauges would read when `commanded_pa` is asked for: the pressure effects alone, no arm.
+/// Gauge readings for the commands `commanded_pa`: the pressure effects alone, no arm.
 pub fn gauges(
     robot: &RobotSpec,
     t_s: &[f64],
@@ -166,7 +166,7 @@ fn call<'a>(robot: &'a RobotSpec, t_s: &'a [f64], a: &'a Active) -> Call<'a> {
 }
 
 impl Plant {
-    /// What the model has hidden in it becomes part of the plant, where effects can change it.
+    /// Hidden loads of the model become part of the plant, where effects can change them.
     fn new(model: &Model, payload_kg: f64) -> Self {
         Self {
             model: Model {

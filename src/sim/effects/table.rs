@@ -161,7 +161,7 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         id: "payload",
         name: "Undeclared payload",
-        doc: "m = m_declared + Δm: the gripper carries more or less than the operator believes.",
+        doc: "m = m_declared + Δm: the gripper carries more or less than was declared.",
         source: "definition",
         side: Side::Mechanics,
         target: Target::None,

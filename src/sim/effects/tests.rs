@@ -1,6 +1,8 @@
 use super::*;
-use crate::signal::pose_error;
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, pose_error};
 use crate::sim::sensors::spring_lengths;
+use crate::sim::{Model, SimError};
 
 /// The ids that files rely on.
 const IDS: [&str; 27] = [

@@ -1,6 +1,6 @@
 //! One hollow column of tetrahedra between two pads: a bellows, or the central tube.
 //!
-//! Energy of the column at node positions x, growth λ and aimed growth λ̂:
+//! Energy of the column at node positions x, growth λ and rest growth λ̂:
 //!
 //! E = Σₑ ½ w Vₑ |(Fₑ − Rₑ diag(1, 1, λ)) D|² + ½ K (λ − λ̂)² − Σᵢ fᵢ·xᵢ,   Fₑ = Σ xᵢ gᵢᵀ
 //!
@@ -25,7 +25,7 @@ struct Tet {
     volume_m3: f64,
 }
 
-/// What a column is made of.
+/// Construction of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Build {
     /// Centre of the upper end at rest in the base frame, m.
@@ -73,7 +73,7 @@ pub(super) struct Column {
     pub reduced: SMatrix<f64, 8, 8>,
 }
 
-/// What the local step finds.
+/// Result of the local step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Local {
     /// E, J.

@@ -1,11 +1,11 @@
-//! Geometric simulator: tetrahedra that want a shape, after the idea of the paper's simulator (S2).
+//! Geometric simulator: tetrahedra drawn to a shape, after the idea of the paper's simulator (S2).
 //!
 //! Per segment three bellows and a central tube, each a hollow column of tetrahedra between rigid
 //! pads; the top pad is clamped. Minimised is
 //!
 //! Π = Σₑ ½ w Vₑ |(Fₑ − Rₑ diag(1, 1, λ)) D|² + Σ_c ½ K (λ_c − λ̂_c)² + Σ U(d) − Σ f·x
 //!
-//! with D² = diag(α, α, 1). Every element wants to be the undeformed one, turned by a rotation of its own and grown by λ along
+//! with D² = diag(α, α, 1). Every element is drawn to the undeformed one, turned by a rotation of its own and grown by λ along
 //! its chamber's axis. The local step finds rotations and growths (see `column`), the global step nodes
 //! and pads from a factor made once (see `pads`); together they never raise Π. Anderson
 //! acceleration (m = 6) speeds the pair up; an accelerated state of higher Π is dropped.
@@ -14,8 +14,8 @@
 //! |---|---|---|
 //! | w, V | stiffness and volume of an element; the volume makes Π independent of the mesh | J/m³, m³ |
 //! | λ_c | growth of column c: its pressurised length over its rest length | – |
-//! | λ̂ = 1 + (p A − f)/(k l₀) | growth aimed at by pressure p and extra tension f | – |
-//! | K | stiffness between aimed and actual growth, in series with the walls | J |
+//! | λ̂ = 1 + (p A − f)/(k l₀) | rest growth under pressure p and extra tension f | – |
+//! | K | stiffness between rest and actual growth, in series with the walls | J |
 //! | α | weight of the cross-section's axes over that of the growing axis | – |
 //! | β | stiffness of the walls over the bellows' axial one | – |
 //!
@@ -26,7 +26,7 @@
 //! reference robot the tips are then 1.2 mm apart in the median over the pressure box, 4 mm in its
 //! corners: every bellows may leave the common cross-section, which the rod's cannot.
 //!
-//! Of a robot's patches the mesh knows the loads (payload and its place, tip force), not what they
+//! Of a robot's patches the mesh has the loads (payload and its place, tip force), not what they
 //! change in stiffness or lengths.
 //!
 //! Source: G. Fang et al., "Kinematics of soft robots by geometric computing", IEEE T-RO 36,
@@ -56,7 +56,7 @@ use procrustes::nearest_rotation;
 const BELLOWS: [usize; 2] = [16, 10];
 /// Sectors and layers of the central tube.
 const TUBE: [usize; 2] = [8, 10];
-/// Columns: six bellows, two tubes.
+/// Columns: six bellows, two central tubes.
 const COLUMNS: usize = CHAMBERS + 2;
 /// α: the bellows' rings hold their shape. At 1 a bellows bows sideways under its own compression and
 /// large bends leave the rod by 25 mm; the larger it is, the slower the iteration.
@@ -90,7 +90,7 @@ pub struct MeshModel {
 /// The changing part: nodes, pads, growths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshState {
-    /// Node positions of each column (six bellows, two tubes) in the base frame, m.
+    /// Node positions of each column (six bellows, two central tubes) in the base frame, m.
     pub nodes_m: Vec<Vec<Vector3<f64>>>,
     /// Middle and end pad, base from pad.
     pub pads: [Frame; 2],
@@ -98,7 +98,7 @@ pub struct MeshState {
     pub growth: Vec<f64>,
 }
 
-/// How a settling ended.
+/// Outcome of a settling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOutcome {
     /// Local-global pairs.

@@ -1,4 +1,4 @@
-//! What the sensors would read on the mesh, and its surface for drawing.
+//! Ideal sensor readings on the mesh, and its surface for drawing.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -10,7 +10,7 @@ use crate::signal::{ArmShape, CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, ypr_from
 use crate::sim::rod::se3::Frame;
 use crate::sim::sensors::Observation;
 
-/// The outer surface of bellows and tubes.
+/// The outer surface of bellows and central tubes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skin {
     /// Vertices in the base frame, m.

@@ -41,7 +41,7 @@ pub(super) struct Spring {
     pub free_m: f64,
 }
 
-/// What acts on the pads besides the columns.
+/// Loads on the pads besides the columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Acting {
     pub springs: Vec<Spring>,
@@ -85,7 +85,7 @@ fn stretch(s: &Spring, pads: &[Frame; 2]) -> (Vector3<f64>, f64) {
     (d, (d.norm() - s.free_m).max(0.0))
 }
 
-/// How point motion follows (δc, δθ) of a pad: [1, −(A x)×].
+/// Jacobian of a point's motion by (δc, δθ) of a pad: [1, −(A x)×].
 fn add_point(j: &mut SMatrix<f64, 3, 12>, sign: f64, pad: usize, arm: &Vector3<f64>) {
     let mut c = j.fixed_view_mut::<3, 3>(0, 6 * pad);
     c += Matrix3::identity() * sign;
@@ -168,7 +168,7 @@ fn derivatives(
     (gradient, h)
 }
 
-/// What the pads found.
+/// Result of the pads' step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Moved {
     /// Their new frames.

@@ -1,20 +1,20 @@
-//! Where the parts of a patch act.
+//! Scopes of the parts of a patch.
 
 use crate::sim::effects::{Effect, Operator};
 
-/// Where a part of a patch acts.
+/// Scope of a part of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Acts {
     /// In every model of the arm.
     Arm,
     /// In what is read from the sensors.
     Sensors,
-    /// Where a session is replayed.
+    /// In the replay of a session.
     Replay,
 }
 
 impl Acts {
-    /// Where an effect acts that is part of a patch.
+    /// Scope of an effect that is part of a patch.
     pub fn of(effect: &Effect) -> Self {
         match (effect.operator, effect.id) {
             // The reaction depends on the motion before, or on how fast it is.

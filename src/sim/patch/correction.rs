@@ -1,4 +1,4 @@
-//! What a patched robot's sensors say, and the correction of its arm.
+//! Corrections of a patched robot: its arm and the errors of its sensors.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -60,7 +60,7 @@ impl Correction {
     }
 
     /// As [`Self::of`]; a robot whose patches have no meaning is taken without them. Whoever reads a
-    /// robot file asks [`Self::of`] first.
+    /// robot file calls [`Self::of`] first.
     pub fn known(robot: &RobotSpec) -> Self {
         Self::of(robot).unwrap_or_default()
     }
@@ -125,7 +125,7 @@ impl Model {
     }
 }
 
-/// How sensors read that a patch describes.
+/// Sensor errors that a patch describes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorErrors {
     /// Gain g and offset o (m) of each spring: it reads g l + o.
@@ -170,7 +170,7 @@ impl SensorErrors {
         out
     }
 
-    /// What the springs read at these lengths, m.
+    /// Spring readings at these lengths, m.
     pub fn read_springs(&self, spring_m: &[f64; SPRINGS]) -> [f64; SPRINGS] {
         std::array::from_fn(|i| self.spring[i][0] * spring_m[i] + self.spring[i][1])
     }

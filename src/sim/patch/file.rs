@@ -34,7 +34,7 @@ pub enum PatchError {
     /// No arm is like this.
     #[error("with this patch '{knob}' is {value}: an arm has at least {least}")]
     Value {
-        /// The knob.
+        /// The calibration parameter.
         knob: String,
         /// Its value.
         value: f64,

@@ -5,7 +5,7 @@ use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects::{self, Active};
 
-/// What calibration parameters change in the readings, as effects.
+/// Calibration parameters of the readings, as effects.
 pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
     let mut offset_m = [0.0; SPRINGS];
     let mut gain = [0.0; SPRINGS];
@@ -42,7 +42,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
         .collect()
 }
 
-/// What calibration parameters do to the motion that needs a history, as effects.
+/// Calibration parameters of motion that need a history, as effects.
 pub fn motions(values: &[f64]) -> Vec<Active> {
     let value = |wanted: CalibrationParameter| {
         let found = calibration_parameters()

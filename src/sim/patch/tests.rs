@@ -1,10 +1,14 @@
 use std::collections::BTreeMap;
 
-use super::*;
-use crate::robot::{PatchValue, REFERENCE, with_patch};
-use crate::sim::effects::{EFFECTS, Trajectory, simulate};
-use crate::sim::{Inputs, State, observe, settle};
 use nalgebra::UnitQuaternion;
+
+use super::*;
+use crate::robot::{
+    PATCH_VERSION, Patch, PatchEffect, PatchValue, REFERENCE, RobotSpec, with_patch,
+};
+use crate::signal::{CHAMBERS, IMUS, SPRINGS};
+use crate::sim::effects::{self, Active, EFFECTS, Trajectory, simulate};
+use crate::sim::{Inputs, Model, State, observe, settle};
 
 const CHAMBER_PA: [f64; CHAMBERS] = [25e3, -10e3, 4e3, -20e3, 15e3, 8e3];
 

@@ -15,7 +15,7 @@
 //!
 //! A = M/h + h/4 Π'' + τ/2 D
 //!
-//! which is kept over the iterations, and over the steps, until it no longer serves; what the steps tell of the
+//! which is kept over the iterations, and over the steps, until it no longer serves; what the steps show of the
 //! slopes that it misses is made up for by Anderson acceleration (see [`crate::sim::anderson`]).
 //! Source: J. E. Marsden, M. West, "Discrete mechanics and variational integrators",
 //! Acta Numerica 2001, doi:10.1017/S096249290100006X.
@@ -33,7 +33,7 @@ use super::section::Rod;
 use super::{Factor, Outcome};
 use crate::sim::anderson::Anderson;
 
-/// Where the rod is and how it moves.
+/// Strains and momenta of a rod.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// Strains.
@@ -156,7 +156,7 @@ pub fn step(
         work.balance(rod, acting, motion, dt_s);
         let solved = if exact {
             work.anderson.clear();
-            work.solve_exactly(rod, acting, motion, dt_s)
+            work.solve_exactly(rod, acting, dt_s)
         } else {
             if renew {
                 work.anderson.clear();
@@ -317,7 +317,7 @@ impl Integrator {
 
     /// `change` by Newton's method proper, with J₀ᵀ m J₁/h + h/4 Π'' + τ/2 D at the present guess.
     /// Returns false when that is singular.
-    fn solve_exactly(&mut self, rod: &Rod, acting: &Acting, motion: &Motion, dt_s: f64) -> bool {
+    fn solve_exactly(&mut self, rod: &Rod, acting: &Acting, dt_s: f64) -> bool {
         let n = self.q1.len();
         self.assembly.evaluate(rod, acting, &self.q_middle);
         let ends = [self.start.screws(rod), self.end.screws(rod)];
@@ -348,7 +348,7 @@ impl Integrator {
         true
     }
 
-    /// Moves the guess of the end by `change`, and by what earlier changes tell of the rest.
+    /// Moves the guess of the end by `change`, and by what earlier changes show of the rest.
     fn advance(&mut self) {
         self.image.clear();
         let ends = self.q1.iter().zip(&self.change);

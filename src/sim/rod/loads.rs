@@ -1,8 +1,9 @@
-//! What acts on a rod: at an instant, and over a time step.
+//! Loads on a rod: at an instant, and over a time step.
 
 use nalgebra::Vector3;
 
-use super::history::{Contact, History};
+use super::history::History;
+use super::laws::Contact;
 use super::section::PointMass;
 
 /// Loads at an instant: all that statics balances besides weight and springs.

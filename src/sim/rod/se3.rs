@@ -257,7 +257,7 @@ impl ExpMap {
         out
     }
 
-    /// What a wrench z needs to be contracted with the derivative of the left Jacobian.
+    /// Prepares the contraction of a wrench z with the derivative of the left Jacobian.
     pub fn contraction(&self, z: &Twist) -> Contraction {
         let c = &self.series.c;
         let mut zs = [*z; 5];

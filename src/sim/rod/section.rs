@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::history::{Branch, Floor, Friction};
+use super::laws::{Branch, Floor, Friction};
 use super::se3::Frame;
 
 /// Which strains are free.
@@ -42,7 +42,7 @@ pub struct Bellows {
 }
 
 impl Bellows {
-    /// Where its path runs, per reference length: v + κ × r; its norm is the stretch.
+    /// Tangent of its path per reference length: v + κ × r; its norm is the stretch.
     pub(super) fn along(&self, xi: &[f64; 6]) -> Vector3<f64> {
         let (kappa, v) = (
             Vector3::new(xi[0], xi[1], xi[2]),

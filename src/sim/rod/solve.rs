@@ -7,11 +7,11 @@ use super::assemble::Assembly;
 use super::loads::{Acting, Loads, StepLoads};
 use super::section::Rod;
 
-/// How a solve ended.
+/// Outcome of a solve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Whether the last Newton step was below the tolerance and the Hessian positive definite
-    /// (the latter not asked for under a tip moment).
+    /// (the latter not required under a tip moment).
     pub converged: bool,
     /// Newton iterations, load steps included.
     pub iterations: usize,

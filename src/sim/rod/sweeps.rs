@@ -131,7 +131,7 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
         let loads = models[index / 2 % 2].loads(&inputs);
         let rest = rod.rest_state();
         let acting = Acting {
-            drag: Some((0.1, &rest)),
+            drag: Some((0.1, rest.as_slice())),
             ..Acting::at_rest(&loads)
         };
         let mut q = scattered_strains(&models[index / 2 % 2], &mut rng);
@@ -292,7 +292,7 @@ fn an_unstable_state_has_no_sensitivity() {
     assert_eq!(sensitivity(&MODEL, &state, &inputs), None);
 }
 
-/// What is left over, as a share of the forces and moments at play: every component of the gradient
+/// Residual, as a share of the forces and moments at play: every component of the gradient
 /// per element length, forces over the largest bellows force, moments over that at its radius.
 fn imbalance(gradient: &[f64]) -> f64 {
     let robot = &MODEL.robot;
@@ -338,7 +338,7 @@ struct Verified {
     softest: f64,
 }
 
-/// Settles from rest. A refusal must be of the kind that tells why and leave the arm where it was.
+/// Settles from rest. A refusal must give its reason and leave the arm where it was.
 fn solved(inputs: &Inputs) -> Option<Verified> {
     let mut state = State::rest(&MODEL);
     let before = state.strains.clone();

@@ -47,7 +47,7 @@ impl Twin {
             return;
         }
         let mut eval = self.maps.pose.pose(&vector);
-        eval.doubt(&frame.doubt);
+        eval.add_sigma(&frame.extra_sigma);
         if eval.pose.iter().any(|x| !x.is_finite()) {
             self.bad_frames += 1;
             return;

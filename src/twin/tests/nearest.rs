@@ -82,7 +82,7 @@ fn driven(
         robot,
         maps.clone(),
         sensing,
-        Gains::of(ControllerKind::Ours),
+        Gains::of(ControllerKind::NullSpaceQp),
     );
     let mut runner = Runner::new(twin, Box::new(port), robot);
     let mut k = 0;

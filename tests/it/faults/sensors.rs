@@ -85,7 +85,10 @@ fn a_spring_that_is_stuck() {
             let c = e.covariance.fixed_view::<3, 3>(0, 0).trace();
             c.sqrt() * 1e3
         };
-        assert!(frame.doubt[2] > 0.0 && b.alarmed("Spring 3"), "not masked");
+        assert!(
+            frame.extra_sigma[2] > 0.0 && b.alarmed("Spring 3"),
+            "not masked"
+        );
         assert!(
             sd_mm(now) > sd_mm(&before),
             "{} {}",

@@ -293,8 +293,11 @@ fn twin(all: &mut List, known: &Known<'_>) {
         all.add(name, "hand grip", gate, Deed::Twin(Command::Grip(gripper)));
     }
     for (name, kind) in [
-        ("Steer by the bounded controller", ControllerKind::Ours),
-        ("Steer by the paper's controller", ControllerKind::Paper),
+        (
+            "Steer by the bounded controller",
+            ControllerKind::NullSpaceQp,
+        ),
+        ("Steer by the paper's controller", ControllerKind::PaperAdrc),
     ] {
         let gate = check(s.controller != kind, "It steers already.");
         let deed = Deed::Twin(Command::Steer(kind));

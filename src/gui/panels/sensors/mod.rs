@@ -311,7 +311,7 @@ fn spring_row(
         let old = old.map_or("—".into(), age);
         cell(ui, age_width, RichText::new(old).small().color(p.weak))
             .on_hover_text("Age of the newest reading");
-        let doubt_mm = frame.doubt[i] * 1e3;
+        let doubt_mm = frame.extra_sigma[i] * 1e3;
         let mut hover = format!("{word}: {}", health_sentence(condition));
         if doubt_mm > 0.0 {
             hover = format!(

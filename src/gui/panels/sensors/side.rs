@@ -115,7 +115,7 @@ fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
             let old = old.map_or("—".into(), age);
             cell(ui, age_width, RichText::new(old).small().color(p.weak))
                 .on_hover_text("Age of the newest reading");
-            let doubts = &frame.doubt[SPRINGS + 3 * i..SPRINGS + 3 * i + 3];
+            let doubts = &frame.extra_sigma[SPRINGS + 3 * i..SPRINGS + 3 * i + 3];
             let doubt_deg = doubts.iter().fold(0.0_f64, |m, d| m.max(*d)).to_degrees();
             let mut hover = health_sentence(condition).to_owned();
             if doubt_deg > 0.0 {

@@ -260,7 +260,7 @@ pub fn sensors() -> Vec<State> {
             at,
             &ended(fixture::session(12), |s| {
                 silent(s);
-                s.sensors.as_mut().expect("has sensors").doubt[2] = UNKNOWN_M;
+                s.sensors.as_mut().expect("has sensors").extra_sigma[2] = UNKNOWN_M;
                 s.estimate
                     .as_mut()
                     .expect("has an estimate")

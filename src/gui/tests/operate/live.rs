@@ -68,7 +68,7 @@ impl Bench {
             Calibration::from_toml(CALIBRATION).expect("calibration"),
         );
         let maps = maps();
-        let gains = Gains::of(ControllerKind::Ours);
+        let gains = Gains::of(ControllerKind::NullSpaceQp);
         let twin = crate::twin::Twin::new(&robot, maps.clone(), sensing, gains);
         let mut runner = Runner::new(twin, Box::new(port), &robot);
         runner.draw_shapes();

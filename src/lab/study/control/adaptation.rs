@@ -181,7 +181,7 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
         };
         let gains = Gains {
             adaptation,
-            ..Gains::of(ControllerKind::Ours)
+            ..Gains::of(ControllerKind::NullSpaceQp)
         };
         let trials = |task: Task, after_s: f64| {
             SEEDS.map(|seed| Trial {

@@ -244,7 +244,7 @@ mod tests {
     /// Limits are checked within the drive, at every tick.
     fn check(d: Disturbance, largest_mm: f64) {
         let robot = RobotSpec::reference();
-        let out = run(&robot, trial(ControllerKind::Ours, d, 7)).expect("runs");
+        let out = run(&robot, trial(ControllerKind::NullSpaceQp, d, 7)).expect("runs");
         let b = borne(&out, d);
         assert!(b.before_mm < 1.0, "{b:?}");
         if d == Disturbance::LostFrames(0.15) {

@@ -28,13 +28,13 @@ pub const NULL_SPACE: Study = Study {
 type Condition = (&'static str, Task, f64, &'static str, Gains);
 
 fn conditions() -> Vec<Condition> {
-    let ours = Gains::of(ControllerKind::Ours);
+    let ours = Gains::of(ControllerKind::NullSpaceQp);
     let left = Gains {
         centring: 0.0,
         ..ours.clone()
     };
     let ways = [
-        ("paper's controller", Gains::of(ControllerKind::Paper)),
+        ("paper's controller", Gains::of(ControllerKind::PaperAdrc)),
         ("ours, spare pressures left alone", left),
         ("ours", ours),
     ];

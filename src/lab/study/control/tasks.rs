@@ -157,11 +157,11 @@ fn path(shape: Shape, found: Vec<Found>) -> Table {
         let points = points.filter_map(|((.., kg), f)| Some((kg * 1e3, f.first()?)));
         lines.push(Line {
             name: match kind {
-                ControllerKind::Paper => format!("{who} (dashed), stiffness {stiffness}"),
-                ControllerKind::Ours => format!("{who}, stiffness {stiffness}"),
+                ControllerKind::PaperAdrc => format!("{who} (dashed), stiffness {stiffness}"),
+                ControllerKind::NullSpaceQp => format!("{who}, stiffness {stiffness}"),
             },
             points: points.collect(),
-            dashed: kind == ControllerKind::Paper,
+            dashed: kind == ControllerKind::PaperAdrc,
             dots: false,
             colour: 1 + lines.len() / KINDS.len(),
         });
@@ -239,15 +239,15 @@ fn path_cells(group: &[Kept]) -> Vec<Option<f64>> {
 const MOVERS: [(&str, ControllerKind, InitialGuess); 3] = [
     (
         "paper's controller, without initial guess",
-        ControllerKind::Paper,
+        ControllerKind::PaperAdrc,
         InitialGuess::Present,
     ),
     (
         "paper's controller, with initial guess",
-        ControllerKind::Paper,
+        ControllerKind::PaperAdrc,
         InitialGuess::Nearest,
     ),
-    ("ours", ControllerKind::Ours, InitialGuess::Nearest),
+    ("ours", ControllerKind::NullSpaceQp, InitialGuess::Nearest),
 ];
 
 /// Name and place of the target, m, stiffness, load, kg, and controller.

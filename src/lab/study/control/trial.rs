@@ -202,8 +202,8 @@ pub fn run_all<T: Send>(
 
 /// Both, with their names.
 pub const KINDS: [(ControllerKind, &str); 2] = [
-    (ControllerKind::Paper, "paper's controller"),
-    (ControllerKind::Ours, "ours"),
+    (ControllerKind::PaperAdrc, "paper's controller"),
+    (ControllerKind::NullSpaceQp, "ours"),
 ];
 
 /// Mean; `None` of no values.

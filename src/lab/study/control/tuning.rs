@@ -60,8 +60,8 @@ fn candidate(kind: ControllerKind, at: &[f64; DIMENSIONS]) -> Gains {
         ..Gains::of(kind)
     };
     match kind {
-        ControllerKind::Paper => gains.outer_period_s = between(3, 0.02, 1.0),
-        ControllerKind::Ours => gains.centring = between(3, 0.1, 3.0),
+        ControllerKind::PaperAdrc => gains.outer_period_s = between(3, 0.02, 1.0),
+        ControllerKind::NullSpaceQp => gains.centring = between(3, 0.1, 3.0),
     }
     gains
 }
@@ -123,7 +123,7 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     });
     let costs = run_all(setup, trials.collect(), |o| cost(&o))?;
     let row = |((kind, label, g), costs): (&(ControllerKind, String, Gains), &[f64])| {
-        let paper = *kind == ControllerKind::Paper;
+        let paper = *kind == ControllerKind::PaperAdrc;
         Found::row(
             label.as_str(),
             vec![

@@ -7,9 +7,9 @@ use crate::recording::RecordingMeta;
 use crate::recording::rrd::rows::SAFE_PREFIX;
 use crate::recording::rrd::schema::{self, table};
 use crate::signal::{
-    Aim, BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
-    Matrix6, Mode, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS, SPRINGS, SensorFrame,
-    SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+    BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
+    Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS,
+    SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
 };
 
 impl Content {
@@ -129,7 +129,7 @@ impl Content {
         let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMUS].row(t))?;
         Some(SensorFrame {
             stamp: Stamp(codes[0]),
-            doubt: [0.0; SIGNALS],
+            extra_sigma: [0.0; SIGNALS],
             sensors: SensorVec {
                 spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
                 imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
@@ -171,12 +171,12 @@ impl Content {
         let values = self.exact[table::GOAL].latest(t)?;
         (present != 0).then(|| Goal {
             position_m: [values[0], values[1], values[2]],
-            aim: match aim {
-                0 => Aim::Free,
-                1 => Aim::Rotation(pose(values).rotation),
-                _ => Aim::Direction(nalgebra::Unit::new_normalize(nalgebra::Vector3::new(
-                    values[3], values[4], values[5],
-                ))),
+            orientation: match aim {
+                0 => OrientationGoal::Free,
+                1 => OrientationGoal::Rotation(pose(values).rotation),
+                _ => OrientationGoal::Direction(nalgebra::Unit::new_normalize(
+                    nalgebra::Vector3::new(values[3], values[4], values[5]),
+                )),
             },
             tolerance_m: values[7],
         })

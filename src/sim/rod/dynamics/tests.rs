@@ -224,7 +224,7 @@ fn the_exact_derivative_of_the_balance_agrees_with_differences() {
     let rest = balance(q1.clone());
     // A step of Newton's method along which the balance falls at the rate of its size.
     work.q1.clone_from(&q1);
-    assert!(work.solve_exactly(rod, acting, &motion, dt_s));
+    assert!(work.solve_exactly(rod, acting, dt_s));
     let change = work.change.clone();
     let mut along = |eps: f64| {
         work.q1 = q1.iter().zip(&change).map(|(q, c)| q + eps * c).collect();

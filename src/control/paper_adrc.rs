@@ -1,4 +1,4 @@
-//! The paper's controller: Algorithm 1 outside, six-channel ADRC inside (systems S9 to S11).
+//! ADRC (paper): Algorithm 1 as the outer loop, a six-channel ADRC as the inner loop (systems S9 to S11).
 //!
 //! Virtual output y = (B₀ᵀW²B₀)⁻¹ B₀ᵀW² (s − s_ref): the pressures, in Pa, by which the arm is off
 //! its reference. Most s_ref are infeasible (24 signals, 6 chambers, erratum 7); y sees only the
@@ -53,7 +53,7 @@ pub fn virtual_output(
     solve_free(&normal, &(b.transpose() * error), free)
 }
 
-/// What the virtual output was last measured against.
+/// Reference of the last virtual output.
 #[derive(Clone)]
 struct Frame {
     sensor_ref: SensorRef,
@@ -67,14 +67,14 @@ enum Stage {
     Refine { solved: Option<Stamp> },
 }
 
-/// The controller's memory while it steers to one goal.
-pub(super) struct Paper {
+/// State while it steers to one goal.
+pub(super) struct PaperAdrc {
     stage: Stage,
     sensor_ref: SensorRef,
     inner: Option<(Adrc, Frame)>,
 }
 
-impl Paper {
+impl PaperAdrc {
     pub(super) fn new(tick: &Tick, gains: &Gains) -> Self {
         let guess_pa = match gains.guess {
             // Waypoints are close: the last one's signals are the guess.
@@ -137,7 +137,7 @@ impl Paper {
                     adrc.shift(&(y - output(&old).unwrap_or(y)));
                     for i in 0..CHAMBERS {
                         if !frame.free[i] {
-                            // A chamber that cannot move has no channel; it starts anew when freed.
+                            // A chamber that cannot move has no channel; it restarts when freed.
                             (adrc.y[i], adrc.f[i]) = (0.0, 0.0);
                         }
                     }
@@ -171,7 +171,7 @@ impl Paper {
         }
     }
 
-    /// Advances the stage and, when it is time, solves for a new reference; whether it did.
+    /// Advances the stage and, when it is time, solves for a new reference. Returns whether it solved.
     fn outer(&mut self, tick: &Tick, gains: &Gains) -> bool {
         let distance_pa = self.inner.as_ref().map(|(adrc, _)| adrc.y.amax());
         if let (Stage::Approach { best_pa, since }, Some(y_pa)) = (&mut self.stage, distance_pa) {
@@ -209,7 +209,7 @@ fn nearest_unsaturated(tick: &Tick) -> Option<[f64; CHAMBERS]> {
         .map(|(q, _)| *q)
 }
 
-/// The virtual output with the chambers taken out that sit on a bound and want to go beyond it:
+/// The virtual output with the chambers taken out that sit on a bound and are driven beyond it:
 /// the others then take over what they can.
 fn free_output(
     tick: &Tick,

@@ -1,4 +1,4 @@
-//! Our controller: bounded steps in actuator space, where everything is feasible.
+//! Null-space QP: bounded steps in actuator space, where everything is feasible.
 //!
 //! Per tick, over the rates u of the six set pressures,
 //! min |A u − v|² + λ |u − u₀|² within pressure, rate and lead bounds, A = W ∂(pose)/∂s ∂s/∂q.
@@ -18,13 +18,13 @@ const DAMPING: f64 = 1e-3;
 /// The QP works in kPa/s.
 const PA_PER_KPA: f64 = 1e3;
 
-/// The controller's memory while it steers to one goal or along one path.
-pub(super) struct Ours {
-    /// With what the residual was last measured against.
+/// State while it steers to one goal or along one path.
+pub(super) struct NullSpaceQp {
+    /// The observer and the goal that the residual was last measured against.
     observer: Option<(Adrc, Goal)>,
 }
 
-impl Ours {
+impl NullSpaceQp {
     pub(super) fn new() -> Self {
         Self { observer: None }
     }
@@ -61,7 +61,7 @@ impl Ours {
             }
         }
         self.observer = Some((adrc, reference));
-        // The whole wish slows down together, so that the tip goes straight.
+        // The whole wanted rate is scaled down together, so that the tip goes straight.
         let excess = wanted.fixed_rows::<3>(0).norm() / (weights.per_m * tick.tip_speed_max_m_s);
         if excess > 1.0 {
             wanted /= excess;
@@ -85,7 +85,7 @@ impl Ours {
         };
         RateOut {
             rate_pa_s,
-            // Where the signals would be when the present wish has run its course.
+            // Where the signals would be once the wanted rate has decayed.
             sensor_ref: tick.sensors + tick.plant.jacobian * rate_pa_s / gains.adrc.k_p(),
             refining: true,
             solved: true,

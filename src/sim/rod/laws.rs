@@ -1,0 +1,128 @@
+//! Laws of friction, viscoelastic branches and the floor, as potentials over one step.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+/// Presliding friction of a bellows (Dahl).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Friction {
+    /// Coulomb force, which it tends to, N.
+    pub coulomb_force_n: f64,
+    /// Travel over which it builds up, m.
+    pub presliding_m: f64,
+}
+
+/// A spring and a damper in series beside a bellows (Maxwell).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Branch {
+    /// Rate of the spring, N/m.
+    pub rate_n_m: f64,
+    /// Time constant, s.
+    pub tau_s: f64,
+}
+
+/// An elastic floor under the last section's end, with dry friction along it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Floor {
+    /// Height of its surface in the base frame, m.
+    pub height_m: f64,
+    /// Its rate, N/m.
+    pub rate_n_m: f64,
+    /// Largest grip over push.
+    pub friction: f64,
+}
+
+/// Contact of the last section's end with the [`Floor`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// Where the end is, m.
+    pub at_m: Vector3<f64>,
+    /// Grip, N (x, y).
+    pub grip_n: Vector2<f64>,
+}
+
+/// Rate at which grip builds up as the end is moved along the floor, N/m.
+const GRIP_N_M: f64 = 1e3;
+
+/// Reaction of a floor: energy (J), force on the end (N) and stiffness −∂F/∂x (N/m).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Push {
+    pub energy: f64,
+    pub force_n: Vector3<f64>,
+    pub stiffness_n_m: Matrix3<f64>,
+}
+
+/// A potential with its first two derivatives: J, N, N/m.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Potential {
+    pub energy: f64,
+    pub force_n: f64,
+    pub slope_n_m: f64,
+}
+
+impl Friction {
+    pub(super) fn at(&self, force_n: f64, dx_m: f64) -> Potential {
+        let (most, way) = (self.coulomb_force_n.copysign(dx_m), dx_m.abs());
+        let left = (-way / self.presliding_m).exp();
+        let over = force_n - most;
+        Potential {
+            // ∫ F dx from x₀ on: along the way passed, against its sign.
+            energy: most * dx_m - over * self.presliding_m * (left - 1.0) * 1f64.copysign(dx_m),
+            force_n: most + over * left,
+            slope_n_m: over.abs() * left / self.presliding_m,
+        }
+    }
+}
+
+impl Branch {
+    pub(super) fn at(&self, force_n: f64, dx_m: f64, dt_s: f64) -> Potential {
+        let decay = (-dt_s / self.tau_s).exp();
+        let rate = self.rate_n_m * (self.tau_s / dt_s) * (1.0 - decay);
+        let kept = decay * force_n;
+        Potential {
+            energy: kept * dx_m + 0.5 * rate * dx_m * dx_m,
+            force_n: kept + rate * dx_m,
+            slope_n_m: rate,
+        }
+    }
+}
+
+impl Floor {
+    /// Push on a point at `p_m`, with the grip that follows `contact`.
+    pub(super) fn at(&self, p_m: &Vector3<f64>, contact: Option<&Contact>) -> Push {
+        let depth_m = (self.height_m - p_m.z).max(0.0);
+        let mut out = Push {
+            energy: 0.5 * self.rate_n_m * depth_m * depth_m,
+            force_n: Vector3::new(0.0, 0.0, self.rate_n_m * depth_m),
+            stiffness_n_m: Matrix3::zeros(),
+        };
+        if depth_m > 0.0 {
+            out.stiffness_n_m[(2, 2)] = self.rate_n_m;
+        }
+        let Some(contact) = contact else {
+            return out;
+        };
+        let most_n = self.friction * self.rate_n_m * (self.height_m - contact.at_m.z).max(0.0);
+        if most_n > 0.0 {
+            // A spring to where the grip would be none, that slips at its largest force (Huber's
+            // potential).
+            let slack_m = contact.at_m.xy() + contact.grip_n / GRIP_N_M;
+            let u = p_m.xy() - slack_m;
+            let (way, sticks) = (u.norm(), GRIP_N_M * u.norm() <= most_n);
+            let pull_n = if sticks { GRIP_N_M * way } else { most_n };
+            out.energy += if sticks {
+                0.5 * GRIP_N_M * way * way
+            } else {
+                most_n * (way - 0.5 * most_n / GRIP_N_M)
+            };
+            if way > 0.0 {
+                let n = u / way;
+                let nn = n * n.transpose();
+                let along = if sticks { GRIP_N_M } else { 0.0 };
+                let k = nn * along + (Matrix2::identity() - nn) * (pull_n / way);
+                out.force_n.fixed_rows_mut::<2>(0).copy_from(&(-n * pull_n));
+                out.stiffness_n_m.fixed_view_mut::<2, 2>(0, 0).copy_from(&k);
+            }
+        }
+        out
+    }
+}
