@@ -109,7 +109,7 @@ pub struct RigArgs {
     /// Something to pick up: where the tip grasps it (mm) and its mass (kg); may be given several times
     #[arg(long, value_name = "X,Y,Z,KG", value_parser = args::item, allow_hyphen_values = true)]
     object: Vec<Item>,
-    /// Faults to suffer on the way: a file with a [[fault]] for each (see the guide, "Faults")
+    /// Fault schedule to apply: a file with a [[fault]] for each (see the guide, "Faults")
     #[arg(long, value_name = "F.toml")]
     faults: Option<PathBuf>,
     /// End when the starting process ends

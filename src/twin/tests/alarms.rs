@@ -36,7 +36,7 @@ fn each_spring_has_an_alarm_of_its_own_with_its_own_time() {
     let fourth_s = without(&mut twin, &[2, 3], 60);
     let since = |spring| alarm(&twin, key(spring)).expect("an alarm").since;
     assert_eq!((since(2), since(3)), (third_s, fourth_s));
-    // The third comes back: the fourth, which the words told apart only by a digit, keeps its time.
+    // The third comes back: the fourth, which differs in its text only by a digit, keeps its time.
     without(&mut twin, &[3], 10);
     assert_eq!(alarm(&twin, key(2)), None);
     let fourth = alarm(&twin, key(3)).expect("an alarm");

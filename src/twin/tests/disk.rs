@@ -74,7 +74,7 @@ impl Bench {
         Self { orders, done }
     }
 
-    /// `n` ticks, the first with `commands`; what was told.
+    /// `n` ticks, the first with `commands`; what was reported.
     fn ticks(&self, n: u32, commands: &[Command]) -> Vec<String> {
         let order = (n, commands.to_vec());
         self.orders.send(order).expect("the twin lives");
@@ -91,7 +91,7 @@ impl Bench {
             .collect()
     }
 
-    /// Ticks until something is told.
+    /// Ticks until something is reported.
     fn until_told(&self) -> Vec<String> {
         for _ in 0..6000 {
             let said = self.ticks(1, &[]);
@@ -100,7 +100,7 @@ impl Bench {
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        panic!("nothing is told");
+        panic!("nothing is reported");
     }
 }
 
@@ -131,7 +131,7 @@ fn a_slow_disk_delays_no_tick() {
     assert_eq!(bench.ticks(100, &[]), [""; 0]);
     let again = bench.ticks(1, &start);
     assert!(again[0].contains("still being written"), "{again:?}");
-    // The disk goes on, and what became of the recording is told.
+    // The disk goes on, and what became of the recording is reported.
     disk.read_to_end(&mut bytes).expect("what was recorded");
     let said = bench.until_told();
     assert!(said[0].starts_with("Recorded"), "{said:?}");

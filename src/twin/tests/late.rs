@@ -25,7 +25,7 @@ fn link(practice: bool, host_delay: Option<HostDelay>) -> LinkStatus {
 }
 
 /// The reason and the alarm of a twin that is SAFE.
-fn told(twin: &Twin) -> (String, String) {
+fn reported(twin: &Twin) -> (String, String) {
     let Mode::Safe(reason) = twin.mode() else {
         panic!("not SAFE but {:?}", twin.mode())
     };
@@ -40,7 +40,7 @@ fn silent_boards_are_named_while_the_program_runs() {
     for k in 21..35 {
         twin.tick(at(k), None, &[]);
     }
-    let (reason, alarm) = told(&twin);
+    let (reason, alarm) = reported(&twin);
     assert_eq!(
         reason,
         "no data from the boards for 100 ms although this program was running"
@@ -54,7 +54,7 @@ fn silent_boards_are_named_while_the_program_runs() {
     for k in 21..35 {
         twin.tick(at(k), None, &[]);
     }
-    let (reason, alarm) = told(&twin);
+    let (reason, alarm) = reported(&twin);
     assert!(
         reason.starts_with("no data from the virtual rig for"),
         "{reason}"
@@ -68,7 +68,7 @@ fn a_busy_computer_is_named_when_the_twin_was_not_run() {
     twin.tick(at(21), Some(frame(21)), &[]);
     // Nothing ticks for 250 ms, and nothing waits when it does again.
     twin.tick(at(46), None, &[]);
-    let (reason, alarm) = told(&twin);
+    let (reason, alarm) = reported(&twin);
     assert_eq!(
         reason,
         "this computer was busy for 240 ms, so the boards' data came too late"
@@ -81,7 +81,7 @@ fn a_busy_computer_is_named_when_the_twin_was_not_run() {
     for k in 47..80 {
         twin.tick(at(k), Some(frame(k)), &[]);
     }
-    assert_eq!(told(&twin), (reason, alarm));
+    assert_eq!(reported(&twin), (reason, alarm));
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn a_busy_computer_is_named_when_the_link_was_not_run() {
         twin.observe_link(link(false, delay));
         twin.tick(at(k), None, &[]);
     }
-    let (reason, _) = told(&twin);
+    let (reason, _) = reported(&twin);
     assert_eq!(
         reason,
         "this computer was busy for 110 ms, so the boards' data came too late"
@@ -116,7 +116,7 @@ fn a_busy_computer_is_named_when_the_link_was_not_run() {
     let mut f = frame(45);
     f.faults = crate::link::wire::fault::SAFE | crate::link::wire::fault::HEARTBEAT_LOST;
     twin.tick(at(45), Some(f), &[]);
-    let (reason, alarm) = told(&twin);
+    let (reason, alarm) = reported(&twin);
     assert_eq!(
         reason,
         "this computer was busy for 240 ms, so the boards switched their pumps off"
@@ -131,6 +131,6 @@ fn a_short_delay_does_not_excuse_silent_boards() {
     for k in [21, 22, 29, 30, 31, 32] {
         twin.tick(at(k), None, &[]);
     }
-    let (reason, _) = told(&twin);
+    let (reason, _) = reported(&twin);
     assert!(reason.starts_with("no data from the boards"), "{reason}");
 }

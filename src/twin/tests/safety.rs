@@ -168,7 +168,7 @@ fn arming_leaves_the_gripper_as_the_boards_report_it() {
     assert!(held(), "it dropped what it held");
     let command = snapshot.command.expect("armed");
     assert_eq!(command.gripper(), Gripper::Closed);
-    // And it opens when it is told to.
+    // And it opens when it is commanded to.
     run(&mut second, 501, 20, &[Command::Grip(Gripper::Open)]);
     assert!(!held());
 }

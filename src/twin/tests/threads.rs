@@ -129,18 +129,18 @@ fn outcomes_reach_a_window_that_did_not_read_for_a_minute() {
         "Mode: hold",
         "Mode: moving",
     ];
-    let told = |what: &str| outcomes.iter().position(|t| t.contains(what));
+    let reported = |what: &str| outcomes.iter().position(|t| t.contains(what));
     let order: Vec<_> = expected
         .iter()
-        .map(|what| told(what).unwrap_or_else(|| panic!("{what}: {outcomes:?}")))
+        .map(|what| reported(what).unwrap_or_else(|| panic!("{what}: {outcomes:?}")))
         .collect();
     assert!(order.is_sorted(), "{outcomes:?}");
-    // What was left out of 6000 different notices is told, and everything is bounded.
+    // What was left out of 6000 different notices is reported, and everything is bounded.
     assert!(events.len() < 1000, "{} events", events.len());
     let gap = events
         .iter()
         .find(|e| e.text().contains("messages are left out"));
-    let gap = gap.expect("told").text();
+    let gap = gap.expect("reported").text();
     let left_out: usize = gap
         .split(' ')
         .next()

@@ -28,8 +28,8 @@ fn a_viewer_that_hangs_gets_no_second_stream() {
     for _ in 0..250 {
         said.extend(tick(&[]).1);
     }
-    let told = said.iter().filter(|s| s.starts_with("Stopped streaming"));
-    assert_eq!(told.count(), 1, "{said:?}");
+    let stopped = said.iter().filter(|s| s.starts_with("Stopped streaming"));
+    assert_eq!(stopped.count(), 1, "{said:?}");
     let (state, said) = tick(&[Command::StreamLive(address)]);
     assert_eq!(state, None);
     assert!(said.iter().any(|s| s.contains("hangs")), "{said:?}");
@@ -53,7 +53,7 @@ fn a_viewer_that_comes_and_goes_is_not_told_of_for_ever() {
         said += u32::from(stays.comes(comes)) + u32::from(stays.goes(goes));
     }
     assert_eq!(said, 6);
-    // One that stayed is told of again.
+    // One that stayed is reported again.
     assert!(stays.goes(at(99 * 200 + 2000)));
     assert!(stays.comes(at(99 * 200 + 2100)));
 }
@@ -90,9 +90,9 @@ fn a_viewer_that_is_away_is_told_once_and_can_be_given_up() {
     for _ in 0..120 {
         assert_eq!(tick(&[]), None);
     }
-    let told: Vec<_> = said.iter().filter(|s| s.contains("viewer")).collect();
-    assert_eq!(told.len(), 1, "{said:?}");
-    assert!(told[0].contains("Trying again every second"), "{said:?}");
+    let away: Vec<_> = said.iter().filter(|s| s.contains("viewer")).collect();
+    assert_eq!(away.len(), 1, "{said:?}");
+    assert!(away[0].contains("Trying again every second"), "{said:?}");
     let stopped = said.iter().filter(|s| s.starts_with("Stopped streaming"));
     assert_eq!(stopped.count(), 1, "{said:?}");
 }
