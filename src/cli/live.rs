@@ -16,7 +16,7 @@ use clap::Args;
 use super::args::{self, InstrumentArgs, Kind};
 use super::outputs::Overwrite;
 use super::{Failed, Report};
-use springtwin::drive::{self, DEFAULT_RIG, TwinBuilder, objects, rig_options};
+use springtwin::drive::{self, DEFAULT_RIG, Run, TwinBuilder, objects, rig_options};
 #[cfg(unix)]
 use springtwin::rig::faults::Script;
 use springtwin::rig::pty::{Lines, Pty};
@@ -128,9 +128,9 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         .rig(&a.rig, rig_options(a.payload, a.seed))
         .gains(a.controller.gains())
         .instruments(a.instruments.plain());
-    let ran = drive::run(
+    carry_out(
         twin,
-        &drive::Run {
+        &Run {
             seconds: a.seconds,
             declared_kg: a.payload,
             target: a.target.map(Goal::position),
@@ -138,8 +138,13 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             viewer: a.viewer(),
             reset: a.reset,
         },
-    )?;
-    let report = report::report(&ran, a.record.as_deref());
+    )
+}
+
+/// Runs a twin and reports how it went; an error with the report where the recording has failed.
+fn carry_out(twin: TwinBuilder<'_>, run: &Run) -> Result<Report> {
+    let ran = drive::run(twin, run)?;
+    let report = report::report(&ran, run.record.as_deref());
     match ran.tally.recording_failed {
         None => Ok(report),
         Some(why) => Err(Failed { report, why }.into()),
@@ -172,24 +177,21 @@ pub struct RecordArgs {
 
 /// `record`.
 pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
-    let run_args = RunArgs {
-        headless: true,
-        seconds: a.seconds,
-        rig: a.rig.clone(),
-        record: Some(a.out.clone()),
-        overwrite: a.overwrite,
-        stream: None,
-        stream_remote: None,
-        target: a.target,
-        payload: 0.0,
-        seed: 1,
-        controller: Kind::Ours,
-        reset: a.reset,
-        #[cfg(feature = "gui")]
-        drill: Vec::new(),
-        instruments: a.instruments.clone(),
-    };
-    run(&run_args, robot_file, robot)
+    a.overwrite.file(&a.out)?;
+    let twin = TwinBuilder::new(robot)
+        .robot_file(robot_file)
+        .rig(&a.rig, rig_options(0.0, 1))
+        .instruments(a.instruments.plain());
+    carry_out(
+        twin,
+        &Run {
+            seconds: a.seconds,
+            target: a.target.map(Goal::position),
+            record: Some(a.out.clone()),
+            reset: a.reset,
+            ..Run::default()
+        },
+    )
 }
 
 /// `rig`: the virtual rig as a process.

@@ -92,7 +92,7 @@ impl Bench {
     }
 
     /// Ticks until something is reported.
-    fn until_told(&self) -> Vec<String> {
+    fn until_reported(&self) -> Vec<String> {
         for _ in 0..6000 {
             let said = self.ticks(1, &[]);
             if !said.is_empty() {
@@ -133,7 +133,7 @@ fn a_slow_disk_delays_no_tick() {
     assert!(again[0].contains("still being written"), "{again:?}");
     // The disk goes on, and what became of the recording is reported.
     disk.read_to_end(&mut bytes).expect("what was recorded");
-    let said = bench.until_told();
+    let said = bench.until_reported();
     assert!(said[0].starts_with("Recorded"), "{said:?}");
     std::fs::remove_file(&path).expect("removed");
     std::fs::write(&path, bytes).expect("written");
@@ -149,17 +149,17 @@ fn a_recording_that_cannot_begin_is_refused_and_another_can() {
     let nowhere = Path::new("/springtwin/no/such/folder/x.rrd").to_owned();
     let mut said = bench.ticks(1, &[Command::StartRecording(nowhere)]);
     if said.is_empty() {
-        said = bench.until_told();
+        said = bench.until_reported();
     }
     assert!(said[0].contains("cannot create"), "{said:?}");
     let path = path("second-try");
     let mut said = bench.ticks(1, &[Command::StartRecording(path.clone())]);
     if said.is_empty() {
-        said = bench.until_told();
+        said = bench.until_reported();
     }
     assert!(said[0].starts_with("Recording to"), "{said:?}");
     bench.ticks(1, &[Command::StopRecording]);
-    bench.until_told();
+    bench.until_reported();
     std::fs::remove_file(&path).expect("removed");
 }
 
