@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::Args;
 
 /// Whether files that are there may be replaced.
@@ -69,9 +69,7 @@ impl Overwrite {
 pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     let path = std::path::absolute(path)?;
     let folder = path.parent().unwrap_or(&path);
-    let Some(free) = free_bytes(folder)
-        .with_context(|| format!("cannot find the free space of {}", folder.display()))?
-    else {
+    let Some(free) = springtwin::recording::free_bytes(&path) else {
         return Ok(());
     };
     anyhow::ensure!(
@@ -82,21 +80,6 @@ pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
         size(free.into())
     );
     Ok(())
-}
-
-/// Space for files of this user, bytes; nothing where the system does not say.
-#[cfg(unix)]
-fn free_bytes(folder: &Path) -> Result<Option<u64>> {
-    let s = nix::sys::statvfs::statvfs(folder)?;
-    // The widths of these differ between systems.
-    #[allow(clippy::unnecessary_cast, clippy::useless_conversion)]
-    let (blocks, each) = (s.blocks_available() as u64, s.fragment_size() as u64);
-    Ok(Some(blocks.saturating_mul(each)))
-}
-
-#[cfg(not(unix))]
-fn free_bytes(_: &Path) -> Result<Option<u64>> {
-    Ok(None)
 }
 
 /// A number of bytes for people: decimal units, two or three digits.

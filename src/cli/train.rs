@@ -1,7 +1,7 @@
 //! `train`: the networks.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
@@ -10,9 +10,9 @@ use serde_json::json;
 
 use super::Report;
 use super::outputs::Overwrite;
+use springtwin::lab::dataset::read_samples;
 use springtwin::learn::{self, Recipe};
-use springtwin::recording::{read_dataset, read_session, write_bytes};
-use springtwin::signal::{Dataset, Sample};
+use springtwin::recording::{read_dataset, write_bytes};
 
 #[derive(Args)]
 pub struct TrainArgs {
@@ -46,7 +46,7 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
             .with_context(|| path.display().to_string())?,
     };
     let data = read_dataset(&a.data)?;
-    let real = a.real.as_deref().map(real_samples).transpose()?;
+    let real = a.real.as_deref().map(read_samples).transpose()?;
     #[expect(
         clippy::disallowed_methods,
         reason = "wall time of the command, for the report"
@@ -121,33 +121,4 @@ fn told(scores: &learn::Scores) -> String {
         text += "; with a sim-to-real step";
     }
     text
-}
-
-/// A dataset, or the samples of a session that has motion capture.
-fn real_samples(path: &Path) -> Result<Dataset> {
-    if path.extension().is_some_and(|e| e == "parquet") {
-        return Ok(read_dataset(path)?);
-    }
-    let log = read_session(path)?;
-    let samples = (0..log.len())
-        .filter_map(|k| {
-            let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
-                && log.sensors[k].to_vector().iter().all(|x| x.is_finite());
-            let truth = log.truth[k].filter(|_| complete)?;
-            Some(Sample {
-                chamber_pa: log.chamber_pa[k],
-                payload_kg: log.payload_kg,
-                tip_force_n: [0.0; 3],
-                sensors: log.sensors[k].clone(),
-                base_from_tip: truth,
-            })
-        })
-        .collect();
-    Ok(Dataset {
-        samples,
-        source: log.name.clone(),
-        seed: 0,
-        robot_hash: String::new(),
-        shard: None,
-    })
 }

@@ -7,9 +7,11 @@ use anyhow::{Context as _, Result};
 
 use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use super::{Progress, go_on, motions, threads};
-use crate::recording::{DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, write_dataset};
+use crate::recording::{
+    DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, read_session, write_dataset,
+};
 use crate::robot::RobotSpec;
-use crate::signal::Dataset;
+use crate::signal::{Dataset, Sample};
 use crate::sim::dataset::{Plan, generate as by_rod, generate_mesh};
 use crate::sim::mesh::MeshModel;
 
@@ -179,4 +181,36 @@ pub fn merge(paths: &[PathBuf], out: &Path) -> Result<(usize, String)> {
     joined.samples.extend(parts.flat_map(|p| p.samples));
     write_dataset(out, &joined)?;
     Ok((joined.samples.len(), joined.source))
+}
+
+/// Reads a data set, or the samples of a session that has motion capture.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn read_samples(path: &Path) -> Result<Dataset> {
+    if path.extension().is_some_and(|e| e == "parquet") {
+        return Ok(read_dataset(path)?);
+    }
+    let log = read_session(path)?;
+    let samples = (0..log.len())
+        .filter_map(|k| {
+            let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
+                && log.sensors[k].to_vector().iter().all(|x| x.is_finite());
+            let truth = log.truth[k].filter(|_| complete)?;
+            Some(Sample {
+                chamber_pa: log.chamber_pa[k],
+                payload_kg: log.payload_kg,
+                tip_force_n: [0.0; 3],
+                sensors: log.sensors[k].clone(),
+                base_from_tip: truth,
+            })
+        })
+        .collect();
+    Ok(Dataset {
+        samples,
+        source: log.name.clone(),
+        seed: 0,
+        robot_hash: String::new(),
+        shard: None,
+    })
 }

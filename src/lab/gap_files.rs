@@ -1,5 +1,6 @@
 //! Files of the gap finder: the sessions that it reads, the finding that it writes.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context as _, Result};
@@ -90,4 +91,46 @@ pub fn excitations() -> Vec<(String, Trajectory)> {
             (e.name().to_owned(), Trajectory { t_s, chamber_pa })
         })
         .collect()
+}
+
+/// The folder of a finding's report: another session, another baseline or another robot file is another
+/// finding.
+pub fn report_folder(data: &BTreeMap<String, String>, robot: &str) -> String {
+    let start = |hash: &str| hash.chars().take(12).collect::<String>();
+    let of = |key: &str, none: &str| start(data.get(key).map_or(none, String::as_str));
+    format!(
+        "{}-{}-{}",
+        of("session_sha256", "session"),
+        of("baseline_sha256", "factory"),
+        start(robot)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_has_a_folder_of_its_own_for_another_baseline_or_robot() {
+        let found = |session: &str, baseline: Option<&str>, robot: &str| {
+            let data = [
+                Some(("session_sha256", session)),
+                baseline.map(|b| ("baseline_sha256", b)),
+            ];
+            let data = data.into_iter().flatten();
+            report_folder(
+                &data.map(|(k, v)| (k.to_owned(), v.to_owned())).collect(),
+                robot,
+            )
+        };
+        let names = [
+            found("aa", Some("bb"), "cc"),
+            found("aa", Some("bd"), "cc"),
+            found("aa", None, "cc"),
+            found("aa", Some("bb"), "cd"),
+        ];
+        for (i, a) in names.iter().enumerate() {
+            assert!(names[i + 1..].iter().all(|b| a != b), "{names:?}");
+        }
+    }
 }

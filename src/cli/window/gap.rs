@@ -3,8 +3,6 @@
 
 mod store;
 
-use std::collections::BTreeMap;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -15,7 +13,7 @@ use anyhow::{Context as _, Result};
 use super::later::later;
 use crate::cli::{read_text, sentence, user};
 use springtwin::gap::report::Origin;
-use springtwin::gap::score::{About, Key};
+use springtwin::gap::score::Key;
 use springtwin::gap::{
     CHANNELS, Found, GapError, Grid, IMU_0, Options, Patch, Progress, SPRING_0, Session, Stage,
 };
@@ -23,26 +21,13 @@ use springtwin::gui::services::Worker;
 use springtwin::gui::services::gap::{
     ExamplePair, GapServices, RobotMatch, SessionSheet, SheetGroup,
 };
-use springtwin::lab::gap_bench::Maker;
+use springtwin::lab::gap_bench::{self, Example};
 use springtwin::lab::gap_files;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
 use store::Store;
 
-/// Length of the sessions of the example, s.
-const EXAMPLE_S: f64 = 45.0;
-/// How strong the hidden effect is, times the floor.
-const EXAMPLE_STRENGTH: f64 = 8.0;
-/// What may be hidden in the example.
-const EXAMPLE_EFFECTS: [&str; 6] = [
-    "payload",
-    "spring-calibration",
-    "imu-misalignment",
-    "base-tilt",
-    "pressure-lag",
-    "chamber-stiffness",
-];
 /// How often it is looked whether the generator is done.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -83,7 +68,11 @@ pub fn services(
             let (robot, file) = (Arc::clone(&example_robot), example_file.clone());
             let data = for_examples.clone();
             later(&for_example, "example", move |worker| {
-                example(&data, &robot, file.as_deref(), seed, worker).map_err(said)
+                let stage = |what: &str| worker.tell(what, None);
+                let cancelled = || worker.cancelled();
+                let file = file.as_deref();
+                let made = gap_bench::example(&data, &robot, file, seed, &stage, &cancelled);
+                made.map(pair_of).map_err(said)
             })
         }),
         reveal: Box::new(move |path| {
@@ -272,105 +261,12 @@ fn find(
     Ok(run())
 }
 
-/// Has another process of this program make a pair of sessions. The answer goes to a folder of its own,
-/// and this process does not look into it.
-fn example(
-    data: &Path,
-    robot: &RobotSpec,
-    robot_file: Option<&Path>,
-    seed: u64,
-    worker: &Worker<ExamplePair>,
-) -> Result<ExamplePair> {
-    // Another robot or another version of this program makes other sessions.
-    let name = format!(
-        "{}-{}-{seed}",
-        &robot.hash[..robot.hash.len().min(8)],
-        env!("CARGO_PKG_VERSION")
-    );
-    let folder = data.join("gap-examples").join(&name);
-    let answers = data.join("gap-answers");
-    let pair = ExamplePair {
-        healthy: folder.join("commissioning"),
-        suspect: folder.join("suspect"),
-        answer: answers.join(format!("{name}.json")),
-    };
-    // Where there is an answer, there is a whole pair.
-    if pair.answer.is_file() && pair.suspect.join("session.toml").is_file() {
-        return Ok(pair);
+fn pair_of(example: Example) -> ExamplePair {
+    ExamplePair {
+        healthy: example.healthy,
+        suspect: example.suspect,
+        answer: example.answer,
     }
-    std::fs::create_dir_all(&answers)
-        .with_context(|| format!("cannot create the folder {}", answers.display()))?;
-    worker.tell("Simulating two sessions, one with a hidden effect", None);
-    let program = std::env::current_exe().context("cannot tell where this program is")?;
-    let mut child = generator(&program, robot_file, &folder, &pair.answer, seed)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .context("cannot start the virtual rig")?;
-    let words = listen(&mut child)?;
-    loop {
-        if let Some(status) = child.try_wait()? {
-            let said = words.join().unwrap_or_default();
-            return match (status.success(), said.trim()) {
-                (true, _) => Ok(pair),
-                (false, "") => Err(anyhow::anyhow!(
-                    "the virtual rig ended with {status}: see springtwin rig case --help"
-                )),
-                (false, said) => Err(anyhow::anyhow!("the virtual rig: {said}")),
-            };
-        }
-        if worker.cancelled() {
-            child.kill()?;
-            child.wait()?;
-            anyhow::bail!("stopped on request");
-        }
-        std::thread::sleep(LOOK);
-    }
-}
-
-/// Most of a process's complaints that is kept, bytes.
-const WORDS_MAX: u64 = 4096;
-
-/// Hears what a process complains of, to its end.
-fn listen(child: &mut Child) -> Result<std::thread::JoinHandle<String>> {
-    let stderr = child.stderr.take().context("the virtual rig is mute")?;
-    std::thread::Builder::new()
-        .name("example's words".to_owned())
-        .spawn(move || {
-            let mut said = Vec::new();
-            let mut stderr = stderr;
-            let read = std::io::Read::by_ref(&mut stderr)
-                .take(WORDS_MAX)
-                .read_to_end(&mut said);
-            // The rest must flow, or the process would wait for ever.
-            if read.is_ok() {
-                let _ = std::io::copy(&mut stderr, &mut std::io::sink());
-            }
-            String::from_utf8_lossy(&said).into_owned()
-        })
-        .context("cannot start a thread for the virtual rig")
-}
-
-fn generator(
-    program: &Path,
-    robot_file: Option<&Path>,
-    folder: &Path,
-    answer: &Path,
-    seed: u64,
-) -> Command {
-    let maker = Maker {
-        program,
-        robot_file,
-        seconds: EXAMPLE_S,
-    };
-    let mut command = maker.command(About::Single, seed, EXAMPLE_STRENGTH, folder, answer);
-    // A closed window leaves no generator behind.
-    command.arg("--with-parent");
-    for id in EXAMPLE_EFFECTS {
-        command.args(["--one-of", id]);
-    }
-    command
 }
 
 fn key(path: &Path) -> Result<Key> {
@@ -379,24 +275,12 @@ fn key(path: &Path) -> Result<Key> {
 }
 
 fn keep(data: &Path, found: &Found, patch: &Patch, origin: Origin) -> Result<PathBuf> {
-    let folder = data
-        .join("gap-reports")
-        .join(data_name(&found.finding.data, &found.patch.robot));
+    let folder = data.join("gap-reports").join(gap_files::report_folder(
+        &found.finding.data,
+        &found.patch.robot,
+    ));
     gap_files::write_all(&folder, found, patch, origin == Origin::Simulated)?;
     Ok(folder)
-}
-
-/// The folder of a finding's report: another session, another baseline or another robot file is another
-/// finding.
-fn data_name(data: &BTreeMap<String, String>, robot: &str) -> String {
-    let start = |hash: &str| hash.chars().take(12).collect::<String>();
-    let of = |key: &str, none: &str| start(data.get(key).map_or(none, String::as_str));
-    format!(
-        "{}-{}-{}",
-        of("session_sha256", "session"),
-        of("baseline_sha256", "factory"),
-        start(robot)
-    )
 }
 
 /// What shows a file in the program that it belongs to.

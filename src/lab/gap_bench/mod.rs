@@ -5,6 +5,7 @@
 //! once, after the last verdict is on disk. The first two are processes of their own. A shard makes and
 //! solves a contiguous range of the cases and scores nothing; the merge scores all of them, once.
 
+mod example;
 mod finder;
 mod generator;
 mod suite;
@@ -22,6 +23,7 @@ use super::{Progress, Report};
 use crate::drive::read_text;
 use crate::gap::score::{Key, Said, Scored, score};
 use crate::robot::RobotSpec;
+pub use example::{Example, example, example_command};
 pub use generator::{CaseOptions, Maker, SESSIONS, make_case};
 pub use suite::Part;
 use suite::{Planned, Suite};

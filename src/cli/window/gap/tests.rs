@@ -75,7 +75,13 @@ fn the_generator_is_a_process_of_its_own_with_the_answer_elsewhere() {
         Path::new("/d/gap-examples/a-1"),
         Path::new("/d/gap-answers/a-1.json"),
     );
-    let command = generator(Path::new("/bin/springtwin"), None, folder, answer, 3);
+    let command = springtwin::lab::gap_bench::example_command(
+        Path::new("/bin/springtwin"),
+        None,
+        folder,
+        answer,
+        3,
+    );
     let args: Vec<String> = command
         .get_args()
         .map(|a| a.to_string_lossy().into_owned())
@@ -89,47 +95,6 @@ fn the_generator_is_a_process_of_its_own_with_the_answer_elsewhere() {
     use clap::Parser as _;
     let line = std::iter::once("springtwin".to_owned()).chain(args);
     assert!(crate::cli::program::Cli::try_parse_from(line).is_ok());
-}
-
-#[cfg(unix)]
-#[test]
-fn what_the_generator_complains_of_is_heard() {
-    let mut child = Command::new("sh")
-        .args([
-            "-c",
-            "echo 'the disk is full' >&2; yes | head -c 300000 >&2; exit 3",
-        ])
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("a shell");
-    let words = listen(&mut child).expect("listens");
-    assert!(!child.wait().expect("ends").success());
-    let said = words.join().expect("heard");
-    assert!(said.starts_with("the disk is full") && said.len() as u64 == WORDS_MAX);
-}
-
-#[test]
-fn a_report_has_a_folder_of_its_own_for_another_baseline_or_robot() {
-    let found = |session: &str, baseline: Option<&str>, robot: &str| {
-        let data = [
-            Some(("session_sha256", session)),
-            baseline.map(|b| ("baseline_sha256", b)),
-        ];
-        let data = data.into_iter().flatten();
-        data_name(
-            &data.map(|(k, v)| (k.to_owned(), v.to_owned())).collect(),
-            robot,
-        )
-    };
-    let names = [
-        found("aa", Some("bb"), "cc"),
-        found("aa", Some("bd"), "cc"),
-        found("aa", None, "cc"),
-        found("aa", Some("bb"), "cd"),
-    ];
-    for (i, a) in names.iter().enumerate() {
-        assert!(names[i + 1..].iter().all(|b| a != b), "{names:?}");
-    }
 }
 
 #[test]
