@@ -12,7 +12,7 @@ use crate::task::Path;
 
 /// Interval of the ticks that are drawn.
 const DRAWN_EVERY: usize = 5;
-/// Files that [`write`] writes; the last one for a path only.
+/// Files that [`write()`] writes; the last one for a path only.
 pub const FILES: [&str; 5] = [
     "log.csv",
     "trajectory.svg",
