@@ -204,5 +204,5 @@ pub(crate) fn parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sy
         .thread_name(|_| "gap finder".to_owned())
         .build()
         .expect("threads");
-    pool.install(|| jobs.par_iter().map(&work).collect())
+    pool.install(|| jobs.par_iter().with_max_len(1).map(&work).collect())
 }

@@ -24,11 +24,11 @@ mod train;
 
 pub use calibrate::Calibration;
 pub use cascade::{Cascade, CascadeParts, Correction, SensorSpread, ShapeError, estimate};
-pub use data::{Parts, add_noise, data_hash, pose_vector, split};
+pub use data::{data_hash, pose_vector};
 pub use files::{Model, ModelError, Scores};
 pub use guess::{GuessSample, GuessSet, SATURATED_RATIO};
 pub use kernel::Kernel;
-pub use mlp::{Mlp, Scaling, Workspace, backward, forward, tan_sigmoid};
+pub use mlp::{Mlp, Scaling};
 pub use plant::{PlantBounds, PlantNet};
 pub use progress::{Progress, Stage, TrainError};
 pub use recipe::{Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule};

@@ -12,9 +12,9 @@ mod suite;
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context as _, Result};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
@@ -322,34 +322,16 @@ fn each<T: Sync>(
     work: impl Fn(&T) -> Result<()> + Sync,
 ) -> Result<Vec<Result<()>>> {
     progress.stage(what, items.len());
-    let next = AtomicUsize::new(0);
-    let mine = || {
-        let mut done = Vec::new();
-        loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(i) else { break };
-            done.push((i, work(item)));
-            progress.item_done();
-        }
-        done
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(workers.get().min(items.len()).max(1))
+        .thread_name(|i| format!("bench-{i}"))
+        .build()?;
+    let one = |item: &T| {
+        let result = work(item);
+        progress.item_done();
+        result
     };
-    let mut done = std::thread::scope(|scope| -> Result<Vec<_>> {
-        let mut hands = Vec::new();
-        for i in 0..workers.get().min(items.len()) {
-            let name = format!("bench-{i}");
-            let hand = std::thread::Builder::new().name(name);
-            hands.push(hand.spawn_scoped(scope, mine)?);
-        }
-        let mut done = Vec::new();
-        for hand in hands {
-            match hand.join() {
-                Ok(some) => done.extend(some),
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        Ok(done)
-    })?;
+    let done = pool.install(|| items.par_iter().with_max_len(1).map(one).collect());
     progress.stage_done("");
-    done.sort_by_key(|(i, _)| *i);
-    Ok(done.into_iter().map(|(_, r)| r).collect())
+    Ok(done)
 }

@@ -16,7 +16,6 @@ mod faults;
 mod heading;
 mod item;
 mod list;
-mod lstm;
 mod networks;
 mod options;
 mod parts;

@@ -5,11 +5,10 @@ use std::ops::{ControlFlow, Range};
 use anyhow::Result;
 
 use super::item::{Field, Found, Study, each};
-use super::lstm::Lstm;
 use super::setup::{COLUMNS, FAST_M_S, Setup, all, means, score};
 use crate::lab::motions::{Moment, Push};
 use crate::lab::table::{Drawn, Table, some};
-use crate::learn::{Channels, PoseMap as _, PoseScores, Recipe, Schedule, train_s2r, train_smap};
+use crate::learn::{Channels, PoseMap as _, Recipe, Schedule, train_s2r, train_smap};
 
 /// Springs, IMUs, or both.
 pub const MODALITY: Study = Study {
@@ -21,12 +20,12 @@ pub const MODALITY: Study = Study {
     table: modality,
 };
 
-/// Hidden layers with the same number of neurons, and an LSTM.
+/// Hidden layers with the same number of neurons.
 pub const LAYERS: Study = Study {
     name: "layers",
-    about: "Hidden layers of the sensor map, and an LSTM",
+    about: "Hidden layers of the sensor map",
     field: Field::Sensing,
-    items: |_| HIDDEN.len() + 1,
+    items: |_| HIDDEN.len(),
     find: find_layers,
     table: layers,
 };
@@ -110,19 +109,7 @@ fn find_layers(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let data = setup.sim();
     let motions = setup.motions(0.0, FAST_M_S, Push::None)?;
     each(&*setup.progress.clone(), items, |k| {
-        let recipe = setup.recipe();
-        let Some(hidden) = HIDDEN.get(k) else {
-            let (net, test) = Lstm::train(240, &data, &recipe);
-            let mut cells = means(&PoseScores::of(&test));
-            let pairs: Vec<_> = all(&motions)
-                .map(|m| {
-                    let pose = net.pose(m.frame.sensors.to_vector().as_slice());
-                    (pose, m.base_from_pad[2])
-                })
-                .collect();
-            cells.push(Some(PoseScores::of(&pairs).translation_mm.mean));
-            return Ok(Found::row("LSTM, 240 cells", cells));
-        };
+        let (hidden, recipe) = (HIDDEN[k], setup.recipe());
         let recipe = Recipe {
             smap: Schedule {
                 hidden: hidden.to_vec(),
@@ -149,8 +136,7 @@ fn layers(found: Vec<Found>) -> Table {
     t.take(found);
     t.notes.push(
         "Mean errors on the test part of the simulated samples, noise added, and on the rig, without sim-to-real \
-         networks. The paper chose two layers (its figure 3 a gives no numbers). Settled samples have no order: the \
-         LSTM sees sequences of one."
+         networks. The paper chose two layers (its figure 3 a gives no numbers)."
             .to_owned(),
     );
     t

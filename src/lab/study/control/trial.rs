@@ -1,10 +1,8 @@
 //! Studies on control: both controllers on the same tasks, loads, arms and seeds, with the same budget of
 //! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use anyhow::{Context as _, Result};
+use rayon::prelude::*;
 
 use crate::control::Gains;
 use crate::drive::measures::{self, MoveMeasures, PathMeasures};
@@ -165,39 +163,20 @@ pub fn run_all<T: Send>(
     let (robot, progress) = (&setup.robot, &setup.progress);
     let n = trials.len();
     progress.trials(n);
-    let trials: Vec<Mutex<Option<Trial>>> =
-        trials.into_iter().map(|t| Mutex::new(Some(t))).collect();
-    let next = AtomicUsize::new(0);
-    let found: Mutex<Vec<(usize, Result<T>)>> = Mutex::new(Vec::with_capacity(n));
-    std::thread::scope(|scope| {
-        for k in 0..threads().min(n.max(1)) {
-            let work = || {
-                loop {
-                    let i = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(slot) = trials.get(i) else { return };
-                    let Some(trial) = slot.lock().ok().and_then(|mut t| t.take()) else {
-                        return;
-                    };
-                    let out = run(robot, trial).map(&keep);
-                    progress.trial_done();
-                    if let Ok(mut found) = found.lock() {
-                        found.push((i, out));
-                    }
-                }
-            };
-            // Without a thread of its own the work is done by the others.
-            let _ = std::thread::Builder::new()
-                .name(format!("trial-{k}"))
-                .spawn_scoped(scope, work);
-        }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads().min(n.max(1)))
+        .thread_name(|k| format!("trial-{k}"))
+        .build()?;
+    let one = |trial: Trial| {
+        let out = run(robot, trial).map(&keep);
+        progress.trial_done();
+        out
+    };
+    let found: Vec<Result<T>> = pool.install(|| {
+        let trials = trials.into_par_iter().with_max_len(1);
+        trials.map(one).collect()
     });
-    let mut found = found.into_inner().unwrap_or_default();
-    found.sort_by_key(|(i, _)| *i);
-    anyhow::ensure!(
-        found.len() == n,
-        "the system gives no threads for the trials"
-    );
-    found.into_iter().map(|(_, out)| out).collect()
+    found.into_iter().collect()
 }
 
 /// Both, with their names.
