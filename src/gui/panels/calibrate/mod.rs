@@ -417,7 +417,7 @@ fn footer(
         });
 }
 
-/// Why there is no going on, else what is in use, in the room that is left.
+/// Why there is no going on, else what is in use, in the space that is left.
 fn why_not(ui: &mut Ui, wizard: &Wizard, state: &CalibrateState) {
     let p = *Palette::in_ui(ui);
     let open = wizard.mark(wizard.step) == Mark::Open;

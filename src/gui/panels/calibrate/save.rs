@@ -232,7 +232,7 @@ fn version(
     ui.label(RichText::new(&v.note).small().color(p.weak));
 }
 
-/// Number, name and date in the room that is left; what is cut is whole in the tooltip.
+/// Number, name and date in the space that is left; what is cut is whole in the tooltip.
 fn title(ui: &mut Ui, calibration: &Calibration, v: &Version) {
     note(ui, &v.date);
     ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {

@@ -312,7 +312,7 @@ const COVERAGE: [f32; 2] = [208.0, 60.0];
 /// Width of the button at the end of a row, points.
 const REDO: f32 = 58.0;
 
-/// Widths of the columns in the room there is.
+/// Widths of the columns in the space there is.
 fn columns(ui: &Ui) -> [f32; 6] {
     let gaps = 6.0 * ui.spacing().item_spacing.x;
     let rest = ui.available_width() - COLUMNS.iter().sum::<f32>() - REDO - gaps;
