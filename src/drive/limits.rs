@@ -83,3 +83,35 @@ impl Observer for LimitWatch<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::{Gripper, PressureLimits, Stamp};
+
+    #[test]
+    fn a_leap_ends_the_run_and_is_an_error() {
+        let robot = RobotSpec::reference();
+        let wide = PressureLimits {
+            min_pa: -1e6,
+            max_pa: 1e6,
+            rate_pa_s: 1e9,
+        };
+        let at = |t_s: f64, pa: f64| {
+            let (stamp, all) = (Stamp::from_seconds(t_s), [pa; CHAMBERS]);
+            let command = PressureCommand::limited(stamp, all, Gripper::Open, None, &all, &wide);
+            Arc::new(Snapshot {
+                stamp,
+                command: Some(command),
+                ..Snapshot::default()
+            })
+        };
+        let mut watch = LimitWatch::new(&robot);
+        let mut sees = |s: Arc<Snapshot>| watch.observe(&s, &[], &mut Vec::new());
+        assert!(sees(at(0.0, 0.0)).is_continue());
+        assert!(sees(at(0.01, robot.pressure.rate_pa_s * 0.01)).is_continue());
+        assert!(sees(at(0.02, robot.pressure.max_pa)).is_break());
+        let what = watch.ensure_none().map_err(|e| e.to_string());
+        assert!(what.is_err_and(|what| what.contains("chamber 1 was commanded by")));
+    }
+}

@@ -66,3 +66,47 @@ pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
     );
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn snapshot(mode: Mode, frames: u64) -> Snapshot {
+        Snapshot {
+            mode,
+            link: LinkStatus {
+                connected: true,
+                frames,
+                ..LinkStatus::default()
+            },
+            ..Snapshot::default()
+        }
+    }
+
+    #[test]
+    fn boards_that_are_safe_from_before_are_reset_once_and_only_on_request() {
+        let safe = snapshot(Mode::Safe("a leak".to_owned()), 1000);
+        let mut commands = Vec::new();
+        let refusal = Start::new(false).ready(&safe, &mut commands);
+        assert!(refusal.is_err_and(|why| why.contains("a leak") && why.contains("--reset")));
+        assert!(commands.is_empty());
+        let mut start = Start::new(true);
+        assert_eq!(start.ready(&safe, &mut commands), Ok(false));
+        assert_eq!(commands, [Command::Reset]);
+        let settled = snapshot(Mode::Disarmed, SETTLING_FRAMES + 1);
+        assert_eq!(start.ready(&settled, &mut commands), Ok(true));
+        assert!(start.ready(&safe, &mut commands).is_err());
+        assert_eq!(commands.len(), 1);
+    }
+
+    #[test]
+    fn nothing_is_asked_before_the_filters_have_settled() {
+        let mut start = Start::new(false);
+        let early = snapshot(Mode::Disarmed, SETTLING_FRAMES);
+        assert_eq!(start.ready(&early, &mut Vec::new()), Ok(false));
+        let lost = snapshot(Mode::Disarmed, 0);
+        assert!(check_link(&lost.link, "sim").is_ok());
+        let silent = check_link(&LinkStatus::default(), "sim").map_err(|e| e.to_string());
+        assert!(silent.is_err_and(|why| why.contains("no data from the boards on sim")));
+    }
+}

@@ -105,7 +105,7 @@ impl Twin {
                 let refused = allowed(&r).map_err(|e| e.to_string());
                 let near = r.state == ReachState::Unreachable && r.distance_m < GIVE_UP_M;
                 match check.then {
-                    // Where nobody can tell, what has begun goes on.
+                    // Where there is no verdict, what has begun goes on.
                     Then::GoOn if near || r.state == ReachState::OutsideData => Ok(r),
                     _ => refused.map(|()| r),
                 }

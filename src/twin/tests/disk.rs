@@ -24,12 +24,12 @@ fn pipe(name: &str) -> PathBuf {
 }
 
 /// A port that says when it is let go.
-struct Told {
+struct Reporting {
     frames: Frames,
     gone: SyncSender<()>,
 }
 
-impl Port for Told {
+impl Port for Reporting {
     fn clock(&self) -> Clock {
         self.frames.clock()
     }
@@ -41,7 +41,7 @@ impl Port for Told {
     fn reset(&mut self, _now: Stamp) {}
 }
 
-impl Drop for Told {
+impl Drop for Reporting {
     fn drop(&mut self) {
         let _ = self.gone.try_send(());
     }
@@ -56,7 +56,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let (orders, todo) = sync_channel::<(u32, Vec<Command>)>(1);
-        let (tell, done) = sync_channel(1);
+        let (report, done) = sync_channel(1);
         let work = move || {
             let mut runner = Runner::new(twin(), Box::new(Frames(0)), &RobotSpec::reference());
             let mut k = 0;
@@ -66,7 +66,7 @@ impl Bench {
                     k += 1;
                     events.extend(runner.tick(at(k), &std::mem::take(&mut commands)).1);
                 }
-                tell.send(events).expect("the test listens");
+                report.send(events).expect("the test listens");
             }
         };
         let thread = std::thread::Builder::new().name("test twin".to_owned());
@@ -206,7 +206,7 @@ fn the_port_is_let_go_before_the_disk_is_waited_for() {
     let path = pipe("port-first");
     let (gone, is_gone) = sync_channel(1);
     let frames = Frames(0);
-    let (handle, thread) = running(Box::new(Told { frames, gone }));
+    let (handle, thread) = running(Box::new(Reporting { frames, gone }));
     let start = Command::StartRecording(path.clone());
     handle.send(start).expect("room");
     wait_until("it records", || handle.snapshot().recording.is_some());

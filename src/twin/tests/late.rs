@@ -1,4 +1,4 @@
-//! Data that come too late: what is said tells a busy computer from silent boards.
+//! Data that come too late: the messages distinguish a busy computer from silent boards.
 
 use super::*;
 use crate::signal::HostDelay;
