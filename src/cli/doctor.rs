@@ -13,7 +13,7 @@ use springtwin::robot::RobotSpec;
 #[derive(Args)]
 pub struct DoctorArgs {}
 
-/// `doctor`: checks the graphics adapter, ports, viewer and files, and says what to do.
+/// `doctor`: checks the graphics adapter, ports, viewer and files, each with advice.
 pub fn run(robot: &RobotSpec) -> Result<Report> {
     let mut checks = doctor::checks(robot, &user::recordings_folder());
     checks.extend(screen());

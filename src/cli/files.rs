@@ -63,8 +63,8 @@ fn inspected(found: &Inspection) -> String {
             gap.seconds, gap.from_s
         ));
     }
-    for said in &found.units {
-        text.push_str(&format!("\nWARN {said}"));
+    for warning in &found.units {
+        text.push_str(&format!("\nWARN {warning}"));
     }
     text.push_str(&format!(
         "\n  {:<34} {:>8} {:>8} {:>10} {:>10} {:>10}",

@@ -31,13 +31,13 @@ use springtwin::robot::RobotSpec;
 /// 30 seeds are 190 cases. Channels, signs and sizes are drawn from the seed. An effect whose bounds
 /// keep it from the strength stands on the rung that it reaches.
 ///
-/// DIR/cases/NAME/{commissioning,suspect} are the sessions, verdict.json beside them is what the
-/// finder said; DIR/keys/NAME.json is what was hidden. The finder runs with a cleared environment, in
+/// DIR/cases/NAME/{commissioning,suspect} are the sessions, verdict.json beside them is the
+/// finder's verdict; DIR/keys/NAME.json is what was hidden. The finder runs with a cleared environment, in
 /// another working directory, on those two folders. Scoring starts when all verdicts are written:
 /// DIR/report.md and DIR/report.json. A run that was stopped goes on where it was; cases keep their
 /// sessions, and their verdicts as long as the finder's program is the same file.
 ///
-/// With --shard I/N only a stretch of the cases is made and solved, and DIR/shard-I-of-N.json says which;
+/// With --shard I/N only a stretch of the cases is made and solved, and DIR/shard-I-of-N.json names them;
 /// `gap bench merge` scores the cases of all shards. Shards may share a folder or have one each.
 #[derive(Args)]
 #[command(verbatim_doc_comment, args_conflicts_with_subcommands = true)]

@@ -28,7 +28,7 @@ impl Overwrite {
         self.unless(path.is_file(), path)
     }
 
-    /// As [`Self::file`], for a table of numbers, if one was asked for; its ending says what it will be.
+    /// As [`Self::file`], for a table of numbers, if one was asked for; its ending decides its format.
     pub fn table(self, path: Option<&Path>) -> Result<()> {
         let Some(path) = path else {
             return Ok(());
@@ -65,7 +65,7 @@ impl Overwrite {
     }
 }
 
-/// Refuses `bytes` that do not fit where `path` will be, and says how much both are.
+/// Refuses `bytes` that do not fit where `path` will be, and names both sizes.
 pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     let path = std::path::absolute(path)?;
     let folder = path.parent().unwrap_or(&path);

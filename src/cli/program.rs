@@ -111,7 +111,7 @@ commands! { c:
     Man(a: reference::ManArgs) => reference::man(a, Cli::command()),
 }
 
-/// What is logged unless RUST_LOG says otherwise. A viewer that goes away and a graphics driver that is missing are
+/// What is logged unless RUST_LOG is set. A viewer that goes away and a graphics driver that is missing are
 /// reported in our own words.
 const LOGS: &str = "warn,re_grpc_client=off,wgpu_hal::vulkan::instance=off,eframe::native::run=off";
 

@@ -26,7 +26,7 @@ impl std::error::Error for ReaderGone {}
 /// Writes a text and a line's end to standard output.
 ///
 /// # Errors
-/// [`ReaderGone`] when the other end is closed; what the system says otherwise.
+/// [`ReaderGone`] when the other end is closed; the system's error otherwise.
 pub fn line(text: &str) -> Result<()> {
     bytes(format!("{text}\n").as_bytes())
 }

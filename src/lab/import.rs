@@ -76,7 +76,7 @@ pub fn import(a: &Options) -> Result<Imported> {
     })
 }
 
-/// Puts the poses into the robot's base, and on request onto its clock; says so.
+/// Puts the poses into the robot's base, and on request onto its clock; returns that in words.
 fn place(log: &mut SessionLog, chosen: &Chosen, path: &Path, clock: bool) -> Result<String> {
     let Chosen::Object(object) = chosen else {
         anyhow::bail!(

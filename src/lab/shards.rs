@@ -119,7 +119,7 @@ pub fn in_order<T>(
         let i = shard.shard.0;
         anyhow::ensure!(
             (1..=n).contains(&i),
-            "{} says it is shard {i} of {n}: run that shard again",
+            "{} has the index {i} of {n} shards: run that shard again",
             path.display()
         );
     }

@@ -82,13 +82,13 @@ pub fn example(
     let errors = listen(&mut child)?;
     loop {
         if let Some(status) = child.try_wait()? {
-            let said = errors.join().unwrap_or_default();
-            return match (status.success(), said.trim()) {
+            let errors = errors.join().unwrap_or_default();
+            return match (status.success(), errors.trim()) {
                 (true, _) => Ok(pair),
                 (false, "") => Err(anyhow::anyhow!(
                     "the virtual rig ended with {status}: see springtwin rig case --help"
                 )),
-                (false, said) => Err(anyhow::anyhow!("the virtual rig: {said}")),
+                (false, text) => Err(anyhow::anyhow!("the virtual rig: {text}")),
             };
         }
         if cancelled() {

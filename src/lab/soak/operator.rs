@@ -54,7 +54,7 @@ pub struct Operator {
     mode_since_s: f64,
     /// When the geometric simulator is shown next, and until when, s. Its thread stays once it was shown.
     mesh_s: [f64; 2],
-    /// When the next word is said about motion.
+    /// Time of the next command about motion, s.
     act_s: f64,
     record_s: f64,
     /// The recording that runs, or is being ended.
