@@ -232,8 +232,8 @@ impl Controller {
         &self.gains
     }
 
-    /// One tick. Values that are not finite make it hold for this tick; the observers then start
-    /// anew. A frame that is not newer than the last one continues the last rates.
+    /// One tick. Values that are not finite make it hold for this tick; the observers then
+    /// restart. A frame that is not newer than the last one continues the last rates.
     pub fn step(&mut self, maps: Maps, input: &StepInput) -> ControlOut {
         let set_pa = self.present_set_pa(input);
         let hold = |steps| ControlOut {
@@ -398,7 +398,7 @@ impl Controller {
             hi_pa_s,
         };
         // A new controller solves for its first reference.
-        let anew = active.inner.is_none();
+        let started = active.inner.is_none();
         let inner = active.inner.get_or_insert_with(|| match self.gains.kind {
             ControllerKind::PaperAdrc => {
                 Inner::PaperAdrc(Box::new(PaperAdrc::new(&tick, &self.gains)))
@@ -410,7 +410,7 @@ impl Controller {
             Inner::NullSpaceQp(qp) => qp.rate(&tick, &self.gains),
         };
         self.unsolved_ticks += u64::from(!out.converged);
-        let solve_s = match (self.stopwatch, began, out.solved || anew) {
+        let solve_s = match (self.stopwatch, began, out.solved || started) {
             (Some(now), Some(began), true) => Some((now() - began).as_secs_f64()),
             _ => None,
         };

@@ -74,7 +74,7 @@ pub(super) fn fit(
             best = (validation_loss, epoch + 1);
             best_params.copy_from_slice(&net.params);
         }
-        let told = progress(Progress {
+        let wanted = progress(Progress {
             stage: run.stage,
             member: run.member,
             epoch: epoch + 1,
@@ -82,7 +82,7 @@ pub(super) fn fit(
             train_loss,
             validation_loss,
         });
-        if told.is_break() {
+        if wanted.is_break() {
             return Err(TrainError::Cancelled);
         }
         if epoch + 1 >= best.1 + schedule.patience {

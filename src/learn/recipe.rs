@@ -19,7 +19,7 @@ pub enum RecipeError {
     #[error("the training recipe is not valid: {0}")]
     Syntax(#[from] toml::de::Error),
     /// A value makes no sense.
-    #[error("the training recipe says {key} = {value}, but it must be {must}")]
+    #[error("the training recipe has {key} = {value}, but it must be {must}")]
     Value {
         /// The key, dotted.
         key: String,

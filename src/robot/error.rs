@@ -14,7 +14,7 @@ pub enum RobotError {
         message: String,
     },
     /// A value makes no sense.
-    #[error("the robot file says {key} = {value}, but it must be {must}")]
+    #[error("the robot file has {key} = {value}, but it must be {must}")]
     Value {
         /// The key, dotted.
         key: &'static str,
@@ -25,7 +25,7 @@ pub enum RobotError {
     },
     /// A length in metres where mm belong.
     #[error(
-        "the robot file says {key} = {value}, which looks like metres: lengths are in mm, so write {}",
+        "the robot file has {key} = {value}, which looks like metres: lengths are in mm, so write {}",
         1e3 * value
     )]
     Metres {

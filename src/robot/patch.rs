@@ -117,8 +117,8 @@ pub fn without_last_patch(text: &str) -> Result<&str, RobotError> {
 
 fn check_hash(text: &str, at: usize, number: usize) -> Result<String, RobotError> {
     let hash = hash_of(&text[..at]);
-    let told = text[at + MARK.len()..].lines().next().unwrap_or_default();
-    if told == hash {
+    let stated = text[at + MARK.len()..].lines().next().unwrap_or_default();
+    if stated == hash {
         return Ok(hash);
     }
     Err(RobotError::Patch {

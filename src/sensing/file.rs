@@ -17,7 +17,7 @@ pub enum CalibrationError {
     Syntax(#[from] toml::de::Error),
     /// A value makes no sense.
     #[error(
-        "the calibration file says {key} = {value} for {channel} {number}, but it must be {must}; calibrate it again"
+        "the calibration file has {key} = {value} for {channel} {number}, but it must be {must}; calibrate it again"
     )]
     Value {
         /// `spring` or `IMU`.

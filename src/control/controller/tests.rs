@@ -152,12 +152,12 @@ fn check_reaches(kind: ControllerKind) {
 }
 
 #[test]
-fn paper_reaches_three_targets_with_a_wrong_model_and_load() {
+fn paper_adrc_reaches_three_targets_with_a_wrong_model_and_load() {
     check_reaches(ControllerKind::PaperAdrc);
 }
 
 #[test]
-fn ours_reaches_three_targets_with_a_wrong_model_and_load() {
+fn null_space_qp_reaches_three_targets_with_a_wrong_model_and_load() {
     check_reaches(ControllerKind::NullSpaceQp);
 }
 

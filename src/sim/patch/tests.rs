@@ -144,7 +144,7 @@ fn a_patched_model_is_the_arm_that_its_effects_make() {
 }
 
 #[test]
-fn every_mechanical_knob_moves_the_model_and_the_others_do_not() {
+fn every_mechanical_parameter_moves_the_model_and_the_others_do_not() {
     let robot = RobotSpec::reference();
     let plain = settled(&Model::nominal(&robot), 0.1);
     for knob in calibration_parameters() {
@@ -160,7 +160,7 @@ fn every_mechanical_knob_moves_the_model_and_the_others_do_not() {
 }
 
 #[test]
-fn knobs_add_to_the_robot_they_depart_from_and_replace_what_lies_between() {
+fn parameters_add_to_the_robot_they_depart_from_and_replace_what_lies_between() {
     let base = RobotSpec::reference();
     let knob = "chamber-1-stiffness";
     let damping = |v| [(knob, v), ("damping", 0.05 + v)];
@@ -178,11 +178,11 @@ fn knobs_add_to_the_robot_they_depart_from_and_replace_what_lies_between() {
     assert!(near(values(&r1), [0.02, 0.07]));
     let on_one = put_on(&one, &patch(&r1.hash, &damping(0.03), &[]));
     assert!(near(values(&on_one), [0.05, 0.10]), "{:?}", values(&on_one));
-    let anew = put_on(&one, &patch(&base.hash, &damping(0.03), &[]));
-    assert!(near(values(&anew), [0.03, 0.08]), "{:?}", values(&anew));
+    let again = put_on(&one, &patch(&base.hash, &damping(0.03), &[]));
+    assert!(near(values(&again), [0.03, 0.08]), "{:?}", values(&again));
     // In memory it is the same.
     let in_memory = r1.patched(patch(&base.hash, &damping(0.03), &[]));
-    assert_eq!(values(&in_memory), values(&anew));
+    assert_eq!(values(&in_memory), values(&again));
     let on_top = Correction::of(&r1).expect("known").and(&nominal(), &[]);
     assert_eq!(on_top.values, Correction::of(&r1).expect("known").values);
 }
@@ -237,11 +237,11 @@ fn sensor_errors_are_those_of_the_readings() {
     acting.extend(correction.effects);
     effects::read(&base, &[0.0], &mut run, &acting);
     let errors = SensorErrors::of(&patched);
-    let told = errors.read_springs(&clean.spring_m);
+    let read_m = errors.read_springs(&clean.spring_m);
     for i in 0..SPRINGS {
-        assert!((told[i] - run.sensors[0].spring_m[i]).abs() < 1e-12);
+        assert!((read_m[i] - run.sensors[0].spring_m[i]).abs() < 1e-12);
     }
-    assert!((told[2] - clean.spring_m[2]).abs() > 1e-3);
+    assert!((read_m[2] - clean.spring_m[2]).abs() > 1e-3);
     for i in 0..IMUS {
         let pad = UnitQuaternion::from(clean.base_from_imu_pad(i));
         let read = UnitQuaternion::from(run.sensors[0].base_from_imu_pad(i));
