@@ -3,6 +3,7 @@
 //!
 //! ARCHITECTURE.md draws the modules and the direction in which things flow.
 
+pub mod analysis;
 pub mod calibrate;
 pub mod charts;
 pub mod control;

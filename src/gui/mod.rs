@@ -6,13 +6,10 @@
 //! around it ([`services`]).
 
 pub mod app;
-pub mod compare;
-pub mod history;
 pub mod offscreen;
 pub mod pace;
 pub mod panels;
 pub mod scene;
-pub mod score;
 pub mod services;
 pub mod theme;
 

@@ -6,7 +6,7 @@
 
 use egui::{Color32, CornerRadius, FontFamily, FontId, Margin, Stroke, TextStyle, Theme, vec2};
 
-use super::history::Channel;
+use crate::analysis::history::Channel;
 
 /// How abnormal something is. Always shown as glyph and text beside the colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

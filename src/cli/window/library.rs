@@ -6,8 +6,8 @@ mod samples;
 use std::path::{Path, PathBuf};
 
 use jiff::tz::TimeZone;
+use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::gui::RecordingEntry;
-use springtwin::gui::services::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::recording::{
     Inspection, inspect, inspect_log, inspect_recording, is_rrd, read_rrd_with, read_session_with,
 };

@@ -1,7 +1,7 @@
 //! What the window asks of the program: work on threads of their own, files, dialogs.
 
+use springtwin::analysis::player::Player;
 use springtwin::gui::Services;
-use springtwin::gui::panels::player::Player;
 use springtwin::gui::services::{Connected, Folder, Job, Scanner};
 
 use super::later::later;

@@ -5,7 +5,7 @@ use egui::{RichText, Ui};
 use super::View;
 use super::plot::{Dash, swatch};
 use super::widgets::{Meter, cell, dense, meter, note, number};
-use crate::gui::history::Channel;
+use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::signal::CHAMBERS;
 

@@ -7,7 +7,7 @@ use super::plot::{Dash, swatch};
 use super::widgets::{
     Meter, cell, cell_left, dense, heading, health, health_sentence, meter, note, number,
 };
-use crate::gui::history::Channel;
+use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{IMUS, SPRINGS};
 

@@ -11,7 +11,6 @@ pub mod gap;
 pub mod operate;
 pub mod palette;
 pub mod plans;
-pub mod player;
 pub mod plot;
 pub mod pose;
 pub mod recordings;
@@ -29,7 +28,8 @@ pub mod widgets;
 
 use serde::{Deserialize, Serialize};
 
-use super::history::History;
+use crate::analysis::history::History;
+use crate::analysis::recorded::origin_name;
 use crate::robot::RobotSpec;
 use crate::signal::{Mode, Snapshot, Stamp, TruthSource};
 use widgets::Gate;
@@ -142,15 +142,6 @@ fn last_data(live: &Snapshot) -> Option<Stamp> {
 /// Up to when plots show a live twin, s: now, or while no data come the time of the last.
 pub fn live_until_s(live: &Snapshot) -> f64 {
     last_data(live).unwrap_or(live.stamp).seconds()
-}
-
-/// Where data come from, in words: `simulated`, `hardware` or `origin not told`.
-pub fn origin_name(simulated: Option<bool>) -> &'static str {
-    match simulated {
-        Some(true) => "simulated",
-        Some(false) => "hardware",
-        None => "origin not told",
-    }
 }
 
 /// Opacity of values that no longer come: they stay readable.

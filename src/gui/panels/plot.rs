@@ -11,7 +11,8 @@ use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
 
 use super::View;
 use super::widgets::number;
-use crate::gui::history::{Channel, envelope_of, slot_s};
+use crate::analysis::decimate::{envelope_of, slot_s};
+use crate::analysis::history::Channel;
 use crate::gui::theme::Palette;
 use band::Band;
 use ticks::{clock, decimals_for, marks, marks_of_time};

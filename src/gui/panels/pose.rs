@@ -4,7 +4,7 @@ use egui::{RichText, Ui};
 
 use super::View;
 use super::widgets::{cell, cell_left, dense, note, number, status};
-use crate::gui::history::{POSE_NAMES, display_difference, error_norms, pose_for_display};
+use crate::analysis::history::{POSE_NAMES, display_difference, error_norms, pose_for_display};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::FAR_DISTANCE;
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::View;
 use super::plot::{Legend, Series, TimePlot, TimeWindow, stack};
 use super::widgets::ends;
-use crate::gui::history::{Channel, POSE_NAMES};
+use crate::analysis::history::{Channel, POSE_NAMES};
 use crate::signal::CHAMBERS;
 
 /// What the strips show.

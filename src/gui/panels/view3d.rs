@@ -10,7 +10,7 @@ use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, po
 use serde::{Deserialize, Serialize};
 
 use super::View;
-use crate::gui::history::Channel;
+use crate::analysis::history::Channel;
 use crate::gui::scene::camera::View as Side;
 use crate::gui::scene::reachset::ReachSet;
 use crate::gui::scene::{
@@ -421,8 +421,8 @@ fn grid(painter: &egui::Painter, rect: egui::Rect, origin: Pos2, scale: f32, p: 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::history::History;
     use crate::gui::fixture;
-    use crate::gui::history::History;
     use crate::robot::RobotSpec;
 
     #[test]

@@ -152,7 +152,7 @@ fn a_port_a_panel_a_step_and_a_recording_are_found_and_done() {
 
 fn all_of(app: &App, s: &Snapshot) -> Vec<Entry> {
     let spec = RobotSpec::reference();
-    let history = crate::gui::history::History::new(4);
+    let history = crate::analysis::history::History::new(4);
     entries(&Known {
         live: View {
             snapshot: s,

@@ -5,10 +5,10 @@ mod made;
 use std::path::Path;
 
 use super::*;
-use crate::gui::panels::recordings::{Alignment, Compared, Detail, Pairing, Quantity, Side};
-use crate::gui::services::{
-    About, ChannelFacts, ChannelFault, Loaded, LoggedEvent, Picked, Worker,
-};
+use crate::analysis::pairing::{Alignment, Pairing};
+use crate::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
+use crate::gui::panels::recordings::{Compared, Detail, Quantity, Side};
+use crate::gui::services::{Picked, Worker};
 use crate::signal::{ChannelHealth, Trace};
 
 /// B begins this much later in the motion than A, s.
@@ -417,13 +417,13 @@ fn a_recording_that_does_not_say_so_is_never_called_hardware() {
     let mut h = harness(app);
     h.run_steps(3);
     assert!(
-        h.get_all_by_label_contains("first (origin not told)")
+        h.get_all_by_label_contains("first (origin unknown)")
             .next()
             .is_some()
     );
     h.state_mut().screen = Screen::Accuracy;
     h.run_steps(3);
-    h.get_by_label("ours: origin not told");
+    h.get_by_label("ours: origin unknown");
     assert!(h.query_by_label_contains("(hardware)").is_none());
 }
 

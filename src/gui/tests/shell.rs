@@ -215,7 +215,7 @@ fn an_armed_arm_is_not_let_go() {
     armed.mode = Mode::Hold;
     let spec = RobotSpec::reference();
     let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec.clone(), &[armed.clone()]);
-    let history = crate::gui::history::History::new(4);
+    let history = crate::analysis::history::History::new(4);
     let gate = |s: &Snapshot| {
         let view = View {
             simulated: Some(true),
@@ -408,7 +408,7 @@ fn what_is_known_of_a_silent_link_is_shown_with_its_age() {
 
 #[test]
 fn plots_stand_still_while_a_link_is_silent() {
-    use crate::gui::history::{Channel, History};
+    use crate::analysis::history::{Channel, History};
     use crate::gui::panels::live_until_s;
     let mut history = History::live();
     for k in 0..100 {

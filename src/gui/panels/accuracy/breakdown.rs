@@ -3,8 +3,8 @@
 use egui::{RichText, ScrollArea, Ui};
 
 use super::{AccuracyState, nothing};
+use crate::analysis::score::By;
 use crate::gui::panels::widgets::{Meter, cell, cell_left, dense, heading, meter, note, number};
-use crate::gui::score::By;
 use crate::gui::theme::Palette;
 
 /// The bins.
@@ -24,7 +24,7 @@ pub fn ui(ui: &mut Ui, state: &mut AccuracyState) {
     });
     let scoring = state.is_scoring();
     let by = state.by;
-    let bins = state.analysis.as_mut().map_or(&[][..], |a| a.bins(by));
+    let bins = state.scores.shown_mut().map_or(&[][..], |a| a.bins(by));
     if bins.is_empty() {
         note(ui, nothing(scoring));
         return;

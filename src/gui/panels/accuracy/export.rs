@@ -6,13 +6,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use egui::{Button, ColorImage, Rect, Ui};
 
+use super::AccuracyState;
 use super::frames::sentences;
 use super::table::published;
-use super::{AccuracyState, Analysis};
+use crate::analysis::score::{ReportFacts, csv, report};
+use crate::analysis::scores::Analysis;
 use crate::gui::panels::View;
 use crate::gui::panels::files::Saving;
 use crate::gui::panels::widgets::{Gate, gated, note};
-use crate::gui::score::{ReportFacts, csv, report};
 use crate::gui::services::{Content, Dialog, DialogKind, Existing, Services};
 
 /// A kind of file.
@@ -105,7 +106,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, services: &mu
         });
         return;
     }
-    let analysis = state.analysis.as_ref();
+    let analysis = state.scores.shown();
     let n = analysis.map_or(0, |a| a.scored.len());
     let export = &mut state.export;
     if let Some(kind) = export.kind.filter(|_| export.saving.is_asking()) {
@@ -149,7 +150,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, services: &mu
 
 // What is scored, in a line.
 fn caption(view: &View<'_>, state: &AccuracyState) -> String {
-    let Some(analysis) = &state.analysis else {
+    let Some(analysis) = state.scores.shown() else {
         return String::new();
     };
     let facts = facts(view, state, analysis);
@@ -197,7 +198,7 @@ fn write(
     to: (PathBuf, Existing),
     services: &mut Services,
 ) {
-    let Some(analysis) = &state.analysis else {
+    let Some(analysis) = state.scores.shown() else {
         return;
     };
     let scored = Arc::clone(&analysis.scored);

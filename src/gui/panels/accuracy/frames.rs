@@ -3,7 +3,7 @@
 use egui::{ScrollArea, Ui};
 
 use super::AccuracyState;
-use crate::gui::history::pose_for_display;
+use crate::analysis::history::pose_for_display;
 use crate::gui::panels::View;
 use crate::gui::panels::widgets::number;
 use crate::sensing::registration::Registration;

@@ -1,10 +1,8 @@
 //! The Accuracy screen: predicted against measured pose, with the published values beside ours.
 
-mod analysis;
 mod breakdown;
 mod export;
 mod frames;
-mod peaks;
 mod space;
 mod table;
 
@@ -14,17 +12,16 @@ use super::View;
 use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
 use super::sensors::stale;
 use super::widgets::{Gate, empty, ends, gated, minutes, note, number, pane};
-use crate::gui::history::{Channel, History, POSE_NAMES};
+use crate::analysis::history::{Channel, History, POSE_NAMES};
+use crate::analysis::peaks::Peaks;
+use crate::analysis::score::{By, occlusions};
+use crate::analysis::scores::Scores;
 use crate::gui::scene::camera::Camera;
-use crate::gui::score::{By, occlusions};
 use crate::gui::services::Services;
 use crate::gui::theme::Palette;
 use crate::sensing::registration::Registration;
 
-pub use analysis::Analysis;
-use analysis::Underway;
 pub use export::{Export, Kind};
-use peaks::Peaks;
 pub use table::published_for;
 
 /// Which part of the session is scored.
@@ -81,9 +78,7 @@ pub struct AccuracyState {
     peak_place: Option<[usize; 2]>,
     /// From where the error vectors are looked at.
     camera: Option<Camera>,
-    // Costly over ten minutes: kept until half a second of new data came.
-    analysis: Option<Analysis>,
-    pending: Option<Underway>,
+    scores: Scores,
     peaks: Peaks,
     /// Jumps to the next (`true`) or the previous peak that were asked for, while the errors are gathered.
     jumps: Vec<bool>,
@@ -107,8 +102,7 @@ impl AccuracyState {
     pub fn forget(&mut self) {
         self.peak = None;
         self.peak_place = None;
-        self.analysis = None;
-        self.pending = None;
+        self.scores = Scores::default();
         self.peaks = Peaks::default();
         self.jumps.clear();
     }
@@ -130,6 +124,28 @@ impl AccuracyState {
         let found = self.peaks.found();
         for forward in std::mem::take(&mut self.jumps) {
             self.jump(&found, view, window, forward);
+        }
+    }
+
+    /// Whether the scores of what is shown are still being computed.
+    pub fn is_scoring(&self) -> bool {
+        self.scores.is_scoring()
+    }
+
+    /// Keeps the scores in step with what is shown; asks for another frame while they are being computed.
+    fn analyse(&mut self, ctx: &egui::Context, view: &View<'_>, window: &TimeWindow) {
+        let range_s = match self.scope {
+            Scope::Window => {
+                let [from, to] = window.range_s(view.now_s);
+                [from, to.min(view.now_s)]
+            }
+            Scope::All => [f64::NEG_INFINITY, view.now_s],
+        };
+        if self
+            .scores
+            .update(view.history, range_s, window.frozen_end_s.is_some())
+        {
+            ctx.request_repaint();
         }
     }
 

@@ -6,12 +6,12 @@ use egui::{
 use glam::{Vec2, Vec3};
 
 use super::{AccuracyState, nothing};
+use crate::analysis::score::Scored;
 use crate::gui::panels::View;
 use crate::gui::panels::widgets::{heading, number};
 use crate::gui::scene::camera::{self, Camera};
 use crate::gui::scene::colours;
 use crate::gui::scene::overlay::{Stage, paint_triad};
-use crate::gui::score::Scored;
 use crate::gui::theme::Palette;
 
 /// More arrows than this are hard to read.
@@ -25,7 +25,7 @@ const CELLS: f64 = 5.0;
 
 /// The view.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
-    let Some(analysis) = state.analysis.as_ref().filter(|a| !a.scored.is_empty()) else {
+    let Some(analysis) = state.scores.shown().filter(|a| !a.scored.is_empty()) else {
         heading(ui, nothing(state.is_scoring()));
         return;
     };

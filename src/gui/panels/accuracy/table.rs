@@ -3,7 +3,7 @@
 use egui::{RichText, Ui, vec2};
 
 use super::{AccuracyState, Scope};
-use crate::gui::history::{Channel, Stats};
+use crate::analysis::history::{Channel, Stats};
 use crate::gui::panels::View;
 use crate::gui::panels::widgets::{badge, cell, cell_left, ends, note, number};
 use crate::gui::theme::Palette;
@@ -76,7 +76,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
     ui.spacing_mut().item_spacing = vec2(4.0, 2.0);
     ui.spacing_mut().interact_size.y = 17.0;
     let none = [None; 8];
-    let stats = state.analysis.as_ref().map_or(&none, |a| &a.stats);
+    let stats = state.scores.shown().map_or(&none, |a| &a.stats);
     let paper = published(view.snapshot.payload_kg);
     let name_width = 96.0;
     let width = ((ui.available_width() - name_width - 7.0 * 4.0) / 7.0).max(36.0);
@@ -145,9 +145,9 @@ fn row(
 
 fn left_out(ui: &mut Ui, view: &View<'_>, state: &AccuracyState) {
     let (load_kg, _) = published_for(view.snapshot.payload_kg);
-    let spans: &[[f64; 2]] = state.analysis.as_ref().map_or(&[], |a| &a.occlusions);
+    let spans: &[[f64; 2]] = state.scores.shown().map_or(&[], |a| &a.occlusions);
     let seconds: f64 = spans.iter().map(|[a, b]| b - a).sum();
-    let excluded = state.analysis.as_ref().map_or(0, |a| a.excluded);
+    let excluded = state.scores.shown().map_or(0, |a| a.excluded);
     note(
         ui,
         format!(

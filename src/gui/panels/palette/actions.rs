@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use crate::analysis::player::Player;
 use crate::calibrate::Step;
 use crate::gui::panels::accuracy::{self, Below, Plots, Scope};
 use crate::gui::panels::calibrate::CalibrateState;
@@ -10,7 +11,6 @@ use crate::gui::panels::connect::{self, Connection, VIRTUAL};
 use crate::gui::panels::gap::{self, GapState};
 use crate::gui::panels::operate::{OperateState, PANES, Pane};
 use crate::gui::panels::plans::PlanKind;
-use crate::gui::panels::player::Player;
 use crate::gui::panels::plot::TimeWindow;
 use crate::gui::panels::recordings::Library;
 use crate::gui::panels::sensors::Reading;

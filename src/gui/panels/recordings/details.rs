@@ -3,12 +3,12 @@
 use egui::{Button, RichText, ScrollArea, Ui, vec2};
 
 use super::{Detail, Library};
-use crate::gui::history::{Channel, History};
+use crate::analysis::history::{Channel, History};
+use crate::analysis::player::Player;
+use crate::analysis::recorded::LoggedEvent;
 use crate::gui::panels::dashboard::spring_name;
-use crate::gui::panels::player::Player;
 use crate::gui::panels::shell::mode_words;
 use crate::gui::panels::widgets::{cell, cell_left, dense, minutes, note, number, status};
-use crate::gui::services::LoggedEvent;
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, Trace};
 

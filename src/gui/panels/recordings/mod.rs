@@ -11,9 +11,9 @@ use std::path::PathBuf;
 use egui::{Button, RichText, Ui, vec2};
 
 use super::View;
-use super::player::Player;
 use super::shell::recording_gate;
 use super::widgets::{gated, minutes, pane};
+use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
 use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
@@ -21,7 +21,7 @@ use crate::twin::Command;
 use pair::Pair;
 
 pub use super::trouble::Trouble;
-pub use pair::{Alignment, Compared, Pairing, Quantity, Side};
+pub use pair::{Compared, Quantity, Side};
 
 struct Loading {
     name: String,

@@ -1,11 +1,10 @@
 //! Recordings A and B: which is played, how they lie on each other in time, what is drawn of both.
 
-use crate::gui::compare::{NoMatch, Samples, Shift, Wrap, align, difference};
-use std::sync::Arc;
-
-use crate::gui::history::{Channel, History, POSE_NAMES};
+use crate::analysis::compare::{Samples, Wrap, difference};
+use crate::analysis::history::{Channel, POSE_NAMES};
+use crate::analysis::pairing::{Alignment, Pairing, samples};
+use crate::analysis::player::Player;
 use crate::gui::panels::dashboard::{imu_name, spring_name};
-use crate::gui::panels::player::Player;
 use crate::gui::panels::plot::{Dash, Drawn};
 use crate::gui::services::{Job, Services};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
@@ -129,15 +128,6 @@ impl Quantity {
     }
 }
 
-/// How two recordings were laid on each other.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Alignment {
-    /// What was correlated.
-    pub by: &'static str,
-    /// The shift, or why none stands out.
-    pub found: Result<Shift, NoMatch>,
-}
-
 /// Two recordings, of which one is played; that one is the window's player.
 #[derive(Default)]
 pub struct Pair {
@@ -175,66 +165,6 @@ pub struct Plotted {
     pub lines: Vec<Drawn>,
     /// Least span of its axis.
     pub min_span: f64,
-}
-
-// What tells how the recordings lie on each other, the surest first.
-fn bases() -> [(&'static str, Vec<Channel>); 4] {
-    [
-        (
-            "set pressures",
-            (0..CHAMBERS).map(Channel::ChamberSet).collect(),
-        ),
-        (
-            "measured pressures",
-            (0..CHAMBERS).map(Channel::ChamberMeasured).collect(),
-        ),
-        ("the tip's path", (0..3).map(Channel::Tip).collect()),
-        (
-            "spring lengths",
-            (0..SPRINGS).map(Channel::Spring).collect(),
-        ),
-    ]
-}
-
-/// The signals of A and B, to be laid on each other.
-#[derive(Clone)]
-pub struct Pairing {
-    /// Signals of A and B.
-    histories: [Arc<History>; 2],
-    /// Where each begins on its own time base, s.
-    starts_s: [f64; 2],
-}
-
-impl Pairing {
-    /// Finds how B lies on A. Takes seconds on long recordings; `None` when `go_on` answers `false`.
-    pub fn align(&self, go_on: &dyn Fn() -> bool) -> Option<Alignment> {
-        let mut last = None;
-        for (by, channels) in bases() {
-            if !go_on() {
-                return None;
-            }
-            let of = |i: usize| -> Vec<Samples> {
-                let all = channels.iter();
-                all.map(|c| samples(&self.histories[i], self.starts_s[i], *c))
-                    .collect()
-            };
-            let found = align(&of(0), &of(1));
-            let undecided = found == Err(NoMatch::TooLittle);
-            last = Some(Alignment { by, found });
-            if !undecided {
-                break;
-            }
-        }
-        last
-    }
-}
-
-// Since the recording began.
-fn samples(history: &History, start_s: f64, channel: Channel) -> Samples {
-    history
-        .points(channel, f64::NEG_INFINITY, f64::INFINITY)
-        .map(|[t, v]| [t - start_s, v])
-        .collect()
 }
 
 impl Pair {
@@ -279,11 +209,7 @@ impl Pair {
         let [Some(a), Some(b)] = self.sides(player.as_ref()) else {
             return;
         };
-        let pairing = Pairing {
-            histories: [a, b].map(|p| Arc::clone(p.shared_history())),
-            starts_s: [a, b].map(Player::start_s),
-        };
-        self.aligning = Some((services.align)(pairing));
+        self.aligning = Some((services.align)(Pairing::of([a, b])));
         self.poll();
     }
 

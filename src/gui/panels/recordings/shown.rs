@@ -4,9 +4,9 @@ use egui::{Align, Button, DragValue, Layout, RichText, Slider, Ui, vec2};
 
 use super::details::cut_sentence;
 use super::{Compared, Library, Quantity, RecordingsInput, Side};
-use crate::gui::history::{Channel, History};
+use crate::analysis::history::{Channel, History};
+use crate::analysis::player::{AtEnd, Player};
 use crate::gui::panels::View;
-use crate::gui::panels::player::{AtEnd, Player};
 use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
 use crate::gui::panels::widgets::{Gate, empty, gated, minutes, note, number, status};
 use crate::gui::services::Services;

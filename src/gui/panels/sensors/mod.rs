@@ -12,7 +12,7 @@ use super::dashboard::spring_name;
 use super::plot::{TimeWindow, sparkline};
 use super::shell::age;
 use super::widgets::{Meter, cell, empty, heading, health, health_sentence, meter, number, pane};
-use crate::gui::history::{Channel, spring_khz, spring_residual_mm};
+use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
 use crate::signal::{ChannelHealth, SPRINGS, SensorFrame};
 

@@ -4,7 +4,7 @@ use egui::{DragValue, RichText, ScrollArea, Ui, vec2};
 
 use super::side::{axes, imu_channel};
 use super::{Reading, SensorsState, card, spring_channel};
-use crate::gui::history::Channel;
+use crate::analysis::history::Channel;
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::{imu_name, spring_name};
 use crate::gui::panels::plot::{self, Legend, Series, TimePlot, TimeWindow};

@@ -3,7 +3,7 @@
 use egui::{RichText, Ui};
 
 use super::{Reading, channel_age_s};
-use crate::gui::history::{Channel, imu_residual_deg};
+use crate::analysis::history::{Channel, imu_residual_deg};
 use crate::gui::panels::View;
 use crate::gui::panels::dashboard::imu_name;
 use crate::gui::panels::plot::{Dash, swatch};

@@ -1,4 +1,4 @@
-//! What the plots show: the signals of the last minutes in columns, and their min/max decimation.
+//! Signals over time in columns, with a min/max pyramid for plots.
 //!
 //! Times are f64 seconds, values f32 in display units (mm, deg, kPa). A channel without a new sample in a
 //! snapshot gets no value in that row. With its extremes a value takes 5.1 bytes: the 106 channels over ten
@@ -13,8 +13,9 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
 pub use stats::Stats;
-use store::{Drawn, Store, lines};
+use store::{Drawn, Store};
 
+use super::decimate::{lines, slot_s};
 use crate::signal::{
     ArmShape, CHAMBERS, GroundTruth, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, Snapshot, Stamp,
     pose_error, ypr_from_rotation,
@@ -163,13 +164,6 @@ pub fn error_norms(actual: &Pose, wanted: &Pose) -> [f64; 2] {
         e.fixed_rows::<3>(0).norm() * 1e3,
         e.fixed_rows::<3>(3).norm().to_degrees(),
     ]
-}
-
-/// Time that a pixel of a plot stands for, s: the grid of [`History::envelope`].
-///
-/// Whole nanoseconds: a window that moves on keeps its grid.
-pub fn slot_s(from_s: f64, to_s: f64, pixels: usize) -> f64 {
-    ((to_s - from_s) / (pixels.max(2) - 1) as f64 * 1e9).round() * 1e-9
 }
 
 /// Truth samples that may wait for an estimate at or after their instant.
@@ -517,82 +511,9 @@ impl History {
         if width_s.is_nan() || width_s <= 0.0 {
             return Vec::new();
         }
-        // Several slots long, so that it never falls within one.
-        let gap_s = (3.0 * width_s).max(0.25);
         let window_s = [from_s, to_s];
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let slots = drawn.slots(&self.rows, channel.column(), window_s, width_s);
-        lines(&slots, gap_s)
-    }
-}
-
-/// [`History::envelope`] of any points in order of time, for slots of `width_s`.
-pub fn envelope_of(points: impl Iterator<Item = [f64; 2]>, width_s: f64) -> Vec<Vec<[f64; 2]>> {
-    if width_s.is_nan() || width_s <= 0.0 {
-        return Vec::new();
-    }
-    let gap_s = (3.0 * width_s).max(0.25);
-    let mut lines: Vec<Vec<[f64; 2]>> = Vec::new();
-    let mut slot: Option<Extremes> = None;
-    let mut last_t = f64::NEG_INFINITY;
-    for p in points {
-        let index = (p[0] / width_s).floor();
-        let broken = p[0] - last_t > gap_s;
-        last_t = p[0];
-        match &mut slot {
-            Some(s) if s.index == index && !broken => s.add(p),
-            _ => {
-                if let Some(s) = slot.take() {
-                    s.close(&mut lines);
-                }
-                if broken {
-                    lines.push(Vec::new());
-                }
-                slot = Some(Extremes::new(index, p));
-            }
-        }
-    }
-    if let Some(s) = slot {
-        s.close(&mut lines);
-    }
-    lines
-}
-
-// Smallest and largest point of one pixel's time slot.
-struct Extremes {
-    index: f64,
-    low: [f64; 2],
-    high: [f64; 2],
-}
-
-impl Extremes {
-    fn new(index: f64, p: [f64; 2]) -> Self {
-        Self {
-            index,
-            low: p,
-            high: p,
-        }
-    }
-
-    fn add(&mut self, p: [f64; 2]) {
-        if p[1] < self.low[1] {
-            self.low = p;
-        }
-        if p[1] > self.high[1] {
-            self.high = p;
-        }
-    }
-
-    fn close(self, lines: &mut [Vec<[f64; 2]>]) {
-        let Some(line) = lines.last_mut() else {
-            return;
-        };
-        if self.low == self.high {
-            line.push(self.low);
-        } else if self.low[0] <= self.high[0] {
-            line.extend([self.low, self.high]);
-        } else {
-            line.extend([self.high, self.low]);
-        }
+        lines(&slots, width_s)
     }
 }

@@ -1,8 +1,8 @@
 //! The peaks of the whole session: errors are gathered a slice per frame, so that a long session never holds a frame
 //! up.
 
-use crate::gui::history::{Channel, History};
-use crate::gui::score::peaks_of;
+use super::history::{Channel, History};
+use super::score::peaks_of;
 
 /// Rows of the history that are gone through in a frame.
 pub const ROWS_PER_FRAME: usize = 6000;
@@ -55,8 +55,8 @@ impl Peaks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::score::{peaks, scored};
     use crate::gui::fixture;
-    use crate::gui::score::{peaks, scored};
 
     #[test]
     fn a_frame_goes_through_a_slice_and_all_slices_find_the_peaks_of_the_whole() {

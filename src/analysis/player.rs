@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::gui::history::History;
-use crate::gui::panels::origin_name;
-use crate::gui::services::{About, Loaded};
+use super::history::History;
+use super::recorded::{About, Loaded, origin_name};
 use crate::signal::{Snapshot, Trace};
 
 /// What happens at the end of a recording.

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use super::decimate::envelope_of;
 use super::history::{Channel, History, POSE_NAMES, Stats};
 
 /// Ground truth away for longer than this while frames come is an occlusion, s.
@@ -421,7 +422,7 @@ fn strip(h: &mut String, scored: &[Scored], i: usize, facts: &ReportFacts) {
     }
     let _ = write!(h, "<path d=\"M0 {0:.1}H{W}\" stroke=\"#7b8692\"/>", y(0.0));
     let points = scored.iter().map(|s| [s.t_s, s.error[i]]);
-    for piece in super::history::envelope_of(points, (to - from) / W) {
+    for piece in envelope_of(points, (to - from) / W) {
         h.push_str("<polyline fill=\"none\" stroke=\"#0072b2\" points=\"");
         for [t, v] in piece {
             let _ = write!(h, "{:.1},{:.1} ", x(t), y(v));

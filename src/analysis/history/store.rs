@@ -7,6 +7,8 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
+use crate::analysis::decimate::{Slot, slot_index as index};
+
 /// Rows (or nodes of the level below) that a node sums up.
 const FAN: usize = 16;
 /// Levels of nodes above the rows of a block.
@@ -462,21 +464,6 @@ impl Store {
     }
 }
 
-/// Number of the slot that a time lies in.
-fn index(t_s: f64, width_s: f64) -> f64 {
-    (t_s / width_s).floor()
-}
-
-/// What a column does in one slot of time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Slot {
-    index: f64,
-    first_s: f64,
-    last_s: f64,
-    low: [f64; 2],
-    high: [f64; 2],
-}
-
 /// Slots of a column that no new row changes any more.
 #[derive(Clone, Debug)]
 struct Kept {
@@ -571,25 +558,4 @@ impl Kept {
             self.covered[0] = from;
         }
     }
-}
-
-/// Lines through the extremes of slots; broken where no value came for more than `gap_s`, which is more
-/// than a slot.
-pub(super) fn lines(slots: &[Slot], gap_s: f64) -> Vec<Vec<[f64; 2]>> {
-    slots
-        .chunk_by(|a, b| b.first_s - a.last_s <= gap_s)
-        .map(|piece| {
-            let mut line = Vec::with_capacity(2 * piece.len());
-            for s in piece {
-                if s.low == s.high {
-                    line.push(s.low);
-                } else if s.low[0] <= s.high[0] {
-                    line.extend([s.low, s.high]);
-                } else {
-                    line.extend([s.high, s.low]);
-                }
-            }
-            line
-        })
-        .collect()
 }

@@ -1,21 +1,18 @@
-//! What is scored: worked out a slice per frame, so that a long window never holds the others up.
+//! Scores of a stretch of time, computed a slice per frame so that a long window never delays a frame.
 
 use std::sync::Arc;
 
-use super::{AccuracyState, Scope};
-use crate::gui::history::Stats;
-use crate::gui::panels::View;
-use crate::gui::panels::plot::TimeWindow;
-use crate::gui::score::{Bin, By, Scored, bins, occlusions, scored};
+use super::history::{History, Stats};
+use super::score::{Bin, By, Scored, bins, occlusions, scored};
 
 /// Rows of the history that are gone through in a frame.
 const ROWS_PER_FRAME: usize = 6000;
 /// Values that statistics are made of in a frame, at least one column.
 const VALUES_PER_FRAME: usize = 60_000;
-/// Scores of a window that moves on are made anew after this share of it, at least after [`ANEW_S`].
-const ANEW_RATIO: f64 = 1.0 / 60.0;
-/// Seconds after which scores are made anew at the earliest.
-const ANEW_S: f64 = 0.5;
+/// Scores of a moving window are computed again after this share of it, at least after [`AGAIN_S`].
+const AGAIN_RATIO: f64 = 1.0 / 60.0;
+/// Time after which scores are computed again at the earliest, s.
+const AGAIN_S: f64 = 0.5;
 
 /// What is scored, and how.
 pub struct Analysis {
@@ -32,8 +29,8 @@ pub struct Analysis {
     binned: Option<(By, Vec<Bin>)>,
 }
 
-/// An analysis that is being made.
-pub struct Underway {
+/// An analysis in progress.
+struct Underway {
     made: Analysis,
     /// From here on nothing is scored yet, s; infinite once all is.
     next_s: f64,
@@ -79,21 +76,21 @@ impl Underway {
     }
 
     /// Goes on by a frame's worth; whether all is done.
-    fn work(&mut self, view: &View<'_>) -> bool {
+    fn work(&mut self, history: &History) -> bool {
         let [from_s, to_s] = self.made.range_s;
         if self.next_s <= to_s {
-            let until_s = view.history.after_rows(self.next_s, ROWS_PER_FRAME);
+            let until_s = history.after_rows(self.next_s, ROWS_PER_FRAME);
             let until_s = until_s.min(to_s);
-            let more = scored(view.history, self.next_s, until_s);
+            let more = scored(history, self.next_s, until_s);
             Arc::make_mut(&mut self.made.scored).extend(more);
             self.next_s = until_s.next_up();
             if self.next_s <= to_s {
                 return false;
             }
-            let range = view.history.range_s();
+            let range = history.range_s();
             let first_s = range.map_or(from_s, |r| r[0].max(from_s));
-            self.made.occlusions = occlusions(view.history, first_s, to_s);
-            self.made.excluded = view.history.excluded(from_s, to_s);
+            self.made.occlusions = occlusions(history, first_s, to_s);
+            self.made.excluded = history.excluded(from_s, to_s);
         }
         let mut values = 0;
         while self.columns < self.made.stats.len() {
@@ -109,54 +106,58 @@ impl Underway {
     }
 }
 
-impl AccuracyState {
-    /// Whether the scores of what is shown are still being made.
+/// The scores of the stretch that is shown, kept in step with it.
+#[derive(Default)]
+pub struct Scores {
+    shown: Option<Analysis>,
+    pending: Option<Underway>,
+}
+
+impl Scores {
+    /// What is scored, once it is.
+    pub fn shown(&self) -> Option<&Analysis> {
+        self.shown.as_ref()
+    }
+
+    /// As [`Self::shown`], to sort the errors into bins.
+    pub fn shown_mut(&mut self) -> Option<&mut Analysis> {
+        self.shown.as_mut()
+    }
+
+    /// Whether the scores are still being computed.
     pub fn is_scoring(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Keeps the scores in step with what is shown; asks for another frame while they are being made.
-    pub(super) fn analyse(&mut self, ctx: &egui::Context, view: &View<'_>, window: &TimeWindow) {
-        let range_s = match self.scope {
-            Scope::Window => {
-                let [from, to] = window.range_s(view.now_s);
-                [from, to.min(view.now_s)]
-            }
-            Scope::All => [f64::NEG_INFINITY, view.now_s],
-        };
-        let rows = view.history.len();
-        let first_s = view.history.range_s().map_or(range_s[0], |r| r[0]);
-        let anew_s = (ANEW_RATIO * (range_s[1] - range_s[0].max(first_s))).max(ANEW_S);
-        // A window that stands still is scored as it stands.
-        let allowed_s = match window.frozen_end_s {
-            Some(_) => 1e-9,
-            None => anew_s,
-        };
-        // What was scored of much else is not shown in its place.
+    /// Brings the scores in step with `range_s`, a slice per call; whether another call is needed. A `frozen` range
+    /// is scored exactly, a moving one again after a share of its length.
+    pub fn update(&mut self, history: &History, range_s: [f64; 2], frozen: bool) -> bool {
+        let rows = history.len();
+        let first_s = history.range_s().map_or(range_s[0], |r| r[0]);
+        let again_s = (AGAIN_RATIO * (range_s[1] - range_s[0].max(first_s))).max(AGAIN_S);
+        let allowed_s = if frozen { 1e-9 } else { again_s };
+        // Scores of a distant range are not shown in its place.
         let far = |a: &mut Analysis| {
-            !a.spans(range_s) || a.moved_s(range_s) > 4.0 * anew_s || a.rows > rows
+            !a.spans(range_s) || a.moved_s(range_s) > 4.0 * again_s || a.rows > rows
         };
-        self.analysis.take_if(far);
+        self.shown.take_if(far);
         let fits = |a: &Analysis, slack: f64| a.spans(range_s) && a.moved_s(range_s) < slack;
-        if self.analysis.as_ref().is_some_and(|a| fits(a, allowed_s)) {
+        if self.shown.as_ref().is_some_and(|a| fits(a, allowed_s)) {
             self.pending = None;
-            return;
+            return false;
         }
-        let slack_s = match window.frozen_end_s {
-            Some(_) => allowed_s,
-            None => 2.0 * anew_s,
-        };
+        let slack_s = if frozen { allowed_s } else { 2.0 * again_s };
         self.pending.take_if(|p| !fits(&p.made, slack_s));
         let mut pending = self
             .pending
             .take()
             .unwrap_or_else(|| Underway::new(range_s, rows));
-        if pending.work(view) {
-            self.analysis = Some(pending.made);
-        } else {
-            self.pending = Some(pending);
-            ctx.request_repaint();
+        if pending.work(history) {
+            self.shown = Some(pending.made);
+            return false;
         }
+        self.pending = Some(pending);
+        true
     }
 }
 
@@ -164,8 +165,6 @@ impl AccuracyState {
 mod tests {
     use super::*;
     use crate::gui::fixture;
-    use crate::gui::history::History;
-    use crate::robot::RobotSpec;
 
     #[test]
     fn a_long_session_is_scored_in_slices_that_make_the_whole() {
@@ -179,24 +178,15 @@ mod tests {
             }
             history.push(&s);
         }
-        let last = fixture::snapshot(0.01 * (n - 1) as f64);
-        let spec = RobotSpec::reference();
-        let view = View {
-            snapshot: &last,
-            history: &history,
-            now_s: last.stamp.seconds(),
-            replay: None,
-            simulated: Some(true),
-            spec: &spec,
-        };
-        let mut pending = Underway::new([f64::NEG_INFINITY, view.now_s], n);
+        let now_s = 0.01 * (n - 1) as f64;
+        let mut pending = Underway::new([f64::NEG_INFINITY, now_s], n);
         let mut frames = 1;
-        while !pending.work(&view) {
+        while !pending.work(&history) {
             frames += 1;
             assert!(frames < 20);
         }
         assert!(frames >= 3, "{frames}");
-        let whole = scored(&history, f64::NEG_INFINITY, view.now_s);
+        let whole = scored(&history, f64::NEG_INFINITY, now_s);
         assert!(whole.len() > n - 200, "{}", whole.len());
         assert_eq!(*pending.made.scored, whole);
         for i in 0..8 {
