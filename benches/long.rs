@@ -16,7 +16,7 @@ use std::time::Duration;
 use frame::{Window, now, screens};
 use session::Session;
 use springtwin::gui::panels::Screen;
-use springtwin::gui::panels::player::Player;
+use springtwin::analysis::player::Player;
 use springtwin::recording::{RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect, read_rrd};
 
 /// As the program's.
