@@ -14,7 +14,7 @@ pub mod services;
 pub mod theme;
 
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
