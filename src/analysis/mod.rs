@@ -12,3 +12,6 @@ pub mod player;
 pub mod recorded;
 pub mod score;
 pub mod scores;
+
+#[cfg(test)]
+pub(crate) mod fixture;

@@ -55,8 +55,8 @@ impl Peaks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::fixture;
     use crate::analysis::score::{peaks, scored};
-    use crate::gui::fixture;
 
     #[test]
     fn a_frame_goes_through_a_slice_and_all_slices_find_the_peaks_of_the_whole() {

@@ -157,7 +157,7 @@ impl Player {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
 
     #[test]
     fn plays_stops_and_loops() {

@@ -435,7 +435,7 @@ fn strip(h: &mut String, scored: &[Scored], i: usize, facts: &ReportFacts) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
 
     fn session() -> Vec<Scored> {
         let snapshots = fixture::session(20);

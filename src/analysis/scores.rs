@@ -164,7 +164,7 @@ impl Scores {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
 
     #[test]
     fn a_long_session_is_scored_in_slices_that_make_the_whole() {

@@ -14,8 +14,6 @@ pub mod services;
 pub mod theme;
 
 #[cfg(test)]
-pub(crate) mod fixture;
-#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod vision;

@@ -99,7 +99,7 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
 
     fn at_rest(x_m: f64) -> Snapshot {
         let mut s = fixture::snapshot(1.0);

@@ -26,9 +26,9 @@ use egui::{Key, Modifiers, Theme};
 use egui_kittest::{Harness, kittest::NodeT, kittest::Queryable};
 
 use super::app::App;
-use super::fixture;
 use super::panels::Screen;
 use super::services::{Job, RecordingEntry, Services};
+use crate::analysis::fixture;
 use crate::analysis::player::Player;
 use crate::robot::RobotSpec;
 use crate::signal::{Goal, Mode, ReachState, Simulator, Snapshot, Stamp};

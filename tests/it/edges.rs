@@ -60,6 +60,7 @@ fn is_test_only(file: &Path) -> bool {
         let guards = ["#[cfg(test)]", "#[cfg(all(test, unix))]"];
         guards.iter().any(|guard| {
             text.contains(&format!("{guard}\nmod {stem};"))
+                || text.contains(&format!("{guard}\npub(crate) mod {stem};"))
                 || text.contains(&format!("{guard}\n#[path = \"{stem}.rs\"]"))
         })
     })

@@ -3,7 +3,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::*;
-use crate::gui::fixture;
+use crate::analysis::fixture;
 use crate::signal::{Estimate, Matrix6, TruthSource, pose_from_ypr};
 
 // x of the tip is `f(t)` in mm.

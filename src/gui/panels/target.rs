@@ -549,7 +549,7 @@ fn arming(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
 
     #[test]
     fn bad_fields_are_named_in_one_sentence() {

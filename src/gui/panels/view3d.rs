@@ -421,8 +421,8 @@ fn grid(painter: &egui::Painter, rect: egui::Rect, origin: Pos2, scale: f32, p: 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::fixture;
     use crate::analysis::history::History;
-    use crate::gui::fixture;
     use crate::robot::RobotSpec;
 
     #[test]

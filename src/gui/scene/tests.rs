@@ -224,7 +224,7 @@ fn the_mesh_skin_is_drawn_in_place_of_the_bellows_and_follows_the_arm() {
     let rod = draw(&snapshot);
     assert!(swept(&rod) && rod.skin.is_none());
     // The mesh exists but is not what the operator wants to see.
-    let fixture = crate::gui::fixture::mesh(&snapshot);
+    let fixture = crate::analysis::fixture::mesh(&snapshot);
     snapshot.mesh = Some(Arc::new(fixture.clone()));
     assert_eq!(draw(&snapshot), rod);
     snapshot.simulator = crate::signal::Simulator::Mesh;
@@ -244,7 +244,7 @@ fn the_mesh_skin_is_drawn_in_place_of_the_bellows_and_follows_the_arm() {
     snapshot.mesh_trouble = None;
     // Another pose moves it, in the drawing and in the picture.
     let mut other = snapshot_of(bent_shape(&robot, [0.0, 0.3], [0.0, 2.0]));
-    other.mesh = Some(Arc::new(crate::gui::fixture::mesh(&other)));
+    other.mesh = Some(Arc::new(crate::analysis::fixture::mesh(&other)));
     other.simulator = crate::signal::Simulator::Mesh;
     assert_ne!(draw(&other).skin.as_ref(), Some(skin));
     let mut offscreen = Offscreen::new(SIZE, 1.0).expect("a graphics driver");

@@ -245,7 +245,7 @@ pub fn cut_sentence(player: &Player, at_s: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
     use crate::signal::ChannelHealth;
 
     #[test]

@@ -231,7 +231,7 @@ fn why(mode: &Mode) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::fixture;
+    use crate::analysis::fixture;
     use crate::signal::Goal;
 
     const AT_M: [f64; 3] = [0.06, 0.04, -0.30];
