@@ -15,8 +15,8 @@ use std::time::Duration;
 
 use frame::{Window, now, screens};
 use session::Session;
-use springtwin::gui::panels::Screen;
 use springtwin::analysis::player::Player;
+use springtwin::gui::panels::Screen;
 use springtwin::recording::{RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect, read_rrd};
 
 /// As the program's.
