@@ -16,7 +16,7 @@ use std::time::Duration;
 use frame::{Window, now, screens};
 use session::Session;
 use springtwin::analysis::player::Player;
-use springtwin::gui::panels::Screen;
+use springtwin::gui::screens::ScreenId;
 use springtwin::recording::{RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect, read_rrd};
 
 /// As the program's.
@@ -148,8 +148,8 @@ fn soak() {
     let mut frames = 0u64;
     for minute in 1..=60 {
         // Every screen for a part of each minute, one frame per 0.1 s of the session.
-        for part in 0..Screen::ALL.len() {
-            window.app.screen = Screen::ALL[part];
+        for part in 0..ScreenId::ALL.len() {
+            window.app.screen = ScreenId::ALL[part];
             for _ in 0..100 {
                 window.publish(100);
                 window.frame();

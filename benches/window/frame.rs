@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use springtwin::gui::offscreen::Offscreen;
-use springtwin::gui::panels::Screen;
 use springtwin::gui::scene::Scene;
+use springtwin::gui::screens::ScreenId;
 use springtwin::gui::{App, Services};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Snapshot;
@@ -51,7 +51,7 @@ impl Window {
         let context = egui::Context::default();
         app.set_up(&context, None);
         let device = Offscreen::new([64, 64], 1.0).ok();
-        app.operate.view3d.scene = device
+        app.screens.operate.view3d.scene = device
             .as_ref()
             .map(|d| Scene::new(d.render_state(), &robot));
         let mut window = Self {
@@ -147,8 +147,8 @@ impl Cost {
 }
 
 /// All screens with their names.
-pub fn screens() -> impl Iterator<Item = (Screen, &'static str)> {
-    Screen::ALL.into_iter().map(|s| (s, s.name()))
+pub fn screens() -> impl Iterator<Item = (ScreenId, &'static str)> {
+    ScreenId::ALL.into_iter().map(|s| (s, s.name()))
 }
 
 #[expect(clippy::disallowed_methods, reason = "a bench measures time")]

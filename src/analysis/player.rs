@@ -108,14 +108,17 @@ impl Player {
         self.start_s() + self.position_s
     }
 
+    /// Index of the newest snapshot at the position.
+    pub fn newest(&self) -> usize {
+        let now = self.now_s() + 1e-9;
+        let snapshots = &self.trace.snapshots;
+        let after = snapshots.partition_point(|s| s.stamp.seconds() <= now);
+        after.saturating_sub(1)
+    }
+
     /// The newest snapshot at the position.
     pub fn snapshot(&self) -> &Snapshot {
-        let now = self.now_s() + 1e-9;
-        let after = self
-            .trace
-            .snapshots
-            .partition_point(|s| s.stamp.seconds() <= now);
-        &self.trace.snapshots[after.saturating_sub(1)]
+        &self.trace.snapshots[self.newest()]
     }
 
     /// Moves on by `dt_s` of wall time.

@@ -119,9 +119,9 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             &gap::data_folder(),
         );
         app.set_up(&cc.egui_ctx, cc.storage);
-        app.accuracy.registration = registration;
-        app.operate.view3d.set_reachable(&reachable);
-        app.operate.view3d.scene = cc
+        app.screens.accuracy.registration = registration;
+        app.screens.operate.view3d.set_reachable(&reachable);
+        app.screens.operate.view3d.scene = cc
             .wgpu_render_state
             .as_ref()
             .map(|rs| Scene::new(rs, &robot));

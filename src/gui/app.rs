@@ -1,6 +1,5 @@
 //! The window: drains the twin's feed, shows a screen, sends commands.
 
-mod acts;
 mod device;
 
 use std::path::PathBuf;
@@ -12,27 +11,24 @@ use egui::{Panel, Theme, Ui};
 use serde::{Deserialize, Serialize};
 
 use super::pace::Pace;
-use super::panels::accuracy::{self, AccuracyState};
-use super::panels::calibrate::{self, CalibrateState};
-use super::panels::connect::{self, Connection, VIRTUAL};
-use super::panels::gap::{self, GapState};
-use super::panels::operate::{self, OperateState, Pane};
-use super::panels::palette::{self, CommandPalette, Deed, Known};
+use super::panels::connect::{self, Connection};
+use super::panels::operate::{self, Pane};
+use super::panels::operating::{hold_gate, severity_level};
+use super::panels::palette::{self, CommandPalette, Task};
 use super::panels::plot::TimeWindow;
-use super::panels::recordings::{self, Library, RecordingsInput};
-use super::panels::sensors::{self, SensorsState};
 use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
-use super::panels::{Screen, View, live_until_s};
+use super::screen::{Ctx, Deed, Known};
+use super::screens::{ScreenId, Screens};
 use super::services::{Connected, Services};
 use super::theme::{self, Level};
+use super::view::{View, live_until_s};
 use crate::analysis::history::History;
 use crate::analysis::player::Player;
 use crate::robot::RobotSpec;
 use crate::signal::{Mode, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
-pub use acts::home_m;
 
 /// Key of the kept settings; the number changes when their form does.
 const STORAGE_KEY: &str = "springtwin window 1";
@@ -41,7 +37,7 @@ const STORAGE_KEY: &str = "springtwin window 1";
 #[derive(Serialize, Deserialize)]
 struct Settings {
     layout: egui_tiles::Tree<Pane>,
-    screen: Screen,
+    screen: ScreenId,
     dark: Option<bool>,
     span_s: f64,
     #[serde(default)]
@@ -78,21 +74,13 @@ pub struct App {
     /// Whether a newcomer is greeted.
     pub welcome: bool,
     /// The screen that is shown.
-    pub screen: Screen,
+    pub screen: ScreenId,
     /// The window of time of all plots.
     pub window: TimeWindow,
-    /// Panels, target draft and 3D view of Operate.
-    pub operate: OperateState,
-    /// Selection on Sensors.
-    pub sensors: SensorsState,
-    /// Scope on Accuracy.
-    pub accuracy: AccuracyState,
-    /// The wizard on Calibrate.
-    pub calibrate: CalibrateState,
-    /// The recordings.
-    pub library: Library,
-    /// The story told on Gap.
-    pub gap: GapState,
+    /// The spring (0-based) that is highlighted in plots and in 3D.
+    pub selected_spring: Option<usize>,
+    /// What the screens keep.
+    pub screens: Screens,
     /// The recording that is shown instead of the live twin, if one is.
     pub player: Option<Player>,
     looked: Option<Looked>,
@@ -132,6 +120,50 @@ fn roomy(ui: &mut Ui, least: egui::Vec2, screen: impl FnOnce(&mut Ui)) {
     });
 }
 
+/// The live twin, as screens see it.
+fn live_view<'a>(snapshot: &'a Snapshot, history: &'a History, spec: &'a RobotSpec) -> View<'a> {
+    View {
+        snapshot,
+        history,
+        now_s: live_until_s(snapshot),
+        replay: None,
+        spec,
+        simulated: Some(snapshot.link.simulated),
+    }
+}
+
+/// The recording that is played, at its playhead.
+struct Played {
+    trace: Arc<Trace>,
+    history: Arc<History>,
+    newest: usize,
+    now_s: f64,
+    title: String,
+}
+
+impl Played {
+    fn of(player: &Player) -> Self {
+        Self {
+            trace: Arc::clone(player.shared_trace()),
+            history: Arc::clone(player.shared_history()),
+            newest: player.newest(),
+            now_s: player.now_s(),
+            title: player.title(),
+        }
+    }
+
+    fn view<'a>(&'a self, spec: &'a RobotSpec) -> View<'a> {
+        View {
+            snapshot: &self.trace.snapshots[self.newest],
+            history: &self.history,
+            now_s: self.now_s,
+            replay: Some(&self.title),
+            spec,
+            simulated: self.trace.simulated,
+        }
+    }
+}
+
 impl App {
     /// A window onto a twin; without a handle it only shows recordings.
     pub fn new(handle: Option<Handle>, spec: RobotSpec, services: Services) -> Self {
@@ -157,14 +189,10 @@ impl App {
             resume: Resume::default(),
             connection: Connection::default(),
             welcome: false,
-            screen: Screen::default(),
+            screen: ScreenId::default(),
             window: TimeWindow::default(),
-            operate: OperateState::default(),
-            sensors: SensorsState::default(),
-            accuracy: AccuracyState::default(),
-            calibrate: CalibrateState::default(),
-            library: Library::default(),
-            gap: GapState::default(),
+            selected_spring: None,
+            screens: Screens::default(),
             player: None,
             looked: None,
             twins: 0,
@@ -173,7 +201,7 @@ impl App {
 
     /// A window without a twin that shows `snapshots` as if they were live, for pictures.
     pub fn for_screenshot(
-        screen: Screen,
+        screen: ScreenId,
         theme: Theme,
         spec: RobotSpec,
         snapshots: &[Snapshot],
@@ -197,10 +225,10 @@ impl App {
         self.welcome |= storage.is_some() && !kept.as_ref().is_some_and(|k| k.welcomed);
         if let Some(settings) = kept {
             if operate::is_complete(&settings.layout) {
-                self.operate.tree = settings.layout;
+                self.screens.operate.tree = settings.layout;
             }
             self.screen = settings.screen;
-            self.operate.view3d.shown = settings.view;
+            self.screens.operate.view3d.shown = settings.view;
             self.services.recordings.chosen = settings.recordings;
             self.theme = settings
                 .dark
@@ -217,16 +245,7 @@ impl App {
 
     /// Whether something is awaited that was asked of the program around the window.
     pub fn busy(&self) -> bool {
-        self.library.busy()
-            || self.connection.busy()
-            || self.gap.busy()
-            || self.calibrate.busy()
-            || self.accuracy.export.is_busy()
-    }
-
-    /// Whether a loaded recording is shown here and answers to its key.
-    fn plays_here(&self) -> bool {
-        !matches!(self.screen, Screen::Calibrate | Screen::Gap)
+        self.connection.busy() || self.screens.busy()
     }
 
     /// One frame: everything the window shows, into `ui` (the whole window).
@@ -242,16 +261,10 @@ impl App {
         self.drain(&ctx, now_s);
         let mut commands = Vec::new();
         self.keys(&ctx, &mut commands);
-        let drops_load = !matches!(self.screen, Screen::Calibrate | Screen::Gap);
-        if drops_load && self.library.take_drops(&ctx, &mut self.services) {
-            self.screen = Screen::Recordings;
+        if self.screen.replays() && self.screens.library.take_drops(&ctx, &mut self.services) {
+            self.screen = ScreenId::Recordings;
         }
-        let refused = self
-            .library
-            .poll(&mut self.player, &mut self.services, &mut commands);
-        if let Some(text) = refused {
-            self.say(text, Level::Warning, now_s);
-        }
+        self.with(now_s, &mut commands, |screens, ctx| screens.poll(ctx));
         if let Some(player) = &mut self.player
             && player.playing
         {
@@ -266,7 +279,7 @@ impl App {
         if self.busy() {
             ctx.request_repaint_after(Duration::from_millis(100));
         }
-        self.mind_what_is_shown();
+        self.forget_what_was_shown();
         self.show(ui, now_s, &mut commands);
         self.typed = ctx.text_edit_focused();
         if commands.contains(&Command::Hold) {
@@ -281,9 +294,40 @@ impl App {
         }
     }
 
+    /// Calls `act` on the screens, with what they see and may change.
+    fn with<R>(
+        &mut self,
+        now_s: f64,
+        commands: &mut Vec<Command>,
+        act: impl FnOnce(&mut Screens, &mut Ctx<'_>) -> R,
+    ) -> R {
+        let snapshot = Arc::clone(&self.live);
+        let live = live_view(&snapshot, &self.live_history, &self.spec);
+        let played = self.player.as_ref().map(Played::of);
+        let mut ctx = Ctx {
+            live,
+            shown: played.as_ref().map_or(live, |p| p.view(&self.spec)),
+            recording_s: self
+                .recording_since
+                .map(|since| snapshot.stamp.since(since)),
+            twin_gone: self.twin_gone || self.handle.is_none(),
+            window: &mut self.window,
+            selected_spring: &mut self.selected_spring,
+            player: &mut self.player,
+            services: &mut self.services,
+            commands,
+            messages: Vec::new(),
+        };
+        let answer = act(&mut self.screens, &mut ctx);
+        for (text, level) in ctx.messages {
+            self.messages.say(text, level, now_s);
+        }
+        answer
+    }
+
     // Instants and scores of one session mean nothing in another: a frozen window, cursors and peaks go when
     // another recording or another live session is shown.
-    fn mind_what_is_shown(&mut self) {
+    fn forget_what_was_shown(&mut self) {
         let now = match &self.player {
             Some(player) => Looked::Trace(Arc::clone(player.shared_trace())),
             None => Looked::Live(self.twins, self.live_history.sessions()),
@@ -291,7 +335,7 @@ impl App {
         if self.looked.as_ref().is_some_and(|before| !before.is(&now)) {
             self.window.frozen_end_s = None;
             self.window.cursors_s = None;
-            self.accuracy.forget();
+            self.screens.forget();
         }
         self.looked = Some(now);
     }
@@ -302,11 +346,11 @@ impl App {
         match belongings {
             Ok((calibration, registration)) => {
                 self.services.calibration = calibration;
-                self.accuracy.registration = registration;
+                self.screens.accuracy.registration = registration;
             }
             Err(e) => self.say(e, Level::Warning, now_s),
         }
-        self.calibrate = CalibrateState::default();
+        self.screens.reconnect();
         self.live = handle.snapshot();
         self.handle = Some(handle);
         self.twin_gone = false;
@@ -314,8 +358,6 @@ impl App {
         self.live_history = History::live();
         self.twins += 1;
         self.recording_since = None;
-        self.operate.draft.course.forget();
-        self.operate.plans.forget();
     }
 
     // Lets the present twin go: its boards switch the pumps off when no heartbeat comes any more.
@@ -338,7 +380,7 @@ impl App {
             match handle.feed.try_recv() {
                 Ok(snapshot) => {
                     self.live_history.push(&snapshot);
-                    self.calibrate.observe(&snapshot, &self.spec);
+                    self.screens.observe(&snapshot, &self.spec);
                     came = true;
                 }
                 Err(TryRecvError::Empty) => break,
@@ -361,34 +403,16 @@ impl App {
         }
         let hidden = ctx.input(|i| i.viewport().minimized == Some(true));
         self.pace.update(&self.live, now_s, hidden);
-        self.operate.plans.follow(&self.live);
-        let mut messages = Vec::new();
-        let mut over = false;
-        while let Ok(event) = handle.events.try_recv() {
-            self.calibrate.hear(&event);
-            let level = shell::severity_level(event.severity());
-            self.operate.plans.observe(&event);
-            over |= matches!(
-                event,
-                Event::Recording { .. } | Event::RecordingFailed { .. }
-            );
-            self.operate.draft.course.observe(&event);
+        let events: Vec<Event> = handle.events.try_iter().collect();
+        for event in &events {
+            let level = severity_level(event.severity());
             // The banner and the badge show the mode: in the list it is enough.
-            let shown = !matches!(event, Event::Mode { .. });
-            messages.push((event.text(), level, shown));
-        }
-        self.operate.draft.course.follow(&self.live);
-        for (text, level, shown) in messages {
-            match shown {
-                true => self.messages.say(text, level, now_s),
-                false => self.messages.list(text, level, now_s),
+            match event {
+                Event::Mode { .. } => self.messages.list(event.text(), level, now_s),
+                _ => self.messages.say(event.text(), level, now_s),
             }
         }
-        self.library.under_way.clone_from(&self.live.recording);
-        if over && self.live.recording.is_none() {
-            self.library.rescan(&mut self.services);
-            self.gap.rescan();
-        }
+        self.screens.follow(&self.live, &events);
         self.recording_since = match &self.live.recording {
             Some(_) => self.recording_since.or(Some(self.live.stamp)),
             None => None,
@@ -423,11 +447,11 @@ impl App {
             match action {
                 KeyAction::Stop => commands.push(Command::Stop),
                 // The arm, whatever is shown.
-                KeyAction::Hold if shell::hold_gate(&self.live).is_ok() => {
+                KeyAction::Hold if hold_gate(&self.live).is_ok() => {
                     commands.push(Command::Hold);
                 }
                 KeyAction::Hold => {}
-                KeyAction::Play if self.plays_here() => {
+                KeyAction::Play if self.screen.replays() => {
                     if let Some(player) = &mut self.player {
                         player.toggle();
                     }
@@ -438,12 +462,8 @@ impl App {
                         self.shortcuts_open = false;
                     } else if self.command_palette.open {
                         self.command_palette.toggle();
-                    } else if self.operate.plans.is_drawing() {
-                        self.operate.plans.drawing = false;
-                    } else if self.live.preview.is_some() && !self.typed {
-                        // From a text field, Esc only leaves the field.
-                        self.operate.draft.course.forget();
-                        commands.push(Command::CancelPreview);
+                    } else {
+                        self.screens.cancel(&self.live, self.typed, commands);
                     }
                 }
                 KeyAction::Show(screen) => self.screen = screen,
@@ -457,14 +477,7 @@ impl App {
         let palette = *theme::Palette::in_ui(ui);
         self.messages.pin_safe(&self.live.mode, now_s);
         let live_snapshot = Arc::clone(&self.live);
-        let live = View {
-            snapshot: &live_snapshot,
-            history: &self.live_history,
-            now_s: live_until_s(&live_snapshot),
-            replay: None,
-            spec: &self.spec,
-            simulated: Some(live_snapshot.link.simulated),
-        };
+        let live = live_view(&live_snapshot, &self.live_history, &self.spec);
         let title = self.player.as_ref().map(Player::title);
         let recording_s = self
             .recording_since
@@ -511,82 +524,31 @@ impl App {
         let central = egui::CentralPanel::default()
             .frame(egui::Frame::new().fill(palette.window).inner_margin(6))
             .show(ui, |ui| {
-                roomy(ui, self.screen.least_points(), |ui| {
-                    if self.screen == Screen::Calibrate {
-                        let state = &mut self.calibrate;
-                        calibrate::ui(ui, &live, state, &mut self.services, commands);
-                        return;
-                    }
-                    if self.screen == Screen::Gap {
-                        gap::ui(ui, &mut self.gap, &mut self.services);
-                        return;
-                    }
-                    if self.screen == Screen::Recordings {
-                        let input = RecordingsInput {
-                            live,
-                            recording_s,
-                            twin_gone: self.twin_gone || self.handle.is_none(),
-                        };
-                        recordings::ui(
-                            ui,
-                            &input,
-                            &mut self.library,
-                            &mut self.player,
-                            &mut self.services,
-                            commands,
-                        );
-                        return;
-                    }
-                    let shown = match &self.player {
-                        Some(player) => View {
-                            snapshot: player.snapshot(),
-                            history: player.history(),
-                            now_s: player.now_s(),
-                            replay: title.as_deref(),
-                            spec: &self.spec,
-                            simulated: player.trace().simulated,
-                        },
-                        None => live,
-                    };
-                    match self.screen {
-                        Screen::Operate => {
-                            self.operate.view3d.selected_spring = self.sensors.selected_spring;
-                            operate::ui(ui, &shown, &mut self.operate, &mut self.window, commands);
-                            self.sensors.selected_spring = self.operate.view3d.selected_spring;
-                        }
-                        Screen::Sensors => {
-                            sensors::ui(ui, &shown, &mut self.sensors, &mut self.window);
-                        }
-                        Screen::Accuracy => {
-                            let state = &mut self.accuracy;
-                            accuracy::ui(ui, &shown, state, &mut self.window, &mut self.services);
-                        }
-                        Screen::Calibrate | Screen::Recordings | Screen::Gap => {}
-                    }
+                let screen = self.screen;
+                roomy(ui, screen.least_points(), |ui| {
+                    self.with(now_s, commands, |screens, ctx| screens.ui(screen, ui, ctx));
                 });
             });
         let ctx = ui.ctx().clone();
         let within = central.response.rect;
         shell::shortcuts(&ctx, &mut self.shortcuts_open, within);
+        let live = live_view(&live_snapshot, &self.live_history, &self.spec);
         let mut chosen = None;
         if self.command_palette.open {
             let may_resume = self.resume.gate(&live, now_s);
-            let all = palette::entries(&Known {
+            let played = self.player.as_ref().map(Played::of);
+            let known = Known {
                 live,
+                shown: played.as_ref().map_or(live, |p| p.view(&self.spec)),
                 may_resume: &may_resume,
                 twin_gone: self.twin_gone || self.handle.is_none(),
-                player: self.player.as_ref(),
                 window: &self.window,
-                operate: &self.operate,
-                calibrate: &self.calibrate,
-                library: &self.library,
-                gap: &self.gap,
-                connection: &self.connection,
-            });
+            };
+            let all = palette::entries(&known, &self.connection, &self.screens);
             match self.command_palette.ui(&ctx, within, all) {
-                Some(Deed::Window(action)) => actions.push(action),
-                Some(Deed::Twin(command)) => commands.push(command),
-                Some(Deed::Screen(act)) => chosen = Some(act),
+                Some(Task::Window(action)) => actions.push(action),
+                Some(Task::Twin(command)) => commands.push(command),
+                Some(Task::Screen(id, deed)) => chosen = Some((id, deed)),
                 None => {}
             }
         }
@@ -595,8 +557,14 @@ impl App {
         for action in actions {
             self.act(&ctx, action);
         }
-        if let Some(act) = chosen {
-            self.do_act(act, commands);
+        match chosen {
+            Some((id, Deed::Shown(act))) => {
+                self.screen = id;
+                self.with(now_s, commands, act);
+            }
+            Some((_, Deed::Behind(act))) => self.with(now_s, commands, act),
+            Some((_, Deed::Twin(command))) => commands.push(command),
+            None => {}
         }
         if let Some(name) = wanted {
             self.connect(&name);
@@ -614,13 +582,21 @@ impl App {
                 self.theme = Some(theme);
                 ctx.set_theme(theme);
             }
-            ShellAction::ResetLayout => self.operate.tree = operate::default_layout(),
+            ShellAction::ResetLayout => self.screens.operate.tree = operate::default_layout(),
             ShellAction::ToggleShortcuts => self.shortcuts_open = !self.shortcuts_open,
             ShellAction::TogglePalette => self.command_palette.toggle(),
             ShellAction::CloseWelcome => self.welcome = false,
             ShellAction::ShowWelcome => self.welcome = true,
             ShellAction::CancelConnecting => self.connection.cancel(),
-            ShellAction::StartVirtualRig => self.connect(VIRTUAL[0].0),
+            ShellAction::Connect(rig) => self.connect(rig),
+            ShellAction::ChoosePort => self.connection.wanted = true,
+            ShellAction::ToggleFreeze => {
+                self.window.frozen_end_s = match (self.window.frozen_end_s, &self.player) {
+                    (Some(_), _) => None,
+                    (None, Some(player)) => Some(player.now_s()),
+                    (None, None) => Some(self.live.stamp.seconds()),
+                };
+            }
             ShellAction::CloseReplay => {
                 self.player = None;
             }
@@ -635,12 +611,12 @@ impl eframe::App for App {
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
         let settings = Settings {
-            layout: self.operate.tree.clone(),
+            layout: self.screens.operate.tree.clone(),
             screen: self.screen,
             dark: self.theme.map(|t| t == Theme::Dark),
             span_s: self.window.span_s,
             welcomed: !self.welcome,
-            view: self.operate.view3d.shown,
+            view: self.screens.operate.view3d.shown,
             recordings: self.services.recordings.chosen.clone(),
         };
         eframe::set_value(storage, STORAGE_KEY, &settings);

@@ -10,8 +10,11 @@ pub mod offscreen;
 pub mod pace;
 pub mod panels;
 pub mod scene;
+pub mod screen;
+pub mod screens;
 pub mod services;
 pub mod theme;
+pub mod view;
 
 #[cfg(test)]
 mod tests;

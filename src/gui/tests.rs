@@ -26,7 +26,7 @@ use egui::{Key, Modifiers, Theme};
 use egui_kittest::{Harness, kittest::NodeT, kittest::Queryable};
 
 use super::app::App;
-use super::panels::Screen;
+use super::screens::ScreenId;
 use super::services::{Job, RecordingEntry, Services};
 use crate::analysis::fixture;
 use crate::analysis::player::Player;
@@ -142,7 +142,7 @@ fn typed_target_is_previewed_then_gone_to() {
     h.run();
     assert_eq!(twin.taken(), [Command::CancelPreview]);
     // Another coordinate: the verdict no longer belongs to it.
-    h.state_mut().operate.draft.text[2] = "-250".into();
+    h.state_mut().screens.operate.draft.text[2] = "-250".into();
     h.run();
     assert!(is_disabled(&h, "▶ Go"));
 }
@@ -217,14 +217,14 @@ fn after_go_the_panel_tells_of_the_way_and_of_the_end_and_a_click_sets_the_next_
 #[test]
 fn typing_into_a_target_field_replaces_what_stood_there_and_tab_goes_from_x_to_y_to_z() {
     let (_twin, mut h) = running(fixture::snapshot(1.0));
-    h.state_mut().operate.draft.text = ["60.0".into(), "40.0".into(), "-300.0".into()];
+    h.state_mut().screens.operate.draft.text = ["60.0".into(), "40.0".into(), "-300.0".into()];
     h.run();
     h.get_by_label("Target x in mm").focus();
     h.run_steps(2);
     for (i, text) in ["12", "-7.5", "-290"].into_iter().enumerate() {
         h.event(egui::Event::Text(text.into()));
         h.run_steps(2);
-        assert_eq!(h.state().operate.draft.text[i], text);
+        assert_eq!(h.state().screens.operate.draft.text[i], text);
         h.key_press(Key::Tab);
         h.run_steps(2);
     }
@@ -237,7 +237,7 @@ fn typing_into_a_target_field_replaces_what_stood_there_and_tab_goes_from_x_to_y
     h.run_steps(2);
     h.event(egui::Event::Text("5".into()));
     h.run_steps(2);
-    assert_eq!(h.state().operate.draft.text[1], "5");
+    assert_eq!(h.state().screens.operate.draft.text[1], "5");
 }
 
 #[test]
@@ -274,7 +274,7 @@ fn a_field_that_is_no_number_gets_one_sentence() {
     type_target(&mut h, ["NaN", "1", "-300"]);
     h.get_by_label_contains("x is not a number");
     assert!(is_disabled(&h, "Preview") && is_disabled(&h, "▶ Go"));
-    h.state_mut().operate.draft.text[0].clear();
+    h.state_mut().screens.operate.draft.text[0].clear();
     h.run();
     h.get_by_label_contains("x is empty: type a number in mm.");
     assert_eq!(twin.taken(), []);
@@ -286,7 +286,7 @@ fn a_click_in_the_view_drafts_and_previews_but_does_not_move() {
     press(&mut h, "Arm, side view");
     let commands = twin.taken();
     assert!(matches!(commands.as_slice(), [Command::Preview(_)]));
-    assert!(h.state().operate.draft.parse().is_ok());
+    assert!(h.state().screens.operate.draft.parse().is_ok());
 }
 
 #[test]
@@ -402,7 +402,7 @@ fn the_gripper_waits_for_an_armed_arm() {
 #[test]
 fn shortcuts_switch_screens_and_show_the_list() {
     let (_twin, mut h) = running(fixture::snapshot(1.0));
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         h.key_press_modifiers(Modifiers::COMMAND, screen.key());
         h.run();
         assert_eq!(h.state().screen, screen);
@@ -457,7 +457,7 @@ fn a_replay_is_announced_and_disables_motion() {
 #[test]
 fn recordings_are_listed_loaded_and_made() {
     let mut app = recordings_app();
-    app.screen = Screen::Recordings;
+    app.screen = ScreenId::Recordings;
     let (twin, handle) = twin(fixture::snapshot(1.0));
     app = {
         let mut with_twin = App::new(Some(handle), RobotSpec::reference(), library_services());
@@ -492,7 +492,7 @@ fn no_truth_means_prediction_only_and_no_score() {
         })
         .collect();
     let app = App::for_screenshot(
-        Screen::Accuracy,
+        ScreenId::Accuracy,
         Theme::Dark,
         RobotSpec::reference(),
         &snapshots,
@@ -506,7 +506,7 @@ fn no_truth_means_prediction_only_and_no_score() {
 #[test]
 fn nothing_live_means_no_repaint() {
     let app = App::for_screenshot(
-        Screen::Sensors,
+        ScreenId::Sensors,
         Theme::Dark,
         RobotSpec::reference(),
         &fixture::session(4),
@@ -519,7 +519,7 @@ fn nothing_live_means_no_repaint() {
 
 #[test]
 fn an_empty_start_shows_every_screen() {
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         let mut h = harness(App::for_screenshot(
             screen,
             Theme::Light,

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use egui_kittest::kittest::Queryable as _;
 use springtwin::gui::App;
-use springtwin::gui::panels::Screen;
+use springtwin::gui::screens::ScreenId;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{LinkStatus, Mode, Snapshot};
 
@@ -90,7 +90,7 @@ impl Operator {
             },
             ..Snapshot::default()
         };
-        let (screen, theme) = (Screen::Operate, egui::Theme::Dark);
+        let (screen, theme) = (ScreenId::Operate, egui::Theme::Dark);
         let app = App::for_screenshot(screen, theme, RobotSpec::reference(), &[snapshot]);
         let mut layout = egui_kittest::Harness::builder()
             .with_size([1280.0, 760.0])

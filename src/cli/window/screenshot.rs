@@ -16,8 +16,8 @@ use crate::cli::{Report, args, picture};
 use springtwin::drive::{Instruments, TwinBuilder, model, rig_options};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
-use springtwin::gui::panels::Screen;
 use springtwin::gui::scene::Scene;
+use springtwin::gui::screens::ScreenId;
 use springtwin::gui::services::Job;
 use springtwin::gui::{App, Services};
 use springtwin::robot::RobotSpec;
@@ -137,12 +137,12 @@ pub fn screenshot(
         picture::show_mesh(robot, last)?;
     }
     let screen = match a.screen {
-        ScreenName::Arm | ScreenName::Operate => Screen::Operate,
-        ScreenName::Sensors => Screen::Sensors,
-        ScreenName::Accuracy => Screen::Accuracy,
-        ScreenName::Calibrate => Screen::Calibrate,
-        ScreenName::Recordings => Screen::Recordings,
-        ScreenName::Gap => Screen::Gap,
+        ScreenName::Arm | ScreenName::Operate => ScreenId::Operate,
+        ScreenName::Sensors => ScreenId::Sensors,
+        ScreenName::Accuracy => ScreenId::Accuracy,
+        ScreenName::Calibrate => ScreenId::Calibrate,
+        ScreenName::Recordings => ScreenId::Recordings,
+        ScreenName::Gap => ScreenId::Gap,
     };
     let theme = match a.theme {
         ThemeName::Light => egui::Theme::Light,
@@ -155,10 +155,10 @@ pub fn screenshot(
     let files = (robot_file, scratch.0.as_path());
     app.services = picture_services(a.state, &offscreen.context, robot, files, maps)?;
     app.set_up(&offscreen.context, None);
-    app.operate.view3d.set_reachable(&reachable);
-    app.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), robot));
+    app.screens.operate.view3d.set_reachable(&reachable);
+    app.screens.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), robot));
     if let Some(target_m) = a.preview {
-        app.operate.draft.set(target_m, &mut Vec::new());
+        app.screens.operate.draft.set(target_m, &mut Vec::new());
     }
     if connecting {
         app.connection.join("/dev/ttyACM0", &mut app.services);

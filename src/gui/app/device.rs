@@ -15,9 +15,9 @@ impl App {
     ) {
         // Lets egui send the whole picture of its fonts again.
         ctx.set_glyph_rasterizers(Vec::new());
-        self.gap.forget_pictures();
+        self.screens.gap.forget_pictures();
         self.pace.drawn_by(render_state);
-        let scene = &mut self.operate.view3d.scene;
+        let scene = &mut self.screens.operate.view3d.scene;
         match (render_state, &mut *scene) {
             (Some(rs), Some(scene)) => scene.change_device(rs),
             (rs, _) => *scene = rs.map(|rs| Scene::new(rs, &self.spec)),

@@ -2,11 +2,11 @@
 
 use egui::{RichText, Ui};
 
-use super::View;
 use super::plot::{Dash, swatch};
 use super::widgets::{Meter, cell, dense, meter, note, number};
 use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::CHAMBERS;
 
 // Beyond this part of the bound a pressure is close to it.

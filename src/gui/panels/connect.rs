@@ -2,10 +2,10 @@
 
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
-use super::View;
 use super::widgets::{Gate, gated, heading, note, status};
 use crate::gui::services::{Connected, Pending, PortEntry, Services};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::Mode;
 
 /// The rigs that need no hardware: name for the program, name on screen, what it is.

@@ -2,15 +2,16 @@
 
 use egui::{RichText, Ui};
 
-use super::View;
 use super::plot::{Dash, swatch};
 use super::widgets::{
     Meter, cell, cell_left, dense, heading, health, health_sentence, meter, note, number,
 };
 use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::{IMUS, SPRINGS};
 
+pub use super::widgets::imu_name;
 pub use crate::signal::spring_name;
 
 /// The panel.
@@ -92,9 +93,4 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             if i < 2 { "middle" } else { "end" }
         ));
     }
-}
-
-/// Name of an IMU with its pad.
-pub fn imu_name(i: usize) -> String {
-    format!("{} {}", i + 1, if i < 2 { "middle" } else { "end" })
 }

@@ -5,7 +5,7 @@ mod actions;
 use egui::{Button, Key, Modifiers, RichText, ScrollArea, TextEdit, vec2};
 
 use crate::gui::theme::Palette;
-pub use actions::{Act, Deed, Entry, Known, entries};
+pub use actions::{Entry, Task, entries};
 
 /// What the palette keeps while it is open.
 #[derive(Clone, Debug, Default)]
@@ -59,7 +59,7 @@ impl CommandPalette {
     }
 
     /// Shows it inside `within`, so that it never covers STOP; gives what was chosen.
-    pub fn ui(&mut self, ctx: &egui::Context, within: egui::Rect, all: Vec<Entry>) -> Option<Deed> {
+    pub fn ui(&mut self, ctx: &egui::Context, within: egui::Rect, all: Vec<Entry>) -> Option<Task> {
         if !self.open {
             return None;
         }
@@ -138,7 +138,6 @@ fn row(ui: &mut egui::Ui, entry: &Entry, chosen: bool) -> egui::Response {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gui::panels::Screen;
     use crate::gui::panels::shell::ShellAction;
 
     fn entry(name: &str, words: &'static str) -> Entry {
@@ -147,7 +146,7 @@ mod tests {
             words,
             keys: "",
             gate: Ok(()),
-            deed: Deed::Window(ShellAction::Show(Screen::Gap)),
+            deed: Task::Window(ShellAction::ToggleTheme),
         }
     }
 

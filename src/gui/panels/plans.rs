@@ -4,10 +4,10 @@ mod form;
 
 use egui::{RichText, Ui, vec2};
 
-use super::View;
 use super::target::{Fire, HoldToGo};
 use super::widgets::{Gate, note, number, status};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::robot::RobotSpec;
 use crate::signal::{Goal, Gripper, Mode, RoutineStatus, Snapshot, Stamp};
 use crate::task::{Follow, Item, Leg, PATH_WAYPOINTS, Path, Plan, circle, figure_eight};

@@ -1,6 +1,7 @@
 //! Plots over time that share one window: zoom, pan or freeze one and all follow.
 
 mod band;
+mod series;
 mod ticks;
 mod window;
 
@@ -9,55 +10,16 @@ use std::cell::RefCell;
 use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
 use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
 
-use super::View;
 use super::widgets::number;
 use crate::analysis::decimate::{envelope_of, slot_s};
 use crate::analysis::history::Channel;
 use crate::gui::theme::Palette;
+use crate::gui::view::View;
 use band::Band;
+pub use series::{Dash, Series};
 use ticks::{clock, decimals_for, marks, marks_of_time};
 pub use ticks::{clock_text, clock_value, marks_at, round_step};
 pub use window::TimeWindow;
-
-/// How a line of a plot is stroked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Dash {
-    /// A full line: measured or estimated.
-    Solid,
-    /// Dashed: ground truth, set values, the second spring of a pair.
-    Dashed,
-}
-
-/// One line of a plot.
-#[derive(Clone, Debug)]
-pub struct Series {
-    /// The signal.
-    pub channel: Channel,
-    /// Name in the legend.
-    pub name: String,
-    /// Stroke.
-    pub dash: Dash,
-}
-
-impl Series {
-    /// A full line.
-    pub fn solid(channel: Channel, name: impl Into<String>) -> Self {
-        Self {
-            channel,
-            name: name.into(),
-            dash: Dash::Solid,
-        }
-    }
-
-    /// A dashed line.
-    pub fn dashed(channel: Channel, name: impl Into<String>) -> Self {
-        Self {
-            channel,
-            name: name.into(),
-            dash: Dash::Dashed,
-        }
-    }
-}
 
 /// A plot over the shared window.
 pub struct TimePlot<'a> {

@@ -2,10 +2,10 @@
 
 use egui::{RichText, Ui};
 
-use super::View;
 use super::widgets::{cell, cell_left, dense, note, number, status};
 use crate::analysis::history::{POSE_NAMES, display_difference, error_norms, pose_for_display};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::FAR_DISTANCE;
 
 /// Panels narrower than this have one column less, points.

@@ -4,10 +4,10 @@ use core::net::SocketAddr;
 
 use egui::{Button, Ui};
 
-use super::View;
 use super::widgets::{Gate, gated, note, status};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::Level;
+use crate::gui::view::View;
 use crate::signal::{StreamState, StreamStatus};
 use crate::twin::Command;
 

@@ -7,11 +7,14 @@ use std::time::Duration;
 
 use egui::{Align, Button, Layout, RichText, Ui, vec2};
 
+use super::operating::{hold_gate, mode_words, severity_level};
 use super::target::{Fire, HoldToGo};
 use super::toasts::Messages;
-use super::widgets::{Gate, badge, gated, goes_down, minutes, note, status};
-use super::{Screen, View};
+pub use super::widgets::age;
+use super::widgets::{badge, gated, goes_down, minutes, note, status};
+use crate::gui::screens::ScreenId;
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::{Gate, STALE_OPACITY, View};
 use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
 use crate::twin::{Command, RESUME_OFF_S};
 pub use banners::{LINE, banners, disconnected};
@@ -49,7 +52,7 @@ pub struct ShellInput<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShellAction {
     /// Show another screen.
-    Show(Screen),
+    Show(ScreenId),
     /// Switch between light and dark.
     ToggleTheme,
     /// Put the panels of Operate back where they were.
@@ -64,33 +67,14 @@ pub enum ShellAction {
     CloseWelcome,
     /// Show the welcome again.
     ShowWelcome,
-    /// Connect to the virtual rig.
-    StartVirtualRig,
+    /// Connect to a virtual rig of this name.
+    Connect(&'static str),
+    /// Open the list of ports.
+    ChoosePort,
+    /// Freeze the plots, or follow the newest values.
+    ToggleFreeze,
     /// Stop connecting.
     CancelConnecting,
-}
-
-/// Word, glyph and level of a mode.
-pub fn mode_words(mode: &Mode) -> (&'static str, &'static str, Level) {
-    match mode {
-        Mode::Disarmed => ("○", "DISARMED", Level::Normal),
-        Mode::Hold => ("▮▮", "HOLD", Level::Normal),
-        Mode::Moving => ("▶", "MOVING", Level::Normal),
-        Mode::AtGoal => ("◎", "AT GOAL", Level::Normal),
-        Mode::Safe(_) => ("⊗", "SAFE", Level::Critical),
-    }
-}
-
-/// Whether HOLD may be pressed. It only ever holds: an arm that holds already stays so, and what is being checked
-/// does not begin.
-pub fn hold_gate(snapshot: &Snapshot) -> Gate {
-    match snapshot.mode {
-        Mode::Moving | Mode::AtGoal | Mode::Hold => Ok(()),
-        Mode::Disarmed => {
-            Err("Disarmed: no pressure is commanded, there is nothing to hold.".into())
-        }
-        Mode::Safe(_) => Err("SAFE: the pumps are off, there is nothing to hold.".into()),
-    }
 }
 
 /// The control that resumes a plan on hold: apart from HOLD, and held down on hardware.
@@ -220,15 +204,6 @@ fn hold(ui: &mut Ui, s: &Snapshot, commands: &mut Vec<Command>) {
     }
 }
 
-/// Level of an alarm's severity.
-pub fn severity_level(severity: Severity) -> Level {
-    match severity {
-        Severity::Info => Level::Normal,
-        Severity::Warning => Level::Warning,
-        Severity::Critical => Level::Critical,
-    }
-}
-
 fn alarms(ui: &mut Ui, s: &Snapshot) {
     let p = Palette::in_ui(ui);
     let level = s.alarms.iter().map(|a| severity_level(a.severity)).max();
@@ -291,11 +266,7 @@ impl Item {
 
     fn show(&self, ui: &mut Ui) {
         let p = Palette::in_ui(ui);
-        let share = if self.stale {
-            super::STALE_OPACITY
-        } else {
-            1.0
-        };
+        let share = if self.stale { STALE_OPACITY } else { 1.0 };
         ui.spacing_mut().item_spacing.x = 5.0;
         let color = p.level_text(self.level).gamma_multiply(share);
         let value = RichText::new(&self.value).color(color);
@@ -317,15 +288,6 @@ fn warn_if(abnormal: bool) -> Level {
         Level::Warning
     } else {
         Level::Normal
-    }
-}
-
-/// An age in ms, or in s above one.
-pub fn age(age_s: f64) -> String {
-    if age_s < 1.0 {
-        format!("{:.0} ms", age_s * 1e3)
-    } else {
-        format!("{age_s:.1} s")
     }
 }
 
@@ -460,7 +422,7 @@ pub const NARROW: f32 = 1200.0;
 
 /// The rail on the left: the screens, and what concerns the window. Where it is narrow the keys stand in the
 /// tooltips only.
-pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
+pub fn rail(ui: &mut Ui, current: ScreenId, actions: &mut Vec<ShellAction>) {
     let p = *Palette::in_ui(ui);
     ui.spacing_mut().item_spacing.y = 4.0;
     let width = ui.available_width();
@@ -472,10 +434,10 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
         true => button,
         false => button.right_text(RichText::new(keys).small().color(p.weak)),
     };
-    for screen in Screen::ALL {
-        let hint = format!("Ctrl+{}", screen.key().name());
+    for screen in ScreenId::ALL {
+        let hint = screen.shortcut();
         let button = Button::selectable(current == screen, screen.name());
-        let button = shown(button, &hint).min_size(vec2(width, 34.0));
+        let button = shown(button, hint).min_size(vec2(width, 34.0));
         let hover = format!("{} ({hint})", screen.purpose());
         let response = ui.add(button).on_hover_text(hover);
         if response.accessible_name(screen.name()).clicked() {
@@ -521,7 +483,7 @@ pub fn rail(ui: &mut Ui, current: Screen, actions: &mut Vec<ShellAction>) {
             "Switch between light and dark",
             ShellAction::ToggleTheme,
         );
-        if current == Screen::Operate {
+        if current == ScreenId::Operate {
             small(
                 ui,
                 "Reset layout",
@@ -567,15 +529,4 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             }
         });
     });
-}
-
-/// Whether a recording may be started or stopped.
-pub fn recording_gate(live: &View<'_>, twin_gone: bool) -> Gate {
-    if twin_gone {
-        return Err("No twin is running: there is nothing to record.".into());
-    }
-    if live.snapshot.recording.is_none() && !live.snapshot.link.connected {
-        return Err("Not connected: there is nothing to record.".into());
-    }
-    Ok(())
 }

@@ -2,9 +2,9 @@
 
 use egui::{Button, Margin, RichText, Ui};
 
-use super::View;
 use super::widgets::{gated, note, number};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::{Simulator, Snapshot};
 use crate::twin::Command;
 

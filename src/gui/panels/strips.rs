@@ -3,10 +3,10 @@
 use egui::Ui;
 use serde::{Deserialize, Serialize};
 
-use super::View;
 use super::plot::{Legend, Series, TimePlot, TimeWindow, stack};
 use super::widgets::ends;
 use crate::analysis::history::{Channel, POSE_NAMES};
+use crate::gui::view::View;
 use crate::signal::CHAMBERS;
 
 /// What the strips show.

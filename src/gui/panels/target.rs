@@ -5,9 +5,9 @@ mod course;
 use egui::text::{CCursor, CCursorRange};
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
-use super::View;
 use super::widgets::{Gate, gated, heading, note, number};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::{CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState, Severity};
 use crate::twin::Command;
 pub use course::{Course, Said};

@@ -9,7 +9,6 @@ use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, po
 
 use serde::{Deserialize, Serialize};
 
-use super::View;
 use crate::analysis::history::Channel;
 use crate::gui::scene::camera::View as Side;
 use crate::gui::scene::reachset::ReachSet;
@@ -17,6 +16,7 @@ use crate::gui::scene::{
     Aids, Controls, Entity, Picking, PlanMarks, Scene, SceneInput, Theme, Tool,
 };
 use crate::gui::theme::Palette;
+use crate::gui::view::View;
 use crate::sensing::shape_by_sensors;
 use crate::signal::{ReachState, Snapshot};
 

@@ -2,31 +2,31 @@
 
 use egui::{Align, Label, Layout, RichText, Ui};
 
-use super::Screen;
 use super::shell::ShellAction;
+use crate::gui::screens::ScreenId;
 use crate::gui::theme::Palette;
 
 /// Where to begin: label, tooltip, screen.
-const BEGINNINGS: [(&str, &str, Screen); 4] = [
+const BEGINNINGS: [(&str, &str, ScreenId); 4] = [
     (
         "Pick a target",
         "Click in the 3D view, preview, Go",
-        Screen::Operate,
+        ScreenId::Operate,
     ),
     (
         "Play a recording",
         "A sample recording is in the library",
-        Screen::Recordings,
+        ScreenId::Recordings,
     ),
     (
         "Calibrate",
         "Springs, IMUs and motion capture, step by step",
-        Screen::Calibrate,
+        ScreenId::Calibrate,
     ),
     (
         "Find a hidden effect",
         "An example with something missing in the model",
-        Screen::Gap,
+        ScreenId::Gap,
     ),
 ];
 

@@ -6,10 +6,8 @@ use egui::{
 };
 
 use crate::gui::theme::{Level, Palette};
+pub use crate::gui::view::Gate;
 use crate::signal::ChannelHealth;
-
-/// Whether an action is possible now, or why not (one sentence).
-pub type Gate = Result<(), String>;
 
 /// A number with a true minus sign, or a dash when it is not finite.
 pub fn number(value: f64, decimals: usize) -> String {
@@ -28,6 +26,20 @@ pub fn number(value: f64, decimals: usize) -> String {
 pub fn minutes(t_s: f64) -> String {
     let t = t_s.max(0.0).round() as u64;
     format!("{}:{:02}", t / 60, t % 60)
+}
+
+/// An age in ms, or in s above one.
+pub fn age(age_s: f64) -> String {
+    if age_s < 1.0 {
+        format!("{:.0} ms", age_s * 1e3)
+    } else {
+        format!("{age_s:.1} s")
+    }
+}
+
+/// Name of an IMU with its pad.
+pub fn imu_name(i: usize) -> String {
+    format!("{} {}", i + 1, if i < 2 { "middle" } else { "end" })
 }
 
 /// A heading inside a panel.
@@ -186,9 +198,20 @@ pub fn meter(ui: &mut Ui, width: f32, m: &Meter<'_>) -> Response {
     response
 }
 
+/// A panel within a screen.
+pub fn card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
+    let p = Palette::in_ui(ui);
+    egui::Frame::new()
+        .fill(p.panel)
+        .stroke(Stroke::new(1.0, p.line))
+        .corner_radius(4)
+        .inner_margin(9)
+        .show(ui, |ui| ui.vertical(contents));
+}
+
 /// A card that fills the room there is; what does not fit into it is scrolled to.
 pub fn pane(ui: &mut Ui, name: &str, contents: impl FnOnce(&mut Ui)) {
-    super::sensors::card(ui, |ui| {
+    card(ui, |ui| {
         ui.set_min_size(ui.available_size());
         egui::ScrollArea::vertical()
             .id_salt(name)

@@ -25,7 +25,7 @@ pub(super) fn session() -> Vec<Snapshot> {
 }
 
 fn app(session: &[Snapshot], theme: Theme) -> App {
-    App::for_screenshot(Screen::Accuracy, theme, RobotSpec::reference(), session)
+    App::for_screenshot(ScreenId::Accuracy, theme, RobotSpec::reference(), session)
 }
 
 fn writing(app: &mut App) -> Written {
@@ -41,7 +41,7 @@ fn writing(app: &mut App) -> Written {
 }
 
 fn peak_s(h: &Harness<'_, App>) -> f64 {
-    h.state().accuracy.peak.map_or(f64::NAN, |p| p[0])
+    h.state().screens.accuracy.peak.map_or(f64::NAN, |p| p[0])
 }
 
 #[test]
@@ -56,7 +56,7 @@ fn j_and_k_go_from_peak_to_peak_and_the_window_follows() {
         }
     }
     assert!((peak_s(&h) - 130.0).abs() < 0.1, "{}", peak_s(&h));
-    assert!(h.state().accuracy.peak.is_some_and(|p| p[1] > 9.0));
+    assert!(h.state().screens.accuracy.peak.is_some_and(|p| p[1] > 9.0));
     let [from, to] = h.state().window.range_s(140.0);
     assert!(from < 130.0 && 130.0 < to);
     h.get_by_label_contains(" mm at 2:10 (130.");
@@ -142,20 +142,20 @@ fn occlusions_are_left_out_counted_and_shown_in_both_kinds_of_plots() {
     assert_eq!(h.query_all_by_label("x error / mm").count(), 0);
     press(&mut h, "In space");
     let view = h.get_by_label("Error vectors in space").rect();
-    let before = h.state().accuracy.camera();
+    let before = h.state().screens.accuracy.camera();
     h.drag_at(view.center());
     h.run();
     h.hover_at(view.center() + egui::vec2(60.0, 20.0));
     h.run();
     h.drop_at(view.center() + egui::vec2(60.0, 20.0));
     h.run();
-    let turned = h.state().accuracy.camera();
+    let turned = h.state().screens.accuracy.camera();
     assert!(
         before.is_some() && before != turned,
         "a drag turns the view"
     );
     press(&mut h, "Turned");
-    assert_eq!(h.state().accuracy.camera(), before);
+    assert_eq!(h.state().screens.accuracy.camera(), before);
     press(&mut h, "By bins");
     press(&mut h, "Speed");
     h.get_by_label("speed / mm/s");
@@ -255,7 +255,7 @@ fn the_picture_shows_this_screen_alone_without_the_controls_that_made_it() {
     let written = writing(&mut app);
     // A window that stands still: nothing else changes between two pictures.
     app.window.frozen_end_s = Some(140.0);
-    app.accuracy.scope = Scope::All;
+    app.screens.accuracy.scope = Scope::All;
     let mut h = Harness::builder()
         .with_size([1280.0, 720.0])
         .wgpu()
@@ -268,12 +268,12 @@ fn the_picture_shows_this_screen_alone_without_the_controls_that_made_it() {
     // While the picture is taken there is neither button nor spinner, but what the picture is of.
     let (mut frames, mut posed) = (0, 0);
     while written.lock().expect("not poisoned").is_empty() {
-        let asked = h.state().accuracy.export.is_posing();
+        let asked = h.state().screens.accuracy.export.is_posing();
         h.step();
         frames += 1;
         assert!(frames < 10);
         // A picture that was asked for is taken of the next frame.
-        if asked && h.state().accuracy.export.is_posing() {
+        if asked && h.state().screens.accuracy.export.is_posing() {
             posed += 1;
             for control in ["CSV", "PNG", "Report", "Write", "Cancel", "Browse…"] {
                 assert!(h.query_by_label(control).is_none(), "{control}");
@@ -349,12 +349,12 @@ fn a_press_of_j_on_a_long_session_goes_through_a_slice_per_frame() {
     // As many rows as four frames go through; a press and a release are a frame each.
     let mut h = harness(app(&fixture::session(400), Theme::Dark));
     h.run_steps(6);
-    assert!(h.state().accuracy.peak.is_none());
+    assert!(h.state().screens.accuracy.peak.is_none());
     h.key_press(Key::J);
     h.step();
-    assert!(h.state().accuracy.peak.is_none(), "not all at once");
+    assert!(h.state().screens.accuracy.peak.is_none(), "not all at once");
     h.run_steps(6);
-    assert!(h.state().accuracy.peak.is_some());
+    assert!(h.state().screens.accuracy.peak.is_some());
 }
 
 #[test]
@@ -378,10 +378,10 @@ fn accuracy_looks_right() {
             (Below::Frames, "frames"),
         ] {
             let mut app = app(&session, theme);
-            app.accuracy.below = below;
-            app.accuracy.scope = Scope::All;
+            app.screens.accuracy.below = below;
+            app.screens.accuracy.scope = Scope::All;
             if below != Below::Time {
-                app.accuracy.plots = Plots::Overlay;
+                app.screens.accuracy.plots = Plots::Overlay;
             }
             picture(
                 &format!("accuracy-{what}-{name}"),
@@ -391,7 +391,7 @@ fn accuracy_looks_right() {
             );
         }
         let mut app = app(&session, theme);
-        app.accuracy.below = Below::Space;
+        app.screens.accuracy.below = Below::Space;
         sharp_picture(&format!("accuracy-space-{name}-2x"), theme, app);
     }
     picture(

@@ -82,7 +82,7 @@ fn put(shelf: &Shelf, new: NewVersion) -> Vec<Version> {
 /// The screen Calibrate, just opened.
 fn opened(handle: Handle, outside: Services) -> Harness<'static, App> {
     let mut app = App::new(Some(handle), RobotSpec::reference(), outside);
-    app.screen = Screen::Calibrate;
+    app.screen = ScreenId::Calibrate;
     let mut h = harness(app);
     h.run_steps(3);
     h
@@ -151,7 +151,7 @@ impl Bench {
             latest,
         };
         let mut app = App::new(Some(handle), robot.clone(), services(&shelf));
-        app.screen = Screen::Calibrate;
+        app.screen = ScreenId::Calibrate;
         let h = Harness::builder()
             .with_size([1280.0, 720.0])
             .with_theme(Theme::Dark)
@@ -197,7 +197,7 @@ impl Bench {
     }
 
     fn wizard(&self) -> &Wizard {
-        self.h.state().calibrate.wizard().expect("is shown")
+        self.h.state().screens.calibrate.wizard().expect("is shown")
     }
 
     fn until(&mut self, what: &str, most_s: f64, done: impl Fn(&Wizard) -> bool) {
@@ -446,7 +446,7 @@ fn a_log_is_browsed_read_and_judged_and_a_circuit_s_own_readings_are_not_used() 
     h.run_steps(3);
     h.get_by_label("Read the log").click();
     h.run_steps(3);
-    let w = h.state().calibrate.wizard().expect("is shown");
+    let w = h.state().screens.calibrate.wizard().expect("is shown");
     assert_eq!(w.springs_to_do(), (1..=11).collect::<Vec<_>>());
     h.get_by_label_contains("Spring 1: the log holds a circuit's own readings");
     h.get_by_label_contains("The log has no points of spring 12");

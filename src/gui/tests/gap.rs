@@ -232,7 +232,7 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
 
 fn gap_app(services: Services) -> App {
     let mut app = App::new(None, RobotSpec::reference(), services);
-    app.screen = Screen::Gap;
+    app.screen = ScreenId::Gap;
     app
 }
 
@@ -243,14 +243,17 @@ fn click(h: &mut Harness<'_, App>, label: &str) {
 
 fn wait_for_finding(h: &mut Harness<'_, App>) {
     for _ in 0..12_000 {
-        if h.state().gap.outcome.is_some() {
+        if h.state().screens.gap.outcome.is_some() {
             break;
         }
-        assert_eq!(h.state().gap.trouble, None);
+        assert_eq!(h.state().screens.gap.trouble, None);
         std::thread::sleep(Duration::from_millis(50));
         h.run_steps(1);
     }
-    assert!(h.state().gap.outcome.is_some(), "no finding in ten minutes");
+    assert!(
+        h.state().screens.gap.outcome.is_some(),
+        "no finding in ten minutes"
+    );
     h.run_steps(3);
 }
 
@@ -270,7 +273,7 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
     click(&mut h, "▶ Find");
     wait_for_finding(&mut h);
     // Locate: a click on the map, an arrow key, and a place.
-    assert_eq!(h.state().gap.step, Step::Locate);
+    assert_eq!(h.state().screens.gap.step, Step::Locate);
     h.get_by_label("simulated");
     click(&mut h, "Residual heat map");
     let traces = found(&Unwatched).expect("found").finding.traces.clone();
@@ -349,12 +352,18 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
 }
 
 fn decision(h: &Harness<'_, App>) -> Decision {
-    h.state().gap.outcome.as_ref().expect("an outcome").decision
+    h.state()
+        .screens
+        .gap
+        .outcome
+        .as_ref()
+        .expect("an outcome")
+        .decision
 }
 
 // Accessible name of the first place that has a row in the map, and its channel.
 fn traces_first(h: &Harness<'_, App>) -> (String, String) {
-    let outcome = h.state().gap.outcome.as_ref().expect("an outcome");
+    let outcome = h.state().screens.gap.outcome.as_ref().expect("an outcome");
     let f = &outcome.found.finding;
     let place = f
         .located
@@ -396,7 +405,7 @@ fn a_run_can_be_cancelled_and_begun_again() {
     click(&mut h, "Cancel the finder");
     assert!(workers.borrow()[0].cancelled());
     h.get_by_label_contains("Cancelled: there is no verdict.");
-    assert!(h.state().gap.outcome.is_none() && !is_disabled(&h, "▶ Find"));
+    assert!(h.state().screens.gap.outcome.is_none() && !is_disabled(&h, "▶ Find"));
     // The finder fails: cause, consequence, remedy.
     click(&mut h, "▶ Find");
     let worker = workers.borrow_mut().pop().expect("a second run");
@@ -409,7 +418,7 @@ fn a_run_can_be_cancelled_and_begun_again() {
     h.get_by_label_contains("There is no verdict");
     h.get_by_label_contains("Record a longer session");
     click(&mut h, "Close the message");
-    assert_eq!(h.state().gap.trouble, None);
+    assert_eq!(h.state().screens.gap.trouble, None);
 }
 
 #[test]
@@ -498,9 +507,10 @@ fn a_robot_file_that_cannot_be_read_says_so_and_is_read_again() {
         })
     });
     let mut app = gap_app(services);
-    app.gap
+    app.screens
+        .gap
         .take(with_verdict(Verdict::Named), Origin::Measured, None);
-    app.gap.step = Step::Patch;
+    app.screens.gap.step = Step::Patch;
     let mut h = harness(app);
     h.run_steps(4);
     assert!(
@@ -544,7 +554,7 @@ fn a_finding_keeps_the_origin_and_the_answer_of_the_moment_it_was_asked_for() {
     let worker = workers.borrow_mut().pop().expect("a run");
     worker.finish(Ok(Ok(with_verdict(Verdict::Named))));
     h.run_steps(4);
-    let outcome = h.state().gap.outcome.as_ref().expect("an outcome");
+    let outcome = h.state().screens.gap.outcome.as_ref().expect("an outcome");
     assert_eq!(outcome.origin, Origin::Simulated);
     assert_eq!(outcome.answer.as_deref(), Some(Path::new(ANSWER)));
 }
@@ -557,9 +567,10 @@ fn a_robot_file_with_patches_that_a_finding_does_not_know_is_not_built_upon() {
     other.name = "found last week".into();
     seen.borrow_mut().robot_file = with_patch(REFERENCE, &other);
     let mut app = gap_app(services);
-    app.gap
+    app.screens
+        .gap
         .take(with_verdict(Verdict::Named), Origin::Measured, None);
-    app.gap.step = Step::Patch;
+    app.screens.gap.step = Step::Patch;
     let mut h = harness(app);
     h.run_steps(4);
     assert!(is_disabled(&h, "Accept"));

@@ -34,7 +34,7 @@ fn started(commands: &[Command]) -> &Plan {
 fn a_speed_that_the_tip_does_not_have_is_refused_at_its_field_and_not_cut() {
     let (twin, mut h) = with_plan(fixture::snapshot(1.0));
     set(&mut h, "Speed in mm/s", 20.0);
-    assert_eq!(h.state().operate.plans.speed_mm_s, 20.0);
+    assert_eq!(h.state().screens.operate.plans.speed_mm_s, 20.0);
     h.get_by_label("▲ 20.0 mm/s is more than the tip's 5.0 mm/s: choose a lower speed.");
     assert!(is_disabled(&h, "▶ Start"));
     set(&mut h, "Speed in mm/s", 5.0);
@@ -70,7 +70,7 @@ fn a_circle_is_set_by_its_numbers_and_started_once() {
     twin.events.try_send(refused).expect("room");
     h.run();
     assert_eq!(
-        h.state().operate.plans.outcome,
+        h.state().screens.operate.plans.outcome,
         Outcome::Refused(reason.into())
     );
     assert_eq!(h.get_all_by_label(&format!("▲ {reason}")).count(), 2);
@@ -92,7 +92,7 @@ fn a_plan_that_ends_without_a_word_is_not_looked_at_for_ever() {
     };
     twin.events.try_send(refused(1.1)).expect("room");
     h.run_steps(2);
-    assert_eq!(h.state().operate.plans.outcome, Outcome::Given);
+    assert_eq!(h.state().screens.operate.plans.outcome, Outcome::Given);
     let mut stopped = fixture::snapshot(1.2);
     stopped.mode = Mode::Safe("stopped by the operator".into());
     twin.publish(stopped);
@@ -121,31 +121,31 @@ fn waypoints_are_clicked_while_draw_is_on_and_the_target_stays() {
         h.drop_at(at);
         h.run();
     }
-    assert_eq!(h.state().operate.plans.points_m.len(), 3);
+    assert_eq!(h.state().screens.operate.plans.points_m.len(), 3);
     assert_eq!(twin.taken(), [], "nothing is previewed and nothing moves");
-    assert!(h.state().operate.draft.parse().is_err());
+    assert!(h.state().screens.operate.draft.parse().is_err());
     // Esc ends drawing; a click is a target again.
     h.key_press(Key::Escape);
     h.run();
     press(&mut h, "Arm, side view");
     assert!(matches!(twin.taken().as_slice(), [Command::Preview(_)]));
-    assert_eq!(h.state().operate.plans.points_m.len(), 3);
+    assert_eq!(h.state().screens.operate.plans.points_m.len(), 3);
     // The target becomes the fourth; it is passed one place earlier, the first is deleted.
     press(&mut h, "Add target");
     press(&mut h, "Earlier");
-    let plans = &h.state().operate.plans;
+    let plans = &h.state().screens.operate.plans;
     assert_eq!((plans.points_m.len(), plans.selected), (4, Some(2)));
     assert!(!is_disabled(&h, "▶ Start"));
     h.get_by_label_contains("Waypoint 1 at").click();
     h.run();
     press(&mut h, "Delete");
-    assert_eq!(h.state().operate.plans.points_m.len(), 3);
+    assert_eq!(h.state().screens.operate.plans.points_m.len(), 3);
     press(&mut h, "Closed line");
     press(&mut h, "▶ Start");
     let commands = twin.taken();
     let plan = started(&commands);
     assert_eq!(plan.name, "line through 3 points");
-    assert_eq!(h.state().operate.plans.passing, Passing::Follow);
+    assert_eq!(h.state().screens.operate.plans.passing, Passing::Follow);
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn in_a_replay_nothing_is_started_and_nothing_is_drawn() {
     h.run();
     assert!(is_disabled(&h, "▶ Start") && is_disabled(&h, "Draw"));
     press(&mut h, "Arm, side view");
-    assert_eq!(h.state().operate.plans.points_m.len(), 0);
+    assert_eq!(h.state().screens.operate.plans.points_m.len(), 0);
     assert_eq!(twin.taken(), []);
 }
 
@@ -198,13 +198,15 @@ fn a_plan_in_both_themes_and_sizes() {
         ] {
             let (twin, handle) = twin(fixture::snapshot(1.0));
             let mut app = App::new(Some(handle), RobotSpec::reference(), Services::none());
-            app.operate.plans.kind = kind;
+            app.screens.operate.plans.kind = kind;
             for k in 0..7 {
                 let x = 0.02 * f64::from(k) - 0.06;
-                app.operate.plans.add([x, 0.5 * x, -0.31 + x * x]);
+                app.screens.operate.plans.add([x, 0.5 * x, -0.31 + x * x]);
             }
-            app.operate.show(crate::gui::panels::operate::Pane::Plan);
-            app.operate.plans.drawing = kind == PlanKind::Points;
+            app.screens
+                .operate
+                .show(crate::gui::panels::operate::Pane::Plan);
+            app.screens.operate.plans.drawing = kind == PlanKind::Points;
             let name = format!("operate-plan-{kind_name}-{theme_name}-720");
             picture(&name, [1280.0, 720.0], theme, app);
             drop(twin);

@@ -1,13 +1,13 @@
 //! Everything that can be done is found by typing, and done.
 
 use super::*;
-use crate::gui::app::home_m;
-use crate::gui::panels::View;
 use crate::gui::panels::gap::Step as GapStep;
-use crate::gui::panels::operate::Pane;
-use crate::gui::panels::palette::{Act, Deed, Entry, Known, entries, found};
+use crate::gui::panels::palette::{Entry, entries, found};
 use crate::gui::panels::plans::PlanKind;
+use crate::gui::screen::Known;
+use crate::gui::screens::home_m;
 use crate::gui::services::Picked;
+use crate::gui::view::View;
 
 /// Types into the list and takes the first entry that is found.
 fn choose(h: &mut Harness<'_, App>, words: &str) {
@@ -77,10 +77,10 @@ fn idle(services: Services) -> (Twin, Harness<'static, App>) {
 fn circle_home_export_example_connect_theme_and_record_are_found_and_done() {
     let asked = Asked::default();
     let (twin, mut h) = idle(asking(&asked));
-    h.state_mut().screen = Screen::Gap;
+    h.state_mut().screen = ScreenId::Gap;
     choose(&mut h, "circle");
-    assert_eq!(h.state().screen, Screen::Operate);
-    assert_eq!(h.state().operate.plans.kind, PlanKind::Circle);
+    assert_eq!(h.state().screen, ScreenId::Operate);
+    assert_eq!(h.state().screens.operate.plans.kind, PlanKind::Circle);
     h.get_by_label("Radius in mm");
 
     choose(&mut h, "home");
@@ -93,7 +93,7 @@ fn circle_home_export_example_connect_theme_and_record_are_found_and_done() {
     assert!((goal.position_m[2] - z).abs() < 1e-4, "{goal:?}");
 
     choose(&mut h, "example");
-    assert_eq!(h.state().screen, Screen::Gap);
+    assert_eq!(h.state().screen, ScreenId::Gap);
     assert_eq!(asked.all(), ["example"]);
 
     let theme = h.ctx.theme();
@@ -113,13 +113,13 @@ fn export_is_found_and_writes() {
     let asked = Asked::default();
     let session = fixture::session(12);
     let spec = RobotSpec::reference();
-    let mut app = App::for_screenshot(Screen::Operate, Theme::Dark, spec, &session);
+    let mut app = App::for_screenshot(ScreenId::Operate, Theme::Dark, spec, &session);
     app.services = asking(&asked);
     let mut h = harness(app);
     h.run_steps(3);
     choose(&mut h, "export");
     h.run_steps(6);
-    assert_eq!(h.state().screen, Screen::Accuracy);
+    assert_eq!(h.state().screen, ScreenId::Accuracy);
     h.get_by_label("Path to write");
     h.get_by_label("Browse…").click();
     h.run_steps(4);
@@ -137,41 +137,38 @@ fn a_port_a_panel_a_step_and_a_recording_are_found_and_done() {
     h.key_press(Key::Escape);
     h.run_steps(3);
     choose(&mut h, "gap select");
-    assert_eq!(h.state().screen, Screen::Gap);
-    assert_eq!(h.state().gap.step, GapStep::Select);
+    assert_eq!(h.state().screen, ScreenId::Gap);
+    assert_eq!(h.state().screens.gap.step, GapStep::Select);
     choose(&mut h, "panel plan");
-    assert!(h.state().operate.plans.shown);
-    h.state_mut().screen = Screen::Recordings;
+    assert!(h.state().screens.operate.plans.shown);
+    h.state_mut().screen = ScreenId::Recordings;
     h.run_steps(3);
     choose(&mut h, "play figure");
     assert!(h.state().player.is_some());
     choose(&mut h, "cursors");
-    assert_eq!(h.state().screen, Screen::Sensors);
+    assert_eq!(h.state().screen, ScreenId::Sensors);
     assert!(h.state().window.cursors_s.is_some());
 }
 
 fn all_of(app: &App, s: &Snapshot) -> Vec<Entry> {
     let spec = RobotSpec::reference();
     let history = crate::analysis::history::History::new(4);
-    entries(&Known {
-        live: View {
-            snapshot: s,
-            history: &history,
-            now_s: 0.0,
-            replay: None,
-            spec: &spec,
-            simulated: Some(true),
-        },
+    let live = View {
+        snapshot: s,
+        history: &history,
+        now_s: 0.0,
+        replay: None,
+        spec: &spec,
+        simulated: Some(true),
+    };
+    let known = Known {
+        live,
+        shown: live,
         may_resume: &Ok(()),
         twin_gone: false,
-        player: app.player.as_ref(),
         window: &app.window,
-        operate: &app.operate,
-        calibrate: &app.calibrate,
-        library: &app.library,
-        gap: &app.gap,
-        connection: &app.connection,
-    })
+    };
+    entries(&known, &app.connection, &app.screens)
 }
 
 #[test]
@@ -184,20 +181,28 @@ fn no_two_entries_are_named_alike_and_every_screen_panel_and_step_has_one() {
     names.dedup();
     assert_eq!(names.len(), n);
     assert!(n > 60, "{n}");
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         assert!(names.contains(&format!("Show {}", screen.name()).as_str()));
     }
-    let has = |deed: &Deed| all.iter().any(|e| e.deed == *deed);
+    let has = |name: String| assert!(names.contains(&name.as_str()), "{name}");
     for pane in crate::gui::panels::operate::PANES {
-        assert!(has(&Deed::Screen(Act::Pane(pane))), "{pane:?}");
+        has(format!("Show the panel {}", pane.title()));
     }
-    for (kind, ..) in PlanKind::ALL {
-        assert!(has(&Deed::Screen(Act::Plan(kind))), "{kind:?}");
+    for (_, name, _) in PlanKind::ALL {
+        let object = match name {
+            "Circle" => "a circle",
+            "Figure 8" => "a figure 8",
+            "Pick and place" => "pick and place",
+            _ => "waypoints",
+        };
+        has(format!("Set up {object}"));
     }
     for step in GapStep::ALL {
-        assert!(has(&Deed::Screen(Act::Gap(step))), "{step:?}");
+        has(format!("Gap: {}", step.name()));
     }
-    assert!(has(&Deed::Screen(Act::Pane(Pane::Target))));
+    for step in crate::gui::panels::calibrate::wizard::Step::ALL {
+        has(format!("Calibrate: {}", step.name()));
+    }
 }
 
 /// A gate that is open is told by a deed that does something, a closed one by a reason.

@@ -136,14 +136,14 @@ fn every_screen_renders_in_both_themes_and_sizes() {
     let session = busy_session();
     for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
         for (size, size_name) in [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")] {
-            for screen in Screen::ALL {
+            for screen in ScreenId::ALL {
                 let spec = RobotSpec::reference();
                 let mut app = App::for_screenshot(screen, theme, spec, &session);
-                app.operate.draft.text = ["164", "20", "-231"].map(Into::into);
-                if screen == Screen::Sensors && theme == Theme::Light {
-                    app.sensors.selected_spring = Some(8);
+                app.screens.operate.draft.text = ["164", "20", "-231"].map(Into::into);
+                if screen == ScreenId::Sensors && theme == Theme::Light {
+                    app.selected_spring = Some(8);
                 }
-                if screen == Screen::Recordings {
+                if screen == ScreenId::Recordings {
                     app = recordings_app();
                     app.screen = screen;
                     let mut player =
@@ -151,7 +151,7 @@ fn every_screen_renders_in_both_themes_and_sizes() {
                     player.position_s = 23.0;
                     player.playing = false;
                     app.player = Some(player);
-                    app.library.selected = Some("recordings/circle-35g.rrd".into());
+                    app.screens.library.selected = Some("recordings/circle-35g.rrd".into());
                 }
                 let name = format!("panels-{}-{theme_name}-{size_name}", screen.name());
                 picture(&name.to_lowercase(), size, theme, app);
@@ -164,7 +164,7 @@ fn every_screen_renders_in_both_themes_and_sizes() {
     last.truth = None;
     last.link.simulated = false;
     let spec = RobotSpec::reference();
-    let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec, &safe);
+    let app = App::for_screenshot(ScreenId::Operate, Theme::Dark, spec, &safe);
     picture("panels-safe", [1280.0, 720.0], Theme::Dark, app);
     assert_eq!(
         fixture::snapshot(0.0).truth.map(|t| t.source),

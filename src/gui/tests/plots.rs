@@ -3,7 +3,7 @@
 use super::*;
 
 /// Twelve seconds at 500 Hz: about five values per pixel in a window of ten seconds.
-fn dense(screen: Screen, theme: Theme) -> App {
+fn dense(screen: ScreenId, theme: Theme) -> App {
     let session: Vec<_> = (0..6_000)
         .map(|i| fixture::snapshot(100.0 + f64::from(i) * 0.002))
         .collect();
@@ -14,7 +14,7 @@ fn dense(screen: Screen, theme: Theme) -> App {
 
 #[test]
 fn dense_signals_have_their_values_under_the_pointer() {
-    let mut h = harness(dense(Screen::Sensors, Theme::Dark));
+    let mut h = harness(dense(ScreenId::Sensors, Theme::Dark));
     h.run();
     let plot = h
         .get_by_role_and_label(egui::accesskit::Role::Image, "IMU yaw / deg")
@@ -34,7 +34,7 @@ fn dense_signals_have_their_values_under_the_pointer() {
 #[test]
 fn dense_signals_are_drawn() {
     for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
-        for screen in [Screen::Sensors, Screen::Operate, Screen::Accuracy] {
+        for screen in [ScreenId::Sensors, ScreenId::Operate, ScreenId::Accuracy] {
             let name = format!("dense-{}-{name}", screen.name()).to_lowercase();
             picture(&name, [1280.0, 720.0], theme, dense(screen, theme));
         }

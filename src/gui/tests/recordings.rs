@@ -132,7 +132,7 @@ fn services() -> Services {
 }
 
 pub(super) fn app(theme: Theme) -> App {
-    let mut app = App::for_screenshot(Screen::Recordings, theme, RobotSpec::reference(), &[]);
+    let mut app = App::for_screenshot(ScreenId::Recordings, theme, RobotSpec::reference(), &[]);
     app.services = services();
     app
 }
@@ -164,7 +164,7 @@ fn title(h: &Harness<'_, App>) -> String {
 #[test]
 fn two_recordings_are_aligned_and_their_difference_is_shown() {
     let mut h = both();
-    let pair = &h.state().library.pair;
+    let pair = &h.state().screens.library.pair;
     assert_eq!(pair.compared, Compared::Both);
     let found = pair.alignment.as_ref().expect("aligned by itself");
     let shift = found.found.expect("the same motion");
@@ -179,7 +179,7 @@ fn two_recordings_are_aligned_and_their_difference_is_shown() {
         );
     }
     // A wrong shift shows up in the difference, and Align mends it.
-    h.state_mut().library.pair.offset_s = 0.0;
+    h.state_mut().screens.library.pair.offset_s = 0.0;
     h.run();
     let level = "x / mm, A − B: mean 0.0";
     assert_eq!(h.query_all_by_label_contains(level).count(), 0);
@@ -198,7 +198,7 @@ fn b_is_played_from_the_same_moment_as_a() {
     assert!((at - (20.0 - SHIFT_S)).abs() < 0.02, "{at}");
     press(&mut h, "A");
     assert_eq!(title(&h), "first");
-    assert_eq!(h.state().library.pair.compared, Compared::One);
+    assert_eq!(h.state().screens.library.pair.compared, Compared::One);
     // Closing one leaves the other at hand.
     press(&mut h, "Close the recording");
     h.get_by_label_contains("B is still loaded: second");
@@ -242,7 +242,7 @@ fn unrelated_recordings_say_so_and_are_shifted_by_hand() {
     load(&mut h, "first", "Load and play");
     load(&mut h, "second", "Load as B");
     h.get_by_label_contains("▲ No clear match");
-    assert_eq!(h.state().library.pair.offset_s, 0.0);
+    assert_eq!(h.state().screens.library.pair.offset_s, 0.0);
     h.get_by_label("Shift of B in s");
 }
 
@@ -307,7 +307,7 @@ fn a_recording_that_cannot_be_read_says_why_what_now_and_what_to_do() {
     h.get_by_label_contains("what was shown before stays. Choose another recording");
     assert_eq!(title(&h), "first");
     press(&mut h, "Dismiss");
-    assert_eq!(h.state().library.trouble, None);
+    assert_eq!(h.state().screens.library.trouble, None);
 }
 
 #[test]
@@ -328,7 +328,7 @@ fn loading_shows_how_far_it_is_and_can_be_cancelled() {
     assert!(is_disabled(&h, "Load and play") && !is_disabled(&h, "Load as B"));
     h.get_by_label("Cancel loading").click();
     h.run_steps(3);
-    assert!(!h.state().library.busy());
+    assert!(!h.state().screens.library.busy());
     assert!(workers.lock().expect("not poisoned")[0].cancelled());
     assert!(h.state().player.is_none());
 }
@@ -365,12 +365,12 @@ fn the_window_goes_on_while_recordings_are_aligned() {
     load(&mut h, "first", "Load and play");
     load(&mut h, "second", "Load as B");
     h.get_by_label_contains("Aligning…");
-    assert!(h.state().library.busy() && h.query_by_label("Align").is_none());
+    assert!(h.state().screens.library.busy() && h.query_by_label("Align").is_none());
     let (pairing, worker) = asked.lock().expect("not poisoned").remove(0);
     worker.finish(Ok(pairing.align(&|| true).expect("was not stopped")));
     h.run_steps(3);
-    assert!(!h.state().library.busy());
-    assert!((h.state().library.pair.offset_s - SHIFT_S).abs() < 0.05);
+    assert!(!h.state().screens.library.busy());
+    assert!((h.state().screens.library.pair.offset_s - SHIFT_S).abs() < 0.05);
     h.get_by_label("Align");
 }
 
@@ -378,9 +378,9 @@ fn hold_still(h: &mut Harness<'_, App>) {
     let state = h.state_mut();
     state.window.frozen_end_s = Some(110.0);
     state.window.cursors_s = Some([105.0, 107.0]);
-    state.accuracy.peak = Some([106.0, 9.0]);
+    state.screens.accuracy.peak = Some([106.0, 9.0]);
     h.run_steps(1);
-    assert!(h.state().window.frozen_end_s.is_some() && h.state().accuracy.peak.is_some());
+    assert!(h.state().window.frozen_end_s.is_some() && h.state().screens.accuracy.peak.is_some());
 }
 
 fn assert_let_go(h: &mut Harness<'_, App>, what: &str) {
@@ -388,7 +388,7 @@ fn assert_let_go(h: &mut Harness<'_, App>, what: &str) {
     let state = h.state();
     assert_eq!(state.window.frozen_end_s, None, "{what}");
     assert_eq!(state.window.cursors_s, None, "{what}");
-    assert_eq!(state.accuracy.peak, None, "{what}");
+    assert_eq!(state.screens.accuracy.peak, None, "{what}");
 }
 
 #[test]
@@ -421,7 +421,7 @@ fn a_recording_that_does_not_say_so_is_never_called_hardware() {
             .next()
             .is_some()
     );
-    h.state_mut().screen = Screen::Accuracy;
+    h.state_mut().screen = ScreenId::Accuracy;
     h.run_steps(3);
     h.get_by_label("ours: origin unknown");
     assert!(h.query_by_label_contains("(hardware)").is_none());
@@ -443,7 +443,7 @@ impl egui::DroppedFile for Dropped {
 #[test]
 fn dropped_files_are_loaded_and_a_file_can_be_chosen() {
     let mut app = app(Theme::Dark);
-    app.screen = Screen::Sensors;
+    app.screen = ScreenId::Sensors;
     let mut h = harness(app);
     h.run_steps(2);
     for name in ["first", "second"] {
@@ -451,9 +451,9 @@ fn dropped_files_are_loaded_and_a_file_can_be_chosen() {
         h.input_mut().dropped_files.push(Arc::new(file));
     }
     h.run_steps(4);
-    assert_eq!(h.state().screen, Screen::Recordings);
+    assert_eq!(h.state().screen, ScreenId::Recordings);
     assert_eq!(title(&h), "first");
-    let other = h.state().library.pair.other.as_ref();
+    let other = h.state().screens.library.pair.other.as_ref();
     assert_eq!(other.map(|p| p.trace().name.as_str()), Some("second"));
     h.state_mut().services.pick = Box::new(|dialog| {
         assert!(
@@ -479,10 +479,10 @@ fn recordings_look_right() {
         p.position_s = 17.0;
         if with_b {
             let b = Player::new(recording_b()).expect("not empty");
-            let pair = &mut app.library.pair;
+            let pair = &mut app.screens.library.pair;
             pair.place((Side::B, true), b, &mut app.player, &mut app.services);
         }
-        app.library.selected = Some("recordings/first.rrd".into());
+        app.screens.library.selected = Some("recordings/first.rrd".into());
         app
     };
     for (theme, name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
@@ -499,13 +499,13 @@ fn recordings_look_right() {
             loaded(theme, true),
         );
         let mut app = loaded(theme, true);
-        app.library.pair.compared = Compared::Difference;
-        app.library.pair.quantity = Quantity::Position;
-        app.library.detail = Detail::Contents;
+        app.screens.library.pair.compared = Compared::Difference;
+        app.screens.library.pair.quantity = Quantity::Position;
+        app.screens.library.detail = Detail::Contents;
         sharp_picture(&format!("recordings-difference-{name}-2x"), theme, app);
     }
     let mut springs = loaded(Theme::Dark, true);
-    springs.library.pair.quantity = Quantity::Springs;
+    springs.screens.library.pair.quantity = Quantity::Springs;
     picture("recordings-springs", size, Theme::Dark, springs);
     let mut empty = app(Theme::Dark);
     empty.services = Services::none();
@@ -513,10 +513,10 @@ fn recordings_look_right() {
     let mut cut = app(Theme::Light);
     cut.player = answer(Path::new("cut.rrd")).and_then(indexed).ok();
     cut.player.as_mut().expect("not empty").playing = false;
-    cut.library.detail = Detail::Contents;
+    cut.screens.library.detail = Detail::Contents;
     picture("recordings-cut", size, Theme::Light, cut);
     let mut failed = app(Theme::Dark);
-    failed.library.trouble = Some(crate::gui::panels::recordings::Trouble::new(
+    failed.screens.library.trouble = Some(crate::gui::panels::recordings::Trouble::new(
         answer(Path::new("recordings/broken.rrd")).expect_err("broken"),
         "Nothing was loaded: what was shown before stays.",
         "Choose another recording, or copy this one again from where it was made.",

@@ -34,7 +34,7 @@ fn window() -> (Twin, Receiver<Worker<SocketAddr>>, Harness<'static, App>) {
     });
     let (twin, handle) = twin(fixture::snapshot(1.0));
     let mut app = App::new(Some(handle), RobotSpec::reference(), services);
-    app.screen = Screen::Recordings;
+    app.screen = ScreenId::Recordings;
     let mut h = harness(app);
     h.run_steps(3);
     (twin, workers, h)
@@ -87,7 +87,7 @@ fn a_viewer_that_is_ready_is_streamed_to_from_every_screen() {
     let (twin, workers, mut h) = window();
     h.get_by_label("Open live in Rerun").click();
     h.run_steps(3);
-    h.state_mut().screen = Screen::Sensors;
+    h.state_mut().screen = ScreenId::Sensors;
     h.run_steps(3);
     let worker = workers.try_recv().expect("a viewer is being started");
     worker.finish(Ok(address()));
@@ -186,7 +186,7 @@ fn the_row_renders() {
     for (name, state, dropped) in states {
         let (_twin, handle) = twin(with_stream(1.0, state, dropped));
         let mut app = App::new(Some(handle), RobotSpec::reference(), library_services());
-        app.screen = Screen::Recordings;
+        app.screen = ScreenId::Recordings;
         picture(&format!("live-{name}"), [1280.0, 720.0], Theme::Dark, app);
     }
 }

@@ -56,7 +56,7 @@ fn stop_is_whole_and_clickable_at_every_scale_and_size() {
 fn stop_is_whole_and_clickable_on_every_screen_of_a_small_window() {
     for size in &SIZES[1..] {
         let (twin, mut h) = window(*size, 1.0);
-        for screen in Screen::ALL {
+        for screen in ScreenId::ALL {
             h.state_mut().screen = screen;
             h.run_steps(3);
             assert_stops(&twin, &mut h, *size, &format!("{screen:?} in {size:?}"));

@@ -23,7 +23,7 @@ fn session() -> Vec<Snapshot> {
 }
 
 fn app(session: &[Snapshot], theme: Theme) -> App {
-    App::for_screenshot(Screen::Sensors, theme, RobotSpec::reference(), session)
+    App::for_screenshot(ScreenId::Sensors, theme, RobotSpec::reference(), session)
 }
 
 #[test]
@@ -32,7 +32,7 @@ fn raw_calibrated_and_residual_are_one_switch() {
     h.run();
     control(&h, "Springs of segment 1 / mm");
     press(&mut h, "Raw");
-    assert_eq!(h.state().sensors.reading, Reading::Raw);
+    assert_eq!(h.state().screens.sensors.reading, Reading::Raw);
     control(&h, "Springs of segment 1 / kHz");
     control(&h, "IMU rate x / deg/s");
     // 100 periods in 1 600 000 / 12 ticks at 16 MHz.
@@ -140,12 +140,12 @@ fn the_sensors_look_right() {
         let mut with_cursors = app(&session, theme);
         with_cursors.window.frozen_end_s = Some(139.0);
         with_cursors.window.cursors_s = Some([117.0, 131.0]);
-        with_cursors.sensors.reading = Reading::Residual;
-        with_cursors.sensors.selected_spring = Some(0);
+        with_cursors.screens.sensors.reading = Reading::Residual;
+        with_cursors.selected_spring = Some(0);
         sharp_picture(&format!("sensors-cursors-{name}-2x"), theme, with_cursors);
     }
     let mut raw = app(&session, Theme::Dark);
-    raw.sensors.reading = Reading::Raw;
+    raw.screens.sensors.reading = Reading::Raw;
     picture("sensors-raw-dark", [1280.0, 720.0], Theme::Dark, raw);
     picture(
         "sensors-empty",

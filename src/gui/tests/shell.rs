@@ -17,7 +17,7 @@ fn what_can_be_done_is_found_by_typing() {
     h.run_steps(3);
     h.key_press(Key::Enter);
     h.run_steps(3);
-    assert_eq!(h.state().screen, Screen::Recordings);
+    assert_eq!(h.state().screen, ScreenId::Recordings);
     assert!(h.query_by_label("Find a command").is_none(), "it closes");
     // What cannot be done now says why and does nothing.
     h.key_press_modifiers(Modifiers::COMMAND, Key::P);
@@ -214,7 +214,12 @@ fn an_armed_arm_is_not_let_go() {
     armed.link.simulated = false;
     armed.mode = Mode::Hold;
     let spec = RobotSpec::reference();
-    let app = App::for_screenshot(Screen::Operate, Theme::Dark, spec.clone(), &[armed.clone()]);
+    let app = App::for_screenshot(
+        ScreenId::Operate,
+        Theme::Dark,
+        spec.clone(),
+        &[armed.clone()],
+    );
     let history = crate::analysis::history::History::new(4);
     let gate = |s: &Snapshot| {
         let view = View {
@@ -261,7 +266,7 @@ fn a_newcomer_is_greeted_once() {
     h.run_steps(3);
     h.get_by_label_contains("The arm you see is simulated");
     press_steps(&mut h, "Play a recording");
-    assert_eq!(h.state().screen, Screen::Recordings);
+    assert_eq!(h.state().screen, ScreenId::Recordings);
     h.get_by_label("circle-35g");
     press_steps(&mut h, "Close the welcome");
     assert!(!h.state().welcome);
@@ -349,7 +354,7 @@ fn a_control_without_a_tooltip_is_noticed() {
 #[test]
 fn every_control_has_a_name_and_a_tooltip_and_says_why_it_is_off() {
     let mut bad = Vec::new();
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         for live in [true, false] {
             // A window without data has the most controls that are off.
             let session = if live { busy_session() } else { Vec::new() };
@@ -390,7 +395,7 @@ fn silent(silent_s: f64) -> Snapshot {
 #[test]
 fn what_is_known_of_a_silent_link_is_shown_with_its_age() {
     let (twin, mut h) = running(fixture::snapshot(8.0));
-    h.state_mut().screen = Screen::Sensors;
+    h.state_mut().screen = ScreenId::Sensors;
     h.run_steps(2);
     assert!(h.query_by_label_contains(" ago").is_none());
     twin.publish(silent(33.0));

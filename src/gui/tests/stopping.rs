@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn stop_is_one_click_or_one_chord_from_every_screen() {
     let (twin, mut h) = running(fixture::snapshot(1.0));
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         h.state_mut().screen = screen;
         h.run();
         press(&mut h, "■ STOP");
@@ -223,7 +223,7 @@ fn a_key_that_is_kept_down_holds_once_and_a_replay_elsewhere_does_not_take_it() 
     rests.mode = Mode::AtGoal;
     for snapshot in [fixture::snapshot(1.05), rests] {
         twin.publish(snapshot);
-        for screen in [Screen::Calibrate, Screen::Sensors] {
+        for screen in [ScreenId::Calibrate, ScreenId::Sensors] {
             h.state_mut().screen = screen;
             h.run_steps(2);
             h.key_press(Key::Space);
@@ -233,12 +233,12 @@ fn a_key_that_is_kept_down_holds_once_and_a_replay_elsewhere_does_not_take_it() 
         }
     }
     // A key of its own plays what is shown.
-    h.state_mut().screen = Screen::Calibrate;
+    h.state_mut().screen = ScreenId::Calibrate;
     h.run_steps(2);
     h.key_press(Key::P);
     h.run_steps(1);
     assert!(!playing(&h), "Calibrate shows the arm");
-    h.state_mut().screen = Screen::Sensors;
+    h.state_mut().screen = ScreenId::Sensors;
     h.run_steps(2);
     h.key_press(Key::P);
     h.run_steps(1);

@@ -179,14 +179,14 @@ mod window {
     fn stop_stays_visible_and_clickable_in_windows_of_every_scale() {
         use egui_kittest::kittest::Queryable as _;
         use springtwin::gui::App;
-        use springtwin::gui::panels::Screen;
+        use springtwin::gui::screens::ScreenId;
         use springtwin::robot::RobotSpec;
         use springtwin::signal::Snapshot;
         let mut clicks = 0;
         for size in [[900.0, 560.0], [480.0, 320.0], [180.0, 112.0_f32]] {
             for scale in [0.5, 1.0, 2.0, 4.0_f32] {
                 let app = App::for_screenshot(
-                    Screen::Operate,
+                    ScreenId::Operate,
                     egui::Theme::Dark,
                     RobotSpec::reference(),
                     &[Snapshot::default()],

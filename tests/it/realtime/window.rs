@@ -21,7 +21,7 @@ struct Plan {
 impl Plan {
     fn new(welcome: bool) -> Self {
         use springtwin::gui::App;
-        use springtwin::gui::panels::Screen;
+        use springtwin::gui::screens::ScreenId;
         use springtwin::robot::RobotSpec;
         use springtwin::signal::{LinkStatus, Mode, Snapshot};
         // As at rest at a goal on the virtual rig: nothing above the panels.
@@ -36,7 +36,7 @@ impl Plan {
             ..Snapshot::default()
         };
         let mut app = App::for_screenshot(
-            Screen::Operate,
+            ScreenId::Operate,
             egui::Theme::Dark,
             RobotSpec::reference(),
             &[snapshot],

@@ -11,10 +11,10 @@ use super::frames::sentences;
 use super::table::published;
 use crate::analysis::score::{ReportFacts, csv, report};
 use crate::analysis::scores::Analysis;
-use crate::gui::panels::View;
 use crate::gui::panels::files::Saving;
 use crate::gui::panels::widgets::{Gate, gated, note};
 use crate::gui::services::{Content, Dialog, DialogKind, Existing, Services};
+use crate::gui::view::View;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,8 +4,8 @@ use egui::{ScrollArea, Ui};
 
 use super::AccuracyState;
 use crate::analysis::history::pose_for_display;
-use crate::gui::panels::View;
 use crate::gui::panels::widgets::number;
+use crate::gui::view::View;
 use crate::sensing::registration::Registration;
 use crate::signal::{Pose, TruthSource};
 

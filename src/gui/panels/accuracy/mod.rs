@@ -8,7 +8,6 @@ mod table;
 
 use egui::{Button, Key, Modifiers, RichText, Ui, vec2};
 
-use super::View;
 use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
 use super::sensors::stale;
 use super::widgets::{Gate, empty, ends, gated, minutes, note, number, pane};
@@ -19,6 +18,7 @@ use crate::analysis::scores::Scores;
 use crate::gui::scene::camera::Camera;
 use crate::gui::services::Services;
 use crate::gui::theme::Palette;
+use crate::gui::view::View;
 use crate::sensing::registration::Registration;
 
 pub use export::{Export, Kind};

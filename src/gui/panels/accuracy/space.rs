@@ -7,12 +7,12 @@ use glam::{Vec2, Vec3};
 
 use super::{AccuracyState, nothing};
 use crate::analysis::score::Scored;
-use crate::gui::panels::View;
 use crate::gui::panels::widgets::{heading, number};
 use crate::gui::scene::camera::{self, Camera};
 use crate::gui::scene::colours;
 use crate::gui::scene::overlay::{Stage, paint_triad};
 use crate::gui::theme::Palette;
+use crate::gui::view::View;
 
 /// More arrows than this are hard to read.
 const ARROWS: usize = 120;

@@ -4,9 +4,9 @@ use egui::{RichText, Ui, vec2};
 
 use super::{AccuracyState, Scope};
 use crate::analysis::history::{Channel, Stats};
-use crate::gui::panels::View;
 use crate::gui::panels::widgets::{badge, cell, cell_left, ends, note, number};
 use crate::gui::theme::Palette;
+use crate::gui::view::View;
 
 /// Rows of the table: the channel of the error, its name, and the published hardware value (mean
 /// error of spring and IMU fusion).

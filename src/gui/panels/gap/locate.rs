@@ -8,7 +8,7 @@ use super::{GapState, Outcome, views};
 use crate::gap::report::{self, residual_name};
 use crate::gap::{Finding, Located, Traces};
 use crate::gui::panels::plot::Dash;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{gated, heading, note, number};
 use crate::gui::theme::Palette;
 

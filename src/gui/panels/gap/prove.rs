@@ -10,7 +10,7 @@ use super::{GapState, Outcome, Show, Trouble, views};
 use crate::gap::report::{self, Origin, short_number, shuffled};
 use crate::gap::{ChannelError, Finding, GapSize};
 use crate::gui::panels::plot::Dash;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{
     badge, cell, cell_left, gated, heading, note, number, pane, status,
 };

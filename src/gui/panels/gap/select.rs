@@ -8,7 +8,7 @@ use super::{GapState, Running, Trouble};
 use crate::analysis::recorded::origin_name;
 use crate::gap::Stage;
 use crate::gui::panels::files::Ask;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{
     badge, cell, cell_left, gated, heading, minutes, note, number, pane, status,
 };

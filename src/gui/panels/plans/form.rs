@@ -5,9 +5,9 @@ use std::ops::RangeInclusive;
 use egui::{Button, DragValue, Ui, vec2};
 
 use super::{PATH_WAYPOINTS, POINTS_MAX, Passing, PlanKind, PlanState, Track};
-use crate::gui::panels::View;
 use crate::gui::panels::widgets::{Gate, cell_left, gated, heading, note, number, status};
 use crate::gui::theme::Level;
+use crate::gui::view::View;
 
 /// Where a point of a plan may be typed, mm.
 const PLACE_MM: [RangeInclusive<f64>; 3] = [-400.0..=400.0, -400.0..=400.0, -600.0..=0.0];

@@ -7,7 +7,7 @@ use egui::epaint::{BandPoint, BandShape};
 use egui::{Color32, Shape, Ui};
 use egui_plot::{PlotBounds, PlotGeometry, PlotItem, PlotItemBase, PlotPoint, PlotTransform};
 
-use super::Dash;
+use super::series::Dash;
 
 /// Thickness where the values of a slot agree, points: that of a line.
 const WIDTH: f32 = 1.5;

@@ -2,8 +2,8 @@
 
 use egui::Ui;
 
-use crate::gui::panels::View;
-use crate::gui::panels::shell::age;
+use crate::gui::panels::widgets::age;
+use crate::gui::view::View;
 
 /// The window of time that all plots show.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,10 +6,10 @@ use super::{Detail, Library};
 use crate::analysis::history::{Channel, History};
 use crate::analysis::player::Player;
 use crate::analysis::recorded::LoggedEvent;
-use crate::gui::panels::dashboard::spring_name;
-use crate::gui::panels::shell::mode_words;
+use crate::gui::panels::operating::mode_words;
 use crate::gui::panels::widgets::{cell, cell_left, dense, minutes, note, number, status};
 use crate::gui::theme::{Level, Palette};
+use crate::signal::spring_name;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, Trace};
 
 /// What was found in a recording itself; looked for once.

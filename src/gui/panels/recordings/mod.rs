@@ -10,13 +10,13 @@ use std::path::PathBuf;
 
 use egui::{Button, RichText, Ui, vec2};
 
-use super::View;
-use super::shell::recording_gate;
+use super::operating::recording_gate;
 use super::widgets::{gated, minutes, pane};
 use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
 use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
+use crate::gui::view::View;
 use crate::twin::Command;
 use pair::Pair;
 
@@ -58,6 +58,8 @@ pub struct Library {
     pub detail: Detail,
     /// Name of the recording that is being written.
     pub under_way: Option<String>,
+    /// Whether a recording has ended since the folder was read.
+    pub has_new: bool,
     scanned: bool,
     scanning: Pending<Vec<RecordingEntry>>,
     loading: Vec<Loading>,

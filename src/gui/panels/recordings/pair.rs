@@ -4,10 +4,10 @@ use crate::analysis::compare::{Samples, Wrap, difference};
 use crate::analysis::history::{Channel, POSE_NAMES};
 use crate::analysis::pairing::{Alignment, Pairing, samples};
 use crate::analysis::player::Player;
-use crate::gui::panels::dashboard::{imu_name, spring_name};
 use crate::gui::panels::plot::{Dash, Drawn};
+use crate::gui::panels::widgets::{imu_name, number};
 use crate::gui::services::{Job, Services};
-use crate::signal::{CHAMBERS, IMUS, SPRINGS};
+use crate::signal::{CHAMBERS, IMUS, SPRINGS, spring_name};
 
 /// One of two recordings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -325,7 +325,6 @@ fn plotted((title, signals, min_span): Row, a: &Player, b: &Player, key: &Key) -
 }
 
 fn figures(d: &[f64]) -> String {
-    use crate::gui::panels::widgets::number;
     if d.is_empty() {
         return "nothing in common".into();
     }

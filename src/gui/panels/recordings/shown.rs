@@ -6,11 +6,11 @@ use super::details::cut_sentence;
 use super::{Compared, Library, Quantity, RecordingsInput, Side};
 use crate::analysis::history::{Channel, History};
 use crate::analysis::player::{AtEnd, Player};
-use crate::gui::panels::View;
 use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
 use crate::gui::panels::widgets::{Gate, empty, gated, minutes, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::Level;
+use crate::gui::view::View;
 
 /// Plots are at least this high, points.
 const LEAST: f32 = 44.0;

@@ -2,42 +2,23 @@
 
 mod plots;
 mod side;
+mod state;
 
 pub use plots::toggle as toggle_cursors;
+pub use state::{Reading, SensorsState};
+use state::{channel_age_s, spring_channel};
 
 use egui::{RichText, Sense, Stroke, Ui, vec2};
 
-use super::View;
-use super::dashboard::spring_name;
 use super::plot::{TimeWindow, sparkline};
-use super::shell::age;
-use super::widgets::{Meter, cell, empty, heading, health, health_sentence, meter, number, pane};
+pub use super::widgets::card;
+use super::widgets::{
+    Meter, age, cell, empty, heading, health, health_sentence, meter, number, pane,
+};
 use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
-use crate::signal::{ChannelHealth, SPRINGS, SensorFrame};
-
-/// What figures and plots show of the sensors.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Reading {
-    /// Lengths in mm and angles in deg.
-    #[default]
-    Calibrated,
-    /// Frequencies in kHz and angular rates in deg/s, as the boards deliver them.
-    Raw,
-    /// Calibrated less the twin's own model at the measured pressures.
-    Residual,
-}
-
-/// What the screen keeps.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SensorsState {
-    /// The spring (0-based) that stands out in plots and 3D.
-    pub selected_spring: Option<usize>,
-    /// Which angle of the IMUs is plotted: yaw, pitch or roll. Of raw rates: x, y or z.
-    pub angle: usize,
-    /// What figures and plots show.
-    pub reading: Reading,
-}
+use crate::gui::view::View;
+use crate::signal::{ChannelHealth, SPRINGS, SensorFrame, spring_name};
 
 /// The screen.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
@@ -101,17 +82,6 @@ fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
         false => RichText::new(words.join(" ")).color(color),
     };
     ui.add(egui::Label::new(text).truncate());
-}
-
-/// A panel within a screen.
-pub fn card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
-    let p = Palette::in_ui(ui);
-    egui::Frame::new()
-        .fill(p.panel)
-        .stroke(Stroke::new(1.0, p.line))
-        .corner_radius(4)
-        .inner_margin(9)
-        .show(ui, |ui| ui.vertical(contents));
 }
 
 /// How the X pairs lie.
@@ -216,15 +186,6 @@ fn pair_card(
     }
 }
 
-/// The signal of a spring (0-based) under a reading.
-pub fn spring_channel(reading: Reading, i: usize) -> Channel {
-    match reading {
-        Reading::Calibrated => Channel::Spring(i),
-        Reading::Raw => Channel::SpringRaw(i),
-        Reading::Residual => Channel::SpringResidual(i),
-    }
-}
-
 // Value in the unit of the reading, and its decimals.
 fn spring_value(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize) -> (f64, usize) {
     match reading {
@@ -240,25 +201,6 @@ fn spring_value(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize
                 shape.map_or(f64::NAN, |s| spring_residual_mm(frame, s, i)),
                 2,
             )
-        }
-    }
-}
-
-/// Age of a channel's newest reading, s: by the newest frame, else by the history of the last minutes.
-pub fn channel_age_s(
-    view: &View<'_>,
-    delivered: bool,
-    board: usize,
-    channel: Channel,
-) -> Option<f64> {
-    match &view.snapshot.raw {
-        Some(raw) if delivered => {
-            Some(view.snapshot.stamp.since(raw.stamp) + raw.board_age_s[board])
-        }
-        _ => {
-            let now_s = view.now_s.max(view.snapshot.stamp.seconds());
-            let age_s = now_s - view.history.last_before(channel, now_s)?;
-            (age_s <= 600.0).then_some(age_s)
         }
     }
 }

@@ -2,15 +2,15 @@
 
 use egui::{DragValue, RichText, ScrollArea, Ui, vec2};
 
-use super::side::{axes, imu_channel};
-use super::{Reading, SensorsState, card, spring_channel};
+use super::state::{Reading, SensorsState, axes, imu_channel, spring_channel};
 use crate::analysis::history::Channel;
-use crate::gui::panels::View;
-use crate::gui::panels::dashboard::{imu_name, spring_name};
 use crate::gui::panels::plot::{self, Legend, Series, TimePlot, TimeWindow};
-use crate::gui::panels::widgets::{cell, cell_left, dense, ends, note, number, status};
+use crate::gui::panels::widgets::{
+    card, cell, cell_left, dense, ends, imu_name, note, number, status,
+};
 use crate::gui::theme::{Level, Palette};
-use crate::signal::{IMUS, SPRINGS};
+use crate::gui::view::View;
+use crate::signal::{IMUS, SPRINGS, spring_name};
 
 /// The card below the figures.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {

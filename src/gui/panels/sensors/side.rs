@@ -2,16 +2,14 @@
 
 use egui::{RichText, Ui};
 
-use super::{Reading, channel_age_s};
+use super::state::{Reading, axes, channel_age_s, imu_channel};
 use crate::analysis::history::{Channel, imu_residual_deg};
-use crate::gui::panels::View;
-use crate::gui::panels::dashboard::imu_name;
 use crate::gui::panels::plot::{Dash, swatch};
-use crate::gui::panels::shell::age;
 use crate::gui::panels::widgets::{
-    cell, cell_left, dense, health, health_sentence, note, number, status,
+    age, cell, cell_left, dense, health, health_sentence, imu_name, note, number, status,
 };
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::{BOARDS, FAR_DISTANCE, IMUS, SPRINGS, SensorFrame};
 
 /// Parts of frames are counted over this, s.
@@ -47,23 +45,6 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
     .on_hover_text(
         "Distance of the 24 sensor signals from the training data in standard deviations: about 1 inside",
     );
-}
-
-/// What the three figures of an IMU are called.
-pub fn axes(reading: Reading) -> [&'static str; 3] {
-    match reading {
-        Reading::Raw => ["rate x", "rate y", "rate z"],
-        Reading::Calibrated | Reading::Residual => ["yaw", "pitch", "roll"],
-    }
-}
-
-/// The signal of an IMU (0-based) under a reading.
-pub fn imu_channel(reading: Reading, i: usize, k: usize) -> Channel {
-    match reading {
-        Reading::Calibrated => Channel::Imu(i, k),
-        Reading::Raw => Channel::Gyro(i, k),
-        Reading::Residual => Channel::ImuResidual(i, k),
-    }
 }
 
 fn values(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize) -> [f64; 3] {

@@ -5,6 +5,7 @@
 use egui::{Align, Button, Color32, Label, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
 use super::{ShellAction, ShellInput, age};
+use crate::gui::panels::connect::VIRTUAL;
 use crate::gui::panels::welcome;
 use crate::gui::theme::Palette;
 use crate::signal::{Mode, Snapshot};
@@ -158,7 +159,7 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     }
     if !known && input.joining.is_none() && input.replay.is_none() {
         let hover = "An emulated arm: nothing can break";
-        let start = Press::Window(ShellAction::StartVirtualRig);
+        let start = Press::Window(ShellAction::Connect(VIRTUAL[0].0));
         let button = ("Start the virtual rig", hover, start);
         let text = "Nothing is connected. A click on OFFLINE lists the boards.";
         say(p.raised, p.text, text.into(), false, Some(button));

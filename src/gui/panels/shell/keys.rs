@@ -2,8 +2,8 @@
 
 use egui::{Key, Modifiers, RichText};
 
-use crate::gui::panels::Screen;
 use crate::gui::panels::widgets::heading;
+use crate::gui::screens::ScreenId;
 
 /// Keys of the overlay.
 const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
@@ -106,7 +106,7 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
         if i.consume_key(Modifiers::COMMAND, Key::P) {
             actions.push(KeyAction::Palette);
         }
-        for screen in Screen::ALL {
+        for screen in ScreenId::ALL {
             if i.consume_key(Modifiers::COMMAND, screen.key()) {
                 actions.push(KeyAction::Show(screen));
             }
@@ -139,7 +139,7 @@ pub enum KeyAction {
     /// Cancel the preview or close the overlay.
     Cancel,
     /// Show a screen.
-    Show(Screen),
+    Show(ScreenId),
     /// Show or hide the shortcuts.
     Shortcuts,
     /// Show or hide the list of everything that can be done.

@@ -29,7 +29,13 @@ fn a_preflight_left_with_checks_that_failed_says_so() {
     s.truth = None;
     let (_twin, handle) = twin(s);
     let mut h = opened(handle, services(&Shelf::default()));
-    let failed = h.state().calibrate.wizard().expect("is shown").not_passed;
+    let failed = h
+        .state()
+        .screens
+        .calibrate
+        .wizard()
+        .expect("is shown")
+        .not_passed;
     let failed = failed.expect("was looked at");
     assert!(failed > 0);
     h.get_by_label("Next ▶").click();

@@ -24,9 +24,9 @@ fn a_disconnect_keeps_the_captures_and_capturing_goes_on_afterwards() {
     assert_eq!(spring_points(b.wizard()), points);
     b.shoot("7-disconnected");
     // Another screen and back: nothing is lost.
-    b.h.state_mut().screen = Screen::Sensors;
+    b.h.state_mut().screen = ScreenId::Sensors;
     b.pass(0.5);
-    b.h.state_mut().screen = Screen::Calibrate;
+    b.h.state_mut().screen = ScreenId::Calibrate;
     b.cut.store(false, Ordering::Relaxed);
     b.pass(3.0);
     assert!(b.h.query_by_label_contains("Paused: the boards").is_none());
@@ -97,7 +97,7 @@ fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
         }
     }
     h.run_steps(2);
-    let w = h.state().calibrate.wizard().expect("is shown");
+    let w = h.state().screens.calibrate.wizard().expect("is shown");
     let points = w.springs.springs[0].points();
     assert_eq!(points.len(), 1);
     assert!((points[0].length_m - 0.1205).abs() < 1e-9);

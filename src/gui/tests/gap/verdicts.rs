@@ -65,9 +65,10 @@ fn a_report_that_no_browser_shows_says_where_it_is_in_lines_that_can_be_read() {
         ))
     });
     let mut app = gap_app(services);
-    app.gap
+    app.screens
+        .gap
         .take(with_verdict(Verdict::Named), Origin::Simulated, None);
-    app.gap.step = Step::Prove;
+    app.screens.gap.step = Step::Prove;
     let mut h = harness(app);
     h.run_steps(4);
     click(&mut h, "Open report");
@@ -116,7 +117,9 @@ fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
     for (verdict, title, next) in cases {
         let seen = Rc::new(RefCell::new(Seen::default()));
         let mut app = gap_app(services(&seen));
-        app.gap.take(with_verdict(verdict), Origin::Measured, None);
+        app.screens
+            .gap
+            .take(with_verdict(verdict), Origin::Measured, None);
         let mut h = harness(app);
         h.run_steps(4);
         let map = h.get_by_label("Residual heat map").rect();
@@ -164,7 +167,7 @@ fn where_nothing_was_captured_no_place_is_invented() {
     let patch = real.patch.clone();
     let mut app = gap_app(Services::none());
     let found = Arc::new(Found { finding, patch });
-    app.gap.take(found, Origin::Measured, None);
+    app.screens.gap.take(found, Origin::Measured, None);
     let mut h = harness(app);
     h.run_steps(4);
     h.get_by_label_contains("measured unknown: no motion capture at this instant");
@@ -182,7 +185,7 @@ fn shot(
 ) {
     let seen = Rc::new(RefCell::new(Seen::default()));
     let spec = RobotSpec::reference();
-    let mut app = App::for_screenshot(Screen::Gap, theme, spec, &fixture::session(4));
+    let mut app = App::for_screenshot(ScreenId::Gap, theme, spec, &fixture::session(4));
     app.services = services(&seen);
     state(&mut app);
     let mut h = Harness::builder()
@@ -210,8 +213,10 @@ fn pictures_of_every_step() {
                 let state = |app: &mut App| {
                     if step != Step::Select {
                         let found = found(&Unwatched).expect("found");
-                        app.gap.take(found, Origin::Simulated, Some(ANSWER.into()));
-                        app.gap.step = step;
+                        app.screens
+                            .gap
+                            .take(found, Origin::Simulated, Some(ANSWER.into()));
+                        app.screens.gap.step = step;
                     }
                 };
                 shot(&name, size, theme, state, |h| match step {
@@ -229,8 +234,10 @@ fn pictures_of_every_step() {
         for step in [Step::Locate, Step::Explain, Step::Patch, Step::Prove] {
             let name = format!("gap-{verdict:?}-{}", step.name());
             let state = |app: &mut App| {
-                app.gap.take(with_verdict(verdict), Origin::Measured, None);
-                app.gap.step = step;
+                app.screens
+                    .gap
+                    .take(with_verdict(verdict), Origin::Measured, None);
+                app.screens.gap.step = step;
             };
             shot(&name, small, Theme::Light, state, |_| {});
         }

@@ -58,7 +58,7 @@ impl State {
 }
 
 /// A window onto a twin whose newest snapshot this is.
-fn live(name: &str, screen: Screen, first: Snapshot) -> State {
+fn live(name: &str, screen: ScreenId, first: Snapshot) -> State {
     let (twin, handle) = twin(first);
     let mut app = App::new(Some(handle), RobotSpec::reference(), library_services());
     app.screen = screen;
@@ -66,14 +66,14 @@ fn live(name: &str, screen: Screen, first: Snapshot) -> State {
 }
 
 /// A window that shows a session as if it were live.
-fn shown(name: &str, screen: Screen, session: &[Snapshot]) -> State {
+fn shown(name: &str, screen: ScreenId, session: &[Snapshot]) -> State {
     let spec = RobotSpec::reference();
     let mut app = App::for_screenshot(screen, Theme::Dark, spec, session);
     app.services = library_services();
     opened(name, app, None)
 }
 
-fn replayed(name: &str, screen: Screen) -> State {
+fn replayed(name: &str, screen: ScreenId) -> State {
     live(name, screen, fixture::snapshot(1.0)).with(|h| {
         let mut player = Player::new(fixture::trace("circle-35g", 12)).expect("not empty");
         player.playing = false;
@@ -134,7 +134,7 @@ fn alarmed(s: &mut Snapshot) {
 /// What stands around every screen, on every screen.
 pub fn screens() -> Vec<State> {
     let mut all = Vec::new();
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         let name = |what: &str| format!("{} {what}", screen.name());
         let one = |what: &str, first: Snapshot| live(&name(what), screen, first);
         let snapshot = |change: fn(&mut Snapshot)| {
@@ -180,19 +180,19 @@ fn unanswered<T>(what: &str, share: Option<f32>) -> Job<T> {
 }
 
 pub fn operate() -> Vec<State> {
-    let at = Screen::Operate;
+    let at = ScreenId::Operate;
     let mut all = vec![
         shown("moving", at, &fixture::session(12)),
         shown("silent", at, &ended(fixture::session(12), silent)),
         replayed("replay", at),
         live("unreachable", at, with_preview(ReachState::Unreachable)).with(|h| {
-            h.state_mut().operate.draft.text = ["164", "20", "-231"].map(Into::into);
+            h.state_mut().screens.operate.draft.text = ["164", "20", "-231"].map(Into::into);
         }),
         live("reachable", at, with_preview(ReachState::Reachable)).with(|h| {
-            h.state_mut().operate.draft.text = ["164", "20", "-231"].map(Into::into);
+            h.state_mut().screens.operate.draft.text = ["164", "20", "-231"].map(Into::into);
         }),
         live("a field that is no number", at, fixture::snapshot(1.0)).with(|h| {
-            h.state_mut().operate.draft.text = ["ten", "20", ""].map(Into::into);
+            h.state_mut().screens.operate.draft.text = ["ten", "20", ""].map(Into::into);
         }),
         live("arming checks", at, {
             let mut s = fixture::snapshot(1.0);
@@ -214,8 +214,8 @@ pub fn operate() -> Vec<State> {
     ];
     for (kind, label, _) in PlanKind::ALL {
         let plan = live(&format!("plan {label}"), at, fixture::snapshot(1.0)).with(|h| {
-            h.state_mut().operate.show(Pane::Plan);
-            let plans = &mut h.state_mut().operate.plans;
+            h.state_mut().screens.operate.show(Pane::Plan);
+            let plans = &mut h.state_mut().screens.operate.plans;
             plans.kind = kind;
             for i in 0..9 {
                 plans.points_m.push([0.01 * f64::from(i), 0.02, -0.29]);
@@ -234,7 +234,7 @@ pub fn operate() -> Vec<State> {
                 ..fixture::snapshot(1.0)
             },
         )
-        .with(|h| h.state_mut().operate.show(Pane::Plan)),
+        .with(|h| h.state_mut().screens.operate.show(Pane::Plan)),
     );
     for strips in ["Orientation", "Pressure"] {
         all.push(shown(strips, at, &fixture::session(12)).with(|h| press_one(h, strips)));
@@ -249,7 +249,7 @@ fn press_one(h: &mut Harness<'static, App>, label: &str) {
 }
 
 pub fn sensors() -> Vec<State> {
-    let at = Screen::Sensors;
+    let at = ScreenId::Sensors;
     let session = fixture::session(12);
     vec![
         shown("sensors", at, &session),
@@ -268,22 +268,23 @@ pub fn sensors() -> Vec<State> {
             }),
         ),
         shown("sensors, one selected, with cursors", at, &session).with(|h| {
-            h.state_mut().sensors.selected_spring = Some(8);
+            h.state_mut().selected_spring = Some(8);
             press_one(h, "Cursors A and B");
         }),
-        shown("sensors, raw", at, &session).with(|h| h.state_mut().sensors.reading = Reading::Raw),
+        shown("sensors, raw", at, &session)
+            .with(|h| h.state_mut().screens.sensors.reading = Reading::Raw),
         shown(
             "sensors, no residual",
             at,
             &ended(fixture::session(12), |s| s.shape = None),
         )
-        .with(|h| h.state_mut().sensors.reading = Reading::Residual),
+        .with(|h| h.state_mut().screens.sensors.reading = Reading::Residual),
         replayed("sensors, replay", at),
     ]
 }
 
 pub fn accuracy() -> Vec<State> {
-    let at = Screen::Accuracy;
+    let at = ScreenId::Accuracy;
     let session = on_accuracy::session();
     let mut unseen = fixture::session(12);
     unseen.iter_mut().for_each(|s| s.truth = None);
@@ -292,13 +293,13 @@ pub fn accuracy() -> Vec<State> {
         shown("accuracy, silent", at, &ended(fixture::session(12), silent)),
         replayed("accuracy, replay", at),
         shown("accuracy, overlay", at, &session).with(|h| {
-            h.state_mut().accuracy.plots = Plots::Overlay;
+            h.state_mut().screens.accuracy.plots = Plots::Overlay;
             h.key_press(Key::J);
         }),
     ];
     for below in [Below::Time, Below::Space, Below::Bins, Below::Frames] {
         let name = format!("accuracy, {below:?}");
-        all.push(shown(&name, at, &session).with(|h| h.state_mut().accuracy.below = below));
+        all.push(shown(&name, at, &session).with(|h| h.state_mut().screens.accuracy.below = below));
     }
     all
 }
@@ -312,7 +313,7 @@ fn wizard(name: &str, steps: usize) -> State {
         RobotSpec::reference(),
         calibration_services(&shelf),
     );
-    app.screen = Screen::Calibrate;
+    app.screen = ScreenId::Calibrate;
     let mut state = opened(name, app, Some(twin));
     for _ in 0..steps {
         press_one(&mut state.h, "Next ▶");
@@ -353,12 +354,12 @@ pub fn calibrate() -> Vec<State> {
     );
     let mut checks = fixture::snapshot(1.0);
     silent(&mut checks);
-    all.push(live("calibrate, silent", Screen::Calibrate, checks));
+    all.push(live("calibrate, silent", ScreenId::Calibrate, checks));
     all
 }
 
 pub fn recordings() -> Vec<State> {
-    let at = Screen::Recordings;
+    let at = ScreenId::Recordings;
     let mut all = vec![
         live("library", at, fixture::snapshot(1.0)),
         live("recording", at, {
@@ -387,12 +388,12 @@ pub fn recordings() -> Vec<State> {
         let mut state = opened("compared", on_recordings::app(Theme::Dark), None);
         on_recordings::load(&mut state.h, "first", "Load and play");
         on_recordings::load(&mut state.h, "second", "Load as B");
-        all.push(state.with(|h| h.state_mut().library.pair.compared = compared));
+        all.push(state.with(|h| h.state_mut().screens.library.pair.compared = compared));
     }
     for detail in [Detail::Events, Detail::Contents] {
         let mut state = opened("cut off", on_recordings::app(Theme::Dark), None);
         on_recordings::load(&mut state.h, "cut", "Load and play");
-        all.push(state.with(|h| h.state_mut().library.detail = detail));
+        all.push(state.with(|h| h.state_mut().screens.library.detail = detail));
     }
     all
 }
@@ -401,7 +402,7 @@ pub fn recordings() -> Vec<State> {
 fn on_gap(name: &str, act: impl FnOnce(&mut App)) -> State {
     let seen = std::rc::Rc::new(std::cell::RefCell::new(gap::Seen::default()));
     let spec = RobotSpec::reference();
-    let mut app = App::for_screenshot(Screen::Gap, Theme::Dark, spec, &fixture::session(2));
+    let mut app = App::for_screenshot(ScreenId::Gap, Theme::Dark, spec, &fixture::session(2));
     app.services = gap::services(&seen);
     act(&mut app);
     opened(name, app, None)
@@ -449,25 +450,27 @@ pub fn gap() -> Vec<State> {
     ] {
         let found = gap::found(&Unwatched).expect("found");
         all.push(on_gap(&format!("gap, {step:?}"), move |app| {
-            app.gap
+            app.screens
+                .gap
                 .take(found, Origin::Simulated, Some(gap::ANSWER.into()));
-            app.gap.step = step;
+            app.screens.gap.step = step;
         }));
         let either = with_verdict(Verdict::Indistinguishable);
         all.push(on_gap(
             &format!("gap, {step:?}, either of two"),
             move |app| {
-                app.gap.take(either, Origin::Measured, None);
-                app.gap.step = step;
+                app.screens.gap.take(either, Origin::Measured, None);
+                app.screens.gap.step = step;
             },
         ));
     }
     let found = gap::found(&Unwatched).expect("found");
     all.push(
         on_gap("gap, accepted", move |app| {
-            app.gap
+            app.screens
+                .gap
                 .take(found, Origin::Simulated, Some(gap::ANSWER.into()));
-            app.gap.step = GapStep::Patch;
+            app.screens.gap.step = GapStep::Patch;
         })
         .with(|h| press_one(h, "Accept")),
     );
@@ -476,7 +479,7 @@ pub fn gap() -> Vec<State> {
 
 pub fn dialogs() -> Vec<State> {
     let mut all = Vec::new();
-    for screen in [Screen::Operate, Screen::Gap] {
+    for screen in [ScreenId::Operate, ScreenId::Gap] {
         let base = |name: &str| {
             live(&format!("{name} on {}", screen.name()), screen, {
                 let mut s = fixture::snapshot(1.0);
@@ -527,7 +530,7 @@ pub fn dialogs() -> Vec<State> {
             press_one(h, &label);
         }));
         all.push(base("time window").with(|h| {
-            h.state_mut().screen = Screen::Sensors;
+            h.state_mut().screen = ScreenId::Sensors;
             press_one(h, "Time window");
         }));
     }

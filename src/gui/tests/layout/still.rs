@@ -13,7 +13,7 @@ fn once(h: &Harness<'_, App>) -> Vec<Placed> {
 }
 
 /// What lies elsewhere than before, and how many widgets were compared.
-fn moved(screen: Screen, before: &[Placed], after: &[Placed]) -> (Vec<String>, usize) {
+fn moved(screen: ScreenId, before: &[Placed], after: &[Placed]) -> (Vec<String>, usize) {
     let mut found = Vec::new();
     let mut compared = 0;
     for a in before {
@@ -21,7 +21,8 @@ fn moved(screen: Screen, before: &[Placed], after: &[Placed]) -> (Vec<String>, u
         let keeps = ["■ STOP", "▮▮ HOLD"].contains(&a.name.as_str());
         let in_a_bar = a.rect.top() < 92.0 && !keeps;
         // On Operate nothing at all moves; elsewhere lists of checks may grow and shrink.
-        if screen != Screen::Operate && !a.is_control() && a.role != egui::accesskit::Role::Image {
+        if screen != ScreenId::Operate && !a.is_control() && a.role != egui::accesskit::Role::Image
+        {
             continue;
         }
         let Some(b) = after.iter().find(|b| b.role == a.role && b.name == a.name) else {
@@ -98,7 +99,7 @@ const CASES: [(&str, Change); 6] = [
 #[test]
 fn nothing_moves_when_a_banner_comes_or_goes() {
     let mut found = Vec::new();
-    for screen in Screen::ALL {
+    for screen in ScreenId::ALL {
         for size in [[1024.0, 700.0], [1280.0, 760.0]] {
             for (what, change) in CASES {
                 let (twin, handle) = twin(fixture::snapshot(1.0));

@@ -23,23 +23,23 @@ fn with_scene() -> (Bench, Harness<'static, App>) {
     let device = Offscreen::new([64, 64], 1.0).expect("a graphics driver");
     let (bench, mut app) = Bench::new(Vec::new());
     let scene = Scene::new(device.render_state(), &RobotSpec::reference());
-    app.operate.view3d.scene = Some(scene);
+    app.screens.operate.view3d.scene = Some(scene);
     let mut h = harness(app);
     h.run_steps(3);
     (bench, h)
 }
 
 fn camera<'a>(h: &'a mut Harness<'_, App>) -> &'a mut Camera {
-    let scene = h.state_mut().operate.view3d.scene.as_mut();
+    let scene = h.state_mut().screens.operate.view3d.scene.as_mut();
     &mut scene.expect("a scene").camera
 }
 
 fn fields(h: &Harness<'_, App>) -> [String; 3] {
-    h.state().operate.draft.text.clone()
+    h.state().screens.operate.draft.text.clone()
 }
 
 fn draft_m(h: &Harness<'_, App>) -> Vec3 {
-    convert::vec3(h.state().operate.draft.parse().expect("a target"))
+    convert::vec3(h.state().screens.operate.draft.parse().expect("a target"))
 }
 
 fn button(h: &mut Harness<'_, App>, pos: Pos2, pressed: bool) {
@@ -59,7 +59,7 @@ fn hover(h: &mut Harness<'_, App>, at: Pos2) {
 
 /// Where a click goes by what is known at the press; nothing on a handle.
 fn expected(h: &mut Harness<'_, App>, bench: &Bench, rect: Rect, at: Pos2) -> Option<[String; 3]> {
-    let held = h.state().operate.draft.parse().ok();
+    let held = h.state().screens.operate.draft.parse().ok();
     let camera = *camera(h);
     let stage = Stage {
         camera: &camera,
@@ -70,7 +70,7 @@ fn expected(h: &mut Harness<'_, App>, bench: &Bench, rect: Rect, at: Pos2) -> Op
     }
     let estimate = bench.snapshot.estimate.as_ref().expect("an estimate");
     let tip = convert::vec3(estimate.base_from_tip.translation.vector.into());
-    let set = h.state().operate.view3d.reachable();
+    let set = h.state().screens.operate.view3d.reachable();
     let landing = land(
         &camera,
         stage.local(at),
@@ -156,7 +156,7 @@ fn a_thousand_clicks_freeze_at_the_press_and_show_the_controllers_verdict() {
         let before = Arc::clone(&bench.snapshot);
         bench.tick(&bench.twin.taken());
         h.step();
-        let target_m = h.state().operate.draft.parse().expect("a target");
+        let target_m = h.state().screens.operate.draft.parse().expect("a target");
         let (title, name) = controller_says(&bench, &before, target_m);
         h.get_by_label(&title);
         h.get_by_label_contains(&format!("draft target, {name}, at x"));
@@ -168,7 +168,7 @@ fn a_thousand_clicks_freeze_at_the_press_and_show_the_controllers_verdict() {
 
 /// A target with its handles in the middle of the view; the place of the middle handle.
 fn holding(h: &mut Harness<'_, App>, bench: &mut Bench, target_mm: [f64; 3]) -> (Rect, Pos2) {
-    h.state_mut().operate.draft.text = target_mm.map(|v| v.to_string());
+    h.state_mut().screens.operate.draft.text = target_mm.map(|v| v.to_string());
     bench.run(h, 1);
     let rect = h.get_by_label(VIEW).rect();
     let (camera, target) = (*camera(h), draft_m(h));
@@ -310,7 +310,7 @@ fn a_drag_with_draw_on_makes_a_row_of_waypoints_and_a_selected_one_is_dragged() 
     let at = |k: usize| start + egui::vec2(2.0 * k as f32, (0.1 * k as f32).sin() * 20.0);
     (1..=60).for_each(|k| hover(&mut h, at(k)));
     button(&mut h, at(60), false);
-    let points = h.state().operate.plans.points_m.clone();
+    let points = h.state().screens.operate.plans.points_m.clone();
     assert!(points.len() > 8, "{}", points.len());
     assert_eq!(*camera(&mut h), view, "drawing does not turn the view");
     let points: Vec<Vec3> = points.into_iter().map(convert::vec3).collect();
@@ -331,13 +331,13 @@ fn a_drag_with_draw_on_makes_a_row_of_waypoints_and_a_selected_one_is_dragged() 
     hover(&mut h, grip + egui::vec2(8.0, 0.0));
     hover(&mut h, grip + egui::vec2(20.0, 10.0));
     button(&mut h, grip + egui::vec2(20.0, 10.0), false);
-    let plans = &h.state().operate.plans;
+    let plans = &h.state().screens.operate.plans;
     assert_eq!(plans.points_m.len(), points.len(), "no new one");
     let moved = convert::vec3(*plans.points_m.last().expect("points"));
     let at = stage.place(moved).expect("in view");
     assert!(at.distance(grip + egui::vec2(20.0, 10.0)) < 0.5, "{at}");
     assert!(
-        h.state().operate.draft.parse().is_err(),
+        h.state().screens.operate.draft.parse().is_err(),
         "the target is left alone"
     );
     bench.run(&mut h, 1);
@@ -350,7 +350,7 @@ fn the_views_bar_turns_the_view_and_switches_its_parts() {
     let mut click = |label: &str| {
         h.get_by_label(label).click();
         h.run_steps(2);
-        let view3d = &h.state().operate.view3d;
+        let view3d = &h.state().screens.operate.view3d;
         let scene = view3d.scene.as_ref().expect("a scene");
         (scene.camera, view3d.shown)
     };
@@ -416,22 +416,22 @@ fn operate_with_a_plan_a_preview_and_its_ghost_in_both_themes() {
         (Theme::Light, "light-1440", [2560, 1440], 2.0),
         (Theme::Dark, "dark-1080", [1920, 1080], 1.0),
     ] {
-        let mut app = App::for_screenshot(Screen::Operate, theme, robot.clone(), &history);
+        let mut app = App::for_screenshot(ScreenId::Operate, theme, robot.clone(), &history);
         let mut offscreen = Offscreen::new(size, scale).expect("a graphics driver");
         app.set_up(&offscreen.context, None);
-        app.operate.view3d.set_reachable(&samples);
-        app.operate.draft.text = ["90", "-50", "-270"].map(Into::into);
-        app.operate.show(Pane::Plan);
+        app.screens.operate.view3d.set_reachable(&samples);
+        app.screens.operate.draft.text = ["90", "-50", "-270"].map(Into::into);
+        app.screens.operate.show(Pane::Plan);
         if theme == Theme::Light {
-            app.operate.plans.kind = PlanKind::PickPlace;
+            app.screens.operate.plans.kind = PlanKind::PickPlace;
         } else {
-            app.operate.plans.size_mm = 70.0;
+            app.screens.operate.plans.size_mm = 70.0;
         }
         // The pointer rests beside the arm.
         let at = egui::pos2(360.0, 330.0);
         offscreen.events.push(Input::PointerMoved(at));
         let without = offscreen.render(|ui| app.frame(ui)).expect("a picture");
-        app.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), &robot));
+        app.screens.operate.view3d.scene = Some(Scene::new(offscreen.render_state(), &robot));
         let image = offscreen.render(|ui| app.frame(ui)).expect("a picture");
         // Arm, reachable points and waypoints.
         let pairs = image.pixels().zip(without.pixels());

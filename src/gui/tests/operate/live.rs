@@ -93,7 +93,7 @@ impl Bench {
             .iter()
             .map(|(_, m)| m.map(|x| x as f32))
             .collect();
-        app.operate.view3d.set_reachable(&samples);
+        app.screens.operate.view3d.set_reachable(&samples);
         (bench, app)
     }
 

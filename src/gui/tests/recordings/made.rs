@@ -37,7 +37,7 @@ fn a_dropped_file_is_played_alone_also_while_two_were_compared() {
     h.input_mut().dropped_files.push(Arc::new(file));
     h.run_steps(4);
     assert_eq!(title(&h), "cut");
-    let pair = &h.state().library.pair;
+    let pair = &h.state().screens.library.pair;
     assert_eq!(
         pair.compared,
         Compared::One,
@@ -85,7 +85,7 @@ fn a_recording_gets_its_file_elsewhere_and_is_listed_when_it_has_ended() {
         ..Services::none()
     };
     let mut app = App::new(Some(handle), RobotSpec::reference(), services);
-    app.screen = Screen::Recordings;
+    app.screen = ScreenId::Recordings;
     let mut h = harness(app);
     h.run_steps(3);
     h.get_by_label("/home/person/recordings");
@@ -134,11 +134,11 @@ fn a_recording_without_a_file_says_why_on_every_screen() {
     };
     let mut h = harness(App::new(Some(handle), RobotSpec::reference(), services));
     h.run_steps(3);
-    h.state_mut().screen = Screen::Recordings;
+    h.state_mut().screen = ScreenId::Recordings;
     h.run_steps(2);
     h.get_by_label("● Record").click();
     h.run_steps(2);
-    h.state_mut().screen = Screen::Sensors;
+    h.state_mut().screen = ScreenId::Sensors;
     h.run_steps(4);
     let said = "Nothing is recorded. The folder /x cannot be made.";
     assert!(h.query_all_by_label_contains(said).next().is_some());

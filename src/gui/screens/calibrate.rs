@@ -1,0 +1,47 @@
+//! The screen that calibrates springs, IMUs and motion capture.
+
+use egui::{Ui, Vec2, vec2};
+
+use crate::gui::panels::calibrate::{self, CalibrateState, wizard};
+use crate::gui::screen::{Ctx, Known, List, Screen};
+use crate::robot::RobotSpec;
+use crate::signal::Snapshot;
+use crate::twin::Event;
+
+impl Screen for CalibrateState {
+    const NAME: &'static str = "Calibrate";
+    const PURPOSE: &'static str = "Calibrate springs, IMUs and motion capture, step by step.";
+    const LEAST_POINTS: Vec2 = vec2(880.0, 320.0);
+    const REPLAYS: bool = false;
+
+    fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
+        calibrate::ui(ui, &ctx.live, self, ctx.services, ctx.commands);
+    }
+
+    fn busy(&self) -> bool {
+        Self::busy(self)
+    }
+
+    fn observe(&mut self, snapshot: &Snapshot, robot: &RobotSpec) {
+        Self::observe(self, snapshot, robot);
+    }
+
+    fn follow(&mut self, _live: &Snapshot, events: &[Event]) {
+        events.iter().for_each(|event| self.hear(event));
+    }
+
+    fn reconnect(&mut self) {
+        *self = Self::default();
+    }
+
+    fn actions(&self, _known: &Known<'_>, list: &mut List<Self>) {
+        for step in wizard::Step::ALL {
+            let gate = self.wizard().map_or(Ok(()), |w| w.may_enter(step));
+            let name = format!("Calibrate: {}", step.name());
+            list.act(name, "calibration wizard step", gate, move |c, ctx| {
+                let mode = &ctx.live.snapshot.mode;
+                ctx.commands.extend(c.go_to(step, mode, ctx.services));
+            });
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! The screen that searches for what the model lacks.
+
+use egui::{Ui, Vec2, vec2};
+
+use crate::gui::panels::gap::{self, GapState, Step};
+use crate::gui::panels::operating::ends_recording;
+use crate::gui::screen::{Ctx, Known, List, Screen};
+use crate::signal::Snapshot;
+use crate::twin::Event;
+
+impl Screen for GapState {
+    const NAME: &'static str = "Gap";
+    const PURPOSE: &'static str = "Find what the model is missing, add it and prove it.";
+    const LEAST_POINTS: Vec2 = vec2(900.0, 540.0);
+    const REPLAYS: bool = false;
+
+    fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
+        gap::ui(ui, self, ctx.services);
+    }
+
+    fn busy(&self) -> bool {
+        Self::busy(self)
+    }
+
+    fn follow(&mut self, live: &Snapshot, events: &[Event]) {
+        if live.recording.is_none() && events.iter().any(ends_recording) {
+            self.rescan();
+        }
+    }
+
+    fn actions(&self, _known: &Known<'_>, list: &mut List<Self>) {
+        let words = "example demo sample hidden gap practice";
+        let gate = self.example_gate();
+        let name = "Use an example with a hidden effect";
+        list.act(name, words, gate, |gap, ctx| {
+            gap.make_example(ctx.services);
+        });
+        let words = "gap finder model search effect";
+        let gate = self.find_gate();
+        list.act("Find what the model is missing", words, gate, |gap, ctx| {
+            gap.find(ctx.services);
+        });
+        for step in Step::ALL {
+            let words = match step {
+                Step::Prove => "effect finding report export save",
+                _ => "effect finding sessions",
+            };
+            let name = format!("Gap: {}", step.name());
+            let gate = self.gate(step);
+            list.act(name, words, gate, move |gap, _| gap.step = step);
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! The screen of recordings: library, player, comparison.
+
+use egui::{Ui, Vec2, vec2};
+
+use crate::gui::panels::operating::{ends_recording, recording_gate};
+use crate::gui::panels::recordings::{self, Library, RecordingsInput};
+use crate::gui::screen::{Ctx, Deed, Known, List, Screen, check};
+use crate::gui::theme::Level;
+use crate::signal::Snapshot;
+use crate::twin::{Command, Event};
+
+impl Screen for Library {
+    const NAME: &'static str = "Recordings";
+    const PURPOSE: &'static str = "Record, play, compare and open recordings.";
+    const LEAST_POINTS: Vec2 = vec2(880.0, 480.0);
+
+    fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
+        let input = RecordingsInput {
+            live: ctx.live,
+            recording_s: ctx.recording_s,
+            twin_gone: ctx.twin_gone,
+        };
+        recordings::ui(ui, &input, self, ctx.player, ctx.services, ctx.commands);
+    }
+
+    fn busy(&self) -> bool {
+        Self::busy(self)
+    }
+
+    fn poll(&mut self, ctx: &mut Ctx<'_>) {
+        if std::mem::take(&mut self.has_new) {
+            self.rescan(ctx.services);
+        }
+        if let Some(text) = Self::poll(self, ctx.player, ctx.services, ctx.commands) {
+            ctx.messages.push((text, Level::Warning));
+        }
+    }
+
+    fn follow(&mut self, live: &Snapshot, events: &[Event]) {
+        self.under_way.clone_from(&live.recording);
+        self.has_new |= live.recording.is_none() && events.iter().any(ends_recording);
+    }
+
+    fn actions(&self, known: &Known<'_>, list: &mut List<Self>) {
+        let live = &known.live;
+        let there = check(!known.twin_gone, "No twin is running.");
+        let words = "record recording save log file";
+        let gate = recording_gate(live, known.twin_gone);
+        let deed = match live.snapshot.recording {
+            Some(_) => Deed::Twin(Command::StopRecording),
+            None => Deed::Behind(Box::new(|library: &mut Self, ctx: &mut Ctx<'_>| {
+                library.record(ctx.services);
+            })),
+        };
+        let name = match deed {
+            Deed::Twin(_) => "End the recording",
+            _ => "Record",
+        };
+        list.add(name, words, gate, deed);
+        match live.snapshot.streaming {
+            Some(_) => {
+                let deed = Deed::Twin(Command::StopStream);
+                list.add("Stop streaming", "rerun viewer", there, deed);
+            }
+            None => {
+                let start = |library: &mut Self, ctx: &mut Ctx<'_>| {
+                    library.viewer.start(ctx.services);
+                };
+                let deed = Deed::Behind(Box::new(start));
+                list.add("Open live in Rerun", "viewer stream", there, deed);
+            }
+        }
+        let some = check(known.shown.replay.is_some(), "No recording is shown.");
+        let toggle = |_: &mut Self, ctx: &mut Ctx<'_>| {
+            if let Some(player) = ctx.player {
+                player.toggle();
+            }
+        };
+        let deed = Deed::Behind(Box::new(toggle));
+        list.add("Play or pause the recording", "replay", some, deed);
+        list.by("P");
+        let words = "open load file log session";
+        list.act(
+            "Browse for a recording…",
+            words,
+            Ok(()),
+            |library, ctx| {
+                library.browse(ctx.services);
+            },
+        );
+        let words = "library scan recordings look again";
+        list.act("Refresh the library", words, Ok(()), |library, ctx| {
+            library.rescan(ctx.services);
+        });
+        for entry in &self.entries {
+            let name = format!("Play {}", entry.name);
+            let path = entry.path.clone();
+            let words = "recording load replay open";
+            list.act(name, words, Ok(()), |library, ctx| {
+                library.play(path, ctx.services);
+            });
+        }
+    }
+}
