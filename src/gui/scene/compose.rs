@@ -13,7 +13,8 @@ use super::camera::Camera;
 use super::colours::{Palette, Rgb, sequential};
 use super::convert;
 use super::mesh::{self, Part, Vertex};
-use super::{Entity, SceneInput, SceneOutput};
+use super::entity::Entity;
+use super::input::{SceneInput, SceneOutput};
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{ArmShape, Gripper, IMUS, OrientationGoal, Pose, SPRINGS};
 

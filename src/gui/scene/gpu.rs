@@ -7,6 +7,7 @@
 
 mod pick;
 mod pipelines;
+mod targets;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -14,17 +15,13 @@ use egui_wgpu::wgpu;
 use glam::{Mat4, Vec2, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::Entity;
+use super::entity::Entity;
 use super::compose::{BLOBS, Drawing, FRAMES, Instance, Layer, Line, SEGMENTS};
 use super::mesh::{self, Motion, Part, Vertex};
 use crate::robot::RobotSpec;
-use pick::PickTargets;
+use targets::{COLOUR, DEPTH, PickTargets, SAMPLES, depth_attachment, texture};
 use pipelines::{ByMotion, Layouts, Pipelines};
 
-const COLOUR: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-const PICK: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
-const SAMPLES: u32 = 4;
 /// Edge of the shadow map, pixels.
 pub const SHADOW_SIZE: u32 = 1024;
 /// Everything the shaders share, as they read it.
@@ -515,49 +512,4 @@ fn fill(
         );
     }
     queue.write_buffer(into, 0, bytes);
-}
-
-fn extent(size_px: [u32; 2]) -> wgpu::Extent3d {
-    wgpu::Extent3d {
-        width: size_px[0],
-        height: size_px[1],
-        depth_or_array_layers: 1,
-    }
-}
-
-fn texture(
-    device: &wgpu::Device,
-    label: &str,
-    size_px: [u32; 2],
-    format: wgpu::TextureFormat,
-    samples: u32,
-) -> wgpu::Texture {
-    let mut usage = wgpu::TextureUsages::RENDER_ATTACHMENT;
-    if samples == 1 {
-        usage |= match format {
-            PICK => wgpu::TextureUsages::COPY_SRC,
-            _ => wgpu::TextureUsages::TEXTURE_BINDING,
-        };
-    }
-    device.create_texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: extent(size_px),
-        mip_level_count: 1,
-        sample_count: samples,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage,
-        view_formats: &[],
-    })
-}
-
-fn depth_attachment(view: &wgpu::TextureView) -> wgpu::RenderPassDepthStencilAttachment<'_> {
-    wgpu::RenderPassDepthStencilAttachment {
-        view,
-        depth_ops: Some(wgpu::Operations {
-            load: wgpu::LoadOp::Clear(1.0),
-            store: wgpu::StoreOp::Store,
-        }),
-        stencil_ops: None,
-    }
 }

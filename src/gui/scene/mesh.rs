@@ -5,6 +5,10 @@
 //! that nothing is rebuilt while the arm moves. Triangles are counter-clockwise seen from outside.
 
 mod sweeps;
+mod triangles;
+
+pub use triangles::{Mesh, Vertex};
+use triangles::vertex;
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
@@ -24,27 +28,6 @@ pub const CONVOLUTIONS: usize = 11;
 pub const SPRING_TURNS: f32 = 19.0;
 /// Material around a bellows in the pads, m.
 const PAD_MARGIN_M: f32 = 0.006;
-
-/// A vertex as the shader reads it. See the vertex entry points of `shaders/mesh.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-pub struct Vertex {
-    /// Place, m, or (radius, angle, s), or (s, angle, 0).
-    pub position: [f32; 3],
-    /// Normal, or (d radius/dt, ds/dt, 0) along the profile.
-    pub normal: [f32; 3],
-    /// Share of ambient light that gets there, 0 to 1.
-    pub shade: f32,
-}
-
-/// Triangles.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Mesh {
-    /// Corners.
-    pub vertices: Vec<Vertex>,
-    /// Three per triangle.
-    pub indices: Vec<u32>,
-}
 
 /// The meshes, by what the vertex shader does with them and then by part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -167,14 +150,6 @@ pub fn part_mesh(part: Part, robot: &RobotSpec) -> Mesh {
 /// Radius of the pads' rounded corners around each bellows, m.
 pub fn pad_corner_m(robot: &RobotSpec) -> f32 {
     0.5 * robot.bellows_outer_diameter_m as f32 + PAD_MARGIN_M
-}
-
-fn vertex(position: Vec3, normal: Vec3, shade: f32) -> Vertex {
-    Vertex {
-        position: position.to_array(),
-        normal: normal.to_array(),
-        shade,
-    }
 }
 
 /// Radius of a bellows at `u` from 0 to 1 along its convolutions: an accordion fold with rounded tips.

@@ -5,9 +5,9 @@ use glam::{Vec2, Vec3};
 
 use super::camera::Camera;
 use super::click::{DepthBy, Landing};
-use super::colours::{Palette, Rgb, sequential};
+use super::colours::{Palette, Rgb, Theme, sequential};
 use super::convert;
-use super::{PlanMarks, SceneInput, Theme};
+use super::input::{PlanMarks, SceneInput};
 use crate::gui::panels::widgets::number;
 use crate::robot::RobotSpec;
 use crate::signal::{Matrix6, ReachState};

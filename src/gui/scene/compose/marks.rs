@@ -4,10 +4,10 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::super::SceneInput;
-use super::super::camera::Camera;
-use super::super::colours::Rgb;
-use super::super::convert;
+use crate::gui::scene::input::SceneInput;
+use crate::gui::scene::camera::Camera;
+use crate::gui::scene::colours::Rgb;
+use crate::gui::scene::convert;
 use super::{Composer, Line, floor_m, with_alpha};
 use crate::signal::ReachState;
 

@@ -3,11 +3,12 @@
 
 use glam::{Affine3A, Vec3};
 
-use super::super::camera::Camera;
-use super::super::click::{DepthBy, Landing};
-use super::super::convert;
-use super::super::mesh::Part;
-use super::super::{Entity, PlanMarks, SceneInput};
+use crate::gui::scene::camera::Camera;
+use crate::gui::scene::click::{DepthBy, Landing};
+use crate::gui::scene::convert;
+use crate::gui::scene::mesh::Part;
+use crate::gui::scene::entity::Entity;
+use crate::gui::scene::input::{PlanMarks, SceneInput};
 use super::marks::Ring;
 use super::{Composer, Surface, floor_m, scaled, with_alpha};
 

@@ -2,8 +2,8 @@
 
 use glam::{Affine3A, Vec3};
 
-use super::super::Entity;
-use super::super::mesh::Vertex;
+use crate::gui::scene::entity::Entity;
+use crate::gui::scene::mesh::Vertex;
 use super::{Composer, SkinDrawing, Surface, rows, with_alpha};
 use crate::signal::{CHAMBERS, Skin};
 

@@ -1,4 +1,4 @@
-use super::super::tests::bent_shape;
+use crate::gui::scene::tests::bent_shape;
 use super::*;
 
 #[test]
@@ -26,7 +26,7 @@ fn a_truth_that_is_older_than_the_estimate_draws_no_ring_and_no_error() {
     let camera = Camera::framing(Vec3::ZERO, 0.4);
     let lines = |truth_s: Option<f64>| {
         let shape = bent_shape(&robot, [0.9, -0.6], [0.4, 2.0]);
-        let mut snapshot = super::super::tests::snapshot_of(shape);
+        let mut snapshot = crate::gui::scene::tests::snapshot_of(shape);
         let at = crate::signal::Stamp::from_seconds;
         if let Some(e) = &mut snapshot.estimate {
             e.stamp = at(10.0);

@@ -1,32 +1,19 @@
 //! Finds the part under the pointer.
 
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::sync_channel;
 
 use egui_wgpu::wgpu;
 use glam::{Mat4, Vec2};
 
-use super::super::Entity;
-use super::super::compose::Layer;
-use super::{DEPTH, Inner, PICK, Picture, depth_attachment, extent, texture};
+use crate::gui::scene::entity::Entity;
+use crate::gui::scene::compose::Layer;
+use super::targets::{DEPTH, PICK, PickTargets, depth_attachment, extent, texture};
+use super::{Inner, Picture};
 
 /// Edge of the square around the pointer that is searched for parts, pixels. Odd.
 const PICK_SIZE: u32 = 9;
 /// While the pointer rests, what moves under it is looked up again after so many pictures.
 const REPICK_PICTURES: u32 = 8;
-
-/// Small targets for the search and where it stands.
-pub(super) struct PickTargets {
-    texture: wgpu::Texture,
-    view: wgpu::TextureView,
-    depth: wgpu::TextureView,
-    readback: wgpu::Buffer,
-    /// The answer on its way.
-    pub(super) pending: Option<Receiver<bool>>,
-    /// Where the last search was, and through which camera.
-    pub(super) last: Option<(Vec2, [[f32; 4]; 4])>,
-    /// Pictures drawn since.
-    pub(super) pictures_since: u32,
-}
 
 impl PickTargets {
     /// Where to search, if pointer or camera moved since the last search or the arm has moved on.

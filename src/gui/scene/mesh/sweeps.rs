@@ -4,7 +4,7 @@ use std::f32::consts::{FRAC_PI_2, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::{Mesh, Vertex, vertex};
+use super::triangles::{Mesh, Vertex, vertex};
 
 /// Rows of `columns` vertices, joined to the next row and around: rows run down, columns counter-clockwise.
 pub(super) fn lathe(rows: usize, columns: usize, at: impl Fn(usize, usize) -> Vertex) -> Mesh {
