@@ -12,9 +12,9 @@ use glam::{Affine3A, Mat3A, Quat, Vec2, Vec3};
 use super::camera::Camera;
 use super::colours::{Palette, Rgb, sequential};
 use super::convert;
-use super::mesh::{self, Part, Vertex};
 use super::entity::Entity;
 use super::input::{SceneInput, SceneOutput};
+use super::mesh::{self, Part, Vertex};
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{ArmShape, Gripper, IMUS, OrientationGoal, Pose, SPRINGS};
 

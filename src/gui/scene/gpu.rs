@@ -15,12 +15,12 @@ use egui_wgpu::wgpu;
 use glam::{Mat4, Vec2, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::entity::Entity;
 use super::compose::{BLOBS, Drawing, FRAMES, Instance, Layer, Line, SEGMENTS};
+use super::entity::Entity;
 use super::mesh::{self, Motion, Part, Vertex};
 use crate::robot::RobotSpec;
-use targets::{COLOUR, DEPTH, PickTargets, SAMPLES, depth_attachment, texture};
 use pipelines::{ByMotion, Layouts, Pipelines};
+use targets::{COLOUR, DEPTH, PickTargets, SAMPLES, depth_attachment, texture};
 
 /// Edge of the shadow map, pixels.
 pub const SHADOW_SIZE: u32 = 1024;

@@ -7,8 +7,8 @@
 mod sweeps;
 mod triangles;
 
-pub use triangles::{Mesh, Vertex};
 use triangles::vertex;
+pub use triangles::{Mesh, Vertex};
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;

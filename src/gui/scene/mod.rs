@@ -9,12 +9,12 @@
 //! front, right and top, 5 toggles the projection; Alt + wheel moves the draft target in depth. What a click
 //! means in depth is in [`click`].
 
+mod announce;
 pub mod camera;
 pub mod click;
 pub mod colours;
 pub mod compose;
 pub mod convert;
-mod announce;
 mod entity;
 pub mod gpu;
 mod input;

@@ -2,15 +2,20 @@
 
 use std::sync::Arc;
 
-use egui::{Event, Modifiers, PointerButton};
+use egui::{Event, Modifiers, PointerButton, Pos2, Rect, vec2};
+use glam::{Vec2, Vec3};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::camera::plane_hit;
+use super::camera::{Camera, plane_hit};
+use super::overlay::Stage;
+use super::reachset::ReachSet;
 use super::*;
 use crate::gui::offscreen::Offscreen;
+use crate::robot::RobotSpec;
 use crate::signal::{
-    CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, Matrix6, Pose, PressureCommand,
-    Reach, SIGNALS, SPRINGS, SensorFrame, SensorVec, Stamp, TruthSource,
+    ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, Matrix6, Pose,
+    PressureCommand, Reach, ReachState, SIGNALS, SPRINGS, SensorFrame, SensorVec, Snapshot, Stamp,
+    TruthSource,
 };
 
 const SIZE: [u32; 2] = [1280, 720];

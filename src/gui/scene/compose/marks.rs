@@ -4,11 +4,11 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use crate::gui::scene::input::SceneInput;
+use super::{Composer, Line, floor_m, with_alpha};
 use crate::gui::scene::camera::Camera;
 use crate::gui::scene::colours::Rgb;
 use crate::gui::scene::convert;
-use super::{Composer, Line, floor_m, with_alpha};
+use crate::gui::scene::input::SceneInput;
 use crate::signal::ReachState;
 
 /// How a circle is drawn.

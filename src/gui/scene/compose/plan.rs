@@ -3,14 +3,14 @@
 
 use glam::{Affine3A, Vec3};
 
+use super::marks::Ring;
+use super::{Composer, Surface, floor_m, scaled, with_alpha};
 use crate::gui::scene::camera::Camera;
 use crate::gui::scene::click::{DepthBy, Landing};
 use crate::gui::scene::convert;
-use crate::gui::scene::mesh::Part;
 use crate::gui::scene::entity::Entity;
 use crate::gui::scene::input::{PlanMarks, SceneInput};
-use super::marks::Ring;
-use super::{Composer, Surface, floor_m, scaled, with_alpha};
+use crate::gui::scene::mesh::Part;
 
 /// Radius of a waypoint's ball, m.
 const BALL_M: f32 = 0.0035;

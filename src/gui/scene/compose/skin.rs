@@ -2,9 +2,9 @@
 
 use glam::{Affine3A, Vec3};
 
+use super::{Composer, SkinDrawing, Surface, rows, with_alpha};
 use crate::gui::scene::entity::Entity;
 use crate::gui::scene::mesh::Vertex;
-use super::{Composer, SkinDrawing, Surface, rows, with_alpha};
 use crate::signal::{CHAMBERS, Skin};
 
 /// How far the lines lie above the surface, m: enough for the depth buffer, too little to see.

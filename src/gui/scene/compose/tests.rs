@@ -1,5 +1,5 @@
-use crate::gui::scene::tests::bent_shape;
 use super::*;
+use crate::gui::scene::tests::bent_shape;
 
 #[test]
 fn resampled_frames_are_evenly_spaced_and_keep_the_ends() {

@@ -5,10 +5,10 @@ use std::sync::mpsc::sync_channel;
 use egui_wgpu::wgpu;
 use glam::{Mat4, Vec2};
 
-use crate::gui::scene::entity::Entity;
-use crate::gui::scene::compose::Layer;
 use super::targets::{DEPTH, PICK, PickTargets, depth_attachment, extent, texture};
 use super::{Inner, Picture};
+use crate::gui::scene::compose::Layer;
+use crate::gui::scene::entity::Entity;
 
 /// Edge of the square around the pointer that is searched for parts, pixels. Odd.
 const PICK_SIZE: u32 = 9;

@@ -2,9 +2,9 @@
 
 use egui_wgpu::wgpu;
 
+use super::targets::{COLOUR, DEPTH, PICK, SAMPLES};
 use crate::gui::scene::compose::{Instance, Line};
 use crate::gui::scene::mesh::{Motion, Vertex};
-use super::targets::{COLOUR, DEPTH, PICK, SAMPLES};
 
 /// How a pipeline writes.
 #[derive(Clone, Copy, PartialEq)]
