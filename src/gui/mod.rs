@@ -6,6 +6,7 @@
 //! around it ([`services`]).
 
 pub mod app;
+pub mod job;
 pub mod offscreen;
 pub mod pace;
 pub mod panels;

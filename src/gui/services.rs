@@ -3,20 +3,16 @@
 
 pub mod calibrate;
 pub mod gap;
-mod pending;
 
 use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::analysis::pairing::{Alignment, Pairing};
 use crate::analysis::player::Player;
 use crate::sensing::registration::Registration;
 use crate::twin::Handle;
 
-pub use pending::Pending;
+pub use super::job::{Job, Pending, Stage, Worker};
 
 pub use calibrate::CalibrationServices;
 
@@ -37,102 +33,6 @@ pub struct RecordingEntry {
     pub note: Option<String>,
     /// Whether it came with the program.
     pub sample: bool,
-}
-
-/// How far a [`Job`] is.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Stage {
-    /// What is being done: a few words.
-    pub what: String,
-    /// Share done, 0..1, if it can be told.
-    pub share: Option<f32>,
-}
-
-#[derive(Default)]
-struct Shared {
-    stage: Mutex<Stage>,
-    cancelled: AtomicBool,
-}
-
-/// Work that goes on elsewhere: how far it is, a way to stop it, one answer. Dropping it cancels it.
-pub struct Job<T> {
-    shared: Arc<Shared>,
-    answer: Receiver<Result<T, String>>,
-}
-
-/// The worker's end of a [`Job`].
-pub struct Worker<T> {
-    shared: Arc<Shared>,
-    answer: SyncSender<Result<T, String>>,
-}
-
-impl<T> Job<T> {
-    /// A job and its worker's end.
-    pub fn pair() -> (Self, Worker<T>) {
-        let (tx, answer) = sync_channel(1);
-        let shared = Arc::new(Shared::default());
-        let worker = Worker {
-            shared: Arc::clone(&shared),
-            answer: tx,
-        };
-        (Self { shared, answer }, worker)
-    }
-
-    /// An answer that is there already.
-    pub fn ready(answer: Result<T, String>) -> Self {
-        let (job, worker) = Self::pair();
-        worker.finish(answer);
-        job
-    }
-
-    /// The answer, once; a worker that vanished counts as an error.
-    pub fn poll(&self) -> Option<Result<T, String>> {
-        match self.answer.try_recv() {
-            Ok(answer) => Some(answer),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => {
-                Some(Err("The work ended without an answer.".into()))
-            }
-        }
-    }
-
-    /// How far it is.
-    pub fn stage(&self) -> Stage {
-        let stage = self.shared.stage.lock();
-        stage.unwrap_or_else(PoisonError::into_inner).clone()
-    }
-}
-
-impl<T> Drop for Job<T> {
-    fn drop(&mut self) {
-        self.shared.cancelled.store(true, Ordering::Relaxed);
-    }
-}
-
-impl<T> Worker<T> {
-    /// Tells how far the work is.
-    pub fn tell(&self, what: &str, share: Option<f32>) {
-        let mut stage = self
-            .shared
-            .stage
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        if stage.what != what {
-            what.clone_into(&mut stage.what);
-        }
-        stage.share = share;
-    }
-
-    /// Whether nobody waits for the answer any more.
-    pub fn cancelled(&self) -> bool {
-        self.shared.cancelled.load(Ordering::Relaxed)
-    }
-
-    /// Gives the answer.
-    pub fn finish(self, answer: Result<T, String>) {
-        // The window may have given up waiting; the channel holds the one answer there is.
-        let _ = self.answer.try_send(answer);
-    }
 }
 
 /// What a file dialog asks for.
@@ -235,7 +135,7 @@ pub type Loader = Box<dyn FnMut(&Path) -> Job<Player>>;
 /// Finds how two recordings lie on each other.
 pub type Aligner = Box<dyn FnMut(Pairing) -> Job<Alignment>>;
 /// Shows a file in another program.
-pub type Opener = Box<dyn FnMut(&Path) -> Result<(), String>>;
+pub type Opener = Box<dyn FnMut(&Path) -> Job<()>>;
 /// Writes a file and answers with its path. The folder is made when it is missing.
 pub type Writer = Box<dyn FnMut(&Path, Existing, Content) -> Job<PathBuf>>;
 /// Asks the operator for a path.
@@ -288,7 +188,7 @@ impl Services {
                 let found = pairing.align(&|| true);
                 Job::ready(found.ok_or_else(|| no("align recordings")))
             }),
-            open_in_rerun: Box::new(move |_| Err(no("open other programs"))),
+            open_in_rerun: Box::new(move |_| Job::ready(Err(no("open other programs")))),
             start_viewer: Box::new(move || Job::ready(Err(no("open other programs")))),
             new_recording: Box::new(|folder| Job::ready(Ok(folder.join("recording.rrd")))),
             pick: Box::new(|_| Job::ready(Ok(Picked::NoDialog))),
@@ -298,27 +198,5 @@ impl Services {
             gap: gap::GapServices::none(),
             calibration: CalibrationServices::none(),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_job_tells_how_far_it_is_answers_once_and_notices_that_nobody_waits() {
-        let (job, worker) = Job::pair();
-        assert_eq!(job.poll(), None);
-        worker.tell("counting", Some(0.5));
-        assert_eq!(job.stage().what, "counting");
-        assert!(!worker.cancelled());
-        worker.finish(Ok(7));
-        assert_eq!(job.poll(), Some(Ok(7)));
-        let (job, worker) = Job::<u8>::pair();
-        drop(job);
-        assert!(worker.cancelled());
-        let (job, worker) = Job::<u8>::pair();
-        drop(worker);
-        assert!(job.poll().is_some_and(|a| a.is_err()));
     }
 }

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use springtwin::gui::services::{Job, Worker};
+use springtwin::gui::services::{Job, Opener, Worker};
 
 use super::later::later;
 
@@ -88,8 +88,16 @@ fn end(mut viewer: Child) {
     let _ = viewer.wait();
 }
 
-/// Shows a file in the viewer.
-pub fn open(path: &Path) -> Result<(), String> {
+/// Shows a file in the viewer, on a thread of its own.
+pub fn opener(ctx: &egui::Context) -> Opener {
+    let ctx = ctx.clone();
+    Box::new(move |path| {
+        let path = path.to_owned();
+        later(&ctx, "viewer", move |_| open(&path))
+    })
+}
+
+fn open(path: &Path) -> Result<(), String> {
     let mut viewer = spawn(&file_args(path))?;
     // Its end is awaited elsewhere, so that it leaves nothing behind.
     let _ = std::thread::Builder::new()

@@ -22,7 +22,7 @@ use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Verdict};
 use crate::gui::services::gap::PatchedRobot;
-use crate::gui::services::{Job, Pending, Services};
+use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
 
 /// A step of the story.
@@ -154,13 +154,6 @@ impl Show {
     }
 }
 
-/// The finder at work on the sessions that were chosen when it was started.
-struct Running {
-    job: Job<Result<Arc<Found>, GapError>>,
-    origin: Origin,
-    answer: Option<PathBuf>,
-}
-
 /// What the screen keeps.
 #[derive(Default)]
 pub struct GapState {
@@ -173,7 +166,8 @@ pub struct GapState {
     /// The robot file that carries the accepted patches.
     pub patched: Option<PatchedRobot>,
     select: select::Selection,
-    running: Option<Running>,
+    // The finder at work: where the suspect session comes from, and where the answer of an example lies.
+    running: Pending<Result<Arc<Found>, GapError>, (Origin, Option<PathBuf>)>,
     unread: Option<String>,
     patching: Pending<PatchedRobot, Option<Decision>>,
     saving: Saving,
@@ -192,7 +186,7 @@ impl GapState {
             .as_ref()
             .is_some_and(|o| o.revealing.is_busy() || o.keeping.is_busy());
         outcome
-            || self.running.is_some()
+            || self.running.is_busy()
             || self.patching.is_busy()
             || self.saving.is_busy()
             || self.opening.is_busy()
@@ -226,11 +220,9 @@ impl GapState {
         if let Some(trouble) = self.select.poll(services) {
             self.trouble = Some(trouble);
         }
-        if let Some(answer) = self.running.as_ref().and_then(|r| r.job.poll())
-            && let Some(run) = self.running.take()
-        {
+        if let Some(((origin, key), answer)) = self.running.take_for() {
             match answer {
-                Ok(Ok(found)) => self.take(found, run.origin, run.answer),
+                Ok(Ok(found)) => self.take(found, origin, key),
                 Ok(Err(e)) => self.trouble = Some(trouble_of(&e)),
                 Err(e) => {
                     self.trouble = Some(Trouble::new(
@@ -267,7 +259,7 @@ impl GapState {
 
     /// Whether an example can be made now, or why not.
     pub fn example_gate(&self) -> Gate {
-        if self.running.is_some() {
+        if self.running.is_busy() {
             return Err("The finder is at work: wait, or cancel it.".into());
         }
         match self.select.making.is_busy() {
@@ -286,9 +278,9 @@ impl GapState {
 
     /// Whether the finder can begin, or why not.
     pub fn find_gate(&self) -> Gate {
-        match self.running {
-            Some(_) => Err("The finder is at work: wait, or cancel it.".into()),
-            None => self.select.gate(),
+        match self.running.is_busy() {
+            true => Err("The finder is at work: wait, or cancel it.".into()),
+            false => self.select.gate(),
         }
     }
 
@@ -301,11 +293,8 @@ impl GapState {
             self.step = Step::Select;
             self.trouble = None;
             // What is chosen may change while the finder is at work.
-            self.running = Some(Running {
-                job: (services.gap.find)(healthy.as_deref(), &suspect),
-                origin,
-                answer: self.select.answer(),
-            });
+            let job = (services.gap.find)(healthy.as_deref(), &suspect);
+            self.running.begin_for((origin, self.select.answer()), job);
         }
     }
 
@@ -314,7 +303,7 @@ impl GapState {
         if step == Step::Select {
             return Ok(());
         }
-        if self.running.is_some() {
+        if self.running.is_busy() {
             return Err("The finder is at work: wait, or cancel it.".into());
         }
         match self.outcome {

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::Job;
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Patch};
+use crate::gui::job::Job;
 use crate::robot::RobotSpec;
 
 /// Whether a session is of the robot in use.

@@ -173,7 +173,7 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
         }),
         open_in_rerun: Box::new(move |path| {
             rerun.borrow_mut().opened.push(path.into());
-            Ok(())
+            Job::ready(Ok(()))
         }),
         gap: GapServices {
             look: Box::new(|path| Job::ready(Ok(sheet(path)))),

@@ -39,7 +39,7 @@ pub fn poll(state: &mut GapState, services: &mut Services) {
         Ok(folder) => {
             let job = match show {
                 Show::Page => (services.gap.open_page)(&folder.join(show.file())),
-                Show::Overlay => Job::ready((services.open_in_rerun)(&folder.join(show.file()))),
+                Show::Overlay => (services.open_in_rerun)(&folder.join(show.file())),
             };
             state.opening.begin_for((show, folder.clone()), job);
             outcome.kept = Some((alternative, folder));
@@ -67,12 +67,11 @@ fn unwritten(e: String) -> Trouble {
 }
 
 fn page(outcome: &Outcome) -> Content {
-    let (found, patch, origin) = (
-        Arc::clone(&outcome.found),
-        outcome.patch().to_toml(),
-        outcome.origin,
-    );
-    Box::new(move || Ok(report::html(&found.finding, &patch, origin).into_bytes()))
+    let (found, patch, origin) = (Arc::clone(&outcome.found), outcome.patch(), outcome.origin);
+    Box::new(move || {
+        let page = report::html(&found.finding, &patch.to_toml(), origin);
+        Ok(page.into_bytes())
+    })
 }
 
 /// The step.

@@ -4,7 +4,7 @@ mod selection;
 
 use egui::{Button, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
-use super::{GapState, Running, Trouble};
+use super::{GapState, Trouble};
 use crate::analysis::recorded::origin_name;
 use crate::gap::Stage;
 use crate::gui::panels::files::Ask;
@@ -60,7 +60,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         let found = (services.scan)(services.recordings.path());
         state.select.scanning.begin(found);
     }
-    let free = state.running.is_none();
+    let free = !state.running.is_busy();
     let height = (0.44 * ui.available_height()).clamp(180.0, 244.0);
     ui.horizontal_top(|ui| {
         let width = (ui.available_width() - 8.0) / 2.0;
@@ -287,7 +287,7 @@ fn library(ui: &mut Ui, selection: &mut Selection, services: &mut Services) {
 }
 
 fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
-    if state.running.is_some() {
+    if state.running.is_busy() {
         at_work(ui, state);
         return;
     }
@@ -370,11 +370,10 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 
 // The stages of the finder, how far it is, and Cancel.
 fn at_work(ui: &mut Ui, state: &mut GapState) {
-    let Some(Running { job, .. }) = &state.running else {
+    let Some(stage) = state.running.stage() else {
         return;
     };
     let p = *Palette::in_ui(ui);
-    let stage = job.stage();
     let at = Stage::ALL.iter().position(|s| s.name() == stage.what);
     ui.label(RichText::new("The finder is at work").strong());
     let share = at.map_or(0.0, |i| {
@@ -412,7 +411,7 @@ fn at_work(ui: &mut Ui, state: &mut GapState) {
         .on_hover_text("Stop looking; the sessions stay chosen")
         .clicked()
     {
-        state.running = None;
+        state.running.cancel();
         state.said = Some("Cancelled: there is no verdict.".into());
     }
     heading(

@@ -2,7 +2,7 @@
 
 use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
-use super::{Library, Side, Trouble, recording_dialog};
+use super::{Library, Side, recording_dialog};
 use crate::gui::panels::files::Ask;
 use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
 use crate::gui::services::{RecordingEntry, Services};
@@ -68,7 +68,7 @@ fn elsewhere(ui: &mut Ui, library: &mut Library, services: &mut Services) {
         .inner;
     library.open.trouble(ui);
     if let Some(path) = chosen {
-        library.load(path, Side::A, services);
+        library.play(path, services);
     }
 }
 
@@ -91,26 +91,21 @@ fn actions(ui: &mut Ui, library: &mut Library, services: &mut Services) {
                 "Load the selected recording as B, to compare it with A",
             ),
         ] {
-            let gate = match library.loading.iter().any(|l| l.side == side) {
+            let gate = match library.is_loading(side) {
                 true => Err(format!("A recording is being loaded as {}.", side.name())),
                 false => gate.clone(),
             };
             if gated(ui, &gate, Button::new(text), hover).clicked()
                 && let Some(path) = &chosen
             {
-                library.load(path.clone(), side, services);
+                library.load(path.clone(), (side, side == Side::B), services);
             }
         }
         let hover = "Show the selected recording in the Rerun viewer";
         if gated(ui, &gate, Button::new("Open in Rerun"), hover).clicked()
             && let Some(path) = &chosen
-            && let Err(cause) = (services.open_in_rerun)(path)
         {
-            library.trouble = Some(Trouble::new(
-                cause,
-                "The recording was not shown there.",
-                "Load and play shows it in this window.",
-            ));
+            library.opening.begin((services.open_in_rerun)(path));
         }
     });
 }
@@ -118,13 +113,11 @@ fn actions(ui: &mut Ui, library: &mut Library, services: &mut Services) {
 fn progress(ui: &mut Ui, library: &mut Library) {
     let mut cancelled = None;
     for (k, loading) in library.loading.iter().enumerate() {
-        let stage = loading.job.stage();
-        let text = format!(
-            "Loading {} as {}… {}",
-            loading.name,
-            loading.side.name(),
-            stage.what
-        );
+        let (Some(of), Some(stage)) = (loading.context(), loading.stage()) else {
+            continue;
+        };
+        let side = of.side.name();
+        let text = format!("Loading {} as {side}… {}", of.name, stage.what);
         let text = RichText::new(text).color(Palette::in_ui(ui).weak);
         ui.add(egui::Label::new(text).truncate());
         ui.horizontal(|ui| {
@@ -219,7 +212,7 @@ fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services
             }
         });
     if let Some(path) = open {
-        library.load(path, Side::A, services);
+        library.play(path, services);
     }
 }
 

@@ -14,7 +14,7 @@ use super::operating::recording_gate;
 use super::widgets::{gated, minutes, pane};
 use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
-use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
+use crate::gui::services::{Dialog, DialogKind, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
 use crate::twin::Command;
@@ -23,12 +23,12 @@ use pair::Pair;
 pub use super::trouble::Trouble;
 pub use pair::{Compared, Quantity, Side};
 
+/// What a recording is loaded for.
 struct Loading {
     name: String,
     side: Side,
     /// Whether it is to be compared with the other one.
     compared: bool,
-    job: Job<Player>,
 }
 
 /// What the lower left shows about the recording that is played.
@@ -62,7 +62,8 @@ pub struct Library {
     pub has_new: bool,
     scanned: bool,
     scanning: Pending<Vec<RecordingEntry>>,
-    loading: Vec<Loading>,
+    loading: Vec<Pending<Player, Loading>>,
+    opening: Pending<()>,
     naming: Pending<PathBuf>,
     open: PathField,
     choice: folder::Choice,
@@ -83,10 +84,17 @@ impl Library {
         self.naming.begin(path);
     }
 
+    /// Whether a recording is being loaded as `side`.
+    fn is_loading(&self, side: Side) -> bool {
+        let mut all = self.loading.iter();
+        all.any(|l| l.context().is_some_and(|l| l.side == side))
+    }
+
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
         self.scanning.is_busy()
             || !self.loading.is_empty()
+            || self.opening.is_busy()
             || self.naming.is_busy()
             || self.open.is_busy()
             || self.choice.is_busy()
@@ -106,12 +114,11 @@ impl Library {
             [] => return false,
             [one] => {
                 let side = if shift { Side::B } else { Side::A };
-                self.load(one.clone(), side, services);
+                self.load(one.clone(), (side, shift), services);
             }
             [one, other, ..] => {
-                self.load(one.clone(), Side::A, services);
-                self.load(other.clone(), Side::B, services);
-                self.loading.iter_mut().for_each(|l| l.compared = true);
+                self.load(one.clone(), (Side::A, true), services);
+                self.load(other.clone(), (Side::B, true), services);
             }
         }
         true
@@ -119,7 +126,7 @@ impl Library {
 
     /// Loads a recording and plays it.
     pub fn play(&mut self, path: PathBuf, services: &mut Services) {
-        self.load(path, Side::A, services);
+        self.load(path, (Side::A, false), services);
     }
 
     /// Asks for a recording in a file dialog, unless one is open.
@@ -127,18 +134,22 @@ impl Library {
         self.open.browse(recording_dialog(), services);
     }
 
-    fn load(&mut self, path: PathBuf, side: Side, services: &mut Services) {
+    /// Loads a recording as `side`, and compares it with the other one if `compared`.
+    fn load(&mut self, path: PathBuf, (side, compared): (Side, bool), services: &mut Services) {
         let name = path
             .file_name()
             .map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         self.trouble = None;
-        self.loading.retain(|l| l.side != side);
-        self.loading.push(Loading {
+        self.loading
+            .retain(|l| l.context().is_some_and(|l| l.side != side));
+        let mut pending = Pending::default();
+        let of = Loading {
             name,
             side,
-            compared: side == Side::B,
-            job: (services.load)(&path),
-        });
+            compared,
+        };
+        pending.begin_for(of, (services.load)(&path));
+        self.loading.push(pending);
         self.selected = Some(path);
     }
 
@@ -170,15 +181,16 @@ impl Library {
                 }
             }
         }
-        let mut k = 0;
-        while k < self.loading.len() {
-            let Some(answer) = self.loading[k].job.poll() else {
-                k += 1;
-                continue;
-            };
-            let Loading { side, compared, .. } = self.loading.remove(k);
+        let mut loaded = Vec::new();
+        self.loading.retain_mut(|pending| {
+            let answer = pending.take_for();
+            let waits = answer.is_none();
+            loaded.extend(answer);
+            waits
+        });
+        for (Loading { side, compared, .. }, answer) in loaded {
             match answer {
-                Ok(loaded) => self.pair.place((side, compared), loaded, player, services),
+                Ok(new) => self.pair.place((side, compared), new, player, services),
                 Err(cause) => {
                     self.trouble = Some(Trouble::new(
                         cause,
@@ -187,6 +199,13 @@ impl Library {
                     ));
                 }
             }
+        }
+        if let Some(Err(cause)) = self.opening.take() {
+            self.trouble = Some(Trouble::new(
+                cause,
+                "The recording was not shown there.",
+                "Load and play shows it in this window.",
+            ));
         }
         refused
     }

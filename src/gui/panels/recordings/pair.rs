@@ -6,7 +6,7 @@ use crate::analysis::pairing::{Alignment, Pairing, samples};
 use crate::analysis::player::Player;
 use crate::gui::panels::plot::{Dash, Drawn};
 use crate::gui::panels::widgets::{imu_name, number};
-use crate::gui::services::{Job, Services};
+use crate::gui::services::{Pending, Services};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, spring_name};
 
 /// One of two recordings.
@@ -143,7 +143,7 @@ pub struct Pair {
     pub offset_s: f64,
     /// What the automatic alignment said.
     pub alignment: Option<Alignment>,
-    aligning: Option<Job<Alignment>>,
+    aligning: Pending<Alignment>,
     cache: Option<(Key, Vec<Plotted>)>,
 }
 
@@ -209,27 +209,26 @@ impl Pair {
         let [Some(a), Some(b)] = self.sides(player.as_ref()) else {
             return;
         };
-        self.aligning = Some((services.align)(Pairing::of([a, b])));
+        self.aligning.begin((services.align)(Pairing::of([a, b])));
         self.poll();
     }
 
     /// Gives up what was said, or is being found, of how they lie on each other.
     pub fn forget_alignment(&mut self) {
         self.alignment = None;
-        self.aligning = None;
+        self.aligning.cancel();
     }
 
     /// Whether it is being found how they lie on each other.
     pub fn busy(&self) -> bool {
-        self.aligning.is_some()
+        self.aligning.is_busy()
     }
 
     /// Takes how they lie on each other, when it was found.
     pub fn poll(&mut self) {
-        let Some(answer) = self.aligning.as_ref().and_then(Job::poll) else {
+        let Some(answer) = self.aligning.take() else {
             return;
         };
-        self.aligning = None;
         self.alignment = answer.ok();
         if let Some(Ok(shift)) = self.alignment.as_ref().map(|a| &a.found) {
             // Milliseconds are enough and fit the field.
