@@ -14,12 +14,12 @@ use super::pace::Pace;
 use super::panels::connect::{self, Connection};
 use super::panels::operate::{self, Pane};
 use super::panels::operating::{hold_gate, severity_level};
-use super::panels::palette::{self, CommandPalette, Task};
+use super::panels::palette::{self, Choice, CommandPalette};
 use super::panels::plot::TimeWindow;
 use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
-use super::screen::{Ctx, Deed, Known};
+use super::screen::{Ctx, Known, Task};
 use super::screens::{ScreenId, Screens};
 use super::services::{Connected, Services};
 use super::theme::{self, Level};
@@ -546,9 +546,9 @@ impl App {
             };
             let all = palette::entries(&known, &self.connection, &self.screens);
             match self.command_palette.ui(&ctx, within, all) {
-                Some(Task::Window(action)) => actions.push(action),
-                Some(Task::Twin(command)) => commands.push(command),
-                Some(Task::Screen(id, deed)) => chosen = Some((id, deed)),
+                Some(Choice::Window(action)) => actions.push(action),
+                Some(Choice::Twin(command)) => commands.push(command),
+                Some(Choice::Screen(id, task)) => chosen = Some((id, task)),
                 None => {}
             }
         }
@@ -558,12 +558,12 @@ impl App {
             self.act(&ctx, action);
         }
         match chosen {
-            Some((id, Deed::Shown(act))) => {
+            Some((id, Task::Shown(act))) => {
                 self.screen = id;
                 self.with(now_s, commands, act);
             }
-            Some((_, Deed::Behind(act))) => self.with(now_s, commands, act),
-            Some((_, Deed::Twin(command))) => commands.push(command),
+            Some((_, Task::Behind(act))) => self.with(now_s, commands, act),
+            Some((_, Task::Twin(command))) => commands.push(command),
             None => {}
         }
         if let Some(name) = wanted {

@@ -98,17 +98,17 @@ pub fn check(ok: bool, why: &str) -> Gate {
     if ok { Ok(()) } else { Err(why.to_owned()) }
 }
 
-/// An effect on the state `S` of a screen, or of all screens.
-pub type Effect<S> = Box<dyn FnOnce(&mut S, &mut Ctx<'_>)>;
+/// A change of the state `S` of a screen, or of all screens.
+pub type Act<S> = Box<dyn FnOnce(&mut S, &mut Ctx<'_>)>;
 
 /// What an action does.
-pub enum Deed<S> {
+pub enum Task<S> {
     /// Sends an order to the twin.
     Twin(Command),
     /// Acts on the screen, which is then shown.
-    Shown(Effect<S>),
+    Shown(Act<S>),
     /// Acts on the screen, whatever is shown.
-    Behind(Effect<S>),
+    Behind(Act<S>),
 }
 
 /// An action that can be found by typing.
@@ -122,7 +122,7 @@ pub struct Action<D> {
     /// Whether it is possible now, or why not.
     pub gate: Gate,
     /// What it does.
-    pub deed: D,
+    pub task: D,
 }
 
 impl<D> Action<D> {
@@ -133,20 +133,20 @@ impl<D> Action<D> {
             words,
             keys,
             gate,
-            deed,
+            task,
         } = self;
         Action {
             name,
             words,
             keys,
             gate,
-            deed: form(deed),
+            task: form(task),
         }
     }
 }
 
 /// The actions of a screen with the state `S`.
-pub struct List<S>(pub Vec<Action<Deed<S>>>);
+pub struct List<S>(pub Vec<Action<Task<S>>>);
 
 impl<S> Default for List<S> {
     fn default() -> Self {
@@ -156,13 +156,13 @@ impl<S> Default for List<S> {
 
 impl<S> List<S> {
     /// Adds an action.
-    pub fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, deed: Deed<S>) {
+    pub fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, task: Task<S>) {
         self.0.push(Action {
             name: name.into(),
             words,
             keys: "",
             gate,
-            deed,
+            task,
         });
     }
 
@@ -174,7 +174,7 @@ impl<S> List<S> {
         gate: Gate,
         act: impl FnOnce(&mut S, &mut Ctx<'_>) + 'static,
     ) {
-        self.add(name, words, gate, Deed::Shown(Box::new(act)));
+        self.add(name, words, gate, Task::Shown(Box::new(act)));
     }
 
     /// Gives the last action a shortcut.

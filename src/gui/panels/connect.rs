@@ -13,7 +13,7 @@ pub const VIRTUAL: [(&str, &str, &str); 2] = [
     (
         "sim",
         "Virtual rig",
-        "An emulated arm in this program, on simulated time: on a busy computer it is slower, and nothing else",
+        "An emulated arm in this program, on simulated time: a busy computer only makes it slower",
     ),
     (
         "pty",

@@ -248,7 +248,7 @@ impl GapState {
                     self.trouble = Some(Trouble::new(
                         e,
                         "The robot file is as it was.",
-                        "Mend what is named above, then try again.",
+                        "Remove the cause named above, then try again.",
                     ));
                 }
             }
@@ -260,7 +260,7 @@ impl GapState {
     /// Whether an example can be made now, or why not.
     pub fn example_gate(&self) -> Gate {
         if self.running.is_busy() {
-            return Err("The finder is at work: wait, or cancel it.".into());
+            return Err("The finder is running: wait, or cancel it.".into());
         }
         match self.select.making.is_busy() {
             true => Err("An example is being made.".into()),
@@ -279,7 +279,7 @@ impl GapState {
     /// Whether the finder can begin, or why not.
     pub fn find_gate(&self) -> Gate {
         match self.running.is_busy() {
-            true => Err("The finder is at work: wait, or cancel it.".into()),
+            true => Err("The finder is running: wait, or cancel it.".into()),
             false => self.select.gate(),
         }
     }
@@ -304,11 +304,11 @@ impl GapState {
             return Ok(());
         }
         if self.running.is_busy() {
-            return Err("The finder is at work: wait, or cancel it.".into());
+            return Err("The finder is running: wait, or cancel it.".into());
         }
         match self.outcome {
             Some(_) => Ok(()),
-            None => Err("Nothing was looked at yet: choose sessions and press Find.".into()),
+            None => Err("No finding yet: choose sessions and press Find.".into()),
         }
     }
 
@@ -377,11 +377,9 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     }
     match state.step {
         Step::Select => select::ui(ui, state, services),
-        _ if state.outcome.is_none() => empty(
-            ui,
-            "Nothing was looked at yet",
-            "Go back to Select and press Find.",
-        ),
+        _ if state.outcome.is_none() => {
+            empty(ui, "No finding yet", "Go back to Select and press Find.")
+        }
         Step::Locate => locate::ui(ui, state),
         Step::Explain => explain::ui(ui, state, services),
         Step::Patch => patch::ui(ui, state, services),

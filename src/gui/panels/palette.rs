@@ -1,11 +1,11 @@
-//! Everything that can be done, found by typing (Ctrl+P).
+//! Find any action by typing (Ctrl+P).
 
 mod actions;
 
 use egui::{Button, Key, Modifiers, RichText, ScrollArea, TextEdit, vec2};
 
 use crate::gui::theme::Palette;
-pub use actions::{Entry, Task, entries};
+pub use actions::{Choice, Entry, entries};
 
 /// What the palette keeps while it is open.
 #[derive(Clone, Debug, Default)]
@@ -59,11 +59,16 @@ impl CommandPalette {
     }
 
     /// Shows it inside `within`, so that it never covers STOP; gives what was chosen.
-    pub fn ui(&mut self, ctx: &egui::Context, within: egui::Rect, all: Vec<Entry>) -> Option<Task> {
+    pub fn ui(
+        &mut self,
+        ctx: &egui::Context,
+        within: egui::Rect,
+        all: Vec<Entry>,
+    ) -> Option<Choice> {
         if !self.open {
             return None;
         }
-        let mut deed = None;
+        let mut task = None;
         let mut open = true;
         egui::Window::new("Commands")
             .open(&mut open)
@@ -76,7 +81,7 @@ impl CommandPalette {
                 ui.set_width((within.width() - 40.0).clamp(120.0, 440.0));
                 let before = self.typed.clone();
                 let field = TextEdit::singleline(&mut self.typed)
-                    .hint_text("Type what you want to do")
+                    .hint_text("Type an action")
                     .desired_width(f32::INFINITY);
                 let (up, down, enter) = ui.input_mut(|i| {
                     (
@@ -116,13 +121,13 @@ impl CommandPalette {
                         }
                         let done = response.clicked() || (chosen && enter);
                         if done && entry.gate.is_ok() {
-                            deed = Some(entry.deed);
+                            task = Some(entry.task);
                         }
                     }
                 });
             });
-        self.open = open && deed.is_none();
-        deed
+        self.open = open && task.is_none();
+        task
     }
 }
 
@@ -146,7 +151,7 @@ mod tests {
             words,
             keys: "",
             gate: Ok(()),
-            deed: Task::Window(ShellAction::ToggleTheme),
+            task: Choice::Window(ShellAction::ToggleTheme),
         }
     }
 

@@ -48,7 +48,7 @@ impl PlanKind {
         (
             Self::PickPlace,
             "Pick and place",
-            "Take something here, let it go there",
+            "Grasp an object here and release it there",
         ),
         (
             Self::Points,
@@ -496,7 +496,7 @@ fn progress(ui: &mut Ui, view: &View<'_>, state: &PlanState) {
                 .desired_width(width)
                 .text(done),
         )
-        .on_hover_text("How far the plan has come; Hold and Resume are at the top");
+        .on_hover_text("Progress of the plan; Hold and Resume are at the top");
         if let Some(leg) = plan.legs.get(routine.legs_done) {
             note(ui, leg_text(leg));
         }
@@ -510,7 +510,7 @@ fn progress(ui: &mut Ui, view: &View<'_>, state: &PlanState) {
             );
         }
         Outcome::Given => {
-            note(ui, "Looking at every stop…");
+            note(ui, "Checking every stop…");
         }
         Outcome::Ended(_) => {
             note(ui, "Ended before it was done.");

@@ -32,7 +32,7 @@ pub struct ShellInput<'a> {
     pub live: View<'a>,
     /// Title of the recording that is shown, if one is.
     pub replay: Option<&'a str>,
-    /// What the program has said.
+    /// The messages of the program.
     pub messages: &'a Messages,
     /// Window time, s.
     pub window_s: f64,
@@ -115,7 +115,7 @@ impl Resume {
         let fire = Fire {
             now: "▶ RESUME",
             hold: "▶ Hold to resume",
-            hover: "Go on with the plan that is on hold",
+            hover: "Continue the plan on hold",
         };
         if self
             .button
@@ -215,13 +215,13 @@ fn alarms(ui: &mut Ui, s: &Snapshot) {
     let color = level.map_or(p.weak, |l| p.level(l));
     let response = ui
         .add(Button::new(RichText::new(text).color(color)).min_size(vec2(0.0, 40.0)))
-        .on_hover_text("Everything abnormal that holds now");
+        .on_hover_text("All active alarms");
     egui::Popup::menu(&response)
         .accessible_name("Alarms")
         .show(|ui| {
             ui.set_max_width(420.0);
             if s.alarms.is_empty() {
-                note(ui, "Nothing is abnormal.");
+                note(ui, "No active alarms.");
             }
             for alarm in &s.alarms {
                 let since = s.stamp.since(alarm.since);
@@ -461,7 +461,7 @@ pub fn rail(ui: &mut Ui, current: ScreenId, actions: &mut Vec<ShellAction>) {
             ui,
             "Commands",
             "Ctrl+P",
-            "Everything that can be done, found by typing",
+            "Find any action by typing",
             ShellAction::TogglePalette,
         );
         small(
@@ -518,7 +518,7 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             note(ui, minutes(s.stamp.seconds())).on_hover_text("Session time, min:s");
             if let Some(factor) = s.real_time_factor.filter(|f| *f < KEEPS_UP) {
                 note(ui, format!("simulation at {factor:.1}× real time")).on_hover_text(
-                    "This computer is busy: the simulation goes on more slowly, and nothing of it is lost.",
+                    "This computer is busy: the simulation runs more slowly; no data are lost.",
                 );
             }
             input.messages.button(ui, input.window_s);

@@ -226,7 +226,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
             ui,
             &preview_gate,
             Button::new("Preview").min_size(half),
-            "Ask whether the tip can get there. Nothing moves (Enter).",
+            "Check whether the tip can get there. Nothing moves (Enter).",
         )
         .clicked();
         if let (true, Ok(target_m), Ok(())) = (clicked || submitted, &parsed, &live) {
@@ -412,13 +412,13 @@ fn controller(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
         for (kind, name, hover) in [
             (
                 ControllerKind::NullSpaceQp,
-                "Bounded",
-                "Steer by a bounded quadratic programme in actuator space, from now on",
+                "Null-space QP",
+                "Use the null-space quadratic programme from now on",
             ),
             (
                 ControllerKind::PaperAdrc,
-                "Paper",
-                "Steer by the paper's sensor-space descent and ADRC, from now on",
+                "ADRC (paper)",
+                "Use the paper's sensor-space descent with ADRC from now on",
             ),
         ] {
             let chosen = view.snapshot.controller == kind;

@@ -164,7 +164,7 @@ impl Messages {
     pub fn button(&self, ui: &mut Ui, now_s: f64) {
         let response = ui
             .button(format!("Messages {}", self.len()))
-            .on_hover_text("What the program has said, newest first");
+            .on_hover_text("Messages of the program, newest first");
         egui::Popup::menu(&response)
             // The button's own id changes when a banner comes or goes: the list would close.
             .id(Id::unique("messages"))
@@ -182,7 +182,7 @@ impl Messages {
                     ui.separator();
                 }
                 if self.is_empty() {
-                    note(ui, "Nothing has been said yet.");
+                    note(ui, "No messages yet.");
                     return;
                 }
                 let shown = self.filters(ui);

@@ -243,7 +243,7 @@ pub fn toolbar(ui: &mut Ui, state: &mut View3d, view: &View<'_>) {
             if ui.add(button).on_hover_text(hover).clicked() {
                 scene.camera.toggle_projection();
             }
-            let hover = "Let the arm fill the view (F)";
+            let hover = "Fit the arm to the view (F)";
             if ui.button("Frame").on_hover_text(hover).clicked() {
                 scene.frame(view.snapshot);
             }

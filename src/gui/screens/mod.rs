@@ -18,7 +18,7 @@ use super::panels::gap::GapState;
 use super::panels::operate::OperateState;
 use super::panels::recordings::Library;
 use super::panels::sensors::SensorsState;
-use super::screen::{Action, Ctx, Deed, Known, List, Screen};
+use super::screen::{Action, Ctx, Known, List, Screen, Task};
 use crate::robot::RobotSpec;
 use crate::signal::Snapshot;
 use crate::twin::{Command, Event};
@@ -105,22 +105,22 @@ macro_rules! screens {
             }
 
             /// The actions of all screens.
-            pub fn actions(&self, known: &Known<'_>) -> Vec<Action<(ScreenId, Deed<Self>)>> {
+            pub fn actions(&self, known: &Known<'_>) -> Vec<Action<(ScreenId, Task<Self>)>> {
                 let mut all = Vec::new();
                 $(
                     let mut list = List::default();
                     Screen::actions(&self.$field, known, &mut list);
-                    all.extend(list.0.into_iter().map(|action| action.map(|deed| {
-                        let deed = match deed {
-                            Deed::Twin(command) => Deed::Twin(command),
-                            Deed::Shown(act) => Deed::Shown(Box::new(
+                    all.extend(list.0.into_iter().map(|action| action.map(|task| {
+                        let task: Task<Self> = match task {
+                            Task::Twin(command) => Task::Twin(command),
+                            Task::Shown(act) => Task::Shown(Box::new(
                                 move |screens: &mut Self, ctx: &mut Ctx<'_>| act(&mut screens.$field, ctx),
                             )),
-                            Deed::Behind(act) => Deed::Behind(Box::new(
+                            Task::Behind(act) => Task::Behind(Box::new(
                                 move |screens: &mut Self, ctx: &mut Ctx<'_>| act(&mut screens.$field, ctx),
                             )),
                         };
-                        (ScreenId::$id, deed)
+                        (ScreenId::$id, task)
                     })));
                 )+
                 all

@@ -6,7 +6,7 @@ use crate::gui::panels::operate::{self, OperateState, PANES, Pane};
 use crate::gui::panels::plans::PlanKind;
 use crate::gui::panels::target::{arm_simulated, go_gate};
 use crate::gui::scene::camera::View as Side;
-use crate::gui::screen::{Ctx, Deed, Known, List, Screen, check};
+use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
 use crate::robot::RobotSpec;
 use crate::signal::Snapshot;
 use crate::twin::{Command, Event};
@@ -77,8 +77,8 @@ impl Screen for OperateState {
             ctx.commands.push(Command::Go);
         });
         let cancel = check(s.preview.is_some(), "Nothing is under preview.");
-        let deed = Deed::Twin(Command::CancelPreview);
-        list.add("Cancel the preview", "forget target", cancel, deed);
+        let task = Task::Twin(Command::CancelPreview);
+        list.add("Cancel the preview", "forget target", cancel, task);
         list.by("Esc");
         let words = "home rest zero neutral straight down park centre";
         let home = |o: &mut Self, ctx: &mut Ctx<'_>| {

@@ -4,7 +4,7 @@ use egui::{Ui, Vec2, vec2};
 
 use crate::gui::panels::operating::{ends_recording, recording_gate};
 use crate::gui::panels::recordings::{self, Library, RecordingsInput};
-use crate::gui::screen::{Ctx, Deed, Known, List, Screen, check};
+use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
 use crate::gui::theme::Level;
 use crate::signal::Snapshot;
 use crate::twin::{Command, Event};
@@ -46,28 +46,28 @@ impl Screen for Library {
         let there = check(!known.twin_gone, "No twin is running.");
         let words = "record recording save log file";
         let gate = recording_gate(live, known.twin_gone);
-        let deed = match live.snapshot.recording {
-            Some(_) => Deed::Twin(Command::StopRecording),
-            None => Deed::Behind(Box::new(|library: &mut Self, ctx: &mut Ctx<'_>| {
+        let task: Task<Self> = match live.snapshot.recording {
+            Some(_) => Task::Twin(Command::StopRecording),
+            None => Task::Behind(Box::new(|library: &mut Self, ctx: &mut Ctx<'_>| {
                 library.record(ctx.services);
             })),
         };
-        let name = match deed {
-            Deed::Twin(_) => "End the recording",
+        let name = match task {
+            Task::Twin(_) => "End the recording",
             _ => "Record",
         };
-        list.add(name, words, gate, deed);
+        list.add(name, words, gate, task);
         match live.snapshot.streaming {
             Some(_) => {
-                let deed = Deed::Twin(Command::StopStream);
-                list.add("Stop streaming", "rerun viewer", there, deed);
+                let task = Task::Twin(Command::StopStream);
+                list.add("Stop streaming", "rerun viewer", there, task);
             }
             None => {
                 let start = |library: &mut Self, ctx: &mut Ctx<'_>| {
                     library.viewer.start(ctx.services);
                 };
-                let deed = Deed::Behind(Box::new(start));
-                list.add("Open live in Rerun", "viewer stream", there, deed);
+                let task = Task::Behind(Box::new(start));
+                list.add("Open live in Rerun", "viewer stream", there, task);
             }
         }
         let some = check(known.shown.replay.is_some(), "No recording is shown.");
@@ -76,8 +76,8 @@ impl Screen for Library {
                 player.toggle();
             }
         };
-        let deed = Deed::Behind(Box::new(toggle));
-        list.add("Play or pause the recording", "replay", some, deed);
+        let task = Task::Behind(Box::new(toggle));
+        list.add("Play or pause the recording", "replay", some, task);
         list.by("P");
         let words = "open load file log session";
         list.act(

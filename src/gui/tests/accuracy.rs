@@ -154,7 +154,7 @@ fn occlusions_are_left_out_counted_and_shown_in_both_kinds_of_plots() {
         before.is_some() && before != turned,
         "a drag turns the view"
     );
-    press(&mut h, "Turned");
+    press(&mut h, "3/4 view");
     assert_eq!(h.state().screens.accuracy.camera(), before);
     press(&mut h, "By bins");
     press(&mut h, "Speed");

@@ -285,7 +285,7 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
     };
     let (row, told) = channel(&h);
     assert!(row.abs_diff(traces.channels.len() / 2) <= 1, "{told}");
-    assert!(told.ends_with(" floors"), "{told}");
+    assert!(told.ends_with(" × noise floor"), "{told}");
     h.key_press(Key::ArrowUp);
     h.run_steps(3);
     assert_eq!(channel(&h).0, row - 1);
@@ -308,7 +308,7 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
     // Patch: accept writes it behind the robot file.
     click(&mut h, "Next ›");
     h.get_by_label("None: the robot file is as it came.");
-    click(&mut h, "Accept");
+    click(&mut h, "Accept patch");
     h.run_steps(2);
     assert_eq!(decision(&h), Decision::Accepted);
     let text = seen.borrow().robot_file.clone();
@@ -316,7 +316,7 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
     assert_eq!(patched.patches.len(), 1);
     let mass = patched.patches[0].patch.effects[0].params["mass"].value;
     assert!((mass - HIDDEN.1[0]).abs() < 0.08, "{mass} kg");
-    assert!(is_disabled(&h, "Accept") && is_disabled(&h, "Reject"));
+    assert!(is_disabled(&h, "Accept patch") && is_disabled(&h, "Reject patch"));
     h.get_by_label("1. Undeclared payload");
     // Prove.
     click(&mut h, "Next ›");
@@ -346,9 +346,9 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
     click(&mut h, "↶ Undo the last patch");
     assert_eq!(seen.borrow().robot_file, REFERENCE);
     assert_eq!(decision(&h), Decision::Open);
-    click(&mut h, "Reject");
+    click(&mut h, "Reject patch");
     assert_eq!(decision(&h), Decision::Rejected);
-    assert!(!is_disabled(&h, "Accept"));
+    assert!(!is_disabled(&h, "Accept patch"));
 }
 
 fn decision(h: &Harness<'_, App>) -> Decision {
@@ -371,7 +371,7 @@ fn traces_first(h: &Harness<'_, App>) -> (String, String) {
         .find(|l| f.traces.channels.contains(&l.channel))
         .expect("a place");
     let name = format!(
-        "{} {} goes along with {}",
+        "{} {} is correlated with {}",
         place.residual, place.channel, place.regressor
     );
     (name, place.channel.clone())
@@ -518,10 +518,10 @@ fn a_robot_file_that_cannot_be_read_says_so_and_is_read_again() {
             .is_none()
     );
     h.get_by_label_contains("made from another robot file");
-    assert!(is_disabled(&h, "Accept"));
+    assert!(is_disabled(&h, "Accept patch"));
     click(&mut h, "Read again");
     h.get_by_label("None: the robot file is as it came.");
-    assert!(*tries.borrow() == 2 && !is_disabled(&h, "Accept"));
+    assert!(*tries.borrow() == 2 && !is_disabled(&h, "Accept patch"));
 }
 
 #[test]
@@ -573,8 +573,8 @@ fn a_robot_file_with_patches_that_a_finding_does_not_know_is_not_built_upon() {
     app.screens.gap.step = Step::Patch;
     let mut h = harness(app);
     h.run_steps(4);
-    assert!(is_disabled(&h, "Accept"));
+    assert!(is_disabled(&h, "Accept patch"));
     h.get_by_label_contains("carries patches that this finding does not know");
     click(&mut h, "↶ Undo the last patch");
-    assert!(!is_disabled(&h, "Accept"));
+    assert!(!is_disabled(&h, "Accept patch"));
 }

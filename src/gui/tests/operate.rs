@@ -60,7 +60,7 @@ fn a_circle_is_set_by_its_numbers_and_started_once() {
     assert!((follow.speed_m_s - 5e-3).abs() < 1e-12);
     assert!((follow.path.waypoints_m[0][0] - 0.02).abs() < 1e-12);
     assert_eq!(commands.len(), 1, "it was armed already");
-    h.get_by_label("Looking at every stop…");
+    h.get_by_label("Checking every stop…");
     // The twin refuses: its sentence stands here, too.
     let reason = "Not started, because of waypoint 7 of 60. Too far.";
     let refused = Event::Refused {
@@ -132,7 +132,7 @@ fn waypoints_are_clicked_while_draw_is_on_and_the_target_stays() {
     assert_eq!(h.state().screens.operate.plans.points_m.len(), 3);
     // The target becomes the fourth; it is passed one place earlier, the first is deleted.
     press(&mut h, "Add target");
-    press(&mut h, "Earlier");
+    press(&mut h, "Move up");
     let plans = &h.state().screens.operate.plans;
     assert_eq!((plans.points_m.len(), plans.selected), (4, Some(2)));
     assert!(!is_disabled(&h, "▶ Start"));

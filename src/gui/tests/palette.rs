@@ -205,7 +205,7 @@ fn no_two_entries_are_named_alike_and_every_screen_panel_and_step_has_one() {
     }
 }
 
-/// A gate that is open is told by a deed that does something, a closed one by a reason.
+/// A gate that is open is told by a task that does something, a closed one by a reason.
 #[test]
 fn what_is_off_says_why_in_a_sentence() {
     let app = App::new(None, RobotSpec::reference(), Services::none());

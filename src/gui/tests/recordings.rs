@@ -183,7 +183,7 @@ fn two_recordings_are_aligned_and_their_difference_is_shown() {
     h.run();
     let level = "x / mm, A − B: mean 0.0";
     assert_eq!(h.query_all_by_label_contains(level).count(), 0);
-    press(&mut h, "Align");
+    press(&mut h, "Align recordings");
     assert!(h.query_all_by_label_contains(level).count() > 0);
 }
 
@@ -267,7 +267,7 @@ fn what_is_in_a_recording_and_what_is_not_is_told() {
     h.get_by_label_contains("Contents (▲").click();
     h.run_steps(3);
     h.get_by_label_contains("2 gaps in time, the longest step is 0.180 s");
-    h.get_by_label_contains("spring9: 0 of 2000 samples missing, 412 doubtful");
+    h.get_by_label_contains("spring9: 0 of 2000 samples missing, 412 flagged");
     h.get_by_label("/sensors/calibrated/spring_m");
     load(&mut h, "cut", "Load and play");
     let cut = "▲ Cut off: plays to its last whole part, at 0:10.";
@@ -306,7 +306,7 @@ fn a_recording_that_cannot_be_read_says_why_what_now_and_what_to_do() {
     h.get_by_label_contains("does not begin like one");
     h.get_by_label_contains("what was shown before stays. Choose another recording");
     assert_eq!(title(&h), "first");
-    press(&mut h, "Dismiss");
+    press(&mut h, "Dismiss message");
     assert_eq!(h.state().screens.library.trouble, None);
 }
 
@@ -365,13 +365,13 @@ fn the_window_goes_on_while_recordings_are_aligned() {
     load(&mut h, "first", "Load and play");
     load(&mut h, "second", "Load as B");
     h.get_by_label_contains("Aligning…");
-    assert!(h.state().screens.library.busy() && h.query_by_label("Align").is_none());
+    assert!(h.state().screens.library.busy() && h.query_by_label("Align recordings").is_none());
     let (pairing, worker) = asked.lock().expect("not poisoned").remove(0);
     worker.finish(Ok(pairing.align(&|| true).expect("was not stopped")));
     h.run_steps(3);
     assert!(!h.state().screens.library.busy());
     assert!((h.state().screens.library.pair.offset_s - SHIFT_S).abs() < 0.05);
-    h.get_by_label("Align");
+    h.get_by_label("Align recordings");
 }
 
 fn hold_still(h: &mut Harness<'_, App>) {

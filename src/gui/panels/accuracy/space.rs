@@ -46,7 +46,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         for (name, hover, to) in [
-            ("Turned", "A three-quarter view of everything", None),
+            ("3/4 view", "A three-quarter view of all errors", None),
             ("Front", "Look along y", Some(camera::View::Front)),
             ("Right", "Look along x", Some(camera::View::Right)),
             ("Top", "Look along z", Some(camera::View::Top)),

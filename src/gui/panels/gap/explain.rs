@@ -88,8 +88,8 @@ fn found(ui: &mut Ui, finding: &Finding) {
     heading(
         ui,
         match finding.verdict {
-            Verdict::Indistinguishable => "What it could be",
-            _ => "What was found, with 95 % intervals",
+            Verdict::Indistinguishable => "Possible effects",
+            _ => "Effects found, with 95 % intervals",
         },
     );
     for effect in &finding.effects {
@@ -132,7 +132,7 @@ fn notes(ui: &mut Ui, finding: &Finding) {
     heading(
         ui,
         match finding.verdict {
-            Verdict::Unknown => "What is there, and what weakens this",
+            Verdict::Unknown => "Evidence and its limits",
             _ => "What weakens this verdict",
         },
     );
@@ -202,7 +202,7 @@ fn revealed(ui: &mut Ui, key: &Key, finding: &Finding) {
     ui.label(if named_it(key, finding) {
         "● The finder named it."
     } else {
-        "▲ The finder said something else."
+        "▲ The finder named another effect."
     });
 }
 
@@ -210,14 +210,14 @@ fn revealed(ui: &mut Ui, key: &Key, finding: &Finding) {
 const DRAWN: usize = 14;
 
 fn tried(ui: &mut Ui, finding: &Finding) {
-    ui.label("What was tried");
+    ui.label("Candidates tried");
     heading(
         ui,
         "Gain in held-out log-likelihood over the model without the effect, nats, ± one standard error. \
-         Dashed: what chance reaches in 5 % of healthy sessions; a gain counts from twice that on.",
+         Dashed: the significance threshold (5 % false positives); a gain counts above twice that.",
     );
     if finding.candidates.is_empty() {
-        note(ui, "Nothing was tried.");
+        note(ui, "No candidate was tried.");
         return;
     }
     // Those of the supply stand behind those of the arm.
@@ -254,7 +254,7 @@ fn tried(ui: &mut Ui, finding: &Finding) {
     let more = finding.candidates.len() - drawn.len();
     ui.add_space(4.0);
     let mut text = format!(
-        "Chance reaches {} nats.",
+        "Significance threshold: {} nats.",
         with_error(finding.threshold, 0.0)
     );
     if more > 0 {

@@ -1,4 +1,4 @@
-//! Residuals over time as a map: one row per channel, one column per instant, in floors.
+//! Residuals over time as a map: one row per channel, one column per instant, in multiples of the noise floor.
 
 use egui::{
     Color32, ColorImage, EventFilter, FontId, Key, Rect, Role, Sense, Stroke, StrokeKind,
@@ -9,7 +9,7 @@ use crate::gap::report;
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Palette;
 
-/// Magnitudes up to here are what a healthy rig leaves, floors: grey.
+/// Residuals up to here occur on a healthy rig, in multiples of the noise floor: grey.
 pub const HEALTHY: f64 = 2.0;
 /// Columns of the picture at most.
 const COLUMNS: usize = 1000;
@@ -39,9 +39,9 @@ pub struct HeatMap<'a> {
     pub channels: &'a [String],
     /// Times, s.
     pub t_s: &'a [f64],
-    /// Residuals in floors.
+    /// Residuals in multiples of the noise floor.
     pub rows: &'a [Vec<f64>],
-    /// End of the colour scale, floors.
+    /// End of the colour scale, in multiples of the noise floor.
     pub end: f64,
     /// Tells the maps that share a cache apart.
     pub which: usize,
@@ -59,7 +59,11 @@ impl HeatMap<'_> {
         let t_s = self.t_s.get(cell.bin).copied().unwrap_or(f64::NAN);
         let row = self.rows.get(cell.channel);
         match row.and_then(|r| r.get(cell.bin)).filter(|v| v.is_finite()) {
-            Some(v) => format!("{name} at {} s: {} floors", number(t_s, 1), number(*v, 1)),
+            Some(v) => format!(
+                "{name} at {} s: {} × noise floor",
+                number(t_s, 1),
+                number(*v, 1)
+            ),
             None => format!("{name} at {} s: no data", number(t_s, 1)),
         }
     }
@@ -224,7 +228,10 @@ pub fn legend(ui: &mut Ui, end: f64) {
                 .rect_stroke(rect, 2.0, stroke, StrokeKind::Inside);
         };
         patch(ui, p.heat(0.0));
-        small(ui, format!("to {} floors: healthy", number(HEALTHY, 0)));
+        small(
+            ui,
+            format!("up to {} × noise floor: healthy", number(HEALTHY, 0)),
+        );
         ui.add_space(6.0);
         let (rect, _) = ui.allocate_exact_size(vec2(110.0, 10.0), Sense::hover());
         let steps = 55;
@@ -234,7 +241,7 @@ pub fn legend(ui: &mut Ui, end: f64) {
             let share = f64::from(i) / f64::from(steps - 1);
             ui.painter().rect_filled(bar, 0.0, p.heat(share));
         }
-        small(ui, format!("{} floors or more", number(end, 0)));
+        small(ui, format!("{} × noise floor or more", number(end, 0)));
         ui.add_space(6.0);
         patch(ui, p.heat(f64::NAN));
         small(ui, "no data".into());
@@ -261,7 +268,7 @@ mod tests {
             which: 0,
         };
         let at = |channel, bin| map.words(Cell { channel, bin });
-        assert_eq!(at(0, 1), "tip x at 0.5 s: −7.2 floors");
+        assert_eq!(at(0, 1), "tip x at 0.5 s: −7.2 × noise floor");
         assert_eq!(at(1, 0), "spring 1 at 0.0 s: no data");
         assert_eq!(at(1, 1), "spring 1 at 0.5 s: no data");
         let image = map.image(p);

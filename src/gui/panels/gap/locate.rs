@@ -1,4 +1,4 @@
-//! Locate: the map of residuals, what they go along with, one channel and the end pad at one instant.
+//! Locate: the map of residuals, what they are correlated with, one channel and the end pad at one instant.
 
 use egui::{Button, RichText, ScrollArea, Ui, vec2};
 
@@ -113,7 +113,7 @@ fn map(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, plot: f32) {
     let t = &outcome.found.finding.traces;
     let bottom = ui.cursor().top() + ui.available_height() - plot - 8.0;
     ui.horizontal(|ui| {
-        ui.label("Where and when they disagree");
+        ui.label("Where and when model and measurement disagree");
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let gate = match outcome.adds() {
                 true => Ok(()),
@@ -121,7 +121,7 @@ fn map(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, plot: f32) {
             };
             let after = Button::selectable(locate.shown == Shown::After, "with the effect");
             let hover =
-                "Residuals of the model with the effect: what is left should look like grain";
+                "Residuals of the model with the effect: the remaining residuals should look like noise";
             let after = gated(ui, &gate, after, hover).accessible_name("Map with the effect");
             if after.clicked() {
                 locate.shown = Shown::After;
@@ -182,9 +182,9 @@ fn channel(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, height: f32
     let top = ui.cursor().top();
     let mut text = format!("{name} at {} s: {}", number(*now_s, 1), value(&t.before));
     if outcome.adds() {
-        text += &format!(" floors, {} with the effect", value(&t.after));
+        text += &format!(" × noise floor, {} with the effect", value(&t.after));
     } else {
-        text += " floors";
+        text += " × noise floor";
     }
     ui.horizontal(|ui| {
         ui.spacing_mut().interact_size.y = 20.0;
@@ -212,8 +212,8 @@ fn channel(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, height: f32
     }
     let left = height - (ui.cursor().top() - top);
     let clicked = Chart {
-        title: "Residual / floors (grey: healthy)",
-        unit: "floors",
+        title: "Residual / noise floor (grey: healthy)",
+        unit: "× noise floor",
         t_s: &t.t_s,
         lines,
         range_s,
@@ -229,16 +229,19 @@ fn channel(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, height: f32
     }
 }
 
-// What the residuals go along with.
+// What the residuals are correlated with.
 fn places(ui: &mut Ui, finding: &Finding, locate: &mut LocateState) {
     let p = *Palette::in_ui(ui);
-    ui.label("What they go along with");
+    ui.label("What they are correlated with");
     heading(
         ui,
-        "Share of the variance on held-out blocks. For the eye: the verdict does not rest on it.",
+        "Share of the variance on held-out blocks. For orientation: the verdict does not rest on it.",
     );
     if finding.located.is_empty() {
-        note(ui, "No channel exceeds its floor along with anything.");
+        note(
+            ui,
+            "No channel that exceeds its noise floor is correlated with anything.",
+        );
         return;
     }
     ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
@@ -254,7 +257,7 @@ fn place(ui: &mut Ui, l: &Located, finding: &Finding, locate: &mut LocateState, 
     let row = t.channels.iter().position(|c| *c == l.channel);
     let gate = match row {
         Some(_) => Ok(()),
-        None => Err("The way from command to gauge has no row in the map.".to_owned()),
+        None => Err("The path from command to gauge has no row in the map.".to_owned()),
     };
     let percent = format!("{} %", number(100.0 * l.share, 0));
     ui.horizontal(|ui| {
@@ -267,7 +270,7 @@ fn place(ui: &mut Ui, l: &Located, finding: &Finding, locate: &mut LocateState, 
             .min_size(vec2(width, 24.0));
         let r = gated(ui, &gate, button, residual_name(&l.residual));
         let name = format!(
-            "{} {} goes along with {}",
+            "{} {} is correlated with {}",
             l.residual, l.channel, l.regressor
         );
         if r.accessible_name(name).clicked()

@@ -75,12 +75,11 @@ fn what(ui: &mut Ui, outcome: &mut Outcome) {
         status(
             ui,
             Level::Warning,
-            "These cannot be told apart on this session: choose one, or record the session that separates \
-             them first.",
+            "This session cannot separate these effects: choose one, or record a session with discriminating excitation first.",
         );
         for (i, e) in others.iter().enumerate() {
             ui.radio_value(&mut outcome.alternative, i, effect_name(&e.id, e.target))
-                .on_hover_text("Put this one into the patch");
+                .on_hover_text("Use this effect in the patch");
         }
         ui.separator();
     }
@@ -97,7 +96,7 @@ fn what(ui: &mut Ui, outcome: &mut Outcome) {
     note(
         ui,
         format!(
-            "With it go {} numbers of this rig that differ from the nominal one, from the healthy session.",
+            "It includes {} calibration parameters of this rig, fitted to the healthy session.",
             patch.rig.len()
         ),
     );
@@ -156,9 +155,9 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     };
     let accept = idle.clone().and_then(|()| gate(outcome, patched));
     ui.horizontal(|ui| {
-        let button = Button::new(RichText::new("Accept").strong()).min_size(vec2(96.0, 32.0));
+        let button = Button::new(RichText::new("Accept patch").strong()).min_size(vec2(96.0, 32.0));
         let hover =
-            "Write a copy of the robot file with the patch at its end; it can be taken back";
+            "Write a copy of the robot file with the patch at its end; undo removes it again";
         if gated(ui, &accept, button, hover).clicked() {
             let job = (services.gap.accept)(&outcome.patch());
             state.patching.begin_for(Some(Decision::Accepted), job);
@@ -169,7 +168,7 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             Decision::Open if !outcome.adds() => Err("There is no effect to reject.".to_owned()),
             Decision::Open => Ok(()),
         };
-        let button = Button::new("Reject").min_size(vec2(96.0, 32.0));
+        let button = Button::new("Reject patch").min_size(vec2(96.0, 32.0));
         if gated(ui, &reject, button, "Leave the model as it is").clicked() {
             outcome.decision = Decision::Rejected;
         }
@@ -182,7 +181,7 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             ui.label("● Accepted: the patch is on the robot file below.");
         }
         Decision::Rejected => {
-            ui.label("○ Rejected: the model stays as it is. Accept still works.");
+            ui.label("○ Rejected: the model stays as it is. Accept patch still works.");
         }
         Decision::Open => {
             if let Err(reason) = &accept {
@@ -190,8 +189,7 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             } else {
                 note(
                     ui,
-                    "A patch that closes a gap is no proof that the effect is real, and a fault that can \
-                     be mended is better mended than modelled.",
+                    "A patch that closes a gap is no proof that the effect is real, and a fault that can be repaired is better repaired than modelled.",
                 );
             }
         }
@@ -208,8 +206,8 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         };
         Trouble::new(
             why,
-            "No patch can be accepted or taken back.",
-            "Mend what is named above, then read the file again.",
+            "No patch can be accepted or reverted.",
+            "Remove the cause named above, then read the file again.",
         )
         .show(ui);
         if ui
@@ -234,7 +232,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             .map(|e| effect_name(&e.id, e.target))
             .collect();
         let what = match names.is_empty() {
-            true => "numbers of the rig".to_owned(),
+            true => "calibration parameters".to_owned(),
             false => names.join("; "),
         };
         ui.horizontal_wrapped(|ui| {
@@ -248,13 +246,13 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     };
     ui.horizontal_wrapped(|ui| {
         let button = Button::new("↶ Undo the last patch");
-        let hover = "Take the last patch off; the file is then as before, byte for byte";
+        let hover = "Revert the last patch; the file is then as before, byte for byte";
         if gated(ui, &gate, button, hover).clicked() {
             let was = state.outcome.as_ref().map(|o| o.decision);
             let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
             state.patching.begin_for(back, (services.gap.undo)());
         }
-        note(ui, "Patches stack: the last goes first.");
+        note(ui, "Patches stack: the last one is reverted first.");
     });
     ui.add_space(6.0);
     let command = format!("springtwin --robot \"{}\"", patched.path.display());

@@ -62,7 +62,7 @@ fn unwritten(e: String) -> Trouble {
     Trouble::new(
         e,
         "The report is not written; the finding is kept here.",
-        "Choose another folder, or make room on the disk.",
+        "Choose another folder, or free some disk space.",
     )
 }
 
@@ -134,7 +134,7 @@ fn gap(ui: &mut Ui, outcome: &Outcome) {
         if outcome.adds() {
             rows.push(("with the effect", g.after, with));
         }
-        rows.push(("floor (healthy rig)", g.floor, p.bar));
+        rows.push(("noise floor", g.floor, p.bar));
         let most = g.before.max(g.after).max(g.floor);
         for (name, value, color) in rows {
             gap_row(ui, g, name, value / most, value, color, &p);
@@ -171,7 +171,7 @@ const HEAD: [(&str, &str); 7] = [
         "shuffled",
         "With the effect driven by inputs in the wrong order: must not help",
     ),
-    ("floor", "What a healthy rig leaves"),
+    ("floor", "Noise floor: the error that a healthy rig keeps"),
     ("closed", "(before − after) / (before − floor)"),
     ("unit", "Unit of the errors"),
 ];
@@ -217,7 +217,7 @@ fn groups(ui: &mut Ui, finding: &Finding) {
 
 fn group(ui: &mut Ui, c: &ChannelError, worse: bool, name: f32, widths: [f32; 7], p: &Palette) {
     let maybe = |v: Option<f64>| v.map_or("–".to_owned(), short_number);
-    // Where nothing exceeds the floor, nothing can be closed.
+    // Where nothing exceeds the noise floor, nothing can be closed.
     let closed = c.floor.filter(|f| c.before > 1.5 * f).map(|f| {
         format!(
             "{} %",
@@ -289,7 +289,7 @@ fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         if gated(ui, &idle, Button::new("Save report…"), hover).clicked() {
             state.saving.ask(&services.exports.join(REPORT));
         }
-        let hover = "The measured way of the tip beside the simulated ones, in the Rerun viewer";
+        let hover = "The measured path of the tip beside the simulated ones, in the Rerun viewer";
         if gated(ui, &idle, Button::new("Open in Rerun"), hover).clicked() {
             keep = Some(Show::Overlay);
         }
@@ -319,9 +319,9 @@ fn ways(ui: &mut Ui, outcome: &Outcome) {
         note(ui, "There are no traces to draw.");
         return;
     };
-    heading(ui, "The way of the end pad, as motion capture tells it");
+    heading(ui, "Path of the end pad, measured and simulated");
     if !t.measured_m.iter().flatten().any(|v| v.is_finite()) {
-        note(ui, "No motion capture: only the simulated ways.");
+        note(ui, "No motion capture: simulated paths only.");
     }
     let [measured, without, with] = views::colors(&p);
     ui.spacing_mut().item_spacing.y = 2.0;

@@ -45,10 +45,10 @@ impl Part {
     fn words(self) -> &'static str {
         match self {
             Self::Healthy => {
-                "Recorded when the rig was in order. Optional: without it the factory model is the \
+                "Recorded when the rig was healthy. Optional: without it the factory model is the \
                  baseline, and every verdict is weaker."
             }
-            Self::Suspect => "Recorded now, of the same rig. Something may be wrong in it.",
+            Self::Suspect => "Recorded now, of the same rig. It may contain an effect.",
         }
     }
 }
@@ -159,7 +159,7 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
                 trouble.show(ui);
             } else if part == Part::Suspect && sheet.simulated.is_none() {
                 ui.horizontal_wrapped(|ui| {
-                    ui.label("The session does not say: it is");
+                    ui.label("Origin not recorded. It is");
                     for (value, text, hover) in [
                         (
                             true,
@@ -216,7 +216,7 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
     row(ui, "channels", channels.join(" · "));
     let robot = match &sheet.robot {
         RobotMatch::Same => "this robot file".to_owned(),
-        RobotMatch::Silent => "not told: taken as this one".to_owned(),
+        RobotMatch::Silent => "not recorded: assumed to be this one".to_owned(),
         RobotMatch::Other { recorded, .. } => format!("another robot file ({recorded})"),
     };
     row(ui, "robot", robot);
@@ -302,7 +302,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             ui,
             &gate,
             button,
-            "Look where simulation and measurement disagree. Takes up to a minute; the twin runs on.",
+            "Search for effects that explain the disagreement of simulation and measurement. Takes up to a minute; the twin keeps running.",
         )
         .clicked()
         {
@@ -330,8 +330,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     ui.label(RichText::new("No sessions at hand?").strong());
     note(
         ui,
-        "The virtual rig is driven twice; in the second session something is wrong. What it is is kept \
-         from the finder, and can be revealed after the verdict. All of it is simulated.",
+        "The virtual rig is driven twice; the second session has a hidden effect. The finder never reads the answer; it can be revealed after the verdict. All of it is simulated.",
     );
     if let Some(stage) = selection.making.stage() {
         let mut cancel = false;
@@ -375,7 +374,7 @@ fn at_work(ui: &mut Ui, state: &mut GapState) {
     };
     let p = *Palette::in_ui(ui);
     let at = Stage::ALL.iter().position(|s| s.name() == stage.what);
-    ui.label(RichText::new("The finder is at work").strong());
+    ui.label(RichText::new("The finder is running").strong());
     let share = at.map_or(0.0, |i| {
         (i as f32 + stage.share.unwrap_or(0.0)) / Stage::ALL.len() as f32
     });
@@ -388,7 +387,7 @@ fn at_work(ui: &mut Ui, state: &mut GapState) {
                 None => stage.what.clone(),
             }),
     )
-    .accessible_name("How far the finder is");
+    .accessible_name("Progress of the finder");
     ui.spacing_mut().item_spacing.y = 2.0;
     for (i, s) in Stage::ALL.into_iter().enumerate() {
         let (glyph, color) = match at {
@@ -416,6 +415,6 @@ fn at_work(ui: &mut Ui, state: &mut GapState) {
     }
     heading(
         ui,
-        "It takes up to a minute. The twin and STOP go on as ever.",
+        "It takes up to a minute. The twin and STOP stay in operation.",
     );
 }

@@ -5,24 +5,24 @@ use crate::gui::panels::connect::{self, Connection, VIRTUAL};
 use crate::gui::panels::operating::hold_gate;
 use crate::gui::panels::shell::ShellAction;
 use crate::gui::panels::target::gripper_gate;
-use crate::gui::screen::{Action, Deed, Known, check};
+use crate::gui::screen::{Action, Known, Task, check};
 use crate::gui::screens::{ScreenId, Screens};
 use crate::gui::view::Gate;
 use crate::signal::{ControllerKind, Gripper, Mode, Simulator};
 use crate::twin::Command;
 
 /// What an entry does.
-pub enum Task {
+pub enum Choice {
     /// Acts on the window.
     Window(ShellAction),
     /// Sends an order to the twin.
     Twin(Command),
     /// Acts on a screen.
-    Screen(ScreenId, Deed<Screens>),
+    Screen(ScreenId, Task<Screens>),
 }
 
 /// One entry.
-pub type Entry = Action<Task>;
+pub type Entry = Action<Choice>;
 
 /// Everything that can be done, with what stands in the way of what cannot be done now.
 pub fn entries(known: &Known<'_>, connection: &Connection, screens: &Screens) -> Vec<Entry> {
@@ -31,9 +31,9 @@ pub fn entries(known: &Known<'_>, connection: &Connection, screens: &Screens) ->
     twin(&mut all, known);
     let of_screens = screens.actions(known).into_iter();
     all.0.extend(of_screens.map(|action| {
-        action.map(|(id, deed)| match deed {
-            Deed::Twin(command) => Task::Twin(command),
-            deed => Task::Screen(id, deed),
+        action.map(|(id, task)| match task {
+            Task::Twin(command) => Choice::Twin(command),
+            task => Choice::Screen(id, task),
         })
     }));
     all.0
@@ -43,13 +43,13 @@ pub fn entries(known: &Known<'_>, connection: &Connection, screens: &Screens) ->
 struct List(Vec<Entry>);
 
 impl List {
-    fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, deed: Task) {
+    fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, task: Choice) {
         self.0.push(Entry {
             name: name.into(),
             words,
             keys: "",
             gate,
-            deed,
+            task,
         });
     }
 
@@ -64,7 +64,7 @@ impl List {
 fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
     for screen in ScreenId::ALL {
         let name = format!("Show {}", screen.name());
-        let show = Task::Window(ShellAction::Show(screen));
+        let show = Choice::Window(ShellAction::Show(screen));
         all.add(name, "screen go to", Ok(()), show);
         all.by(screen.shortcut());
     }
@@ -100,7 +100,7 @@ fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
             ShellAction::ShowWelcome,
         ),
     ] {
-        all.add(name, words, gate, Task::Window(action));
+        all.add(name, words, gate, Choice::Window(action));
         if action == ShellAction::ToggleShortcuts {
             all.by("?");
         }
@@ -113,17 +113,17 @@ fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
             name,
             words,
             gate.clone(),
-            Task::Window(ShellAction::Connect(rig)),
+            Choice::Window(ShellAction::Connect(rig)),
         );
     }
     let words = "connect serial usb hardware arduino port";
-    let menu = Task::Window(ShellAction::ChoosePort);
+    let menu = Choice::Window(ShellAction::ChoosePort);
     all.add("Choose a port of the boards…", words, Ok(()), menu);
     let name = match known.window.frozen_end_s {
         Some(_) => "Follow the newest values in the plots",
         None => "Freeze the plots",
     };
-    let freeze = Task::Window(ShellAction::ToggleFreeze);
+    let freeze = Choice::Window(ShellAction::ToggleFreeze);
     all.add(name, "pause signals time", Ok(()), freeze);
 }
 
@@ -132,19 +132,19 @@ fn twin(all: &mut List, known: &Known<'_>) {
     let s = live.snapshot;
     let there = check(!known.twin_gone, "No twin is running.");
     let is_safe = matches!(s.mode, Mode::Safe(_));
-    let stop = Task::Twin(Command::Stop);
+    let stop = Choice::Twin(Command::Stop);
     all.add("Stop: pumps off", "emergency halt", there.clone(), stop);
     all.by("Shift+Esc");
     let hold = there.clone().and(hold_gate(s));
-    all.add("Hold", "pause wait", hold, Task::Twin(Command::Hold));
+    all.add("Hold", "pause wait", hold, Choice::Twin(Command::Hold));
     all.by("Space");
     let held = check(
         s.link.simulated,
         "Hardware moves: keep RESUME in the top bar pressed.",
     );
     let resume = there.clone().and(known.may_resume.clone()).and(held);
-    let deed = Task::Twin(Command::Resume);
-    all.add("Resume the plan on hold", "continue go on", resume, deed);
+    let task = Choice::Twin(Command::Resume);
+    all.add("Resume the plan on hold", "continue go on", resume, task);
     let simulated = check(
         s.link.simulated,
         "Hardware is armed in the Target panel, after its checks.",
@@ -169,32 +169,37 @@ fn twin(all: &mut List, known: &Known<'_>) {
         ),
         ("Disarm", "disable motion", disarmed, Command::Disarm),
     ] {
-        all.add(name, words, gate, Task::Twin(command));
+        all.add(name, words, gate, Choice::Twin(command));
     }
     for (name, gripper) in [
         ("Open the gripper", Gripper::Open),
         ("Close the gripper", Gripper::Closed),
     ] {
         let gate = there.clone().and(gripper_gate(live));
-        all.add(name, "hand grip", gate, Task::Twin(Command::Grip(gripper)));
+        all.add(
+            name,
+            "hand grip",
+            gate,
+            Choice::Twin(Command::Grip(gripper)),
+        );
     }
     for (name, kind) in [
-        (
-            "Steer by the bounded controller",
-            ControllerKind::NullSpaceQp,
-        ),
-        ("Steer by the paper's controller", ControllerKind::PaperAdrc),
+        ("Use the controller: null-space QP", ControllerKind::NullSpaceQp),
+        ("Use the controller: ADRC (paper)", ControllerKind::PaperAdrc),
     ] {
-        let gate = check(s.controller != kind, "It steers already.");
-        let deed = Task::Twin(Command::Steer(kind));
-        all.add(name, "control", there.clone().and(gate), deed);
+        let gate = check(s.controller != kind, "This controller is in use.");
+        let task = Choice::Twin(Command::Steer(kind));
+        all.add(name, "control", there.clone().and(gate), task);
     }
     for (name, simulator) in [
         ("Draw the arm by the rod model", Simulator::Rod),
         ("Draw the arm by the mesh", Simulator::Mesh),
     ] {
-        let gate = check(s.simulator != simulator, "It is drawn so already.");
-        let deed = Task::Twin(Command::Show(simulator));
-        all.add(name, "simulator", there.clone().and(gate), deed);
+        let gate = check(
+            s.simulator != simulator,
+            "The arm is drawn this way already.",
+        );
+        let task = Choice::Twin(Command::Show(simulator));
+        all.add(name, "simulator", there.clone().and(gate), task);
     }
 }

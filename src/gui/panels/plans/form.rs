@@ -213,20 +213,41 @@ fn points(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, target_m: Option<
         ui.spacing_mut().item_spacing.x = 4.0;
         let step = |earlier: bool| match (state.selected, state.neighbour(earlier)) {
             (None, _) => Err("Select a waypoint first.".to_owned()),
-            (_, None) if earlier => Err("It is the first.".into()),
-            (_, None) => Err("It is the last.".into()),
+            (_, None) if earlier => Err("It is the first waypoint.".into()),
+            (_, None) => Err("It is the last waypoint.".into()),
             _ => Ok(()),
         };
         let (up, down) = (step(true), step(false));
         let chosen = state.selected.map(|_| ());
         let chosen = chosen.ok_or_else(|| "Select a waypoint first.".to_owned());
-        if gated(ui, &up, Button::new("Earlier"), "Pass it one place earlier").clicked() {
+        if gated(
+            ui,
+            &up,
+            Button::new("Move up"),
+            "Pass the waypoint one place earlier",
+        )
+        .clicked()
+        {
             state.reorder(true);
         }
-        if gated(ui, &down, Button::new("Later"), "Pass it one place later").clicked() {
+        if gated(
+            ui,
+            &down,
+            Button::new("Move down"),
+            "Pass the waypoint one place later",
+        )
+        .clicked()
+        {
             state.reorder(false);
         }
-        if gated(ui, &chosen, Button::new("Delete"), "Take it out").clicked() {
+        if gated(
+            ui,
+            &chosen,
+            Button::new("Delete"),
+            "Delete the selected waypoint",
+        )
+        .clicked()
+        {
             state.delete_selected();
         }
     });

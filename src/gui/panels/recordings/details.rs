@@ -184,7 +184,7 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
         ),
     );
     if let Some(begun) = &about.begun {
-        note(ui, format!("Begun {begun}"))
+        note(ui, format!("Started {begun}"))
             .on_hover_text("Local date and time, with their offset from UTC");
     }
     if let Some(path) = &about.path {
@@ -206,7 +206,7 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
     }
     for f in &about.faults {
         let text = format!(
-            "{}: {} of {snapshots} samples missing, {} doubtful",
+            "{}: {} of {snapshots} samples missing, {} flagged",
             f.name, f.missing, f.flagged
         );
         status(ui, Level::Warning, &text);

@@ -35,7 +35,9 @@ pub fn ui(ui: &mut Ui, library: &mut Library, services: &mut Services) {
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             if ui
                 .button("Change folder…")
-                .on_hover_text("Record to another folder from now on; it is looked through, too")
+                .on_hover_text(
+                    "Record to another folder from now on; its recordings are listed, too",
+                )
                 .clicked()
             {
                 library.choice.open = true;

@@ -156,7 +156,7 @@ fn trouble(ui: &mut Ui, library: &mut Library) {
     ui.horizontal_wrapped(|ui| {
         note(ui, format!("{} {}", t.consequence, t.remedy));
         dismissed = ui
-            .small_button("Dismiss")
+            .small_button("Dismiss message")
             .on_hover_text("Hide this message")
             .clicked();
     });
@@ -200,7 +200,7 @@ fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services
                     && library.under_way.as_deref()
                         == entry.path.file_stem().and_then(|s| s.to_str());
                 let text = match growing {
-                    true => Some("Being recorded: it is whole when the recording has ended."),
+                    true => Some("Being recorded: complete once the recording has ended."),
                     false => entry.note.as_deref(),
                 };
                 if let Some(text) = text {

@@ -139,7 +139,7 @@ pub struct Pair {
     pub compared: Compared,
     /// What the plots show.
     pub quantity: Quantity,
-    /// Time of A less time of B at the same moment, s, each since its recording began.
+    /// Time of A minus time of B at the same moment, s, each since its recording began.
     pub offset_s: f64,
     /// What the automatic alignment said.
     pub alignment: Option<Alignment>,

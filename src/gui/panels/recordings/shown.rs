@@ -164,7 +164,7 @@ fn controls(ui: &mut Ui, p: &mut Player) {
         let mut looped = p.at_end == AtEnd::Loop;
         if ui
             .checkbox(&mut looped, "Loop")
-            .on_hover_text("Begin again at the end")
+            .on_hover_text("Restart at the end")
             .changed()
         {
             p.at_end = if looped { AtEnd::Loop } else { AtEnd::Stop };
@@ -276,7 +276,7 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, servic
             pair.forget_alignment();
         }
         shift.on_hover_text(
-            "Time of A less time of B at the same moment, s, each since its recording began. Drag or type to adjust",
+            "Time of A minus time of B at the same moment, s, each since its recording began. Drag or type to adjust",
         );
         if pair.busy() {
             ui.spinner();
@@ -284,8 +284,8 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, servic
             return;
         }
         if ui
-            .button("Align")
-            .on_hover_text("Find the shift again by correlating pressures, else the tip's path")
+            .button("Align recordings")
+            .on_hover_text("Recompute the shift by correlating pressures, else the tip's path")
             .clicked()
         {
             pair.align(player, services);

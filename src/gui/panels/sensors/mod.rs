@@ -64,8 +64,7 @@ fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
     let p = Palette::in_ui(ui);
     let blind = frame.is_blind().then(|| {
         format!(
-            "{} Blind: there are signals that neither their sensors nor the others tell. The twin does not move on \
-             them.",
+            "{} Blind: some signals are neither measured nor reconstructed. The twin does not move.",
             Level::Critical.glyph()
         )
     });
@@ -76,7 +75,7 @@ fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
     let words: Vec<String> = blind.into_iter().chain(stale(view)).collect();
     let text = match words.is_empty() {
         true => {
-            let hint = "A spring that is selected stands out in the plots and in 3D.";
+            let hint = "A selected spring is highlighted in the plots and in 3D.";
             RichText::new(hint).color(p.weak)
         }
         false => RichText::new(words.join(" ")).color(color),
@@ -227,7 +226,7 @@ fn spring_row(
         if ui
             .add(button)
             .accessible_name(format!("Spring {}", spring_name(i)))
-            .on_hover_text("Make this spring stand out in the plots and in 3D")
+            .on_hover_text("Highlight this spring in the plots and in 3D")
             .clicked()
         {
             state.selected_spring = (!selected).then_some(i);
@@ -257,7 +256,7 @@ fn spring_row(
         let mut hover = format!("{word}: {}", health_sentence(condition));
         if doubt_mm > 0.0 {
             hover = format!(
-                "{hover}\nMay be off by ± {} mm beyond its usual noise: other channels tell it, or argue against it.",
+                "{hover}\nMay be off by ± {} mm beyond its usual noise: reconstructed from other channels, or inconsistent with them.",
                 number(doubt_mm, 2)
             );
         }

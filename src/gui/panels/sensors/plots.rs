@@ -60,7 +60,7 @@ fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut
             if let Some(i) = *selected_spring
                 && ui
                     .button(format!("Show all, not only {}", spring_name(i)))
-                    .on_hover_text("No spring stands out any more")
+                    .on_hover_text("Remove the highlight")
                     .clicked()
             {
                 *selected_spring = None;
@@ -104,7 +104,7 @@ fn readings(ui: &mut Ui, reading: &mut Reading) {
         (
             Reading::Residual,
             "Residual",
-            "Measured less the twin's own model at the measured pressures, mm and deg",
+            "Measured minus the twin's own model at the measured pressures, mm and deg",
         ),
     ] {
         ui.selectable_value(reading, value, text)
@@ -215,7 +215,7 @@ fn cursors(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut Time
                 );
         }
         let dt = format!("Δt {} s", number(*b - *a, 2));
-        ui.label(dt).on_hover_text("B less A");
+        ui.label(dt).on_hover_text("B minus A");
     });
     let [a, b] = [*a, *b];
     let columns = [70.0, 56.0, 56.0, 56.0];

@@ -24,7 +24,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
     note(
         ui,
         format!(
-            "{} frames, {} lost, {} late or double (all boards), newest {} old",
+            "{} frames, {} lost, {} late or duplicate (all boards), newest {} old",
             link.frames,
             link.frames_lost,
             link.frames_late,
@@ -170,7 +170,7 @@ fn clock(ui: &mut Ui, view: &View<'_>, i: usize, width: f32) {
         "The board's clock has not been fitted yet".to_owned(),
         |c| {
             format!(
-                "Session time less board time. The board's clock runs {} ppm {}; pings agree \
+                "Session time minus board time. The board's clock runs {} ppm {}; pings agree \
                  within {} ms, a round trip takes {} ms",
                 number(c.skew_ratio.abs() * 1e6, 0),
                 if c.skew_ratio > 0.0 { "slow" } else { "fast" },

@@ -15,7 +15,7 @@ const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
             ("P", "Play or pause a replay"),
             ("Esc", "Cancel the preview; close this list"),
             ("Enter", "Preview the typed target"),
-            ("Ctrl+P", "Everything that can be done, found by typing"),
+            ("Ctrl+P", "Find any action by typing"),
             ("Ctrl+1 … 6", "The screens, from top to bottom"),
             ("?", "This list"),
         ],
@@ -29,7 +29,7 @@ const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
             ("Drag", "Turn; with Shift shift"),
             ("Scroll", "Zoom to the pointer"),
             ("1 3 7 5", "Front, right, top, perspective"),
-            ("F", "Let the arm fill the view"),
+            ("F", "Fit the arm to the view"),
         ],
     ),
     (

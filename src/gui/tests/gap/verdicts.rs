@@ -132,13 +132,13 @@ fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
         click(&mut h, "Step 4: Patch");
         if verdict != Verdict::Indistinguishable {
             h.get_by_label("No patch is offered");
-            assert!(is_disabled(&h, "Accept"), "{verdict:?}");
+            assert!(is_disabled(&h, "Accept patch"), "{verdict:?}");
             continue;
         }
         // A person chooses among the alternatives; the patch then holds that one.
         h.get_by_label_contains("These cannot be told apart on this session");
         click(&mut h, "Tip force");
-        click(&mut h, "Accept");
+        click(&mut h, "Accept patch");
         let text = seen.borrow().robot_file.clone();
         let robot = RobotSpec::from_toml(&text).expect("reads");
         assert_eq!(robot.patches[0].patch.effects[0].id, "tip-force");
@@ -173,7 +173,7 @@ fn where_nothing_was_captured_no_place_is_invented() {
     h.get_by_label_contains("measured unknown: no motion capture at this instant");
     assert!(h.query_by_label_contains("NaN").is_none());
     click(&mut h, "Step 5: Prove");
-    h.get_by_label_contains("No motion capture: only the simulated ways.");
+    h.get_by_label_contains("No motion capture: simulated paths only.");
 }
 
 fn shot(
@@ -223,7 +223,7 @@ fn pictures_of_every_step() {
                     Step::Select => click(h, "Use the example"),
                     Step::Locate => click(h, "Residual heat map"),
                     Step::Explain => click(h, "Reveal what was hidden"),
-                    Step::Patch if theme == Theme::Dark => click(h, "Accept"),
+                    Step::Patch if theme == Theme::Dark => click(h, "Accept patch"),
                     _ => {}
                 });
             }

@@ -472,7 +472,7 @@ pub fn gap() -> Vec<State> {
                 .take(found, Origin::Simulated, Some(gap::ANSWER.into()));
             app.screens.gap.step = GapStep::Patch;
         })
-        .with(|h| press_one(h, "Accept")),
+        .with(|h| press_one(h, "Accept patch")),
     );
     all
 }

@@ -193,7 +193,7 @@ pub(super) fn trouble_with(sheet: &SessionSheet) -> Option<Trouble> {
     if sheet.seconds < SECONDS_MIN {
         return Some(Trouble::new(
             format!("{} s long.", number(sheet.seconds, 0)),
-            "That is too short to tell an effect from noise.",
+            "That is too short to separate an effect from noise.",
             &format!(
                 "Record at least {} s; 90 s are good.",
                 number(SECONDS_MIN, 0)
