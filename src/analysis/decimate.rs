@@ -35,10 +35,14 @@ pub(super) struct Slot {
 /// Envelope of points in order of time for slots of `width_s`: at most two points per slot, in lines that break
 /// where no point came for more than 0.25 s or three slots.
 pub fn envelope_of(points: impl Iterator<Item = [f64; 2]>, width_s: f64) -> Vec<Vec<[f64; 2]>> {
-    if width_s.is_nan() || width_s <= 0.0 {
-        return Vec::new();
-    }
+    lines(&slots_of(points, width_s), width_s)
+}
+
+fn slots_of(points: impl Iterator<Item = [f64; 2]>, width_s: f64) -> Vec<Slot> {
     let mut slots: Vec<Slot> = Vec::new();
+    if width_s.is_nan() || width_s <= 0.0 {
+        return slots;
+    }
     for p in points {
         let index = slot_index(p[0], width_s);
         match slots.last_mut().filter(|s| s.index == index) {
@@ -60,13 +64,27 @@ pub fn envelope_of(points: impl Iterator<Item = [f64; 2]>, width_s: f64) -> Vec<
             }),
         }
     }
-    lines(&slots, width_s)
+    slots
+}
+
+/// Envelope of evenly sampled values for slots of `width_s`: as [`envelope_of`], but a line breaks only where values
+/// are not finite.
+pub fn envelope_of_samples(t_s: &[f64], values: &[f64], width_s: f64) -> Vec<Vec<[f64; 2]>> {
+    let points: Vec<[f64; 2]> = t_s.iter().zip(values).map(|(t, v)| [*t, *v]).collect();
+    points
+        .chunk_by(|a, b| a[1].is_finite() == b[1].is_finite())
+        .filter(|run| run[0][1].is_finite())
+        .flat_map(|run| join(&slots_of(run.iter().copied(), width_s), f64::INFINITY))
+        .collect()
 }
 
 /// Lines through the extremes of slots of `width_s`, each pair in order of time.
 pub(super) fn lines(slots: &[Slot], width_s: f64) -> Vec<Vec<[f64; 2]>> {
     // Several slots long, so that it never falls within one.
-    let gap_s = (3.0 * width_s).max(GAP_MIN_S);
+    join(slots, (3.0 * width_s).max(GAP_MIN_S))
+}
+
+fn join(slots: &[Slot], gap_s: f64) -> Vec<Vec<[f64; 2]>> {
     slots
         .chunk_by(|a, b| b.first_s - a.last_s <= gap_s)
         .map(|piece| {

@@ -5,6 +5,7 @@
 
 pub mod compare;
 pub mod decimate;
+pub mod findings;
 pub mod history;
 pub mod pairing;
 pub mod peaks;

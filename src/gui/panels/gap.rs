@@ -360,21 +360,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         ui.ctx().request_repaint_after(Duration::from_millis(100));
     }
     stepper(ui, state);
-    if let Some(trouble) = &state.trouble {
-        let mut close = false;
-        ui.horizontal_top(|ui| {
-            let width = ui.available_width() - 40.0;
-            ui.allocate_ui(vec2(width, 0.0), |ui| trouble.show(ui));
-            close = ui
-                .button("×")
-                .accessible_name("Close the message")
-                .on_hover_text("Close the message")
-                .clicked();
-        });
-        if close {
-            state.trouble = None;
-        }
-    }
+    Trouble::show_until_closed(&mut state.trouble, ui);
     match state.step {
         Step::Select => select::ui(ui, state, services),
         _ if state.outcome.is_none() => {

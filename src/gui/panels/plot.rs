@@ -221,15 +221,7 @@ impl TimePlot<'_> {
         let emphasis = self.emphasis;
         let playhead = self.playhead_s;
         let zero_s = view.history.zero_s();
-        let response = Plot::new(self.title)
-            .height(height)
-            .width(width)
-            .allow_drag(false)
-            .allow_zoom(false)
-            .allow_scroll(false)
-            .allow_boxed_zoom(false)
-            .allow_double_click_reset(false)
-            .allow_axis_zoom_drag(false)
+        let response = still(self.title, width, height)
             .sense(Sense::click_and_drag())
             .show_axes([self.time_axis == TimeAxis::Shown, true])
             .y_axis_min_width(Y_AXIS)
@@ -248,7 +240,6 @@ impl TimePlot<'_> {
             .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
             .x_grid_spacer(move |_| marks_of_time(range, zero_s, width / 90.0))
             .grid_color(palette.line)
-            .grid_fade(0.0)
             .link_cursor(egui::Id::unique("time"), [true, false])
             .label_formatter(move |at| match at {
                 HoverPosition::NearDataPoint {
@@ -386,6 +377,20 @@ impl TimePlot<'_> {
             }
         });
     }
+}
+
+/// A plot that the pointer does not move or zoom by itself.
+pub fn still<'a>(title: &str, width: f32, height: f32) -> Plot<'a> {
+    Plot::new(title)
+        .height(height)
+        .width(width)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .allow_double_click_reset(false)
+        .allow_axis_zoom_drag(false)
+        .grid_fade(0.0)
 }
 
 /// A short piece of line as it looks in the plots.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{RichText, Ui};
+use egui::{RichText, Ui, vec2};
 
 use super::files::copy_path;
 use crate::gui::theme::{Level, Palette};
@@ -50,6 +50,26 @@ impl Trouble {
                 // In a row the sentences would stand beside each other, the last ones a letter wide.
                 ui.vertical(|ui| self.lines(ui, p.text));
             });
+    }
+
+    /// Shows what went wrong last with a button that closes it.
+    pub fn show_until_closed(trouble: &mut Option<Self>, ui: &mut Ui) {
+        let Some(shown) = trouble else {
+            return;
+        };
+        let mut close = false;
+        ui.horizontal_top(|ui| {
+            let width = ui.available_width() - 40.0;
+            ui.allocate_ui(vec2(width, 0.0), |ui| shown.show(ui));
+            close = ui
+                .button("×")
+                .accessible_name("Close the message")
+                .on_hover_text("Close the message")
+                .clicked();
+        });
+        if close {
+            *trouble = None;
+        }
     }
 
     fn lines(&self, ui: &mut Ui, color: egui::Color32) {

@@ -304,9 +304,10 @@ fn a_recording_that_cannot_be_read_says_why_what_now_and_what_to_do() {
     load(&mut h, "first", "Load and play");
     load(&mut h, "broken", "Load and play");
     h.get_by_label_contains("does not begin like one");
-    h.get_by_label_contains("what was shown before stays. Choose another recording");
+    h.get_by_label_contains("what was shown before stays.");
+    h.get_by_label_contains("Choose another recording");
     assert_eq!(title(&h), "first");
-    press(&mut h, "Dismiss message");
+    press(&mut h, "Close the message");
     assert_eq!(h.state().screens.library.trouble, None);
 }
 

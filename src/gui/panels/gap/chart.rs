@@ -3,11 +3,10 @@
 use std::ops::RangeInclusive;
 
 use egui::{Color32, RichText, Role, Sense, Ui, WidgetInfo};
-use egui_plot::{
-    Axis, GridMark, HoverPosition, LineStyle, Plot, PlotBounds, PlotPoints, Span, VLine,
-};
+use egui_plot::{Axis, GridMark, HoverPosition, LineStyle, PlotBounds, PlotPoints, Span, VLine};
 
-use crate::gui::panels::plot::{Dash, marks_at, round_step, swatch};
+use crate::analysis::decimate::{envelope_of_samples, slot_s};
+use crate::gui::panels::plot::{Dash, marks_at, round_step, still, swatch};
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Palette;
 
@@ -52,40 +51,6 @@ fn within(t_s: &[f64], [from, to]: [f64; 2]) -> std::ops::Range<usize> {
     a..b.max(a)
 }
 
-/// At most two points per column: the smallest and the largest value. Pieces end where values are missing.
-fn thinned(t_s: &[f64], values: &[f64], columns: usize) -> Vec<Vec<[f64; 2]>> {
-    let n = t_s.len().min(values.len());
-    let columns = columns.max(1);
-    let mut pieces = vec![Vec::new()];
-    let mut add = |point: Option<[f64; 2]>| match (point, pieces.last_mut()) {
-        (Some(p), Some(piece)) => piece.push(p),
-        (None, Some(piece)) if !piece.is_empty() => pieces.push(Vec::new()),
-        _ => {}
-    };
-    if n <= 2 * columns {
-        for k in 0..n {
-            add(values[k].is_finite().then_some([t_s[k], values[k]]));
-        }
-    } else {
-        for c in 0..columns {
-            let some = c * n / columns..(c + 1) * n / columns;
-            let finite = || some.clone().filter(|k| values[*k].is_finite());
-            let low = finite().min_by(|a, b| values[*a].total_cmp(&values[*b]));
-            let high = finite().max_by(|a, b| values[*a].total_cmp(&values[*b]));
-            match low.zip(high) {
-                Some((a, b)) => {
-                    for k in [a.min(b), a.max(b)] {
-                        add(Some([t_s[k], values[k]]));
-                    }
-                }
-                None => add(None),
-            }
-        }
-    }
-    pieces.retain(|p| !p.is_empty());
-    pieces
-}
-
 /// At most `count` round marks within the range.
 fn marks([low, high]: [f64; 2], count: f32) -> Vec<GridMark> {
     marks_at(low, high, round_step(low, high, count))
@@ -120,15 +85,7 @@ impl Chart<'_> {
         );
         let decimals = if half < 2.5 { 1 } else { 0 };
         let (unit, range_s) = (self.unit, self.range_s);
-        let shown = Plot::new(self.title)
-            .height(height)
-            .width(width)
-            .allow_drag(false)
-            .allow_zoom(false)
-            .allow_scroll(false)
-            .allow_boxed_zoom(false)
-            .allow_double_click_reset(false)
-            .allow_axis_zoom_drag(false)
+        let shown = still(self.title, width, height)
             .sense(Sense::click())
             .y_axis_min_width(40.0)
             .y_axis_formatter(move |m, _: &RangeInclusive<f64>| number(m.value, decimals))
@@ -136,7 +93,6 @@ impl Chart<'_> {
             .x_grid_spacer(move |_| marks(range_s, width / 60.0))
             .y_grid_spacer(move |_| marks([middle - half, middle + half], height / 26.0))
             .grid_color(p.line)
-            .grid_fade(0.0)
             .label_formatter(move |at| match at {
                 HoverPosition::NearDataPoint {
                     plot_name,
@@ -166,7 +122,8 @@ impl Chart<'_> {
                         Dash::Solid => LineStyle::Solid,
                         Dash::Dashed => LineStyle::dashed_dense(),
                     };
-                    for piece in thinned(&self.t_s[some.clone()], values, width as usize) {
+                    let slot_s = slot_s(range_s[0], range_s[1], width as usize);
+                    for piece in envelope_of_samples(&self.t_s[some.clone()], values, slot_s) {
                         let drawn = egui_plot::Line::new(line.name, PlotPoints::from(piece))
                             .color(line.color)
                             .width(1.5)
@@ -220,11 +177,15 @@ mod tests {
         let mut y = vec![0.0; n];
         y[4567] = 9.0;
         y[7000..8000].fill(f64::NAN);
-        let pieces = thinned(&t, &y, 100);
+        let thinned = |t: &[f64], y: &[f64]| {
+            let slot_s = slot_s(t[0], t[t.len() - 1], 100);
+            envelope_of_samples(t, y, slot_s)
+        };
+        let pieces = thinned(&t, &y);
         assert_eq!(pieces.len(), 2);
         assert!(pieces.iter().map(Vec::len).sum::<usize>() <= 200);
         assert!(pieces[0].iter().any(|p| p[1] == 9.0));
-        let few = thinned(&t[..5], &[1.0, f64::NAN, 2.0, 3.0, f64::NAN], 100);
+        let few = thinned(&t[..5], &[1.0, f64::NAN, 2.0, 3.0, f64::NAN]);
         assert_eq!(few, [vec![[0.0, 1.0]], vec![[2.0, 2.0], [3.0, 3.0]]]);
         let round = |range, count| {
             marks(range, count)

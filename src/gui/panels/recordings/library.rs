@@ -2,7 +2,7 @@
 
 use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
-use super::{Library, Side, recording_dialog};
+use super::{Library, Side, Trouble, recording_dialog};
 use crate::gui::panels::files::Ask;
 use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
 use crate::gui::services::{RecordingEntry, Services};
@@ -14,7 +14,7 @@ pub fn ui(ui: &mut Ui, library: &mut Library, details: bool, services: &mut Serv
     elsewhere(ui, library, services);
     actions(ui, library, services);
     progress(ui, library);
-    trouble(ui, library);
+    Trouble::show_until_closed(&mut library.trouble, ui);
     if library.entries.is_empty() {
         note(
             ui,
@@ -144,24 +144,6 @@ fn progress(ui: &mut Ui, library: &mut Library) {
     }
     if let Some(k) = cancelled {
         library.loading.remove(k);
-    }
-}
-
-fn trouble(ui: &mut Ui, library: &mut Library) {
-    let Some(t) = &library.trouble else {
-        return;
-    };
-    let mut dismissed = false;
-    status(ui, Level::Warning, &t.cause);
-    ui.horizontal_wrapped(|ui| {
-        note(ui, format!("{} {}", t.consequence, t.remedy));
-        dismissed = ui
-            .small_button("Dismiss message")
-            .on_hover_text("Hide this message")
-            .clicked();
-    });
-    if dismissed {
-        library.trouble = None;
     }
 }
 

@@ -12,6 +12,7 @@ use egui::{Button, RichText, Ui, vec2};
 
 use super::operating::recording_gate;
 use super::widgets::{gated, minutes, pane};
+use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
 use crate::gui::services::{Dialog, DialogKind, Pending, RecordingEntry, Services};
@@ -67,7 +68,7 @@ pub struct Library {
     naming: Pending<PathBuf>,
     open: PathField,
     choice: folder::Choice,
-    findings: Option<details::Findings>,
+    findings: Option<Findings>,
 }
 
 impl Library {
