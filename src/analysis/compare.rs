@@ -114,7 +114,7 @@ pub fn align(a: &[Samples], b: &[Samples]) -> Result<Shift, NoMatch> {
         levels.push(next);
     }
     let overlap_s = (OVERLAP_MIN * shorter_s).max(OVERLAP_MIN_S);
-    // The peak, and the best shift outside of its lobe: both are told apart on the finest grid, since a
+    // The peak, and the best shift outside of its lobe: both are separated on the finest grid, since a
     // coarse one blurs them differently.
     let mut peak = 0;
     let mut other = None;

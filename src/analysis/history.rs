@@ -237,7 +237,7 @@ impl History {
         history
     }
 
-    /// As [`Self::of`]. `go_on` is told the share that is done, 0..1, now and then; `None` when it answers
+    /// As [`Self::of`]. `go_on` receives the share that is done, 0..1, now and then; `None` when it answers
     /// `false`.
     pub fn indexed(snapshots: &[Snapshot], go_on: &mut dyn FnMut(f32) -> bool) -> Option<Self> {
         const EVERY: usize = 1024;

@@ -55,7 +55,7 @@ impl Player {
     }
 
     /// As [`Self::new`], with what else is known about the recording. Long recordings take seconds: `go_on`
-    /// is told the share that is done, 0..1, and gives the work up when it answers `false`.
+    /// receives the share that is done, 0..1, and stops the work when it answers `false`.
     ///
     /// # Errors
     /// A sentence when the recording holds no snapshot, or when the work was given up.

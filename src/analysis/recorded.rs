@@ -44,7 +44,7 @@ pub struct LoggedEvent {
 pub struct About {
     /// Where it is.
     pub path: Option<PathBuf>,
-    /// When it began, as the file says: local date and time with their offset from UTC.
+    /// When it began, as recorded: local date and time with their offset from UTC.
     pub begun: Option<String>,
     /// Its logs, in order of time.
     pub events: Vec<LoggedEvent>,

@@ -280,7 +280,7 @@ fn error_name(i: usize) -> String {
     }
 }
 
-/// What a report tells besides the errors.
+/// What a report states besides the errors.
 #[derive(Clone, Debug, Default)]
 pub struct ReportFacts {
     /// What was scored: a recording's name, or the live twin.

@@ -107,7 +107,7 @@ impl Looked {
     }
 }
 
-/// Shows a screen with the room that it needs at least, points; in a window that has less it is scrolled.
+/// Shows a screen in at least the size that it needs, points; a smaller window scrolls it.
 fn roomy(ui: &mut Ui, least: egui::Vec2, screen: impl FnOnce(&mut Ui)) {
     let room = ui.available_size();
     if room.x >= least.x && room.y >= least.y {
@@ -363,7 +363,7 @@ impl App {
     // Lets the present twin go: its boards switch the pumps off when no heartbeat comes any more.
     fn connect(&mut self, name: &str) {
         self.handle = None;
-        // What was let go tells nothing any more.
+        // A twin that was let go has no state any more.
         self.live = Arc::default();
         self.twin_gone = false;
         self.stop_pending = false;

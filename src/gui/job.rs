@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Stage {
     /// What is being done: a few words.
     pub what: String,
-    /// Share done, 0..1, if it can be told.
+    /// Share done, 0..1, if it is known.
     pub share: Option<f32>,
 }
 
@@ -76,7 +76,7 @@ impl<T> Drop for Job<T> {
 }
 
 impl<T> Worker<T> {
-    /// Tells how far the work is.
+    /// Reports how far the work is.
     pub fn tell(&self, what: &str, share: Option<f32>) {
         let mut stage = self
             .shared
@@ -101,8 +101,8 @@ impl<T> Worker<T> {
     }
 }
 
-/// A [`Job`] under way and what it is for, or nothing. Dropping it, or beginning another one, tells the worker
-/// that nobody waits any more.
+/// A [`Job`] under way and what it is for, or nothing. Dropping it, or beginning another one, cancels the
+/// work.
 pub struct Pending<T, C = ()>(Option<(C, Job<T>)>);
 
 impl<T, C> Default for Pending<T, C> {

@@ -1,7 +1,7 @@
 //! The window: screens, scene, offscreen pictures.
 //!
 //! It shows snapshots of the [`twin`](crate::twin) and sends commands to it; it shows plans, calibrations and
-//! findings of the gap finder, too. It lies on top: no other room imports it. It opens no file, port or
+//! findings of the gap finder, too. It lies on top: no other module of the library imports it. It opens no file, port or
 //! process and imports neither link, rig, recording nor sim: what it needs of them it asks of the program
 //! around it ([`services`]).
 

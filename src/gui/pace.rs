@@ -21,7 +21,7 @@ const STILL_M: f64 = 1e-3;
 /// How long after the last movement the window stays fluent, s.
 const LINGER_S: f64 = 1.0;
 
-/// What [`Pace`] tells whoever asks for pictures.
+/// Rate of pictures that [`Pace`] allows, shared with whoever requests them.
 #[derive(Clone, Debug)]
 pub struct Wanted(Arc<AtomicU32>);
 

@@ -119,7 +119,7 @@ pub struct Connected {
 pub struct PortEntry {
     /// What it is opened by.
     pub name: String,
-    /// What is behind it, as far as the system tells; may be empty.
+    /// What is behind it, as reported by the system; may be empty.
     pub what: String,
 }
 
@@ -156,7 +156,7 @@ pub struct Services {
     pub align: Aligner,
     /// Opens a recording in the Rerun viewer.
     pub open_in_rerun: Opener,
-    /// Starts the Rerun viewer on this machine, or finds the one that it started before, and tells where
+    /// Starts the Rerun viewer on this machine, or finds the one that it started before, and answers with where
     /// it listens.
     pub start_viewer: Box<dyn FnMut() -> Job<SocketAddr>>,
     /// Finds a path for a new recording.

@@ -21,7 +21,7 @@ pub struct View<'a> {
     pub replay: Option<&'a str>,
     /// The robot.
     pub spec: &'a RobotSpec,
-    /// Whether the data shown were simulated; `None` when nobody says.
+    /// Whether the data shown were simulated; `None` if unknown.
     pub simulated: Option<bool>,
 }
 

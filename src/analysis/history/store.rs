@@ -1,7 +1,7 @@
 //! Columns of values over time, with the extremes of every 16, 256 and 4096 rows at hand.
 //!
 //! Rows lie in blocks of [`BLOCK`]; the oldest block is used again when all its rows are too old, so that
-//! nothing is allocated once the store is full. A column takes room in a block from its first value on:
+//! nothing is allocated once the store is full. A column takes memory in a block from its first value on:
 //! 4 bytes a row and 1.1 for the extremes.
 
 use std::collections::VecDeque;
@@ -551,7 +551,7 @@ impl Kept {
             store.slots(self.column, rows, self.width_s, &mut self.slots);
             self.covered[1] = to;
         }
-        // What has left the window for good goes, now and then.
+        // What has left the window is dropped now and then.
         if self.covered[1] - self.covered[0] > 2.0 * (to - from) + 100.0 {
             let stale = self.slots.partition_point(|s| s.index < from);
             self.slots.drain(..stale);

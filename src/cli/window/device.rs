@@ -1,4 +1,4 @@
-//! The window's graphics device, and the window anew when the device is lost. The twin ticks on meanwhile.
+//! The window's graphics device, and a new window when the device is lost. The twin ticks on meanwhile.
 
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -56,7 +56,7 @@ enum End {
 /// Shows the window until the operator closes it, on another device when its own is lost.
 ///
 /// # Errors
-/// When there is no device to begin with, or none that lasts. `drill`: when the devices are lost on purpose.
+/// When there is no device to begin with, or none that keeps working. `drill`: when the devices are lost on purpose.
 pub fn show(
     options: &dyn Fn() -> eframe::NativeOptions,
     begin: Begin<'_>,
@@ -250,7 +250,7 @@ enum Shown {
 }
 
 impl Pane {
-    /// Tells, once, that the first frame has been painted: the second follows it at once.
+    /// Reports, once, that the first frame has been painted: the second follows it at once.
     fn tell_first_frame(&mut self, ctx: &egui::Context) {
         self.shown = match self.shown {
             Shown::Nothing => {

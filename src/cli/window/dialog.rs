@@ -19,7 +19,7 @@ pub fn ask(dialog: Dialog) -> Picked {
     }
     #[expect(
         clippy::disallowed_methods,
-        reason = "how long a dialog was open tells whether it was shown"
+        reason = "whether a dialog was shown follows from how long it was open"
     )]
     let begun = Instant::now();
     let chosen = match dialog.kind {

@@ -212,7 +212,7 @@ const _: () = assert!(SPRING_0 + SPRINGS == IMU_0 && IMU_0 + 3 * IMUS == CHANNEL
 
 type Answer = Result<Arc<Found>, GapError>;
 
-/// Tells the window how far the finder is; ends it when nobody waits any more.
+/// Reports the progress of the finder to the window; stops it once it is cancelled.
 struct Watched<'a> {
     worker: &'a Worker<Answer>,
     ctx: &'a egui::Context,

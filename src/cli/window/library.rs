@@ -124,7 +124,7 @@ fn scan(folder: &Path) -> Vec<RecordingEntry> {
     found
 }
 
-/// Reads a recording or a session log, and looks into it. Given up when `go_on`, which is told the share that
+/// Reads a recording or a session log, and looks into it. Given up when `go_on`, which receives the share that
 /// is done, answers `false`.
 pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
     let (trace, events, seen, begun) = if is_rrd(path) {

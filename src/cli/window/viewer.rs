@@ -25,7 +25,7 @@ const GUARD: [&str; 6] = [
     "--server-memory-limit",
     MEMORY,
 ];
-/// A viewer that says nothing for so long hangs.
+/// A viewer that does not answer for so long hangs.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Between two looks at a viewer that starts.
 const LOOK: Duration = Duration::from_millis(100);
@@ -167,7 +167,7 @@ fn listens(address: SocketAddr) -> bool {
 }
 
 /// Whether somebody at `address` speaks HTTP/2, as a viewer does. The system takes connections for a program
-/// that hangs, so that says nothing.
+/// that hangs, so a connection proves nothing.
 fn answers(address: SocketAddr) -> bool {
     /// What a client begins with (RFC 9113, 3.4), settings that set nothing included.
     const HELLO: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";

@@ -5,13 +5,13 @@ use crate::gui::scene::Scene;
 use crate::gui::theme::Level;
 
 impl App {
-    /// Draws on another graphics device from now on: the one before is lost with all that lay on it. What
-    /// the operator is told of it is one sentence.
+    /// Draws on another graphics device from now on: the one before is lost with all that lay on it.
+    /// `notice` is the sentence that the operator reads.
     pub fn change_device(
         &mut self,
         ctx: &egui::Context,
         render_state: Option<&egui_wgpu::RenderState>,
-        told: &str,
+        notice: &str,
     ) {
         // Lets egui send the whole picture of its fonts again.
         ctx.set_glyph_rasterizers(Vec::new());
@@ -22,6 +22,6 @@ impl App {
             (Some(rs), Some(scene)) => scene.change_device(rs),
             (rs, _) => *scene = rs.map(|rs| Scene::new(rs, &self.spec)),
         }
-        self.say(told, Level::Warning, ctx.input(|i| i.time));
+        self.say(notice, Level::Warning, ctx.input(|i| i.time));
     }
 }

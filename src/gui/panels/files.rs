@@ -38,7 +38,7 @@ pub struct PathField {
 /// Width of the button that opens the dialog, with its margin, points.
 const BROWSE: f32 = 88.0;
 
-/// Whether this window has said that there are no dialogs.
+/// Key of the note that this computer has no dialogs.
 fn said() -> Id {
     Id::unique("no file dialogs")
 }
@@ -154,7 +154,7 @@ pub fn copy_path(ui: &mut Ui, path: &Path) {
     }
 }
 
-/// A path in the room that is left, cut where there is too little.
+/// A path in the remaining width, truncated to it.
 pub fn path_label(ui: &mut Ui, path: &Path) {
     let text = path.display().to_string();
     ui.add(egui::Label::new(text.as_str()).truncate())
@@ -171,7 +171,7 @@ pub struct Written {
 }
 
 impl Written {
-    /// In a row; the path is cut where there is too little room.
+    /// In a row; the path is truncated to the width.
     pub fn show(&self, ui: &mut Ui) {
         let text = format!("Wrote {} to {}.", self.what, self.path.display());
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {

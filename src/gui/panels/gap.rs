@@ -25,7 +25,7 @@ use crate::gui::services::gap::PatchedRobot;
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
 
-/// A step of the story.
+/// A step of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Step {
     /// Choose the sessions and run the finder.
@@ -97,7 +97,7 @@ pub struct Outcome {
     pub origin: Origin,
     /// What the operator decided.
     pub decision: Decision,
-    /// Which alternative the patch takes, of those that cannot be told apart.
+    /// Which alternative the patch takes, of those that cannot be distinguished.
     pub alternative: usize,
     /// Where the answer of an example lies.
     pub answer: Option<PathBuf>,
@@ -193,7 +193,7 @@ impl GapState {
             || self.select.busy()
     }
 
-    /// Lets what lies on the graphics device be made anew.
+    /// Discards what lies on the graphics device; it is made again.
     pub fn forget_pictures(&mut self) {
         self.locate.forget_picture();
     }
@@ -242,7 +242,7 @@ impl GapState {
                         outcome.decision = decision;
                     }
                 }
-                // The step itself says so, and reads again.
+                // The step itself shows it, and reads again.
                 Err(e) if decision.is_none() && self.patched.is_none() => self.unread = Some(e),
                 Err(e) => {
                     self.trouble = Some(Trouble::new(

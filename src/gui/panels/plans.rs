@@ -406,7 +406,7 @@ impl PlanState {
         (self.given, self.outcome) = (None, Outcome::Nothing);
     }
 
-    /// Takes note of what the twin says about the plan it was given.
+    /// Takes an event of the twin about the plan it was given.
     pub fn observe(&mut self, event: &Event) {
         let Some(plan) = &self.given else {
             return;

@@ -23,7 +23,7 @@ pub use window::TimeWindow;
 
 /// A plot over the shared window.
 pub struct TimePlot<'a> {
-    /// Title with unit; also what a screen reader says.
+    /// Title with unit; also its name for screen readers.
     pub title: &'a str,
     /// Lines, first at the back.
     pub series: &'a [Series],

@@ -27,7 +27,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
         .map(|a| display_difference(&predicted, &a));
     let name_width = 74.0;
     let spacing = 4.0;
-    // In a narrow panel the doubt stands in the tooltip of the prediction only.
+    // In a narrow panel the uncertainty stands in the tooltip of the prediction only.
     let narrow = ui.available_width() < NARROW;
     let columns = if narrow { 3.0 } else { 4.0 };
     let rest = ui.available_width() - name_width - columns * spacing;
@@ -66,17 +66,17 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                 name_width,
                 RichText::new(format!("{} / {unit}", POSE_NAMES[i])).color(p.weak),
             );
-            let doubt = number(2.0 * sigma, decimals);
+            let sigma = number(2.0 * sigma, decimals);
             cell(
                 ui,
                 first,
                 RichText::new(number(predicted[i], decimals)).color(p.text),
             )
             .on_hover_text(format!(
-                "± {doubt} {unit}: twice the standard deviation of the estimate"
+                "± {sigma} {unit}: twice the standard deviation of the estimate"
             ));
             if !narrow {
-                cell(ui, second, RichText::new(doubt).color(p.weak));
+                cell(ui, second, RichText::new(sigma).color(p.weak));
             }
             let dash = || "—".to_owned();
             let a = actual.map_or_else(dash, |a| number(a[i], decimals));

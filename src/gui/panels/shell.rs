@@ -26,7 +26,7 @@ const LATE_S: f64 = 0.25;
 /// A simulation with a real-time factor from here on keeps up.
 const KEEPS_UP: f64 = 0.95;
 
-/// What the shell is told beside the live snapshot.
+/// What the shell shows besides the live snapshot.
 pub struct ShellInput<'a> {
     /// The live twin's view, also while a recording is shown.
     pub live: View<'a>,
@@ -63,7 +63,7 @@ pub enum ShellAction {
     TogglePalette,
     /// Close the recording that is shown.
     CloseReplay,
-    /// Close the welcome for good.
+    /// Close the welcome and do not show it again.
     CloseWelcome,
     /// Show the welcome again.
     ShowWelcome,

@@ -16,7 +16,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
         .inner_margin(Margin::symmetric(10, 4));
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
-        // What is said never takes a line of its own: the view below stays where it is.
+        // The text never takes a line of its own: the view below stays where it is.
         ui.horizontal(|ui| {
             note(ui, "Simulator");
             let gate = view.live();
@@ -55,7 +55,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
     });
 }
 
-/// What is said beside the switch while nothing is wrong.
+/// The text beside the switch while nothing is wrong.
 fn readout(snapshot: &Snapshot) -> Option<String> {
     match (snapshot.simulator, &snapshot.mesh) {
         (Simulator::Rod, _) => None,

@@ -31,7 +31,7 @@ pub struct HoldToGo {
     held_s: f64,
 }
 
-/// What such a button says.
+/// The words of such a button.
 pub struct Fire {
     /// On the virtual rig.
     pub now: &'static str,

@@ -1,5 +1,5 @@
-//! What the program has to say: what went wrong over the corner of a screen, the rest in the strip below, all
-//! of it in a list.
+//! Messages of the program: warnings over the corner of a screen, the others in the strip below, all of them in a
+//! list.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -117,12 +117,12 @@ impl Messages {
         self.kept.len()
     }
 
-    /// Whether nothing was said.
+    /// Whether there is no message.
     pub fn is_empty(&self) -> bool {
         self.kept.is_empty()
     }
 
-    /// The newest message, for the strip, while it is new and tells of nothing wrong.
+    /// The newest message, for the strip, while it is new and no warning.
     pub fn newest(&self, now_s: f64) -> Option<&Message> {
         let m = self.kept.back()?;
         (m.level == Level::Normal && now_s - m.at_s < m.stays_s()).then_some(m)

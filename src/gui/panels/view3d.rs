@@ -198,7 +198,7 @@ pub fn scene_view(
     }
 }
 
-/// The snapshot of a replay with the shape that its springs and IMUs tell, where it keeps none.
+/// The snapshot of a replay with the shape reconstructed from springs and IMUs, where it keeps none.
 fn shape_of(view: &View<'_>) -> Option<Snapshot> {
     let s = view.snapshot;
     let sensors = s.sensors.as_ref()?;

@@ -1,4 +1,4 @@
-//! Small pieces the panels share: numbers, meters, buttons that say why they are off.
+//! Small pieces the panels share: numbers, meters, buttons that explain why they are off.
 
 use egui::{
     Align, Button, Color32, CornerRadius, Label, Layout, Rect, Response, RichText, Role, Sense,
@@ -101,7 +101,7 @@ pub fn health_sentence(health: ChannelHealth) -> &'static str {
     }
 }
 
-/// A button that is on while `gate` is open and otherwise says why it is off.
+/// A button that is on while `gate` is open and otherwise explains why it is off.
 pub fn gated(ui: &mut Ui, gate: &Gate, button: Button<'_>, hover: &str) -> Response {
     match gate {
         Ok(()) => ui.add(button).on_hover_text(hover),
@@ -209,7 +209,7 @@ pub fn card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
         .show(ui, |ui| ui.vertical(contents));
 }
 
-/// A card that fills the room there is; what does not fit into it is scrolled to.
+/// A card that fills the remaining space; contents that do not fit are scrolled.
 pub fn pane(ui: &mut Ui, name: &str, contents: impl FnOnce(&mut Ui)) {
     card(ui, |ui| {
         ui.set_min_size(ui.available_size());
@@ -222,8 +222,8 @@ pub fn pane(ui: &mut Ui, name: &str, contents: impl FnOnce(&mut Ui)) {
 }
 
 /// A row with something at its left and something at its right end; where both do not fit beside each other,
-/// the right part has a line of its own. Both are laid out from left to right. What is said stands before the right
-/// part as far as there is room, else in its tooltip, and moves nothing.
+/// the right part has a line of its own. Both are laid out from left to right. The text `said` stands before the right
+/// part as far as it fits, else in its tooltip, and moves nothing.
 pub fn ends(
     ui: &mut Ui,
     name: &str,

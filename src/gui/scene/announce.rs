@@ -12,7 +12,7 @@ use crate::gui::panels::widgets::number;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 
 impl Scene {
-    /// Tells assistive technology what the picture shows and where.
+    /// Describes the picture to assistive technology: what it shows and where.
     pub(super) fn announce(&self, ui: &egui::Ui, rect: Rect, input: &SceneInput<'_>) {
         let stage = Stage {
             camera: &self.camera,

@@ -1,5 +1,5 @@
 //! Colours of the scene, sRGB from 0 to 1. One colour per signal, the same on both backgrounds in hue;
-//! series and states come from a set that colour-blind eyes can tell apart, strain from a scale whose
+//! series and states come from a set that colour-blind eyes can distinguish, strain from a scale whose
 //! lightness grows steadily.
 
 use crate::signal::ReachState;
@@ -50,7 +50,7 @@ pub struct Palette {
     pub payload: Rgb,
     /// IMU housings.
     pub imu: Rgb,
-    /// What the sensors tell: estimate, predicted trail.
+    /// Derived from the sensors: estimate, predicted trail.
     pub predicted: Rgb,
     /// Motion capture.
     pub truth: Rgb,
@@ -117,7 +117,7 @@ impl Palette {
         }
     }
 
-    /// Colour of a verdict. The marker's shape says the same.
+    /// Colour of a verdict. The marker's shape has the same meaning.
     pub fn reach(&self, state: Option<ReachState>) -> Rgb {
         match (state, self.ink[0] > 0.5) {
             (Some(ReachState::Reachable), _) => self.goal,

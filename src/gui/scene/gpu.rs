@@ -1,5 +1,5 @@
 //! Draws a [`Drawing`] into a texture of its own (multisampled, with depth), copies it into the window,
-//! and tells which part is under the pointer.
+//! and finds the part under the pointer.
 //!
 //! A picture is drawn only when something in it changed. The part under the pointer is found by drawing
 //! the few pixels around it once more with the parts' numbers instead of colours; the answer is read back

@@ -18,7 +18,7 @@ const HANDLE_PT: f32 = 62.0;
 const ERROR_MIN_M: f64 = 2e-3;
 /// An error beyond so many standard deviations of the prediction is abnormal.
 const SIGMAS: f64 = 3.0;
-/// Half the size of the goal's mark with some room, points.
+/// Half the size of the goal's mark with a margin, points.
 const MARK_PT: f32 = 14.0;
 /// How near the pointer must come to a handle, points.
 const REACH_PT: f32 = 9.0;

@@ -2,7 +2,7 @@
 //!
 //! The samples are some millimetres apart, so the set is their closing: every place within `CLOSE_M` of a sample,
 //! less what lies within `OPEN_M` of the rim. It goes `CLOSE_M` − `OPEN_M` beyond the samples. It chooses depths
-//! and is drawn; whether a target can be reached is for the controller to say.
+//! and is drawn; whether a target can be reached is decided by the controller.
 
 use glam::Vec3;
 

@@ -14,7 +14,7 @@ use crate::robot::RobotSpec;
 pub enum RobotMatch {
     /// Recorded with this robot file.
     Same,
-    /// The session does not say.
+    /// The session does not record it.
     Silent,
     /// Recorded with another robot file: starts of the two hashes.
     Other {
@@ -53,7 +53,7 @@ pub struct SessionSheet {
     pub groups: Vec<SheetGroup>,
     /// Whether it is of the robot in use.
     pub robot: RobotMatch,
-    /// Whether its data were simulated; `None` when it does not say.
+    /// Whether its data were simulated; `None` if it is not recorded.
     pub simulated: Option<bool>,
 }
 
@@ -79,7 +79,7 @@ pub struct PatchedRobot {
 
 /// Looks at a session.
 pub type Look = Box<dyn FnMut(&Path) -> Job<SessionSheet>>;
-/// Runs the finder on a healthy session, if there is one, and a suspect one. The job tells the name of
+/// Runs the finder on a healthy session, if there is one, and a suspect one. The job reports the name of
 /// the stage ([`crate::gap::Stage::name`]) and the stage's share. An error of the job itself is one of
 /// reading.
 pub type Find = Box<dyn FnMut(Option<&Path>, &Path) -> Job<Result<Arc<Found>, GapError>>>;
@@ -111,9 +111,9 @@ pub struct GapServices {
     pub accept: Patcher,
     /// Takes the last patch back off it.
     pub undo: Box<dyn FnMut() -> Job<PatchedRobot>>,
-    /// Writes everything there is to say of a finding.
+    /// Writes report, overlay and patch of a finding.
     pub keep: Keep,
-    /// Shows a page in the browser; the answer says whether one took it.
+    /// Shows a page in the browser; the answer reports whether one took it.
     pub open_page: PageOpener,
 }
 

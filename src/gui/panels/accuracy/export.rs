@@ -96,7 +96,7 @@ fn suggested(view: &View<'_>, kind: Kind) -> String {
     format!("accuracy-{of}-{}.{}", view.origin(), kind.extension())
 }
 
-/// The buttons, or the path that is asked for. In a picture the row says what the picture is of.
+/// The buttons, or the path that is asked for. In a picture the row names what is shown.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, services: &mut Services) {
     if state.export.is_posing() {
         let height = ui.spacing().interact_size.y;

@@ -84,7 +84,7 @@ pub struct AccuracyState {
     jumps: Vec<bool>,
 }
 
-/// What is said where nothing is scored.
+/// The text where nothing is scored.
 fn nothing(scoring: bool) -> &'static str {
     match scoring {
         true => "Scoring…",

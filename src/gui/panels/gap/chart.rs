@@ -24,7 +24,7 @@ pub struct Line {
 
 /// A chart over time.
 pub struct Chart<'a> {
-    /// Title with unit; also what a screen reader says.
+    /// Title with unit; also its name for screen readers.
     pub title: &'a str,
     /// Unit of the values.
     pub unit: &'a str,
@@ -57,7 +57,7 @@ fn marks([low, high]: [f64; 2], count: f32) -> Vec<GridMark> {
 }
 
 impl Chart<'_> {
-    /// Draws it; tells the instant that was clicked, s.
+    /// Draws it; answers with the instant that was clicked, s.
     pub fn show(&self, ui: &mut Ui, height: f32) -> Option<f64> {
         let p = *Palette::in_ui(ui);
         let top = ui.cursor().top();

@@ -26,7 +26,7 @@ pub struct Cell {
     pub bin: usize,
 }
 
-/// The picture, made anew when its key changes.
+/// The picture, drawn again when its key changes.
 #[derive(Default)]
 pub struct Cache {
     key: Option<(bool, usize)>,
@@ -43,7 +43,7 @@ pub struct HeatMap<'a> {
     pub rows: &'a [Vec<f64>],
     /// End of the colour scale, in multiples of the noise floor.
     pub end: f64,
-    /// Tells the maps that share a cache apart.
+    /// Distinguishes the maps that share a cache.
     pub which: usize,
 }
 

@@ -55,7 +55,7 @@ impl LocateState {
         }
     }
 
-    /// Lets the picture be made anew.
+    /// Discards the picture, which is then drawn again.
     pub fn forget_picture(&mut self) {
         self.cache = Cache::default();
     }

@@ -12,7 +12,7 @@ use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
 use crate::robot::PatchEffect;
 
-/// Whether the operator has a choice of effects: a set of single effects that cannot be told apart.
+/// Whether the operator has a choice of effects: a set of single effects that cannot be distinguished.
 fn alternatives(found: &Found) -> &[FoundEffect] {
     let finding = &found.finding;
     if finding.verdict == Verdict::Indistinguishable && found.patch.effects.len() == 1 {

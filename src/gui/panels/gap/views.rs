@@ -33,7 +33,7 @@ fn known(m: &[f64; 3]) -> bool {
     m.iter().all(|v| v.is_finite())
 }
 
-/// Three views of the end pad around `bin`; `after` tells whether there is an effect to draw with.
+/// Three views of the end pad around `bin`; `after`: whether there is an effect to draw with.
 pub fn show(ui: &mut Ui, t: &Traces, bin: usize, after: bool, size: egui::Vec2) {
     let p = *Palette::in_ui(ui);
     let Some(now_s) = t.t_s.get(bin) else { return };

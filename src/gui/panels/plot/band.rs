@@ -1,5 +1,5 @@
 //! A line with more values than pixels: for each slot of time a stretch from the smallest to the largest.
-//! It says the same as a line that goes up and down in every pixel, for a tenth of the work.
+//! It looks like a line that goes up and down in every pixel, for a tenth of the work.
 
 use std::ops::RangeInclusive;
 

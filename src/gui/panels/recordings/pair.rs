@@ -141,7 +141,7 @@ pub struct Pair {
     pub quantity: Quantity,
     /// Time of A minus time of B at the same moment, s, each since its recording began.
     pub offset_s: f64,
-    /// What the automatic alignment said.
+    /// Result of the automatic alignment.
     pub alignment: Option<Alignment>,
     aligning: Pending<Alignment>,
     cache: Option<(Key, Vec<Plotted>)>,
@@ -213,7 +213,7 @@ impl Pair {
         self.poll();
     }
 
-    /// Gives up what was said, or is being found, of how they lie on each other.
+    /// Discards the alignment, also one in progress.
     pub fn forget_alignment(&mut self) {
         self.alignment = None;
         self.aligning.cancel();

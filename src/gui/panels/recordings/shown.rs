@@ -99,7 +99,7 @@ fn title(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
     if let Some(at) = p.about.cut_at {
         status(ui, Level::Warning, &cut_sentence(p, at.seconds()));
     }
-    // What a recording never keeps is told among its contents only.
+    // What a recording never keeps is listed among its contents only.
     let missing = &library.findings(p).missing;
     let sensors: Vec<&str> = missing
         .iter()

@@ -69,7 +69,7 @@ fn child(ui: &mut Ui, line: Rect, layout: Layout) -> Ui {
     ui.new_child(UiBuilder::new().max_rect(inside).layout(layout))
 }
 
-/// What is connected, while there is nothing else to say.
+/// What is connected, while there is no banner.
 fn idle(ui: &mut Ui, input: &ShellInput<'_>) {
     let source = match input.live.snapshot.link.source.as_str() {
         "" => "not connected",
@@ -129,7 +129,7 @@ fn widths(ui: &Ui, all: &[Banner], whole: f32) -> Vec<f32> {
         .collect()
 }
 
-/// What there is to say, the gravest first.
+/// The banners, the most severe first.
 fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     let p = *Palette::in_ui(ui);
     let s = input.live.snapshot;
@@ -184,7 +184,7 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     all
 }
 
-/// What is said while no frames come: cause, consequence, what happens next.
+/// The message while no frames come: cause, consequence, what happens next.
 pub fn disconnected(s: &Snapshot) -> String {
     if let Some(why) = &s.link.refusal {
         return format!("▲ The boards are not used: {why}");

@@ -9,13 +9,13 @@ use crate::twin::Event;
 
 /// Two targets closer than this in each coordinate are the same, m: half of what is shown.
 const SAME_M: f64 = 5e-5;
-/// A refusal within this time of the end of a motion says why it ended, s.
+/// A refusal within this time of the end of a motion is its reason, s.
 const REASON_S: f64 = 0.2;
 /// A motion that has not begun after this time does not begin, s.
 const SET_OUT_S: f64 = 1.0;
 /// The pace of the approach is judged over this time, s.
 const PACE_S: f64 = 1.5;
-/// A slower approach says nothing about when it will end, m/s.
+/// A slower approach gives no estimate of its end, m/s.
 const PACE_MIN_M_S: f64 = 1e-4;
 
 /// The target that was asked about or gone to last.
@@ -25,7 +25,7 @@ pub struct Course {
     state: State,
     /// The last refusal while the tip was on its way.
     refused: Option<(Stamp, String)>,
-    /// Distances left over the last seconds: when (s), how far (m).
+    /// Remaining distance over the last seconds: when (s), how far (m).
     left: VecDeque<(f64, f64)>,
 }
 
@@ -104,7 +104,7 @@ impl Course {
         }
     }
 
-    /// Takes note of what the twin says.
+    /// Takes an event of the twin.
     pub fn observe(&mut self, event: &Event) {
         match event {
             Event::Refused { stamp, reason } => match &mut self.state {
@@ -218,7 +218,7 @@ impl Course {
     }
 }
 
-/// Why the tip is no longer on its way, where nothing else was said.
+/// Why the tip is no longer on its way, without any other reason.
 fn why(mode: &Mode) -> String {
     match mode {
         Mode::Hold => "The arm holds: RESUME goes on, Preview asks again.".into(),
