@@ -2,7 +2,8 @@
 
 use egui::{Ui, Vec2, vec2};
 
-use crate::gui::panels::calibrate::{self, CalibrateState, wizard};
+use crate::calibrate::Step;
+use crate::gui::panels::calibrate::{self, CalibrateState};
 use crate::gui::screen::{Ctx, Known, List, Screen};
 use crate::robot::RobotSpec;
 use crate::signal::Snapshot;
@@ -35,7 +36,7 @@ impl Screen for CalibrateState {
     }
 
     fn actions(&self, _known: &Known<'_>, list: &mut List<Self>) {
-        for step in wizard::Step::ALL {
+        for step in Step::ALL {
             let gate = self.wizard().map_or(Ok(()), |w| w.may_enter(step));
             let name = format!("Calibrate: {}", step.name());
             list.act(name, "calibration wizard step", gate, move |c, ctx| {

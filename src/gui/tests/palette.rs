@@ -200,7 +200,7 @@ fn no_two_entries_are_named_alike_and_every_screen_panel_and_step_has_one() {
     for step in GapStep::ALL {
         has(format!("Gap: {}", step.name()));
     }
-    for step in crate::gui::panels::calibrate::wizard::Step::ALL {
+    for step in crate::calibrate::Step::ALL {
         has(format!("Calibrate: {}", step.name()));
     }
 }
