@@ -4,15 +4,12 @@ use egui::{RichText, Ui};
 
 use super::plot::{Dash, swatch};
 use super::widgets::{
-    Meter, cell, cell_left, dense, heading, health, health_sentence, meter, note, number,
+    Meter, cell, cell_left, dense, heading, health, health_sentence, imu_name, meter, note, number,
 };
 use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{IMUS, SPRINGS};
-
-pub use super::widgets::imu_name;
-pub use crate::signal::spring_name;
+use crate::signal::{IMUS, SPRINGS, spring_name};
 
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {

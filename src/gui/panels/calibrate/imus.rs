@@ -8,11 +8,11 @@ use super::springs::left_card;
 use super::{CalibrateState, capture_gate, motion};
 use crate::calibrate::imus::{ImuTake, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict};
 use crate::calibrate::{Wizard, motion::all_sides};
-use crate::gui::panels::View;
-use crate::gui::panels::dashboard::imu_name;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
+use crate::gui::panels::widgets::imu_name;
 use crate::gui::panels::widgets::{gated, note, number, status};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::signal::IMUS;
 use crate::twin::Command;
 

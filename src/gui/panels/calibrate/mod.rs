@@ -15,13 +15,13 @@ use std::time::Duration;
 
 use egui::{Align, Button, Layout, Panel, RichText, ScrollArea, Ui, vec2};
 
-use super::View;
 use super::files::PathField;
 use super::target::HoldToGo;
 use super::widgets::{Gate, gated};
 use crate::calibrate::{Comparison, DRAFT, Mark, PracticeBench, Step, Version, Wizard};
-use crate::gui::services::{Job, Services};
+use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::robot::RobotSpec;
 use crate::sensing::bench::BenchLog;
 use crate::signal::{Mode, Snapshot};
@@ -63,10 +63,10 @@ pub struct CalibrateState {
     error: Option<String>,
     /// What was saved, once it is known, or why it is not.
     versions: Option<Result<Vec<Version>, String>>,
-    bench: Option<(Vec<usize>, Job<BenchLog>)>,
-    comparing: Option<(std::sync::Arc<crate::sensing::Calibration>, Job<Comparison>)>,
-    listing: Option<Job<Vec<Version>>>,
-    changing: Option<(Change, Job<Vec<Version>>)>,
+    bench: Pending<BenchLog, Vec<usize>>,
+    comparing: Pending<Comparison, std::sync::Arc<crate::sensing::Calibration>>,
+    listing: Pending<Vec<Version>>,
+    changing: Pending<Vec<Version>, Change>,
 }
 
 impl CalibrateState {
@@ -88,7 +88,7 @@ impl CalibrateState {
     fn begin(&mut self, services: &mut Services) {
         if self.wizard.is_none() {
             self.wizard = Some(Wizard::new(services.calibration.in_use.clone()));
-            self.listing = Some((services.calibration.versions)());
+            self.listing.begin((services.calibration.versions)());
         }
     }
 
@@ -108,11 +108,11 @@ impl CalibrateState {
 
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
-        self.bench.is_some()
+        self.bench.is_busy()
             || self.log.is_busy()
-            || self.comparing.is_some()
-            || self.listing.is_some()
-            || self.changing.is_some()
+            || self.comparing.is_busy()
+            || self.listing.is_busy()
+            || self.changing.is_busy()
     }
 
     /// Takes what has come.
@@ -120,35 +120,26 @@ impl CalibrateState {
         let Some(wizard) = &mut self.wizard else {
             return;
         };
-        if let Some((only, job)) = &self.bench
-            && let Some(answer) = job.poll()
-        {
+        if let Some((only, answer)) = self.bench.take_for() {
             match answer {
                 Ok(log) => {
                     let needed_m = view.spec.spring.range_m;
-                    wizard.springs.take_log(&log, only, needed_m);
+                    wizard.springs.take_log(&log, &only, needed_m);
                     self.error = None;
                 }
                 Err(e) => self.error = Some(e),
             }
-            self.bench = None;
         }
-        if let Some((of, job)) = &self.comparing
-            && let Some(answer) = job.poll()
-        {
+        if let Some((of, answer)) = self.comparing.take_for() {
             match answer {
-                Ok(c) => wizard.comparison = Some((c, of.clone())),
+                Ok(c) => wizard.comparison = Some((c, of)),
                 Err(e) => self.error = Some(e),
             }
-            self.comparing = None;
         }
-        if let Some(answer) = self.listing.as_ref().and_then(Job::poll) {
-            self.listing = None;
+        if let Some(answer) = self.listing.take() {
             self.versions = Some(answer);
         }
-        if let Some((change, job)) = &self.changing
-            && let Some(answer) = job.poll()
-        {
+        if let Some((change, answer)) = self.changing.take_for() {
             match answer {
                 Ok(list) => {
                     self.error = None;
@@ -171,7 +162,6 @@ impl CalibrateState {
                 }
                 Err(e) => self.error = Some(e),
             }
-            self.changing = None;
         }
     }
 }
@@ -443,9 +433,9 @@ fn cancel(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    let idle: Gate = match state.changing {
-        Some(_) => Err("The versions are being changed.".into()),
-        None => Ok(()),
+    let idle: Gate = match state.changing.is_busy() {
+        true => Err("The versions are being changed.".into()),
+        false => Ok(()),
     };
     if state.cancelling {
         let size = vec2(0.0, 32.0);
@@ -455,7 +445,7 @@ fn cancel(
             commands.extend(wizard.cancel(&live.snapshot.mode));
             *state = CalibrateState {
                 versions: state.versions.take(),
-                listing: state.listing.take(),
+                listing: std::mem::take(&mut state.listing),
                 ..CalibrateState::default()
             };
         }

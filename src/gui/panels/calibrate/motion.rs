@@ -2,9 +2,9 @@
 
 use egui::{Ui, vec2};
 
-use crate::gui::panels::View;
 use crate::gui::panels::target::{Fire, HoldToGo, arm_simulated};
 use crate::gui::panels::widgets::note;
+use crate::gui::view::View;
 use crate::task::Plan;
 use crate::twin::Command;
 

@@ -6,11 +6,11 @@ use super::CalibrateState;
 use super::save;
 use crate::calibrate::Wizard;
 use crate::calibrate::preflight::checks;
-use crate::gui::panels::View;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{note, status};
 use crate::gui::services::Services;
 use crate::gui::theme::Level;
+use crate::gui::view::View;
 
 /// The step.
 pub fn ui(

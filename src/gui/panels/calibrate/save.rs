@@ -4,11 +4,11 @@ use egui::{Button, RichText, TextEdit, Ui, vec2};
 
 use super::{CalibrateState, Change};
 use crate::calibrate::{Kept, Mark, Step, Version, Wizard, changes, same};
-use crate::gui::panels::View;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{Gate, gated, heading, note, status};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
 
@@ -87,7 +87,7 @@ fn new_version(
         Err("There is nothing to save.".into())
     } else if wizard.name.trim().is_empty() {
         Err("Give it a name first.".into())
-    } else if state.changing.is_some() {
+    } else if state.changing.is_busy() {
         Err("The versions are being changed.".into())
     } else {
         match &state.versions {
@@ -103,7 +103,8 @@ fn new_version(
         let in_use = services.calibration.registration.as_ref();
         let version = wizard.version(in_use, active_registration(state), simulated);
         wizard.asked = None;
-        state.changing = Some((Change::Save, (services.calibration.save)(version)));
+        let job = (services.calibration.save)(version);
+        state.changing.begin_for(Change::Save, job);
     }
     if let Err(why) = &gate {
         note(ui, why);
@@ -131,7 +132,7 @@ pub fn versions(
         ui.add(egui::Label::new(RichText::new(&folder).small()).truncate())
             .on_hover_text(format!("Kept in {folder}"));
     }
-    if state.changing.is_some() || state.listing.is_some() {
+    if state.changing.is_busy() || state.listing.is_busy() {
         ui.horizontal(|ui| {
             ui.spinner();
             note(ui, "Reading and writing versions…");
@@ -148,7 +149,7 @@ pub fn versions(
                 .clicked()
             {
                 state.versions = None;
-                state.listing = Some((services.calibration.versions)());
+                state.listing.begin((services.calibration.versions)());
             }
             return;
         }
@@ -204,7 +205,7 @@ fn version(
                 title(ui, calibration, v);
                 return;
             }
-            let gate: Gate = if state.changing.is_some() {
+            let gate: Gate = if state.changing.is_busy() {
                 Err("The versions are being changed.".into())
             } else if wizard.has_begun() {
                 Err("A calibration is under way: save or cancel it first.".into())
@@ -224,7 +225,7 @@ fn version(
             if response.clicked() {
                 wizard.asked = None;
                 let job = (services.calibration.activate)(v.number);
-                state.changing = Some((Change::RollBack, job));
+                state.changing.begin_for(Change::RollBack, job);
             }
             title(ui, calibration, v);
         });

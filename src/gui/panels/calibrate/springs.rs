@@ -8,15 +8,15 @@ use egui::{
 use super::{CalibrateState, Source, capture_gate};
 use crate::calibrate::springs::{CELLS, SpringTake, Verdict};
 use crate::calibrate::{BenchRequest, Wizard};
-use crate::gui::panels::View;
-use crate::gui::panels::dashboard::spring_name;
 use crate::gui::panels::files::Ask;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{Gate, cell, cell_left, gated, heading, note, number, status};
 use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::sensing::calibration::FitQuality;
 use crate::signal::SPRINGS;
+use crate::signal::spring_name;
 
 /// Width of the card on the left, points.
 const LEFT: f32 = 316.0;
@@ -145,16 +145,15 @@ pub fn progress(ui: &mut Ui, what: &str, share: Option<f32>) -> bool {
 }
 
 fn running(ui: &mut Ui, state: &mut CalibrateState) -> bool {
-    let Some((_, job)) = &state.bench else {
+    let Some(stage) = state.bench.stage() else {
         return false;
     };
-    let stage = job.stage();
     let what = match stage.what.is_empty() {
         true => "Beginning",
         false => &stage.what,
     };
     if progress(ui, what, stage.share) {
-        state.bench = None;
+        state.bench.cancel();
     }
     true
 }
@@ -162,7 +161,8 @@ fn running(ui: &mut Ui, state: &mut CalibrateState) -> bool {
 /// Starts a run of the virtual rig's bench.
 fn run_bench(state: &mut CalibrateState, services: &mut Services, request: BenchRequest) {
     if let Some(bench) = &mut services.calibration.bench {
-        state.bench = Some((request.springs.clone(), bench(request)));
+        let springs = request.springs.clone();
+        state.bench.begin_for(springs, bench(request));
     }
 }
 
@@ -224,9 +224,9 @@ fn log(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, h
     ui.horizontal(|ui| entered = state.log.ui(ui, &ask, dialog, services));
     state.log.trouble(ui);
     ui.horizontal(|ui| {
-        let gate = match (&state.bench, state.log.path()) {
-            (Some(_), _) => Err("A log is being read.".into()),
-            (None, path) => path,
+        let gate = match state.bench.is_busy() {
+            true => Err("A log is being read.".into()),
+            false => state.log.path(),
         };
         let can = gate.clone().map(|_| ());
         let hover = "Read the log; springs that it holds are replaced";
@@ -235,7 +235,7 @@ fn log(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, h
             && (pressed || entered.is_some())
         {
             let job = (services.calibration.read_bench)(&path);
-            state.bench = Some(((0..SPRINGS).collect(), job));
+            state.bench.begin_for((0..SPRINGS).collect(), job);
         }
     });
     running(ui, state);
@@ -433,10 +433,10 @@ fn redo(
     services: &mut Services,
     i: usize,
 ) {
-    let gate = match (wizard.springs.springs[i].points().is_empty(), &state.bench) {
-        (_, Some(_)) => Err("Springs are being captured: wait for them.".to_owned()),
-        (true, _) => Err("Nothing has been captured of this spring.".into()),
-        (false, None) => Ok(()),
+    let gate = match wizard.springs.springs[i].points().is_empty() {
+        _ if state.bench.is_busy() => Err("Springs are being captured: wait for them.".to_owned()),
+        true => Err("Nothing has been captured of this spring.".into()),
+        false => Ok(()),
     };
     let hover = match state.source {
         Some(Source::Bench) => {

@@ -7,11 +7,11 @@ use egui::{Button, Grid, RichText, Ui, vec2};
 use super::springs::{left_card, progress};
 use super::{CalibrateState, capture_gate, motion};
 use crate::calibrate::{TRIAL_MIN_S, TRIAL_S, Wizard, motion::held_out};
-use crate::gui::panels::View;
-use crate::gui::panels::sensors::card;
+use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{gated, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::twin::{Command, Spread, TRIAL_SETTLING_S, TrialErrors};
 
 /// The step.
@@ -40,12 +40,13 @@ pub fn ui(
 /// Asks as soon as the motion is there, and again when the draft has changed.
 fn compare(wizard: &Wizard, state: &mut CalibrateState, services: &mut Services) {
     let known = wizard.judgement().is_some() || wizard.comparison.is_some();
-    if !wizard.trial_is_there() || state.comparing.is_some() || known || state.error.is_some() {
+    if !wizard.trial_is_there() || state.comparing.is_busy() || known || state.error.is_some() {
         return;
     }
     let question = wizard.question();
     let of = Arc::clone(&question.new);
-    state.comparing = Some((of, (services.calibration.compare)(question)));
+    let job = (services.calibration.compare)(question);
+    state.comparing.begin_for(of, job);
 }
 
 fn controls(
@@ -87,9 +88,9 @@ fn controls(
             wizard.trial = Default::default();
         }
     } else {
-        let gate = match state.comparing {
-            Some(_) => Err("The calibrations are being compared.".to_owned()),
-            None => capture_gate(live),
+        let gate = match state.comparing.is_busy() {
+            true => Err("The calibrations are being compared.".to_owned()),
+            false => capture_gate(live),
         };
         let button = Button::new("● Record motion").min_size(wide);
         let hover = "Record raw frames and motion capture from now on";
@@ -110,11 +111,10 @@ fn controls(
     let plan = held_out();
     motion::button(ui, live, label, plan, &mut state.hold, commands);
     motion::under_way(ui, live);
-    if let Some((_, job)) = &state.comparing {
+    if let Some(stage) = state.comparing.stage() {
         ui.separator();
-        let stage = job.stage();
         if progress(ui, "Comparing", stage.share) {
-            state.comparing = None;
+            state.comparing.cancel();
             state.error = Some("The comparison was stopped: record the motion again.".into());
             wizard.trial = Default::default();
         }

@@ -11,9 +11,8 @@ use state::{channel_age_s, spring_channel};
 use egui::{RichText, Sense, Stroke, Ui, vec2};
 
 use super::plot::{TimeWindow, sparkline};
-pub use super::widgets::card;
 use super::widgets::{
-    Meter, age, cell, empty, heading, health, health_sentence, meter, number, pane,
+    Meter, age, card, cell, empty, heading, health, health_sentence, meter, number, pane,
 };
 use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};

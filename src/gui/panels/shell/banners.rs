@@ -4,9 +4,10 @@
 
 use egui::{Align, Button, Color32, Label, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
-use super::{ShellAction, ShellInput, age};
+use super::{ShellAction, ShellInput};
 use crate::gui::panels::connect::VIRTUAL;
 use crate::gui::panels::welcome;
+use crate::gui::panels::widgets::age;
 use crate::gui::theme::Palette;
 use crate::signal::{Mode, Snapshot};
 use crate::twin::Command;
