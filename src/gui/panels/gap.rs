@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use egui::{Button, RichText, Role, Stroke, Ui, WidgetInfo, vec2};
+use egui::{Button, RichText, Role, Stroke, Ui, WidgetInfo};
 
 use super::files::Saving;
 pub use super::trouble::Trouble;
@@ -436,7 +436,7 @@ fn steps(ui: &mut Ui, state: &GapState) -> Option<Step> {
 
 /// One step back or on, and whether the finder is at work; gives the step that is to be shown.
 fn back_and_next(ui: &mut Ui, state: &GapState) -> Option<Step> {
-    if state.running.is_some() {
+    if state.running.is_busy() {
         ui.spinner();
         status(ui, Level::Normal, "finder at work");
     }
