@@ -184,8 +184,14 @@ fn twin(all: &mut List, known: &Known<'_>) {
         );
     }
     for (name, kind) in [
-        ("Use the controller: null-space QP", ControllerKind::NullSpaceQp),
-        ("Use the controller: ADRC (paper)", ControllerKind::PaperAdrc),
+        (
+            "Use the controller: null-space QP",
+            ControllerKind::NullSpaceQp,
+        ),
+        (
+            "Use the controller: ADRC (paper)",
+            ControllerKind::PaperAdrc,
+        ),
     ] {
         let gate = check(s.controller != kind, "This controller is in use.");
         let task = Choice::Twin(Command::Steer(kind));
