@@ -1,10 +1,10 @@
-//! What a healthy rig looks like: its nuisance parameters and what is left over at best.
+//! Commissioning: nuisance parameters, noise and noise floor of a healthy rig.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::noise::{Noise, bridged, start};
 use super::replay::{
-    CalibrationParameter, Row, calibration_parameters, left_over, move_arm, nominal,
+    CalibrationParameter, Row, calibration_parameters, move_arm, nominal, residuals,
 };
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage};
@@ -14,17 +14,17 @@ use crate::sim::effects::{Active, EffectError, Simulated};
 /// A commissioned rig, or the factory model.
 #[derive(Clone, Debug)]
 pub struct Baseline {
-    /// Values of the knobs.
+    /// Values of the calibration parameters.
     pub values: Vec<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
-    /// What a healthy session leaves over.
+    /// Noise model of a healthy session's residuals.
     pub noise: Noise,
-    /// Its size on data that were not fitted.
+    /// The noise floor: root mean square residuals on data that were not fitted.
     pub floor: Rmse,
-    /// The same per channel.
+    /// The noise floor per channel.
     pub channel_floor: [f64; CHANNELS],
-    /// What the healthy session leaves over, fitted on its other half; none for the factory model.
+    /// Residuals of the healthy session, each half with the fit to the other; none for the factory model.
     pub healthy: Option<Vec<Row>>,
     /// Name and hash of the healthy session.
     pub session: Option<[String; 2]>,
@@ -69,10 +69,10 @@ pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
     }
 }
 
-/// Share of its prior by which a nuisance parameter may have wandered since commissioning.
+/// Drift of a nuisance parameter since commissioning, as a share of its prior.
 const WANDER: f64 = 0.01;
 
-/// Covariance of what may have wandered.
+/// Covariance of the parameters' drift since commissioning.
 pub fn wander(knobs: &[CalibrationParameter]) -> DMatrix<f64> {
     let variances = knobs.iter().map(|k| (WANDER * k.prior()).powi(2));
     DMatrix::from_diagonal(&DVector::from_iterator(knobs.len(), variances))
@@ -100,7 +100,7 @@ pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
     }
 }
 
-/// Fits the knobs to a healthy session by maximum a posteriori.
+/// Fits the calibration parameters to a healthy session by maximum a posteriori.
 ///
 /// # Errors
 /// [`GapError`] when the model cannot follow the session.
@@ -121,7 +121,7 @@ pub fn commission(
     for step in 0..STEPS {
         progress.at(Stage::Commission, step as f64 / (STEPS + 1) as f64)?;
         let moved = move_arm(robot, grid, &values, &[])?;
-        let rows = left_over(robot, grid, &moved, &values, &[]);
+        let rows = residuals(robot, grid, &moved, &values, &[]);
         // A model so nearly linear does with new columns every other step.
         if step % 2 == 0 {
             columns = sensitivities(robot, grid, &values, &[], &moved)?;
@@ -140,19 +140,19 @@ pub fn commission(
             *v = (*v + d).max(k.least());
         }
         if step == 1 {
-            // From here on the channels weigh as they turned out, but statics keep their say.
+            // From here on the channels are weighted by their residuals; statics keep their weight.
             let moved = move_arm(robot, grid, &values, &[])?;
-            let rows = left_over(robot, grid, &moved, &values, &[]);
+            let rows = residuals(robot, grid, &moved, &values, &[]);
             let whole = Noise::from_healthy(&rows, &grid.present);
             rows_per_fact = whole.correlation_rows();
             noise = whole.without_memory();
         }
     }
     progress.at(Stage::Commission, STEPS as f64 / (STEPS + 1) as f64)?;
-    // What the arm does while it moves tells of times; lasting errors must not drown it.
+    // Times are estimated from the motion, so that persistent errors do not dominate them.
     for _ in 0..2 {
         let moved = move_arm(robot, grid, &values, &[])?;
-        let rows = left_over(robot, grid, &moved, &values, &[]);
+        let rows = residuals(robot, grid, &moved, &values, &[]);
         let timed = Noise::from_healthy(&rows, &grid.present);
         let times: Vec<usize> = (0..knobs.len())
             .filter(|i| {
@@ -175,7 +175,7 @@ pub fn commission(
         }
     }
     let moved = move_arm(robot, grid, &values, &[])?;
-    let rows = bridged(&left_over(robot, grid, &moved, &values, &[]));
+    let rows = bridged(&residuals(robot, grid, &moved, &values, &[]));
     let columns = sensitivities(robot, grid, &values, &[], &moved)?;
     let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
     let e = noise.innovations(&rows);
@@ -184,14 +184,14 @@ pub fn commission(
     // Each half as a fit to the other one leaves it.
     let half = grid.len() / 2;
     let mut unseen = rows.clone();
-    let (mut apart, mut chance) = (DVector::zeros(knobs.len()), wander(&knobs));
+    let (mut apart, mut expected) = (DVector::zeros(knobs.len()), wander(&knobs));
     for first in [true, false] {
         let (normal, right) = normal_equations(&w, &e, |k| (k < half) == first);
-        let told = normal / rows_per_fact;
-        let Some(solver) = (&told + &prior).cholesky() else {
+        let information = normal / rows_per_fact;
+        let Some(solver) = (&information + &prior).cholesky() else {
             return Err(GapError::Degenerate);
         };
-        chance += solver.solve(&solver.solve(&told).transpose());
+        expected += solver.solve(&solver.solve(&information).transpose());
         let change = solver.solve(&(right / rows_per_fact + weight.component_mul(&off)));
         apart = &change - apart;
         for k in (0..rows.len()).filter(|k| (*k < half) != first) {
@@ -209,9 +209,9 @@ pub fn commission(
         return Err(GapError::Degenerate);
     };
     let noise = Noise::from_healthy(&unseen, &grid.present);
-    // Two halves of one session that tell more different rigs than noise explains: the model's form
-    // is off, and the next session will tell another one again.
-    let Some(expected) = chance.cholesky() else {
+    // Halves of one session that differ by more than noise explains: the model is inadequate, and the
+    // next session will give other parameters again.
+    let Some(expected) = expected.cholesky() else {
         return Err(GapError::Degenerate);
     };
     let differ = apart.dot(&expected.solve(&apart)) / knobs.len() as f64;
@@ -231,7 +231,7 @@ pub fn commission(
     })
 }
 
-/// Rows without what was never measured.
+/// Rows with NaN in channels that were never measured.
 fn masked(rows: &[Row], grid: &Grid) -> Vec<Row> {
     let mut out = rows.to_vec();
     for row in &mut out {
@@ -242,7 +242,7 @@ fn masked(rows: &[Row], grid: &Grid) -> Vec<Row> {
     out
 }
 
-/// ∂(predicted row)/∂(knob), one series per knob, by differences.
+/// ∂(predicted row)/∂(calibration parameter), one series per parameter, by differences.
 pub fn sensitivities(
     robot: &RobotSpec,
     grid: &Grid,
@@ -254,7 +254,7 @@ pub fn sensitivities(
     sensitivities_of(robot, grid, values, effects, moved, &all)
 }
 
-/// The same for some knobs only.
+/// [`sensitivities`] of some parameters only.
 fn sensitivities_of(
     robot: &RobotSpec,
     grid: &Grid,
@@ -264,7 +264,7 @@ fn sensitivities_of(
     which: &[usize],
 ) -> Result<Vec<Vec<Row>>, EffectError> {
     let knobs = calibration_parameters();
-    let base = left_over(robot, grid, moved, values, effects);
+    let base = residuals(robot, grid, moved, values, effects);
     super::parallel(which, |&i| {
         let knob = knobs[i];
         let step = 0.1 * knob.prior();
@@ -272,9 +272,9 @@ fn sensitivities_of(
         shifted[i] += step;
         let rows = if knob.is_mechanical() {
             let moved = move_arm(robot, grid, &shifted, effects)?;
-            left_over(robot, grid, &moved, &shifted, effects)
+            residuals(robot, grid, &moved, &shifted, effects)
         } else {
-            left_over(robot, grid, moved, &shifted, effects)
+            residuals(robot, grid, moved, &shifted, effects)
         };
         Ok(difference(&base, &rows, step))
     })

@@ -1,11 +1,11 @@
-//! A fit in the words of a finding.
+//! Fits as the entries of a finding.
 
 use std::collections::BTreeMap;
 
 use super::candidates::Candidate;
 use super::explain::{Explained, form_sd, weak_prior};
 use super::finding::{FoundEffect, Ranked, SeparateBy};
-use super::left::Left;
+use super::misfit::Misfit;
 use super::patch::PatchValue;
 use super::problem::{Problem, Replayed};
 use super::session::Grid;
@@ -17,9 +17,11 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
     let columns = &fit.columns;
     let mut gram = problem.product(columns, columns);
     let free: Vec<usize> = (0..gram.nrows()).filter(|i| gram[(*i, *i)] > 0.0).collect();
-    // Innovations are not quite white and the effect's form is not quite right: the spread from
-    // block to block tells how much wider the interval is.
-    let level = Left::of(problem, &fit.residual).mean_quick().max(1.0);
+    // Innovations are not quite white and the effect's law is inadequate: the spread from block to
+    // block determines how much wider the interval is.
+    let level = Misfit::of(problem, &fit.residual)
+        .mean_innovation()
+        .max(1.0);
     let scale: Vec<f64> = fit.effects.iter().flat_map(|(c, _)| c.scale()).collect();
     for i in 0..gram.nrows() {
         gram[(i, i)] += 1e-6 / scale[i].powi(2);
@@ -91,8 +93,8 @@ pub fn unique(ranked: &[Explained]) -> Vec<Ranked> {
     out
 }
 
-/// The excitation in which two alternatives differ most, after each is fitted to the other as well
-/// as a linear change of its parameters allows.
+/// The excitation that discriminates best between two alternatives, after each is fitted to the other
+/// as well as a linear change of its parameters allows.
 pub fn separate(
     replayed: &Replayed,
     a: &Explained,
@@ -126,7 +128,7 @@ pub fn separate(
         ),
     })
 }
-/// What limits any verdict on these sessions.
+/// Notes on the data that limit any verdict.
 pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
     let mut out = Vec::new();
     match healthy {
@@ -153,7 +155,7 @@ pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
     }
     if suspect.session.commanded_pa.is_none() {
         out.push(
-            "The commanded pressures were not logged: nothing can be said of the way from command to gauge."
+            "The commanded pressures were not logged: the path from command to gauge cannot be judged."
                 .to_owned(),
         );
     }

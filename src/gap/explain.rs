@@ -1,4 +1,4 @@
-//! Which effects explain what is left over: a score test of all, a full fit of the best.
+//! Effects that explain the residuals: a score test of all, a full fit of the best.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -34,7 +34,7 @@ pub struct Explained {
     pub gain: f64,
     /// Its standard error.
     pub se: f64,
-    /// Whether the gain is more than the luck of some blocks.
+    /// Whether the gain is more than that of a few lucky blocks.
     pub firm: bool,
 }
 
@@ -47,7 +47,7 @@ const SAME_EFFECT: usize = 3;
 /// Steps of a full fit.
 const STEPS: usize = 8;
 
-/// Candidates that this session can speak of: their effect shows in a channel that is there.
+/// Candidates that are observable in this session: their effect shows in a measured channel.
 pub fn admitted(grid: &Grid, keep: impl Fn(&Effect) -> bool) -> Vec<Candidate> {
     let present = &grid.present;
     let tip = present[..6].iter().any(|p| *p);
@@ -116,9 +116,9 @@ pub fn columns(
     Ok(done.into_iter().flatten().collect())
 }
 
-/// Largest score that healthy innovations reach by chance, over all columns: the 95 % quantile of
-/// `draws` sessions put together from blocks of `healthy`.
-pub fn chance(
+/// Significance threshold of the score over all columns (5 % false-positive rate): the 95 % quantile of
+/// `draws` sessions resampled from blocks of `healthy`.
+pub fn significance_threshold(
     problem: &Problem,
     ready: &[Column],
     healthy: &DMatrix<f64>,
@@ -160,7 +160,7 @@ pub fn chance(
     most[(0.95 * (draws - 1) as f64).round() as usize]
 }
 
-/// Length of the blocks that chance puts together, bins: longer than what lasts in a healthy rig.
+/// Length of the resampled blocks, bins: longer than the correlation time of a healthy rig.
 const CHANCE_BLOCK: usize = 50;
 
 /// Score ½ bᵀG⁻¹b of columns with cleaned residual, and the coefficients G⁻¹b.
@@ -327,7 +327,7 @@ pub fn form_sd(effect: &Effect, parameter: &Parameter, value: f64) -> f64 {
         ("spring-stuck", _) => 0.0,
         // A floor gives before it carries.
         ("contact", "height") => 3e-3,
-        // Set points are held for a period; whether that counts as delay is a matter of words.
+        // Set points are held for a period, which may or may not count as delay.
         ("pressure-delay", _) => 1e-2 + 0.1 * departure,
         // Where a law has a scale of its own besides its size: one exponential for a spectrum, one
         // travel for a rounded loop.

@@ -1,4 +1,4 @@
-//! The whole way: commission, replay, locate, explain, decide, patch, prove.
+//! The whole procedure: commission, replay, locate, explain, decide, patch, prove.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,10 @@ use rand::SeedableRng as _;
 use super::candidates::{Candidate, starts_in};
 use super::commission::{Baseline, commission, factory};
 use super::describe::{described, notes, range_pa, separate, unique};
-use super::explain::{Explained, admitted, chance, columns};
+use super::explain::{Explained, admitted, columns, significance_threshold};
 use super::finding::{FailedFold, Finding, GapSize, Located, Verdict};
 use super::fit::cost;
-use super::left::Left;
+use super::misfit::Misfit;
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::Replayed;
@@ -23,14 +23,14 @@ use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use crate::sim::effects::{Side, Trajectory};
 
-/// What may be asked of the finder.
+/// Options of the finder.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Effects (ids) to leave out of the table.
     pub without: Vec<String>,
-    /// Seed of the chance sessions.
+    /// Seed of the resampled sessions behind the significance threshold.
     pub seed: u64,
-    /// Excitations that could be run, by name, to tell alternatives apart: times (s) and pressures (Pa).
+    /// Excitations that could discriminate between alternatives, by name: times (s) and pressures (Pa).
     pub excitations: Vec<(String, Trajectory)>,
 }
 
@@ -43,7 +43,7 @@ pub struct Found {
     pub patch: Patch,
 }
 
-/// Chance sessions behind the threshold.
+/// Resampled sessions behind the significance threshold.
 const DRAWS: usize = 100;
 /// Share of the excess over the floor that has to go before an effect is named.
 const CLOSED_MIN: f64 = 0.5;
@@ -55,10 +55,10 @@ const EXCITED_PA: f64 = 8e3;
 /// Finds what is missing in the model of a rig.
 ///
 /// `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
-/// verdict is weaker, which the notes say.
+/// verdict is weaker, as the notes state.
 ///
 /// # Errors
-/// [`GapError`] when a session says nothing, or the model cannot follow it.
+/// [`GapError`] when a session cannot be judged, or the model cannot follow it.
 pub fn find(
     robot: &RobotSpec,
     healthy: Option<&Grid>,
@@ -100,7 +100,7 @@ pub fn find(
     let ready = columns(&problem, &all, &|c| starts_in(c, suspect), &[])?;
     progress.at(Stage::Decide, 0.0)?;
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
-    // Without a healthy session nothing tells noise from effects but the assumed noise itself.
+    // Without a healthy session only the assumed noise separates noise from effects.
     let combinations = baseline.noise.channels.len();
     let quiet = match &baseline.healthy {
         Some(rows) => baseline.noise.evidence(rows, suspect.len()),
@@ -112,14 +112,14 @@ pub fn find(
             quiet
         }
     };
-    let threshold = chance(&problem, &ready, &quiet, &mut rng, DRAWS);
-    let before = Left::of(&problem, &r0);
+    let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, DRAWS);
+    let before = Misfit::of(&problem, &r0);
     let judged = quiet.ncols() - start();
     let floor = quiet.rows(0, combinations).norm_squared() / (combinations * judged) as f64;
     log::debug!(
-        "innovations {:.3} (healthy {floor:.3}), readings {:.2?}, rig's change {:.2}, threshold {threshold:.1}",
-        before.mean_quick(),
-        before.lasting,
+        "innovations {:.3} (healthy {floor:.3}), biases {:.2?}, rig's change {:.2}, threshold {threshold:.1}",
+        before.mean_innovation(),
+        before.bias,
         before.change
     );
 
@@ -144,11 +144,11 @@ pub fn find(
             let healthy = quiet.norm_squared() * n / quiet.len() as f64;
             let cost = cost(&problem, &r0);
             let rivals = rivals_of(&problem, &rankings, best, [cost, healthy], supply.as_ref());
-            let after = Left::of(&problem, &best.fit.residual);
+            let after = Misfit::of(&problem, &best.fit.residual);
             log::debug!(
-                "left over: innovations {:.3}, readings {:.2?}, rig's change {:.2}; closed {:.2}",
-                after.mean_quick(),
-                after.lasting,
+                "residual: innovations {:.3}, biases {:.2?}, rig's change {:.2}; closed {:.2}",
+                after.mean_innovation(),
+                after.bias,
                 after.change,
                 before.closed(&after, floor)
             );
@@ -244,17 +244,17 @@ pub fn find(
 /// A verdict and its reasons.
 struct Judged {
     verdict: Verdict,
-    /// Who cannot be excluded.
+    /// Candidates that cannot be excluded.
     rivals: Vec<Explained>,
     notes: Vec<String>,
 }
 
-/// The verdict when an effect was taken; what is left over before and after it, and the mean square
-/// of a healthy innovation.
+/// The verdict when an effect was taken, from the misfit before and after it and the mean square of a
+/// healthy innovation.
 fn judge(
     best: &Explained,
     rivals: Vec<Explained>,
-    [before, after]: [&Left; 2],
+    [before, after]: [&Misfit; 2],
     floor: f64,
     all: &[Candidate],
     located: &[Located],
@@ -282,14 +282,14 @@ fn judge(
     };
     if closed < least {
         if !before.exceeds(floor) {
-            // A term that gains a little where nothing is to be gained is chance, or the model's form.
+            // A term that gains a little at the noise floor is not significant, or model inadequacy.
             return judged(Verdict::NothingMissing, Vec::new(), Vec::new());
         }
         let what = located.first().map_or_else(
             || "no single channel stands out".to_owned(),
             |l| {
                 format!(
-                    "unmodelled term in {}, {}, along with {} ({:.0} % of its variance)",
+                    "unmodelled term in {}, {}, correlated with {} ({:.0} % of its variance)",
                     l.residual,
                     l.channel,
                     l.regressor,
@@ -317,11 +317,11 @@ fn judge(
 }
 
 /// The verdict when no effect was taken.
-fn unexplained(suspect: &Grid, before: &Left, floor: f64) -> Judged {
+fn unexplained(suspect: &Grid, before: &Misfit, floor: f64) -> Judged {
     let range_pa = range_pa(suspect);
     let (verdict, note) = if before.exceeds(floor) {
-        let note = "What is left over is larger than a healthy rig leaves, and no effect of the table \
-                    explains it.";
+        let note = "The residuals exceed the noise floor, and no effect of the table \
+                    explains them.";
         (Verdict::Unknown, Some(note.to_owned()))
     } else if range_pa < EXCITED_PA {
         let note = format!(
@@ -341,11 +341,11 @@ fn unexplained(suspect: &Grid, before: &Left, floor: f64) -> Judged {
 }
 
 /// A force within this of straight down is a weight, of level a leaning base, rad: a cable would not
-/// pull so by chance.
+/// hardly pull so.
 const ALONG_RAD: f64 = 0.1;
 
-/// A single tip force that goes along with gravity, while the effect that gravity has so is not in
-/// the table.
+/// A single tip force in the direction of gravity, while the effect that gravity would cause so is not
+/// in the table.
 fn gravity(e: &Explained, all: &[Candidate]) -> Option<String> {
     let [(c, values)] = e.fit.effects.as_slice() else {
         return None;
@@ -366,7 +366,7 @@ fn gravity(e: &Explained, all: &[Candidate]) -> Option<String> {
         return None;
     };
     Some(format!(
-        "Unmodelled term in r2, along with the direction of gravity: a force of {:.2} N fits that is \
+        "Unmodelled term in r2, correlated with the direction of gravity: the fitted force of {:.2} N is \
          {way}, which is what {what} is in the table.",
         aside.hypot(up)
     ))

@@ -1,4 +1,4 @@
-//! What the finder has to say, in the form that is printed, drawn and written.
+//! The finding: verdict, effects, errors, in the form that is printed, drawn and written.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +10,15 @@ use super::patch::PatchValue;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Nothing gains more than chance would, and what is left over is what a healthy rig leaves.
+    /// No effect has a significant gain, and the residuals are at the noise floor.
     NothingMissing,
     /// One set of effects explains it, and no other does nearly as well.
     Named,
-    /// Several effects explain it as well as each other.
+    /// Several effects explain it equally well.
     Indistinguishable,
-    /// Something is there, and no known effect explains it, or none could be proven on held-out data.
+    /// A significant residual that no known effect explains, or none that held-out data confirm.
     Unknown,
-    /// The session moves too little to tell.
+    /// The excitation is too small for a verdict.
     NotExcited,
 }
 
@@ -48,16 +48,16 @@ pub struct Ranked {
     pub se: f64,
 }
 
-/// Where a residual goes along with something.
+/// A residual that is correlated with a regressor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Located {
     /// `r1` .. `r5`.
     pub residual: String,
     /// Channel of the residual.
     pub channel: String,
-    /// What it goes along with.
+    /// The regressor.
     pub regressor: String,
-    /// Share of its variance that this explains on held-out blocks, 0..1.
+    /// Share of the variance that it explains on held-out blocks, 0..1.
     pub share: f64,
 }
 
@@ -117,7 +117,7 @@ impl FailedFold {
     }
 }
 
-/// What to run to tell effects apart.
+/// A discriminating excitation: a motion under which alternatives differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeparateBy {
     /// Name of an excitation of the rig.
@@ -141,7 +141,7 @@ pub struct Traces {
     pub after: Vec<Vec<f64>>,
     /// Measured end pad x, y, z in the frame of the motion capture, m; not finite where nothing was captured.
     pub measured_m: Vec<[f64; 3]>,
-    /// Simulated without the effects, as motion capture would tell it.
+    /// Simulated without the effects, in the frame of the motion capture.
     pub before_m: Vec<[f64; 3]>,
     /// With the effects.
     pub after_m: Vec<[f64; 3]>,
@@ -159,9 +159,9 @@ pub struct Finding {
     pub effects: Vec<FoundEffect>,
     /// Everything that was fitted, best first.
     pub candidates: Vec<Ranked>,
-    /// Gain that chance reaches in 5 % of healthy sessions, nats.
+    /// Significance threshold of the gain (5 % false-positive rate), nats.
     pub threshold: f64,
-    /// Where the residuals go along with something.
+    /// Residuals that are correlated with a regressor.
     pub located: Vec<Located>,
     /// The gap before and after.
     pub gap: GapSize,
@@ -172,9 +172,9 @@ pub struct Finding {
     /// Folds of the held-out proof that could not be computed; no name is given while there is one.
     #[serde(default)]
     pub failed_folds: Vec<FailedFold>,
-    /// What to run to tell the alternatives apart.
+    /// The discriminating excitation for the alternatives.
     pub separate_by: Option<SeparateBy>,
-    /// What weakens the verdict, one sentence each; and for [`Verdict::Unknown`] what is there.
+    /// What limits the verdict, one sentence each; and for [`Verdict::Unknown`] what was observed.
     pub notes: Vec<String>,
     /// Names and hashes of the data: baseline and suspect session.
     pub data: BTreeMap<String, String>,

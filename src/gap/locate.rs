@@ -1,4 +1,4 @@
-//! Where the residuals go along with something: for the eye, never for the verdict.
+//! Correlation of the residuals with pressures, poses and time. It is displayed and not used for the verdict.
 //!
 //! | residual | compares |
 //! |---|---|
@@ -19,10 +19,10 @@ use crate::sim::effects;
 use crate::sim::patch::Correction;
 use crate::sim::sensors::spring_lengths;
 
-/// Channels that go along with something by less than this are not told.
+/// Smallest share of variance that is listed.
 const SHARE_MIN: f64 = 0.2;
-/// At most so many are told.
-const TOLD: usize = 12;
+/// Largest number of entries.
+const LISTED: usize = 12;
 /// A channel has to exceed its floor by this factor.
 const OVER_FLOOR: f64 = 1.3;
 
@@ -68,10 +68,10 @@ pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
         ));
     }
     out.sort_by(|a, b| b.0.total_cmp(&a.0));
-    Ok(out.into_iter().take(TOLD).map(|(_, l)| l).collect())
+    Ok(out.into_iter().take(LISTED).map(|(_, l)| l).collect())
 }
 
-/// Residuals in which the sides are kept apart.
+/// Residuals r2, r3 and r4, separated from each other.
 fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
     let (grid, values) = (replayed.grid, &replayed.baseline.values);
     let known = Correction::known(replayed.robot).and(values, &[]).values;
@@ -117,7 +117,7 @@ fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
     Ok(rows)
 }
 
-/// What residuals may go along with.
+/// The regressors, by name.
 fn regressors(replayed: &Replayed) -> Vec<(String, DMatrix<f64>)> {
     let grid = replayed.grid;
     let p = grid.binned(&grid.gauge_pa);

@@ -1,7 +1,7 @@
 //! The gap finder: where simulation and measurement disagree, which effect is missing, and by how
 //! much the gap shrinks when it is added.
 //!
-//! It judges a measured session against what [`sim`](crate::sim) says of the same pressures, and imports
+//! It compares a measured session with what [`sim`](crate::sim) predicts for the same pressures, and imports
 //! robot and signal besides. It may not import the rig, whose hidden effects it is to find, and it reads
 //! and writes no file: sessions come in, findings, patches and reports go out as values and text.
 
@@ -13,8 +13,9 @@ mod explain;
 mod find;
 mod finding;
 mod fit;
-mod left;
+
 mod locate;
+mod misfit;
 mod noise;
 mod nuisance;
 mod patch;
@@ -28,10 +29,10 @@ mod session;
 mod sides;
 
 pub use actuation::{
-    Actuation, Chance, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,
-    PressureLog, PressureNoise, PressureUnit, Proof, Regulator, Stages, actuation_only,
-    commission_supply, decide_supply, gauge_pressures, ideal_supply, line_rmse_pa, line_rows,
-    prove_supply, supply_stages,
+    Actuation, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,
+    PressureLog, PressureNoise, PressureUnit, Proof, Regulator, Significance, Stages,
+    actuation_only, commission_supply, decide_supply, gauge_pressures, ideal_supply, line_rmse_pa,
+    line_rows, prove_supply, supply_stages,
 };
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use find::{Found, Options, find};
@@ -42,8 +43,8 @@ pub use finding::{
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
 pub use replay::{
-    CalibrationParameter, Row, calibration_parameters, left_over, move_arm, nominal, parameters,
-    predicted, readings, told_poses,
+    CalibrationParameter, Row, calibration_parameters, captured_poses, move_arm, nominal,
+    parameters, predicted, readings, residuals,
 };
 pub use session::{
     CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with, same_robot,
@@ -53,12 +54,12 @@ use rayon::prelude::*;
 
 use crate::sim::effects::EffectError;
 
-/// Why nothing can be said.
+/// Why there is no finding.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GapError {
     /// Too little data.
     #[error(
-        "session '{session}' is {seconds:.0} s long: at least {} s are needed to tell an effect from noise",
+        "session '{session}' is {seconds:.0} s long: at least {} s are needed to distinguish an effect from noise",
         session::SECONDS_MIN
     )]
     TooShort {
@@ -147,7 +148,7 @@ pub enum Stage {
     Locate,
     /// Trying effects.
     Explain,
-    /// Comparing with chance.
+    /// Comparing with the significance threshold.
     Decide,
     /// Testing on held-out data.
     Prove,
@@ -171,13 +172,13 @@ impl Stage {
             Self::Replay => "Replaying the suspect session",
             Self::Locate => "Describing where it differs",
             Self::Explain => "Trying effects",
-            Self::Decide => "Comparing with chance",
+            Self::Decide => "Comparing with the significance threshold",
             Self::Prove => "Testing on held-out data",
         }
     }
 }
 
-/// Told how far the work is, and asked whether to go on.
+/// Receives the progress of the work and may stop it.
 pub trait Progress: Sync {
     /// `share` (0..1) of `stage` is done.
     ///
@@ -186,7 +187,7 @@ pub trait Progress: Sync {
     fn at(&self, stage: Stage, share: f64) -> Result<(), GapError>;
 }
 
-/// Nobody watches.
+/// Progress that is ignored.
 pub struct Unwatched;
 
 impl Progress for Unwatched {

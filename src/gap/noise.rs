@@ -1,9 +1,9 @@
-//! What a healthy rig leaves over: its size, how its channels go together and how long it lasts.
+//! Noise model of a healthy rig: covariance and autocorrelation of its residuals.
 //!
 //! Residual rows e_t are turned into innovations of unit variance,
 //! w_t = D⁻¹ (z_t − φ z_{t−1}), z_t = L⁻¹ e_t, Σ = L Lᵀ, with the healthy session's covariance Σ and
 //! one autoregressive coefficient φ per combination. Sums of squares of w are then proper
-//! log-likelihoods, although errors of the model last for seconds and show in many channels at once.
+//! log-likelihoods, although model errors are correlated over seconds and over many channels.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +12,7 @@ use super::session::{CHANNELS, GRID_HZ, IMU_0, SPRING_0, START_S, bridge};
 
 /// Share of the diagonal in the covariance (shrinkage against chance correlations).
 const SHRINK: f64 = 0.1;
-/// Largest autoregressive coefficient: errors that last longer count as lasting this long.
+/// Largest autoregressive coefficient; slower errors are treated as this slow.
 const PHI_MAX: f64 = 0.97;
 /// Quantisation and rounding that no session can undercut: tip m, rad, spring m, IMU rad.
 const SMALLEST: [f64; 4] = [5e-5, 2e-4, 3e-5, 5e-4];
@@ -41,8 +41,8 @@ pub struct Noise {
     size: DVector<f64>,
 }
 
-/// How many independent looks at what lasts a session gives: an offset, a drift, a tilt stay, and
-/// innovations of errors that last hardly see them.
+/// Number of independent observations of a persistent bias per session: offsets, drifts and tilts persist,
+/// and the innovations hardly show them.
 pub const LOOKS: f64 = 2.0;
 
 impl Noise {
@@ -60,13 +60,13 @@ impl Noise {
         }
     }
 
-    /// From what a healthy session leaves over.
+    /// From the residuals of a healthy session.
     pub fn from_healthy(rows: &[Row], present: &[bool; CHANNELS]) -> Self {
         let channels: Vec<usize> = (0..CHANNELS).filter(|c| present[*c]).collect();
         let rows = &bridged(rows)[start()..];
         let n = channels.len();
         let t = rows.len() as f64;
-        // Second moments about zero: a lasting offset is part of what is left over.
+        // Second moments about zero: a persistent bias is part of the residual.
         let mut sigma = DMatrix::zeros(n, n);
         for row in rows {
             for (i, a) in channels.iter().enumerate() {
@@ -141,7 +141,7 @@ impl Noise {
         self.filtered(&self.mixed(&bridged(rows)))
     }
 
-    /// What `rows` say, one column per row of a session of `bins` rows: innovations, and below them the
+    /// Evidence of `rows`, one column per row of a session of `bins` rows: innovations, and below them the
     /// readings of every channel in units of its healthy size, so weighted that the sum of their
     /// squares over the session counts as two independent looks. The start of the session is zero.
     pub fn evidence(&self, rows: &[Row], bins: usize) -> DMatrix<f64> {

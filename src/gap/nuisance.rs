@@ -1,4 +1,4 @@
-//! Columns of what differs from rig to rig, and of the model's own error, without their zeros.
+//! Columns of the nuisance parameters and of the model inadequacy, stored without zeros.
 
 use std::ops::Range;
 

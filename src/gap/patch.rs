@@ -1,5 +1,5 @@
-//! What was found, as a file: it turns the factory model into the commissioned one and adds the
-//! missing effects. Patches stack in order and can be taken back.
+//! Patch files: they turn the factory model into the commissioned one and add the missing effects.
+//! Patches stack in order and can be reverted.
 
 use super::replay::calibration_parameters;
 use crate::robot::RobotSpec;
@@ -50,7 +50,7 @@ impl Patch {
         })
     }
 
-    /// Puts knob values into the patch; nominal ones are left out.
+    /// Puts the values of calibration parameters into the patch; nominal ones are omitted.
     pub fn set_values(&mut self, values: &[f64]) {
         self.rig = calibration_parameters()
             .into_iter()
@@ -66,7 +66,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::gap::{Grid, Session, left_over, move_arm, nominal};
+    use crate::gap::{Grid, Session, move_arm, nominal, residuals};
     use crate::robot::{REFERENCE, with_patch};
     use crate::signal::{Pose, SensorVec, pose_error};
     use crate::sim::{Inputs, Model, State, observe, settle};
@@ -198,8 +198,8 @@ mod tests {
             by_patch,
             move_arm(&base, &grid, &nominal(), &[]).expect("moves")
         );
-        let rows = left_over(&base, &grid, &by_patch, &values, &effects);
-        assert_eq!(rows, left_over(&patched, &grid, &by_robot, &nominal(), &[]));
-        assert_ne!(rows, left_over(&base, &grid, &by_patch, &nominal(), &[]));
+        let rows = residuals(&base, &grid, &by_patch, &values, &effects);
+        assert_eq!(rows, residuals(&patched, &grid, &by_robot, &nominal(), &[]));
+        assert_ne!(rows, residuals(&base, &grid, &by_patch, &nominal(), &[]));
     }
 }

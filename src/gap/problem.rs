@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use super::GapError;
 use super::commission::{Baseline, sensitivities, wander};
 use super::nuisance::Nuisance;
-use super::replay::{Row, calibration_parameters, left_over, move_arm, pretend};
+use super::replay::{Row, calibration_parameters, move_arm, residuals, simulated_grid};
 use super::session::Grid;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -18,8 +18,8 @@ use crate::sim::effects::{Active, EffectError, Operator, Simulated};
 pub const BLOCKS: usize = 12;
 /// Blocks b with b mod FOLDS = f are held out together.
 pub const FOLDS: usize = 4;
-/// Size of the model's own error where the pressures differ from the healthy session's: standard
-/// deviation, in units of what the healthy session leaves over, per pressure at its usual size.
+/// Model inadequacy where the pressures differ from the healthy session's: standard deviation, in units
+/// of the healthy session's residuals, per pressure at its usual size.
 const FORM: f64 = 0.15;
 /// The same for how fast a pressure changes.
 const FORM_RATE: f64 = 0.15;
@@ -35,7 +35,7 @@ pub struct Problem<'a> {
     evaluate: Evaluate<'a>,
     nuisance: Nuisance,
     lambda: DMatrix<f64>,
-    /// Whether what the nuisance's own prior says counts in [`Self::held_out`].
+    /// Whether the nuisance's prior counts in [`Self::held_out`].
     prior_counts: bool,
     /// NᵀN + Λ.
     normal: Cholesky<f64, Dyn>,
@@ -86,23 +86,23 @@ impl<'a> Replayed<'a> {
         &self.healthy
     }
 
-    /// Measured less predicted with these effects.
+    /// Residuals with these effects, measured − predicted.
     ///
     /// # Errors
     /// [`EffectError`] when the arm finds no equilibrium with them.
     pub fn rows(&self, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
         let values = &self.baseline.values;
-        let anew = effects.iter().any(|a| {
+        let recomputed = effects.iter().any(|a| {
             matches!(
                 a.effect.operator,
                 Operator::Mechanics(_) | Operator::Pressure(_)
             )
         });
-        if anew {
+        if recomputed {
             let moved = move_arm(self.robot, self.grid, values, effects)?;
-            Ok(left_over(self.robot, self.grid, &moved, values, effects))
+            Ok(residuals(self.robot, self.grid, &moved, values, effects))
         } else {
-            Ok(left_over(
+            Ok(residuals(
                 self.robot,
                 self.grid,
                 &self.healthy,
@@ -154,12 +154,12 @@ impl Replayed<'_> {
     /// second is refitted to the first as far as a linear change of its parameters allows.
     pub fn apart(&self, grid: &Grid, a: &[Active], b: &[Active]) -> Option<f64> {
         let values = &self.baseline.values;
-        let grid = pretend(self.robot, grid, values, a).ok()?;
+        let grid = simulated_grid(self.robot, grid, values, a).ok()?;
         let rows = |b: &[Active]| -> Option<DVector<f64>> {
             let moved = move_arm(self.robot, &grid, values, b).ok()?;
             Some(stack(
                 self.baseline,
-                &left_over(self.robot, &grid, &moved, values, b),
+                &residuals(self.robot, &grid, &moved, values, b),
             ))
         };
         let r = rows(b)?;
@@ -237,15 +237,15 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Counts how far the nuisance has to move from what is known of it: what a session says of the
-    /// rig's parameters then weighs against a commissioning that says otherwise.
+    /// Includes the nuisance's distance from its prior mean: a session's parameters are then weighed
+    /// against the commissioned ones.
     pub fn with_prior(mut self) -> Self {
         self.prior_counts = true;
         self
     }
 
-    /// How far the nuisance moves from what is known of it, δᵀΛδ over its expectation for a rig that
-    /// is as known: about 1 where nothing is missing.
+    /// Change of the nuisance parameters, δᵀΛδ over its expectation for an unchanged rig: about 1 where
+    /// nothing is missing.
     pub fn change(&self, r: &DVector<f64>) -> f64 {
         let r = DMatrix::from_column_slice(r.len(), 1, r.as_slice());
         let d = self.normal.solve(&self.seen_by_nuisance(&r));
@@ -400,8 +400,8 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// What the model's own error may follow: a constant, the pressures, how fast they change; each of
-/// unit size, with its standard deviation.
+/// Shapes of the model inadequacy: a constant, the pressures, their rates; each of unit size, with its
+/// standard deviation.
 fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
     let p = grid.binned(&grid.gauge_pa);
     let n = p.len();
@@ -444,7 +444,7 @@ impl Losses {
     /// Whether the gain over `other` is more than the luck of some blocks: twice its standard error,
     /// or won somewhere and lost next to nowhere (drifts, touches and faults that begin in the middle
     /// gain far more in some blocks than in others), or twice its standard error when every block
-    /// counts by its own scale, ln(loss/loss) (where more happens, more is left over).
+    /// counts by its own scale, ln(loss/loss), since residuals are larger where more happens.
     pub fn firmly_over(&self, other: &Self) -> bool {
         self.beats(other, 2.0)
     }

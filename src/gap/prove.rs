@@ -10,12 +10,12 @@ use super::explain::{Explained, weak_prior};
 use super::finding::{ChannelError, FailedFold, GapSize, Traces};
 use super::noise::{bridged, start};
 use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
-use super::replay::{Row, move_arm, told_poses};
+use super::replay::{Row, captured_poses, move_arm};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
 use crate::signal::Pose;
 use crate::sim::effects::{Active, Target};
 
-/// The proof.
+/// Errors on held-out data.
 pub struct Proof {
     /// The gap where the effects show best.
     pub gap: GapSize,
@@ -29,7 +29,7 @@ pub struct Proof {
     pub traces: Traces,
 }
 
-/// Channels whose errors are told together.
+/// A group of channels whose errors are reported together.
 struct Group {
     name: String,
     channels: std::ops::Range<usize>,
@@ -59,7 +59,7 @@ fn groups() -> Vec<Group> {
     out
 }
 
-/// A group that got worse by this share of its floor is told.
+/// A group that got worse by this share of its noise floor is reported.
 const WORSE: f64 = 0.1;
 
 /// Measures what `e` does on data it was not fitted to; `None` measures the model as it is.
@@ -175,7 +175,7 @@ fn fold_rows(
     whole_rows: &[Row],
 ) -> Result<Vec<Row>, String> {
     let Some(change) = change else {
-        return Err("the effects cannot be told apart on the other blocks".to_owned());
+        return Err("the effects are indistinguishable on the other blocks".to_owned());
     };
     let mut effects = whole.to_vec();
     let mut moved = change.iter();
@@ -249,7 +249,7 @@ fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
     square.is_finite().then(|| square.sqrt() * g.factor)
 }
 
-/// The group of an effect says nothing of it when it does not exceed its floor by this factor.
+/// The group of an effect counts when it exceeds its noise floor by this factor.
 const OWN_MIN: f64 = 1.5;
 
 /// The gap in the group that belongs to the (first) effect, or where it is largest.
@@ -303,10 +303,10 @@ fn traces(
     let values = &replayed.baseline.values;
     let grid = replayed.grid;
     let robot = replayed.robot;
-    // As motion capture tells them, so that the rig's own frame and clock are no part of the gap.
-    let plain = told_poses(robot, grid, replayed.healthy(), values, &[]);
+    // In the frame of the motion capture, so that the rig's own frame and clock are no part of the gap.
+    let plain = captured_poses(robot, grid, replayed.healthy(), values, &[]);
     let moved = move_arm(robot, grid, values, effects)?;
-    let patched = told_poses(robot, grid, &moved, values, effects);
+    let patched = captured_poses(robot, grid, &moved, values, effects);
     let place = |p: &Pose| drawn(&Some(*p)).0;
     let turn = |p: &Pose| drawn(&Some(*p)).1;
     let (measured_m, measured_turns) = grid.captured.iter().map(drawn).unzip();
@@ -387,7 +387,7 @@ mod tests {
         };
         assert_eq!(run(Some(&none), Ok(FEW)), Ok(vec![FEW; 4]));
         for (change, rows, words) in [
-            (None, Ok(FEW), "told apart"),
+            (None, Ok(FEW), "indistinguishable"),
             (
                 Some(&none),
                 Err(GapError::Degenerate),

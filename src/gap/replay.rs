@@ -1,4 +1,4 @@
-//! A session through the model: what differs from arm to arm, and what is left over.
+//! Replay of a session through the model: predictions, residuals and the arm-to-arm scatter of the parameters.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -12,7 +12,7 @@ pub use crate::sim::patch::{
 use crate::sim::patch::{Correction, motions};
 
 impl CalibrationParameter {
-    /// How far a well-made arm departs from the nominal one (standard deviation).
+    /// Standard deviation of the parameter among well-made arms.
     pub fn prior(self) -> f64 {
         match self {
             Self::Stiffness(_) | Self::Area(_) => 0.03,
@@ -57,8 +57,8 @@ pub(super) fn pad_from_body(values: &[f64]) -> Pose {
 /// One row of residuals, measured − predicted; NaN where nothing was measured.
 pub type Row = [f64; CHANNELS];
 
-/// Moves the arm of these knobs, with `effects`, through the grid's measured pressures. Both act on
-/// top of the robot's own patches.
+/// Moves the arm of these calibration parameters, with `effects`, through the grid's measured pressures.
+/// Both act on top of the robot's own patches.
 ///
 /// # Errors
 /// [`EffectError::Sim`] when the arm finds no equilibrium.
@@ -96,11 +96,11 @@ pub fn is_mechanical(a: &Active) -> bool {
     matches!(a.effect.operator, effects::Operator::Mechanics(_))
 }
 
-/// The grid as it would have been measured on an arm with these knobs and effects, without noise.
+/// The grid simulated on an arm with these calibration parameters and effects, without noise.
 ///
 /// # Errors
 /// As [`move_arm`].
-pub fn pretend(
+pub fn simulated_grid(
     robot: &RobotSpec,
     grid: &Grid,
     values: &[f64],
@@ -120,8 +120,8 @@ pub fn pretend(
     })
 }
 
-/// What sensors and motion capture would read of a motion, without noise: the two pads' poses and the 24 signals at
-/// every bin, with what knobs and `effects` do to the readings on top of the robot's own patches.
+/// Predicted readings of sensors and motion capture for a motion, without noise: the two pads' poses and the 24
+/// signals at every bin, with calibration parameters and `effects` on top of the robot's own patches.
 pub fn predicted(
     robot: &RobotSpec,
     grid: &Grid,
@@ -137,9 +137,9 @@ pub fn predicted(
     read
 }
 
-/// Measured less predicted, for a motion and what knobs and `effects` do to the readings, on top of
-/// the robot's own patches.
-pub fn left_over(
+/// Residuals of a motion, measured − predicted, with calibration parameters and `effects` on top of the
+/// robot's own patches.
+pub fn residuals(
     robot: &RobotSpec,
     grid: &Grid,
     moved: &Simulated,
@@ -156,16 +156,16 @@ pub fn left_over(
                 let e = pose_error(truth, &(read.captured[k][1] * pad_from_body));
                 row[..6].copy_from_slice(e.as_slice());
             }
-            let (seen, told) = (&grid.sensors[k], &read.sensors[k]);
+            let (measured, predicted) = (&grid.sensors[k], &read.sensors[k]);
             for i in 0..SPRINGS {
-                row[SPRING_0 + i] = seen.spring_m[i] - told.spring_m[i];
+                row[SPRING_0 + i] = measured.spring_m[i] - predicted.spring_m[i];
             }
             for i in 0..IMUS {
-                // An IMU that says nothing has no error; a turn of what is not finite would be none.
-                if seen.imu_ypr_rad[i].iter().any(|a| !a.is_finite()) {
+                // An IMU without readings has no error; the rotation of values that are not finite would be none.
+                if measured.imu_ypr_rad[i].iter().any(|a| !a.is_finite()) {
                     continue;
                 }
-                let turn = told.base_from_imu_pad(i).inverse() * seen.base_from_imu_pad(i);
+                let turn = predicted.base_from_imu_pad(i).inverse() * measured.base_from_imu_pad(i);
                 let w = UnitQuaternion::from(turn).scaled_axis();
                 row[IMU_0 + 3 * i..IMU_0 + 3 * i + 3].copy_from_slice(w.as_slice());
             }
@@ -174,9 +174,9 @@ pub fn left_over(
         .collect()
 }
 
-/// Poses of the end pad as motion capture would tell them, with the knobs' frame, clock and body: what
-/// is measured is held against these.
-pub fn told_poses(
+/// Predicted poses of the tracked body in the frame of the motion capture, with the parameters' frame, clock and
+/// body; the captured poses are compared with them.
+pub fn captured_poses(
     robot: &RobotSpec,
     grid: &Grid,
     moved: &Simulated,
@@ -185,6 +185,6 @@ pub fn told_poses(
 ) -> Vec<Pose> {
     let read = predicted(robot, grid, moved, values, effects);
     let pad_from_body = pad_from_body(&Correction::known(robot).and(values, &[]).values);
-    let told = read.captured.iter();
-    told.map(|pads| pads[1] * pad_from_body).collect()
+    let captured = read.captured.iter();
+    captured.map(|pads| pads[1] * pad_from_body).collect()
 }

@@ -1,4 +1,4 @@
-//! A finding as one page that a person reads: no script, nothing fetched, readable on a phone, in print,
+//! A finding as one HTML page: no script, no external resources, readable on a phone, in print,
 //! in light and dark. The markup is well-formed XML.
 
 mod heat;
@@ -28,7 +28,7 @@ pub enum Origin {
     Measured,
 }
 
-/// How a patch is put into force and taken back.
+/// The commands that apply and revert a patch.
 const APPLY: &str = "springtwin gap apply patch.toml --out robot.toml";
 const UNDO: &str = "springtwin gap apply --undo robot.toml --out before.toml";
 /// Rows of the table of places.
@@ -76,7 +76,7 @@ fn paragraph(text: &str) -> String {
     format!("<p>{}</p>\n", escape(text))
 }
 
-/// A table; `numeric` tells from which column on cells hold numbers. Cells are markup.
+/// A table; cells are markup, and those from column `numeric` on hold numbers.
 fn table(head: &[&str], rows: &[Vec<String>], numeric: usize) -> String {
     let class = |i: usize| if i >= numeric { " class=\"n\"" } else { "" };
     let cells = |tag: &str, row: &[String]| -> String {
@@ -153,7 +153,7 @@ impl Page<'_> {
         )
     }
 
-    /// What to do now.
+    /// The next step.
     fn next(&self) -> String {
         match (self.finding.verdict, &self.finding.separate_by) {
             (Verdict::Indistinguishable, Some(s)) => {
@@ -193,8 +193,8 @@ impl Page<'_> {
             .map(|n| format!("<li>{}</li>\n", escape(n)))
             .collect();
         let title = match self.finding.verdict {
-            Verdict::Unknown => "What is there, and what weakens this",
-            _ => "What weakens this verdict",
+            Verdict::Unknown => "What was observed, and what limits this verdict",
+            _ => "What limits this verdict",
         };
         section(title, &format!("<ul>\n{items}</ul>\n"))
     }
@@ -207,7 +207,7 @@ impl Page<'_> {
         let adds = !self.finding.effects.is_empty();
         let closed = if adds && g.closed.is_finite() {
             format!(
-                "<p><strong>Closed {}</strong> of the gap: (before − after) / (before − floor).</p>\n",
+                "<p><strong>Closed {}</strong> of the gap: (before − after) / (before − noise floor).</p>\n",
                 percent(g.closed)
             )
         } else {
@@ -215,8 +215,8 @@ impl Page<'_> {
         };
         let picture = self.figure(
             &plot::gap(g),
-            "Root-mean-square error on held-out data, in the residual that shows the gap best. The floor \
-             is what a healthy rig leaves.",
+            "Root-mean-square error on held-out data, in the residual that shows the gap best. The noise floor \
+             is the error of a healthy rig.",
         );
         section("The gap", &format!("{closed}{picture}"))
     }
@@ -243,7 +243,7 @@ impl Page<'_> {
             map(
                 "Residuals over time with the effect",
                 &t.after,
-                "With the effect, same scale. What is left should look like grain.",
+                "With the effect, same scale. The residuals should look like noise.",
             )
         };
         section(
@@ -265,9 +265,9 @@ impl Page<'_> {
         );
         let figure = self.figure(
             &picture,
-            "Position of the end pad as motion capture tells it.",
+            "Position of the end pad in the frame of the motion capture.",
         );
-        section("The way of the tip", &format!("{key}{figure}"))
+        section("Path of the tip", &format!("{key}{figure}"))
     }
 
     fn ranking(&self) -> String {
@@ -283,10 +283,10 @@ impl Page<'_> {
         };
         let caption = format!(
             "How much better each candidate predicts held-out data than the model without it, ± one \
-             standard error. The dashed line is what chance reaches in 5 % of healthy sessions; below it \
-             a gain means nothing.{more}"
+             standard error. The dashed line is the significance threshold (5 % false-positive rate); a gain \
+             below it is not significant.{more}"
         );
-        section("What was tried", &self.figure(&picture, &caption))
+        section("Candidates", &self.figure(&picture, &caption))
     }
 
     fn channels(&self) -> String {
@@ -310,7 +310,7 @@ impl Page<'_> {
                 "<path d=\"M12 2L22 12M12 12L22 2\" class=\"line cross\"/>",
                 "shuffled inputs"
             ),
-            swatch(&sample_box("floor"), "floor of a healthy rig"),
+            swatch(&sample_box("floor"), "noise floor"),
             swatch(&sample_line("chance"), "without the effect"),
         );
         let picture = plot::groups(&f.channels);
@@ -332,7 +332,14 @@ impl Page<'_> {
             .map(|c| channel_row(c, f.worse.iter().any(|w| w.name == c.name)))
             .collect();
         let head = [
-            "channels", "", "before", "after", "95 %", "shuffled", "floor", "unit",
+            "channels",
+            "",
+            "before",
+            "after",
+            "95 %",
+            "shuffled",
+            "noise floor",
+            "unit",
         ];
         section(
             "What got better, what got worse",
@@ -363,11 +370,14 @@ impl Page<'_> {
             return String::new();
         }
         let words = paragraph(
-            "What the residuals go along with, as share of their variance on held-out data. This is for \
-             the eye; the verdict does not rest on it.",
+            "Regressors that the residuals are correlated with, as share of their variance on held-out data. The \
+             verdict does not use it.",
         );
-        let head = ["residual", "channel", "goes along with", "share"];
-        section("Where it sits", &(words + &table(&head, &rows, 3)))
+        let head = ["residual", "channel", "correlated with", "share"];
+        section(
+            "Correlations of the residuals",
+            &(words + &table(&head, &rows, 3)),
+        )
     }
 
     fn patch(&self, toml: &str) -> String {
@@ -380,13 +390,13 @@ impl Page<'_> {
                  stack."
             }
             Verdict::Indistinguishable => {
-                "One of the effects above is to be chosen by a person before the patch is worth applying."
+                "Choose one of the effects above before you apply the patch."
             }
-            _ => "The patch holds how this rig departs from the nominal one; it adds no effect.",
+            _ => "The patch holds this rig's departures from the nominal one; it adds no effect.",
         };
         let data = base64(toml.as_bytes());
         let body = format!(
-            "{}<pre># apply\n{APPLY}\n# take back\n{UNDO}</pre>\n\
+            "{}<pre># apply\n{APPLY}\n# revert\n{UNDO}</pre>\n\
              <p><a download=\"patch.toml\" href=\"data:application/toml;base64,{data}\">Save the \
              patch</a></p>\n<pre>{}</pre>\n",
             paragraph(words),
@@ -421,7 +431,7 @@ impl Page<'_> {
         } else {
             format!("Made by springtwin {}.", env!("CARGO_PKG_VERSION"))
         };
-        section("The data behind it", &(table + &paragraph(&took)))
+        section("Data", &(table + &paragraph(&took)))
     }
 }
 

@@ -1,6 +1,6 @@
-//! How well the finder does on cases whose answer is known: counting, no more.
+//! Score of the finder on cases with a known answer.
 //!
-//! A case is a [`Key`] (what was hidden) and a [`Said`] (what the finder made of it). [`score`]
+//! A case is a [`Key`] (what was hidden) and a [`Said`] (the finder's answer). [`score`]
 //! counts; [`Score::markdown`] writes the tables.
 
 mod counting;
@@ -15,11 +15,11 @@ use serde::{Deserialize, Serialize};
 use super::finding::Verdict;
 pub use counting::{median, median_ci95, score, wilson};
 
-/// The rungs of the ladder, times the floor.
+/// Strengths of the graded cases, x noise floor.
 pub const RUNGS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
-/// From here on an effect has to be found, times the floor.
+/// Strength from which an effect has to be found, x noise floor.
 pub const FINDABLE: f64 = 2.0;
-/// From here on it is strong, times the floor.
+/// Strength from which an effect counts as strong, x noise floor.
 pub const STRONG: f64 = 4.0;
 
 /// What a case is about.
@@ -30,7 +30,7 @@ pub enum About {
     Single,
     /// Nothing.
     Null,
-    /// One that the finder's table does not have.
+    /// One effect that is not in the finder's table.
     Alien,
     /// Two effects.
     Pair,
@@ -41,7 +41,7 @@ pub enum About {
 pub struct Key {
     /// What the case is about.
     pub kind: About,
-    /// Strength that was asked for, times the floor; 0 for nothing.
+    /// Requested strength, x noise floor; 0 without an effect.
     pub strength: f64,
     /// What is hidden.
     pub effects: Vec<KeyEffect>,
@@ -56,9 +56,9 @@ pub struct KeyEffect {
     pub target: Option<usize>,
     /// Its parameters.
     pub params: BTreeMap<String, KeyValue>,
-    /// Strength that it has, times the floor.
+    /// Its actual strength, x noise floor.
     pub reached: Option<f64>,
-    /// Whether a bound kept it from the strength that was asked for.
+    /// Whether a bound limits it below the requested strength.
     pub capped: bool,
 }
 
@@ -73,7 +73,7 @@ pub struct KeyValue {
     pub none: Option<f64>,
 }
 
-/// What the finder said, as far as it is scored; the other keys of its JSON are passed over.
+/// The finder's answer, as far as it is scored; other keys of its JSON are ignored.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct Said {
     /// The verdict; `None` when the finder failed.
@@ -129,7 +129,7 @@ pub struct Scored {
     pub name: String,
     /// What was hidden.
     pub key: Key,
-    /// What was said.
+    /// The finder's answer.
     pub said: Said,
 }
 
@@ -149,47 +149,47 @@ pub struct Share {
 /// Naming of single effects at one strength.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Rung {
-    /// Strength, times the floor; 0: below the lowest rung.
+    /// Strength, x noise floor; 0: below the lowest strength.
     pub strength: f64,
     /// The first effect that is named is the right one.
     pub top1: Share,
     /// It is the only one that is named.
     pub exact: Share,
-    /// A set that cannot be told apart holds it.
+    /// It is in an indistinguishable set.
     pub in_set: Share,
     /// Named first, or in the set.
     pub right_or_in_set: Share,
 }
 
-/// What became of pairs.
+/// Results on pairs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Pairs {
     /// Both are named.
     pub both: Share,
-    /// Both of the pairs whose members both have the strength that was asked for.
+    /// Both, of the pairs whose members both have the requested strength.
     pub both_full_strength: Share,
     /// One of them is.
     pub one: Share,
-    /// None is named, but one at least is in a set that cannot be told apart.
+    /// None is named, but at least one is in an indistinguishable set.
     pub in_set: Share,
 }
 
-/// What became of effects that the finder cannot know.
+/// Results on unmodelled effects.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Aliens {
     /// Effects of the table are claimed: by name, or as a set.
     pub named_wrongly: Share,
-    /// Those among them that the table never had.
+    /// Those that were never in the table.
     pub never_known: Share,
-    /// Those among them that were taken out of the table.
+    /// Those that were removed from the table.
     pub left_out: Share,
     /// Rightly called unknown.
     pub unknown: Share,
-    /// Passed over.
+    /// Missed.
     pub nothing: Share,
 }
 
-/// What became of sessions without an effect.
+/// Results on sessions without an effect.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Nulls {
     /// Something is claimed: named, as a set, or unknown.
@@ -264,13 +264,13 @@ pub struct Line {
     pub name: String,
     /// What it is about.
     pub kind: About,
-    /// Strength that was asked for, times the floor.
+    /// Requested strength, x noise floor.
     pub strength: f64,
     /// Strength of the weakest of its effects.
     pub reached: Option<f64>,
     /// What was hidden, `id:target` joined by ` + `.
     pub truth: String,
-    /// What was said.
+    /// The finder's answer.
     pub said: String,
     /// Whether that is right.
     pub right: bool,
@@ -282,7 +282,7 @@ pub struct Line {
     pub error: Option<String>,
 }
 
-/// How often each truth was given each name: truth, then what was said.
+/// Number of answers by truth and by answer.
 pub type Confusion = BTreeMap<String, BTreeMap<String, usize>>;
 
 /// All figures of a suite.
@@ -296,9 +296,9 @@ pub struct Score {
     pub targets: Vec<Target>,
     /// Single effects by the strength that they have.
     pub ladder: Vec<Rung>,
-    /// The same by the strength that was asked for.
+    /// The same by requested strength.
     pub ladder_asked: Vec<Rung>,
-    /// Single effects that a bound kept from the strength that was asked for.
+    /// Single effects that a bound limits below the requested strength.
     pub capped: usize,
     /// Right channel among effects that are named rightly, from [`FINDABLE`] on.
     pub channel: Share,
@@ -306,13 +306,13 @@ pub struct Score {
     pub channel_of_choice: Share,
     /// Right side among single effects from [`FINDABLE`] on that were given a name.
     pub side: Share,
-    /// Single effects from [`FINDABLE`] on, nulls and aliens.
+    /// Single effects from [`FINDABLE`] on, cases without an effect, unmodelled effects.
     pub confusion: Confusion,
     /// Weaker single effects.
     pub confusion_weak: Confusion,
-    /// Sessions with nothing in them.
+    /// Sessions without an effect.
     pub nulls: Nulls,
-    /// Effects that the finder cannot know.
+    /// Unmodelled effects.
     pub aliens: Aliens,
     /// Pairs.
     pub pairs: Pairs,

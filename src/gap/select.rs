@@ -1,10 +1,10 @@
-//! Which effects are taken: forward search, backward deletion, and who cannot be excluded.
+//! Selection of effects: forward search, backward deletion, and the candidates that cannot be excluded.
 
 use super::candidates::Candidate;
 use super::explain::{Column, Explained, explain, weak_prior};
 use super::finding::Finding;
 use super::fit::fit;
-use super::left::Left;
+use super::misfit::Misfit;
 use super::problem::Problem;
 use super::sides::named_by;
 use super::{GapError, Progress};
@@ -12,8 +12,8 @@ use crate::sim::effects::Side;
 
 /// At most so many effects at once.
 const EFFECTS_MAX: usize = 3;
-/// Times the threshold from which a gain counts: chance is drawn from one healthy session, and the
-/// model's own error is not quite the same in the next.
+/// Factor on the significance threshold from which a gain counts: the threshold is resampled from one
+/// healthy session, and the model inadequacy differs in the next.
 const WEAK: f64 = 2.0;
 /// Share of what the best effect explains that a rival has to explain.
 const RIVAL_EXPLAINS: f64 = 0.5;
@@ -24,7 +24,7 @@ const RIVAL_LEAVES: f64 = 1.2;
 /// A further effect has to bring some combination of channels this much closer to its floor.
 const FURTHER_MIN: f64 = 0.6;
 
-/// What a search has come to.
+/// Result of a search.
 pub struct Selected {
     /// The effects that are taken, fitted together.
     pub chosen: Option<Explained>,
@@ -33,7 +33,7 @@ pub struct Selected {
 }
 
 /// Takes one effect after the other while it gains, then drops what became superfluous. `threshold`
-/// is what chance reaches, `floor` the mean square of a healthy innovation.
+/// is the significance threshold, `floor` the mean square of a healthy innovation.
 ///
 /// # Errors
 /// [`GapError`] when stopped, or an effect cannot be simulated.
@@ -51,7 +51,7 @@ pub fn select(
         let mut found = explain(problem, all, ready, chosen.as_ref(), progress)?;
         simplest_first(&mut found, supply);
         let counts = |e: &Explained| {
-            // What the first one's form leaves over drives others into a bound, or looks like more of
+            // The inadequacy of the first one's law drives others into a bound, or looks like more of
             // the same.
             let further = chosen.as_ref().is_none_or(|so_far| {
                 let free = !e.fit.on_bound.iter().any(|b| *b);
@@ -103,11 +103,11 @@ fn simplest_first(found: &mut Vec<Explained>, supply: Option<&Finding>) {
 
 /// Whether a further effect brings some combination of channels, or some channel, close to its floor.
 fn pays(problem: &Problem, so_far: &Explained, next: &Explained, floor: f64) -> bool {
-    // What the form of one effect of the arm leaves over lasts, and is no second one.
+    // The inadequacy of one effect of the arm is a persistent bias, and no second effect.
     let moves = |c: &Candidate| matches!(c.effect.side, Side::Actuation | Side::Mechanics);
     let form = moves(&next.candidate) && so_far.fit.effects.iter().any(|(c, _)| moves(c));
-    let before = Left::of(problem, &so_far.fit.residual);
-    let after = Left::of(problem, &next.fit.residual);
+    let before = Misfit::of(problem, &so_far.fit.residual);
+    let after = Misfit::of(problem, &next.fit.residual);
     before.brings(&after, floor, FURTHER_MIN, !form)
 }
 

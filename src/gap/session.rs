@@ -1,4 +1,4 @@
-//! What the finder is given: one session of a rig, and its thinned-out grid.
+//! Input of the finder: a session of a rig, and its averages on a grid.
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
@@ -14,7 +14,7 @@ pub struct Session {
     pub name: String,
     /// Hash of its data, hexadecimal; empty if it came from no file.
     pub hash: String,
-    /// Hash of the robot file it was recorded with; empty when it does not say.
+    /// Hash of the robot file it was recorded with; empty when unknown.
     pub robot: String,
     /// Mass the operator believes is attached, kg.
     pub payload_kg: f64,
@@ -30,7 +30,7 @@ pub struct Session {
     pub captured: Vec<Option<Pose>>,
 }
 
-/// Whether a session is of this robot, as far as it says.
+/// Checks that a session was recorded with this robot, where that is known.
 ///
 /// # Errors
 /// [`GapError::OtherRobot`] when it was recorded with another robot file.
@@ -38,7 +38,7 @@ pub fn same_robot(robot: &RobotSpec, session: &Session) -> Result<(), GapError> 
     recorded_with(robot, &session.name, &session.robot)
 }
 
-/// Whether the session `name`, recorded with the robot file of the hash `recorded` (empty: not known), is of this robot,
+/// Checks that the session `name`, recorded with the robot file of the hash `recorded` (empty: not known), is of this robot,
 /// with its patches or without some of them.
 ///
 /// # Errors
@@ -80,7 +80,7 @@ pub fn channel_name(c: usize) -> String {
     }
 }
 
-/// Shortest session that says anything, s.
+/// Shortest session that can be judged, s.
 pub const SECONDS_MIN: f64 = 20.0;
 /// Rate of the grid, Hz: pressures ramp over seconds, and the arm follows in tenths.
 pub const GRID_HZ: f64 = 10.0;

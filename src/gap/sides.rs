@@ -1,5 +1,5 @@
-//! The two sides of a rig: from command to gauge, and from gauge to motion. What the first says
-//! binds the second.
+//! The two sides of a rig: from command to gauge, and from gauge to motion. The finding on the first
+//! constrains the second.
 
 use super::actuation::{
     Lag, PressureGrid, PressureLog, commission_supply, decide_supply, supply_stages,
@@ -10,7 +10,7 @@ use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 
-/// What is to be said of the way from command to gauge, when the commands were logged.
+/// Finding on the path from command to gauge, when the commands were logged.
 pub fn supply(
     robot: &RobotSpec,
     healthy: Option<&Grid>,

@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::RecordingMeta;
+use super::patience::{Broken, Waiting};
 use super::rrd::LiveSink;
 use crate::signal::{Snapshot, Stamp, StreamState, StreamStatus};
 
@@ -13,12 +14,6 @@ use crate::signal::{Snapshot, Stamp, StreamState, StreamStatus};
 const QUEUE: usize = 512;
 /// What waits is sent at the latest after this silence.
 const IDLE: Duration = Duration::from_millis(200);
-/// Between two looks at a viewer that makes us wait.
-const LOOK: Duration = Duration::from_millis(5);
-/// How long a viewer may take to answer at all.
-const PATIENCE: Duration = Duration::from_secs(10);
-/// How long a viewer may take when the stream is to end anyway.
-const HURRY: Duration = Duration::from_secs(1);
 /// Between two tries to reach a viewer that is away.
 const RETRY: Duration = Duration::from_secs(1);
 /// How long a try may take to find that nobody listens.
@@ -103,16 +98,6 @@ impl Shared {
     fn stops(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
-}
-
-/// Why nothing can be sent. One sentence.
-#[derive(Debug)]
-pub(super) enum Broken {
-    /// The viewer is not there, or does not take anything.
-    #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
-    Away(String),
-    /// It is no use to try again.
-    Failed(String),
 }
 
 impl LiveStream {
@@ -305,14 +290,14 @@ fn drain(items: &Receiver<Item>, shared: &Shared) -> bool {
 
 /// Streams until nobody wants it any more, or it breaks.
 fn stream(sink: &mut LiveSink, items: &Receiver<Item>, shared: &Shared) -> Result<(), Broken> {
-    sink.flush(&mut Waiting::new(shared))?;
+    sink.flush(&mut Waiting::new(&shared.stop))?;
     shared.streaming.store(true, Ordering::Relaxed);
     shared.set_away(None);
     // Snapshots and lines that the sink holds.
     let mut held = [0, 0];
     let flush = |sink: &mut LiveSink, held: &mut [u64; 2]| {
         let [snapshots, lines] = std::mem::take(held);
-        match sink.flush(&mut Waiting::new(shared)) {
+        match sink.flush(&mut Waiting::new(&shared.stop)) {
             Ok(rows) => {
                 shared.sent.add([rows, lines]);
                 // A snapshot whose time does not advance is left out.
@@ -341,44 +326,6 @@ fn stream(sink: &mut LiveSink, items: &Receiver<Item>, shared: &Shared) -> Resul
         };
         if due {
             flush(sink, &mut held)?;
-        }
-    }
-}
-
-/// Waiting for the viewer, up to a limit.
-pub(super) struct Waiting<'a> {
-    shared: &'a Shared,
-    waited: Duration,
-}
-
-impl<'a> Waiting<'a> {
-    fn new(shared: &'a Shared) -> Self {
-        Self {
-            shared,
-            waited: Duration::ZERO,
-        }
-    }
-
-    /// Waits a little; whether it may go on.
-    pub(super) fn goes_on(&mut self) -> bool {
-        let limit = if self.shared.stop.load(Ordering::Relaxed) {
-            HURRY
-        } else {
-            PATIENCE
-        };
-        if self.waited >= limit {
-            return false;
-        }
-        std::thread::sleep(LOOK);
-        self.waited += LOOK;
-        true
-    }
-
-    /// The viewer has taken something: the limit is for what comes next, unless we are in a hurry.
-    #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
-    pub(super) fn begin_again(&mut self) {
-        if !self.shared.stop.load(Ordering::Relaxed) {
-            self.waited = Duration::ZERO;
         }
     }
 }
@@ -535,21 +482,5 @@ mod tests {
         // A look whether somebody listens, and a connection: two calls each time.
         assert!(between > 2 * RETRY, "{between:?} for eight calls");
         assert!(!matches!(stream.status().state, StreamState::Ended(_)));
-    }
-
-    /// A viewer that is slow, but takes something now and then, keeps its stream; one that takes nothing, or
-    /// whose stream is to end, has one limit for all.
-    #[test]
-    fn patience_is_for_one_message() {
-        let shared = Shared::default();
-        let mut waiting = Waiting::new(&shared);
-        waiting.waited = PATIENCE;
-        assert!(!waiting.goes_on());
-        waiting.begin_again();
-        assert!(waiting.goes_on());
-        shared.stop.store(true, Ordering::Relaxed);
-        waiting.waited = HURRY;
-        waiting.begin_again();
-        assert!(!waiting.goes_on());
     }
 }

@@ -25,6 +25,7 @@ mod live;
 mod log;
 mod mocap;
 mod overlay;
+mod patience;
 mod recorder;
 #[cfg(feature = "rrd")]
 mod rrd;
@@ -35,6 +36,7 @@ mod session_file;
 mod table;
 mod types;
 mod units;
+mod whole;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{
@@ -50,8 +52,7 @@ pub use inspect::{
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
 pub use log::{
-    SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, write_bytes,
-    write_session, write_text,
+    SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, write_session,
 };
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
@@ -69,3 +70,4 @@ pub use types::{
     RecordingSummary,
 };
 pub use units::suspected_units;
+pub use whole::{write_bytes, write_text};

@@ -285,7 +285,7 @@ mod tests {
         let summary = ended(recorder);
         assert_eq!((summary.rows, summary.dropped), (300, 0));
         assert_eq!(summary.failed, None);
-        let read = super::super::read_rrd(&path).unwrap();
+        let read = crate::recording::read_rrd(&path).unwrap();
         let begun: jiff::Timestamp = read.meta.begun.parse().unwrap();
         assert!(jiff::Timestamp::now().duration_since(begun).as_secs() < 60);
         assert!(read.complete && read.trace.snapshots.len() == 300);

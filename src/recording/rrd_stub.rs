@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::Path;
 
-use super::live::{Broken, Waiting};
+use super::patience::{Broken, Waiting};
 use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 

@@ -11,7 +11,8 @@ use parquet::arrow::arrow_writer::ArrowWriter;
 use super::RecordingError;
 use super::csv::{Lines, fields};
 use super::dataset::refuse;
-use super::log::{not_our_header, write_bytes, write_whole};
+use super::log::not_our_header;
+use super::whole::{write_bytes, write_whole};
 
 /// Columns of equal length, each with a name that ends in its unit; NaN is a missing value.
 #[derive(Clone, Debug, Default, PartialEq)]

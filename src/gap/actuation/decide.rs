@@ -17,9 +17,7 @@ use crate::robot::RobotSpec;
 use effects::{add_effects, alternatives, at_bound, ranked, separate, unseen};
 use figures::{channels, gap_size, located, scatter_pa, traces};
 
-/// Margins below this many standard errors separate nothing.
-const MARGIN_SE: f64 = 2.0;
-/// Mean squares beyond so many times what healthy sessions reach are something.
+/// Factor on the significance threshold of the mean square above which residuals count.
 const ABOVE_FLOOR: f64 = 2.0;
 /// Share of the gap that a named effect closes at least.
 const CLOSES: f64 = 0.5;
@@ -97,7 +95,7 @@ pub fn actuation_only(
 }
 
 /// Error of another session without effects and with the best set, nothing fitted to it. Of gauge
-/// departures that were fitted beside the effects, the share that is expected to last is carried.
+/// departures that were fitted beside the effects, the share that is expected to persist is carried over.
 pub fn prove_supply(
     robot: &RobotSpec,
     grid: &PressureGrid,
@@ -121,17 +119,17 @@ pub fn prove_supply(
     }
 }
 
-/// How far the gauge of an unknown supply wanders from day to day: gain, offset (Pa).
+/// Day-to-day drift of the gauge of an unknown supply: gain, offset (Pa).
 const DAY: [f64; 2] = [0.04, 2e3];
 
-/// What one session tells of a gauge on another day. Its departure there is a lasting part of
-/// standard deviation σ plus one of the day, δ: of what was seen, σ²/(σ² + δ²) is expected to last.
+/// Expected gauge departure on another day. The departure has a persistent part of
+/// standard deviation σ plus one of the day, δ: of what was seen, σ²/(σ² + δ²) is expected to persist.
 fn lasting(seen: Regulator) -> Regulator {
     let mut out = seen;
     for (k, day) in [GAIN, OFFSET].into_iter().zip(DAY) {
         let nominal = Regulator::default().0[k];
-        let [lasts, varies] = [PRIOR[k], day].map(|sd| sd * sd);
-        out.0[k] = nominal + lasts / (lasts + varies) * (seen.0[k] - nominal);
+        let [persists, varies] = [PRIOR[k], day].map(|sd| sd * sd);
+        out.0[k] = nominal + persists / (persists + varies) * (seen.0[k] - nominal);
     }
     out
 }
@@ -165,7 +163,7 @@ pub fn decide_supply(
     let gap = gap_size(grid, &before, &after, floor_pa);
     let alternatives = best.map_or_else(Vec::new, |b| alternatives(b, found));
     let located = located(grid, &before);
-    let limit = ABOVE_FLOOR * found.chance.mean_square;
+    let limit = ABOVE_FLOOR * found.significance.mean_square;
     let verdict = match best {
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None => Verdict::NothingMissing,
@@ -204,7 +202,7 @@ pub fn decide_supply(
         separate_by: (verdict == Verdict::Indistinguishable).then(|| separate(&effects)),
         effects,
         candidates: ranked(best, found),
-        threshold: found.chance.gain,
+        threshold: found.significance.gain,
         located,
         gap,
         worse: channels

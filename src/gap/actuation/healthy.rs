@@ -1,4 +1,4 @@
-//! Healthy regulators, what they leave over, and the problem that a pressure log poses.
+//! Healthy regulators, their residuals, and the least-squares problem of a pressure log.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
@@ -13,7 +13,7 @@ use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::Active;
 
-/// What healthy regulators leave over: per chamber w_t = (e_t − φ e_{t−1})/σ.
+/// Noise of healthy regulators: per chamber w_t = (e_t − φ e_{t−1})/σ.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PressureNoise {
     /// Standard deviation of an innovation, Pa.
@@ -36,7 +36,7 @@ impl PressureNoise {
         }
     }
 
-    /// From what was left over.
+    /// From residual rows.
     pub fn from_rows(rows: &[LineRow]) -> Self {
         let mut out = Self {
             sd_pa: [SMALLEST_PA; CHAMBERS],
@@ -80,9 +80,9 @@ pub struct LineBaseline {
     pub regulators: [Regulator; CHAMBERS],
     /// Covariance of each one's numbers.
     pub covariance: [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS],
-    /// What it leaves over.
+    /// Noise of its residuals.
     pub noise: PressureNoise,
-    /// Root mean square of that on data that were not fitted, Pa; `None` for the ideal supply.
+    /// Root mean square residual on data that were not fitted, Pa; `None` for the ideal supply.
     pub floor_pa: Option<f64>,
     /// Innovations of the healthy session, each half as a fit to the other one leaves it.
     pub healthy: Option<Vec<LineRow>>,
@@ -92,7 +92,7 @@ pub struct LineBaseline {
 
 /// Standard deviations of an unknown supply's dead time (s), lag (s), gain, offset (Pa).
 pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3];
-/// By how much they may have wandered since commissioning.
+/// Their drift since commissioning.
 const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0];
 /// Steps by which sensitivities are measured.
 const STEP: [f64; KNOBS] = [5e-3, 5e-3, 0.01, 100.0];
@@ -162,7 +162,7 @@ pub struct LineModel<'a> {
     pub grid: &'a PressureGrid,
     /// The supply.
     pub baseline: LineBaseline,
-    /// What `pressure-lag` means.
+    /// Meaning of `pressure-lag`.
     pub lag: Lag,
     /// Bins that count; `None` for all.
     pub seen: Option<Vec<bool>>,
@@ -316,8 +316,8 @@ impl LineModel<'_> {
     }
 
     /// Factor on the prior's precision. A commissioned supply is held where it is: gauges resolve
-    /// so finely that its numbers would take any effect's part. How far it may have wandered counts
-    /// in what chance reaches.
+    /// so finely that its parameters would absorb any effect. Their drift is part of the significance
+    /// threshold.
     pub fn stiffness(&self) -> f64 {
         if self.baseline.healthy.is_some() {
             1e8

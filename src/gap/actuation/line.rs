@@ -8,7 +8,7 @@ use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::{Active, gauges};
 
-/// The unit that the pressures of a log were given in: what is said of it is said in that unit.
+/// Unit of the pressures of a log; findings are reported in the same unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PressureUnit {
     /// Its name.

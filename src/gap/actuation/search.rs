@@ -1,11 +1,11 @@
-//! Which effects explain a pressure log: forward addition from several beginnings, backward
-//! deletion, comparison of the sets that come out.
+//! Search for the effects that explain a pressure log: forward addition from several starts, backward
+//! deletion, comparison of the resulting sets.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::chance::{Chance, chance};
 use super::healthy::{LineBaseline, LineModel, PressureNoise};
 use super::line::{Lag, PressureGrid};
+use super::significance::{Significance, significance};
 use crate::gap::candidates::{Candidate, Start, candidates, starts};
 use crate::gap::explain::{Explained, columns, explain, weak_prior};
 use crate::gap::fit::fit;
@@ -21,7 +21,7 @@ const BEGINNINGS: usize = 4;
 /// Steps of a fit.
 const STEPS: usize = 12;
 /// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
-/// an effect leaves over of itself is no effect.
+/// the residual of an inadequate law is no further effect.
 const FORM: f64 = 0.1;
 /// Share of the mean square that effects of an unknown supply may leave at most.
 const WITHOUT_HEALTHY: f64 = 0.8;
@@ -39,7 +39,7 @@ pub struct EffectSet {
     pub mean_square: f64,
 }
 
-/// What explains a pressure log.
+/// Stages of the search on a pressure log.
 #[derive(Clone, Debug)]
 pub struct Stages {
     /// The model without effects: its supply (regulators fitted, unless commissioned).
@@ -51,10 +51,10 @@ pub struct Stages {
     /// Rankings: the first of single effects, each further one on top of the best set so far; the
     /// last addition may have been refused.
     pub stages: Vec<Vec<Explained>>,
-    /// Sets that gain more than chance, best first; empty when none does.
+    /// Sets with a significant gain, best first; empty when there is none.
     pub sets: Vec<EffectSet>,
-    /// What chance reaches.
-    pub chance: Chance,
+    /// The significance thresholds.
+    pub significance: Significance,
 }
 
 /// Effects that show between command and gauge.
@@ -73,7 +73,7 @@ fn admitted(
     candidates(|e| {
         shows(e, lag)
             && !without.iter().any(|id| id == e.id)
-            // Without a healthy session nobody knows what the gauges should read.
+            // Without a healthy session the correct gauge readings are unknown.
             && (commissioned || e.id != "gauge-error")
             && (several || e.id != "supply-coupling")
     })
@@ -139,7 +139,7 @@ impl Search<'_> {
         explain(problem, &self.all, &ready, so_far, self.progress)
     }
 
-    /// Fits the effects of `e` anew, with the regulators where they then belong.
+    /// Refits the effects of `e`, with the regulators at their new optimum.
     fn settle(&self, model: &mut LineModel, e: &Explained) -> Result<Explained, GapError> {
         let mut out = e.clone();
         let rounds = if self.commissioned { 1 } else { 3 };
@@ -233,11 +233,11 @@ impl Search<'_> {
         let losses = problem.held_out(&r, &DMatrix::zeros(r.len(), 0), &DVector::zeros(0));
         let mean_square = crate::gap::fit::cost(&problem, &r) / r.len() as f64;
         let ready = columns(&problem, &self.all, &|c| starts_for(model.grid, c), &[])?;
-        let chance = match healthy {
+        let significance = match healthy {
             Some(healthy) => {
                 let (nuisance, lambda) = model.nuisance(&[])?;
                 let edges = model.edges();
-                chance(
+                significance(
                     &nuisance,
                     &lambda,
                     model.stiffness(),
@@ -248,12 +248,12 @@ impl Search<'_> {
                     SEED,
                 )
             }
-            None => Chance {
+            None => Significance {
                 gain: LEAST,
                 mean_square: 1.0,
             },
         };
-        let threshold = chance.gain.max(LEAST);
+        let threshold = significance.gain.max(LEAST);
         let mut singles = explain(&problem, &self.all, &ready, None, self.progress)?;
         if !self.commissioned {
             // Regulators that were fitted without an effect take its part: each common effect is
@@ -313,15 +313,15 @@ impl Search<'_> {
             mean_square,
             stages,
             sets,
-            chance: Chance {
+            significance: Significance {
                 gain: threshold,
-                ..chance
+                ..significance
             },
         })
     }
 }
 
-/// Seed of the reshuffled sessions.
+/// Seed of the resampled sessions.
 const SEED: u64 = 0x5eed;
 
 /// Whether two fits name the same effects on the same channels.
@@ -332,7 +332,7 @@ pub fn same(a: &Explained, b: &Explained) -> bool {
 
 /// Explains a pressure log, against a commissioned supply or an ideal one, with the table's effects
 /// but for those in `without` (ids). Against an ideal one,
-/// regulators are fitted beside the effects and the noise is what the best of them leave over.
+/// regulators are fitted beside the effects, and the noise is the residual of the best fit.
 ///
 /// # Errors
 /// [`GapError`] when stopped, or numbers are not finite.

@@ -3,7 +3,7 @@
 pub use crate::charts::svg::number;
 pub(super) use crate::charts::svg::{at, escape, fixed, label, line, path, rect, ticks};
 
-/// Smaller errors are only said to be below it.
+/// Smaller errors are shown as below it.
 const LEAST_ERROR: f64 = 1e-3;
 
 /// `value ± error`, to two digits of the error; `value ± < 0.001` for smaller ones.
@@ -54,7 +54,7 @@ pub(super) fn base64(bytes: &[u8]) -> String {
     out
 }
 
-/// An SVG element with a title that reading aids tell. `width` and `height` are in its own units.
+/// An SVG element with a title for screen readers. `width` and `height` are in its own units.
 pub(super) fn svg(width: f64, height: f64, title: &str, body: &str) -> String {
     // Wide pictures scroll on a phone before their text gets too small.
     let class = if width > 600.0 { "wide" } else { "narrow" };

@@ -52,7 +52,7 @@ pub(super) fn gap(g: &GapSize) -> String {
     svg(WIDTH, 3.0 * (BAR + 10.0) + 4.0, &title, &body)
 }
 
-/// Gains with their standard errors against what chance reaches. The axis is linear around zero and
+/// Gains with their standard errors against the significance threshold. The axis is linear around zero and
 /// logarithmic beyond the threshold: x = asinh(gain/threshold).
 pub(super) fn ranking(candidates: &[Ranked], threshold: f64) -> String {
     const LEFT: f64 = 230.0;
@@ -119,13 +119,13 @@ pub(super) fn ranking(candidates: &[Ranked], threshold: f64) -> String {
     if threshold.is_finite() {
         let at = x(threshold);
         body += &line([at, TOP - 6.0], [at, bottom], "chance");
-        let text = format!("chance reaches this: {}", number(threshold));
+        let text = format!("significance threshold: {}", number(threshold));
         body += &label(at, TOP - 11.0, "mid small", &text);
     }
     svg(
         WIDTH,
         bottom + 40.0,
-        "Gain of every candidate with its standard error, and the threshold of chance",
+        "Gain of every candidate with its standard error, and the significance threshold",
         &body,
     )
 }

@@ -14,12 +14,12 @@ const VERDICTS: [(Verdict, &str); 5] = [
     ),
     (
         Verdict::Indistinguishable,
-        "cannot tell which: Undeclared payload or Leak, chamber 3. Record a session with the excitation \
-         “loads”",
+        "does not identify which effect it is: Undeclared payload or Leak, chamber 3. Record a session with \
+         the excitation “loads”",
     ),
     (
         Verdict::Unknown,
-        "no effect the program knows explains it. It shows in tip z of r2",
+        "no effect in the table explains it. It shows in tip z of r2",
     ),
     (Verdict::NotExcited, "moves too little"),
 ];

@@ -1,12 +1,12 @@
-//! A finding in words: names, units a person thinks in, one sentence per verdict.
+//! The text of a finding: names, customary units, one sentence per verdict.
 
 use super::markup::{decimals, fixed, number};
 use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy, Verdict};
 use crate::gap::patch::PatchValue;
 use crate::sim::effects::{Target, effect};
 
-/// Name of an effect for people, with where it sits: `Leak, chamber 3`. An id that the table does not
-/// have stands for itself.
+/// Display name of an effect with its channel: `Leak, chamber 3`. An id that is not in the table is
+/// shown as it is.
 pub fn effect_name(id: &str, target: Option<usize>) -> String {
     let known = effect(id);
     let name = known.map_or(id, |e| e.name);
@@ -24,7 +24,7 @@ pub fn effect_name(id: &str, target: Option<usize>) -> String {
     }
 }
 
-/// Factor from SI to the unit that a person thinks in, and that unit.
+/// Factor from SI to the customary unit, and that unit.
 fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
     match unit {
         "m" => (1e3, "mm"),
@@ -48,8 +48,8 @@ fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
     }
 }
 
-/// A parameter's value in a unit that a person thinks in, its 95 % interval, and the unit; the interval's
-/// width tells how many digits are worth writing.
+/// A parameter's value in its customary unit, its 95 % interval, and the unit; the interval's width
+/// determines the number of digits.
 pub struct Quantity {
     /// The value.
     pub value: String,
@@ -59,7 +59,7 @@ pub struct Quantity {
     pub unit: String,
 }
 
-/// A parameter of an effect in a unit that a person thinks in.
+/// A parameter of an effect in its customary unit.
 pub fn quantity(id: &str, name: &str, given: &PatchValue) -> Quantity {
     let (factor, unit) = friendly(id, name, &given.unit);
     // A unit that is not in the list is shown as it came.
@@ -120,7 +120,7 @@ pub fn verdict_name(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::NothingMissing => "Nothing missing",
         Verdict::Named => "Named",
-        Verdict::Indistinguishable => "Cannot be told apart",
+        Verdict::Indistinguishable => "Indistinguishable",
         Verdict::Unknown => "Unknown",
         Verdict::NotExcited => "Not excited",
     }
@@ -131,7 +131,7 @@ pub fn sentence(finding: &Finding) -> String {
     let found = names(&finding.effects);
     match finding.verdict {
         Verdict::NothingMissing => {
-            "Nothing is missing: what the model leaves over is no more than a healthy rig leaves."
+            "Nothing is missing: the residuals are at the noise floor of the healthy rig."
                 .to_owned()
         }
         Verdict::Named => {
@@ -154,20 +154,20 @@ pub fn sentence(finding: &Finding) -> String {
         Verdict::Indistinguishable => {
             let next = match &finding.separate_by {
                 Some(s) => format!(
-                    " Record a session with the excitation “{}” to tell.",
+                    " Record a session with the excitation “{}” to discriminate between them.",
                     s.excitation
                 ),
                 None => String::new(),
             };
             format!(
-                "Something is missing from the model, and this session cannot tell which: {}.{next}",
+                "Something is missing from the model, and this session does not identify which effect it is: {}.{next}",
                 listed(&found, "or")
             )
         }
         Verdict::Unknown => {
             let place = match finding.located.first() {
                 Some(l) => format!(
-                    " It shows in {} of {} and goes along with {}.",
+                    " It shows in {} of {} and is correlated with {}.",
                     l.channel,
                     residual_name(&l.residual),
                     l.regressor
@@ -175,18 +175,18 @@ pub fn sentence(finding: &Finding) -> String {
                 None => String::new(),
             };
             format!(
-                "Something is missing from the model, and no effect the program knows explains it.{place}"
+                "Something is missing from the model, and no effect in the table explains it.{place}"
             )
         }
         Verdict::NotExcited => {
-            "The arm moves too little in this session to tell: drive it through its \
+            "The arm moves too little in this session for a verdict: drive it through its \
                                 range and record again."
                 .to_owned()
         }
     }
 }
 
-/// Names of the effects that an excitation separates.
+/// Names of the effects between which an excitation discriminates.
 pub(super) fn separated(by: &SeparateBy) -> String {
     let names = by.effects.iter();
     let names = names.map(|id| effect(id).map_or(id.as_str(), |e| e.name));
@@ -196,27 +196,27 @@ pub(super) fn separated(by: &SeparateBy) -> String {
 /// What to do after a verdict.
 pub fn next_step(finding: &Finding) -> String {
     match finding.verdict {
-        Verdict::NothingMissing => "Nothing is to be done.".to_owned(),
-        Verdict::Named => "Look whether the effect makes sense on this rig; then apply the patch, or mend the rig and record again."
+        Verdict::NothingMissing => "No action is needed.".to_owned(),
+        Verdict::Named => "Check whether the effect is plausible on this rig; then apply the patch, or repair the rig and record again."
             .to_owned(),
         Verdict::Indistinguishable => match &finding.separate_by {
             Some(s) => format!(
-                "Run the excitation “{}”, which separates {}: {}.",
+                "Run the excitation “{}”, which discriminates between {}: {}.",
                 s.excitation,
                 separated(s),
                 s.why.trim_end_matches('.')
             ),
-            None => "No excitation of the rig is known to separate them: check by hand, for instance by taking one of them away."
+            None => "No known excitation of the rig discriminates between them: check by hand, for instance by removing one of them."
                 .to_owned(),
         },
-        Verdict::Unknown => "No patch is offered: a model that is fitted to what it does not know would only hide it. The places tell where to look on the rig."
+        Verdict::Unknown => "No patch is offered: fitting known effects to an unknown one would only hide it. The correlated channels show where to look on the rig."
             .to_owned(),
-        Verdict::NotExcited => "This says nothing about the rig, neither that it is healthy nor that it is not."
+        Verdict::NotExcited => "This is no verdict about the rig: it may be healthy or not."
             .to_owned(),
     }
 }
 
-/// What the shuffled control says, in one sentence; `None` when it was not run.
+/// Result of the shuffled control in one sentence; `None` when it was not run.
 pub fn shuffled(channels: &[ChannelError]) -> Option<String> {
     let tried: Vec<(&ChannelError, f64)> = channels
         .iter()
@@ -232,19 +232,19 @@ pub fn shuffled(channels: &[ChannelError]) -> Option<String> {
         .map(|(c, _)| c.name.as_str())
         .collect();
     Some(if helped.is_empty() {
-        "Shuffled control: driven by inputs in the wrong order, the effect does not help. What it gains \
-         comes from the way the rig was driven."
+        "Shuffled control: with its inputs in shuffled order the effect does not help, so its gain \
+         depends on how the rig was driven."
             .to_owned()
     } else {
         format!(
-            "Shuffled control: driven by inputs in the wrong order, the effect still helps in {}. There \
-             it makes up for something that does not depend on how the rig was driven.",
+            "Shuffled control: with its inputs in shuffled order the effect still helps in {}. There \
+             it compensates something that does not depend on how the rig was driven.",
             helped.join(", ")
         )
     })
 }
 
-/// What a residual compares.
+/// The two quantities that a residual compares.
 pub fn residual_name(id: &str) -> &str {
     match id {
         "r1" => "r1 (measured against commanded pressure)",

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::super::finding::Verdict;
 use super::{
     About, Aliens, Confusion, FINDABLE, Key, KeyEffect, KeyValue, Line, Middle, Nulls, Pairs,
     ParamLine, RUNGS, Rung, STRONG, Said, SaidEffect, Score, Scored, Share, State, Target,
 };
+use crate::gap::Verdict;
 use crate::sim::effects::{EFFECTS, Effect};
 
 /// Normal quantile of a two-sided 95 % interval.

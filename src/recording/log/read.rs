@@ -7,7 +7,8 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use super::{DEG, KPA, MM, SessionLog, VICON, YPR};
+use super::columns::{DEG, KPA, MM, VICON, YPR};
+use super::data::{SessionLog, median, median_step_s};
 use crate::recording::RecordingError;
 use crate::recording::csv::{Lines, fields};
 use crate::recording::session_file::{SessionFile, read_session_toml};
@@ -477,15 +478,4 @@ fn unit_hint(looks_like: Option<&str>, expected: &str) -> String {
         Some(unit) => format!("this looks like {unit}, convert the unit to {expected}"),
         None => "check the unit".to_owned(),
     }
-}
-
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut v: Vec<f64> = values.filter(|x| x.is_finite()).collect();
-    let middle = v.len() / 2;
-    (!v.is_empty()).then(|| *v.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
-/// Median distance of neighbouring times, s; `None` below two samples.
-pub(crate) fn median_step_s(t_s: &[f64]) -> Option<f64> {
-    median(t_s.windows(2).map(|w| w[1] - w[0]))
 }

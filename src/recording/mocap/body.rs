@@ -13,8 +13,8 @@
 
 use nalgebra::{Matrix3, Translation3, Vector3};
 
-use super::super::RecordingError;
-use super::{MocapFile, MocapMarker, MocapObject, unsupported};
+use super::file::{MocapFile, MocapMarker, MocapObject, unsupported};
+use crate::recording::RecordingError;
 use crate::signal::{Pose, nearest_rotation};
 
 /// Markers that lie closer to a line than this (root mean square) do not settle a rotation, m.

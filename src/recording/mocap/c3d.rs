@@ -19,10 +19,10 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::super::RecordingError;
 use super::columns::POSITION_MAX_M;
+use super::file::{MocapFile, MocapFormat, MocapMarker, RATE_MAX_HZ, unsupported};
 use super::table::metres;
-use super::{MocapFile, MocapFormat, MocapMarker, RATE_MAX_HZ, unsupported};
+use crate::recording::RecordingError;
 
 const BLOCK: usize = 512;
 /// Values of the format's 16-bit counts from here on mean "this or more".

@@ -2,9 +2,10 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::super::RecordingError;
+use super::file::MocapFormat;
+use super::rotation::{FromQuaternion, MocapRotation, from_euler, from_helical, from_xyzw};
 use super::table::{Row, metres, radians, unit_of};
-use super::{FromQuaternion, MocapFormat, MocapRotation, from_euler, from_helical, from_xyzw};
+use crate::recording::RecordingError;
 
 /// Farther from the origin than any room, m.
 pub(super) const POSITION_MAX_M: f64 = 1e4;

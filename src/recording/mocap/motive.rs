@@ -19,13 +19,12 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::super::RecordingError;
-use super::super::csv::Lines;
 use super::columns::{Position, Turn};
+use super::file::{MocapFile, MocapFormat, MocapMarker, MocapObject, RATE_MAX_HZ, unsupported};
+use super::rotation::MocapRotation;
 use super::table::{LINE_MAX, Row, Seen, Table, metres, unit_of};
-use super::{
-    MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation, RATE_MAX_HZ, unsupported,
-};
+use crate::recording::RecordingError;
+use crate::recording::csv::Lines;
 
 /// Header lines below the first one: kinds, names, identifiers, parents, quantities, axes.
 const HEADER_LINES_MAX: usize = 16;
@@ -425,7 +424,7 @@ fn take_row(
     }
     for ((position, turn), object) in plan.objects.iter().zip(&mut file.objects) {
         let pose = match (position.read(row)?, turn.read(row, &object.name)?) {
-            (Some(at_m), Some(rotation)) => Some(super::pose(at_m, rotation)),
+            (Some(at_m), Some(rotation)) => Some(super::rotation::pose(at_m, rotation)),
             _ => None,
         };
         object.poses.push(pose);

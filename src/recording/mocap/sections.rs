@@ -5,10 +5,11 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::super::RecordingError;
 use super::columns::{Block, Track, units_of};
+use super::file::{MocapFile, MocapFormat, MocapMarker, MocapObject, unsupported};
+use super::rotation::MocapRotation;
 use super::table::Seen;
-use super::{MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation, unsupported};
+use crate::recording::RecordingError;
 use crate::signal::Pose;
 
 /// One value per frame, named.

@@ -6,8 +6,8 @@ use std::cell::Cell;
 use std::io::BufRead;
 use std::path::Path;
 
-use super::super::RecordingError;
-use super::super::csv::{Lines, fields};
+use crate::recording::RecordingError;
+use crate::recording::csv::{Lines, fields};
 
 /// Longest line, bytes: names and identifiers of thousands of unlabelled markers.
 pub(super) const LINE_MAX: usize = 4 << 20;

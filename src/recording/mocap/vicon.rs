@@ -17,12 +17,13 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::super::RecordingError;
-use super::super::csv::Lines;
 use super::columns::{Block, Source, Track, blocks, has_sub_frame, name_of};
+use super::file::{ACCEPTED, MocapFile, MocapFormat, RATE_MAX_HZ, unsupported};
+use super::rotation::MocapRotation;
 use super::sections::{Section, join};
 use super::table::{LINE_MAX, Row, Seen, Table};
-use super::{ACCEPTED, MocapFile, MocapFormat, MocapRotation, RATE_MAX_HZ, unsupported};
+use crate::recording::RecordingError;
+use crate::recording::csv::Lines;
 
 /// Refuses a text that is no such table: it has no line that begins with `Frame`.
 pub(super) fn refuse_others(reader: impl BufRead, path: &Path) -> Result<(), RecordingError> {
@@ -267,7 +268,7 @@ fn take_row(section: &mut Section, blocks: &[Block], row: &Row<'_>) -> Result<()
             }
             Track::Object(at, turn) => {
                 let pose = match (at.read(row)?, turn.read(row, &block.name)?) {
-                    (Some(at_m), Some(rotation)) => Some(super::pose(at_m, rotation)),
+                    (Some(at_m), Some(rotation)) => Some(super::rotation::pose(at_m, rotation)),
                     _ => None,
                 };
                 if let Some((_, to)) = objects.next() {

@@ -19,7 +19,7 @@ use rerun::{
     TimePoint,
 };
 
-use super::rows::BatchError;
+use super::error::BatchError;
 use super::schema::{self, TIMELINE};
 
 /// What a viewer is shown.

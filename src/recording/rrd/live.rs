@@ -12,7 +12,7 @@ use rerun::log::LogMsg;
 use super::blueprint::Shown;
 use super::rows::Rows;
 use crate::recording::RecordingMeta;
-use crate::recording::live::{Broken, Waiting};
+use crate::recording::patience::{Broken, Waiting};
 use crate::signal::{Snapshot, Stamp};
 
 /// Session time after which a batch is sent, ns.

@@ -2,6 +2,7 @@
 
 mod blueprint;
 mod content;
+mod error;
 mod frames;
 mod live;
 mod overlay;

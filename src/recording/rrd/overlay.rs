@@ -20,7 +20,8 @@ use rerun::{
     SerializedComponentColumn, SeriesLines, StoreId, TextDocument, TimeColumn, Transform3D,
 };
 
-use super::rows::{BatchError, text_column};
+use super::error::BatchError;
+use super::rows::text_column;
 use super::schema;
 use crate::recording::{Overlay, RecordingError, TipSeries};
 

@@ -6,11 +6,11 @@ mod tables;
 use std::sync::Arc;
 
 use arrow::array::{ArrayRef, StringArray};
-use rerun::external::re_log_encoding::rrd::EncodeError;
-use rerun::log::{Chunk, ChunkError, LogMsg};
+use rerun::log::{Chunk, LogMsg};
 use rerun::{EntityPath, StoreId, TextLog, TimeColumn};
 
 use super::blueprint::Shown;
+use super::error::BatchError;
 use super::scene::{Part, Scene};
 use super::schema::{self, SPECS, table};
 use crate::recording::RecordingMeta;
@@ -19,36 +19,13 @@ use crate::signal::{
     TruthSource, pose_error, ypr_from_rotation,
 };
 use opening::opening;
+pub(super) use tables::text_column;
 use tables::{Table, TextRows, lists};
 
 /// Rows after which a batch is due.
 const BATCH_ROWS: usize = 100;
 /// Session time between two pictures of the scene, ns.
 const SCENE_NS: i64 = 100_000_000;
-
-/// Anything that can go wrong between rows and where they go.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum BatchError {
-    #[error(transparent)]
-    Arrow(#[from] arrow::error::ArrowError),
-    #[error(transparent)]
-    Chunk(#[from] ChunkError),
-    #[error(transparent)]
-    Encode(#[from] EncodeError),
-    #[error(transparent)]
-    Stream(#[from] rerun::RecordingStreamError),
-    #[error(transparent)]
-    Serialize(#[from] rerun::SerializationError),
-}
-
-impl From<BatchError> for std::io::Error {
-    fn from(e: BatchError) -> Self {
-        match e {
-            BatchError::Encode(EncodeError::Write(e)) => e,
-            other => Self::other(other.to_string()),
-        }
-    }
-}
 
 /// Rows that wait to become a batch of messages.
 pub(super) struct Rows {
@@ -415,14 +392,6 @@ fn mode_text(mode: &Mode) -> String {
         Mode::Hold => "Hold".to_owned(),
         Mode::Moving => "Moving".to_owned(),
         Mode::AtGoal => "At goal".to_owned(),
-        Mode::Safe(reason) => format!("{SAFE_PREFIX}{reason}"),
+        Mode::Safe(reason) => format!("{schema::SAFE_PREFIX}{reason}"),
     }
-}
-
-/// What comes before the reason in the mode log.
-pub(super) const SAFE_PREFIX: &str = "SAFE: ";
-
-/// One text as a property's value.
-pub(super) fn text_column(text: &str) -> ArrayRef {
-    Arc::new(StringArray::from(vec![text.to_owned()]))
 }

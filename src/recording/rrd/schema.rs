@@ -180,3 +180,6 @@ pub(super) fn health_from(code: i64) -> ChannelHealth {
         .and_then(|i| HEALTH.get(i).copied())
         .unwrap_or(ChannelHealth::Missing)
 }
+
+/// What comes before the reason in the mode log.
+pub(super) const SAFE_PREFIX: &str = "SAFE: ";

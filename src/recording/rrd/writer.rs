@@ -8,7 +8,8 @@ use rerun::external::re_log_encoding::rrd::{CrateVersion, Encoder, EncodingOptio
 use rerun::log::LogMsg;
 
 use super::blueprint::Shown;
-use super::rows::{BatchError, Rows};
+use super::error::BatchError;
+use super::rows::Rows;
 use crate::recording::{RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 

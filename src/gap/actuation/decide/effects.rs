@@ -1,8 +1,7 @@
-//! The effects of a pressure log that a verdict names, those it cannot tell apart, and those nobody sees.
+//! Effects of a pressure log: those that a verdict names, indistinguishable ones, and unobservable ones.
 
 use nalgebra::DMatrix;
 
-use super::MARGIN_SE;
 use crate::gap::GapError;
 use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
@@ -13,6 +12,9 @@ use crate::gap::fit::fit;
 use crate::gap::patch::PatchValue;
 use crate::gap::problem::{BLOCKS, FOLDS};
 use crate::sim::effects::Side;
+
+/// Margins below this many standard errors are not significant.
+const MARGIN_SE: f64 = 2.0;
 
 /// Everything that was compared with the best set, best first.
 pub(super) fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
@@ -51,8 +53,8 @@ pub(super) fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
 
 /// Sets that the best one does not beat by more than two standard errors.
 pub(super) fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
-    // Each block by its own scale, ln(loss/loss): what even the best leaves over is larger where
-    // more happens, and a single block would decide.
+    // Each block by its own scale, ln(loss/loss): residuals are larger where more happens, and a
+    // single block would decide.
     let per_block = best.explained.fit.residual.len() as f64 / BLOCKS as f64;
     let close = |e: &Explained| {
         let logs: Vec<f64> = (e.losses.0.iter().zip(&best.explained.losses.0))
@@ -78,7 +80,7 @@ pub(super) fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
     for e in found.stages.get(size - 1).into_iter().flatten() {
         let (gain, _) = e.losses.gain_over(&found.losses);
         let known = same(e, &best.explained) || out.iter().any(|s| same(&s.explained, e));
-        if e.fit.effects.len() == size && !known && gain > found.chance.gain && close(e) {
+        if e.fit.effects.len() == size && !known && gain > found.significance.gain && close(e) {
             out.push(EffectSet {
                 explained: e.clone(),
                 baseline: best.baseline.clone(),
@@ -90,7 +92,7 @@ pub(super) fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
 }
 
 /// Whether two sets name the same effects, one in all chambers and the other in those that show it:
-/// the name is the same, and chambers that were not driven hard enough say nothing.
+/// the name is the same, and chambers with too little excitation do not count.
 fn same_but_for_reach(a: &Explained, b: &Explained) -> bool {
     let covered = |a: &Explained, b: &Explained| {
         a.fit.effects.iter().all(|(c, _)| {
@@ -135,7 +137,7 @@ pub(super) fn add_effects(
         h[(i, i)] += 1e-12 + 1e-9 * h[(i, i)];
     }
     let inverse = h.cholesky().ok_or(GapError::Degenerate)?.inverse();
-    // What the blocks say one by one counts as well: transients are not normal.
+    // The single blocks count as well: transients are not normal.
     let jc = problem.cleaned(j);
     let mut scores = DMatrix::zeros(j.ncols(), j.ncols());
     for w in fitted.edges().windows(2) {
@@ -255,7 +257,7 @@ pub(super) fn separate(effects: &[FoundEffect]) -> SeparateBy {
     let (excitation, why) = if ids.iter().all(|id| timing(id)) {
         (
             "steps",
-            "steps of different heights tell them apart: a delay shifts them, a lag takes the same \
+            "steps of different heights discriminate between them: a delay shifts them, a lag takes the same \
              time for all, a flow limit takes longer for the high ones",
         )
     } else {

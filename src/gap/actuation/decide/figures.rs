@@ -99,8 +99,8 @@ pub(super) fn channels(
         .collect()
 }
 
-/// What the residual of each chamber goes along with: share of variance of a straight line fitted
-/// to the even blocks, on the odd ones.
+/// Correlation of each chamber's residual with regressors: share of variance of a straight line fitted to
+/// the even blocks, on the odd ones.
 pub(super) fn located(grid: &PressureGrid, rows: &[LineRow]) -> Vec<Located> {
     let bins = grid.len();
     let second = crate::gap::actuation::line::LINE_HZ as usize;

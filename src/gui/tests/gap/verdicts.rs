@@ -100,18 +100,18 @@ fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
         (
             Verdict::NothingMissing,
             "● Nothing missing",
-            "Nothing is to be done.",
+            "No action is needed.",
         ),
         (Verdict::Unknown, "? Unknown", "No patch is offered"),
         (
             Verdict::NotExcited,
             "∅ Not excited",
-            "neither that it is healthy nor that it is not",
+            "it may be healthy or not",
         ),
         (
             Verdict::Indistinguishable,
-            "≈ Cannot be told apart",
-            "Run the excitation “loads”, which separates Undeclared payload, Tip force",
+            "≈ Indistinguishable",
+            "Run the excitation “loads”, which discriminates between Undeclared payload, Tip force",
         ),
     ];
     for (verdict, title, next) in cases {

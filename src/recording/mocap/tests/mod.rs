@@ -14,8 +14,8 @@ use self::body::names;
 use self::c3d::{INTEL, Made};
 use self::motive::motive_text;
 use self::vicon::{ANGLES, MARKERS, SEGMENT, segments, tracker};
-use super::super::RecordingError;
 use super::*;
+use crate::recording::RecordingError;
 
 fn read_vicon(text: &str) -> Result<MocapFile, RecordingError> {
     super::vicon::parse(text.as_bytes(), Path::new("v.csv"), None)

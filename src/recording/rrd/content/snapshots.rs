@@ -4,8 +4,7 @@ use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 
 use super::Content;
 use crate::recording::RecordingMeta;
-use crate::recording::rrd::rows::SAFE_PREFIX;
-use crate::recording::rrd::schema::{self, table};
+use crate::recording::rrd::schema::{self, SAFE_PREFIX, table};
 use crate::signal::{
     BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
     Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS,

@@ -3,9 +3,10 @@
 use rerun::log::LogMsg;
 use rerun::{DynamicArchetype, RecordingStreamBuilder, StoreId};
 
-use super::{BatchError, text_column};
+use super::tables::text_column;
 use crate::recording::RecordingMeta;
 use crate::recording::rrd::blueprint::{Shown, layout};
+use crate::recording::rrd::error::BatchError;
 use crate::recording::rrd::scene::log_styles;
 use crate::recording::rrd::schema::{self, SPECS, Spec};
 

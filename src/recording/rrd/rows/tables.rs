@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, Float64Array, Int64Array, ListArray};
+use arrow::array::{ArrayRef, Float64Array, Int64Array, ListArray, StringArray};
 use arrow::buffer::OffsetBuffer;
 use arrow::datatypes::Field;
 use rerun::{ComponentDescriptor, Scalars};
@@ -109,6 +109,11 @@ pub(super) fn lists(
     let field = Field::new_list_field(values.data_type().clone(), true);
     let offsets = OffsetBuffer::from_lengths(std::iter::repeat_n(width, rows));
     ListArray::try_new(Arc::new(field), offsets, values, None)
+}
+
+/// One text as a property's value.
+pub(in crate::recording::rrd) fn text_column(text: &str) -> ArrayRef {
+    Arc::new(StringArray::from(vec![text.to_owned()]))
 }
 
 #[cfg(test)]

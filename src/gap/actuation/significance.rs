@@ -1,4 +1,4 @@
-//! What chance gains: the best held-out gain of any candidate on reshuffled healthy innovations.
+//! Significance thresholds: the best held-out gain of any candidate on resampled healthy innovations.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::Rng as _;
@@ -8,14 +8,14 @@ use crate::gap::parallel;
 use crate::gap::problem::{BLOCKS, FOLDS};
 use crate::sim::dataset::{normal, sample_rng};
 
-/// Reshuffled sessions.
+/// Resampled sessions.
 const ROUNDS: usize = 200;
-/// Length of the pieces that are reshuffled, bins.
+/// Length of the resampled pieces, bins.
 const PIECE: usize = 60;
 
-/// 95 % quantiles over reshuffled healthy sessions.
+/// Significance thresholds: 95 % quantiles over resampled healthy sessions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chance {
+pub struct Significance {
     /// Of the best gain over all candidates, nats.
     pub gain: f64,
     /// Of the mean square innovation.
@@ -25,7 +25,7 @@ pub struct Chance {
 /// Contiguous pieces of `healthy` (stacked innovations, `per_bin` a bin), drawn with replacement,
 /// in the place of a session of `edges`; nuisance and one candidate at a time are fitted to them.
 /// `lambda` is the precision of the nuisance; fits hold it `stiffness` times as tight.
-pub fn chance(
+pub fn significance(
     nuisance: &DMatrix<f64>,
     lambda: &DMatrix<f64>,
     stiffness: f64,
@@ -34,10 +34,10 @@ pub fn chance(
     healthy: &DVector<f64>,
     per_bin: usize,
     seed: u64,
-) -> Chance {
+) -> Significance {
     let k = nuisance.ncols();
     let held = lambda * stiffness;
-    // Numbers that are not fitted may have wandered: δ = L⁻ᵀ z, L Lᵀ = Λ.
+    // Parameters that are not fitted may have drifted: δ = L⁻ᵀ z, L Lᵀ = Λ.
     let wander = (stiffness > 1.0)
         .then(|| lambda.clone().cholesky())
         .flatten();
@@ -136,7 +136,7 @@ pub fn chance(
         v.sort_by(f64::total_cmp);
         v[(0.95 * v.len() as f64) as usize]
     };
-    Chance {
+    Significance {
         gain: quantile(|d| d[0]),
         mean_square: quantile(|d| d[1]),
     }

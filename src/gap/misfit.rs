@@ -1,0 +1,105 @@
+//! Size of the residuals against those of a healthy rig: innovations and persistent biases.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::noise::{LOOKS, start};
+use super::problem::Problem;
+
+/// Mean squares of the residuals of a session.
+pub struct Misfit {
+    /// Innovations of each combination of channels, nuisance projected out.
+    pub innovations: Vec<f64>,
+    /// Persistent bias of each channel in units of its healthy size, nuisance projected out.
+    pub bias: Vec<f64>,
+    /// Sum over the channels of the biases' excess over healthy ones, nuisance as commissioned: a part that
+    /// nuisance could absorb counts as gap once an effect explains it.
+    excess: f64,
+    /// Required change of the rig's parameters, [`Problem::change`].
+    pub change: f64,
+}
+
+/// Significant excess of the mean square innovation over the noise floor, relative to it.
+const INNOVATION_EXCESS: f64 = 0.5;
+/// Significant mean square bias of a channel, in units of a healthy session's: the next healthy session
+/// reaches 2 to 3 in some channel.
+const BIAS_LIMIT: f64 = 4.0;
+
+/// Significant change of the rig's parameters over its expectation: model inadequacy makes parameters
+/// change with the motion, up to 6 for a healthy arm of rigid discs.
+const CHANGE_LIMIT: f64 = 8.0;
+
+impl Misfit {
+    /// Of stacked evidence (bin by bin: innovations, then readings).
+    pub fn of(problem: &Problem, r: &DVector<f64>) -> Self {
+        let change = problem.change(r);
+        let r = DMatrix::from_column_slice(r.len(), 1, r.as_slice());
+        let clean = problem.cleaned(&r);
+        let per_bin = problem.per_bin();
+        let judged = (r.nrows() / per_bin).saturating_sub(start()).max(1) as f64;
+        let sum = |x: &DMatrix<f64>, i: usize| -> f64 {
+            let rows = (i..x.nrows()).step_by(per_bin);
+            rows.map(|k| x[(k, 0)].powi(2)).sum()
+        };
+        let combinations = per_bin / 2;
+        Self {
+            innovations: (0..combinations).map(|i| sum(&clean, i) / judged).collect(),
+            bias: (combinations..per_bin)
+                .map(|i| sum(&clean, i) / LOOKS)
+                .collect(),
+            excess: (combinations..per_bin)
+                .map(|i| (sum(&r, i) / LOOKS - 1.0).max(0.0))
+                .sum(),
+            change,
+        }
+    }
+
+    /// Mean over all combinations.
+    pub fn mean_innovation(&self) -> f64 {
+        self.innovations.iter().sum::<f64>() / self.innovations.len() as f64
+    }
+
+    /// Whether the residuals significantly exceed a healthy rig's. `floor` is the mean square of a
+    /// healthy innovation.
+    pub fn exceeds(&self, floor: f64) -> bool {
+        self.innovations_exceed(floor) || self.bias_exceeds()
+    }
+
+    fn innovations_exceed(&self, floor: f64) -> bool {
+        self.mean_innovation() - floor > INNOVATION_EXCESS * floor
+    }
+
+    fn bias_exceeds(&self) -> bool {
+        self.bias.iter().any(|x| *x > BIAS_LIMIT) || self.change > CHANGE_LIMIT
+    }
+
+    /// Share of the excess that `after` removes: the smallest one of innovations, biases and the
+    /// rig's change, as far as they exceed a healthy rig's; biases where none does.
+    pub fn closed(&self, after: &Self, floor: f64) -> f64 {
+        let share = |before: f64, after: f64, floor: f64| (before - after) / (before - floor);
+        let bias = 1.0 - after.excess / self.excess.max(1e-9);
+        let measures = [
+            self.innovations_exceed(floor)
+                .then(|| share(self.mean_innovation(), after.mean_innovation(), floor)),
+            self.bias_exceeds().then_some(bias),
+            (self.change > CHANGE_LIMIT).then(|| share(self.change, after.change, 1.0)),
+        ];
+        measures
+            .into_iter()
+            .flatten()
+            .reduce(f64::min)
+            .unwrap_or(bias)
+    }
+
+    /// Whether `after` brings some combination, or with `biases` some channel or the rig's change, by
+    /// this share closer to its floor.
+    pub fn brings(&self, after: &Self, floor: f64, share: f64, biases: bool) -> bool {
+        let any = |before: &[f64], after: &[f64], floor: f64| {
+            before
+                .iter()
+                .zip(after)
+                .any(|(b, a)| *b > 2.0 * floor && (b - a) / (b - floor) >= share)
+        };
+        let [before, then] = [self, after].map(|l| [l.bias.as_slice(), &[l.change]].concat());
+        any(&self.innovations, &after.innovations, floor) || (biases && any(&before, &then, 1.0))
+    }
+}
