@@ -56,9 +56,9 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
     arm.channels.extend(supply.channels);
     arm.candidates.extend(supply.candidates);
     arm.failed_folds.extend(supply.failed_folds);
-    let says = |v: Verdict| matches!(v, Verdict::Named | Verdict::Indistinguishable);
+    let finds = |v: Verdict| matches!(v, Verdict::Named | Verdict::Indistinguishable);
     let quiet = matches!(arm.verdict, Verdict::NothingMissing | Verdict::NotExcited);
-    if !says(supply.verdict) {
+    if !finds(supply.verdict) {
         if quiet && supply.verdict == Verdict::Unknown {
             arm.verdict = Verdict::Unknown;
             arm.notes.extend(supply.notes);
@@ -80,7 +80,7 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
         arm.gap = supply.gap;
         arm.threshold = supply.threshold;
         arm.separate_by = supply.separate_by;
-    } else if says(arm.verdict) && supply.verdict == Verdict::Indistinguishable {
+    } else if finds(arm.verdict) && supply.verdict == Verdict::Indistinguishable {
         arm.verdict = Verdict::Indistinguishable;
     }
     arm.effects.extend(new.iter().cloned());

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::RecordingError;
 
-/// Longest line that is accepted unless told otherwise, bytes. A session log's line is about 500.
+/// Default limit on the length of a line, bytes. A session log's line is about 500.
 const LINE_MAX: usize = 64 * 1024;
 
 /// Reads lines with a bound on their length, counting them.

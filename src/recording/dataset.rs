@@ -227,7 +227,7 @@ impl DatasetWriter {
 
 impl Drop for DatasetWriter {
     fn drop(&mut self) {
-        // Not finished: half a data set is of no use, and nobody is left to tell.
+        // Not finished: half a data set is of no use, and the caller is gone.
         if self.writer.take().is_some() {
             let _ = std::fs::remove_file(&self.part);
         }
@@ -275,7 +275,7 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
     let damaged = |e: &dyn std::fmt::Display| {
         refuse(
             path,
-            format!("the file is damaged or no Parquet file ({e}): make it anew"),
+            format!("the file is damaged or no Parquet file ({e}): generate it again"),
         )
     };
     let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| damaged(&e))?;

@@ -1,4 +1,4 @@
-//! Sessions from whatever they were recorded as.
+//! Sessions from recordings and session logs alike.
 
 use std::path::Path;
 

@@ -10,7 +10,7 @@ pub enum RecordingError {
         path: PathBuf,
         /// What was tried: `read`, `create`, ...
         doing: &'static str,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A table has something unreadable in it.
@@ -52,11 +52,11 @@ pub enum RecordingError {
         text: String,
     },
     /// A recording could not be written any further. What was written before stays readable.
-    #[error("{}: the recording stopped: {source}. What was recorded until then is kept; make room and start a new recording.", .path.display())]
+    #[error("{}: the recording stopped: {source}. What was recorded until then is kept; free some disk space and start a new recording.", .path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file of a recording was removed, moved or replaced while it was written.
@@ -94,7 +94,7 @@ pub enum RecordingError {
 }
 
 impl RecordingError {
-    /// A constructor for `map_err`: what the file system said about `path` while `doing` something.
+    /// A constructor for `map_err`: the file system's error on `path` while `doing` something.
     pub(crate) fn io<'a>(
         path: &'a Path,
         doing: &'static str,

@@ -1,4 +1,4 @@
-//! What is in a recording or a session log, and how sound it is.
+//! Contents and health of a recording or a session log.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ pub enum InspectedKind {
     Session,
 }
 
-/// What is in a file.
+/// Contents of a file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Inspection {
     /// Kind of file.
@@ -89,7 +89,7 @@ pub struct ChannelReport {
     pub flagged: u64,
 }
 
-/// Looks into a recording (`.rrd`) or a session log (folder, `session.toml` or `.csv`).
+/// Inspects a recording (`.rrd`) or a session log (folder, `session.toml` or `.csv`).
 ///
 /// # Errors
 /// As [`read_rrd`] and [`read_session`].
@@ -101,7 +101,7 @@ pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
     }
 }
 
-/// What is in a recording that was read already.
+/// Contents of a recording in memory.
 pub fn inspect_recording(read: &ReadRecording) -> Inspection {
     let t_s: Vec<f64> = read
         .trace
@@ -129,7 +129,7 @@ pub fn inspect_recording(read: &ReadRecording) -> Inspection {
     }
 }
 
-/// What is in a session log that was read already.
+/// Contents of a session log in memory.
 pub fn inspect_log(log: &SessionLog) -> Inspection {
     let channels = channels_of(log);
     let reports = channels
@@ -162,7 +162,7 @@ fn rate_hz(t_s: &[f64]) -> f64 {
     median_step_s(t_s).map_or(0.0, |dt_s| 1.0 / dt_s)
 }
 
-/// Every channel of a log with what its values are like, in the order of the file.
+/// Every channel of a log with its statistics, in the order of the file.
 fn channels_of(log: &SessionLog) -> Vec<Channel> {
     columns(log)
         .into_iter()
@@ -204,7 +204,7 @@ fn file_health(t_s: &[f64], channels: Vec<ChannelReport>) -> FileHealth {
     }
 }
 
-/// Counts what the sensors' health said in each snapshot.
+/// Counts the sensors' health over the snapshots.
 fn trace_reports(trace: &Trace) -> Vec<ChannelReport> {
     let mut reports: Vec<ChannelReport> = (1..=SPRINGS)
         .map(|i| format!("spring{i}"))

@@ -1,7 +1,7 @@
-//! What a long run has computed so far, so that a killed one can go on where it was.
+//! Journal of a long run's results, from which a run that was killed continues.
 //!
 //! The journal lies beside the data set it will become, with the ending `.resume`: a head of text
-//! that tells what is being computed, then blocks of samples, each with its checksum. A block is
+//! that identifies the computation, then blocks of samples, each with its checksum. A block is
 //! there as a whole or not at all; what follows the last whole block is cut off. When all is
 //! computed the data set is written from the journal under its own name, and the journal removed.
 //!

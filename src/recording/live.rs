@@ -12,11 +12,11 @@ use crate::signal::{Snapshot, Stamp, StreamState, StreamStatus};
 
 /// Snapshots that may wait for the viewer: five seconds at 100 Hz.
 const QUEUE: usize = 512;
-/// What waits is sent at the latest after this silence.
+/// Longest time that queued snapshots wait without a new one.
 const IDLE: Duration = Duration::from_millis(200);
 /// Between two tries to reach a viewer that is away.
 const RETRY: Duration = Duration::from_secs(1);
-/// How long a try may take to find that nobody listens.
+/// Timeout of a probe for a listening viewer.
 const PROBE: Duration = Duration::from_millis(500);
 
 enum Item {
@@ -24,20 +24,20 @@ enum Item {
     Event(Stamp, String),
 }
 
-/// A live stream to the Rerun viewer, sent by a thread of its own. Nothing here ever waits for the
-/// viewer, but for [`LiveStream::finish`].
+/// A live stream to the Rerun viewer, sent by a thread of its own. Only [`LiveStream::finish`] waits for the
+/// viewer.
 ///
 /// Memory is bounded whatever the viewer does: at most 512 snapshots wait, and what finds the queue full is
 /// dropped and counted. A viewer that is gone or takes nothing for ten seconds counts as away: what comes
 /// meanwhile is dropped and counted, and once a second the same thread tries to reach it again. One that
-/// comes back gets a stream from its beginning. While the connection to a viewer that hangs lasts, nothing
-/// is tried: there is one thread, and one connection, whatever the viewer does.
+/// comes back gets a stream from its beginning. While a viewer hangs, its connection is held and no other is
+/// tried: there is one thread and one connection, whatever the viewer does.
 pub struct LiveStream {
     address: SocketAddr,
     queue: Option<SyncSender<Item>>,
     thread: JoinHandle<()>,
     done: Receiver<()>,
-    /// What was handed over, and what of it found the queue full.
+    /// Snapshots and lines handed over, and those among them that found the queue full.
     pushed: Count,
     refused: Count,
     shared: Arc<Shared>,
@@ -73,10 +73,10 @@ struct Shared {
     streaming: AtomicBool,
     /// Why the viewer is away, while it is.
     away: Mutex<Option<String>>,
-    /// Nobody wants the stream any more.
+    /// The stream is to end.
     stop: AtomicBool,
     sent: Count,
-    /// What was taken from the queue and could not be sent.
+    /// Snapshots and lines taken from the queue that could not be sent.
     lost: Count,
     /// Nothing more will be sent.
     settled: AtomicBool,
@@ -197,14 +197,14 @@ impl LiveStream {
         self.thread.is_finished()
     }
 
-    /// Takes nothing more; what waits is sent while nobody waits for it.
+    /// Closes the queue; what is queued is sent in the background.
     pub fn close(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         // The thread ends when nobody can send any more.
         self.queue = None;
     }
 
-    /// Ends the stream, sends what waits and tells how it went. Waits for the viewer no longer than
+    /// Ends the stream, sends what is queued and returns the final status. Waits for the viewer no longer than
     /// `patience`; dropping the stream instead does not wait at all.
     pub fn finish(mut self, patience: Duration) -> StreamStatus {
         self.close();
@@ -258,7 +258,7 @@ fn run(address: SocketAddr, meta: RecordingMeta, items: Receiver<Item>, shared: 
     let _ = shared.ended.set(reason);
 }
 
-/// Waits until somebody listens at `address` again; whether there is still somebody who wants that.
+/// Waits until a viewer listens at `address` again; `false` when the stream is to end first.
 fn comes_back(address: SocketAddr, items: &Receiver<Item>, shared: &Shared) -> bool {
     loop {
         let mut waited = Duration::ZERO;
@@ -275,7 +275,7 @@ fn comes_back(address: SocketAddr, items: &Receiver<Item>, shared: &Shared) -> b
     }
 }
 
-/// Drops and counts what waits; whether anybody still wants it to be sent.
+/// Drops and counts what is queued; `false` when the stream is to end.
 fn drain(items: &Receiver<Item>, shared: &Shared) -> bool {
     loop {
         match items.try_recv() {
@@ -288,7 +288,7 @@ fn drain(items: &Receiver<Item>, shared: &Shared) -> bool {
     }
 }
 
-/// Streams until nobody wants it any more, or it breaks.
+/// Streams until the stream is to end, or it breaks.
 fn stream(sink: &mut LiveSink, items: &Receiver<Item>, shared: &Shared) -> Result<(), Broken> {
     sink.flush(&mut Waiting::new(&shared.stop))?;
     shared.streaming.store(true, Ordering::Relaxed);

@@ -1,13 +1,13 @@
-//! Recordings and session logs, read and written. The room for files: it imports signal alone and computes
-//! nothing of the arm.
+//! Reading and writing of recordings, session logs, datasets and motion-capture files. It imports `signal`
+//! alone and computes nothing of the arm.
 //!
 //! - Recordings ([`RecordingWriter`], [`read_rrd`]): `.rrd` files that hold whole snapshots, for
 //!   replay and for the Rerun viewer. Only the submodule `rrd` knows rerun.
 //!   [`Recorder`] writes one on a thread of its own.
 //!   [`LiveStream`] sends the same to a viewer that runs.
-//!   [`write_overlay`] writes a comparison of one way measured and simulated, for the viewer alone.
+//!   [`write_overlay`] writes a comparison of a measured and a simulated path, for the viewer alone.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
-//! - [`read_log`] reads the signals of either, [`inspect`] tells what is in them.
+//! - [`read_log`] reads the signals of either, [`inspect`] lists their contents.
 //! - Motion capture ([`read_mocap`]): tables of Vicon and OptiTrack, and C3D; [`marker_body`] makes a pose of
 //!   markers.
 //! - Data sets for training ([`read_dataset`], [`DatasetWriter`]): Parquet. [`DatasetJournal`]

@@ -1,4 +1,4 @@
-//! What goes into a comparison of one way measured and simulated twice.
+//! Comparison of a measured path with two simulated ones.
 
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Between two looks at a viewer that makes us wait.
+/// Time between two checks of a viewer that is not ready.
 const LOOK: Duration = Duration::from_millis(5);
 /// How long a viewer may take to answer at all.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -20,7 +20,7 @@ pub(super) enum Broken {
     Failed(String),
 }
 
-/// Waiting for the viewer, up to a limit.
+/// Bounded waiting for the viewer.
 pub(super) struct Waiting<'a> {
     stop: &'a AtomicBool,
     waited: Duration,
@@ -34,7 +34,7 @@ impl<'a> Waiting<'a> {
         }
     }
 
-    /// Waits a little; whether it may go on.
+    /// Waits for a short time; `false` once the limit is reached.
     pub(super) fn goes_on(&mut self) -> bool {
         let limit = if self.stop.load(Ordering::Relaxed) {
             HURRY
@@ -49,7 +49,7 @@ impl<'a> Waiting<'a> {
         true
     }
 
-    /// The viewer has taken something: the limit is for what comes next, unless we are in a hurry.
+    /// Restarts the limit after the viewer has taken a message, unless the stream is to end.
     #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
     pub(super) fn begin_again(&mut self) {
         if !self.stop.load(Ordering::Relaxed) {

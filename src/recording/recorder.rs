@@ -10,11 +10,11 @@ use crate::signal::{Snapshot, Stamp};
 
 /// Snapshots that may wait for the disk: ten seconds at 100 Hz.
 const QUEUE: usize = 1024;
-/// What waits is written at the latest after this silence.
+/// Longest time that queued snapshots wait without a new one.
 const IDLE: Duration = Duration::from_millis(500);
 /// Free space below which the operator is warned, bytes.
 pub const LOW_SPACE_BYTES: u64 = 1 << 30;
-/// Snapshots between two looks at the free space.
+/// Snapshots between two checks of the free space.
 const SPACE_CHECK_ROWS: u64 = 100;
 
 enum Item {
@@ -22,7 +22,7 @@ enum Item {
     Event(Stamp, String),
 }
 
-/// What a recording is doing.
+/// State of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RecorderState {
     /// The file is being made.
@@ -31,14 +31,14 @@ pub enum RecorderState {
     Refused(String),
     /// The file is being written.
     Recording,
-    /// Nothing is written any more: what is in the file, and why it stopped if nobody asked it to.
+    /// The recording has ended: its summary, with a reason if it ended by itself.
     Ended(RecordingSummary),
 }
 
 /// A recording made and written on a thread of its own, so that a slow disk never holds up control.
 ///
 /// The queue is bounded; what finds it full is dropped and counted. When the disk takes no more
-/// the recording stops by itself and [`Recorder::state`] says why.
+/// the recording stops by itself and [`Recorder::state`] gives the reason.
 pub struct Recorder {
     queue: Option<SyncSender<Item>>,
     thread: Option<JoinHandle<()>>,
@@ -55,7 +55,7 @@ struct Shared {
 }
 
 impl Recorder {
-    /// Begins a recording. Whether the file can be made is told by [`Recorder::state`] later.
+    /// Begins a recording. [`Recorder::state`] later reports whether the file could be created.
     ///
     /// # Errors
     /// [`RecordingError::Io`] when no thread can be started.
@@ -122,7 +122,7 @@ impl Recorder {
         self.shared.low_space.load(Ordering::Relaxed)
     }
 
-    /// What it is doing. Never waits.
+    /// Its state. Never waits.
     pub fn state(&self) -> RecorderState {
         match self.shared.ended.get() {
             Some(Ok(summary)) => RecorderState::Ended(RecordingSummary {
@@ -132,7 +132,9 @@ impl Recorder {
             Some(Err(reason)) => RecorderState::Refused(reason.clone()),
             None if self.broke_off() => RecorderState::Ended(RecordingSummary {
                 dropped: self.dropped(),
-                failed: Some("the recorder broke off: this is a bug, report it".to_owned()),
+                failed: Some(
+                    "the recorder's thread ended unexpectedly: this is a bug, report it".to_owned(),
+                ),
                 ..RecordingSummary::default()
             }),
             None if self.shared.begun.load(Ordering::Acquire) => RecorderState::Recording,
@@ -140,19 +142,19 @@ impl Recorder {
         }
     }
 
-    // The thread is gone without a word. It says its word last, so that is looked for again.
+    // The thread has ended without a result. It stores the result last, so it is read once more.
     fn broke_off(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
             && self.shared.ended.get().is_none()
     }
 
-    /// Takes nothing more: what waits is written and the file ended, while nobody waits for it.
+    /// Closes the queue: what is queued is written and the file ended in the background.
     pub fn close(&mut self) {
         // The thread ends when nobody can send any more.
         self.queue = None;
     }
 
-    /// Writes what waits, ends the file and tells what is in it. Waits for the disk.
+    /// Writes what is queued, ends the file and returns its summary. Waits for the disk.
     pub fn stop(mut self) -> RecorderState {
         self.join();
         self.state()
@@ -161,7 +163,7 @@ impl Recorder {
     fn join(&mut self) {
         self.close();
         if let Some(thread) = self.thread.take() {
-            // One that broke off has left no word: that is how the state tells.
+            // A thread that panicked has stored no result, from which the state follows.
             let _ = thread.join();
         }
     }
@@ -211,7 +213,7 @@ fn record(
     }
 }
 
-/// Bytes that may still be written beside `path`; `None` where the system does not tell.
+/// Bytes that may still be written beside `path`; `None` where the system does not report it.
 #[cfg(unix)]
 pub fn free_bytes(path: &Path) -> Option<u64> {
     let dir = path.parent().filter(|p| !p.as_os_str().is_empty());
@@ -224,7 +226,7 @@ pub fn free_bytes(path: &Path) -> Option<u64> {
     Some(free)
 }
 
-/// Bytes that may still be written beside `path`; `None` where the system does not tell.
+/// Bytes that may still be written beside `path`; `None` where the system does not report it.
 #[cfg(not(unix))]
 pub fn free_bytes(_path: &Path) -> Option<u64> {
     None

@@ -99,7 +99,7 @@ pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
     Err(without(path))
 }
 
-/// Reads a recording and tells how far it is. In this build always an error.
+/// Reads a recording and reports its progress. In this build always an error.
 ///
 /// # Errors
 /// [`RecordingError::WithoutRrd`].

@@ -1,4 +1,4 @@
-//! `session.toml`: what a session log tells beside its table.
+//! `session.toml`: properties of a session log beside its table.
 
 use std::path::{Component, Path};
 
@@ -19,12 +19,12 @@ pub struct SessionFile {
     /// Mass the operator believes is attached, kg.
     #[serde(default)]
     pub payload_kg: f64,
-    /// Hash of the robot file it was recorded with; empty when it does not say.
+    /// Hash of the robot file it was recorded with; empty when unknown.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
 }
 
-/// The table when nothing is said.
+/// Default name of the table.
 pub(super) fn default_log() -> String {
     "log.csv".to_owned()
 }

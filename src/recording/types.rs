@@ -2,7 +2,7 @@ use serde::Serialize;
 
 use crate::signal::{CHAMBERS, Stamp, Trace};
 
-/// What a recording tells about its session as a whole.
+/// Properties of a recorded session as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingMeta {
     /// Name of the session.
@@ -11,14 +11,14 @@ pub struct RecordingMeta {
     pub robot: String,
     /// SHA-256 of the robot file, hexadecimal.
     pub robot_hash: String,
-    /// What the data came from: `virtual rig`, a port name.
+    /// Source of the data: `virtual rig`, a port name.
     pub source: String,
-    /// Whether the data are simulated; `None` when nobody says.
+    /// Whether the data are simulated; `None` when unknown.
     pub simulated: Option<bool>,
     /// Mass the operator declared at the start, kg.
     pub payload_kg: f64,
     /// Local date and time at which it began, with the offset from UTC: `2026-11-23T14:05:12+01:00`. Empty when
-    /// nobody says; a recorder that writes a file fills it in.
+    /// unknown; a recorder that writes a file fills it in.
     pub begun: String,
     /// What to draw around the arm's centre lines; not read back.
     pub drawing: Option<ArmDrawing>,
@@ -59,12 +59,12 @@ pub struct Channel {
     pub rows: u64,
     /// Mean rate over the channel's own span, Hz; 0 below two rows.
     pub rate_hz: f64,
-    /// What its values are like; `None` where there is none, and for entities of a recording that hold several numbers.
+    /// Statistics of its values; `None` where there is none, and for entities of a recording that hold several numbers.
     #[serde(flatten)]
     pub values: Option<ChannelValues>,
 }
 
-/// What the values of one channel are like, in the channel's unit.
+/// Statistics of one channel's values, in the channel's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelValues {
     /// Smallest.

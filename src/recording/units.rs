@@ -1,8 +1,8 @@
 //! Readings that look like another unit than the one in their column's name.
 //!
-//! Columns whose usual value no such arm can have are refused when a log is read. What is left here are numbers that are
-//! possible by themselves and contradict each other: the springs tell how far the arm moves, and pressures, angles and
-//! positions have to fit to that. What is said is a suspicion; nothing is converted.
+//! Columns whose usual value no such arm can have are refused when a log is read. This module checks numbers that are
+//! possible by themselves but inconsistent with each other: the springs determine how far the arm moves, and pressures,
+//! angles and positions have to agree. The result is a suspicion; nothing is converted.
 
 use super::SessionLog;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
@@ -13,7 +13,7 @@ const SPRING_PER_PRESSURE_M_PA: f64 = 0.075 / 40e3;
 const WITHIN: f64 = 2.5;
 /// Difference of the springs' lengths within a segment per tilt of its pad, m/rad.
 const SPRINGS_PER_TILT_M_RAD: f64 = 0.13;
-/// The springs must change by as much to say anything, m.
+/// Smallest change of the springs' lengths that allows a judgement, m.
 const SPRINGS_MOVE_M: f64 = 0.02;
 /// Springs per segment.
 const PER_SEGMENT: usize = SPRINGS / 2;

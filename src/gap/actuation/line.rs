@@ -256,7 +256,7 @@ pub fn gauge_pressures(
     effects: &[Active],
     lag: Lag,
 ) -> Vec<[f64; CHAMBERS]> {
-    // What came before the log: the chambers stood where the gauges say.
+    // What came before the log: the chambers stood where the gauges indicate.
     const LEAD: usize = 2;
     let (t0_s, first) = (grid.log.t_s[0], grid.log.commanded_pa[0]);
     let rest: [f64; CHAMBERS] = std::array::from_fn(|i| {

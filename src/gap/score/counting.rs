@@ -200,7 +200,7 @@ impl Scored {
         }
     }
 
-    /// What was said, in a word.
+    /// The answer in short form.
     fn label(&self) -> String {
         let all = |joint: &str| {
             let ids = self.said.effects.iter().map(|e| label(&e.id, e.target));
@@ -216,7 +216,7 @@ impl Scored {
         }
     }
 
-    /// What was said, for the confusion matrix: ids alone.
+    /// The answer for the confusion matrix: ids alone.
     fn column(&self) -> String {
         match self.said.verdict {
             Some(Verdict::Named) => {
@@ -233,7 +233,7 @@ impl Scored {
     fn row(&self) -> String {
         match (self.key.kind, self.key.effects.first()) {
             (About::Alien, Some(e)) if effect(&e.id).is_some() => format!("left out: {}", e.id),
-            (About::Alien, Some(e)) => format!("alien: {}", e.id),
+            (About::Alien, Some(e)) => format!("unmodelled: {}", e.id),
             (_, Some(e)) => e.id.clone(),
             (_, None) => "nothing".to_owned(),
         }
@@ -430,24 +430,24 @@ impl Params {
     }
 
     fn covered(&self) -> Share {
-        let told: Vec<bool> = self
+        let covered: Vec<bool> = self
             .0
             .values()
             .flatten()
             .filter_map(|c| c.covered)
             .collect();
-        share(&told, |c| *c)
+        share(&covered, |c| *c)
     }
 
     fn lines(&self) -> Vec<ParamLine> {
         let line = |(name, all): (&String, &Vec<Compared>)| {
             let errors: Vec<f64> = all.iter().map(|c| c.error).collect();
-            let told: Vec<bool> = all.iter().filter_map(|c| c.covered).collect();
+            let covered: Vec<bool> = all.iter().filter_map(|c| c.covered).collect();
             ParamLine {
                 name: name.clone(),
                 error_median: median(&errors),
                 cases: all.len(),
-                covered: share(&told, |c| *c),
+                covered: share(&covered, |c| *c),
             }
         };
         self.0.iter().map(line).collect()
@@ -479,22 +479,26 @@ fn targets(s: &Score, findable: &[&Scored]) -> Vec<Target> {
     let most = |x: f64| [None, Some(x)];
     vec![
         of_share(
-            "top-1 naming from 4 x floor on",
+            "top-1 naming from 4 x noise floor on",
             least(0.95),
             &share(&strong, |c| c.top1()),
         ),
         of_share(
-            "top-1 naming from 2 x floor on",
+            "top-1 naming from 2 x noise floor on",
             least(0.85),
             &share(findable, |c| c.top1()),
         ),
         of_share("channel right among right names", least(0.98), &s.channel),
         of_share(
-            "false positives on nulls",
+            "false positives without an effect",
             most(0.05),
             &s.nulls.false_positive,
         ),
-        of_share("aliens named wrongly", most(0.10), &s.aliens.named_wrongly),
+        of_share(
+            "unmodelled effects named wrongly",
+            most(0.10),
+            &s.aliens.named_wrongly,
+        ),
         of_share("both of a pair found", least(0.80), &s.pairs.both),
         target(
             "gap closed where effects are named, median",

@@ -17,7 +17,7 @@ impl Score {
             );
         }
         out += ". Brackets: 95 % intervals (Wilson's for shares, order statistics for medians). \
-                Strength: RMS change in the most sensitive channel over the floor of that channel \
+                Strength: RMS change in the most sensitive channel over the noise floor of that channel \
                 in a healthy session.\n";
         out += "\n## Against the targets\n\n";
         let rows = self.targets.iter().map(target_row).collect();
@@ -25,8 +25,8 @@ impl Score {
         out += &self.naming();
         out += &self.others();
         out += &self.parameters();
-        out += "\n## Who was taken for whom\n\nSingle effects from 2 x floor on, nulls and \
-                aliens; one row per truth, `n x` what was said.\n\n";
+        out += "\n## Confusion matrix\n\nSingle effects from 2 x noise floor on, sessions without an effect \
+                and unmodelled effects; one row per truth, `n x` answer.\n\n";
         out += &confusion_table(&self.confusion);
         if !self.confusion_weak.is_empty() {
             out += "\nWeaker single effects:\n\n";
@@ -47,16 +47,16 @@ impl Score {
         ];
         let mut out = format!(
             "\n## Naming of single effects (simulated)\n\nBy the strength that the effect has; {} \
-             of them could not be brought to the strength that was asked for.\n\n",
+             of them could not be brought to the requested strength.\n\n",
             self.capped
         );
         out += &table(&head, self.ladder.iter().map(rung_row).collect());
         if self.capped > 0 {
-            out += "\nBy the strength that was asked for:\n\n";
+            out += "\nBy the requested strength:\n\n";
             out += &table(&head, self.ladder_asked.iter().map(rung_row).collect());
         }
         out += &format!(
-            "\nFrom 2 x floor on: channel right in {} of right names, in {} where there is a channel \
+            "\nFrom 2 x noise floor on: channel right in {} of right names, in {} where there is a channel \
              to choose; side right in {} of those that were given a name.\n",
             shown(&self.channel),
             shown(&self.channel_of_choice),
@@ -66,17 +66,17 @@ impl Score {
     }
 
     fn others(&self) -> String {
-        let mut out = "\n## Nulls, aliens, pairs (simulated)\n\n".to_owned();
+        let mut out = "\n## No effect, unmodelled effects, pairs (simulated)\n\n".to_owned();
         let row = |what: &str, s: &Share| vec![what.to_owned(), shown(s)];
         let rows = vec![
-            row("null: anything claimed", &self.nulls.false_positive),
-            row("null: effects claimed", &self.nulls.named),
-            row("null: called unknown", &self.nulls.unknown),
-            row("alien: effects claimed", &self.aliens.named_wrongly),
+            row("no effect: anything claimed", &self.nulls.false_positive),
+            row("no effect: effects claimed", &self.nulls.named),
+            row("no effect: called unknown", &self.nulls.unknown),
+            row("unmodelled: effects claimed", &self.aliens.named_wrongly),
             row("- never in the table", &self.aliens.never_known),
-            row("- taken out of the table", &self.aliens.left_out),
-            row("alien: called unknown", &self.aliens.unknown),
-            row("alien: nothing missing", &self.aliens.nothing),
+            row("- removed from the table", &self.aliens.left_out),
+            row("unmodelled: called unknown", &self.aliens.unknown),
+            row("unmodelled: nothing missing", &self.aliens.nothing),
             row("pair: both named", &self.pairs.both),
             row("- both at full strength", &self.pairs.both_full_strength),
             row("pair: one named", &self.pairs.one),
@@ -132,7 +132,7 @@ impl Score {
             ]
         });
         out += &table(
-            &["case", "kind", "hidden", "strength", "said"],
+            &["case", "kind", "hidden", "strength", "answer"],
             rows.collect(),
         );
         out
@@ -193,7 +193,7 @@ fn confusion_table(confusion: &Confusion) -> String {
             name == truth
                 || (name == "nothing missing" && truth == "nothing")
                 || (name == "unknown"
-                    && (truth.starts_with("alien:") || truth.starts_with("left out:")))
+                    && (truth.starts_with("unmodelled:") || truth.starts_with("left out:")))
         };
         let list = |keep: bool| {
             let mut some: Vec<_> = said
@@ -214,7 +214,7 @@ fn confusion_table(confusion: &Confusion) -> String {
         ]
     });
     table(
-        &["hidden", "cases", "right", "said instead"],
+        &["hidden", "cases", "right", "other answers"],
         rows.collect(),
     )
 }

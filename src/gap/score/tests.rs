@@ -305,7 +305,7 @@ fn nulls_aliens_and_pairs_are_counted_by_what_is_claimed() {
     // Named: the null's does not count, the wrong alien's does.
     assert_eq!(s.gap_closed.of, 4);
     assert_eq!(s.confusion["left out: creep"]["set without it"], 1);
-    assert_eq!(s.confusion["alien: pad-slip"]["unknown"], 1);
+    assert_eq!(s.confusion["unmodelled: pad-slip"]["unknown"], 1);
     assert_eq!(s.confusion["nothing"]["not excited"], 1);
 }
 
@@ -372,7 +372,7 @@ fn the_report_says_what_is_simulated_and_whether_targets_are_met() {
     let text = s.markdown("Seeds 1 to 1.");
     for wanted in [
         "simulated sessions of the virtual rig",
-        "| top-1 naming from 4 x floor on | at least 95.0 % | 100.0 % | [20.7 %, 100.0 %] | 1 | met |",
+        "| top-1 naming from 4 x noise floor on | at least 95.0 % | 100.0 % | [20.7 %, 100.0 %] | 1 | met |",
         "| both of a pair found | at least 80.0 % | - |  | 0 | no data |",
         "| longest run of the finder | at most 60.0 s | 12.0 s |  | 2 | met |",
         "| 8 x | 1 | 1/1 = 100.0 % [20.7, 100.0] |",

@@ -28,7 +28,7 @@ pub struct SessionLog {
     pub payload_column_kg: Option<Vec<f64>>,
     /// SHA-256 of the file, hexadecimal; empty for a log that came from no file.
     pub hash: String,
-    /// Hash of the robot file it was recorded with; empty when it does not say.
+    /// Hash of the robot file it was recorded with; empty when unknown.
     pub robot: String,
 }
 

@@ -1,4 +1,4 @@
-//! Reading a session log: its table, cell by cell, and what a session folder says of it.
+//! Reading a session log: its table, cell by cell, and the properties in its session folder.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -25,7 +25,7 @@ pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
     read_session_with(path, &mut |_| true)
 }
 
-/// A file whose reader is told the share that is read, and may give it up.
+/// A file that reports the share that is read, and whose reader may give up.
 struct Watched<'a> {
     file: File,
     read: u64,
@@ -47,7 +47,7 @@ impl Read for Watched<'_> {
     }
 }
 
-/// Reads a session as [`read_session`] does, and tells the share that is done, 0..1. It is given up when
+/// Reads a session as [`read_session`] does, and reports the share that is done, 0..1. It is given up when
 /// `go_on` answers `false`.
 ///
 /// # Errors

@@ -10,8 +10,8 @@
 //! | words 11-12 | frames per second |
 //!
 //! The parameters' fourth byte is the processor: 84 Intel, 85 DEC, 86 MIPS. Of the parameters the
-//! groups `POINT` and `TRIAL` are used, and what they say goes before the header. A frame is, per point, x, y, z
-//! and a fourth word whose sign says that the point is invalid, then analogue values. `POINT:SCALE`
+//! groups `POINT` and `TRIAL` are used, and take precedence over the header. A frame is, per point, x, y, z
+//! and a fourth word whose negative sign marks an invalid point, then analogue values. `POINT:SCALE`
 //! below 0 means floats; above 0 it multiplies integers.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -167,7 +167,7 @@ pub(super) fn parse(data: &[u8], path: &Path) -> Result<MocapFile, RecordingErro
         path,
     };
     let Some(before) = usize::from(bytes.get(0, 1)?[0]).checked_sub(1) else {
-        return Err(bytes.corrupt(0, "the file does not say where its parameters are"));
+        return Err(bytes.corrupt(0, "the file does not state where its parameters are"));
     };
     let start = before * BLOCK;
     let processor = bytes.get(start, 4)?[3];
@@ -322,7 +322,7 @@ impl Layout {
         }
         let unit = point("UNITS").and_then(|p| p.texts(1).into_iter().next());
         let unit = unit.filter(|u| !u.is_empty()).unwrap_or_else(|| {
-            notes.push("the file does not say its unit of length: it was taken as mm".to_owned());
+            notes.push("the file does not state its unit of length: it was taken as mm".to_owned());
             "mm".to_owned()
         });
         let to_m = metres(&unit).ok_or_else(|| {
@@ -338,7 +338,7 @@ impl Layout {
         if block == 0 {
             return Err(bytes.corrupt(
                 16,
-                "the file does not say where its data begin: export it again",
+                "the file does not state where its data begin: export it again",
             ));
         }
         let value_bytes = if scale < 0.0 { 4 } else { 2 };
@@ -358,7 +358,7 @@ impl Layout {
             point_bytes,
             notes,
         };
-        // All of it is there before any room is made for it.
+        // The length is checked before memory is reserved.
         let length = layout.frames.checked_mul(stride);
         let there = bytes.data.len().saturating_sub(layout.start);
         if length.is_none_or(|n| n > there) {
@@ -375,7 +375,7 @@ impl Layout {
     }
 }
 
-/// Number of the first frame, and how many there are. Long files say it in `TRIAL`, in 32 bits.
+/// Number of the first frame, and how many there are. Long files hold it in `TRIAL`, in 32 bits.
 fn frames(
     bytes: &Bytes<'_>,
     parameters: &Parameters<'_>,
@@ -398,7 +398,7 @@ fn frames(
         // Two against one: a file that was cut after it was recorded.
         (Some((a, b)), Some(n)) if whole && by_points == Some(n) && (b - a + 1) as u64 != n => {
             notes.push(format!(
-                "TRIAL speaks of {} frames, the header and POINT:FRAMES of {n}: the latter were taken",
+                "TRIAL states {} frames, the header and POINT:FRAMES of {n}: the latter were taken",
                 b - a + 1
             ));
             Ok((header_first, n))
@@ -407,7 +407,7 @@ fn frames(
         (None, header) => by_points
             .or(header)
             .map(|n| (header_first, n))
-            .ok_or_else(|| bytes.corrupt(6, "the file does not say how many frames it has")),
+            .ok_or_else(|| bytes.corrupt(6, "the file does not state how many frames it has")),
     }
 }
 
@@ -434,9 +434,7 @@ fn labels(
     labels.resize(points, None);
     let nameless = points - labels.iter().flatten().count();
     if nameless > 0 {
-        notes.push(format!(
-            "{nameless} points without a label were passed over"
-        ));
+        notes.push(format!("{nameless} points without a label were ignored"));
     }
     // Models write their results among the points.
     let kinds = ["ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS"];
@@ -454,7 +452,7 @@ fn labels(
     }
     if over > 0 {
         notes.push(format!(
-            "{over} points that are angles, forces or the like were passed over"
+            "{over} points that are angles, forces or the like were ignored"
         ));
     }
     labels

@@ -7,7 +7,7 @@ use super::rotation::{FromQuaternion, MocapRotation, from_euler, from_helical, f
 use super::table::{Row, metres, radians, unit_of};
 use crate::recording::RecordingError;
 
-/// Farther from the origin than any room, m.
+/// Largest plausible distance from the origin, m.
 pub(super) const POSITION_MAX_M: f64 = 1e4;
 /// More turns than any cable takes, rad.
 const ANGLE_MAX_RAD: f64 = 1e3;
@@ -41,7 +41,7 @@ pub(super) struct Turn {
     /// Those of x, y, z and, for a quaternion, w.
     pub(super) columns: [usize; 4],
     pub(super) to_rad: [f64; 3],
-    /// Whether nothing in the file says how it is written.
+    /// Whether the file does not state the form and it was assumed.
     pub(super) taken_for_granted: bool,
 }
 
@@ -85,7 +85,7 @@ impl Turn {
                         x,
                         format!(
                             "{name}: as a helical rotation this is more than half a turn, so these may be Euler \
-                             angles, and the file does not say: give --rotation helical or --rotation euler-xyz"
+                             angles, and the file does not state their form: give --rotation helical or --rotation euler-xyz"
                         ),
                     ));
                 }
@@ -117,12 +117,12 @@ pub(super) struct Source<'a> {
     pub(super) wanted: Option<MocapRotation>,
 }
 
-/// A heading taken apart: `Global Angle Subject:Object` is the name behind what is said of it.
+/// The parts of a heading: in `Global Angle Subject:Object` a description precedes the name.
 pub(super) struct Heading<'a> {
     pub(super) name: &'a str,
     pub(super) is_global: bool,
     is_local: bool,
-    said: String,
+    description: String,
 }
 
 pub(super) fn name_of(heading: &str) -> Heading<'_> {
@@ -150,30 +150,30 @@ pub(super) fn name_of(heading: &str) -> Heading<'_> {
             name: heading,
             is_global: false,
             is_local: false,
-            said: String::new(),
+            description: String::new(),
         };
     }
-    let (mut name, mut said) = (heading.trim(), String::new());
+    let (mut name, mut description) = (heading.trim(), String::new());
     while let Some((word, rest)) = name.split_once(char::is_whitespace) {
         if !WORDS.contains(&bare(word).as_str()) {
             break;
         }
-        said.push_str(&bare(word));
-        said.push(' ');
+        description.push_str(&bare(word));
+        description.push(' ');
         name = rest.trim_start();
     }
     Heading {
         name,
         is_global,
         is_local,
-        said,
+        description,
     }
 }
 
 /// Columns under one heading, by their names in lower case.
 struct Group {
     name: String,
-    said: String,
+    description: String,
     is_local: bool,
     columns: Vec<(String, usize)>,
 }
@@ -232,13 +232,13 @@ fn groups(source: &Source<'_>) -> Vec<Group> {
             if joins.is_none() {
                 groups.push(Group {
                     name: heading.name.to_owned(),
-                    said: String::new(),
+                    description: String::new(),
                     is_local: heading.is_local,
                     columns: Vec::new(),
                 });
                 at.insert(heading.name.to_owned(), i);
             }
-            groups[i].said.push_str(&heading.said);
+            groups[i].description.push_str(&heading.description);
             current = Some(i);
         }
         if let Some(i) = current
@@ -297,7 +297,7 @@ pub(super) fn blocks(
     }
     if granted {
         notes.push(
-            "the file does not say how its three rotations are written: they were taken as helical, as Tracker's \
+            "the file does not state how its three rotations are written: they were taken as helical, as Tracker's \
              default is; give --rotation euler-xyz if it was set to Euler angles"
                 .to_owned(),
         );
@@ -305,7 +305,7 @@ pub(super) fn blocks(
     if !over.is_empty() {
         let shown = over[..over.len().min(3)].join(", ");
         notes.push(format!(
-            "{} headings without a whole global position{} were passed over ({shown}{})",
+            "{} headings without a whole global position{} were ignored ({shown}{})",
             over.len(),
             if source.format == MocapFormat::ViconTrajectories {
                 ""
@@ -356,16 +356,17 @@ fn turn(
     let Some([x, y, z]) = named.or_else(|| group.find(["rx", "ry", "rz"])) else {
         return Ok(None);
     };
-    let said = format!("{} {}", source.title, group.said).to_ascii_lowercase();
-    let says = |word: &str| said.contains(word);
-    let euler = says("euler") || euler_columns.is_some();
-    let helical =
-        says("helical") || helical_columns.is_some() || source.format == MocapFormat::ViconSegments;
-    if (euler && (helical || says("zyx"))) || says("quaternion") {
+    let description = format!("{} {}", source.title, group.description).to_ascii_lowercase();
+    let names = |word: &str| description.contains(word);
+    let euler = names("euler") || euler_columns.is_some();
+    let helical = names("helical")
+        || helical_columns.is_some()
+        || source.format == MocapFormat::ViconSegments;
+    if (euler && (helical || names("zyx"))) || names("quaternion") {
         return Err(units.refuse(
             x,
             format!(
-                "{}: it cannot be told how the rotation is written: export it as helical, Euler XYZ or quaternion",
+                "{}: the form of the rotation is ambiguous: export it as helical, Euler XYZ or quaternion",
                 group.name
             ),
         ));

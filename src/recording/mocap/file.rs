@@ -41,7 +41,7 @@ pub struct MocapFile {
     pub units: String,
     /// The axis that points up, where the format settles it.
     pub up: Option<char>,
-    /// What was passed over or taken for granted, one sentence each.
+    /// Ignored sections and assumptions, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -117,7 +117,7 @@ impl MocapFile {
         }
     }
 
-    /// Sets the times and looks over the whole; frames, rate and series are there.
+    /// Sets the times and checks the file as a whole, after frames, rate and series are set.
     pub(super) fn finish(mut self) -> Result<Self, RecordingError> {
         if self.objects.is_empty() && self.markers.is_empty() {
             let mut text = "the file holds no object and no marker".to_owned();
@@ -151,7 +151,8 @@ impl MocapFile {
         Ok(self)
     }
 
-    /// Some exporters write zeros for what they do not see. They are kept, and said.
+    /// Notes poses and positions that are exactly zero, which some exporters write for objects that are not seen. They
+    /// are kept.
     fn note_zeros(&mut self) {
         let zero = |v: &Vector3<f64>| v.amax() == 0.0;
         for o in &self.objects {
@@ -203,7 +204,7 @@ impl MocapFile {
     /// Lines without a pose of `object`, those included that are left out.
     pub fn gaps(&self, object: &MocapObject) -> u64 {
         let empty = object.poses.iter().filter(|p| p.is_none()).count() as u64;
-        // Two lines tell no rhythm.
+        // Two lines do not determine a step.
         let step = match self.frames.len() {
             0..=2 => 1,
             _ => self.usual_step().max(1),

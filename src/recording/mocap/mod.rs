@@ -1,6 +1,6 @@
 //! Files of motion-capture systems: poses of objects and positions of markers, SI units.
 //!
-//! The format is told by what a file holds, not by its name:
+//! The format is detected from the content of a file, not from its name:
 //!
 //! | format | read | not read |
 //! |---|---|---|
@@ -13,8 +13,8 @@
 //! A helical rotation is a vector: the axis times the angle. Euler angles turn about the object's
 //! own moving axes, in the order of their name: XYZ is R = Rx · Ry · Rz.
 //!
-//! Other sections of a Vicon table (`Devices`, `Model Outputs`, `Joints`, ...) are passed over, and a note
-//! says so. An empty cell, an invalid point and a frame number that is left out are gaps: nothing is
+//! Other sections of a Vicon table (`Devices`, `Model Outputs`, `Joints`, ...) are ignored, with a
+//! note. An empty cell, an invalid point and a frame number that is left out are gaps: nothing is
 //! filled in. Axes stay those of the file.
 
 mod body;
@@ -41,7 +41,7 @@ pub use rotation::MocapRotation;
 
 /// Reads a motion-capture file of any of the formats above.
 ///
-/// `rotation` tells how a Vicon Tracker file writes three angles, which such a file may leave open;
+/// `rotation` states how a Vicon Tracker file writes three angles, which such a file may leave open;
 /// without it they are helical.
 ///
 /// # Errors

@@ -38,13 +38,13 @@ pub(super) fn is_motive(head: &[u8]) -> bool {
     head.starts_with(b"Format Version")
 }
 
-/// What the first line says.
+/// Properties in the first line.
 struct About {
     rate_hz: f64,
     /// m per unit, and its name.
     to_m: f64,
     unit: &'static str,
-    /// `None` when it does not say.
+    /// `None` when it is not stated.
     rotation: Option<MocapRotation>,
 }
 
@@ -293,7 +293,7 @@ pub(super) fn parse(reader: impl BufRead, path: &Path) -> Result<MocapFile, Reco
     file.finish()
 }
 
-/// Sets up the series of a file, and says what is passed over.
+/// Sets up the series of a file, and notes what is ignored.
 fn plan(
     file: &mut MocapFile,
     about: &About,
@@ -356,8 +356,7 @@ fn plan(
     }
     if !over.is_empty() {
         let kinds: Vec<String> = over.into_iter().collect();
-        file.notes
-            .push(format!("passed over: {}", kinds.join(", ")));
+        file.notes.push(format!("ignored: {}", kinds.join(", ")));
     }
     Ok(plan)
 }

@@ -175,7 +175,7 @@ impl<T> Default for Joint<T> {
 }
 
 impl<T: Clone + PartialEq> Joint<T> {
-    /// Adds what a section holds of a name; `at` tells where its frames are among `frames`.
+    /// Adds what a section holds of a name; `at` holds the places of its frames among `frames`.
     fn take(
         &mut self,
         path: &Path,

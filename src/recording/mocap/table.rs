@@ -1,4 +1,4 @@
-//! Rows of exported tables: cells by column, refusals that say where, a bound on what a file may
+//! Rows of exported tables: cells by column, refusals with the place, a bound on what a file may
 //! make of its size.
 
 use std::borrow::Cow;

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! Tracker writes `Global Angle Subject:Object` for the name. Its three rotations may be helical or Euler
-//! angles; unless a heading says which, they are helical, and no longer than half a turn.
+//! angles; unless a heading states which, they are helical, and no longer than half a turn.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -79,7 +79,7 @@ impl Preamble {
         }
     }
 
-    /// What kind of section it is; `None` for one that is passed over.
+    /// What kind of section it is; `None` for one that is ignored.
     fn format(&self) -> Option<MocapFormat> {
         match self.title.to_ascii_lowercase().as_str() {
             "trajectories" => Some(MocapFormat::ViconTrajectories),
@@ -228,7 +228,7 @@ fn columns_of(
         } else {
             format!("'{}'", preamble.title)
         };
-        notes.push(format!("a section {title} was passed over"));
+        notes.push(format!("a section {title} was ignored"));
         return Ok(State::Over);
     };
     let sound = |(r, _)| r > 0.0 && r <= RATE_MAX_HZ;

@@ -37,7 +37,7 @@ const LIVE_NS: i64 = 30_000_000_000;
 const EYE_M: [f32; 3] = [0.66, -0.60, 0.0];
 const LOOK_M: [f32; 3] = [0.0, 0.0, -0.19];
 
-/// The messages that tell a viewer the layout. They are the same for every recording, and made once: the library's
+/// The messages that send a viewer the layout. They are the same for every recording, and made once: the library's
 /// maker of layouts leaves two threads behind each time.
 pub(super) fn layout(shown: Shown) -> Result<Vec<LogMsg>, BatchError> {
     static MADE: [OnceLock<Vec<LogMsg>>; 2] = [const { OnceLock::new() }; 2];
@@ -52,7 +52,7 @@ pub(super) fn layout(shown: Shown) -> Result<Vec<LogMsg>, BatchError> {
     Ok(made.get_or_init(|| messages).clone())
 }
 
-/// A layout, and properties of its views that the layout's own builder has no words for.
+/// A layout, and properties of its views that the layout's builder does not offer.
 struct Layout {
     blueprint: Blueprint,
     properties: Vec<(EntityPath, Vec<SerializedComponentBatch>)>,
@@ -81,7 +81,7 @@ impl Layout {
                 .with_origin("/")
                 .with_contents(contents.iter().copied())
                 .into();
-            // Twelve names would hide the curves; pointing at a curve tells its name.
+            // Twelve names would hide the curves; pointing at a curve shows its name.
             let legend = PlotLegend::new()
                 .with_visible(legend)
                 .with_corner(Corner2D::LeftTop);
@@ -143,7 +143,7 @@ impl Layout {
         self.blueprint.send(&stream, Default::default())?;
         let mut messages = storage.take();
         stream.disconnect();
-        // What tells of the stream itself is not part of the layout.
+        // Messages about the stream itself are not part of the layout.
         messages.retain(|m| m.store_id().kind() == StoreKind::Blueprint);
         self.complete(&mut messages)?;
         Ok(messages)

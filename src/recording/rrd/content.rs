@@ -95,7 +95,7 @@ impl Default for Content {
 }
 
 impl Content {
-    /// Forgets the rows, keeps their room; leaves what is known of the file as a whole.
+    /// Clears the rows and keeps their capacity; properties of the file as a whole stay.
     pub(super) fn clear_rows(&mut self) {
         self.scalars.iter_mut().for_each(Rows::clear);
         self.exact.iter_mut().for_each(Rows::clear);

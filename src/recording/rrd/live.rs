@@ -51,7 +51,7 @@ impl LiveSink {
         })
     }
 
-    /// Takes a snapshot; says whether a batch is due.
+    /// Takes a snapshot; returns whether a batch is due.
     pub(in crate::recording) fn push(&mut self, snapshot: &Snapshot) -> bool {
         self.rows.push(snapshot)
     }
@@ -61,7 +61,7 @@ impl LiveSink {
         self.rows.event(stamp, text);
     }
 
-    /// Sends what waits and tells how many snapshots that were; or why the stream is over.
+    /// Sends what is queued and returns the number of snapshots, or why the stream is over.
     pub(in crate::recording) fn flush(&mut self, waiting: &mut Waiting<'_>) -> Result<u64, Broken> {
         let address = self.address;
         loop {
@@ -89,7 +89,7 @@ impl LiveSink {
         Ok(rows)
     }
 
-    /// Sends one message, waiting for room as long as `waiting` allows. The client's own blocking call
+    /// Sends one message, waiting for the queue as long as `waiting` allows. The client's own blocking call
     /// would wait for ever.
     fn send(&self, message: LogMsg, waiting: &mut Waiting<'_>) -> Result<(), Broken> {
         let mut sending = pin!(self.client.send_async(message));

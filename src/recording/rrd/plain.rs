@@ -41,7 +41,7 @@ pub(super) enum Kind {
 
 /// Reads a table whose messages were checked. `None` when it is not plain.
 ///
-/// `wanted` tells which entities are looked into; of others only the times are read.
+/// `wanted` selects the entities whose values are read; of others only the times are read.
 pub(super) fn read<'a>(
     messages: &[(Message<'a>, &'a [u8])],
     wanted: impl Fn(&str) -> bool,

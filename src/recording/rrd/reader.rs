@@ -35,7 +35,7 @@ pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
     read_rrd_with(path, &mut |_| true)
 }
 
-/// Reads a recording as [`read_rrd`] does, and tells the share that is done, 0..1. It is given up when
+/// Reads a recording as [`read_rrd`] does, and reports the share that is done, 0..1. It is given up when
 /// `go_on` answers `false`.
 ///
 /// # Errors
@@ -166,7 +166,7 @@ impl Gathered {
 }
 
 impl Source<'_> {
-    /// What is answered when nobody waits any more.
+    /// Error when the receiver is gone.
     fn given_up(&self) -> RecordingError {
         let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
         RecordingError::io(self.path, "finish reading")(e)
@@ -197,7 +197,7 @@ impl Source<'_> {
         Ok((gathered, meta))
     }
 
-    /// What the file says of itself before its first data, if it does.
+    /// Properties of the file before its first data, if there are any.
     fn head(&self) -> Result<Option<(Content, RecordingMeta)>, RecordingError> {
         let mut reader = Reader::open(self)?;
         for place in &self.frames.messages {
@@ -401,7 +401,7 @@ impl<'a> Reader<'a> {
             .is_some_and(|table| Content::closes(table.entity)))
     }
 
-    /// Takes a message; tells whether it closes a batch.
+    /// Takes a message; returns whether it closes a batch.
     fn take(&mut self, place: Place) -> Result<bool, RecordingError> {
         self.read(place)?;
         let path = self.source.path;

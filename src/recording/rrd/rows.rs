@@ -86,7 +86,7 @@ impl Rows {
         Ok((rows, messages))
     }
 
-    /// Takes a snapshot; says whether a batch is due. One whose time does not advance is counted and
+    /// Takes a snapshot; returns whether a batch is due. One whose time does not advance is counted and
     /// left out; parts with values that are not finite are counted and left out.
     pub(super) fn push(&mut self, snapshot: &Snapshot) -> bool {
         let t = snapshot.stamp;

@@ -19,7 +19,7 @@ const BATCH_NS: i64 = 600_000_000;
 /// Writes snapshots to an `.rrd` file.
 ///
 /// A batch of rows is written about every 0.6 s of session time. Dropping the writer ends the file
-/// as [`RecordingWriter::finish`] does, without a word about errors.
+/// as [`RecordingWriter::finish`] does, without reporting errors.
 pub struct RecordingWriter {
     path: PathBuf,
     /// `None` once the file has ended or failed.
@@ -31,10 +31,10 @@ pub struct RecordingWriter {
     rows: Rows,
     summary: RecordingSummary,
     #[cfg(test)]
-    room: Arc<std::sync::atomic::AtomicU64>,
+    free: Arc<std::sync::atomic::AtomicU64>,
 }
 
-/// What tells a file from another of the same name.
+/// Identity of a file among others of the same name.
 type Identity = (u64, u64);
 
 #[cfg(unix)]
@@ -53,7 +53,7 @@ struct Output {
     file: File,
     /// Bytes left on what stands for a full disk in tests.
     #[cfg(test)]
-    room: Arc<std::sync::atomic::AtomicU64>,
+    free: Arc<std::sync::atomic::AtomicU64>,
 }
 
 impl Write for Output {
@@ -61,12 +61,12 @@ impl Write for Output {
         #[cfg(test)]
         let buf = {
             use std::sync::atomic::Ordering;
-            let room = self.room.load(Ordering::Relaxed);
-            let n = room.min(buf.len() as u64);
+            let free = self.free.load(Ordering::Relaxed);
+            let n = free.min(buf.len() as u64);
             if n == 0 && !buf.is_empty() {
                 return Err(std::io::ErrorKind::StorageFull.into());
             }
-            self.room.store(room - n, Ordering::Relaxed);
+            self.free.store(free - n, Ordering::Relaxed);
             &buf[..n as usize]
         };
         self.file.write(buf)
@@ -77,7 +77,7 @@ impl Write for Output {
     }
 }
 
-/// An empty file that nobody else records to, in this program or another.
+/// An empty file to which no other recorder writes, in this program or another.
 fn own(path: &Path) -> Result<File, RecordingError> {
     let mut options = File::options();
     let file = options.write(true).create(true).truncate(false).open(path);
@@ -106,11 +106,11 @@ impl RecordingWriter {
         let file = own(path)?;
         let identity = file.metadata().ok().as_ref().and_then(identity);
         #[cfg(test)]
-        let room = Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));
+        let free = Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));
         let output = Output {
             file,
             #[cfg(test)]
-            room: Arc::clone(&room),
+            free: Arc::clone(&free),
         };
         let failed = |e: BatchError| RecordingError::Write {
             path: path.to_owned(),
@@ -128,7 +128,7 @@ impl RecordingWriter {
             rows,
             summary: RecordingSummary::default(),
             #[cfg(test)]
-            room,
+            free,
         };
         writer.guarded(|w| {
             for message in &messages {
@@ -143,7 +143,7 @@ impl RecordingWriter {
     /// values that are not finite are counted and left out.
     ///
     /// # Errors
-    /// [`RecordingError::Write`] once when the file takes no more (say, a full disk), [`RecordingError::Gone`] once
+    /// [`RecordingError::Write`] once when the file takes no more (a full disk, for example), [`RecordingError::Gone`] once
     /// when it is not there any more, after that [`RecordingError::Stopped`].
     pub fn push(&mut self, snapshot: &Snapshot) -> Result<(), RecordingError> {
         if self.encoder.is_none() {
@@ -184,7 +184,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Ends the file with its footer and says what is in it.
+    /// Ends the file with its footer and returns its summary.
     ///
     /// # Errors
     /// [`RecordingError::Write`] when the end cannot be written.
@@ -236,7 +236,7 @@ impl RecordingWriter {
                 // What is written from here on nobody would find.
                 Ok(_) => Err(self.gone()),
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err(self.gone()),
-                // A folder that may not be looked into for a while says nothing of the file.
+                // A folder that cannot be read for a while does not mean that the file is gone.
                 Err(_) => Ok(()),
             },
             Err(e) => {
@@ -285,7 +285,7 @@ impl RecordingWriter {
     /// From here on the file takes `more` bytes only.
     #[cfg(test)]
     pub(super) fn fill_disk_after(&mut self, more: u64) {
-        self.room.store(more, std::sync::atomic::Ordering::Relaxed);
+        self.free.store(more, std::sync::atomic::Ordering::Relaxed);
     }
 }
 

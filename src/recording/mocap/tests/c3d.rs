@@ -61,7 +61,7 @@ impl Made {
                 }
                 self.value(&mut out, if valid { 0.0 } else { -1.0 }, false);
             }
-            // Analogue values, to be passed over.
+            // Analogue values, to be ignored.
             self.value(&mut out, 7.0, false);
             self.value(&mut out, 7.0, false);
         }

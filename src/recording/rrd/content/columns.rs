@@ -38,7 +38,7 @@ impl<T: Copy> Rows<T> {
         self.times.sort_unstable();
     }
 
-    /// Forgets the rows, keeps their room.
+    /// Clears the rows and keeps their capacity.
     pub(super) fn clear(&mut self) {
         self.times.clear();
         self.values.clear();

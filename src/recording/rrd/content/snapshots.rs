@@ -35,7 +35,7 @@ impl Content {
         let before = |t: Option<i64>| t.map_or(ticks.len(), |t| ticks.partition_point(|x| *x < t));
         let goals = &self.ints[table::GOAL].times;
         let before_goal = before(goals.first().copied());
-        let says_goal = !goals.is_empty();
+        let has_goal = !goals.is_empty();
         let before_mode = before(modes.first().map(|(s, _)| s.0));
         let last_reason = modes.last().map(|(_, reason)| reason.clone());
         let mut reason = String::new();
@@ -51,7 +51,7 @@ impl Content {
             snapshots,
             before_goal,
             before_mode,
-            goal: says_goal.then(|| self.goal(i64::MAX)),
+            goal: has_goal.then(|| self.goal(i64::MAX)),
             reason: last_reason,
         }
     }
@@ -229,16 +229,16 @@ fn pose(v: &[f64]) -> Pose {
 /// Snapshots of a part of a file.
 pub struct Part {
     pub snapshots: Vec<Snapshot>,
-    /// How many of them lie before the part's first word on the goal.
+    /// Number of them before the part's first entry on the goal.
     pub before_goal: usize,
-    /// How many of them lie before the part's first word on the mode.
+    /// Number of them before the part's first entry on the mode.
     pub before_mode: usize,
-    /// What the next part takes over, of what this one says; `None`: it says nothing.
+    /// Goal at the end of this part, for the next one; `None` when this part does not state it.
     pub goal: Option<Option<Goal>>,
     pub reason: Option<String>,
 }
 
-/// What a snapshot takes over from those before it.
+/// State that a snapshot takes over from those before it.
 #[derive(Clone, Debug, Default)]
 pub struct Carried {
     /// Where the tip shall go.

@@ -22,7 +22,7 @@ pub(super) fn opening(
     let simulated = match meta.simulated {
         Some(true) => "true",
         Some(false) => "false",
-        None => "not told",
+        None => "unknown",
     };
     let property = DynamicArchetype::new(schema::PREFIX)
         .with_component_from_data("schema", text_column(&schema::SCHEMA_VERSION.to_string()))
@@ -84,7 +84,7 @@ pub(super) fn series_names(spec: &Spec) -> Vec<String> {
     }
 }
 
-/// Six colours that can be told from each other, also by the colour-blind.
+/// Six colours that colour-blind readers can distinguish, too.
 const SIX: [u32; 6] = [
     0x4c9b_e8ff,
     0xe69f_00ff,
@@ -117,10 +117,10 @@ pub(super) fn series_colours(spec: &Spec) -> Vec<rerun::Color> {
         .collect()
 }
 
-/// What is asked for is drawn thinner than what is.
+/// Line width of a series: commanded values are thinner than measured ones.
 fn series_width(spec: &Spec) -> f32 {
-    let asked = spec.path.contains("set_") || spec.path.contains("_ref_");
-    if asked { 0.8 } else { 1.6 }
+    let commanded = spec.path.contains("set_") || spec.path.contains("_ref_");
+    if commanded { 0.8 } else { 1.6 }
 }
 
 #[cfg(test)]
