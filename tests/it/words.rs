@@ -132,7 +132,9 @@ fn visible(source: &str) -> Vec<Text> {
             let mut chars = rest.char_indices().skip(1);
             let escaped = rest[1..].starts_with('\\');
             let close = chars.find(|(at, c)| *c == '\'' && !(escaped && *at == 2));
-            i += close.filter(|(at, _)| *at <= 12).map_or(1, |(at, _)| at + 1);
+            i += close
+                .filter(|(at, _)| *at <= 12)
+                .map_or(1, |(at, _)| at + 1);
         } else {
             i += rest.chars().next().map_or(1, char::len_utf8);
         }
@@ -198,9 +200,8 @@ fn complaints(file: &str, texts: &[Text]) -> String {
             let around = &words[at.saturating_sub(3)..(at + pattern.len() + 3).min(words.len())];
             let around: Vec<&str> = around.iter().map(|(w, _)| *w).collect();
             let around = around.join(" ");
-            let is_allowed = |(end, some, _): &&(&str, &str, &str)| {
-                file.ends_with(end) && around.contains(some)
-            };
+            let is_allowed =
+                |(end, some, _): &&(&str, &str, &str)| file.ends_with(end) && around.contains(some);
             if ALLOWED.iter().find(is_allowed).is_none() {
                 let _ = writeln!(
                     out,
@@ -232,7 +233,12 @@ fn files(folder: &Path, ending: &str, out: &mut Vec<PathBuf>) {
 
 /// Whether a source file is only compiled for tests.
 fn is_of_tests(file: &Path) -> bool {
-    let name = |p: &Path| p.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let name = |p: &Path| {
+        p.file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    };
     file.ancestors()
         .any(|p| name(p) == "tests" || name(p).ends_with("_tests") || name(p) == "fixture")
 }
