@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::RecordingMeta;
-use super::patience::{Broken, Waiting};
+use super::patience::{Broken, POLL, Waiting};
 use super::rrd::LiveSink;
 use crate::signal::{Snapshot, Stamp, StreamState, StreamStatus};
 
@@ -266,8 +266,8 @@ fn comes_back(address: SocketAddr, items: &Receiver<Item>, shared: &Shared) -> b
             if !drain(items, shared) {
                 return false;
             }
-            std::thread::sleep(LOOK);
-            waited += LOOK;
+            std::thread::sleep(POLL);
+            waited += POLL;
         }
         if TcpStream::connect_timeout(&address, PROBE).is_ok() {
             return true;
@@ -394,7 +394,7 @@ mod tests {
             if is(&stream.status()) {
                 return;
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL);
         }
         panic!("{:?}", stream.status());
     }
@@ -407,7 +407,7 @@ mod tests {
             if let Ok((line, _)) = listener.accept() {
                 return line;
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL);
         }
         panic!("nobody calls");
     }
@@ -431,7 +431,7 @@ mod tests {
             if matches!(stream.status().state, StreamState::Away(_)) {
                 break;
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL);
         }
         let status = stream.status();
         let StreamState::Away(reason) = &status.state else {

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Time between two checks of a viewer that is not ready.
-const LOOK: Duration = Duration::from_millis(5);
+pub(super) const POLL: Duration = Duration::from_millis(5);
 /// How long a viewer may take to answer at all.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// How long a viewer may take when the stream is to end anyway.
@@ -44,8 +44,8 @@ impl<'a> Waiting<'a> {
         if self.waited >= limit {
             return false;
         }
-        std::thread::sleep(LOOK);
-        self.waited += LOOK;
+        std::thread::sleep(POLL);
+        self.waited += POLL;
         true
     }
 
