@@ -2,7 +2,7 @@ use std::path::{Path, PathBuf};
 
 use super::*;
 use crate::recording::RecordingError;
-use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Stamp, Trace, ypr_from_rotation};
+use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, TruthSource, ypr_from_rotation};
 use proptest::prelude::*;
 
 fn header() -> String {

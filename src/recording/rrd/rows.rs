@@ -5,14 +5,14 @@ mod tables;
 
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, StringArray};
+use arrow::array::StringArray;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{EntityPath, StoreId, TextLog, TimeColumn};
 
 use super::blueprint::Shown;
 use super::error::BatchError;
 use super::scene::{Part, Scene};
-use super::schema::{self, SPECS, table};
+use super::schema::{self, SAFE_PREFIX, SPECS, table};
 use crate::recording::RecordingMeta;
 use crate::signal::{
     AlarmKey, ChannelHealth, Goal, Gripper, Mode, OrientationGoal, Pose, Severity, Snapshot, Stamp,
@@ -392,6 +392,6 @@ fn mode_text(mode: &Mode) -> String {
         Mode::Hold => "Hold".to_owned(),
         Mode::Moving => "Moving".to_owned(),
         Mode::AtGoal => "At goal".to_owned(),
-        Mode::Safe(reason) => format!("{schema::SAFE_PREFIX}{reason}"),
+        Mode::Safe(reason) => format!("{SAFE_PREFIX}{reason}"),
     }
 }

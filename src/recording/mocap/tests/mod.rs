@@ -16,6 +16,7 @@ use self::motive::motive_text;
 use self::vicon::{ANGLES, MARKERS, SEGMENT, segments, tracker};
 use super::*;
 use crate::recording::RecordingError;
+use crate::signal::Pose;
 
 fn read_vicon(text: &str) -> Result<MocapFile, RecordingError> {
     super::vicon::parse(text.as_bytes(), Path::new("v.csv"), None)
