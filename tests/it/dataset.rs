@@ -99,7 +99,7 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
     assert!((256..6000).contains(&taken_over), "{v}");
     let read = |p: &Path| std::fs::read(p).expect("data set");
     assert!(read(&whole) == read(&out), "the resumed file differs");
-    assert!(!journal.exists(), "the journal is left over");
+    assert!(!journal.exists(), "the journal was not removed");
 }
 
 /// A study from end to end, short: the shipped networks on the rig, within the wide margins of 15 s of

@@ -62,7 +62,7 @@ fn firmware_that_does_not_match_is_refused_and_named() {
     }
 }
 
-/// The chips' clocks run as they are told, and the host finds out how.
+/// The chips' clocks run at given speeds, which the host estimates.
 #[test]
 fn the_clocks_of_the_firmware_are_fitted() {
     let mut b = World::new(Some(&firmware_folder()));
@@ -94,7 +94,7 @@ fn the_clocks_of_the_firmware_are_fitted() {
 }
 
 /// Connect, arm, close the loop to a target; the host hangs for 300 ms; the boards stop their pumps
-/// and latch; nothing moves until somebody resets and commands anew. All in simulated time.
+/// and latch; nothing moves until a reset and a new command. All in simulated time.
 #[test]
 fn the_loop_closes_and_a_lost_heartbeat_latches_until_a_reset() {
     let (mut runner, world) = runner(World::new(Some(&firmware_folder())));

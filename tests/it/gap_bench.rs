@@ -104,7 +104,7 @@ fn the_blind_test_shows_the_finder_no_key_scores_once_and_goes_on_where_it_was()
         }
     }
 
-    // Again: nothing is asked anew, and the report is the same.
+    // Again: nothing is computed again, and the report is the same.
     assert_eq!(bench(&dir, &fake(&dir, nothing, 0)), report);
     assert_eq!(asked(&dir), calls);
 

@@ -1,5 +1,5 @@
 //! The gap finder from sessions on disk to verdicts: two effects at once, alternatives that only
-//! another excitation tells apart, and logs it must not believe.
+//! another excitation distinguishes, and logs it must not believe.
 
 use std::path::Path;
 

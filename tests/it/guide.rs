@@ -21,14 +21,14 @@ fn check(page: &str, command: &[&str]) {
     let file = root().join("assets/guide").join(page);
     assert!(
         made == read(&file),
-        "make {page} anew: springtwin {} > assets/guide/{page}",
+        "make {page} again: springtwin {} > assets/guide/{page}",
         command.join(" ")
     );
 }
 
 #[test]
 #[cfg(all(feature = "gui", feature = "rrd"))]
-fn the_page_of_commands_is_what_the_program_says() {
+fn the_page_of_commands_is_made_by_the_program() {
     check("cli.md", &["man", "--markdown"]);
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::program::{json, refusal, scratch};
 
-/// Every command that writes, with what it needs to be told, and a file that it would write under `OUT`.
+/// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
 const WRITERS: [(&str, &str, &str); 28] = [
     (
         "dataset generate",
@@ -83,7 +83,7 @@ fn no_command_replaces_a_file_unasked() {
     }
 }
 
-/// The table above has all commands that the program says write somewhere; of a merge of studies the shards tell
+/// The table above has all commands that write somewhere, by the list of the program; for a merge of studies the shards show
 /// what it writes (see `dataset`), and a picture needs the window's part of the program.
 #[test]
 fn the_table_of_writers_is_whole() {

@@ -1,7 +1,7 @@
 //! Smoke tests against the clock of the computer, with real ports, processes and windows: `./test realtime`, by name
 //! only. What they touch is held to its figures elsewhere, on simulated time; here it is seen to work at all, within
 //! bounds that a busy machine keeps. A machine that withholds the processor for 100 ms makes the arm SAFE, as it must:
-//! such a run is told and counts as one that ended in SAFE, not as one that is done again.
+//! such a run is reported and counts as one that ended in SAFE, not as one that is done again.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -207,7 +207,7 @@ fn a_cable_is_pulled_and_plugged_in() {
         &|s| s.mode == Mode::Hold || safe(s),
     );
     rig.unplugged.store(true, Ordering::Relaxed);
-    let flagged_s = until("the loss is told", vec![], &|s| !s.link.connected);
+    let flagged_s = until("the loss is reported", vec![], &|s| !s.link.connected);
     until("SAFE", vec![], &safe);
     rig.unplugged.store(false, Ordering::Relaxed);
     let back_s = until("connected again", vec![], &|s| s.link.connected);

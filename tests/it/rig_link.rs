@@ -8,7 +8,7 @@ use nix::unistd::Pid;
 use crate::process::{self, Running};
 use crate::program::{refusal, scratch};
 
-/// A rig that has told its port.
+/// A rig that has printed its port.
 struct Rig(Running);
 
 impl Rig {

@@ -1,4 +1,4 @@
-//! Every shader is valid WGSL. The drivers would tell only when the program runs.
+//! Every shader is valid WGSL. The drivers would report errors only when the program runs.
 
 use std::path::Path;
 

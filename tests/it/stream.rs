@@ -202,7 +202,7 @@ impl Streaming {
         }
     }
 
-    /// Ends the stream and tells how it went.
+    /// Ends the stream and returns its status.
     fn finish(mut self, patience: Duration) -> StreamStatus {
         let now = self.now();
         let status = self.runner.stop_stream(now, patience, &mut Vec::new());
@@ -323,7 +323,7 @@ fn a_viewer_that_is_killed_ends_the_stream_and_nothing_else() {
     let mut streaming = Streaming::to(viewer.address, &[]);
     streaming.until("it streams", |s| s.sent > 100);
     viewer.signal(Signal::SIGKILL);
-    let status = streaming.until("the loss is told", away("went away"));
+    let status = streaming.until("the loss is reported", away("went away"));
     let dropped = status.dropped;
     streaming.until("what comes is dropped", |s| s.dropped > dropped + 100);
     assert_eq!(streaming.last.mode, Mode::Disarmed);
@@ -337,7 +337,7 @@ fn a_viewer_that_hangs_costs_a_bounded_queue() {
     streaming.until("it streams", |s| s.sent > 500);
     let before_kb = memory_kb();
     viewer.signal(Signal::SIGSTOP);
-    streaming.until("the stop is told", away("has taken nothing"));
+    streaming.until("the stop is reported", away("has taken nothing"));
     let status = streaming.until("what comes is dropped", |s| s.dropped > 3000);
     let after_kb = memory_kb();
     println!("memory before {before_kb} kB, {after_kb} kB while the viewer hangs: {status:?}");
@@ -353,7 +353,7 @@ fn without_a_viewer_the_twin_runs_and_says_so() {
     let address = free.local_addr().expect("its address");
     drop(free);
     let mut streaming = Streaming::to(address, &[]);
-    let status = streaming.until("it is told", away("does not answer"));
+    let status = streaming.until("it is reported", away("does not answer"));
     assert_eq!(status.sent, 0, "{status:?}");
 }
 
@@ -367,7 +367,7 @@ fn a_viewer_that_comes_back_gets_the_stream_again() {
     streaming.until("it streams", |s| s.sent > 300);
     viewer.signal(Signal::SIGKILL);
     drop(viewer);
-    let status = streaming.until("the loss is told", away("went away"));
+    let status = streaming.until("the loss is reported", away("went away"));
     let dropped = status.dropped;
     streaming.until("what comes is dropped", |s| s.dropped > dropped + 300);
     let viewer = Viewer::start_at(address, &[OsStr::new("--save"), second.as_os_str()]);

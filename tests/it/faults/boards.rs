@@ -61,7 +61,7 @@ fn an_unplugged_port(boards: Boards) {
         b.go(FAR_M);
         b.run(0.5);
         let from_s = b.rig(|rig| rig.faults.begin(Place::Port, Fault::of(Word::Off)));
-        b.until("the loss is told", 1.0, |b| !b.now.link.connected);
+        b.until("the loss is reported", 1.0, |b| !b.now.link.connected);
         let flagged_s = b.t_s() - from_s;
         b.run(0.8);
         let safe_s = b.pumps_off_s(from_s).expect("the boards are SAFE") - from_s;
@@ -384,7 +384,7 @@ fn a_clock_that_jumps() {
             let from_s = b.rig(move |rig| {
                 rig.faults.begin(Place::Board(1), fault(Word::Jump, by_s));
             });
-            b.until("the jump is told", 3.0, |b| {
+            b.until("the jump is reported", 3.0, |b| {
                 b.event_s(from_s, "clock").is_some()
             });
             let told_s = b.event_s(from_s, "clock").expect("told") - from_s;
@@ -432,7 +432,7 @@ fn a_line_that_is_late() {
             b.run(0.5);
         }
         b.run(1.0);
-        b.until("it is told", 3.0, |b| b.alarmed("Data come"));
+        b.until("it is reported", 3.0, |b| b.alarmed("Data come"));
         b.tell(Command::Arm);
         b.tell(Command::Goto(Goal::position(FAR_M)));
         let safe_s = b.until("it is SAFE", 3.0, |b| b.is_safe("late"));
@@ -442,7 +442,7 @@ fn a_line_that_is_late() {
             "a line that brings everything 150 ms late",
             "old data never passes as fresh",
             &format!(
-                "told before anything moves; armed, SAFE {} later{}",
+                "reported before anything moves; armed, SAFE {} later{}",
                 ms(safe_s),
                 if pumps { "" } else { ", no pump ran" }
             ),

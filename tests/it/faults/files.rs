@@ -80,7 +80,7 @@ struct Came {
 }
 
 impl Came {
-    /// Reads all damaged copies; every refusal must tell a place by one of `places`.
+    /// Reads all damaged copies; every refusal must name a place by one of `places`.
     fn of<T>(
         whole: &[u8],
         n: usize,

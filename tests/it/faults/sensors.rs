@@ -182,7 +182,7 @@ fn pressures_that_are_used_up() {
         b.tell(Command::Arm);
         b.tell(Command::Goto(Goal::position([0.3, 0.0, -0.2])));
         let from_s = b.t_s();
-        b.until("it is told", 3.0, |b| {
+        b.until("it is reported", 3.0, |b| {
             b.event_s(from_s, "cannot be reached").is_some()
         });
         let told_s = b.event_s(from_s, "cannot be reached").expect("told") - from_s;

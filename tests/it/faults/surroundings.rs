@@ -98,7 +98,7 @@ fn the_second_program_on_a_port_is_refused_with_the_owners_name() {
     super::row(
         (22, 1),
         "two programs on one port",
-        "the second is refused with the owner's name where the system tells it",
+        "the second is refused with the owner's name where the system reports it",
         "refused with name and process of the owner; the first goes on",
     );
 }
@@ -139,7 +139,7 @@ mod window {
             assert_eq!(own.count(), 1, "{text}");
             assert!(hints.iter().all(|h| text.contains(h)), "{text}");
         }
-        // The doctor tells of it among the rest.
+        // The doctor lists it among its checks.
         let doctor = without_driver(&display, &["doctor"]);
         let text = String::from_utf8_lossy(&doctor.stdout).into_owned();
         let look = text.lines().filter(|l| l.starts_with("WARN graphics"));
@@ -148,7 +148,7 @@ mod window {
             (20, 1),
             "no graphics driver",
             "headless is offered",
-            "window and picture: one sentence that names `run --headless`, `doctor` or the driver, exit code 1; `doctor` tells it",
+            "window and picture: one sentence that names `run --headless`, `doctor` or the driver, exit code 1; `doctor` reports it",
         );
     }
 

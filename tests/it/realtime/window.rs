@@ -1,4 +1,4 @@
-//! The window as a newcomer uses it, with a real mouse and a real keyboard. The window tells nobody when it has checked
+//! The window as a newcomer uses it, with a real mouse and a real keyboard. The window does not report when it has checked
 //! a target: it is given ten seconds.
 
 use std::sync::mpsc::Receiver;
@@ -74,7 +74,7 @@ impl Plan {
 
 const NONE: [&str; 0] = [];
 
-/// The lines so far that tell of motion.
+/// The lines so far that report motion.
 fn motions(log: &Receiver<String>) -> Vec<String> {
     log.try_iter().filter(|l| l.contains("Mode: ")).collect()
 }

@@ -17,8 +17,8 @@ use crate::lockstep::{World, runner};
 use crate::process::{PATIENCE, Running, until};
 use crate::program::{scratch, springtwin};
 
-/// Room left for a recording, KiB: some seconds.
-const ROOM_KIB: u64 = 1600;
+/// Space left for a recording, KiB: some seconds.
+const SPACE_KIB: u64 = 1600;
 /// When the recording is begun, s, for how long the arm goes on once it has failed, s, and when it must have, s.
 const BEGIN_S: f64 = 3.0;
 const AFTER_S: f64 = 8.0;
@@ -82,7 +82,7 @@ impl SmallDisk {
     }
 }
 
-/// What a run with a recording that fails tells.
+/// Observations of a run with a recording that fails.
 #[derive(Default)]
 struct Run {
     ticks: u64,
@@ -147,9 +147,9 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     };
     let other = disk.path.join("other.bin");
     let text: Vec<u8> = (0..300_000u32).map(|i| (i % 251) as u8).collect();
-    std::fs::write(&other, &text).expect("there is room");
+    std::fs::write(&other, &text).expect("there is space");
     let file = disk.path.join("full.rrd");
-    disk.fill(ROOM_KIB);
+    disk.fill(SPACE_KIB);
     let run = record_and_move(&file);
     assert_eq!(run.refused, [""; 0]);
     assert!(
@@ -158,14 +158,14 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
         run.last_mode
     );
     let [(failed_s, reason)] = &run.failed[..] else {
-        panic!("the operator is told once: {:?}", run.failed);
+        panic!("one report to the operator: {:?}", run.failed);
     };
     println!("{failed_s:.2} s: {reason}");
     assert!(
         reason.contains("full.rrd") && reason.contains("No space left"),
         "{reason}"
     );
-    assert_eq!(run.warnings, 1, "little room is told once");
+    assert_eq!(run.warnings, 1, "low space is reported once");
     let read = read_rrd(&file).expect("it opens");
     let recorded = read.trace.snapshots.len();
     assert!(!read.complete && recorded > 100, "{recorded} snapshots");
@@ -177,14 +177,14 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
         (13, 1),
         fault,
         "warn below 1 GiB",
-        "told once, before it is full",
+        "reported once, before it is full",
     );
     row(
         (13, 2),
         fault,
         "recording stops cleanly",
         &format!(
-            "told once; opens to its last whole record ({recorded} snapshots); other files as they were; the arm goes \
+            "reported once; opens to its last whole record ({recorded} snapshots); other files as they were; the arm goes \
              to its next targets"
         ),
     );
@@ -192,9 +192,9 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
     let calibration = include_str!("../../../../assets/calibration/virtual-rig.toml");
     let kept = disk.path.join("kept.toml");
     std::fs::remove_file(disk.path.join("filler")).expect("removed");
-    write_text(&kept, calibration).expect("there is room");
+    write_text(&kept, calibration).expect("there is space");
     disk.fill(0);
-    let error = write_text(&kept, &calibration.repeat(40)).expect_err("there is no room");
+    let error = write_text(&kept, &calibration.repeat(40)).expect_err("there is no space");
     println!("{error}");
     assert!(error.to_string().contains("kept.toml"), "{error}");
     assert_eq!(std::fs::read_to_string(&kept).expect("kept"), calibration);
@@ -304,7 +304,7 @@ fn a_drive_says_that_the_disk_was_full() {
 /// Ticks of a recording to a file that vanishes.
 const TICKS: u64 = 600;
 
-/// Records on simulated time and lets `happen` act after two seconds of it; what was told of the recording.
+/// Records on simulated time and lets `happen` act after two seconds of it; the events of the recording.
 fn while_recording(file: &Path, happen: impl Fn()) -> Vec<Event> {
     let (mut runner, _world) = runner(World::new(None));
     let mut told = Vec::new();
@@ -342,9 +342,9 @@ fn a_file_or_folder_that_vanishes_ends_the_recording_in_words() {
     ];
     for (case, happen) in cases {
         std::fs::create_dir_all(folder).expect("made");
-        let told = while_recording(&file, happen);
-        let [Event::RecordingFailed { stamp, reason }] = &told[..] else {
-            panic!("{case}: {told:?}");
+        let events = while_recording(&file, happen);
+        let [Event::RecordingFailed { stamp, reason }] = &events[..] else {
+            panic!("{case}: {events:?}");
         };
         println!("{case}: {:.2} s: {reason}", stamp.seconds());
         assert!(
@@ -364,13 +364,13 @@ fn a_read_only_disk_refuses_a_recording_in_words() {
         return;
     };
     let kept = disk.path.join("kept.toml");
-    write_text(&kept, "good = 1\n").expect("there is room");
+    write_text(&kept, "good = 1\n").expect("there is space");
     disk.order("mount -o remount,ro", |d| {
         std::fs::write(d.join("x"), "x").is_err()
     });
     let file = disk.path.join("never.rrd");
-    let told = while_recording(&file, || {});
-    let [Event::Refused { reason, .. }] = &told[..] else {
+    let events = while_recording(&file, || {});
+    let [Event::Refused { reason, .. }] = &events[..] else {
         panic!("{told:?}");
     };
     println!("{reason}");

@@ -243,7 +243,7 @@ fn a_recording_holds_all_but_its_last_second_at_every_moment() {
     for n in 1..=600u64 {
         let now = Stamp::from_seconds(n as f64 * TICK_S);
         let (snapshot, _) = runner.tick(now, &[]);
-        writer.push(&snapshot).expect("there is room");
+        writer.push(&snapshot).expect("there is space");
         // Before anything is in the file there is nothing to open.
         if n < 100 || !n.is_multiple_of(7) {
             continue;
