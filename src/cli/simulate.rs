@@ -68,7 +68,7 @@ fn replay_command(
     let grid = Grid::at_rate(session, 1e4)?;
     let values = gap::nominal();
     let moved = gap::move_arm(robot, &grid, &values, &[]).with_context(|| name)?;
-    let rows = gap::left_over(robot, &grid, &moved, &values, &[]);
+    let rows = gap::residuals(robot, &grid, &moved, &values, &[]);
     if let Some(out) = out {
         replay::table(robot, &grid, &moved, &values, &rows).write(out)?;
     }

@@ -16,7 +16,7 @@ pub fn table(
     values: &[f64],
     residuals: &[Row],
 ) -> Table {
-    let poses = gap::told_poses(robot, grid, moved, values, &[]);
+    let poses = gap::captured_poses(robot, grid, moved, values, &[]);
     let sensors = gap::predicted(robot, grid, moved, values, &[]).sensors;
     let names = pose_names().into_iter().chain(sensor_names());
     let turn = |what: &str| ["x", "y", "z"].map(|axis| format!("{what}_residual_r{axis}_deg"));
