@@ -264,7 +264,7 @@ def orientation(_) -> dict:
             ours,
             middle=statistics.mean(ours),
             source="measured",
-            note=f"range over {len(trials)} trials; the authors of the peer tell {whole} for all of BROAD's",
+            note=f"range over {len(trials)} trials; the authors of the peer report {whole} for all of BROAD's",
             peers=[("VQF by its authors", theirs, statistics.mean(theirs))],
         )
 

@@ -193,7 +193,7 @@ fn argument(arg: &Arg) -> String {
 pub fn effects_page() -> String {
     let mut page = String::from(
         "# Effects\n\n\
-         What [the gap finder](finding-a-gap.md) can name, as its one table has it. Made by `springtwin gap effects --markdown`;\n\
+         The effects that [the gap finder](finding-a-gap.md) can name, from its one table. Made by `springtwin gap effects --markdown`;\n\
          a test keeps it so. With every parameter at its value *without* the effect, the effect changes nothing; a parameter\n\
          that only shapes it has a usual value there. The comparisons r1 to r5 are described in\n\
          [What it compares](finding-a-gap.md#what-it-compares).\n",

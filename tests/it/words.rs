@@ -49,7 +49,12 @@ const OUT: &[(&str, &str)] = &[
 ];
 
 /// Pages and folders that are held to the list.
-const PAGES: &[&str] = &["README.md", "ARCHITECTURE.md", "SECURITY.md"];
+const PAGES: &[&str] = &[
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "SECURITY.md",
+];
 const SOURCES: &[&str] = &["gap", "recording"];
 
 /// Where a word on the list is meant as an ordinary word: the end of the file's path, words around it, why.
