@@ -38,7 +38,7 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
     } else if *trained_for == robot.base_hash {
         Some(
             "the networks were trained for this robot without its patches: predictions and first guesses are \
-             the unpatched robot's, what the sensors tell corrects the motion; for networks of the patched one \
+             the unpatched robot's, the sensors' feedback corrects the motion; for networks of the patched one \
              run `springtwin dataset generate` and `springtwin train` with it",
         )
     } else {

@@ -65,7 +65,7 @@ pub fn fruit() -> Vec<Item> {
 
 /// How pick-and-place went.
 pub struct PickPlaceMeasures {
-    /// How many things lie in the basket; `None` where nobody can tell.
+    /// Number of objects in the basket; `None` where it is unknown.
     pub in_basket: Option<usize>,
     /// True tip from where it should be when the gripper moves, mm.
     pub at_grips: Option<ErrorStats>,

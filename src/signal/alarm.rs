@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{ChannelHealth, Stamp, spring_name};
 
-/// Said when fewer sensors are usable than the tip's pose needs.
-pub const TOO_FEW_SENSORS: &str = "too few sensors left to tell where the arm is";
+/// Message when fewer sensors are usable than the tip's pose needs.
+pub const TOO_FEW_SENSORS: &str = "too few sensors left to locate the arm";
 
 /// How urgent an alarm is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -63,7 +63,7 @@ impl RawFrame {
     }
 }
 
-/// The 24 geometric sensor signals: spring lengths and pad orientations as the IMUs tell them.
+/// The 24 geometric sensor signals: spring lengths and pad orientations measured by the IMUs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorVec {
     /// Length of each spring between its two pads, m.

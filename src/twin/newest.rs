@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Room for one value; a newer one takes its place.
+/// Storage for one value; a newer one takes its place.
 struct Mailbox<T> {
     slot: Mutex<Slot<T>>,
     changed: Condvar,

@@ -122,7 +122,7 @@ impl Recordings {
             events.push(Event::Warning {
                 stamp: now,
                 text: format!(
-                    "Less than {} GiB are left on the disk that is recorded to: make room, or stop the recording.",
+                    "Less than {} GiB are left on the disk that is recorded to: free some space, or stop the recording.",
                     LOW_SPACE_BYTES >> 30
                 ),
             });

@@ -48,12 +48,12 @@ mod tests {
 
     #[test]
     fn what_is_taken_is_counted() {
-        let before = in_use().expect("the system tells");
+        let before = in_use().expect("the system reports it");
         let files: Vec<_> = (0..20)
             .map(|_| std::fs::File::open("/proc/self/status").expect("opens"))
             .collect();
         let held = vec![1u8; 64 << 20];
-        let now = in_use().expect("the system tells");
+        let now = in_use().expect("the system reports it");
         assert!(now.handles >= before.handles + 15, "{before:?} {now:?}");
         assert!(
             now.memory_mib > before.memory_mib + 40.0,

@@ -249,7 +249,7 @@ impl Twin {
         (text, remedy)
     }
 
-    /// How old frames are when they arrive, at least, s; `None` while too few have arrived to tell.
+    /// How old frames are when they arrive, at least, s; `None` while too few have arrived.
     fn late_s(&mut self) -> Option<f64> {
         let (now, late) = (self.now, &mut self.lateness_s);
         while late.front().is_some_and(|l| now.since(l.0) > LATE_OVER_S) {
@@ -267,7 +267,7 @@ impl Twin {
         boards.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Share of the last second's frames that were lost, if there were enough to tell.
+    /// Share of the last second's frames that were lost, if there were enough.
     fn loss_ratio(&mut self) -> Option<f64> {
         self.traffic
             .push_back((self.now, self.link.frames, self.link.frames_lost));
