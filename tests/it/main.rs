@@ -30,4 +30,5 @@ mod shaders;
 mod stream;
 mod under_load;
 mod window;
+mod words;
 mod written;

@@ -55,7 +55,20 @@ const PAGES: &[&str] = &[
     "CHANGELOG.md",
     "SECURITY.md",
 ];
-const SOURCES: &[&str] = &["gap", "recording"];
+const SOURCES: &[&str] = &[
+    "calibrate",
+    "charts",
+    "cli",
+    "drive",
+    "gap",
+    "lab",
+    "recording",
+    "signal",
+    "task",
+    "twin",
+];
+/// Folders that are not clean yet.
+const NOT_YET: &str = "src/cli/window";
 
 /// Where a word on the list is meant as an ordinary word: the end of the file's path, words around it, why.
 const ALLOWED: &[(&str, &str, &str)] = &[];
@@ -269,7 +282,8 @@ fn pages_and_messages_use_the_terms_of_the_textbooks() {
         files(&root().join("src").join(folder), "rs", &mut sources);
     }
     assert!(pages.len() > 12 && sources.len() > 80, "files are missing");
-    for source in sources.iter().filter(|s| !is_of_tests(s)) {
+    let is_checked = |s: &&PathBuf| !is_of_tests(s) && !s.starts_with(root().join(NOT_YET));
+    for source in sources.iter().filter(is_checked) {
         check(source, &visible);
     }
     assert!(out.is_empty(), "\n{out}");
