@@ -302,9 +302,9 @@ fn the_check_sees_prose_and_nothing_else() {
     assert_eq!(
         lines,
         [
-            "f.rs:1: 'told' (... Told by ` ...)",
-            "f.rs:5: 'told' (... ` it is told Room for ...)",
-            "f.rs:5: 'room' (... is told Room for all ...)",
+            "f.rs:1: 'told' (... Told by ` it ...)",
+            "f.rs:5: 'told' (... ` it is told Room for all ...)",
+            "f.rs:5: 'room' (... it is told Room for all ...)",
         ],
         "{found}"
     );
