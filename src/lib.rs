@@ -1,11 +1,7 @@
 //! springtwin: a digital twin for a two-segment pneumatic soft manipulator whose shape is sensed by
 //! twelve inductive springs and four IMUs.
 //!
-<<<<<<< HEAD
-//! ARCHITECTURE.md draws the modules and the direction in which things flow.
-=======
 //! ARCHITECTURE.md lists the modules, what each may import, and the direction of the data flow.
->>>>>>> f4208c6 (The architecture page in plain words: modules, invariants with a name each, a table of threads)
 
 pub mod analysis;
 pub mod calibrate;
