@@ -7,7 +7,7 @@ from targets import ELSEWHERE, OWN, TARGETS
 INTRODUCTION = """\
 Every performance target of the project in one run on one machine, each beside its peer where there is one: other
 libraries that do the same work (`benches/peers/README.md` describes their setup), or the paper's controller as this
-program has it. Figures are the median and, in brackets, the range over repeats. Times are wall times unless the line says
+program has it. Figures are the median and, in brackets, the range over repeats. Times are wall times unless the line states
 otherwise, by the program's own clock, by criterion, or by the script that runs the peer; what one script compares takes
 turns. The ratio is ours over the peer's: below 1 is better, except for *x real time*. Arms, sensors and paths are
 **simulated**; lines marked *measured* are about logs of a real arm and of real IMUs. A line without a bound is there for

@@ -97,7 +97,7 @@ fn commands_page(program: &Command) -> String {
     let mut page = String::from(
         "# Commands\n\n\
          Made by `springtwin man --markdown`; a test keeps it so. Without a command, `springtwin` opens the window on the\n\
-         virtual rig. The exit code is 0 only on success, 2 on bad usage and 1 otherwise, with one sentence that says why.\n\n\
+         virtual rig. The exit code is 0 only on success, 2 on bad usage and 1 otherwise, with the reason in one sentence.\n\n\
          These go with every command:\n\n",
     );
     for arg in program.get_arguments() {

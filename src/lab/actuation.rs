@@ -38,7 +38,7 @@ pub fn read(path: &Path) -> Result<PressureGrid> {
         let session = read_session(path)?;
         let Some(log) = PressureLog::of(&session) else {
             bail!(
-                "{}: no commanded pressures (columns u1_kpa .. u6_kpa): without them nothing can be said \
+                "{}: no commanded pressures (columns u1_kpa .. u6_kpa): without them nothing can be judged \
                  about the supply",
                 path.display()
             );

@@ -86,7 +86,7 @@ pub struct LinkStatus {
     pub retry_in_s: Option<f64>,
     /// Frames per second over the last second, per board.
     pub board_rate_hz: [f64; BOARDS],
-    /// What the gripper does, as the board that drives it reports; `None` before it has said so.
+    /// What the gripper does, as the board that drives it reports; `None` before its first report.
     pub gripper: Option<Gripper>,
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],

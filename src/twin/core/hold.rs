@@ -12,7 +12,7 @@ impl Twin {
         self.arming.is_accepted = true;
     }
 
-    /// Says why no calibration of the robot could be used, for the message that refuses to arm. One sentence.
+    /// Sets the reason why no calibration of the robot could be used, for the message that refuses to arm. One sentence.
     pub fn explain_calibration(&mut self, why: String) {
         self.arming.trouble = Some(why);
     }
@@ -103,7 +103,7 @@ impl Twin {
             return Some(reason);
         }
         if matches!(self.phase, Phase::Disarmed) && self.link.gripper.is_none() {
-            let text = "The boards have not said yet whether the gripper is open or closed: wait a moment.";
+            let text = "The boards have not yet reported whether the gripper is open or closed: wait a moment.";
             return Some(text.to_owned());
         }
         match self.last_frame {

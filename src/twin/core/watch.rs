@@ -303,7 +303,7 @@ impl Twin {
     }
 }
 
-/// What is said of a computer that did not run this program for `busy_s`.
+/// Message about a computer that did not run this program for `busy_s`.
 fn busy(busy_s: f64) -> String {
     format!("this computer was busy for {:.0} ms", busy_s * 1e3)
 }
