@@ -73,9 +73,9 @@ pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
 const WANDER: f64 = 0.01;
 
 /// Covariance of the parameters' drift since commissioning.
-pub fn wander(knobs: &[CalibrationParameter]) -> DMatrix<f64> {
-    let variances = knobs.iter().map(|k| (WANDER * k.prior()).powi(2));
-    DMatrix::from_diagonal(&DVector::from_iterator(knobs.len(), variances))
+pub fn wander(parameters: &[CalibrationParameter]) -> DMatrix<f64> {
+    let variances = parameters.iter().map(|k| (WANDER * k.prior()).powi(2));
+    DMatrix::from_diagonal(&DVector::from_iterator(parameters.len(), variances))
 }
 
 /// Newton steps of the fit.
@@ -110,10 +110,12 @@ pub fn commission(
     progress: &dyn Progress,
 ) -> Result<Baseline, GapError> {
     grid.ensure_measured()?;
-    let knobs = calibration_parameters();
+    let parameters = calibration_parameters();
     let start_values = nominal();
-    let weight =
-        DVector::from_iterator(knobs.len(), knobs.iter().map(|k| k.prior().powi(2).recip()));
+    let weight = DVector::from_iterator(
+        parameters.len(),
+        parameters.iter().map(|k| k.prior().powi(2).recip()),
+    );
     let mut values = start_values.clone();
     let mut noise = Noise::usual(&grid.present);
     let mut rows_per_fact = 20.0;
@@ -136,7 +138,7 @@ pub fn commission(
             return Err(GapError::Degenerate);
         };
         let change = solver.solve(&right);
-        for ((v, d), k) in values.iter_mut().zip(change.iter()).zip(&knobs) {
+        for ((v, d), k) in values.iter_mut().zip(change.iter()).zip(&parameters) {
             *v = (*v + d).max(k.least());
         }
         if step == 1 {
@@ -154,10 +156,10 @@ pub fn commission(
         let moved = move_arm(robot, grid, &values, &[])?;
         let rows = residuals(robot, grid, &moved, &values, &[]);
         let timed = Noise::from_healthy(&rows, &grid.present);
-        let times: Vec<usize> = (0..knobs.len())
+        let times: Vec<usize> = (0..parameters.len())
             .filter(|i| {
                 matches!(
-                    knobs[*i],
+                    parameters[*i],
                     CalibrationParameter::Clock | CalibrationParameter::Damping
                 )
             })
@@ -170,7 +172,7 @@ pub fn commission(
         if let Some(solver) = normal.cholesky() {
             let change = solver.solve(&right);
             for (i, d) in times.iter().zip(change.iter()) {
-                values[*i] = (values[*i] + d).max(knobs[*i].least());
+                values[*i] = (values[*i] + d).max(parameters[*i].least());
             }
         }
     }
@@ -184,7 +186,7 @@ pub fn commission(
     // Each half as a fit to the other one leaves it.
     let half = grid.len() / 2;
     let mut unseen = rows.clone();
-    let (mut apart, mut expected) = (DVector::zeros(knobs.len()), wander(&knobs));
+    let (mut apart, mut expected) = (DVector::zeros(parameters.len()), wander(&parameters));
     for first in [true, false] {
         let (normal, right) = normal_equations(&w, &e, |k| (k < half) == first);
         let information = normal / rows_per_fact;
@@ -214,7 +216,7 @@ pub fn commission(
     let Some(expected) = expected.cholesky() else {
         return Err(GapError::Degenerate);
     };
-    let differ = apart.dot(&expected.solve(&apart)) / knobs.len() as f64;
+    let differ = apart.dot(&expected.solve(&apart)) / parameters.len() as f64;
     log::debug!("halves of the healthy session differ by {differ:.2} of what is expected");
     Ok(Baseline {
         values,
@@ -263,14 +265,14 @@ fn sensitivities_of(
     moved: &Simulated,
     which: &[usize],
 ) -> Result<Vec<Vec<Row>>, EffectError> {
-    let knobs = calibration_parameters();
+    let parameters = calibration_parameters();
     let base = residuals(robot, grid, moved, values, effects);
     super::parallel(which, |&i| {
-        let knob = knobs[i];
-        let step = 0.1 * knob.prior();
+        let parameter = parameters[i];
+        let step = 0.1 * parameter.prior();
         let mut shifted = values.to_vec();
         shifted[i] += step;
-        let rows = if knob.is_mechanical() {
+        let rows = if parameter.is_mechanical() {
             let moved = move_arm(robot, grid, &shifted, effects)?;
             residuals(robot, grid, &moved, &shifted, effects)
         } else {

@@ -147,14 +147,14 @@ mod tests {
     #[test]
     fn a_patched_robot_is_the_replayed_arm() {
         let mut patch = patch();
-        for (knob, v) in [
+        for (parameter, v) in [
             ("segment-2-spring-ends", 4e-3),
             ("base-tilt-x", 0.01),
             ("damping", 0.08),
             ("spring-2-offset", 1e-3),
             ("tracked-body-x", 2e-3),
         ] {
-            patch.rig.insert(knob.to_owned(), v);
+            patch.rig.insert(parameter.to_owned(), v);
         }
         let base = RobotSpec::reference();
         let patched = RobotSpec::from_toml(&with_patch(REFERENCE, &patch)).expect("reads");

@@ -43,8 +43,8 @@ impl CalibrationParameter {
 /// The tracked body in the end pad's frame.
 pub(super) fn pad_from_body(values: &[f64]) -> Pose {
     let mut b = [0.0; 6];
-    for (knob, &v) in calibration_parameters().iter().zip(values) {
-        if let CalibrationParameter::Body(k) = *knob {
+    for (parameter, &v) in calibration_parameters().iter().zip(values) {
+        if let CalibrationParameter::Body(k) = *parameter {
             b[k] = v;
         }
     }

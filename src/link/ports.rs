@@ -42,7 +42,7 @@ impl PortChange {
 /// The ports there are now, in order of name.
 ///
 /// # Errors
-/// What the system says when it does not tell.
+/// The system's error.
 pub fn list() -> Result<Vec<PortInfo>, serialport::Error> {
     Ok(described(serialport::available_ports()?))
 }

@@ -56,7 +56,7 @@ const REPEAT_PERIOD_S: f64 = 0.05;
 const RESET_REPEATS_S: f64 = 0.3;
 /// Loss over one second that is reported, once until it has fallen to half of this.
 const HIGH_LOSS: f64 = 0.1;
-/// Frames within the second that make a share worth telling.
+/// Smallest number of frames per second for a share.
 const MIN_FOR_RATIO: u64 = 50;
 const MAX_FRAMES: usize = 64;
 const MAX_EVENTS: usize = 256;

@@ -44,17 +44,17 @@ const JUMP_FRAMES: u32 = 5;
 const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 /// A board's data older than this is suspect, and older than that is gone, s.
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
-/// Standard deviation of an orientation that is read but argued against, rad.
+/// Standard deviation of an orientation that is read but inconsistent with the others, rad.
 const DISPUTED_RAD: f64 = 0.05;
 /// Drift rate of a heading that no spring holds: the gyro's bias, as far as it is not known,
 /// rad/s.
 const ASTRAY_RAD_S: f64 = 0.03 * std::f64::consts::PI / 180.0;
 /// Standard deviation of a pad's orientation by the springs, or by one IMU for another, rad.
-const TOLD_RAD: f64 = 0.005;
+const RECONSTRUCTED_RAD: f64 = 0.005;
 /// A longer gap between frames restarts the monitors, s.
 const GAP_S: f64 = 1.0;
 
-/// Last good length of one channel and what argues against it.
+/// Last good length of one channel and its inconsistencies with others.
 #[derive(Clone, Copy, Debug, Default)]
 struct Length {
     good_m: Option<f64>,
@@ -449,7 +449,7 @@ impl Sensing {
             let mut turned = self.tracks[i].base_from_pad();
             if health.imus[i] != ChannelHealth::Ok {
                 let (told, sd_rad) = match self.pad_without_imu(i, samples) {
-                    Some(told) => (told, TOLD_RAD),
+                    Some(told) => (told, RECONSTRUCTED_RAD),
                     None if health.imus[i].usable() && self.tracks[i].aligned() => {
                         (turned, DISPUTED_RAD)
                     }

@@ -1,7 +1,7 @@
 //! The air in the chambers and in the lines to them.
 //!
-//! A chamber holds an amount n of air, counted as p V at room temperature (Pa m³), at a temperature θ relative to
-//! the room's. With κ = 1.4, for volume V and inflow ṅ:
+//! A chamber holds an amount n of air, counted as p V at ambient temperature (Pa m³), at a temperature θ relative to
+//! the ambient one. With κ = 1.4, for volume V and inflow ṅ:
 //!
 //! ```text
 //! p = n θ / V − p_atm        θ̇ = −(κ−1) θ V̇/V + (κ−θ) ṅ⁺/n + (κ−1) θ ṅ⁻/n + (1−θ)/τ
@@ -40,9 +40,9 @@ pub struct Flow {
 /// Air of all chambers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chambers {
-    /// Amount in each chamber, Pa m³ at room temperature.
+    /// Amount in each chamber, Pa m³ at ambient temperature.
     amount_pa_m3: [f64; CHAMBERS],
-    /// Temperature relative to the room's.
+    /// Temperature relative to the ambient one.
     warmth: [f64; CHAMBERS],
     board_pa: [f64; CHAMBERS],
     volume_m3: [f64; CHAMBERS],

@@ -68,13 +68,13 @@ impl Correction {
     /// With departures and effects on top.
     #[must_use]
     pub fn and(mut self, values: &[f64], effects: &[Active]) -> Self {
-        for ((mine, knob), v) in self
+        for ((mine, parameter), v) in self
             .values
             .iter_mut()
             .zip(calibration_parameters())
             .zip(values)
         {
-            *mine += v - knob.nominal();
+            *mine += v - parameter.nominal();
         }
         self.effects.extend(effects.iter().cloned());
         self

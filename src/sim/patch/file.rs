@@ -32,10 +32,10 @@ pub enum PatchError {
     #[error("the patch sets '{0}' to a value that is not finite")]
     NotFinite(String),
     /// No arm is like this.
-    #[error("with this patch '{knob}' is {value}: an arm has at least {least}")]
+    #[error("with this patch '{parameter}' is {value}: an arm has at least {least}")]
     Value {
         /// The calibration parameter.
-        knob: String,
+        parameter: String,
         /// Its value.
         value: f64,
         /// The least it can be.
@@ -118,12 +118,12 @@ impl Patch {
 }
 
 pub(super) fn possible(values: &[f64]) -> Result<(), PatchError> {
-    for (knob, &value) in calibration_parameters().iter().zip(values) {
-        if value < knob.least() {
+    for (parameter, &value) in calibration_parameters().iter().zip(values) {
+        if value < parameter.least() {
             return Err(PatchError::Value {
-                knob: knob.id(),
+                parameter: parameter.id(),
                 value,
-                least: knob.least(),
+                least: parameter.least(),
             });
         }
     }

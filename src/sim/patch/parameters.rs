@@ -180,8 +180,8 @@ pub fn parameters(values: &[f64]) -> Parameters {
 
 pub(super) fn shifted(parameters: &Parameters, values: &[f64]) -> Parameters {
     let mut p = parameters.clone();
-    for (knob, &v) in calibration_parameters().iter().zip(values) {
-        match *knob {
+    for (parameter, &v) in calibration_parameters().iter().zip(values) {
+        match *parameter {
             CalibrationParameter::Stiffness(i) => p.chamber_stiffness[i] += v,
             CalibrationParameter::Area(i) => p.chamber_area[i] += v,
             CalibrationParameter::RestLength(i) => p.rest_length[i] += v,
@@ -199,8 +199,8 @@ pub(super) fn shifted(parameters: &Parameters, values: &[f64]) -> Parameters {
 /// The robot with its springs fixed where these calibration parameters have them.
 pub(super) fn geometry(robot: &RobotSpec, values: &[f64]) -> RobotSpec {
     let mut robot = robot.clone();
-    for (knob, &v) in calibration_parameters().iter().zip(values) {
-        if let CalibrationParameter::SpringEnds(s) = *knob {
+    for (parameter, &v) in calibration_parameters().iter().zip(values) {
+        if let CalibrationParameter::SpringEnds(s) = *parameter {
             let (top_m, bottom_m) = (&mut robot.spring_top_m, &mut robot.spring_bottom_m);
             for i in 6 * s..6 * s + 6 {
                 top_m[i].z += v;

@@ -13,8 +13,8 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
     let mut drift_rad_s = [0.0; IMUS];
     let mut frame = vec![0.0; 6];
     let mut clock_s = 0.0;
-    for (knob, &v) in calibration_parameters().iter().zip(values) {
-        match *knob {
+    for (parameter, &v) in calibration_parameters().iter().zip(values) {
+        match *parameter {
             CalibrationParameter::SpringOffset(i) => offset_m[i] = v,
             CalibrationParameter::SpringGain(i) => gain[i] = v,
             CalibrationParameter::Mounting(i, a) => mounting[i][a] = v,

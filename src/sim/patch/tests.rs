@@ -147,23 +147,38 @@ fn a_patched_model_is_the_arm_that_its_effects_make() {
 fn every_mechanical_parameter_moves_the_model_and_the_others_do_not() {
     let robot = RobotSpec::reference();
     let plain = settled(&Model::nominal(&robot), 0.1);
-    for knob in calibration_parameters() {
-        let v = knob.nominal() + 0.01;
-        let patched = put_on(REFERENCE, &patch(&robot.hash, &[(&knob.id(), v)], &[]));
+    for parameter in calibration_parameters() {
+        let v = parameter.nominal() + 0.01;
+        let patched = put_on(REFERENCE, &patch(&robot.hash, &[(&parameter.id(), v)], &[]));
         let o = settled(&Model::nominal(&patched), 0.1);
-        assert_eq!(o != plain, knob.acts() == Acts::Arm, "{}", knob.id());
+        assert_eq!(
+            o != plain,
+            parameter.acts() == Acts::Arm,
+            "{}",
+            parameter.id()
+        );
         let values = Correction::of(&patched).expect("known").values;
-        assert_eq!(o, settled(&model(&robot, &values), 0.1), "{}", knob.id());
+        assert_eq!(
+            o,
+            settled(&model(&robot, &values), 0.1),
+            "{}",
+            parameter.id()
+        );
         let errs = SensorErrors::of(&patched) != SensorErrors::of(&robot);
-        assert_eq!(errs, knob.acts() == Acts::Sensors, "{}", knob.id());
+        assert_eq!(
+            errs,
+            parameter.acts() == Acts::Sensors,
+            "{}",
+            parameter.id()
+        );
     }
 }
 
 #[test]
 fn parameters_add_to_the_robot_they_depart_from_and_replace_what_lies_between() {
     let base = RobotSpec::reference();
-    let knob = "chamber-1-stiffness";
-    let damping = |v| [(knob, v), ("damping", 0.05 + v)];
+    let parameter = "chamber-1-stiffness";
+    let damping = |v| [(parameter, v), ("damping", 0.05 + v)];
     let one = with_patch(REFERENCE, &patch(&base.hash, &damping(0.02), &[]));
     let r1 = RobotSpec::from_toml(&one).expect("reads");
     let values = |r: &RobotSpec| {
