@@ -371,7 +371,7 @@ fn a_read_only_disk_refuses_a_recording_in_words() {
     let file = disk.path.join("never.rrd");
     let events = while_recording(&file, || {});
     let [Event::Refused { reason, .. }] = &events[..] else {
-        panic!("{told:?}");
+        panic!("{events:?}");
     };
     println!("{reason}");
     assert!(
