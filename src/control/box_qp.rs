@@ -26,7 +26,7 @@ const MAX_ITERATIONS: usize = 64;
 const TOLERANCE: f64 = 1e-10;
 
 /// Solves min ½ xᵀHx + gᵀx with lo ≤ x ≤ hi. `h` must be symmetric and positive definite; where it is not, or where a
-/// number is not finite, the result says that it did not converge.
+/// number is not finite, the result is marked as not converged.
 pub fn solve_box_qp(h: &Matrix6, g: &Vector6, lo: &Vector6, hi: &Vector6) -> BoxQp {
     let mut out = BoxQp {
         x: Vector6::zeros().zip_zip_map(lo, hi, |x, lo, hi| x.max(lo).min(hi)),

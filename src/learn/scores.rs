@@ -264,7 +264,7 @@ pub struct DataOrigin {
     pub robot_hash: String,
 }
 
-/// How well a pose map came out, with the recipe's noise on the signals unless said otherwise.
+/// How well a pose map came out, with the recipe's noise on the signals by default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseReport {
     /// The data.

@@ -26,7 +26,7 @@ pub enum Simulator {
     Mesh,
 }
 
-/// The outer surface of bellows and tubes, lit from its normals.
+/// The outer surface of bellows and central tubes, lit from its normals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Skin {
     /// Vertices in the base frame, m.
@@ -35,7 +35,7 @@ pub struct Skin {
     pub normals: Vec<[f64; 3]>,
     /// Indices of each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Which triangles belong to each column: the bellows in the order of the chambers, then the tubes.
+    /// Which triangles belong to each column: the bellows in the order of the chambers, then the central tubes.
     pub columns: Vec<Range<usize>>,
 }
 

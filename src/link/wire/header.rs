@@ -125,7 +125,7 @@ fn the_firmwares_header_is_the_one_made_from_this_protocol() {
     let committed = std::fs::read_to_string(path).expect("the header is there");
     assert!(
         committed == fresh,
-        "{path} is not what the protocol says; make it with SPRINGTWIN_WRITE_ASSETS=1 cargo test --lib link::wire::header"
+        "{path} differs from the protocol; make it with SPRINGTWIN_WRITE_ASSETS=1 cargo test --lib link::wire::header"
     );
 }
 
