@@ -124,7 +124,7 @@ fn finding_text(f: &Finding) -> String {
     };
     let mut text = match f.verdict {
         Verdict::NothingMissing => {
-            "Nothing is missing: no effect of the table explains more than chance would.".to_owned()
+            "Nothing is missing: no effect of the table has a significant gain.".to_owned()
         }
         Verdict::Named => list("Missing in the model:"),
         Verdict::Indistinguishable => {
@@ -136,7 +136,7 @@ fn finding_text(f: &Finding) -> String {
     if !f.effects.is_empty() {
         let g = &f.gap;
         text += &format!(
-            "\nheld-out error {:.2} -> {:.2} {} (floor {:.2}): {:.0} % of the gap closed",
+            "\nheld-out error {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
             g.before,
             g.after,
             g.unit,
@@ -212,7 +212,7 @@ fn actuation_text(found: &gap::Actuation, unit: PressureUnit) -> String {
         Verdict::NothingMissing => "Nothing is missing between command and gauge.",
         Verdict::Named => "Missing between command and gauge:",
         Verdict::Indistinguishable => "These explain it equally well:",
-        Verdict::Unknown => "Something is there, and no known effect explains it.",
+        Verdict::Unknown => "Something is missing, and no known effect explains it.",
         Verdict::NotExcited => "The commands move too little for a verdict.",
     };
     let mut out = vec![verdict.to_owned()];
@@ -233,7 +233,7 @@ fn actuation_text(found: &gap::Actuation, unit: PressureUnit) -> String {
         out.push(format!("  {}{place}: {}", e.id, params.join("; ")));
     }
     out.push(format!(
-        "error {:.2} -> {:.2} {} on held-out blocks, floor {:.2}",
+        "error {:.2} -> {:.2} {} on held-out blocks, noise floor {:.2}",
         f.gap.before, f.gap.after, f.gap.unit, f.gap.floor
     ));
     for p in &found.proof {

@@ -26,7 +26,7 @@ pub(super) fn gap(g: &GapSize) -> String {
     let rows = [
         ("without the effect", g.before, "before"),
         ("with the effect", g.after, "after"),
-        ("floor (healthy rig)", g.floor, "floor"),
+        ("noise floor", g.floor, "floor"),
     ];
     for (i, (name, value, class)) in rows.into_iter().enumerate() {
         let y = 6.0 + i as f64 * (BAR + 10.0);
