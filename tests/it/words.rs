@@ -137,14 +137,13 @@ fn visible(source: &str) -> Vec<Text> {
             }
             line += rest[..length].matches('\n').count();
             i += length;
-        } else if rest.starts_with('\'') {
+        } else if let Some(after) = rest.strip_prefix('\'') {
             // A character, so that '"' begins no literal; a lifetime otherwise.
-            let mut chars = rest.char_indices().skip(1);
-            let escaped = rest[1..].starts_with('\\');
-            let close = chars.find(|(at, c)| *c == '\'' && !(escaped && *at == 2));
-            i += close
-                .filter(|(at, _)| *at <= 12)
-                .map_or(1, |(at, _)| at + 1);
+            let is_escaped = after.starts_with('\\');
+            let mut chars = after.char_indices().skip(1);
+            let close = chars.find(|(at, c)| *c == '\'' && !(is_escaped && *at == 1));
+            let length = close.filter(|(at, _)| *at <= 11).map(|(at, _)| at + 2);
+            i += length.unwrap_or(1);
         } else {
             i += rest.chars().next().map_or(1, char::len_utf8);
         }
