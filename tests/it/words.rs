@@ -209,8 +209,9 @@ fn complaints(file: &str, texts: &[Text]) -> String {
             let around = &words[at.saturating_sub(3)..(at + pattern.len() + 3).min(words.len())];
             let around: Vec<&str> = around.iter().map(|(w, _)| *w).collect();
             let around = around.join(" ");
-            let is_allowed =
-                |(end, some, _): &&(&str, &str, &str)| file.ends_with(end) && around.contains(some);
+            let is_allowed = |(end, some, _): &&(&str, &str, &str)| {
+                file.ends_with(end) && around.to_lowercase().contains(some)
+            };
             if ALLOWED.iter().find(is_allowed).is_none() {
                 let _ = writeln!(
                     out,
