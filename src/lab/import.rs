@@ -102,7 +102,7 @@ fn place(log: &mut SessionLog, chosen: &Chosen, path: &Path, clock: bool) -> Res
         for t_s in &mut log.t_s {
             *t_s = registration.robot_time_s(*t_s).with_context(|| {
                 format!(
-                    "{} says nothing of the clock, since it rests on settled poses: leave --robot-clock out, or make \
+                    "{} holds no clock offset, since it rests on settled poses: leave --robot-clock out, or make \
                      one with springtwin calibrate mocap",
                     path.display()
                 )
