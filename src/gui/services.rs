@@ -146,7 +146,7 @@ pub type PathPicker = Box<dyn FnMut(Dialog) -> Job<Picked>>;
 pub struct Services {
     /// Where recordings go.
     pub recordings: Folder,
-    /// Where tables, pictures and reports go unless the operator says otherwise.
+    /// Default folder of tables, pictures and reports.
     pub exports: PathBuf,
     /// Looks for recordings.
     pub scan: Scanner,

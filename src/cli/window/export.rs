@@ -1,4 +1,4 @@
-//! Files that the operator has written: whole or not at all, and never in the place of another one unasked.
+//! Files that the operator has written: whole or not at all, and never in the place of another one without confirmation.
 
 use std::path::{Path, PathBuf};
 

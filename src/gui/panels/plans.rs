@@ -206,7 +206,7 @@ impl PlanState {
     /// The plan as it stands.
     ///
     /// # Errors
-    /// One sentence that says what is missing.
+    /// One sentence that names what is missing.
     pub fn plan(&self, spec: &RobotSpec) -> Result<Plan, String> {
         match self.kind {
             PlanKind::Circle | PlanKind::Eight => {

@@ -495,7 +495,7 @@ pub fn rail(ui: &mut Ui, current: ScreenId, actions: &mut Vec<ShellAction>) {
 }
 
 /// The strip at the bottom: the newest message or the most urgent alarm (a critical one first), the recording, and
-/// all that was said.
+/// all messages.
 pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
     let s = input.live.snapshot;
     ui.horizontal_centered(|ui| {

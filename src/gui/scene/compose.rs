@@ -340,7 +340,7 @@ impl Composer<'_> {
         self.rigid(Part::TopPad, at(top_m), pad, Some(Entity::Pad(0)));
     }
 
-    /// Bellows and tubes along the sections; `slot` is the shader's first segment for them.
+    /// Bellows and central tubes along the sections; `slot` is the shader's first segment for them.
     fn bellows(&mut self, shape: &ArmShape, slot: usize) {
         for (k, sections) in shape.base_from_section.iter().enumerate() {
             let first = (slot + k) * FRAMES * 3;

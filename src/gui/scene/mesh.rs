@@ -1,6 +1,6 @@
 //! The fixed meshes of the arm, built once from the robot file.
 //!
-//! Rigid parts are plain meshes in m. Bellows and tube are stored in (radius, angle, s) and springs in
+//! Rigid parts are plain meshes in m. Bellows and central tube are stored in (radius, angle, s) and springs in
 //! (s, angle around the wire); the vertex shader sweeps them along the section frames of the moment, so
 //! that nothing is rebuilt while the arm moves. Triangles are counter-clockwise seen from outside.
 

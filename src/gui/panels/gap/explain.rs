@@ -133,7 +133,7 @@ fn notes(ui: &mut Ui, finding: &Finding) {
         ui,
         match finding.verdict {
             Verdict::Unknown => "Evidence and its limits",
-            _ => "What weakens this verdict",
+            _ => "What limits this verdict",
         },
     );
     for text in &finding.notes {

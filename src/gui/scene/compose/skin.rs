@@ -1,4 +1,4 @@
-//! The geometric simulator's surface: bellows and tubes as its mesh has them, with the mesh's lines.
+//! The geometric simulator's surface: bellows and central tubes as its mesh has them, with the mesh's lines.
 
 use glam::{Affine3A, Vec3};
 

@@ -136,7 +136,7 @@ fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
             continue;
         }
         // A person chooses among the alternatives; the patch then holds that one.
-        h.get_by_label_contains("These cannot be told apart on this session");
+        h.get_by_label_contains("This session cannot separate these effects");
         click(&mut h, "Tip force");
         click(&mut h, "Accept patch");
         let text = seen.borrow().robot_file.clone();

@@ -17,7 +17,7 @@ pub(in crate::gui::panels::gap) struct Slot {
     pub(super) path: PathField,
     pub(super) looking: Pending<SessionSheet>,
     pub(super) sheet: Option<Result<SessionSheet, String>>,
-    /// Whether the data are simulated, as the operator says where the session does not.
+    /// Whether the data are simulated, by the operator's choice where the session does not state it.
     pub(super) told: Option<bool>,
 }
 
@@ -33,7 +33,7 @@ impl Slot {
         self.sheet.as_ref()?.as_ref().ok()
     }
 
-    /// Whether the data are simulated, as far as the session or the operator says.
+    /// Whether the data are simulated, by the session or by the operator's choice; `None` when unknown.
     pub(super) fn simulated(&self) -> Option<bool> {
         self.known()?.simulated.or(self.told)
     }
@@ -73,7 +73,7 @@ impl Selection {
                 .any(|s| s.looking.is_busy() || s.path.is_busy())
     }
 
-    /// Where the suspect session comes from, when it or the operator says so.
+    /// Origin of the suspect session, by the session or by the operator's choice.
     pub(in crate::gui::panels::gap) fn origin(&self) -> Option<Origin> {
         Some(match self.slots[1].simulated()? {
             true => Origin::Simulated,
