@@ -84,7 +84,8 @@ pub(super) fn lines(slots: &[Slot], width_s: f64) -> Vec<Vec<[f64; 2]>> {
     join(slots, (3.0 * width_s).max(GAP_MIN_S))
 }
 
-fn join(slots: &[Slot], gap_s: f64) -> Vec<Vec<[f64; 2]>> {
+/// Lines through the extremes of slots, broken where no value came for more than `gap_s`.
+pub(super) fn join(slots: &[Slot], gap_s: f64) -> Vec<Vec<[f64; 2]>> {
     slots
         .chunk_by(|a, b| b.first_s - a.last_s <= gap_s)
         .map(|piece| {

@@ -423,7 +423,7 @@ fn both_controllers_follow_the_papers_paths() {
         ] {
             let text = std::fs::read_to_string(dir.join(name)).expect(name);
             assert!(
-                text.contains("simulated rig") && text.contains("<poly"),
+                text.contains("simulated rig") && text.contains("<path d=\"M"),
                 "{name}"
             );
         }

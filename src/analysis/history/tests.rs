@@ -3,6 +3,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::*;
+use crate::analysis::decimate::join;
 use crate::analysis::fixture;
 use crate::signal::{Estimate, Matrix6, TruthSource, pose_from_ypr};
 
@@ -271,7 +272,7 @@ proptest! {
             let gap_s = (3.0 * width_s).max(0.05);
             let slots = drawn.slots(&store, 0, window, width_s);
             let by_points = envelope_by_points(&points, window, width_s, gap_s);
-            prop_assert_eq!(lines(&slots, gap_s), by_points);
+            prop_assert_eq!(join(&slots, gap_s), by_points);
             let seen = points.iter().map(|p| p[0]).filter(|t| (window[0]..=window[1]).contains(t));
             let instants: Vec<f64> = [window[0]].into_iter().chain(seen).chain([window[1]]).collect();
             let apart = |w: &&[f64]| w[1] - w[0] > gap_s;
@@ -324,7 +325,7 @@ proptest! {
                 .map(|(t, v)| [*t, f64::from(*v)])
                 .collect();
             let slots = drawn.slots(&store, 0, window, width_s);
-            prop_assert_eq!(lines(&slots, gap_s), envelope_by_points(&points, window, width_s, gap_s));
+            prop_assert_eq!(join(&slots, gap_s), envelope_by_points(&points, window, width_s, gap_s));
         }
     }
 

@@ -412,13 +412,13 @@ fn controller(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
         for (kind, name, hover) in [
             (
                 ControllerKind::NullSpaceQp,
-                "Null-space QP",
-                "Use the null-space quadratic programme from now on",
+                "QP",
+                "Null-space QP: a quadratic program within the pressure bounds, which keeps pressures centred",
             ),
             (
                 ControllerKind::PaperAdrc,
-                "ADRC (paper)",
-                "Use the paper's sensor-space descent with ADRC from now on",
+                "ADRC",
+                "ADRC (paper): the paper's sensor-space descent with an active disturbance rejection loop",
             ),
         ] {
             let chosen = view.snapshot.controller == kind;

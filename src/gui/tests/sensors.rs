@@ -114,7 +114,7 @@ fn doubt_blindness_age_and_a_lost_link_are_told() {
     let mut h = harness(app(&session, Theme::Dark));
     h.run();
     h.get_by_label_contains("Not connected: these are the last values, 3.2 s old");
-    h.get_by_label_contains("Blind: there are signals");
+    h.get_by_label_contains("Blind: some signals are neither measured");
     h.get_by_label_contains("▲ Distance from the training data 2.60: far, above 2.0");
     h.get_by_label("≈");
     let last = session.last_mut().expect("not empty");
