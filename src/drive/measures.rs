@@ -174,7 +174,7 @@ pub fn saturated_ratio<'a>(rows: impl IntoIterator<Item = &'a Row>, robot: &Robo
     saturated.count() as f64 / steered.len().max(1) as f64
 }
 
-/// Fastest that the true tip moved over any stretch of [`SPEED_OVER_S`], mm/s.
+/// Fastest that the true tip moved over any stretch of 0.2 s, mm/s.
 pub fn fastest_mm_s(rows: &[Row]) -> Option<f64> {
     let first = rows.first()?.t_s;
     let mut behind = rows.iter().peekable();
