@@ -14,6 +14,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use springtwin::control::{Controller, Gains, InitialGuess, Maps, StepInput};
 use springtwin::learn::{Model as Networks, PoseMap};
+use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{
     CHAMBERS, ChannelHealth, ControllerKind, Goal, Health, SIGNALS, SPRINGS, SensorFrame, Stamp,
@@ -287,6 +288,24 @@ fn frames(c: &mut Criterion) {
 #[cfg(not(all(feature = "gui", feature = "rrd")))]
 fn frames(_: &mut Criterion) {}
 
+/// A step of the virtual rig: physics with everything on, circuits, inertial sensors, boards' readings.
+fn rig(c: &mut Criterion) {
+    let options = RigOptions::default();
+    c.bench_function("the virtual rig, 10 ms step, driven", |b| {
+        let mut k = 0;
+        let made = VirtualRig::new(&RobotSpec::reference(), &options);
+        let Ok(mut rig) = made else {
+            unreachable!("the reference arm carries itself");
+        };
+        b.iter(|| {
+            k += 1;
+            rig.step(&pressures(k).map(Some));
+            rig.readings()[0].chamber_pa
+        });
+        assert_eq!(rig.refused_steps, 0);
+    });
+}
+
 criterion_group!(
     benches,
     frames,
@@ -294,6 +313,7 @@ criterion_group!(
     rod,
     derivatives,
     dynamics,
+    rig,
     mesh,
     networks
 );

@@ -16,7 +16,7 @@ use springtwin::sensing::{Calibration, Sensing};
 use springtwin::signal::{ControllerKind, Goal, Mode, Stamp};
 use springtwin::twin::{Command, SETTLING_FRAMES, TICK_S, Twin};
 
-const NETWORKS: &[u8] = include_bytes!("../assets/networks/reference.safetensors");
+const NETWORKS: &[u8] = include_bytes!("../assets/networks/unit-1/reference.safetensors");
 
 /// Sends the tip to a position (m) in the base frame, for at most so many simulated seconds. Gives the true
 /// distance that is left, m.
@@ -63,7 +63,7 @@ pub fn go(to_m: [f64; 3], seconds: f64) -> Result<f64, Box<dyn Error>> {
         }
         match twin.mode() {
             Mode::AtGoal => {
-                let tip_m = rig.plant.observation().base_from_tip.translation.vector;
+                let tip_m = rig.plant.truth().base_from_tip().translation.vector;
                 return Ok((tip_m - nalgebra::Vector3::from(to_m)).norm());
             }
             Mode::Safe(why) => return Err(why.into()),

@@ -136,6 +136,7 @@ def hot(quick: bool) -> dict:
             [1e-3 / s for s in found[slowest]],
             note=f"{slowest.split(', ', 2)[2]}; the peers swing, damped, into a pose",
         ),
+        "rig": Figure([1e-2 / s for s in found["the virtual rig, 10 ms step, driven"]]),
         "mesh-warm": Figure(take("mesh/mesh sample, warm (0.4 % steps)", 1e3)),
         "jacobian": Figure(take("pose, 6 x 24 Jacobian and covariance", 1e6)),
         "reach-yes": Figure(take("reach, reachable", 1e6)),

@@ -44,6 +44,7 @@ TARGETS = [
     Target("rod-20000", SIMULATORS, "20,000 rod samples", "s", 10, alone="see the line above"),
     Target("dynamics", SIMULATORS, "dynamics at 1 kHz on one core, the slowest of three motions",
            "x real time", at_least=20),
+    Target("rig", SIMULATORS, "the virtual rig with everything on, one core", "x real time", at_least=10, alone=OWN),
     Target("mesh-warm", SIMULATORS, "mesh sample, warm", "ms", 60, alone=MESH),
     Target("mesh-20000", SIMULATORS, "20,000 mesh samples", "min", 20, alone=MESH),
     Target("solve", CONTROL, "the controller's solve per target, from nothing", "us", 100),

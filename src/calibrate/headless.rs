@@ -498,12 +498,12 @@ fn on_a_thread(answerer: &Answerer, ask: Ask) -> std::io::Result<Receiver<Answer
 mod tests {
     use super::*;
     use crate::calibrate::{bench, same};
-    use crate::drive::{TwinBuilder, model};
+    use crate::drive::{DEFAULT_RIG, TwinBuilder, model};
     use crate::rig::Unit;
 
     fn answerer(yes: bool) -> Answerer {
         let robot = RobotSpec::reference();
-        let maps = model::maps_for(&robot).expect("the shipped networks load");
+        let maps = model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load");
         Arc::new(move |ask| match ask {
             Ask::Springs(request) => {
                 let log = bench::draw(&robot, Unit::default(), &request);

@@ -271,9 +271,8 @@ fn report(found: &StreamRegistration, r: &Registration, out: &Path) -> Report {
 
 #[cfg(test)]
 mod tests {
+    use springtwin::lab::session::{Excitation, SessionPlan, session, session_log};
     use springtwin::recording::{SessionLog, write_session};
-    use springtwin::rig::session::Excitation;
-    use springtwin::rig::{SessionPlan, session};
     use springtwin::robot::RobotSpec;
     use springtwin::sensing::registration::Frames;
     use springtwin::signal::pose_from_ypr;
@@ -292,7 +291,7 @@ mod tests {
             payload_kg: 0.0,
             hidden: Vec::new(),
         };
-        springtwin::lab::session_log(session(&robot, &plan).expect("runs"), &robot)
+        session_log(session(&robot, &plan).expect("runs"), &robot)
     }
 
     /// What motion capture would have written: its own world, its own object, its clock 0.8 s behind,
@@ -348,8 +347,8 @@ mod tests {
                 .and_then(Value::as_f64)
                 .expect(path)
         };
-        // The session's sensors have no lag: a sample at 50 Hz would show.
-        assert!((number("/offset_ms") - 800.0).abs() < 3.0);
+        // The pose that is estimated from the sensors lags behind by the filters' delay: less than a frame.
+        assert!((number("/offset_ms") - 800.0).abs() < 10.0);
         assert!(number("/poses") >= 10.0);
         assert!(number("/loo/pos_mm_rms") < 5.0 && number("/loo/rot_deg_rms") < 3.0);
         let text = std::fs::read_to_string(dir.join("registration.toml")).expect("there");

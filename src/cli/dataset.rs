@@ -12,6 +12,7 @@ use super::{Report, args};
 use springtwin::lab::dataset::{self, Options};
 use springtwin::lab::{Progress, Silent};
 use springtwin::recording::DatasetJournal;
+use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
 use springtwin::sim::dataset::{Draw, Plan};
 
@@ -20,6 +21,21 @@ pub enum DatasetCommand {
     /// Draw pressures, settle the arm, store what the sensors read. A run of the rod or the mesh that
     /// was stopped goes on where it was when it is started again
     Generate(GenerateArgs),
+    /// Move a unit of the virtual rig through its workspace, half of the time with 250 g, and store what the sensors and
+    /// motion capture read: the session from which its own networks are trained
+    Session {
+        /// Which manufactured unit
+        #[arg(long, value_name = "N", default_value = "1")]
+        unit: u64,
+        /// Length, s
+        #[arg(long, value_name = "S", default_value = "600", value_parser = args::not_negative)]
+        seconds: f64,
+        /// Where to put it
+        #[arg(long, value_name = "F.parquet")]
+        out: PathBuf,
+        #[command(flatten)]
+        overwrite: Overwrite,
+    },
     /// Join shards into the file that one run would have made
     Merge {
         /// The shards, in any order
@@ -68,6 +84,13 @@ pub struct GenerateArgs {
     /// them, per axis; mm
     #[arg(long, value_name = "MM", default_value = "0", value_parser = args::not_negative)]
     free_pads: f64,
+    /// Standard deviation by which the ends of the springs of disturbed samples are attached off the drawing, per
+    /// axis; mm
+    #[arg(long, value_name = "MM", default_value = "0", value_parser = args::not_negative)]
+    attachment: f64,
+    /// Which manufactured unit of the virtual rig
+    #[arg(long, value_name = "N", default_value = "1")]
+    unit: u64,
     /// Make only part i of n, for `dataset merge`; by rod or mesh
     #[arg(long, value_name = "I/N", value_parser = args::shard)]
     shard: Option<(usize, usize)>,
@@ -110,6 +133,22 @@ impl From<Source> for dataset::Source {
 pub fn run(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     match command {
         DatasetCommand::Generate(a) => generate(a, robot, quiet),
+        DatasetCommand::Session {
+            unit,
+            seconds,
+            out,
+            overwrite,
+        } => {
+            overwrite.file(out)?;
+            let samples = dataset::session(robot, Unit(*unit), *seconds, out)?;
+            Ok(Report {
+                text: format!(
+                    "{samples} samples of a session of the virtual rig's unit {unit} to {}",
+                    out.display()
+                ),
+                json: json!({"samples": samples, "unit": unit, "seconds": seconds, "simulated": true}),
+            })
+        }
         DatasetCommand::Merge {
             shards,
             out,
@@ -132,17 +171,24 @@ fn generate(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> 
         "the mesh simulator has one arm only: leave --deviation out, or use --simulator rod"
     );
     anyhow::ensure!(
-        a.force > 0.0 || (a.deviation == 0.0 && a.free_pads == 0.0),
-        "--deviation and --free-pads need --force: samples without a force are the nominal arm, from which \
+        a.force > 0.0
+            || [a.deviation, a.free_pads, a.attachment]
+                .iter()
+                .all(|x| *x == 0.0),
+        "--deviation, --free-pads and --attachment need --force: samples without a force are the nominal arm, from which \
          `train` learns the plant"
     );
     anyhow::ensure!(
         a.simulator != Source::Rig || (a.force == 0.0 && a.payload_max == 0.0),
-        "the virtual rig settles without loads: leave --payload-max, --force, --deviation and --free-pads out"
+        "the virtual rig settles without loads: leave --payload-max, --force, --deviation, --free-pads and --attachment out"
     );
     anyhow::ensure!(
         a.simulator != Source::Rig || a.shard.is_none(),
         "the virtual rig remembers what it did before, so its samples are made in one run: leave --shard out"
+    );
+    anyhow::ensure!(
+        a.simulator == Source::Rig || a.unit == Unit::default().0,
+        "--unit names a unit of the virtual rig: add --simulator rig"
     );
     a.overwrite.file(&a.out)?;
     let draw = match (a.grid, a.samples) {
@@ -157,11 +203,13 @@ fn generate(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> 
         tip_force_sd_n: a.force,
         deviation_sd: a.deviation,
         free_pads_sd_m: a.free_pads * 1e-3,
+        attachment_sd_m: a.attachment * 1e-3,
         ..Plan::nominal(draw, a.seed)
     };
     let options = Options {
         source: a.simulator.into(),
         plan,
+        unit: Unit(a.unit),
         shard: a.shard,
         out: a.out.clone(),
     };

@@ -24,7 +24,7 @@ use springtwin::robot::RobotSpec;
 ///            27 have every effect at each of the strengths
 ///   ladder   every third seed one more single, at 0.5 and 1 times the floor in turn
 ///   nulls    one session without an effect (every case is another rig, with its own scatter)
-///   `aliens` even seeds: one of five effects that the table does not have; odd seeds: one of the
+///   `aliens` even seeds: one of the effects that the table does not have; odd seeds: one of the
 ///            table, which the finder has to do without (`gap run --without ID`); 4 times the floor
 ///   pairs    two effects of different sides, each 4 times the floor
 ///

@@ -88,7 +88,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     let options = Options {
         without: a.without.clone(),
         seed: a.seed,
-        excitations: excitations(),
+        excitations: excitations(robot),
     };
     let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Logged)?;
     found.finding.seconds = start.elapsed().as_secs_f64();

@@ -19,6 +19,7 @@ use super::{Failed, Report};
 use springtwin::drive::{self, DEFAULT_RIG, Run, TwinBuilder, objects, rig_options};
 #[cfg(unix)]
 use springtwin::rig::faults::Script;
+use springtwin::rig::hidden::Hidden;
 use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
@@ -100,6 +101,10 @@ pub struct RigArgs {
     /// Which manufactured arm
     #[arg(long, value_name = "N", default_value = "1")]
     unit: u64,
+    /// Hide an effect: id, channel (1-based, all without it), values in SI units (usual ones without
+    /// them), and when it begins (s); `springtwin rig effects` lists them
+    #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
+    hide: Vec<Hidden>,
     /// Send emulated motion capture to this address
     #[arg(long, value_name = "IP:PORT")]
     vicon: Option<std::net::SocketAddr>,
@@ -201,6 +206,7 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     let mut options = RigOptions {
         unit: Unit(a.unit),
         objects: objects(&a.object),
+        hidden: a.hide.clone(),
         ..rig_options(a.payload, a.seed)
     };
     options.surroundings.stiffness = a.stiffness;

@@ -1,4 +1,4 @@
-//! `rig session`: a session of the virtual rig, made offline, with anything hidden in it.
+//! `rig session`: a session of the virtual rig on simulated time, with anything hidden in it.
 
 use std::path::PathBuf;
 
@@ -8,12 +8,10 @@ use serde_json::json;
 
 use super::outputs::Overwrite;
 use super::{Report, args};
-use springtwin::lab::session_log;
+use springtwin::lab::gap_bench::cases::Answer;
+use springtwin::lab::session::{Excitation, SessionPlan, session, session_log};
 use springtwin::recording::{SESSION_FILES, write_session};
-use springtwin::rig::hidden::cases::Answer;
 use springtwin::rig::hidden::{HIDDEN, Hidden};
-use springtwin::rig::session::Excitation;
-use springtwin::rig::{SessionPlan, session};
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
@@ -42,8 +40,8 @@ pub struct SessionArgs {
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload: f64,
     /// Hide an effect: id, channel (1-based, all without it), values in SI units (usual ones without
-    /// them)
-    #[arg(long, value_name = "ID[:TARGET][=VALUE,..]", value_parser = hidden)]
+    /// them), and when it begins (s)
+    #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
     hide: Vec<Hidden>,
     /// Write what is hidden to this file
     #[arg(long, value_name = "FILE")]
@@ -55,33 +53,6 @@ fn excitation(text: &str) -> Result<Excitation, String> {
         let names = Excitation::ALL.map(Excitation::name).join(", ");
         format!("there is no excitation '{text}': choose from {names}")
     })
-}
-
-fn hidden(text: &str) -> Result<Hidden, String> {
-    let (what, values) = text.split_once('=').unwrap_or((text, ""));
-    let (id, target) = what.split_once(':').unwrap_or((what, ""));
-    let target = match target {
-        "" => None,
-        number => Some(
-            number
-                .parse::<usize>()
-                .ok()
-                .and_then(|n| n.checked_sub(1))
-                .ok_or_else(|| format!("'{number}' is not a channel: count from 1"))?,
-        ),
-    };
-    let values: Vec<f64> = match values {
-        "" => Vec::new(),
-        list => list
-            .split(',')
-            .map(|v| {
-                v.trim()
-                    .parse()
-                    .map_err(|_| format!("'{v}' is not a number"))
-            })
-            .collect::<Result<_, String>>()?,
-    };
-    Hidden::new(id, target, &values).map_err(|e| e.to_string())
 }
 
 /// `rig session`.
@@ -165,20 +136,31 @@ mod tests {
 
     #[test]
     fn what_to_hide_is_parsed_and_refused_with_reason() {
-        let h = hidden("spring-calibration:10=0.93,0.002").expect("fits");
+        let h = "spring-calibration:10=0.93,0.002"
+            .parse::<Hidden>()
+            .expect("fits");
         assert_eq!((h.id, h.target), ("spring-calibration", Some(9)));
         assert_eq!(h.values, [0.93, 0.002]);
-        assert!(hidden("payload").is_ok_and(|h| h.target.is_none() && h.values[0] > 0.0));
-        assert!(hidden("clock-offset=-0.4").is_ok_and(|h| h.values == [-0.4]));
+        assert!(
+            "payload"
+                .parse::<Hidden>()
+                .is_ok_and(|h| h.target.is_none() && h.values[0] > 0.0)
+        );
+        assert!(
+            "clock-offset=-0.4"
+                .parse::<Hidden>()
+                .is_ok_and(|h| h.values == [-0.4])
+        );
         for (text, said) in [
             ("nonsense", "no hidden effect"),
             ("leak:7", "there are 6"),
             ("leak:0", "count from 1"),
-            ("leak:1=x", "not a number"),
+            ("leak:1=x", "VALUE"),
             ("leak:1=99", "must lie in"),
+            ("leak:1@soon", "SECONDS"),
             ("leak:1=0.1,0.2", "1 parameters"),
         ] {
-            let e = hidden(text).expect_err(text);
+            let e = text.parse::<Hidden>().expect_err(text).to_string();
             assert!(e.contains(said), "{text}: {e}");
         }
     }
@@ -211,7 +193,7 @@ mod tests {
             specimen: 2,
             excitation: Excitation::Steps,
             payload: 0.0,
-            hide: vec![hidden("hysteresis").expect("kind")],
+            hide: vec!["hysteresis".parse::<Hidden>().expect("kind")],
             truth: Some(dir.join(truth)),
         };
         let robot = RobotSpec::reference();

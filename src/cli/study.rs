@@ -31,7 +31,7 @@ pub struct StudyArgs {
     /// Do only part i of n; what it finds goes to DIR/NAME-i-of-n.json, for `study merge`
     #[arg(long, value_name = "I/N", value_parser = args::shard)]
     shard: Option<(usize, usize)>,
-    /// Networks in the place of the shipped ones, for the studies on sensing
+    /// Networks in the place of the shipped ones
     #[arg(long, value_name = "F.safetensors")]
     model: Option<PathBuf>,
     /// Seed of every random choice of the studies on sensing; those on control have seeds of their own
@@ -46,11 +46,14 @@ pub struct StudyArgs {
     /// Epochs of every training
     #[arg(long, value_name = "N", default_value = "200", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     epochs: u32,
-    /// Seconds that the rig moves, per condition and seed (three seeds each)
+    /// Seconds that each unit of the rig moves, per condition
     #[arg(long, value_name = "S", default_value = "60", value_parser = clap::value_parser!(u32).range(5..=3600))]
     seconds: u32,
+    /// Seconds of the motion-capture session that each unit is calibrated by
+    #[arg(long, value_name = "S", default_value = "600", value_parser = clap::value_parser!(u32).range(60..=7200))]
+    session: u32,
     /// Candidates per controller when it is tuned
-    #[arg(long, value_name = "N", default_value = "48", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     candidates: u32,
 }
 
@@ -106,6 +109,7 @@ pub fn run(a: &StudyArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
             geometric_samples: a.geometric_samples as usize,
             epochs: a.epochs as usize,
             seconds: f64::from(a.seconds),
+            session: f64::from(a.session),
             candidates: a.candidates as usize,
         },
     };

@@ -73,7 +73,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         rig: rig.to_owned(),
         robot: robot.clone(),
         robot_file: robot_file.map(Path::to_owned),
-        maps: model::maps_for(robot)?,
+        maps: model::maps_for(robot, rig)?,
         options: rig_options(a.payload_kg, a.seed),
         kind: a.kind,
         instruments: a.instruments.clone(),

@@ -13,10 +13,11 @@ use super::ports::{self, DEFAULT_RIG, Instruments, Script, rig_options};
 use crate::control::{Gains, Stopwatch};
 use crate::rig::RigOptions;
 use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
 use crate::signal::{ControllerKind, Snapshot, Stamp, StreamStatus};
 use crate::twin::{
     Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, Runner, Twin, run_in_real_time,
-    run_in_simulated_time, spawn,
+    run_in_simulated_time, sensing_for, spawn,
 };
 
 /// Builds a twin on a rig: robot, networks, calibration, controller and port.
@@ -28,6 +29,7 @@ pub struct TwinBuilder<'a> {
     maps: Option<Maps>,
     gains: Gains,
     instruments: Instruments,
+    calibration: Option<Calibration>,
     pub(super) script: Option<Script>,
     port: Option<Box<dyn Port>>,
     stopwatch: Option<Stopwatch>,
@@ -51,6 +53,7 @@ impl<'a> TwinBuilder<'a> {
             maps: None,
             gains: Gains::of(ControllerKind::default()),
             instruments: Instruments::default(),
+            calibration: None,
             script: None,
             port: None,
             stopwatch: None,
@@ -79,6 +82,12 @@ impl<'a> TwinBuilder<'a> {
     /// The controller's tuning.
     pub fn gains(mut self, gains: Gains) -> Self {
         self.gains = gains;
+        self
+    }
+
+    /// A calibration in place of the one that the instruments name.
+    pub fn calibration(mut self, calibration: Calibration) -> Self {
+        self.calibration = Some(calibration);
         self
     }
 
@@ -120,9 +129,12 @@ impl<'a> TwinBuilder<'a> {
         let robot = self.robot;
         let maps = match self.maps {
             Some(maps) => maps,
-            None => model::maps_for(robot)?,
+            None => model::maps_for(robot, self.rig)?,
         };
-        let sensing = model::sensing(robot, self.instruments.calibration.as_deref())?;
+        let sensing = match &self.calibration {
+            Some(calibration) => sensing_for(robot, calibration),
+            None => model::sensing(robot, self.instruments.calibration.as_deref())?,
+        };
         let mut twin = Twin::new(robot, maps.clone(), sensing, self.gains);
         if let Some(stopwatch) = self.stopwatch {
             twin.time_with(stopwatch);

@@ -21,7 +21,7 @@ pub use files::{read_text, read_toml};
 pub use limits::over_limits;
 pub use plan::{Drive, Driven, Row, drive};
 pub use ports::{
-    DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, rig_options,
+    DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, is_virtual, rig_options,
 };
 pub use run::{Ran, Run, run};
 pub use start::{HELLO_S, Start, check_link};

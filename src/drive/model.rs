@@ -5,13 +5,17 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 
 use super::files::read_toml;
+use super::ports::is_virtual;
 use crate::learn::{Model, PoseEval};
 use crate::recording::SessionLog;
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
 use crate::twin::{Maps, sensing_for};
 
+/// Trained on simulation alone.
 const MODEL: &[u8] = include_bytes!("../../assets/networks/reference.safetensors");
+/// The same with the sim-to-real networks of the virtual rig's unit 1, the one that the shipped calibration belongs to.
+const UNIT_MODEL: &[u8] = include_bytes!("../../assets/networks/unit-1/reference.safetensors");
 const CALIBRATION: &str = include_str!("../../assets/calibration/virtual-rig.toml");
 
 /// The shipped model, or the one in a file.
@@ -49,15 +53,21 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
     }
 }
 
-/// The shipped maps for a twin of `robot`; logs a warning where they were trained for another.
+/// The shipped maps for a twin of `robot` on the rig that `rig` names: on the virtual rig those that its unit 1 was
+/// calibrated with, on another one those that were trained on simulation alone. Logs a warning where they were trained
+/// for another robot.
 ///
 /// # Errors
 /// When the built-in networks do not load.
-pub fn maps_for(robot: &RobotSpec) -> Result<Maps> {
-    if let Some(notice) = trained_for_another(&model(None)?, robot) {
+pub fn maps_for(robot: &RobotSpec, rig: &str) -> Result<Maps> {
+    let model = match is_virtual(rig) {
+        true => Model::from_bytes(UNIT_MODEL).context("the built-in networks do not load")?,
+        false => model(None)?,
+    };
+    if let Some(notice) = trained_for_another(&model, robot) {
         log::warn!("{notice}");
     }
-    maps(None)
+    Ok(model.into())
 }
 
 /// The maps of the shipped model, or of the one in a file.

@@ -288,7 +288,7 @@ fn watched(robot: &RobotSpec, mut script: Option<Script>, plant: Arc<Mutex<Plant
             script(t_s, rig);
         }
         let Ok(mut seen) = plant.lock() else { return };
-        seen.base_from_tip = Some(rig.plant.observation().base_from_tip);
+        seen.base_from_tip = Some(rig.plant.truth().base_from_tip());
         seen.objects.clear();
         seen.objects.extend_from_slice(rig.objects());
         // Codes of the wire are 1 Pa or so wide.

@@ -23,6 +23,11 @@ use crate::twin::{Arrivals, Clock, Heard, InProcess, Port, SerialPort};
 /// The rig that is used where none is named: in this process, on simulated time.
 pub const DEFAULT_RIG: &str = "sim";
 
+/// Whether `rig` names a virtual rig, in this process or behind a pseudo-terminal.
+pub fn is_virtual(rig: &str) -> bool {
+    matches!(rig, "sim" | "pty")
+}
+
 /// What belongs to a rig besides its boards.
 #[derive(Clone, Debug, Default)]
 pub struct Instruments {
@@ -90,6 +95,7 @@ pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
             ..Surroundings::default()
         },
         objects: Vec::new(),
+        hidden: Vec::new(),
     }
 }
 
@@ -107,7 +113,7 @@ pub(super) fn open(
     script: Option<Script>,
 ) -> Result<Box<dyn Port>> {
     anyhow::ensure!(
-        !matches!(rig, "sim" | "pty") || instruments.no_mocap(),
+        !is_virtual(rig) || instruments.no_mocap(),
         "the virtual rig brings its own motion capture: --mocap-listen, --mocap-from and --registration go with \
          --rig PORT"
     );
@@ -200,6 +206,9 @@ impl SerialRig {
         for o in &options.objects {
             let [x, y, z] = o.grasp_m.map(|v| v * 1e3);
             command.args(["--object", &format!("{x},{y},{z},{}", o.mass_kg)]);
+        }
+        for effect in &options.hidden {
+            command.args(["--hide", &effect.to_string()]);
         }
         if let Some(file) = robot_file {
             command.arg("--robot").arg(file);

@@ -121,14 +121,14 @@ pub fn objects(items: &[Item]) -> Vec<Object> {
 mod tests {
     use super::*;
     use crate::control::{ReachConfig, reach};
-    use crate::drive::model;
+    use crate::drive::{DEFAULT_RIG, model};
     use crate::signal::ReachState;
     use crate::task::{Follow, PATH_WAYPOINTS};
 
     #[test]
     fn the_shipped_tasks_fit_the_reference_robot() {
-        let maps = model::maps(None).expect("built in");
         let robot = RobotSpec::reference();
+        let maps = model::maps_for(&robot, DEFAULT_RIG).expect("built in");
         let paths = [Shape::Circle, Shape::Eight].map(|s| {
             let path = s.path(PATH_CENTRE_M, PATH_SIZE_M, PATH_WAYPOINTS);
             let follow = Follow {

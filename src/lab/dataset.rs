@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 
+use super::session::calibration_of;
 use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
-use super::{Progress, go_on, motions, threads};
+use super::{Progress, go_on, motions, threads, units};
 use crate::recording::{
     DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, read_session, write_dataset,
 };
+use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::signal::{Dataset, Sample};
 use crate::sim::dataset::{Plan, generate as by_rod, generate_mesh};
@@ -33,6 +35,8 @@ pub struct Options {
     pub source: Source,
     /// Pressures, loads and scatter of the samples, and their seed.
     pub plan: Plan,
+    /// The unit of the virtual rig, where that makes the samples; read by the calibration of its own springs.
+    pub unit: Unit,
     /// Only this part of the samples; by rod or mesh.
     pub shard: Option<Part>,
     /// The file.
@@ -77,7 +81,7 @@ pub fn generate(o: &Options, robot: &RobotSpec, progress: &dyn Progress) -> Resu
                 progress.items_done(n);
                 ControlFlow::Continue(())
             };
-            let (data, left_out) = motions::settled(robot, &o.plan, o.range(), &mut done)?;
+            let (data, left_out) = motions::settled(robot, o.unit, &o.plan, o.range(), &mut done)?;
             write_dataset(&o.out, &data)?;
             Made {
                 samples: data.samples.len(),
@@ -98,6 +102,16 @@ pub fn generate(o: &Options, robot: &RobotSpec, progress: &dyn Progress) -> Resu
     };
     progress.stage_done("settled");
     Ok(made)
+}
+
+/// A motion-capture session of a unit of the virtual rig; returns the number of its samples.
+///
+/// # Errors
+/// When a spring is refused, the arm cannot follow, or the file cannot be written.
+pub fn session(robot: &RobotSpec, unit: Unit, seconds: f64, out: &Path) -> Result<usize> {
+    let data = units::session(robot, unit, &calibration_of(robot, unit)?, seconds)?;
+    write_dataset(out, &data)?;
+    Ok(data.samples.len())
 }
 
 /// Generates the samples in parts of `rounds` times 64 indices per thread and keeps every part in a
@@ -121,6 +135,7 @@ fn resumable(
         ("force", plan.tip_force_sd_n.to_string()),
         ("deviation", plan.deviation_sd.to_string()),
         ("free-pads", plan.free_pads_sd_m.to_string()),
+        ("attachment", plan.attachment_sd_m.to_string()),
         ("disturbed-share", plan.disturbed_share.to_string()),
     ];
     let shard = o.shard.map(|part| Shard {
@@ -181,6 +196,25 @@ pub fn merge(paths: &[PathBuf], out: &Path) -> Result<(usize, String)> {
     joined.samples.extend(parts.flat_map(|p| p.samples));
     write_dataset(out, &joined)?;
     Ok((joined.samples.len(), joined.source))
+}
+
+/// The samples of several files one after the other; `None` of no file.
+///
+/// # Errors
+/// As [`read_samples`].
+pub fn read_all_samples(paths: &[PathBuf]) -> Result<Option<Dataset>> {
+    let mut all: Option<Dataset> = None;
+    for path in paths {
+        let more = read_samples(path)?;
+        match &mut all {
+            None => all = Some(more),
+            Some(all) => {
+                all.source += &format!(" + {}", more.source);
+                all.samples.extend(more.samples);
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// Reads a data set, or the samples of a session that has motion capture.

@@ -6,8 +6,9 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 
 use crate::gap::{self, Patch, Session};
+use crate::lab::session::{Drive, Excitation};
 use crate::recording;
-use crate::rig::session::excitation::{Drive, Excitation};
+use crate::robot::RobotSpec;
 use crate::sim::effects::Trajectory;
 
 /// Reads a session log for the finder; warns of columns that look like another unit.
@@ -75,20 +76,24 @@ pub fn write_all(dir: &Path, found: &gap::Found, patch: &Patch, simulated: bool)
     }
 }
 
-/// Motions of the virtual rig among which the finder looks for a discriminating excitation.
-pub fn excitations() -> Vec<(String, Trajectory)> {
-    const SECONDS: f64 = 60.0;
-    const RATE_HZ: f64 = 20.0;
+/// Motions of the virtual rig among which the finder looks for a discriminating excitation: the pressures that the
+/// pumps of `robot` reach.
+pub fn excitations(robot: &RobotSpec) -> Vec<(String, Trajectory)> {
+    const SECONDS: f64 = 90.0;
+    const RATE_HZ: f64 = 15.0;
+    let t_s: Vec<f64> = (0..(SECONDS * RATE_HZ) as usize)
+        .map(|k| k as f64 / RATE_HZ)
+        .collect();
     Excitation::ALL
         .into_iter()
         .filter(|e| *e != Excitation::Still)
         .map(|e| {
-            let drive = Drive::new(e, 1, SECONDS);
-            let t_s: Vec<f64> = (0..(SECONDS * RATE_HZ) as usize)
-                .map(|k| k as f64 / RATE_HZ)
-                .collect();
-            let chamber_pa = t_s.iter().map(|t| drive.at(*t)).collect();
-            (e.name().to_owned(), Trajectory { t_s, chamber_pa })
+            let drive = Drive::new(e, robot, 1, SECONDS);
+            let trajectory = Trajectory {
+                chamber_pa: drive.pumped(&t_s),
+                t_s: t_s.clone(),
+            };
+            (e.name().to_owned(), trajectory)
         })
         .collect()
 }

@@ -10,9 +10,11 @@
 //! - [`dataset`]: settled samples for training.
 //! - [`shards`]: long runs in parts, on many machines, to the bytes of one run.
 //! - [`motions`], [`multibody`]: motions of the rig without its serial line; its multibody arm beside the rod.
+//! - [`units`]: the manufactured units to fit to and to test on, and what a lab calibrates of each.
 //!
 //! Sessions and robot files:
 //! - [`solve`], [`replay`], [`estimate`]: the arm at rest, a session through the model, poses from its sensors.
+//! - [`mod@session`]: sessions of the virtual rig, through its whole chain.
 //! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
 //! - [`import`]: motion capture as a session.
 //! - [`doctor`], [`ranges`]: checks before work begins.
@@ -34,15 +36,16 @@ pub mod patches;
 mod progress;
 pub mod ranges;
 pub mod replay;
-mod session;
+pub mod session;
 pub mod shards;
 pub mod soak;
 pub mod solve;
 pub mod study;
 pub mod table;
+pub mod units;
 
 pub use progress::{Progress, Silent};
-pub use session::session_log;
+pub use session::{Session, SessionError, SessionPlan, session, session_log};
 
 use std::ops::ControlFlow;
 

@@ -190,23 +190,39 @@ impl Table {
                 bars.svg()
             }
             &Drawn::Line { x, logarithmic } => {
-                let line = |source: Source| {
-                    let own = drawn().filter(|(r, _)| r.source == source);
+                // A line per source and per variant, which stands behind a comma.
+                let of = |r: &Row| {
+                    let variant = r.label.split_once(", ").map(|(_, variant)| variant);
+                    (
+                        r.source,
+                        variant.unwrap_or_else(|| r.source.words()).to_owned(),
+                    )
+                };
+                let mut names: Vec<(Source, String)> = Vec::new();
+                for (r, _) in drawn() {
+                    let name = of(r);
+                    if !names.contains(&name) {
+                        names.push(name);
+                    }
+                }
+                names.sort_by_key(|(source, _)| source.colour());
+                let line = |(k, (source, name)): (usize, &(Source, String))| {
+                    let own = drawn().filter(|(r, _)| of(r) == (*source, name.clone()));
                     let mut points: Vec<(f64, f64)> = own
                         .filter_map(|(r, y)| Some((leading_number(&r.label)?, y)))
                         .collect();
                     points.sort_by(|a, b| a.0.total_cmp(&b.0));
                     Line {
                         dots: true,
-                        ..Line::new(source.words(), source.colour(), points)
+                        ..Line::new(name.clone(), source.colour().max(k + 1), points)
                     }
                 };
-                let lines = [Source::Simulated, Source::Paper].map(line);
+                let lines = names.iter().enumerate().map(line);
                 let chart = Chart {
                     title: self.title.to_owned(),
                     x,
                     y: self.columns[0],
-                    lines: lines.into_iter().filter(|l| !l.points.is_empty()).collect(),
+                    lines: lines.filter(|l| !l.points.is_empty()).collect(),
                     axes: match logarithmic {
                         true => Axes::LogX,
                         false => Axes::FromZero,

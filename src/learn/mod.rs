@@ -36,7 +36,7 @@ pub use scores::{
     CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,
     RunningStats, SignalScores, pose_residual, quantile, to_pose,
 };
-pub use train::{Watch, train, train_plant, train_s2r, train_smap};
+pub use train::{Watch, adapt, train, train_plant, train_s2r, train_smap};
 
 use nalgebra::{SMatrix, SVector};
 

@@ -66,6 +66,35 @@ pub fn train(
     })
 }
 
+/// Trains the sim-to-real networks of one arm on top of a model: its sensor map, plant and samples for the initial guess
+/// stay, an earlier correction is replaced. The networks are kept where they are better on the validation part, on
+/// which the covariance is fitted in either case.
+///
+/// # Errors
+/// As [`train_s2r`].
+pub fn adapt(
+    base: &Model,
+    real: &Dataset,
+    recipe: &Recipe,
+    progress: Watch,
+) -> Result<Model, TrainError> {
+    let (cascade, report) = train_s2r(&base.cascade, real, recipe, progress)?;
+    Ok(Model {
+        cascade,
+        scores: Scores {
+            s2r: Some(report),
+            ..base.scores.clone()
+        },
+        recipe: Recipe {
+            split: recipe.split,
+            s2r: recipe.s2r.clone(),
+            correction_input: recipe.correction_input,
+            ..base.recipe.clone()
+        },
+        ..base.clone()
+    })
+}
+
 /// Trains one member; gives it with the epoch of its parameters.
 type TrainMember<'a> = dyn Fn(usize, Watch) -> Result<(Mlp, usize), TrainError> + Sync + 'a;
 

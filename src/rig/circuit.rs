@@ -23,9 +23,9 @@ use std::fmt::Write;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
+use super::noise::normal;
 use crate::robot::RobotSpec;
 use crate::signal::SPRINGS;
-use crate::sim::dataset::normal;
 
 const MU0_H_M: f64 = 4.0e-7 * PI;
 /// Resistivity of the wire at the bench's temperature, Ω m.
@@ -145,8 +145,8 @@ pub struct Circuit {
     pub tremble_m: f64,
     /// Standard deviation of one edge's time stamp beyond its rounding, ticks.
     pub jitter_ticks: f64,
-    /// Temperature above that of the bench, K.
-    pub temperature_rise_k: f64,
+    /// Temperature of each oscillator above that of the bench, K.
+    pub temperature_rise_k: [f64; SPRINGS],
     /// Gate that the board sets, s.
     pub gate_s: f64,
     /// Clock of the counters, Hz.
@@ -165,7 +165,7 @@ impl Circuit {
             lag_s: 0.015,
             tremble_m: 0.09e-3,
             jitter_ticks: 0.1,
-            temperature_rise_k: 0.0,
+            temperature_rise_k: [0.0; SPRINGS],
             gate_s: 8.0e-3,
             tick_rate_hz: 2.0e6,
         }
@@ -193,7 +193,16 @@ impl Circuit {
 
     /// Frequency of oscillator `i` (0-based) at rest at a length, Hz, without noise.
     pub fn frequency_hz(&self, i: usize, length_m: f64) -> f64 {
-        self.oscillators[i].frequency_hz(length_m, self.temperature_rise_k)
+        self.oscillators[i].frequency_hz(length_m, self.temperature_rise_k[i])
+    }
+
+    /// By how much spring `i` (0-based) reads longer per kelvin at a length, m/K.
+    pub fn drift_m_k(&self, i: usize, length_m: f64) -> f64 {
+        const STEP_M: f64 = 1e-4;
+        let oscillator = &self.oscillators[i];
+        let at = |length_m: f64, rise_k: f64| oscillator.frequency_hz(length_m, rise_k);
+        let per_m = (at(length_m + STEP_M, 0.0) - at(length_m, 0.0)) / STEP_M;
+        (at(length_m, 1.0) - at(length_m, 0.0)) / per_m
     }
 
     /// Inductance of coil `i` (0-based) alone, H: no leads, no skin effect.
@@ -401,7 +410,7 @@ mod tests {
         let mut c = circuit();
         let cold = c.frequency_hz(0, 0.150);
         let per_m = (c.frequency_hz(0, 0.1501) - cold) / 1e-4;
-        c.temperature_rise_k = 1.0;
+        c.temperature_rise_k = [1.0; SPRINGS];
         let shift_m = (c.frequency_hz(0, 0.150) - cold) / per_m;
         assert!((-0.5e-3..-0.05e-3).contains(&shift_m), "{shift_m}");
     }

@@ -9,10 +9,10 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
+use super::multibody::arm::GRAVITY_M_S2;
+use super::noise::{Wander, normal3};
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{IMUS, ImuRaw};
-use crate::sim::GRAVITY_M_S2;
-use crate::sim::dataset::normal;
 
 /// Motion of a pad, in the pad's own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,20 +21,24 @@ pub struct PadMotion {
     pub rate_in_pad_rad_s: Vector3<f64>,
     /// Specific force in the pad frame, m/s² (+9.81 upwards at rest).
     pub force_in_pad_m_s2: Vector3<f64>,
+    /// Against gravity, in the pad frame.
+    pub up_in_pad: Vector3<f64>,
 }
 
 impl PadMotion {
-    /// From the pad's orientation, its rate in its own axes and its acceleration in the base frame.
+    /// From the pad's orientation, its rate in its own axes, and its acceleration and gravity in the base frame.
     pub fn new(
         base_from_pad: &UnitQuaternion<f64>,
         rate_in_pad_rad_s: Vector3<f64>,
         accel_in_base_m_s2: Vector3<f64>,
+        gravity_in_base_m_s2: &Vector3<f64>,
     ) -> Self {
-        // f = Rᵀ (a − g), g = (0, 0, −9.81)
-        let force_in_base = accel_in_base_m_s2 + Vector3::z() * GRAVITY_M_S2;
+        // f = Rᵀ (a − g)
+        let force_in_base = accel_in_base_m_s2 - gravity_in_base_m_s2;
         Self {
             rate_in_pad_rad_s,
             force_in_pad_m_s2: base_from_pad.inverse_transform_vector(&force_in_base),
+            up_in_pad: base_from_pad.inverse_transform_vector(&-gravity_in_base_m_s2.normalize()),
         }
     }
 }
@@ -95,6 +99,9 @@ impl InertialErrors {
     }
 }
 
+/// Correlation time of a hidden drift, s.
+const DRIFT_TAU_S: f64 = 20.0;
+
 #[derive(Clone, Debug)]
 struct Unit {
     pad: PadId,
@@ -103,6 +110,11 @@ struct Unit {
     accel_scale: Vector3<f64>,
     gyro_bias_rad_s: Vector3<f64>,
     accel_bias_m_s2: Vector3<f64>,
+    /// Mean rate about the vertical that the gyro reads too much, rad/s, and its wander.
+    drift_rad_s: f64,
+    wander: Wander,
+    /// Rotation of the IMU in its seat, rotation vector in the pad's axes, rad.
+    seat_rad: Vector3<f64>,
 }
 
 /// The four IMUs of one rig.
@@ -110,10 +122,6 @@ struct Unit {
 pub struct Inertial {
     units: [Unit; IMUS],
     errors: InertialErrors,
-}
-
-fn normal3<R: Rng + ?Sized>(rng: &mut R) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| normal(rng))
 }
 
 impl Inertial {
@@ -131,6 +139,9 @@ impl Inertial {
                 accel_scale: Vector3::repeat(1.0) + normal3(&mut rng) * errors.scale_ratio,
                 gyro_bias_rad_s: normal3(&mut rng) * errors.gyro_bias_rad_s,
                 accel_bias_m_s2: normal3(&mut rng) * errors.accel_bias_m_s2,
+                drift_rad_s: 0.0,
+                wander: Wander::new(DRIFT_TAU_S, &mut rng),
+                seat_rad: Vector3::zeros(),
             }
         });
         Self { units, errors }
@@ -139,6 +150,14 @@ impl Inertial {
     /// Adds `rate_rad_s` to the gyro bias of IMU `i` (0-based), in its own axes.
     pub fn add_gyro_bias(&mut self, i: usize, rate_rad_s: Vector3<f64>) {
         self.units[i].gyro_bias_rad_s += rate_rad_s;
+    }
+
+    /// Hides a heading drift (rad/s) and a turn in its seat (rotation vector in the pad's axes, rad) in each IMU.
+    pub fn hide(&mut self, drift_rad_s: &[f64; IMUS], seat_rad: &[[f64; 3]; IMUS]) {
+        for (i, unit) in self.units.iter_mut().enumerate() {
+            unit.drift_rad_s = drift_rad_s[i];
+            unit.seat_rad = seat_rad[i].into();
+        }
     }
 
     /// Real mounting of IMU `i` (0-based), pad from IMU, misalignment included.
@@ -163,8 +182,15 @@ impl Inertial {
                 PadId::Middle => middle,
                 PadId::End => end,
             };
-            let rate = unit.imu_from_pad * motion.rate_in_pad_rad_s;
-            let force = unit.imu_from_pad * motion.force_in_pad_m_s2;
+            // ψ' = r (1 + n/3), n a wandering unit deviate
+            let walk = unit.wander.step(dt_s, rng);
+            let drift = motion.up_in_pad * (unit.drift_rad_s * (1.0 + walk / 3.0));
+            // Its holder gives by a twentieth when the pad leans by 1 rad.
+            let lean = motion.up_in_pad.xy().norm();
+            let seat = Rotation3::new(-unit.seat_rad * (1.0 + 0.05 * lean));
+            let imu_from_pad = unit.imu_from_pad * seat;
+            let rate = imu_from_pad * (motion.rate_in_pad_rad_s + drift);
+            let force = imu_from_pad * motion.force_in_pad_m_s2;
             let gyro = rate.component_mul(&unit.gyro_scale)
                 + unit.gyro_bias_rad_s
                 + normal3(rng) * e.gyro_noise_rad_s;
@@ -189,6 +215,7 @@ mod tests {
             &UnitQuaternion::identity(),
             Vector3::zeros(),
             Vector3::zeros(),
+            &(Vector3::z() * -GRAVITY_M_S2),
         )
     }
 

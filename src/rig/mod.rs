@@ -5,40 +5,41 @@
 //! [`board`]s, or run the real firmware in a simulator ([`firmware`]).
 //! Everything it yields is simulated.
 //!
-//! It is there to prove the twin wrong, so it shares no mathematics with it where it can do otherwise. Of
-//! the link it imports [`wire`](crate::link::wire) alone, besides sim, robot and signal. Nothing but the
-//! command line and tests imports it; never `gap`, which is to find what it hides.
+//! It is there to prove the twin wrong, so it shares nothing with it but the robot file, the types of `signal` and the
+//! [`wire`](crate::link::wire)'s codec. `gap`, which is to find what it hides, never imports it.
 
 pub mod board;
+mod capture;
 pub mod circuit;
 pub mod faults;
 pub mod firmware;
 pub mod hidden;
 pub mod inertial;
 pub mod multibody;
+mod noise;
 pub mod plant;
 #[cfg(unix)]
 pub mod pty;
-pub mod session;
+mod springs;
 
 use std::path::Path;
 
-use nalgebra::{UnitQuaternion, Vector3};
-use rand::SeedableRng;
+use nalgebra::Vector3;
 use rand_pcg::Pcg64Mcg;
 
 use crate::robot::RobotSpec;
-use crate::signal::{BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, Stamp, TruthSource};
-use crate::sim::SimError;
-use crate::sim::dataset::normal;
-use crate::sim::patch::SensorErrors;
+use crate::signal::{BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, TruthSource};
 use board::{Board, BoardSetup, CHAMBERS_EACH, Readings, SpringReading};
+use capture::{Capture, FRAME_S};
 use circuit::{Circuit, USUAL_SCATTER};
 use faults::{BoardEvent, Faults};
 use firmware::{FirmwareBoard, FirmwareError};
+use hidden::{Defects, Hidden};
 use inertial::{Inertial, InertialErrors};
-pub use plant::{Plant, Surroundings, Unit};
-pub use session::{Session, SessionPlan, session};
+use multibody::chain::NoStep;
+use noise::{normal, stream};
+pub use plant::{Plant, Surroundings, Truth, Unit};
+use springs::Springs;
 
 /// Period of the physics and of all sensors, s.
 pub const PHYSICS_STEP_S: f64 = 0.01;
@@ -46,10 +47,9 @@ pub const PHYSICS_STEP_S: f64 = 0.01;
 const TICK_RATE_HZ: u32 = 2_000_000;
 /// Frequency errors of the boards' clocks, s/s.
 const CLOCK_SKEW: [f64; BOARDS] = [38e-6, -21e-6];
-/// Standard deviations of the emulated gauges and of the emulated motion capture.
+/// Standard deviation of the gauges' noise, and their resolution, Pa.
 const GAUGE_NOISE_PA: f64 = 30.0;
-const MOCAP_NOISE_M: f64 = 0.1e-3;
-const MOCAP_NOISE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+const GAUGE_STEP_PA: f64 = 10.0;
 
 /// Distance within which the gripper takes an object, m.
 const GRASP_M: f64 = 10e-3;
@@ -67,6 +67,8 @@ pub struct RigOptions {
     pub surroundings: Surroundings,
     /// An object to be picked up.
     pub objects: Vec<Object>,
+    /// What is wrong with it, and from when on.
+    pub hidden: Vec<Hidden>,
 }
 
 /// Something that the gripper can pick up.
@@ -80,13 +82,43 @@ pub struct Object {
     pub held: bool,
 }
 
+/// Why there is no rig.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum RigError {
+    /// The arm folds or does not come to rest.
+    #[error(
+        "the virtual arm cannot hold its load ({payload_kg} kg and {force_n:.1} N): hang less on it, or make it stiffer"
+    )]
+    Overloaded {
+        /// Mass in the gripper, kg.
+        payload_kg: f64,
+        /// Force on the end pad, N.
+        force_n: f64,
+    },
+}
+
+impl RigError {
+    fn of(surroundings: &Surroundings) -> impl FnOnce(NoStep) -> Self {
+        let payload_kg = surroundings.payload_kg;
+        let force_n = Vector3::from(surroundings.tip_force_n).norm();
+        move |_| Self::Overloaded {
+            payload_kg,
+            force_n,
+        }
+    }
+}
+
 /// The virtual rig: the arm, its sensors and its boards.
 pub struct VirtualRig {
     /// The arm.
     pub plant: Plant,
+    springs: Springs,
     circuit: Circuit,
-    sensor_errors: SensorErrors,
     inertial: Inertial,
+    capture: Capture,
+    /// What is hidden, and how much of it has begun.
+    hidden: Vec<Hidden>,
+    begun: usize,
     /// Injected faults.
     pub faults: Faults,
     objects: Vec<Object>,
@@ -162,23 +194,26 @@ impl VirtualRig {
     /// A settled rig at 0 Pa with booting boards.
     ///
     /// # Errors
-    /// [`SimError`] when the arm cannot hold what hangs on it.
-    pub fn new(robot: &RobotSpec, options: &RigOptions) -> Result<Self, SimError> {
-        let plant = Plant::new(robot, options.unit, options.surroundings.clone())?;
+    /// [`RigError`] when the arm cannot hold what hangs on it.
+    pub fn new(robot: &RobotSpec, options: &RigOptions) -> Result<Self, RigError> {
+        let around = options.surroundings.clone();
+        let plant = Plant::new(robot, options.unit, around);
+        let plant = plant.map_err(RigError::of(&options.surroundings))?;
         Ok(Self::around(plant, robot, options))
     }
 
-    /// The same with an arm of `elements` elements per segment, for long runs (see [`Plant::of_elements`]).
+    /// The same with an arm of `rings` rings per segment, for long runs (see [`Plant::of_rings`]).
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn of_elements(
+    pub fn of_rings(
         robot: &RobotSpec,
         options: &RigOptions,
-        elements: usize,
-    ) -> Result<Self, SimError> {
+        rings: usize,
+    ) -> Result<Self, RigError> {
         let around = options.surroundings.clone();
-        let plant = Plant::of_elements(robot, options.unit, around, elements)?;
+        let plant = Plant::of_rings(robot, options.unit, around, rings);
+        let plant = plant.map_err(RigError::of(&options.surroundings))?;
         Ok(Self::around(plant, robot, options))
     }
 
@@ -194,24 +229,27 @@ impl VirtualRig {
                 clock_offset_s,
             })))
         };
-        let sensor_errors = SensorErrors::of(robot);
-        let mounted = sensor_errors.mounted(robot);
+        let unit = options.unit.0;
         let mut rig = Self {
+            springs: Springs::new(unit, robot.rest_length_m, &plant.truth().spring_m),
             plant,
             circuit: circuit_of(robot, options.unit),
-            sensor_errors,
-            inertial: Inertial::new(&mounted, options.unit.0, InertialErrors::default()),
+            inertial: Inertial::new(robot, unit, InertialErrors::default()),
+            capture: Capture::new(unit, options.seed),
+            hidden: options.hidden.clone(),
+            begun: 0,
             faults: Faults::new(options.seed),
             objects: options.objects.clone(),
             gripper: Gripper::Open,
             lifted_kg: 0.0,
             boards: [board(0, 3.1), board(1, 1207.4)],
             readings: [Readings::default(); BOARDS],
-            rng: Pcg64Mcg::seed_from_u64(options.seed ^ 0x7269_6721),
+            rng: stream(options.seed, 0x7269_6721),
             steps: 0,
             boots: 0,
             refused_steps: 0,
         };
+        rig.hide();
         rig.measure();
         rig
     }
@@ -239,7 +277,6 @@ impl VirtualRig {
             self.steps = due - 1;
         }
         while self.steps < due {
-            self.steps += 1;
             self.step(&self.set_pa());
         }
         std::array::from_fn(|b| {
@@ -287,7 +324,7 @@ impl VirtualRig {
 
     /// The gripper takes what is in its reach and lets go of what it holds.
     fn grip(&mut self, gripper: Gripper) {
-        let tip_m = self.plant.observation().base_from_tip.translation.vector;
+        let tip_m = self.plant.truth().base_from_tip().translation.vector;
         match (self.gripper, gripper) {
             (Gripper::Open, Gripper::Closed) => {
                 let off_m = |o: &Object| (Vector3::from(o.grasp_m) - tip_m).norm();
@@ -316,12 +353,27 @@ impl VirtualRig {
         self.plant.surroundings.payload_kg += change_kg;
     }
 
+    /// Lets what has begun by now act.
+    fn hide(&mut self) {
+        let t_s = self.t_s();
+        let begun = self.hidden.iter().filter(|h| h.from_s <= t_s).count();
+        if begun != self.begun {
+            self.begun = begun;
+            let defects = Defects::at(t_s, &self.hidden);
+            self.inertial
+                .hide(&defects.imu_drift_rad_s, &defects.imu_off_rad);
+            self.plant.hide(defects);
+        }
+    }
+
     /// One step of [`PHYSICS_STEP_S`] with the chambers driven to `set_pa`, past the boards; gives new
     /// readings.
     pub fn step(&mut self, set_pa: &[Option<f64>; CHAMBERS]) {
+        self.steps += 1;
         if !self.objects.is_empty() {
             self.grip(self.boards[1].gripper());
         }
+        self.hide();
         let set_pa = self.faults.supply(self.t_s(), set_pa);
         self.plant.flow_share = self.faults.flow();
         self.plant.leak_m3_s_pa = self.faults.leak_m3_s_pa();
@@ -351,33 +403,31 @@ impl VirtualRig {
 
     /// The end pad as the emulated motion capture sees it.
     pub fn mocap_pose(&mut self) -> Pose {
-        let mut pose = self.plant.observation().base_from_tip;
-        let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut self.rng));
-        pose.translation.vector += noise(MOCAP_NOISE_M);
-        pose.rotation = UnitQuaternion::from_scaled_axis(noise(MOCAP_NOISE_RAD)) * pose.rotation;
-        pose
+        let seen = self.capture.see(self.plant.defects());
+        seen.map_or(self.plant.truth().base_from_tip(), |s| s.1)
     }
 
     /// Packet of the emulated motion capture at `t_s`: a pose at every 10 ms.
     pub fn mocap_sample(&mut self, t_s: f64) -> Option<GroundTruth> {
         let ms = (t_s * 1e3).round() as u64;
-        ms.is_multiple_of(10).then(|| GroundTruth {
-            stamp: Stamp::from_seconds(t_s),
-            base_from_tip: self.mocap_pose(),
+        let due = ms.is_multiple_of((FRAME_S * 1e3) as u64);
+        let (stamp, base_from_tip) = self.capture.see(self.plant.defects()).filter(|_| due)?;
+        Some(GroundTruth {
+            stamp,
+            base_from_tip,
             source: TruthSource::VirtualRig,
         })
     }
 
     /// Settled readings at `chamber_pa`: spring counts and gates, and the pose. For datasets of
-    /// settled samples; time does not pass.
+    /// settled samples; the boards' time does not pass.
     ///
     /// # Errors
-    /// [`SimError`] when the load is beyond what the arm can hold.
-    pub fn settle_at(&mut self, chamber_pa: &[f64; CHAMBERS]) -> Result<(), SimError> {
-        self.plant.settle_at(chamber_pa)?;
-        let spring_m = &self.plant.observation().sensors.spring_m;
-        self.circuit
-            .settle(&self.sensor_errors.read_springs(spring_m));
+    /// [`RigError`] when the load is beyond what the arm can hold.
+    pub fn settle_at(&mut self, chamber_pa: &[f64; CHAMBERS]) -> Result<(), RigError> {
+        let settled = self.plant.settle_at(chamber_pa);
+        settled.map_err(RigError::of(&self.plant.surroundings))?;
+        self.circuit.settle(&self.plant.truth().spring_m);
         self.measure();
         Ok(())
     }
@@ -393,17 +443,29 @@ impl VirtualRig {
     }
 
     fn measure(&mut self) {
-        let spring_m = &self.plant.observation().sensors.spring_m;
-        let mut read_m = self.sensor_errors.read_springs(spring_m);
+        let (t_s, defects) = (self.t_s(), self.plant.defects());
+        let truth = self.plant.truth();
+        self.capture
+            .follow(t_s, PHYSICS_STEP_S, &truth.base_from_tip(), defects);
+        let activity_pa_s = self.plant.activity_pa_s();
+        let mut read_m =
+            self.springs
+                .read(t_s, PHYSICS_STEP_S, &truth.spring_m, activity_pa_s, defects);
         for (length_m, off_m) in read_m.iter_mut().zip(self.faults.spring_off_m()) {
             *length_m += off_m;
         }
+        self.circuit.temperature_rise_k =
+            self.springs.temperature_rise_k(t_s, &self.circuit, defects);
         self.circuit.step(PHYSICS_STEP_S, &read_m);
         let (counts, gates) = self.circuit.read(&mut self.rng);
         let [middle, end] = self.plant.pads();
         let imu = self
             .inertial
             .read(PHYSICS_STEP_S, middle, end, &mut self.rng);
+        let gauge_pa = self.plant.gauge_pa().map(|p| {
+            let noisy = p + GAUGE_NOISE_PA * normal(&mut self.rng);
+            (noisy / GAUGE_STEP_PA).round() * GAUGE_STEP_PA
+        });
         for b in 0..BOARDS {
             let readings = Readings {
                 springs: std::array::from_fn(|k| {
@@ -413,11 +475,7 @@ impl VirtualRig {
                     })
                 }),
                 imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
-                chamber_pa: std::array::from_fn(|k| {
-                    Some(
-                        self.plant.chamber_pa()[3 * b + k] + GAUGE_NOISE_PA * normal(&mut self.rng),
-                    )
-                }),
+                chamber_pa: std::array::from_fn(|k| Some(gauge_pa[3 * b + k])),
             };
             self.readings[b] = self.faults.read(b, self.t_s(), readings);
         }
@@ -434,8 +492,8 @@ mod tests {
         let tip_m = VirtualRig::new(&robot, &RigOptions::default())
             .expect("settles")
             .plant
-            .observation()
-            .base_from_tip
+            .truth()
+            .base_from_tip()
             .translation
             .vector;
         let object = |off_m: f64| Object {
@@ -481,7 +539,7 @@ mod tests {
             let mut rig = VirtualRig::new(&robot, &options).expect("settles");
             rig.settle_at(&[15e3, -15e3, -15e3, 0.0, 0.0, 0.0])
                 .expect("settles");
-            rig.plant.observation().base_from_tip.translation.x
+            rig.plant.truth().base_from_tip().translation.x
         };
         let ratio = bend_m(0.5) / bend_m(1.0);
         assert!((1.5..2.5).contains(&ratio), "{ratio}");

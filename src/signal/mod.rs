@@ -5,6 +5,7 @@
 //! This module imports no other.
 
 mod alarm;
+mod channel;
 mod command;
 mod dataset;
 mod exactly;
@@ -16,6 +17,7 @@ mod snapshot;
 mod time;
 
 pub use alarm::{Alarm, AlarmCause, AlarmKey, Severity, TOO_FEW_SENSORS};
+pub use channel::{Side, Target};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
 pub use exactly::exactly;

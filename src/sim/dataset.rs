@@ -15,7 +15,7 @@ use super::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
 use super::sensors::pads_read;
 use super::{Inputs, Model, Observation, Parameters, Resolution, SimError, State, observe, settle};
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Dataset, Pose, Sample};
+use crate::signal::{CHAMBERS, Dataset, Pose, SPRINGS, Sample};
 
 /// Distribution of the pressures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +64,9 @@ pub struct Plan {
     /// springs' ends. Every disturbed sample draws its own, uniformly from 0. What no model foresees
     /// (shear, an odd bellows, a bump) looks like this to the sensors.
     pub free_pads_sd_m: f64,
+    /// Standard deviation, per axis, by which both ends of every spring of a disturbed sample are attached off the
+    /// drawing, m: every such sample is a specimen of its own. The stated lengths are between the real attachments.
+    pub attachment_sd_m: f64,
     /// Share of the samples that get a force and a deviation; the others are the nominal arm, from
     /// which the plant is learned.
     pub disturbed_share: f64,
@@ -79,6 +82,7 @@ impl Plan {
             tip_force_sd_n: 0.0,
             deviation_sd: 0.0,
             free_pads_sd_m: 0.0,
+            attachment_sd_m: 0.0,
             disturbed_share: 0.5,
         }
     }
@@ -139,6 +143,8 @@ struct Drawn {
     parameters: Parameters,
     /// Per segment: the lower pad where it is, in the lower pad where the model has it.
     off: Option<[Pose; 2]>,
+    /// Offsets of the upper and the lower end of every spring from the drawing, m.
+    ends_off_m: Option<[[Vector3<f64>; 2]; SPRINGS]>,
 }
 
 /// Inputs and parameters of sample `index` of a plan.
@@ -173,22 +179,42 @@ fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> Drawn {
             Pose::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn))
         })
     });
+    let sd_m = plan.attachment_sd_m;
+    let ends_off_m = (disturbed && sd_m > 0.0).then(|| {
+        std::array::from_fn(|_| {
+            std::array::from_fn(|_| Vector3::from_fn(|_, _| sd_m * normal(&mut rng)))
+        })
+    });
     Drawn {
         inputs,
         parameters,
         off,
+        ends_off_m,
     }
 }
 
 fn sampled(robot: &RobotSpec, drawn: &Drawn, o: Observation) -> Sample {
-    let (base_from_tip, sensors) = match &drawn.off {
-        None => (o.base_from_tip, o.sensors),
-        Some(off) => {
-            let [top, middle, end] = o.shape.base_from_pad;
-            let moved = middle * off[0];
-            let pads = [top, moved, moved * (middle.inverse() * end) * off[1]];
-            (pads[2], pads_read(robot, &pads))
+    let mut pads = o.shape.base_from_pad;
+    if let Some(off) = &drawn.off {
+        let [top, middle, end] = pads;
+        let moved = middle * off[0];
+        pads = [top, moved, moved * (middle.inverse() * end) * off[1]];
+    }
+    let sensors = match &drawn.ends_off_m {
+        None if drawn.off.is_none() => o.sensors,
+        None => pads_read(robot, &pads),
+        Some(ends_off_m) => {
+            let mut specimen = robot.clone();
+            for (i, [top, bottom]) in ends_off_m.iter().enumerate() {
+                specimen.spring_top_m[i] += top;
+                specimen.spring_bottom_m[i] += bottom;
+            }
+            pads_read(&specimen, &pads)
         }
+    };
+    let base_from_tip = match drawn.off {
+        None => o.base_from_tip,
+        Some(_) => pads[2],
     };
     Sample {
         chamber_pa: drawn.inputs.chamber_pa,
@@ -397,6 +423,34 @@ mod tests {
         assert!((70..130).contains(&off_mm.len()), "{}", off_mm.len());
         let mean = off_mm.iter().sum::<f64>() / off_mm.len() as f64;
         assert!((2.0..8.0).contains(&mean), "{mean}");
+    }
+
+    #[test]
+    fn scattered_attachments_change_the_springs_of_disturbed_samples_alone() {
+        let robot = RobotSpec::reference();
+        let plan = Plan::nominal(Draw::Uniform(100), 3);
+        let scattered = Plan {
+            attachment_sd_m: 0.5e-3,
+            ..plan.clone()
+        };
+        let (mut squares_mm2, mut n) = (0.0, 0);
+        for i in 0..100 {
+            let (a, b) = (
+                sample(&robot, &plan, i).expect("settles"),
+                sample(&robot, &scattered, i).expect("settles"),
+            );
+            assert_eq!(a.base_from_tip, b.base_from_tip);
+            assert_eq!(a.sensors.imu_ypr_rad, b.sensors.imu_ypr_rad);
+            if a != b {
+                let lengths = a.sensors.spring_m.iter().zip(&b.sensors.spring_m);
+                squares_mm2 += lengths.map(|(a, b)| ((a - b) * 1e3).powi(2)).sum::<f64>();
+                n += SPRINGS;
+            }
+        }
+        assert!((30 * SPRINGS..70 * SPRINGS).contains(&n), "{n}");
+        // Two ends of 0.5 mm along the spring.
+        let sd_mm = (squares_mm2 / n as f64).sqrt();
+        assert!((0.6..0.85).contains(&sd_mm), "{sd_mm}");
     }
 
     #[test]

@@ -117,7 +117,9 @@ fn imu_mountings_come_from_a_recording() {
     let dir = scratch("calibrate-imus");
     let file = |name: &str| dir.join(name).display().to_string();
     let (rrd, cal) = (file("motion.rrd"), file("cal.toml"));
-    json(&["follow", "--path", "eight", "--record", &rrd, "--json"]);
+    json(&[
+        "follow", "--path", "circle", "--speed", "5", "--record", &rrd, "--json",
+    ]);
     let report = json(&["calibrate", "imus", &rrd, "--out", &cal, "--json"]);
     println!("{report}");
     for imu in report["imus"].as_array().expect("imus") {
@@ -143,7 +145,7 @@ fn motion_capture_is_imported_registered_and_put_into_the_base() {
     let file = |name: &str| dir.join(name).display().to_string();
     let rrd = file("motion.rrd");
     json(&[
-        "follow", "--path", "circle", "--record", &rrd, "--seed", "4", "--json",
+        "follow", "--path", "circle", "--speed", "5", "--record", &rrd, "--seed", "4", "--json",
     ]);
     let recording = read_rrd(&dir.join("motion.rrd")).expect("reads");
     let mut truth: Vec<(f64, springtwin::signal::Pose)> = Vec::new();

@@ -108,7 +108,15 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
 fn a_study_scores_the_shipped_networks_on_the_rig_whole_or_in_shards() {
     let out = scratch("study");
     let study = |more: &[&str]| {
-        let coverage = ["study", "coverage", "--json", "--seconds", "5"];
+        let coverage = [
+            "study",
+            "coverage",
+            "--json",
+            "--seconds",
+            "5",
+            "--session",
+            "120",
+        ];
         json(&[coverage.as_slice(), more].concat())
     };
     let v = study(&["--out", utf8(&out)]);
@@ -118,8 +126,12 @@ fn a_study_scores_the_shipped_networks_on_the_rig_whole_or_in_shards() {
         let row = rows.iter().find(|r| r["label"] == label);
         row.and_then(|r| r["cells"][k].as_f64()).expect("a figure")
     };
-    assert!(cell("no load, 5 mm/s", 1) > 85.0, "{table}");
-    assert!(cell("500 g, 5 mm/s", 1) > 85.0, "{table}");
+    // Two minutes of motion capture calibrate a unit poorly: that its own networks place it better than those from
+    // simulation alone is what is asked here.
+    for label in ["no load, 5 mm/s", "500 g, 5 mm/s"] {
+        let shipped = format!("{label}, as shipped");
+        assert!(cell(label, 1) > cell(&shipped, 1), "{table}");
+    }
     // What was never seen is called strange, what is usual is not.
     assert!(cell("no load, 5 mm/s", 4) < 1.0, "{table}");
     assert!(cell("one spring 40 mm off, unnoticed", 4) > 90.0, "{table}");
@@ -131,7 +143,7 @@ fn a_study_scores_the_shipped_networks_on_the_rig_whole_or_in_shards() {
     let (parts, merged) = (out.join("parts"), out.join("merged"));
     for i in ["1/2", "2/2"] {
         let said = study(&["--shard", i, "--out", utf8(&parts)]);
-        assert_eq!(said["items"], 3, "{said}");
+        assert_eq!(said["items"], 4, "{said}");
     }
     let [one, two] = [1, 2].map(|i| parts.join(format!("coverage-{i}-of-2.json")));
     let merge = ["study", "merge", "--json", "--out", utf8(&merged)];
@@ -169,5 +181,5 @@ fn a_study_scores_the_shipped_networks_on_the_rig_whole_or_in_shards() {
     let mut lost: serde_json::Value = serde_json::from_str(&lost).expect("JSON");
     lost["found"]["items"].as_array_mut().map(Vec::pop);
     std::fs::write(&foreign, lost.to_string()).expect("writes");
-    check(&[&one, &foreign], "holds 2 items where 3 belong");
+    check(&[&one, &foreign], "holds 3 items where 4 belong");
 }

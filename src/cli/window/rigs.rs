@@ -79,7 +79,6 @@ impl Rigs {
         let mut driver = TwinBuilder::new(&self.robot)
             .robot_file(self.robot_file.as_deref())
             .rig(rig, self.options.clone())
-            .maps(self.maps.clone())
             .gains(self.kind.gains())
             .instruments(instruments)
             .build()?;
@@ -222,7 +221,7 @@ mod tests {
         store.save(saved("second"), "2026-03-02").expect("saves");
         let mut rigs = Rigs {
             rig: "sim".into(),
-            maps: model::maps_for(&robot).expect("the shipped networks load"),
+            maps: model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load"),
             robot,
             robot_file: None,
             options: rig_options(0.0, 1),
@@ -262,7 +261,7 @@ mod tests {
         std::fs::write(list, "format = 9\n").expect("writes");
         let mut rigs = Rigs {
             rig: "/dev/ttyUSB0".into(),
-            maps: model::maps_for(&robot).expect("the shipped networks load"),
+            maps: model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load"),
             robot,
             robot_file: None,
             options: rig_options(0.0, 1),
@@ -286,7 +285,7 @@ mod tests {
         let robot = RobotSpec::reference();
         let rigs = Rigs {
             rig: "sim".to_owned(),
-            maps: model::maps_for(&robot).expect("the networks"),
+            maps: model::maps_for(&robot, DEFAULT_RIG).expect("the networks"),
             robot,
             robot_file: None,
             options: rig_options(0.15, 1),

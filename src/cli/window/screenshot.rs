@@ -13,7 +13,7 @@ use crate::cli::args::Kind;
 use crate::cli::outputs::Overwrite;
 use crate::cli::solve::Simulator;
 use crate::cli::{Report, args, picture};
-use springtwin::drive::{Instruments, TwinBuilder, model, rig_options};
+use springtwin::drive::{DEFAULT_RIG, Instruments, TwinBuilder, model, rig_options};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
 use springtwin::gui::scene::Scene;
@@ -116,7 +116,7 @@ pub fn screenshot(
         args::pressures_in_range(robot, pressures)?;
     }
     a.overwrite.file(&a.out)?;
-    let maps = model::maps_for(robot)?;
+    let maps = model::maps_for(robot, DEFAULT_RIG)?;
     let reachable = hull(&maps);
     // Screens of live values wait for a twin.
     let connecting = a.state == StateName::Loading

@@ -39,7 +39,7 @@ fn line(mut rig: VirtualRig, config: Config, cut: Arc<AtomicBool>) -> InProcess 
 }
 
 fn maps() -> Maps {
-    let bytes = include_bytes!("../../../assets/networks/reference.safetensors");
+    let bytes = include_bytes!("../../../assets/networks/unit-1/reference.safetensors");
     crate::learn::Model::from_bytes(bytes)
         .expect("the shipped networks load")
         .into()

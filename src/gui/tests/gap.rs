@@ -20,8 +20,8 @@ use crate::gui::services::gap::{
     ExamplePair, GapServices, PatchedRobot, RobotMatch, SessionSheet, SheetGroup,
 };
 use crate::gui::services::{Dialog, Existing, Picked, Worker};
+use crate::lab::{SessionPlan, session};
 use crate::rig::hidden::Hidden;
-use crate::rig::{SessionPlan, session};
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
 pub(super) use verdicts::with_verdict;
 
@@ -29,7 +29,7 @@ const HEALTHY: &str = "made/commissioning";
 const SUSPECT: &str = "made/suspect";
 pub(super) const ANSWER: &str = "answers/made.json";
 /// What the example of these tests hides: mass, kg, and offset, m, of an undeclared payload.
-const HIDDEN: (&str, [f64; 2]) = ("payload", [0.25, 0.004]);
+const HIDDEN: (&str, [f64; 2]) = ("payload", [0.3, 0.004]);
 
 fn made(name: &str, seed: u64, hidden: Vec<Hidden>) -> Session {
     let plan = SessionPlan {
@@ -50,7 +50,7 @@ fn made(name: &str, seed: u64, hidden: Vec<Hidden>) -> Session {
         chamber_pa: s.chamber_pa,
         commanded_pa: Some(s.commanded_pa),
         sensors: s.sensors,
-        captured: s.captured.into_iter().map(Some).collect(),
+        captured: s.captured,
     }
 }
 

@@ -6,14 +6,13 @@ use std::process::{Command, Stdio};
 use anyhow::{Context as _, Result};
 use rand::Rng as _;
 
+use super::cases::{Answer, Case, CaseKind, Value, case_like};
 use super::suite::Planned;
 use crate::gap::score::{About, Key, KeyEffect, KeyValue};
-use crate::lab::session_log;
+use crate::lab::session::{Session, SessionPlan, Specimen, session_log};
 use crate::lab::shards::write;
 use crate::recording::write_session;
-use crate::rig::hidden::cases::{Answer, Case, CaseKind, case_like};
 use crate::rig::hidden::{Growth, Kind, kind};
-use crate::rig::{Session, SessionPlan, session};
 use crate::robot::RobotSpec;
 use crate::sim::dataset::sample_rng;
 
@@ -79,9 +78,10 @@ fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, [Session; 2])> {
         let seed = sample_rng(o.seed, attempt).random();
         let made = case_like(&plan, robot, seed, kind_of(o.about), &effects, o.strength).and_then(
             |case| {
+                let specimen = Specimen::new(robot, case.commissioning.specimen)?;
                 let logs = [
-                    session(robot, &case.commissioning)?,
-                    session(robot, &case.suspect)?,
+                    specimen.session(&case.commissioning)?,
+                    specimen.session(&case.suspect)?,
                 ];
                 Ok((case, logs))
             },
@@ -121,7 +121,7 @@ fn key_of(case: &Case) -> Key {
 
 fn key_effect(answer: &Answer) -> KeyEffect {
     let magnitudes = kind(answer.id).map_or(&[][..], |k| k.magnitudes);
-    let value = |(name, v): (&&'static str, &crate::rig::hidden::cases::Value)| {
+    let value = |(name, v): (&&'static str, &Value)| {
         let linear = magnitudes
             .iter()
             .find(|m| m.name == *name && m.growth == Growth::Linear);
@@ -136,7 +136,7 @@ fn key_effect(answer: &Answer) -> KeyEffect {
         id: answer.id.to_owned(),
         target: answer.target,
         params: answer.params.iter().map(value).collect(),
-        // JSON has no infinity: what the draft arm could not hold is as strong as can be.
+        // JSON has no infinity: what the rig could not carry out is as strong as can be.
         reached: answer.reached.map(|r| r.min(1e3)),
         capped: answer.capped,
     }

@@ -5,6 +5,7 @@
 //! once, after the last verdict is on disk. The first two are processes of their own. A shard makes and
 //! solves a contiguous range of the cases and scores nothing; the merge scores all of them, once.
 
+pub mod cases;
 mod example;
 mod finder;
 mod generator;

@@ -68,7 +68,7 @@ const LOW_EVERY: u64 = 3;
 /// Strength of unmodelled effects and of each member of a pair.
 const CLEAR: f64 = 4.0;
 /// Changes when the same plan makes other sessions.
-const EDITION: u32 = 1;
+const EDITION: u32 = 2;
 
 /// The plan of a suite.
 pub struct Suite {

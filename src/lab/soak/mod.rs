@@ -40,9 +40,9 @@ const HOUR_S: f64 = 3600.0;
 /// often, so long.
 const LOOKS: u32 = 100;
 const LOOK: Duration = Duration::from_millis(50);
-/// Elements per segment of the rig's arm on simulated time: half of the usual number. Its arm bends a little
+/// Rings per segment of the rig's arm on simulated time: half of the usual number. Its arm bends a little
 /// differently for that; the twin does all that it always does.
-const ELEMENTS: usize = 4;
+const RINGS: usize = 4;
 
 /// Options of an endurance run.
 #[derive(Clone, Debug)]
@@ -204,7 +204,7 @@ fn soak(a: &Options, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Out
     let options = rig_options(0.0, a.seed);
     let mut rig_process = None;
     let inner: Box<dyn Port> = if a.accelerate {
-        let rig = VirtualRig::of_elements(robot, &options, ELEMENTS)?;
+        let rig = VirtualRig::of_rings(robot, &options, RINGS)?;
         let (faults, eye, clock) = (Arc::clone(&schedule), watch.clone(), Arc::clone(&wraps));
         let script = move |t_s: f64, rig: &mut VirtualRig| {
             lock(&faults).apply(t_s, rig);

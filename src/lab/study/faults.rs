@@ -1,20 +1,23 @@
 //! The study on dead and stuck sensors.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use anyhow::Result;
 
-use super::item::{Field, Found, Study, each};
-use super::setup::{COLUMNS, FAST_M_S, Score, Setup, score};
-use crate::lab::motions::{Moment, Motion, Push, motion};
+use super::item::{Found, Study, each};
+use super::scores::Scores;
+use super::setup::{COLUMNS, Run, Setup, simulated_s};
+use crate::lab::motions::{Moment, Motion};
 use crate::lab::table::{Drawn, Table};
+use crate::lab::units::{Lab, TEST, side_by_side};
+use crate::robot::RobotSpec;
 use crate::signal::{ChannelHealth, Health, IMUS, RawFrame, SPRINGS};
 
 /// Dead and stuck sensors; an item is a kind of fault.
 pub const FAULTS: Study = Study {
     name: "faults",
     about: "Dead and stuck sensors",
-    field: Field::Sensing,
     items: |_| groups().len(),
     find: find_faults,
     table: faults,
@@ -36,14 +39,14 @@ const FAULT_AT_S: f64 = 4.0;
 /// A spring has moved when its length is off by this, m.
 const MOVED_M: f64 = 0.3e-3;
 
-fn with_fault(setup: &Setup, fault: Fault, seed: u64) -> Result<Vec<Moment>> {
-    let m = Motion {
-        payload_kg: 0.0,
-        speed_m_s: FAST_M_S,
-        push: Push::None,
-        seconds: setup.sizes.seconds,
-        seed,
-    };
+fn with_fault(
+    robot: &RobotSpec,
+    lab: &Arc<Lab>,
+    fault: Fault,
+    seconds: f64,
+    seed: u64,
+) -> Result<Run> {
+    let m = Motion::of(lab.unit, seconds, seed);
     let mut held = None;
     let mut spoil = |t_s: f64, raw: &mut RawFrame| {
         if t_s < FAULT_AT_S {
@@ -67,7 +70,7 @@ fn with_fault(setup: &Setup, fault: Fault, seed: u64) -> Result<Vec<Moment>> {
             }
         }
     };
-    motion(&setup.robot, &m, &mut spoil)
+    Run::new(robot, lab, &m, &mut spoil)
 }
 
 /// When a fault was noticed.
@@ -79,12 +82,12 @@ enum Flag {
     Unmoved,
 }
 
-fn flagged(setup: &Setup, moments: &[Moment], fault: Fault) -> Flag {
+fn flagged(robot: &RobotSpec, moments: &[Moment], fault: Fault) -> Flag {
     let Some(at) = moments.iter().position(|m| m.t_s >= FAULT_AT_S) else {
         return Flag::Never;
     };
     let length = |m: &Moment, spring: usize| {
-        crate::sim::sensors::spring_lengths(&setup.robot, &m.base_from_pad)[spring]
+        crate::sim::sensors::spring_lengths(robot, &m.base_from_pad)[spring]
     };
     let since_s = match fault {
         Fault::Stuck { spring } => {
@@ -115,7 +118,7 @@ fn flagged(setup: &Setup, moments: &[Moment], fault: Fault) -> Flag {
 fn groups() -> [(&'static str, Vec<Fault>); 6] {
     let each = |f: fn(usize) -> Fault, n: usize| -> Vec<Fault> { (0..n).map(f).collect() };
     [
-        ("none", vec![Fault::None]),
+        ("none", vec![Fault::None; TEST.len()]),
         (
             "one spring silent (each in turn)",
             each(|spring| Fault::Missing { spring }, SPRINGS),
@@ -128,7 +131,7 @@ fn groups() -> [(&'static str, Vec<Fault>); 6] {
             "one IMU silent (each in turn)",
             each(|imu| Fault::DeadImu { imu }, IMUS),
         ),
-        ("no IMUs", vec![Fault::NoImus]),
+        ("no IMUs", vec![Fault::NoImus; TEST.len()]),
         (
             "a spring silent and no IMUs",
             vec![
@@ -142,30 +145,40 @@ fn groups() -> [(&'static str, Vec<Fault>); 6] {
 fn find_faults(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     each(&*setup.progress.clone(), items, |item| {
         let (label, faults) = &groups()[item];
-        let mut moments = Vec::new();
         let (mut worst_s, mut unflagged, mut unmoved) = (0.0_f64, 0, 0);
-        for (k, fault) in faults.iter().enumerate() {
-            let seed = setup.sizes.seed.wrapping_mul(1000).wrapping_add(k as u64);
-            let run = with_fault(setup, *fault, seed)?;
-            match (fault, flagged(setup, &run, *fault)) {
+        let labs = setup.labs(&TEST)?;
+        let (robot, sizes) = (&setup.robot, &setup.sizes);
+        let numbered: Vec<(usize, Fault)> = faults.iter().copied().enumerate().collect();
+        let mut runs = side_by_side(&numbered, |(k, fault)| {
+            let seed = sizes.seed.wrapping_mul(1000).wrapping_add(*k as u64);
+            let lab = &labs[k % labs.len()];
+            with_fault(robot, lab, *fault, sizes.seconds, seed)
+        })?;
+        let simulated_s = simulated_s(&runs);
+        for (run, fault) in runs.iter_mut().zip(faults) {
+            match (fault, flagged(robot, &run.moments, *fault)) {
                 (Fault::None, _) => {}
                 (_, Flag::After(s)) => worst_s = worst_s.max(s),
                 (_, Flag::Never) => unflagged += 1,
                 (_, Flag::Unmoved) => unmoved += 1,
             }
-            moments.extend(run.into_iter().filter(|m| m.t_s >= FAULT_AT_S));
+            let mut later = run.moments.to_vec();
+            later.retain(|m| m.t_s >= FAULT_AT_S);
+            run.moments = Arc::new(later);
         }
-        let blind = moments.iter().filter(|m| m.frame.is_blind()).count();
-        let s: Score = score(&setup.shipped.cascade, &moments);
-        let mut cells = s.cells();
+        let moments = || runs.iter().flat_map(|run| run.moments.iter());
+        let blind = moments().filter(|m| m.frame.is_blind()).count();
+        let s = Scores::of(&runs, |_, run| &run.lab.networks.cascade);
+        let mut cells = s.mean();
+        let s = s.all;
         let flagged = (unflagged == 0 && !matches!(faults[0], Fault::None)).then_some(worst_s);
         cells.extend([
             Some(s.scores.translation_mm.p95),
             flagged,
-            Some(100.0 * blind as f64 / moments.len() as f64),
+            Some(100.0 * blind as f64 / moments().count() as f64),
             Some(100.0 * s.coverage.translation_95),
         ]);
-        let mut found = Found::row(*label, cells);
+        let mut found = Found::row(*label, cells).after(simulated_s);
         if unmoved > 0 {
             found.notes.push(format!(
                 "{label}: {unmoved} of {} never had to move and are not in the time to the flag.",
@@ -199,7 +212,7 @@ fn faults(found: Vec<Found>) -> Table {
          the flag. A missing signal is reconstructed from the others: five springs and the IMUs give the sixth, the \
          springs give the orientations. A silent spring without IMUs cannot be made up for: such frames are called \
          blind, and the twin does not move on them. A stuck spring (its reading frozen) counts from when it should have moved by 0.3 mm; \
-         frames are looked at 20 times a second. One motion per fault."
+         frames are looked at 20 times a second. One motion per fault; the test units take turns, after the lab's calibration."
         .to_owned(),
     );
     t.take(found);

@@ -3,38 +3,44 @@
 use anyhow::Result;
 use nalgebra::UnitQuaternion;
 
-use super::item::{Field, Found, Study, each};
-use crate::lab::motions::{Motion, Push, motion};
+use super::item::{Found, Study};
+use super::setup::{Run, Setup, all, simulated_s};
+use crate::lab::motions::Motion;
 use crate::lab::table::{Drawn, Table};
+use crate::lab::units::{TEST, side_by_side};
 use crate::rig::inertial::InertialErrors;
-use crate::robot::RobotSpec;
 use crate::sensing::imu::heading_between;
 use crate::signal::IMUS;
 
-/// Length of the motion, s, and the speed of the tip, m/s.
+/// Length of the motion of each unit, s.
 const SECONDS: f64 = 1800.0;
-const SPEED_M_S: f64 = 5e-3;
 const SEED: u64 = 301;
 
-/// The study; its one item is the one motion.
+/// The study; its one item are the motions of the test units.
 pub const HEADING: Study = Study {
     name: "heading",
     about: "Half an hour of drifting gyros: headings with the springs' help",
-    field: Field::Sensing,
     items: |_| 1,
-    find: |setup, items| each(&*setup.progress.clone(), items, |_| find(&setup.robot)),
+    find: |setup, _| {
+        let found = find(setup)?;
+        setup.progress.item_done();
+        Ok(vec![found])
+    },
     table: heading,
 };
 
-fn find(robot: &RobotSpec) -> Result<Found> {
-    let m = Motion {
-        payload_kg: 0.0,
-        speed_m_s: SPEED_M_S,
-        push: Push::None,
-        seconds: SECONDS,
-        seed: SEED,
-    };
-    let moments = motion(robot, &m, &mut |_, _| ())?;
+fn find(setup: &mut Setup) -> Result<Found> {
+    let labs = setup.labs(&TEST)?;
+    let robot = &setup.robot;
+    let runs = side_by_side(&labs, |lab| {
+        Run::new(
+            robot,
+            lab,
+            &Motion::of(lab.unit, SECONDS, SEED),
+            &mut |_, _| (),
+        )
+    })?;
+    let moments: Vec<_> = all(&runs).collect();
     let mut worst = [[0.0f64; 2]; IMUS];
     let mut squares = [[0.0f64; 2]; IMUS];
     for moment in &moments {
@@ -52,7 +58,7 @@ fn find(robot: &RobotSpec) -> Result<Found> {
             }
         }
     }
-    let mut found = Found::default();
+    let mut found = Found::default().after(simulated_s(&runs));
     let n = moments.len() as f64;
     for i in 0..IMUS {
         let rms = squares[i].map(|s| (s / n).sqrt());
@@ -68,10 +74,9 @@ fn find(robot: &RobotSpec) -> Result<Found> {
     }
     let bias_deg_s = InertialErrors::default().gyro_bias_rad_s.to_degrees();
     found.notes.push(format!(
-        "{:.0} s of motion at 5 mm/s, {} frames scored. Every gyro has a bias of {bias_deg_s} deg/s about its axes, which \
+        "{SECONDS:.0} s of motion at 5 mm/s of each test unit, {} frames scored; worst and RMS over all units. Every gyro has a bias of {bias_deg_s} deg/s about its axes, which \
          walks: some {:.0} deg of heading over the motion without help. The filter has no magnetometer; the springs' pad \
          yaw corrects the heading.",
-        moments.last().map_or(0.0, |m| m.t_s),
         moments.len(),
         bias_deg_s * SECONDS
     ));

@@ -9,29 +9,32 @@ use super::setup::{Setup, Sizes};
 use crate::lab::Progress;
 use crate::lab::table::Table;
 
-/// Field of a study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Field {
-    /// Networks and sensors.
-    Sensing,
-    /// Controllers.
-    Control,
-}
-
 /// A study: independent items, and the table that is made of their findings.
 pub struct Study {
     /// Its name on the command line, and of its files.
     pub name: &'static str,
     /// The comparison, in a line.
     pub about: &'static str,
-    /// Its field.
-    pub field: Field,
     /// Number of items.
     pub(super) items: fn(&Sizes) -> usize,
     /// Does a range of the items, at least one; returns their findings in order.
     pub(super) find: fn(&mut Setup, Range<usize>) -> Result<Vec<Found>>,
     /// Makes the table of the findings of all items.
     pub(super) table: fn(Vec<Found>) -> Table,
+}
+
+impl Study {
+    /// The table of the findings of all items; states the simulated time.
+    pub(super) fn tabulate(&self, found: Vec<Found>) -> Table {
+        let simulated_s: u64 = found.iter().map(|f| f.simulated_s).sum();
+        let mut table = (self.table)(found);
+        if simulated_s > 0 {
+            table.notes.push(format!(
+                "Simulated time: {simulated_s} s, besides the units' motion-capture sessions."
+            ));
+        }
+        table
+    }
 }
 
 /// Findings of the items of a range, one after the other.
@@ -66,6 +69,9 @@ pub struct Found {
     pub rows: Vec<Figures>,
     /// Notes on them.
     pub notes: Vec<String>,
+    /// Time that the rig was simulated for it, s.
+    #[serde(default)]
+    pub simulated_s: u64,
 }
 
 impl Found {
@@ -74,6 +80,12 @@ impl Found {
         let mut found = Self::default();
         found.add(label, cells);
         found
+    }
+
+    /// The same, from so much simulated time, s.
+    pub fn after(mut self, simulated_s: f64) -> Self {
+        self.simulated_s += simulated_s.round() as u64;
+        self
     }
 
     /// The first figure of the first row.

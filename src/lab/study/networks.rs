@@ -4,17 +4,20 @@ use std::ops::{ControlFlow, Range};
 
 use anyhow::Result;
 
-use super::item::{Field, Found, Study, each};
-use super::setup::{COLUMNS, FAST_M_S, Setup, all, means, score};
-use crate::lab::motions::{Moment, Push};
+use super::item::{Found, Study, each};
+use super::scores::Scores;
+use super::setup::{COLUMNS, Run, Setup, all, corrected, means, simulated_s};
+use crate::lab::motions::{FAST_M_S, Moment, Push};
 use crate::lab::table::{Drawn, Table, some};
-use crate::learn::{Channels, PoseMap as _, Recipe, Schedule, train_s2r, train_smap};
+use crate::lab::units::{TEST, side_by_side};
+use crate::learn::{
+    Cascade, Channels, CorrectionReport, PoseMap as _, Recipe, Schedule, train_smap,
+};
 
 /// Springs, IMUs, or both.
 pub const MODALITY: Study = Study {
     name: "modality",
     about: "Springs, IMUs, or both",
-    field: Field::Sensing,
     items: |_| 4,
     find: find_modality,
     table: modality,
@@ -24,7 +27,6 @@ pub const MODALITY: Study = Study {
 pub const LAYERS: Study = Study {
     name: "layers",
     about: "Hidden layers of the sensor map",
-    field: Field::Sensing,
     items: |_| HIDDEN.len(),
     find: find_layers,
     table: layers,
@@ -34,7 +36,6 @@ pub const LAYERS: Study = Study {
 pub const S2R_WIDTH: Study = Study {
     name: "s2r-width",
     about: "Neurons of the sim-to-real networks",
-    field: Field::Sensing,
     items: |_| WIDTHS.len(),
     find: find_s2r_width,
     table: s2r_width,
@@ -44,36 +45,45 @@ pub const S2R_WIDTH: Study = Study {
 pub const S2R: Study = Study {
     name: "s2r",
     about: "With and without the sim-to-real networks",
-    field: Field::Sensing,
     items: |_| 2,
     find: find_s2r,
     table: s2r,
 };
 
+/// The unloaded motions of the test units.
+fn unloaded(setup: &mut Setup) -> Result<Vec<Run>> {
+    setup.runs(&TEST, 0.0, FAST_M_S, Push::None)
+}
+
 fn find_modality(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
-    let motions = setup.motions(0.0, FAST_M_S, Push::None)?;
+    let runs = unloaded(setup)?;
+    let labs = setup.labs(&TEST)?;
     let reach = |m: &Moment| m.base_from_pad[2].translation.vector.norm();
-    let lengths: Vec<f64> = all(&motions).map(reach).collect();
+    let lengths: Vec<f64> = all(&runs).map(reach).collect();
     let mean = lengths.iter().sum::<f64>() / lengths.len() as f64;
     let sd =
         (lengths.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / lengths.len() as f64).sqrt();
     each(&*setup.progress.clone(), items, |k| {
         let (label, map) = match k {
-            0 => (
-                "springs and IMUs, networks under test",
-                setup.shipped.cascade.clone(),
-            ),
+            0 => ("springs and IMUs, networks under test", None),
             1 => {
                 let data = setup.sim();
-                let recipe = setup.recipe();
-                ("springs and IMUs", setup.cascade(&data, &recipe)?)
+                let map = setup.smap(&data, &setup.recipe())?;
+                ("springs and IMUs", Some(map))
             }
-            2 => ("springs alone", setup.only(Channels::Springs)?),
-            _ => ("IMUs alone", setup.only(Channels::Imus)?),
+            2 => ("springs alone", Some(setup.only(Channels::Springs)?)),
+            _ => ("IMUs alone", Some(setup.only(Channels::Imus)?)),
         };
-        let mut cells = score(&map, all(&motions)).cells();
-        let off: Vec<f64> = all(&motions)
-            .map(|m| {
+        let maps: Vec<Cascade> = match &map {
+            Some(map) => setup.corrected(map, &labs)?,
+            None => labs.iter().map(|l| l.networks.cascade.clone()).collect(),
+        };
+        let mut cells = Scores::of(&runs, |k, _| &maps[k]).mean();
+        let off: Vec<f64> = runs
+            .iter()
+            .zip(&maps)
+            .flat_map(|(run, map)| run.moments.iter().map(move |m| (m, map)))
+            .map(|(m, map)| {
                 let p = map.pose(&m.frame.sensors.to_vector()).pose;
                 (p.fixed_rows::<3>(0).norm() - reach(m)).abs() * 1e3
             })
@@ -81,8 +91,10 @@ fn find_modality(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
         cells.push(Some(off.iter().sum::<f64>() / off.len() as f64));
         let mut found = Found::row(label, cells);
         if k == 0 {
+            found = found.after(simulated_s(&runs));
             found.notes.push(format!(
-                "Motions of the rig at 5 mm/s without load; all but the networks under test saw the same samples. \
+                "Motions of the test units at 5 mm/s without load, mean over the units, each with sim-to-real networks \
+                 from its own session; all but the networks under test saw the same simulated samples. \
                  Length: how far the predicted distance from base to tip is off. It varies by {:.1} mm (SD) here, and \
                  orientations do not determine it.",
                 sd * 1e3
@@ -107,7 +119,7 @@ const HIDDEN: [&[usize]; 4] = [&[240], &[120, 120], &[80; 3], &[60; 4]];
 
 fn find_layers(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let data = setup.sim();
-    let motions = setup.motions(0.0, FAST_M_S, Push::None)?;
+    let runs = unloaded(setup)?;
     each(&*setup.progress.clone(), items, |k| {
         let (hidden, recipe) = (HIDDEN[k], setup.recipe());
         let recipe = Recipe {
@@ -118,10 +130,11 @@ fn find_layers(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             ..recipe
         };
         let (map, report) = train_smap(&data, &recipe, &mut |_| ControlFlow::Continue(()))?;
-        let mut cells = means(&report.test);
-        cells.push(score(&map, all(&motions)).cells()[0]);
+        let mut cells = some(&means(&report.test));
+        cells.push(Scores::of(&runs, |_, _| &map).mean()[0]);
         let words: Vec<String> = hidden.iter().map(usize::to_string).collect();
-        Ok(Found::row(words.join(" + "), cells))
+        let seconds = if k == 0 { simulated_s(&runs) } else { 0.0 };
+        Ok(Found::row(words.join(" + "), cells).after(seconds))
     })
 }
 
@@ -135,42 +148,44 @@ fn layers(found: Vec<Found>) -> Table {
     );
     t.take(found);
     t.notes.push(
-        "Mean errors on the test part of the simulated samples, noise added, and on the rig, without sim-to-real \
+        "Mean errors on the test part of the simulated samples, noise added, and on the rig's test units, without sim-to-real \
          networks. The paper chose two layers (its figure 3 a gives no numbers)."
             .to_owned(),
     );
     t
 }
 
-const WIDTHS: [usize; 7] = [5, 15, 30, 45, 60, 90, 120];
+const WIDTHS: [usize; 5] = [5, 15, 45, 90, 120];
 
 fn find_s2r_width(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
-    let geometric = setup.geometric()?;
-    let recipe = setup.recipe();
-    let map = setup.smap(&geometric, &recipe)?;
-    let real = setup.real()?;
+    let map = setup.paper_smap()?;
+    let labs = setup.labs(&TEST)?;
     each(&*setup.progress.clone(), items, |k| {
         let width = WIDTHS[k];
-        let recipe = Recipe {
-            s2r: Schedule {
-                hidden: vec![width],
-                ..recipe.s2r.clone()
-            },
-            ..recipe.clone()
+        let reports = side_by_side(&labs, |lab| {
+            let recipe = Recipe {
+                s2r: Schedule {
+                    hidden: vec![width],
+                    ..lab.recipe.s2r.clone()
+                },
+                ..lab.recipe.clone()
+            };
+            Ok(corrected(&map, lab, &recipe)?.1)
+        })?;
+        let n = reports.len() as f64;
+        let kept = reports.iter().filter(|r| r.kept).count();
+        let mut cells = [0.0; 5];
+        for report in &reports {
+            let [mm, ypr @ ..] = means(&report.after.test);
+            let training_mm = report.after.train.translation_mm.mean;
+            let of_unit = [mm, training_mm, ypr[0], ypr[1], ypr[2]];
+            cells.iter_mut().zip(of_unit).for_each(|(c, x)| *c += x / n);
+        }
+        let kept = match kept == reports.len() {
+            true => String::new(),
+            false => format!(" (kept for {kept} units)"),
         };
-        let (_, report) = train_s2r(&map, &real, &recipe, &mut |_| ControlFlow::Continue(()))?;
-        let s = &report.after.test;
-        let kept = if report.kept { "" } else { " (left out)" };
-        Ok(Found::row(
-            format!("{width} neurons{kept}"),
-            some(&[
-                s.translation_mm.mean,
-                report.after.train.translation_mm.mean,
-                s.yaw_deg.mean,
-                s.pitch_deg.mean,
-                s.roll_deg.mean,
-            ]),
-        ))
+        Ok(Found::row(format!("{width} neurons{kept}"), some(&cells)))
     })
 }
 
@@ -192,41 +207,62 @@ fn s2r_width(found: Vec<Found>) -> Table {
     );
     t.take(found);
     t.notes.push(
-        "As the paper trains: sensor map on unloaded samples of the geometric simulator, then 729 settled samples \
-         of the rig; errors on the rig's test samples. The paper chose 45 (its figure 3 b gives no numbers)."
+        "As the paper trains: sensor map on unloaded samples of the geometric simulator, then the motion-capture session \
+         of each test unit; errors on blocks of the session that are held out, mean over the units. The paper chose 45 (its figure 3 b gives no numbers)."
             .to_owned(),
     );
     t
 }
 
 fn find_s2r(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
-    let real = setup.real()?;
-    let motions = setup.motions(0.0, FAST_M_S, Push::None)?;
-    let recipe = setup.recipe();
+    let runs = unloaded(setup)?;
+    let labs = setup.labs(&TEST)?;
     each(&*setup.progress.clone(), items, |k| {
-        let (label, data) = match k {
-            0 => ("the paper's way", setup.geometric()?),
-            _ => ("ours", setup.sim()),
+        let (label, map) = match k {
+            0 => ("the paper's way", (*setup.paper_smap()?).clone()),
+            _ => ("networks under test", setup.shipped.cascade.clone()),
         };
-        let map = setup.smap(&data, &recipe)?;
-        let (after, report) = train_s2r(&map, &real, &recipe, &mut |_| ControlFlow::Continue(()))?;
-        let mut cells = means(&report.before);
-        cells.push(score(&map, all(&motions)).cells()[0]);
-        let mut found = Found::row(format!("{label}, without"), cells);
-        let mut cells = means(&report.after.test);
-        cells.push(score(&after, all(&motions)).cells()[0]);
-        let kept = if report.kept {
-            ""
-        } else {
-            " (no better on validation: left out)"
+        let each = side_by_side(&labs, |lab| corrected(&map, lab, &lab.recipe))?;
+        let n = each.len() as f64;
+        let held_out = |mm: fn(&CorrectionReport) -> f64| {
+            Some(each.iter().map(|(_, report)| mm(report) / n).sum::<f64>())
         };
-        found.add(format!("{label}, with{kept}"), cells);
-        Ok(found)
+        let mut found = Found::default();
+        let mut add = |label: String, s: &Scores, held_out| {
+            let mut cells = s.mean();
+            cells.extend([s.worst()[0], held_out]);
+            found.add(label, cells);
+        };
+        let without = Scores::of(&runs, |_, _| &map);
+        add(
+            format!("{label}, without"),
+            &without,
+            held_out(|r| r.before.translation_mm.mean),
+        );
+        let with = Scores::of(&runs, |k, _| &each[k].0);
+        let kept = each.iter().filter(|(_, report)| report.kept).count();
+        let kept = match kept == each.len() {
+            true => String::new(),
+            false => format!(" (better on validation, and kept, for {kept} units)"),
+        };
+        add(
+            format!("{label}, with{kept}"),
+            &with,
+            held_out(|r| r.after.test.translation_mm.mean),
+        );
+        Ok(found.after(if k == 0 { simulated_s(&runs) } else { 0.0 }))
     })
 }
 
 fn s2r(found: Vec<Found>) -> Table {
-    let columns = [COLUMNS.as_slice(), &["in motion: translation, mm"]].concat();
+    let columns = [
+        COLUMNS.as_slice(),
+        &[
+            "worst unit: translation, mm",
+            "held-out blocks of the session, mm",
+        ],
+    ]
+    .concat();
     let mut t = Table::new(
         "s2r",
         "With and without the sim-to-real networks",
@@ -235,9 +271,10 @@ fn s2r(found: Vec<Found>) -> Table {
     );
     t.take(found);
     t.notes.push(
-        "On the test part of the rig's 729 settled samples, and in motion at 5 mm/s. The paper's way: unloaded \
-         samples of the geometric simulator. Ours: rod samples with loads, scatter and pads that stand off where \
-         the model has them. The paper shows the gain in its figure 3 c, without numbers."
+        "In motion at 5 mm/s, mean over the test units and the worst of them, and on blocks of each unit's motion-capture \
+         session that are held out. With: sim-to-real networks from the unit's own session. Without: the networks as they \
+         ship, with what correction they have; on the held-out blocks without any. The paper's way: unloaded \
+         samples of the geometric simulator. The paper shows the gain in its figure 3 c, without numbers."
             .to_owned(),
     );
     t

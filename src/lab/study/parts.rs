@@ -62,6 +62,7 @@ pub(super) fn find(o: &Options, part: Part, setup: &mut Setup, about: &About) ->
         ("geometric-samples", o.sizes.geometric_samples.to_string()),
         ("epochs", o.sizes.epochs.to_string()),
         ("seconds", o.sizes.seconds.to_string()),
+        ("session", o.sizes.session.to_string()),
         ("candidates", o.sizes.candidates.to_string()),
         ("networks", about.networks.clone()),
         ("networks' hash", networks_hash.unwrap_or_default()),
@@ -169,7 +170,7 @@ impl Merge {
         let mut items = items.into_iter();
         let mut tables = Vec::new();
         for (study, count) in studies.iter().zip(counts) {
-            let table = (study.table)(items.by_ref().take(count).collect());
+            let table = study.tabulate(items.by_ref().take(count).collect());
             table.write(out)?;
             tables.push(table);
         }
@@ -186,6 +187,7 @@ fn run_of(shard: &Shard<Findings>) -> Option<(Selection, Sizes)> {
         geometric_samples: number("geometric-samples")? as usize,
         epochs: number("epochs")? as usize,
         seconds: f64::from(number("seconds")?),
+        session: f64::from(number("session")?),
         candidates: number("candidates")? as usize,
     };
     Some((Selection::from_name(shard.option("study"))?, sizes))
@@ -204,7 +206,8 @@ mod tests {
             geometric_samples: 4000,
             epochs: 200,
             seconds: 60.0,
-            candidates: 48,
+            session: 600.0,
+            candidates: 16,
         };
         let counts: Vec<usize> = STUDIES.iter().map(|s| (s.items)(&sizes)).collect();
         assert!(counts.iter().all(|n| *n > 0), "{counts:?}");

@@ -33,9 +33,10 @@ pub(super) fn report(
 ) -> Result<Report> {
     let head = format!(
         "# Studies\n\nOur figures are simulated: networks trained on the twin's simulators, scored on the virtual rig \
-         (finer elements, shear, hysteresis, scatter, sensors with noise, lag and drift). Sim-to-real networks and \
-         stated uncertainties come from settled samples of the same unit of the rig; the motions are new. The paper's \
-         figures are from its hardware. springtwin {}, seed {}; networks under test: {}, their simulated samples SHA-256 \
+         (another plant, hysteresis, manufacturing scatter, sensors with noise, lag and drift). Figures are over its test \
+         units. As shipped: the shipped networks, and the curves of the unit's own springs. After the lab's \
+         calibration: besides, sim-to-real networks and stated uncertainties from a motion-capture session of the unit; \
+         the motions are new. The paper's figures are from its hardware. springtwin {}, seed {}; networks under test: {}, their simulated samples SHA-256 \
          {}.\n\nData: {}\n\n",
         env!("CARGO_PKG_VERSION"),
         about.seed,

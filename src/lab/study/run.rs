@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use anyhow::Result;
 
-use super::item::Field;
 use super::options::Options;
 use super::parts;
 use super::report::{About, make_folder, report};
@@ -15,15 +14,10 @@ use crate::robot::RobotSpec;
 /// Runs one study or all of them, or a part.
 ///
 /// # Errors
-/// When networks that the studies on control would not use are given, or a study or a file fails.
+/// When the networks cannot be read, or a study or a file fails.
 pub fn run(o: &Options, robot: &RobotSpec, progress: Arc<dyn Progress>) -> Result<Report> {
     make_folder(&o.out)?;
     let studies = o.selection.studies;
-    let one_on_control = studies.len() == 1 && studies.iter().any(|s| s.field == Field::Control);
-    anyhow::ensure!(
-        o.model.is_none() || !one_on_control,
-        "the studies on control run the twin with the networks that ship: leave out --model"
-    );
     let mut setup = Setup::new(robot.clone(), o.model.as_deref(), o.sizes, progress)?;
     let about = About {
         seed: o.sizes.seed,
@@ -40,7 +34,7 @@ pub fn run(o: &Options, robot: &RobotSpec, progress: Arc<dyn Progress>) -> Resul
     for (i, study) in studies.iter().enumerate() {
         let items = (study.items)(&setup.sizes);
         setup.progress.stage(&o.selection.label(i), items);
-        let table = (study.table)((study.find)(&mut setup, 0..items)?);
+        let table = study.tabulate((study.find)(&mut setup, 0..items)?);
         table.write(&o.out)?;
         setup.progress.stage_done(table.title);
         tables.push(table);

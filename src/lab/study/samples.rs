@@ -1,35 +1,32 @@
 //! Studies on the number of samples.
 
-use std::ops::{ControlFlow, Range};
+use std::ops::Range;
 
 use anyhow::Result;
-use rand::SeedableRng as _;
-use rand::seq::SliceRandom as _;
-use rand_pcg::Pcg64Mcg;
 
-use super::item::{Field, Found, Study, each};
-use super::setup::{COLUMNS, FAST_M_S, Setup, all, score};
-use crate::lab::motions::Push;
+use super::item::{Found, Study, each};
+use super::scores::Scores;
+use super::setup::{COLUMNS, Setup, corrected, simulated_s};
+use crate::lab::motions::{FAST_M_S, Push};
 use crate::lab::table::{Drawn, Table, some};
-use crate::learn::{Recipe, Schedule, data_hash, train_s2r};
+use crate::lab::units::{Lab, TEST, side_by_side};
+use crate::learn::{Recipe, Schedule, data_hash};
 use crate::signal::Dataset;
 
 /// Number of simulated samples; an item is a training.
 pub const N_SIM: Study = Study {
     name: "n-sim",
     about: "Number of simulated samples",
-    field: Field::Sensing,
     items: |_| SIZES * SEEDS,
     find: find_n_sim,
     table: n_sim,
 };
 
-/// Number of measured samples.
+/// Length of the motion-capture session.
 pub const N_REAL: Study = Study {
     name: "n-real",
-    about: "Number of measured samples",
-    field: Field::Sensing,
-    items: |_| N_REALS.len(),
+    about: "Length of the motion-capture session",
+    items: |_| SHARES.len(),
     find: find_n_real,
     table: n_real,
 };
@@ -48,7 +45,7 @@ fn most(cells: &[Option<f64>]) -> Option<f64> {
 }
 
 fn find_n_sim(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
-    let motions = setup.motions(0.0, FAST_M_S, Push::None)?;
+    let runs = setup.runs(&TEST, 0.0, FAST_M_S, Push::None)?;
     // A fortieth has to be enough to train on.
     let largest = setup.sizes.samples.max(4000);
     let sizes: [usize; SIZES] = [
@@ -79,8 +76,10 @@ fn find_n_sim(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             },
             ..recipe
         };
-        let cells = score(&setup.smap(&data, &recipe)?, all(&motions)).cells();
-        let mut found = Found::row(format!("{n} samples"), cells);
+        let map = setup.smap(&data, &recipe)?;
+        let cells = Scores::of(&runs, |_, _| &map).mean();
+        let seconds = if item == 0 { simulated_s(&runs) } else { 0.0 };
+        let mut found = Found::row(format!("{n} samples"), cells).after(seconds);
         if k == 0 {
             let hash = data_hash(&data);
             found.notes.push(format!("{n} samples: SHA-256 {hash}"));
@@ -101,7 +100,7 @@ fn n_sim(found: Vec<Found>) -> Table {
         },
     );
     t.notes.push(format!(
-        "Sensor map alone, about the same number of training steps for every size, on the rig in motion at 5 mm/s; means \
+        "Sensor map alone, about the same number of training steps for every size, on the rig's test units in motion at 5 mm/s; means \
          over {SEEDS} seeds of the training. The paper uses 20,000."
     ));
     // One row of the table per size, of one row per training.
@@ -125,56 +124,68 @@ fn n_sim(found: Vec<Found>) -> Table {
     t
 }
 
-const N_REALS: [usize; 6] = [0, 60, 120, 243, 486, 729];
+/// Shares of the session that are used.
+const SHARES: [f64; 5] = [0.0, 0.1, 0.2, 0.5, 1.0];
 
 fn find_n_real(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
-    let motions = setup.motions(0.0, FAST_M_S, Push::None)?;
-    let real = setup.real()?;
-    let recipe = setup.recipe();
-    let (geometric, sim) = (setup.geometric()?, setup.sim());
-    let maps = [setup.smap(&geometric, &recipe)?, setup.smap(&sim, &recipe)?];
-    let mut order: Vec<usize> = (0..real.samples.len()).collect();
-    order.shuffle(&mut Pcg64Mcg::seed_from_u64(setup.sizes.seed));
+    let runs = setup.runs(&TEST, 0.0, FAST_M_S, Push::None)?;
+    let labs = setup.labs(&TEST)?;
+    let maps = [
+        (*setup.paper_smap()?).clone(),
+        setup.shipped.cascade.clone(),
+    ];
     each(&*setup.progress.clone(), items, |k| {
-        let n = N_REALS[k];
-        let few = Dataset {
-            samples: order
-                .iter()
-                .take(n)
-                .map(|i| real.samples[*i].clone())
-                .collect(),
-            ..(*real).clone()
-        };
+        let share = SHARES[k];
         let mut scored = Vec::new();
         for map in &maps {
-            let map = match n {
-                0 => map.clone(),
-                _ => train_s2r(map, &few, &recipe, &mut |_| ControlFlow::Continue(()))?.0,
-            };
-            scored.push(score(&map, all(&motions)).cells());
+            let of_units = side_by_side(&labs, |lab| match share {
+                0.0 => Ok(map.clone()),
+                _ => Ok(corrected(map, &shortened(lab, share), &lab.recipe)?.0),
+            })?;
+            scored.push(Scores::of(&runs, |k, _| &of_units[k]).mean());
         }
         let mut cells = scored[0].clone();
         cells.push(scored[1][0]);
-        Ok(Found::row(format!("{n} samples"), cells))
+        let seconds = if k == 0 { simulated_s(&runs) } else { 0.0 };
+        let label = format!("{:.0} s", share * setup.sizes.session);
+        Ok(Found::row(label, cells).after(seconds))
     })
 }
 
+/// A unit with a share of the blocks of its session.
+fn shortened(lab: &Lab, share: f64) -> Lab {
+    let block = lab.recipe.split.block;
+    let blocks: Vec<_> = lab.session.samples.chunks(block).collect();
+    let n = blocks.len() as f64;
+    let kept = (share * n).ceil().max(1.0);
+    // Evenly over the session: both of its loads are there.
+    let samples = (0..kept as usize).flat_map(|k| blocks[(k as f64 * n / kept) as usize]);
+    let mut short = lab.clone();
+    short.session.samples = samples.cloned().collect();
+    short
+}
+
 fn n_real(found: Vec<Found>) -> Table {
-    let columns = [COLUMNS.as_slice(), &["ours: translation, mm"]].concat();
+    let columns = [
+        COLUMNS.as_slice(),
+        &["networks under test: translation, mm"],
+    ]
+    .concat();
     let mut t = Table::new(
         "n-real",
-        "Number of measured samples",
+        "Length of the motion-capture session",
         &columns,
         Drawn::Line {
-            x: "measured samples",
+            x: "session, s",
             logarithmic: false,
         },
     );
     t.take(found);
     t.notes.push(
-        "Settled samples of the rig for the sim-to-real networks, scored in motion at 5 mm/s; first the paper's way \
-         (see the table on the sim-to-real networks), in the last column ours; networks that do no better on validation \
-         samples are left out. The paper uses 729."
+        "Blocks of 10 s of each test unit's motion-capture session for the sim-to-real networks, spread evenly over it; \
+         scored on new motions at 5 mm/s, mean over the units; first the paper's way (see the table on the sim-to-real \
+         networks), in the last column the networks under test, where 0 s is as they ship; networks that do no better on \
+         validation blocks are left out. The paper uses 729 samples."
             .to_owned(),
     );
     t

@@ -1,5 +1,6 @@
 //! What the studies share: data, motions and the paper's networks, each made once.
 
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::rc::Rc;
@@ -11,14 +12,16 @@ use serde::{Deserialize, Serialize};
 
 use super::bound::{SensorNoise, cramer_rao};
 use crate::drive::model;
-use crate::lab::motions::{Moment, Motion, Push, motion, settled};
+use crate::lab::motions::{Moment, Motion, Push, motion};
+use crate::lab::units::{self, Lab, side_by_side};
 use crate::lab::{Progress, go_on, threads};
 use crate::learn::{
-    Cascade, Channels, Coverage, Model, PoseMap as _, PoseScores, Recipe, Schedule, data_hash,
-    pose_residual, train_s2r, train_smap,
+    Cascade, Channels, CorrectionReport, Model, PoseScores, Recipe, Schedule, data_hash, train_s2r,
+    train_smap,
 };
+use crate::rig::Unit;
 use crate::robot::RobotSpec;
-use crate::signal::{Dataset, Matrix6, Pose, SPRINGS, Vector6};
+use crate::signal::{Dataset, RawFrame, SPRINGS};
 use crate::sim::dataset::{Draw, Plan, generate, generate_mesh};
 use crate::sim::mesh::MeshModel;
 use crate::sim::sensors::spring_lengths;
@@ -36,6 +39,8 @@ pub struct Sizes {
     pub epochs: usize,
     /// Length of every motion, s.
     pub seconds: f64,
+    /// Length of the motion-capture session of each unit, s.
+    pub session: f64,
     /// Candidates per controller when it is tuned.
     pub candidates: usize,
 }
@@ -49,32 +54,9 @@ pub(super) struct Data {
     pub sha256: String,
 }
 
-/// Fastest the paper moves, m/s.
-pub(super) const FAST_M_S: f64 = 5e-3;
-
-/// Motions per condition.
-const MOTIONS: u64 = 3;
-
-/// Scores of a pose map on some moments.
-#[derive(Clone, Debug)]
-pub(super) struct Score {
-    pub scores: PoseScores,
-    pub coverage: Coverage,
-}
-
-impl Score {
-    /// Translation, yaw, pitch, roll: the mean errors that the paper prints.
-    pub fn cells(&self) -> Vec<Option<f64>> {
-        means(&self.scores)
-    }
-}
-
 /// Mean translation, yaw, pitch and roll errors.
-pub(super) fn means(s: &PoseScores) -> Vec<Option<f64>> {
-    [s.translation_mm, s.yaw_deg, s.pitch_deg, s.roll_deg]
-        .iter()
-        .map(|e| Some(e.mean))
-        .collect()
+pub(super) fn means(s: &PoseScores) -> [f64; 4] {
+    [&s.translation_mm, &s.yaw_deg, &s.pitch_deg, &s.roll_deg].map(|e| e.mean)
 }
 
 /// See [`means`].
@@ -89,9 +71,10 @@ pub struct Setup {
     pub(super) shipped: Model,
     sim: Option<Rc<Dataset>>,
     geometric: Option<Rc<Dataset>>,
-    real: Option<Rc<Dataset>>,
-    paper_way: Option<Rc<Cascade>>,
-    motions: Vec<(Motion, Rc<Vec<Moment>>)>,
+    paper_smap: Option<Arc<Cascade>>,
+    paper_way: BTreeMap<u64, Arc<Cascade>>,
+    labs: BTreeMap<u64, Arc<Lab>>,
+    runs: Vec<(Motion, Run)>,
 }
 
 impl Setup {
@@ -108,13 +91,14 @@ impl Setup {
             shipped: model::model(networks)?,
             sim: None,
             geometric: None,
-            real: None,
-            paper_way: None,
-            motions: Vec::new(),
+            paper_smap: None,
+            paper_way: BTreeMap::new(),
+            labs: BTreeMap::new(),
+            runs: Vec::new(),
         })
     }
 
-    /// Samples of the rod model as the shipped networks have seen: loads, scatter, free pads.
+    /// Samples of the rod model as the shipped networks have seen: loads, scatter, free pads, attachments off the drawing.
     pub(super) fn sim(&mut self) -> Rc<Dataset> {
         if self.sim.is_none() {
             let data = self.rod(self.sizes.samples);
@@ -130,6 +114,7 @@ impl Setup {
             tip_force_sd_n: 20.0,
             deviation_sd: 0.02,
             free_pads_sd_m: 3e-3,
+            attachment_sd_m: 0.5e-3,
             ..Plan::nominal(Draw::Arcsine(samples), self.sizes.seed)
         };
         generate(&self.robot, &plan, 0..samples, threads(), &mut go_on).0
@@ -148,14 +133,20 @@ impl Setup {
         Ok(self.geometric.clone().unwrap_or_default())
     }
 
-    /// 3⁶ settled samples of the rig without load, as the paper measures them.
-    pub(super) fn real(&mut self) -> Result<Rc<Dataset>> {
-        if self.real.is_none() {
-            let plan = Plan::nominal(Draw::Grid(3), self.sizes.seed);
-            let (data, _) = settled(&self.robot, &plan, 0..729, &mut go_on)?;
-            self.real = Some(Rc::new(data));
-        }
-        Ok(self.real.clone().unwrap_or_default())
+    /// These units after their lab's calibration, which is done once.
+    pub(super) fn labs(&mut self, units: &[Unit]) -> Result<Vec<Arc<Lab>>> {
+        let mut missing: Vec<Unit> = units.to_vec();
+        missing.retain(|u| !self.labs.contains_key(&u.0));
+        missing.sort_by_key(|u| u.0);
+        missing.dedup();
+        let (robot, seconds, base) = (&self.robot, self.sizes.session, &self.shipped);
+        let made = side_by_side(&missing, |unit| Lab::new(robot, *unit, seconds, base))?;
+        let made = made.into_iter().map(|lab| (lab.unit.0, Arc::new(lab)));
+        self.labs.extend(made);
+        Ok(units
+            .iter()
+            .filter_map(|u| self.labs.get(&u.0).cloned())
+            .collect())
     }
 
     /// The recipe of the studies: the paper's two layers of 120 neurons.
@@ -180,68 +171,95 @@ impl Setup {
         Ok(train_smap(data, recipe, &mut |_| ControlFlow::Continue(()))?.0)
     }
 
-    /// The same with sim-to-real networks from the rig's settled samples, where they help.
-    pub(super) fn cascade(&mut self, data: &Dataset, recipe: &Recipe) -> Result<Cascade> {
-        let map = self.smap(data, recipe)?;
-        let real = self.real()?;
-        Ok(train_s2r(&map, &real, recipe, &mut |_| ControlFlow::Continue(()))?.0)
+    /// The same for each of some units, with sim-to-real networks from its own session, where they help.
+    pub(super) fn corrected(&self, map: &Cascade, labs: &[Arc<Lab>]) -> Result<Vec<Cascade>> {
+        side_by_side(labs, |lab| Ok(corrected(map, lab, &lab.recipe)?.0))
     }
 
-    /// Ours with springs alone, or IMUs alone.
+    /// A map of springs alone, or of IMUs alone.
     pub(super) fn only(&mut self, channels: Channels) -> Result<Cascade> {
         let data = self.sim();
         let recipe = Recipe {
             channels,
             ..self.recipe()
         };
-        self.cascade(&data, &recipe)
+        self.smap(&data, &recipe)
     }
 
-    /// As the paper trains it: unloaded samples of the geometric simulator, then the rig's.
-    pub(super) fn paper_way(&mut self) -> Result<Rc<Cascade>> {
-        if let Some(known) = &self.paper_way {
+    /// The paper's sensor map: unloaded samples of the geometric simulator.
+    pub(super) fn paper_smap(&mut self) -> Result<Arc<Cascade>> {
+        if let Some(known) = &self.paper_smap {
             return Ok(known.clone());
         }
         let data = self.geometric()?;
-        let recipe = self.recipe();
-        let made = Rc::new(self.cascade(&data, &recipe)?);
-        self.paper_way = Some(made.clone());
+        let made = Arc::new(self.smap(&data, &self.recipe())?);
+        self.paper_smap = Some(made.clone());
         Ok(made)
     }
 
-    /// Three motions under one condition.
-    pub(super) fn motions(
+    /// As the paper trains it: its sensor map, then the unit's own samples.
+    pub(super) fn paper_way(&mut self, units: &[Unit]) -> Result<Vec<Arc<Cascade>>> {
+        let map = self.paper_smap()?;
+        let mut missing = self.labs(units)?;
+        missing.retain(|lab| !self.paper_way.contains_key(&lab.unit.0));
+        let made = self.corrected(&map, &missing)?;
+        for (lab, cascade) in missing.iter().zip(made) {
+            self.paper_way.insert(lab.unit.0, Arc::new(cascade));
+        }
+        Ok(units
+            .iter()
+            .filter_map(|u| self.paper_way.get(&u.0).cloned())
+            .collect())
+    }
+
+    /// One motion of each of these units under one condition.
+    pub(super) fn runs(
         &mut self,
+        units: &[Unit],
         payload_kg: f64,
         speed_m_s: f64,
         push: Push,
-    ) -> Result<Vec<Rc<Vec<Moment>>>> {
-        (0..MOTIONS)
-            .map(|k| {
+    ) -> Result<Vec<Run>> {
+        let labs = self.labs(units)?;
+        let wanted: Vec<(Motion, Arc<Lab>)> = labs
+            .into_iter()
+            .map(|lab| {
+                let seed = self.sizes.seed.wrapping_mul(100).wrapping_add(lab.unit.0);
                 let m = Motion {
                     payload_kg,
                     speed_m_s,
                     push,
-                    seconds: self.sizes.seconds,
-                    seed: self.sizes.seed.wrapping_mul(100).wrapping_add(k),
+                    ..Motion::of(lab.unit, self.sizes.seconds, seed)
                 };
-                if let Some((_, known)) = self.motions.iter().find(|(known, _)| *known == m) {
-                    return Ok(known.clone());
-                }
-                let made = Rc::new(motion(&self.robot, &m, &mut |_, _| {})?);
-                self.motions.push((m, made.clone()));
-                Ok(made)
+                (m, lab)
             })
-            .collect()
+            .collect();
+        let known = |runs: &[(Motion, Run)], m: &Motion| {
+            let found = runs.iter().find(|(known, _)| known == m);
+            found.map(|(_, run)| run.clone())
+        };
+        let mut missing = wanted.clone();
+        missing.retain(|(m, _)| known(&self.runs, m).is_none());
+        let robot = &self.robot;
+        let made = side_by_side(&missing, |(m, lab)| {
+            Run::new(robot, lab, m, &mut |_, _| {}).map(|run| (*m, run))
+        })?;
+        self.runs.extend(made);
+        Ok(wanted
+            .iter()
+            .filter_map(|(m, _)| known(&self.runs, m))
+            .collect())
     }
 
     /// What was made, with hashes, in the order of [`DATA`].
     pub(super) fn data(&self) -> Vec<Data> {
-        [&self.sim, &self.geometric, &self.real]
+        let sessions = units::ALL.map(|u| self.labs.get(&u.0).map(|lab| &lab.session));
+        [self.sim.as_deref(), self.geometric.as_deref()]
             .into_iter()
+            .chain(sessions)
             .zip(DATA)
             .filter_map(|(data, name)| {
-                let data = data.as_ref()?;
+                let data = data?;
                 Some(Data {
                     name: name.to_owned(),
                     samples: data.samples.len(),
@@ -254,35 +272,63 @@ impl Setup {
 }
 
 /// Names of the data sets that studies share.
-pub(super) const DATA: [&str; 3] = [
+pub(super) const DATA: [&str; 2 + units::ALL.len()] = [
     "rod, randomised",
     "geometric, nominal",
-    "virtual rig, settled grid",
+    "session of unit 1",
+    "session of unit 2",
+    "session of unit 3",
+    "session of unit 4",
+    "session of unit 5",
 ];
 
-/// Scores a map on moments.
-pub(super) fn score<'a>(map: &Cascade, moments: impl IntoIterator<Item = &'a Moment>) -> Score {
-    let mut pairs: Vec<(Vector6, Pose)> = Vec::new();
-    let mut stated: Vec<(Vector6, Matrix6)> = Vec::new();
-    for m in moments {
-        let mut eval = map.pose(&m.frame.sensors.to_vector());
-        eval.add_sigma(&m.frame.extra_sigma);
-        let truth = m.base_from_pad[2];
-        stated.push((pose_residual(&eval.pose, &truth), eval.covariance));
-        pairs.push((eval.pose, truth));
-    }
-    Score {
-        scores: PoseScores::of(&pairs),
-        coverage: Coverage::of(&stated),
+/// A sensor map with sim-to-real networks from a unit's session, where they help; by the session's recipe, or another
+/// width or share of it.
+pub(super) fn corrected(
+    map: &Cascade,
+    lab: &Lab,
+    recipe: &Recipe,
+) -> Result<(Cascade, CorrectionReport)> {
+    let watch = &mut |_| ControlFlow::Continue(());
+    Ok(train_s2r(map, &lab.session, recipe, watch)?)
+}
+
+/// A unit with a motion of it.
+#[derive(Clone)]
+pub(super) struct Run {
+    pub lab: Arc<Lab>,
+    pub moments: Arc<Vec<Moment>>,
+}
+
+impl Run {
+    /// Moves a unit; `spoil` may change what its boards send.
+    pub fn new(
+        robot: &RobotSpec,
+        lab: &Arc<Lab>,
+        m: &Motion,
+        spoil: &mut dyn FnMut(f64, &mut RawFrame),
+    ) -> Result<Self> {
+        let moments = motion(robot, &lab.calibration, m, spoil)?;
+        Ok(Self {
+            lab: lab.clone(),
+            moments: Arc::new(moments),
+        })
     }
 }
 
 /// All moments of some motions.
-pub(super) fn all(motions: &[Rc<Vec<Moment>>]) -> impl Iterator<Item = &Moment> {
-    motions.iter().flat_map(|m| m.iter())
+pub(super) fn all(runs: &[Run]) -> impl Iterator<Item = &Moment> {
+    runs.iter().flat_map(|run| run.moments.iter())
 }
 
-/// Root mean square errors of the sensors themselves over some moments.
+/// Simulated time of some motions, s.
+pub(super) fn simulated_s(runs: &[Run]) -> f64 {
+    let each = runs.iter().map(|run| &run.moments);
+    each.map(|m| crate::lab::motions::simulated_s(m)).sum()
+}
+
+/// Root mean square errors of the sensors over some moments, against the true pads and the drawing: attachments that
+/// are off it count as errors of the springs.
 pub(super) fn sensor_noise<'a>(
     robot: &RobotSpec,
     moments: impl IntoIterator<Item = &'a Moment>,

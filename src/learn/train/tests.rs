@@ -165,6 +165,20 @@ fn a_correction_that_does_not_help_is_left_out() {
 }
 
 #[test]
+fn an_arm_of_its_own_keeps_the_sensor_map_and_the_plant() {
+    let recipe = recipe();
+    let base = train(&synthetic::dataset(600, 1), None, &recipe, &mut go).expect("it trains");
+    let mut session = recipe.clone();
+    session.split.block = 20;
+    let real = gap(&synthetic::dataset(300, 3));
+    let own = adapt(&base, &real, &session, &mut go).expect("it trains");
+    let (a, b) = (base.cascade.parts(), own.cascade.parts());
+    assert!(a.smap == b.smap && base.plant.net() == own.plant.net());
+    assert!(own.scores.s2r.is_some() && own.recipe.split == session.split);
+    assert_eq!(own.scores.smap, base.scores.smap);
+}
+
+#[test]
 fn blocks_that_leave_a_part_empty_are_refused() {
     let data = synthetic::dataset(300, 1);
     let mut recipe = recipe();

@@ -137,7 +137,7 @@ fn a_leak_loses_air_and_a_wrong_supply_gives_too_much() {
         (0..1500).for_each(|_| rig.step(&set));
         rig.faults.begin(place, fault);
         (0..1500).for_each(|_| rig.step(&set));
-        *rig.plant.chamber_pa()
+        rig.plant.chamber_pa()
     };
     let leak = Fault {
         word: Word::Leak,

@@ -1,17 +1,18 @@
 //! What can secretly be wrong with the virtual rig, for testing whoever has to find it.
 //!
-//! Every effect of [`crate::sim::effects::EFFECTS`] has a counterpart here that is made by other
-//! mathematics, so that finding it does not come down to fitting the equation that made it; the
-//! The [`HIDDEN`] table lists them. [`Class::Unmodelled`] entries have no counterpart in that table.
-//! A parameter that bears the name of the candidate effect's parameter means the same quantity.
+//! Every effect that the gap finder knows has a counterpart here with the same id, in the state equations of the plant,
+//! its sensors or its clocks: a leak is an orifice, a payload a body on the gripper, a base tilt a rotated mount. The
+//! [`HIDDEN`] table lists them. [`Class::Unmodelled`] entries have no counterpart among the finder's effects. A
+//! parameter that bears the name of the finder's parameter means the same quantity.
 
-pub mod cases;
 mod table;
+
+use std::fmt;
+use std::str::FromStr;
 
 use serde::Serialize;
 
-use crate::signal::{CHAMBERS, IMUS, SPRINGS};
-use crate::sim::effects::{Side, Target};
+use crate::signal::{CHAMBERS, IMUS, SPRINGS, Side, Target};
 pub use table::HIDDEN;
 
 /// Whether the table of effects has it.
@@ -123,6 +124,8 @@ pub struct Hidden {
     pub target: Option<usize>,
     /// Values of its parameters, in their order, SI units.
     pub values: Vec<f64>,
+    /// When it begins, s of the rig's time.
+    pub from_s: f64,
 }
 
 /// Why an effect cannot be hidden.
@@ -151,6 +154,9 @@ pub enum HiddenError {
         /// What was given.
         given: usize,
     },
+    /// The text is no effect.
+    #[error("'{0}' is not ID[:TARGET][=VALUE,..][@SECONDS], with channels counted from 1")]
+    Text(String),
     /// A value is out of bounds.
     #[error("'{parameter}' of '{id}' is {value}: it must lie in [{low}, {high}]")]
     Bounds {
@@ -210,7 +216,13 @@ impl Hidden {
             id: kind.id,
             target,
             values: kind.magnitudes.iter().enumerate().map(given).collect(),
+            from_s: 0.0,
         })
+    }
+
+    /// The same from `from_s` on, s of the rig's time.
+    pub fn from(self, from_s: f64) -> Self {
+        Self { from_s, ..self }
     }
 
     /// Its kind.
@@ -242,6 +254,53 @@ impl Hidden {
     }
 }
 
+impl fmt::Display for Hidden {
+    /// As [`Hidden::from_str`] reads it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.id)?;
+        if let Some(i) = self.target {
+            write!(f, ":{}", i + 1)?;
+        }
+        for (k, value) in self.values.iter().enumerate() {
+            write!(f, "{}{value}", if k == 0 { '=' } else { ',' })?;
+        }
+        write!(f, "@{}", self.from_s)
+    }
+}
+
+impl FromStr for Hidden {
+    type Err = HiddenError;
+
+    /// Reads `ID[:TARGET][=VALUE,..][@SECONDS]`; channels count from 1, the last part is when it begins.
+    fn from_str(text: &str) -> Result<Self, HiddenError> {
+        let wrong = || HiddenError::Text(text.to_owned());
+        let (what, from_s) = match text.split_once('@') {
+            Some((what, at)) => (what, at.trim().parse::<f64>().map_err(|_| wrong())?),
+            None => (text, 0.0),
+        };
+        if !(from_s.is_finite() && from_s >= 0.0) {
+            return Err(wrong());
+        }
+        let (what, values) = match what.split_once('=') {
+            Some((what, list)) => {
+                let values = list.split(',').map(|v| v.trim().parse::<f64>());
+                let values: Result<Vec<f64>, _> = values.collect();
+                (what, values.map_err(|_| wrong())?)
+            }
+            None => (what, Vec::new()),
+        };
+        let (id, target) = match what.split_once(':') {
+            Some((id, number)) => {
+                let number = number.parse::<usize>().ok();
+                let index = number.and_then(|n| n.checked_sub(1)).ok_or_else(wrong)?;
+                (id, Some(index))
+            }
+            None => (what, None),
+        };
+        Ok(Self::new(id, target, &values)?.from(from_s))
+    }
+}
+
 /// Everything that is wrong with a rig; the default is nothing. One array entry per channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Defects {
@@ -255,6 +314,8 @@ pub struct Defects {
     pub sag_ratio: [f64; CHAMBERS],
     /// Time in which the supply recovers, s.
     pub sag_s: f64,
+    /// How far short of their set pressure the regulators stop when they fill, Pa.
+    pub short_pa: f64,
     /// Time constant of the line between gauge and chamber, s.
     pub line_s: [f64; CHAMBERS],
     /// Gain and offset (Pa) of the gauges.
@@ -285,20 +346,34 @@ pub struct Defects {
     pub torsion: [f64; 2],
     /// Final loss of stiffness of all bellows by warming up.
     pub softening: f64,
+    /// When that begins, s.
+    pub softening_from_s: f64,
     /// Growth of the effective area with relative stretch.
     pub area_growth: f64,
-    /// Loss of force of a bellows that has snapped, N.
+    /// Growth of the effective area with the segment's bending angle, 1/rad.
+    pub area_bending: f64,
+    /// Pull of a bellows that has snapped, N.
     pub snap_n: [f64; CHAMBERS],
+    /// Length below which each bellows touches its neighbour, m; 0: never.
+    pub touch_m: [f64; CHAMBERS],
+    /// Friction of a hose on the ground, N.
+    pub drag_n: f64,
+    /// Stiffness of a cable to the middle pad, N/m.
+    pub cable_n_m: f64,
     /// Half the play of the end pad about its axis, rad.
     pub pad_play_rad: f64,
     /// Spring time constant, s.
     pub spring_lag_s: [f64; SPRINGS],
+    /// Play of each spring's seat, m.
+    pub seat_play_m: [f64; SPRINGS],
     /// Coupling of each spring to its partner.
     pub spring_cross: [f64; SPRINGS],
     /// Gain and offset (m) of each spring.
     pub spring_gain: [[f64; 2]; SPRINGS],
     /// Initial drift of each spring, m/s.
     pub spring_drift_m_s: [f64; SPRINGS],
+    /// When the drift begins, s.
+    pub drift_from_s: f64,
     /// When each spring sticks, s.
     pub spring_stuck_s: [f64; SPRINGS],
     /// Spring reading per rate of pressure, m/(Pa/s).
@@ -309,10 +384,14 @@ pub struct Defects {
     pub imu_off_rad: [[f64; 3]; IMUS],
     /// Mean rate error of the capture's clock.
     pub clock_skew: f64,
+    /// When that begins, s.
+    pub skew_from_s: f64,
     /// Mean lateness of the capture, s.
     pub clock_offset_s: f64,
     /// Displacement (m) and rotation vector (rad) of the capture's frame.
     pub frame: [f64; 6],
+    /// When the effect that is being put in begins, s.
+    from_s: f64,
 }
 
 impl Default for Defects {
@@ -323,6 +402,7 @@ impl Default for Defects {
             leak_1_s: [0.0; CHAMBERS],
             sag_ratio: [0.0; CHAMBERS],
             sag_s: 0.3,
+            short_pa: 0.0,
             line_s: [0.0; CHAMBERS],
             gauge: [[1.0, 0.0]; CHAMBERS],
             friction: [[0.0, 5e-3]; CHAMBERS],
@@ -338,36 +418,80 @@ impl Default for Defects {
             floor: None,
             torsion: [1.0; 2],
             softening: 0.0,
+            softening_from_s: 0.0,
             area_growth: 0.0,
+            area_bending: 0.0,
             snap_n: [0.0; CHAMBERS],
+            touch_m: [0.0; CHAMBERS],
+            drag_n: 0.0,
+            cable_n_m: 0.0,
             pad_play_rad: 0.0,
             spring_lag_s: [0.0; SPRINGS],
+            seat_play_m: [0.0; SPRINGS],
             spring_cross: [0.0; SPRINGS],
             spring_gain: [[1.0, 0.0]; SPRINGS],
             spring_drift_m_s: [0.0; SPRINGS],
+            drift_from_s: 0.0,
             spring_stuck_s: [f64::INFINITY; SPRINGS],
             interference_m_s_pa: 0.0,
             imu_drift_rad_s: [0.0; IMUS],
             imu_off_rad: [[0.0; 3]; IMUS],
             clock_skew: 0.0,
+            skew_from_s: 0.0,
             clock_offset_s: 0.0,
             frame: [0.0; 6],
+            from_s: 0.0,
         }
     }
 }
 
 impl Defects {
-    /// All of these together.
-    pub fn of(hidden: &[Hidden]) -> Self {
+    /// All of these that have begun by `t_s`.
+    pub fn at(t_s: f64, hidden: &[Hidden]) -> Self {
         let mut out = Self::default();
-        for h in hidden {
+        for h in hidden.iter().filter(|h| h.from_s <= t_s) {
             let kind = h.kind();
             let all: Vec<usize> = match h.target {
                 Some(i) => vec![i],
                 None => (0..kind.target.count()).collect(),
             };
+            out.from_s = h.from_s;
             (kind.apply)(&mut out, &all, &h.values);
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_effect_begins_at_its_time_and_its_text_reads_back() {
+        let text = "leak:2=0.04@30";
+        let leak: Hidden = text.parse().expect("fits");
+        assert_eq!((leak.id, leak.target, leak.from_s), ("leak", Some(1), 30.0));
+        assert_eq!(leak.to_string(), text);
+        let hidden = [leak];
+        assert_eq!(Defects::at(29.9, &hidden), Defects::default());
+        assert_eq!(Defects::at(30.0, &hidden).leak_1_s[1], 0.04);
+    }
+
+    #[test]
+    fn at_least_eight_effects_have_no_counterpart() {
+        let unmodelled = HIDDEN.iter().filter(|k| k.class == Class::Unmodelled);
+        assert!(unmodelled.count() >= 8);
+        for (i, kind) in HIDDEN.iter().enumerate() {
+            assert!(
+                HIDDEN[i + 1..].iter().all(|k| k.id != kind.id),
+                "{}",
+                kind.id
+            );
+            for m in kind.magnitudes {
+                let [low, high] = m.bounds;
+                let inside = |x: f64| (low..=high).contains(&x);
+                assert!(m.usual.iter().all(|x| inside(*x)), "{} {}", kind.id, m.name);
+            }
+        }
     }
 }

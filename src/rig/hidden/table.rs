@@ -1,7 +1,7 @@
-//! Table of hidden effects. The equations stand in the docs; `rig::session` carries them out.
+//! Table of hidden effects. Plant, sensors and clocks of the rig carry them out.
 
 use super::{Class, Growth, Kind, Magnitude, Scope, Shows, Signed};
-use crate::sim::effects::{Side, Target};
+use crate::signal::{Side, Target};
 use Growth::{Geometric, Linear, Shape};
 use Signed::{Fixed, Free};
 
@@ -43,8 +43,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "flow-limit",
-        doc: "ISO 6358 orifices to a supply of 90 kPa and a vacuum of −70 kPa: the flow is choked \
-              below the critical ratio 0.3 and falls elliptically above it; rates at 0 Pa.",
+        doc: "A worn pump: it moves less air, and less again when it evacuates or fills, so that the pressure of a chamber at rest changes by at most these rates.",
         class: Class::Known,
         side: Side::Actuation,
         target: Target::Chamber,
@@ -55,8 +54,8 @@ pub const HIDDEN: &[Kind] = &[
                 "inflate",
                 "Pa/s",
                 4e4,
-                [300.0, 1e6],
-                [1.5e3, 4e3],
+                [100.0, 1e6],
+                [300.0, 900.0],
                 Geometric,
                 Fixed,
             ),
@@ -64,8 +63,8 @@ pub const HIDDEN: &[Kind] = &[
                 "deflate",
                 "Pa/s",
                 4e4,
-                [300.0, 1e6],
-                [1.5e3, 4e3],
+                [100.0, 1e6],
+                [300.0, 900.0],
                 Geometric,
                 Fixed,
             ),
@@ -74,28 +73,35 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "leak",
-        doc: "A turbulent hole, dp/dt = −λ sign(p) √(|p| · 20 kPa), laminar below 500 Pa, while the \
-              regulator refills.",
+        doc: "An orifice: turbulent outflow in proportion to the root of the gauge pressure (λ p at 20 kPa), laminar below 500 Pa, while the pump refills.",
         class: Class::Known,
         side: Side::Actuation,
         target: Target::Chamber,
         scope: Scope::One,
         shows: Shows::Pressure,
-        magnitudes: &[m("rate", "1/s", 0.0, [0.0, 6.0], [0.3, 1.5], Linear, Fixed)],
+        magnitudes: &[m(
+            "rate",
+            "1/s",
+            0.0,
+            [0.0, 6.0],
+            [0.06, 0.2],
+            Linear,
+            Fixed,
+        )],
         apply: |d, on, v| on.iter().for_each(|&i| d.leak_1_s[i] = v[0]),
     },
     Kind {
         id: "supply-coupling",
-        doc: "A reservoir of pressure s: ds/dt = Σ_j w_j g(dp_j/dt) − s/τ, g weaker for emptying; a \
-              chamber's own valve (w = 0) is not disturbed; p follows u − k s (1 + p/120 kPa).",
+        doc: "The supply sags by what the other chambers draw: ds/dt = Σ_{j≠i} g(dp_j/dt) − s/τ, g weaker for \
+              emptying; the regulator follows u − k s (1 + p/120 kPa).",
         class: Class::Known,
         side: Side::Actuation,
         target: Target::Chamber,
         scope: Scope::Common,
         shows: Shows::Pressure,
         magnitudes: &[
-            m("share", "", 0.0, [-0.4, 0.4], [0.03, 0.12], Linear, Fixed),
-            m("time", "s", 0.3, [0.05, 3.0], [0.2, 1.0], Shape, Fixed),
+            m("share", "", 0.0, [-0.4, 0.4], [0.1, 0.3], Linear, Fixed),
+            m("time", "s", 0.3, [0.05, 3.0], [0.5, 2.0], Shape, Fixed),
         ],
         apply: |d, on, v| {
             on.iter().for_each(|&i| d.sag_ratio[i] = v[0]);
@@ -104,8 +110,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "pressure-lag",
-        doc: "Two volumes in line (¾ and ¼ of the time) filled through orifices whose conductance \
-              grows with absolute pressure and shrinks for large flow.",
+        doc: "A pinched line: more resistance between gauge and chamber, so that the chamber lags by this time at rest.",
         class: Class::Known,
         side: Side::Actuation,
         target: Target::Chamber,
@@ -116,12 +121,12 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "gauge-error",
-        doc: "p_gauge = o + g p + c p²: a bridge that is bent a little besides gain and offset.",
+        doc: "p_gauge = o + g p + c p²: a bridge that is bent a little besides gain and offset; the regulator believes it.",
         class: Class::Known,
         side: Side::Actuation,
         target: Target::Chamber,
         scope: Scope::One,
-        shows: Shows::Pressure,
+        shows: Shows::Pose,
         magnitudes: &[
             m("gain", "", 1.0, [0.6, 1.4], [1.03, 1.12], Linear, Free),
             m(
@@ -138,8 +143,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "hysteresis",
-        doc: "Bouc-Wen, ż = (ẋ/x₀)(1 − |z|^1.6 (0.6 + 0.4 sign(ẋ z))), force F₀ z/z_∞, with 8 % \
-              scatter from bellows to bellows.",
+        doc: "A second friction element in each bellows (Bouc-Wen), with 8 % scatter from bellows to bellows.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::Chamber,
@@ -161,8 +165,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "creep",
-        doc: "Three-term Prony series, shares 0.45, 0.35, 0.2 at 0.4, 1 and 2.5 times the time, with \
-              scatter from bellows to bellows.",
+        doc: "Three further viscoelastic branches with shares 0.45, 0.35, 0.2 at 0.4, 1 and 2.5 times the time, with scatter from bellows to bellows.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::Chamber,
@@ -176,8 +179,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "stiffening",
-        doc: "Power law β k l₀ |ε|^2.6 sign(ε) · 0.25^0.4, a tenth stronger in extension than in \
-              contraction; equal to the cubic law at ε = 0.25.",
+        doc: "Power law β k l₀ |ε|^2.6 sign(ε) · 0.25^0.4 in each bellows, scattered; equal to the cubic law at ε = 0.25.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::Chamber,
@@ -188,8 +190,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "damping",
-        doc: "A dashpot on an elastic seat (2.5 times the bellows' rate) in each bellows, a fifth \
-              scattered; the central tube does not damp: not proportional to stiffness.",
+        doc: "A dashpot in each bellows, with 8 % scatter; the central tube does not damp more: not proportional to stiffness.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::None,
@@ -200,7 +201,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "chamber-stiffness",
-        doc: "Extra tension (f − 1) k x (1 + 0.15 x/x_max), about a rest length that is off by 0.4 mm.",
+        doc: "A bellows of another rate, about a rest length that is off by 0.4 mm.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::Chamber,
@@ -211,8 +212,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "payload",
-        doc: "A mass that swings on the gripper: it follows the plumb line slowly and only in part, \
-              and hangs beside the nominal point.",
+        doc: "A body on the gripper, beside the nominal point, that swings half of the way to the plumb line.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::None,
@@ -244,8 +244,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "base-tilt",
-        doc: "The mount leans and gives way: the tilt grows with the tip's lateral reach by up to a \
-              twentieth and sways slowly by as much.",
+        doc: "A rotated mount: gravity leans in the base's axes, for the arm and for the IMUs; it gives way by a twentieth as it sways.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::None,
@@ -305,8 +304,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "torsion",
-        doc: "k_t → f k_t (1 + 0.3 (θ/0.1)²) in place of a constant factor; θ is the twist of the \
-              segment's ends. Only weight that hangs beside the bent arm twists it: weak at best.",
+        doc: "Central tube and folds of a segment that twist more easily. Only weight that hangs beside the bent arm twists it: weak at best.",
         class: Class::Known,
         side: Side::Mechanics,
         target: Target::Segment,
@@ -371,7 +369,7 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "spring-drift",
-        doc: "Oscillators that warm up: y = l + r τ (1 − e^{−t/τ}), τ = 150 s, a tenth scattered.",
+        doc: "Oscillators that warm up: the temperature rises as 1 − e^{−t/150 s} and shifts the reading by r a second at first, a tenth scattered.",
         class: Class::Known,
         side: Side::Sensing,
         target: Target::Spring,
@@ -386,7 +384,10 @@ pub const HIDDEN: &[Kind] = &[
             Linear,
             Free,
         )],
-        apply: |d, on, v| on.iter().for_each(|&i| d.spring_drift_m_s[i] = v[0]),
+        apply: |d, on, v| {
+            on.iter().for_each(|&i| d.spring_drift_m_s[i] = v[0]);
+            d.drift_from_s = d.from_s;
+        },
     },
     Kind {
         id: "spring-stuck",
@@ -406,12 +407,14 @@ pub const HIDDEN: &[Kind] = &[
             Linear,
             Fixed,
         )],
-        apply: |d, on, v| on.iter().for_each(|&i| d.spring_stuck_s[i] = v[0]),
+        apply: |d, on, v| {
+            let from_s = d.from_s + v[0];
+            on.iter().for_each(|&i| d.spring_stuck_s[i] = from_s);
+        },
     },
     Kind {
         id: "imu-drift",
-        doc: "The heading's rate walks at random about its mean (a third of it, correlation time \
-              20 s), and a little of it leaks into the tilt, from which gravity takes it back.",
+        doc: "A gyro's rate about the vertical walks at random about its mean (a third of it, correlation time 20 s).",
         class: Class::Known,
         side: Side::Sensing,
         target: Target::Imu,
@@ -422,7 +425,7 @@ pub const HIDDEN: &[Kind] = &[
             "rad/s",
             0.0,
             [-0.02, 0.02],
-            [5e-4, 2.5e-3],
+            [3e-3, 1e-2],
             Linear,
             Free,
         )],
@@ -464,7 +467,10 @@ pub const HIDDEN: &[Kind] = &[
             Linear,
             Free,
         )],
-        apply: |d, _, v| d.clock_skew = v[0],
+        apply: |d, _, v| {
+            d.clock_skew = v[0];
+            d.skew_from_s = d.from_s;
+        },
     },
     Kind {
         id: "clock-offset",
@@ -513,7 +519,10 @@ pub const HIDDEN: &[Kind] = &[
         scope: Scope::Common,
         shows: Shows::Pose,
         magnitudes: &[m("loss", "", 0.0, [0.0, 0.4], [0.08, 0.25], Linear, Fixed)],
-        apply: |d, _, v| d.softening = v[0],
+        apply: |d, _, v| {
+            d.softening = v[0];
+            d.softening_from_s = d.from_s;
+        },
     },
     Kind {
         id: "area-growth",
@@ -528,8 +537,8 @@ pub const HIDDEN: &[Kind] = &[
     },
     Kind {
         id: "bellows-snap",
-        doc: "A fold of one bellows snaps in when it is shorter than 135 mm and out when it is longer \
-              than 150 mm; while in, it pulls harder.",
+        doc: "A fold of one bellows snaps in when it is shorter than 142 mm and out when it is longer \
+              than 149 mm; while in, it pulls harder.",
         class: Class::Unmodelled,
         side: Side::Mechanics,
         target: Target::Chamber,
@@ -585,5 +594,111 @@ pub const HIDDEN: &[Kind] = &[
             Fixed,
         )],
         apply: |d, _, v| d.interference_m_s_pa = v[0],
+    },
+    Kind {
+        id: "bellows-touch",
+        doc: "A bellows touches its neighbour when it is shorter than this length: it gets three times stiffer there.",
+        class: Class::Unmodelled,
+        side: Side::Mechanics,
+        target: Target::Chamber,
+        scope: Scope::One,
+        shows: Shows::Pose,
+        magnitudes: &[m(
+            "length",
+            "m",
+            0.1,
+            [0.1, 0.16],
+            [0.135, 0.15],
+            Linear,
+            Fixed,
+        )],
+        apply: |d, on, v| on.iter().for_each(|&i| d.touch_m[i] = v[0]),
+    },
+    Kind {
+        id: "area-bending",
+        doc: "The effective areas of a segment shrink or grow as it bends, A (1 + g θ).",
+        class: Class::Unmodelled,
+        side: Side::Mechanics,
+        target: Target::None,
+        scope: Scope::Common,
+        shows: Shows::Pose,
+        magnitudes: &[m(
+            "growth",
+            "1/rad",
+            0.0,
+            [-1.0, 1.0],
+            [0.2, 0.6],
+            Linear,
+            Free,
+        )],
+        apply: |d, _, v| d.area_bending = v[0],
+    },
+    Kind {
+        id: "hose-drag",
+        doc: "A hose drags on the ground: dry friction against the tip's motion, held by bristles of 300 N/m.",
+        class: Class::Unmodelled,
+        side: Side::Mechanics,
+        target: Target::None,
+        scope: Scope::Common,
+        shows: Shows::Pose,
+        magnitudes: &[m("force", "N", 0.0, [0.0, 10.0], [1.0, 4.0], Linear, Fixed)],
+        apply: |d, _, v| d.drag_n = v[0],
+    },
+    Kind {
+        id: "gripper-cable",
+        doc: "The gripper's cable is fixed to the middle pad, too short: it pulls when the first segment extends.",
+        class: Class::Unmodelled,
+        side: Side::Mechanics,
+        target: Target::None,
+        scope: Scope::Common,
+        shows: Shows::Pose,
+        magnitudes: &[m(
+            "rate",
+            "N/m",
+            0.0,
+            [0.0, 2000.0],
+            [150.0, 600.0],
+            Linear,
+            Fixed,
+        )],
+        apply: |d, _, v| d.cable_n_m = v[0],
+    },
+    Kind {
+        id: "regulator-asymmetry",
+        doc: "Worn valves stop short of the set pressure when they fill, and reach it when they empty.",
+        class: Class::Unmodelled,
+        side: Side::Actuation,
+        target: Target::None,
+        scope: Scope::Common,
+        shows: Shows::Pressure,
+        magnitudes: &[m(
+            "short",
+            "Pa",
+            0.0,
+            [0.0, 5000.0],
+            [300.0, 1500.0],
+            Linear,
+            Fixed,
+        )],
+        apply: |d, _, v| d.short_pa = v[0],
+    },
+    Kind {
+        id: "seat-stick-slip",
+        doc: "A spring's hook sticks in its seat and slips: the reading follows the length through a dead band.",
+        class: Class::Unmodelled,
+        side: Side::Sensing,
+        target: Target::Spring,
+        scope: Scope::One,
+        shows: Shows::Springs,
+        magnitudes: &[m(
+            "play",
+            "m",
+            0.0,
+            [0.0, 0.02],
+            [1e-3, 4e-3],
+            Linear,
+            Fixed,
+        )],
+        apply: |d, on, v| on.iter().for_each(|&i| d.seat_play_m[i] = v[0]),
     },
 ];

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Pump and valve of a board feed a small volume V_b, where the gauge sits; a line with a resistance R leads to the
-//! chamber, which may leak (flows in m³/s at atmospheric pressure):
+//! chamber, which may leak, laminarly and through an orifice (flows in m³/s at atmospheric pressure):
 //!
 //! ```text
 //! V_b ṗ_b = p_atm (q_pump − q_line)        q_line = (p_b − p) / R        ṅ = p_atm (q_line − q_leak)
@@ -26,15 +26,42 @@ const WALL_S: f64 = 0.8;
 /// Volume between pump, valve and gauge, m³.
 const BOARD_M3: f64 = 20e-6;
 /// Resistance of a line, Pa s/m³.
-const LINE_PA_S_M3: f64 = 7.5e6;
+pub const LINE_PA_S_M3: f64 = 7.5e6;
+/// Gauge pressure at which an orifice loses as much as a laminar leak of the same figure, Pa.
+const ORIFICE_PA: f64 = 20e3;
+/// Below this gauge pressure the flow through an orifice is laminar, Pa.
+const LAMINAR_PA: f64 = 500.0;
 
-/// Flows through one chamber's pump and leak.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Flows through one chamber's pump, line and leaks.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flow {
     /// Pump flow, m³/s at atmospheric pressure; negative when it evacuates.
     pub pumped_m3_s: f64,
-    /// Leak per Pa of gauge pressure, m³/(s Pa) at atmospheric pressure.
+    /// Laminar leak per Pa of gauge pressure, m³/(s Pa) at atmospheric pressure.
     pub leak_m3_s_pa: f64,
+    /// Turbulent leak through an orifice, stated by its flow per Pa at 20 kPa, m³/(s Pa).
+    pub orifice_m3_s_pa: f64,
+    /// Resistance of the line, Pa s/m³.
+    pub line_pa_s_m3: f64,
+}
+
+impl Default for Flow {
+    /// Nothing is pumped, nothing leaks.
+    fn default() -> Self {
+        Self {
+            pumped_m3_s: 0.0,
+            leak_m3_s_pa: 0.0,
+            orifice_m3_s_pa: 0.0,
+            line_pa_s_m3: LINE_PA_S_M3,
+        }
+    }
+}
+
+impl Flow {
+    fn leaked_m3_s(&self, gauge_pa: f64) -> f64 {
+        let turbulent = gauge_pa * (ORIFICE_PA / gauge_pa.abs().max(LAMINAR_PA)).sqrt();
+        self.leak_m3_s_pa * gauge_pa + self.orifice_m3_s_pa * turbulent
+    }
 }
 
 /// Air of all chambers.
@@ -56,6 +83,15 @@ impl Chambers {
             warmth: [1.0; CHAMBERS],
             board_pa: [0.0; CHAMBERS],
             volume_m3,
+        }
+    }
+
+    /// The same at these gauge pressures (Pa), at ambient temperature.
+    pub fn at(volume_m3: [f64; CHAMBERS], gauge_pa: &[f64; CHAMBERS]) -> Self {
+        Self {
+            amount_pa_m3: std::array::from_fn(|c| volume_m3[c] * (ATMOSPHERE_PA + gauge_pa[c])),
+            board_pa: *gauge_pa,
+            ..Self::open(volume_m3)
         }
     }
 
@@ -89,11 +125,10 @@ impl Chambers {
             let p = self.gauge_pa(c, volume_m3[c]);
             // Backward in the board's small volume.
             let a = dt_s * ATMOSPHERE_PA / BOARD_M3;
-            let pumped = flows[c].pumped_m3_s;
-            self.board_pa[c] =
-                (self.board_pa[c] + a * (pumped + p / LINE_PA_S_M3)) / (1.0 + a / LINE_PA_S_M3);
-            let leaked = flows[c].leak_m3_s_pa * p;
-            let through = (self.board_pa[c] - p) / LINE_PA_S_M3;
+            let (pumped, line) = (flows[c].pumped_m3_s, flows[c].line_pa_s_m3);
+            self.board_pa[c] = (self.board_pa[c] + a * (pumped + p / line)) / (1.0 + a / line);
+            let leaked = flows[c].leaked_m3_s(p);
+            let through = (self.board_pa[c] - p) / line;
             let change = ATMOSPHERE_PA * (through - leaked) * dt_s;
             let brought = if change > 0.0 {
                 HEAT_RATIO - self.warmth[c]

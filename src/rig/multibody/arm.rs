@@ -11,12 +11,12 @@ use rand_pcg::Pcg64Mcg;
 
 use super::chain::{Arm, Body, Gap, Spring};
 use super::gap::Elastic;
-use super::member::Member;
+use super::member::{Friction, Member};
 use crate::robot::RobotSpec;
 use crate::signal::{Pose, SPRINGS};
 
 /// Standard gravity, m/s².
-const GRAVITY_M_S2: f64 = 9.806_65;
+pub const GRAVITY_M_S2: f64 = 9.806_65;
 /// Rings per segment unless a test asks for others.
 pub const RINGS: usize = 8;
 
@@ -25,6 +25,8 @@ pub const RINGS: usize = 8;
 pub struct Character {
     /// Rings per segment.
     pub rings: usize,
+    /// Stiffness of bellows and central tube over the drawing's.
+    pub stiffness: f64,
     /// Relative standard deviation of a bellows' stiffness; areas have half, central tubes twice, lengths a fifth of it.
     pub scatter: f64,
     /// Standard deviation of each coordinate of a spring's end, m.
@@ -53,6 +55,7 @@ impl Default for Character {
     fn default() -> Self {
         Self {
             rings: RINGS,
+            stiffness: 1.0,
             scatter: 0.012,
             attachment_m: 0.5e-3,
             hardening: 0.15,
@@ -90,12 +93,6 @@ fn disc(mass_kg: f64, radius_m: f64, height_m: f64) -> Matrix3<f64> {
     Matrix3::from_diagonal(&Vector3::new(side, side, polar))
 }
 
-/// Inertia of a point at a distance along z (m) about the origin.
-fn along_z(mass_kg: f64, z_m: f64) -> Matrix3<f64> {
-    let side = mass_kg * z_m * z_m;
-    Matrix3::from_diagonal(&Vector3::new(side, side, 0.0))
-}
-
 struct Maker<'a> {
     robot: &'a RobotSpec,
     character: &'a Character,
@@ -115,7 +112,7 @@ impl Maker<'_> {
     fn member(&mut self) -> Member {
         let (r, c) = (self.robot, self.character);
         let share = (c.rings + 1) as f64;
-        let stiffness_n_m = r.axial_stiffness_n_m * self.factor(c.scatter) * share;
+        let stiffness_n_m = c.stiffness * r.axial_stiffness_n_m * self.factor(c.scatter) * share;
         let rest_m = r.rest_length_m * self.factor(0.2 * c.scatter) / share;
         let [shortest, longest] = r.length_range_m;
         Member {
@@ -126,11 +123,19 @@ impl Maker<'_> {
             // Folds touch a little beyond the shortest length in use.
             contact_m: 0.9 * shortest / share,
             contact_n_m: 20.0 * stiffness_n_m,
-            branch_n_m: c.branches.map(|(part, _)| part * stiffness_n_m),
-            branch_s: c.branches.map(|(_, time_s)| time_s),
-            friction_n: c.friction_n,
-            presliding_m: c.presliding_m / share,
-            friction_power: 1.4,
+            branch_n_m: std::array::from_fn(|j| {
+                c.branches.get(j).map_or(0.0, |b| b.0 * stiffness_n_m)
+            }),
+            branch_s: std::array::from_fn(|j| c.branches.get(j).map_or(1.0, |b| b.1)),
+            stretch: 0.0,
+            pull_n: 0.0,
+            frictions: [
+                Friction {
+                    coulomb_force_n: c.friction_n,
+                    presliding_m: c.presliding_m / share,
+                },
+                Friction::default(),
+            ],
             damping_n_s_m: stiffness_n_m * c.damping_s,
             area_m2: r.area_m2 * self.factor(0.5 * c.scatter),
             area_slope: c.area_slope,
@@ -143,15 +148,15 @@ impl Maker<'_> {
         let chamber: [usize; 3] = std::array::from_fn(|k| 3 * segment + k);
         let at_m = chamber.map(|i| r.bellows_m[i]);
         let square_m2: f64 = at_m.iter().map(Vector3::norm_squared).sum();
-        let torsion = r.torsional_stiffness_nm_rad * self.factor(2.0 * c.scatter);
-        let bending = r.bending_stiffness_nm_rad * self.factor(2.0 * c.scatter);
+        let torsion = c.stiffness * r.torsional_stiffness_nm_rad * self.factor(2.0 * c.scatter);
+        let bending = c.stiffness * r.bending_stiffness_nm_rad * self.factor(2.0 * c.scatter);
         let fold_n_m = c.fold_torsion * torsion / square_m2;
         let members: [Member; 3] = std::array::from_fn(|_| self.member());
         let gap = Gap {
             elastic: Elastic {
                 at_m,
                 lateral_n_m: [fold_n_m * share; 3],
-                tube_shear_n_m: c.tube_shear_n / r.rest_length_m * share,
+                tube_shear_n_m: c.stiffness * c.tube_shear_n / r.rest_length_m * share,
                 tube_nm_rad: Vector3::new(bending, bending, (1.0 - c.fold_torsion) * torsion)
                     * share,
             },
@@ -201,6 +206,51 @@ impl Maker<'_> {
     }
 }
 
+/// Masses on the end pad that are not where the drawing has them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Aside {
+    /// Displacement of the gripper's centre of mass in the pad's axes, m.
+    pub gripper_m: Vector3<f64>,
+    /// A further mass, kg.
+    pub kg: f64,
+    /// Its displacement from the payload's place, pad axes, m.
+    pub at_m: Vector3<f64>,
+}
+
+/// End pad, gripper and payload as one body; z from the pad's upper face, its origin.
+pub fn end_body(robot: &RobotSpec, rings: usize, payload_kg: f64, aside: &Aside) -> Body {
+    let ring_kg = 3.0 * robot.bellows_kg / (rings + 1) as f64;
+    let t = robot.pad_thickness_m;
+    let pad_kg = robot.end_pad_kg + 0.5 * ring_kg;
+    let below = |z_m: f64| Vector3::new(0.0, 0.0, -z_m);
+    let parts = [
+        (pad_kg, below(0.5 * t)),
+        (
+            robot.gripper_kg,
+            below(robot.gripper_com_m) + aside.gripper_m,
+        ),
+        (payload_kg, below(robot.payload_com_m)),
+        (aside.kg, below(robot.payload_com_m) + aside.at_m),
+    ];
+    let mass_kg: f64 = parts.iter().map(|p| p.0).sum();
+    let com_m = parts.iter().map(|p| p.1 * p.0).sum::<Vector3<f64>>() / mass_kg;
+    let own = disc(pad_kg, pad_radius_m(robot), t) + disc(robot.gripper_kg, 0.03, 0.08);
+    let spread = |(kg, at_m): &(f64, Vector3<f64>)| {
+        let r = at_m - com_m;
+        (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * *kg
+    };
+    Body {
+        mass_kg,
+        inertia_kg_m2: own + parts.iter().map(spread).sum::<Matrix3<f64>>(),
+        upper_m: -com_m,
+        lower_m: Vector3::zeros(),
+    }
+}
+
+fn pad_radius_m(robot: &RobotSpec) -> f64 {
+    robot.bellows_m[0].norm() + 0.5 * robot.bellows_outer_diameter_m
+}
+
 /// The arm of a seed that hangs from its base and carries `payload_kg` in its gripper. The same seed is always the
 /// same arm.
 pub fn make(robot: &RobotSpec, seed: u64, payload_kg: f64, character: &Character) -> Arm {
@@ -219,34 +269,22 @@ pub fn make(robot: &RobotSpec, seed: u64, payload_kg: f64, character: &Character
     };
     let t = robot.pad_thickness_m;
     let face_m = Vector3::new(0.0, 0.0, 0.5 * t);
-    let pad_radius_m = robot.bellows_m[0].norm() + 0.5 * robot.bellows_outer_diameter_m;
     let ring_kg = 3.0 * robot.bellows_kg / (character.rings + 1) as f64;
     maker.segment(0, &mut arm);
     let middle_kg = robot.middle_pad_kg + ring_kg;
     arm.bodies.push(Body {
         mass_kg: middle_kg,
-        inertia_kg_m2: disc(middle_kg, pad_radius_m, t),
+        inertia_kg_m2: disc(middle_kg, pad_radius_m(robot), t),
         upper_m: face_m,
         lower_m: -face_m,
     });
     maker.segment(1, &mut arm);
-    // Pad, gripper and payload are one body; z from the pad's upper face, its origin.
-    let end_kg = robot.end_pad_kg + 0.5 * ring_kg;
-    let parts = [
-        (end_kg, -0.5 * t),
-        (robot.gripper_kg, -robot.gripper_com_m),
-        (payload_kg, -robot.payload_com_m),
-    ];
-    let mass_kg: f64 = parts.iter().map(|p| p.0).sum();
-    let com_m = parts.iter().map(|p| p.0 * p.1).sum::<f64>() / mass_kg;
-    let spread = parts.map(|(kg, z_m)| along_z(kg, z_m - com_m));
-    let own = disc(end_kg, pad_radius_m, t) + disc(robot.gripper_kg, 0.03, 0.08);
-    arm.bodies.push(Body {
-        mass_kg,
-        inertia_kg_m2: own + spread[0] + spread[1] + spread[2],
-        upper_m: Vector3::new(0.0, 0.0, -com_m),
-        lower_m: Vector3::zeros(),
-    });
+    arm.bodies.push(end_body(
+        robot,
+        character.rings,
+        payload_kg,
+        &Aside::default(),
+    ));
     maker.springs(&mut arm);
     arm
 }

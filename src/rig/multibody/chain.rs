@@ -13,7 +13,7 @@ use nalgebra::{
 };
 
 use super::gap::{Elastic, Strain, Wrench};
-use super::member::{Axial, Member, Memory};
+use super::member::{Axial, BRANCHES, Friction, Member, Memory};
 use crate::signal::{CHAMBERS, Pose};
 
 /// A ring or a pad.
@@ -139,8 +139,11 @@ pub struct Outside {
     pub wrenches: Vec<(usize, Wrench)>,
 }
 
-const TOLERANCE: f64 = 1e-10;
+/// Largest correction of an iteration that ends a step, m or rad.
+const TOLERANCE: f64 = 1e-8;
 const MOST_ITERATIONS: usize = 25;
+/// Below this speed of every body the arm counts as settled, m/s.
+const SETTLED_M_S: f64 = 1e-5;
 /// The matrix is recomputed when an iteration leaves more than this share of the correction.
 const SLOW: f64 = 0.1;
 
@@ -190,6 +193,33 @@ fn shifted(block: &Matrix6<f64>, rho_row: &Vector3<f64>, rho_col: &Vector3<f64>)
 }
 
 impl Arm {
+    /// The same without friction and creep, damped so that it comes to rest soon.
+    fn calm(&self) -> Self {
+        const DAMPING_S: f64 = 0.15;
+        let mut calm = self.clone();
+        for gap in &mut calm.gaps {
+            gap.damping_s = DAMPING_S;
+            for member in &mut gap.members {
+                member.frictions = [Friction::default(); 2];
+                member.branch_n_m = [0.0; BRANCHES];
+                member.damping_n_s_m = member.stiffness_n_m * DAMPING_S;
+            }
+        }
+        calm
+    }
+
+    /// Exchanges the end body for one that has its centre of mass elsewhere; what is fixed to it stays where it is.
+    pub fn exchange_end(&mut self, body: Body) {
+        let last = self.bodies.len().wrapping_sub(1);
+        let Some(end) = self.bodies.get_mut(last) else {
+            return;
+        };
+        for spring in self.springs.iter_mut().filter(|s| s.lower == last) {
+            spring.lower_m += body.upper_m - end.upper_m;
+        }
+        *end = body;
+    }
+
     /// Indices of the middle and the end pad.
     pub fn pads(&self) -> [usize; 2] {
         let per_segment = self.bodies.len() / 2;
@@ -284,6 +314,75 @@ impl Chain {
             out.strains[i] = (strain.u_m, strain.psi);
         }
         out
+    }
+
+    /// At rest where these gauge pressures (Pa) are kept, with nothing remembered: found by waiting with an arm that is
+    /// damped more, has no friction and does not creep, which stands at the same place.
+    ///
+    /// # Errors
+    /// When a step does not converge, or the arm has not come to rest after a minute.
+    pub fn settled(
+        arm: &Arm,
+        gauge_pa: [f64; CHAMBERS],
+        outside: &Outside,
+    ) -> Result<Self, NoStep> {
+        const STEP_S: f64 = 5e-3;
+        const STEPS: usize = 12_000;
+        let calm = arm.calm();
+        let mut chain = Self::straight(&calm);
+        for step in 1..=STEPS {
+            chain.step(&calm, &Held(gauge_pa), outside, STEP_S)?;
+            // The first steps start from rest.
+            if step > 20 && chain.speed_m_s() < SETTLED_M_S {
+                for m in &mut chain.motions {
+                    m.momentum.fill(0.0);
+                    m.velocity.fill(0.0);
+                }
+                chain.forget(arm);
+                return Ok(chain);
+            }
+        }
+        Err(NoStep {
+            correction: chain.speed_m_s() * STEP_S,
+        })
+    }
+
+    /// Forgets how the bellows were moved: no friction, everything relaxed.
+    pub fn forget(&mut self, arm: &Arm) {
+        for (i, gap) in arm.gaps.iter().enumerate() {
+            for (k, member) in gap.members.iter().enumerate() {
+                self.memories[i][k] = member.relaxed(self.lengths_m[i][k]);
+            }
+        }
+        self.factors.clear();
+    }
+
+    /// Exchanges the last body for `body`, which has its centre of mass elsewhere; the pad stays and keeps its speed.
+    pub fn exchange_end(&mut self, before: &Body, body: &Body) {
+        let Some(m) = self.motions.last_mut() else {
+            return;
+        };
+        let pad = at(&m.pose, &before.upper_m);
+        let speed = inertia(before, &m.pose)
+            .cholesky()
+            .map(|i| i.solve(&m.momentum));
+        m.pose = at(&pad, &-body.upper_m);
+        if let Some(speed) = speed {
+            m.momentum = inertia(body, &m.pose) * speed;
+        }
+        self.factors.clear();
+    }
+
+    /// Velocity of a body's centre of mass and its angular rate now, base axes, m/s and rad/s.
+    pub fn velocity(&self, arm: &Arm, body: usize) -> Vector6<f64> {
+        let m = &self.motions[body];
+        let factor = inertia(&arm.bodies[body], &m.pose).cholesky();
+        factor.map_or(m.velocity, |i| i.solve(&m.momentum))
+    }
+
+    /// The next step factors its matrix again: the arm has changed.
+    pub fn refactor(&mut self) {
+        self.factors.clear();
     }
 
     /// Base from each pad; a pad's origin is the centre of its upper face.

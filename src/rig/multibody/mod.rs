@@ -16,10 +16,7 @@ mod tests;
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose};
 use arm::{Character, make};
-use chain::{Chain, Held, NoStep, Outside};
-
-/// Below this speed of every body the arm counts as settled, m/s.
-const SETTLED_M_S: f64 = 1e-5;
+use chain::{Chain, NoStep, Outside};
 
 /// Base from the middle and the end pad of the arm as drawn (elastic, no scatter), after waiting until it has settled
 /// at these gauge pressures (Pa) with this payload (kg).
@@ -31,23 +28,6 @@ pub fn settled_pads(
     gauge_pa: [f64; CHAMBERS],
     payload_kg: f64,
 ) -> Result<[Pose; 2], NoStep> {
-    const STEP_S: f64 = 5e-3;
-    const STEPS: usize = 12_000;
-    // Damping moves no settled pose; this much lets the arm come to rest soon.
-    let character = Character {
-        damping_s: 0.15,
-        ..Character::elastic()
-    };
-    let arm = make(robot, 0, payload_kg, &character);
-    let mut chain = Chain::straight(&arm);
-    for step in 1..=STEPS {
-        chain.step(&arm, &Held(gauge_pa), &Outside::default(), STEP_S)?;
-        // The first steps start from rest.
-        if step > 20 && chain.speed_m_s() < SETTLED_M_S {
-            return Ok(chain.pads(&arm));
-        }
-    }
-    Err(NoStep {
-        correction: chain.speed_m_s() * STEP_S,
-    })
+    let arm = make(robot, 0, payload_kg, &Character::elastic());
+    Ok(Chain::settled(&arm, gauge_pa, &Outside::default())?.pads(&arm))
 }

@@ -17,8 +17,9 @@ mod operators;
 mod run;
 mod table;
 
+pub use crate::signal::{Side, Target};
 pub use active::{Active, EffectError, Simulated, Trajectory, effect};
-pub use effect::{Call, Effect, Line, Operator, Parameter, Plant, Residual, Side, Target};
+pub use effect::{Call, Effect, Line, Operator, Parameter, Plant, Residual};
 pub(super) use run::built_in;
 pub use run::{arm_only, behind_gauges, gauges, read, simulate};
 pub use table::EFFECTS;

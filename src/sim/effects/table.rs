@@ -1,7 +1,8 @@
 //! The table of effects. Operators act in this order.
 
-use super::effect::{Effect, Operator, Parameter, Residual, Side, Target};
+use super::effect::{Effect, Operator, Parameter, Residual};
 use super::operators as op;
+use crate::signal::{Side, Target};
 use Residual::{R1, R2, R3, R4, R5};
 
 const fn p(name: &'static str, unit: &'static str, nominal: f64, low: f64, high: f64) -> Parameter {

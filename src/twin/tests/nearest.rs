@@ -9,7 +9,7 @@ use crate::link::wire::Config;
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::signal::{Reach, ReachState};
 
-const NETWORKS: &[u8] = include_bytes!("../../../assets/networks/reference.safetensors");
+const NETWORKS: &[u8] = include_bytes!("../../../assets/networks/unit-1/reference.safetensors");
 
 /// So many points outside.
 const POINTS: usize = 200;
@@ -67,6 +67,7 @@ fn driven(
         seed: 1,
         surroundings: Surroundings::default(),
         objects: Vec::new(),
+        hidden: Vec::new(),
     };
     let rig = VirtualRig::new(robot, &options).expect("settles");
     let rig = Arc::new(std::sync::Mutex::new(rig));
@@ -113,8 +114,8 @@ fn driven(
             .lock()
             .expect("not poisoned")
             .plant
-            .observation()
-            .base_from_tip;
+            .truth()
+            .base_from_tip();
         let off_m = (tip.translation.vector - nalgebra::Vector3::from(*at_m)).norm();
         let refused = events.iter().find(|e| matches!(e, Event::Refused { .. }));
         out.push((off_m, refused.map(Event::text)));

@@ -140,9 +140,10 @@ fn arming_leaves_the_gripper_as_the_boards_report_it() {
         seed: 1,
         surroundings: Surroundings::default(),
         objects,
+        hidden: Vec::new(),
     };
     let rest = VirtualRig::new(&robot, &options(Vec::new())).expect("settles");
-    let tip = rest.plant.observation().base_from_tip.translation.vector;
+    let tip = rest.plant.truth().base_from_tip().translation.vector;
     let object = Object {
         grasp_m: tip.into(),
         mass_kg: 0.02,

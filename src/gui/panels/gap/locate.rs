@@ -268,7 +268,13 @@ fn place(ui: &mut Ui, l: &Located, finding: &Finding, locate: &mut LocateState, 
             .right_text("")
             .truncate()
             .min_size(vec2(width, 24.0));
-        let r = gated(ui, &gate, button, residual_name(&l.residual));
+        // A long name is cut, so that the bars stay in their column.
+        let r = ui
+            .scope(|ui| {
+                ui.set_max_width(width);
+                gated(ui, &gate, button, residual_name(&l.residual))
+            })
+            .inner;
         let name = format!(
             "{} {} is correlated with {}",
             l.residual, l.channel, l.regressor

@@ -13,7 +13,7 @@ use crate::signal::{ControllerKind, Gripper};
 use crate::task::circle;
 use crate::twin::{Heard, InProcess, Maps, Runner, TICK_S};
 
-const NETWORKS: &[u8] = include_bytes!("../../../../assets/networks/reference.safetensors");
+const NETWORKS: &[u8] = include_bytes!("../../../../assets/networks/unit-1/reference.safetensors");
 const CALIBRATION: &str = include_str!("../../../../assets/calibration/virtual-rig.toml");
 
 /// The shipped networks.
@@ -57,6 +57,7 @@ impl Bench {
             seed: 1,
             surroundings: Surroundings::default(),
             objects,
+            hidden: Vec::new(),
         };
         let rig = Arc::new(Mutex::new(
             VirtualRig::new(&robot, &options).expect("settles"),
@@ -147,7 +148,7 @@ impl Bench {
 
     fn tip_m(&self) -> nalgebra::Vector3<f64> {
         let rig = self.rig.lock().expect("not poisoned");
-        rig.plant.observation().base_from_tip.translation.vector
+        rig.plant.truth().base_from_tip().translation.vector
     }
 
     fn object(&self) -> Object {

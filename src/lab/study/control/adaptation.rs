@@ -6,12 +6,11 @@ use anyhow::Result;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 use rand::Rng as _;
 
-use super::tasks::{SEEDS, STIFFNESSES};
+use super::tasks::{STIFFNESSES, UNITS};
 use super::trial::{Task, Trial, mean, run_all};
 use crate::control::{Adaptation, Gains, ReachConfig, SEGMENTS, judging_gains, reach};
 use crate::drive::Shape;
-use crate::drive::model;
-use crate::lab::study::item::{Field, Found, Study, each};
+use crate::lab::study::item::{Found, Study, each};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
 use crate::robot::RobotSpec;
@@ -19,6 +18,7 @@ use crate::signal::ControllerKind;
 use crate::signal::{CHAMBERS, Goal, ReachState};
 use crate::sim::dataset::sample_rng;
 use crate::sim::{Inputs, Model, Parameters, Resolution, State, observe, sensitivity, settle};
+use crate::twin::Maps;
 
 /// Goals whose verdicts are looked at.
 const GOALS: usize = 150;
@@ -30,7 +30,7 @@ const NEAR_M: f64 = 2e-3;
 const DOUBTFUL_M: [f64; 2] = [0.5e-3, 6e-3];
 /// Goal of the move, m, and rest after it, s.
 const MOVE_M: [f64; 3] = [0.06, 0.04, -0.30];
-const REST_S: f64 = 300.0;
+const REST_S: f64 = 120.0;
 
 /// Least distance of the tip from a goal, m: Gauss-Newton in the box of pressures from several starts, by the
 /// twin's own mechanics at the arm's true stiffness. The twin has no part in it.
@@ -133,8 +133,12 @@ fn truths(robot: &RobotSpec, stiffness: f64) -> Vec<Truth> {
 }
 
 /// Shares of the goals that are wrongly called reachable, wrongly called unreachable, and without verdict.
-fn wrong(robot: &RobotSpec, truths: &[Truth], plant_gains: [f64; SEGMENTS]) -> Result<[f64; 3]> {
-    let maps = model::maps(None)?;
+fn wrong(
+    robot: &RobotSpec,
+    maps: &Maps,
+    truths: &[Truth],
+    plant_gains: [f64; SEGMENTS],
+) -> Result<[f64; 3]> {
     let config = ReachConfig {
         plant_gains: judging_gains(plant_gains),
         ..ReachConfig::default()
@@ -158,7 +162,6 @@ fn wrong(robot: &RobotSpec, truths: &[Truth], plant_gains: [f64; SEGMENTS]) -> R
 pub const ADAPTATION: Study = Study {
     name: "adaptation",
     about: "What learning the arm's stiffness is good for",
-    field: Field::Control,
     items: |_| STIFFNESSES.len() * WAYS.len(),
     find,
     table,
@@ -172,6 +175,7 @@ const WAYS: [(Adaptation, &str); 3] = [
 
 fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let mut known: Option<(usize, Vec<Truth>)> = None;
+    let maps = Maps::from(setup.shipped.clone());
     each(&*setup.progress.clone(), items, |item| {
         let (arm, (adaptation, how)) = (item / WAYS.len(), WAYS[item % WAYS.len()]);
         let stiffness = STIFFNESSES[arm];
@@ -184,21 +188,21 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             ..Gains::of(ControllerKind::NullSpaceQp)
         };
         let trials = |task: Task, after_s: f64| {
-            SEEDS.map(|seed| Trial {
+            UNITS.map(|unit| Trial {
                 stiffness,
                 after_s,
-                ..Trial::new(gains.clone(), task.clone(), seed)
+                ..Trial::new(gains.clone(), task.clone(), unit)
             })
         };
         let moves = trials(Task::Goto(Goal::position(MOVE_M)), REST_S);
-        let moves = run_all(setup, moves.into(), |o| {
+        let moved = run_all(setup, moves.into(), |o| {
             (
                 o.moved().and_then(|m| m.steps),
                 o.fastest_mm_s,
                 o.driven.plant_gains,
             )
         })?;
-        let circles = run_all(
+        let circled = run_all(
             setup,
             trials(Task::Path(Shape::Circle, 1), 2.0).into(),
             |o| match o.measured {
@@ -208,10 +212,11 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 _ => None,
             },
         )?;
+        let (moves, circles) = (&moved.kept, &circled.kept);
         let learned: Vec<[f64; SEGMENTS]> = moves.iter().filter_map(|m| m.2).collect();
         let verdicts = learned
             .iter()
-            .map(|g| wrong(&setup.robot, &truths, *g))
+            .map(|g| wrong(&setup.robot, &maps, &truths, *g))
             .collect::<Result<Vec<_>>>()?;
         let verdict = |k: usize| mean(verdicts.iter().map(|v| v[k]));
         let settled = moves.iter().all(|m| m.0.is_some());
@@ -227,7 +232,8 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             verdict(2),
         ];
         known = Some((arm, truths));
-        Ok(Found::row(format!("stiffness {stiffness}: {how}"), cells))
+        let simulated_s = moved.simulated_s + circled.simulated_s;
+        Ok(Found::row(format!("stiffness {stiffness}: {how}"), cells).after(simulated_s))
     })
 }
 
@@ -250,7 +256,7 @@ fn table(found: Vec<Found>) -> Table {
     );
     t.notes = vec![
         format!(
-            "Our controller on arms of a stiffness that the twin does not know; three seeds per row. A move to {:?} mm, \
+            "Our controller on arms of a stiffness that the twin does not know; the three test units per row, each with a seed of its own. A move to {:?} mm, \
              then {REST_S:.0} s of rest there; and the circle without load.",
             MOVE_M.map(|x| x * 1e3)
         ),

@@ -7,18 +7,18 @@ use anyhow::Result;
 use nalgebra::Vector3;
 use rand::Rng as _;
 
-use super::tasks::SEEDS;
-use super::trial::{KINDS, Outcome, Task, Trial, mean, path_of, run_all};
+use super::tasks::UNITS;
+use super::trial::{Group, KINDS, Outcome, Task, Trial, mean, path_of, run_groups};
 use crate::control::Gains;
 use crate::drive::Row;
 use crate::drive::Script;
 use crate::drive::Shape;
 use crate::drive::measures::from_path_mm;
-use crate::lab::study::item::{Field, Found, Study};
+use crate::lab::study::item::{Found, Study};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
-use crate::rig::VirtualRig;
 use crate::rig::faults::{Fault, Place, Word};
+use crate::rig::{Unit, VirtualRig};
 use crate::signal::ControllerKind;
 use crate::sim::dataset::{normal, sample_rng};
 
@@ -158,12 +158,12 @@ fn borne(o: &Outcome, d: Disturbance) -> Borne {
 }
 
 /// One disturbance of one controller.
-fn trial(kind: ControllerKind, d: Disturbance, seed: u64) -> Trial {
+fn trial(kind: ControllerKind, d: Disturbance, unit: (Unit, u64)) -> Trial {
     Trial {
         payload_kg: PAYLOAD_KG,
         declared_kg: PAYLOAD_KG,
-        script: Some(d.script(seed)),
-        ..Trial::new(Gains::of(kind), Task::Path(Shape::Circle, 1), seed)
+        script: Some(d.script(unit.1)),
+        ..Trial::new(Gains::of(kind), Task::Path(Shape::Circle, 1), unit)
     }
 }
 
@@ -171,7 +171,6 @@ fn trial(kind: ControllerKind, d: Disturbance, seed: u64) -> Trial {
 pub const DISTURBANCES: Study = Study {
     name: "disturbances",
     about: "Pushes, blows, a swapped load, dead sensors and lost frames on a path",
-    field: Field::Control,
     items: |_| cases().len(),
     find,
     table,
@@ -188,12 +187,11 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let cases = &cases()[items];
     let trials = cases
         .iter()
-        .flat_map(|((d, _), (kind, _))| SEEDS.map(|seed| (*d, trial(*kind, *d, seed))));
-    let (kinds, trials): (Vec<Disturbance>, Vec<Trial>) = trials.unzip();
-    let found = run_all(setup, trials, |o| o)?;
-    let found: Vec<Borne> = found.iter().zip(kinds).map(|(o, d)| borne(o, d)).collect();
-    let percent = |n: usize| 100.0 * n as f64 / SEEDS.len() as f64;
-    let row = |(((_, what), (_, who)), group): (&Case, &[Borne])| {
+        .map(|((d, _), (kind, _))| UNITS.map(|unit| trial(*kind, *d, unit)).into());
+    let groups = run_groups(setup, trials.collect(), |o| o)?;
+    let percent = |n: usize| 100.0 * n as f64 / UNITS.len() as f64;
+    let row = |(((d, what), (_, who)), of): (&Case, Group<Outcome>)| {
+        let group: Vec<Borne> = of.kept.iter().map(|o| borne(o, *d)).collect();
         Found::row(
             format!("{what}: {who}"),
             vec![
@@ -205,8 +203,8 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 Some(percent(group.iter().filter(|b| b.safe).count())),
             ],
         )
+        .after(of.simulated_s)
     };
-    let groups = found.chunks(SEEDS.len());
     Ok(cases.iter().zip(groups).map(row).collect())
 }
 
@@ -225,7 +223,7 @@ fn table(found: Vec<Found>) -> Table {
         Drawn::Bars,
     );
     t.notes.push(format!(
-            "From {BEGIN_S:.0} s on, with {:.0} g in the gripper; three seeds per row. Errors: true tip from the \
+            "From {BEGIN_S:.0} s on, with {:.0} g in the gripper; the three test units per row, each with a seed of its own. Errors: true tip from the \
              path, mean before the disturbance and from {BACK_S:.0} s after its end, and the largest in between. Beside: \
              fastest change of that distance after that, over {OVER_S} s; an oscillation would show there. Pressure and rate limits are checked at every command and at the boards: \
              a breach ends the study.",
@@ -238,13 +236,21 @@ fn table(found: Vec<Found>) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::drive::{DEFAULT_RIG, model};
     use crate::lab::study::control::trial::run;
     use crate::robot::RobotSpec;
+    use crate::sensing::Calibration;
 
     /// Limits are checked within the drive, at every tick.
     fn check(d: Disturbance, largest_mm: f64) {
         let robot = RobotSpec::reference();
-        let out = run(&robot, trial(ControllerKind::NullSpaceQp, d, 7)).expect("runs");
+        let trial = trial(ControllerKind::NullSpaceQp, d, (Unit::default(), 7));
+        let (calibration, maps) = (
+            Calibration::virtual_rig(),
+            model::maps_for(&robot, DEFAULT_RIG),
+        );
+        let maps = maps.expect("built in");
+        let out = run(&robot, &calibration, &maps, trial).expect("runs");
         let b = borne(&out, d);
         assert!(b.before_mm < 1.0, "{b:?}");
         if d == Disturbance::LostFrames(0.15) {

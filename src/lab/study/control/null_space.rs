@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use anyhow::Result;
 
-use super::tasks::{SEEDS, TARGETS_M};
+use super::tasks::{TARGETS_M, UNITS};
 use super::trial::{Measured, Task, Trial, mean, run_all};
 use crate::control::Gains;
 use crate::drive::Shape;
-use crate::lab::study::item::{Field, Found, Study, each};
+use crate::lab::study::item::{Found, Study, each};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
 use crate::signal::ControllerKind;
@@ -18,7 +18,6 @@ use crate::signal::Goal;
 pub const NULL_SPACE: Study = Study {
     name: "null-space",
     about: "Saturation avoided in the null space",
-    field: Field::Control,
     items: |_| conditions().len(),
     find,
     table,
@@ -40,8 +39,8 @@ fn conditions() -> Vec<Condition> {
     ];
     let far = TARGETS_M[2].1;
     let tasks = [
-        ("circle, five times", Task::Path(Shape::Circle, 5)),
-        ("8, five times", Task::Path(Shape::Eight, 5)),
+        ("circle, twice", Task::Path(Shape::Circle, 2)),
+        ("8, twice", Task::Path(Shape::Eight, 2)),
         ("far", Task::Goto(Goal::position(far))),
     ];
     let mut out = Vec::new();
@@ -59,12 +58,12 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = conditions();
     each(&*setup.progress.clone(), items, |k| {
         let (what, task, payload_kg, who, gains) = &conditions[k];
-        let trials = SEEDS.map(|seed| Trial {
+        let trials = UNITS.map(|unit| Trial {
             payload_kg: *payload_kg,
             declared_kg: *payload_kg,
-            ..Trial::new(gains.clone(), task.clone(), seed)
+            ..Trial::new(gains.clone(), task.clone(), unit)
         });
-        let found = run_all(setup, trials.into(), |o| {
+        let group = run_all(setup, trials.into(), |o| {
             let largest = |q: &[f64; 6]| q.iter().fold(0.0_f64, |m, p| m.max(p.abs()));
             let set = o.driven.rows.iter().filter(|r| r.steered);
             let largest = mean(set.filter_map(|r| r.set_pa.as_ref()).map(largest));
@@ -81,6 +80,7 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             };
             (saturated, error_mm, largest, steps)
         })?;
+        let found = &group.kept;
         let all_steps = found.iter().all(|f| f.3.is_some());
         Ok(Found::row(
             format!("{what}, {:.0} g: {who}", payload_kg * 1e3),
@@ -90,7 +90,8 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 mean(found.iter().filter_map(|f| f.2).map(|p| p * 1e-3)),
                 mean(found.iter().filter_map(|f| f.3).map(|s| s as f64)).filter(|_| all_steps),
             ],
-        ))
+        )
+        .after(group.simulated_s))
     })
 }
 
@@ -109,8 +110,8 @@ fn table(found: Vec<Found>) -> Table {
     t.notes.push(
         "Goals that ask for a position alone leave three pressures spare. Ours draws them towards the middle of \
          their range (on a path) or to the reachability solution with most pressure to spare (to a goal), within the \
-         null space; the row without that leaves them where they are. The arm as the twin knows it, without load \
-         and with 500 g; three seeds per row. Largest: of the set pressures of all chambers, mean over the steps."
+         null space; the row without that leaves them where they are. Without load and with 500 g; the three test units \
+         per row, each with a seed of its own. Largest: of the set pressures of all chambers, mean over the steps."
             .to_owned(),
     );
     t.take(found);

@@ -4,14 +4,16 @@ use std::ops::Range;
 
 use anyhow::Result;
 
-use super::trial::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_all};
+use super::trial::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_groups};
 use crate::charts::{Axes, Chart, Line};
 use crate::control::{Gains, InitialGuess};
 use crate::drive::Shape;
 use crate::drive::measures::{PathMeasures, spread};
-use crate::lab::study::item::{Field, Found, Study};
+use crate::lab::study::item::{Found, Study};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
+use crate::lab::units::TEST;
+use crate::rig::Unit;
 use crate::signal::ControllerKind;
 use crate::signal::Goal;
 
@@ -19,8 +21,8 @@ use crate::signal::Goal;
 pub const LOADS_KG: [f64; 5] = [0.0, 0.035, 0.115, 0.27, 0.5];
 /// Stiffness of the arms as factors on the one that the twin knows.
 pub const STIFFNESSES: [f64; 3] = [0.5, 1.0, 2.0];
-/// Seeds of the rig's noise.
-pub const SEEDS: [u64; 3] = [1, 2, 3];
+/// Test units, each with a seed of the rig's noise.
+pub const UNITS: [(Unit, u64); 3] = [(TEST[0], 1), (TEST[1], 2), (TEST[2], 3)];
 
 /// Near, middle, far, from the rest pose, m.
 pub const TARGETS_M: [(&str, [f64; 3]); 3] = [
@@ -33,7 +35,6 @@ pub const TARGETS_M: [(&str, [f64; 3]); 3] = [
 pub const CIRCLE: Study = Study {
     name: "circle",
     about: "A circle, by both controllers, over loads and stiffnesses",
-    field: Field::Control,
     items: |_| path_conditions().len(),
     find: |setup, items| find_path(setup, Shape::Circle, items),
     table: |found| path(Shape::Circle, found),
@@ -43,7 +44,6 @@ pub const CIRCLE: Study = Study {
 pub const EIGHT: Study = Study {
     name: "eight",
     about: "A figure 8, likewise",
-    field: Field::Control,
     items: |_| path_conditions().len(),
     find: |setup, items| find_path(setup, Shape::Eight, items),
     table: |found| path(Shape::Eight, found),
@@ -53,7 +53,6 @@ pub const EIGHT: Study = Study {
 pub const MOVES: Study = Study {
     name: "moves",
     about: "Point to point: near, middle, far",
-    field: Field::Control,
     items: |_| move_conditions().len(),
     find: find_moves,
     table: moves,
@@ -63,14 +62,13 @@ pub const MOVES: Study = Study {
 pub const PICK_PLACE: Study = Study {
     name: "pick-place",
     about: "The paper's fruit into a basket",
-    field: Field::Control,
     items: |_| pick_place_conditions().len(),
     find: find_pick_place,
     table: pick_place,
 };
 
-const KNOWN: &str =
-    "The twin knows the load, not the stiffness. Three seeds per row. Errors are of the true tip.";
+const KNOWN: &str = "The twin knows the load, not the stiffness. The three test units per row, each after its lab's \
+     calibration and with a seed of its own. Errors are of the true tip.";
 
 fn percent(share: f64) -> f64 {
     100.0 * share
@@ -111,23 +109,22 @@ fn path_conditions() -> Vec<(f64, (ControllerKind, &'static str), f64)> {
 
 fn find_path(setup: &mut Setup, shape: Shape, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = &path_conditions()[items];
-    let trials = conditions
-        .iter()
-        .flat_map(|(stiffness, (kind, _), payload_kg)| {
-            SEEDS.map(|seed| Trial {
-                payload_kg: *payload_kg,
-                declared_kg: *payload_kg,
-                stiffness: *stiffness,
-                ..Trial::new(Gains::of(*kind), Task::Path(shape, 1), seed)
-            })
-        });
-    let kept = run_all(setup, trials.collect(), keep_path)?;
-    let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
+    let trials = conditions.iter().map(|(stiffness, (kind, _), payload_kg)| {
+        let trial = |unit| Trial {
+            payload_kg: *payload_kg,
+            declared_kg: *payload_kg,
+            stiffness: *stiffness,
+            ..Trial::new(Gains::of(*kind), Task::Path(shape, 1), unit)
+        };
+        UNITS.map(trial).into()
+    });
+    let groups = run_groups(setup, trials.collect(), keep_path)?;
+    let rows = conditions.iter().zip(groups);
     Ok(rows
         .map(|((stiffness, (_, who), payload_kg), group)| {
             let load = payload_kg * 1e3;
             let label = format!("{who}, {load:.0} g, stiffness {stiffness}");
-            Found::row(label, path_cells(group))
+            Found::row(label, path_cells(&group.kept)).after(group.simulated_s)
         })
         .collect())
 }
@@ -273,8 +270,8 @@ fn move_conditions() -> Vec<MoveCondition> {
 
 fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = &move_conditions()[items];
-    let trials = conditions.iter().flat_map(|c| {
-        SEEDS.map(|seed| {
+    let trials = conditions.iter().map(|c| {
+        let trial = |unit| {
             let gains = Gains {
                 guess: c.4.2,
                 ..Gains::of(c.4.1)
@@ -283,19 +280,21 @@ fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 payload_kg: c.3,
                 declared_kg: c.3,
                 stiffness: c.2,
-                ..Trial::new(gains, Task::Goto(Goal::position(c.1)), seed)
+                ..Trial::new(gains, Task::Goto(Goal::position(c.1)), unit)
             }
-        })
+        };
+        UNITS.map(trial).into()
     });
-    let kept = run_all(setup, trials.collect(), |o| {
+    let groups = run_groups(setup, trials.collect(), |o| {
         let (solve, off) = (o.solve_us.map(|s| s[0]), o.off_manifold_mm);
         let refused = o.driven.refused.is_some();
         (o.moved().cloned(), solve, off, o.fastest_mm_s, refused)
     })?;
-    let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
-    let row = rows.map(|(c, group)| {
+    let rows = conditions.iter().zip(groups);
+    let row = rows.map(|(c, of)| {
+        let group = &of.kept;
         let moved = || group.iter().filter_map(|g| g.0.as_ref());
-        let all_settled = moved().all(|m| m.steps.is_some()) && moved().count() == SEEDS.len();
+        let all_settled = moved().all(|m| m.steps.is_some()) && moved().count() == group.len();
         let steps = moved().filter_map(|m| m.steps).map(|s| s as f64);
         let settled = mean(moved().map(|m| percent(f64::from(u8::from(m.steps.is_some())))));
         Found::row(
@@ -312,6 +311,7 @@ fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 mean(group.iter().map(|g| percent(f64::from(u8::from(g.4))))),
             ],
         )
+        .after(of.simulated_s)
     });
     Ok(row.collect())
 }
@@ -359,13 +359,14 @@ fn pick_place_conditions() -> Vec<(f64, ControllerKind, &'static str)> {
 
 fn find_pick_place(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = &pick_place_conditions()[items];
-    let trials = conditions.iter().flat_map(|(stiffness, kind, _)| {
-        SEEDS.map(|seed| Trial {
+    let trials = conditions.iter().map(|(stiffness, kind, _)| {
+        let trial = |unit| Trial {
             stiffness: *stiffness,
-            ..Trial::new(Gains::of(*kind), Task::PickPlace, seed)
-        })
+            ..Trial::new(Gains::of(*kind), Task::PickPlace, unit)
+        };
+        UNITS.map(trial).into()
     });
-    let kept = run_all(setup, trials.collect(), |o| {
+    let groups = run_groups(setup, trials.collect(), |o| {
         let (solve, steps) = (o.solve_us.map(|s| s[0]), o.driven.rows.len());
         let objects = o.driven.objects.as_ref().map_or(0, Vec::len);
         match o.measured {
@@ -373,9 +374,9 @@ fn find_pick_place(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>>
             _ => None,
         }
     })?;
-    let rows = conditions.iter().zip(kept.chunks(SEEDS.len()));
+    let rows = conditions.iter().zip(groups);
     let row = rows.map(|(c, group)| {
-        let all = || group.iter().flatten();
+        let all = || group.kept.iter().flatten();
         let in_basket = all().map(|(m, _, _, n)| {
             percent(m.in_basket.unwrap_or_default() as f64 / (*n).max(1) as f64)
         });
@@ -392,6 +393,7 @@ fn find_pick_place(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>>
                 mean(all().filter_map(|(_, solve, ..)| *solve)),
             ],
         )
+        .after(group.simulated_s)
     });
     Ok(row.collect())
 }

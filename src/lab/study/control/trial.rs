@@ -1,5 +1,9 @@
 //! Studies on control: both controllers on the same tasks, loads, arms and seeds, with the same budget of
-//! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
+//! tuning. Every error is of the true tip of the virtual rig, which no controller sees. Every unit is driven after its
+//! lab's calibration.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
@@ -11,11 +15,14 @@ use crate::drive::{
     TwinBuilder, drive, fruit, longest_s, objects, of_pick_place, rig_options,
 };
 use crate::lab::study::setup::Setup;
-use crate::lab::threads;
+use crate::lab::{threads, units};
+use crate::rig::Unit;
 use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
 use crate::signal::ControllerKind;
 use crate::signal::Goal;
 use crate::task::{Follow, PATH_WAYPOINTS, Path, Plan};
+use crate::twin::{Maps, TICK_S};
 
 /// Speed along the paths, m/s.
 pub const SPEED_M_S: f64 = 3e-3;
@@ -41,6 +48,7 @@ pub struct Trial {
     /// Payload declared to the twin, kg.
     pub declared_kg: f64,
     pub stiffness: f64,
+    pub unit: Unit,
     pub seed: u64,
     /// Time that the run continues after the task, s.
     pub after_s: f64,
@@ -48,14 +56,15 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// The nominal arm without load.
-    pub fn new(gains: Gains, task: Task, seed: u64) -> Self {
+    /// A unit without load, with a seed of its noise.
+    pub fn new(gains: Gains, task: Task, (unit, seed): (Unit, u64)) -> Self {
         Self {
             gains,
             task,
             payload_kg: 0.0,
             declared_kg: 0.0,
             stiffness: 1.0,
+            unit,
             seed,
             after_s: 2.0,
             script: None,
@@ -98,9 +107,15 @@ pub fn path_of(shape: Shape) -> Path {
     shape.path(PATH_CENTRE_M, PATH_SIZE_M, PATH_WAYPOINTS)
 }
 
-/// Runs one trial.
-pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
+/// Runs one trial on a unit, with its calibration and networks.
+pub fn run(
+    robot: &RobotSpec,
+    calibration: &Calibration,
+    maps: &Maps,
+    trial: Trial,
+) -> Result<Outcome> {
     let mut options = rig_options(trial.payload_kg, trial.seed);
+    options.unit = trial.unit;
     options.surroundings.stiffness = trial.stiffness;
     let (plan, seconds) = match &trial.task {
         Task::Path(shape, laps) => {
@@ -122,6 +137,8 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
     };
     let twin = TwinBuilder::new(robot)
         .rig("sim", options)
+        .calibration(calibration.clone())
+        .maps(maps.clone())
         .gains(trial.gains)
         .script(trial.script);
     let what = Drive {
@@ -154,12 +171,41 @@ pub fn run(robot: &RobotSpec, trial: Trial) -> Result<Outcome> {
     })
 }
 
-/// Runs trials on all cores; returns `keep` of each outcome, in order.
+/// What was kept of some trials.
+pub struct Group<T> {
+    /// Of each, in order.
+    pub kept: Vec<T>,
+    /// Their simulated time, s.
+    pub simulated_s: f64,
+}
+
+/// Runs trials on all cores; `keep`s something of each outcome.
 pub fn run_all<T: Send>(
-    setup: &Setup,
+    setup: &mut Setup,
     trials: Vec<Trial>,
     keep: impl Fn(Outcome) -> T + Sync,
-) -> Result<Vec<T>> {
+) -> Result<Group<T>> {
+    let mut groups = run_groups(setup, vec![trials], keep)?;
+    groups.pop().context("no trials were given")
+}
+
+/// The same of several groups at once, in order.
+pub fn run_groups<T: Send>(
+    setup: &mut Setup,
+    groups: Vec<Vec<Trial>>,
+    keep: impl Fn(Outcome) -> T + Sync,
+) -> Result<Vec<Group<T>>> {
+    let sizes: Vec<usize> = groups.iter().map(Vec::len).collect();
+    let trials: Vec<Trial> = groups.into_iter().flatten().collect();
+    let wanted: Vec<Unit> = trials.iter().map(|t| t.unit).collect();
+    let labs: BTreeMap<u64, (Arc<units::Lab>, Maps)> = setup
+        .labs(&wanted)?
+        .into_iter()
+        .map(|lab| {
+            let maps = Maps::from(lab.networks.clone());
+            (lab.unit.0, (lab, maps))
+        })
+        .collect();
     let (robot, progress) = (&setup.robot, &setup.progress);
     let n = trials.len();
     progress.trials(n);
@@ -167,16 +213,30 @@ pub fn run_all<T: Send>(
         .num_threads(threads().min(n.max(1)))
         .thread_name(|k| format!("trial-{k}"))
         .build()?;
-    let one = |trial: Trial| {
-        let out = run(robot, trial).map(&keep);
+    let one = |trial: Trial| -> Result<(T, f64)> {
+        let (lab, maps) = labs.get(&trial.unit.0).context("the unit is calibrated")?;
+        let out = run(robot, &lab.calibration, maps, trial);
+        let out = out.map(|o| {
+            let simulated_s = o.driven.rows.len() as f64 * TICK_S;
+            (keep(o), simulated_s)
+        });
         progress.trial_done();
         out
     };
-    let found: Vec<Result<T>> = pool.install(|| {
+    let found: Vec<Result<(T, f64)>> = pool.install(|| {
         let trials = trials.into_par_iter().with_max_len(1);
         trials.map(one).collect()
     });
-    found.into_iter().collect()
+    let mut found = found.into_iter();
+    sizes
+        .into_iter()
+        .map(|size| {
+            let all = found.by_ref().take(size).collect::<Result<Vec<_>>>()?;
+            let simulated_s = all.iter().map(|(_, s)| s).sum();
+            let kept = all.into_iter().map(|(kept, _)| kept).collect();
+            Ok(Group { kept, simulated_s })
+        })
+        .collect()
 }
 
 /// Both, with their names.

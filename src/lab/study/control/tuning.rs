@@ -4,12 +4,14 @@ use std::ops::Range;
 
 use anyhow::Result;
 
-use super::trial::{KINDS, Measured, Outcome, Task, Trial, mean, run_all};
+use super::trial::{Group, KINDS, Measured, Outcome, Task, Trial, mean, run_groups};
 use crate::control::{AdrcGains, Gains};
 use crate::drive::Shape;
-use crate::lab::study::item::{Field, Found, Study};
+use crate::lab::study::item::{Found, Study};
 use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
+use crate::lab::units::TRAINING;
+use crate::rig::Unit;
 use crate::signal::ControllerKind;
 use crate::signal::Goal;
 use crate::sim::dataset::sample_rng;
@@ -80,21 +82,20 @@ fn cost(outcome: &Outcome) -> f64 {
 pub const TUNING: Study = Study {
     name: "tuning",
     about: "Both controllers tuned with the same budget",
-    field: Field::Control,
     items: |sizes| KINDS.len() * (sizes.candidates + 1),
     find,
     table,
 };
 
-/// Tasks, each on an arm of some stiffness.
-fn tasks() -> [(Task, f64); 4] {
+/// Tasks, each on a training unit of some stiffness.
+fn tasks() -> [(Task, f64, Unit); 4] {
     let path = |s| Task::Path(s, 1);
     let move_to = |m| Task::Goto(Goal::position(m));
     [
-        (path(Shape::Circle), STIFFNESSES[0]),
-        (path(Shape::Eight), STIFFNESSES[1]),
-        (move_to(MOVES_M[0]), STIFFNESSES[1]),
-        (move_to(MOVES_M[1]), STIFFNESSES[0]),
+        (path(Shape::Circle), STIFFNESSES[0], TRAINING[0]),
+        (path(Shape::Eight), STIFFNESSES[1], TRAINING[1]),
+        (move_to(MOVES_M[0]), STIFFNESSES[1], TRAINING[0]),
+        (move_to(MOVES_M[1]), STIFFNESSES[0], TRAINING[1]),
     ]
 }
 
@@ -113,21 +114,22 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
         }
     };
     let all: Vec<_> = items.map(gains).collect();
-    let trials = all.iter().flat_map(|(_, _, gains)| {
-        tasks().map(|(task, stiffness)| Trial {
+    let trials = all.iter().map(|(_, _, gains)| {
+        let trial = |(task, stiffness, unit)| Trial {
             stiffness,
             payload_kg: PAYLOAD_KG,
             declared_kg: PAYLOAD_KG,
-            ..Trial::new(gains.clone(), task, SEED)
-        })
+            ..Trial::new(gains.clone(), task, (unit, SEED))
+        };
+        tasks().map(trial).into()
     });
-    let costs = run_all(setup, trials.collect(), |o| cost(&o))?;
-    let row = |((kind, label, g), costs): (&(ControllerKind, String, Gains), &[f64])| {
+    let groups = run_groups(setup, trials.collect(), |o| cost(&o))?;
+    let row = |((kind, label, g), costs): (&(ControllerKind, String, Gains), Group<f64>)| {
         let paper = *kind == ControllerKind::PaperAdrc;
         Found::row(
             label.as_str(),
             vec![
-                mean(costs.iter().copied()).or(Some(f64::INFINITY)),
+                mean(costs.kept.iter().copied()).or(Some(f64::INFINITY)),
                 Some(g.adrc.settle_s),
                 Some(g.adrc.observer_ratio),
                 Some(g.lead_pa * 1e-3),
@@ -135,9 +137,9 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 (!paper).then_some(g.centring),
             ],
         )
+        .after(costs.simulated_s)
     };
-    let per_candidate = costs.chunks(tasks().len());
-    Ok(all.iter().zip(per_candidate).map(row).collect())
+    Ok(all.iter().zip(groups).map(row).collect())
 }
 
 /// Candidates of both in order of their cost, the best first, after the gains that ship.
@@ -159,8 +161,8 @@ fn table(found: Vec<Found>) -> Table {
     );
     t.notes.push(format!(
             "{budget} candidates of each, a Latin hypercube over the same ranges, on a circle, an 8 and two moves with \
-             {:.0} g, on an arm of {} and one of {} of the stiffness that the twin knows (a load, a seed and arms that \
-             no table uses). Cost: mean true error at the waypoints in mm, and {MM_PER_S} \
+             {:.0} g, on an arm of {} and one of {} of the stiffness that the twin knows (a load, a seed and stiffnesses that \
+             no table uses, on the training units, which no table uses either). Cost: mean true error at the waypoints in mm, and {MM_PER_S} \
              per second until a move has settled within 1 mm and stays there; mean over the four tasks. The best five of each, \
              and the gains that ship.",
             PAYLOAD_KG * 1e3,

@@ -1,0 +1,147 @@
+//! Manufactured units of the virtual rig: those that anything may be fitted to, those that figures are stated for, and
+//! what a lab does with a unit before it works with it.
+
+use std::ops::ControlFlow;
+
+use anyhow::{Context as _, Result};
+use rayon::prelude::*;
+
+use super::motions::{self, Motion};
+use super::session::calibration_of;
+use super::threads;
+use crate::learn::{Model, Recipe, SplitRule, adapt};
+use crate::rig::Unit;
+use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
+use crate::signal::Dataset;
+
+/// Units that networks, gains and thresholds may be fitted to.
+pub const TRAINING: [Unit; 2] = [Unit(1), Unit(2)];
+/// Units that figures are stated for: nothing but their own lab's calibration is fitted to them.
+pub const TEST: [Unit; 3] = [Unit(3), Unit(4), Unit(5)];
+/// Both, in order.
+pub const ALL: [Unit; 5] = [Unit(1), Unit(2), Unit(3), Unit(4), Unit(5)];
+
+/// Payloads of the motion-capture session, kg: half of its time each.
+const SESSION_KG: [f64; 2] = [0.0, 0.25];
+/// Share of the pressure range that the session uses.
+const SESSION_SHARE: f64 = 0.95;
+/// Rows of the session per second of motion.
+const SESSION_ROWS_1_S: f64 = 5.0;
+/// Length of the blocks that stay together when rows are dealt to training, validation and test, s.
+const BLOCK_S: f64 = 10.0;
+/// Seed of the sessions of all units: no study moves a rig with it.
+const SESSION_SEED: u64 = 90;
+
+/// A unit after its lab's calibration: its springs drawn on the bench, and sim-to-real networks and covariance from
+/// a motion-capture session of its own.
+#[derive(Clone, Debug)]
+pub struct Lab {
+    /// The unit.
+    pub unit: Unit,
+    /// The curves of its springs.
+    pub calibration: Calibration,
+    /// Its motion-capture session.
+    pub session: Dataset,
+    /// Recipe by which the session is dealt and the sim-to-real networks are trained.
+    pub recipe: Recipe,
+    /// The networks with the unit's own correction.
+    pub networks: Model,
+}
+
+impl Lab {
+    /// Calibrates a unit with a session of so many seconds, on top of `base`.
+    ///
+    /// # Errors
+    /// When a spring is refused, the arm cannot follow its motion, or training fails.
+    pub fn new(robot: &RobotSpec, unit: Unit, seconds: f64, base: &Model) -> Result<Self> {
+        let calibration = calibration_of(robot, unit)?;
+        let session = session(robot, unit, &calibration, seconds)?;
+        let recipe = session_recipe()?;
+        let recipe = Recipe {
+            split: SplitRule {
+                block: (BLOCK_S * SESSION_ROWS_1_S) as usize,
+                ..recipe.split
+            },
+            ..recipe
+        };
+        let networks = adapt(base, &session, &recipe, &mut |_| ControlFlow::Continue(()))?;
+        Ok(Self {
+            unit,
+            calibration,
+            session,
+            recipe,
+            networks,
+        })
+    }
+}
+
+/// The recipe for a motion-capture session, `assets/networks/session.toml`.
+///
+/// # Errors
+/// When the built-in file is damaged.
+pub fn session_recipe() -> Result<Recipe> {
+    Recipe::from_toml(include_str!("../../assets/networks/session.toml"))
+        .context("the built-in recipe for sessions does not load")
+}
+
+/// A motion-capture session of a unit, through its workspace with and without a weight.
+///
+/// # Errors
+/// When the arm cannot follow its motion.
+pub fn session(
+    robot: &RobotSpec,
+    unit: Unit,
+    calibration: &Calibration,
+    seconds: f64,
+) -> Result<Dataset> {
+    let takes = side_by_side(&SESSION_KG, |payload_kg| {
+        let m = Motion {
+            payload_kg: *payload_kg,
+            range_share: SESSION_SHARE,
+            ..Motion::of(
+                unit,
+                seconds / SESSION_KG.len() as f64,
+                SESSION_SEED + u64::from(*payload_kg > 0.0),
+            )
+        };
+        motions::session(robot, calibration, &m, SESSION_ROWS_1_S)
+    })?;
+    Ok(Dataset {
+        samples: takes.concat(),
+        source: format!("virtual rig, session of unit {}", unit.0),
+        seed: SESSION_SEED,
+        robot_hash: robot.hash.clone(),
+        shard: None,
+    })
+}
+
+/// The same for several things at once, on all processors; results in their order.
+///
+/// # Errors
+/// When it fails for one of them.
+pub fn side_by_side<T: Sync, R: Send>(
+    things: &[T],
+    one: impl Fn(&T) -> Result<R> + Send + Sync,
+) -> Result<Vec<R>> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads().min(things.len().max(1)))
+        .thread_name(|k| format!("unit-{k}"))
+        .build()?;
+    pool.install(|| {
+        let things = things.par_iter().with_max_len(1);
+        things.map(one).collect::<Vec<Result<R>>>()
+    })
+    .into_iter()
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_is_either_fitted_to_or_tested_on() {
+        assert_eq!([TRAINING.as_slice(), &TEST].concat(), ALL);
+    }
+}
