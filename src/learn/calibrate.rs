@@ -1,7 +1,7 @@
 //! Covariance of a pose: noise of the sensors, how far the members of the ensemble
 //! are apart, and the rest, weighed so that the errors on samples that no optimiser has seen fit.
 //!
-//! C = F₁ J S Jᵀ F₁ + F₂ P F₂ + G F₃ M F₃ G
+//! C = F₁ J S Jᵀ F₁ + F₂ P F₂ + G F₃ M F₃ G + R
 //!
 //! | symbol | meaning |
 //! |---|---|
@@ -11,6 +11,7 @@
 //! | M | second moment of the errors |
 //! | F | diagonal, one root of a share for translation and one for rotation |
 //! | G | diagonal, (d / d₉₅)^(g/2) with d the training distance: errors grow towards the rim of the data |
+//! | R | diagonal, uncertainty of the measured poses as a whole, which no difference between rows shows |
 //!
 //! The shares maximise the likelihood of the errors; errors have heavier tails than a normal
 //! distribution, so they are then scaled to put both 68 % and 95 % where they belong as well as one
@@ -18,7 +19,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::recipe::Noise;
+use super::recipe::{Noise, Reference};
 use super::scores::{CHI_SQUARE_3, quantile, squared_distance};
 use crate::signal::{Matrix6, SIGNALS, SPRINGS, Vector6};
 
@@ -42,6 +43,8 @@ pub struct Calibration {
     /// 95th percentile of the training distance inside the data. Beyond it the covariance grows
     /// with the square of the distance.
     pub distance_p95: f64,
+    /// Uncertainty of the poses that it was fitted to.
+    pub reference: Reference,
 }
 
 /// Contributions to the error of one evaluation.
@@ -66,6 +69,7 @@ impl Calibration {
             growth: [0.0; 2],
             moment: Matrix6::identity(),
             distance_p95,
+            reference: Reference::default(),
         }
     }
 
@@ -100,7 +104,14 @@ impl Calibration {
             }
         }
         let beyond = reach.max(1.0);
-        sum * (beyond * beyond)
+        sum *= beyond * beyond;
+        for i in 0..6 {
+            sum[(i, i)] += match i {
+                0..3 => self.reference.position_m.powi(2),
+                _ => self.reference.rotation_rad.powi(2),
+            };
+        }
+        sum
     }
 
     /// Fits the shares to errors on samples that were not trained on.

@@ -257,6 +257,7 @@ impl Model {
                 growth: [shares[6], shares[7]],
                 moment: Matrix6::from_row_slice(&moment),
                 distance_p95,
+                reference: recipe.reference,
             },
         })?;
         let rows = shape_of(&tensors, "guess")?.first().copied().unwrap_or(0);

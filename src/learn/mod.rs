@@ -31,7 +31,9 @@ pub use kernel::Kernel;
 pub use mlp::{Mlp, Scaling};
 pub use plant::{PlantBounds, PlantNet};
 pub use progress::{Progress, Stage, TrainError};
-pub use recipe::{Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule};
+pub use recipe::{
+    Channels, CorrectionInput, Noise, Recipe, RecipeError, Reference, Schedule, SplitRule,
+};
 pub use scores::{
     CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,
     RunningStats, SignalScores, pose_residual, quantile, to_pose,

@@ -118,6 +118,19 @@ pub struct Noise {
     pub imu_heading_rad: f64,
 }
 
+/// Standard uncertainty of the measured poses as a whole: what is the same in every row, so that no row shows it (where the
+/// markers sit on the pad, the registration of motion capture). It is part of every stated covariance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reference {
+    /// Position, per axis, m (`position_mm` in the file).
+    #[serde(rename = "position_mm", with = "milli")]
+    pub position_m: f64,
+    /// Rotation, per axis, rad (`rotation_deg` in the file).
+    #[serde(rename = "rotation_deg", with = "degrees")]
+    pub rotation_rad: f64,
+}
+
 /// Everything that decides what comes out of training, beside the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -136,6 +149,8 @@ pub struct Recipe {
     pub split: SplitRule,
     /// Noise on the signals while the sensor map is trained and scored.
     pub noise: Noise,
+    /// Uncertainty of the measured poses; 0 for simulated ones.
+    pub reference: Reference,
     /// The sensor map, 24 → 6.
     pub smap: Schedule,
     /// The two sim-to-real networks, 6 → 3 each.
@@ -162,6 +177,7 @@ impl Default for Recipe {
                 imu_rad: 0.3_f64.to_radians(),
                 imu_heading_rad: 0.0,
             },
+            reference: Reference::default(),
             smap: Schedule::new(&[120, 120], 400, 120),
             s2r: Schedule {
                 weight_decay: 0.01,
@@ -228,7 +244,19 @@ impl Recipe {
                 90.0,
             ),
         ];
-        for (key, value, top) in noise {
+        let reference = [
+            (
+                "reference.position_mm",
+                self.reference.position_m * 1e3,
+                20.0,
+            ),
+            (
+                "reference.rotation_deg",
+                self.reference.rotation_rad.to_degrees(),
+                20.0,
+            ),
+        ];
+        for (key, value, top) in noise.into_iter().chain(reference) {
             require(
                 (0.0..=top).contains(&value),
                 key,
@@ -352,9 +380,11 @@ mod tests {
         let as_shipped = Recipe {
             split: shipped.split,
             s2r: shipped.s2r.clone(),
+            reference: shipped.reference,
             ..session.clone()
         };
         assert_eq!(as_shipped, shipped);
+        assert_eq!(shipped.reference, Reference::default());
         assert!(session.split.block > 1 && session.s2r.weight_decay > shipped.s2r.weight_decay);
     }
 

@@ -88,6 +88,7 @@ pub fn adapt(
         recipe: Recipe {
             split: recipe.split,
             s2r: recipe.s2r.clone(),
+            reference: recipe.reference,
             correction_input: recipe.correction_input,
             ..base.recipe.clone()
         },
@@ -274,6 +275,7 @@ fn finish(
         .collect();
     let mut all = uncalibrated.parts().clone();
     all.calibration.fit(&errors);
+    all.calibration.reference = recipe.reference;
     let cascade = Cascade::new(all)?;
 
     let scores = |part: &[usize], noise: &Noise| {

@@ -36,6 +36,7 @@ use faults::{BoardEvent, Faults};
 use firmware::{FirmwareBoard, FirmwareError};
 use hidden::{Defects, Hidden};
 use inertial::{Inertial, InertialErrors};
+use multibody::arm::RINGS;
 use multibody::chain::NoStep;
 use noise::{normal, stream};
 pub use plant::{Plant, Surroundings, Truth, Unit};
@@ -196,10 +197,7 @@ impl VirtualRig {
     /// # Errors
     /// [`RigError`] when the arm cannot hold what hangs on it.
     pub fn new(robot: &RobotSpec, options: &RigOptions) -> Result<Self, RigError> {
-        let around = options.surroundings.clone();
-        let plant = Plant::new(robot, options.unit, around);
-        let plant = plant.map_err(RigError::of(&options.surroundings))?;
-        Ok(Self::around(plant, robot, options))
+        Self::of_rings(robot, options, RINGS)
     }
 
     /// The same with an arm of `rings` rings per segment, for long runs (see [`Plant::of_rings`]).

@@ -20,13 +20,32 @@ impl Stamp {
         self.0 as f64 * 1e-9
     }
 
-    /// Seconds from `earlier` to `self`; negative when `self` is the earlier one.
+    /// Seconds from `earlier` to `self`; negative when `self` is the earlier one. Stamps of a damaged file may lie
+    /// anywhere: spans end at 292 years.
     pub fn since(self, earlier: Self) -> f64 {
-        (self.0 - earlier.0) as f64 * 1e-9
+        self.0.saturating_sub(earlier.0) as f64 * 1e-9
     }
 
     /// This stamp moved by `dt_s` seconds.
     pub fn plus(self, dt_s: f64) -> Self {
-        Self(self.0 + (dt_s * 1e9).round() as i64)
+        Self(self.0.saturating_add((dt_s * 1e9).round() as i64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_of_any_kind_can_be_compared_and_moved() {
+        let ends = [i64::MIN, -1, 0, 1, i64::MAX].map(Stamp);
+        for a in ends {
+            for b in ends {
+                let span_s = a.since(b);
+                assert!(span_s.is_finite() && (span_s > 0.0) == (a > b), "{a:?} {b:?}");
+            }
+            assert!(a.plus(1e12) >= a && a.plus(-1e12) <= a && a.plus(0.0) == a);
+        }
+        assert_eq!(Stamp(3_500_000_000).since(Stamp(1_000_000_000)), 2.5);
     }
 }

@@ -76,12 +76,15 @@ impl Rigs {
     /// A twin on `rig`. Nothing moves.
     pub fn driver(&self, rig: &str) -> Result<Driver> {
         let (_, instruments, trouble) = self.with_active(rig);
-        let mut driver = TwinBuilder::new(&self.robot)
+        let mut builder = TwinBuilder::new(&self.robot)
             .robot_file(self.robot_file.as_deref())
             .rig(rig, self.options.clone())
             .gains(self.kind.gains())
-            .instruments(instruments)
-            .build()?;
+            .instruments(instruments);
+        if Self::is_virtual(rig) == Self::is_virtual(&self.rig) {
+            builder = builder.maps(self.maps.clone());
+        }
+        let mut driver = builder.build()?;
         if let Some(why) = trouble {
             driver.runner.twin.explain_calibration(why);
         }

@@ -380,11 +380,6 @@ impl Chain {
         factor.map_or(m.velocity, |i| i.solve(&m.momentum))
     }
 
-    /// The next step factors its matrix again: the arm has changed.
-    pub fn refactor(&mut self) {
-        self.factors.clear();
-    }
-
     /// Base from each pad; a pad's origin is the centre of its upper face.
     pub fn pads(&self, arm: &Arm) -> [Pose; 2] {
         arm.pads()

@@ -72,7 +72,7 @@ impl Specimen {
     }
 
     /// The end pad with everything that hangs on it.
-    pub fn end(&self, d: &Defects, now: &Circumstances) -> Body {
+    fn end(&self, d: &Defects, now: &Circumstances) -> Body {
         let (sin, cos) = self.side_rad.sin_cos();
         let lean = now.plumb.xy().norm();
         // The knot is stiff: half of the way to the plumb line.

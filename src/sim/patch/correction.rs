@@ -174,14 +174,4 @@ impl SensorErrors {
     pub fn read_springs(&self, spring_m: &[f64; SPRINGS]) -> [f64; SPRINGS] {
         std::array::from_fn(|i| self.spring[i][0] * spring_m[i] + self.spring[i][1])
     }
-
-    /// The robot with its IMUs mounted as they are.
-    pub fn mounted(&self, robot: &RobotSpec) -> RobotSpec {
-        let mut robot = robot.clone();
-        for (imu, off) in robot.imus.iter_mut().zip(&self.imu) {
-            // base from IMU = R P = R exp(δ) P₀
-            imu.pad_from_imu = off.to_rotation_matrix() * imu.pad_from_imu;
-        }
-        robot
-    }
 }
