@@ -11,7 +11,7 @@
 //! | M | second moment of the errors |
 //! | F | diagonal, one root of a share for translation and one for rotation |
 //! | G | diagonal, (d / d₉₅)^(g/2) with d the training distance: errors grow towards the rim of the data |
-//! | R | diagonal, uncertainty of the measured poses as a whole, which no difference between rows shows |
+//! | R | diagonal, uncertainty of what all samples have in common, which no difference between them shows |
 //!
 //! The shares maximise the likelihood of the errors; errors have heavier tails than a normal
 //! distribution, so they are then scaled to put both 68 % and 95 % where they belong as well as one
@@ -19,7 +19,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::recipe::{Noise, Reference};
+use super::recipe::{Noise, Systematic};
 use super::scores::{CHI_SQUARE_3, quantile, squared_distance};
 use crate::signal::{Matrix6, SIGNALS, SPRINGS, Vector6};
 
@@ -43,8 +43,8 @@ pub struct Calibration {
     /// 95th percentile of the training distance inside the data. Beyond it the covariance grows
     /// with the square of the distance.
     pub distance_p95: f64,
-    /// Uncertainty of the poses that it was fitted to.
-    pub reference: Reference,
+    /// Uncertainty of what all those errors have in common.
+    pub systematic: Systematic,
 }
 
 /// Contributions to the error of one evaluation.
@@ -69,7 +69,7 @@ impl Calibration {
             growth: [0.0; 2],
             moment: Matrix6::identity(),
             distance_p95,
-            reference: Reference::default(),
+            systematic: Systematic::default(),
         }
     }
 
@@ -107,8 +107,8 @@ impl Calibration {
         sum *= beyond * beyond;
         for i in 0..6 {
             sum[(i, i)] += match i {
-                0..3 => self.reference.position_m.powi(2),
-                _ => self.reference.rotation_rad.powi(2),
+                0..3 => self.systematic.position_m.powi(2),
+                _ => self.systematic.rotation_rad.powi(2),
             };
         }
         sum

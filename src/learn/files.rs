@@ -257,7 +257,10 @@ impl Model {
                 growth: [shares[6], shares[7]],
                 moment: Matrix6::from_row_slice(&moment),
                 distance_p95,
-                reference: recipe.reference,
+                systematic: match description.scores.s2r {
+                    Some(_) => recipe.reference,
+                    None => recipe.unit,
+                },
             },
         })?;
         let rows = shape_of(&tensors, "guess")?.first().copied().unwrap_or(0);

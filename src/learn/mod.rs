@@ -32,7 +32,7 @@ pub use mlp::{Mlp, Scaling};
 pub use plant::{PlantBounds, PlantNet};
 pub use progress::{Progress, Stage, TrainError};
 pub use recipe::{
-    Channels, CorrectionInput, Noise, Recipe, RecipeError, Reference, Schedule, SplitRule,
+    Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule, Systematic,
 };
 pub use scores::{
     CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,

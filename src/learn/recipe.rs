@@ -118,11 +118,11 @@ pub struct Noise {
     pub imu_heading_rad: f64,
 }
 
-/// Standard uncertainty of the measured poses as a whole: what is the same in every row, so that no row shows it (where the
-/// markers sit on the pad, the registration of motion capture). It is part of every stated covariance.
+/// Standard uncertainty of an error that is the same in every sample, so that no difference between samples shows it. It is
+/// part of every stated covariance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Reference {
+pub struct Systematic {
     /// Position, per axis, m (`position_mm` in the file).
     #[serde(rename = "position_mm", with = "milli")]
     pub position_m: f64,
@@ -149,8 +149,11 @@ pub struct Recipe {
     pub split: SplitRule,
     /// Noise on the signals while the sensor map is trained and scored.
     pub noise: Noise,
-    /// Uncertainty of the measured poses; 0 for simulated ones.
-    pub reference: Reference,
+    /// How far an arm is off the simulated one as a whole: stated as long as there are no samples of the arm itself.
+    pub unit: Systematic,
+    /// How far measured poses are off as a whole (where the markers sit on the pad, the registration of motion
+    /// capture): stated once there are samples of the arm itself.
+    pub reference: Systematic,
     /// The sensor map, 24 → 6.
     pub smap: Schedule,
     /// The two sim-to-real networks, 6 → 3 each.
@@ -177,7 +180,8 @@ impl Default for Recipe {
                 imu_rad: 0.3_f64.to_radians(),
                 imu_heading_rad: 0.0,
             },
-            reference: Reference::default(),
+            unit: Systematic::default(),
+            reference: Systematic::default(),
             smap: Schedule::new(&[120, 120], 400, 120),
             s2r: Schedule {
                 weight_decay: 0.01,
@@ -244,25 +248,27 @@ impl Recipe {
                 90.0,
             ),
         ];
-        let reference = [
-            (
-                "reference.position_mm",
-                self.reference.position_m * 1e3,
-                20.0,
-            ),
-            (
-                "reference.rotation_deg",
-                self.reference.rotation_rad.to_degrees(),
-                20.0,
-            ),
-        ];
-        for (key, value, top) in noise.into_iter().chain(reference) {
+        for (key, value, top) in noise {
             require(
                 (0.0..=top).contains(&value),
                 key,
                 value,
                 "0 or more, and no larger than the signal itself",
             )?;
+        }
+        for (name, s) in [("unit", &self.unit), ("reference", &self.reference)] {
+            let values = [
+                ("position_mm", s.position_m * 1e3),
+                ("rotation_deg", s.rotation_rad.to_degrees()),
+            ];
+            for (key, value) in values {
+                require(
+                    (0.0..=20.0).contains(&value),
+                    &format!("{name}.{key}"),
+                    value,
+                    "0 to 20",
+                )?;
+            }
         }
         for (name, s) in [
             ("smap", &self.smap),
@@ -380,11 +386,13 @@ mod tests {
         let as_shipped = Recipe {
             split: shipped.split,
             s2r: shipped.s2r.clone(),
+            unit: shipped.unit,
             reference: shipped.reference,
             ..session.clone()
         };
         assert_eq!(as_shipped, shipped);
-        assert_eq!(shipped.reference, Reference::default());
+        // A session shows what the unit has off the drawing, and motion capture is better than that.
+        assert!(session.reference.position_m < shipped.unit.position_m);
         assert!(session.split.block > 1 && session.s2r.weight_decay > shipped.s2r.weight_decay);
     }
 
@@ -404,6 +412,10 @@ mod tests {
         check(
             "[noise]\nspring_mm = nan\nimu_deg = 0.5\nimu_heading_deg = 0",
             "noise.spring_mm",
+        );
+        check(
+            "[reference]\nposition_mm = -1.0\nrotation_deg = 0.0",
+            "reference.position_mm = -1",
         );
         let mut r = Recipe::default();
         r.smap.hidden = vec![120, 100_000];

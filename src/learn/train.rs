@@ -275,7 +275,6 @@ fn finish(
         .collect();
     let mut all = uncalibrated.parts().clone();
     all.calibration.fit(&errors);
-    all.calibration.reference = recipe.reference;
     let cascade = Cascade::new(all)?;
 
     let scores = |part: &[usize], noise: &Noise| {

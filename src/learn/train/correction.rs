@@ -5,6 +5,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{QUIET, Watch, check, dealt, fill_from, finish, sizes};
 use crate::learn::PoseMap;
+use crate::learn::calibrate::Calibration;
 use crate::learn::cascade::{Cascade, CascadeParts, Correction, correction_input};
 use crate::learn::data::pose_vector;
 use crate::learn::fit::{Run, Table, fit};
@@ -103,6 +104,10 @@ pub fn train_s2r(
         .collect();
     let uncalibrated = Cascade::new(CascadeParts {
         correction: Some(correction),
+        calibration: Calibration {
+            systematic: recipe.reference,
+            ..cascade.parts().calibration.clone()
+        },
         ..cascade.parts().clone()
     })?;
     // What does not help on samples that the optimiser has not seen only adds noise.

@@ -89,7 +89,10 @@ pub fn train_smap(
     let uncalibrated = Cascade::new(CascadeParts {
         smap,
         correction: None,
-        calibration: Calibration::uncalibrated(&recipe.noise, distance_p95(&spread, &vectors)),
+        calibration: Calibration {
+            systematic: recipe.unit,
+            ..Calibration::uncalibrated(&recipe.noise, distance_p95(&spread, &vectors))
+        },
         spread,
     })?;
     finish(
