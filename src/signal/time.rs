@@ -42,7 +42,10 @@ mod tests {
         for a in ends {
             for b in ends {
                 let span_s = a.since(b);
-                assert!(span_s.is_finite() && (span_s > 0.0) == (a > b), "{a:?} {b:?}");
+                assert!(
+                    span_s.is_finite() && (span_s > 0.0) == (a > b),
+                    "{a:?} {b:?}"
+                );
             }
             assert!(a.plus(1e12) >= a && a.plus(-1e12) <= a && a.plus(0.0) == a);
         }
