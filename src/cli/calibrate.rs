@@ -285,7 +285,7 @@ mod tests {
             name: "moved".into(),
             seed: 5,
             specimen: 1,
-            seconds: 60.0,
+            seconds: 300.0,
             rate_hz: 50.0,
             excitation,
             payload_kg: 0.0,
@@ -321,7 +321,8 @@ mod tests {
             date: "2025-03-01".into(),
             about: 0.0,
             search: 10.0,
-            model: None,
+            // Those of the unit.
+            model: Some("assets/networks/unit-1/reference.safetensors".into()),
         }
     }
 
@@ -337,7 +338,7 @@ mod tests {
             write_session(&dir.join("robot"), &log).expect("writes");
             write_session(&dir.join("mocap"), &seen(&log, &frames)).expect("writes");
         };
-        write(Excitation::Mixed);
+        write(Excitation::Loads);
         let report = mocap(&args(&dir)).expect("registers");
         println!("{}\n{}", report.text, report.json);
         let number = |path: &str| {
@@ -347,15 +348,16 @@ mod tests {
                 .and_then(Value::as_f64)
                 .expect(path)
         };
-        // The pose that is estimated from the sensors lags behind by the filters' delay: less than a frame.
-        assert!((number("/offset_ms") - 800.0).abs() < 10.0);
+        // At some millimetres per second a clock cannot be told to a millisecond.
+        let sigma_ms = number("/offset_sigma_ms");
+        assert!((number("/offset_ms") - 800.0).abs() < 3.0 * sigma_ms && sigma_ms < 20.0);
         assert!(number("/poses") >= 10.0);
         assert!(number("/loo/pos_mm_rms") < 5.0 && number("/loo/rot_deg_rms") < 3.0);
         let text = std::fs::read_to_string(dir.join("registration.toml")).expect("there");
         let file = Registration::from_toml(&text).expect("reads");
         assert_eq!((&*file.object, &*file.date), ("flange", "2025-03-01"));
         // The tip as motion capture measures it through the file, against the truth.
-        let log = rig_log(Excitation::Mixed);
+        let log = rig_log(Excitation::Loads);
         let raw = seen(&log, &frames);
         let off_m: Vec<f64> = (0..log.len())
             .filter_map(|k| {
@@ -365,7 +367,7 @@ mod tests {
             .collect();
         let mean_m = off_m.iter().sum::<f64>() / off_m.len() as f64;
         // As good as the estimates it was registered to, whose constant part it takes over.
-        let robot = estimated(&dir.join("robot"), None).expect("estimates");
+        let robot = estimated(&dir.join("robot"), args(&dir).model.as_deref()).expect("estimates");
         let estimates_m: f64 = (0..log.len())
             .filter_map(|k| {
                 let estimate = robot.poses.get(k)?.1.translation.vector;

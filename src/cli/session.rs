@@ -154,7 +154,7 @@ mod tests {
         for (text, said) in [
             ("nonsense", "no hidden effect"),
             ("leak:7", "there are 6"),
-            ("leak:0", "count from 1"),
+            ("leak:0", "counted from 1"),
             ("leak:1=x", "VALUE"),
             ("leak:1=99", "must lie in"),
             ("leak:1@soon", "SECONDS"),

@@ -168,7 +168,7 @@ impl Drive {
                 }
                 Excitation::Holds => d.steps(1, [14.0, 20.0], 9.0),
                 Excitation::Steps => d.steps(1, [1.0, 2.5], 4.0),
-                Excitation::Loads => d.poses([3.0, 5.0], 10.0),
+                Excitation::Loads => d.poses([3.0, 5.0], 20.0),
                 Excitation::Reversals => d.nested(7.5),
                 Excitation::Sines => d.sines(seconds.clamp(20.0, 90.0), 1.0),
                 Excitation::Single => d.single(4.0),

@@ -9,7 +9,7 @@
 //! | commanded pressure | the newest [`PressureCommand`](crate::signal::PressureCommand) at the frame's stamp |
 //! | measured pressure | the gauges as sent |
 //! | springs | counts and gates through the unit's own calibration; never reconstructed |
-//! | IMUs | each IMU's own filter, its heading anchored to the springs; never reconstructed |
+//! | IMUs | each IMU's own filter, its heading set at rest; never reconstructed |
 //! | motion capture | poses by their own stamps, interpolated to the frame's stamp |
 //!
 //! What was not sent, or lies outside of its calibration, is missing in the log (NaN or `None`).
