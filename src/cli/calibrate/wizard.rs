@@ -15,7 +15,9 @@ use springtwin::calibrate::headless::{self, Answer, Answerer, Ask, Attempt, Opti
 use springtwin::calibrate::{
     BenchRequest, Headless, PracticeBench, Question, Step, Store, bench, sentence,
 };
-use springtwin::drive::{DEFAULT_RIG, Instruments, TwinBuilder, model, read_text, rig_options};
+use springtwin::drive::{
+    DEFAULT_RIG, Instruments, TwinBuilder, is_virtual, model, read_text, rig_options,
+};
 use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::bench::{BenchLog, parse_bench};
@@ -87,7 +89,7 @@ pub fn wizard(
     robot: &RobotSpec,
     json: bool,
 ) -> Result<Report> {
-    let simulated = matches!(a.rig.as_str(), "sim" | "pty");
+    let simulated = is_virtual(&a.rig);
     anyhow::ensure!(
         simulated || a.bench.is_some() || a.keep.contains(&Keep::Springs),
         "the boards on {} have no bench of their own: name its log with --bench BENCH.csv, or keep the curves in use \
@@ -102,7 +104,7 @@ pub fn wizard(
     let instruments = instruments(a, store.as_ref(), simulated);
     let registration = instruments.registration()?;
     let in_use = Arc::new(model::calibration(instruments.calibration.as_deref())?);
-    let maps = model::maps_for(robot, DEFAULT_RIG)?;
+    let maps = model::maps_for(robot, &a.rig)?;
     let options = Options {
         keep: a.keep.iter().map(|k| k.step()).collect(),
         attempts: a.attempts,

@@ -10,7 +10,7 @@ use anyhow::Result;
 use super::calibrate::Setting;
 use crate::cli::args::Kind;
 use springtwin::calibrate::Store;
-use springtwin::drive::{Driver, Instruments, TwinBuilder, model};
+use springtwin::drive::{Driver, Instruments, TwinBuilder, is_virtual, model};
 use springtwin::gui::services::PortEntry;
 use springtwin::link;
 use springtwin::rig::RigOptions;
@@ -68,23 +68,24 @@ pub struct Rigs {
 }
 
 impl Rigs {
-    /// Whether a name stands for an emulated arm.
-    pub fn is_virtual(rig: &str) -> bool {
-        matches!(rig, "sim" | "pty")
+    /// The networks for a twin on `rig`: those of the rig that was named where both are virtual, or neither.
+    fn maps(&self, rig: &str) -> Result<Maps> {
+        match is_virtual(rig) == is_virtual(&self.rig) {
+            true => Ok(self.maps.clone()),
+            false => model::maps_for(&self.robot, rig),
+        }
     }
 
     /// A twin on `rig`. Nothing moves.
     pub fn driver(&self, rig: &str) -> Result<Driver> {
         let (_, instruments, trouble) = self.with_active(rig);
-        let mut builder = TwinBuilder::new(&self.robot)
+        let mut driver = TwinBuilder::new(&self.robot)
             .robot_file(self.robot_file.as_deref())
             .rig(rig, self.options.clone())
+            .maps(self.maps(rig)?)
             .gains(self.kind.gains())
-            .instruments(instruments);
-        if Self::is_virtual(rig) == Self::is_virtual(&self.rig) {
-            builder = builder.maps(self.maps.clone());
-        }
-        let mut driver = builder.build()?;
+            .instruments(instruments)
+            .build()?;
         if let Some(why) = trouble {
             driver.runner.twin.explain_calibration(why);
         }
@@ -94,7 +95,7 @@ impl Rigs {
     /// Where calibrations of `rig` are kept, and its instruments with the calibration that was saved last
     /// in the window, where none is named; and why the active one is not used, if so.
     fn with_active(&self, rig: &str) -> (Option<Store>, Instruments, Option<String>) {
-        let is_virtual = Self::is_virtual(rig);
+        let is_virtual = is_virtual(rig);
         let data = self.data.as_deref();
         let store = data.map(|data| Store::of(&self.robot, is_virtual, data));
         // What was named belongs to the rig that was named.
@@ -130,11 +131,11 @@ impl Rigs {
         let registration = instruments.registration()?;
         let setting = Setting {
             robot: self.robot.clone(),
-            maps: self.maps.clone(),
+            maps: self.maps(rig)?,
             in_use: model::calibration(instruments.calibration.as_deref())?,
             registration: registration.clone(),
             store,
-            unit: Self::is_virtual(rig).then_some(self.options.unit),
+            unit: is_virtual(rig).then_some(self.options.unit),
         };
         Ok((setting, registration))
     }
@@ -143,10 +144,7 @@ impl Rigs {
     fn declared(&self, rig: &str) -> Vec<Command> {
         let payload_kg = self.options.surroundings.payload_kg;
         let declared = Command::DeclarePayload(payload_kg);
-        Self::is_virtual(rig)
-            .then_some(declared)
-            .into_iter()
-            .collect()
+        is_virtual(rig).then_some(declared).into_iter().collect()
     }
 
     /// Starts the thread of a twin on `rig`, which [`Twins::wait`] waits for. Nothing moves.
@@ -203,7 +201,7 @@ mod tests {
     use springtwin::drive::{DEFAULT_RIG, rig_options};
     use springtwin::gui::panels::connect::VIRTUAL;
     use springtwin::sensing::Calibration;
-    use springtwin::signal::Mode;
+    use springtwin::signal::{Mode, SPRINGS, SensorRef};
     use springtwin::twin::Clock;
 
     #[test]
@@ -298,6 +296,17 @@ mod tests {
             twins: Twins::default(),
         };
         assert_eq!(rigs.declared("/dev/ttyUSB0"), []);
+        // Hardware is not read by the networks of the virtual rig's unit.
+        let at_rest = SensorRef::from_fn(|i, _| if i < SPRINGS { 0.15 } else { 0.0 });
+        let pose = |rig: &str| {
+            rigs.maps(rig)
+                .expect("the networks")
+                .pose
+                .pose(&at_rest)
+                .pose
+        };
+        assert_eq!(pose("pty"), pose("sim"));
+        assert_ne!(pose("/dev/ttyUSB0"), pose("sim"));
         // What the window opens on, and what its menu offers first, is in step with the twin.
         assert_eq!(DEFAULT_RIG, VIRTUAL[0].0);
         let driver = rigs.driver(DEFAULT_RIG).expect("the virtual rig");
