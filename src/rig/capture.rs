@@ -6,8 +6,8 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rand_pcg::Pcg64Mcg;
 
 use super::hidden::Defects;
-use super::noise::{Wander, normal, normal3, stream};
-use crate::signal::{Pose, Stamp};
+use super::noise::{Wander, normal, normal3};
+use crate::signal::{Pose, Stamp, stream};
 
 /// Noise of a pose, one standard deviation per axis.
 const NOISE_M: f64 = 0.1e-3;

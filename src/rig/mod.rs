@@ -28,7 +28,7 @@ use nalgebra::Vector3;
 use rand_pcg::Pcg64Mcg;
 
 use crate::robot::RobotSpec;
-use crate::signal::{BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, TruthSource};
+use crate::signal::{BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, TruthSource, stream};
 use board::{Board, BoardSetup, CHAMBERS_EACH, Readings, SpringReading};
 use capture::{Capture, FRAME_S};
 use circuit::{Circuit, USUAL_SCATTER};
@@ -38,7 +38,7 @@ use hidden::{Defects, Hidden};
 use inertial::{Inertial, InertialErrors};
 use multibody::arm::RINGS;
 use multibody::chain::NoStep;
-use noise::{normal, stream};
+use noise::normal;
 pub use plant::{Plant, Surroundings, Truth, Unit};
 use springs::Springs;
 

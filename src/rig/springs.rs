@@ -6,8 +6,8 @@ use rand_pcg::Pcg64Mcg;
 
 use super::circuit::Circuit;
 use super::hidden::Defects;
-use super::noise::{normal, stream};
-use crate::signal::SPRINGS;
+use super::noise::normal;
+use crate::signal::{SPRINGS, stream};
 
 /// Shares of a hidden lag's two filters.
 const LAGS: [f64; 2] = [0.65, 0.35];

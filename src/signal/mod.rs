@@ -12,6 +12,7 @@ mod exactly;
 mod frame;
 mod hex;
 mod pose;
+mod random;
 mod shape;
 mod snapshot;
 mod time;
@@ -30,6 +31,7 @@ pub use pose::{
     Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_error,
     pose_from_ypr, ypr_from_rotation,
 };
+pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode, PAIR_S, Reach,

@@ -6,7 +6,7 @@
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use rand::{Rng, SeedableRng};
+use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -15,7 +15,7 @@ use super::mesh::{MeshModel, MeshState, observe_mesh, settle_mesh};
 use super::sensors::pads_read;
 use super::{Inputs, Model, Observation, Parameters, Resolution, SimError, State, observe, settle};
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Dataset, Pose, SPRINGS, Sample};
+use crate::signal::{CHAMBERS, Dataset, Pose, SPRINGS, Sample, stream};
 
 /// Distribution of the pressures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,13 +90,11 @@ impl Plan {
 
 /// The generator of sample `index`.
 pub fn sample_rng(seed: u64, index: usize) -> Pcg64Mcg {
-    let mut rng = Pcg64Mcg::new(((seed as u128) << 64) | (index as u128) << 1 | 1);
-    // The first outputs of neighbouring states are related: skip them by reseeding.
-    Pcg64Mcg::seed_from_u64(rng.random())
+    stream(seed, index as u64)
 }
 
-/// A standard normal deviate (Box-Muller). The shipped calibration and networks belong to arms that are drawn with
-/// this stream: another method would draw other arms from the same seeds.
+/// A standard normal deviate (Box-Muller). The shipped networks belong to samples that are drawn with it: another method
+/// would draw others from the same seeds.
 pub fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     let u: f64 = 1.0 - rng.random::<f64>();
     let v: f64 = rng.random();

@@ -227,7 +227,7 @@ impl Hidden {
 
     /// Its kind.
     pub fn kind(&self) -> &'static Kind {
-        // Ids come from the table alone: `new` is the only way to make one outside this module.
+        // Ids are those of the table.
         kind(self.id).unwrap_or(&HIDDEN[0])
     }
 

@@ -7,9 +7,8 @@ use super::chain::{Air, Arm, Chain, Held, Outside};
 use super::gap::{Strain, Wrench};
 use super::member::Axial;
 use super::settled_pads;
-use crate::rig::noise::stream;
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Pose};
+use crate::signal::{CHAMBERS, Pose, stream};
 
 /// Elastic, and damped enough to settle within seconds.
 fn settling(rings: usize) -> Character {

@@ -240,13 +240,7 @@ impl Plant {
             for (flow, leak) in flows.iter_mut().zip(self.leak_m3_s_pa) {
                 flow.leak_m3_s_pa = leak;
             }
-            let outside = self.loads.outside(
-                &self.arm,
-                &self.chain,
-                &self.surroundings,
-                &self.defects,
-                h_s,
-            );
+            let outside = self.outside(h_s);
             self.advance(&flows, &outside, h_s, HALVINGS)?;
         }
         self.t_s += dt_s;
@@ -264,19 +258,20 @@ impl Plant {
         for k in 1..=(ramp + rest) as usize {
             let share = (k as f64 / ramp).min(1.0);
             let held = std::array::from_fn(|i| from_pa[i] + share * (chamber_pa[i] - from_pa[i]));
-            let outside = self.loads.outside(
-                &self.arm,
-                &self.chain,
-                &self.surroundings,
-                &self.defects,
-                STEP_S,
-            );
+            let outside = self.outside(STEP_S);
             self.chain.step(&self.arm, &Held(held), &outside, STEP_S)?;
         }
         self.air = Chambers::at(self.arm.volumes_m3(&self.chain.lengths_m), chamber_pa);
         self.velocity_m_s = [Vector3::zeros(); 2];
         self.observe(RAMP_S + REST_S);
         Ok(())
+    }
+
+    /// Forces from outside for a step of `h_s`.
+    fn outside(&mut self, h_s: f64) -> Outside {
+        let (arm, chain) = (&self.arm, &self.chain);
+        self.loads
+            .outside(arm, chain, &self.surroundings, &self.defects, h_s)
     }
 
     /// Mechanics and air of one step; a step that does not converge is made in two.

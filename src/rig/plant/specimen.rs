@@ -9,9 +9,9 @@ use crate::rig::hidden::Defects;
 use crate::rig::multibody::arm::{Aside, Character, end_body, make};
 use crate::rig::multibody::chain::{Arm, Body};
 use crate::rig::multibody::member::Friction;
-use crate::rig::noise::{normal, stream};
+use crate::rig::noise::normal;
 use crate::robot::RobotSpec;
-use crate::signal::CHAMBERS;
+use crate::signal::{CHAMBERS, stream};
 
 /// Shares and times of hidden creep's terms.
 const PRONY: [[f64; 2]; 3] = [[0.45, 0.4], [0.35, 1.0], [0.2, 2.5]];

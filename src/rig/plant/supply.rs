@@ -13,9 +13,9 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::rig::hidden::Defects;
 use crate::rig::multibody::air::{ATMOSPHERE_PA, Flow, LINE_PA_S_M3};
-use crate::rig::noise::{normal, stream};
+use crate::rig::noise::normal;
 use crate::robot::RobotSpec;
-use crate::signal::CHAMBERS;
+use crate::signal::{CHAMBERS, stream};
 
 /// Pressure error beyond which a pump gives its full flow, Pa.
 const FULL_FLOW_PA: f64 = 500.0;
