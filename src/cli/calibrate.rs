@@ -321,7 +321,7 @@ mod tests {
             date: "2025-03-01".into(),
             about: 0.0,
             search: 10.0,
-            // Those of the unit.
+            // The unit's own networks.
             model: Some("assets/networks/unit-1/reference.safetensors".into()),
         }
     }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::motions::{self, Motion};
 use super::session::calibration_of;
 use super::threads;
-use crate::learn::{Model, Recipe, SplitRule, adapt};
+use crate::learn::{Model, Recipe, adapt};
 use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
@@ -57,14 +57,8 @@ impl Lab {
     pub fn new(robot: &RobotSpec, unit: Unit, seconds: f64, base: &Model) -> Result<Self> {
         let calibration = calibration_of(robot, unit)?;
         let session = session(robot, unit, &calibration, seconds)?;
-        let recipe = session_recipe()?;
-        let recipe = Recipe {
-            split: SplitRule {
-                block: (BLOCK_S * SESSION_ROWS_1_S) as usize,
-                ..recipe.split
-            },
-            ..recipe
-        };
+        let mut recipe = session_recipe()?;
+        recipe.split.block = (BLOCK_S * SESSION_ROWS_1_S) as usize;
         let networks = adapt(base, &session, &recipe, &mut |_| ControlFlow::Continue(()))?;
         Ok(Self {
             unit,
