@@ -59,7 +59,7 @@ pub use mocap::{
     marker_body, parse_mocap, read_mocap,
 };
 pub use overlay::{Overlay, TipSeries};
-pub use recorder::{LOW_SPACE_BYTES, Recorder, RecorderState, free_bytes};
+pub use recorder::{LOW_SPACE_BYTES, QueueFull, Recorder, RecorderState, free_bytes};
 #[cfg(feature = "rrd")]
 pub use rrd::SCHEMA_VERSION;
 pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};

@@ -35,12 +35,23 @@ pub enum RecorderState {
     Ended(RecordingSummary),
 }
 
-/// A recording made and written on a thread of its own, so that a slow disk never holds up control.
+/// What becomes of a snapshot that finds the queue full.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum QueueFull {
+    /// It is dropped and counted: a slow disk never holds up control.
+    #[default]
+    Drop,
+    /// It waits: simulated time that nobody keeps beside real time loses nothing.
+    Wait,
+}
+
+/// A recording made and written on a thread of its own.
 ///
-/// The queue is bounded; what finds it full is dropped and counted. When the disk takes no more
-/// the recording stops by itself and [`Recorder::state`] gives the reason.
+/// The queue is bounded. When the disk takes no more the recording stops by itself and [`Recorder::state`] gives the
+/// reason.
 pub struct Recorder {
     queue: Option<SyncSender<Item>>,
+    full: QueueFull,
     thread: Option<JoinHandle<()>>,
     shared: Arc<Shared>,
 }
@@ -59,7 +70,11 @@ impl Recorder {
     ///
     /// # Errors
     /// [`RecordingError::Io`] when no thread can be started.
-    pub fn start(path: &Path, meta: RecordingMeta) -> Result<Self, RecordingError> {
+    pub fn start(
+        path: &Path,
+        meta: RecordingMeta,
+        full: QueueFull,
+    ) -> Result<Self, RecordingError> {
         let (queue, items) = sync_channel(QUEUE);
         let shared = Arc::new(Shared::default());
         let thread = std::thread::Builder::new()
@@ -87,26 +102,28 @@ impl Recorder {
             .map_err(RecordingError::io(path, "start a thread for"))?;
         Ok(Self {
             queue: Some(queue),
+            full,
             thread: Some(thread),
             shared,
         })
     }
 
-    /// Hands over a snapshot. Never waits.
+    /// Hands over a snapshot. Waits only as [`QueueFull`] says.
     pub fn push(&self, snapshot: Arc<Snapshot>) {
         self.send(Item::Snapshot(snapshot));
     }
 
-    /// Hands over a line for the event log. Never waits.
+    /// Hands over a line for the event log. Waits only as [`QueueFull`] says.
     pub fn event(&self, stamp: Stamp, text: String) {
         self.send(Item::Event(stamp, text));
     }
 
     fn send(&self, item: Item) {
-        let taken = self
-            .queue
-            .as_ref()
-            .is_some_and(|queue| queue.try_send(item).is_ok());
+        let taken = self.queue.as_ref().is_some_and(|queue| match self.full {
+            QueueFull::Drop => queue.try_send(item).is_ok(),
+            // Fails when the recording has stopped, and waits no longer.
+            QueueFull::Wait => queue.send(item).is_ok(),
+        });
         if !taken {
             self.shared.dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -245,7 +262,12 @@ mod tests {
     #[cfg(not(feature = "rrd"))]
     #[test]
     fn without_support_it_says_so() {
-        let recorder = Recorder::start(Path::new("x.rrd"), RecordingMeta::default()).unwrap();
+        let recorder = Recorder::start(
+            Path::new("x.rrd"),
+            RecordingMeta::default(),
+            QueueFull::Drop,
+        )
+        .unwrap();
         let RecorderState::Refused(reason) = recorder.stop() else {
             panic!("a build without support records");
         };
@@ -263,7 +285,7 @@ mod tests {
     #[test]
     fn a_file_that_cannot_be_made_is_told() {
         let path = std::env::temp_dir().join("springtwin-no-such-folder/x.rrd");
-        let recorder = Recorder::start(&path, RecordingMeta::default()).unwrap();
+        let recorder = Recorder::start(&path, RecordingMeta::default(), QueueFull::Drop).unwrap();
         let RecorderState::Refused(reason) = recorder.stop() else {
             panic!("there is no such folder");
         };
@@ -275,7 +297,7 @@ mod tests {
     fn records_on_its_own_thread() {
         let path =
             std::env::temp_dir().join(format!("springtwin-recorder-{}.rrd", std::process::id()));
-        let recorder = Recorder::start(&path, RecordingMeta::default()).unwrap();
+        let recorder = Recorder::start(&path, RecordingMeta::default(), QueueFull::Drop).unwrap();
         for n in 0..300 {
             recorder.push(Arc::new(Snapshot {
                 stamp: Stamp(n * 10_000_000),
@@ -295,22 +317,27 @@ mod tests {
         std::fs::remove_file(path).unwrap();
     }
 
-    /// What the queue cannot hold is counted; what it took is in the file.
+    /// What the queue cannot hold is counted, or waited for; what it took is in the file.
     #[cfg(feature = "rrd")]
     #[test]
-    fn drops_are_counted() {
+    fn drops_are_counted_or_waited_for() {
         let path =
             std::env::temp_dir().join(format!("springtwin-drops-{}.rrd", std::process::id()));
-        let recorder = Recorder::start(&path, RecordingMeta::default()).unwrap();
         let n = 40 * QUEUE as i64;
-        for i in 0..n {
-            recorder.push(Arc::new(Snapshot {
-                stamp: Stamp(i + 1),
-                ..Snapshot::default()
-            }));
+        for full in [QueueFull::Drop, QueueFull::Wait] {
+            let recorder = Recorder::start(&path, RecordingMeta::default(), full).unwrap();
+            for i in 0..n {
+                recorder.push(Arc::new(Snapshot {
+                    stamp: Stamp(i + 1),
+                    ..Snapshot::default()
+                }));
+            }
+            let summary = ended(recorder);
+            assert_eq!(summary.rows + summary.dropped, n as u64);
+            if full == QueueFull::Wait {
+                assert_eq!(summary.dropped, 0);
+            }
+            std::fs::remove_file(&path).unwrap();
         }
-        let summary = ended(recorder);
-        assert_eq!(summary.rows + summary.dropped, n as u64);
-        std::fs::remove_file(path).unwrap();
     }
 }

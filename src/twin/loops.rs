@@ -59,11 +59,12 @@ pub fn run_in_real_time(
     }
 }
 
-/// Ticks on simulated time, as fast as it goes, until `each` ends them.
+/// Ticks on simulated time, as fast as it goes, until `each` ends them. A recording is written whole.
 pub fn run_in_simulated_time(
     runner: &mut Runner,
     each: impl FnMut(&Arc<Snapshot>, &[Event], &mut Vec<Command>) -> ControlFlow<()>,
 ) -> Pace {
+    runner.record_whole();
     run_in_steps(runner, |_| {}, each)
 }
 

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::command::Event;
-use crate::recording::{LOW_SPACE_BYTES, Recorder, RecorderState, RecordingMeta, RecordingSummary};
+use crate::recording::{
+    LOW_SPACE_BYTES, QueueFull, Recorder, RecorderState, RecordingMeta, RecordingSummary,
+};
 use crate::signal::{Snapshot, Stamp};
 
 /// A recording under way.
@@ -41,6 +43,8 @@ pub(super) struct Recordings {
     running: Option<Recording>,
     /// Name of the recording that takes snapshots.
     name: Option<String>,
+    /// What a recording that begins does with what finds its queue full.
+    pub(super) full: QueueFull,
 }
 
 impl Recordings {
@@ -67,7 +71,7 @@ impl Recordings {
         let name = path
             .file_stem()
             .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        match Recorder::start(path, session(name.clone())) {
+        match Recorder::start(path, session(name.clone()), self.full) {
             Ok(recorder) => {
                 recorder.event(now, begun(path));
                 self.name = Some(name);
