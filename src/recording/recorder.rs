@@ -108,12 +108,12 @@ impl Recorder {
         })
     }
 
-    /// Hands over a snapshot. Waits only as [`QueueFull`] says.
+    /// Hands over a snapshot. Waits only for [`QueueFull::Wait`].
     pub fn push(&self, snapshot: Arc<Snapshot>) {
         self.send(Item::Snapshot(snapshot));
     }
 
-    /// Hands over a line for the event log. Waits only as [`QueueFull`] says.
+    /// Hands over a line for the event log. Waits only for [`QueueFull::Wait`].
     pub fn event(&self, stamp: Stamp, text: String) {
         self.send(Item::Event(stamp, text));
     }
