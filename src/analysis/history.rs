@@ -18,7 +18,7 @@ use store::{Drawn, Store};
 use super::decimate::{lines, slot_s};
 use crate::signal::{
     ArmShape, CHAMBERS, GroundTruth, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, Snapshot, Stamp,
-    pose_error, ypr_from_rotation,
+    pose_between, pose_error, ypr_from_rotation,
 };
 
 /// Rows a live history keeps at most: ten minutes at 1 kHz.
@@ -414,10 +414,7 @@ impl History {
         match before {
             Some((s0, p0)) if s1.since(s0) <= 0.1 => {
                 let ratio = at.since(s0) / s1.since(s0);
-                match p0.try_lerp_slerp(&p1, ratio, 1e-12) {
-                    Some(p) => Some((p, truth)),
-                    None => Some((p1, truth)),
-                }
+                Some((pose_between(&p0, &p1, ratio), truth))
             }
             _ => {
                 self.excluded.push_back(row_s);

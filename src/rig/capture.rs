@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::hidden::Defects;
 use super::noise::{Wander, normal, normal3};
-use crate::signal::{Pose, Stamp, stream};
+use crate::signal::{Pose, Stamp, pose_between, stream};
 
 /// Noise of a pose, one standard deviation per axis.
 const NOISE_M: f64 = 0.1e-3;
@@ -97,6 +97,6 @@ impl Capture {
             k => (self.past.get(k - 1)?, self.past.get(k)?),
         };
         let share = (t_s - from.0) / (to.0 - from.0);
-        from.1.try_lerp_slerp(&to.1, share, 1e-12).or(Some(to.1))
+        Some(pose_between(&from.1, &to.1, share))
     }
 }

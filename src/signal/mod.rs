@@ -28,7 +28,7 @@ pub use frame::{
 };
 pub use hex::hex;
 pub use pose::{
-    Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_error,
+    Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_between, pose_error,
     pose_from_ypr, ypr_from_rotation,
 };
 pub use random::stream;

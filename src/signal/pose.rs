@@ -33,6 +33,13 @@ pub fn pose_error(actual: &Pose, wanted: &Pose) -> Vector6 {
     Vector6::new(d.x, d.y, d.z, w.x, w.y, w.z)
 }
 
+/// The pose a share (0 to 1) of the way between two: straight in translation, the shorter turn in rotation; at half a
+/// turn, where both turns are as long, one of them.
+pub fn pose_between(from: &Pose, to: &Pose, share: f64) -> Pose {
+    let nearer = if share < 0.5 { from } else { to };
+    from.try_lerp_slerp(to, share, 1e-9).unwrap_or(*nearer)
+}
+
 /// How the end pad shall be turned at a goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum OrientationGoal {
@@ -122,6 +129,29 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pose_between_two_turns_the_shorter_way_and_exists_at_half_a_turn() {
+        let from = pose_from_ypr([0.0, 0.0, 0.1], [3.0, 0.0, 0.0]);
+        let to = pose_from_ypr([0.0, 0.4, 0.1], [-3.0, 0.0, 0.0]);
+        let quarter = pose_between(&from, &to, 0.25);
+        assert!((quarter.translation.y - 0.1).abs() < 1e-12);
+        let turned = quarter.rotation.angle_to(&from.rotation);
+        assert!((turned - (2.0 * std::f64::consts::PI - 6.0) / 4.0).abs() < 1e-9);
+
+        let opposite = pose_from_ypr([0.0, 0.4, 0.1], [3.0 - std::f64::consts::PI, 0.0, 0.0]);
+        let middle = pose_between(&from, &opposite, 0.5);
+        for end in [from, opposite] {
+            let turned = middle.rotation.angle_to(&end.rotation);
+            assert!((turned - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+            assert!((middle.translation.vector - end.translation.vector).norm() - 0.2 < 1e-12);
+        }
+
+        // Rotations that differ by less than their cosine shows.
+        let to = pose_from_ypr([0.0, 0.4, 0.1], [3.0 + 1e-9, 0.0, 0.0]);
+        let quarter = pose_between(&from, &to, 0.25);
+        assert!((quarter.translation.y - 0.1).abs() < 1e-12);
+    }
 
     #[test]
     fn the_nearest_rotation_points_there_and_turns_no_further_than_it_must() {

@@ -1,6 +1,6 @@
 //! Motion capture on the frames' times: poses by their own stamps, interpolated.
 
-use crate::signal::Pose;
+use crate::signal::{Pose, pose_between};
 
 /// Poses farther apart than this are not interpolated, s: motion capture saw nothing in between.
 const GAP_S: f64 = 0.05;
@@ -41,7 +41,7 @@ impl Captured {
                 return None;
             }
             let share = (t_s - from_s) / (to_s - from_s);
-            from.try_lerp_slerp(to, share, 1e-12)
+            Some(pose_between(from, to, share))
         };
         t_s.iter().map(between).collect()
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::effect::{Call, Line, Plant};
-use crate::signal::{CHAMBERS, Pose, SensorVec, ypr_from_rotation};
+use crate::signal::{CHAMBERS, Pose, SensorVec, pose_between, ypr_from_rotation};
 use crate::sim::rod::{Bellows, Branch, Floor, Friction};
 
 /// First-order lag of a series: y' = (x − y)/τ, exact for inputs held between instants.
@@ -363,7 +363,7 @@ fn retime(c: &Call, captured: &mut [[Pose; 2]], taken_s: impl Fn(f64) -> f64) {
         let next = (k + 1).min(clean.len() - 1);
         *pads = std::array::from_fn(|p| {
             let (a, b) = (&clean[k][p], &clean[next][p]);
-            a.try_lerp_slerp(b, share, 1e-9).unwrap_or(*b)
+            pose_between(a, b, share)
         });
     }
 }

@@ -8,7 +8,7 @@ use crate::learn::{quantile, to_pose};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Frames;
-use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, SPRINGS, Stamp};
+use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, SPRINGS, Stamp, pose_between};
 use crate::twin::maps::{Maps, sensing_for};
 
 /// The filters settle for so long first, s.
@@ -147,7 +147,7 @@ impl Trial {
         if span_s <= 0.0 || span_s > GAP_S {
             return None;
         }
-        Some(a.lerp_slerp(b, at.since(*t0) / span_s))
+        Some(pose_between(a, b, at.since(*t0) / span_s))
     }
 }
 
