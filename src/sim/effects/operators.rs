@@ -361,9 +361,6 @@ fn retime(c: &Call, captured: &mut [[Pose; 2]], taken_s: impl Fn(f64) -> f64) {
     for (t, pads) in c.t_s.iter().zip(captured) {
         let (k, share) = place(c.t_s, taken_s(*t));
         let next = (k + 1).min(clean.len() - 1);
-        *pads = std::array::from_fn(|p| {
-            let (a, b) = (&clean[k][p], &clean[next][p]);
-            pose_between(a, b, share)
-        });
+        *pads = std::array::from_fn(|p| pose_between(&clean[k][p], &clean[next][p], share));
     }
 }
