@@ -54,6 +54,9 @@ pub fn go(to_m: [f64; 3], seconds: f64) -> Result<f64, Box<dyn Error>> {
         }
         twin.observe_link(status);
         let (pressures, events) = twin.tick(now, link.next_frame(), &commands);
+        for order in twin.take_orders() {
+            link.order(order);
+        }
         match &pressures {
             Some(command) => link.set_command(command),
             None => link.clear_command(),

@@ -1,10 +1,12 @@
 /* Firmware of both boards of the arm. One source, one binary: a strap tells which board it is.
  *
  * What must never depend on the host is here: SAFE (pumps off, latched until a RESET with a new
- * id) is entered on ESTOP, when heartbeats stop for 200 ms, and when a chamber is beyond +-42 kPa
- * or its gauge gives no value in two checks running, one every 5 ms. Set points are clamped to
- * +-40 kPa and followed only while they are fresh, heartbeats come, and a CONFIG has been accepted
- * since boot. A main loop that hangs is ended by the watchdog; a board that boots does not move.
+ * id) holds from the start, and is entered on ESTOP, when heartbeats stop for 200 ms, when a set
+ * point is not renewed in time, when the emergency stop's contact opens, and when a chamber is
+ * beyond +-42 kPa or its gauge gives no value in two checks running, one every 5 ms. Set points are
+ * clamped to +-40 kPa, and followed only while they are fresh, heartbeats come, and a CONFIG has
+ * been accepted since boot; the set pressures begin at the measured ones and move by 15 kPa/s at
+ * most. A main loop that hangs is ended by the watchdog.
  */
 #include <avr/wdt.h>
 #include <string.h>
@@ -20,6 +22,11 @@
 #define PONG_TICKS (TICKS_PER_MS / 2)
 /* Gauges that have not been converted for so long are lost. */
 #define GAUGES_PATIENCE (20 * TICKS_PER_MS)
+/* The emergency stop is looked at, and set pressures are moved, this often. */
+#define STEP_TICKS (4 * TICKS_PER_MS)
+#define STEPS_PER_S (TICK_RATE_HZ / STEP_TICKS)
+#define PRELOAD_TICKS (PRELOAD_MS * TICKS_PER_MS)
+#define ZERO_PRESSURE 32768U
 
 /* A host may ask for narrower limits than these, never for wider ones. */
 static const config_t BUILT_IN = {PRESSURE_MIN, PRESSURE_MAX, OVER_PRESSURE, HEARTBEAT_TIMEOUT_MS};
@@ -35,19 +42,24 @@ static uint32_t config_crc; /* 0: none accepted since boot */
 static bool heart_beats;
 static uint32_t heartbeat_ticks;
 
-static bool driven;
-static uint32_t driven_from, driven_for;
-static bool expired;
-static bool gripper_closed;
+/* Off, or following a set point, or venting. */
+static enum { OFF, FOLLOWING, VENTING } drive;
+static uint32_t renewed, valid_for; /* the set point's age and life, ticks */
+static bool enabled;                /* the regulators: from PRELOAD_TICKS after the start of the drive */
+static uint32_t drive_from;
+static uint16_t target[CHAMBERS_EACH], set[CHAMBERS_EACH] = {ZERO_PRESSURE, ZERO_PRESSURE, ZERO_PRESSURE};
+static uint32_t next_step;
 
-static uint16_t latched;
+static uint16_t latched = FAULT_SAFE | FAULT_BOOTED;
+static bool stop_open;
+static uint8_t stop_checks;
 static bool reset_seen;
 static uint32_t last_reset;
 
 static uint16_t gauge_code[CHAMBERS_EACH];
 static bool gauge_valid[CHAMBERS_EACH];
 static uint32_t gauges_ticks;
-static uint8_t over_checks, lost_checks;
+static uint8_t gauge_checks;
 static uint16_t channel_faults;
 
 /* ---- to the host ------------------------------------------------------------------------------ */
@@ -58,10 +70,18 @@ static size_t frame_of(uint32_t t_ticks, uint8_t type, const void *payload, size
     header_t h = {PROTOCOL_VERSION, type, board, seq++, t_ticks, 0};
     if (config_crc)
         h.flags |= FLAG_CONFIGURED;
-    if (driven)
+    if (drive != OFF)
         h.flags |= FLAG_PUMPS_ON;
-    if (gripper_closed)
+    if (drive == VENTING)
+        h.flags |= FLAG_VENTING;
+    if (hal_gripper_closed())
         h.flags |= FLAG_GRIPPER_CLOSED;
+    if (!hal_gripper_known())
+        h.flags |= FLAG_GRIPPER_AS_IT_WAS;
+    if (stop_open)
+        h.flags |= FLAG_STOP_OPEN;
+    if (hal_supply_cut())
+        h.flags |= FLAG_SUPPLY_CUT;
     if (simulated)
         h.flags |= FLAG_SIMULATED;
     return wire_encode(&h, payload, n, frame);
@@ -81,7 +101,8 @@ static void say(uint8_t type, const void *payload, size_t n)
 
 static void say_hello(void)
 {
-    const hello_t h = {PROTOCOL_VERSION, SCHEMA_HASH, FIRMWARE_ID, TICK_RATE_HZ, boot_nonce, config_crc};
+    const hello_t h = {PROTOCOL_VERSION, SCHEMA_HASH, FIRMWARE_ID, TICK_RATE_HZ, boot_nonce, config_crc,
+                       hal_rig()};
     say(MSG_HELLO, &h, sizeof h);
 }
 
@@ -105,37 +126,20 @@ static void say_pong(const pong_t *p)
 
 static void pumps_off(void)
 {
-    driven = false;
-    hal_pumps(NULL);
+    drive = OFF;
+    enabled = false;
+    hal_pumps(false);
 }
 
+/* A cause that is latched already stops nothing again: chambers can be vented in spite of it. */
 static void go_safe(uint16_t cause, uint32_t detail)
 {
-    pumps_off();
     if (latched & cause)
         return;
+    pumps_off();
     latched |= FAULT_SAFE | cause;
     const fault_t f = {cause, detail};
     say(MSG_FAULT, &f, sizeof f);
-}
-
-static void watch_host(uint32_t now)
-{
-    if (driven && now - driven_from > driven_for) {
-        pumps_off();
-        expired = true;
-    }
-    const uint16_t timeout_ms = config_crc ? config.heartbeat_timeout_ms : HEARTBEAT_TIMEOUT_MS;
-    if (heart_beats && now - heartbeat_ticks > timeout_ms * TICKS_PER_MS) {
-        heart_beats = false;
-        go_safe(FAULT_HEARTBEAT_LOST, 0);
-    }
-}
-
-/* The code of the pressure with the other sign. */
-static uint16_t mirrored(uint16_t code)
-{
-    return (uint16_t)(65536UL - code);
 }
 
 /* Counts checks running in which something was found; true once there are enough. */
@@ -146,6 +150,109 @@ static bool count_up(uint8_t *checks, bool found)
     else if (*checks < CHECKS_TO_TRIP)
         ++*checks;
     return *checks >= CHECKS_TO_TRIP;
+}
+
+static void watch_host(uint32_t now)
+{
+    if (drive != OFF && now - renewed > valid_for) {
+        const bool followed = drive == FOLLOWING;
+        pumps_off();
+        if (followed)
+            go_safe(FAULT_SETPOINT_EXPIRED, 0);
+    }
+    const uint16_t timeout_ms = config_crc ? config.heartbeat_timeout_ms : HEARTBEAT_TIMEOUT_MS;
+    if (heart_beats && now - heartbeat_ticks > timeout_ms * TICKS_PER_MS) {
+        heart_beats = false;
+        pumps_off();
+        go_safe(FAULT_HEARTBEAT_LOST, 0);
+    }
+}
+
+/* ---- set pressures ------------------------------------------------------------------------------ */
+
+/* Starts from the measured pressures, so that nothing jerks when the regulators are enabled. A chamber without a gauge
+ * starts from where it was set last. */
+static void preload(void)
+{
+    for (uint8_t i = 0; i < CHAMBERS_EACH; i++)
+        if (gauge_valid[i])
+            set[i] = gauge_code[i];
+    hal_regulators(set);
+}
+
+static void begin(uint8_t how, uint32_t now)
+{
+    if (drive == OFF) {
+        drive_from = now;
+        preload();
+    }
+    drive = how;
+}
+
+/* A chamber without a gauge counts as where it was set last. */
+static bool all_within(uint16_t steps)
+{
+    for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
+        const uint16_t p = gauge_valid[i] ? gauge_code[i] : set[i];
+        if (p > ZERO_PRESSURE + steps || p < ZERO_PRESSURE - steps)
+            return false;
+    }
+    return true;
+}
+
+static void approach(uint16_t most)
+{
+    for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
+        if (set[i] < target[i])
+            set[i] = target[i] - set[i] > most ? set[i] + most : target[i];
+        else
+            set[i] = set[i] - target[i] > most ? set[i] - most : target[i];
+    }
+    hal_regulators(set);
+}
+
+static void drive_step(uint32_t now)
+{
+    if (drive == VENTING && enabled && all_within(VENTED)) {
+        pumps_off();
+    } else if (drive != OFF && !enabled) {
+        preload();
+        if (now - drive_from >= PRELOAD_TICKS) {
+            enabled = true;
+            hal_pumps(true);
+        }
+    } else if (drive != OFF) {
+        approach(drive == VENTING ? VENT_PER_S / STEPS_PER_S : SLEW_PER_S / STEPS_PER_S);
+    }
+}
+
+static void check_stop(void)
+{
+    stop_open = hal_stop_open();
+    if (count_up(&stop_checks, stop_open)) {
+        pumps_off();
+        go_safe(FAULT_STOP_INPUT, 0);
+    }
+}
+
+/* What is done every STEP_TICKS. Set pressures make up for what was slept through; a contact that is looked at twice
+ * at once has been looked at once. */
+static void every_step(uint32_t now)
+{
+    hal_gripper_tick();
+    if ((int32_t)(now - next_step) < 0)
+        return;
+    check_stop();
+    while ((int32_t)(now - next_step) >= 0) {
+        next_step += STEP_TICKS;
+        drive_step(now);
+    }
+}
+
+/* The code of the pressure with the other sign. */
+static uint16_t mirrored(uint16_t code)
+{
+    return (uint16_t)(65536UL - code);
 }
 
 static void check_gauges(uint32_t now)
@@ -167,11 +274,14 @@ static void check_gauges(uint32_t now)
         if (over == CHAMBERS_EACH && gauge_valid[i] && (gauge_code[i] > high || gauge_code[i] < low))
             over = i;
     }
+    /* A reading that falls to nothing passes the bound on its way: both count. */
+    if (!count_up(&gauge_checks, over < CHAMBERS_EACH || lost < CHAMBERS_EACH))
+        return;
     const uint8_t first = CHAMBERS_EACH * board;
-    if (count_up(&over_checks, over < CHAMBERS_EACH))
-        go_safe(FAULT_OVER_PRESSURE, first + (over < CHAMBERS_EACH ? over : 0));
-    if (count_up(&lost_checks, lost < CHAMBERS_EACH))
-        go_safe(FAULT_GAUGE_LOST, first + (lost < CHAMBERS_EACH ? lost : 0));
+    if (over < CHAMBERS_EACH)
+        go_safe(FAULT_OVER_PRESSURE, first + over);
+    if (lost < CHAMBERS_EACH)
+        go_safe(FAULT_GAUGE_LOST, first + lost);
 }
 
 /* ---- from the host ------------------------------------------------------------------------------ */
@@ -204,30 +314,52 @@ static void on_reset(uint32_t id)
     reset_seen = true;
     last_reset = id;
     latched = 0;
-    expired = false;
-    over_checks = lost_checks = 0;
+    gauge_checks = stop_checks = 0;
+    hal_supply(true);
     heart_beats = false; /* the watchdog starts again with the next heartbeat */
     pumps_off();
 }
 
 static void on_setpoint(const setpoint_t *s, uint16_t flags, uint32_t now)
 {
+    if (s->ttl_ms == 0 && drive == FOLLOWING)
+        pumps_off();
     /* Without heartbeats there is nobody to stop the arm later. */
-    if (!config_crc || !heart_beats || latched)
+    if (!config_crc || !heart_beats || latched || s->ttl_ms == 0 || s->ttl_ms > LONGEST_TTL_MS)
         return;
-    uint16_t code[CHAMBERS_EACH];
     for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
         uint16_t c = s->pressure[CHAMBERS_EACH * board + i];
         c = c < config.pressure_min ? config.pressure_min : c;
-        code[i] = c > config.pressure_max ? config.pressure_max : c;
+        target[i] = c > config.pressure_max ? config.pressure_max : c;
     }
-    driven = true;
-    driven_from = now;
-    driven_for = (uint32_t)s->ttl_ms * TICKS_PER_MS;
-    expired = false;
-    hal_pumps(code);
-    gripper_closed = flags & FLAG_GRIPPER_CLOSED;
-    hal_gripper(gripper_closed);
+    begin(FOLLOWING, now);
+    renewed = now;
+    valid_for = (uint32_t)s->ttl_ms * TICKS_PER_MS;
+    if (!(flags & FLAG_GRIPPER_AS_IT_WAS))
+        hal_gripper(flags & FLAG_GRIPPER_CLOSED);
+}
+
+static void on_vent(uint16_t ttl_ms, uint32_t now)
+{
+    if (!heart_beats || stop_open || ttl_ms == 0 || ttl_ms > LONGEST_TTL_MS)
+        return;
+    if (drive != VENTING && all_within(2 * VENTED))
+        return;
+    for (uint8_t i = 0; i < CHAMBERS_EACH; i++)
+        target[i] = ZERO_PRESSURE;
+    begin(VENTING, now);
+    renewed = now;
+    valid_for = (uint32_t)ttl_ms * TICKS_PER_MS;
+}
+
+static void on_estop(const estop_t *e)
+{
+    const uint16_t cause = e->cause;
+    const uint16_t one = cause & (cause - 1) ? 0 : cause & (FAULT_ESTOP | FAULT_ENDED | FAULT_CONTROL_SILENT);
+    pumps_off();
+    if (e->cut)
+        hal_supply(false);
+    go_safe(one ? one : FAULT_ESTOP, 0);
 }
 
 static void on_message(const header_t *h, const void *payload, size_t n, uint32_t t_ticks)
@@ -244,8 +376,12 @@ static void on_message(const header_t *h, const void *payload, size_t n, uint32_
         }
         break;
     case MSG_ESTOP:
-        if (n == 0)
-            go_safe(FAULT_ESTOP, 0);
+        if (n == sizeof(estop_t))
+            on_estop(payload);
+        break;
+    case MSG_VENT:
+        if (n == sizeof(vent_t))
+            on_vent(((const vent_t *)payload)->ttl_ms, t_ticks);
         break;
     case MSG_RESET:
         if (n == sizeof(reset_t)) {
@@ -321,7 +457,7 @@ static void send_sample(uint32_t t_ticks)
             s.present |= 1UL << (16 + i);
         }
     }
-    s.status = latched | channel_faults | (expired ? FAULT_SETPOINT_EXPIRED : 0);
+    s.status = latched | channel_faults;
     say_at(t_ticks, MSG_SAMPLE, &s, sizeof s);
 }
 
@@ -334,14 +470,16 @@ int main(void)
     boot_nonce = hal_boot_nonce(board);
     say_hello();
 
-    uint32_t next_sample = hal_ticks() + SAMPLE_TICKS;
-    gauges_ticks = hal_ticks();
+    uint32_t next_sample = hal_ticks() + SAMPLE_TICKS / 2;
+    gauges_ticks = next_step = hal_ticks();
+    hal_supply(!hal_supply_cut());
     for (;;) {
         wdt_reset();
         listen();
         uint32_t now = hal_ticks();
         watch_host(now);
         check_gauges(now);
+        every_step(now);
         if ((int32_t)(now - next_sample) >= 0) {
             /* Samples that were slept through are gone; the rhythm stays. */
             while ((int32_t)(now - next_sample) >= 0)

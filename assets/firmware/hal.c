@@ -1,5 +1,6 @@
 #include "hal.h"
 
+#include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -373,51 +374,126 @@ static void imus_init(void)
     TWBR = (F_CPU / 400000UL - 16) / 2;
 }
 
-/* ---- pumps and gripper ---------------------------------------------------------------------- */
+/* ---- pumps, supply, emergency stop, gripper --------------------------------------------------- */
 
 #define PUMPS_ENABLE PA0
 #define GRIPPER_CLOSE PA1
+#define GRIPPER_OPEN PA2
+#define SUPPLY_OPEN PA3
+#define STOP_CONTACT PL2
+#define GRIPPER_PULSE (100 * TICKS_PER_MS)
 #define PWM_TOP 8000
 #define PWM_ZERO (PWM_TOP / 2)
 
-/* Duty of a pressure: the regulators take 0 .. 100 % for -50 .. 50 kPa. */
+/* Duty of a pressure: the regulators take 0 .. 100 % for -50 .. 50 kPa. A gauge reads further than that. */
 static uint16_t duty(uint16_t code)
 {
     /* 2 Pa per count over 12.5 Pa per step: 4 / 25 */
     int32_t steps = ((int32_t)code - 32768) * 4;
     steps += steps < 0 ? -12 : 12;
-    return (uint16_t)(PWM_ZERO + steps / 25);
+    const int32_t d = PWM_ZERO + steps / 25;
+    return d < 0 ? 0 : d > PWM_TOP ? PWM_TOP : (uint16_t)d;
 }
 
-void hal_pumps(const uint16_t *code)
+void hal_regulators(const uint16_t code[CHAMBERS_EACH])
 {
-    if (!code)
-        PORTA &= ~_BV(PUMPS_ENABLE);
+    const uint16_t d[CHAMBERS_EACH] = {duty(code[0]), duty(code[1]), duty(code[2])};
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
-        OCR4A = code ? duty(code[0]) : PWM_ZERO;
-        OCR4B = code ? duty(code[1]) : PWM_ZERO;
-        OCR4C = code ? duty(code[2]) : PWM_ZERO;
+        OCR4A = d[0];
+        OCR4B = d[1];
+        OCR4C = d[2];
     }
-    if (code)
-        PORTA |= _BV(PUMPS_ENABLE);
+}
+
+static void put(uint8_t pin, bool high)
+{
+    if (high)
+        PORTA |= _BV(pin);
+    else
+        PORTA &= ~_BV(pin);
+}
+
+void hal_pumps(bool on)
+{
+    put(PUMPS_ENABLE, on);
+}
+
+#define SUPPLY_IS_CUT 0x3cc3
+/* Survives every reset but the loss of power, after which it holds noise. */
+static uint16_t supply __attribute__((section(".noinit")));
+
+void hal_supply(bool open)
+{
+    supply = open ? 0 : SUPPLY_IS_CUT;
+    put(SUPPLY_OPEN, open);
+}
+
+bool hal_supply_cut(void)
+{
+    return supply == SUPPLY_IS_CUT;
+}
+
+/* The contact pulls the pin low; a cut wire reads as an open contact. */
+bool hal_stop_open(void)
+{
+    return PINL & _BV(STOP_CONTACT);
+}
+
+#define GRIPPER_IS_OPEN 0x5a0f
+#define GRIPPER_IS_CLOSED 0xa5f0
+/* Survives every reset but the loss of power, after which it holds noise. */
+static uint16_t gripper __attribute__((section(".noinit")));
+/* What the pulse under way sends it to; 0: none is. A pulse that a reset cuts short has not moved it for certain. */
+static uint16_t gripper_next;
+static uint32_t gripper_from;
+
+static uint16_t gripper_now(void)
+{
+    return gripper_next ? gripper_next : gripper;
 }
 
 void hal_gripper(bool closed)
 {
-    if (closed)
-        PORTA |= _BV(GRIPPER_CLOSE);
-    else
-        PORTA &= ~_BV(GRIPPER_CLOSE);
+    const uint16_t wanted = closed ? GRIPPER_IS_CLOSED : GRIPPER_IS_OPEN;
+    if (gripper_now() == wanted)
+        return;
+    gripper_next = wanted;
+    gripper = 0;
+    put(closed ? GRIPPER_OPEN : GRIPPER_CLOSE, false);
+    put(closed ? GRIPPER_CLOSE : GRIPPER_OPEN, true);
+    gripper_from = hal_ticks();
+}
+
+bool hal_gripper_closed(void)
+{
+    return gripper_now() == GRIPPER_IS_CLOSED;
+}
+
+bool hal_gripper_known(void)
+{
+    return gripper_now() == GRIPPER_IS_CLOSED || gripper_now() == GRIPPER_IS_OPEN;
+}
+
+void hal_gripper_tick(void)
+{
+    if (gripper_next && hal_ticks() - gripper_from > GRIPPER_PULSE) {
+        gripper = gripper_next;
+        gripper_next = 0;
+        put(GRIPPER_OPEN, false);
+        put(GRIPPER_CLOSE, false);
+    }
 }
 
 static void pumps_init(void)
 {
-    DDRA |= _BV(PUMPS_ENABLE) | _BV(GRIPPER_CLOSE);
+    static const uint16_t zero[CHAMBERS_EACH] = {32768U, 32768U, 32768U};
+    PORTA &= ~(_BV(PUMPS_ENABLE) | _BV(GRIPPER_CLOSE) | _BV(GRIPPER_OPEN));
+    DDRA |= _BV(PUMPS_ENABLE) | _BV(GRIPPER_CLOSE) | _BV(GRIPPER_OPEN) | _BV(SUPPLY_OPEN);
     ICR4 = PWM_TOP; /* fast PWM, 2 kHz */
     TCCR4A = _BV(COM4A1) | _BV(COM4B1) | _BV(COM4C1) | _BV(WGM41);
     TCCR4B = _BV(WGM43) | _BV(WGM42) | _BV(CS40);
-    hal_pumps(NULL);
+    hal_regulators(zero);
     DDRH |= _BV(PH3) | _BV(PH4) | _BV(PH5);
 }
 
@@ -431,6 +507,11 @@ uint8_t hal_board(void)
 bool hal_simulated(void)
 {
     return !(PINL & _BV(PL1));
+}
+
+uint32_t hal_rig(void)
+{
+    return eeprom_read_dword((const uint32_t *)0);
 }
 
 /* Survives every reset but the loss of power; after that, its cells come up as noise. */
@@ -456,7 +537,7 @@ void hal_wait(void)
 void hal_init(void)
 {
     pumps_init(); /* first: off */
-    PORTL |= _BV(PL0) | _BV(PL1);
+    PORTL |= _BV(PL0) | _BV(PL1) | _BV(STOP_CONTACT);
     TCCR1B = _BV(CS11); /* 16 MHz / 8 */
     TIMSK1 = _BV(TOIE1);
     serial_init();

@@ -36,6 +36,9 @@ uint8_t hal_board(void);
 /* Whether a simulated arm is at the connectors, by another strap. */
 bool hal_simulated(void);
 
+/* Number of the arm, from bytes 0 to 3 of the EEPROM; all ones if none was written. */
+uint32_t hal_rig(void);
+
 /* Differs from one boot to the next. Writes nothing that wears out. */
 uint32_t hal_boot_nonce(uint8_t board);
 
@@ -61,10 +64,30 @@ void hal_counters(counter_t counter[SPRINGS_EACH]);
  * next reading. */
 bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3]);
 
-/* Drives the regulators to these pressures (codes), or with NULL cuts them off. */
-void hal_pumps(const uint16_t *code);
+/* Sets the regulators to these pressures (codes), whether they are enabled or not. */
+void hal_regulators(const uint16_t code[CHAMBERS_EACH]);
 
+/* Enables the regulators, or cuts them off. */
+void hal_pumps(bool on);
+
+/* Opens or cuts the valve of the supply. */
+void hal_supply(bool open);
+
+/* Whether it was cut and not opened again since the power came. */
+bool hal_supply_cut(void);
+
+/* Whether the emergency stop's contact is open. */
+bool hal_stop_open(void);
+
+/* Sends the gripper's valve, which stays where it is without current, to one of its ends. */
 void hal_gripper(bool closed);
+
+/* What is known of the gripper: it outlives every reset but the loss of power. */
+bool hal_gripper_known(void);
+bool hal_gripper_closed(void);
+
+/* Ends the gripper's pulse in time. To be called every few milliseconds. */
+void hal_gripper_tick(void);
 
 /* Sleeps until the next interrupt. */
 void hal_wait(void);

@@ -7,10 +7,10 @@
 
 /* The tests build boards that do not match by setting these from outside. */
 #ifndef PROTOCOL_VERSION
-#define PROTOCOL_VERSION 1
+#define PROTOCOL_VERSION 2
 #endif
 #ifndef SCHEMA_HASH /* CRC-32 of the layout in words */
-#define SCHEMA_HASH 0x9c699d9dUL
+#define SCHEMA_HASH 0xcca5074eUL
 #endif
 #ifndef PRESSURE_MIN
 #define PRESSURE_MIN 12768U
@@ -18,6 +18,12 @@
 #define PRESSURE_MAX 52768U
 #define OVER_PRESSURE 53768U
 #define HEARTBEAT_TIMEOUT_MS 200
+#define LONGEST_TTL_MS 250
+#define PRELOAD_MS 50
+/* Steps of pressure per second and of pressure, 2 Pa each. */
+#define SLEW_PER_S 7500UL
+#define VENT_PER_S 6000UL
+#define VENTED 500U
 
 #define BAUD 500000UL
 #define TICK_RATE_HZ 2000000UL
@@ -36,6 +42,7 @@ enum message {
     MSG_RESET = 0x84,
     MSG_CONFIG = 0x85,
     MSG_PING = 0x86,
+    MSG_VENT = 0x87,
 };
 
 /* Bits of the header's flags. */
@@ -44,6 +51,10 @@ enum {
     FLAG_PUMPS_ON = 1 << 1,
     FLAG_GRIPPER_CLOSED = 1 << 2,
     FLAG_SIMULATED = 1 << 3,
+    FLAG_GRIPPER_AS_IT_WAS = 1 << 4,
+    FLAG_STOP_OPEN = 1 << 5,
+    FLAG_SUPPLY_CUT = 1 << 6,
+    FLAG_VENTING = 1 << 7,
 };
 
 /* Bits of a SAMPLE's status. */
@@ -56,6 +67,10 @@ enum {
     FAULT_SETPOINT_EXPIRED = 1 << 5,
     FAULT_SPRING_LOST = 1 << 6,
     FAULT_IMU_LOST = 1 << 7,
+    FAULT_BOOTED = 1 << 8,
+    FAULT_STOP_INPUT = 1 << 9,
+    FAULT_ENDED = 1 << 10,
+    FAULT_CONTROL_SILENT = 1 << 11,
 };
 
 typedef struct PACKED {
@@ -75,8 +90,9 @@ typedef struct PACKED {
     uint32_t tick_rate_hz;
     uint32_t boot_nonce;
     uint32_t config_crc;
+    uint32_t rig;
 } hello_t;
-_Static_assert(sizeof(hello_t) == 22, "hello takes 22 bytes on the line");
+_Static_assert(sizeof(hello_t) == 26, "hello takes 26 bytes on the line");
 
 typedef struct PACKED {
     uint16_t spring_counts[12];
@@ -108,6 +124,12 @@ typedef struct PACKED {
 _Static_assert(sizeof(setpoint_t) == 14, "setpoint takes 14 bytes on the line");
 
 typedef struct PACKED {
+    uint16_t cause;
+    uint16_t cut;
+} estop_t;
+_Static_assert(sizeof(estop_t) == 4, "estop takes 4 bytes on the line");
+
+typedef struct PACKED {
     uint32_t id;
 } reset_t;
 _Static_assert(sizeof(reset_t) == 4, "reset takes 4 bytes on the line");
@@ -125,5 +147,10 @@ typedef struct PACKED {
     uint32_t pad;
 } ping_t;
 _Static_assert(sizeof(ping_t) == 8, "ping takes 8 bytes on the line");
+
+typedef struct PACKED {
+    uint16_t ttl_ms;
+} vent_t;
+_Static_assert(sizeof(vent_t) == 2, "vent takes 2 bytes on the line");
 
 #endif

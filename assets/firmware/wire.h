@@ -1,4 +1,4 @@
-/* Wire protocol, version 1: 00 | COBS(header, payload, CRC-32) | 00, little-endian like the AVR itself. */
+/* Wire protocol, version 2: 00 | COBS(header, payload, CRC-32) | 00, little-endian like the AVR itself. */
 #ifndef WIRE_H
 #define WIRE_H
 

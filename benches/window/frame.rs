@@ -8,9 +8,10 @@ use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::scene::Scene;
 use springtwin::gui::screens::ScreenId;
 use springtwin::gui::{App, Services};
+use springtwin::link::StopLine;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Snapshot;
-use springtwin::twin::{Command, Event, Handle};
+use springtwin::twin::{Command, Event, Handle, Pictures};
 
 use super::session::Session;
 
@@ -45,6 +46,8 @@ impl Window {
             events: event_rx,
             feed: feed_rx,
             latest: Arc::clone(&latest),
+            stop_line: StopLine::default(),
+            pictures: Pictures::default(),
         };
         let robot = RobotSpec::reference();
         let mut app = App::new(Some(handle), robot.clone(), Services::none());

@@ -6,10 +6,10 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use crate::robot::RobotSpec;
 use crate::signal::{
-    ArmShape, CHAMBERS, ClockFit, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, LinkStatus,
-    Matrix6, MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState, RoutineStatus,
-    SIGNALS, SPRINGS, SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace, TruthSource,
-    pose_from_ypr, ypr_from_rotation,
+    ArmShape, BOARDS, CHAMBERS, ClockFit, Estimate, Goal, Gripper, GroundTruth, Health, IMUS,
+    LinkStatus, Matrix6, MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState,
+    RoutineStatus, SIGNALS, SPRINGS, SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace,
+    TruthSource, pose_from_ypr, ypr_from_rotation,
 };
 
 // A few-sine stand-in for noise: deterministic, mean near zero, amplitude 1.
@@ -133,6 +133,12 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             age_s: 0.012,
             retry_in_s: None,
             gripper: Some(Gripper::Open),
+            pumps: [Some(true); BOARDS],
+            venting: false,
+            stop_open: false,
+            supply_cut: false,
+            board_simulated: [Some(true); BOARDS],
+            rig: [None; BOARDS],
             host_delay: None,
             board_rate_hz: [100.0, 99.9],
             board_clock: [(-3.1, -38e-6), (-1207.4, 21e-6)].map(|(offset_s, skew_ratio)| {

@@ -14,7 +14,7 @@ use super::steps::Step;
 use super::validation::{Comparison, Question};
 use super::wizard::Wizard;
 use super::{imus, preflight};
-use crate::drive::{Driver, HELLO_S, Start};
+use crate::drive::{Driver, HELLO_S, Resets, Start};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::BenchLog;
@@ -39,8 +39,8 @@ pub struct Options {
     pub name: String,
     /// The virtual rig's bench.
     pub bench: PracticeBench,
-    /// Whether boards that are SAFE from before may leave it.
-    pub reset: bool,
+    /// For which causes boards that are SAFE from before may leave it.
+    pub reset: Resets,
 }
 
 impl Default for Options {
@@ -50,7 +50,7 @@ impl Default for Options {
             attempts: 3,
             name: "wizard".to_owned(),
             bench: PracticeBench::default(),
-            reset: false,
+            reset: Resets::default(),
         }
     }
 }

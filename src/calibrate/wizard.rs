@@ -80,6 +80,8 @@ pub struct Wizard {
     /// Name of the version to save.
     pub name: String,
     last: Option<Stamp>,
+    /// Number of the arm, as its boards gave it.
+    rig: Option<u32>,
 }
 
 impl Wizard {
@@ -101,6 +103,7 @@ impl Wizard {
             comparison: None,
             name: String::new(),
             last: None,
+            rig: None,
         }
     }
 
@@ -110,6 +113,8 @@ impl Wizard {
             return;
         }
         self.last = Some(snapshot.stamp);
+        let [first, second] = snapshot.link.rig;
+        self.rig = first.filter(|rig| second == Some(*rig));
         if let Some(raw) = &snapshot.raw {
             self.springs.observe(raw, robot.spring.range_m);
             self.imus.observe(raw);
@@ -203,6 +208,7 @@ impl Wizard {
         if passed.is_empty() {
             return out;
         }
+        out.rig = self.rig;
         let log = passed[0].log_sha256();
         let one_log = passed.len() == SPRINGS && passed.iter().all(|t| t.log_sha256() == log);
         out.bench_sha256 = match log {

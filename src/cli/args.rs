@@ -2,12 +2,17 @@
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
+#[cfg(feature = "gui")]
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
 use springtwin::control::Gains;
-use springtwin::drive::Instruments;
+use springtwin::drive::{Instruments, Resets};
 pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
+use springtwin::link::wire::fault;
+use springtwin::link::{fault_names, fault_of_name};
+use springtwin::rig::Obstacle;
 use springtwin::signal::{CHAMBERS, ControllerKind};
 use springtwin::task::Item;
 
@@ -40,6 +45,12 @@ pub struct InstrumentArgs {
     /// Let hardware be armed although only the virtual rig's calibration is in use: lengths and pose are then wrong
     #[arg(long)]
     accept_virtual_calibration: bool,
+    /// Let boards at a serial port be armed that report a simulated arm
+    #[arg(long)]
+    accept_simulated_boards: bool,
+    /// Go on when the arm is pushed, as in an experiment with disturbances; without it, it is held then
+    #[arg(long)]
+    expect_pushes: bool,
     /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,
     /// port 51001, without it
     #[arg(long = "mocap-listen", value_name = "IP:PORT")]
@@ -59,6 +70,8 @@ impl InstrumentArgs {
         Instruments {
             calibration: self.calibration.clone(),
             accept_virtual_calibration: self.accept_virtual_calibration,
+            accept_simulated_boards: self.accept_simulated_boards,
+            expect_pushes: self.expect_pushes,
             mocap_listen: self.listen,
             mocap_from: self.from.clone(),
             registration: self.registration.clone(),
@@ -135,6 +148,19 @@ fn within(text: &str, range: std::ops::RangeInclusive<f64>, what: &str) -> Resul
     }
 }
 
+/// A cause of SAFE.
+pub fn cause(text: &str) -> Result<u16, String> {
+    fault_of_name(text).ok_or_else(|| {
+        let all = fault_names(fault::LATCHING).replace(',', ", ");
+        format!("'{text}' is no cause of SAFE: name some of {all}")
+    })
+}
+
+/// What `--reset` lets go, with the causes that were named.
+pub fn resets(named: Option<&[u16]>) -> Resets {
+    named.map_or_else(Resets::default, Resets::usual_and)
+}
+
 /// A factor on the arm's stiffness.
 pub fn stiffness(text: &str) -> Result<f64, String> {
     within(text, 0.3..=3.0, "stiffness")
@@ -188,14 +214,66 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// `lose-gpu=S`: when the window's graphics device is lost on purpose.
+/// What goes wrong on purpose.
 #[cfg(feature = "gui")]
-pub fn drill(text: &str) -> Result<std::time::Duration, String> {
-    text.strip_prefix("lose-gpu=")
-        .and_then(|s| s.parse().ok())
-        .filter(|s: &f64| (0.0..=86_400.0).contains(s))
-        .map(std::time::Duration::from_secs_f64)
-        .ok_or_else(|| format!("'{text}' is no drill: write lose-gpu=S, S in seconds"))
+#[derive(Clone, Copy, Debug)]
+pub enum Drill {
+    /// The window's graphics device is lost so long after the start.
+    LoseGpu(Duration),
+    /// The control loop stands still for so long, once the arm moves.
+    Stall(Duration),
+}
+
+#[cfg(feature = "gui")]
+impl Drill {
+    /// When the graphics device is lost.
+    pub fn loss(&self) -> Option<Duration> {
+        match self {
+            Self::LoseGpu(at) => Some(*at),
+            Self::Stall(_) => None,
+        }
+    }
+
+    /// For how long the control loop stands still.
+    pub fn stall(&self) -> Option<Duration> {
+        match self {
+            Self::LoseGpu(_) => None,
+            Self::Stall(lasts) => Some(*lasts),
+        }
+    }
+}
+
+/// `lose-gpu=S` or `stall=S`.
+#[cfg(feature = "gui")]
+pub fn drill(text: &str) -> Result<Drill, String> {
+    let seconds = |s: &str| {
+        let s = s
+            .parse()
+            .ok()
+            .filter(|s: &f64| (0.0..=86_400.0).contains(s));
+        s.map(Duration::from_secs_f64)
+    };
+    let read = text.split_once('=').and_then(|(what, s)| match what {
+        "lose-gpu" => seconds(s).map(Drill::LoseGpu),
+        "stall" => seconds(s).map(Drill::Stall),
+        _ => None,
+    });
+    read.ok_or_else(|| format!("'{text}' is no drill: write lose-gpu=S or stall=S, S in seconds"))
+}
+
+/// A flat thing: a point on it (mm) and the direction out of it.
+pub fn obstacle(text: &str) -> Result<Obstacle, String> {
+    let [x, y, z, nx, ny, nz] = numbers::<6>(text, "an obstacle")?;
+    if nx == 0.0 && ny == 0.0 && nz == 0.0 {
+        return Err(format!(
+            "'{text}': the direction out of the obstacle has no length"
+        ));
+    }
+    Ok(Obstacle {
+        point_m: [x, y, z].map(|mm| mm * 1e-3),
+        normal: [nx, ny, nz],
+        stiffness_n_m: Obstacle::TABLE_N_M,
+    })
 }
 
 /// `WxH`, both from 64 to 8192.

@@ -21,7 +21,7 @@ use springtwin::drive::{self, DEFAULT_RIG, Run, TwinBuilder, objects, rig_option
 use springtwin::rig::faults::Script;
 use springtwin::rig::hidden::Hidden;
 use springtwin::rig::pty::{Lines, Pty};
-use springtwin::rig::{RigOptions, Unit, VirtualRig};
+use springtwin::rig::{Obstacle, RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Goal;
 use springtwin::task::Item;
@@ -59,21 +59,33 @@ pub struct RunArgs {
     /// Seed of the virtual rig's noise
     #[arg(long, value_name = "N", default_value = "1")]
     pub seed: u64,
+    /// A flat thing that the virtual rig's arm cannot enter: a point on it (mm) and the direction out of it
+    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = args::obstacle, allow_hyphen_values = true)]
+    pub obstacle: Option<Obstacle>,
     /// Which controller steers
     #[arg(long, value_enum, default_value_t = Kind::Ours)]
     pub controller: Kind,
-    /// Let boards that are SAFE from before leave it; remove the cause first
-    #[arg(long, requires = "headless")]
-    pub reset: bool,
-    /// Lose the window's graphics device so long after the start, s (`lose-gpu=S`): a fire drill
-    #[arg(long, hide = true, value_name = "lose-gpu=S", value_parser = args::drill, conflicts_with = "headless")]
+    /// Let boards that are SAFE from before leave it: after an earlier program has ended or was not heard any more, and
+    /// for causes that are named (such as `over-pressure`), which must be removed first
+    #[arg(long, value_name = "CAUSE,...", num_args = 0..=1, value_delimiter = ',', value_parser = args::cause, requires = "headless")]
+    pub reset: Option<Vec<u16>>,
+    /// A fire drill: lose the window's graphics device so long after the start (`lose-gpu=S`), or let the control loop
+    /// stand still for so long once the arm has moved for a second (`stall=S`)
+    #[arg(long, hide = true, value_name = "lose-gpu=S|stall=S", value_parser = args::drill, conflicts_with = "headless")]
     #[cfg(feature = "gui")]
-    pub drill: Vec<std::time::Duration>,
+    pub drill: Vec<args::Drill>,
     #[command(flatten)]
     pub instruments: InstrumentArgs,
 }
 
 impl RunArgs {
+    /// The virtual rig.
+    pub fn options(&self) -> RigOptions {
+        let mut options = rig_options(self.payload, self.seed);
+        options.surroundings.obstacle = self.obstacle;
+        options
+    }
+
     /// The viewer to stream to.
     pub fn viewer(&self) -> Option<SocketAddr> {
         self.stream.or(self.stream_remote)
@@ -111,6 +123,9 @@ pub struct RigArgs {
     /// Stiffness of the arm as a factor
     #[arg(long, value_name = "K", default_value = "1", value_parser = args::stiffness)]
     stiffness: f64,
+    /// A flat thing that the arm cannot enter: a point on it (mm) and the direction out of it
+    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = args::obstacle, allow_hyphen_values = true)]
+    obstacle: Option<Obstacle>,
     /// Something to pick up: where the tip grasps it (mm) and its mass (kg); may be given several times
     #[arg(long, value_name = "X,Y,Z,KG", value_parser = args::item, allow_hyphen_values = true)]
     object: Vec<Item>,
@@ -130,7 +145,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     }
     let twin = TwinBuilder::new(robot)
         .robot_file(robot_file)
-        .rig(&a.rig, rig_options(a.payload, a.seed))
+        .rig(&a.rig, a.options())
         .gains(a.controller.gains())
         .instruments(a.instruments.plain());
     carry_out(
@@ -141,7 +156,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             target: a.target.map(Goal::position),
             record: a.record.clone(),
             viewer: a.viewer(),
-            reset: a.reset,
+            reset: args::resets(a.reset.as_deref()),
         },
     )
 }
@@ -173,9 +188,10 @@ pub struct RecordArgs {
     /// Steer the tip there meanwhile, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
     target: Option<[f64; 3]>,
-    /// Let boards that are SAFE from before leave it; remove the cause first
-    #[arg(long)]
-    reset: bool,
+    /// Let boards that are SAFE from before leave it: after an earlier program has ended or was not heard any more, and
+    /// for causes that are named (such as `over-pressure`), which must be removed first
+    #[arg(long, value_name = "CAUSE,...", num_args = 0..=1, value_delimiter = ',', value_parser = args::cause)]
+    reset: Option<Vec<u16>>,
     #[command(flatten)]
     instruments: InstrumentArgs,
 }
@@ -193,7 +209,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
             seconds: a.seconds,
             target: a.target.map(Goal::position),
             record: Some(a.out.clone()),
-            reset: a.reset,
+            reset: args::resets(a.reset.as_deref()),
             ..Run::default()
         },
     )
@@ -210,6 +226,7 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
         ..rig_options(a.payload, a.seed)
     };
     options.surroundings.stiffness = a.stiffness;
+    options.surroundings.obstacle = a.obstacle;
     let mut rig = VirtualRig::new(robot, &options)?;
     if let Some(folder) = &a.firmware {
         rig.use_firmware(folder)?;

@@ -131,7 +131,7 @@ fn standard_error() -> io::Result<File> {
 mod tests {
     use std::sync::Mutex;
 
-    use springtwin::link::LinkEvent;
+    use springtwin::link::{LinkEvent, Order};
     use springtwin::robot::RobotSpec;
     use springtwin::signal::{PressureCommand, Stamp};
     use springtwin::twin::{Arrivals, Clock, Port};
@@ -172,8 +172,7 @@ mod tests {
             }
         }
         fn send(&mut self, _now: Stamp, _command: Option<&PressureCommand>) {}
-        fn estop(&mut self, _now: Stamp) {}
-        fn reset(&mut self, _now: Stamp) {}
+        fn order(&mut self, _now: Stamp, _order: Order) {}
     }
 
     #[test]

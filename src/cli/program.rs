@@ -162,8 +162,7 @@ fn run(cli: &Cli) -> Result<Report> {
 fn open_window(c: &Context<'_>) -> Result<Report> {
     let opening = window::Opening {
         rig: springtwin::drive::DEFAULT_RIG,
-        payload_kg: 0.0,
-        seed: 1,
+        options: springtwin::drive::rig_options(0.0, 1),
         kind: args::Kind::Ours,
         stream: None,
         drill: &[],
@@ -184,8 +183,7 @@ fn run_twin(a: &live::RunArgs, c: &Context<'_>) -> Result<Report> {
         args::payload_in_range(c.robot, a.payload)?;
         let opening = window::Opening {
             rig: &a.rig,
-            payload_kg: a.payload,
-            seed: a.seed,
+            options: a.options(),
             kind: a.controller,
             stream: a.viewer(),
             drill: &a.drill,

@@ -21,17 +21,18 @@ use std::time::Duration;
 use anyhow::Result;
 
 use super::Report;
-use super::args::Kind;
+use super::args::{Drill, Kind};
 use super::model;
 use super::user;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
 use services::services;
 use settings::Settings;
-use springtwin::drive::{Instruments, rig_options};
+use springtwin::drive::Instruments;
 use springtwin::gui::App;
 use springtwin::gui::pace::{Pace, Wanted};
 use springtwin::gui::scene::Scene;
+use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::twin::{Command, TICK_S};
 
@@ -46,16 +47,14 @@ const LAST_WRITES: Duration = Duration::from_secs(30);
 pub struct Opening<'a> {
     /// Where the boards are.
     pub rig: &'a str,
-    /// Mass in the virtual rig's gripper, kg.
-    pub payload_kg: f64,
-    /// Seed of the virtual rig's noise.
-    pub seed: u64,
+    /// The virtual rig.
+    pub options: RigOptions,
     /// Which controller steers.
     pub kind: Kind,
     /// A viewer to stream to from the start.
     pub stream: Option<SocketAddr>,
-    /// When the graphics device is lost on purpose.
-    pub drill: &'a [Duration],
+    /// What goes wrong on purpose.
+    pub drill: &'a [Drill],
     /// Calibration and motion capture.
     pub instruments: &'a Instruments,
 }
@@ -74,10 +73,11 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         robot: robot.clone(),
         robot_file: robot_file.map(Path::to_owned),
         maps: model::maps_for(robot, rig)?,
-        options: rig_options(a.payload_kg, a.seed),
+        options: a.options.clone(),
         kind: a.kind,
         instruments: a.instruments.clone(),
         twins: Twins::default(),
+        stall: a.drill.iter().find_map(Drill::stall),
         data: user::data_folder(),
     };
     let reachable = hull(&rigs.maps);
@@ -133,7 +133,8 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             .inspect_err(|e| log::warn!("the window's settings are not kept: {e}"))
             .ok()
     });
-    let shown = device::show(&options, begin, settings, a.drill);
+    let lost: Vec<Duration> = a.drill.iter().filter_map(Drill::loss).collect();
+    let shown = device::show(&options, begin, settings, &lost);
     if !twins.wait(LAST_WRITES) {
         log::warn!("the disk takes too long: a recording may lack its end");
     }

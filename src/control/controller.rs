@@ -448,11 +448,11 @@ impl Controller {
             ((limit_pa - from_pa) / p.dt_s.max(1e-4)).clamp(-rate, rate)
         };
         let lowest = |i: usize| match p.usable[i] {
-            true => self.limits.min_pa.max(p.chamber_pa[i] - lead),
+            true => (self.limits.min_pa).max((p.chamber_pa[i] - lead).min(self.limits.max_pa)),
             false => self.limits.min_pa,
         };
         let highest = |i: usize| match p.usable[i] {
-            true => self.limits.max_pa.min(p.chamber_pa[i] + lead),
+            true => (self.limits.max_pa).min((p.chamber_pa[i] + lead).max(self.limits.min_pa)),
             false => self.limits.max_pa,
         };
         (

@@ -142,6 +142,12 @@ impl<'a> TwinBuilder<'a> {
         if self.instruments.accept_virtual_calibration {
             twin.accept_virtual_calibration();
         }
+        if self.instruments.accept_simulated_boards {
+            twin.accept_simulated_boards();
+        }
+        if self.instruments.expect_pushes {
+            twin.expect_pushes();
+        }
         let port = match self.port {
             Some(port) => port,
             None => ports::open(
@@ -250,7 +256,7 @@ impl Driver {
     pub fn spawn(
         self,
         first: Vec<Command>,
-        repaint: impl FnMut() + Send + 'static,
+        repaint: impl FnMut(&Snapshot) + Send + 'static,
     ) -> std::io::Result<(Handle, JoinHandle<()>)> {
         spawn(self.runner, self.start, first, repaint)
     }

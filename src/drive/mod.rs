@@ -24,7 +24,7 @@ pub use ports::{
     DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, is_virtual, rig_options,
 };
 pub use run::{Ran, Run, run};
-pub use start::{HELLO_S, Start, check_link};
+pub use start::{HELLO_S, Resets, Start, check_link};
 pub use tally::Tally;
 pub use tasks::{
     BASKET_M, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Shape, fruit, longest_s,

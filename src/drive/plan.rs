@@ -9,7 +9,7 @@ use anyhow::Result;
 use super::driver::{Observer, TwinBuilder};
 use super::limits::LimitWatch;
 use super::ports::Script;
-use super::start::{HELLO_S, Start, check_link};
+use super::start::{HELLO_S, Resets, Start, check_link};
 use crate::control::SEGMENTS;
 use crate::learn::PlantMap;
 use crate::rig::Object;
@@ -30,8 +30,8 @@ pub struct Drive {
     pub after_s: f64,
     /// Where to record.
     pub record: Option<PathBuf>,
-    /// Whether boards that are SAFE from before may leave it.
-    pub reset: bool,
+    /// For which causes boards that are SAFE from before may leave it.
+    pub reset: Resets,
 }
 
 /// One tick on the way.

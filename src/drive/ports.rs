@@ -9,11 +9,11 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 
 use super::files::read_toml;
-use crate::link::Origin;
 use crate::link::mocap::{self, MocapReceiver};
 use crate::link::serial;
 use crate::link::wire::Config;
 use crate::link::wire::objects::END_PAD;
+use crate::link::{Order, Origin, StopLine};
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::registration::Registration;
@@ -35,6 +35,10 @@ pub struct Instruments {
     pub calibration: Option<PathBuf>,
     /// Whether hardware may be armed although only the virtual rig's calibration is in use.
     pub accept_virtual_calibration: bool,
+    /// Whether simulated boards at a serial port may be armed.
+    pub accept_simulated_boards: bool,
+    /// Whether motion goes on when the arm is pushed.
+    pub expect_pushes: bool,
     /// Where motion capture (Vicon Tracker's object stream) is received on this computer; loopback without it.
     pub mocap_listen: Option<SocketAddr>,
     /// The only senders it is taken from; this computer where there are none.
@@ -207,6 +211,11 @@ impl SerialRig {
             let [x, y, z] = o.grasp_m.map(|v| v * 1e3);
             command.args(["--object", &format!("{x},{y},{z},{}", o.mass_kg)]);
         }
+        if let Some(obstacle) = &arm.obstacle {
+            let [x, y, z] = obstacle.point_m.map(|m| m * 1e3);
+            let [nx, ny, nz] = obstacle.normal;
+            command.args(["--obstacle", &format!("{x},{y},{z},{nx},{ny},{nz}")]);
+        }
         for effect in &options.hidden {
             command.args(["--hide", &effect.to_string()]);
         }
@@ -275,12 +284,12 @@ impl Port for SerialRig {
         self.boards.send(now, command);
     }
 
-    fn estop(&mut self, now: Stamp) {
-        self.boards.estop(now);
+    fn order(&mut self, now: Stamp, order: Order) {
+        self.boards.order(now, order);
     }
 
-    fn reset(&mut self, now: Stamp) {
-        self.boards.reset(now);
+    fn stop_line(&self) -> StopLine {
+        self.boards.stop_line()
     }
 }
 

@@ -9,7 +9,7 @@ use anyhow::Result;
 
 use super::driver::{Observer, TwinBuilder};
 use super::limits::LimitWatch;
-use super::start::{HELLO_S, Start, check_link};
+use super::start::{HELLO_S, Resets, Start, check_link};
 use super::tally::Tally;
 use crate::signal::{Goal, Mode, Snapshot, Stamp};
 use crate::twin::{Command, Event, Pace};
@@ -27,8 +27,8 @@ pub struct Run {
     pub record: Option<PathBuf>,
     /// The viewer to stream to.
     pub viewer: Option<SocketAddr>,
-    /// Whether boards that are SAFE from before may leave it.
-    pub reset: bool,
+    /// For which causes boards that are SAFE from before may leave it.
+    pub reset: Resets,
 }
 
 /// How a run went.
@@ -70,7 +70,7 @@ impl Observer for Schedule<'_> {
             commands.extend(run.viewer.map(Command::StreamLive));
         }
         // To watch boards that are SAFE is allowed.
-        if !self.asked && (run.target.is_some() || run.reset) {
+        if !self.asked && (run.target.is_some() || run.reset != Resets::default()) {
             match self.start_up.ready(snapshot, commands) {
                 Ok(false) => {}
                 Ok(true) => {

@@ -2,22 +2,40 @@
 
 use anyhow::Result;
 
+use crate::link::fault_names;
+use crate::link::wire::fault;
 use crate::signal::{LinkStatus, Mode, Snapshot};
 use crate::twin::{Command, SETTLING_FRAMES};
 
 /// Time the boards have to introduce themselves, s.
 pub const HELLO_S: f64 = 5.0;
 
+/// The causes for which boards that are SAFE from before may leave it (bits of [`fault`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Resets(u16);
+
+impl Resets {
+    /// Those after which nothing has to be looked at: an earlier program ended, or was not heard any more; and `named`.
+    pub fn usual_and(named: &[u16]) -> Self {
+        let usual = fault::SAFE | fault::ENDED | fault::HEARTBEAT_LOST;
+        Self(named.iter().fold(usual, |all, cause| all | cause))
+    }
+
+    /// The causes among `faults` that are not to be reset.
+    fn left_of(self, faults: u16) -> u16 {
+        faults & fault::LATCHING & !self.0
+    }
+}
+
 /// The check whether a rig is ready to be steered.
 pub struct Start {
-    /// Whether boards that are SAFE from before may leave it.
-    reset: bool,
+    reset: Resets,
     tried: bool,
 }
 
 impl Start {
-    /// `reset` if boards that are SAFE from before may leave it.
-    pub fn new(reset: bool) -> Self {
+    /// Boards that are SAFE from before may leave it for the causes of `reset`.
+    pub fn new(reset: Resets) -> Self {
         Self {
             reset,
             tried: false,
@@ -34,9 +52,15 @@ impl Start {
         commands: &mut Vec<Command>,
     ) -> std::result::Result<bool, String> {
         if let Mode::Safe(reason) = &snapshot.mode {
-            if !self.reset {
+            let faults = snapshot.raw.as_ref().map_or(0, |r| r.faults);
+            let left = self.reset.left_of(faults);
+            if self.reset == Resets::default() || left != 0 {
+                let names = match left & !fault::SAFE & !Resets::usual_and(&[]).0 {
+                    0 => String::new(),
+                    named => format!(" {}", fault_names(named)),
+                };
                 return Err(format!(
-                    "SAFE from before ({reason}): remove the cause, then start again with --reset"
+                    "SAFE from before ({reason}): remove the cause, then start again with --reset{names}"
                 ));
             }
             if self.tried {
@@ -87,10 +111,10 @@ mod tests {
     fn boards_that_are_safe_from_before_are_reset_once_and_only_on_request() {
         let safe = snapshot(Mode::Safe("a leak".to_owned()), 1000);
         let mut commands = Vec::new();
-        let refusal = Start::new(false).ready(&safe, &mut commands);
+        let refusal = Start::new(Resets::default()).ready(&safe, &mut commands);
         assert!(refusal.is_err_and(|why| why.contains("a leak") && why.contains("--reset")));
         assert!(commands.is_empty());
-        let mut start = Start::new(true);
+        let mut start = Start::new(Resets::usual_and(&[]));
         assert_eq!(start.ready(&safe, &mut commands), Ok(false));
         assert_eq!(commands, [Command::Reset]);
         let settled = snapshot(Mode::Disarmed, SETTLING_FRAMES + 1);
@@ -100,8 +124,23 @@ mod tests {
     }
 
     #[test]
+    fn causes_that_somebody_has_to_look_at_are_reset_by_name_only() {
+        let mut safe = snapshot(Mode::Safe("over-pressure".to_owned()), 1000);
+        let faults = fault::SAFE | fault::ENDED | fault::OVER_PRESSURE | fault::SPRING_LOST;
+        safe.raw = Some(crate::signal::RawFrame {
+            faults,
+            ..Default::default()
+        });
+        let ask = |resets: Resets| Start::new(resets).ready(&safe, &mut Vec::new());
+        let why = ask(Resets::usual_and(&[])).expect_err("is refused");
+        assert!(why.ends_with("--reset over-pressure"), "{why}");
+        assert_eq!(ask(Resets::usual_and(&[fault::OVER_PRESSURE])), Ok(false));
+        assert!(ask(Resets::usual_and(&[fault::BOOTED])).is_err());
+    }
+
+    #[test]
     fn nothing_is_asked_before_the_filters_have_settled() {
-        let mut start = Start::new(false);
+        let mut start = Start::new(Resets::default());
         let early = snapshot(Mode::Disarmed, SETTLING_FRAMES);
         assert_eq!(start.ready(&early, &mut Vec::new()), Ok(false));
         let lost = snapshot(Mode::Disarmed, 0);

@@ -16,7 +16,7 @@ use super::panels::operate::{self, Pane};
 use super::panels::operating::{hold_gate, severity_level};
 use super::panels::palette::{self, Choice, CommandPalette};
 use super::panels::plot::TimeWindow;
-use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput};
+use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput, Vent};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
 use super::screen::{Ctx, Known, Task};
@@ -26,7 +26,7 @@ use super::theme::{self, Level};
 use super::view::{View, live_until_s};
 use crate::analysis::history::History;
 use crate::analysis::player::Player;
-use crate::robot::RobotSpec;
+use crate::robot::{RobotSpec, SupplyOff};
 use crate::signal::{Mode, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
 
@@ -46,6 +46,27 @@ struct Settings {
     view: Shown,
     #[serde(default)]
     recordings: Option<PathBuf>,
+}
+
+/// Snapshots come every 10 ms: an armed arm whose control loop has not reported for so long is shown as silent, s.
+const SILENT_S: f64 = 0.35;
+const SILENT_LOOK: Duration = Duration::from_millis(100);
+
+/// Whether the arm follows commands.
+fn is_armed(snapshot: &Snapshot) -> bool {
+    matches!(snapshot.mode, Mode::Hold | Mode::Moving | Mode::AtGoal)
+}
+
+/// Whether the window may close although the arm is armed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Closing {
+    /// Nobody asked.
+    #[default]
+    No,
+    /// The operator is asked.
+    Asked,
+    /// The operator has agreed.
+    Agreed,
 }
 
 /// The window of a twin.
@@ -69,6 +90,10 @@ pub struct App {
     shortcuts_open: bool,
     command_palette: CommandPalette,
     resume: Resume,
+    vent: Vent,
+    closing: Closing,
+    /// Window time of the newest snapshot, s.
+    heard_at_s: f64,
     /// What the twin could be connected to.
     pub connection: Connection,
     /// Whether a newcomer is greeted.
@@ -187,6 +212,9 @@ impl App {
             shortcuts_open: false,
             command_palette: CommandPalette::default(),
             resume: Resume::default(),
+            vent: Vent::default(),
+            closing: Closing::default(),
+            heard_at_s: 0.0,
             connection: Connection::default(),
             welcome: false,
             screen: ScreenId::default(),
@@ -258,7 +286,11 @@ impl App {
             return;
         }
         let now_s = ctx.input(|i| i.time);
+        if let Some(handle) = &self.handle {
+            handle.pictures.count();
+        }
         self.drain(&ctx, now_s);
+        self.closing(&ctx);
         let mut commands = Vec::new();
         self.keys(&ctx, &mut commands);
         if self.screen.replays() && self.screens.library.take_drops(&ctx, &mut self.services) {
@@ -419,7 +451,59 @@ impl App {
         };
         // The twin asks for repaints; this one shows that it has fallen silent.
         if came {
+            self.heard_at_s = now_s;
             ctx.request_repaint_after(self.pace.patience());
+        }
+        if is_armed(&self.live) {
+            ctx.request_repaint_after(SILENT_LOOK);
+        }
+    }
+
+    /// For how long the control loop of an armed arm has not reported, s, if that is too long.
+    fn silent_s(&self, now_s: f64) -> Option<f64> {
+        let silent_s = now_s - self.heard_at_s;
+        let is_silent = is_armed(&self.live) && !self.twin_gone && self.handle.is_some();
+        (is_silent && silent_s > SILENT_S).then_some(silent_s)
+    }
+
+    /// A window on an armed hardware arm asks before it closes.
+    fn closing(&mut self, ctx: &egui::Context) {
+        let armed = is_armed(&self.live) && self.live.link.moves_hardware();
+        let wanted = ctx.input(|i| i.viewport().close_requested());
+        if wanted && armed && self.handle.is_some() && self.closing != Closing::Agreed {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+            self.closing = Closing::Asked;
+        }
+        if self.closing != Closing::Asked {
+            return;
+        }
+        // No modal: STOP and HOLD stay within reach.
+        egui::Window::new("The arm is armed")
+            .collapsible(false)
+            .resizable(false)
+            .anchor(egui::Align2::CENTER_CENTER, [0.0, 0.0])
+            .show(ctx, |ui| {
+                ui.set_width(380.0);
+                ui.label(match self.spec.supply_off {
+                    SupplyOff::Keeps => {
+                        "Closing the window switches the pumps off. The chambers keep their air: the arm stays as it is."
+                    }
+                    SupplyOff::Vents => {
+                        "Closing the window switches the pumps off. The chambers lose their air: the arm sags, with its load."
+                    }
+                });
+                ui.add_space(8.0);
+                ui.horizontal(|ui| {
+                    if ui.button("Stay").clicked() {
+                        self.closing = Closing::No;
+                    }
+                    if ui.button("Switch the pumps off and close").clicked() {
+                        self.closing = Closing::Agreed;
+                    }
+                });
+            });
+        if self.closing == Closing::Agreed {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
     }
 
@@ -491,6 +575,7 @@ impl App {
             recording_s,
             twin: self.handle.is_some(),
             twin_gone: self.twin_gone,
+            silent_s: self.silent_s(now_s),
             welcome: self.welcome,
         };
         let mut actions = Vec::new();
@@ -501,7 +586,8 @@ impl App {
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(12, 4)))
             .show(ui, |ui| {
-                shell::top_bar(ui, &live, &mut self.resume, commands)
+                let controls = (&mut self.resume, &mut self.vent);
+                shell::top_bar(ui, &live, controls, commands)
             })
             .inner;
         // As high with and without something to say: nothing below it moves.

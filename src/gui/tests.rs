@@ -30,9 +30,10 @@ use super::screens::ScreenId;
 use super::services::{Job, RecordingEntry, Services};
 use crate::analysis::fixture;
 use crate::analysis::player::Player;
+use crate::link::StopLine;
 use crate::robot::RobotSpec;
 use crate::signal::{Goal, Mode, ReachState, Simulator, Snapshot, Stamp};
-use crate::twin::{Command, Event, Handle};
+use crate::twin::{Command, Event, Handle, Pictures};
 use pictures::{assert_drawn, busy_session, picture, save, sharp_picture};
 
 /// The twin's end of the window's channels.
@@ -71,6 +72,8 @@ fn twin(first: Snapshot) -> (Twin, Handle) {
         events: event_rx,
         feed: feed_rx,
         latest,
+        stop_line: StopLine::default(),
+        pictures: Pictures::default(),
     };
     (twin, handle)
 }
@@ -293,6 +296,7 @@ fn a_click_in_the_view_drafts_and_previews_but_does_not_move() {
 fn hardware_is_armed_first_and_go_is_held() {
     let mut s = fixture::snapshot(1.0);
     s.link.simulated = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
     s.mode = Mode::Disarmed;
     let goal = Goal::position([-0.06, -0.04, -0.27]);
     s.preview = Some((

@@ -79,7 +79,7 @@ impl View<'_> {
         }
         match &self.snapshot.mode {
             Mode::Safe(_) => Err("SAFE: the pumps are off. Press Reset first.".into()),
-            Mode::Disarmed if !self.snapshot.link.simulated => {
+            Mode::Disarmed if self.snapshot.link.moves_hardware() => {
                 Err("Disarmed: arm the hardware first.".into())
             }
             _ => Ok(()),

@@ -153,7 +153,8 @@ impl LinkEvent {
                 fault_words(*faults)
             ),
             Self::CommandStale => {
-                "No new command came in time: the pumps go off. Arm again to go on.".into()
+                "The control loop stood still: the boards were stopped. Press Reset, then arm."
+                    .into()
             }
             Self::HighLoss { ratio } => format!(
                 "{:.0} % of the last second's frames were lost: check the cable.",
@@ -170,27 +171,70 @@ impl LinkEvent {
     }
 }
 
+/// A bit of [`fault`]: its name on the command line, and what it means to the operator.
+struct Cause(u16, &'static str, &'static str);
+
+const CAUSES: [Cause; 11] = [
+    Cause(fault::BOOTED, "booted", "they have started"),
+    Cause(
+        fault::STOP_INPUT,
+        "emergency-stop",
+        "the emergency stop was pressed",
+    ),
+    Cause(fault::ESTOP, "stop", "a program sent them a stop"),
+    Cause(
+        fault::ENDED,
+        "ended",
+        "the program that used them has ended",
+    ),
+    Cause(
+        fault::CONTROL_SILENT,
+        "control-silent",
+        "the control loop stood still",
+    ),
+    Cause(
+        fault::HEARTBEAT_LOST,
+        "heartbeat-lost",
+        "the program was not heard",
+    ),
+    Cause(fault::OVER_PRESSURE, "over-pressure", "over-pressure"),
+    Cause(
+        fault::GAUGE_LOST,
+        "gauge-lost",
+        "a pressure gauge does not answer",
+    ),
+    Cause(
+        fault::SETPOINT_EXPIRED,
+        "set-point-expired",
+        "no new set point came in time",
+    ),
+    Cause(fault::SPRING_LOST, "spring-lost", "a spring gives no count"),
+    Cause(fault::IMU_LOST, "imu-lost", "an IMU does not answer"),
+];
+
+fn among(faults: u16) -> impl Iterator<Item = &'static Cause> {
+    CAUSES.iter().filter(move |c| faults & c.0 != 0)
+}
+
 /// The causes among the bits of [`fault`], in words.
 pub fn fault_words(faults: u16) -> String {
-    let words = [
-        (fault::ESTOP, "a program sent them a stop"),
-        (fault::HEARTBEAT_LOST, "the program was not heard"),
-        (fault::OVER_PRESSURE, "over-pressure"),
-        (fault::GAUGE_LOST, "a pressure gauge does not answer"),
-        (fault::SETPOINT_EXPIRED, "the set point expired"),
-        (fault::SPRING_LOST, "a spring gives no count"),
-        (fault::IMU_LOST, "an IMU does not answer"),
-    ];
-    let said: Vec<_> = words
-        .iter()
-        .filter(|(bit, _)| faults & bit != 0)
-        .map(|(_, word)| *word)
-        .collect();
-    if said.is_empty() {
-        "no cause given".into()
-    } else {
-        said.join(", ")
+    let words: Vec<_> = among(faults).map(|c| c.2).collect();
+    match words.is_empty() {
+        true => "no cause given".into(),
+        false => words.join(", "),
     }
+}
+
+/// Names of the causes among the bits of [`fault`], separated by commas.
+pub fn fault_names(faults: u16) -> String {
+    let names: Vec<_> = among(faults).map(|c| c.1).collect();
+    names.join(",")
+}
+
+/// The bit of [`fault`] of this name, if it is one that latches.
+pub fn fault_of_name(name: &str) -> Option<u16> {
+    let latching = CAUSES.iter().filter(|c| c.0 & fault::LATCHING != 0);
+    latching.into_iter().find(|c| c.1 == name).map(|c| c.0)
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ mod session;
 pub mod wire;
 
 pub use clock::{BoardClock, Pong};
-pub use event::{LinkEvent, Refusal, fault_words};
+pub use event::{LinkEvent, Refusal, fault_names, fault_of_name, fault_words};
 pub use peer::Counters;
-pub use serial::{LinkError, LinkInput, LinkOutput, SerialLink};
-pub use session::{COMMAND_LIFE_S, FRESH_S, HostSession, MAX_PORTS, Origin};
+pub use serial::{LinkError, LinkInput, LinkOutput, SerialLink, StopLine};
+pub use session::{COMMAND_LIFE_S, FRESH_S, HostSession, MAX_PORTS, Order, Origin};

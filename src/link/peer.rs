@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::clock::BoardClock;
 use super::event::Refusal;
-use super::wire::{Body, Hello, Packet, SCHEMA_HASH, Sample, VERSION, flag};
+use super::wire::{Body, Hello, NO_RIG, Packet, SCHEMA_HASH, Sample, VERSION, flag};
 use crate::signal::{Gripper, Stamp};
 
 /// HELLOs with another configuration after CONFIG that make a refusal.
@@ -58,8 +58,10 @@ pub struct Peer {
     pub(super) silent: bool,
     /// Whether its arm is a simulated one by its last HELLO; silence does not change that.
     pub(super) simulated: bool,
-    /// State of its gripper by its last frame.
-    pub(super) gripper: Option<Gripper>,
+    /// Causes that it has reported since its newest sample.
+    pub(super) reported: u16,
+    /// Flags of its last frame.
+    pub(super) flags: Option<u16>,
     pub(super) next_config: Option<Stamp>,
     board: usize,
     config_answers: u32,
@@ -107,7 +109,8 @@ impl Peer {
             heard: None,
             silent: false,
             simulated: false,
-            gripper: None,
+            reported: 0,
+            flags: None,
             next_config: None,
             board,
             config_answers: 0,
@@ -253,12 +256,28 @@ impl Peer {
         self.last_seq = None;
     }
 
-    /// Notes the gripper state that the board reports.
-    pub(super) fn note_gripper(&mut self, flags: u16) {
-        self.gripper = Some(match flags & flag::GRIPPER_CLOSED {
-            0 => Gripper::Open,
-            _ => Gripper::Closed,
-        });
+    /// Whether the board reports this.
+    pub(super) fn has(&self, bit: u16) -> bool {
+        self.flags.is_some_and(|f| f & bit != 0)
+    }
+
+    /// Whether its pumps follow a set point or vent.
+    pub(super) fn pumps(&self) -> Option<bool> {
+        self.flags.map(|_| self.has(flag::PUMPS_ON))
+    }
+
+    /// State of its gripper; unknown until it has had a command since the power came.
+    pub(super) fn gripper(&self) -> Option<Gripper> {
+        let known = self.flags.is_some() && !self.has(flag::GRIPPER_AS_IT_WAS);
+        known.then(|| match self.has(flag::GRIPPER_CLOSED) {
+            true => Gripper::Closed,
+            false => Gripper::Open,
+        })
+    }
+
+    /// Number of the arm at the board, if it has one.
+    pub(super) fn rig(&self) -> Option<u32> {
+        self.hello.map(|h| h.rig).filter(|rig| *rig != NO_RIG)
     }
 
     /// Takes a sample in order; `true` when it became the newest.

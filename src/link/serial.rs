@@ -5,6 +5,9 @@
 //! newest are dropped and counted), commands go in through another. `Ok(0)` from a read means the
 //! port is gone, a timeout never does. A port that is gone is opened again every 0.5 s; what was
 //! commanded before is forgotten, so nothing moves until it is commanded again.
+//!
+//! Heartbeats are sent while the caller fetches its input, at least every [`ALIVE_S`]. A stop has a way of its own,
+//! [`StopLine`], that depends on no queue and on no other thread; when the link ends, it stops the boards.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
@@ -18,10 +21,15 @@ use serialport::{ClearBuffer, SerialPort};
 
 use super::event::LinkEvent;
 use super::ports::PortWatch;
-use super::session::{HostSession, MAX_PORTS, Origin};
-use super::wire::{BAUD, Config};
-use crate::signal::{HostDelay, LinkStatus, PressureCommand, RawFrame, Stamp};
+use super::session::{HostSession, MAX_PORTS, Order, Origin};
+use super::wire::{BAUD, Config, fault};
+use crate::signal::{BOARDS, HostDelay, LinkStatus, PressureCommand, RawFrame, Stamp};
 
+/// A caller that has not fetched its input for longer than this does not control the arm, s.
+pub const ALIVE_S: f64 = 0.25;
+/// Stops that are sent when the link ends, and the time between two.
+const LAST_STOPS: usize = 3;
+const LAST_STOP_PERIOD: Duration = Duration::from_millis(5);
 /// Frames, events and status that wait to be fetched: 2.5 s of frames.
 const INPUT_QUEUE: usize = 256;
 /// Commands that wait to be sent.
@@ -86,10 +94,23 @@ pub enum LinkOutput {
     Command(PressureCommand),
     /// No more set pressures, see [`HostSession::clear_command`].
     ClearCommand,
-    /// Pumps off, latched, see [`HostSession::estop`]. Never lost in the queue.
-    Estop,
-    /// Leave SAFE, see [`HostSession::reset`].
-    Reset,
+    /// See [`HostSession::order`]. A stop is never lost in the queue.
+    Order(Order),
+}
+
+/// Stops the boards of a link, whatever its caller's thread does meanwhile. One that belongs to no link does nothing.
+#[derive(Clone, Debug, Default)]
+pub struct StopLine(Arc<AtomicBool>);
+
+impl StopLine {
+    /// Pumps off, latched: within a few milliseconds the link sends it.
+    pub fn press(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn take(&self) -> bool {
+        self.0.swap(false, Ordering::Acquire)
+    }
 }
 
 /// A link over serial ports, closed when dropped.
@@ -97,7 +118,10 @@ pub enum LinkOutput {
 pub struct SerialLink {
     input: Receiver<LinkInput>,
     output: SyncSender<LinkOutput>,
-    estop: Arc<AtomicBool>,
+    stop_line: StopLine,
+    /// When the caller last fetched its input, ns from the session's start; 0 before the first time.
+    alive: Arc<AtomicU64>,
+    start: Instant,
     stop: Arc<AtomicBool>,
     dropped: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
@@ -128,7 +152,9 @@ pub fn open(
     let mut link = SerialLink {
         input,
         output,
-        estop: Arc::default(),
+        stop_line: StopLine::default(),
+        alive: Arc::default(),
+        start,
         stop: Arc::default(),
         dropped: Arc::default(),
         thread: None,
@@ -147,7 +173,8 @@ pub fn open(
         start,
         to_caller,
         from_caller,
-        estop: Arc::clone(&link.estop),
+        stop_line: link.stop_line.clone(),
+        alive: Arc::clone(&link.alive),
         stop: Arc::clone(&link.stop),
         dropped: Arc::clone(&link.dropped),
         held: VecDeque::new(),
@@ -156,6 +183,7 @@ pub fn open(
         watch: PortWatch::default(),
         served: None,
         delay: None,
+        flags: [0; BOARDS],
     };
     let thread = std::thread::Builder::new()
         .name("link".into())
@@ -166,6 +194,17 @@ pub fn open(
 }
 
 impl SerialLink {
+    /// The caller's loop ticks.
+    pub fn tick(&self) {
+        let ns = self.start.elapsed().as_nanos() as u64;
+        self.alive.store(ns.max(1), Ordering::Relaxed);
+    }
+
+    /// A way to stop the boards that depends on nobody who calls this link.
+    pub fn stop_line(&self) -> StopLine {
+        self.stop_line.clone()
+    }
+
     /// Oldest output; `None` when there is none.
     pub fn try_recv(&self) -> Option<LinkInput> {
         self.input.try_recv().ok()
@@ -176,12 +215,12 @@ impl SerialLink {
     /// # Errors
     /// One sentence when the link's queue is full or its thread has ended.
     pub fn send(&self, output: LinkOutput) -> Result<(), &'static str> {
-        if output == LinkOutput::Estop {
-            self.estop.store(true, Ordering::Release);
+        if output == LinkOutput::Order(Order::Stop) {
+            self.stop_line.press();
         }
         match self.output.try_send(output) {
             Ok(()) => Ok(()),
-            Err(TrySendError::Full(LinkOutput::Estop)) => Ok(()),
+            Err(TrySendError::Full(LinkOutput::Order(Order::Stop))) => Ok(()),
             Err(TrySendError::Full(_)) => Err("The link is busy: the command was not sent."),
             Err(TrySendError::Disconnected(_)) => Err("The link has ended: open the port again."),
         }
@@ -192,7 +231,7 @@ impl SerialLink {
         self.dropped.load(Ordering::Relaxed)
     }
 
-    /// Closes the ports. The boards go SAFE when heartbeats stop.
+    /// Stops the boards and closes the ports.
     pub fn close(self) {}
 }
 
@@ -214,7 +253,8 @@ struct Worker {
     start: Instant,
     to_caller: SyncSender<LinkInput>,
     from_caller: Receiver<LinkOutput>,
-    estop: Arc<AtomicBool>,
+    stop_line: StopLine,
+    alive: Arc<AtomicU64>,
     stop: Arc<AtomicBool>,
     dropped: Arc<AtomicU64>,
     held: VecDeque<LinkInput>,
@@ -225,6 +265,8 @@ struct Worker {
     /// When the open ports were served last.
     served: Option<Stamp>,
     delay: Option<HostDelay>,
+    /// What the boards reported with their last status.
+    flags: [u16; BOARDS],
 }
 
 impl Worker {
@@ -238,6 +280,22 @@ impl Worker {
                 self.lose(&e);
             }
             self.pass_on();
+        }
+        self.say_goodbye();
+    }
+
+    /// Latches the boards because the program has ended. What cannot be written any more, their watchdogs find out.
+    fn say_goodbye(&mut self) {
+        for _ in 0..LAST_STOPS {
+            let now = self.now();
+            self.session.advance(now);
+            self.session.stop_for(fault::ENDED);
+            let bytes = self.session.poll(now);
+            for port in &mut self.ports {
+                let _ = port.write_all(&bytes);
+                let _ = port.flush();
+            }
+            std::thread::sleep(LAST_STOP_PERIOD);
         }
     }
 
@@ -266,17 +324,19 @@ impl Worker {
         // Commands act at the present time, not at that of the last byte.
         let now = self.now();
         self.session.advance(now);
+        let ticked = Stamp(self.alive.load(Ordering::Relaxed) as i64);
+        let is_alive = ticked > Stamp::ZERO && now.since(ticked) <= ALIVE_S;
+        self.session.control_is_alive(is_alive);
         loop {
             match self.from_caller.try_recv() {
                 Ok(LinkOutput::Command(c)) => self.session.set_command(&c),
                 Ok(LinkOutput::ClearCommand) => self.session.clear_command(),
-                Ok(LinkOutput::Estop) => self.session.estop(),
-                Ok(LinkOutput::Reset) => self.session.reset(),
+                Ok(LinkOutput::Order(order)) => self.session.order(order),
                 Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
             }
         }
         // Last, so that a reset queued together with a stop does not undo it.
-        if self.estop.swap(false, Ordering::Acquire) {
+        if self.stop_line.take() {
             self.session.estop();
         }
     }
@@ -311,8 +371,15 @@ impl Worker {
     }
 
     fn lose(&mut self, error: &io::Error) {
-        self.ports.clear();
         let now = self.now();
+        // A board on a port that is left shall not wait for its watchdog.
+        self.session.advance(now);
+        self.session.stop_for(fault::ENDED);
+        let bytes = self.session.poll(now);
+        for port in &mut self.ports {
+            let _ = port.write_all(&bytes);
+        }
+        self.ports.clear();
         self.session.disconnected(now, &error.to_string());
         self.next_reopen = now.plus(REOPEN_PERIOD_S);
         self.next_status = now;
@@ -353,7 +420,9 @@ impl Worker {
         while let Some(frame) = self.session.next_frame() {
             self.offer(LinkInput::Frame(frame));
         }
-        if now >= self.next_status {
+        let flags = self.session.board_flags();
+        if now >= self.next_status || flags != self.flags {
+            self.flags = flags;
             self.next_status = now.plus(STATUS_PERIOD_S);
             let gone = self.ports.is_empty();
             self.offer(LinkInput::Status(LinkStatus {

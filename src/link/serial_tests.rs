@@ -10,7 +10,7 @@ use nix::pty::openpty;
 use nix::unistd::ttyname;
 
 use super::*;
-use crate::link::wire::{TICK_RATE_HZ, fault};
+use crate::link::wire::{NO_RIG, TICK_RATE_HZ, fault};
 use crate::rig::board::{Board, BoardSetup, Readings, SpringReading};
 use crate::signal::{Gripper, ImuRaw, PressureLimits};
 
@@ -52,6 +52,7 @@ impl Rig {
                     clock_drift_per_s: 0.0,
                     clock_skew: 50e-6,
                     clock_offset_s: 7.0,
+                    rig: NO_RIG,
                 })
             })
             .collect();
@@ -70,6 +71,7 @@ impl Rig {
                 }); 6],
                 imus: [Some(ImuRaw::default()); 2],
                 chamber_pa: [Some(500.0); 3],
+                stop_open: false,
             };
             let mut buffer = [0; 4096];
             while !stopped.load(Ordering::Relaxed) {
@@ -165,6 +167,7 @@ fn until(
         if enough(&all) {
             return all;
         }
+        link.tick();
         if let Some(c) = commanding {
             // A busy computer may leave the link no time: then the next one counts.
             let _ = link.send(LinkOutput::Command(c.clone()));
@@ -179,7 +182,7 @@ fn until(
 fn get_moving(link: &SerialLink, rigs: &[&Rig]) {
     until(link, Some(&command()), |_| {
         if rigs.iter().any(|r| r.has_status(fault::SAFE)) {
-            let _ = link.send(LinkOutput::Reset);
+            let _ = link.send(LinkOutput::Order(Order::Reset));
         }
         rigs.iter().all(|r| r.moving())
     });
@@ -224,17 +227,61 @@ fn frames_and_commands_cross_a_real_terminal() {
     assert_eq!(last.spring_counts, [11_000; 12]);
     assert!((last.chamber_pa[4] - 500.0).abs() <= 1.0);
     get_moving(&link, &[&rig]);
-    link.send(LinkOutput::Estop).expect("a stop gets through");
+    link.send(LinkOutput::Order(Order::Stop))
+        .expect("a stop gets through");
     until(&link, Some(&command()), |_| rig.has_status(fault::ESTOP));
     assert!(!rig.moving());
     get_moving(&link, &[&rig]);
     link.close();
-    let t0 = start();
-    while !rig.has_status(fault::HEARTBEAT_LOST) {
-        assert!(t0.elapsed() < PATIENCE, "SAFE without a host");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_for(&rig, fault::ENDED);
     assert!(!rig.moving());
+}
+
+fn wait_for(rig: &Rig, status: u16) {
+    let t0 = start();
+    while !rig.has_status(status) {
+        assert!(t0.elapsed() < PATIENCE, "{status:#x} in vain");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// A caller that stands still: its boards are stopped by the link, at once when STOP is pressed meanwhile.
+#[test]
+fn a_caller_that_stands_still_is_stopped_and_stop_goes_past_it() {
+    let rig = Rig::plug_in(&[0, 1], 1);
+    let link = connect(&rig.name());
+    let line = link.stop_line();
+    until(&link, None, connected);
+    get_moving(&link, &[&rig]);
+    line.press();
+    wait_for(&rig, fault::ESTOP);
+    assert!(!rig.moving());
+    get_moving(&link, &[&rig]);
+    // On a busy machine the boards' own patience may end first.
+    wait_for(&rig, fault::SAFE);
+    assert!(!rig.moving());
+    // What a caller says that has not ticked since moves nothing.
+    let _ = link.send(LinkOutput::Order(Order::Reset));
+    let _ = link.send(LinkOutput::Command(command()));
+    std::thread::sleep(Duration::from_millis(300));
+    assert!(!rig.moving());
+    get_moving(&link, &[&rig]);
+}
+
+#[test]
+fn a_port_that_is_lost_stops_the_board_on_the_other() {
+    let (a, mut b) = (Rig::plug_in(&[0], 1), Rig::plug_in(&[1], 2));
+    let link = connect(&format!("{}, {}", a.name(), b.name()));
+    until(&link, None, |all| whole(all) >= 20 && connected(all));
+    get_moving(&link, &[&a, &b]);
+    b.unplug();
+    let t0 = start();
+    wait_for(&a, fault::ENDED);
+    println!(
+        "the other board is off {:.0} ms after the loss",
+        t0.elapsed().as_secs_f64() * 1e3
+    );
+    assert!(!a.moving());
 }
 
 #[test]

@@ -13,9 +13,11 @@
 //!
 //! **Never by itself.** A command is forgotten when a board restarts, falls silent, goes SAFE or
 //! refuses, when the port closes, when it is not renewed for [`COMMAND_LIFE_S`], and on
-//! [`HostSession::estop`] and [`HostSession::reset`]. When the link itself took it away, further
-//! commands are ignored until the caller shows that it knows, by [`HostSession::clear_command`]
-//! (disarmed) or [`HostSession::reset`]: a command that was on its way moves nothing.
+//! [`HostSession::estop`] and [`HostSession::reset`]. When the link itself took it away, it stops the boards, and
+//! nothing moves again before a [`HostSession::reset`].
+//!
+//! **Heartbeats are the control loop's.** They are sent only while the caller reports with
+//! [`HostSession::control_is_alive`] that it ticks; while it does not, the boards are stopped with that cause.
 
 use std::collections::VecDeque;
 
@@ -37,8 +39,8 @@ pub const MAX_PORTS: usize = BOARDS;
 /// Oldest sample that is still used in a frame, s: bridges one lost sample.
 pub const FRESH_S: f64 = 0.025;
 /// A command not renewed for this long is not repeated any more, s.
-pub const COMMAND_LIFE_S: f64 = 0.2;
-/// Time-to-live of a set point on the board, ms.
+pub const COMMAND_LIFE_S: f64 = 0.15;
+/// Time-to-live of a set point or of venting on the board, ms.
 const SETPOINT_TTL_MS: u16 = 150;
 /// An unchanged set point is repeated this often, s.
 const SETPOINT_PERIOD_S: f64 = 0.025;
@@ -48,12 +50,19 @@ const LEAD_GAP_S: f64 = 0.015;
 const MIN_SPACING_S: f64 = 0.004;
 /// A board that is silent for this long must introduce itself again, s.
 const SILENCE_S: f64 = 0.5;
+/// What a board reported about its pumps holds for so long after its newest sample, s.
+const REPORT_LIFE_S: f64 = 0.1;
 /// Time between two CONFIGs to a board that is not ready, s; the second once it has refused.
 const CONFIG_PERIOD_S: f64 = 0.25;
 const REFUSED_PERIOD_S: f64 = 1.0;
 /// RESET and ESTOP are repeated this often, RESET for this long, s.
 const REPEAT_PERIOD_S: f64 = 0.05;
 const RESET_REPEATS_S: f64 = 0.3;
+/// VENT is repeated this often, and no longer than it may take, s.
+const VENT_PERIOD_S: f64 = 0.05;
+const LONGEST_VENT_S: f64 = 10.0;
+/// The boards get this long to begin venting, s.
+const VENT_BEGINS_S: f64 = 0.5;
 /// Loss over one second that is reported, once until it has fallen to half of this.
 const HIGH_LOSS: f64 = 0.1;
 /// Smallest number of frames per second for a share.
@@ -74,8 +83,11 @@ pub struct HostSession {
     seq: u16,
     command: Option<(PressureCommand, Stamp)>,
     command_is_new: bool,
-    interrupted: bool,
-    estop: bool,
+    /// The control loop ticks.
+    is_alive: bool,
+    estop: Option<Estop>,
+    /// Since when the boards vent.
+    venting: Option<Stamp>,
     reset: Option<(u32, Stamp)>,
     /// Added to the ids of resets: boards outlive a session and do not take an id twice. Whoever opens
     /// real ports sets it to something that no earlier session had.
@@ -84,6 +96,7 @@ pub struct HostSession {
     next_setpoint: Option<Stamp>,
     next_estop: Option<Stamp>,
     next_reset: Option<Stamp>,
+    next_vent: Option<Stamp>,
     /// Whether the present loss has been reported.
     loss_told: bool,
     frames: VecDeque<RawFrame>,
@@ -91,6 +104,26 @@ pub struct HostSession {
     last_frame: Option<(u32, Stamp)>,
     frames_made: u64,
     frames_dropped: u64,
+}
+
+/// A stop that is repeated until it is reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Estop {
+    cause: u16,
+    cut: bool,
+}
+
+/// Orders to the boards besides set pressures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Pumps off, latched.
+    Stop,
+    /// The same, and the second output cuts the supply.
+    CutSupply,
+    /// Bring the chambers to 0 Pa and then be off, SAFE or not.
+    Vent,
+    /// Leave SAFE.
+    Reset,
 }
 
 /// Whether the data behind a session are real.
@@ -117,14 +150,16 @@ impl HostSession {
             seq: 0,
             command: None,
             command_is_new: false,
-            interrupted: false,
-            estop: false,
+            is_alive: true,
+            estop: None,
+            venting: None,
             reset: None,
             reset_salt: 0,
             next_heartbeat: None,
             next_setpoint: None,
             next_estop: None,
             next_reset: None,
+            next_vent: None,
             loss_told: false,
             frames: VecDeque::new(),
             events: VecDeque::new(),
@@ -170,8 +205,12 @@ impl HostSession {
             return out;
         }
         self.send_ping(&mut out);
-        if self.estop && due(&mut self.next_estop, self.now, REPEAT_PERIOD_S) {
-            self.send(&mut out, ALL_BOARDS, Body::Estop);
+        self.send_vent(&mut out);
+        // An ESTOP would end the venting.
+        if let Some(Estop { cause, cut }) = self.estop.filter(|_| self.venting.is_none())
+            && due(&mut self.next_estop, self.now, REPEAT_PERIOD_S)
+        {
+            self.send(&mut out, ALL_BOARDS, Body::Estop { cause, cut });
         }
         if let Some((id, until)) = self.reset {
             if self.now > until {
@@ -180,7 +219,7 @@ impl HostSession {
                 self.send(&mut out, ALL_BOARDS, Body::Reset { id });
             }
         }
-        if due(&mut self.next_heartbeat, self.now, HEARTBEAT_PERIOD_S) {
+        if self.is_alive && due(&mut self.next_heartbeat, self.now, HEARTBEAT_PERIOD_S) {
             self.send(&mut out, ALL_BOARDS, Body::Heartbeat);
         }
         for board in 0..BOARDS {
@@ -216,25 +255,45 @@ impl HostSession {
         }
     }
 
+    /// The command, or while there is none and pumps run nevertheless, that they shall not.
     fn send_setpoint(&mut self, out: &mut Vec<u8>) {
-        let Some((command, _)) = &self.command else {
-            return;
-        };
-        let repeat = due(&mut self.next_setpoint, self.now, SETPOINT_PERIOD_S);
+        let runs = self.any_has(flag::PUMPS_ON);
+        let is_wanted = self.command.is_some() || (runs && self.venting.is_none());
+        let repeat = is_wanted && due(&mut self.next_setpoint, self.now, SETPOINT_PERIOD_S);
         if !(repeat || self.command_is_new) {
             return;
         }
         self.command_is_new = false;
         self.next_setpoint = Some(self.now.plus(SETPOINT_PERIOD_S));
-        let flags = match command.gripper() {
-            Gripper::Open => 0,
-            Gripper::Closed => flag::GRIPPER_CLOSED,
-        };
-        let setpoint = Setpoint {
-            pressure: command.chamber_pa().map(pressure_code),
-            ttl_ms: SETPOINT_TTL_MS,
+        let (flags, setpoint) = match &self.command {
+            None => (flag::GRIPPER_AS_IT_WAS, Setpoint::OFF),
+            Some((command, _)) => (
+                match command.gripper() {
+                    None => flag::GRIPPER_AS_IT_WAS,
+                    Some(Gripper::Open) => 0,
+                    Some(Gripper::Closed) => flag::GRIPPER_CLOSED,
+                },
+                Setpoint {
+                    pressure: command.chamber_pa().map(pressure_code),
+                    ttl_ms: SETPOINT_TTL_MS,
+                },
+            ),
         };
         self.send_with(out, ALL_BOARDS, flags, Body::Setpoint(setpoint));
+    }
+
+    fn send_vent(&mut self, out: &mut Vec<u8>) {
+        let Some(since) = self.venting else {
+            return;
+        };
+        let for_s = self.now.since(since);
+        let vents = self.any_has(flag::VENTING);
+        if for_s > LONGEST_VENT_S || (for_s > VENT_BEGINS_S && !vents) {
+            self.venting = None;
+        } else if due(&mut self.next_vent, self.now, VENT_PERIOD_S) {
+            let ttl_ms = SETPOINT_TTL_MS;
+            self.send(out, ALL_BOARDS, Body::Vent { ttl_ms });
+        }
     }
 
     fn send(&mut self, out: &mut Vec<u8>, board: u8, body: Body) {
@@ -254,7 +313,7 @@ impl HostSession {
     }
 
     /// Sends these set pressures, at once and repeatedly, for [`COMMAND_LIFE_S`]. Ignored while
-    /// the stop is latched, a board is not ready or SAFE, or an interruption is not acknowledged.
+    /// a stop is latched, or a board is not ready or SAFE.
     pub fn set_command(&mut self, command: &PressureCommand) {
         if self.may_command() {
             self.command = Some((command.clone(), self.now));
@@ -262,32 +321,76 @@ impl HostSession {
         }
     }
 
-    /// Stops sending set pressures; the boards' pumps go off when the last one expires. Also
-    /// acknowledges an interruption.
+    /// Ends the set pressures: the boards' pumps go off, not latched.
     pub fn clear_command(&mut self) {
-        self.command = None;
-        self.interrupted = false;
+        self.command_is_new = self.command.take().is_some();
     }
 
-    /// The link takes the command away; the caller must acknowledge before the next one.
+    /// The link takes the command away: all boards are stopped until the caller resets them.
     fn interrupt(&mut self) {
-        if self.command.take().is_some() {
-            self.interrupted = true;
+        if self.command.is_some() {
+            self.estop();
+        }
+    }
+
+    /// Carries out an order.
+    pub fn order(&mut self, order: Order) {
+        match order {
+            Order::Stop => self.estop(),
+            Order::CutSupply => self.cut_supply(),
+            Order::Vent => self.vent(),
+            Order::Reset => self.reset(),
         }
     }
 
     /// Pumps off now, latched on the boards; repeated until [`Self::reset`].
     pub fn estop(&mut self) {
-        self.clear_command();
+        self.stop_for(fault::ESTOP);
+    }
+
+    /// The same for one of [`fault::OF_THE_HOST`].
+    pub fn stop_for(&mut self, cause: u16) {
+        let cut = self.estop.is_some_and(|e| e.cut);
+        self.stop_with(Estop { cause, cut });
+    }
+
+    /// The same, and the second output cuts the supply.
+    pub fn cut_supply(&mut self) {
+        let cause = self.estop.map_or(fault::ESTOP, |e| e.cause);
+        self.stop_with(Estop { cause, cut: true });
+    }
+
+    fn stop_with(&mut self, estop: Estop) {
+        self.command = None;
+        self.command_is_new = false;
+        self.venting = None;
         self.reset = None;
-        self.estop = true;
+        self.estop = Some(estop);
         self.next_estop = None;
+    }
+
+    /// Brings the chambers to 0 Pa, SAFE or not; no command is followed meanwhile.
+    pub fn vent(&mut self) {
+        self.command = None;
+        self.command_is_new = false;
+        self.venting = Some(self.now);
+        self.next_vent = None;
+    }
+
+    /// Whether the control loop ticks. While it does not, there are no heartbeats, and what runs is stopped.
+    pub fn control_is_alive(&mut self, is_alive: bool) {
+        if !is_alive && (self.command.is_some() || self.venting.is_some()) {
+            self.stop_for(fault::CONTROL_SILENT);
+        }
+        self.is_alive = is_alive;
     }
 
     /// Asks the boards to leave SAFE. No set points flow until the next command.
     pub fn reset(&mut self) {
-        self.clear_command();
-        self.estop = false;
+        self.command = None;
+        self.command_is_new = false;
+        self.venting = None;
+        self.estop = None;
         // Differs from every earlier press in this session; the salt is there for earlier sessions.
         let mut id = ((self.now.0 / 1000) as u32).wrapping_add(self.reset_salt);
         if self.reset.is_some_and(|(last, _)| last == id) {
@@ -347,7 +450,20 @@ impl HostSession {
                 .last_frame
                 .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),
             retry_in_s: None,
-            gripper: self.peers[GRIPPER_BOARD].gripper,
+            gripper: self.peers[GRIPPER_BOARD].gripper(),
+            pumps: std::array::from_fn(|b| {
+                let newest = self.peers[b].newest.map(|n| n.stamp);
+                let fresh = newest.filter(|at| now.since(*at) <= REPORT_LIFE_S);
+                fresh.and_then(|_| self.peers[b].pumps())
+            }),
+            venting: self.any_has(flag::VENTING),
+            stop_open: self.any_has(flag::STOP_OPEN),
+            supply_cut: self.any_has(flag::SUPPLY_CUT),
+            board_simulated: std::array::from_fn(|b| {
+                let peer = &self.peers[b];
+                peer.hello.map(|_| peer.simulated)
+            }),
+            rig: std::array::from_fn(|b| self.peers[b].rig()),
             board_rate_hz: std::array::from_fn(|b| self.peers[b].rate_hz(now)),
             board_clock: std::array::from_fn(|b| self.peers[b].clock.fitted()),
             host_delay: None,
@@ -362,6 +478,15 @@ impl HostSession {
     /// Why the arm cannot be armed, if a board does not match.
     pub fn refusal(&self) -> Option<&Refusal> {
         self.peers.iter().find_map(|p| p.refusal.as_ref())
+    }
+
+    /// Flags of each board's last frame.
+    pub fn board_flags(&self) -> [u16; BOARDS] {
+        std::array::from_fn(|b| self.peers[b].flags.unwrap_or_default())
+    }
+
+    fn any_has(&self, bit: u16) -> bool {
+        self.peers.iter().any(|p| p.has(bit))
     }
 
     /// Counters over all boards.
@@ -398,11 +523,15 @@ impl HostSession {
 
     fn may_command(&self) -> bool {
         let safe = |p: &Peer| p.newest.is_some_and(|n| n.sample.status & fault::SAFE != 0);
-        !self.estop && !self.interrupted && self.connected() && !self.peers.iter().any(safe)
+        self.estop.is_none()
+            && self.venting.is_none()
+            && self.is_alive
+            && self.connected()
+            && !self.peers.iter().any(safe)
     }
 
     /// Time never runs backwards, whatever the caller passes.
-    pub(super) fn advance(&mut self, now: Stamp) {
+    pub fn advance(&mut self, now: Stamp) {
         self.now = self.now.max(now);
     }
 
@@ -439,7 +568,7 @@ impl HostSession {
             .as_ref()
             .is_some_and(|(_, set)| self.now.since(*set) > COMMAND_LIFE_S);
         if stale {
-            self.clear_command();
+            self.stop_for(fault::CONTROL_SILENT);
             self.event(LinkEvent::CommandStale);
         }
     }
@@ -462,7 +591,7 @@ impl HostSession {
             }
             let peer = &mut self.peers[board];
             peer.simulated = packet.flags & flag::SIMULATED != 0;
-            peer.note_gripper(packet.flags);
+            peer.flags = Some(packet.flags);
             peer.silent = false;
             peer.in_order(now, packet.seq);
             if hello.config_crc == 0 {
@@ -484,16 +613,20 @@ impl HostSession {
         if !peer.in_order(now, packet.seq) || !peer.understood() {
             return;
         }
-        peer.note_gripper(packet.flags);
+        peer.flags = Some(packet.flags);
         match &packet.body {
             Body::Sample(sample) => {
                 let known = peer.newest.map_or(0, |n| n.sample.status);
                 let went_safe = sample.status & !known & fault::SAFE != 0;
                 let faults = sample.status;
                 let is_newest = peer.take_sample(now, packet);
+                peer.reported = 0;
                 if went_safe && is_newest {
                     self.interrupt();
-                    self.event(LinkEvent::BoardSafe { board, faults });
+                    // That a board has started is known from its HELLO.
+                    if faults & fault::LATCHING != fault::SAFE | fault::BOOTED {
+                        self.event(LinkEvent::BoardSafe { board, faults });
+                    }
                 }
                 if is_newest {
                     self.merge(board);
@@ -507,7 +640,10 @@ impl HostSession {
                 }
             }
             // The sample after it carries the same bits; the command ends at once.
-            Body::Fault { .. } => self.interrupt(),
+            Body::Fault { code, .. } => {
+                peer.reported |= fault::SAFE | *code;
+                self.interrupt();
+            }
             // What only hosts send.
             _ => {}
         }
@@ -571,6 +707,7 @@ impl HostSession {
             if let Some(n) = fresh(peer) {
                 fill(&mut frame, b, &n.sample);
             }
+            frame.faults |= peer.reported;
         }
         if self.frames.len() == MAX_FRAMES {
             self.frames.pop_front();

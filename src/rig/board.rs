@@ -2,20 +2,24 @@
 //! set pressures out.
 //!
 //! The board speaks [`crate::link::wire`] and keeps the arm safe on its own. SAFE means pumps off,
-//! latched until a RESET with a new id. It is entered when
+//! latched until a RESET with a new id. It holds from the start, and is entered when
 //!
 //! - ESTOP arrives,
 //! - heartbeats stop for the configured time (200 ms) after having begun,
+//! - a set point is not renewed within its time-to-live,
+//! - the emergency stop's contact is open,
 //! - a chamber is beyond ±42 kPa, or its gauge gives no value, in two checks running (a check every
 //!   5 ms, so within 20 ms).
 //!
 //! Set pressures are clamped to ±40 kPa and followed only while they are fresh, heartbeats come,
-//! and a CONFIG has been accepted since boot. `tests/it/conformance.rs` holds this board and the firmware to
+//! and a CONFIG has been accepted since boot. They begin at the measured pressures and move by 15 kPa/s at most.
+//! `tests/it/conformance.rs` holds this board and the firmware to
 //! the same cases.
 
 use crate::link::wire::{
-    ALL_BOARDS, Body, Config, Decoder, Hello, Packet, Received, SAMPLE_RATE_HZ, SCHEMA_HASH,
-    Sample, Setpoint, VERSION, encode, fault, flag, imu_codes, pressure_code, pressure_pa,
+    ALL_BOARDS, Body, Config, Decoder, Hello, LONGEST_TTL_MS, PRELOAD_S, Packet, Received,
+    SAMPLE_RATE_HZ, SCHEMA_HASH, SLEW_PA_S, Sample, Setpoint, VENT_PA_S, VENTED_PA, VERSION,
+    encode, fault, flag, imu_codes, pressure_code, pressure_pa,
 };
 use crate::signal::{CHAMBERS, Gripper, IMUS, ImuRaw, SPRINGS};
 
@@ -29,8 +33,12 @@ pub const CHAMBERS_EACH: usize = CHAMBERS / 2;
 const CHECK_PERIOD_S: f64 = 0.005;
 /// Checks running that must agree before the pumps go off.
 const CHECKS_TO_TRIP: u8 = 2;
+/// The emergency stop is looked at, and set pressures are moved, this often, s.
+const STEP_S: f64 = 0.004;
 /// Slack of the schedule, s: a caller's time steps need not hit it to the last bit.
 const SLACK_S: f64 = 1e-6;
+/// The regulators go from minus this to this, Pa.
+const REGULATORS_PA: f64 = 50e3;
 /// Name of this firmware in HELLO: "RIG1".
 pub const FIRMWARE_ID: u32 = u32::from_be_bytes(*b"RIG1");
 
@@ -52,6 +60,8 @@ pub struct Readings {
     pub imus: [Option<ImuRaw>; IMUS_EACH],
     /// Gauge pressure of the board's three chambers, Pa.
     pub chamber_pa: [Option<f64>; CHAMBERS_EACH],
+    /// Whether the emergency stop's contact is open.
+    pub stop_open: bool,
 }
 
 /// Properties in which boards differ.
@@ -69,6 +79,8 @@ pub struct BoardSetup {
     pub clock_drift_per_s: f64,
     /// Reading of the clock at t = 0, s (any value: it wraps).
     pub clock_offset_s: f64,
+    /// Number of the arm in the board's EEPROM.
+    pub rig: u32,
 }
 
 /// An emulated board. All times `t_s` are the rig's true time in s and must not decrease.
@@ -80,23 +92,37 @@ pub struct Board {
     seq: u16,
     config: Option<Config>,
     heartbeat_s: Option<f64>,
-    setpoint: Option<Live>,
-    expired: bool,
+    drive: Option<Drive>,
+    /// Set pressures, Pa: where they are, or where they were when the pumps went off.
+    set_pa: [f64; CHAMBERS_EACH],
+    /// What the gauges showed last, Pa; a chamber without a gauge counts as where it was set last.
+    gauge_pa: [f64; CHAMBERS_EACH],
+    supply_cut: bool,
+    stop_open: bool,
+    stop_checks: u8,
+    next_step_s: f64,
     latched: u16,
     last_reset: Option<u32>,
-    over_checks: u8,
-    lost_checks: u8,
+    gauge_checks: u8,
     channel_faults: u16,
     gripper: Gripper,
+    /// Whether the gripper has had a command since the power came.
+    gripper_known: bool,
     next_check_s: f64,
     next_sample_ticks: f64,
 }
 
-/// A set point in force.
+/// What the pumps do.
 #[derive(Clone, Copy, Debug)]
-struct Live {
-    chamber_pa: [f64; CHAMBERS_EACH],
+struct Drive {
+    /// Towards 0 Pa, latched or not; a set point is followed otherwise.
+    vents: bool,
+    target_pa: [f64; CHAMBERS_EACH],
+    since_s: f64,
+    /// The end of its time-to-live.
     until_s: f64,
+    /// The regulators are, from [`PRELOAD_S`] after the beginning.
+    enabled: bool,
 }
 
 impl Board {
@@ -109,14 +135,19 @@ impl Board {
             seq: 0,
             config: None,
             heartbeat_s: None,
-            setpoint: None,
-            expired: false,
-            latched: 0,
+            drive: None,
+            set_pa: [0.0; CHAMBERS_EACH],
+            gauge_pa: [0.0; CHAMBERS_EACH],
+            supply_cut: false,
+            stop_open: false,
+            stop_checks: 0,
+            next_step_s: f64::MIN,
+            latched: fault::SAFE | fault::BOOTED,
             last_reset: None,
-            over_checks: 0,
-            lost_checks: 0,
+            gauge_checks: 0,
             channel_faults: 0,
             gripper: Gripper::Open,
+            gripper_known: false,
             next_check_s: f64::MIN,
             next_sample_ticks: f64::MIN,
         };
@@ -124,13 +155,16 @@ impl Board {
         board
     }
 
-    /// Power off and on again: everything is forgotten, the clock starts at 0 at `t_s`.
+    /// Power off and on again: everything is forgotten, the clock starts at 0 at `t_s`. The gripper's valve stays where
+    /// it is.
     pub fn reboot(&mut self, t_s: f64, boot_nonce: u32) {
+        let gripper = self.gripper;
         *self = Self::new(BoardSetup {
             boot_nonce,
             clock_offset_s: 0.0,
             ..self.setup
         });
+        self.gripper = gripper;
         self.setup.clock_offset_s = -self.clock_s(t_s);
     }
 
@@ -153,22 +187,27 @@ impl Board {
 
     /// Set gauge pressure of the board's chambers, Pa; `None`: pumps off.
     pub fn setpoint_pa(&self) -> Option<[f64; CHAMBERS_EACH]> {
-        self.setpoint.map(|s| s.chamber_pa)
+        self.drive.filter(|d| d.enabled).map(|_| self.set_pa)
     }
 
-    /// Last command to the gripper.
+    /// Whether the board lets the supply's air through.
+    pub fn supplies(&self) -> bool {
+        !self.supply_cut
+    }
+
+    /// Where the regulators are set, Pa; whether they are enabled or not.
+    pub fn regulators_pa(&self) -> [f64; CHAMBERS_EACH] {
+        self.set_pa
+    }
+
+    /// Where the gripper's valve is.
     pub fn gripper(&self) -> Gripper {
         self.gripper
     }
 
     /// Status bits, see [`fault`].
     pub fn status(&self) -> u16 {
-        let expired = if self.expired {
-            fault::SETPOINT_EXPIRED
-        } else {
-            0
-        };
-        self.latched | self.channel_faults | expired
+        self.latched | self.channel_faults
     }
 
     /// Takes bytes from the host.
@@ -191,6 +230,20 @@ impl Board {
         if t_s >= self.next_check_s - SLACK_S {
             self.next_check_s = t_s + CHECK_PERIOD_S;
             self.check_chambers(t_s, readings);
+        }
+        if self.next_step_s < t_s - 1.0 {
+            self.next_step_s = t_s;
+        }
+        self.gauge_pa = std::array::from_fn(|i| {
+            let gauge = readings.chamber_pa[i].filter(|pa| pa.is_finite());
+            gauge.unwrap_or(self.set_pa[i])
+        });
+        if t_s >= self.next_step_s - SLACK_S {
+            self.check_stop(t_s, readings.stop_open);
+        }
+        while t_s >= self.next_step_s - SLACK_S {
+            self.next_step_s += STEP_S;
+            self.move_set_pressures(t_s);
         }
         let ticks = self.ticks(t_s);
         let rate = f64::from(self.setup.tick_rate_hz);
@@ -220,8 +273,15 @@ impl Board {
         let mut flags = flag::SIMULATED;
         for (bit, set) in [
             (flag::CONFIGURED, self.config.is_some()),
-            (flag::PUMPS_ON, self.setpoint.is_some()),
-            (flag::GRIPPER_CLOSED, self.gripper == Gripper::Closed),
+            (flag::PUMPS_ON, self.drive.is_some()),
+            (flag::VENTING, self.drive.is_some_and(|d| d.vents)),
+            (
+                flag::GRIPPER_CLOSED,
+                self.gripper_known && self.gripper == Gripper::Closed,
+            ),
+            (flag::GRIPPER_AS_IT_WAS, !self.gripper_known),
+            (flag::STOP_OPEN, self.stop_open),
+            (flag::SUPPLY_CUT, self.supply_cut),
         ] {
             flags |= if set { bit } else { 0 };
         }
@@ -244,6 +304,7 @@ impl Board {
             tick_rate_hz: self.setup.tick_rate_hz,
             boot_nonce: self.setup.boot_nonce,
             config_crc: self.config.map_or(0, |c| c.crc()),
+            rig: self.setup.rig,
         };
         self.send(t_s, Body::Hello(hello));
     }
@@ -264,7 +325,13 @@ impl Board {
                 self.say_hello(t_s);
             }
             Body::Heartbeat => self.heartbeat_s = Some(t_s),
-            Body::Estop => self.go_safe(t_s, fault::ESTOP, 0),
+            Body::Estop { cause, cut } => {
+                self.drive = None;
+                self.supply_cut |= *cut;
+                let one = cause.is_power_of_two() && cause & fault::OF_THE_HOST != 0;
+                self.go_safe(t_s, if one { *cause } else { fault::ESTOP }, 0);
+            }
+            Body::Vent { ttl_ms } => self.on_vent(t_s, *ttl_ms),
             Body::Reset { id } => {
                 if self.last_reset != Some(*id) {
                     self.last_reset = Some(*id);
@@ -280,40 +347,109 @@ impl Board {
     /// Leaves SAFE. Causes that still hold trip again at the next check.
     fn reset(&mut self) {
         self.latched = 0;
-        self.setpoint = None;
-        self.expired = false;
-        self.over_checks = 0;
-        self.lost_checks = 0;
+        self.drive = None;
+        self.supply_cut = false;
+        self.gauge_checks = 0;
+        self.stop_checks = 0;
         // The watchdog starts again with the next heartbeat.
         self.heartbeat_s = None;
     }
 
     fn on_setpoint(&mut self, t_s: f64, setpoint: &Setpoint, flags: u16) {
+        if setpoint.ttl_ms == 0 && self.drive.is_some_and(|d| !d.vents) {
+            self.drive = None;
+        }
         // Without heartbeats there is nobody to stop the arm later.
         let (Some(config), Some(_), 0) = (self.config, self.heartbeat_s, self.latched) else {
             return;
         };
         let [lo_pa, hi_pa] = [config.pressure_min, config.pressure_max].map(pressure_pa);
         let first = CHAMBERS_EACH * usize::from(self.setup.id);
-        self.setpoint = Some(Live {
-            chamber_pa: std::array::from_fn(|i| {
-                let code = setpoint.pressure.get(first + i).copied();
-                pressure_pa(code.unwrap_or(pressure_code(0.0))).clamp(lo_pa, hi_pa)
-            }),
-            until_s: t_s + f64::from(setpoint.ttl_ms) * 1e-3,
+        let target_pa = std::array::from_fn(|i| {
+            let code = setpoint.pressure.get(first + i).copied();
+            pressure_pa(code.unwrap_or(pressure_code(0.0))).clamp(lo_pa, hi_pa)
         });
-        self.expired = false;
-        self.gripper = if flags & flag::GRIPPER_CLOSED != 0 {
-            Gripper::Closed
-        } else {
-            Gripper::Open
+        if !self.drive_to(t_s, false, target_pa, setpoint.ttl_ms) {
+            return;
+        }
+        if flags & flag::GRIPPER_AS_IT_WAS == 0 {
+            self.gripper_known = true;
+            self.gripper = if flags & flag::GRIPPER_CLOSED != 0 {
+                Gripper::Closed
+            } else {
+                Gripper::Open
+            };
+        }
+    }
+
+    fn on_vent(&mut self, t_s: f64, ttl_ms: u16) {
+        let vents = self.drive.is_some_and(|d| d.vents);
+        let has_air = self.gauge_pa.iter().any(|pa| pa.abs() > 2.0 * VENTED_PA);
+        if self.heartbeat_s.is_some() && !self.stop_open && (vents || has_air) {
+            self.drive_to(t_s, true, [0.0; CHAMBERS_EACH], ttl_ms);
+        }
+    }
+
+    /// Begins to move the set pressures, or goes on with it; whether the time-to-live allows that.
+    fn drive_to(
+        &mut self,
+        t_s: f64,
+        vents: bool,
+        target_pa: [f64; CHAMBERS_EACH],
+        ttl_ms: u16,
+    ) -> bool {
+        let is_allowed = (1..=LONGEST_TTL_MS).contains(&ttl_ms);
+        if is_allowed {
+            let (since_s, enabled) = self.drive.map_or((t_s, false), |d| (d.since_s, d.enabled));
+            self.drive = Some(Drive {
+                vents,
+                target_pa,
+                since_s,
+                until_s: t_s + f64::from(ttl_ms) * 1e-3,
+                enabled,
+            });
+        }
+        is_allowed
+    }
+
+    /// Before the regulators are enabled they are set to the measured pressures, so that nothing jerks then.
+    fn move_set_pressures(&mut self, t_s: f64) {
+        let Some(drive) = &mut self.drive else {
+            return;
         };
+        if !drive.enabled {
+            self.set_pa = self
+                .gauge_pa
+                .map(|pa| pa.clamp(-REGULATORS_PA, REGULATORS_PA));
+            drive.enabled = t_s - drive.since_s >= PRELOAD_S - SLACK_S;
+            return;
+        }
+        if drive.vents && self.gauge_pa.iter().all(|pa| pa.abs() <= VENTED_PA) {
+            self.drive = None;
+            return;
+        }
+        let most_pa = STEP_S * if drive.vents { VENT_PA_S } else { SLEW_PA_S };
+        for (set_pa, target_pa) in self.set_pa.iter_mut().zip(drive.target_pa) {
+            *set_pa += (target_pa - *set_pa).clamp(-most_pa, most_pa);
+        }
+    }
+
+    fn check_stop(&mut self, t_s: f64, open: bool) {
+        self.stop_open = open;
+        if count_up(&mut self.stop_checks, open.then_some(0)) {
+            self.drive = None;
+            self.go_safe(t_s, fault::STOP_INPUT, 0);
+        }
     }
 
     fn watch_host(&mut self, t_s: f64) {
-        if self.setpoint.is_some_and(|s| t_s > s.until_s) {
-            self.setpoint = None;
-            self.expired = true;
+        if let Some(drive) = self.drive
+            && t_s > drive.until_s
+        {
+            self.drive = None;
+            if !drive.vents {
+                self.go_safe(t_s, fault::SETPOINT_EXPIRED, 0);
+            }
         }
         let timeout_ms = self
             .config
@@ -323,6 +459,7 @@ impl Board {
             && t_s - heard_s > f64::from(timeout_ms) * 1e-3
         {
             self.heartbeat_s = None;
+            self.drive = None;
             self.go_safe(t_s, fault::HEARTBEAT_LOST, 0);
         }
     }
@@ -337,17 +474,21 @@ impl Board {
             .chamber_pa
             .iter()
             .position(|p| p.is_none_or(f64::is_nan));
-        if count_up(&mut self.over_checks, over) {
-            self.go_safe(t_s, fault::OVER_PRESSURE, over.unwrap_or(0));
+        // A reading that falls to nothing passes the bound on its way: both count.
+        if !count_up(&mut self.gauge_checks, over.or(lost)) {
+            return;
         }
-        if count_up(&mut self.lost_checks, lost) {
-            self.go_safe(t_s, fault::GAUGE_LOST, lost.unwrap_or(0));
+        for (cause, found) in [(fault::OVER_PRESSURE, over), (fault::GAUGE_LOST, lost)] {
+            if let Some(chamber) = found {
+                self.go_safe(t_s, cause, chamber);
+            }
         }
     }
 
+    /// A cause that is latched already stops nothing again: chambers can be vented in spite of it.
     fn go_safe(&mut self, t_s: f64, cause: u16, chamber: usize) {
-        self.setpoint = None;
         if self.latched & cause == 0 {
+            self.drive = None;
             self.latched |= fault::SAFE | cause;
             let first = CHAMBERS_EACH * usize::from(self.setup.id);
             let detail = if cause & (fault::OVER_PRESSURE | fault::GAUGE_LOST) != 0 {

@@ -45,6 +45,7 @@ struct Pins {
     pump_edge: u64,
     pumps: bool,
     gripper: bool,
+    supply: bool,
     duty: [u16; CHAMBERS_EACH],
 }
 
@@ -65,12 +66,12 @@ pub struct FirmwareBoard {
 }
 
 impl FirmwareBoard {
-    /// Starts the firmware in `folder` (`board.elf` and `simhost`) as board `id` (0-based), whose
-    /// clock runs `skew` (s/s) too fast.
+    /// Starts the firmware in `folder` (`board.elf` and `simhost`) as board `id` (0-based) of the arm of this number,
+    /// whose clock runs `skew` (s/s) too fast.
     ///
     /// # Errors
     /// [`FirmwareError`] when the process cannot be started.
-    pub fn start(folder: &Path, id: usize, skew: f64) -> Result<Self, FirmwareError> {
+    pub fn start(folder: &Path, id: usize, skew: f64, rig: u32) -> Result<Self, FirmwareError> {
         let failed = |source| FirmwareError {
             folder: folder.to_owned(),
             source,
@@ -80,6 +81,7 @@ impl FirmwareBoard {
         let mut process = Command::new(folder.join("simhost"))
             .arg(elf)
             .arg(id.to_string())
+            .arg(rig.to_string())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -138,8 +140,13 @@ impl FirmwareBoard {
 
     /// Set gauge pressure of the board's chambers, Pa; `None`: pumps off.
     pub fn setpoint_pa(&self) -> Option<[f64; CHAMBERS_EACH]> {
+        (self.pins.pumps && !self.dead).then(|| self.regulators_pa())
+    }
+
+    /// Where the regulators are set, Pa; whether they are enabled or not.
+    pub fn regulators_pa(&self) -> [f64; CHAMBERS_EACH] {
         let pa = |duty: u16| (f64::from(duty) - DUTY_ZERO) * PA_PER_DUTY;
-        (self.pins.pumps && !self.dead).then(|| self.pins.duty.map(pa))
+        self.pins.duty.map(pa)
     }
 
     /// State of the gripper's output.
@@ -150,6 +157,11 @@ impl FirmwareBoard {
         }
     }
 
+    /// Whether the board lets the supply's air through.
+    pub fn supplies(&self) -> bool {
+        self.pins.supply && !self.dead
+    }
+
     /// When the pumps were last switched on or off, by the board's clock, s.
     pub fn pump_edge_s(&self) -> f64 {
         self.pins.pump_edge as f64 / CLOCK_HZ
@@ -158,7 +170,7 @@ impl FirmwareBoard {
     fn request(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {
         self.requests.write_all(request)?;
         self.requests.flush()?;
-        let mut head = [0; 19];
+        let mut head = [0; 20];
         self.answers.read_exact(&mut head)?;
         let u64_at = |i: usize| u64::from_le_bytes(std::array::from_fn(|k| head[i + k]));
         let u16_at = |i: usize| u16::from_le_bytes([head[i], head[i + 1]]);
@@ -166,11 +178,12 @@ impl FirmwareBoard {
             pump_edge: u64_at(0),
             pumps: head[8] != 0,
             gripper: head[9] != 0,
-            duty: std::array::from_fn(|i| u16_at(10 + 2 * i)),
+            supply: head[10] != 0,
+            duty: std::array::from_fn(|i| u16_at(11 + 2 * i)),
         };
-        let mut bytes = vec![0; usize::from(u16_at(17))];
+        let mut bytes = vec![0; usize::from(u16_at(18))];
         self.answers.read_exact(&mut bytes)?;
-        if head[16] == 0 {
+        if head[17] == 0 {
             return Err(io::Error::other("the chip has crashed"));
         }
         Ok(bytes)
@@ -212,5 +225,6 @@ fn step_request(cycles: u32, line: &[u8], readings: &Readings) -> Vec<u8> {
         });
         r.extend((mv.round() as u16).to_le_bytes());
     }
+    r.push(u8::from(readings.stop_open));
     r
 }

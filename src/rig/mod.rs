@@ -39,7 +39,7 @@ use inertial::{Inertial, InertialErrors};
 use multibody::arm::RINGS;
 use multibody::chain::NoStep;
 use noise::normal;
-pub use plant::{Plant, Surroundings, Truth, Unit};
+pub use plant::{Obstacle, Plant, Surroundings, Truth, Unit};
 use springs::Springs;
 
 /// Period of the physics and of all sensors, s.
@@ -131,6 +131,8 @@ pub struct VirtualRig {
     rng: Pcg64Mcg,
     steps: u64,
     boots: u32,
+    /// Number of the arm in the boards' EEPROM.
+    number: u32,
     /// Loads that the arm could not hold, counted; the arm stays where it was.
     pub refused_steps: u64,
 }
@@ -169,7 +171,23 @@ impl RigBoard {
         }
     }
 
-    /// Last command to the gripper.
+    /// Where the board's regulators are set, Pa; whether they are enabled or not.
+    pub fn regulators_pa(&self) -> [f64; CHAMBERS_EACH] {
+        match self {
+            Self::Emulated(b) => b.regulators_pa(),
+            Self::Firmware(b) => b.regulators_pa(),
+        }
+    }
+
+    /// Whether the board lets the supply's air through.
+    pub fn supplies(&self) -> bool {
+        match self {
+            Self::Emulated(b) => b.supplies(),
+            Self::Firmware(b) => b.supplies(),
+        }
+    }
+
+    /// Where the gripper's valve is.
     pub fn gripper(&self) -> Gripper {
         match self {
             Self::Emulated(b) => b.gripper(),
@@ -225,6 +243,7 @@ impl VirtualRig {
                 clock_skew: CLOCK_SKEW[usize::from(id)],
                 clock_drift_per_s: 0.0,
                 clock_offset_s,
+                rig: options.unit.0 as u32,
             })))
         };
         let unit = options.unit.0;
@@ -245,6 +264,7 @@ impl VirtualRig {
             rng: stream(options.seed, 0x7269_6721),
             steps: 0,
             boots: 0,
+            number: options.unit.0 as u32,
             refused_steps: 0,
         };
         rig.hide();
@@ -281,6 +301,7 @@ impl VirtualRig {
             if self.faults.is_off(b) {
                 return self.faults.up(b, t_s, &[]);
             }
+            self.readings[b].stop_open = self.faults.stop_is_open();
             let said = self.boards[b].poll(t_s, &self.readings[b]);
             self.faults.up(b, t_s, &said)
         })
@@ -310,9 +331,15 @@ impl VirtualRig {
     /// [`FirmwareError`] when it cannot be started.
     pub fn use_firmware(&mut self, folder: &Path) -> Result<(), FirmwareError> {
         for (id, board) in self.boards.iter_mut().enumerate() {
-            *board = RigBoard::Firmware(FirmwareBoard::start(folder, id, CLOCK_SKEW[id])?);
+            let board_of_arm = FirmwareBoard::start(folder, id, CLOCK_SKEW[id], self.number)?;
+            *board = RigBoard::Firmware(board_of_arm);
         }
         Ok(())
+    }
+
+    /// Where the gripper's valve is.
+    pub fn gripper(&self) -> Gripper {
+        self.boards[1].gripper()
     }
 
     /// Objects and their places.
@@ -369,12 +396,12 @@ impl VirtualRig {
     pub fn step(&mut self, set_pa: &[Option<f64>; CHAMBERS]) {
         self.steps += 1;
         if !self.objects.is_empty() {
-            self.grip(self.boards[1].gripper());
+            self.grip(self.gripper());
         }
         self.hide();
         let set_pa = self.faults.supply(self.t_s(), set_pa);
         self.plant.flow_share = self.faults.flow();
-        self.plant.leak_m3_s_pa = self.faults.leak_m3_s_pa();
+        self.plant.leak_m3_s_pa = self.faults.leak_m3_s_pa(&set_pa);
         if self.plant.step(&set_pa, PHYSICS_STEP_S).is_err() {
             self.refused_steps += 1;
         }
@@ -384,8 +411,11 @@ impl VirtualRig {
     /// Set pressures of the boards, Pa; `None`: pumps off.
     pub fn set_pa(&self) -> [Option<f64>; CHAMBERS] {
         std::array::from_fn(|i| {
-            let board = (!self.faults.is_off(i / 3)).then(|| &self.boards[i / 3])?;
-            board.setpoint_pa().map(|p| p[i % 3])
+            let powered = (!self.faults.is_off(i / 3)).then(|| &self.boards[i / 3]);
+            let board = powered.filter(|b| b.supplies())?;
+            let stuck = self.faults.ignores_enable();
+            let driven_pa = board.setpoint_pa().or(stuck.then(|| board.regulators_pa()));
+            driven_pa.map(|p| p[i % 3])
         })
     }
 
@@ -474,6 +504,7 @@ impl VirtualRig {
                 }),
                 imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
                 chamber_pa: std::array::from_fn(|k| Some(gauge_pa[3 * b + k])),
+                stop_open: false,
             };
             self.readings[b] = self.faults.read(b, self.t_s(), readings);
         }

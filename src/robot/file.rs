@@ -1,10 +1,10 @@
 //! The robot file: TOML with mm, kPa and degrees in, [`RobotSpec`] in SI out.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Unit, Vector3};
 use serde::Deserialize;
 
 use super::patch::{Patch, applied, hash_of};
-use super::{ImuMount, PadId, RobotError, RobotSpec, SpringSpec};
+use super::{ImuMount, KeepOut, PadId, RobotError, RobotSpec, SpringSpec, SupplyOff};
 use crate::signal::{CHAMBERS, PressureLimits, exactly};
 
 #[derive(Deserialize)]
@@ -19,6 +19,8 @@ struct File {
     springs: Springs,
     imus: Vec<Imu>,
     motion: Motion,
+    #[serde(default)]
+    keep_out: Vec<Beyond>,
     #[serde(default)]
     patches: Vec<Patch>,
 }
@@ -61,6 +63,8 @@ struct Pressure {
     rate_kpa_s: f64,
     over_pressure_kpa: f64,
     pump_flow_l_min: f64,
+    #[serde(default)]
+    supply_off: SupplyOff,
 }
 
 #[derive(Deserialize)]
@@ -111,6 +115,16 @@ enum Pad {
 #[serde(deny_unknown_fields)]
 struct Motion {
     tip_speed_max_mm_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Beyond {
+    name: String,
+    #[serde(deserialize_with = "exactly")]
+    point_mm: [f64; 3],
+    #[serde(deserialize_with = "exactly")]
+    outward: [f64; 3],
 }
 
 /// No number of an arm, in the units of its file, is larger.
@@ -198,10 +212,20 @@ impl RobotSpec {
             },
             imus: std::array::from_fn(|i| mount(&f.imus[i])),
             tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
+            supply_off: f.pressure.supply_off,
+            keep_out: f.keep_out.into_iter().map(keep_out).collect(),
             base_hash: patches.first().map_or(&hash, |a| &a.onto).clone(),
             hash,
             patches,
         })
+    }
+}
+
+fn keep_out(b: Beyond) -> KeepOut {
+    KeepOut {
+        name: b.name,
+        point_m: Vector3::from(b.point_mm) * 1e-3,
+        outward: Unit::new_normalize(Vector3::from(b.outward)),
     }
 }
 
@@ -245,6 +269,7 @@ fn check(f: &File) -> Result<(), RobotError> {
         ("springs.wire_diameter_mm", f.springs.wire_diameter_mm),
         ("springs.outer_diameter_mm", f.springs.outer_diameter_mm),
         ("motion.tip_speed_max_mm_s", f.motion.tip_speed_max_mm_s),
+        ("pressure.over_pressure_kpa", f.pressure.over_pressure_kpa),
     ];
     for (key, value) in positive {
         if !(value > 0.0 && value <= LARGEST) {
@@ -314,6 +339,20 @@ fn check(f: &File) -> Result<(), RobotError> {
                 key,
                 value: format!("{values:?}"),
                 must: "a number, at most a million",
+            });
+        }
+    }
+    for b in &f.keep_out {
+        let is_number = b
+            .point_mm
+            .iter()
+            .chain(&b.outward)
+            .all(|x| x.abs() <= LARGEST);
+        if !is_number || b.outward.iter().map(|x| x * x).sum::<f64>() < 1e-12 {
+            return Err(RobotError::Value {
+                key: "keep_out",
+                value: format!("point_mm {:?}, outward {:?}", b.point_mm, b.outward),
+                must: "a point, and a direction that is not zero",
             });
         }
     }

@@ -9,7 +9,8 @@ mod error;
 mod file;
 mod patch;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Unit, Vector3};
+use serde::Deserialize;
 
 use crate::signal::{CHAMBERS, IMUS, PressureLimits, SPRINGS};
 pub use error::RobotError;
@@ -51,6 +52,35 @@ pub struct SpringSpec {
     pub wire_diameter_m: f64,
     /// Shortest and longest length it is used at, m.
     pub range_m: [f64; 2],
+}
+
+/// What becomes of the chambers' air when the supply is off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SupplyOff {
+    /// It stays in the chambers.
+    #[default]
+    Keeps,
+    /// It escapes.
+    Vents,
+}
+
+/// A half-space that the middle and the end pad's centres do not enter, in the base frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KeepOut {
+    /// What is there.
+    pub name: String,
+    /// A point on its surface, m.
+    pub point_m: Vector3<f64>,
+    /// Direction out of it.
+    pub outward: Unit<Vector3<f64>>,
+}
+
+impl KeepOut {
+    /// How deep a point is in it, m; negative outside.
+    pub fn depth_m(&self, point_m: &Vector3<f64>) -> f64 {
+        self.outward.dot(&(self.point_m - point_m))
+    }
 }
 
 /// A robot, in SI units.
@@ -108,6 +138,10 @@ pub struct RobotSpec {
     pub imus: [ImuMount; IMUS],
     /// Fastest tip speed, m/s.
     pub tip_speed_max_m_s: f64,
+    /// What becomes of the chambers' air when the supply is off.
+    pub supply_off: SupplyOff,
+    /// Half-spaces that the arm does not enter.
+    pub keep_out: Vec<KeepOut>,
     /// SHA-256 of the robot file, hexadecimal.
     pub hash: String,
     /// The same of the file without its patches.

@@ -494,6 +494,7 @@ pub fn calibrate(
         name: name.into(),
         date: date.into(),
         bench_sha256: log.sha256.clone(),
+        rig: None,
         springs,
         imus: Vec::new(),
     };

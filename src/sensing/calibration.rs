@@ -238,6 +238,8 @@ pub struct Calibration {
     pub date: String,
     /// SHA-256 of the bench log, hexadecimal.
     pub bench_sha256: String,
+    /// Number of the arm, as its boards gave it.
+    pub rig: Option<u32>,
     /// The springs, in order of their numbers; some may be missing.
     pub springs: Vec<SpringCalibration>,
     /// Corrections of the IMUs' mountings, in order of their numbers; none means nominal.

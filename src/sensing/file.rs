@@ -88,6 +88,7 @@ impl Calibration {
             name: file.name,
             date: file.date,
             bench_sha256: file.bench_sha256,
+            rig: file.rig,
             springs,
             imus,
         })
@@ -102,6 +103,7 @@ impl Calibration {
             name: self.name.clone(),
             date: self.date.clone(),
             bench_sha256: self.bench_sha256.clone(),
+            rig: self.rig,
             spring: self
                 .springs
                 .iter()
@@ -127,6 +129,9 @@ struct File {
     name: String,
     date: String,
     bench_sha256: String,
+    /// Number of the arm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rig: Option<u32>,
     spring: Vec<SpringEntry>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     imu: Vec<ImuEntry>,
@@ -320,6 +325,7 @@ mod tests {
             name: "unit".into(),
             date: "2024-05-01".into(),
             bench_sha256: "00".into(),
+            rig: Some(7),
             springs: vec![SpringCalibration {
                 spring: 3,
                 capacitance_f: 1.0e-9,

@@ -45,6 +45,12 @@ pub enum AlarmKey {
     OverPressure(usize),
     /// This chamber does not reach its set pressure.
     ShortOfAir(usize),
+    /// The pumps of this board run although they should be off.
+    PumpsRun(usize),
+    /// The pressure of this chamber rises although the pumps are off.
+    StillFed(usize),
+    /// The emergency stop is pressed.
+    EmergencyStop,
     /// The controller finds no admissible rates.
     Unsolved,
     /// The SAFE state.
@@ -116,6 +122,20 @@ pub enum AlarmCause {
         /// Set gauge pressure, Pa.
         set_pa: f64,
     },
+    /// The pumps of a board run although they should be off.
+    PumpsRun {
+        /// 0-based.
+        board: usize,
+    },
+    /// The pressure of a chamber moves away from 0 although the pumps are off.
+    StillFed {
+        /// 0-based.
+        chamber: usize,
+        /// Its gauge pressure, Pa.
+        measured_pa: f64,
+    },
+    /// The emergency stop is pressed.
+    EmergencyStop,
     /// The controller finds no admissible rates.
     Unsolved {
         /// Ticks so far without.
@@ -144,6 +164,9 @@ impl AlarmCause {
             Self::TooFewSensors => AlarmKey::TooFewSensors,
             Self::OverPressure { chamber, .. } => AlarmKey::OverPressure(chamber),
             Self::ShortOfAir { chamber, .. } => AlarmKey::ShortOfAir(chamber),
+            Self::PumpsRun { board } => AlarmKey::PumpsRun(board),
+            Self::StillFed { chamber, .. } => AlarmKey::StillFed(chamber),
+            Self::EmergencyStop => AlarmKey::EmergencyStop,
             Self::Unsolved { .. } => AlarmKey::Unsolved,
             Self::Safe { .. } => AlarmKey::Safe,
         }
@@ -217,6 +240,23 @@ impl AlarmCause {
                 measured_pa * 1e-3,
                 set_pa * 1e-3
             ),
+            Self::PumpsRun { board } => format!(
+                "The pumps of board {} run although they should be off: cut the supply by hand.",
+                board + 1
+            ),
+            Self::StillFed {
+                chamber,
+                measured_pa,
+            } => format!(
+                "The supply is still on: chamber {} is at {:+.1} kPa and moves away from 0 although its pump is off. Cut \
+                 the supply by hand.",
+                chamber + 1,
+                measured_pa * 1e-3
+            ),
+            Self::EmergencyStop => {
+                "The emergency stop is pressed: nothing moves until it is released and reset."
+                    .to_owned()
+            }
             Self::Unsolved { ticks } => format!(
                 "The controller found no admissible rates in {ticks} ticks so far and held the pressures in them: \
                  press HOLD and choose another target."

@@ -43,7 +43,7 @@ pub type SensorRef = SVector<f64, SIGNALS>;
 pub struct PressureCommand {
     stamp: Stamp,
     chamber_pa: [f64; CHAMBERS],
-    gripper: Gripper,
+    gripper: Option<Gripper>,
 }
 
 impl PressureCommand {
@@ -54,7 +54,7 @@ impl PressureCommand {
     pub fn limited(
         stamp: Stamp,
         wanted_pa: [f64; CHAMBERS],
-        gripper: Gripper,
+        gripper: impl Into<Option<Gripper>>,
         previous: Option<&Self>,
         measured_pa: &[f64; CHAMBERS],
         limits: &PressureLimits,
@@ -82,7 +82,7 @@ impl PressureCommand {
         Self {
             stamp,
             chamber_pa,
-            gripper,
+            gripper: gripper.into(),
         }
     }
 
@@ -96,8 +96,8 @@ impl PressureCommand {
         &self.chamber_pa
     }
 
-    /// What the gripper shall do.
-    pub fn gripper(&self) -> Gripper {
+    /// What the gripper shall do; `None`: stay as it is.
+    pub fn gripper(&self) -> Option<Gripper> {
         self.gripper
     }
 }

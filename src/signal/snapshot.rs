@@ -86,12 +86,32 @@ pub struct LinkStatus {
     pub retry_in_s: Option<f64>,
     /// Frames per second over the last second, per board.
     pub board_rate_hz: [f64; BOARDS],
-    /// What the gripper does, as the board that drives it reports; `None` before its first report.
+    /// What the gripper does, as the board that drives it reports; `None` before its first report, and until the
+    /// board has had a command for it since the power came.
     pub gripper: Option<Gripper>,
+    /// Whether each board's pumps follow a set point or vent, as it reports; `None` while it reports nothing.
+    pub pumps: [Option<bool>; BOARDS],
+    /// Whether a board vents its chambers.
+    pub venting: bool,
+    /// Whether the emergency stop's contact is open.
+    pub stop_open: bool,
+    /// Whether a board's second output has cut the supply.
+    pub supply_cut: bool,
+    /// Whether each board reports a simulated arm; `None` before its HELLO.
+    pub board_simulated: [Option<bool>; BOARDS],
+    /// Number of the arm at each board, where one was given.
+    pub rig: [Option<u32>; BOARDS],
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],
     /// The newest time when this program did not serve the ports, if there was one. Not kept in recordings.
     pub host_delay: Option<HostDelay>,
+}
+
+impl LinkStatus {
+    /// Whether a real arm may move by what is commanded. One simulated board of two does not make the arm simulated.
+    pub fn moves_hardware(&self) -> bool {
+        !self.practice && self.board_simulated != [Some(true); BOARDS]
+    }
 }
 
 /// A time when a part of this program was not run although it should have been: the computer was busy or asleep.

@@ -1,9 +1,10 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
-use crate::link::LinkEvent;
+use crate::link::{LinkEvent, StopLine};
 use crate::sensing::Calibration;
 use crate::signal::ControllerKind;
 use crate::signal::{Goal, Gripper, Mode, Severity, Simulator, Snapshot, Stamp};
@@ -23,8 +24,10 @@ pub enum Command {
     Resume,
     /// Pumps off now, latched: the SAFE state.
     Stop,
-    /// Leave the SAFE state (to disarmed).
+    /// Leave the SAFE state (to disarmed). Refused in the tick of a [`Self::Stop`], and while the emergency stop is pressed.
     Reset,
+    /// Bring all chambers to 0 Pa and switch the pumps off, SAFE or not. Refused while the arm moves.
+    Vent,
     /// Ask whether a goal can be reached; nothing moves.
     Preview(Goal),
     /// Forget the goal under preview.
@@ -184,6 +187,22 @@ impl Event {
     }
 }
 
+/// Counts the pictures that the window has painted: while it does, it would have taken a press of STOP.
+#[derive(Clone, Debug, Default)]
+pub struct Pictures(Arc<AtomicU64>);
+
+impl Pictures {
+    /// How many there were.
+    pub(super) fn counted(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// One more.
+    pub fn count(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 /// The window's end of a running twin.
 pub struct Handle {
     /// Commands to the twin (bounded).
@@ -194,6 +213,10 @@ pub struct Handle {
     pub feed: Receiver<Arc<Snapshot>>,
     /// The newest snapshot.
     pub latest: Arc<Mutex<Arc<Snapshot>>>,
+    /// STOP goes this way, too: to the boards, whatever the twin's thread does meanwhile.
+    pub stop_line: StopLine,
+    /// The window's pictures, to be counted.
+    pub pictures: Pictures,
 }
 
 impl Handle {
@@ -202,6 +225,9 @@ impl Handle {
     /// # Errors
     /// One sentence for the operator.
     pub fn send(&self, command: Command) -> Result<(), &'static str> {
+        if command == Command::Stop {
+            self.stop_line.press();
+        }
         self.commands.try_send(command).map_err(|e| match e {
             TrySendError::Full(_) => "The twin is busy: the command was not taken. Try again.",
             TrySendError::Disconnected(_) => "The twin has stopped: restart the program.",

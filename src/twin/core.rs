@@ -2,14 +2,19 @@
 
 mod air;
 mod arming;
+mod check_gauges;
+mod contact;
 mod delays;
 mod hold;
 mod orders;
 mod plans;
+mod pumps;
 mod snapshot;
 mod state;
 mod tick;
 mod watch;
+mod watch_contact;
+mod watch_pumps;
 
 pub use arming::RESUME_OFF_S;
 pub use state::Twin;

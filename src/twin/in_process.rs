@@ -2,7 +2,7 @@
 
 use super::port::{Arrivals, Clock, Port};
 use crate::link::wire::Config;
-use crate::link::{HostSession, Origin};
+use crate::link::{HostSession, Order, Origin};
 use crate::signal::{GroundTruth, PressureCommand, Stamp};
 
 /// The line to the boards is looked at this often, s.
@@ -80,11 +80,7 @@ impl Port for InProcess {
         }
     }
 
-    fn estop(&mut self, _now: Stamp) {
-        self.session.estop();
-    }
-
-    fn reset(&mut self, _now: Stamp) {
-        self.session.reset();
+    fn order(&mut self, _now: Stamp, order: Order) {
+        self.session.order(order);
     }
 }

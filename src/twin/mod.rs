@@ -21,7 +21,7 @@ mod stream;
 mod trial;
 mod view;
 
-pub use command::{Command, Event, Handle};
+pub use command::{Command, Event, Handle, Pictures};
 pub use core::{RESUME_OFF_S, Twin};
 pub use in_process::{FarEnd, Heard, InProcess};
 pub use loops::{Pace, run_in_lockstep, run_in_real_time, run_in_simulated_time};

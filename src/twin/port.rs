@@ -1,6 +1,6 @@
 //! The port: the boards as the runner sees them, and the clock that passes at their end.
 
-use crate::link::LinkEvent;
+use crate::link::{LinkEvent, Order, StopLine};
 use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Stamp};
 
 /// The twin's period, s.
@@ -30,10 +30,13 @@ pub trait Port: Send {
     fn poll(&mut self, now: Stamp) -> Arrivals;
     /// Sends a command. `None` sends no pressures.
     fn send(&mut self, now: Stamp, command: Option<&PressureCommand>);
-    /// Lets the boards switch their pumps off and latch.
-    fn estop(&mut self, now: Stamp);
-    /// Lets the boards leave their latched state.
-    fn reset(&mut self, now: Stamp);
+    /// Sends the boards another order.
+    fn order(&mut self, now: Stamp, order: Order);
+    /// A way to stop the boards whatever the runner's thread does meanwhile; without effect where nothing happens at the
+    /// boards meanwhile.
+    fn stop_line(&self) -> StopLine {
+        StopLine::default()
+    }
 }
 
 /// The clock that passes at the other end of a port.
@@ -56,6 +59,5 @@ impl Port for NoPort {
         Arrivals::default()
     }
     fn send(&mut self, _now: Stamp, _command: Option<&PressureCommand>) {}
-    fn estop(&mut self, _now: Stamp) {}
-    fn reset(&mut self, _now: Stamp) {}
+    fn order(&mut self, _now: Stamp, _order: Order) {}
 }

@@ -7,11 +7,12 @@ use std::sync::{Arc, Mutex, TryLockError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use super::command::{Command, Event, Handle};
+use super::command::{Command, Event, Handle, Pictures};
 use super::loops::{run_in_lockstep, run_in_real_time};
 use super::port::{Clock, SETTLING_FRAMES};
 use super::runner::Runner;
-use crate::signal::{Snapshot, Stamp};
+use crate::link::StopLine;
+use crate::signal::{Mode, Snapshot, Stamp};
 
 /// Snapshots that wait for the window at most: two seconds' worth.
 const FEED: usize = 200;
@@ -21,6 +22,9 @@ const EVENTS: usize = 256;
 const NOTICES: usize = 256;
 /// Commands that wait for the twin at most.
 const COMMANDS: usize = 64;
+/// A window that paints nothing for so long while the arm moves on hardware: it is held, and then stopped, s.
+const HOLD_AFTER_S: f64 = 2.0;
+const STOP_AFTER_S: f64 = 5.0;
 
 /// The twin's end of a [`Handle`].
 pub(super) struct Publisher {
@@ -47,6 +51,8 @@ pub(super) fn channel() -> (Publisher, Handle, Receiver<Command>) {
         events: event_rx,
         feed: feed_rx,
         latest,
+        stop_line: StopLine::default(),
+        pictures: Pictures::default(),
     };
     (publisher, handle, commands)
 }
@@ -129,9 +135,53 @@ impl Waiting {
     }
 }
 
+/// Holds and stops an arm that moves on hardware while nobody could press STOP in the window.
+struct WindowWatch {
+    pictures: Pictures,
+    seen: u64,
+    since: Stamp,
+    has_held: bool,
+}
+
+impl WindowWatch {
+    fn new(pictures: Pictures) -> Self {
+        Self {
+            pictures,
+            seen: 0,
+            since: Stamp::ZERO,
+            has_held: false,
+        }
+    }
+
+    fn look(&mut self, snapshot: &Snapshot) -> Option<Command> {
+        let painted = self.pictures.counted();
+        let is_moving = matches!(snapshot.mode, Mode::Moving | Mode::AtGoal);
+        let counts = !snapshot.link.practice && (is_moving || self.has_held);
+        if painted != self.seen || !counts {
+            self.seen = painted;
+            self.since = snapshot.stamp;
+            self.has_held = false;
+            return None;
+        }
+        let for_s = snapshot.stamp.since(self.since);
+        if for_s >= STOP_AFTER_S {
+            log::warn!("the window has not answered for {for_s:.0} s: stopped");
+            self.since = snapshot.stamp;
+            self.has_held = false;
+            Some(Command::Stop)
+        } else if for_s >= HOLD_AFTER_S && !self.has_held {
+            log::warn!("the window has not answered for {for_s:.0} s: held");
+            self.has_held = true;
+            Some(Command::Hold)
+        } else {
+            None
+        }
+    }
+}
+
 /// Starts the twin's own thread: in lockstep with simulated time where the port lives on it, in real time elsewhere.
 /// `first` is commanded once a second of frames has come in: by then the orientation filters have settled. `repaint`
-/// is called after every snapshot. The thread ends when the handle is dropped; whoever ends the program joins it
+/// is called with every snapshot. The thread ends when the handle is dropped; whoever ends the program joins it
 /// first, or the end of a recording is lost.
 ///
 /// # Errors
@@ -140,16 +190,19 @@ pub fn spawn(
     mut runner: Runner,
     start: Instant,
     mut first: Vec<Command>,
-    mut repaint: impl FnMut() + Send + 'static,
+    mut repaint: impl FnMut(&Snapshot) + Send + 'static,
 ) -> std::io::Result<(Handle, JoinHandle<()>)> {
     runner.draw_shapes();
-    let (mut publisher, handle, asked) = channel();
+    let (mut publisher, mut handle, asked) = channel();
+    handle.stop_line = runner.stop_line();
+    let mut watch = WindowWatch::new(handle.pictures.clone());
     let work = move || {
         let mut end = Stamp::ZERO;
         let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
             end = snapshot.stamp;
             publisher.publish(end, snapshot, events);
-            repaint();
+            repaint(snapshot);
+            commands.extend(watch.look(snapshot));
             if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
                 commands.append(&mut first);
             }
@@ -170,4 +223,54 @@ pub fn spawn(
     };
     let thread = std::thread::Builder::new().name("twin".to_owned());
     Ok((handle, thread.spawn(work)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::LinkStatus;
+
+    /// What is commanded, and when (s), while the window paints until `paints_s` only.
+    fn commanded(practice: bool, paints_s: f64) -> Vec<(f64, Command)> {
+        let pictures = Pictures::default();
+        let mut watch = WindowWatch::new(pictures.clone());
+        let mut mode = Mode::Moving;
+        let mut all = Vec::new();
+        for k in 0..1000 {
+            let t_s = f64::from(k) * 0.01;
+            if t_s < paints_s && k % 50 == 0 {
+                pictures.count();
+            }
+            let snapshot = Snapshot {
+                stamp: Stamp::from_seconds(t_s),
+                mode: mode.clone(),
+                link: LinkStatus {
+                    practice,
+                    ..LinkStatus::default()
+                },
+                ..Snapshot::default()
+            };
+            if let Some(command) = watch.look(&snapshot) {
+                mode = match command {
+                    Command::Hold => Mode::Hold,
+                    _ => Mode::Safe("stopped".into()),
+                };
+                all.push((t_s, command));
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn a_window_that_does_not_answer_holds_and_then_stops_what_moves_on_hardware() {
+        assert_eq!(commanded(false, 1000.0), []);
+        assert_eq!(commanded(true, 1.0), [], "nobody stands beside it");
+        let found = commanded(false, 1.0);
+        // The last picture is at 0.5 s.
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert_eq!(found[0].1, Command::Hold);
+        assert!((found[0].0 - 2.5).abs() < 0.02, "{found:?}");
+        assert_eq!(found[1].1, Command::Stop);
+        assert!((found[1].0 - 5.5).abs() < 0.02, "{found:?}");
+    }
 }

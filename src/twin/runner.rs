@@ -9,6 +9,7 @@ use super::port::{Clock, NoPort, Port};
 use super::record::Recordings;
 use super::stream::{LAST_WORDS, Streams};
 use super::view::View;
+use crate::link::StopLine;
 use crate::recording::{ArmDrawing, QueueFull, RecordingMeta};
 use crate::robot::RobotSpec;
 use crate::signal::{Snapshot, Stamp, StreamStatus};
@@ -24,7 +25,6 @@ pub struct Runner {
     streams: Streams,
     /// Where simulated time is kept beside real time.
     real_time_factor: Option<f64>,
-    was_safe: bool,
 }
 
 impl Runner {
@@ -38,13 +38,17 @@ impl Runner {
             recordings: Recordings::default(),
             streams: Streams::default(),
             real_time_factor: None,
-            was_safe: false,
         }
     }
 
     /// The clock that passes at the other end of the port.
     pub fn clock(&self) -> Clock {
         self.port.clock()
+    }
+
+    /// A way to stop the boards whatever the loop that ticks this runner does meanwhile.
+    pub fn stop_line(&self) -> StopLine {
+        self.port.stop_line()
     }
 
     /// Settles the arm's shapes from now on, because somebody looks at them. A recording and a stream do so, too.
@@ -114,14 +118,13 @@ impl Runner {
         }
         let (command, twin_events) = self.twin.tick(now, newest, commands);
         events.extend(twin_events);
-        match (self.was_safe, self.twin.is_safe()) {
-            // The link repeats the stop by itself until it is reset.
-            (false, true) => self.port.estop(now),
-            (true, true) => {}
-            (true, false) => self.port.reset(now),
-            (false, false) => self.port.send(now, command.as_ref()),
+        for order in self.twin.take_orders() {
+            self.port.order(now, order);
         }
-        self.was_safe = self.twin.is_safe();
+        // The link repeats a stop by itself until it is reset.
+        if !self.twin.is_safe() {
+            self.port.send(now, command.as_ref());
+        }
         events
     }
 

@@ -2,6 +2,7 @@
 
 use super::port::{Arrivals, Clock, Port};
 use crate::link::serial::{LinkInput, LinkOutput, STATUS_PERIOD_S, SerialLink};
+use crate::link::{Order, StopLine};
 use crate::signal::{HostDelay, LinkStatus, PressureCommand, Stamp};
 
 /// A link that was not heard for so long is not run, s: it gives its status more often, whatever the boards do.
@@ -38,6 +39,7 @@ impl Port for SerialPort {
     }
 
     fn poll(&mut self, now: Stamp) -> Arrivals {
+        self.link.tick();
         let mut arrivals = Arrivals::default();
         while let Some(input) = self.link.try_recv() {
             self.heard = Some(now);
@@ -58,12 +60,12 @@ impl Port for SerialPort {
         self.output(command.map_or(LinkOutput::ClearCommand, |c| LinkOutput::Command(c.clone())));
     }
 
-    fn estop(&mut self, _now: Stamp) {
-        self.output(LinkOutput::Estop);
+    fn order(&mut self, _now: Stamp, order: Order) {
+        self.output(LinkOutput::Order(order));
     }
 
-    fn reset(&mut self, _now: Stamp) {
-        self.output(LinkOutput::Reset);
+    fn stop_line(&self) -> StopLine {
+        self.link.stop_line()
     }
 }
 

@@ -7,6 +7,7 @@ use nalgebra::{SMatrix, SVector};
 use super::*;
 use crate::control::Gains;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
+use crate::link::Order;
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::ControllerKind;
@@ -14,12 +15,14 @@ use crate::signal::{
     CHAMBERS, Goal, Gripper, GroundTruth, ImuRaw, LinkStatus, MeshShape, Mode, Pose, RawFrame,
     SIGNALS, Simulator, Snapshot, Stamp, TruthSource,
 };
+use crate::task::Plan;
 use crate::twin::mesh::MeshAnswer;
 use crate::twin::view::View;
 
 mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
 mod disk;
+mod guards;
 mod late;
 mod nearest;
 mod safety;
@@ -71,19 +74,17 @@ fn twin() -> Twin {
 }
 
 fn twin_with(pose: Arc<dyn PoseMap>) -> Twin {
-    let robot = RobotSpec::reference();
+    twin_of(&RobotSpec::reference(), pose)
+}
+
+fn twin_of(robot: &RobotSpec, pose: Arc<dyn PoseMap>) -> Twin {
     let maps = Maps {
         pose,
         plant: Arc::new(Crude),
         seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
     };
-    let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-    let mut twin = Twin::new(
-        &robot,
-        maps,
-        sensing,
-        Gains::of(ControllerKind::NullSpaceQp),
-    );
+    let sensing = Sensing::new(robot, Calibration::virtual_rig());
+    let mut twin = Twin::new(robot, maps, sensing, Gains::of(ControllerKind::NullSpaceQp));
     twin.observe_link(LinkStatus {
         connected: true,
         simulated: true,
@@ -300,8 +301,7 @@ impl Port for Frames {
         }
     }
     fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}
-    fn estop(&mut self, _now: Stamp) {}
-    fn reset(&mut self, _now: Stamp) {}
+    fn order(&mut self, _now: Stamp, _order: Order) {}
 }
 
 #[test]

@@ -4,14 +4,17 @@
 use std::path::PathBuf;
 
 use springtwin::link::wire::{
-    ALL_BOARDS, Body, Config, Decoder, Hello, Packet, Received, SCHEMA_HASH, Sample, Setpoint,
-    VERSION, board_channels, encode, fault, flag, imu_reading, pressure_code, pressure_pa,
+    ALL_BOARDS, Body, Config, Decoder, Hello, LONGEST_TTL_MS, Packet, Received, SCHEMA_HASH,
+    SLEW_PA_S, Sample, Setpoint, VENT_PA_S, VENTED_PA, VERSION, board_channels, encode, fault,
+    flag, imu_reading, pressure_code, pressure_pa,
 };
 use springtwin::rig::RigBoard;
 use springtwin::rig::board::{Board, BoardSetup, Readings, SpringReading};
 use springtwin::rig::firmware::FirmwareBoard;
 use springtwin::signal::{Gripper, ImuRaw};
 
+/// Number of the arm.
+const ARM: u32 = 7;
 /// The board is looked at this often, s.
 const STEP_S: f64 = 0.5e-3;
 /// A regulator's step and rounding, Pa; a gauge's.
@@ -43,6 +46,10 @@ struct Bench {
     heard: Vec<(f64, Packet)>,
     /// Heartbeats come by themselves.
     alive: bool,
+    /// Repeated by itself, Pa and ms.
+    follows: Option<(f64, u16)>,
+    /// The gripper's flag of what is sent.
+    gripper: u16,
 }
 
 impl Bench {
@@ -56,9 +63,11 @@ impl Bench {
                 clock_skew: 0.0,
                 clock_drift_per_s: 0.0,
                 clock_offset_s: 0.0,
+                rig: ARM,
             }))),
             Kind::Firmware => RigBoard::Firmware(
-                FirmwareBoard::start(&firmware_folder(), usize::from(id), 0.0).expect("starts"),
+                FirmwareBoard::start(&firmware_folder(), usize::from(id), 0.0, ARM)
+                    .expect("starts"),
             ),
         };
         Self::with(board, id)
@@ -84,10 +93,13 @@ impl Bench {
                     ))
                 }),
                 chamber_pa: [1e3, -20e3, 20e3].map(Some),
+                stop_open: false,
             },
             decoder: Decoder::default(),
             heard: Vec::new(),
             alive: false,
+            follows: None,
+            gripper: flag::GRIPPER_CLOSED,
         };
         bench.run(0.05);
         bench
@@ -99,11 +111,19 @@ impl Bench {
         b.tell(Body::Config(Config::built_in()));
         b.alive = true;
         b.run(0.1);
-        b.tell(setpoint(10e3, 1000));
-        b.run(0.02);
-        assert!(b.board.setpoint_pa().is_some(), "{kind:?}");
-        b.heard.clear();
+        b.get_moving(1000);
         b
+    }
+
+    /// Resets the board and lets it follow a set point again.
+    fn get_moving(&mut self, reset_id: u32) {
+        self.tell(Body::Reset { id: reset_id });
+        self.alive = true;
+        self.run(0.05);
+        self.follows = Some((10e3, 150));
+        self.run(0.1);
+        assert!(self.moves(), "{:?}", self.heard.last());
+        self.heard.clear();
     }
 
     fn t_s(&self) -> f64 {
@@ -114,6 +134,11 @@ impl Bench {
         for _ in 0..(for_s / STEP_S).round() as usize {
             if self.alive && self.step.is_multiple_of(100) {
                 self.tell(Body::Heartbeat);
+            }
+            if let Some((pa, ttl_ms)) = self.follows
+                && self.step.is_multiple_of(50)
+            {
+                self.tell(setpoint(pa, ttl_ms));
             }
             self.step += 1;
             let t_s = self.t_s();
@@ -138,7 +163,7 @@ impl Bench {
     }
 
     fn tell(&mut self, body: Body) {
-        self.tell_as(ALL_BOARDS, flag::GRIPPER_CLOSED, body);
+        self.tell_as(ALL_BOARDS, self.gripper, body);
     }
 
     fn tell_as(&mut self, address: u8, flags: u16, body: Body) {
@@ -245,7 +270,7 @@ fn a_board_that_boots_says_who_it_is(kind: Kind) {
         assert!(b.heard.iter().all(|(_, p)| p.board == b.id));
         assert_eq!(
             b.heard[0].1.flags,
-            flag::SIMULATED,
+            flag::SIMULATED | flag::GRIPPER_AS_IT_WAS,
             "no arm is at these connectors"
         );
         b.hellos()[0]
@@ -254,6 +279,7 @@ fn a_board_that_boots_says_who_it_is(kind: Kind) {
         assert_eq!(h.protocol, u16::from(VERSION));
         assert_eq!(h.schema, SCHEMA_HASH);
         assert_eq!((h.tick_rate_hz, h.config_crc), (2_000_000, 0));
+        assert_eq!(h.rig, ARM);
     }
     assert_ne!(hellos[0].boot_nonce, hellos[1].boot_nonce);
 }
@@ -328,10 +354,9 @@ fn configurations_are_taken_if_no_looser_than_built_in(kind: Kind) {
         narrow.crc(),
         "the last good one stands"
     );
-    b.alive = true;
-    b.run(0.1);
-    b.tell(setpoint(30e3, 500));
-    b.run(0.02);
+    b.get_moving(1);
+    b.follows = Some((30e3, 150));
+    b.run(2.0);
     let set_pa = b.board.setpoint_pa().expect("moves");
     assert!((set_pa[0] - 20e3).abs() < SET_TOLERANCE_PA, "{set_pa:?}");
 }
@@ -346,8 +371,8 @@ fn set_points_are_the_boards_own_and_clamped(kind: Kind) {
         (-65e3, [-40e3; 3]),
         (-500.0, [-200.0, -100.0, 0.0]),
     ] {
-        b.tell(setpoint(pa, 500));
-        b.run(0.02);
+        b.follows = Some((pa, 150));
+        b.run(105e3 / SLEW_PA_S);
         let set_pa = b.board.setpoint_pa().expect("moves");
         for (set, wanted) in set_pa.iter().zip(wanted_pa) {
             assert!(
@@ -358,8 +383,11 @@ fn set_points_are_the_boards_own_and_clamped(kind: Kind) {
         }
     }
     assert_eq!(b.board.gripper(), Gripper::Closed);
-    b.tell_as(ALL_BOARDS, 0, setpoint(0.0, 500));
-    b.run(0.02);
+    b.gripper = flag::GRIPPER_AS_IT_WAS;
+    b.run(0.2);
+    assert_eq!(b.board.gripper(), Gripper::Closed, "it stays as it is");
+    b.gripper = 0;
+    b.run(0.2);
     assert_eq!(b.board.gripper(), Gripper::Open);
     b.heard.clear();
     b.run(0.02);
@@ -396,7 +424,7 @@ fn samples_come_at_100_hz_and_say_what_was_measured(kind: Kind) {
         let s = samples[samples.len() - 1].1.2;
         let board = usize::from(id);
         assert_eq!(s.present, board_channels(board));
-        assert_eq!(s.status, 0);
+        assert_eq!(s.status, fault::SAFE | fault::BOOTED);
         for k in 0..6 {
             assert_eq!(u32::from(s.spring_counts[6 * board + k]), 11_000 + k as u32);
             assert_eq!(
@@ -420,6 +448,7 @@ fn samples_come_at_100_hz_and_say_what_was_measured(kind: Kind) {
 
 fn absent_channels_are_marked_and_come_back(kind: Kind) {
     let mut b = Bench::new(kind, 1);
+    b.tell(Body::Reset { id: 1 });
     let sound = b.readings;
     b.readings.springs[2] = None;
     b.readings.imus[0] = None;

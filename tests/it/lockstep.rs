@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex};
 
 use springtwin::control::Gains;
 use springtwin::learn::Model;
-use springtwin::link::serial::REOPEN_PERIOD_S;
+use springtwin::link::serial::{ALIVE_S, REOPEN_PERIOD_S};
 use springtwin::link::wire::Config;
-use springtwin::link::{HostSession, LinkEvent, Origin};
+use springtwin::link::{HostSession, LinkEvent, Order, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
@@ -40,6 +40,8 @@ pub struct World {
     pub step_s: f64,
     /// The host's program hangs, or is dead: it neither hears nor speaks.
     pub frozen: bool,
+    /// When the twin last asked for its input, s; nobody minds where no twin is.
+    ticked_s: Option<f64>,
     /// Every step, when it is wanted.
     pub moments: Option<Vec<Moment>>,
     /// Motion capture, when it is wanted.
@@ -53,8 +55,13 @@ pub struct World {
 impl World {
     /// With emulated boards, or with those that run the firmware in a folder.
     pub fn new(firmware: Option<&Path>) -> Self {
+        Self::of(&RigOptions::default(), firmware)
+    }
+
+    /// The same, of a rig that is not the default one.
+    pub fn of(options: &RigOptions, firmware: Option<&Path>) -> Self {
         let robot = RobotSpec::reference();
-        let mut rig = VirtualRig::new(&robot, &RigOptions::default()).expect("settles");
+        let mut rig = VirtualRig::new(&robot, options).expect("settles");
         let origin = match firmware {
             Some(folder) => {
                 rig.use_firmware(folder).expect("the firmware starts");
@@ -68,6 +75,7 @@ impl World {
             events: Vec::new(),
             step_s: LINE_STEP_S,
             frozen: false,
+            ticked_s: None,
             moments: None,
             truths: None,
             steps: 0,
@@ -86,6 +94,9 @@ impl World {
         let (t_s, now) = (self.t_s(), Stamp::from_seconds(self.t_s()));
         let hears = !self.frozen && self.has_port(now);
         if hears {
+            let is_alive = self.ticked_s.is_none_or(|at| t_s - at <= ALIVE_S);
+            self.host.advance(now);
+            self.host.control_is_alive(is_alive);
             self.to_rig.extend(self.host.poll(now));
         }
         let bytes = std::mem::take(&mut self.to_rig);
@@ -165,6 +176,7 @@ impl Port for Lockstep {
     fn poll(&mut self, now: Stamp) -> Arrivals {
         self.with(|w| {
             w.run_to(now.seconds());
+            w.ticked_s = Some(now.seconds());
             Arrivals {
                 frames: std::iter::from_fn(|| w.host.next_frame()).collect(),
                 truths: w.truths.as_mut().map(std::mem::take).unwrap_or_default(),
@@ -181,12 +193,8 @@ impl Port for Lockstep {
         });
     }
 
-    fn estop(&mut self, _: Stamp) {
-        self.with(|w| w.host.estop());
-    }
-
-    fn reset(&mut self, _: Stamp) {
-        self.with(|w| w.host.reset());
+    fn order(&mut self, _: Stamp, order: Order) {
+        self.with(|w| w.host.order(order));
     }
 }
 
@@ -194,7 +202,12 @@ impl Port for Lockstep {
 pub fn twin(robot: &RobotSpec) -> Twin {
     let bytes = include_bytes!("../../assets/networks/unit-1/reference.safetensors");
     let model = Model::from_bytes(bytes).expect("the shipped networks");
-    let sensing = Sensing::new(robot, Calibration::virtual_rig());
+    twin_with(robot, model, Calibration::virtual_rig())
+}
+
+/// A twin with other networks and another calibration.
+pub fn twin_with(robot: &RobotSpec, model: Model, calibration: Calibration) -> Twin {
+    let sensing = Sensing::new(robot, calibration);
     Twin::new(
         robot,
         model.into(),
@@ -205,8 +218,14 @@ pub fn twin(robot: &RobotSpec) -> Twin {
 
 /// A twin that steers the rig of a world, and the world.
 pub fn runner(world: World) -> (Runner, Arc<Mutex<World>>) {
+    runner_of(world, twin(&RobotSpec::reference()))
+}
+
+/// The same with another twin.
+pub fn runner_of(world: World, mut twin: Twin) -> (Runner, Arc<Mutex<World>>) {
     let robot = RobotSpec::reference();
     let world = Arc::new(Mutex::new(world));
     let port = Box::new(Lockstep(Arc::clone(&world)));
-    (Runner::new(twin(&robot), port, &robot), world)
+    twin.accept_simulated_boards();
+    (Runner::new(twin, port, &robot), world)
 }

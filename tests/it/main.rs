@@ -25,6 +25,7 @@ mod realtime;
 #[cfg(unix)]
 mod rig_link;
 mod robots;
+mod safety;
 mod shaders;
 #[cfg(all(unix, feature = "rrd"))]
 mod stream;

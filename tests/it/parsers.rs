@@ -13,7 +13,9 @@ use proptest::prelude::*;
 
 use springtwin::gap::Patch;
 use springtwin::learn::Recipe;
-use springtwin::link::wire::{Body, Config, Decoder, Hello, Packet, SCHEMA_HASH, Sample, encode};
+use springtwin::link::wire::{
+    Body, Config, Decoder, Hello, Packet, SCHEMA_HASH, Sample, VERSION, encode,
+};
 use springtwin::link::{HostSession, Origin};
 use springtwin::recording::parse_session_file;
 use springtwin::robot::{REFERENCE, RobotSpec, with_patch};
@@ -130,12 +132,13 @@ proptest! {
         for (kind, board, a, b, c) in talk {
             let body = match kind {
                 0 | 1 => Body::Hello(Hello {
-                    protocol: 1,
+                    protocol: u16::from(VERSION),
                     schema: SCHEMA_HASH,
                     firmware: 1,
                     tick_rate_hz: if c == 0 { b } else { 2_000_000 },
                     boot_nonce: u32::from(c & 1),
                     config_crc: config.crc(),
+                    rig: u32::from(a),
                 }),
                 2..=4 => Body::Sample(Sample {
                     spring_counts: [a; 12],

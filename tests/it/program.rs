@@ -197,7 +197,8 @@ fn a_killed_rig_leads_to_safe_and_leaves_the_recording_intact() {
     let (mut rig, _) = process::rig(&["--link", link.to_str().expect("utf-8")]);
     let file = dir.join("k.rrd");
     let name = file.to_str().expect("utf-8");
-    let mut run = process::program(&["run", "--headless", "--seconds", "25", "--reset"]);
+    let mut run = process::program(&["run", "--headless", "--seconds", "40"]);
+    run.args(["--reset", "booted", "--accept-simulated-boards"]);
     run.args(["--target", "60,40,-300", "--record", name, "--rig"])
         .arg(&link);
     let mut program = process::Running::start(&mut run);
@@ -376,7 +377,7 @@ fn both_controllers_follow_the_papers_paths() {
     for (path, controller, payload, bound_mm) in [
         ("circle", "ours", "0.115", 0.22),
         ("eight", "ours", "0.5", 0.22),
-        ("eight", "paper", "0", 0.63),
+        ("eight", "paper", "0", 0.65),
     ] {
         let dir = scratch(&format!("follow-{path}-{controller}"));
         let out = dir.to_str().expect("utf-8");

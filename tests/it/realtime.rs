@@ -37,7 +37,7 @@ fn now() -> Instant {
 
 /// What a run towards a target came to: its report, or nothing when the machine stalled and the arm went SAFE.
 fn towards_a_target(args: &[&str]) -> Option<Value> {
-    let target = ["--target", "20,10,-300", "--seconds", "20", "--json"];
+    let target = ["--target", "20,10,-300", "--seconds", "40", "--json"];
     let out = process::output(&mut program(&[args, &target].concat()));
     let said = String::from_utf8_lossy(&out.stderr);
     if said.contains("SAFE") {
@@ -76,8 +76,16 @@ fn two_ports_to_the_firmware() {
     let folder = folder.to_str().expect("utf-8");
     let (_rig, ports) = process::rig(&["--firmware", folder]);
     assert_eq!(ports.split(',').count(), 2, "{ports}");
-    let run = ["run", "--headless", "--rig", &ports];
-    if let Some(first) = towards_a_target(&run) {
+    let accept = "--accept-simulated-boards";
+    let run = ["run", "--headless", "--rig", &ports, accept];
+    // Boards that have just started are reset by name, and simulated ones armed by an explicit word.
+    let target = ["--target", "20,10,-300", "--seconds", "20"];
+    let (code, said) = crate::program::refusal(&[&run[..], &target].concat());
+    assert!(code == 1 && said.contains("--reset booted"), "{said}");
+    let unasked = ["--reset", "booted"];
+    let (code, said) = crate::program::refusal(&[&run[..4], &unasked, &target].concat());
+    assert!(code == 1 && said.contains(accept), "{said}");
+    if let Some(first) = towards_a_target(&[&run[..], &["--reset", "booted"]].concat()) {
         println!("{first}");
         assert_eq!(
             (&first["reached"], &first["simulated"]),
@@ -85,7 +93,6 @@ fn two_ports_to_the_firmware() {
         );
     }
     std::thread::sleep(Duration::from_secs(1));
-    let target = ["--target", "20,10,-300", "--seconds", "20"];
     let (code, said) = crate::program::refusal(&[&run[..], &target].concat());
     assert!(code == 1 && said.contains("SAFE from before"), "{said}");
     if let Some(again) = towards_a_target(&[&run[..], &["--reset"]].concat()) {
@@ -96,7 +103,7 @@ fn two_ports_to_the_firmware() {
 #[test]
 fn firmware_that_does_not_match_is_named_by_the_program() {
     for (variant, words) in [
-        ("version", "protocol version 2"),
+        ("version", "protocol version 1"),
         ("config", "does not accept the pressure limits"),
     ] {
         let folder = folder_of(variant);

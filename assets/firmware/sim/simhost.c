@@ -1,6 +1,6 @@
 /* One board under simavr, in step with a caller: a process of its own, since simavr is GPL-3.
  *
- *   simhost board.elf BOARD
+ *   simhost board.elf BOARD [NUMBER OF THE ARM]
  *
  * Standard input takes requests, standard output answers each of them. Little-endian, packed.
  *
@@ -11,8 +11,9 @@
  * | 'J' | an IMU loses count in the middle of a byte: it holds the data line until it was clocked nine times |
  *
  * line: u16 n, n bytes for the board. They are put on its line one after the other, 20 us each.
- * readings: 6 x (u16 count, u16 gate ticks); 2 x (u8 answers, 14 register bytes); 3 x u16 gauge, mV.
- * answer: u64 cycle of the pump enable's last edge, u8 pumps, u8 gripper, 3 x u16 duty,
+ * readings: 6 x (u16 count, u16 gate ticks); 2 x (u8 answers, 14 register bytes); 3 x u16 gauge, mV;
+ * u8 whether the emergency stop's contact is open.
+ * answer: u64 cycle of the pump enable's last edge, u8 pumps, u8 gripper closed, u8 supply, 3 x u16 duty,
  * u8 runs, u16 n, n bytes from the board.
  *
  * A firmware that writes its EEPROM, which wears out, is ended.
@@ -25,6 +26,7 @@
 #include <unistd.h>
 
 #include "avr_adc.h"
+#include "avr_eeprom.h"
 #include "avr_ioport.h"
 #include "avr_spi.h"
 #include "avr_twi.h"
@@ -82,7 +84,8 @@ static uint32_t hum_state = 1;
 static uint32_t sram_state;
 
 static avr_cycle_count_t pump_edge;
-static bool pumps, gripper;
+static bool pumps, gripper, supply;
+static uint8_t stop_open;
 
 /* ---- what the firmware does to its pins ---------------------------------------------------------- */
 
@@ -101,10 +104,18 @@ static void on_pumps(avr_irq_t *irq, uint32_t value, void *param)
     pumps = value != 0;
 }
 
+/* The gripper's valve stays where its last pulse sent it. */
 static void on_gripper(avr_irq_t *irq, uint32_t value, void *param)
 {
+    (void)irq;
+    if (value)
+        gripper = param != NULL;
+}
+
+static void on_supply(avr_irq_t *irq, uint32_t value, void *param)
+{
     (void)irq, (void)param;
-    gripper = value != 0;
+    supply = value != 0;
 }
 
 static void on_select(avr_irq_t *irq, uint32_t value, void *param)
@@ -244,7 +255,9 @@ static void world(void)
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_uart, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_SPI_GETIRQ(0), SPI_IRQ_OUTPUT), on_spi, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 0), on_pumps, NULL);
-    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 1), on_gripper, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 1), on_gripper, &gripper);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 2), on_gripper, NULL);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 3), on_supply, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), 0), on_select, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_conversion, NULL);
     uint32_t flags = 0;
@@ -264,17 +277,24 @@ static void on_reset(avr_t *a)
     was_reset = true;
 }
 
+/* The straps (which board, and that the arm is simulated) and the emergency stop's contact. */
+static void set_inputs(void)
+{
+    const uint8_t levels = (uint8_t)((board_id == 0) | stop_open << 2);
+    avr_ioport_external_t inputs = {.name = 'L', .mask = 7, .value = levels};
+    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('L'), &inputs);
+    avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('L'), 2), stop_open);
+}
+
 /* Sets what any reset of the simulated chip forgets of the world around it: straps and line. */
 static void wire_up(void)
 {
     /* The chip let go of its pins; simavr keeps their last levels and tells changes only. */
-    for (int pin = 0; pin < 2; pin++) {
+    for (int pin = 0; pin < 4; pin++)
         avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('A'), pin), 0);
+    for (int pin = 0; pin < 3; pin++)
         avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('L'), pin), 0);
-    }
-    /* Straps: which board, and that the arm is simulated. */
-    avr_ioport_external_t straps = {.name = 'L', .mask = 3, .value = board_id == 0};
-    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('L'), &straps);
+    set_inputs();
     set_bus();
     avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
     was_reset = false;
@@ -336,17 +356,22 @@ static bool take_readings(void)
             return false;
         imu[i].answers = answers;
     }
-    return take(gauge_mv, sizeof gauge_mv);
+    const uint8_t was_open = stop_open;
+    if (!take(gauge_mv, sizeof gauge_mv) || !take(&stop_open, 1))
+        return false;
+    if (stop_open != was_open)
+        set_inputs();
+    return true;
 }
 
 static void answer(bool runs)
 {
     const uint64_t edge = pump_edge;
-    const uint8_t state[2] = {pumps, gripper};
+    const uint8_t state[3] = {pumps, gripper, supply};
     const uint8_t alive = runs;
     uint16_t n = (uint16_t)(outbox_n > 0xffff ? 0xffff : outbox_n);
     give(&edge, 8);
-    give(state, 2);
+    give(state, sizeof state);
     give(avr->data + OCR4A_ADDRESS, 6);
     give(&alive, 1);
     give(&n, 2);
@@ -362,8 +387,8 @@ int main(int argc, char **argv)
     answers = fdopen(dup(STDOUT_FILENO), "wb");
     if (!answers || !freopen("/dev/null", "w", stdout))
         return 2;
-    if (argc != 3 || elf_read_firmware(argv[1], &firmware) != 0) {
-        fprintf(stderr, "usage: simhost board.elf 0|1\n");
+    if (argc < 3 || argc > 4 || elf_read_firmware(argv[1], &firmware) != 0) {
+        fprintf(stderr, "usage: simhost board.elf 0|1 [number of the arm]\n");
         return 2;
     }
     board_id = atoi(argv[2]);
@@ -381,6 +406,11 @@ int main(int argc, char **argv)
     avr->sleep = sleep_no_time;
     core_reset = avr->reset;
     avr->reset = on_reset;
+    if (argc == 4) {
+        uint32_t number = (uint32_t)strtoul(argv[3], NULL, 0);
+        avr_eeprom_desc_t eeprom = {.ee = (uint8_t *)&number, .offset = 0, .size = sizeof number};
+        avr_ioctl(avr, AVR_IOCTL_EEPROM_SET, &eeprom);
+    }
     world();
     power_up();
 

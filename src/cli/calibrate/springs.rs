@@ -40,6 +40,9 @@ pub struct SpringsArgs {
     /// Day the bench was run
     #[arg(long, value_name = "DATE", default_value = "not stated")]
     date: String,
+    /// Number of the arm, as its boards report it: on another arm the calibration is refused
+    #[arg(long, value_name = "NUMBER")]
+    arm: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -95,7 +98,9 @@ fn save(a: &SpringsArgs, mut fresh: Calibration) -> Result<()> {
             )
         })?;
         fresh.imus = old.imus;
+        fresh.rig = old.rig;
     }
+    fresh.rig = a.arm.or(fresh.rig);
     Ok(write_text(&a.out, &fresh.to_toml()?)?)
 }
 
@@ -226,6 +231,7 @@ fn from_paper(a: &SpringsArgs, preset: Preset) -> Result<Report> {
         name: "paper-corrected".to_owned(),
         date: a.date.clone(),
         bench_sha256: String::new(),
+        rig: None,
         springs: (1..=SPRINGS).map(spring).collect(),
         imus: Vec::new(),
     };

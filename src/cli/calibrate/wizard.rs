@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::today;
-use crate::cli::args::InstrumentArgs;
+use crate::cli::args::{self, InstrumentArgs};
 use crate::cli::{Failed, Report, stdio, user};
 use springtwin::calibrate::headless::{self, Answer, Answerer, Ask, Attempt, Options};
 use springtwin::calibrate::{
@@ -55,9 +55,10 @@ pub struct WizardArgs {
     /// Seed of the virtual rig's noise
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// Let boards that are SAFE from before leave it; remove the cause first
-    #[arg(long)]
-    reset: bool,
+    /// Let boards that are SAFE from before leave it: after an earlier program has ended or was not heard any more, and
+    /// for causes that are named (such as `over-pressure`), which must be removed first
+    #[arg(long, value_name = "CAUSE,...", num_args = 0..=1, value_delimiter = ',', value_parser = args::cause)]
+    reset: Option<Vec<u16>>,
     #[command(flatten)]
     instruments: InstrumentArgs,
 }
@@ -110,7 +111,7 @@ pub fn wizard(
         attempts: a.attempts,
         name: a.name.clone(),
         bench: PracticeBench::with_loose(usize::from(a.loose).checked_sub(1)),
-        reset: a.reset,
+        reset: args::resets(a.reset.as_deref()),
     };
     let mut driver = TwinBuilder::new(robot)
         .robot_file(robot_file)

@@ -18,7 +18,7 @@ use springtwin::drive::{
 };
 use springtwin::lab::drive_log;
 use springtwin::learn::ErrorStats;
-use springtwin::rig::{Object, RigOptions};
+use springtwin::rig::{Object, Obstacle, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, OrientationGoal, Reach, ReachState};
 use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan};
@@ -40,6 +40,9 @@ pub struct Common {
     /// Stiffness of the virtual rig's arm as a factor; the twin does not know it
     #[arg(long, value_name = "K", default_value = "1", value_parser = args::stiffness)]
     stiffness: f64,
+    /// A flat thing that the virtual rig's arm cannot enter: a point on it (mm) and the direction out of it
+    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = args::obstacle, allow_hyphen_values = true)]
+    obstacle: Option<Obstacle>,
     /// Seed of the virtual rig's noise
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
@@ -51,9 +54,10 @@ pub struct Common {
     record: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
-    /// Let boards that are SAFE from before leave it; remove the cause first
-    #[arg(long)]
-    reset: bool,
+    /// Let boards that are SAFE from before leave it: after an earlier program has ended or was not heard any more, and
+    /// for causes that are named (such as `over-pressure`), which must be removed first
+    #[arg(long, value_name = "CAUSE,...", num_args = 0..=1, value_delimiter = ',', value_parser = args::cause)]
+    reset: Option<Vec<u16>>,
     #[command(flatten)]
     instruments: InstrumentArgs,
 }
@@ -63,6 +67,7 @@ impl Common {
         args::payload_in_range(robot, self.payload)?;
         let mut options = rig_options(self.payload, self.seed);
         options.surroundings.stiffness = self.stiffness;
+        options.surroundings.obstacle = self.obstacle;
         Ok(options)
     }
 
@@ -102,7 +107,7 @@ impl Common {
             seconds,
             after_s: 2.0,
             record: self.record.clone(),
-            reset: self.reset,
+            reset: args::resets(self.reset.as_deref()),
         };
         drive(twin, &what, None)
     }

@@ -16,6 +16,7 @@ use springtwin::link;
 use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
+use springtwin::signal::{Mode, Snapshot};
 use springtwin::twin::{Command, Handle, Maps};
 
 /// A port that was just let go may be held for a moment: so often it is tried, and so long apart.
@@ -24,6 +25,9 @@ const BETWEEN: Duration = Duration::from_millis(100);
 
 /// Between two looks at twins that end.
 const LOOK: Duration = Duration::from_millis(10);
+
+/// A drill that stalls the control loop does so after so much motion, s.
+const STALL_AFTER_S: f64 = 1.0;
 
 /// The threads of the twins that were started.
 #[derive(Clone, Default)]
@@ -65,6 +69,8 @@ pub struct Rigs {
     /// Where the user's data are; without it no saved calibration is looked for.
     pub data: Option<PathBuf>,
     pub twins: Twins,
+    /// For how long the control loop stands still on purpose, once the arm moves.
+    pub stall: Option<Duration>,
 }
 
 impl Rigs {
@@ -101,11 +107,15 @@ impl Rigs {
         // What was named belongs to the rig that was named.
         let named = match rig == self.rig {
             true => self.instruments.clone(),
-            false if is_virtual => Instruments::default(),
+            false if is_virtual => Instruments {
+                expect_pushes: self.instruments.expect_pushes,
+                ..Instruments::default()
+            },
             false => {
                 let mut other = self.instruments.clone();
                 other.calibration = None;
                 other.accept_virtual_calibration = false;
+                other.accept_simulated_boards = false;
                 other
             }
         };
@@ -152,9 +162,22 @@ impl Rigs {
         &self,
         rig: &str,
         driver: Driver,
-        repaint: impl FnMut() + Send + 'static,
+        mut repaint: impl FnMut() + Send + 'static,
     ) -> std::io::Result<Handle> {
-        let (handle, thread) = driver.spawn(self.declared(rig), repaint)?;
+        let mut stall = self.stall;
+        let mut moves_since = None;
+        let seen = move |snapshot: &Snapshot| {
+            if matches!(snapshot.mode, Mode::Moving) {
+                let since = *moves_since.get_or_insert(snapshot.stamp);
+                if snapshot.stamp.since(since) > STALL_AFTER_S
+                    && let Some(stall) = stall.take()
+                {
+                    std::thread::sleep(stall);
+                }
+            }
+            repaint();
+        };
+        let (handle, thread) = driver.spawn(self.declared(rig), seen)?;
         self.twins.add(thread);
         Ok(handle)
     }
@@ -230,6 +253,7 @@ mod tests {
             instruments: Instruments::default(),
             data: Some(data.clone()),
             twins: Twins::default(),
+            stall: None,
         };
         let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
         assert_eq!(in_use(&rigs), "second");
@@ -270,6 +294,7 @@ mod tests {
             instruments: Instruments::default(),
             data: Some(data.clone()),
             twins: Twins::default(),
+            stall: None,
         };
         rigs.instruments.accept_virtual_calibration = true;
         let (_, instruments, trouble) = rigs.with_active("/dev/ttyUSB0");
@@ -294,6 +319,7 @@ mod tests {
             instruments: Instruments::default(),
             data: None,
             twins: Twins::default(),
+            stall: None,
         };
         assert_eq!(rigs.declared("/dev/ttyUSB0"), []);
         // Hardware is not read by the networks of the virtual rig's unit.

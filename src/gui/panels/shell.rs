@@ -14,7 +14,7 @@ use super::widgets::{age, badge, gated, goes_down, minutes, note, status};
 use crate::gui::screens::ScreenId;
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::{Gate, STALE_OPACITY, View};
-use crate::signal::{IMUS, Mode, SPRINGS, Severity, Snapshot};
+use crate::signal::{CHAMBERS, IMUS, Mode, SPRINGS, Severity, Snapshot};
 use crate::twin::{Command, RESUME_OFF_S};
 pub use banners::{LINE, banners, disconnected};
 pub use keys::{KeyAction, keys, shortcuts};
@@ -43,6 +43,8 @@ pub struct ShellInput<'a> {
     pub twin: bool,
     /// Whether the twin behind the window has ended.
     pub twin_gone: bool,
+    /// For how long the control loop of an armed arm has not reported, s, if that is too long.
+    pub silent_s: Option<f64>,
     /// Whether a newcomer is greeted.
     pub welcome: bool,
 }
@@ -125,13 +127,57 @@ impl Resume {
     }
 }
 
+/// The control that lets the air out: held down on hardware, where the arm sags.
+#[derive(Clone, Debug, Default)]
+pub struct Vent {
+    button: HoldToGo,
+}
+
+impl Vent {
+    /// Whether the arm rests with air in its chambers.
+    pub fn is_offered(s: &Snapshot) -> bool {
+        let rests = !matches!(s.mode, Mode::Moving | Mode::AtGoal);
+        let has_air = s.raw.as_ref().is_some_and(|r| {
+            (0..CHAMBERS).any(|i| r.has_chamber(i) && r.chamber_pa[i].abs() > 2e3)
+        });
+        s.link.venting || (rests && has_air)
+    }
+
+    fn gate(live: &View<'_>) -> Gate {
+        let link = &live.snapshot.link;
+        live.live()?;
+        if link.venting {
+            return Err("Venting: the chambers are brought to 0 kPa.".into());
+        }
+        if link.stop_open {
+            return Err("The emergency stop is pressed: release it first.".into());
+        }
+        match link.connected {
+            true => Ok(()),
+            false => Err("Not connected: the boards do not answer.".into()),
+        }
+    }
+
+    fn ui(&mut self, ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
+        let fire = Fire {
+            now: "VENT",
+            hold: "Hold: VENT",
+            hover: "Bring all chambers to 0 kPa and switch the pumps off; the arm sags, in SAFE too",
+        };
+        let size = vec2(92.0, 40.0);
+        if self.button.button(ui, live, &Self::gate(live), &fire, size) {
+            commands.push(Command::Vent);
+        }
+    }
+}
+
 /// The bar on top: always there, never covered.
 ///
 /// Gives the badge of the connection, behind which its menu opens.
 pub fn top_bar(
     ui: &mut Ui,
     live: &View<'_>,
-    resume: &mut Resume,
+    (resume, vent): (&mut Resume, &mut Vent),
     commands: &mut Vec<Command>,
 ) -> egui::Response {
     let s = live.snapshot;
@@ -143,6 +189,9 @@ pub fn top_bar(
         // Away from HOLD: a second press on that never reaches it.
         if Resume::is_offered(s) {
             resume.ui(ui, live, commands);
+        }
+        if Vent::is_offered(s) {
+            vent.ui(ui, live, commands);
         }
         let left = Layout::left_to_right(Align::Center);
         ui.with_layout(left, |ui| {
@@ -160,7 +209,7 @@ fn state(ui: &mut Ui, live: &View<'_>) -> egui::Response {
     let p = Palette::in_ui(ui);
     let (text, hover) = if s.link.source.is_empty() {
         ("OFFLINE", "Nothing is connected.")
-    } else if s.link.simulated {
+    } else if !s.link.moves_hardware() {
         ("SIM", "The data come from a simulation, not from hardware.")
     } else {
         ("HARDWARE", "Commands move a real arm.")

@@ -23,6 +23,7 @@ pub struct TargetDraft {
     /// What has become of the target that was asked about or gone to.
     pub course: Course,
     hold: HoldToGo,
+    open: HoldToGo,
 }
 
 /// A button that moves the arm: at once on the virtual rig, held down on hardware.
@@ -51,7 +52,7 @@ impl HoldToGo {
         fire: &Fire,
         size: egui::Vec2,
     ) -> bool {
-        let simulated = view.snapshot.link.simulated;
+        let simulated = !view.snapshot.link.moves_hardware();
         let label = if simulated {
             fire.now.to_owned()
         } else if self.held_s > 0.0 {
@@ -83,7 +84,7 @@ impl HoldToGo {
 
 /// The simulated arm needs no arming by hand.
 pub fn arm_simulated(view: &View<'_>, commands: &mut Vec<Command>) {
-    if view.snapshot.mode == Mode::Disarmed && view.snapshot.link.simulated {
+    if view.snapshot.mode == Mode::Disarmed && !view.snapshot.link.moves_hardware() {
         commands.push(Command::Arm);
     }
 }
@@ -274,7 +275,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
     progress(ui, view);
     ui.separator();
     controller(ui, view, commands);
-    hand(ui, view, commands);
+    hand(ui, view, draft, commands);
 }
 
 fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
@@ -439,13 +440,34 @@ pub fn gripper_gate(view: &View<'_>) -> Gate {
     }
 }
 
-fn hand(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
+fn hand(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
     let gate = view.live();
     let grip = gripper_gate(view);
-    let now = view.snapshot.command.as_ref().map(|c| c.gripper());
+    let commanded = view.snapshot.command.as_ref().and_then(|c| c.gripper());
+    let now = commanded.or(view.snapshot.link.gripper);
     ui.horizontal(|ui| {
         note(ui, "Gripper");
+        // What it holds would fall.
+        let drops = view.snapshot.link.moves_hardware() && view.snapshot.payload_kg > 0.0;
+        if drops && now != Some(Gripper::Open) {
+            let fire = Fire {
+                now: "Open",
+                hold: "Hold to open",
+                hover: "Open the gripper: it lets its load go",
+            };
+            let gate = grip.clone().and(match view.snapshot.mode {
+                Mode::Hold => Ok(()),
+                _ => Err("The arm moves with a load: hold it first.".into()),
+            });
+            let size = vec2(0.0, 0.0);
+            if draft.open.button(ui, view, &gate, &fire, size) {
+                commands.push(Command::Grip(Gripper::Open));
+            }
+        }
         for (gripper, name) in [(Gripper::Open, "Open"), (Gripper::Closed, "Closed")] {
+            if drops && gripper == Gripper::Open && now != Some(Gripper::Open) {
+                continue;
+            }
             let button = Button::selectable(now == Some(gripper), name).frame_when_inactive(true);
             if gated(ui, &grip, button, "Open or close the gripper").clicked() {
                 commands.push(Command::Grip(gripper));
@@ -505,7 +527,7 @@ pub fn arming_checks(view: &View<'_>) -> Vec<(&'static str, Gate)> {
 
 fn arming(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
     let s = view.snapshot;
-    if s.link.simulated || matches!(s.mode, Mode::Safe(_)) {
+    if !s.link.moves_hardware() || matches!(s.mode, Mode::Safe(_)) {
         return;
     }
     if s.mode != Mode::Disarmed {

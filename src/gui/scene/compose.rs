@@ -164,7 +164,7 @@ pub fn compose(
     let gripper = snapshot
         .command
         .as_ref()
-        .map(|command| command.gripper())
+        .and_then(|command| command.gripper())
         .or(snapshot.link.gripper)
         .unwrap_or(Gripper::Open);
     if let Some(shape) = snapshot.shown_shape().filter(|s| is_drawable(s)) {

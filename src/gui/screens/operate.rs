@@ -68,7 +68,7 @@ impl Screen for OperateState {
             }
         });
         let held = check(
-            s.link.simulated,
+            !s.link.moves_hardware(),
             "Hardware moves only while ▶ Hold to go is held in the Target panel.",
         );
         let go = shown.clone().and(go_gate(live, &self.draft)).and(held);

@@ -149,6 +149,8 @@ impl Bench {
             events: event_rx,
             feed: feed_rx,
             latest,
+            stop_line: StopLine::default(),
+            pictures: Pictures::default(),
         };
         let mut app = App::new(Some(handle), robot.clone(), services(&shelf));
         app.screen = ScreenId::Calibrate;

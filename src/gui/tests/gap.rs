@@ -62,7 +62,7 @@ pub(super) fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
     }
     let hidden = Hidden::new(HIDDEN.0, None, &HIDDEN.1).expect("can be hidden");
     let healthy = Grid::new(made("commissioning", 1, Vec::new()))?;
-    let suspect = Grid::new(made("suspect", 2, vec![hidden]))?;
+    let suspect = Grid::new(made("suspect", 5, vec![hidden]))?;
     let options = Options {
         seed: 1,
         ..Options::default()

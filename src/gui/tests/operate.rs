@@ -152,6 +152,7 @@ fn waypoints_are_clicked_while_draw_is_on_and_the_target_stays() {
 fn hardware_holds_to_start_a_plan_and_is_never_armed_by_it() {
     let mut s = fixture::snapshot(1.0);
     s.link.simulated = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
     s.mode = Mode::Disarmed;
     let (twin, mut h) = with_plan(s.clone());
     assert!(is_disabled(&h, "▶ Hold to start"));

@@ -163,6 +163,7 @@ fn every_screen_renders_in_both_themes_and_sizes() {
     last.mode = Mode::Safe("over-pressure in chamber 3 (42.6 kPa). Vent it, then reset.".into());
     last.truth = None;
     last.link.simulated = false;
+    last.link.board_simulated = [Some(false); crate::signal::BOARDS];
     let spec = RobotSpec::reference();
     let app = App::for_screenshot(ScreenId::Operate, Theme::Dark, spec, &safe);
     picture("panels-safe", [1280.0, 720.0], Theme::Dark, app);

@@ -109,6 +109,7 @@ fn another_rig_is_chosen_in_the_window() {
     let (first, handle) = twin(idle);
     let mut other = fixture::snapshot(1.0);
     other.link.simulated = false;
+    other.link.board_simulated = [Some(false); crate::signal::BOARDS];
     other.link.source = "/dev/ttyACM0".into();
     other.mode = Mode::Disarmed;
     let (second, other_handle) = twin(other);
@@ -176,6 +177,7 @@ fn another_rig_is_chosen_in_the_window() {
 fn a_twin_that_ended_moves_nothing_and_can_be_replaced() {
     let mut armed = fixture::snapshot(7.0);
     armed.link.simulated = false;
+    armed.link.board_simulated = [Some(false); crate::signal::BOARDS];
     armed.mode = Mode::Hold;
     let (twin, mut h) = running(armed);
     drop(twin);
@@ -212,6 +214,7 @@ fn connecting_is_given_up_by_a_press() {
 fn an_armed_arm_is_not_let_go() {
     let mut armed = fixture::snapshot(7.0);
     armed.link.simulated = false;
+    armed.link.board_simulated = [Some(false); crate::signal::BOARDS];
     armed.mode = Mode::Hold;
     let spec = RobotSpec::reference();
     let app = App::for_screenshot(
@@ -259,7 +262,9 @@ fn a_link_that_is_gone_says_how_old_what_is_shown_is_and_when_it_is_tried_again(
 
 #[test]
 fn a_newcomer_is_greeted_once() {
-    let (_twin, handle) = twin(fixture::snapshot(1.0));
+    let mut idle = fixture::snapshot(1.0);
+    idle.mode = Mode::Disarmed;
+    let (_twin, handle) = twin(idle);
     let mut app = App::new(Some(handle), RobotSpec::reference(), library_services());
     app.welcome = true;
     let mut h = harness(app);

@@ -134,8 +134,7 @@ fn a_panic_double_click_on_hold_only_holds() {
 
 #[test]
 fn resume_is_held_down_on_hardware() {
-    let mut held = on_hold(1.0);
-    held.link.simulated = false;
+    let held = on_hardware(on_hold(1.0));
     let (twin, mut h) = running(held);
     h.run_steps(6);
     press(&mut h, "▶ Hold to resume");
@@ -244,4 +243,190 @@ fn a_key_that_is_kept_down_holds_once_and_a_replay_elsewhere_does_not_take_it() 
     h.run_steps(1);
     assert_eq!(twin.taken(), []);
     assert!(playing(&h));
+}
+
+/// Frames of a second each: nothing that is pressed between two of them is lost.
+#[test]
+fn a_slow_window_stops_once_a_press_and_resumes_nothing() {
+    for presses in [1, 2] {
+        let (twin, handle) = twin(fixture::snapshot(1.0));
+        let app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+        let mut h = Harness::builder()
+            .with_size([1280.0, 720.0])
+            .with_step_dt(1.0)
+            .build_eframe(|_| app);
+        h.run_steps(3);
+        for (button, wanted) in [("■ STOP", Command::Stop), ("▮▮ HOLD", Command::Hold)] {
+            let at = h.get_by_label(button).rect().center();
+            for _ in 0..presses {
+                pointer(&mut h, at, true);
+                h.run_steps(1);
+                pointer(&mut h, at, false);
+            }
+            h.run_steps(2);
+            assert_eq!(twin.taken(), vec![wanted.clone(); presses], "{button}");
+            // Down and up within one frame.
+            pointer(&mut h, at, true);
+            pointer(&mut h, at, false);
+            h.run_steps(2);
+            assert_eq!(twin.taken(), [wanted], "{button}");
+        }
+    }
+}
+
+/// Two presses 100 to 600 ms apart, whatever the twin has answered in between.
+#[test]
+fn two_presses_in_a_hurry_resume_nothing() {
+    for apart in 1..=6 {
+        for answers in [false, true] {
+            let (twin, handle) = twin(fixture::snapshot(1.0));
+            let app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+            let mut h = Harness::builder()
+                .with_size([1280.0, 720.0])
+                .with_step_dt(0.05)
+                .build_eframe(|_| app);
+            h.run_steps(4);
+            let hold = h.get_by_label("▮▮ HOLD").rect().center();
+            for press in 0..2 {
+                pointer(&mut h, hold, true);
+                h.run_steps(1);
+                pointer(&mut h, hold, false);
+                if answers {
+                    twin.publish(on_hold(1.1 + 0.3 * f64::from(press)));
+                }
+                h.run_steps(2 * apart - 1);
+            }
+            h.run_steps(30);
+            let taken = twin.taken();
+            assert!(
+                taken.len() == 2 && taken.iter().all(|c| *c == Command::Hold),
+                "{apart} {answers} {taken:?}"
+            );
+        }
+    }
+}
+
+/// The twin's thread stands still: its window shows that, and STOP goes past it.
+#[test]
+fn stop_goes_past_a_control_loop_that_stands_still() {
+    let (twin, handle) = twin(fixture::snapshot(1.0));
+    let line = handle.stop_line.clone();
+    let app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+    let mut h = Harness::builder()
+        .with_size([1280.0, 720.0])
+        .with_step_dt(0.05)
+        .build_eframe(|_| app);
+    twin.publish(fixture::snapshot(1.05));
+    h.run_steps(1);
+    let silent = |h: &Harness<'_, App>| h.query_by_label_contains("Control silent").is_some();
+    assert!(!silent(&h));
+    h.run_steps(10);
+    assert!(silent(&h), "half a second later");
+    h.run_steps(30);
+    assert!(!line.take());
+    press(&mut h, "■ STOP");
+    assert!(line.take(), "the boards' link is told at once");
+    h.run_steps(60);
+    assert!(!line.take(), "once");
+    assert_eq!(twin.taken(), [Command::Stop]);
+    twin.publish(fixture::snapshot(6.0));
+    h.run_steps(1);
+    assert!(!silent(&h));
+    // An arm that is not armed may be silent.
+    let mut idle = fixture::snapshot(6.1);
+    idle.mode = Mode::Disarmed;
+    twin.publish(idle);
+    h.run_steps(20);
+    assert!(!silent(&h));
+}
+
+fn on_hardware(mut s: Snapshot) -> Snapshot {
+    s.link.simulated = false;
+    s.link.practice = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
+    s
+}
+
+#[test]
+fn air_is_let_out_by_a_button_that_is_held_down_on_hardware() {
+    let mut s = on_hardware(on_hold(1.0));
+    let raw = s.raw.as_mut().expect("frames");
+    raw.present = crate::signal::RawFrame::ALL_PRESENT;
+    raw.chamber_pa = [12e3, 0.0, 0.0, -5e3, 0.0, 0.0];
+    let moves = on_hardware(fixture::snapshot(1.1));
+    let (twin, mut h) = running(s.clone());
+    press(&mut h, "Hold: VENT");
+    assert_eq!(twin.taken(), [], "a click is too short");
+    let at = h.get_by_label("Hold: VENT").rect().center();
+    h.drag_at(at);
+    h.run_steps(14);
+    h.drop_at(at);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Vent]);
+    // In SAFE, too; not without air, nor while the arm moves.
+    s.mode = Mode::Safe("stopped".into());
+    twin.publish(s.clone());
+    h.run();
+    h.get_by_label("Hold: VENT");
+    s.raw.as_mut().expect("frames").chamber_pa = [1e3; 6];
+    twin.publish(s);
+    h.run();
+    assert!(h.query_by_label("Hold: VENT").is_none());
+    twin.publish(moves);
+    h.run();
+    assert!(h.query_by_label("Hold: VENT").is_none());
+}
+
+#[test]
+fn a_gripper_with_a_load_opens_on_hardware_at_rest_and_held_down_only() {
+    let mut s = on_hardware(on_hold(1.0));
+    s.payload_kg = 0.2;
+    s.command = None;
+    s.link.gripper = Some(crate::signal::Gripper::Closed);
+    let (twin, mut h) = running(s.clone());
+    press(&mut h, "Hold to open");
+    assert_eq!(twin.taken(), [], "a click is too short");
+    let at = h.get_by_label("Hold to open").rect().center();
+    h.drag_at(at);
+    h.run_steps(14);
+    h.drop_at(at);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Grip(crate::signal::Gripper::Open)]);
+    s.mode = Mode::Moving;
+    twin.publish(s);
+    h.run();
+    assert!(is_disabled(&h, "Hold to open"));
+}
+
+#[test]
+fn a_window_on_an_armed_arm_asks_before_it_closes() {
+    let (_twin, mut h) = running(on_hardware(on_hold(1.0)));
+    let close = |h: &mut Harness<'_, App>| {
+        let viewport = h.input_mut().viewport_id;
+        let info = h
+            .input_mut()
+            .viewports
+            .get_mut(&viewport)
+            .expect("a window");
+        info.events.push(egui::ViewportEvent::Close);
+        h.step();
+        let viewport = h.input_mut().viewport_id;
+        let info = h
+            .input_mut()
+            .viewports
+            .get_mut(&viewport)
+            .expect("a window");
+        info.events.clear();
+        h.step();
+    };
+    close(&mut h);
+    h.get_by_label_contains("Closing the window switches the pumps off");
+    let stop = control(&h, "■ STOP").rect();
+    let question = h.get_by_label_contains("Closing the window").rect();
+    assert!(!stop.intersects(question), "STOP stays within reach");
+    press(&mut h, "Stay");
+    assert!(h.query_by_label_contains("Closing the window").is_none());
+    close(&mut h);
+    press(&mut h, "Switch the pumps off and close");
+    assert!(h.query_by_label_contains("Closing the window").is_none());
 }

@@ -113,6 +113,8 @@ struct Chain<'a> {
     /// One filter per IMU; no spring has a say in it.
     tracks: [ImuTrack; IMUS],
     last_frame_s: f64,
+    /// Whether the boards, latched since they started, were let go.
+    is_reset: bool,
     command: Option<PressureCommand>,
     /// Commands by the log's time.
     sent: Vec<(f64, [f64; CHAMBERS])>,
@@ -146,6 +148,7 @@ impl<'a> Chain<'a> {
                 ImuTrack::new(specimen.calibration.mounting(i) * drawn)
             }),
             last_frame_s: -REST_S,
+            is_reset: false,
             command: None,
             sent: Vec::new(),
             gauge_pa: [0.0; CHAMBERS],
@@ -237,6 +240,10 @@ impl<'a> Chain<'a> {
                 true => Ok(()),
                 false => Err(SessionError::NoLink { seconds: REST_S }),
             };
+        }
+        if !std::mem::replace(&mut self.is_reset, true) {
+            self.host.reset();
+            return Ok(());
         }
         let command = PressureCommand::limited(
             now,

@@ -45,10 +45,12 @@ const CHAMBER: (fn(usize) -> Place, usize) = (Place::Chamber, CHAMBERS);
 const BOARD: (fn(usize) -> Place, usize) = (Place::Board, BOARDS);
 /// Board 1 keeps its power, so that its clock wraps all the way.
 const SECOND: (fn(usize) -> Place, usize) = (|_| Place::Board(1), 1);
+const STOP: (fn(usize) -> Place, usize) = (|_| Place::Stop, 1);
+const SUPPLY: (fn(usize) -> Place, usize) = (|_| Place::Supply, 1);
 const PORT: (fn(usize) -> Place, usize) = (|_| Place::Port, 1);
 
 /// Faults of a rig in this process.
-pub const IN_PROCESS: [Kind; 24] = [
+pub const IN_PROCESS: [Kind; 29] = [
     kind("spring_off", SPRING, Word::Off, (1.0, 60.0)),
     kind("spring_stuck", SPRING, Word::Stuck, (2.0, 180.0)),
     kind("spring_garbage", SPRING, Word::Garbage, (0.1, 30.0)),
@@ -78,6 +80,11 @@ pub const IN_PROCESS: [Kind; 24] = [
     kind("twice", BOARD, Word::Twice, (1.0, 60.0)),
     kind("swapped", BOARD, Word::Swapped, (1.0, 60.0)),
     kind("unplugged", PORT, Word::Off, (0.05, 10.0)),
+    kind("emergency_stop", STOP, Word::Open, (0.1, 20.0)),
+    kind("reboot", SECOND, Word::Reboot, (0.0, 0.0)),
+    kind("gauge_open", GAUGE, Word::Open, (0.05, 10.0)),
+    kind("supply_stuck", SUPPLY, Word::Stuck, (0.5, 60.0)),
+    kind("supply_vents", SUPPLY, Word::Vents, (1.0, 120.0)),
 ];
 /// Faults of a rig in a process of its own: the process is stopped for a while.
 pub const FROM_OUTSIDE: [Kind; 1] = [kind("frozen", PORT, Word::Off, (0.05, 10.0))];

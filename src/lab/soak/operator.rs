@@ -217,6 +217,8 @@ impl Operator {
                 commands.extend([Command::DeclarePayload(kg), Command::Hold]);
             }
             3 => commands.push(Command::Stop),
+            // Refused while it moves on.
+            4 if matches!(self.mode, Mode::Hold) => commands.push(Command::Vent),
             4 => {
                 let kind = match self.rng.random() {
                     true => ControllerKind::PaperAdrc,

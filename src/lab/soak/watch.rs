@@ -4,12 +4,15 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::drive::over_limits;
+use crate::link::Order;
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, PressureCommand, Snapshot, Stamp};
-use crate::twin::{Arrivals, Clock, Port};
+use crate::signal::{CHAMBERS, Mode, PressureCommand, Snapshot, Stamp};
+use crate::twin::{Arrivals, Clock, Port, TICK_S};
 
 /// The pumps of a rig whose twin is SAFE are off after this time, s.
 const PUMPS_OFF_S: f64 = 0.25;
+/// The mode shown and the pumps that the boards report differ for no longer than this, and a tick, s.
+const DIFFER_S: f64 = 0.1 + TICK_S;
 /// Violations that are reported in words.
 const REPORTED: usize = 10;
 
@@ -46,6 +49,35 @@ pub struct Seen {
     last_frame: Option<Stamp>,
     /// Whether pumps that run in SAFE were reported already.
     pumps_reported: bool,
+    /// Since when the mode shown and the pumps reported differ, s; whether the boards were asked to vent.
+    differ_since_s: Option<f64>,
+    vents: bool,
+}
+
+impl Seen {
+    /// The mode shown is armed when the boards report that their pumps run, and only then.
+    fn compare(&mut self, snapshot: &Snapshot) {
+        let t_s = snapshot.stamp.seconds();
+        let is_on = matches!(snapshot.mode, Mode::Hold | Mode::Moving | Mode::AtGoal);
+        let vents = self.vents || snapshot.link.venting;
+        let differs = |pumps: &Option<bool>| match pumps {
+            Some(true) => !is_on && !vents,
+            Some(false) => is_on,
+            None => false,
+        };
+        if !snapshot.link.pumps.iter().any(differs) {
+            self.differ_since_s = None;
+            return;
+        }
+        let since_s = *self.differ_since_s.get_or_insert(t_s);
+        if t_s - since_s > DIFFER_S + 1e-6 {
+            self.differ_since_s = Some(f64::INFINITY);
+            let (mode, pumps) = (&snapshot.mode, snapshot.link.pumps);
+            self.broken.add(|| {
+                format!("{t_s:.3} s: {mode:?} is shown, but the boards report pumps {pumps:?}")
+            });
+        }
+    }
 }
 
 /// [`Seen`], from several places.
@@ -61,7 +93,7 @@ impl Watch {
     /// Checks the pressures that the boards set at `t_s`, s.
     pub fn look_at_pumps(&self, t_s: f64, set_pa: &[Option<f64>; CHAMBERS]) {
         let mut seen = self.seen();
-        let late = seen.safe_since_s.is_some_and(|s| t_s - s > PUMPS_OFF_S);
+        let late = !seen.vents && seen.safe_since_s.is_some_and(|s| t_s - s > PUMPS_OFF_S);
         let on = set_pa.iter().any(Option::is_some);
         if !(late && on) {
             seen.pumps_reported = false;
@@ -72,9 +104,10 @@ impl Watch {
         }
     }
 
-    /// Checks a snapshot: its time increases, and everything in it is finite.
+    /// Checks a snapshot: its time increases, everything in it is finite, and its mode is what the pumps do.
     pub fn look_at(&self, snapshot: &Snapshot) {
         let mut seen = self.seen();
+        seen.compare(snapshot);
         let Seen {
             broken,
             last_stamp,
@@ -157,18 +190,23 @@ impl Port for Watched {
         self.inner.send(now, command);
     }
 
-    fn estop(&mut self, now: Stamp) {
+    fn order(&mut self, now: Stamp, order: Order) {
         {
             let mut seen = self.watch.seen();
-            seen.safe_since_s = Some(now.seconds());
-            seen.last = None;
+            match order {
+                Order::Stop | Order::CutSupply => {
+                    seen.safe_since_s = Some(now.seconds());
+                    seen.last = None;
+                    seen.vents = false;
+                }
+                Order::Reset => {
+                    seen.safe_since_s = None;
+                    seen.vents = false;
+                }
+                Order::Vent => seen.vents = true,
+            }
         }
-        self.inner.estop(now);
-    }
-
-    fn reset(&mut self, now: Stamp) {
-        self.watch.seen().safe_since_s = None;
-        self.inner.reset(now);
+        self.inner.order(now, order);
     }
 }
 
@@ -187,8 +225,7 @@ mod tests {
             Arrivals::default()
         }
         fn send(&mut self, _now: Stamp, _command: Option<&PressureCommand>) {}
-        fn estop(&mut self, _now: Stamp) {}
-        fn reset(&mut self, _now: Stamp) {}
+        fn order(&mut self, _now: Stamp, _order: Order) {}
     }
 
     #[test]
@@ -216,14 +253,14 @@ mod tests {
         port.send(at(0.03), Some(&command(0.03, 60e3)));
         assert_eq!(count(), 2);
         // In SAFE nothing is sent, and pumps go off.
-        port.estop(at(1.0));
+        port.order(at(1.0), Order::Stop);
         watch.look_at_pumps(1.2, &[Some(0.0); CHAMBERS]);
         assert_eq!(count(), 2);
         watch.look_at_pumps(1.3, &[Some(0.0); CHAMBERS]);
         assert_eq!(count(), 3);
         port.send(at(1.4), Some(&command(1.4, 0.0)));
         assert_eq!(count(), 4);
-        port.reset(at(2.0));
+        port.order(at(2.0), Order::Reset);
         port.send(at(2.0), Some(&command(2.0, 0.0)));
         assert_eq!(count(), 4);
         // Time that stands still.
@@ -233,5 +270,20 @@ mod tests {
         watch.look_at(&snapshot);
         assert_eq!(count(), 5);
         assert_eq!(watch.seen().broken.reported.len(), 5);
+        // Pumps that run although nothing is armed, for a tenth of a second and more.
+        let runs = |t_s: f64| Snapshot {
+            stamp: at(t_s),
+            link: crate::signal::LinkStatus {
+                pumps: [Some(false), Some(true)],
+                ..Default::default()
+            },
+            ..Snapshot::default()
+        };
+        for k in 0..12 {
+            watch.look_at(&runs(10.0 + 0.01 * f64::from(k)));
+        }
+        assert_eq!(count(), 5);
+        watch.look_at(&runs(10.12));
+        assert_eq!(count(), 6);
     }
 }

@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
-use crate::link::wire::TICK_RATE_HZ;
+use crate::link::wire::{NO_RIG, TICK_RATE_HZ};
 use crate::rig::board::{Board, BoardSetup, Readings, SpringReading};
 use crate::signal::{ImuRaw, PressureLimits};
 
@@ -58,6 +58,7 @@ fn board_setup(id: u8, skew: f64) -> BoardSetup {
         clock_drift_per_s: 0.0,
         // Just before a wrap.
         clock_offset_s: 2147.0 + f64::from(id),
+        rig: NO_RIG,
     }
 }
 
@@ -101,6 +102,8 @@ impl World {
         let mut w = Self::new(seed);
         w.run(1.0);
         assert!(w.host.connected(), "{:?}", w.events);
+        w.host.reset();
+        w.run(0.4);
         w.frames.clear();
         w.events.clear();
         w
@@ -140,6 +143,7 @@ impl World {
                 accel_m_s2: [0.0, 0.0, 9.81],
             }); 2],
             chamber_pa: [Some(self.chamber_pa); 3],
+            stop_open: false,
         }
     }
 
@@ -260,7 +264,8 @@ fn rms(x: &[f64]) -> f64 {
 
 #[test]
 fn commands_reach_both_boards() {
-    let w = World::moving(2);
+    let mut w = World::moving(2);
+    w.run(0.5);
     assert_eq!(w.boards[0].setpoint_pa(), Some([5_000.0, 5_100.0, 5_200.0]));
     assert_eq!(w.boards[1].setpoint_pa(), Some([5_300.0, 5_400.0, 5_500.0]));
     assert_eq!(w.boards[1].gripper(), Gripper::Closed);

@@ -40,10 +40,11 @@ fn type_code(body: &Body) -> u8 {
         Body::Fault { .. } => 0x04,
         Body::Setpoint(_) => 0x81,
         Body::Heartbeat => 0x82,
-        Body::Estop => 0x83,
+        Body::Estop { .. } => 0x83,
         Body::Reset { .. } => 0x84,
         Body::Config(_) => 0x85,
         Body::Ping { .. } => 0x86,
+        Body::Vent { .. } => 0x87,
     }
 }
 
@@ -57,6 +58,7 @@ fn put_payload(out: &mut Vec<u8>, body: &Body) {
                 h.tick_rate_hz,
                 h.boot_nonce,
                 h.config_crc,
+                h.rig,
             ] {
                 put_u32(out, x);
             }
@@ -82,13 +84,15 @@ fn put_payload(out: &mut Vec<u8>, body: &Body) {
             put_u16(out, &s.pressure);
             put_u16(out, &[s.ttl_ms]);
         }
-        Body::Heartbeat | Body::Estop => {}
+        Body::Heartbeat => {}
+        Body::Estop { cause, cut } => put_u16(out, &[*cause, u16::from(*cut)]),
         Body::Reset { id } => put_u32(out, *id),
         Body::Config(c) => put_u16(out, &c.words()),
         Body::Ping { id } => {
             put_u32(out, *id);
             put_u32(out, 0);
         }
+        Body::Vent { ttl_ms } => put_u16(out, &[*ttl_ms]),
     }
 }
 
@@ -152,6 +156,7 @@ fn take_body(code: u8, c: &mut Cursor<'_>) -> Option<Body> {
             tick_rate_hz: c.u32()?,
             boot_nonce: c.u32()?,
             config_crc: c.u32()?,
+            rig: c.u32()?,
         }),
         0x02 => Body::Sample(Sample {
             spring_counts: c.u16s()?,
@@ -175,7 +180,10 @@ fn take_body(code: u8, c: &mut Cursor<'_>) -> Option<Body> {
             ttl_ms: c.u16()?,
         }),
         0x82 => Body::Heartbeat,
-        0x83 => Body::Estop,
+        0x83 => Body::Estop {
+            cause: c.u16()?,
+            cut: c.u16()? != 0,
+        },
         0x84 => Body::Reset { id: c.u32()? },
         0x85 => Body::Config(Config {
             pressure_min: c.u16()?,
@@ -188,6 +196,7 @@ fn take_body(code: u8, c: &mut Cursor<'_>) -> Option<Body> {
             c.u32()?;
             Body::Ping { id }
         }
+        0x87 => Body::Vent { ttl_ms: c.u16()? },
         _ => return None,
     })
 }
@@ -334,7 +343,7 @@ mod tests {
     }
 
     fn any_body() -> impl Strategy<Value = Body> {
-        let hello = any::<(u16, u32, u32, u32, u32, u32)>().prop_map(|h| {
+        let hello = any::<(u16, u32, u32, u32, u32, u32, u32)>().prop_map(|h| {
             Body::Hello(Hello {
                 protocol: h.0,
                 schema: h.1,
@@ -342,6 +351,7 @@ mod tests {
                 tick_rate_hz: h.3,
                 boot_nonce: h.4,
                 config_crc: h.5,
+                rig: h.6,
             })
         });
         let sample = any::<(
@@ -381,7 +391,8 @@ mod tests {
             any::<([u16; 6], u16)>()
                 .prop_map(|(pressure, ttl_ms)| Body::Setpoint(Setpoint { pressure, ttl_ms })),
             Just(Body::Heartbeat),
-            Just(Body::Estop),
+            any::<(u16, bool)>().prop_map(|(cause, cut)| Body::Estop { cause, cut }),
+            any::<u16>().prop_map(|ttl_ms| Body::Vent { ttl_ms }),
             any::<u32>().prop_map(|id| Body::Reset { id }),
             any::<u32>().prop_map(|id| Body::Ping { id }),
         ]
@@ -459,7 +470,7 @@ mod tests {
 
     #[test]
     fn another_version_is_told_apart_from_garbage() {
-        let mut raw = vec![2, 0x01, 1];
+        let mut raw = vec![VERSION + 1, 0x01, 1];
         raw.extend([0; 30]);
         let crc = CRC32.checksum(&raw);
         raw.extend(crc.to_le_bytes());
@@ -470,7 +481,7 @@ mod tests {
         assert_eq!(
             received,
             [Received::OtherVersion {
-                version: 2,
+                version: VERSION + 1,
                 board: 1
             }]
         );
@@ -498,6 +509,7 @@ mod tests {
                 tick_rate_hz: 0,
                 boot_nonce: 0,
                 config_crc: 0,
+                rig: 0,
             }),
             Body::Sample(Sample::default()),
             Body::Pong {
@@ -510,7 +522,8 @@ mod tests {
                 ttl_ms: 0,
             }),
             Body::Heartbeat,
-            Body::Estop,
+            Body::STOP,
+            Body::Vent { ttl_ms: 0 },
             Body::Reset { id: 0 },
             Body::Config(Config::new(&limits, 42e3)),
             Body::Ping { id: 0 },

@@ -3,18 +3,23 @@
 use std::fmt::Write as _;
 
 use super::{
-    ALL_BOARDS, BAUD, Config, HEARTBEAT_TIMEOUT_MS, SAMPLE_RATE_HZ, SCHEMA, SCHEMA_HASH,
-    TICK_RATE_HZ, VERSION, fault, flag,
+    ALL_BOARDS, BAUD, Config, HEARTBEAT_TIMEOUT_MS, LONGEST_TTL_MS, PRELOAD_S, PRESSURE_STEP_PA,
+    SAMPLE_RATE_HZ, SCHEMA, SCHEMA_HASH, SLEW_PA_S, TICK_RATE_HZ, VENT_PA_S, VENTED_PA, VERSION,
+    fault, flag,
 };
 
-const FLAGS: [(&str, u16); 4] = [
+const FLAGS: [(&str, u16); 8] = [
     ("CONFIGURED", flag::CONFIGURED),
     ("PUMPS_ON", flag::PUMPS_ON),
     ("GRIPPER_CLOSED", flag::GRIPPER_CLOSED),
     ("SIMULATED", flag::SIMULATED),
+    ("GRIPPER_AS_IT_WAS", flag::GRIPPER_AS_IT_WAS),
+    ("STOP_OPEN", flag::STOP_OPEN),
+    ("SUPPLY_CUT", flag::SUPPLY_CUT),
+    ("VENTING", flag::VENTING),
 ];
 
-const FAULTS: [(&str, u16); 8] = [
+const FAULTS: [(&str, u16); 12] = [
     ("SAFE", fault::SAFE),
     ("ESTOP", fault::ESTOP),
     ("HEARTBEAT_LOST", fault::HEARTBEAT_LOST),
@@ -23,6 +28,10 @@ const FAULTS: [(&str, u16); 8] = [
     ("SETPOINT_EXPIRED", fault::SETPOINT_EXPIRED),
     ("SPRING_LOST", fault::SPRING_LOST),
     ("IMU_LOST", fault::IMU_LOST),
+    ("BOOTED", fault::BOOTED),
+    ("STOP_INPUT", fault::STOP_INPUT),
+    ("ENDED", fault::ENDED),
+    ("CONTROL_SILENT", fault::CONTROL_SILENT),
 ];
 
 /// One struct of [`SCHEMA`]: its message type (none for the header), name, C members and size in bytes.
@@ -81,10 +90,19 @@ fn c_header() -> String {
          #ifndef PROTOCOL_VERSION\n#define PROTOCOL_VERSION {VERSION}\n#endif\n\
          #ifndef SCHEMA_HASH /* CRC-32 of the layout in words */\n#define SCHEMA_HASH 0x{SCHEMA_HASH:08x}UL\n#endif\n\
          #ifndef PRESSURE_MIN\n#define PRESSURE_MIN {}U\n#endif\n#define PRESSURE_MAX {}U\n#define OVER_PRESSURE {}U\n\
-         #define HEARTBEAT_TIMEOUT_MS {HEARTBEAT_TIMEOUT_MS}\n\n\
+         #define HEARTBEAT_TIMEOUT_MS {HEARTBEAT_TIMEOUT_MS}\n#define LONGEST_TTL_MS {LONGEST_TTL_MS}\n\
+         #define PRELOAD_MS {}\n\
+         /* Steps of pressure per second and of pressure, 2 Pa each. */\n\
+         #define SLEW_PER_S {}UL\n#define VENT_PER_S {}UL\n#define VENTED {}U\n\n\
          #define BAUD {BAUD}UL\n#define TICK_RATE_HZ {TICK_RATE_HZ}UL\n#define SAMPLE_RATE_HZ {SAMPLE_RATE_HZ}\n\
          #define ALL_BOARDS {ALL_BOARDS:#04x}\n#define PACKED __attribute__((packed))\n\n",
-        built_in.pressure_min, built_in.pressure_max, built_in.over_pressure,
+        built_in.pressure_min,
+        built_in.pressure_max,
+        built_in.over_pressure,
+        PRELOAD_S * 1e3,
+        SLEW_PA_S / PRESSURE_STEP_PA,
+        VENT_PA_S / PRESSURE_STEP_PA,
+        VENTED_PA / PRESSURE_STEP_PA,
     );
     h.push_str("enum message {\n");
     for (code, name) in layouts.iter().filter_map(|l| Some((l.code?, l.name))) {

@@ -1,4 +1,4 @@
-//! The wire protocol, version 1: pure bytes in, bytes out.
+//! The wire protocol, version 2: pure bytes in, bytes out.
 //!
 //! A frame on the line is `00 | COBS(header, payload, CRC-32) | 00`, all integers little-endian:
 //!
@@ -17,7 +17,12 @@
 //! [`SAMPLE_LINE_BYTES`] on the line, so two boards at 100 Hz on one line fill about 53 % of it.
 //!
 //! A board answers CONFIG with HELLO. Until it has accepted a CONFIG since it booted its
-//! configuration CRC is 0 and it ignores set points: a rebooted board never moves by itself.
+//! configuration CRC is 0 and it ignores set points, and it is latched from its start until a RESET: a rebooted
+//! board never moves by itself.
+//!
+//! A set point is followed for its time-to-live, at most [`LONGEST_TTL_MS`]. One that expires latches the board; a set
+//! point with a time-to-live of 0 switches the pumps off without that. The regulators are first set to the pressures
+//! that the gauges show, enabled [`PRELOAD_S`] later, and moved by at most [`SLEW_PA_S`].
 
 mod codec;
 #[cfg(test)]
@@ -31,7 +36,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use crate::signal::{CHAMBERS, IMUS, ImuRaw, PressureLimits, SPRINGS};
 
 /// Protocol version this code speaks.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Symbol rate of the line, baud.
 pub const BAUD: u32 = 500_000;
 /// Nominal clock rate of a board, ticks/s (0.5 µs per tick).
@@ -42,6 +47,16 @@ pub const SAMPLE_RATE_HZ: f64 = 100.0;
 pub const HEARTBEAT_PERIOD_S: f64 = 0.05;
 /// A board goes SAFE when it hears no HEARTBEAT for this long, ms.
 pub const HEARTBEAT_TIMEOUT_MS: u16 = 200;
+/// Longest time-to-live of a set point that a board accepts, ms.
+pub const LONGEST_TTL_MS: u16 = 250;
+/// Greatest rate at which a board changes its set pressures, Pa/s.
+pub const SLEW_PA_S: f64 = 15e3;
+/// Rate at which a board vents its chambers, Pa/s.
+pub const VENT_PA_S: f64 = 12e3;
+/// A board ends venting when every gauge shows less than this, and begins again beyond twice as much, Pa.
+pub const VENTED_PA: f64 = 1e3;
+/// Time for which the regulators are set to the measured pressures before they are enabled, s.
+pub const PRELOAD_S: f64 = 0.05;
 /// Board address that means every board.
 pub const ALL_BOARDS: u8 = 0xff;
 /// Bytes a SAMPLE takes on the line, both delimiters included (COBS overhead at most 1).
@@ -57,16 +72,17 @@ pub const ACCEL_STEP_M_S2: f64 = 4.0 * 9.806_65 / 32_768.0;
 /// Layout of every frame in words: boards and host compare its CRC-32, [`SCHEMA_HASH`].
 pub const SCHEMA: &str = "\
 header: version u8, type u8, board u8, seq u16, t_ticks u32, flags u16\n\
-01 hello: protocol u16, schema u32, firmware u32, tick_rate_hz u32, boot_nonce u32, config_crc u32\n\
+01 hello: protocol u16, schema u32, firmware u32, tick_rate_hz u32, boot_nonce u32, config_crc u32, rig u32\n\
 02 sample: spring_counts u16*12, spring_gate_ticks u16*12, gyro i16*12, accel i16*12, pressure u16*6, present u32, status u16\n\
 03 pong: id u32, t_receive u32\n\
 04 fault: code u16, detail u32\n\
 81 setpoint: pressure u16*6, ttl_ms u16\n\
 82 heartbeat:\n\
-83 estop:\n\
+83 estop: cause u16, cut u16\n\
 84 reset: id u32\n\
 85 config: pressure_min u16, pressure_max u16, over_pressure u16, heartbeat_timeout_ms u16\n\
 86 ping: id u32, pad u32\n\
+87 vent: ttl_ms u16\n\
 scales: pressure 2 Pa from 32768, gyro 500/32768 deg/s, accel 4/32768 g\n";
 
 const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
@@ -78,19 +94,27 @@ pub const SCHEMA_HASH: u32 = CRC32.checksum(SCHEMA.as_bytes());
 pub mod flag {
     /// Up: the board has accepted a CONFIG since it booted.
     pub const CONFIGURED: u16 = 1 << 0;
-    /// Up: the pumps follow a live set point.
+    /// Up: the pumps follow a live set point or vent; from [`super::PRELOAD_S`] before the output is enabled.
     pub const PUMPS_ON: u16 = 1 << 1;
     /// Both ways: the gripper is (shall be) closed.
     pub const GRIPPER_CLOSED: u16 = 1 << 2;
     /// Up: the arm at this board is simulated.
     pub const SIMULATED: u16 = 1 << 3;
+    /// Down: the gripper shall stay as it is. Up: it has had no command since the power came.
+    pub const GRIPPER_AS_IT_WAS: u16 = 1 << 4;
+    /// Up: the emergency-stop input is open.
+    pub const STOP_OPEN: u16 = 1 << 5;
+    /// Up: the supply is cut by the second output, until a RESET or a loss of power.
+    pub const SUPPLY_CUT: u16 = 1 << 6;
+    /// Up: the board vents its chambers.
+    pub const VENTING: u16 = 1 << 7;
 }
 
 /// Bits of a SAMPLE's `status` and of `RawFrame::faults` (there: both boards' bits or-ed).
 pub mod fault {
     /// Latched: pumps off until a RESET.
     pub const SAFE: u16 = 1 << 0;
-    /// Latched because of ESTOP.
+    /// Latched because the host's operator or a watch of the host stopped it.
     pub const ESTOP: u16 = 1 << 1;
     /// Latched because heartbeats stopped.
     pub const HEARTBEAT_LOST: u16 = 1 << 2;
@@ -98,12 +122,25 @@ pub mod fault {
     pub const OVER_PRESSURE: u16 = 1 << 3;
     /// Latched because a chamber's gauge gave no value in two samples.
     pub const GAUGE_LOST: u16 = 1 << 4;
-    /// Not latched: the set point outlived its time-to-live, pumps off until the next one.
+    /// Latched because the set point outlived its time-to-live.
     pub const SETPOINT_EXPIRED: u16 = 1 << 5;
     /// Not latched: a spring of this board gave no valid count.
     pub const SPRING_LOST: u16 = 1 << 6;
     /// Not latched: an IMU of this board did not answer.
     pub const IMU_LOST: u16 = 1 << 7;
+    /// Latched because the board has started.
+    pub const BOOTED: u16 = 1 << 8;
+    /// Latched because the emergency-stop input was open.
+    pub const STOP_INPUT: u16 = 1 << 9;
+    /// Latched because the host's program ended.
+    pub const ENDED: u16 = 1 << 10;
+    /// Latched because the host's control loop stood still.
+    pub const CONTROL_SILENT: u16 = 1 << 11;
+
+    /// The causes that a host may give an ESTOP.
+    pub const OF_THE_HOST: u16 = ESTOP | ENDED | CONTROL_SILENT;
+    /// What latches a board.
+    pub const LATCHING: u16 = !(SPRING_LOST | IMU_LOST);
 }
 
 /// One message with its header.
@@ -147,7 +184,12 @@ pub enum Body {
     /// Down, 20 Hz: the host is alive.
     Heartbeat,
     /// Down: pumps off, latched.
-    Estop,
+    Estop {
+        /// A single bit of [`fault::OF_THE_HOST`]; anything else counts as [`fault::ESTOP`].
+        cause: u16,
+        /// Whether the second output cuts the supply, too.
+        cut: bool,
+    },
     /// Down: leave SAFE. Acts once per id (an edge, not a level).
     Reset {
         /// Differs from the previous RESET's.
@@ -160,6 +202,20 @@ pub enum Body {
         /// Comes back in the PONG.
         id: u32,
     },
+    /// Down: bring the chambers to 0 Pa at [`VENT_PA_S`] and then be off, in SAFE too. Ends with the time-to-live, with
+    /// an ESTOP and when the emergency-stop input is open.
+    Vent {
+        /// How long it holds without a successor, ms; at most [`LONGEST_TTL_MS`].
+        ttl_ms: u16,
+    },
+}
+
+impl Body {
+    /// A stop by the operator or by a watch of the host; the supply stays.
+    pub const STOP: Self = Self::Estop {
+        cause: fault::ESTOP,
+        cut: false,
+    };
 }
 
 /// Identity of a board and of its present run.
@@ -177,7 +233,12 @@ pub struct Hello {
     pub boot_nonce: u32,
     /// [`Config::crc`] of the accepted configuration, 0 before the first CONFIG since boot.
     pub config_crc: u32,
+    /// Number of the arm that is at the board, from its EEPROM; [`NO_RIG`] where none was written.
+    pub rig: u32,
 }
+
+/// An arm that was given no number: an erased EEPROM.
+pub const NO_RIG: u32 = u32::MAX;
 
 /// One board's measurements in wire units. Channels of the other board are absent and 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -203,8 +264,16 @@ pub struct Sample {
 pub struct Setpoint {
     /// Gauge pressure, see [`pressure_pa`]. A board uses its own three.
     pub pressure: [u16; CHAMBERS],
-    /// How long it holds without a successor, ms.
+    /// How long it holds without a successor, ms; 0: pumps off. A board ignores one beyond [`LONGEST_TTL_MS`].
     pub ttl_ms: u16,
+}
+
+impl Setpoint {
+    /// Pumps off, without a latch.
+    pub const OFF: Self = Self {
+        pressure: [32_768; CHAMBERS],
+        ttl_ms: 0,
+    };
 }
 
 /// The limits a board keeps. It accepts none looser than those built into it.

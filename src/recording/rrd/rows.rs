@@ -279,8 +279,9 @@ impl Rows {
     fn push_control(&mut self, t: Stamp, snapshot: &Snapshot) {
         if let Some(command) = &snapshot.command {
             let gripper = match command.gripper() {
-                Gripper::Open => 0,
-                Gripper::Closed => 1,
+                Some(Gripper::Open) => 0,
+                Some(Gripper::Closed) => 1,
+                None => -1,
             };
             let ints = [command.stamp().0, gripper];
             if self.sound(command.chamber_pa()) {

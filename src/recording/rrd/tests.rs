@@ -112,6 +112,12 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             board_rate_hz: [100.0, 99.5],
             // A fit of the moment: not kept.
             board_clock: [None; BOARDS],
+            pumps: [None; BOARDS],
+            venting: false,
+            stop_open: false,
+            supply_cut: false,
+            board_simulated: [None; BOARDS],
+            rig: [None; BOARDS],
             host_delay: None,
         },
         raw: Some(RawFrame {

@@ -74,7 +74,14 @@ impl<T: Reading> Channel<T> {
                 heard.or(self.past.front()).and_then(|(_, r)| *r)
             }
             Word::Intermittent => fresh.filter(|_| !rng.random_bool(amount)),
-            Word::Leak | Word::Jump | Word::Twice | Word::Swapped => fresh,
+            Word::Leak
+            | Word::Jump
+            | Word::Twice
+            | Word::Swapped
+            | Word::Open
+            | Word::Reboot
+            | Word::Dtr
+            | Word::Vents => fresh,
         }
     }
 }

@@ -15,6 +15,10 @@ pub enum Place {
     Board(usize),
     /// The port that a program has open.
     Port,
+    /// The supply of all chambers.
+    Supply,
+    /// The emergency stop.
+    Stop,
 }
 
 /// Kind of fault.
@@ -42,6 +46,14 @@ pub enum Word {
     Twice,
     /// Sends frames in the wrong order.
     Swapped,
+    /// A contact or wire is open.
+    Open,
+    /// Has no power for a while.
+    Reboot,
+    /// Boots the boards when it is opened.
+    Dtr,
+    /// Lets the air out while it is off.
+    Vents,
 }
 
 /// A fault with its amount.
@@ -86,8 +98,11 @@ pub fn amount(place: Place, word: Word) -> Option<Amount> {
     let none = of(0.0, 0.0, 0.0, "nothing");
     let share = |usual| of(usual, 0.0, 1.0, "share");
     match (place, word) {
-        (Place::Port, Word::Off) => none,
-        (Place::Port, _) => None,
+        (Place::Port, Word::Off | Word::Dtr) | (Place::Supply, Word::Stuck) => none,
+        (Place::Gauge(_) | Place::Stop, Word::Open) => none,
+        (Place::Supply, Word::Vents) => of(20.0, 0.0, 1000.0, "l/min at 20 kPa"),
+        (Place::Port | Place::Supply | Place::Stop, _) => None,
+        (Place::Board(_), Word::Reboot) => of(0.05, 0.0, 60.0, "s"),
         (_, Word::Off | Word::Stuck | Word::Garbage) => none,
         (_, Word::Delayed) => of(0.1, 0.0, 10.0, "s"),
         (_, Word::Intermittent) => share(0.5),
@@ -102,6 +117,16 @@ pub fn amount(place: Place, word: Word) -> Option<Amount> {
         (Place::Chamber(_), Word::Leak) => of(2.2, 0.0, 100.0, "l/min at 20 kPa"),
         (Place::Board(_), Word::Jump) => of(1.0, -1e6, 1e6, "s"),
         (Place::Board(_), Word::Twice | Word::Swapped) => share(0.05),
-        (_, Word::Leak | Word::Jump | Word::Twice | Word::Swapped) => None,
+        (
+            _,
+            Word::Leak
+            | Word::Jump
+            | Word::Twice
+            | Word::Swapped
+            | Word::Open
+            | Word::Reboot
+            | Word::Dtr
+            | Word::Vents,
+        ) => None,
     }
 }

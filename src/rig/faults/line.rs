@@ -84,7 +84,11 @@ impl Line {
                 }
                 out
             }
-            None | Some((Word::Leak | Word::Jump, _)) => {
+            None
+            | Some((
+                Word::Leak | Word::Jump | Word::Open | Word::Reboot | Word::Dtr | Word::Vents,
+                _,
+            )) => {
                 let mut out = self.arrive(|_, _| true);
                 out.append(&mut self.part);
                 out.append(&mut self.held_back);

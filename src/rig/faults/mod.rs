@@ -11,11 +11,21 @@
 //! | intermittent | this share of readings is lost | is off for this share of steps | this share of frames is lost |
 //! | leak | | loses so many l/min at 20 kPa | |
 //! | jump | | | its clock jumps by so many seconds |
+//! | reboot | | | it has no power for so many seconds |
 //! | twice, swapped | | | this share of frames comes twice, or after the next one |
+//! | open | a gauge follows its neighbour | | |
 //!
-//! One place has one fault at a time. A board that was off boots when its fault ends. The port can be
-//! off: it is unplugged, and plugged in again. What a board's line does it does in both directions, but
-//! `stuck`, `slow`, `twice` and `swapped` only to what the board sends.
+//! | word | the port | the supply of all chambers | the emergency stop |
+//! |---|---|---|---|
+//! | off | is unplugged | | |
+//! | dtr | boots the boards when it is opened | | |
+//! | stuck | | ignores the boards' enable outputs | |
+//! | vents | | lets so many l/min at 20 kPa out of chambers whose pumps are off | |
+//! | open | | | is pressed, or its wire is cut |
+//!
+//! One place has one fault at a time. A board that was off boots when its fault ends. A port counts as opened when bytes
+//! come after half a second without any. What a board's line does it does in both directions, but `stuck`, `slow`,
+//! `twice` and `swapped` only to what the board sends.
 
 mod channel;
 mod fault;
@@ -31,6 +41,11 @@ use channel::Channel;
 pub use fault::{Amount, Fault, Place, Word, amount};
 use line::Line;
 pub use script::{Script, ScriptError};
+
+/// A port without bytes for so long has been closed, s.
+const CLOSED_S: f64 = 0.5;
+/// What an open input of the converter keeps of the channel that was converted before.
+const CARRIED_OVER: f64 = 0.9;
 
 /// Event at a board when a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +64,14 @@ pub struct Faults {
     gauges: [Option<Fault>; CHAMBERS],
     chambers: [Option<Fault>; CHAMBERS],
     boards: [Option<Fault>; BOARDS],
-    port_off: bool,
+    port: Option<Fault>,
+    supply: Option<Fault>,
+    stop: Option<Fault>,
+    /// When boards that reboot have power again, s.
+    reboots: [Option<f64>; BOARDS],
+    /// Present time, and when the host was last heard, s.
+    now_s: f64,
+    heard_s: f64,
     script: Script,
     /// Pending events. A board that is to boot stays off until then.
     events: Vec<BoardEvent>,
@@ -71,7 +93,12 @@ impl Faults {
             gauges: [None; CHAMBERS],
             chambers: [None; CHAMBERS],
             boards: [None; BOARDS],
-            port_off: false,
+            port: None,
+            supply: None,
+            stop: None,
+            reboots: [None; BOARDS],
+            now_s: 0.0,
+            heard_s: f64::MIN,
             script: Script::default(),
             events: Vec::new(),
             spring_channels: Default::default(),
@@ -96,8 +123,10 @@ impl Faults {
         }
         self.end(place);
         match place {
-            Place::Port => self.port_off = true,
             // Over as soon as it has happened.
+            Place::Board(b) if fault.word == Word::Reboot => {
+                self.reboots[b] = Some(self.now_s + fault.amount);
+            }
             Place::Board(b) if fault.word == Word::Jump => {
                 self.events.push(BoardEvent::Jump(b, fault.amount));
             }
@@ -111,10 +140,6 @@ impl Faults {
 
     /// Ends the fault at a place.
     pub fn end(&mut self, place: Place) {
-        if place == Place::Port {
-            self.port_off = false;
-            return;
-        }
         let was = self.slot(place).and_then(Option::take);
         if let (Place::Board(b), Some(Word::Off)) = (place, was.map(|f| f.word)) {
             self.events.push(BoardEvent::Boot(b));
@@ -128,7 +153,7 @@ impl Faults {
         let places = places.chain((0..IMUS).map(Place::Imu));
         let places = places.chain((0..CHAMBERS).flat_map(|i| [Place::Gauge(i), Place::Chamber(i)]));
         let places = places.chain((0..BOARDS).map(Place::Board));
-        for place in places.chain([Place::Port]) {
+        for place in places.chain([Place::Port, Place::Supply, Place::Stop]) {
             self.end(place);
         }
     }
@@ -140,7 +165,12 @@ impl Faults {
 
     /// Whether the port is unplugged.
     pub fn is_unplugged(&self) -> bool {
-        self.port_off
+        has(self.port, Word::Off)
+    }
+
+    /// Whether the supply ignores the boards' enable outputs.
+    pub(super) fn ignores_enable(&self) -> bool {
+        has(self.supply, Word::Stuck)
     }
 
     fn slot(&mut self, place: Place) -> Option<&mut Option<Fault>> {
@@ -150,31 +180,51 @@ impl Faults {
             Place::Gauge(i) => self.gauges.get_mut(i),
             Place::Chamber(i) => self.chambers.get_mut(i),
             Place::Board(i) => self.boards.get_mut(i),
-            Place::Port => None,
+            Place::Port => Some(&mut self.port),
+            Place::Supply => Some(&mut self.supply),
+            Place::Stop => Some(&mut self.stop),
         }
     }
 
     /// Begins and ends what the script has for `t_s`; gives what happens to boards.
     pub(super) fn at(&mut self, t_s: f64) -> Vec<BoardEvent> {
+        self.now_s = t_s;
         for (place, fault) in self.script.due(t_s) {
             match fault {
                 Some(fault) => self.begin(place, fault),
                 None => self.end(place),
             }
         }
+        for (b, until_s) in self.reboots.iter_mut().enumerate() {
+            if until_s.take_if(|s| *s <= t_s).is_some() {
+                self.events.push(BoardEvent::Boot(b));
+            }
+        }
         std::mem::take(&mut self.events)
+    }
+
+    /// Whether the emergency stop's contact is open.
+    pub(super) fn stop_is_open(&self) -> bool {
+        has(self.stop, Word::Open)
     }
 
     /// Whether a board has no power.
     pub(super) fn is_off(&self, board: usize) -> bool {
-        self.boards[board].is_some_and(|f| f.word == Word::Off)
+        has(self.boards[board], Word::Off)
+            || self.reboots[board].is_some()
             || self.events.contains(&BoardEvent::Boot(board))
     }
 
     /// What arrives at a board of what the host sent.
     pub(super) fn down(&mut self, board: usize, t_s: f64, bytes: &[u8]) -> Vec<u8> {
-        if self.port_off {
+        if self.is_unplugged() {
             return Vec::new();
+        }
+        if !bytes.is_empty() {
+            if has(self.port, Word::Dtr) && t_s - self.heard_s > CLOSED_S {
+                self.reboots = [Some(t_s); BOARDS];
+            }
+            self.heard_s = t_s;
         }
         let only_up = [Word::Stuck, Word::Slow, Word::Twice, Word::Swapped];
         let fault = self.boards[board].filter(|f| !only_up.contains(&f.word));
@@ -183,7 +233,7 @@ impl Faults {
 
     /// What arrives at the host of what a board sent.
     pub(super) fn up(&mut self, board: usize, t_s: f64, bytes: &[u8]) -> Vec<u8> {
-        if self.port_off {
+        if self.is_unplugged() {
             return Vec::new();
         }
         self.up[board].pass(t_s, bytes, self.boards[board], &mut self.rng)
@@ -210,6 +260,12 @@ impl Faults {
             *reading = self.imu_channels[at + k].pass(t_s, *reading, self.imus[at + k], rng);
         }
         let at = board * CHAMBERS_EACH;
+        for k in 0..CHAMBERS_EACH {
+            if has(self.gauges[at + k], Word::Open) {
+                let before = r.chamber_pa[(k + CHAMBERS_EACH - 1) % CHAMBERS_EACH];
+                r.chamber_pa[k] = before.map(|pa| CARRIED_OVER * pa);
+            }
+        }
         for (k, reading) in r.chamber_pa.iter_mut().enumerate() {
             *reading = self.gauge_channels[at + k].pass(t_s, *reading, self.gauges[at + k], rng);
         }
@@ -241,13 +297,27 @@ impl Faults {
         })
     }
 
-    /// Leak of each chamber, m³/s at atmospheric pressure per Pa of gauge pressure.
-    pub(super) fn leak_m3_s_pa(&self) -> [f64; CHAMBERS] {
-        self.chambers.map(|f| match f {
-            Some(f) if f.word == Word::Leak => f.amount * 1e-3 / 60.0 / 20e3,
-            _ => 0.0,
+    /// Leak of each chamber that is driven to `set_pa` (Pa; `None`: pumps off), m³/s at atmospheric pressure per Pa of
+    /// gauge pressure.
+    pub(super) fn leak_m3_s_pa(&self, set_pa: &[Option<f64>; CHAMBERS]) -> [f64; CHAMBERS] {
+        let of = |fault: Option<Fault>, word| {
+            let fault = fault.filter(|f| f.word == word);
+            fault.map_or(0.0, |f| f.amount * 1e-3 / 60.0 / 20e3)
+        };
+        std::array::from_fn(|i| {
+            let vents = set_pa[i].is_none();
+            let vented = if vents {
+                of(self.supply, Word::Vents)
+            } else {
+                0.0
+            };
+            of(self.chambers[i], Word::Leak) + vented
         })
     }
+}
+
+fn has(fault: Option<Fault>, word: Word) -> bool {
+    fault.is_some_and(|f| f.word == word)
 }
 
 impl channel::Reading for SpringReading {

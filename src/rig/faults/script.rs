@@ -4,7 +4,8 @@
 //! [[fault]]
 //! at_s = 5.0          # by the rig's time
 //! for_s = 2.0         # without it: to the end
-//! where = "spring 3"  # spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port
+//! # spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, supply, emergency stop
+//! where = "spring 3"
 //! what = "stuck"
 //! amount = 10.0       # where the fault has one
 //! ```
@@ -14,7 +15,7 @@ use serde::Deserialize;
 use super::{Fault, Place, Word, amount};
 use crate::signal::{BOARDS, CHAMBERS, IMUS, SPRINGS};
 
-const WORDS: [(&str, Word); 11] = [
+const WORDS: [(&str, Word); 15] = [
     ("off", Word::Off),
     ("stuck", Word::Stuck),
     ("garbage", Word::Garbage),
@@ -26,8 +27,13 @@ const WORDS: [(&str, Word); 11] = [
     ("jump", Word::Jump),
     ("twice", Word::Twice),
     ("swapped", Word::Swapped),
+    ("open", Word::Open),
+    ("reboot", Word::Reboot),
+    ("dtr", Word::Dtr),
+    ("vents", Word::Vents),
 ];
-const PLACES: &str = "spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards or port";
+const PLACES: &str = "spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, \
+     supply or emergency stop";
 
 /// Why a fault schedule is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -165,6 +171,8 @@ fn check(entry: &Entry) -> Result<Vec<(Place, Fault)>, String> {
 fn places(text: &str) -> Option<Vec<Place>> {
     match text {
         "port" => return Some(vec![Place::Port]),
+        "supply" => return Some(vec![Place::Supply]),
+        "emergency stop" => return Some(vec![Place::Stop]),
         "boards" => return Some((0..BOARDS).map(Place::Board).collect()),
         _ => {}
     }

@@ -57,6 +57,24 @@ pub struct Surroundings {
     pub payload_kg: f64,
     /// Force on the end pad in the base frame, N.
     pub tip_force_n: [f64; 3],
+    /// Something that the arm cannot enter, if it is there.
+    pub obstacle: Option<Obstacle>,
+}
+
+/// A flat, elastic surface: middle and end pad are pushed back by it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Obstacle {
+    /// A point on it, in the base frame, m.
+    pub point_m: [f64; 3],
+    /// Direction out of it, of any length.
+    pub normal: [f64; 3],
+    /// Its stiffness, N/m.
+    pub stiffness_n_m: f64,
+}
+
+impl Obstacle {
+    /// Stiffness of a table, N/m.
+    pub const TABLE_N_M: f64 = 10e3;
 }
 
 impl Default for Surroundings {
@@ -65,6 +83,7 @@ impl Default for Surroundings {
             stiffness: 1.0,
             payload_kg: 0.0,
             tip_force_n: [0.0; 3],
+            obstacle: None,
         }
     }
 }
@@ -205,6 +224,11 @@ impl Plant {
     /// Σ |dp/dt| over the chambers, Pa/s.
     pub fn activity_pa_s(&self) -> f64 {
         self.supply.activity_pa_s()
+    }
+
+    /// Force of the obstacle on the arm in the last step, N.
+    pub fn contact_n(&self) -> f64 {
+        self.loads.contact_n()
     }
 
     /// True geometry.

@@ -31,6 +31,13 @@ const OVER_S: f64 = 1.0;
 /// Short of air for so long: a warning, and SAFE, s.
 const WARN_S: f64 = 2.0;
 const SAFE_S: f64 = 10.0;
+/// A chamber that is off by more than this, and does not move towards its set pressure at this rate, is adrift, Pa
+/// and Pa/s.
+const ADRIFT_PA: f64 = 5e3;
+const APPROACH_PA_S: f64 = 1e3;
+/// Its approach is seen over so long, and being adrift for so long leads to SAFE, s.
+const APPROACH_OVER_S: f64 = 0.3;
+const ADRIFT_S: f64 = 0.3;
 /// A chamber that is well makes up for so many seconds of shortage per second.
 const FORGIVEN: f64 = 2.0;
 
@@ -51,6 +58,8 @@ struct Air {
     stamp: Stamp,
     /// Amounts of gas, J.
     amount_j: [f64; CHAMBERS],
+    /// Gauge pressures, Pa.
+    measured_pa: [f64; CHAMBERS],
     /// Set pressures less those that are, Pa.
     off_pa: [f64; CHAMBERS],
 }
@@ -61,12 +70,30 @@ pub(super) struct AirWatch {
     /// Oldest first.
     past: VecDeque<Air>,
     short_s: [f64; CHAMBERS],
+    adrift_s: [f64; CHAMBERS],
 }
 
 impl AirWatch {
     /// Forgets everything: the supplies were off.
     pub fn reset(&mut self) {
         *self = Self::default();
+    }
+
+    /// Whether a chamber is far from its set pressure and does not come nearer, however short a time.
+    pub fn drifts(&self) -> bool {
+        self.adrift_s.iter().any(|s| *s > 0.0)
+    }
+
+    /// The chamber that is far from its set pressure and does not come nearer, if one has been for long enough.
+    pub fn adrift(&self) -> Option<Short> {
+        let newest = self.past.back()?;
+        let chamber = (0..CHAMBERS).find(|i| self.adrift_s[*i] >= ADRIFT_S)?;
+        let set_pa = newest.measured_pa[chamber] + newest.off_pa[chamber];
+        Some(Short {
+            chamber,
+            pa: [newest.measured_pa[chamber], set_pa],
+            unsafe_now: true,
+        })
     }
 
     /// Takes in a frame of `stamp`: gauge pressures and what they should be (Pa), middle and end pad (base from
@@ -93,9 +120,27 @@ impl AirWatch {
             amount_j: std::array::from_fn(|i| {
                 (ATMOSPHERE_PA + chamber_pa[i]) * robot.area_m2 * length_m[i]
             }),
+            measured_pa: *chamber_pa,
             off_pa: std::array::from_fn(|i| set_pa[i] - chamber_pa[i]),
         });
         let newest = self.past.back().copied()?;
+        let ago = |over_s: f64| {
+            let recent = self.past.iter().rev();
+            recent
+                .take_while(|air| stamp.since(air.stamp) <= over_s + 1e-6)
+                .last()
+        };
+        if let (Some(before), Some(asked)) = (ago(APPROACH_OVER_S), ago(ADRIFT_S)) {
+            let over_s = stamp.since(before.stamp);
+            for i in 0..CHAMBERS {
+                // The controller lowers what it asks of a chamber that has lost its air: what was asked before counts.
+                let off_pa = asked.measured_pa[i] + asked.off_pa[i] - newest.measured_pa[i];
+                let moved_pa = newest.measured_pa[i] - before.measured_pa[i];
+                let approaches = moved_pa * off_pa.signum() >= APPROACH_PA_S * over_s;
+                let adrift = off_pa.abs() > ADRIFT_PA && !approaches;
+                self.adrift_s[i] = if adrift { self.adrift_s[i] + dt_s } else { 0.0 };
+            }
+        }
         let is_old = |air: &Air| stamp.since(air.stamp) >= OVER_S;
         while self.past.get(1).is_some_and(is_old) {
             self.past.pop_front();
@@ -123,8 +168,13 @@ impl AirWatch {
     }
 }
 
+/// Gauge pressure that the gas of a bellows of length `length_m` at `chamber_pa` would have at length `other_m`, Pa.
+pub(super) fn at_lengths_pa(chamber_pa: f64, length_m: f64, other_m: f64) -> f64 {
+    (ATMOSPHERE_PA + chamber_pa) * length_m / other_m - ATMOSPHERE_PA
+}
+
 /// Straight lengths of the bellows between their pads, m.
-fn lengths_m(robot: &RobotSpec, base_from_pad: &[Pose; 2]) -> [f64; CHAMBERS] {
+pub(super) fn lengths_m(robot: &RobotSpec, base_from_pad: &[Pose; 2]) -> [f64; CHAMBERS] {
     let down = Vector3::z() * -robot.pad_thickness_m;
     std::array::from_fn(|i| {
         let at = robot.bellows_m[i];

@@ -37,11 +37,50 @@ impl Twin {
         ))
     }
 
+    /// Lets simulated boards at a serial port be armed: the operator's explicit word.
+    pub fn accept_simulated_boards(&mut self) {
+        self.arming.accepts_simulated = true;
+    }
+
+    /// Why boards at a serial port may not be armed by what they are.
+    fn boards_refusal(&self) -> Option<String> {
+        let simulated = self.link.board_simulated;
+        let text = match simulated {
+            _ if self.link.practice => return None,
+            [Some(a), Some(b)] if a != b => {
+                "One board is simulated and the other is not: connect the two boards of one arm.".to_owned()
+            }
+            _ if simulated.contains(&Some(true)) && !self.arming.accepts_simulated => {
+                "The boards at this port are simulated: start with --accept-simulated-boards if that is meant.".to_owned()
+            }
+            _ => match (self.link.rig, self.arming.rig) {
+                ([Some(a), Some(b)], _) if a != b => format!(
+                    "The boards belong to two arms (numbers {a} and {b}): connect the two boards of one arm."
+                ),
+                ([Some(is), None] | [None, Some(is)], _) => format!(
+                    "One board is of arm {is} and the other has no number: connect the two boards of one arm, or \
+                     write the number to its EEPROM."
+                ),
+                ([Some(is), _], Some(wanted)) if is != wanted => format!(
+                    "This is arm {is}, but the calibration is of arm {wanted}: choose the calibration of this arm."
+                ),
+                _ => return None,
+            },
+        };
+        Some(text)
+    }
+
     /// Allows motion. Pressures and gripper stay as the boards report them.
     pub(super) fn arm(&mut self, events: &mut Vec<Event>) {
         match self.not_ready() {
             Some(reason) => self.refuse(reason, events),
-            None => self.hold(events),
+            None => {
+                let was_disarmed = matches!(self.phase, Phase::Disarmed);
+                self.hold(events);
+                if was_disarmed && !self.link.practice {
+                    self.check_gauges();
+                }
+            }
         }
     }
 
@@ -49,6 +88,13 @@ impl Twin {
     pub(super) fn hold_only(&mut self, events: &mut Vec<Event>) {
         self.arming.held_at = Some(self.now);
         let checked = self.check.take().is_some();
+        if self.arming.give_up() {
+            self.refuse(
+                "Held: the gauges were not checked to the end. Arm again.",
+                events,
+            );
+            return self.disarm(events);
+        }
         match &self.phase {
             Phase::Moving { .. } => self.hold(events),
             Phase::Hold if checked => {
@@ -75,13 +121,6 @@ impl Twin {
             .then(|| format!("Held {ago_s:.1} s ago: RESUME works {RESUME_OFF_S:.0} s after HOLD."))
     }
 
-    /// Keeps the gripper as it is when the rig is armed: what the boards report is what they are commanded.
-    pub(super) fn adopt_gripper(&mut self) {
-        if let Some(gripper) = self.link.gripper {
-            self.gripper = gripper;
-        }
-    }
-
     /// Why motion is not allowed now.
     pub(super) fn not_ready(&self) -> Option<String> {
         if let Phase::Safe(reason) = &self.phase {
@@ -99,12 +138,8 @@ impl Twin {
         {
             return Some("The boards have not left SAFE yet: wait a moment.".to_owned());
         }
-        if let Some(reason) = self.calibration_refusal() {
+        if let Some(reason) = self.boards_refusal().or_else(|| self.calibration_refusal()) {
             return Some(reason);
-        }
-        if matches!(self.phase, Phase::Disarmed) && self.link.gripper.is_none() {
-            let text = "The boards have not yet reported whether the gripper is open or closed: wait a moment.";
-            return Some(text.to_owned());
         }
         match self.last_frame {
             None => Some("No data from the boards yet: connect a rig first.".to_owned()),

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::state::{Check, Phase, Then, Twin};
 use crate::control::Gains;
+use crate::link::Order;
 use crate::sensing::Calibration;
 use crate::signal::Gripper;
 use crate::twin::command::{Command, Event};
@@ -19,21 +20,42 @@ impl Twin {
         });
     }
 
+    pub(super) fn disarm(&mut self, events: &mut Vec<Event>) {
+        self.enter(Phase::Disarmed, events);
+        self.command = None;
+        self.check = None;
+        self.paused = None;
+    }
+
     pub(super) fn handle(&mut self, command: &Command, events: &mut Vec<Event>) {
         match command {
-            Command::Stop => self.go_safe("stopped by the operator", events),
+            Command::Stop => {
+                self.stopped_at = Some(self.now);
+                // Boards that vent in SAFE are stopped, too.
+                if self.is_safe() {
+                    self.orders.push(Order::Stop);
+                }
+                self.go_safe("stopped by the operator", events);
+            }
+            Command::Reset if self.stopped_at == Some(self.now) => {
+                self.refuse(
+                    "STOP was pressed at the same time: press Reset again.",
+                    events,
+                );
+            }
+            Command::Reset if self.link.stop_open => self.refuse(
+                "The emergency stop is pressed: release it, then press Reset.",
+                events,
+            ),
             Command::Reset => {
                 if self.is_safe() {
-                    self.reset_at = Some(self.now);
-                    self.enter(Phase::Disarmed, events);
+                    self.reset(events);
                 }
             }
+            Command::Vent => self.vent(events),
             Command::Disarm => {
                 if !self.is_safe() {
-                    self.enter(Phase::Disarmed, events);
-                    self.command = None;
-                    self.check = None;
-                    self.paused = None;
+                    self.disarm(events);
                 }
             }
             Command::Arm => self.arm(events),
@@ -86,8 +108,16 @@ impl Twin {
             Command::Grip(_) if matches!(self.phase, Phase::Disarmed | Phase::Safe(_)) => {
                 self.refuse("Not armed: the gripper stays as it is.", events);
             }
+            Command::Grip(Gripper::Open)
+                if self.payload_kg > 0.0 && matches!(self.phase, Phase::Moving { .. }) =>
+            {
+                self.refuse(
+                    "The arm moves with a load: hold it first, then open the gripper.",
+                    events,
+                );
+            }
             Command::Grip(gripper) => {
-                self.gripper = *gripper;
+                self.gripper = Some(*gripper);
                 if *gripper == Gripper::Open
                     && let Some(kg) = self.before_grip_kg.take()
                 {

@@ -2,8 +2,8 @@
 
 use super::state::{Check, Phase, Then, Twin};
 use crate::control::{ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
-use crate::signal::{CHAMBERS, Goal, Reach, ReachState};
-use crate::task::{Plan, Routine, Target, allowed};
+use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState};
+use crate::task::{Leg, Plan, Routine, Target, allowed};
 use crate::twin::command::Event;
 
 /// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
@@ -18,6 +18,9 @@ const GIVE_UP_M: f64 = 15e-3;
 impl Twin {
     /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
     fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
+        if let Some(reason) = self.kept_out(goal) {
+            return Err(reason);
+        }
         let gains = judging_gains(self.controller.plant_gains());
         let ask = |seeds: &[StartSample], proposes: bool| {
             let config = ReachConfig {
@@ -58,6 +61,20 @@ impl Twin {
             let (kg, most) = (stop.payload_kg, self.robot.payload_max_kg);
             return self.refuse(
                 format!("The plan lifts {kg} kg, but the arm carries 0 to {most} kg: nothing was started."),
+                events,
+            );
+        }
+        let mut grips = plan.legs.iter().filter_map(|leg| match leg {
+            Leg::Grip { gripper, .. } => Some(*gripper),
+            _ => None,
+        });
+        if self.payload_kg > 0.0 && grips.next() == Some(Gripper::Open) {
+            let grams = self.payload_kg * 1e3;
+            return self.refuse(
+                format!(
+                    "The plan begins by opening the gripper, which holds {grams:.0} g: nothing was started. Let the load \
+                     go by hand first."
+                ),
                 events,
             );
         }
@@ -135,7 +152,8 @@ impl Twin {
                 }
             }
         }
-        if check.reaches.len() < check.stops.len() {
+        let must_wait = matches!(check.then, Then::Begin(_)) && self.arming.is_checking();
+        if check.reaches.len() < check.stops.len() || must_wait {
             self.check = Some(check);
             return;
         }
@@ -207,6 +225,15 @@ impl Twin {
             return self.refuse(reason, events);
         }
         match allowed(&reach) {
+            // What begins waits for the gauges.
+            Ok(()) if self.arming.is_checking() => {
+                let plan = Plan::goto(goal);
+                self.check = Some(Check {
+                    stops: plan.stops(self.payload_kg),
+                    reaches: Vec::new(),
+                    then: Then::Begin(plan),
+                });
+            }
             Ok(()) => {
                 self.check = None;
                 let routine = Routine::new(

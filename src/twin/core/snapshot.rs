@@ -2,6 +2,7 @@
 
 use super::state::{Phase, Twin};
 use crate::control::Stopwatch;
+use crate::link::Order;
 use crate::sensing::Calibration;
 use crate::signal::{GroundTruth, LinkStatus, Mode, RoutineStatus, Snapshot};
 use crate::task::Target;
@@ -25,6 +26,11 @@ impl Twin {
     /// Takes the state of the link.
     pub fn observe_link(&mut self, link: LinkStatus) {
         self.link = link;
+    }
+
+    /// Orders to the boards, oldest first; taken once.
+    pub fn take_orders(&mut self) -> Vec<Order> {
+        std::mem::take(&mut self.orders)
     }
 
     /// Whether the boards must stop.

@@ -4,9 +4,12 @@ use std::collections::VecDeque;
 
 use super::air::{AirWatch, Short};
 use super::arming::Arming;
+use super::contact::ContactWatch;
 use super::delays::Delays;
+use super::pumps::PumpWatch;
 use crate::control::{Controller, Gains, SEGMENTS};
 use crate::learn::PoseEval;
+use crate::link::Order;
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::signal::{
@@ -23,6 +26,8 @@ pub(super) const STALE_WARN_S: f64 = 0.030;
 pub(super) const STALE_SAFE_S: f64 = 0.100;
 /// Frames count as late when all of so many seconds are: a clock that jumped is put right sooner.
 pub(super) const LATE_OVER_S: f64 = 0.5;
+/// A loop that did not tick for longer than this while the arm was held or moved ends in SAFE, s.
+pub(super) const STOOD_STILL_S: f64 = 0.150;
 /// So many springs must be usable for motion.
 pub(super) const SPRINGS_NEEDED: usize = 9;
 /// After so many frames in a row with signals that can be neither read nor reconstructed, the twin does not move.
@@ -93,13 +98,24 @@ pub struct Twin {
     pub(super) unsolved_at: Option<Stamp>,
     pub(super) command: Option<PressureCommand>,
     pub(super) held_pa: Option<[f64; CHAMBERS]>,
-    pub(super) gripper: Gripper,
+    /// What was last asked of the gripper; until then it stays as it is.
+    pub(super) gripper: Option<Gripper>,
     /// What was declared before a plan closed the gripper, kg.
     pub(super) before_grip_kg: Option<f64>,
     pub(super) payload_kg: f64,
     pub(super) last_frame: Option<Stamp>,
     /// When frames arrived and how old they were then, s; of the last [`LATE_OVER_S`].
     pub(super) lateness_s: VecDeque<(Stamp, f64)>,
+    /// Orders to the boards besides set pressures, oldest first.
+    pub(super) orders: Vec<Order>,
+    pub(super) pumps: PumpWatch,
+    pub(super) contact: ContactWatch,
+    /// Whether pushes are meant.
+    pub(super) expects_pushes: bool,
+    /// When STOP was last pressed.
+    pub(super) stopped_at: Option<Stamp>,
+    /// Whether a virtual rig that had just started was let go.
+    pub(super) has_greeted: bool,
     /// When SAFE was last left.
     pub(super) reset_at: Option<Stamp>,
     pub(super) bad_frames: u32,
@@ -142,11 +158,17 @@ impl Twin {
             unsolved_at: None,
             command: None,
             held_pa: None,
-            gripper: Gripper::Open,
+            gripper: None,
             before_grip_kg: None,
             payload_kg: 0.0,
             last_frame: None,
             lateness_s: VecDeque::new(),
+            orders: Vec::new(),
+            pumps: PumpWatch::default(),
+            contact: ContactWatch::default(),
+            expects_pushes: false,
+            stopped_at: None,
+            has_greeted: false,
             reset_at: None,
             bad_frames: 0,
             blind_frames: 0,

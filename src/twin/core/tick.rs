@@ -1,6 +1,7 @@
 //! One tick: from raw frames to a pressure command.
 
-use super::state::{Phase, Twin};
+use super::state::{Phase, STOOD_STILL_S, Twin};
+use super::watch::{REMEDY_BUSY, busy_for};
 use crate::control::{Maps as ControlMaps, StepInput};
 use crate::learn::estimate;
 use crate::signal::{Gripper, PressureCommand, RawFrame, Stamp};
@@ -15,13 +16,22 @@ impl Twin {
         raw: Option<RawFrame>,
         commands: &[Command],
     ) -> (Option<PressureCommand>, Vec<Event>) {
+        let stood_still_s = now.since(self.now);
         self.now = now;
         self.delays.tick(now, self.link.host_delay);
         let mut events = Vec::new();
         if let Some(raw) = raw {
             self.absorb(raw);
         }
+        let is_on = matches!(self.phase, Phase::Hold | Phase::Moving { .. });
         self.watch(&mut events);
+        if is_on && stood_still_s > STOOD_STILL_S {
+            let reason = format!(
+                "{}, so the control loop stood still",
+                busy_for(stood_still_s)
+            );
+            self.go_safe_for(&reason, REMEDY_BUSY, &mut events);
+        }
         for command in commands {
             self.handle(command, &mut events);
         }
@@ -85,9 +95,10 @@ impl Twin {
         if matches!(self.phase, Phase::Disarmed)
             && matches!(phase, Phase::Hold | Phase::Moving { .. })
         {
-            self.adopt_gripper();
+            self.gripper = None;
         }
         self.phase = phase;
+        self.contact.begin();
         self.sensor_ref = None;
         events.push(Event::Mode {
             stamp: self.now,
@@ -106,7 +117,11 @@ impl Twin {
                 self.command = None;
                 return None;
             }
-            Phase::Hold => self.held_pa.unwrap_or(sensors.chamber_pa),
+            Phase::Hold => {
+                let held_pa = self.held_pa.unwrap_or(sensors.chamber_pa);
+                let offset_pa = self.arming.offset_pa();
+                std::array::from_fn(|i| held_pa[i] + offset_pa[i])
+            }
             Phase::Moving { routine, steps } => {
                 let (estimate, eval) = (self.estimate.as_ref()?, self.eval.as_ref()?);
                 *steps += 1;
@@ -125,7 +140,7 @@ impl Twin {
                                 Gripper::Closed => Some(self.payload_kg),
                                 Gripper::Open => None,
                             };
-                            self.gripper = gripper;
+                            self.gripper = Some(gripper);
                             self.payload_kg = payload_kg;
                             let what = match gripper {
                                 Gripper::Closed => "closes on",

@@ -2,18 +2,19 @@
 
 use std::cmp::Reverse;
 
+use super::air::Short;
 use super::state::{
     BLIND_FRAMES, LATE_OVER_S, Phase, REMEDY, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin,
 };
-use crate::link::fault_words;
 use crate::link::wire::fault;
+use crate::link::{Order, fault_words};
 use crate::signal::{
     Alarm, AlarmCause, AlarmKey, BOARDS, CHAMBERS, ChannelHealth, Severity, Stamp, TOO_FEW_SENSORS,
 };
 use crate::twin::command::Event;
 
 /// The same after this computer was busy.
-const REMEDY_BUSY: &str = "Close other programs";
+pub(super) const REMEDY_BUSY: &str = "Close other programs";
 /// The same when boards are silent.
 const REMEDY_BOARDS: &str = "Check their power and the USB cable";
 /// The same when a virtual rig in a process of its own is silent.
@@ -30,7 +31,7 @@ const RESET_ACTS_S: f64 = 0.5;
 const LOSS_MIN_FRAMES: u64 = 50;
 
 /// Alarms that hold now, before it is known since when.
-type Found = Vec<(Severity, AlarmCause)>;
+pub(super) type Found = Vec<(Severity, AlarmCause)>;
 
 impl Twin {
     /// Alarms, and SAFE when the data are too old, too wrong or too few.
@@ -41,6 +42,9 @@ impl Twin {
         self.watch_boards(moving, &mut found, events);
         self.watch_sensors(moving, &mut found, events);
         self.watch_pressure(moving, &mut found, events);
+        self.watch_pumps(&mut found, events);
+        self.watch_contact(events);
+        self.go_on_checking_gauges(events);
         if moving
             && self
                 .unsolved_at
@@ -123,19 +127,29 @@ impl Twin {
                 .busy_s()
                 .filter(|_| faults & fault::HEARTBEAT_LOST != 0);
             if moving && let Some(busy_s) = busy_s {
-                let reason = format!("{}, so the boards switched their pumps off", busy(busy_s));
+                let reason = format!(
+                    "{}, so the boards switched their pumps off",
+                    busy_for(busy_s)
+                );
                 self.go_safe_for(&reason, REMEDY_BUSY, events);
             } else if moving {
                 self.go_safe(
                     &format!("the boards switched their pumps off: {words}"),
                     events,
                 );
+            } else if faults & fault::LATCHING == fault::SAFE | fault::BOOTED
+                && self.link.practice
+                && !self.has_greeted
+            {
+                // A virtual rig that this program has just made: nobody has to look at it first.
+                self.has_greeted = true;
+                self.reset(events);
             } else if self
                 .reset_at
                 .is_none_or(|at| self.now.since(at) > RESET_ACTS_S)
             {
-                // From before this twin was there, or from elsewhere.
-                self.go_safe(&format!("the boards are latched: {words}"), events);
+                // From before this twin was there, or from elsewhere: the cause stays as the boards report it.
+                self.enter_safe(&format!("the boards are latched: {words}"), REMEDY, events);
             }
         }
         if let Some(ratio) = self.loss_ratio()
@@ -149,7 +163,7 @@ impl Twin {
                 );
                 match busy_s {
                     Some(busy_s) => {
-                        let reason = format!("{}, so {text}", busy(busy_s));
+                        let reason = format!("{}, so {text}", busy_for(busy_s));
                         self.go_safe_for(&reason, REMEDY_BUSY, events);
                     }
                     None => self.go_safe(&text, events),
@@ -197,6 +211,14 @@ impl Twin {
             };
             found.push((Severity::Critical, cause));
         }
+        if moving && let Some(Short { chamber, pa, .. }) = self.air.adrift() {
+            let [measured, set] = pa.map(|pa| pa * 1e-3);
+            let text = format!(
+                "chamber {} is at {measured:+.1} kPa instead of {set:+.1} and does not follow: look at its hose",
+                chamber + 1
+            );
+            self.go_safe(&text, events);
+        }
         if let Some(short) = self.short {
             if moving && short.unsafe_now {
                 let text = format!("chamber {} does not hold its pressure", short.chamber + 1);
@@ -238,7 +260,7 @@ impl Twin {
     /// Why data have been missing for too long, and what to do about it.
     fn why_stale(&self, busy_s: Option<f64>) -> (String, &'static str) {
         if let Some(busy_s) = busy_s {
-            let text = format!("{}, so the boards' data came too late", busy(busy_s));
+            let text = format!("{}, so the boards' data came too late", busy_for(busy_s));
             return (text, REMEDY_BUSY);
         }
         let (who, remedy) = match self.link.practice {
@@ -286,11 +308,33 @@ impl Twin {
         (all >= LOSS_MIN_FRAMES).then(|| lost as f64 / all as f64)
     }
 
+    /// Leaves SAFE.
+    pub(super) fn reset(&mut self, events: &mut Vec<Event>) {
+        self.reset_at = Some(self.now);
+        self.pumps.forget();
+        self.orders.push(Order::Reset);
+        if self.is_safe() {
+            self.enter(Phase::Disarmed, events);
+        }
+    }
+
     pub(super) fn go_safe(&mut self, reason: &str, events: &mut Vec<Event>) {
         self.go_safe_for(reason, REMEDY, events);
     }
 
-    fn go_safe_for(&mut self, reason: &str, remedy: &'static str, events: &mut Vec<Event>) {
+    pub(super) fn go_safe_for(
+        &mut self,
+        reason: &str,
+        remedy: &'static str,
+        events: &mut Vec<Event>,
+    ) {
+        if !self.is_safe() {
+            self.orders.push(Order::Stop);
+            self.enter_safe(reason, remedy, events);
+        }
+    }
+
+    fn enter_safe(&mut self, reason: &str, remedy: &'static str, events: &mut Vec<Event>) {
         if self.is_safe() {
             return;
         }
@@ -304,6 +348,6 @@ impl Twin {
 }
 
 /// Message about a computer that did not run this program for `busy_s`.
-fn busy(busy_s: f64) -> String {
+pub(super) fn busy_for(busy_s: f64) -> String {
     format!("this computer was busy for {:.0} ms", busy_s * 1e3)
 }

@@ -37,8 +37,7 @@ impl Port for Reporting {
         self.frames.poll(now)
     }
     fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}
-    fn estop(&mut self, _now: Stamp) {}
-    fn reset(&mut self, _now: Stamp) {}
+    fn order(&mut self, _now: Stamp, _order: Order) {}
 }
 
 impl Drop for Reporting {
@@ -171,7 +170,7 @@ fn running(port: Box<dyn Port>) -> (Handle, std::thread::JoinHandle<()>) {
         reason = "the twin's thread keeps real time"
     )]
     let start = std::time::Instant::now();
-    spawn(runner, start, Vec::new(), || {}).expect("a thread")
+    spawn(runner, start, Vec::new(), |_| {}).expect("a thread")
 }
 
 fn wait_until(what: &str, mut is: impl FnMut() -> bool) {

@@ -47,7 +47,7 @@ fn a_thread_that_is_not_run_stops_simulated_time_and_nothing_else() {
     let robot = RobotSpec::reference();
     let runner = Runner::new(twin(), Box::new(rig()), &robot);
     let mut ticks = 0;
-    let stalls = move || {
+    let stalls = move |_: &Snapshot| {
         ticks += 1;
         if ticks == 200 {
             std::thread::sleep(STALL);
@@ -170,8 +170,7 @@ impl Port for Chatty {
         arrivals
     }
     fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}
-    fn estop(&mut self, _now: Stamp) {}
-    fn reset(&mut self, _now: Stamp) {}
+    fn order(&mut self, _now: Stamp, _order: Order) {}
 }
 
 /// What is drawn is settled by nobody in a run without a window, and beside the tick elsewhere.

@@ -3,8 +3,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use springtwin::link::wire::{Body, Config, Decoder, Hello, Packet, SCHEMA_HASH, Sample, encode};
-use springtwin::link::{HostSession, Origin};
+use springtwin::link::wire::{
+    Body, Config, Decoder, Hello, Packet, SCHEMA_HASH, Sample, VERSION, encode,
+};
+use springtwin::link::{HostSession, Order, Origin};
 use springtwin::signal::{Gripper, PressureCommand, PressureLimits, Stamp};
 
 /// Takes what the target needs off the front of the input.
@@ -54,7 +56,11 @@ impl Script<'_> {
         let kind = self.u8();
         let body = match kind & 7 {
             0 | 1 => Body::Hello(Hello {
-                protocol: if kind & 8 == 0 { 1 } else { self.u16() },
+                protocol: if kind & 8 == 0 {
+                    u16::from(VERSION)
+                } else {
+                    self.u16()
+                },
                 schema: if kind & 16 == 0 {
                     SCHEMA_HASH
                 } else {
@@ -72,6 +78,7 @@ impl Script<'_> {
                 } else {
                     self.u32()
                 },
+                rig: u32::from(self.u8()),
             }),
             2..=4 => Body::Sample(self.sample()),
             5 => Body::Pong {
@@ -134,8 +141,13 @@ fuzz_target!(|data: &[u8]| {
                     host.disconnected(now, "unplugged");
                 }
             }
-            9 => host.estop(),
-            10 => host.reset(),
+            9 => host.order(match script.u8() & 3 {
+                0 => Order::Stop,
+                1 => Order::CutSupply,
+                2 => Order::Vent,
+                _ => Order::Reset,
+            }),
+            10 => host.control_is_alive(script.u8() & 1 == 0),
             _ => {
                 let pa = f64::from(script.u16()) * 4.0 - 100e3;
                 let gripper = Gripper::Open;

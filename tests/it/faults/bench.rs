@@ -3,13 +3,16 @@
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use springtwin::rig::VirtualRig;
+use springtwin::lab::units::Lab;
+use springtwin::link::HostSession;
+use springtwin::rig::{RigOptions, VirtualRig};
+use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, Goal, Mode, Snapshot, Stamp};
 use springtwin::twin::{Command, Event, Runner, SETTLING_FRAMES, TICK_S};
 
 use crate::conformance::firmware_folder;
 pub use crate::lockstep::Moment;
-use crate::lockstep::{World, runner};
+use crate::lockstep::{World, runner, runner_of, twin_with};
 
 /// What the rig's boards are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,21 +39,39 @@ pub struct Bench {
 }
 
 /// Carries out a case, once the boards are there and the filters have settled.
-pub fn case(boards: Boards, act: impl Fn(&mut Bench)) {
-    let mut bench = Bench::new(boards);
+pub fn case(boards: Boards, act: impl FnOnce(&mut Bench)) {
+    case_of(&RigOptions::default(), boards, act);
+}
+
+/// The same, of a rig that is not the default one.
+pub fn case_of(options: &RigOptions, boards: Boards, act: impl FnOnce(&mut Bench)) {
+    act_on(Bench::new(options, boards, None), act);
+}
+
+/// The same of a unit with emulated boards after its lab's calibration.
+pub fn case_in_lab(options: &RigOptions, lab: Option<&Lab>, act: impl FnOnce(&mut Bench)) {
+    act_on(Bench::new(options, Boards::Emulated, lab), act);
+}
+
+fn act_on(mut bench: Bench, act: impl FnOnce(&mut Bench)) {
     let settled = |b: &Bench| b.now.link.connected && b.now.link.frames > SETTLING_FRAMES + 150;
     bench.until("the boards are there", 20.0, settled);
+    bench.reset();
     act(&mut bench);
 }
 
 impl Bench {
-    fn new(boards: Boards) -> Self {
-        let mut world = match boards {
-            Boards::Emulated => World::new(None),
-            Boards::Firmware => World::new(Some(&firmware_folder())),
-        };
+    fn new(options: &RigOptions, boards: Boards, lab: Option<&Lab>) -> Self {
+        let folder = (boards == Boards::Firmware).then(firmware_folder);
+        let mut world = World::of(options, folder.as_deref());
         world.moments = Some(Vec::with_capacity(100_000));
-        let (runner, world) = runner(world);
+        let (runner, world) = match lab {
+            None => runner(world),
+            Some(lab) => {
+                let (networks, curves) = (lab.networks.clone(), lab.calibration.clone());
+                runner_of(world, twin_with(&RobotSpec::reference(), networks, curves))
+            }
+        };
         Self {
             world,
             runner: Some(runner),
@@ -126,7 +147,27 @@ impl Bench {
     pub fn go(&mut self, target_m: [f64; 3]) {
         self.tell(Command::Arm);
         self.tell(Command::Goto(Goal::position(target_m)));
-        self.until("the arm moves", 3.0, |b| b.now.mode == Mode::Moving);
+        // The gauges are checked first where the boards are at a port.
+        self.until("the arm moves", 20.0, |b| b.now.mode == Mode::Moving);
+    }
+
+    /// Leaves SAFE, and waits until the filters have settled.
+    pub fn reset(&mut self) {
+        self.tell(Command::Reset);
+        self.until("it is reset", 2.0, |b| b.now.mode == Mode::Disarmed);
+        self.run(0.6);
+    }
+
+    /// The program's control loop does not tick for so long, while its link goes on.
+    pub fn stall(&mut self, for_s: f64) {
+        self.ticks += (for_s / TICK_S).round() as u64;
+        let t_s = self.t_s();
+        self.world().run_to(t_s);
+    }
+
+    /// Does something to the host's end of the link, now.
+    pub fn link(&self, deed: impl FnOnce(&mut HostSession)) {
+        deed(&mut self.world().host);
     }
 
     /// Does something to the rig, now; gives the time (s).
@@ -142,17 +183,20 @@ impl Bench {
 
     /// When the pumps of all boards were off after `from_s`, s.
     pub fn pumps_off_s(&self, from_s: f64) -> Option<f64> {
-        let moments = self.moments();
-        let off = moments
-            .iter()
-            .find(|m| m.t_s >= from_s && m.pumps == [false; BOARDS])?;
-        Some(off.t_s)
+        let world = self.world();
+        let moments = world.moments.as_deref().unwrap_or_default();
+        let from = moments.partition_point(|m| m.t_s < from_s);
+        let off = moments[from..].iter();
+        off.map(|m| (m.t_s, m.pumps))
+            .find(|(_, pumps)| *pumps == [false; BOARDS])
+            .map(|(t_s, _)| t_s)
     }
 
     /// Whether a pump ran between two times (s).
     pub fn pumps_ran(&self, from_s: f64, to_s: f64) -> bool {
         let within = |m: &&Moment| (from_s..to_s).contains(&m.t_s);
-        let moments = self.moments();
+        let world = self.world();
+        let moments = world.moments.as_deref().unwrap_or_default();
         moments
             .iter()
             .filter(within)
@@ -173,6 +217,17 @@ impl Bench {
     pub fn event_s(&self, from_s: f64, words: &str) -> Option<f64> {
         let found = |(t_s, text): &&(f64, String)| *t_s >= from_s && text.contains(words);
         self.events.iter().find(found).map(|(t_s, _)| *t_s)
+    }
+
+    /// The pushes that follow are meant.
+    pub fn expect_pushes(&mut self) {
+        let runner = self.runner.as_mut().expect("the program lives");
+        runner.twin.expect_pushes();
+    }
+
+    /// Keeps no moments of the rig from now on.
+    pub fn forget_moments(&self) {
+        self.world().moments = None;
     }
 
     /// Ends the recording that runs. Waits for the disk.

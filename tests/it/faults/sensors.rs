@@ -187,6 +187,7 @@ fn pressures_that_are_used_up() {
         });
         let told_s = b.event_s(from_s, "cannot be reached").expect("told") - from_s;
         assert!(told_s <= 2.0, "{told_s}");
+        b.expect_pushes();
         // A pull that takes all of a segment's pressure: the controller runs into the limits and must come off
         // them at once when the pull ends.
         b.go(FAR_M);

@@ -20,16 +20,21 @@ struct Plan {
 
 impl Plan {
     fn new(welcome: bool) -> Self {
+        Self::of(welcome, springtwin::signal::Mode::AtGoal)
+    }
+
+    fn of(welcome: bool, mode: springtwin::signal::Mode) -> Self {
         use springtwin::gui::App;
         use springtwin::gui::screens::ScreenId;
         use springtwin::robot::RobotSpec;
-        use springtwin::signal::{LinkStatus, Mode, Snapshot};
+        use springtwin::signal::{LinkStatus, Snapshot};
         // As at rest at a goal on the virtual rig: nothing above the panels.
         let snapshot = Snapshot {
-            mode: Mode::AtGoal,
+            mode,
             link: LinkStatus {
                 connected: true,
                 simulated: true,
+                practice: true,
                 source: "virtual rig".into(),
                 ..LinkStatus::default()
             },
@@ -156,4 +161,90 @@ fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_key
     );
     keys(&display, &["key", "shift+Escape"]);
     wait_for(&log, "SAFE (stopped by the operator)");
+}
+
+/// Brings the arm into motion from a window that shows Operate.
+fn set_out(display: &str, plan: &Plan, log: &Receiver<String>, to_mm: [&str; 3]) {
+    for (field, text) in ["x", "y", "z"].into_iter().zip(to_mm) {
+        plan.fill(display, &format!("Target {field} in mm"), text);
+    }
+    keys(display, &["key", "Return"]);
+    std::thread::sleep(Duration::from_secs(5));
+    plan.click(display, "▶ Go");
+    wait_for(log, "Mode: moving");
+    std::thread::sleep(Duration::from_millis(500));
+    motions(log);
+}
+
+/// Pressed long, dragged, and twice in a hurry, in a real window.
+#[test]
+fn stop_and_hold_take_every_press() {
+    let (_server, display) = display();
+    let dir = scratch("stop-and-hold");
+    let (_program, log) = start(&display, &dir);
+    wait_for(&log, "Board 2 is ready");
+    std::thread::sleep(Duration::from_secs(5));
+    let focus = [
+        "search",
+        "--onlyvisible",
+        "--name",
+        "springtwin",
+        "windowfocus",
+    ];
+    mouse(&display, &focus);
+    std::thread::sleep(Duration::from_secs(2));
+    Plan::new(true).click(&display, "Close the welcome");
+    let plan = Plan::new(false);
+    let down = |label: &str| {
+        let [x, y] = plan.at(label);
+        mouse(&display, &["mousemove", &x, &y]);
+        std::thread::sleep(Duration::from_millis(300));
+        mouse(&display, &["mousedown", "1"]);
+    };
+    let up = || mouse(&display, &["mouseup", "1"]);
+    // HOLD twice, 100 to 600 ms apart: it holds, and goes on holding.
+    for (apart_ms, to_mm) in [
+        (100, ["60", "40", "-300"]),
+        (300, ["0", "0", "-310"]),
+        (600, ["60", "40", "-300"]),
+    ] {
+        set_out(&display, &plan, &log, to_mm);
+        for _ in 0..2 {
+            down("▮▮ HOLD");
+            up();
+            std::thread::sleep(Duration::from_millis(apart_ms));
+        }
+        std::thread::sleep(Duration::from_secs(2));
+        let said = motions(&log);
+        assert!(
+            said.len() == 1 && said[0].contains("Mode: hold"),
+            "{apart_ms} ms: {said:?}"
+        );
+    }
+    // STOP kept down for two seconds, and one that slides by 17 pixels.
+    for drags in [false, true] {
+        let to_mm = if drags {
+            ["60", "40", "-300"]
+        } else {
+            ["0", "0", "-310"]
+        };
+        set_out(&display, &plan, &log, to_mm);
+        down("■ STOP");
+        wait_for(&log, "SAFE (stopped by the operator)");
+        if drags {
+            mouse(&display, &["mousemove_relative", "17", "0"]);
+        }
+        std::thread::sleep(Duration::from_secs(2));
+        up();
+        std::thread::sleep(Duration::from_secs(1));
+        let said = motions(&log);
+        assert!(said.iter().all(|l| !l.contains("moving")), "{said:?}");
+        photograph(
+            &display,
+            &dir.join(if drags { "dragged.png" } else { "kept.png" }),
+        );
+        Plan::of(false, springtwin::signal::Mode::Safe("stopped".into())).click(&display, "Reset");
+        wait_for(&log, "Mode: disarmed");
+        std::thread::sleep(Duration::from_secs(2));
+    }
 }

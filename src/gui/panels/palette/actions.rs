@@ -139,14 +139,14 @@ fn twin(all: &mut List, known: &Known<'_>) {
     all.add("Hold", "pause wait", hold, Choice::Twin(Command::Hold));
     all.by("Space");
     let held = check(
-        s.link.simulated,
+        !s.link.moves_hardware(),
         "Hardware moves: keep RESUME in the top bar pressed.",
     );
     let resume = there.clone().and(known.may_resume.clone()).and(held);
     let task = Choice::Twin(Command::Resume);
     all.add("Resume the plan on hold", "continue go on", resume, task);
     let simulated = check(
-        s.link.simulated,
+        !s.link.moves_hardware(),
         "Hardware is armed in the Target panel, after its checks.",
     );
     let armed = check(s.mode == Mode::Disarmed, "The arm is not disarmed.");
@@ -175,7 +175,12 @@ fn twin(all: &mut List, known: &Known<'_>) {
         ("Open the gripper", Gripper::Open),
         ("Close the gripper", Gripper::Closed),
     ] {
-        let gate = there.clone().and(gripper_gate(live));
+        let drops = gripper == Gripper::Open && s.link.moves_hardware() && s.payload_kg > 0.0;
+        let falls = check(
+            !drops,
+            "The load would fall: hold the button in the Target panel.",
+        );
+        let gate = there.clone().and(gripper_gate(live)).and(falls);
         all.add(
             name,
             "hand grip",

@@ -148,6 +148,12 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
         let text = "⊗ The twin has stopped: nothing is controlled. Restart the program.";
         say(p.critical_fill, p.on_critical, text.into(), false, None);
     }
+    if let Some(silent_s) = input.silent_s {
+        let text = format!(
+            "⊗ Control silent for {silent_s:.1} s: what is shown is old. STOP still reaches the boards, which stop by themselves."
+        );
+        say(p.critical_fill, p.on_critical, text, false, None);
+    }
     if let Mode::Safe(reason) = &s.mode {
         let hover = "Leave SAFE. The arm stays disarmed until the next Go.";
         let button = ("Reset", hover, Press::Twin(Command::Reset));

@@ -71,6 +71,7 @@ fn cancel_gives_the_twin_the_calibration_from_before() {
 fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
     let mut s = fixture::snapshot(1.0);
     s.link.simulated = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
     s.mode = Mode::Disarmed;
     let (twin, handle) = twin(s);
     let mut h = opened(handle, services(&Shelf::default()));
@@ -109,6 +110,7 @@ fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
     // Disarmed hardware is not moved from here.
     let mut s = fixture::snapshot(3.0);
     s.link.simulated = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
     s.mode = Mode::Disarmed;
     twin.publish(s);
     h.run_steps(2);

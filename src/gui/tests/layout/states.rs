@@ -104,6 +104,7 @@ fn safe(s: &mut Snapshot) {
 
 fn hardware(s: &mut Snapshot) {
     s.link.simulated = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
     s.link.source = "/dev/ttyACM0,/dev/ttyACM1".into();
     s.mode = Mode::Disarmed;
 }

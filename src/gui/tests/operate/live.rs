@@ -266,7 +266,7 @@ fn pick_and_place_leaves_the_object_at_the_place_with_the_gripper_open() {
     println!("object let go {off_mm:.2} mm from its place (simulated)");
     assert!(!object.held && off_mm < 3.0, "{object:?}");
     let command = bench.snapshot.command.as_ref().expect("it holds its place");
-    assert_eq!(command.gripper(), Gripper::Open);
+    assert_eq!(command.gripper(), Some(Gripper::Open));
     assert_eq!(bench.snapshot.payload_kg, 0.0);
     let over_m = [place_m[0], place_m[1], place_m[2] + 0.02];
     assert!(off_m(bench.tip_m(), over_m) < 3e-3, "{}", bench.tip_m());

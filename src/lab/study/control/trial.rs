@@ -11,8 +11,9 @@ use rayon::prelude::*;
 use crate::control::Gains;
 use crate::drive::measures::{self, MoveMeasures, PathMeasures};
 use crate::drive::{
-    BASKET_M, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Script, Shape,
-    TwinBuilder, drive, fruit, longest_s, objects, of_pick_place, rig_options,
+    BASKET_M, Drive, Driven, Instruments, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures,
+    Resets, Script, Shape, TwinBuilder, drive, fruit, longest_s, objects, of_pick_place,
+    rig_options,
 };
 use crate::lab::study::setup::Setup;
 use crate::lab::{threads, units};
@@ -140,6 +141,11 @@ pub fn run(
         .calibration(calibration.clone())
         .maps(maps.clone())
         .gains(trial.gains)
+        .instruments(Instruments {
+            // Who scripts a disturbance means it.
+            expect_pushes: trial.script.is_some(),
+            ..Instruments::default()
+        })
         .script(trial.script);
     let what = Drive {
         plan: plan.clone(),
@@ -147,7 +153,7 @@ pub fn run(
         seconds,
         after_s: trial.after_s,
         record: None,
-        reset: false,
+        reset: Resets::default(),
     };
     let driven = drive(twin, &what, None)?;
     let measured = match &trial.task {

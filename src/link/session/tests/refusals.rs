@@ -53,6 +53,7 @@ fn mismatches_refuse_and_say_which() {
         tick_rate_hz: TICK_RATE_HZ,
         boot_nonce: 9,
         config_crc: Config::built_in().crc(),
+        rig: NO_RIG,
     };
     let other_schema = Hello {
         schema: 0xdead_beef,
@@ -63,7 +64,7 @@ fn mismatches_refuse_and_say_which() {
         ..good
     };
     for (hello, version, word) in [
-        (good, 2, "protocol version 2"),
+        (good, 1, "protocol version 1"),
         (other_schema, VERSION, "layout deadbeef"),
         (other_config, VERSION, "pressure limits"),
     ] {

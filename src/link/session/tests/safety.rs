@@ -28,6 +28,9 @@ fn a_rebooted_board_never_moves_by_itself() {
         assert!(w.frames.iter().all(|f| f.present == RawFrame::ALL_PRESENT));
         w.command = Some(command(1e3));
         w.run(0.1);
+        assert_eq!(w.pumps(), [false, false], "both are latched");
+        w.host.reset();
+        w.run(0.4);
         assert_eq!(w.pumps(), [true, true]);
     }
 }
@@ -70,7 +73,7 @@ fn one_board_gone_safe_stops_both() {
             seq: 0,
             t_ticks: 0,
             flags: 0,
-            body: Body::Estop,
+            body: Body::STOP,
         };
         encode(&stop, &mut bytes);
         bytes
@@ -128,6 +131,7 @@ fn hardware_hello(board: u8, nonce: u32) -> Vec<u8> {
         tick_rate_hz: TICK_RATE_HZ,
         boot_nonce: nonce,
         config_crc: Config::built_in().crc(),
+        rig: NO_RIG,
     };
     let packet = Packet {
         board,

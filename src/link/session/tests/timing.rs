@@ -39,7 +39,7 @@ fn both_boards_land_on_one_time_base_at_100_hz() {
     let f = w.frames.last().expect("frames");
     assert!((f.chamber_pa[5] - 1e3).abs() <= 1.0);
     assert!((f.imu[3].accel_m_s2[2] - 9.81).abs() < 1e-3);
-    assert_eq!(f.faults, 0);
+    assert_eq!(f.faults, fault::SAFE | fault::BOOTED);
 }
 
 #[test]

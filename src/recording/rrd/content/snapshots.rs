@@ -193,8 +193,9 @@ impl Content {
         let [stamp, gripper] = fixed(self.ints[table::SET].row(t))?;
         let recorded_pa: [f64; CHAMBERS] = fixed(self.exact[table::SET].row(t))?;
         let gripper = match gripper {
-            0 => Gripper::Open,
-            _ => Gripper::Closed,
+            0 => Some(Gripper::Open),
+            1 => Some(Gripper::Closed),
+            _ => None,
         };
         // Limits that the recorded pressures meet exactly: no range, and no change allowed from
         // the recorded values. What comes out is what was commanded.

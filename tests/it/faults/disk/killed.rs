@@ -161,7 +161,8 @@ pub struct Killed {
 pub fn kill(file: &Path, seed: u64, target: Option<&str>, bytes: u64) -> Killed {
     let _ = std::fs::remove_file(file);
     let rig = Rig::start(seed);
-    let mut run = program(&["run", "--headless", "--seconds", "300", "--reset"]);
+    let mut run = program(&["run", "--headless", "--seconds", "300"]);
+    run.args(["--reset", "booted", "--accept-simulated-boards"]);
     run.args(target.iter().flat_map(|t| ["--target", *t]))
         .args(["--rig".as_ref(), rig.port.as_os_str()])
         .args(["--record".as_ref(), file.as_os_str()])

@@ -1,0 +1,236 @@
+//! Contact: a table under the arm, a hose that comes off.
+
+use springtwin::rig::faults::{Fault, Place, Word};
+use springtwin::rig::{Obstacle, RigOptions, Surroundings};
+use springtwin::signal::{Goal, Mode};
+use springtwin::task::{Leg, Plan};
+use springtwin::twin::Command;
+
+use super::program::{FAR_M, NEAR_M, name};
+use super::{Case, RUNS};
+use crate::faults::bench::{Bench, Boards, case, case_of};
+use crate::faults::keep;
+
+/// What a contact came to.
+#[derive(Clone, Copy, Debug, Default)]
+struct Contact {
+    peak_n: f64,
+    /// From the first touch until the arm held, s.
+    held_s: f64,
+    /// Pressures beyond those at the touch, and the force, a second after HOLD, Pa and N.
+    beyond_pa: f64,
+    later_n: f64,
+}
+
+/// Goes on for so long, and notes the force of the obstacle at each tick.
+fn press(b: &mut Bench, for_s: f64) -> Contact {
+    let (mut forces, mut held_s, mut touched) = (Vec::new(), None, None);
+    let (mut beyond_pa, mut later_n) = (0.0_f64, 0.0);
+    let from_s = b.t_s();
+    while b.t_s() - from_s < for_s {
+        b.run(0.01);
+        let mut force_n = 0.0;
+        let mut pa = [0.0; 6];
+        b.rig(|rig| {
+            force_n = rig.plant.contact_n();
+            pa = rig.plant.chamber_pa();
+        });
+        forces.push(force_n);
+        if force_n > 0.0 && touched.is_none() {
+            touched = Some((b.t_s(), pa));
+        }
+        if let Some((_, touched_pa)) = touched {
+            if held_s.is_none() && matches!(b.now.mode, Mode::Hold | Mode::Safe(_)) {
+                held_s = Some(b.t_s());
+            }
+            if held_s.is_some_and(|s| b.t_s() - s >= 1.0 && b.t_s() - s < 1.02) {
+                later_n = force_n;
+                beyond_pa = pa
+                    .iter()
+                    .zip(touched_pa)
+                    .map(|(is, was)| is.abs() - was.abs())
+                    .fold(f64::MIN, f64::max);
+            }
+        }
+    }
+    let peak_n = forces.iter().copied().fold(0.0, f64::max);
+    Contact {
+        peak_n,
+        held_s: match (touched, held_s) {
+            (Some((at, _)), Some(held)) => held - at,
+            _ => f64::INFINITY,
+        },
+        beyond_pa,
+        later_n,
+    }
+}
+
+fn table(depth_m: f64) -> RigOptions {
+    // Under the tip of the arm at rest.
+    RigOptions {
+        surroundings: Surroundings {
+            obstacle: Some(Obstacle {
+                point_m: [0.0, 0.0, -0.322 - depth_m],
+                normal: [0.0, 0.0, 1.0],
+                stiffness_n_m: Obstacle::TABLE_N_M,
+            }),
+            ..Surroundings::default()
+        },
+        ..RigOptions::default()
+    }
+}
+
+#[test]
+fn an_arm_that_is_held_off_gives_way() {
+    keep(
+        "contact",
+        (0, 0),
+        "\n| a surface of 10 N/mm | on the way to | peak force | held after the touch | force 1 s later | pressures beyond those at \
+         the touch |\n|---|---|---|---|---|---|",
+    );
+    let (mut held_s, mut beyond_kpa, mut n) = (0.0_f64, 0.0_f64, 0);
+    for below_mm in [0.0, 2.0, 5.0] {
+        for aside_m in [0.0, 0.02] {
+            for on_path in [false, true] {
+                case_of(&table(below_mm * 1e-3), Boards::Emulated, |b| {
+                    let under_m = [aside_m, 0.0, -0.345];
+                    b.tell(Command::Arm);
+                    b.tell(if on_path {
+                        let legs = [NEAR_M, under_m, FAR_M].map(|m| Leg::Move(Goal::position(m)));
+                        Command::Start(Plan {
+                            name: "down and aside".to_owned(),
+                            legs: legs.to_vec(),
+                        })
+                    } else {
+                        Command::Goto(Goal::position(under_m))
+                    });
+                    let c = press(b, 12.0);
+                    assert!(c.peak_n > 1.0, "it touches: {c:?}");
+                    assert!(matches!(b.now.mode, Mode::Hold | Mode::Safe(_)), "{c:?}");
+                    held_s = held_s.max(c.held_s);
+                    beyond_kpa = beyond_kpa.max(c.beyond_pa * 1e-3);
+                    n += 1;
+                    keep(
+                        "contact",
+                        (1, n),
+                        &format!(
+                            "| {:.0} mm below the tip at rest | {} | {:.0} N | {:.1} s | {:.0} N | {:.1} kPa |",
+                            25.0 + below_mm,
+                            match (on_path, aside_m > 0.0) {
+                                (false, false) => "a goal below",
+                                (false, true) => "a goal below and aside",
+                                (true, false) => "the second stop of a plan",
+                                (true, true) => "the second stop of a plan, aside",
+                            },
+                            c.peak_n,
+                            c.held_s,
+                            c.later_n,
+                            c.beyond_pa * 1e-3
+                        ),
+                    );
+                });
+            }
+        }
+    }
+    for (place, what, bound, worst, unit) in [
+        (
+            1,
+            "program: from the first touch to HOLD",
+            3000.0,
+            held_s * 1e3,
+            "ms",
+        ),
+        (
+            2,
+            "program: pressures a second later, beyond those at the touch",
+            2.0,
+            beyond_kpa,
+            "kPa",
+        ),
+    ] {
+        Case {
+            of: 12,
+            place,
+            what,
+            boards: name(Boards::Emulated),
+            bound,
+            worst,
+            unit,
+            runs: usize::from(n),
+        }
+        .keep();
+    }
+}
+
+/// The hose of each chamber in turn comes off while the arm rests at a goal, and on its way to another.
+#[test]
+fn a_hose_that_comes_off_ends_in_safe() {
+    let mut worst = (0.0_f64, 0.0_f64, 0);
+    let mut untouched = 0;
+    for run in 0..RUNS {
+        case(Boards::Emulated, |b| {
+            let moving = run % 2 == 1;
+            b.go(FAR_M);
+            b.run(9.0 + 0.1 * (run % 7) as f64);
+            if moving {
+                b.go(NEAR_M);
+                b.run(1.0);
+            }
+            let tip_m = |b: &Bench| {
+                let mut tip_m = [0.0; 3];
+                b.rig(|rig| tip_m = rig.plant.truth().base_from_tip().translation.vector.into());
+                nalgebra::Vector3::from(tip_m)
+            };
+            let begun_m = tip_m(b);
+            let chamber = run / 2 % 6;
+            let command = b.now.command.as_ref().expect("it is steered");
+            let set_pa = command.chamber_pa()[chamber];
+            let off = Fault {
+                word: Word::Leak,
+                amount: 100.0,
+            };
+            let from_s = b.rig(|rig| rig.faults.begin(Place::Chamber(chamber), off));
+            let (mut most_m, mut safe_s) = (0.0_f64, None);
+            while b.t_s() - from_s < 12.0 {
+                b.run(0.01);
+                most_m = most_m.max((tip_m(b) - begun_m).norm());
+                if safe_s.is_none() && matches!(b.now.mode, Mode::Hold | Mode::Safe(_)) {
+                    safe_s = Some(b.t_s() - from_s);
+                }
+            }
+            println!(
+                "chamber {} at {:.1} kPa, moving {moving}: {:.1} mm, ended {safe_s:.2?} {:?}",
+                chamber + 1,
+                set_pa * 1e-3,
+                most_m * 1e3,
+                b.now.mode
+            );
+            // From when its gauge is 5 kPa off what was set. A chamber near 0 kPa has nothing to lose, and one that is
+            // let down anyway is not missed.
+            let moments = b.moments();
+            let is_off = |m: &&crate::lockstep::Moment| {
+                m.t_s >= from_s && (m.gauge_pa[chamber] - set_pa).abs() > 5e3
+            };
+            let off_s = moments.iter().find(is_off).map(|m| m.t_s);
+            let (Some(off_s), false) = (off_s, set_pa.abs() < 8e3 || moving) else {
+                untouched += 1;
+                return;
+            };
+            // An arm that is moved by what it has lost is held before that.
+            let after_s = (safe_s.expect("it ends") + from_s - off_s).max(0.0);
+            worst = (worst.0.max(after_s), worst.1.max(most_m), worst.2 + 1);
+        });
+    }
+    println!("{worst:?}, {untouched} that need not end so");
+    Case {
+        of: 11,
+        place: 1,
+        what: "program: a hose comes off a chamber at 8 kPa or more at a goal: from 5 kPa off to SAFE, or to HOLD before that",
+        boards: name(Boards::Emulated),
+        bound: 500.0,
+        worst: worst.0 * 1e3,
+        unit: "ms",
+        runs: worst.2,
+    }
+    .keep();
+}
