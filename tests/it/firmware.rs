@@ -107,16 +107,15 @@ fn the_loop_closes_and_a_lost_heartbeat_latches_until_a_reset() {
         let t_s = snapshot.stamp.seconds();
         let mut w = world.lock().expect("not poisoned");
         let next = story.len();
+        let is_settled = snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES;
         match next {
             // Boards that have started are latched.
-            0 if matches!(snapshot.mode, Mode::Safe(_)) => {
-                if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
-                    commands.push(Command::Reset);
-                    reset_s = t_s;
-                }
+            0 if is_settled && matches!(snapshot.mode, Mode::Safe(_)) => {
+                commands.push(Command::Reset);
+                reset_s = t_s;
             }
             // Connected and settled: arm and go.
-            0 if t_s > reset_s + 0.6 && snapshot.link.frames > SETTLING_FRAMES => {
+            0 if is_settled && t_s > reset_s + 0.6 => {
                 assert!(
                     snapshot.link.simulated,
                     "the firmware says that its arm is simulated"

@@ -130,7 +130,11 @@ fn days(units: std::ops::RangeInclusive<u64>, hours_each: f64) {
         });
         let found: Vec<_> = std::thread::scope(|scope| {
             let lab = lab.as_ref();
-            let each = LOADS_KG.map(|kg| scope.spawn(move || day(unit, lab, kg, hours_each)));
+            let each = LOADS_KG.map(|kg| {
+                let thread = std::thread::Builder::new().name(format!("{kg} kg"));
+                let day = move || day(unit, lab, kg, hours_each);
+                thread.spawn_scoped(scope, day).expect("a thread")
+            });
             each.map(|day| day.join().expect("ends")).into()
         });
         for ((found, n), kg) in found.into_iter().zip(LOADS_KG) {

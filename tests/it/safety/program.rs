@@ -190,8 +190,9 @@ fn one_boards_trouble_stops_the_other(boards: Boards) {
             let from_s = b.rig(|rig| rig.faults.begin(Place::Gauge(gauge), word));
             b.run(0.3);
             let moments = b.moments();
-            let reads =
-                |m: &&crate::lockstep::Moment| m.t_s > from_s && !(m.gauge_pa[gauge].abs() <= 42e3);
+            let reads = |m: &&crate::lockstep::Moment| {
+                m.t_s > from_s && (m.gauge_pa[gauge].is_nan() || m.gauge_pa[gauge].abs() > 42e3)
+            };
             let read_s = moments.iter().find(reads).expect("the gauge reads it").t_s;
             worst_s = worst_s.max(b.pumps_off_s(read_s).expect("all pumps go off") - read_s);
             b.rig(|rig| rig.faults.clear());
