@@ -419,6 +419,14 @@ impl VirtualRig {
         })
     }
 
+    /// What the boards that have power drive their chambers to, Pa; `None`: pumps off.
+    pub fn driven_pa(&self) -> [Option<[f64; CHAMBERS_EACH]>; BOARDS] {
+        std::array::from_fn(|b| {
+            let powered = (!self.faults.is_off(b)).then(|| &self.boards[b]);
+            powered.and_then(RigBoard::setpoint_pa)
+        })
+    }
+
     /// Time of the physics, s.
     fn t_s(&self) -> f64 {
         self.steps as f64 * PHYSICS_STEP_S

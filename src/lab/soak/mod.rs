@@ -223,7 +223,7 @@ fn soak(a: &Options, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Out
         let script = move |t_s: f64, rig: &mut VirtualRig| {
             lock(&faults).apply(t_s, rig);
             // What a supply does that ignores the boards is not theirs.
-            let boards_pa = rig.boards_mut().each_ref().map(RigBoard::setpoint_pa);
+            let boards_pa = rig.driven_pa();
             eye.look_at_pumps(
                 t_s,
                 &std::array::from_fn(|i| boards_pa[i / 3].map(|pa| pa[i % 3])),

@@ -33,10 +33,13 @@ pub(super) const THERE_M: f64 = 3e-3;
 /// Farther from its target than it was at best by so much, for so long, it goes the wrong way.
 pub(super) const AWAY_M: f64 = 10e-3;
 pub(super) const AWAY_S: f64 = 1.0;
-/// So many times the speed limit, for so long, is not its own motion. Speeds are seen over a tenth of a second.
+/// So many times the speed limit over so many looks is not its own motion.
 pub(super) const FAST: f64 = 3.0;
-pub(super) const FAST_S: f64 = 0.3;
-pub(super) const SPEED_OVER_S: f64 = 0.1;
+pub(super) const LOOKS: usize = 3;
+/// Between two looks, s.
+pub(super) const LOOK_S: f64 = 0.1;
+/// Each look has at least this part of its share of the way: an estimate that jumps once has moved nothing.
+pub(super) const PART: f64 = 0.3;
 
 /// The estimate may be so deep in a half-space that the arm keeps out of, or deeper by so much than where it set out, m.
 pub(super) const INTRUSION_M: f64 = 5e-3;
@@ -68,10 +71,8 @@ pub(super) struct ContactWatch {
     pub(super) progress: Option<Mark>,
     pub(super) nearest_m: Option<f64>,
     pub(super) away_since: Option<Stamp>,
-    pub(super) fast_since: Option<Stamp>,
-    /// Where the tip was a moment ago.
-    pub(super) before: Option<(Stamp, Vector3<f64>)>,
-    pub(super) speed_m_s: f64,
+    /// Where the tip was at the last looks, oldest first.
+    pub(super) looks: VecDeque<(Stamp, Vector3<f64>)>,
     /// How deep the arm was in each half-space that it keeps out of, when it set out, m.
     pub(super) depth_m: Vec<f64>,
 }
@@ -118,19 +119,27 @@ impl ContactWatch {
         (all_m >= KNOWN_M).then(|| (made_m / all_m).clamp(SHARES[0], SHARES[1]))
     }
 
-    /// Speed of the tip, m/s.
-    pub(super) fn speed_m_s(&mut self, stamp: Stamp, tip_m: &Vector3<f64>) -> f64 {
-        match self.before {
-            Some((before, was_m)) => {
-                let over_s = stamp.since(before);
-                if over_s >= SPEED_OVER_S {
-                    self.speed_m_s = (tip_m - was_m).norm() / over_s;
-                    self.before = Some((stamp, *tip_m));
-                }
-            }
-            None => self.before = Some((stamp, *tip_m)),
+    /// Whether the tip has moved on faster than this (m/s) at every look. The way over all of them counts, because the
+    /// noise of two estimates is as large as the way between two looks.
+    pub(super) fn is_faster(&mut self, limit_m_s: f64, stamp: Stamp, tip_m: &Vector3<f64>) -> bool {
+        let newest = self.looks.back();
+        if newest.is_some_and(|(at, _)| stamp.since(*at) < LOOK_S - 1e-6) {
+            return false;
         }
-        self.speed_m_s
+        self.looks.push_back((stamp, *tip_m));
+        if self.looks.len() > LOOKS + 1 {
+            self.looks.pop_front();
+        }
+        let looks = self.looks.make_contiguous();
+        let (first, last) = (looks[0], looks[looks.len() - 1]);
+        let way_m = last.1 - first.1;
+        let on = direction(&way_m);
+        let share_m = way_m.norm() / LOOKS as f64;
+        looks.len() == LOOKS + 1
+            && way_m.norm() > limit_m_s * last.0.since(first.0)
+            && looks
+                .windows(2)
+                .all(|pair| (pair[1].1 - pair[0].1).dot(&on) > PART * share_m)
     }
 }
 

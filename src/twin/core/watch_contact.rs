@@ -27,8 +27,7 @@ impl Twin {
         if self.contact.leg != Some(leg) {
             self.contact = ContactWatch {
                 leg: Some(leg),
-                before: self.contact.before,
-                fast_since: self.contact.fast_since,
+                looks: std::mem::take(&mut self.contact.looks),
                 known_m: self.contact.known_m,
                 depth_m: match self.contact.leg {
                     Some(_) => std::mem::take(&mut self.contact.depth_m),
@@ -45,8 +44,7 @@ impl Twin {
         // A chamber that has lost its air moves the tip, too: that has a check of its own.
         let (now, disturbs) = (self.now, !self.expects_pushes && !self.air.drifts());
         let limit_m_s = FAST * self.robot.tip_speed_max_m_s;
-        let is_fast = disturbs && self.contact.speed_m_s(stamp, &tip_m) > limit_m_s;
-        if lasts(&mut self.contact.fast_since, is_fast, now, FAST_S) {
+        if self.contact.is_faster(limit_m_s, stamp, &tip_m) && disturbs {
             return self.back_off("the tip is moved by something else", chamber_pa, events);
         }
         let way = target_m - tip_m;
