@@ -181,7 +181,7 @@ const CAUSES: [Cause; 11] = [
         "emergency-stop",
         "the emergency stop was pressed",
     ),
-    Cause(fault::ESTOP, "stop", "a program sent them a stop"),
+    Cause(fault::ESTOP, "stop", "a program sent a stop"),
     Cause(
         fault::ENDED,
         "ended",
@@ -244,6 +244,6 @@ mod tests {
     #[test]
     fn a_stop_that_a_program_sent_is_not_said_to_be_a_button() {
         let words = fault_words(fault::ESTOP | fault::OVER_PRESSURE);
-        assert_eq!(words, "a program sent them a stop, over-pressure");
+        assert_eq!(words, "a program sent a stop, over-pressure");
     }
 }

@@ -212,15 +212,6 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
     let parsed = draft.parse();
     let live = view.live();
     let preview_gate = live.clone().and(parsed.clone().map(|_| ()));
-    let untouched = draft.text.iter().all(String::is_empty);
-    if let Err(reason) = &parsed {
-        if untouched {
-            note(ui, "Click in the 3D view, or type x, y and z.");
-        } else {
-            let color = Palette::in_ui(ui).warning;
-            ui.label(RichText::new(format!("▲ {reason}")).color(color));
-        }
-    }
     let half = vec2((ui.available_width() - 8.0) / 2.0, 30.0);
     ui.horizontal(|ui| {
         let clicked = gated(
@@ -328,7 +319,8 @@ fn verdict_box(
         .inner_margin(8)
         .show(ui, |ui| {
             ui.set_width(ui.available_width());
-            ui.set_min_height(56.0);
+            // Four lines: what stands below stays where it is, whatever is typed and found.
+            ui.set_min_height(76.0);
             ui.spacing_mut().item_spacing.y = 3.0;
             let target_m = parsed.as_ref().ok().filter(|_| view.replay.is_none());
             let said = target_m.and_then(|t| draft.course.says(t, view.snapshot));
@@ -346,8 +338,11 @@ fn verdict_box(
                     (None, Ok(_)) => {
                         note(ui, "Not checked yet: press Preview. Nothing moves.");
                     }
-                    (None, Err(_)) => {
-                        note(ui, "No target.");
+                    (None, Err(_)) if draft.text.iter().all(String::is_empty) => {
+                        note(ui, "No target. Click in the 3D view, or type x, y and z.");
+                    }
+                    (None, Err(reason)) => {
+                        ui.label(RichText::new(format!("▲ {reason}")).color(p.warning));
                     }
                 }
                 return;

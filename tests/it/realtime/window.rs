@@ -143,7 +143,7 @@ fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_key
     std::thread::sleep(Duration::from_secs(5));
     let sensors = photograph(&display, &dir.join("sensors.png"));
     let [x, y] = plan
-        .at("Sensors Ctrl+2")
+        .at("Sensors")
         .map(|v| v.parse::<u32>().expect("a number"));
     // The rail marks the screen that is shown.
     let marked = |y: u32| {
@@ -151,7 +151,7 @@ fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_key
         row.filter(|p| p[2] > p[0].saturating_add(25)).count()
     };
     let [_, above] = plan
-        .at("Operate Ctrl+1")
+        .at("Operate")
         .map(|v| v.parse::<u32>().expect("a number"));
     assert!(
         marked(y) > 40 && marked(above) == 0,
