@@ -89,7 +89,8 @@ fn an_arm_that_is_held_off_gives_way() {
          the touch |\n|---|---|---|---|---|---|",
     );
     let (mut held_s, mut beyond_kpa, mut n) = (0.0_f64, 0.0_f64, 0);
-    for below_mm in [0.0, 2.0, 5.0] {
+    for below in 0..13_u8 {
+        let below_mm = 0.5 * f64::from(below);
         for aside_m in [0.0, 0.02] {
             for on_path in [false, true] {
                 case_of(&table(below_mm * 1e-3), Boards::Emulated, |b| {
@@ -110,11 +111,15 @@ fn an_arm_that_is_held_off_gives_way() {
                     held_s = held_s.max(c.held_s);
                     beyond_kpa = beyond_kpa.max(c.beyond_pa * 1e-3);
                     n += 1;
+                    // The guide shows those of every third surface.
+                    if below % 3 != 0 {
+                        return;
+                    }
                     keep(
                         "contact",
                         (1, n),
                         &format!(
-                            "| {:.0} mm below the tip at rest | {} | {:.0} N | {:.1} s | {:.0} N | {:.1} kPa |",
+                            "| {:.1} mm below the tip at rest | {} | {:.0} N | {:.1} s | {:.0} N | {:.1} kPa |",
                             25.0 + below_mm,
                             match (on_path, aside_m > 0.0) {
                                 (false, false) => "a goal below",
@@ -162,75 +167,61 @@ fn an_arm_that_is_held_off_gives_way() {
     }
 }
 
-/// The hose of each chamber in turn comes off while the arm rests at a goal, and on its way to another.
+/// A hose comes off one of the loaded chambers while the arm rests at a goal. A chamber near 0 kPa has nothing to lose.
 #[test]
 fn a_hose_that_comes_off_ends_in_safe() {
-    let mut worst = (0.0_f64, 0.0_f64, 0);
-    let mut untouched = 0;
+    let mut worst_s = 0.0_f64;
     for run in 0..RUNS {
         case(Boards::Emulated, |b| {
-            let moving = run % 2 == 1;
-            b.go(FAR_M);
+            let around = nalgebra::Rotation3::from_axis_angle(
+                &nalgebra::Vector3::z_axis(),
+                0.61 * run as f64,
+            );
+            let goal_m = around * nalgebra::Vector3::from(FAR_M);
+            b.go(goal_m.into());
             b.run(9.0 + 0.1 * (run % 7) as f64);
-            if moving {
-                b.go(NEAR_M);
-                b.run(1.0);
-            }
-            let tip_m = |b: &Bench| {
-                let mut tip_m = [0.0; 3];
-                b.rig(|rig| tip_m = rig.plant.truth().base_from_tip().translation.vector.into());
-                nalgebra::Vector3::from(tip_m)
-            };
-            let begun_m = tip_m(b);
-            let chamber = run / 2 % 6;
             let command = b.now.command.as_ref().expect("it is steered");
-            let set_pa = command.chamber_pa()[chamber];
+            let set_pa = command.chamber_pa();
+            let loaded: Vec<usize> = (0..6).filter(|c| set_pa[*c].abs() >= 8e3).collect();
+            let chamber = loaded[run % loaded.len()];
+            let set_pa = set_pa[chamber];
             let off = Fault {
                 word: Word::Leak,
                 amount: 100.0,
             };
             let from_s = b.rig(|rig| rig.faults.begin(Place::Chamber(chamber), off));
-            let (mut most_m, mut safe_s) = (0.0_f64, None);
-            while b.t_s() - from_s < 12.0 {
-                b.run(0.01);
-                most_m = most_m.max((tip_m(b) - begun_m).norm());
-                if safe_s.is_none() && matches!(b.now.mode, Mode::Hold | Mode::Safe(_)) {
-                    safe_s = Some(b.t_s() - from_s);
-                }
-            }
-            println!(
-                "chamber {} at {:.1} kPa, moving {moving}: {:.1} mm, ended {safe_s:.2?} {:?}",
-                chamber + 1,
-                set_pa * 1e-3,
-                most_m * 1e3,
-                b.now.mode
-            );
-            // From when its gauge is 5 kPa off what was set. A chamber near 0 kPa has nothing to lose, and one that is
-            // let down anyway is not missed.
-            let moments = b.moments();
+            b.until("it ends", 5.0, |b| {
+                matches!(b.now.mode, Mode::Hold | Mode::Safe(_))
+            });
+            let ended_s = b.t_s();
+            // From when its gauge is 5 kPa off what was set. An arm that is moved by what it has lost is held before that.
             let is_off = |m: &&crate::lockstep::Moment| {
                 m.t_s >= from_s && (m.gauge_pa[chamber] - set_pa).abs() > 5e3
             };
-            let off_s = moments.iter().find(is_off).map(|m| m.t_s);
-            let (Some(off_s), false) = (off_s, set_pa.abs() < 8e3 || moving) else {
-                untouched += 1;
-                return;
-            };
-            // An arm that is moved by what it has lost is held before that.
-            let after_s = (safe_s.expect("it ends") + from_s - off_s).max(0.0);
-            worst = (worst.0.max(after_s), worst.1.max(most_m), worst.2 + 1);
+            let after_s = b
+                .moments()
+                .iter()
+                .find(is_off)
+                .map_or(0.0, |m| ended_s - m.t_s);
+            println!(
+                "chamber {} at {:.1} kPa: ended {:.2} s after the loss, {after_s:.2} s after 5 kPa, {:?}",
+                chamber + 1,
+                set_pa * 1e-3,
+                ended_s - from_s,
+                b.now.mode
+            );
+            worst_s = worst_s.max(after_s);
         });
     }
-    println!("{worst:?}, {untouched} that need not end so");
     Case {
         of: 11,
         place: 1,
         what: "program: a hose comes off a chamber at 8 kPa or more at a goal: from 5 kPa off to SAFE, or to HOLD before that",
         boards: name(Boards::Emulated),
         bound: 500.0,
-        worst: worst.0 * 1e3,
+        worst: worst_s * 1e3,
         unit: "ms",
-        runs: worst.2,
+        runs: RUNS,
     }
     .keep();
 }
