@@ -347,7 +347,10 @@ impl Twin {
     }
 }
 
-/// Message about a computer that did not run this program for `busy_s`.
+/// Message about a computer that did not run this program for `busy_s` of the last second.
 pub(super) fn busy_for(busy_s: f64) -> String {
+    if busy_s > 0.99 {
+        return "this computer was busy for a second or more".to_owned();
+    }
     format!("this computer was busy for {:.0} ms", busy_s * 1e3)
 }
