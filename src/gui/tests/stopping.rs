@@ -195,6 +195,35 @@ fn safe_shows_its_reason_and_a_reset() {
 }
 
 #[test]
+fn safe_states_what_the_boards_report_of_their_pumps() {
+    for (pumps, venting, said) in [
+        ([Some(false); 2], false, "SAFE, pumps off: stopped"),
+        (
+            [Some(true), Some(false)],
+            false,
+            "SAFE, pumps of board 1 still on: stopped",
+        ),
+        (
+            [Some(true); 2],
+            false,
+            "SAFE, pumps of board 1 and 2 still on: stopped",
+        ),
+        (
+            [Some(false), None],
+            false,
+            "SAFE, pumps not reported: stopped",
+        ),
+        ([Some(true); 2], true, "SAFE, chambers are vented: stopped"),
+    ] {
+        let mut s = fixture::snapshot(1.0);
+        s.mode = Mode::Safe("stopped".into());
+        (s.link.pumps, s.link.venting) = (pumps, venting);
+        let (_twin, h) = running(s);
+        h.get_by_label_contains(said);
+    }
+}
+
+#[test]
 fn a_key_that_is_kept_down_holds_once_and_a_replay_elsewhere_does_not_take_it() {
     let (twin, mut h) = running(fixture::snapshot(1.0));
     let space = |repeat| egui::Event::Key {

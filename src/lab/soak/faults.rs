@@ -89,6 +89,9 @@ pub const IN_PROCESS: [Kind; 29] = [
 /// Faults of a rig in a process of its own: the process is stopped for a while.
 pub const FROM_OUTSIDE: [Kind; 1] = [kind("frozen", PORT, Word::Off, (0.05, 10.0))];
 
+/// Orders and reports that a line had held back have arrived this long after its fault ended, s.
+const AFTERWARDS_S: f64 = 0.3;
+
 /// Schedule of faults. The same seed gives the same faults at the same times.
 pub struct FaultSchedule {
     kinds: &'static [Kind],
@@ -96,6 +99,8 @@ pub struct FaultSchedule {
     next_s: f64,
     /// Places with the times (s) at which they end.
     under_way: Vec<(f64, Place)>,
+    /// Detours of orders and reports, with the times (s) at which they end.
+    detours: Vec<(f64, f64)>,
     begun: Vec<u64>,
 }
 
@@ -116,6 +121,7 @@ impl FaultSchedule {
             rng: Pcg64Mcg::seed_from_u64(seed ^ 0x736f_616b),
             next_s: 30.0,
             under_way: Vec::new(),
+            detours: Vec::new(),
             begun: vec![0; kinds.len()],
         }
     }
@@ -164,6 +170,13 @@ impl FaultSchedule {
         Some(drawn)
     }
 
+    /// How much longer than otherwise it takes a board to hear an order and to be heard, s: infinite while its line
+    /// carries less than is said on it.
+    pub fn detour_s(&self, t_s: f64) -> f64 {
+        let each = self.detours.iter().filter(|(until_s, _)| *until_s > t_s);
+        each.map(|(_, s)| *s).fold(0.0, f64::max)
+    }
+
     /// Applies the faults due at `t_s`, s, to a rig in this process.
     pub fn apply(&mut self, t_s: f64, rig: &mut VirtualRig) {
         self.under_way.retain(|(until_s, place)| {
@@ -173,8 +186,16 @@ impl FaultSchedule {
             }
             lasts
         });
+        self.detours.retain(|(until_s, _)| *until_s > t_s);
         if let Some(drawn) = self.draw(t_s) {
             rig.faults.begin(drawn.place, drawn.fault);
+            let detour_s = match (drawn.place, drawn.fault.word) {
+                (Place::Board(_), Word::Delayed) => 2.0 * drawn.fault.amount,
+                (Place::Board(_), Word::Slow) => f64::INFINITY,
+                _ => 0.0,
+            };
+            // What is under way when it ends still arrives.
+            self.detours.push((drawn.until_s + AFTERWARDS_S, detour_s));
             // What was wrong with the place before has ended with it.
             self.under_way.retain(|(_, place)| *place != drawn.place);
             self.under_way.push((drawn.until_s, drawn.place));
@@ -221,5 +242,26 @@ mod tests {
         }
         assert_eq!(drawn, hours(6, 1), "the same seed breaks the same");
         assert_ne!(drawn, hours(6, 2));
+    }
+
+    #[test]
+    fn a_line_that_holds_back_is_a_detour_there_and_back_while_it_lasts() {
+        static DELAYED: [Kind; 1] = [kind("line_delayed", BOARD, Word::Delayed, (0.5, 30.0))];
+        let mut schedule = FaultSchedule::new(&DELAYED, 1);
+        let options = crate::rig::RigOptions::default();
+        let mut rig =
+            VirtualRig::new(&crate::robot::RobotSpec::reference(), &options).expect("settles");
+        assert_eq!(schedule.detour_s(0.0), 0.0);
+        let begins_s = schedule.next_s;
+        schedule.apply(begins_s, &mut rig);
+        let (until_s, _) = schedule.under_way[0];
+        let detour_s = schedule.detour_s(begins_s);
+        assert!(detour_s > 0.0 && detour_s <= 0.2, "{detour_s}");
+        assert_eq!(
+            schedule.detour_s(until_s),
+            detour_s,
+            "what is under way arrives"
+        );
+        assert_eq!(schedule.detour_s(until_s + AFTERWARDS_S), 0.0);
     }
 }

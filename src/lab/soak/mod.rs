@@ -221,7 +221,10 @@ fn soak(a: &Options, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Out
         let rig = VirtualRig::of_rings(robot, &options, RINGS)?;
         let (faults, eye, clock) = (Arc::clone(&schedule), watch.clone(), Arc::clone(&wraps));
         let script = move |t_s: f64, rig: &mut VirtualRig| {
-            lock(&faults).apply(t_s, rig);
+            let mut faults = lock(&faults);
+            faults.apply(t_s, rig);
+            eye.set_detour(faults.detour_s(t_s));
+            drop(faults);
             // What a supply does that ignores the boards is not theirs.
             let boards_pa = rig.driven_pa();
             eye.look_at_pumps(

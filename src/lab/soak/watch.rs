@@ -11,7 +11,8 @@ use crate::twin::{Arrivals, Clock, Port, TICK_S};
 
 /// The pumps of a rig whose twin is SAFE are off after this time, s.
 const PUMPS_OFF_S: f64 = 0.25;
-/// The mode shown and the pumps that the boards report differ for no longer than this, and a tick, s.
+/// The mode shown and the pumps that the boards report differ for no longer than this, and a tick, s; where a line
+/// holds orders and reports back, for as much longer.
 const DIFFER_S: f64 = 0.1 + TICK_S;
 /// Violations that are reported in words.
 const REPORTED: usize = 10;
@@ -52,6 +53,8 @@ pub struct Seen {
     /// Since when the mode shown and the pumps reported differ, s; whether the boards were asked to vent.
     differ_since_s: Option<f64>,
     vents: bool,
+    /// How much longer orders and reports take on the lines, s.
+    detour_s: f64,
 }
 
 impl Seen {
@@ -70,7 +73,7 @@ impl Seen {
             return;
         }
         let since_s = *self.differ_since_s.get_or_insert(t_s);
-        if t_s - since_s > DIFFER_S + 1e-6 {
+        if t_s - since_s > DIFFER_S + self.detour_s + 1e-6 {
             self.differ_since_s = Some(f64::INFINITY);
             let (mode, pumps) = (&snapshot.mode, snapshot.link.pumps);
             self.broken.add(|| {
@@ -88,6 +91,11 @@ impl Watch {
     /// The state so far.
     pub fn seen(&self) -> MutexGuard<'_, Seen> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in how much longer orders and reports take on the lines now, s.
+    pub fn set_detour(&self, detour_s: f64) {
+        self.seen().detour_s = detour_s;
     }
 
     /// Checks the pressures that the boards set at `t_s`, s.

@@ -9,7 +9,7 @@ use crate::gui::panels::connect::VIRTUAL;
 use crate::gui::panels::welcome;
 use crate::gui::panels::widgets::age;
 use crate::gui::theme::Palette;
-use crate::signal::{Mode, Snapshot};
+use crate::signal::{BOARDS, LinkStatus, Mode, Snapshot};
 use crate::twin::Command;
 
 /// Height of the line, points.
@@ -157,7 +157,7 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     if let Mode::Safe(reason) = &s.mode {
         let hover = "Leave SAFE. The arm stays disarmed until the next Go.";
         let button = ("Reset", hover, Press::Twin(Command::Reset));
-        let text = format!("⊗ SAFE, pumps off: {reason}");
+        let text = format!("⊗ SAFE, {}: {reason}", pumps(&s.link));
         say(p.critical_fill, p.on_critical, text, false, Some(button));
     }
     let known = input.twin || !s.link.source.is_empty();
@@ -208,4 +208,21 @@ pub fn disconnected(s: &Snapshot) -> String {
         s.link.source,
         age(s.link.age_s)
     )
+}
+
+/// What the boards report of their pumps.
+fn pumps(link: &LinkStatus) -> String {
+    let running: Vec<String> = (0..BOARDS)
+        .filter(|b| link.pumps[*b] == Some(true))
+        .map(|b| (b + 1).to_string())
+        .collect();
+    if link.venting {
+        "chambers are vented".to_owned()
+    } else if !running.is_empty() {
+        format!("pumps of board {} still on", running.join(" and "))
+    } else if link.pumps.contains(&None) {
+        "pumps not reported".to_owned()
+    } else {
+        "pumps off".to_owned()
+    }
 }
