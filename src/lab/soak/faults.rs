@@ -171,7 +171,7 @@ impl FaultSchedule {
     }
 
     /// How much longer than otherwise it takes a board to hear an order and to be heard, s: infinite while its line
-    /// carries less than is said on it.
+    /// carries less than the computer sends.
     pub fn detour_s(&self, t_s: f64) -> f64 {
         let each = self.detours.iter().filter(|(until_s, _)| *until_s > t_s);
         each.map(|(_, s)| *s).fold(0.0, f64::max)
