@@ -27,6 +27,8 @@
 #define STEPS_PER_S (TICK_RATE_HZ / STEP_TICKS)
 #define PRELOAD_TICKS (PRELOAD_MS * TICKS_PER_MS)
 #define ZERO_PRESSURE 32768U
+/* A chamber that is vented may show so much more than at the beginning: 1 kPa. */
+#define VENT_SLACK 500U
 
 /* A host may ask for narrower limits than these, never for wider ones. */
 static const config_t BUILT_IN = {PRESSURE_MIN, PRESSURE_MAX, OVER_PRESSURE, HEARTBEAT_TIMEOUT_MS};
@@ -48,6 +50,7 @@ static uint32_t renewed, valid_for; /* the set point's age and life, ticks */
 static bool enabled;                /* the regulators: from PRELOAD_TICKS after the start of the drive */
 static uint32_t drive_from;
 static uint16_t target[CHAMBERS_EACH], set[CHAMBERS_EACH] = {ZERO_PRESSURE, ZERO_PRESSURE, ZERO_PRESSURE};
+static uint16_t vent_limit[CHAMBERS_EACH]; /* chambers further from 0 than this are not vented on */
 static uint32_t next_step;
 
 static uint16_t latched = FAULT_SAFE | FAULT_BOOTED;
@@ -170,12 +173,23 @@ static void watch_host(uint32_t now)
 
 /* ---- set pressures ------------------------------------------------------------------------------ */
 
+/* How far from 0, above or below it. */
+static uint16_t magnitude(uint16_t code)
+{
+    return code > ZERO_PRESSURE ? code - ZERO_PRESSURE : ZERO_PRESSURE - code;
+}
+
+static uint16_t bound(void)
+{
+    return magnitude(config_crc ? config.over_pressure : OVER_PRESSURE);
+}
+
 /* Starts from the measured pressures, so that nothing jerks when the regulators are enabled. A chamber without a gauge
- * starts from where it was set last. */
+ * starts from where it was set last, and so does one beyond the bound: its gauge may be what is wrong. */
 static void preload(void)
 {
     for (uint8_t i = 0; i < CHAMBERS_EACH; i++)
-        if (gauge_valid[i])
+        if (gauge_valid[i] && magnitude(gauge_code[i]) <= bound())
             set[i] = gauge_code[i];
     hal_regulators(set);
 }
@@ -265,18 +279,21 @@ static void check_gauges(uint32_t now)
     } else {
         return;
     }
-    const uint16_t high = config_crc ? config.over_pressure : OVER_PRESSURE;
-    const uint16_t low = mirrored(high);
+    const bool vents = drive == VENTING;
     uint8_t over = CHAMBERS_EACH, lost = CHAMBERS_EACH;
     for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
         if (lost == CHAMBERS_EACH && !gauge_valid[i])
             lost = i;
-        if (over == CHAMBERS_EACH && gauge_valid[i] && (gauge_code[i] > high || gauge_code[i] < low))
+        if (over == CHAMBERS_EACH && gauge_valid[i] &&
+            magnitude(gauge_code[i]) > (vents ? vent_limit[i] : bound()))
             over = i;
     }
     /* A reading that falls to nothing passes the bound on its way: both count. */
     if (!count_up(&gauge_checks, over < CHAMBERS_EACH || lost < CHAMBERS_EACH))
         return;
+    /* A chamber that fills while it is vented is stopped, whatever was latched before. */
+    if (vents && over < CHAMBERS_EACH)
+        latched &= ~FAULT_OVER_PRESSURE;
     const uint8_t first = CHAMBERS_EACH * board;
     if (over < CHAMBERS_EACH)
         go_safe(FAULT_OVER_PRESSURE, first + over);
@@ -315,7 +332,8 @@ static void on_reset(uint32_t id)
     last_reset = id;
     latched = 0;
     gauge_checks = stop_checks = 0;
-    hal_supply(true);
+    if (!stop_open) /* the emergency stop keeps it cut */
+        hal_supply(true);
     heart_beats = false; /* the watchdog starts again with the next heartbeat */
     pumps_off();
 }
@@ -341,12 +359,20 @@ static void on_setpoint(const setpoint_t *s, uint16_t flags, uint32_t now)
 
 static void on_vent(uint16_t ttl_ms, uint32_t now)
 {
-    if (!heart_beats || stop_open || ttl_ms == 0 || ttl_ms > LONGEST_TTL_MS)
+    /* An emergency stop that has been pressed is reset first. */
+    if (!heart_beats || stop_open || (latched & FAULT_STOP_INPUT) || ttl_ms == 0 || ttl_ms > LONGEST_TTL_MS)
         return;
-    if (drive != VENTING && all_within(2 * VENTED))
+    if (drive != VENTING && all_within(2 * VENTED)) {
+        pumps_off();
         return;
-    for (uint8_t i = 0; i < CHAMBERS_EACH; i++)
+    }
+    for (uint8_t i = 0; i < CHAMBERS_EACH; i++) {
         target[i] = ZERO_PRESSURE;
+        if (drive != VENTING) {
+            const uint16_t from = gauge_valid[i] ? magnitude(gauge_code[i]) + VENT_SLACK : 0;
+            vent_limit[i] = from > bound() ? from : bound();
+        }
+    }
     begin(VENTING, now);
     renewed = now;
     valid_for = (uint32_t)ttl_ms * TICKS_PER_MS;

@@ -52,7 +52,7 @@ uint32_t hal_ticks(void)
 
 /* ---- serial line: 500 kbaud, USART 0 -------------------------------------------------------- */
 
-#define SLOTS 4
+#define SLOTS 8
 static host_frame_t slot[SLOTS];
 static volatile uint8_t slot_in, slot_out;
 static volatile uint8_t fill;
@@ -231,7 +231,11 @@ static void counters_init(void)
 /* ---- IMUs: two MPU-6050 on the two-wire bus, 400 kHz ---------------------------------------- */
 
 #define IMU_ADDRESS 0x68
-#define IMU_PATIENCE (3 * TICKS_PER_MS)
+#define IMU_PATIENCE (3 * TICKS_PER_MS / 2)
+/* An IMU that has not answered so often running is asked in every so manyth sample only: what waits for the bus checks
+ * no gauge. */
+#define IMU_FAILURES 3
+#define IMU_SKIPS 20
 #define SCL PD0
 #define SDA PD1
 
@@ -344,7 +348,12 @@ static bool imu_register(uint8_t address, uint8_t reg, uint8_t value)
 bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3])
 {
     static bool awake[IMUS_EACH];
+    static uint8_t failures[IMUS_EACH], skips[IMUS_EACH];
     const uint8_t address = IMU_ADDRESS + which;
+    if (skips[which]) {
+        skips[which]--;
+        return false;
+    }
     twi_deadline = hal_ticks() + IMU_PATIENCE;
     if (!awake[which]) {
         /* out of sleep; +-500 deg/s; +-4 g; low pass 94 Hz */
@@ -357,8 +366,13 @@ bool hal_imu(uint8_t which, int16_t gyro[3], int16_t accel[3])
         awake[which] = false;
         if (bit_is_clear(PIND, SDA))
             bus_free();
+        if (failures[which] < IMU_FAILURES)
+            failures[which]++;
+        else
+            skips[which] = IMU_SKIPS;
         return false;
     }
+    failures[which] = 0;
     for (uint8_t k = 0; k < 3; k++) {
         accel[k] = (int16_t)((uint16_t)b[2 * k] << 8 | b[2 * k + 1]);
         gyro[k] = (int16_t)((uint16_t)b[8 + 2 * k] << 8 | b[9 + 2 * k]);

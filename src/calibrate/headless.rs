@@ -14,11 +14,11 @@ use super::steps::Step;
 use super::validation::{Comparison, Question};
 use super::wizard::Wizard;
 use super::{imus, preflight};
-use crate::drive::{Driver, HELLO_S, Resets, Start};
+use crate::drive::{Driver, ENDED, HELLO_S, Resets, Start};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::BenchLog;
-use crate::signal::{IMUS, Mode, Snapshot, Stamp};
+use crate::signal::{ArmingCheck, IMUS, Mode, Snapshot, Stamp};
 use crate::task::Plan;
 use crate::twin::{Clock, Command, Event};
 
@@ -331,7 +331,7 @@ impl Headless {
                 }
                 if !self.wizard.imus.running() {
                     hold(turn);
-                    return Stage::Judge(now);
+                    return Stage::Judge(now.plus(SETTLE_S));
                 }
             }
             Step::Mocap if finished => return Stage::Judge(now.plus(SETTLE_S)),
@@ -421,10 +421,10 @@ impl Headless {
     }
 }
 
-/// Starts a plan; an arm that is disarmed is armed first.
+/// Starts a plan; an arm that is disarmed, or whose calibration has changed, is armed first.
 fn set_out(plan: Plan, snapshot: &Snapshot, turn: &mut Turn) -> Stage {
     let name = plan.name.clone();
-    if snapshot.mode == Mode::Disarmed {
+    if snapshot.mode == Mode::Disarmed || snapshot.gauge_check == ArmingCheck::Due {
         turn.commands.push(Command::Arm);
     }
     turn.commands.push(Command::Start(plan));
@@ -476,6 +476,9 @@ pub fn run(
         }
     };
     driver.run(&mut [&mut each]);
+    if driver.was_ended() {
+        return Err(ENDED.to_owned());
+    }
     match trouble {
         Some(why) => Err(why),
         None => headless.result().cloned().unwrap_or(Ok(())),

@@ -48,7 +48,7 @@ pub struct InstrumentArgs {
     /// Let boards at a serial port be armed that report a simulated arm
     #[arg(long)]
     accept_simulated_boards: bool,
-    /// Go on when the arm is pushed, as in an experiment with disturbances; without it, it is held then
+    /// Detect no contact: go on when the arm is pushed, as in an experiment with disturbances
     #[arg(long)]
     expect_pushes: bool,
     /// Receive motion capture (Vicon Tracker's object stream) at this address of this computer; loopback,

@@ -5,10 +5,7 @@ mod report;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 #[cfg(unix)]
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, Ordering},
-};
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
@@ -147,7 +144,8 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         .robot_file(robot_file)
         .rig(&a.rig, a.options())
         .gains(a.controller.gains())
-        .instruments(a.instruments.plain());
+        .instruments(a.instruments.plain())
+        .ends_with(super::signals::asked_to_end()?);
     carry_out(
         twin,
         &Run {
@@ -202,7 +200,8 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
     let twin = TwinBuilder::new(robot)
         .robot_file(robot_file)
         .rig(&a.rig, rig_options(0.0, 1))
-        .instruments(a.instruments.plain());
+        .instruments(a.instruments.plain())
+        .ends_with(super::signals::asked_to_end()?);
     carry_out(
         twin,
         &Run {
@@ -236,7 +235,7 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
         let script = Script::from_toml(&text).with_context(|| path.display().to_string())?;
         rig.faults.follow(script);
     }
-    let ended = asked_to_end()?;
+    let ended = super::signals::asked_to_end()?;
     let mut lines = open_lines(a)?;
     super::stdio::line(&lines.ports().to_string())?;
     let parent = nix::unistd::getppid();
@@ -245,29 +244,6 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
         !ended.load(Ordering::Relaxed) && (!a.with_parent || nix::unistd::getppid() == parent)
     })?;
     Ok(super::silent())
-}
-
-/// Whether this process was asked to end (Ctrl+C, `kill`, its terminal closed). From now on that no longer ends it there
-/// and then: what it has put up is taken down first.
-#[cfg(unix)]
-fn asked_to_end() -> Result<Arc<AtomicBool>> {
-    use nix::sys::signal::{SigSet, Signal};
-    let mut signals = SigSet::empty();
-    for signal in [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP] {
-        signals.add(signal);
-    }
-    signals.thread_block().context("cannot take signals")?;
-    let asked = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&asked);
-    std::thread::Builder::new()
-        .name("signals".to_owned())
-        .spawn(move || {
-            if signals.wait().is_ok() {
-                flag.store(true, Ordering::Relaxed);
-            }
-        })
-        .context("cannot start a thread for signals")?;
-    Ok(asked)
 }
 
 /// One line for both boards, or one each.

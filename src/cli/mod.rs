@@ -30,6 +30,7 @@ mod progress;
 mod reference;
 mod rig;
 mod session;
+mod signals;
 mod simulate;
 mod soak;
 mod solve;

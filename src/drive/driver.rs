@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -33,6 +34,7 @@ pub struct TwinBuilder<'a> {
     pub(super) script: Option<Script>,
     port: Option<Box<dyn Port>>,
     stopwatch: Option<Stopwatch>,
+    ends: Option<Arc<AtomicBool>>,
     start: Instant,
 }
 
@@ -57,6 +59,7 @@ impl<'a> TwinBuilder<'a> {
             script: None,
             port: None,
             stopwatch: None,
+            ends: None,
             start,
         }
     }
@@ -116,6 +119,12 @@ impl<'a> TwinBuilder<'a> {
         self
     }
 
+    /// Ends every run once this is set: the boards are stopped, and recordings are completed.
+    pub fn ends_with(mut self, ended: Arc<AtomicBool>) -> Self {
+        self.ends = Some(ended);
+        self
+    }
+
     /// When the session's time began.
     pub fn start(&self) -> Instant {
         self.start
@@ -163,6 +172,7 @@ impl<'a> TwinBuilder<'a> {
         Ok(Driver {
             runner: Runner::new(twin, port, robot),
             maps,
+            ends: self.ends,
             start: self.start,
         })
     }
@@ -216,15 +226,27 @@ pub struct Driver {
     /// The twin with its port and its recorder.
     pub runner: Runner,
     pub(super) maps: Maps,
+    ends: Option<Arc<AtomicBool>>,
     start: Instant,
 }
 
 impl Driver {
+    /// Whether this program was asked to end meanwhile.
+    pub fn was_ended(&self) -> bool {
+        self.ends
+            .as_ref()
+            .is_some_and(|e| e.load(Ordering::Relaxed))
+    }
+
     /// Ticks until an observer ends the run: as fast as it goes where the rig lives on simulated time, else on the
     /// host's clock. All observers see every tick, in order.
     pub fn run(&mut self, observers: &mut [&mut dyn Observer]) -> Pace {
+        let ends = self.ends.clone();
         let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
             let mut flow = ControlFlow::Continue(());
+            if ends.as_ref().is_some_and(|e| e.load(Ordering::Relaxed)) {
+                flow = ControlFlow::Break(());
+            }
             for observer in observers.iter_mut() {
                 if observer.observe(snapshot, events, commands).is_break() {
                     flow = ControlFlow::Break(());
@@ -238,8 +260,10 @@ impl Driver {
         }
     }
 
-    /// Ends recording and stream at `end`, the time of the last tick. Waits for the disk, and a moment for the viewer.
+    /// Stops the boards and lets the port go, then ends recording and stream at `end`, the time of the last tick. Waits
+    /// for the disk, and a moment for the viewer.
     pub fn finish(mut self, end: Stamp) -> Ended {
+        self.runner.let_port_go();
         let mut events = Vec::new();
         self.runner.stop_recording(end, &mut events);
         let stream = self.runner.stop_stream(end, LAST_WORDS, &mut events);

@@ -16,6 +16,9 @@ mod start;
 mod tally;
 mod tasks;
 
+/// Why a run is over that was ended from outside.
+pub const ENDED: &str = "ended by a signal: the boards were stopped";
+
 pub use driver::{Driver, Ended, Observer, TwinBuilder, stopwatch};
 pub use files::{read_text, read_toml};
 pub use limits::over_limits;

@@ -257,6 +257,7 @@ pub fn drive(
     } = execution;
     out.pace = pace;
     let end_s = out.rows.last().map_or(0.0, |r| r.t_s);
+    let was_ended = driver.was_ended();
     let last = driver.finish(Stamp::from_seconds(end_s)).events;
     for event in &last {
         if let Event::Refused { reason, .. } = event {
@@ -268,6 +269,7 @@ pub fn drive(
         anyhow::bail!("{why}");
     }
     limits.ensure_none()?;
+    anyhow::ensure!(!was_ended, super::ENDED);
     if out.rows.is_empty() {
         check_link(&link, rig)?;
         if let Some(why) = out.refused {

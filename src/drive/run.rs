@@ -111,6 +111,7 @@ pub fn run(twin: TwinBuilder<'_>, run: &Run) -> Result<Ran> {
     let pace = driver.run(&mut [&mut tally, &mut schedule, &mut limits]);
     let mut refused = schedule.refused;
     let end = tally.last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
+    let was_ended = driver.was_ended();
     let ended = driver.finish(end);
     tally.stream = ended.stream;
     for event in &ended.events {
@@ -123,6 +124,7 @@ pub fn run(twin: TwinBuilder<'_>, run: &Run) -> Result<Ran> {
         }
     }
     limits.ensure_none()?;
+    anyhow::ensure!(!was_ended, super::ENDED);
     if let Some(reason) = refused {
         anyhow::bail!("{reason}");
     }

@@ -4,11 +4,13 @@ use anyhow::Result;
 
 use crate::link::fault_names;
 use crate::link::wire::fault;
-use crate::signal::{LinkStatus, Mode, Snapshot};
+use crate::signal::{LinkStatus, Mode, RawFrame, Snapshot};
 use crate::twin::{Command, SETTLING_FRAMES};
 
 /// Time the boards have to introduce themselves, s.
 pub const HELLO_S: f64 = 5.0;
+/// What a board reported is of now when it is no older than this, s.
+const HEARD_S: f64 = 0.1;
 
 /// The causes for which boards that are SAFE from before may leave it (bits of [`fault`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,7 +54,15 @@ impl Start {
         commands: &mut Vec<Command>,
     ) -> std::result::Result<bool, String> {
         if let Mode::Safe(reason) = &snapshot.mode {
-            let faults = snapshot.raw.as_ref().map_or(0, |r| r.faults);
+            // Both boards must have said why, or the causes of one would be reset unseen.
+            let heard = |r: &RawFrame| r.board_age_s.iter().all(|age_s| *age_s < HEARD_S);
+            let frame = snapshot
+                .raw
+                .as_ref()
+                .filter(|r| snapshot.link.connected && heard(r));
+            let Some(faults) = frame.map(|r| r.faults).filter(|f| f & fault::SAFE != 0) else {
+                return Ok(false);
+            };
             let left = self.reset.left_of(faults);
             if self.reset == Resets::default() || left != 0 {
                 let names = match left & !fault::SAFE & !Resets::usual_and(&[]).0 {
@@ -96,8 +106,14 @@ mod tests {
     use super::*;
 
     fn snapshot(mode: Mode, frames: u64) -> Snapshot {
+        let is_safe = matches!(mode, Mode::Safe(_));
+        let latched = RawFrame {
+            faults: fault::SAFE | fault::ENDED,
+            ..RawFrame::default()
+        };
         Snapshot {
             mode,
+            raw: is_safe.then_some(latched),
             link: LinkStatus {
                 connected: true,
                 frames,
@@ -124,12 +140,39 @@ mod tests {
     }
 
     #[test]
+    fn no_board_is_reset_before_both_have_reported_why_they_are_safe() {
+        let mut start = Start::new(Resets::usual_and(&[]));
+        let mut commands = Vec::new();
+        let whole = snapshot(Mode::Safe("ended".to_owned()), 1000);
+        let with = |change: fn(&mut Snapshot)| {
+            let mut one = whole.clone();
+            change(&mut one);
+            one
+        };
+        for waits in [
+            with(|s| s.raw = None),
+            with(|s| s.link.connected = false),
+            with(|s| s.raw = Some(RawFrame::default())),
+            with(|s| {
+                if let Some(raw) = &mut s.raw {
+                    raw.board_age_s[1] = 0.5;
+                }
+            }),
+        ] {
+            assert_eq!(start.ready(&waits, &mut commands), Ok(false));
+            assert!(commands.is_empty());
+        }
+        assert_eq!(start.ready(&whole, &mut commands), Ok(false));
+        assert_eq!(commands, [Command::Reset]);
+    }
+
+    #[test]
     fn causes_that_somebody_has_to_look_at_are_reset_by_name_only() {
         let mut safe = snapshot(Mode::Safe("over-pressure".to_owned()), 1000);
         let faults = fault::SAFE | fault::ENDED | fault::OVER_PRESSURE | fault::SPRING_LOST;
-        safe.raw = Some(crate::signal::RawFrame {
+        safe.raw = Some(RawFrame {
             faults,
-            ..Default::default()
+            ..RawFrame::default()
         });
         let ask = |resets: Resets| Start::new(resets).ready(&safe, &mut Vec::new());
         let why = ask(Resets::usual_and(&[])).expect_err("is refused");

@@ -65,8 +65,6 @@ enum Closing {
     No,
     /// The operator is asked.
     Asked,
-    /// The operator has agreed.
-    Agreed,
 }
 
 /// The window of a twin.
@@ -290,7 +288,7 @@ impl App {
             handle.pictures.count();
         }
         self.drain(&ctx, now_s);
-        self.closing(&ctx);
+        self.ask_to_close(&ctx);
         let mut commands = Vec::new();
         self.keys(&ctx, &mut commands);
         if self.screen.replays() && self.screens.library.take_drops(&ctx, &mut self.services) {
@@ -392,14 +390,18 @@ impl App {
         self.recording_since = None;
     }
 
-    // Lets the present twin go: its boards switch the pumps off when no heartbeat comes any more.
     fn connect(&mut self, name: &str) {
+        self.leave_twin();
+        self.connection.join(name, &mut self.services);
+    }
+
+    // Its thread ends, and stops the boards as it does.
+    fn leave_twin(&mut self) {
         self.handle = None;
         // A twin that was let go has no state any more.
         self.live = Arc::default();
         self.twin_gone = false;
         self.stop_pending = false;
-        self.connection.join(name, &mut self.services);
     }
 
     // Takes what the twin has published since the last frame.
@@ -454,7 +456,7 @@ impl App {
             self.heard_at_s = now_s;
             ctx.request_repaint_after(self.pace.patience());
         }
-        if is_armed(&self.live) {
+        if is_armed(&self.live) || self.live.link.venting {
             ctx.request_repaint_after(SILENT_LOOK);
         }
     }
@@ -462,18 +464,30 @@ impl App {
     /// For how long the control loop of an armed arm has not reported, s, if that is too long.
     fn silent_s(&self, now_s: f64) -> Option<f64> {
         let silent_s = now_s - self.heard_at_s;
-        let is_silent = is_armed(&self.live) && !self.twin_gone && self.handle.is_some();
+        let drives = is_armed(&self.live) || self.live.link.venting;
+        let is_silent = drives && !self.twin_gone && self.handle.is_some();
         (is_silent && silent_s > SILENT_S).then_some(silent_s)
     }
 
-    /// A window on an armed hardware arm asks before it closes.
-    fn closing(&mut self, ctx: &egui::Context) {
-        let armed = is_armed(&self.live) && self.live.link.moves_hardware();
+    /// Keeps a window on an armed hardware arm open until the operator has agreed to close it, also where nothing of
+    /// it is painted: minimised or hidden. Call before each frame, and instead of one that is not painted.
+    pub fn logic(&mut self, ctx: &egui::Context) {
         let wanted = ctx.input(|i| i.viewport().close_requested());
-        if wanted && armed && self.handle.is_some() && self.closing != Closing::Agreed {
-            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+        let Some(handle) = self.handle.as_ref().filter(|_| wanted) else {
+            return;
+        };
+        let now = handle.snapshot();
+        if is_armed(&now) && now.link.moves_hardware() && !self.twin_gone {
+            use egui::ViewportCommand::{CancelClose, Focus, Minimized};
+            for command in [CancelClose, Minimized(false), Focus] {
+                ctx.send_viewport_cmd(command);
+            }
             self.closing = Closing::Asked;
         }
+    }
+
+    /// Asks whether a window on an armed hardware arm shall close.
+    fn ask_to_close(&mut self, ctx: &egui::Context) {
         if self.closing != Closing::Asked {
             return;
         }
@@ -486,10 +500,12 @@ impl App {
                 ui.set_width(380.0);
                 ui.label(match self.spec.supply_off {
                     SupplyOff::Keeps => {
-                        "Closing the window switches the pumps off. The chambers keep their air: the arm stays as it is."
+                        "Closing the window switches the pumps off. By the robot file (supply_off) the chambers keep their \
+                         air: the arm should stay as it is."
                     }
                     SupplyOff::Vents => {
-                        "Closing the window switches the pumps off. The chambers lose their air: the arm sags, with its load."
+                        "Closing the window switches the pumps off. By the robot file (supply_off) the chambers lose their \
+                         air: the arm sags, with its load."
                     }
                 });
                 ui.add_space(8.0);
@@ -498,13 +514,13 @@ impl App {
                         self.closing = Closing::No;
                     }
                     if ui.button("Switch the pumps off and close").clicked() {
-                        self.closing = Closing::Agreed;
+                        self.closing = Closing::No;
+                        // The pumps are off before anything is stored or torn down.
+                        self.leave_twin();
+                        ctx.send_viewport_cmd(egui::ViewportCommand::Close);
                     }
                 });
             });
-        if self.closing == Closing::Agreed {
-            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
-        }
     }
 
     fn say(&mut self, text: impl Into<String>, level: Level, now_s: f64) {
@@ -691,6 +707,10 @@ impl App {
 }
 
 impl eframe::App for App {
+    fn logic(&mut self, ctx: &egui::Context, _frame: &mut eframe::Frame) {
+        App::logic(self, ctx);
+    }
+
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         self.frame(ui);
     }

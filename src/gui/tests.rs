@@ -54,6 +54,12 @@ impl Twin {
     fn taken(&self) -> Vec<Command> {
         self.commands.try_iter().collect()
     }
+
+    /// Whether the window has let it go.
+    fn is_gone(&self) -> bool {
+        let next = self.commands.try_recv();
+        next == Err(std::sync::mpsc::TryRecvError::Disconnected)
+    }
 }
 
 fn twin(first: Snapshot) -> (Twin, Handle) {
@@ -306,7 +312,21 @@ fn hardware_is_armed_first_and_go_is_held() {
     let (twin, mut h) = running(s.clone());
     type_target(&mut h, ["-60", "-40", "-270"]);
     assert!(is_disabled(&h, "▶ Hold to go"));
-    press(&mut h, "Arm");
+    // A click is too short, and who slides off the button has changed their mind.
+    press(&mut h, "Hold to arm");
+    assert_eq!(twin.taken(), []);
+    let at = h.get_by_label("Hold to arm").rect().center();
+    h.drag_at(at);
+    h.run_steps(2);
+    h.hover_at(at + egui::vec2(0.0, 200.0));
+    h.run_steps(20);
+    h.drop_at(at + egui::vec2(0.0, 200.0));
+    h.run();
+    assert_eq!(twin.taken(), []);
+    h.drag_at(at);
+    h.run_steps(14);
+    h.drop_at(at);
+    h.run();
     assert_eq!(twin.taken(), [Command::Arm]);
     s.mode = Mode::Hold;
     s.stamp = Stamp::from_seconds(1.1);

@@ -3,7 +3,7 @@
 use crate::analysis::history::History;
 use crate::analysis::recorded::origin_name;
 use crate::robot::RobotSpec;
-use crate::signal::{Mode, Snapshot, Stamp, TruthSource};
+use crate::signal::{ArmingCheck, Mode, Snapshot, Stamp, TruthSource};
 
 /// Whether an action is possible now, or why not (one sentence).
 pub type Gate = Result<(), String>;
@@ -81,6 +81,9 @@ impl View<'_> {
             Mode::Safe(_) => Err("SAFE: the pumps are off. Press Reset first.".into()),
             Mode::Disarmed if self.snapshot.link.moves_hardware() => {
                 Err("Disarmed: arm the hardware first.".into())
+            }
+            Mode::Hold if self.snapshot.gauge_check == ArmingCheck::Due => {
+                Err("The gauges are not checked: press Arm in the Target panel.".into())
             }
             _ => Ok(()),
         }

@@ -119,6 +119,8 @@ pub struct SerialLink {
     input: Receiver<LinkInput>,
     output: SyncSender<LinkOutput>,
     stop_line: StopLine,
+    /// A stop that found no place in the queue.
+    stop_now: StopLine,
     /// When the caller last fetched its input, ns from the session's start; 0 before the first time.
     alive: Arc<AtomicU64>,
     start: Instant,
@@ -153,6 +155,7 @@ pub fn open(
         input,
         output,
         stop_line: StopLine::default(),
+        stop_now: StopLine::default(),
         alive: Arc::default(),
         start,
         stop: Arc::default(),
@@ -169,11 +172,14 @@ pub fn open(
     let worker = Worker {
         names: ports,
         ports: opened,
+        back: Vec::new(),
         session,
         start,
         to_caller,
         from_caller,
         stop_line: link.stop_line.clone(),
+        stop_now: link.stop_now.clone(),
+        overtaken: false,
         alive: Arc::clone(&link.alive),
         stop: Arc::clone(&link.stop),
         dropped: Arc::clone(&link.dropped),
@@ -215,12 +221,12 @@ impl SerialLink {
     /// # Errors
     /// One sentence when the link's queue is full or its thread has ended.
     pub fn send(&self, output: LinkOutput) -> Result<(), &'static str> {
-        if output == LinkOutput::Order(Order::Stop) {
-            self.stop_line.press();
-        }
         match self.output.try_send(output) {
             Ok(()) => Ok(()),
-            Err(TrySendError::Full(LinkOutput::Order(Order::Stop))) => Ok(()),
+            Err(TrySendError::Full(LinkOutput::Order(Order::Stop | Order::CutSupply))) => {
+                self.stop_now.press();
+                Ok(())
+            }
             Err(TrySendError::Full(_)) => Err("The link is busy: the command was not sent."),
             Err(TrySendError::Disconnected(_)) => Err("The link has ended: open the port again."),
         }
@@ -249,11 +255,17 @@ struct Worker {
     names: Vec<String>,
     /// Empty while disconnected.
     ports: Vec<Box<dyn SerialPort>>,
+    /// Those that are open again while others are still missing: to open a port resets a stock board.
+    back: Vec<Option<Box<dyn SerialPort>>>,
     session: HostSession,
     start: Instant,
     to_caller: SyncSender<LinkInput>,
     from_caller: Receiver<LinkOutput>,
     stop_line: StopLine,
+    stop_now: StopLine,
+    /// The stop line was pressed, and the caller's own order to stop has not come yet: what it ordered before that is
+    /// older than the press.
+    overtaken: bool,
     alive: Arc<AtomicU64>,
     stop: Arc<AtomicBool>,
     dropped: Arc<AtomicU64>,
@@ -291,9 +303,9 @@ impl Worker {
             self.session.advance(now);
             self.session.stop_for(fault::ENDED);
             let bytes = self.session.poll(now);
+            // No wait for a port to drain: one that hangs would keep the stop from the other.
             for port in &mut self.ports {
                 let _ = port.write_all(&bytes);
-                let _ = port.flush();
             }
             std::thread::sleep(LAST_STOP_PERIOD);
         }
@@ -327,16 +339,23 @@ impl Worker {
         let ticked = Stamp(self.alive.load(Ordering::Relaxed) as i64);
         let is_alive = ticked > Stamp::ZERO && now.since(ticked) <= ALIVE_S;
         self.session.control_is_alive(is_alive);
+        if self.stop_line.take() {
+            self.session.estop();
+            self.overtaken = true;
+        }
         loop {
             match self.from_caller.try_recv() {
                 Ok(LinkOutput::Command(c)) => self.session.set_command(&c),
                 Ok(LinkOutput::ClearCommand) => self.session.clear_command(),
-                Ok(LinkOutput::Order(order)) => self.session.order(order),
+                Ok(LinkOutput::Order(Order::Vent | Order::Reset)) if self.overtaken => {}
+                Ok(LinkOutput::Order(order)) => {
+                    self.overtaken &= order != Order::Stop;
+                    self.session.order(order);
+                }
                 Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
             }
         }
-        // Last, so that a reset queued together with a stop does not undo it.
-        if self.stop_line.take() {
+        if self.stop_now.take() {
             self.session.estop();
         }
     }
@@ -394,13 +413,25 @@ impl Worker {
             std::thread::sleep(Duration::from_millis(5));
             return;
         }
-        match open_ports(&self.names) {
-            Ok(ports) => {
-                self.ports = ports;
-                let now = self.now();
-                self.session.reconnected(now);
+        let timeout = timeout_of(&self.names);
+        self.back.resize_with(self.names.len(), || None);
+        for (port, name) in self.back.iter_mut().zip(&self.names) {
+            if port.as_mut().is_some_and(|p| is_gone(p.as_mut())) {
+                *port = None;
             }
-            Err(_) => self.next_reopen = self.now().plus(REOPEN_PERIOD_S),
+            if port.is_none() {
+                *port = open_port(name, timeout).ok();
+            }
+        }
+        if self.back.iter().all(Option::is_some) {
+            self.ports = std::mem::take(&mut self.back)
+                .into_iter()
+                .flatten()
+                .collect();
+            let now = self.now();
+            self.session.reconnected(now);
+        } else {
+            self.next_reopen = self.now().plus(REOPEN_PERIOD_S);
         }
     }
 
@@ -455,8 +486,21 @@ fn is_passing(e: &io::Error) -> bool {
     )
 }
 
+fn timeout_of(names: &[String]) -> Duration {
+    READ_TIMEOUT / names.len().max(1) as u32
+}
+
+/// Whether a port that waits for others is gone again. What has come in is old by the time they are there.
+fn is_gone(port: &mut dyn SerialPort) -> bool {
+    let mut buffer = [0; 4096];
+    match port.read(&mut buffer) {
+        Ok(n) => n == 0,
+        Err(e) => !is_passing(&e),
+    }
+}
+
 fn open_ports(names: &[String]) -> Result<Vec<Box<dyn SerialPort>>, LinkError> {
-    let timeout = READ_TIMEOUT / names.len().max(1) as u32;
+    let timeout = timeout_of(names);
     names.iter().map(|n| open_port(n, timeout)).collect()
 }
 

@@ -256,12 +256,27 @@ fn a_caller_that_stands_still_is_stopped_and_stop_goes_past_it() {
     line.press();
     wait_for(&rig, fault::ESTOP);
     assert!(!rig.moving());
+    // What was ordered before the caller has heard of the press is older than it.
+    for order in [Order::Reset, Order::Vent, Order::Reset] {
+        link.tick();
+        let _ = link.send(LinkOutput::Order(order));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert!(rig.has_status(fault::ESTOP) && !rig.moving());
+    link.send(LinkOutput::Order(Order::Stop))
+        .expect("a stop gets through");
     get_moving(&link, &[&rig]);
     // On a busy machine the boards' own patience may end first.
     wait_for(&rig, fault::SAFE);
     assert!(!rig.moving());
     // What a caller says that has not ticked since moves nothing.
     let _ = link.send(LinkOutput::Order(Order::Reset));
+    let t0 = start();
+    while rig.has_status(fault::SAFE) {
+        assert!(t0.elapsed() < PATIENCE, "it is not reset");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    std::thread::sleep(Duration::from_millis(100));
     let _ = link.send(LinkOutput::Command(command()));
     std::thread::sleep(Duration::from_millis(300));
     assert!(!rig.moving());

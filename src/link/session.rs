@@ -58,9 +58,10 @@ const REFUSED_PERIOD_S: f64 = 1.0;
 /// RESET and ESTOP are repeated this often, RESET for this long, s.
 const REPEAT_PERIOD_S: f64 = 0.05;
 const RESET_REPEATS_S: f64 = 0.3;
-/// VENT is repeated this often, and no longer than it may take, s.
+/// VENT is repeated this often, and no longer than it may take, s: pumps of 1.8 l/min empty a chamber from 40 kPa in
+/// about 20 s.
 const VENT_PERIOD_S: f64 = 0.05;
-const LONGEST_VENT_S: f64 = 10.0;
+const LONGEST_VENT_S: f64 = 60.0;
 /// The boards get this long to begin venting, s.
 const VENT_BEGINS_S: f64 = 0.5;
 /// Loss over one second that is reported, once until it has fallen to half of this.
@@ -326,11 +327,18 @@ impl HostSession {
         self.command_is_new = self.command.take().is_some();
     }
 
-    /// The link takes the command away: all boards are stopped until the caller resets them.
+    /// The link takes away what was commanded, set pressures or venting: all boards are stopped until the caller resets
+    /// them.
     fn interrupt(&mut self) {
-        if self.command.is_some() {
+        if self.command.is_some() || self.venting.is_some() {
             self.estop();
         }
+    }
+
+    /// A board has started again: nothing that was ordered before reaches it.
+    fn started_again(&mut self) {
+        self.interrupt();
+        self.reset = None;
     }
 
     /// Carries out an order.
@@ -585,7 +593,7 @@ impl HostSession {
                 Run::Back => self.event(LinkEvent::BoardBack { board }),
                 Run::Another => {
                     peer.forget();
-                    self.interrupt();
+                    self.started_again();
                     self.event(LinkEvent::BoardRebooted { board });
                 }
             }
@@ -607,7 +615,7 @@ impl HostSession {
             peer.configured = false;
             peer.next_config = None;
             peer.restart_count();
-            self.interrupt();
+            self.started_again();
             return;
         }
         if !peer.in_order(now, packet.seq) || !peer.understood() {
@@ -627,6 +635,9 @@ impl HostSession {
                     if faults & fault::LATCHING != fault::SAFE | fault::BOOTED {
                         self.event(LinkEvent::BoardSafe { board, faults });
                     }
+                }
+                if packet.flags & flag::STOP_OPEN != 0 && self.venting.is_some() {
+                    self.interrupt();
                 }
                 if is_newest {
                     self.merge(board);

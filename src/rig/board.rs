@@ -37,8 +37,8 @@ const CHECKS_TO_TRIP: u8 = 2;
 const STEP_S: f64 = 0.004;
 /// Slack of the schedule, s: a caller's time steps need not hit it to the last bit.
 const SLACK_S: f64 = 1e-6;
-/// The regulators go from minus this to this, Pa.
-const REGULATORS_PA: f64 = 50e3;
+/// A chamber that is vented may show so much more than at the beginning, Pa.
+const VENT_SLACK_PA: f64 = 1e3;
 /// Name of this firmware in HELLO: "RIG1".
 pub const FIRMWARE_ID: u32 = u32::from_be_bytes(*b"RIG1");
 
@@ -98,6 +98,8 @@ pub struct Board {
     /// What the gauges showed last, Pa; a chamber without a gauge counts as where it was set last.
     gauge_pa: [f64; CHAMBERS_EACH],
     supply_cut: bool,
+    /// Pressures beyond which chambers that are vented are stopped, Pa.
+    vent_limit_pa: [f64; CHAMBERS_EACH],
     stop_open: bool,
     stop_checks: u8,
     next_step_s: f64,
@@ -139,6 +141,7 @@ impl Board {
             set_pa: [0.0; CHAMBERS_EACH],
             gauge_pa: [0.0; CHAMBERS_EACH],
             supply_cut: false,
+            vent_limit_pa: [0.0; CHAMBERS_EACH],
             stop_open: false,
             stop_checks: 0,
             next_step_s: f64::MIN,
@@ -153,6 +156,13 @@ impl Board {
         };
         board.say_hello(0.0);
         board
+    }
+
+    /// A reset: as [`Self::reboot`], but the memory keeps what is known of the gripper, and that the supply is cut.
+    pub fn reset(&mut self, t_s: f64, boot_nonce: u32) {
+        let (gripper_known, supply_cut) = (self.gripper_known, self.supply_cut);
+        self.reboot(t_s, boot_nonce);
+        (self.gripper_known, self.supply_cut) = (gripper_known, supply_cut);
     }
 
     /// Power off and on again: everything is forgotten, the clock starts at 0 at `t_s`. The gripper's valve stays where
@@ -335,7 +345,7 @@ impl Board {
             Body::Reset { id } => {
                 if self.last_reset != Some(*id) {
                     self.last_reset = Some(*id);
-                    self.reset();
+                    self.leave_safe();
                 }
             }
             Body::Setpoint(setpoint) => self.on_setpoint(t_s, setpoint, packet.flags),
@@ -345,10 +355,11 @@ impl Board {
     }
 
     /// Leaves SAFE. Causes that still hold trip again at the next check.
-    fn reset(&mut self) {
+    fn leave_safe(&mut self) {
         self.latched = 0;
         self.drive = None;
-        self.supply_cut = false;
+        // The emergency stop keeps the supply cut.
+        self.supply_cut &= self.stop_open;
         self.gauge_checks = 0;
         self.stop_checks = 0;
         // The watchdog starts again with the next heartbeat.
@@ -385,9 +396,23 @@ impl Board {
     fn on_vent(&mut self, t_s: f64, ttl_ms: u16) {
         let vents = self.drive.is_some_and(|d| d.vents);
         let has_air = self.gauge_pa.iter().any(|pa| pa.abs() > 2.0 * VENTED_PA);
-        if self.heartbeat_s.is_some() && !self.stop_open && (vents || has_air) {
-            self.drive_to(t_s, true, [0.0; CHAMBERS_EACH], ttl_ms);
+        // An emergency stop that has been pressed is reset first.
+        let stopped = self.stop_open || self.latched & fault::STOP_INPUT != 0;
+        let is_allowed = (1..=LONGEST_TTL_MS).contains(&ttl_ms);
+        if self.heartbeat_s.is_none() || stopped || !is_allowed {
+            return;
         }
+        if !vents && !has_air {
+            self.drive = None;
+            return;
+        }
+        if !vents {
+            let bound_pa = self.bound_pa();
+            self.vent_limit_pa = self
+                .gauge_pa
+                .map(|pa| bound_pa.max(pa.abs() + VENT_SLACK_PA));
+        }
+        self.drive_to(t_s, true, [0.0; CHAMBERS_EACH], ttl_ms);
     }
 
     /// Begins to move the set pressures, or goes on with it; whether the time-to-live allows that.
@@ -414,13 +439,20 @@ impl Board {
 
     /// Before the regulators are enabled they are set to the measured pressures, so that nothing jerks then.
     fn move_set_pressures(&mut self, t_s: f64) {
-        let Some(drive) = &mut self.drive else {
+        let Some(drive) = self.drive else {
             return;
         };
         if !drive.enabled {
-            self.set_pa = self
-                .gauge_pa
-                .map(|pa| pa.clamp(-REGULATORS_PA, REGULATORS_PA));
+            let bound_pa = self.bound_pa();
+            for (set_pa, gauge_pa) in self.set_pa.iter_mut().zip(self.gauge_pa) {
+                // Beyond the bound the gauge may be what is wrong.
+                if gauge_pa.abs() <= bound_pa {
+                    *set_pa = gauge_pa;
+                }
+            }
+            let Some(drive) = &mut self.drive else {
+                return;
+            };
             drive.enabled = t_s - drive.since_s >= PRELOAD_S - SLACK_S;
             return;
         }
@@ -464,12 +496,20 @@ impl Board {
         }
     }
 
+    /// The pressure beyond which a chamber is over-pressure, Pa.
+    fn bound_pa(&self) -> f64 {
+        pressure_pa(self.config.unwrap_or(Config::built_in()).over_pressure)
+    }
+
     fn check_chambers(&mut self, t_s: f64, readings: &Readings) {
-        let bound_pa = pressure_pa(self.config.unwrap_or(Config::built_in()).over_pressure);
-        let over = readings
-            .chamber_pa
-            .iter()
-            .position(|p| p.is_some_and(|pa| pa.is_infinite() || pa.abs() > bound_pa));
+        let vents = self.drive.is_some_and(|d| d.vents);
+        let limit_pa = match vents {
+            true => self.vent_limit_pa,
+            false => [self.bound_pa(); CHAMBERS_EACH],
+        };
+        let over = (0..CHAMBERS_EACH).find(|i| {
+            readings.chamber_pa[*i].is_some_and(|pa| pa.is_infinite() || pa.abs() > limit_pa[*i])
+        });
         let lost = readings
             .chamber_pa
             .iter()
@@ -477,6 +517,10 @@ impl Board {
         // A reading that falls to nothing passes the bound on its way: both count.
         if !count_up(&mut self.gauge_checks, over.or(lost)) {
             return;
+        }
+        if vents && over.is_some() {
+            // A chamber that fills while it is vented is stopped, whatever was latched before.
+            self.latched &= !fault::OVER_PRESSURE;
         }
         for (cause, found) in [(fault::OVER_PRESSURE, over), (fault::GAUGE_LOST, lost)] {
             if let Some(chamber) = found {

@@ -126,10 +126,21 @@ impl FirmwareBoard {
         answer.unwrap_or_default()
     }
 
-    /// Power off and on again.
-    pub fn reboot(&mut self) {
+    /// Power on again at `t_s` of the rig's time, after it was off.
+    pub fn reboot(&mut self, t_s: f64) {
+        self.start_over(t_s, b"P");
+    }
+
+    /// A reset that ends at `t_s`: what lies in the memory is left as it is.
+    pub fn reset(&mut self, t_s: f64) {
+        self.start_over(t_s, b"R");
+    }
+
+    fn start_over(&mut self, t_s: f64, request: &[u8]) {
         self.line.clear();
-        self.dead |= self.request(b"P").is_err();
+        // The time in which it did not run is not made up for.
+        self.asked = t_s * CLOCK_HZ * (1.0 + self.skew);
+        self.dead |= self.request(request).is_err();
     }
 
     /// An IMU loses count of the bus's clock in the middle of a byte (a fault) and holds the data line, until it

@@ -199,7 +199,16 @@ impl RigBoard {
     pub fn reboot(&mut self, t_s: f64, boot_nonce: u32) {
         match self {
             Self::Emulated(b) => b.reboot(t_s, boot_nonce),
-            Self::Firmware(b) => b.reboot(),
+            Self::Firmware(b) => b.reboot(t_s),
+        }
+    }
+
+    /// The same after a reset, which leaves the memory as it is: what the board knows of its gripper and that the supply
+    /// is cut.
+    pub fn reset(&mut self, t_s: f64, boot_nonce: u32) {
+        match self {
+            Self::Emulated(b) => b.reset(t_s, boot_nonce),
+            Self::Firmware(b) => b.reset(t_s),
         }
     }
 }
@@ -301,7 +310,7 @@ impl VirtualRig {
             if self.faults.is_off(b) {
                 return self.faults.up(b, t_s, &[]);
             }
-            self.readings[b].stop_open = self.faults.stop_is_open();
+            self.readings[b].stop_open = self.faults.stop_is_open(b);
             let said = self.boards[b].poll(t_s, &self.readings[b]);
             self.faults.up(b, t_s, &said)
         })
@@ -310,11 +319,14 @@ impl VirtualRig {
     /// Applies a board's event as a fault begins or ends.
     fn apply(&mut self, t_s: f64, event: BoardEvent) {
         match event {
-            BoardEvent::Boot(b) => {
+            BoardEvent::Boot(b) | BoardEvent::Reset(b) => {
                 self.boots += 1;
                 // Differs from every nonce before.
                 let nonce = 0x0b00_0000 ^ self.boots.wrapping_mul(0x9e37_79b9) ^ b as u32;
-                self.boards[b].reboot(t_s, nonce);
+                match event {
+                    BoardEvent::Reset(_) => self.boards[b].reset(t_s, nonce),
+                    _ => self.boards[b].reboot(t_s, nonce),
+                }
             }
             BoardEvent::Jump(b, by_s) => {
                 // The clock of a real chip cannot be moved from outside.

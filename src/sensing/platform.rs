@@ -219,6 +219,19 @@ pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
     solution
 }
 
+/// Middle and end pad in the base frame from the lengths of all springs, m.
+pub fn pads_of_lengths(spec: &RobotSpec, length_m: &[f64; 2 * LEGS]) -> [Pose; 2] {
+    let poses = std::array::from_fn(|k| {
+        let segment = Segment::of(spec, k);
+        let known = Known {
+            length_m: std::array::from_fn(|i| Some(length_m[LEGS * k + i])),
+            upper_from_lower: None,
+        };
+        solve(&segment, &known, &segment.rest()).upper_from_lower
+    });
+    pads(spec, &poses)
+}
+
 /// Middle and end pad in the base frame from the two segments' poses.
 pub fn pads(spec: &RobotSpec, upper_from_lower: &[Pose; 2]) -> [Pose; 2] {
     let base_from_middle = upper_from_lower[0];

@@ -51,6 +51,8 @@ pub enum AlarmKey {
     StillFed(usize),
     /// The emergency stop is pressed.
     EmergencyStop,
+    /// Contact is not detected.
+    ContactIgnored,
     /// The controller finds no admissible rates.
     Unsolved,
     /// The SAFE state.
@@ -136,6 +138,8 @@ pub enum AlarmCause {
     },
     /// The emergency stop is pressed.
     EmergencyStop,
+    /// Contact is not detected, as was asked for.
+    ContactIgnored,
     /// The controller finds no admissible rates.
     Unsolved {
         /// Ticks so far without.
@@ -167,6 +171,7 @@ impl AlarmCause {
             Self::PumpsRun { board } => AlarmKey::PumpsRun(board),
             Self::StillFed { chamber, .. } => AlarmKey::StillFed(chamber),
             Self::EmergencyStop => AlarmKey::EmergencyStop,
+            Self::ContactIgnored => AlarmKey::ContactIgnored,
             Self::Unsolved { .. } => AlarmKey::Unsolved,
             Self::Safe { .. } => AlarmKey::Safe,
         }
@@ -255,6 +260,10 @@ impl AlarmCause {
             ),
             Self::EmergencyStop => {
                 "The emergency stop is pressed: nothing moves until it is released and reset."
+                    .to_owned()
+            }
+            Self::ContactIgnored => {
+                "Contact is not detected (--expect-pushes): keep everybody out of the arm's reach."
                     .to_owned()
             }
             Self::Unsolved { ticks } => format!(

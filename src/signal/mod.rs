@@ -34,8 +34,9 @@ pub use pose::{
 pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
-    ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode, PAIR_S, Reach,
-    ReachState, RoutineStatus, Snapshot, StreamState, StreamStatus, Trace, TruthSource,
+    ArmingCheck, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode,
+    PAIR_S, Reach, ReachState, RoutineStatus, Snapshot, StreamState, StreamStatus, Trace,
+    TruthSource,
 };
 pub use time::Stamp;
 

@@ -277,6 +277,20 @@ pub struct Snapshot {
     pub streaming: Option<StreamStatus>,
     /// Why hardware may not be armed with the calibration in use, if so. Not kept in recordings.
     pub calibration_refusal: Option<String>,
+    /// The check of the gauges of an armed hardware arm. Not kept in recordings.
+    pub gauge_check: ArmingCheck,
+}
+
+/// How far the gauges of a hardware arm that was armed have been checked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ArmingCheck {
+    /// They have been, or nothing is armed, or nobody stands beside the arm.
+    #[default]
+    NotNeeded,
+    /// They have to be before the arm moves: Arm begins it.
+    Due,
+    /// This chamber (0-based) is under way.
+    Chamber(usize),
 }
 
 /// Motion capture and estimate further apart than this are not compared, s.

@@ -12,7 +12,7 @@ use super::loops::{run_in_lockstep, run_in_real_time};
 use super::port::{Clock, SETTLING_FRAMES};
 use super::runner::Runner;
 use crate::link::StopLine;
-use crate::signal::{Mode, Snapshot, Stamp};
+use crate::signal::{ArmingCheck, Mode, Snapshot, Stamp};
 
 /// Snapshots that wait for the window at most: two seconds' worth.
 const FEED: usize = 200;
@@ -155,16 +155,21 @@ impl WindowWatch {
 
     fn look(&mut self, snapshot: &Snapshot) -> Option<Command> {
         let painted = self.pictures.counted();
-        let is_moving = matches!(snapshot.mode, Mode::Moving | Mode::AtGoal);
-        let counts = !snapshot.link.practice && (is_moving || self.has_held);
-        if painted != self.seen || !counts {
+        let is_armed = matches!(snapshot.mode, Mode::Hold | Mode::Moving | Mode::AtGoal);
+        if painted != self.seen || snapshot.link.practice || !is_armed {
             self.seen = painted;
             self.since = snapshot.stamp;
             self.has_held = false;
             return None;
         }
+        // What only holds needs nobody; what sets out from there while nobody looks is held at once.
+        let is_checking = matches!(snapshot.gauge_check, ArmingCheck::Chamber(_));
+        let is_moving = matches!(snapshot.mode, Mode::Moving | Mode::AtGoal) || is_checking;
+        if !is_moving && !self.has_held {
+            return None;
+        }
         let for_s = snapshot.stamp.since(self.since);
-        if for_s >= STOP_AFTER_S {
+        if for_s >= STOP_AFTER_S && self.has_held {
             log::warn!("the window has not answered for {for_s:.0} s: stopped");
             self.since = snapshot.stamp;
             self.has_held = false;
@@ -172,6 +177,7 @@ impl WindowWatch {
         } else if for_s >= HOLD_AFTER_S && !self.has_held {
             log::warn!("the window has not answered for {for_s:.0} s: held");
             self.has_held = true;
+            self.since = snapshot.stamp.plus(-HOLD_AFTER_S);
             Some(Command::Hold)
         } else {
             None
@@ -272,5 +278,39 @@ mod tests {
         assert!((found[0].0 - 2.5).abs() < 0.02, "{found:?}");
         assert_eq!(found[1].1, Command::Stop);
         assert!((found[1].0 - 5.5).abs() < 0.02, "{found:?}");
+    }
+
+    #[test]
+    fn the_check_of_the_gauges_counts_as_motion_and_what_sets_out_unseen_is_held_at_once() {
+        let looks = |checks: fn(f64) -> bool, moves: fn(f64) -> bool| {
+            let mut watch = WindowWatch::new(Pictures::default());
+            let mut all = Vec::new();
+            for k in 0..1000 {
+                let t_s = f64::from(k) * 0.01;
+                let held = !all.is_empty();
+                let gauge_check = match checks(t_s) && !held {
+                    true => ArmingCheck::Chamber(0),
+                    false => ArmingCheck::NotNeeded,
+                };
+                let mode = match moves(t_s) && !held {
+                    true => Mode::Moving,
+                    false => Mode::Hold,
+                };
+                let snapshot = Snapshot {
+                    stamp: Stamp::from_seconds(t_s),
+                    mode,
+                    gauge_check,
+                    ..Snapshot::default()
+                };
+                all.extend(watch.look(&snapshot).map(|c| (t_s, c)));
+            }
+            all
+        };
+        assert_eq!(looks(|_| false, |_| false), [], "an arm that only holds");
+        let found = looks(|t_s| t_s >= 0.5, |_| false);
+        assert!((found[0].0 - 2.0).abs() < 0.02 && found[0].1 == Command::Hold);
+        let found = looks(|_| false, |t_s| t_s >= 7.0);
+        assert!((found[0].0 - 7.0).abs() < 0.02 && found[0].1 == Command::Hold);
+        assert_eq!(found.len(), 1, "{found:?}: STOP would follow 3 s later");
     }
 }

@@ -147,6 +147,11 @@ impl Runner {
         }
     }
 
+    /// Stops the boards and closes the port; the boards are SAFE afterwards.
+    pub fn let_port_go(&mut self) {
+        self.port = Box::new(NoPort);
+    }
+
     /// Ends the recording, if one runs, and reports how it went. Waits for the disk: the control loop must
     /// be over.
     pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
@@ -167,7 +172,7 @@ impl Runner {
     /// Ends what is under way: lets the port go first, so that another twin can have it, then ends stream
     /// and recording. Waits for the disk.
     pub(super) fn end(&mut self, now: Stamp) {
-        self.port = Box::new(NoPort);
+        self.let_port_go();
         let mut last = Vec::new();
         self.recordings.close();
         self.streams.stop(now, LAST_WORDS, &mut last);

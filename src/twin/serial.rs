@@ -3,7 +3,7 @@
 use super::port::{Arrivals, Clock, Port};
 use crate::link::serial::{LinkInput, LinkOutput, STATUS_PERIOD_S, SerialLink};
 use crate::link::{Order, StopLine};
-use crate::signal::{HostDelay, LinkStatus, PressureCommand, Stamp};
+use crate::signal::{BOARDS, HostDelay, LinkStatus, PressureCommand, Stamp};
 
 /// A link that was not heard for so long is not run, s: it gives its status more often, whatever the boards do.
 const NOT_RUN_S: f64 = 1.5 * STATUS_PERIOD_S;
@@ -52,6 +52,9 @@ impl Port for SerialPort {
         arrivals.status = self.status.clone();
         if let Some(delay) = silence(self.heard, now) {
             arrivals.status.host_delay = Some(delay);
+            // What the boards did then is not known of now.
+            arrivals.status.pumps = [None; BOARDS];
+            arrivals.status.venting = false;
         }
         arrivals
     }

@@ -8,6 +8,7 @@
  * |---|---|
  * | 'S', u32 cycles, line, readings | runs so many cycles of the 16 MHz clock |
  * | 'P' | power off and on: the SRAM comes up as noise |
+ * | 'R' | reset: the SRAM stays as it is |
  * | 'J' | an IMU loses count in the middle of a byte: it holds the data line until it was clocked nine times |
  *
  * line: u16 n, n bytes for the board. They are put on its line one after the other, 20 us each.
@@ -300,7 +301,14 @@ static void wire_up(void)
     was_reset = false;
 }
 
-/* Power has come: the SRAM holds noise, the IMUs sleep, the line is empty. */
+/* After a reset nothing of the line before it is heard. */
+static void start_over(void)
+{
+    inbox_n = inbox_at = 0;
+    wire_up();
+}
+
+/* Power has come: the SRAM holds noise, the IMUs sleep. */
 static void power_up(void)
 {
     for (int i = 0; i < 2; i++) {
@@ -311,9 +319,8 @@ static void power_up(void)
         sram_state = sram_state * 1664525u + 1013904223u;
         avr->data[at] = (uint8_t)(sram_state >> 24);
     }
-    inbox_n = inbox_at = 0;
     bus_held_for = 0;
-    wire_up();
+    start_over();
 }
 
 /* The caller keeps the time: sleeping costs none. */
@@ -421,6 +428,9 @@ int main(int argc, char **argv)
         if (request == 'P') {
             avr_reset(avr);
             power_up();
+        } else if (request == 'R') {
+            avr_reset(avr);
+            start_over();
         } else if (request == 'J') {
             bus_held_for = 9;
             set_bus();

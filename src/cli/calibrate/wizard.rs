@@ -118,6 +118,7 @@ pub fn wizard(
         .rig(&a.rig, rig_options(0.0, a.seed))
         .maps(maps.clone())
         .instruments(instruments)
+        .ends_with(crate::cli::signals::asked_to_end()?)
         .build()?;
     let mut wizard = Headless::new(in_use, robot, options);
     let answerer = answerer(a, robot, maps);

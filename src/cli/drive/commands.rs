@@ -100,7 +100,8 @@ impl Common {
             .robot_file(robot_file)
             .rig(&self.rig, options)
             .gains(self.controller.gains())
-            .instruments(self.instruments.plain());
+            .instruments(self.instruments.plain())
+            .ends_with(crate::cli::signals::asked_to_end()?);
         let what = Drive {
             plan,
             declared_kg: self.payload,

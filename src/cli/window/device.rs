@@ -287,6 +287,16 @@ impl eframe::App for Pane {
         }
     }
 
+    fn logic(&mut self, ctx: &egui::Context, _frame: &mut eframe::Frame) {
+        // A window without its device closes; another opens.
+        if self.lost.get().is_some() {
+            return;
+        }
+        if let Some(kept) = &mut *self.kept.borrow_mut() {
+            kept.app.logic(ctx);
+        }
+    }
+
     fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
         let kept = Rc::clone(&self.kept);
         let mut kept = kept.borrow_mut();

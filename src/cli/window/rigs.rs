@@ -116,6 +116,7 @@ impl Rigs {
                 other.calibration = None;
                 other.accept_virtual_calibration = false;
                 other.accept_simulated_boards = false;
+                other.expect_pushes = false;
                 other
             }
         };
@@ -303,6 +304,9 @@ mod tests {
         // The word was given for the rig that was named.
         let (_, elsewhere, _) = rigs.with_active("/dev/ttyUSB1");
         assert!(!elsewhere.accept_virtual_calibration);
+        rigs.instruments.expect_pushes = true;
+        assert!(rigs.with_active("/dev/ttyUSB0").1.expect_pushes);
+        assert!(!rigs.with_active("/dev/ttyUSB1").1.expect_pushes);
         std::fs::remove_dir_all(data).expect("cleans up");
     }
 

@@ -8,7 +8,9 @@ use egui::{Button, RichText, TextEdit, Ui, vec2};
 use super::widgets::{Gate, gated, heading, note, number};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState, Severity};
+use crate::signal::{
+    ArmingCheck, CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState, Severity,
+};
 use crate::twin::Command;
 pub use course::{Course, Said};
 
@@ -24,12 +26,14 @@ pub struct TargetDraft {
     pub course: Course,
     hold: HoldToGo,
     open: HoldToGo,
+    arm: HoldToGo,
 }
 
 /// A button that moves the arm: at once on the virtual rig, held down on hardware.
 #[derive(Clone, Debug, Default)]
 pub struct HoldToGo {
-    held_s: f64,
+    /// For how long it has been held down, s.
+    held_s: Option<f64>,
 }
 
 /// The words of such a button.
@@ -55,8 +59,8 @@ impl HoldToGo {
         let simulated = !view.snapshot.link.moves_hardware();
         let label = if simulated {
             fire.now.to_owned()
-        } else if self.held_s > 0.0 {
-            format!("Hold {:.1} s", (HOLD_TO_GO_S - self.held_s).max(0.0))
+        } else if let Some(held_s) = self.held_s {
+            format!("{} {:.1} s", fire.now, (HOLD_TO_GO_S - held_s).max(0.0))
         } else {
             fire.hold.to_owned()
         };
@@ -67,18 +71,28 @@ impl HoldToGo {
         // Sensing drags keeps the button pressed for longer than a click may last.
         let sense = egui::Sense::click_and_drag();
         let button = Button::new(label).min_size(size).sense(sense);
-        let response = gated(ui, gate, button, &hover);
+        // An id of its own: a press is never taken over by the button that comes to stand in its place.
+        let response = ui
+            .push_id(fire.hold, |ui| gated(ui, gate, button, &hover))
+            .inner;
         if simulated {
             return response.clicked() && gate.is_ok();
         }
-        if gate.is_err() || !response.is_pointer_button_down_on() {
-            self.held_s = 0.0;
+        // Who slides off the button has changed their mind.
+        let is_held = response.is_pointer_button_down_on() && response.contains_pointer();
+        if gate.is_err() || !is_held {
+            self.held_s = None;
             return false;
         }
-        let before = self.held_s;
-        self.held_s += f64::from(ui.input(|i| i.unstable_dt)).min(0.1);
         ui.request_repaint();
-        before < HOLD_TO_GO_S && self.held_s >= HOLD_TO_GO_S
+        // The time before the press does not count.
+        let Some(before_s) = self.held_s else {
+            self.held_s = Some(0.0);
+            return false;
+        };
+        let held_s = before_s + f64::from(ui.input(|i| i.unstable_dt)).min(0.1);
+        self.held_s = Some(held_s);
+        before_s < HOLD_TO_GO_S && held_s >= HOLD_TO_GO_S
     }
 }
 
@@ -207,7 +221,7 @@ pub fn go_gate(view: &View<'_>, draft: &TargetDraft) -> Gate {
 
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
-    arming(ui, view, commands);
+    arming(ui, view, &mut draft.arm, commands);
     let submitted = fields(ui, draft);
     let parsed = draft.parse();
     let live = view.live();
@@ -520,12 +534,16 @@ pub fn arming_checks(view: &View<'_>) -> Vec<(&'static str, Gate)> {
     ]
 }
 
-fn arming(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
+fn arming(ui: &mut Ui, view: &View<'_>, arm: &mut HoldToGo, commands: &mut Vec<Command>) {
     let s = view.snapshot;
     if !s.link.moves_hardware() || matches!(s.mode, Mode::Safe(_)) {
         return;
     }
-    if s.mode != Mode::Disarmed {
+    if let ArmingCheck::Chamber(i) = s.gauge_check {
+        let text = format!("The gauges are checked: chamber {} of {CHAMBERS}", i + 1);
+        super::widgets::status(ui, Level::Warning, &text);
+    }
+    if s.mode != Mode::Disarmed && s.gauge_check != ArmingCheck::Due {
         if gated(
             ui,
             &view.live(),
@@ -550,14 +568,12 @@ fn arming(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
         Some((name, _)) => Err(format!("The check “{name}” has not passed.")),
         None => Ok(()),
     });
-    if gated(
-        ui,
-        &gate,
-        Button::new("Arm"),
-        "Allow motion of the hardware",
-    )
-    .clicked()
-    {
+    let fire = Fire {
+        now: "Arm",
+        hold: "Hold to arm",
+        hover: "Allow motion. One after another each chamber is changed by 1 kPa, the first time by 2 kPa",
+    };
+    if arm.button(ui, view, &gate, &fire, vec2(0.0, 0.0)) {
         commands.push(Command::Arm);
     }
     ui.separator();

@@ -115,15 +115,22 @@ pub fn goes_down(response: &Response) -> bool {
     if !response.enabled() {
         return false;
     }
-    let pressed_at = response.ctx.input(|i| {
-        i.events.iter().find_map(|e| match e {
+    let pressed_at: Vec<egui::Pos2> = response.ctx.input(|i| {
+        let at = i.events.iter().filter_map(|e| match e {
             egui::Event::PointerButton {
                 pos, pressed: true, ..
             } => Some(*pos),
+            // Only the first finger is a pointer.
+            egui::Event::Touch {
+                pos,
+                phase: egui::TouchPhase::Start,
+                ..
+            } => Some(*pos),
             _ => None,
-        })
+        });
+        at.collect()
     });
-    let hit = pressed_at.is_some_and(|pos| {
+    let hit = pressed_at.into_iter().any(|pos| {
         let top = response.ctx.layer_id_at(pos);
         response.interact_rect.contains(pos) && top.is_none_or(|layer| layer == response.layer_id)
     });

@@ -347,6 +347,9 @@ fn stop_goes_past_a_control_loop_that_stands_still() {
         .build_eframe(|_| app);
     twin.publish(fixture::snapshot(1.05));
     h.run_steps(1);
+    // Nobody else wakes a window whose twin stands still.
+    let wakes = h.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
+    assert!(wakes <= std::time::Duration::from_millis(100), "{wakes:?}");
     let silent = |h: &Harness<'_, App>| h.query_by_label_contains("Control silent").is_some();
     assert!(!silent(&h));
     h.run_steps(10);
@@ -396,7 +399,12 @@ fn air_is_let_out_by_a_button_that_is_held_down_on_hardware() {
     s.mode = Mode::Safe("stopped".into());
     twin.publish(s.clone());
     h.run();
-    h.get_by_label("Hold: VENT");
+    let at = h.get_by_label("Hold: VENT").rect().center();
+    h.drag_at(at);
+    h.run_steps(14);
+    h.drop_at(at);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Vent]);
     s.raw.as_mut().expect("frames").chamber_pa = [1e3; 6];
     twin.publish(s);
     h.run();
@@ -427,35 +435,211 @@ fn a_gripper_with_a_load_opens_on_hardware_at_rest_and_held_down_only() {
     assert!(is_disabled(&h, "Hold to open"));
 }
 
+/// What the window asks of its system in the last frame.
+fn asked(h: &Harness<'_, App>) -> Vec<egui::ViewportCommand> {
+    let out = &h.output().viewport_output;
+    out.get(&egui::ViewportId::ROOT)
+        .map(|v| v.commands.clone())
+        .unwrap_or_default()
+}
+
+/// The system asks the window to close, for one frame; what it answers.
+fn ask_to_close(h: &mut Harness<'_, App>) -> Vec<egui::ViewportCommand> {
+    let viewport = h.input_mut().viewport_id;
+    let info = |h: &mut Harness<'_, App>, closes: bool| {
+        let info = h.input_mut().viewports.get_mut(&viewport);
+        let events = &mut info.expect("a window").events;
+        events.clear();
+        events.extend(closes.then_some(egui::ViewportEvent::Close));
+    };
+    info(h, true);
+    h.step();
+    let answer = asked(h);
+    info(h, false);
+    h.step();
+    answer
+}
+
 #[test]
 fn a_window_on_an_armed_arm_asks_before_it_closes() {
-    let (_twin, mut h) = running(on_hardware(on_hold(1.0)));
-    let close = |h: &mut Harness<'_, App>| {
-        let viewport = h.input_mut().viewport_id;
-        let info = h
-            .input_mut()
-            .viewports
-            .get_mut(&viewport)
-            .expect("a window");
-        info.events.push(egui::ViewportEvent::Close);
-        h.step();
-        let viewport = h.input_mut().viewport_id;
-        let info = h
-            .input_mut()
-            .viewports
-            .get_mut(&viewport)
-            .expect("a window");
-        info.events.clear();
-        h.step();
-    };
-    close(&mut h);
+    use egui::ViewportCommand::{CancelClose, Close};
+    let (twin, mut h) = running(on_hardware(on_hold(1.0)));
+    assert!(ask_to_close(&mut h).contains(&CancelClose));
     h.get_by_label_contains("Closing the window switches the pumps off");
     let stop = control(&h, "■ STOP").rect();
     let question = h.get_by_label_contains("Closing the window").rect();
     assert!(!stop.intersects(question), "STOP stays within reach");
     press(&mut h, "Stay");
     assert!(h.query_by_label_contains("Closing the window").is_none());
-    close(&mut h);
-    press(&mut h, "Switch the pumps off and close");
-    assert!(h.query_by_label_contains("Closing the window").is_none());
+    assert!(ask_to_close(&mut h).contains(&CancelClose));
+    control(&h, "Switch the pumps off and close").click();
+    let mut closes = false;
+    for _ in 0..4 {
+        h.step();
+        closes |= asked(&h).contains(&Close);
+    }
+    assert!(closes);
+    // Its twin has been let go by then, and nothing is asked again.
+    assert!(twin.is_gone());
+    assert!(!ask_to_close(&mut h).contains(&CancelClose));
+}
+
+#[test]
+fn a_window_closes_at_once_where_nothing_is_armed_or_nobody_stands_beside_the_arm() {
+    let mut disarmed = on_hardware(on_hold(1.0));
+    disarmed.mode = Mode::Disarmed;
+    for snapshot in [disarmed, on_hold(1.0)] {
+        let (_twin, mut h) = running(snapshot);
+        assert!(!ask_to_close(&mut h).contains(&egui::ViewportCommand::CancelClose));
+    }
+}
+
+/// Minimised or hidden, a window is not painted: only its logic runs.
+#[test]
+fn a_window_that_is_not_painted_does_not_close_on_an_armed_arm() {
+    use egui::ViewportCommand::{CancelClose, Minimized};
+    let closes = |snapshot: Snapshot| {
+        let (_twin, handle) = twin(snapshot);
+        let mut app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+        let mut input = egui::RawInput::default();
+        let info = input.viewports.entry(egui::ViewportId::ROOT).or_default();
+        info.events.push(egui::ViewportEvent::Close);
+        let ctx = egui::Context::default();
+        let out = ctx.run_logic(&input, |ctx| app.logic(ctx));
+        let commands = out.viewport_commands.into_iter().next();
+        let commands = commands.map_or(Vec::new(), |(_, commands)| commands);
+        assert_eq!(
+            commands.contains(&CancelClose),
+            commands.contains(&Minimized(false))
+        );
+        !commands.contains(&CancelClose)
+    };
+    assert!(!closes(on_hardware(on_hold(1.0))));
+    assert!(closes(on_hold(1.0)), "a simulated arm");
+}
+
+#[test]
+fn space_holds_whatever_is_open_focused_or_held_down_with_it() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let alarms = h.get_by_label_contains("alarms ");
+    alarms.click();
+    h.run();
+    assert!(egui::Popup::is_any_open(&h.ctx));
+    h.key_press(Key::Space);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Hold]);
+    twin.publish(on_hold(1.1));
+    h.run_steps(8);
+    for modifiers in [Modifiers::SHIFT, Modifiers::CTRL, Modifiers::ALT] {
+        control(&h, "▶ RESUME").focus();
+        h.run_steps(30);
+        h.key_press_modifiers(modifiers, Key::Space);
+        h.run();
+        assert_eq!(twin.taken(), [Command::Hold], "{modifiers:?}");
+    }
+}
+
+/// A field keeps the keyboard only until something else is pressed, however long that press is.
+#[test]
+fn space_holds_after_a_button_was_held_down_beside_a_field_with_the_keyboard() {
+    let mut s = on_hardware(on_hold(1.0));
+    let goal = Goal::position([-0.06, -0.04, -0.27]);
+    let reach = fixture::reach(ReachState::Reachable, goal.position_m);
+    s.preview = Some((goal, reach));
+    let (twin, mut h) = running(s);
+    type_target(&mut h, ["-60", "-40", "-270"]);
+    h.get_by_label("Target x in mm").focus();
+    h.run();
+    let at = h.get_by_label("▶ Hold to go").rect().center();
+    h.drag_at(at);
+    h.run_steps(14);
+    h.drop_at(at);
+    h.run();
+    assert!(twin.taken().contains(&Command::Go));
+    h.key_press(Key::Space);
+    h.run();
+    assert_eq!(twin.taken(), [Command::Hold]);
+}
+
+#[test]
+fn a_press_that_is_held_down_belongs_to_its_button_and_lasts_eight_tenths_of_a_second() {
+    let held = on_hardware(on_hold(1.0));
+    let (twin, handle) = twin(held.clone());
+    let app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+    let mut h = Harness::builder()
+        .with_size([1280.0, 720.0])
+        .with_step_dt(0.05)
+        .build_eframe(|_| app);
+    h.run_steps(30);
+    let at = control(&h, "▶ Hold to resume").rect().center();
+    // Down, and 0.75 s after the frame that has seen it.
+    h.drag_at(at);
+    h.run_steps(16);
+    assert_eq!(twin.taken(), []);
+    h.drop_at(at);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [], "too short");
+    h.drag_at(at);
+    h.run_steps(18);
+    assert_eq!(twin.taken(), [Command::Resume]);
+    h.drop_at(at);
+    h.run_steps(2);
+    // VENT comes to stand where RESUME was while that is held down.
+    h.drag_at(at);
+    h.run_steps(8);
+    let mut safe = held;
+    safe.mode = Mode::Safe("over-pressure".into());
+    safe.routine = None;
+    safe.stamp = Stamp::from_seconds(1.5);
+    let raw = safe.raw.as_mut().expect("frames");
+    raw.present = crate::signal::RawFrame::ALL_PRESENT;
+    raw.chamber_pa = [12e3; 6];
+    twin.publish(safe);
+    h.run_steps(30);
+    assert!(
+        control(&h, "Hold: VENT").rect().contains(at),
+        "it stands there"
+    );
+    assert_eq!(twin.taken(), [], "the press is not its own");
+}
+
+/// Only the first finger on a screen is a pointer.
+#[test]
+fn a_second_finger_stops_and_holds() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let finger = |h: &mut Harness<'_, App>, id, pos, phase| {
+        h.event(egui::Event::Touch {
+            device_id: egui::TouchDeviceId(0),
+            id: egui::TouchId(id),
+            phase,
+            pos,
+            force: None,
+        });
+    };
+    let view = h.get_by_label("Arm, side view").rect().center();
+    finger(&mut h, 1, view, egui::TouchPhase::Start);
+    pointer(&mut h, view, true);
+    h.run_steps(2);
+    for (button, wanted) in [("■ STOP", Command::Stop), ("▮▮ HOLD", Command::Hold)] {
+        let at = h.get_by_label(button).rect().center();
+        finger(&mut h, 2, at, egui::TouchPhase::Start);
+        h.run_steps(2);
+        finger(&mut h, 2, at, egui::TouchPhase::End);
+        h.run_steps(2);
+        let taken = twin.taken();
+        assert_eq!(
+            taken.iter().filter(|c| **c == wanted).count(),
+            1,
+            "{taken:?}"
+        );
+    }
+    // The first finger is both, and one press.
+    pointer(&mut h, view, false);
+    h.run_steps(2);
+    twin.taken();
+    let stop = h.get_by_label("■ STOP").rect().center();
+    finger(&mut h, 1, stop, egui::TouchPhase::Start);
+    pointer(&mut h, stop, true);
+    h.run_steps(2);
+    assert_eq!(twin.taken(), [Command::Stop]);
 }

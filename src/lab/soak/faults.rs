@@ -45,7 +45,7 @@ const CHAMBER: (fn(usize) -> Place, usize) = (Place::Chamber, CHAMBERS);
 const BOARD: (fn(usize) -> Place, usize) = (Place::Board, BOARDS);
 /// Board 1 keeps its power, so that its clock wraps all the way.
 const SECOND: (fn(usize) -> Place, usize) = (|_| Place::Board(1), 1);
-const STOP: (fn(usize) -> Place, usize) = (|_| Place::Stop, 1);
+const STOP: (fn(usize) -> Place, usize) = (Place::Stop, BOARDS);
 const SUPPLY: (fn(usize) -> Place, usize) = (|_| Place::Supply, 1);
 const PORT: (fn(usize) -> Place, usize) = (|_| Place::Port, 1);
 

@@ -17,8 +17,8 @@ pub enum Place {
     Port,
     /// The supply of all chambers.
     Supply,
-    /// The emergency stop.
-    Stop,
+    /// The emergency stop's contact to a board.
+    Stop(usize),
 }
 
 /// Kind of fault.
@@ -50,7 +50,7 @@ pub enum Word {
     Open,
     /// Has no power for a while.
     Reboot,
-    /// Boots the boards when it is opened.
+    /// Resets the boards when it is opened; their bootloader takes so long.
     Dtr,
     /// Lets the air out while it is off.
     Vents,
@@ -98,10 +98,11 @@ pub fn amount(place: Place, word: Word) -> Option<Amount> {
     let none = of(0.0, 0.0, 0.0, "nothing");
     let share = |usual| of(usual, 0.0, 1.0, "share");
     match (place, word) {
-        (Place::Port, Word::Off | Word::Dtr) | (Place::Supply, Word::Stuck) => none,
-        (Place::Gauge(_) | Place::Stop, Word::Open) => none,
+        (Place::Port, Word::Off) | (Place::Supply, Word::Stuck) => none,
+        (Place::Port, Word::Dtr) => of(1.0, 0.0, 10.0, "s"),
+        (Place::Gauge(_) | Place::Stop(_), Word::Open) => none,
         (Place::Supply, Word::Vents) => of(20.0, 0.0, 1000.0, "l/min at 20 kPa"),
-        (Place::Port | Place::Supply | Place::Stop, _) => None,
+        (Place::Port | Place::Supply | Place::Stop(_), _) => None,
         (Place::Board(_), Word::Reboot) => of(0.05, 0.0, 60.0, "s"),
         (_, Word::Off | Word::Stuck | Word::Garbage) => none,
         (_, Word::Delayed) => of(0.1, 0.0, 10.0, "s"),

@@ -18,10 +18,10 @@
 //! | word | the port | the supply of all chambers | the emergency stop |
 //! |---|---|---|---|
 //! | off | is unplugged | | |
-//! | dtr | boots the boards when it is opened | | |
+//! | dtr | resets the boards when it is opened: their bootloader takes so many seconds | | |
 //! | stuck | | ignores the boards' enable outputs | |
 //! | vents | | lets so many l/min at 20 kPa out of chambers whose pumps are off | |
-//! | open | | | is pressed, or its wire is cut |
+//! | open | | | is pressed, or a board's wire to it is cut |
 //!
 //! One place has one fault at a time. A board that was off boots when its fault ends. A port counts as opened when bytes
 //! come after half a second without any. What a board's line does it does in both directions, but `stuck`, `slow`,
@@ -50,8 +50,10 @@ const CARRIED_OVER: f64 = 0.9;
 /// Event at a board when a fault begins or ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum BoardEvent {
-    /// The board boots.
+    /// The board has power again and boots.
     Boot(usize),
+    /// The board boots after a reset, which leaves its memory.
+    Reset(usize),
     /// Its clock jumps by so many seconds.
     Jump(usize, f64),
 }
@@ -66,9 +68,9 @@ pub struct Faults {
     boards: [Option<Fault>; BOARDS],
     port: Option<Fault>,
     supply: Option<Fault>,
-    stop: Option<Fault>,
-    /// When boards that reboot have power again, s.
-    reboots: [Option<f64>; BOARDS],
+    stops: [Option<Fault>; BOARDS],
+    /// When boards that reboot boot, s, and how.
+    reboots: [Option<(f64, BoardEvent)>; BOARDS],
     /// Present time, and when the host was last heard, s.
     now_s: f64,
     heard_s: f64,
@@ -95,7 +97,7 @@ impl Faults {
             boards: [None; BOARDS],
             port: None,
             supply: None,
-            stop: None,
+            stops: [None; BOARDS],
             reboots: [None; BOARDS],
             now_s: 0.0,
             heard_s: f64::MIN,
@@ -125,7 +127,7 @@ impl Faults {
         match place {
             // Over as soon as it has happened.
             Place::Board(b) if fault.word == Word::Reboot => {
-                self.reboots[b] = Some(self.now_s + fault.amount);
+                self.reboots[b] = Some((self.now_s + fault.amount, BoardEvent::Boot(b)));
             }
             Place::Board(b) if fault.word == Word::Jump => {
                 self.events.push(BoardEvent::Jump(b, fault.amount));
@@ -152,8 +154,8 @@ impl Faults {
         let places = (0..SPRINGS).map(Place::Spring);
         let places = places.chain((0..IMUS).map(Place::Imu));
         let places = places.chain((0..CHAMBERS).flat_map(|i| [Place::Gauge(i), Place::Chamber(i)]));
-        let places = places.chain((0..BOARDS).map(Place::Board));
-        for place in places.chain([Place::Port, Place::Supply, Place::Stop]) {
+        let places = places.chain((0..BOARDS).flat_map(|b| [Place::Board(b), Place::Stop(b)]));
+        for place in places.chain([Place::Port, Place::Supply]) {
             self.end(place);
         }
     }
@@ -182,7 +184,7 @@ impl Faults {
             Place::Board(i) => self.boards.get_mut(i),
             Place::Port => Some(&mut self.port),
             Place::Supply => Some(&mut self.supply),
-            Place::Stop => Some(&mut self.stop),
+            Place::Stop(i) => self.stops.get_mut(i),
         }
     }
 
@@ -195,17 +197,19 @@ impl Faults {
                 None => self.end(place),
             }
         }
-        for (b, until_s) in self.reboots.iter_mut().enumerate() {
-            if until_s.take_if(|s| *s <= t_s).is_some() {
-                self.events.push(BoardEvent::Boot(b));
-            }
+        for reboot in &mut self.reboots {
+            self.events.extend(
+                reboot
+                    .take_if(|(until_s, _)| *until_s <= t_s)
+                    .map(|(_, how)| how),
+            );
         }
         std::mem::take(&mut self.events)
     }
 
-    /// Whether the emergency stop's contact is open.
-    pub(super) fn stop_is_open(&self) -> bool {
-        has(self.stop, Word::Open)
+    /// Whether the emergency stop's contact to a board is open.
+    pub(super) fn stop_is_open(&self, board: usize) -> bool {
+        has(self.stops[board], Word::Open)
     }
 
     /// Whether a board has no power.
@@ -213,6 +217,7 @@ impl Faults {
         has(self.boards[board], Word::Off)
             || self.reboots[board].is_some()
             || self.events.contains(&BoardEvent::Boot(board))
+            || self.events.contains(&BoardEvent::Reset(board))
     }
 
     /// What arrives at a board of what the host sent.
@@ -221,8 +226,13 @@ impl Faults {
             return Vec::new();
         }
         if !bytes.is_empty() {
-            if has(self.port, Word::Dtr) && t_s - self.heard_s > CLOSED_S {
-                self.reboots = [Some(t_s); BOARDS];
+            if let Some(dtr) = self.port.filter(|f| f.word == Word::Dtr)
+                && t_s - self.heard_s > CLOSED_S
+            {
+                for (b, reboot) in self.reboots.iter_mut().enumerate() {
+                    // A board without power has nothing to reset.
+                    reboot.get_or_insert((t_s + dtr.amount, BoardEvent::Reset(b)));
+                }
             }
             self.heard_s = t_s;
         }

@@ -4,7 +4,7 @@
 //! [[fault]]
 //! at_s = 5.0          # by the rig's time
 //! for_s = 2.0         # without it: to the end
-//! # spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, supply, emergency stop
+//! # spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, supply, emergency stop, contact 1-2
 //! where = "spring 3"
 //! what = "stuck"
 //! amount = 10.0       # where the fault has one
@@ -33,7 +33,7 @@ const WORDS: [(&str, Word); 15] = [
     ("vents", Word::Vents),
 ];
 const PLACES: &str = "spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, \
-     supply or emergency stop";
+     supply, emergency stop or contact 1-2 (of one board)";
 
 /// Why a fault schedule is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -172,7 +172,7 @@ fn places(text: &str) -> Option<Vec<Place>> {
     match text {
         "port" => return Some(vec![Place::Port]),
         "supply" => return Some(vec![Place::Supply]),
-        "emergency stop" => return Some(vec![Place::Stop]),
+        "emergency stop" => return Some((0..BOARDS).map(Place::Stop).collect()),
         "boards" => return Some((0..BOARDS).map(Place::Board).collect()),
         _ => {}
     }
@@ -184,6 +184,7 @@ fn places(text: &str) -> Option<Vec<Place>> {
         "gauge" => (CHAMBERS, Place::Gauge),
         "chamber" => (CHAMBERS, Place::Chamber),
         "board" => (BOARDS, Place::Board),
+        "contact" => (BOARDS, Place::Stop),
         _ => return None,
     };
     (1..=count)

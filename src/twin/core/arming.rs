@@ -38,6 +38,8 @@ pub(super) struct Arming {
     pub(super) rig: Option<u32>,
     /// Whether every chamber has moved the arm as this calibration states.
     pub(super) is_proved: bool,
+    /// Whether the gauges have been checked since the arm was armed, by this calibration.
+    pub(super) is_checked: bool,
     /// The check under way.
     pub(super) check: Option<GaugeCheck>,
 }
@@ -65,6 +67,7 @@ impl Arming {
             trouble: None,
             rig: calibration.rig,
             is_proved: false,
+            is_checked: false,
             check: None,
         }
     }
@@ -74,6 +77,8 @@ impl Arming {
         self.calibration_is_virtual = calibration.is_of_virtual_rig();
         self.rig = calibration.rig;
         self.is_proved = false;
+        self.is_checked = false;
+        self.check = None;
     }
 
     /// Whether gauges and chambers are being checked.
@@ -84,6 +89,13 @@ impl Arming {
     /// Gives the check up.
     pub(super) fn give_up(&mut self) -> bool {
         self.check.take().is_some()
+    }
+
+    /// The check has come to its end, and nothing was found.
+    pub(super) fn pass(&mut self) {
+        self.check = None;
+        self.is_checked = true;
+        self.is_proved = true;
     }
 
     /// By how much each chamber is driven beyond the held pressures now, Pa.

@@ -13,6 +13,7 @@ impl Twin {
         let Some(sensors) = &self.sensors else {
             return;
         };
+        self.arming.is_checked = false;
         self.arming.check = Some(GaugeCheck {
             from_pa: self.held_pa.unwrap_or(sensors.chamber_pa),
             step_pa: match self.arming.is_proved {
@@ -56,6 +57,15 @@ impl Twin {
                 moved_pa[i] * 1e-3,
                 wanted_pa * 1e-3
             )),
+            (Some(_), _) if check.is_over && share > BACK && now.since(check.since) > FOLLOWS_S => {
+                Some(format!(
+                    "chamber {} does not come back: gauge {} still shows {:+.1} kPa after {FOLLOWS_S:.0} s; look at its \
+                     regulator and hose",
+                    i + 1,
+                    i + 1,
+                    moved_pa[i] * 1e-3
+                ))
+            }
             (Some(at), _)
                 if !self.arming.is_proved
                     && !check.is_over
@@ -63,7 +73,7 @@ impl Twin {
                     && !self.moves_as_expected(check, &signals) =>
             {
                 Some(format!(
-                    "chamber {} moves the arm otherwise than this calibration and plant map say: look at the hoses, the \
+                    "chamber {} moves the arm otherwise than this calibration and plant map predict: look at the hoses, the \
                      springs' plugs and the calibration",
                     i + 1
                 ))
@@ -86,15 +96,14 @@ impl Twin {
             check.is_over = true;
             check.since = now;
         }
-        if check.is_over && (share < BACK || now.since(check.since) > FOLLOWS_S) {
+        if check.is_over && share < BACK {
             check.chamber += 1;
             check.since = now;
             check.from_signals = signals;
             check.followed = None;
             check.is_over = false;
             if check.chamber == CHAMBERS {
-                self.arming.give_up();
-                self.arming.is_proved = true;
+                self.arming.pass();
                 events.push(Event::Notice {
                     stamp: now,
                     text: "Armed: all six gauges follow their chambers.".to_owned(),

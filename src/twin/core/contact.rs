@@ -41,8 +41,11 @@ pub(super) const LOOK_S: f64 = 0.1;
 /// Each look has at least this part of its share of the way: an estimate that jumps once has moved nothing.
 pub(super) const PART: f64 = 0.3;
 
-/// The estimate may be so deep in a half-space that the arm keeps out of, or deeper by so much than where it set out, m.
+/// The estimate may be so deep in a half-space that the arm keeps out of; where it set out deeper, deeper by so much, m.
 pub(super) const INTRUSION_M: f64 = 5e-3;
+pub(super) const DEEPER_M: f64 = 1e-3;
+/// Places on a way that are looked at before the arm sets out.
+pub(super) const WAY_SAMPLES: u32 = 16;
 
 /// Where the arm was, and by which pressures.
 #[derive(Clone, Copy, Debug)]

@@ -3,7 +3,7 @@
 use super::arming::{Arming, RESUME_OFF_S};
 use super::state::{BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
 use crate::link::wire::fault;
-use crate::signal::TOO_FEW_SENSORS;
+use crate::signal::{ArmingCheck, TOO_FEW_SENSORS};
 use crate::twin::command::Event;
 
 impl Twin {
@@ -75,9 +75,11 @@ impl Twin {
         match self.not_ready() {
             Some(reason) => self.refuse(reason, events),
             None => {
-                let was_disarmed = matches!(self.phase, Phase::Disarmed);
-                self.hold(events);
-                if was_disarmed && !self.link.practice {
+                if matches!(self.phase, Phase::Disarmed) {
+                    self.arming.is_checked = false;
+                    self.hold(events);
+                }
+                if self.is_check_due() {
                     self.check_gauges();
                 }
             }
@@ -90,10 +92,9 @@ impl Twin {
         let checked = self.check.take().is_some();
         if self.arming.give_up() {
             self.refuse(
-                "Held: the gauges were not checked to the end. Arm again.",
+                "Held: the gauges were not checked to the end. Press Arm to check them again.",
                 events,
             );
-            return self.disarm(events);
         }
         match &self.phase {
             Phase::Moving { .. } => self.hold(events),
@@ -114,11 +115,32 @@ impl Twin {
         }
     }
 
-    /// Why a plan on hold may not be resumed yet: it was held a moment ago.
+    /// Why nothing may set out yet: it was held a moment ago.
     pub(super) fn just_held(&self) -> Option<String> {
         let ago_s = self.now.since(self.arming.held_at?);
-        (ago_s < RESUME_OFF_S)
-            .then(|| format!("Held {ago_s:.1} s ago: RESUME works {RESUME_OFF_S:.0} s after HOLD."))
+        (ago_s < RESUME_OFF_S).then(|| {
+            format!("Held {ago_s:.1} s ago: Go and RESUME work {RESUME_OFF_S:.0} s after HOLD.")
+        })
+    }
+
+    /// The same for hardware that a person may stand beside.
+    pub(super) fn held_on_hardware(&self) -> Option<String> {
+        self.just_held().filter(|_| !self.link.practice)
+    }
+
+    /// Whether the gauges of an armed hardware arm have to be checked before it moves.
+    fn is_check_due(&self) -> bool {
+        let holds = matches!(self.phase, Phase::Hold) && !self.link.practice;
+        holds && !self.arming.is_checked && !self.arming.is_checking()
+    }
+
+    /// The check of the gauges as the operator sees it.
+    pub(super) fn gauge_check(&self) -> ArmingCheck {
+        match &self.arming.check {
+            Some(check) => ArmingCheck::Chamber(check.chamber),
+            None if self.is_check_due() => ArmingCheck::Due,
+            None => ArmingCheck::NotNeeded,
+        }
     }
 
     /// Why motion is not allowed now.
@@ -137,6 +159,9 @@ impl Twin {
             .is_some_and(|r| r.faults & fault::SAFE != 0)
         {
             return Some("The boards have not left SAFE yet: wait a moment.".to_owned());
+        }
+        if self.link.venting {
+            return Some("Venting: wait until the chambers are at 0 kPa.".to_owned());
         }
         if let Some(reason) = self.boards_refusal().or_else(|| self.calibration_refusal()) {
             return Some(reason);
@@ -168,8 +193,11 @@ impl Twin {
     /// Why nothing may set out now.
     pub(super) fn not_allowed(&self) -> Option<String> {
         self.not_ready().or_else(|| {
-            let unarmed = matches!(self.phase, Phase::Disarmed) && !self.link.practice;
-            unarmed.then(|| "Disarmed: arm the rig first.".to_owned())
+            if matches!(self.phase, Phase::Disarmed) && !self.link.practice {
+                return Some("Disarmed: arm the rig first.".to_owned());
+            }
+            let due = "The gauges are not checked: press Arm first.";
+            self.is_check_due().then(|| due.to_owned())
         })
     }
 

@@ -89,7 +89,19 @@ impl Twin {
             Command::Steer(kind) => self.controller.choose(Gains::of(*kind)),
             Command::DeclarePayload(kg) => {
                 if (0.0..=self.robot.payload_max_kg).contains(kg) {
+                    let is_another = self.payload_kg != *kg;
                     self.payload_kg = *kg;
+                    if is_another
+                        && self
+                            .check
+                            .take_if(|c| !matches!(c.then, Then::GoOn))
+                            .is_some()
+                    {
+                        self.refuse(
+                            "The load has changed while a motion was being checked for another: start it again.",
+                            events,
+                        );
+                    }
                     // Another load, another verdict.
                     if let Some((goal, _)) = self.preview.clone() {
                         self.preview(&goal, events);
@@ -144,6 +156,13 @@ impl Twin {
         }
         self.sensing = sensing_for(&self.robot, calibration);
         self.arming.note(calibration);
+        if matches!(self.phase, Phase::Hold) && !self.link.practice {
+            events.push(Event::Notice {
+                stamp: self.now,
+                text: "Another calibration: press Arm, so that its first motion is checked."
+                    .to_owned(),
+            });
+        }
         events.push(Event::Calibrated {
             stamp: self.now,
             calibration: Arc::clone(calibration),

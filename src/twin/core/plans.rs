@@ -16,11 +16,27 @@ const GAIN_CHANGE_RATIO: f64 = 0.1;
 const GIVE_UP_M: f64 = 15e-3;
 
 impl Twin {
-    /// Whether `goal` can be reached with `held_kg` in the gripper; `near` is a solution nearby.
+    /// Whether `goal` can be reached with `held_kg` in the gripper, and the way there is free; `near` is the solution of
+    /// the stop before.
     fn reach(&self, goal: &Goal, held_kg: f64, near: Option<&Reach>) -> Result<Reach, String> {
         if let Some(reason) = self.kept_out(goal) {
             return Err(reason);
         }
+        let reach = self.reach_anywhere(goal, held_kg, near)?;
+        let from_pa = near.map(|n| n.chamber_pa);
+        match self.way_is_kept_out(from_pa, &reach.chamber_pa, held_kg) {
+            Some(reason) => Err(reason),
+            None => Ok(reach),
+        }
+    }
+
+    /// The same wherever the arm shall not go.
+    fn reach_anywhere(
+        &self,
+        goal: &Goal,
+        held_kg: f64,
+        near: Option<&Reach>,
+    ) -> Result<Reach, String> {
         let gains = judging_gains(self.controller.plant_gains());
         let ask = |seeds: &[StartSample], proposes: bool| {
             let config = ReachConfig {
@@ -52,7 +68,7 @@ impl Twin {
 
     /// Takes a plan in hand: it sets out once every stop has been found reachable.
     pub(super) fn start(&mut self, plan: &Plan, events: &mut Vec<Event>) {
-        if let Some(reason) = self.not_allowed() {
+        if let Some(reason) = self.not_allowed().or_else(|| self.held_on_hardware()) {
             return self.refuse(reason, events);
         }
         let stops = plan.stops(self.payload_kg);
@@ -68,7 +84,8 @@ impl Twin {
             Leg::Grip { gripper, .. } => Some(*gripper),
             _ => None,
         });
-        if self.payload_kg > 0.0 && grips.next() == Some(Gripper::Open) {
+        let opens_first = grips.next() == Some(Gripper::Open);
+        if self.payload_kg > 0.0 && opens_first {
             let grams = self.payload_kg * 1e3;
             return self.refuse(
                 format!(
@@ -77,6 +94,12 @@ impl Twin {
                 ),
                 events,
             );
+        }
+        let is_closed = self.link.gripper == Some(Gripper::Closed);
+        if opens_first && is_closed && !self.link.practice {
+            let text = "The plan begins by opening the gripper, which is closed and may hold something: nothing was started. \
+                        Open it first.";
+            return self.refuse(text, events);
         }
         if matches!(self.phase, Phase::Moving { .. }) {
             self.hold(events);
@@ -171,7 +194,10 @@ impl Twin {
                 self.set_out(Box::new(routine), events);
             }
             Then::Resume => {
-                if let (None, Some(mut routine)) = (self.not_allowed(), self.paused.take()) {
+                if let Some(reason) = self.not_allowed() {
+                    return self.refuse(reason, events);
+                }
+                if let Some(mut routine) = self.paused.take() {
                     for (stop, reach) in check.stops.iter().zip(check.reaches) {
                         routine.judge(stop.leg, reach);
                     }
@@ -221,7 +247,7 @@ impl Twin {
             Ok(reach) => reach,
             Err(reason) => return self.refuse(reason, events),
         };
-        if let Some(reason) = self.not_allowed() {
+        if let Some(reason) = self.not_allowed().or_else(|| self.held_on_hardware()) {
             return self.refuse(reason, events);
         }
         match allowed(&reach) {

@@ -6,6 +6,8 @@ use crate::signal::{BOARDS, CHAMBERS, Stamp};
 pub(super) const DIFFER_S: f64 = 0.1;
 /// Boards get this long to begin venting, s.
 pub(super) const VENT_BEGINS_S: f64 = 0.3;
+/// Chambers count as vented when none shows more than this, Pa.
+pub(super) const VENTED_PA: f64 = 2e3;
 /// A chamber that moves so far away from 0 while the pumps are off still gets air, Pa.
 pub(super) const STILL_FED_PA: f64 = 2e3;
 

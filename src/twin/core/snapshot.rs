@@ -65,6 +65,7 @@ impl Twin {
             alarms: self.alarms.clone(),
             payload_kg: self.payload_kg,
             calibration_refusal: self.calibration_refusal(),
+            gauge_check: self.gauge_check(),
             ..Snapshot::default()
         }
     }

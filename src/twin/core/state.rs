@@ -118,6 +118,8 @@ pub struct Twin {
     pub(super) has_greeted: bool,
     /// When SAFE was last left.
     pub(super) reset_at: Option<Stamp>,
+    /// Causes for which boards are latched from before, as they have reported them so far.
+    pub(super) latched: u16,
     pub(super) bad_frames: u32,
     /// Frames in a row with signals that can be neither read nor reconstructed.
     pub(super) blind_frames: u32,
@@ -170,6 +172,7 @@ impl Twin {
             stopped_at: None,
             has_greeted: false,
             reset_at: None,
+            latched: 0,
             bad_frames: 0,
             blind_frames: 0,
             air: AirWatch::default(),

@@ -213,7 +213,13 @@ impl Twin {
                 ),
                 events,
             );
+            let pressed_from_pa = self.pressed_from();
             self.hold(events);
+            if pressed_from_pa.is_some() {
+                self.held_pa = pressed_from_pa;
+                let text = "Something may be in its way: the pressures went back to where it last came nearer.";
+                self.refuse(text, events);
+            }
         }
         Some(command)
     }

@@ -45,6 +45,9 @@ impl Twin {
         self.watch_pumps(&mut found, events);
         self.watch_contact(events);
         self.go_on_checking_gauges(events);
+        if self.expects_pushes && !self.link.practice {
+            found.push((Severity::Warning, AlarmCause::ContactIgnored));
+        }
         if moving
             && self
                 .unsolved_at
@@ -148,8 +151,16 @@ impl Twin {
                 .reset_at
                 .is_none_or(|at| self.now.since(at) > RESET_ACTS_S)
             {
-                // From before this twin was there, or from elsewhere: the cause stays as the boards report it.
-                self.enter_safe(&format!("the boards are latched: {words}"), REMEDY, events);
+                // From before this twin was there, or from elsewhere: the causes stay as the boards report them, one
+                // board after the other.
+                self.latched |= faults & !fault::SAFE;
+                let reason = format!("the boards are latched: {}", fault_words(self.latched));
+                match &mut self.phase {
+                    Phase::Safe(known) if known.starts_with("the boards are latched") => {
+                        *known = reason
+                    }
+                    _ => self.enter_safe(&reason, REMEDY, events),
+                }
             }
         }
         if let Some(ratio) = self.loss_ratio()
@@ -311,7 +322,10 @@ impl Twin {
     /// Leaves SAFE.
     pub(super) fn reset(&mut self, events: &mut Vec<Event>) {
         self.reset_at = Some(self.now);
+        self.latched = 0;
         self.pumps.forget();
+        // The boards open the supply again.
+        self.pumps.has_cut = false;
         self.orders.push(Order::Reset);
         if self.is_safe() {
             self.enter(Phase::Disarmed, events);

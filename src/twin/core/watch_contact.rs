@@ -4,6 +4,9 @@ use nalgebra::Vector3;
 
 use super::contact::*;
 use super::state::{Phase, Twin};
+use crate::control::{SEGMENTS, judging_gains};
+use crate::robot::KeepOut;
+use crate::sensing::platform::pads_of_lengths;
 use crate::signal::{CHAMBERS, Goal, Stamp};
 use crate::task::Target;
 use crate::twin::command::Event;
@@ -36,6 +39,7 @@ impl Twin {
                 ..ContactWatch::default()
             };
         }
+        self.note_depths();
         if let Some(name) = self.intrudes() {
             let text = format!("Holding: the arm is in the space that it keeps out of ({name}).");
             self.refuse(text, events);
@@ -45,7 +49,8 @@ impl Twin {
         let (now, disturbs) = (self.now, !self.expects_pushes && !self.air.drifts());
         let limit_m_s = FAST * self.robot.tip_speed_max_m_s;
         if self.contact.is_faster(limit_m_s, stamp, &tip_m) && disturbs {
-            return self.back_off("the tip is moved by something else", chamber_pa, events);
+            self.refuse("Holding: the tip is moved by something else.", events);
+            return self.hold_at(chamber_pa, events);
         }
         let way = target_m - tip_m;
         let nearest_m = self.contact.nearest_m.get_or_insert(way.norm());
@@ -127,6 +132,24 @@ impl Twin {
         ))
     }
 
+    /// The pressures with which the tip last made progress, if they have changed since by what should have moved it: what
+    /// the controller takes for the end of its reach may be something in the way, Pa.
+    pub(super) fn pressed_from(&self) -> Option<[f64; CHAMBERS]> {
+        if self.expects_pushes {
+            return None;
+        }
+        let (_, target_m, _) = self.steered_to()?;
+        let (_, tip_m, chamber_pa) = self.where_it_is()?;
+        let from = self.contact.progress?;
+        let m_per_signal = self.eval.as_ref()?.jacobian.fixed_rows::<3>(0).into_owned();
+        let carried_kg = self.model.carried_kg(self.payload_kg);
+        let signals = self.maps.plant.sensors(&chamber_pa, carried_kg).sensors;
+        let way = direction(&(target_m - from.tip_m));
+        let expected_m = (m_per_signal * (signals - from.signals)).dot(&way);
+        let made_m = (tip_m - from.tip_m).dot(&way);
+        (expected_m > PROGRESS_M && made_m < SHARE * expected_m).then_some(from.chamber_pa)
+    }
+
     /// How deep the arm is in each half-space that it keeps out of, m.
     fn depths_m(&self) -> impl Iterator<Item = f64> {
         let pads = self.sensing.pads().base_from_pad;
@@ -141,8 +164,17 @@ impl Twin {
     fn intrudes(&self) -> Option<String> {
         let set_out = self.contact.depth_m.iter();
         let mut depths = self.depths_m().zip(set_out);
-        let k = depths.position(|(depth_m, from_m)| depth_m > INTRUSION_M + from_m.max(0.0))?;
+        let k =
+            depths.position(|(depth_m, from_m)| depth_m > INTRUSION_M.max(from_m + DEEPER_M))?;
         Some(self.robot.keep_out[k].name.clone())
+    }
+
+    /// An arm that has come out of a half-space does not go back in as far as it was.
+    fn note_depths(&mut self) {
+        let depths_m: Vec<f64> = self.depths_m().collect();
+        for (from_m, now_m) in self.contact.depth_m.iter_mut().zip(depths_m) {
+            *from_m = from_m.min(now_m);
+        }
     }
 
     /// Why a goal is refused: the arm would enter a space that it keeps out of.
@@ -158,6 +190,51 @@ impl Twin {
             space.depth_m(&at_m) * 1e3,
             space.name
         ))
+    }
+
+    /// Why the way to pressures that reach a goal is refused: the middle or the end pad would pass through a space that
+    /// the arm keeps out of. The pressures are taken to change together, from those of the stop before, or the present
+    /// ones.
+    pub(super) fn way_is_kept_out(
+        &self,
+        from_pa: Option<[f64; CHAMBERS]>,
+        to_pa: &[f64; CHAMBERS],
+        held_kg: f64,
+    ) -> Option<String> {
+        if self.robot.keep_out.is_empty() {
+            return None;
+        }
+        let from_pa = from_pa.or_else(|| self.sensors.as_ref().map(|s| s.chamber_pa))?;
+        let carried_kg = self.model.carried_kg(held_kg);
+        let gains = judging_gains(self.controller.plant_gains());
+        let pads_m = |share: f64| {
+            let alike_pa = std::array::from_fn(|i| {
+                (from_pa[i] + share * (to_pa[i] - from_pa[i])) * gains[i * SEGMENTS / CHAMBERS]
+            });
+            let signals = self.maps.plant.sensors(&alike_pa, carried_kg).sensors;
+            let pads = pads_of_lengths(&self.robot, &std::array::from_fn(|i| signals[i]));
+            pads.map(|pad| pad.translation.vector)
+        };
+        let depth_m = |space: &KeepOut, at_m: &[Vector3<f64>; 2]| {
+            space.depth_m(&at_m[0]).max(space.depth_m(&at_m[1]))
+        };
+        let first_m = pads_m(0.0);
+        (1..=WAY_SAMPLES).find_map(|k| {
+            let at_m = pads_m(f64::from(k) / f64::from(WAY_SAMPLES));
+            self.robot.keep_out.iter().find_map(|space| {
+                let deep_m = depth_m(space, &at_m);
+                // An arm that is inside may come out.
+                let limit_m = INTRUSION_M.max(depth_m(space, &first_m) + DEEPER_M);
+                (deep_m > limit_m).then(|| {
+                    format!(
+                        "The way there leads {:.0} mm into the space that the arm keeps out of ({}): choose another, or \
+                         go there in steps.",
+                        deep_m * 1e3,
+                        space.name
+                    )
+                })
+            })
+        })
     }
 
     /// The leg under way, the point that the tip is steered to (m), and whether it moves on along a path.
@@ -182,6 +259,10 @@ impl Twin {
     fn back_off(&mut self, why: &str, chamber_pa: [f64; CHAMBERS], events: &mut Vec<Event>) {
         let text = format!("Holding: {why}. The pressures went back to where it was free.");
         self.refuse(text, events);
+        self.hold_at(chamber_pa, events);
+    }
+
+    fn hold_at(&mut self, chamber_pa: [f64; CHAMBERS], events: &mut Vec<Event>) {
         self.hold(events);
         self.held_pa = Some(chamber_pa);
     }

@@ -5,6 +5,7 @@ use super::pumps::*;
 use super::state::{Phase, Twin};
 use super::watch::Found;
 use crate::link::Order;
+use crate::link::wire::fault;
 use crate::signal::{AlarmCause, BOARDS, CHAMBERS, Severity};
 use crate::twin::command::Event;
 
@@ -14,6 +15,13 @@ impl Twin {
         if self.link.stop_open {
             return self.refuse(
                 "The emergency stop is pressed: release it, then vent.",
+                events,
+            );
+        }
+        let faults = self.raw.as_ref().map_or(0, |r| r.faults);
+        if faults & fault::STOP_INPUT != 0 {
+            return self.refuse(
+                "The emergency stop was pressed: press Reset, then vent.",
                 events,
             );
         }
@@ -111,8 +119,19 @@ impl Twin {
             (false, true) => "Venting: the chambers are brought to 0 kPa.".to_owned(),
             (true, false) => {
                 let pa = self.raw.as_ref().map_or([0.0; CHAMBERS], |r| r.chamber_pa);
-                let most = pa.iter().fold(0.0, |a: f64, p| a.max(p.abs()));
-                format!("Vented: no chamber is beyond {:.1} kPa.", most * 1e-3)
+                let most = (0..CHAMBERS).max_by(|i, k| pa[*i].abs().total_cmp(&pa[*k].abs()));
+                let most = most.unwrap_or_default();
+                let kpa = pa[most] * 1e-3;
+                if pa[most].abs() > VENTED_PA {
+                    return events.push(Event::Warning {
+                        stamp: self.now,
+                        text: format!(
+                            "Not vented: chamber {} is still at {kpa:+.1} kPa. Vent again, or let its air out by hand.",
+                            most + 1
+                        ),
+                    });
+                }
+                format!("Vented: no chamber is beyond {:.1} kPa.", kpa.abs())
             }
             _ => return,
         };

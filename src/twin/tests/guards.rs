@@ -1,7 +1,9 @@
 //! What keeps an arm from being armed or moved: boards that disagree, another arm, half-spaces, pumps against the mode.
 
+use super::safety::line;
 use super::*;
 use crate::robot::KeepOut;
+use crate::signal::ArmingCheck;
 
 fn refusals(events: &[Event]) -> Vec<String> {
     let refused = events.iter().filter(|e| matches!(e, Event::Refused { .. }));
@@ -196,4 +198,290 @@ fn a_plan_that_would_drop_its_load_first_is_refused() {
     // Nor is it dropped on the way by hand.
     let (_, events) = twin.tick(at(33), Some(frame(33)), &[Command::Grip(Gripper::Open)]);
     assert_eq!(refusals(&events).len(), 1, "{events:?}");
+}
+
+/// A frame of an arm whose gauges show `gauge_pa` and whose springs are as the plant map has them at `arm_pa`.
+fn frame_at(k: u32, gauge_pa: [f64; CHAMBERS], arm_pa: [f64; CHAMBERS]) -> RawFrame {
+    let robot = RobotSpec::reference();
+    let mut circuit = crate::rig::circuit_of(&robot, crate::rig::Unit::default());
+    let signals = Crude.sensors(&arm_pa, 0.0).sensors;
+    circuit.settle(&std::array::from_fn(|i| signals[i]));
+    let (counts, gates) = circuit.read(&mut crate::sim::dataset::sample_rng(1, k as usize));
+    RawFrame {
+        spring_counts: counts,
+        spring_gate_ticks: gates,
+        chamber_pa: gauge_pa,
+        ..frame(k)
+    }
+}
+
+/// A hardware arm whose chambers get what is commanded.
+struct Hardware {
+    twin: Twin,
+    k: u32,
+    set_pa: [f64; CHAMBERS],
+    events: Vec<Event>,
+    /// What the gauges show and the arm feels of what is commanded, Pa.
+    shows: fn([f64; CHAMBERS]) -> [f64; CHAMBERS],
+    feels: fn([f64; CHAMBERS]) -> [f64; CHAMBERS],
+}
+
+impl Hardware {
+    fn new() -> Self {
+        let mut twin = twin();
+        twin.accept_virtual_calibration();
+        twin.observe_link(boards([Some(false); 2], [None; 2]));
+        let mut all = Self {
+            twin,
+            k: 0,
+            set_pa: [0.0; CHAMBERS],
+            events: Vec::new(),
+            shows: |pa| pa,
+            feels: |pa| pa,
+        };
+        all.run(20, &[]);
+        all
+    }
+
+    /// So many ticks; commands with the first of them.
+    fn run(&mut self, n: u32, commands: &[Command]) {
+        self.events.clear();
+        for i in 0..n {
+            let frame = frame_at(self.k, (self.shows)(self.set_pa), (self.feels)(self.set_pa));
+            let commands = if i == 0 { commands } else { &[] };
+            let (command, events) = self.twin.tick(at(self.k), Some(frame), commands);
+            self.set_pa = command.map_or(self.set_pa, |c| *c.chamber_pa());
+            self.events.extend(events);
+            self.k += 1;
+        }
+    }
+
+    fn was_told(&self, words: &str) -> bool {
+        self.events.iter().any(|e| e.text().contains(words))
+    }
+
+    /// Arms, and waits for the end of the check.
+    fn arm(&mut self) {
+        self.run(1500, &[Command::Arm]);
+        assert!(self.was_told("all six gauges follow"), "{:?}", self.events);
+        assert_eq!(self.twin.snapshot().gauge_check, ArmingCheck::NotNeeded);
+    }
+
+    fn refuses(&mut self, command: Command, words: &str) {
+        self.run(2, &[command]);
+        let said = refusals(&self.events);
+        assert!(said.iter().any(|t| t.contains(words)), "{words}: {said:?}");
+        assert_ne!(self.twin.mode(), Mode::Moving);
+    }
+}
+
+fn nearby() -> Command {
+    Command::Goto(Goal::position([0.0, 0.0, -0.305]))
+}
+
+#[test]
+fn hold_ends_the_check_of_the_gauges_and_keeps_the_pressures() {
+    let mut h = Hardware::new();
+    h.set_pa = [5e3; CHAMBERS];
+    h.run(5, &[]);
+    h.run(60, &[Command::Arm]);
+    assert_eq!(h.twin.snapshot().gauge_check, ArmingCheck::Chamber(0));
+    assert!((h.set_pa[0] - 5e3).abs() > 500.0);
+    h.run(60, &[Command::Hold]);
+    assert_eq!(h.twin.mode(), Mode::Hold, "the pumps go on");
+    assert!(
+        h.set_pa.iter().all(|pa| (pa - 5e3).abs() < 10.0),
+        "{:?}",
+        h.set_pa
+    );
+    assert_eq!(h.twin.snapshot().gauge_check, ArmingCheck::Due);
+    h.run(100, &[]);
+    h.refuses(nearby(), "press Arm");
+    h.arm();
+    h.run(20, &[nearby()]);
+    assert_eq!(h.twin.mode(), Mode::Moving);
+    // An arm that is armed and checked is not checked again.
+    h.run(150, &[Command::Hold]);
+    h.run(20, &[Command::Arm]);
+    assert_eq!(h.twin.snapshot().gauge_check, ArmingCheck::NotNeeded);
+}
+
+#[test]
+fn another_calibration_is_proved_before_an_arm_that_holds_moves() {
+    let mut h = Hardware::new();
+    h.arm();
+    let mut other = Calibration::virtual_rig();
+    other.name = "another".to_owned();
+    h.run(150, &[Command::Calibrate(Arc::new(other.clone()))]);
+    assert_eq!(h.twin.mode(), Mode::Hold);
+    assert_eq!(h.twin.snapshot().gauge_check, ArmingCheck::Due);
+    h.refuses(nearby(), "press Arm");
+    h.run(50, &[Command::Arm]);
+    assert!(
+        h.set_pa[0].abs() > 1.5e3,
+        "as the first time: {:?}",
+        h.set_pa
+    );
+    // And once more on the way through the check, which ends it.
+    h.run(2, &[Command::Calibrate(Arc::new(other))]);
+    assert_eq!(h.twin.snapshot().gauge_check, ArmingCheck::Due);
+    h.run(150, &[]);
+    h.arm();
+    h.run(20, &[nearby()]);
+    assert_eq!(h.twin.mode(), Mode::Moving);
+}
+
+#[test]
+fn chambers_that_stay_up_or_move_the_arm_otherwise_are_not_armed() {
+    // The last chamber does not come back; the hoses of two chambers are swapped; all bellows pull.
+    let stays = |pa: [f64; CHAMBERS]| {
+        let mut pa = pa;
+        pa[5] = pa[5]
+            .abs()
+            .max(if pa[..5] == [0.0; 5] { 1.9e3 } else { 0.0 });
+        pa
+    };
+    let same = |pa: [f64; CHAMBERS]| pa;
+    let cases: [(fn([f64; 6]) -> [f64; 6], fn([f64; 6]) -> [f64; 6], &str); 2] = [
+        (same, |pa| pa.map(|p| -p), "moves the arm otherwise"),
+        (stays, same, "gauge 6"),
+    ];
+    for (shows, feels, words) in cases {
+        let mut h = Hardware::new();
+        (h.shows, h.feels) = (shows, feels);
+        h.run(1500, &[Command::Arm]);
+        assert!(h.was_told(words), "{words}: {:?}", h.events);
+        assert_eq!(h.twin.mode(), Mode::Disarmed);
+    }
+}
+
+#[test]
+fn nothing_sets_out_on_hardware_within_a_second_of_hold() {
+    let mut h = Hardware::new();
+    h.arm();
+    h.run(20, &[nearby()]);
+    h.run(30, &[Command::Hold]);
+    for command in [nearby(), Command::Start(line(2))] {
+        h.refuses(command, "1 s after HOLD");
+    }
+    h.run(100, &[]);
+    h.run(20, &[nearby()]);
+    assert_eq!(h.twin.mode(), Mode::Moving);
+    // Where nobody stands beside the arm, at once.
+    let mut twin = twin();
+    feed(&mut twin, 0, 20);
+    twin.tick(at(20), Some(frame(20)), &[Command::Arm, Command::Hold]);
+    twin.tick(at(21), Some(frame(21)), &[nearby()]);
+    feed(&mut twin, 22, 5);
+    assert_eq!(twin.mode(), Mode::Moving);
+}
+
+#[test]
+fn a_plan_does_not_open_a_closed_gripper_first_on_hardware() {
+    let mut h = Hardware::new();
+    let mut link = boards([Some(false); 2], [None; 2]);
+    link.gripper = Some(Gripper::Closed);
+    h.twin.observe_link(link);
+    h.arm();
+    let opens = Command::Start(Plan {
+        name: "hand".to_owned(),
+        legs: vec![crate::task::Leg::Grip {
+            gripper: Gripper::Open,
+            payload_kg: 0.0,
+        }],
+    });
+    h.refuses(opens, "may hold something");
+}
+
+#[test]
+fn a_load_that_is_declared_while_a_motion_is_checked_takes_the_motion_back() {
+    for resumes in [false, true] {
+        let mut twin = twin();
+        feed(&mut twin, 0, 20);
+        let start = [Command::Arm, Command::Start(line(400))];
+        twin.tick(at(20), Some(frame(20)), &start);
+        let mut k = 21;
+        if resumes {
+            feed(&mut twin, k, 400);
+            assert_eq!(twin.mode(), Mode::Moving);
+            twin.tick(at(421), Some(frame(421)), &[Command::Hold]);
+            feed(&mut twin, 422, 110);
+            twin.tick(at(532), Some(frame(532)), &[Command::Resume]);
+            k = 533;
+        }
+        let same = Command::DeclarePayload(0.0);
+        let (_, events) = twin.tick(at(k), Some(frame(k)), &[same]);
+        assert_eq!(refusals(&events), [""; 0], "the same load");
+        let heavier = Command::DeclarePayload(0.2);
+        let (_, events) = twin.tick(at(k + 1), Some(frame(k + 1)), &[heavier]);
+        let said = refusals(&events);
+        assert!(said[0].contains("load has changed"), "{said:?}");
+        feed(&mut twin, k + 2, 400);
+        assert_eq!(twin.mode(), Mode::Hold);
+    }
+}
+
+#[test]
+fn a_supply_that_is_still_on_after_a_reset_is_cut_again() {
+    let mut twin = twin();
+    let filling = |twin: &mut Twin, from: u32, n: u32| {
+        for k in from..from + n {
+            let mut raw = frame(k);
+            raw.chamber_pa[3] = 1e3 + 50.0 * f64::from(k - from);
+            twin.tick(at(k), Some(raw), &[]);
+        }
+    };
+    feed(&mut twin, 0, 20);
+    filling(&mut twin, 20, 60);
+    assert!(twin.is_safe());
+    assert!(twin.take_orders().contains(&Order::CutSupply));
+    twin.tick(at(80), Some(frame(80)), &[Command::Reset]);
+    assert!(!twin.is_safe());
+    assert_eq!(twin.take_orders(), [Order::Reset]);
+    filling(&mut twin, 81, 60);
+    assert!(twin.is_safe());
+    assert!(twin.take_orders().contains(&Order::CutSupply), "again");
+}
+
+/// Both stops are outside, and what the arm does between them is not.
+#[test]
+fn a_way_through_a_space_that_is_kept_out_of_is_refused() {
+    let networks = include_bytes!("../../../assets/networks/unit-1/reference.safetensors");
+    let model = crate::learn::Model::from_bytes(networks).expect("the shipped networks");
+    let twin_over = |z_m: f64| {
+        let mut robot = RobotSpec::reference();
+        robot.keep_out = vec![KeepOut {
+            name: "table".to_owned(),
+            point_m: [0.0, 0.0, z_m].into(),
+            outward: nalgebra::Vector3::z_axis(),
+        }];
+        let sensing = Sensing::new(&robot, Calibration::virtual_rig());
+        let gains = Gains::of(ControllerKind::NullSpaceQp);
+        let mut twin = Twin::new(&robot, model.clone().into(), sensing, gains);
+        twin.observe_link(LinkStatus {
+            connected: true,
+            simulated: true,
+            practice: true,
+            ..LinkStatus::default()
+        });
+        twin
+    };
+    let stops = [[0.08, 0.0, -0.30], [-0.08, 0.0, -0.30]];
+    let plan = Plan {
+        name: "across".to_owned(),
+        legs: stops
+            .map(|m| crate::task::Leg::Move(Goal::position(m)))
+            .to_vec(),
+    };
+    for (z_m, is_refused) in [(-0.303, true), (-0.34, false)] {
+        let mut twin = twin_over(z_m);
+        feed(&mut twin, 0, 20);
+        let start = [Command::Arm, Command::Start(plan.clone())];
+        let (_, mut events) = twin.tick(at(20), Some(frame(20)), &start);
+        events.extend(feed(&mut twin, 21, 20));
+        let said = refusals(&events);
+        let words = said.iter().any(|t| t.contains("The way there leads"));
+        assert_eq!(words, is_refused, "{z_m}: {said:?}");
+        assert_eq!(twin.mode() == Mode::Moving, !is_refused, "{z_m}: {said:?}");
+    }
 }

@@ -14,7 +14,7 @@ fn refusals(events: &[Event]) -> Vec<String> {
 }
 
 /// A line of `n` points down from rest, along which the crude maps can steer.
-fn line(n: u32) -> Plan {
+pub(super) fn line(n: u32) -> Plan {
     let path = Path {
         name: "line".to_owned(),
         waypoints_m: (0..n)

@@ -6,10 +6,17 @@ mod nuisance;
 mod program;
 mod scenarios;
 
+use crate::faults::bench::Boards;
 use crate::faults::keep;
 
 /// Runs of which the worst counts.
 pub const RUNS: usize = 50;
+
+/// The same where a run takes long under simavr: fewer in every run of the tests, all of them for the guide's table.
+pub fn runs(boards: Boards, in_every_test: usize) -> usize {
+    let all = boards == Boards::Emulated || std::env::var_os("SPRINGTWIN_ALL_RUNS").is_some();
+    if all { RUNS } else { in_every_test }
+}
 
 /// The requirements; their numbers count from 1.
 const REQUIREMENTS: [&str; 12] = [

@@ -101,7 +101,7 @@ fn day(unit: u64, lab: Option<&Lab>, payload_kg: f64, hours: f64) -> (Vec<String
             b.run(rng.random_range(0.2..8.0));
             let said = |b: &Bench| {
                 let new = b.events.iter().filter(|(t_s, _)| *t_s >= from_s);
-                let held = new.filter(|(_, text)| text.starts_with("Holding:"));
+                let held = new.filter(|(_, text)| text.contains("olding"));
                 held.map(|(t_s, text)| format!("{t_s:.1} s: {text} {asked:?}"))
                     .collect::<Vec<_>>()
             };
@@ -139,6 +139,7 @@ fn days(units: std::ops::RangeInclusive<u64>, hours_each: f64) {
         });
         for ((found, n), kg) in found.into_iter().zip(LOADS_KG) {
             println!("unit {unit}, {kg} kg: {n} motions, {found:#?}");
+            assert!(f64::from(n) > 20.0 * hours_each, "it hardly moved: {n}");
             motions += n;
             days += 1;
             all.extend(found);

@@ -1,6 +1,6 @@
 //! Requirements that the program and its boards meet together, in lockstep on simulated time.
 
-use springtwin::link::wire::{VENT_PA_S, fault};
+use springtwin::link::wire::fault;
 use springtwin::rig::faults::{Fault, Place, Word};
 use springtwin::rig::{RigOptions, Surroundings};
 use springtwin::robot::{RobotSpec, SupplyOff};
@@ -34,6 +34,8 @@ on_both!(
     the_emergency_stop_stops_both_boards,
     a_supply_that_is_still_on_is_cut,
     venting_brings_all_chambers_down,
+    what_interrupts_venting_ends_it,
+    heartbeats_cease_with_the_control_loop,
     what_the_gripper_holds_stays_held,
 );
 
@@ -230,7 +232,7 @@ fn a_board_that_starts_again_stops_the_arm(boards: Boards) {
             worst_s = worst_s.max(b.t_s() - from_s);
             b.run(0.3);
             let off_s = b.pumps_off_s(from_s).expect("all pumps go off") - from_s;
-            assert!(off_s <= b.t_s() - from_s && off_s < 0.25, "{off_s}");
+            assert!(off_s < 0.25, "{off_s}");
             assert!(!b.pumps_ran(from_s + off_s, b.t_s()));
             b.rig(|rig| rig.faults.clear());
             b.until("it is matched", 3.0, |b| b.now.link.connected);
@@ -250,43 +252,69 @@ fn a_board_that_starts_again_stops_the_arm(boards: Boards) {
     });
 }
 
+/// Pressed, which opens both contacts, or with the wire to one board cut.
 fn the_emergency_stop_stops_both_boards(boards: Boards) {
     case(boards, |b| {
-        let mut worst_s = 0.0_f64;
-        for run in 0..RUNS {
+        let (mut worst_s, mut one_s) = (0.0_f64, 0.0_f64);
+        for run in 0..2 * RUNS {
             move_on(b, run);
-            let from_s = b.rig(|rig| rig.faults.begin(Place::Stop, Fault::of(Word::Open)));
-            worst_s = worst_s.max(off_s(b, from_s, 0.2));
+            let opens = match run % 4 {
+                0 => 0..1,
+                1 => 1..2,
+                _ => 0..BOARDS,
+            };
+            let is_one = opens.len() == 1;
+            let from_s = b.rig(|rig| {
+                for board in opens {
+                    rig.faults.begin(Place::Stop(board), Fault::of(Word::Open));
+                }
+            });
+            let off_s = off_s(b, from_s, 0.2);
+            if is_one {
+                one_s = one_s.max(off_s);
+            } else {
+                worst_s = worst_s.max(off_s);
+            }
             assert!(b.is_safe("emergency stop"), "{:?}", b.now.mode);
             assert!(b.alarmed("emergency stop") || b.alarmed("Emergency stop"));
-            b.tell(Command::Reset);
-            b.run(0.1);
-            assert!(matches!(b.now.mode, Mode::Safe(_)));
-            b.rig(|rig| rig.faults.end(Place::Stop));
+            for refused in [Command::Reset, Command::Vent] {
+                b.tell(refused);
+                b.run(0.1);
+                assert!(matches!(b.now.mode, Mode::Safe(_)));
+                assert!(!b.now.link.venting && !b.pumps_ran(b.t_s() - 0.1, b.t_s()));
+            }
+            b.rig(|rig| rig.faults.clear());
             b.run(0.3);
             assert!(
                 matches!(b.now.mode, Mode::Safe(_)),
                 "closed again, and not reset"
             );
+            // Nor is anything vented before the reset.
+            b.tell(Command::Vent);
+            b.run(0.2);
+            assert!(!b.now.link.venting && !b.pumps_ran(b.t_s() - 0.2, b.t_s()));
             b.reset();
         }
-        Case {
+        let case = |place, what, bound, worst_s: f64| Case {
             of: 9,
-            place: 1,
-            what: "program: from the open contact to the pumps of both boards off",
+            place,
+            what,
             boards: name(boards),
-            bound: 20.0,
+            bound,
             worst: worst_s * 1e3,
             unit: "ms",
             runs: RUNS,
-        }
-        .keep();
+        };
+        let what = "program: from the open contacts to the pumps of both boards off";
+        case(1, what, 20.0, worst_s).keep();
+        let what = "program: from the open contact of one board to the pumps of both off";
+        case(2, what, 60.0, one_s).keep();
     });
 }
 
 /// Boards restart, or the cable is unplugged and comes back; then the operator resets, arms and moves.
 fn what_the_gripper_holds_stays_held(boards: Boards) {
-    let runs = if boards == Boards::Emulated { RUNS } else { 10 };
+    let runs = super::runs(boards, 10);
     case(boards, |b| {
         b.tell(Command::Arm);
         b.tell(Command::Grip(Gripper::Closed));
@@ -336,7 +364,7 @@ fn what_the_gripper_holds_stays_held(boards: Boards) {
 /// A supply that ignores the boards' enable keeps the chambers at the regulators' pressures: somebody bleeds one by hand,
 /// and it fills again.
 fn a_supply_that_is_still_on_is_cut(boards: Boards) {
-    let runs = if boards == Boards::Emulated { RUNS } else { 5 };
+    let runs = super::runs(boards, 5);
     case(boards, |b| {
         let mut worst_s = 0.0_f64;
         for run in 0..runs {
@@ -407,7 +435,7 @@ fn a_supply_that_is_still_on_is_cut(boards: Boards) {
 /// With and without a load, from HOLD and from SAFE, with supplies that keep and that vent when off.
 fn venting_brings_all_chambers_down(boards: Boards) {
     let (mut worst_pa, mut fastest_pa_s, mut runs) = (0.0_f64, 0.0_f64, 0);
-    let each = if boards == Boards::Emulated { 13 } else { 1 };
+    let each = super::runs(boards, 4).div_ceil(4);
     for (payload_kg, vents) in [(0.0, false), (0.3, false), (0.0, true), (0.3, true)] {
         let options = RigOptions {
             surroundings: Surroundings {
@@ -430,7 +458,8 @@ fn venting_brings_all_chambers_down(boards: Boards) {
             for run in 0..each {
                 b.go(FAR_M);
                 b.run(4.0 + 0.1 * (run % 7) as f64);
-                b.tell(if run % 2 == 0 {
+                let from_hold = run % 2 == 0;
+                b.tell(if from_hold {
                     Command::Hold
                 } else {
                     Command::Stop
@@ -439,8 +468,7 @@ fn venting_brings_all_chambers_down(boards: Boards) {
                 let from_s = b.t_s();
                 b.tell(Command::Vent);
                 b.run(0.3);
-                let limit_s = 40e3 / VENT_PA_S + 1.0;
-                b.until("vented", limit_s, |b| !b.now.link.venting);
+                b.until("vented", 30.0, |b| !b.now.link.venting);
                 let moments = b.moments();
                 let of_it: Vec<_> = moments.iter().filter(|m| m.t_s >= from_s).collect();
                 let end = of_it.last().expect("moments");
@@ -449,9 +477,11 @@ fn venting_brings_all_chambers_down(boards: Boards) {
                     .gauge_pa
                     .iter()
                     .fold(worst_pa, |a: f64, pa| a.max(pa.abs()));
-                // Over a quarter of a second, while the pumps run.
-                for pair in of_it.windows(251).filter(|w| w[250].pumps[0] && !vents) {
-                    for (is, was) in pair[250].gauge_pa.iter().zip(pair[0].gauge_pa) {
+                // Over a quarter of a second, while the pumps of the chamber's board run.
+                for pair in of_it.windows(251) {
+                    let chambers = (0..CHAMBERS).filter(|i| pair[250].pumps[i / 3] && !vents);
+                    for i in chambers {
+                        let (is, was) = (pair[250].gauge_pa[i], pair[0].gauge_pa[i]);
                         // What vents goes towards 0.
                         if is.abs() < was.abs() {
                             fastest_pa_s = fastest_pa_s.max((is - was).abs() / 0.25);
@@ -463,7 +493,10 @@ fn venting_brings_all_chambers_down(boards: Boards) {
                     "{:?}",
                     b.now.alarms
                 );
-                if matches!(b.now.mode, Mode::Safe(_)) {
+                assert!(b.event_s(from_s, "Vented").is_some());
+                if from_hold {
+                    assert_eq!(b.now.mode, Mode::Disarmed, "venting latches nothing");
+                } else {
                     b.reset();
                 }
                 runs += 1;
@@ -498,6 +531,129 @@ fn venting_brings_all_chambers_down(boards: Boards) {
         }
         .keep();
     }
+}
+
+/// Chambers at the ends of their range: the arm's pumps take some twenty seconds.
+#[test]
+fn venting_from_the_ends_of_the_range_goes_on_until_the_chambers_are_empty() {
+    case(Boards::Emulated, |b| {
+        b.go(FAR_M);
+        b.run(0.5);
+        b.tell(Command::Hold);
+        b.run(0.1);
+        let full_pa = [40e3, 40e3, -40e3, -40e3, 40e3, -40e3];
+        b.rig(|rig| {
+            for _ in 0..60_000 {
+                rig.step(&full_pa.map(Some));
+            }
+        });
+        b.tell(Command::Stop);
+        b.run(0.2);
+        let gauges = |b: &Bench| b.moments().last().expect("moments").gauge_pa;
+        assert!(
+            gauges(b).iter().any(|pa| pa.abs() > 35e3),
+            "{:?}",
+            gauges(b)
+        );
+        b.tell(Command::Vent);
+        b.run(0.3);
+        let took_s = b.until("vented", 60.0, |b| !b.now.link.venting);
+        println!("vented within {took_s:.1} s");
+        assert!(
+            gauges(b).iter().all(|pa| pa.abs() <= 2e3),
+            "{:?}",
+            gauges(b)
+        );
+    });
+}
+
+/// What interrupts venting ends it: it begins again only when it is asked for again.
+fn what_interrupts_venting_ends_it(boards: Boards) {
+    case(boards, |b| {
+        let runs = super::runs(boards, 4);
+        for run in 0..runs {
+            b.go(if run % 2 == 0 { FAR_M } else { NEAR_M });
+            b.run(4.0);
+            b.tell(Command::Stop);
+            b.run(0.1);
+            b.tell(Command::Vent);
+            b.run(0.3 + 0.01 * (run % 5) as f64);
+            assert!(b.now.link.venting);
+            let from_s = b.t_s();
+            let board = run / 4 % BOARDS;
+            match run % 4 {
+                0 => b.rig(|rig| {
+                    let word = Word::Reboot;
+                    let amount = 0.02 * (run % 3) as f64;
+                    rig.faults
+                        .begin(Place::Board(board), Fault { word, amount });
+                }),
+                1 => {
+                    b.rig(|rig| rig.faults.begin(Place::Stop(board), Fault::of(Word::Open)));
+                    b.run(0.1);
+                    b.rig(|rig| rig.faults.clear())
+                }
+                2 => b.rig(|rig| {
+                    let (word, amount) = (Word::Wrong, 60.0);
+                    rig.faults
+                        .begin(Place::Gauge(run % CHAMBERS), Fault { word, amount });
+                }),
+                _ => {
+                    b.stall(0.6);
+                    b.t_s()
+                }
+            };
+            b.run(0.3);
+            let off_s = b.pumps_off_s(from_s).expect("the pumps go off");
+            assert!(off_s - from_s < 0.3, "run {run}: {}", off_s - from_s);
+            b.rig(|rig| rig.faults.clear());
+            b.run(1.5);
+            assert!(!b.pumps_ran(off_s, b.t_s()), "run {run}: they run again");
+            assert!(matches!(b.now.mode, Mode::Safe(_)));
+            b.until("it is matched", 5.0, |b| b.now.link.connected);
+            b.reset();
+        }
+    });
+}
+
+/// Heartbeats are the control loop's: boards that drive nothing are latched, too, when it stands still.
+fn heartbeats_cease_with_the_control_loop(boards: Boards) {
+    case(boards, |b| {
+        let mut worst_s = 0.0_f64;
+        for run in 0..RUNS {
+            b.run(0.01 * (run % 10) as f64);
+            let from_s = b.t_s();
+            let latched = |b: &Bench| {
+                let mut faults = 0;
+                b.link(|link| {
+                    faults = std::iter::from_fn(|| link.next_frame()).fold(0, |_, f| f.faults);
+                });
+                faults & fault::HEARTBEAT_LOST != 0
+            };
+            let mut silent = 0;
+            while !latched(b) {
+                b.stall(0.01);
+                silent += 1;
+                assert!(silent < 100, "they go on");
+            }
+            worst_s = worst_s.max(b.t_s() - from_s);
+            assert_eq!(b.now.mode, Mode::Disarmed);
+            b.run(0.1);
+            assert!(matches!(b.now.mode, Mode::Safe(_)), "{:?}", b.now.mode);
+            b.reset();
+        }
+        Case {
+            of: 5,
+            place: 3,
+            what: "program: from the last tick of a control loop that drives nothing to boards that have missed its heartbeats",
+            boards: name(boards),
+            bound: 500.0,
+            worst: worst_s * 1e3,
+            unit: "ms",
+            runs: RUNS,
+        }
+        .keep();
+    });
 }
 
 /// The robot file states what the supply does when it is off.

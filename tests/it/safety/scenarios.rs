@@ -2,7 +2,7 @@
 
 mod firmware {
     use springtwin::rig::faults::{Fault, Place, Word};
-    use springtwin::signal::{CHAMBERS, Mode};
+    use springtwin::signal::{ArmingCheck, CHAMBERS, Mode};
     use springtwin::twin::Command;
 
     use crate::faults::bench::{Boards, case};
@@ -28,32 +28,36 @@ mod firmware {
             println!("later checks: {:.1} s", b.t_s() - from_s);
             b.tell(Command::Disarm);
             b.run(1.0);
-            for gauge in 0..CHAMBERS {
+            // From when its chamber's turn has come.
+            let runs = crate::safety::runs(Boards::Firmware, CHAMBERS);
+            for run in 0..runs {
+                let gauge = run % CHAMBERS;
                 b.rig(|rig| {
                     rig.faults
                         .begin(Place::Gauge(gauge), Fault::of(Word::Stuck))
                 });
                 let from_s = b.t_s();
                 b.tell(Command::Arm);
-                b.run(0.1);
+                b.until("its turn comes", 30.0, |b| {
+                    b.now.gauge_check == ArmingCheck::Chamber(gauge)
+                });
+                let turn_s = b.t_s();
                 b.until("it is disarmed", 30.0, |b| b.now.mode == Mode::Disarmed);
                 let words = format!("gauge {}", gauge + 1);
                 assert!(b.event_s(from_s, &words).is_some(), "{words}");
-                if gauge == 0 {
-                    worst_s = worst_s.max(b.t_s() - from_s);
-                }
+                worst_s = worst_s.max(b.t_s() - turn_s);
                 b.rig(|rig| rig.faults.clear());
                 b.run(2.0);
             }
             Case {
                 of: 11,
                 place: 2,
-                what: "program: from arming to disarmed, when the first gauge does not follow its chamber",
+                what: "program: from the turn of a chamber whose gauge does not follow to disarmed",
                 boards: "firmware",
                 bound: 2100.0,
                 worst: worst_s * 1e3,
                 unit: "ms",
-                runs: 1,
+                runs,
             }
             .keep();
         });

@@ -84,8 +84,8 @@ fn pressed(i: &mut egui::InputState, key: Key) -> bool {
     down
 }
 
-/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space, P and `?`
-/// only while no text is typed and no menu is open. A key that is kept down asks once.
+/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space only while no text is typed; P
+/// and `?` only while no menu is open, either. A key that is kept down asks once.
 pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
     let typing = ctx.text_edit_focused();
     // Esc closes an open menu, and nothing else with it.
@@ -111,10 +111,17 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
                 actions.push(KeyAction::Show(screen));
             }
         }
-        if !typing && !menu {
-            if pressed(i, Key::Space) {
+        // Whatever else is held down with it, and whatever has the focus: it presses no button.
+        if !typing {
+            let is_space = |e: &egui::Event| matches!(e, egui::Event::Key { key: Key::Space, .. });
+            let goes_down =
+                |e: &egui::Event| matches!(e, egui::Event::Key { pressed: true, repeat: false, .. });
+            if i.events.iter().any(|e| is_space(e) && goes_down(e)) {
                 actions.push(KeyAction::Hold);
             }
+            i.events.retain(|e| !is_space(e));
+        }
+        if !typing && !menu {
             if pressed(i, Key::P) {
                 actions.push(KeyAction::Play);
             }
