@@ -446,6 +446,8 @@ static void listen(void)
             say_hello(); /* a host of another version learns ours */
         else if (h->board == board || h->board == ALL_BOARDS)
             on_message(h, f.bytes + sizeof *h, n - sizeof *h, f.t_ticks);
+        /* Frames take a while, and a conversion of the gauges that nobody looked at is gone. */
+        check_gauges(hal_ticks());
     }
 }
 
@@ -476,6 +478,8 @@ static void send_sample(uint32_t t_ticks)
         else
             channel_faults |= FAULT_IMU_LOST;
     }
+    /* The IMUs take a while, and so does what follows. */
+    check_gauges(hal_ticks());
     for (uint8_t k = 0; k < CHAMBERS_EACH; k++) {
         const uint8_t i = CHAMBERS_EACH * board + k;
         if (gauge_valid[k]) {

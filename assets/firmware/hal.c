@@ -235,7 +235,7 @@ static void counters_init(void)
 /* An IMU that has not answered so often running is asked in every so manyth sample only: what waits for the bus checks
  * no gauge. */
 #define IMU_FAILURES 3
-#define IMU_SKIPS 20
+#define IMU_SKIPS 3
 #define SCL PD0
 #define SDA PD1
 

@@ -638,8 +638,22 @@ fn a_second_finger_stops_and_holds() {
     h.run_steps(2);
     twin.taken();
     let stop = h.get_by_label("■ STOP").rect().center();
-    finger(&mut h, 1, stop, egui::TouchPhase::Start);
-    pointer(&mut h, stop, true);
+    let both = [
+        egui::Event::Touch {
+            device_id: egui::TouchDeviceId(0),
+            id: egui::TouchId(1),
+            phase: egui::TouchPhase::Start,
+            pos: stop,
+            force: None,
+        },
+        egui::Event::PointerButton {
+            pos: stop,
+            button: egui::PointerButton::Primary,
+            pressed: true,
+            modifiers: Modifiers::NONE,
+        },
+    ];
+    h.input_mut().events.extend(both);
     h.run_steps(2);
     assert_eq!(twin.taken(), [Command::Stop]);
 }
