@@ -31,6 +31,11 @@ pub struct Moment {
     pub hits: u64,
 }
 
+/// The host's end of a link to boards that nobody stands beside.
+pub fn simulated_host() -> HostSession {
+    HostSession::new("lockstep", Origin::Simulated, Config::built_in())
+}
+
 /// A rig and a host's end of the link.
 pub struct World {
     pub rig: VirtualRig,
@@ -62,16 +67,16 @@ impl World {
     pub fn of(options: &RigOptions, firmware: Option<&Path>) -> Self {
         let robot = RobotSpec::reference();
         let mut rig = VirtualRig::new(&robot, options).expect("settles");
-        let origin = match firmware {
+        let host = match firmware {
             Some(folder) => {
                 rig.use_firmware(folder).expect("the firmware starts");
-                Origin::Hardware
+                HostSession::new("lockstep", Origin::Hardware, Config::built_in())
             }
-            None => Origin::Simulated,
+            None => simulated_host(),
         };
         Self {
             rig,
-            host: HostSession::new("lockstep", origin, Config::built_in()),
+            host,
             events: Vec::new(),
             step_s: LINE_STEP_S,
             frozen: false,

@@ -28,8 +28,9 @@ pub(super) const KNOWN_AGE_S: f64 = 1.5;
 pub(super) const SHARES: [f64; 2] = [0.25, 1.2];
 /// Between two marks, s.
 pub(super) const MARK_S: f64 = 0.1;
-/// Nearer to its target than this it has nothing to make progress to, m.
+/// Nearer to its target than this it has nothing to make progress to, m; its pressures are looked at over so long, s.
 pub(super) const THERE_M: f64 = 3e-3;
+pub(super) const THERE_S: f64 = 6.0;
 /// Farther from its target than it was at best by so much, for so long, it goes the wrong way.
 pub(super) const AWAY_M: f64 = 10e-3;
 pub(super) const AWAY_S: f64 = 1.0;
@@ -70,8 +71,9 @@ pub(super) struct ContactWatch {
     /// What was made of what was expected on this way, m, up to a while ago.
     pub(super) known_m: [f64; 2],
     pub(super) low_since: Option<Stamp>,
-    /// Where it last made progress.
+    /// Where it last made progress, and the time before that: what it touches may have let it go on a little.
     pub(super) progress: Option<Mark>,
+    pub(super) before: Option<Mark>,
     pub(super) nearest_m: Option<f64>,
     pub(super) away_since: Option<Stamp>,
     /// Where the tip was at the last looks, oldest first.
@@ -86,7 +88,7 @@ impl ContactWatch {
         *self = Self::default();
     }
 
-    /// The newest pressures by which the arm still moved as usual, or the oldest that are known, Pa.
+    /// The pressures from which on the arm last moved as usual, or the oldest that are known, Pa.
     pub(super) fn while_free(
         &self,
         usual: f64,
@@ -99,7 +101,7 @@ impl ContactWatch {
             made_m >= FREE_SHARE * usual * expected_m.norm()
         };
         let free = marks.windows(FREE_MARKS + 1).rev().find(was_free);
-        let mark = free.map(|pair| pair[FREE_MARKS]).or(marks.first().copied());
+        let mark = free.map(|pair| pair[0]).or(marks.first().copied());
         mark.map(|m| m.chamber_pa)
     }
 

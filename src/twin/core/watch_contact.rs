@@ -1,5 +1,7 @@
 //! Backs off from contact, and stops what goes the wrong way.
 
+use std::collections::VecDeque;
+
 use nalgebra::Vector3;
 
 use super::contact::*;
@@ -61,22 +63,22 @@ impl Twin {
                 "the tip goes away from its target: look at the hoses, and for what pushes it";
             return self.go_safe(text, events);
         }
-        if !on_path && way.norm() < THERE_M {
-            self.contact.marks.clear();
-            self.contact.progress = None;
-        } else if let Some((why, before_pa)) = self.is_held_off(stamp, tip_m, chamber_pa, &target_m)
-        {
+        let is_there = !on_path && way.norm() < THERE_M;
+        let held_off = self.is_held_off(stamp, tip_m, chamber_pa, &target_m, is_there);
+        if let Some((why, before_pa)) = held_off {
             self.back_off(why, before_pa, events);
         }
     }
 
-    /// Whether the tip stays behind what its pressures should make of it.
+    /// Whether the tip stays behind what its pressures should make of it. One that `is_there` has nothing to make
+    /// progress to, and is held off when its pressures go on changing by what should move it.
     fn is_held_off(
         &mut self,
         stamp: Stamp,
         tip_m: Vector3<f64>,
         chamber_pa: [f64; CHAMBERS],
         target_m: &Vector3<f64>,
+        is_there: bool,
     ) -> Option<HeldOff> {
         if self.expects_pushes {
             return None;
@@ -109,12 +111,22 @@ impl Twin {
         let from = *watch.progress.get_or_insert(here);
         let way = direction(&(target_m - from.tip_m));
         if (tip_m - from.tip_m).dot(&way) >= PROGRESS_M {
-            watch.progress = Some(here);
+            watch.before = watch.progress.replace(here);
         } else if stamp.since(from.stamp) >= STUCK_S
             && most(&chamber_pa, &from.chamber_pa) > PRESSED_PA
             && expected_m(&from, &here).dot(&way) > EXPECTED_M
         {
-            return Some(("something holds the arm off", from.chamber_pa));
+            let free = watch.before.unwrap_or(from);
+            return Some(("something holds the arm off", free.chamber_pa));
+        }
+        if is_there {
+            watch.marks = VecDeque::from([here]);
+            watch.low_since = None;
+            // What rubber does in minutes takes pressure, too.
+            if stamp.since(from.stamp) >= THERE_S {
+                watch.before = watch.progress.replace(here);
+            }
+            return None;
         }
         let usual = watch.usual_share(stamp, expected_m)?;
         let enough = |m: &&Mark| expected_m(m, &here).norm() * usual >= WINDOW_M;
@@ -132,7 +144,7 @@ impl Twin {
         ))
     }
 
-    /// The pressures with which the tip last made progress, if they have changed since by what should have moved it: what
+    /// The pressures with which the tip still made progress, if they have changed since by what should have moved it: what
     /// the controller takes for the end of its reach may be something in the way, Pa.
     pub(super) fn pressed_from(&self) -> Option<[f64; CHAMBERS]> {
         if self.expects_pushes {
@@ -147,7 +159,8 @@ impl Twin {
         let way = direction(&(target_m - from.tip_m));
         let expected_m = (m_per_signal * (signals - from.signals)).dot(&way);
         let made_m = (tip_m - from.tip_m).dot(&way);
-        (expected_m > PROGRESS_M && made_m < SHARE * expected_m).then_some(from.chamber_pa)
+        let free = self.contact.before.unwrap_or(from);
+        (expected_m > PROGRESS_M && made_m < SHARE * expected_m).then_some(free.chamber_pa)
     }
 
     /// How deep the arm is in each half-space that it keeps out of, m.

@@ -12,7 +12,7 @@ use springtwin::twin::{Command, Event, Runner, SETTLING_FRAMES, TICK_S};
 
 use crate::conformance::firmware_folder;
 pub use crate::lockstep::Moment;
-use crate::lockstep::{World, runner, runner_of, twin_with};
+use crate::lockstep::{World, runner, runner_of, simulated_host, twin_with};
 
 /// What the rig's boards are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,6 +46,13 @@ pub fn case(boards: Boards, act: impl FnOnce(&mut Bench)) {
 /// The same, of a rig that is not the default one.
 pub fn case_of(options: &RigOptions, boards: Boards, act: impl FnOnce(&mut Bench)) {
     act_on(Bench::new(options, boards, None), act);
+}
+
+/// The same without the check of the gauges when the arm is armed, which boards at a port would have.
+pub fn case_unchecked(options: &RigOptions, boards: Boards, act: impl FnOnce(&mut Bench)) {
+    let bench = Bench::new(options, boards, None);
+    bench.world().host = simulated_host();
+    act_on(bench, act);
 }
 
 /// The same of a unit with emulated boards after its lab's calibration.
