@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+#[cfg(unix)]
+use crate::process::{Running, program, until};
 use crate::program::{json, refusal, scratch, springtwin};
 
 /// Ends with the status of a closed pipe and nothing on standard error when nobody reads what it prints.
@@ -445,4 +447,33 @@ fn estimates_and_replays_are_written_with_and_without_motion_capture() {
             .expect("written")
             .starts_with(b"PAR1")
     );
+}
+
+/// Ctrl+C ends a run: its recording is whole, and what was asked for was not done.
+#[cfg(unix)]
+#[test]
+fn a_run_that_is_asked_to_end_completes_its_recording() {
+    use nix::sys::signal::{Signal, kill};
+    let file = scratch("asked-to-end").join("t.rrd");
+    let name = file.to_str().expect("utf-8");
+    let args = [
+        "run",
+        "--headless",
+        "--seconds",
+        "1000000",
+        "--record",
+        name,
+    ];
+    let run = Running::start(program(&args).stdout(Stdio::piped()).stderr(Stdio::piped()));
+    until("it records", || {
+        std::fs::metadata(&file).is_ok_and(|f| f.len() > 100_000)
+    });
+    let id = nix::unistd::Pid::from_raw(run.id() as i32);
+    kill(id, Signal::SIGINT).expect("runs");
+    let out = run.output();
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert!(said.contains("ended by a signal"), "{said}");
+    let v = json(&["inspect", name, "--json"]);
+    assert_eq!(v["complete"], true, "{v}");
 }

@@ -22,7 +22,7 @@ pub fn runs(boards: Boards, in_every_test: usize) -> usize {
 const REQUIREMENTS: [&str; 12] = [
     "When no heartbeat has come for 200 ms, a board is off within 250 ms of the last one, and latched until a RESET \
      with a new id.",
-    "When STOP is pressed (pointer down, or Shift+Esc), all boards are off within 50 ms plus one picture of the window, \
+    "When STOP is pressed (pointer down, or Shift+Esc), all boards are off within 50 ms plus one frame of the window, \
      whatever the control thread does.",
     "When a gauge is beyond ±42 kPa or gives no value in two checks running, its board is off within 20 ms, the other \
      within 60 ms.",
