@@ -35,12 +35,24 @@ fn now() -> Instant {
     Instant::now()
 }
 
+/// How a command on a live rig is refused: its exit status and its last line. What the boards report before that is in the
+/// log above it.
+fn refusal(args: &[&str]) -> (i32, String) {
+    let out = process::output(&mut program(args));
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    let last = said.lines().last().unwrap_or_default().to_owned();
+    let errors = said.lines().filter(|l| l.starts_with("error: ")).count();
+    assert!(errors == 1 && last.starts_with("error: "), "{said}");
+    (out.status.code().expect("it ends by itself"), last)
+}
+
 /// What a run towards a target came to: its report, or nothing when the machine stalled and the arm went SAFE.
 fn towards_a_target(args: &[&str]) -> Option<Value> {
     let target = ["--target", "20,10,-300", "--seconds", "40", "--json"];
     let out = process::output(&mut program(&[args, &target].concat()));
     let said = String::from_utf8_lossy(&out.stderr);
-    if said.contains("SAFE") {
+    // On its way, not because boards that were SAFE from before were refused.
+    if said.contains("the arm went SAFE") {
         println!("the machine stalled: {said}");
         assert_eq!(out.status.code(), Some(1));
         return None;
@@ -80,10 +92,10 @@ fn two_ports_to_the_firmware() {
     let run = ["run", "--headless", "--rig", &ports, accept];
     // Boards that have just started are reset by name, and simulated ones armed by an explicit word.
     let target = ["--target", "20,10,-300", "--seconds", "20"];
-    let (code, said) = crate::program::refusal(&[&run[..], &target].concat());
+    let (code, said) = refusal(&[&run[..], &target].concat());
     assert!(code == 1 && said.contains("--reset booted"), "{said}");
     let unasked = ["--reset", "booted"];
-    let (code, said) = crate::program::refusal(&[&run[..4], &unasked, &target].concat());
+    let (code, said) = refusal(&[&run[..4], &unasked, &target].concat());
     assert!(code == 1 && said.contains(accept), "{said}");
     if let Some(first) = towards_a_target(&[&run[..], &["--reset", "booted"]].concat()) {
         println!("{first}");
@@ -93,7 +105,7 @@ fn two_ports_to_the_firmware() {
         );
     }
     std::thread::sleep(Duration::from_secs(1));
-    let (code, said) = crate::program::refusal(&[&run[..], &target].concat());
+    let (code, said) = refusal(&[&run[..], &target].concat());
     assert!(code == 1 && said.contains("SAFE from before"), "{said}");
     if let Some(again) = towards_a_target(&[&run[..], &["--reset"]].concat()) {
         assert_eq!(again["reached"], true, "{again}");
@@ -109,8 +121,7 @@ fn firmware_that_does_not_match_is_named_by_the_program() {
         let folder = folder_of(variant);
         let (_rig, ports) = process::rig(&["--firmware", folder.to_str().expect("utf-8")]);
         let run = ["run", "--headless", "--rig", &ports, "--seconds", "20"];
-        let (code, said) =
-            crate::program::refusal(&[&run[..], &["--target", "20,10,-300"]].concat());
+        let (code, said) = refusal(&[&run[..], &["--target", "20,10,-300"]].concat());
         assert!(code == 1 && said.contains(words), "{said}");
     }
 }
