@@ -65,6 +65,25 @@ fn press(b: &mut Bench, for_s: f64) -> Contact {
     }
 }
 
+/// Keeps the worst time until the arm held (s) and the worst pressure beyond those at the touch (kPa).
+fn keep_worst(place: u8, what: [&str; 2], [held_s, beyond_kpa]: [f64; 2], runs: usize) {
+    let time = (place, what[0], 3000.0, held_s * 1e3, "ms");
+    let pressure = (place + 1, what[1], 2.0, beyond_kpa, "kPa");
+    for (place, what, bound, worst, unit) in [time, pressure] {
+        Case {
+            of: 12,
+            place,
+            what,
+            boards: name(Boards::Emulated),
+            bound,
+            worst,
+            unit,
+            runs,
+        }
+        .keep();
+    }
+}
+
 fn table(depth_m: f64) -> RigOptions {
     // Under the tip of the arm at rest.
     RigOptions {
@@ -137,34 +156,15 @@ fn an_arm_that_is_held_off_gives_way() {
             }
         }
     }
-    for (place, what, bound, worst, unit) in [
-        (
-            1,
+    keep_worst(
+        1,
+        [
             "program: from the first touch to HOLD",
-            3000.0,
-            held_s * 1e3,
-            "ms",
-        ),
-        (
-            2,
             "program: pressures a second later, beyond those at the touch",
-            2.0,
-            beyond_kpa,
-            "kPa",
-        ),
-    ] {
-        Case {
-            of: 12,
-            place,
-            what,
-            boards: name(Boards::Emulated),
-            bound,
-            worst,
-            unit,
-            runs: usize::from(n),
-        }
-        .keep();
-    }
+        ],
+        [held_s, beyond_kpa],
+        usize::from(n),
+    );
 }
 
 /// A wall beside a path that the tip follows.
@@ -210,34 +210,15 @@ fn an_arm_that_is_held_off_on_a_path_gives_way() {
             }
         }
     }
-    for (place, what, bound, worst, unit) in [
-        (
-            3,
+    keep_worst(
+        3,
+        [
             "program: on a path into a wall: from the first touch to HOLD",
-            3000.0,
-            held_s * 1e3,
-            "ms",
-        ),
-        (
-            4,
             "program: on a path into a wall: pressures a second later, beyond those at the touch",
-            2.0,
-            beyond_kpa,
-            "kPa",
-        ),
-    ] {
-        Case {
-            of: 12,
-            place,
-            what,
-            boards: name(Boards::Emulated),
-            bound,
-            worst,
-            unit,
-            runs: n,
-        }
-        .keep();
-    }
+        ],
+        [held_s, beyond_kpa],
+        n,
+    );
 }
 
 /// A hose comes off one of the loaded chambers while the arm rests at a goal. A chamber near 0 kPa has nothing to lose.
