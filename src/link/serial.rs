@@ -223,7 +223,7 @@ impl SerialLink {
     pub fn send(&self, output: LinkOutput) -> Result<(), &'static str> {
         match self.output.try_send(output) {
             Ok(()) => Ok(()),
-            Err(TrySendError::Full(LinkOutput::Order(Order::Stop | Order::CutSupply))) => {
+            Err(TrySendError::Full(LinkOutput::Order(Order::Stop))) => {
                 self.stop_now.press();
                 Ok(())
             }
@@ -349,7 +349,11 @@ impl Worker {
                 Ok(LinkOutput::ClearCommand) => self.session.clear_command(),
                 Ok(LinkOutput::Order(Order::Vent | Order::Reset)) if self.overtaken => {}
                 Ok(LinkOutput::Order(order)) => {
-                    self.overtaken &= order != Order::Stop;
+                    if order == Order::Stop {
+                        // The press that it answers may have come since the line was looked at.
+                        self.stop_line.take();
+                        self.overtaken = false;
+                    }
                     self.session.order(order);
                 }
                 Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,

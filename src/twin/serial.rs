@@ -54,7 +54,6 @@ impl Port for SerialPort {
             arrivals.status.host_delay = Some(delay);
             // What the boards did then is not known of now.
             arrivals.status.pumps = [None; BOARDS];
-            arrivals.status.venting = false;
         }
         arrivals
     }
