@@ -34,7 +34,7 @@ pub struct TwinBuilder<'a> {
     pub(super) script: Option<Script>,
     port: Option<Box<dyn Port>>,
     stopwatch: Option<Stopwatch>,
-    ends: Option<Arc<AtomicBool>>,
+    ends: Arc<AtomicBool>,
     start: Instant,
 }
 
@@ -59,7 +59,7 @@ impl<'a> TwinBuilder<'a> {
             script: None,
             port: None,
             stopwatch: None,
-            ends: None,
+            ends: Arc::default(),
             start,
         }
     }
@@ -121,7 +121,7 @@ impl<'a> TwinBuilder<'a> {
 
     /// Ends every run once this is set: the boards are stopped, and recordings are completed.
     pub fn ends_with(mut self, ended: Arc<AtomicBool>) -> Self {
-        self.ends = Some(ended);
+        self.ends = ended;
         self
     }
 
@@ -226,25 +226,23 @@ pub struct Driver {
     /// The twin with its port and its recorder.
     pub runner: Runner,
     pub(super) maps: Maps,
-    ends: Option<Arc<AtomicBool>>,
+    ends: Arc<AtomicBool>,
     start: Instant,
 }
 
 impl Driver {
     /// Whether this program was asked to end meanwhile.
     pub fn was_ended(&self) -> bool {
-        self.ends
-            .as_ref()
-            .is_some_and(|e| e.load(Ordering::Relaxed))
+        self.ends.load(Ordering::Relaxed)
     }
 
     /// Ticks until an observer ends the run: as fast as it goes where the rig lives on simulated time, else on the
     /// host's clock. All observers see every tick, in order.
     pub fn run(&mut self, observers: &mut [&mut dyn Observer]) -> Pace {
-        let ends = self.ends.clone();
+        let ends = Arc::clone(&self.ends);
         let each = |snapshot: &Arc<Snapshot>, events: &[Event], commands: &mut Vec<Command>| {
             let mut flow = ControlFlow::Continue(());
-            if ends.as_ref().is_some_and(|e| e.load(Ordering::Relaxed)) {
+            if ends.load(Ordering::Relaxed) {
                 flow = ControlFlow::Break(());
             }
             for observer in observers.iter_mut() {

@@ -57,14 +57,9 @@ fn is_armed(snapshot: &Snapshot) -> bool {
     matches!(snapshot.mode, Mode::Hold | Mode::Moving | Mode::AtGoal)
 }
 
-/// Whether the window may close although the arm is armed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Closing {
-    /// Nobody asked.
-    #[default]
-    No,
-    /// The operator is asked.
-    Asked,
+/// Whether the control loop drives the boards' pumps.
+fn drives(snapshot: &Snapshot) -> bool {
+    is_armed(snapshot) || snapshot.link.venting
 }
 
 /// The window of a twin.
@@ -89,7 +84,8 @@ pub struct App {
     command_palette: CommandPalette,
     resume: Resume,
     vent: Vent,
-    closing: Closing,
+    /// The operator is asked whether the window may close although the arm is armed.
+    asks_to_close: bool,
     /// Window time of the newest snapshot, s.
     heard_at_s: f64,
     /// What the twin could be connected to.
@@ -211,7 +207,7 @@ impl App {
             command_palette: CommandPalette::default(),
             resume: Resume::default(),
             vent: Vent::default(),
-            closing: Closing::default(),
+            asks_to_close: false,
             heard_at_s: 0.0,
             connection: Connection::default(),
             welcome: false,
@@ -456,7 +452,7 @@ impl App {
             self.heard_at_s = now_s;
             ctx.request_repaint_after(self.pace.patience());
         }
-        if is_armed(&self.live) || self.live.link.venting {
+        if drives(&self.live) {
             ctx.request_repaint_after(SILENT_LOOK);
         }
     }
@@ -464,8 +460,7 @@ impl App {
     /// For how long the control loop of an armed arm has not reported, s, if that is too long.
     fn silent_s(&self, now_s: f64) -> Option<f64> {
         let silent_s = now_s - self.heard_at_s;
-        let drives = is_armed(&self.live) || self.live.link.venting;
-        let is_silent = drives && !self.twin_gone && self.handle.is_some();
+        let is_silent = drives(&self.live) && !self.twin_gone && self.handle.is_some();
         (is_silent && silent_s > SILENT_S).then_some(silent_s)
     }
 
@@ -482,13 +477,13 @@ impl App {
             for command in [CancelClose, Minimized(false), Focus] {
                 ctx.send_viewport_cmd(command);
             }
-            self.closing = Closing::Asked;
+            self.asks_to_close = true;
         }
     }
 
     /// Asks whether a window on an armed hardware arm shall close.
     fn ask_to_close(&mut self, ctx: &egui::Context) {
-        if self.closing != Closing::Asked {
+        if !self.asks_to_close {
             return;
         }
         // No modal: STOP and HOLD stay within reach.
@@ -511,10 +506,10 @@ impl App {
                 ui.add_space(8.0);
                 ui.horizontal(|ui| {
                     if ui.button("Stay").clicked() {
-                        self.closing = Closing::No;
+                        self.asks_to_close = false;
                     }
                     if ui.button("Switch the pumps off and close").clicked() {
-                        self.closing = Closing::No;
+                        self.asks_to_close = false;
                         // The pumps are off before anything is stored or torn down.
                         self.leave_twin();
                         ctx.send_viewport_cmd(egui::ViewportCommand::Close);
