@@ -128,6 +128,7 @@ impl SpringTake {
             capacitance_f: CAPACITANCE_F,
             compensation_h: COMPENSATION_H,
             curve: curve.clone(),
+            ends_off_m: Default::default(),
             quality: *quality,
         })
     }

@@ -486,6 +486,7 @@ pub fn calibrate(
                 capacitance_f: CAPACITANCE_F,
                 compensation_h: COMPENSATION_H,
                 curve,
+                ends_off_m: Default::default(),
                 quality,
             });
         }
@@ -497,6 +498,7 @@ pub fn calibrate(
         rig: None,
         springs,
         imus: Vec::new(),
+        base_tilt_rad: [0.0; 2],
     };
     (calibration, verdicts)
 }

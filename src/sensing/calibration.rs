@@ -12,11 +12,11 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::mounting::MountingFit;
-use crate::signal::{IMUS, SPRINGS};
+use crate::signal::{IMUS, ImuRaw, SPRINGS};
 
 /// Meaning of a spring's reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -197,6 +197,8 @@ pub struct SpringCalibration {
     pub compensation_h: f64,
     /// Eq. (2).
     pub curve: Curve,
+    /// By how much the upper and the lower end lie beside the drawing, each in its pad's frame, m.
+    pub ends_off_m: [Vector3<f64>; 2],
     /// Residuals.
     pub quality: FitQuality,
 }
@@ -220,13 +222,48 @@ pub fn inductance_h(frequency_hz: f64, capacitance_f: f64, compensation_h: f64) 
     1.0 / (capacitance_f * (TAU * frequency_hz).powi(2)) - compensation_h
 }
 
-/// The mounting of one IMU.
+/// The mounting and the zero of one IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuCalibration {
     /// IMU, 1 … 4.
     pub imu: usize,
     /// The correction and how well it fits.
     pub fit: MountingFit,
+    /// Errors of its readings.
+    pub zero: ImuZero,
+}
+
+/// Constant errors of an IMU's readings, in its own axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuZero {
+    /// Reading of the gyro at rest, rad/s.
+    pub gyro_bias_rad_s: Vector3<f64>,
+    /// Bias of the accelerometer, m/s².
+    pub accel_bias_m_s2: Vector3<f64>,
+    /// Gain of the accelerometer per axis: reading = gain · specific force + bias.
+    pub accel_gain: Vector3<f64>,
+}
+
+impl Default for ImuZero {
+    fn default() -> Self {
+        Self {
+            gyro_bias_rad_s: Vector3::zeros(),
+            accel_bias_m_s2: Vector3::zeros(),
+            accel_gain: Vector3::repeat(1.0),
+        }
+    }
+}
+
+impl ImuZero {
+    /// The reading without these errors.
+    pub fn remove(&self, raw: &ImuRaw) -> ImuRaw {
+        let rate = Vector3::from(raw.gyro_rad_s) - self.gyro_bias_rad_s;
+        let force = Vector3::from(raw.accel_m_s2) - self.accel_bias_m_s2;
+        ImuRaw {
+            gyro_rad_s: rate.into(),
+            accel_m_s2: force.component_div(&self.accel_gain).into(),
+        }
+    }
 }
 
 /// A calibration of the spring channels and of the IMUs' mountings.
@@ -242,8 +279,10 @@ pub struct Calibration {
     pub rig: Option<u32>,
     /// The springs, in order of their numbers; some may be missing.
     pub springs: Vec<SpringCalibration>,
-    /// Corrections of the IMUs' mountings, in order of their numbers; none means nominal.
+    /// Mountings and zeros of the IMUs, in order of their numbers; none means nominal.
     pub imus: Vec<ImuCalibration>,
+    /// How the base hangs: level from base = exp((x, y, 0)), rad.
+    pub base_tilt_rad: [f64; 2],
 }
 
 impl Calibration {
@@ -278,10 +317,29 @@ impl Calibration {
         })
     }
 
+    /// Errors of the readings of IMU `i` (0-based).
+    pub fn imu_zero(&self, i: usize) -> ImuZero {
+        let entry = self.imus.iter().find(|m| m.imu == i + 1);
+        entry.map_or_else(ImuZero::default, |m| m.zero)
+    }
+
+    /// The base's orientation in a frame whose z axis points up.
+    pub fn level_from_base(&self) -> UnitQuaternion<f64> {
+        let [x, y] = self.base_tilt_rad;
+        UnitQuaternion::from_scaled_axis(Vector3::new(x, y, 0.0))
+    }
+
+    /// Where the ends of spring `i` (0-based) lie beside the drawing: upper and lower, each in its pad's frame, m.
+    pub fn ends_off_m(&self, i: usize) -> [Vector3<f64>; 2] {
+        let entry = self.springs.iter().find(|s| s.spring == i + 1);
+        entry.map_or_else(Default::default, |s| s.ends_off_m)
+    }
+
     /// Puts in the mounting of IMU `i` (0-based). The fit is relative to the mounting that was in
     /// use when its samples were taken, so the two corrections are chained.
     pub fn set_imu(&mut self, i: usize, fit: MountingFit) {
         let chained = UnitQuaternion::from_scaled_axis(fit.correction_rad) * self.mounting(i);
+        let zero = self.imu_zero(i);
         self.imus.retain(|m| m.imu != i + 1);
         self.imus.push(ImuCalibration {
             imu: i + 1,
@@ -289,6 +347,7 @@ impl Calibration {
                 correction_rad: chained.scaled_axis(),
                 ..fit
             },
+            zero,
         });
         self.imus.sort_by_key(|m| m.imu);
     }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::calibration::{
-    Calibration, Curve, FitQuality, ImuCalibration, Quantity, SpringCalibration, Variable,
+    Calibration, Curve, FitQuality, ImuCalibration, ImuZero, Quantity, SpringCalibration, Variable,
 };
 use super::mounting::{CORRECTION_MAX_RAD, MountingFit};
 use crate::signal::{IMUS, SPRINGS, exactly};
@@ -91,6 +91,9 @@ impl Calibration {
             rig: file.rig,
             springs,
             imus,
+            base_tilt_rad: file
+                .base_tilt_deg
+                .map_or_else(Default::default, |b| b.map(f64::to_radians)),
         })
     }
 
@@ -109,6 +112,8 @@ impl Calibration {
                 .iter()
                 .map(SpringEntry::from_calibration)
                 .collect(),
+            base_tilt_deg: (self.base_tilt_rad != [0.0; 2])
+                .then(|| self.base_tilt_rad.map(|x| tidy(x.to_degrees()))),
             imu: self.imus.iter().map(ImuEntry::from_calibration).collect(),
         };
         Ok(format!("{HEAD}{}", toml::to_string(&file)?))
@@ -119,7 +124,10 @@ const HEAD: &str = "\
 # Spring calibration: length = sum of coefficients_mm[k] u^k, u = (x - center) / scale,
 # x = the reading or its reciprocal, reading = 1 / (C (2 pi f)^2) - L_comp in microhenry.
 # A reading outside of its domain has no length.
-# IMUs: pad from IMU = exp(correction) times the nominal mounting, a rotation vector in the pad.
+# top_off_mm, bottom_off_mm: where the spring's ends lie beside the drawing, each in its pad's frame.
+# base_tilt_deg: level from base = exp((x, y, 0)), a rotation vector.
+# IMUs: pad from IMU = exp(correction) times the nominal mounting, a rotation vector in the pad;
+# reading of the gyro = rate + gyro_bias, of the accelerometer = accel_gain times specific force + accel_bias.
 
 ";
 
@@ -132,9 +140,30 @@ struct File {
     /// Number of the arm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     rig: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    base_tilt_deg: Option<[f64; 2]>,
     spring: Vec<SpringEntry>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     imu: Vec<ImuEntry>,
+}
+
+/// Largest part of a spring's end beside the drawing, mm.
+const END_OFF_MAX_MM: f64 = 10.0;
+/// Largest bias of a gyro, rad/s: twice what data sheets allow.
+const GYRO_BIAS_MAX_RAD_S: f64 = 40.0 * std::f64::consts::PI / 180.0;
+/// Largest bias of an accelerometer, m/s².
+const ACCEL_BIAS_MAX_M_S2: f64 = 2.0;
+/// Largest distance of an accelerometer's gain from 1.
+const ACCEL_GAIN_OFF_MAX: f64 = 0.2;
+
+/// Whether all three are at most this far from 0.
+fn within(of: &[f64; 3], most: f64) -> bool {
+    of.iter().all(|x| x.abs() <= most)
+}
+
+/// Three numbers for the file in another unit, unless they are what goes without saying.
+fn written(value: &Vector3<f64>, unsaid: Vector3<f64>, per_unit: f64) -> Option<[f64; 3]> {
+    (*value != unsaid).then(|| value.map(|x| tidy(x * per_unit)).into())
 }
 
 /// Twelve digits hide the rounding of the change of unit.
@@ -156,6 +185,10 @@ struct SpringEntry {
     coefficients_mm: [f64; 5],
     #[serde(deserialize_with = "exactly")]
     domain: [f64; 2],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    top_off_mm: Option<[f64; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    bottom_off_mm: Option<[f64; 3]>,
     rmse_mm: f64,
     held_out_rmse_mm: f64,
     worst_mm: f64,
@@ -178,6 +211,8 @@ impl SpringEntry {
             scale: tidy(s.curve.scale),
             coefficients_mm: s.curve.coefficients_m.map(|c| tidy(c * 1e3)),
             domain: s.curve.domain.map(tidy),
+            top_off_mm: written(&s.ends_off_m[0], Vector3::zeros(), 1e3),
+            bottom_off_mm: written(&s.ends_off_m[1], Vector3::zeros(), 1e3),
             rmse_mm: readable_mm(s.quality.rmse_m),
             held_out_rmse_mm: readable_mm(s.quality.held_out_rmse_m),
             worst_mm: readable_mm(s.quality.worst_m),
@@ -200,6 +235,8 @@ impl SpringEntry {
                 coefficients_m: self.coefficients_mm.map(|c| c * 1e-3),
                 domain: self.domain,
             },
+            ends_off_m: [self.top_off_mm, self.bottom_off_mm]
+                .map(|off| off.map_or_else(Vector3::zeros, |mm| Vector3::from(mm) * 1e-3)),
             quality: FitQuality {
                 rmse_m: self.rmse_mm * 1e-3,
                 held_out_rmse_m: self.held_out_rmse_mm * 1e-3,
@@ -253,6 +290,16 @@ impl SpringEntry {
                 "a low and a high reading, in this order, without zero in between for a reciprocal",
             );
         }
+        for (key, off) in [
+            ("top_off_mm", self.top_off_mm),
+            ("bottom_off_mm", self.bottom_off_mm),
+        ] {
+            if let Some(off) = off
+                && !within(&off, END_OFF_MAX_MM)
+            {
+                return refuse(key, format!("{off:?}"), "three lengths of 10 mm or less");
+            }
+        }
         if !(self.center.is_finite() && self.coefficients_mm.iter().all(|c| c.is_finite())) {
             return refuse(
                 "coefficients_mm",
@@ -272,6 +319,12 @@ struct ImuEntry {
     correction_deg: [f64; 3],
     residual_deg: f64,
     samples: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gyro_bias_deg_s: Option<[f64; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    accel_bias_m_s2: Option<[f64; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    accel_gain: Option<[f64; 3]>,
 }
 
 impl ImuEntry {
@@ -281,6 +334,9 @@ impl ImuEntry {
             correction_deg: m.fit.correction_rad.map(|x| tidy(x.to_degrees())).into(),
             residual_deg: tidy(m.fit.residual_rad.to_degrees()),
             samples: m.fit.samples,
+            gyro_bias_deg_s: written(&m.zero.gyro_bias_rad_s, Vector3::zeros(), 1f64.to_degrees()),
+            accel_bias_m_s2: written(&m.zero.accel_bias_m_s2, Vector3::zeros(), 1.0),
+            accel_gain: written(&m.zero.accel_gain, Vector3::repeat(1.0), 1.0),
         }
     }
 
@@ -304,6 +360,37 @@ impl ImuEntry {
                 "a rotation vector of less than 5.7 degrees",
             ));
         }
+        let zero = self.zero();
+        let checks: [(_, &Vector3<f64>, Vector3<f64>, f64, _); 3] = [
+            (
+                "gyro_bias_deg_s",
+                &zero.gyro_bias_rad_s,
+                Vector3::zeros(),
+                GYRO_BIAS_MAX_RAD_S,
+                "three rates of 40 deg/s or less",
+            ),
+            (
+                "accel_bias_m_s2",
+                &zero.accel_bias_m_s2,
+                Vector3::zeros(),
+                ACCEL_BIAS_MAX_M_S2,
+                "three accelerations of 2 m/s2 or less",
+            ),
+            (
+                "accel_gain",
+                &zero.accel_gain,
+                Vector3::repeat(1.0),
+                ACCEL_GAIN_OFF_MAX,
+                "three factors between 0.8 and 1.2",
+            ),
+        ];
+        for (key, value, without, most, must) in checks {
+            let off: [f64; 3] = (value - without).into();
+            if !within(&off, most) {
+                let shown: [f64; 3] = (*value).into();
+                return Err(refuse(key, format!("{shown:?}"), must));
+            }
+        }
         Ok(ImuCalibration {
             imu: self.id,
             fit: MountingFit {
@@ -311,7 +398,21 @@ impl ImuEntry {
                 residual_rad: self.residual_deg.to_radians(),
                 samples: self.samples,
             },
+            zero,
         })
+    }
+
+    fn zero(&self) -> ImuZero {
+        let none = ImuZero::default();
+        ImuZero {
+            gyro_bias_rad_s: self.gyro_bias_deg_s.map_or(none.gyro_bias_rad_s, |b| {
+                Vector3::from(b).map(f64::to_radians)
+            }),
+            accel_bias_m_s2: self
+                .accel_bias_m_s2
+                .map_or(none.accel_bias_m_s2, Vector3::from),
+            accel_gain: self.accel_gain.map_or(none.accel_gain, Vector3::from),
+        }
     }
 }
 
@@ -331,6 +432,7 @@ mod tests {
                 capacitance_f: 1.0e-9,
                 compensation_h: 1.0e-5,
                 curve: Curve::paper_corrected(),
+                ends_off_m: [Vector3::new(5e-4, 0.0, -1e-4), Vector3::zeros()],
                 quality: FitQuality {
                     rmse_m: 1e-4,
                     held_out_rmse_m: 1e-4,
@@ -346,7 +448,13 @@ mod tests {
                     residual_rad: 1e-4,
                     samples: 300,
                 },
+                zero: ImuZero {
+                    gyro_bias_rad_s: Vector3::new(0.3, -0.1, 0.0),
+                    accel_bias_m_s2: Vector3::new(0.4, 0.2, 0.7),
+                    accel_gain: Vector3::new(1.02, 0.99, 1.0),
+                },
             }],
+            base_tilt_rad: [0.01, -0.02],
         };
         calibration.to_toml().expect("writes")
     }
@@ -376,6 +484,21 @@ mod tests {
             "correction_deg = [",
             "correction_deg = [9",
             &["IMU 2", "correction_deg"],
+        );
+        refused(
+            "accel_gain = [1",
+            "accel_gain = [7",
+            &["IMU 2", "accel_gain"],
+        );
+        refused(
+            "gyro_bias_deg_s = [1",
+            "gyro_bias_deg_s = [91",
+            &["IMU 2", "gyro_bias"],
+        );
+        refused(
+            "top_off_mm = [0.5",
+            "top_off_mm = [50.5",
+            &["spring 3", "top_off_mm"],
         );
         refused("[122.0, 177.5]", "[177.5, 122.0]", &["domain"]);
         refused("0.0000001119", "-0.0000001119", &["spring 3", "monotone"]);

@@ -218,6 +218,7 @@ fn from_paper(a: &SpringsArgs, preset: Preset) -> Result<Report> {
         capacitance_f: CAPACITANCE_F,
         compensation_h: COMPENSATION_H,
         curve: curve.clone(),
+        ends_off_m: Default::default(),
         // Nothing was measured.
         quality: FitQuality {
             rmse_m: 0.0,
@@ -234,6 +235,7 @@ fn from_paper(a: &SpringsArgs, preset: Preset) -> Result<Report> {
         rig: None,
         springs: (1..=SPRINGS).map(spring).collect(),
         imus: Vec::new(),
+        base_tilt_rad: [0.0; 2],
     };
     save(a, calibration)?;
     let [shortest_m, longest_m] = curve.length_range_m();
