@@ -219,14 +219,13 @@ impl ImusTake {
         if !settled || !self.frames.is_multiple_of(EVERY) {
             return;
         }
-        let pads = sensing.pads();
+        let pads = sensing.pads_by_springs();
         for (i, take) in self.imus.iter_mut().enumerate().filter(|(_, t)| t.open) {
-            if out.health.imus[i] != ChannelHealth::Ok || !pads.by_springs_alone[i / 2] {
+            let Some(pad) = pads[i / 2].filter(|_| out.health.imus[i] == ChannelHealth::Ok) else {
                 continue;
-            }
+            };
             let by_imu = UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
-            let by_springs = pads.base_from_pad[i / 2].rotation;
-            take.add(by_springs, by_imu);
+            take.add(pad.rotation, by_imu);
         }
         if self.imus.iter().all(|t| !t.open || t.complete()) {
             self.finish();

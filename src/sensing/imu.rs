@@ -1,4 +1,4 @@
-//! Orientation from gyro and accelerometer, with the heading anchored to the springs.
+//! Orientation from gyro and accelerometer alone, but for the heading.
 //!
 //! The filter is VQF (D. Laidig, T. Seel, Information Fusion 91, 2023, doi 10.1016/j.inffus.2022.10.014)
 //! from the crate `vqf-rs`, without magnetometer: steel springs stand beside every IMU. Its output
@@ -7,14 +7,7 @@
 //! On the arm two of its habits would do harm. Pads turn at a degree or two per second for seconds
 //! on end, which its rest detector takes for rest and its bias estimator for bias; so rest
 //! detection is off there ([`Tuning::Arm`]) and the bias of the horizontal axes comes from the
-//! inclination alone. The vertical bias, unobservable from gravity, ends up in the drift of the
-//! heading, which [`Heading`] tracks against the pad yaw that the springs see:
-//!
-//! | symbol | meaning |
-//! |---|---|
-//! | δ, r | heading offset base from earth and its rate |
-//! | e | innovation: twist about z between the springs' and the filter's pad orientation, less δ |
-//! | ω | bandwidth of the tracker, 0.2 rad/s |
+//! inclination alone. The heading is that of the estimator ([`super::filter`]).
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use vqf_rs::{Params, VQF};
@@ -27,10 +20,6 @@ pub const RATE_HZ: f64 = 100.0;
 pub const GYRO_LIMIT_RAD_S: f64 = 8.6;
 /// Specific force outside of this is not a working accelerometer, m/s².
 pub const ACCEL_LIMITS_M_S2: [f64; 2] = [0.5, 100.0];
-/// Bandwidth of the heading tracker, rad/s.
-const HEADING_BANDWIDTH_RAD_S: f64 = 0.2;
-/// Fastest heading drift that is accepted, rad/s.
-const HEADING_RATE_MAX_RAD_S: f64 = 0.02;
 /// A gap longer than this restarts the filter, s.
 const GAP_MAX_S: f64 = 0.25;
 
@@ -112,42 +101,6 @@ fn wrap(angle_rad: f64) -> f64 {
     (angle_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 
-/// The slow heading-offset state of one IMU: an offset that drifts at a slowly changing rate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Heading {
-    /// δ, rad.
-    pub offset_rad: f64,
-    /// r, rad/s.
-    pub rate_rad_s: f64,
-    /// Corrections taken since the start.
-    pub corrections: u32,
-}
-
-impl Heading {
-    /// Lets `dt_s` pass.
-    pub fn predict(&mut self, dt_s: f64) {
-        self.offset_rad = wrap(self.offset_rad + self.rate_rad_s * dt_s);
-    }
-
-    /// Corrects with a measured offset `dt_s` after the last correction.
-    ///
-    /// The first seconds average plainly (the arm is at rest then); after that the gains are those
-    /// of a critically damped tracker.
-    pub fn correct(&mut self, measured_rad: f64, dt_s: f64) {
-        let innovation_rad = wrap(measured_rad - self.offset_rad);
-        let pass = HEADING_BANDWIDTH_RAD_S * dt_s;
-        let average = 1.0 / (f64::from(self.corrections) + 1.0);
-        // δ += 2ω dt e,  r += ω² dt e
-        self.offset_rad =
-            wrap(self.offset_rad + (2.0 * pass).max(average).min(1.0) * innovation_rad);
-        if average < 2.0 * pass {
-            self.rate_rad_s = (self.rate_rad_s + HEADING_BANDWIDTH_RAD_S * pass * innovation_rad)
-                .clamp(-HEADING_RATE_MAX_RAD_S, HEADING_RATE_MAX_RAD_S);
-        }
-        self.corrections = self.corrections.saturating_add(1);
-    }
-}
-
 /// Verdict on one frame's sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sample {
@@ -159,16 +112,15 @@ pub enum Sample {
     Lost,
 }
 
-/// One IMU on its pad.
+/// One IMU on its pad: orientation by itself, but for the heading.
 pub struct ImuTrack {
     imu_from_pad: UnitQuaternion<f64>,
     filter: ImuFilter,
-    heading: Heading,
+    heading_rad: f64,
     /// Time since the last good sample, s; infinite before the first.
     silent_s: f64,
     bad_frames: u32,
     base_from_pad: UnitQuaternion<f64>,
-    rate_rad_s: f64,
 }
 
 /// Whether a sample is plausible: finite, the gyro off its rail, gravity present.
@@ -181,76 +133,76 @@ pub fn credible(raw: &ImuRaw) -> bool {
 }
 
 impl ImuTrack {
-    /// An IMU in its nominal mounting.
+    /// An IMU in its mounting.
     pub fn new(pad_from_imu: UnitQuaternion<f64>) -> Self {
         Self {
             imu_from_pad: pad_from_imu.inverse(),
             filter: ImuFilter::new(1.0 / RATE_HZ, Tuning::Arm),
-            heading: Heading::default(),
+            heading_rad: 0.0,
             silent_s: f64::INFINITY,
             bad_frames: 0,
             base_from_pad: UnitQuaternion::identity(),
-            rate_rad_s: 0.0,
         }
     }
 
-    /// Takes in this frame's sample (`None` when not delivered), `dt_s` after the last frame.
-    pub fn update(&mut self, dt_s: f64, raw: Option<&ImuRaw>) -> Sample {
+    /// Verdict on this frame's sample: what was not sent is missing, only a bad value gets a frame of grace.
+    pub fn sample(&mut self, delivered: bool, credible: bool) -> Sample {
+        if credible {
+            self.bad_frames = 0;
+            return Sample::Good;
+        }
+        self.bad_frames = self.bad_frames.saturating_add(1);
+        match delivered && self.bad_frames <= 1 {
+            true => Sample::Held,
+            false => Sample::Lost,
+        }
+    }
+
+    /// Takes in this frame's good sample, its zero taken out (`None`: there is none), `dt_s` after the last frame.
+    pub fn update(&mut self, dt_s: f64, raw: Option<&ImuRaw>) {
         self.silent_s += dt_s;
-        self.heading.predict(dt_s);
-        let Some(raw) = raw.filter(|r| credible(r)) else {
-            self.bad_frames = self.bad_frames.saturating_add(1);
-            return if self.bad_frames <= 1 {
-                Sample::Held
-            } else {
-                Sample::Lost
-            };
+        let Some(raw) = raw else {
+            return;
         };
-        self.bad_frames = 0;
         if self.silent_s > GAP_MAX_S {
             self.filter = ImuFilter::new(1.0 / RATE_HZ, Tuning::Arm);
-            self.heading = Heading::default();
             self.silent_s = 1.0 / RATE_HZ;
         }
         self.filter
             .update(self.silent_s, raw.gyro_rad_s, raw.accel_m_s2);
         self.silent_s = 0.0;
-        self.rate_rad_s = Vector3::from(raw.gyro_rad_s).norm();
-        if self.heading.corrections == 0 {
-            // Nothing is known of the heading yet: the arm hangs straight.
-            self.heading.offset_rad =
-                heading_between(&UnitQuaternion::identity(), &self.earth_from_pad());
-        }
-        self.refresh();
-        Sample::Good
     }
 
-    /// Corrects the heading by the pad orientation that the springs see, `dt_s` after the last frame.
-    pub fn correct_heading(&mut self, dt_s: f64, base_from_pad_by_springs: &UnitQuaternion<f64>) {
-        let measured = heading_between(base_from_pad_by_springs, &self.earth_from_pad());
-        self.heading.correct(measured, dt_s);
-        self.refresh();
+    /// Heading offset that turns this IMU's orientation into the pad's, rad; `base_from_level` is how the base hangs.
+    pub fn heading_to(
+        &self,
+        base_from_level: &UnitQuaternion<f64>,
+        base_from_pad: &UnitQuaternion<f64>,
+    ) -> f64 {
+        heading_between(&(base_from_level.inverse() * base_from_pad), &self.earth_from_pad())
+    }
+
+    /// Sets the heading offset, rad.
+    pub fn set_heading(&mut self, base_from_level: &UnitQuaternion<f64>, heading_rad: f64) {
+        self.heading_rad = heading_rad;
+        // base_from_pad = base_from_level · Rz(δ) · earth_from_imu · imu_from_pad
+        self.base_from_pad = base_from_level
+            * UnitQuaternion::from_scaled_axis(Vector3::z() * self.heading_rad)
+            * self.earth_from_pad();
+    }
+
+    /// Takes the heading of this orientation of the pad.
+    pub fn align(
+        &mut self,
+        base_from_level: &UnitQuaternion<f64>,
+        base_from_pad: &UnitQuaternion<f64>,
+    ) {
+        let heading_rad = self.heading_to(base_from_level, base_from_pad);
+        self.set_heading(base_from_level, heading_rad);
     }
 
     fn earth_from_pad(&self) -> UnitQuaternion<f64> {
         self.filter.earth_from_imu() * self.imu_from_pad
-    }
-
-    fn refresh(&mut self) {
-        // base_from_pad = Rz(δ) · earth_from_imu · imu_from_pad
-        self.base_from_pad =
-            UnitQuaternion::from_scaled_axis(Vector3::z() * self.heading.offset_rad)
-                * self.earth_from_pad();
-    }
-
-    /// Whether the springs have confirmed the heading since the filter started.
-    pub fn aligned(&self) -> bool {
-        self.heading.corrections > 0
-    }
-
-    /// The heading state.
-    pub fn heading(&self) -> Heading {
-        self.heading
     }
 
     /// Newest orientation of the pad, base from pad; the last good one while samples are bad.
@@ -258,9 +210,9 @@ impl ImuTrack {
         self.base_from_pad
     }
 
-    /// Magnitude of the newest good angular rate, rad/s.
-    pub fn rate_rad_s(&self) -> f64 {
-        self.rate_rad_s
+    /// Heading offset in use, rad.
+    pub fn heading_rad(&self) -> f64 {
+        self.heading_rad
     }
 }
 
@@ -326,31 +278,8 @@ mod tests {
     }
 
     #[test]
-    fn heading_tracker_removes_a_constant_drift_without_lag() {
-        let mut h = Heading::default();
-        let drift = 0.1_f64.to_radians();
-        for k in 0..12_000 {
-            h.predict(0.01);
-            h.correct(1.0 + drift * 0.01 * f64::from(k), 0.01);
-        }
-        let truth = 1.0 + drift * 119.99;
-        assert!((h.offset_rad - truth).abs() < 1e-4, "{h:?}");
-        assert!(
-            (h.rate_rad_s - drift).abs() < 1e-4 * drift.abs() + 1e-6,
-            "{h:?}"
-        );
-        // And carries on through ten seconds without springs.
-        for _ in 0..1000 {
-            h.predict(0.01);
-        }
-        assert!((h.offset_rad - truth - 10.0 * drift).abs() < 1e-3);
-    }
-
-    #[test]
     fn bad_samples_hold_once_and_are_then_lost() {
         let mut t = ImuTrack::new(UnitQuaternion::identity());
-        assert_eq!(t.update(0.01, Some(&still())), Sample::Good);
-        let before = t.base_from_pad();
         let spoil = |f: fn(&mut ImuRaw)| {
             let mut raw = still();
             f(&mut raw);
@@ -362,35 +291,31 @@ mod tests {
             spoil(|r| r.gyro_rad_s[2] = 8.7),
             spoil(|r| r.accel_m_s2 = [0.0; 3]),
         ] {
-            assert_eq!(t.update(0.01, Some(&raw)), Sample::Held);
-            assert_eq!(t.update(0.01, Some(&raw)), Sample::Lost);
-            assert_eq!(t.base_from_pad(), before);
-            assert_eq!(t.update(0.01, Some(&still())), Sample::Good);
+            assert_eq!(t.sample(true, credible(&raw)), Sample::Held);
+            assert_eq!(t.sample(true, credible(&raw)), Sample::Lost);
+            assert_eq!(t.sample(true, credible(&still())), Sample::Good);
         }
-        assert_eq!(t.update(0.01, None), Sample::Held);
-        assert_eq!(t.update(0.01, None), Sample::Lost);
+        assert_eq!(t.sample(false, false), Sample::Lost);
     }
 
     #[test]
-    fn after_a_silence_the_filter_starts_anew() {
+    fn after_a_silence_down_is_right_at_once_and_the_heading_is_the_estimators() {
         let mut t = ImuTrack::new(UnitQuaternion::identity());
-        let springs = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4);
+        let level = UnitQuaternion::identity();
         t.update(0.01, Some(&still()));
-        t.correct_heading(0.01, &springs);
-        assert!(t.aligned());
-        assert!(t.base_from_pad().angle_to(&springs) < 1e-9);
+        let turned = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4);
+        t.align(&level, &turned);
+        assert!(t.base_from_pad().angle_to(&turned) < 1e-9);
         for _ in 0..50 {
             t.update(0.01, None);
         }
-        // The pad was tilted meanwhile: down is right at once, the heading at the next springs.
         let tilted = UnitQuaternion::from_euler_angles(0.3, 0.2, -0.5);
         let raw = ImuRaw {
             gyro_rad_s: [0.0; 3],
             accel_m_s2: tilted.inverse_transform_vector(&(Vector3::z() * G)).into(),
         };
-        assert_eq!(t.update(0.01, Some(&raw)), Sample::Good);
-        assert!(!t.aligned());
-        t.correct_heading(0.01, &tilted);
+        t.update(0.01, Some(&raw));
+        t.align(&level, &tilted);
         assert!(t.base_from_pad().angle_to(&tilted) < 1e-6);
     }
 }

@@ -1,21 +1,28 @@
 //! From counts to lengths, from rates to orientations, and the health of each channel.
 //!
 //! [`Sensing::update`] takes one [`RawFrame`] and gives one [`SensorFrame`]: twelve lengths by the
-//! calibration, four pad orientations by the IMU filters with their heading anchored to the springs,
-//! six pressures, and the health of every channel. Implausible channels hold their last
-//! good value, or are reconstructed from the others; nothing that is not finite leaves this module.
+//! calibration, four pad orientations, six pressures, and the health of every channel. One estimator ([`filter`])
+//! follows the pads' motion by whatever is delivered; a channel that is out is reconstructed from it, with its
+//! uncertainty, and a channel whose bias is not a healthy one's is faulty ([`faults`]). Nothing that is not finite leaves
+//! this module.
+//!
+//! Readings of healthy channels stay their own: a length is the spring's, corrected for its lag; an inclination is the
+//! IMU's. A heading, which no IMU can measure, is the estimator's.
 //!
 //! It imports robot and signal alone: no simulator, no rig, no clock, no I/O. Motion capture is put
 //! into the robot's frame here ([`registration`]) and takes no part in a [`SensorFrame`].
 
 pub mod bench;
 pub mod calibration;
+pub mod faults;
 mod file;
-pub mod health;
+pub mod filter;
 pub mod imu;
 pub mod mounting;
+mod noise;
 pub mod platform;
 pub mod registration;
+mod repeats;
 pub mod score;
 mod shape;
 pub mod spring;
@@ -23,131 +30,163 @@ pub mod spring;
 use nalgebra::UnitQuaternion;
 
 pub use calibration::Calibration;
+use faults::Faults;
 pub use file::CalibrationError;
-use health::{JUDGED_RATE_RAD_S, PairMonitor, SegmentFrame, SegmentMonitor};
+use filter::{Channel, Filter, Reading, pad_index};
 use imu::{ImuTrack, Sample};
-use platform::{Known, LEGS, Segment, solve};
+use noise::Noise;
+use platform::{LEGS, Segment};
+use repeats::{Frozen, RawLength, Repeats};
 pub use shape::shape_by_sensors;
 use spring::SpringReading;
 
-use crate::robot::{PadId, RobotSpec};
+use crate::robot::RobotSpec;
 use crate::signal::{
-    BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, Pose, RawFrame, SIGNALS, SPRINGS, SensorFrame,
-    SensorVec, Stamp, UNKNOWN_M, UNKNOWN_RAD, ypr_from_rotation,
+    BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, ImuRaw, Pose, RawFrame, SIGNALS, SPRINGS,
+    SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD, ypr_from_rotation,
 };
 
-/// A length cannot change faster than this between two frames, m/s.
-const LENGTH_RATE_MAX_M_S: f64 = 2.0;
-/// A length that stays away from the last good one for this many frames is accepted.
-const JUMP_FRAMES: u32 = 5;
 /// Gauge pressures outside of this are not pressures, Pa (a gauge cannot read below vacuum).
 const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 /// A board's data older than this is suspect, and older than that is gone, s.
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
-/// Standard deviation of an orientation that is read but inconsistent with the others, rad.
-const DISPUTED_RAD: f64 = 0.05;
-/// Drift rate of a heading that no spring holds: the gyro's bias, as far as it is not known,
-/// rad/s.
-const ASTRAY_RAD_S: f64 = 0.03 * std::f64::consts::PI / 180.0;
-/// Standard deviation of a pad's orientation by the springs, or by one IMU for another, rad.
-const RECONSTRUCTED_RAD: f64 = 0.005;
-/// A longer gap between frames restarts the monitors, s.
-const GAP_S: f64 = 1.0;
+/// A longer gap between frames restarts the estimator, s.
+const GAP_S: f64 = 0.5;
+/// Longest step of the estimator, s.
+const STEP_S: f64 = 0.02;
+/// An innovation beyond so many standard deviations is not taken in.
+const GATE: f64 = 5.0;
+/// So many springs of a segment beyond it are a blow.
+const BLOW_SPRINGS: usize = 3;
+/// A reading that stays beyond the gate for so many frames has jumped.
+const JUMP_FRAMES: u32 = 5;
+const JUMP_FRAMES_IMU: u32 = 30;
+/// So many frames of blows running: the estimator has lost the arm.
+const LOST_FRAMES: u32 = 50;
+/// Interval at which the hypotheses of a segment are compared, s.
+const JUDGE_S: f64 = 0.1;
+/// Averaging time of the normalised innovations squared, s.
+const NIS_TAU_S: f64 = 2.0;
+/// Above this mean, a segment is not explained by healthy channels.
+const NIS_DOUBT: f64 = 4.0;
+/// Noise of a length (m), rate (rad/s) and force (m/s²) before it is measured, and the least that is believed.
+const LENGTH_NOISE_M: [f64; 2] = [0.12e-3, 0.03e-3];
+const RATE_NOISE: [f64; 2] = [1e-3, 1e-4];
+const FORCE_NOISE: [f64; 2] = [0.04, 0.005];
+/// Errors of gain and alignment: a share of the rate and of the acceleration.
+const RATE_GAIN: f64 = 0.01;
+const FORCE_GAIN: f64 = 0.01;
+/// An orientation is found when its standard deviation is below this, rad, and a position below that, m.
+pub const FOUND_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// See [`FOUND_RAD`].
+pub const FOUND_M: f64 = 3e-3;
+/// A spring that is named as faulty is stuck when it moved by less than this share of what it should have.
+const STUCK_SHARE: f64 = 0.25;
+/// Least way for that, m.
+const STUCK_WAY_M: f64 = 1e-3;
 
-/// Last good length of one channel and its inconsistencies with others.
-#[derive(Clone, Copy, Debug, Default)]
-struct Length {
-    good_m: Option<f64>,
-    /// A length that jumped, and for how many frames it has stayed there.
-    jumped: Option<(f64, u32)>,
+/// What the estimator still needs before the pads' poses are known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Need {
+    /// Orientation of a pad (0: middle, 1: end) about the vertical: standard deviation, rad.
+    Heading(usize, f64),
+    /// Orientation of a pad against the vertical: standard deviation, rad.
+    Inclination(usize, f64),
+    /// Position of a pad: standard deviation, m.
+    Position(usize, f64),
 }
 
-impl Length {
-    /// Takes in a fresh length unless it jumped; returns it when taken.
-    fn take(&mut self, length_m: f64, dt_s: f64) -> Option<f64> {
-        let reach_m = LENGTH_RATE_MAX_M_S * dt_s.clamp(0.005, 0.1);
-        let near = |a: f64| (a - length_m).abs() <= reach_m;
-        if self.good_m.is_none_or(near) {
-            self.jumped = None;
-        } else {
-            let frames = match self.jumped {
-                Some((at_m, frames)) if near(at_m) => frames + 1,
-                _ => 1,
-            };
-            self.jumped = Some((length_m, frames));
-            if frames < JUMP_FRAMES {
-                return None;
-            }
-            self.jumped = None;
+/// Ways of a spring's reading and of its expected length, since it is under suspicion, m.
+#[derive(Clone, Copy, Debug)]
+struct Ways {
+    read: [f64; 2],
+    expected: [f64; 2],
+}
+
+impl Ways {
+    fn of(read_m: f64, expected_m: f64) -> Self {
+        Self {
+            read: [read_m; 2],
+            expected: [expected_m; 2],
         }
-        self.good_m = Some(length_m);
-        Some(length_m)
     }
-}
 
-/// Pose of the pads by the springs (with the IMUs where a spring is out).
-#[derive(Clone, Debug, PartialEq)]
-pub struct SpringPads {
-    /// Middle and end pad (upper faces), base from pad.
-    pub base_from_pad: [Pose; 2],
-    /// Whether six healthy springs per segment above it confirm it.
-    pub by_springs_alone: [bool; 2],
+    fn add(&mut self, read_m: f64, expected_m: f64) {
+        for (range, x) in [(&mut self.read, read_m), (&mut self.expected, expected_m)] {
+            *range = [range[0].min(x), range[1].max(x)];
+        }
+    }
+
+    fn is_stuck(&self) -> bool {
+        let [read, expected] = [self.read, self.expected].map(|r| r[1] - r[0]);
+        expected > STUCK_WAY_M && read < STUCK_SHARE * expected
+    }
 }
 
 /// State of the sensing.
 pub struct Sensing {
     spec: RobotSpec,
     calibration: Calibration,
-    segments: [Segment; 2],
-    lengths: [Length; SPRINGS],
+    rest_m: [f64; SPRINGS],
+    filter: Filter,
+    faults: Faults,
+    has_started: bool,
+    repeats: [Repeats; BOARDS],
+    frozen: [Frozen; IMUS],
+    length_noise: [Noise; SPRINGS],
+    /// Per IMU: of its rates and of its forces, per axis.
+    imu_noise: [[[Noise; 3]; 2]; IMUS],
     tracks: [ImuTrack; IMUS],
-    /// Per segment: pose by all delivered springs, and by the plausible ones.
-    delivered_pose: [Pose; 2],
-    believed_pose: [Pose; 2],
-    monitors: [SegmentMonitor; 2],
-    pairs: [PairMonitor; 2],
+    /// Last length of each spring that was taken in, m.
+    good_m: [Option<f64>; SPRINGS],
+    /// Frames for which each channel has been beyond the gate.
+    gated: [u32; SPRINGS + IMUS],
+    blows: [u32; 2],
+    ways: [Option<Ways>; SPRINGS],
+    nis: [f64; SPRINGS + IMUS],
+    since_judged_s: f64,
+    judged: usize,
     chamber_pa: [f64; CHAMBERS],
-    pads: SpringPads,
-    /// Per pad: how long the springs have not held its IMUs' headings, s.
-    astray_s: [f64; 2],
-    /// Per spring: length and its standard deviation as the rest of its segment has it, where the
-    /// spring itself is implausible, m.
-    told_m: [Option<(f64, f64)>; SPRINGS],
     last: Option<SensorFrame>,
 }
 
-/// Spring readings of one frame, before they are checked.
-struct Springs {
-    fresh_m: [Option<f64>; SPRINGS],
-    health: [ChannelHealth; SPRINGS],
+/// Readings of one frame.
+struct Frame {
+    readings: [Option<Reading>; SPRINGS + IMUS],
+    health: [ChannelHealth; SPRINGS + IMUS],
     resolution_m: [f64; SPRINGS],
+    samples: [Sample; IMUS],
 }
 
 impl Sensing {
     /// A fresh start. Springs that the calibration does not cover read as missing
     /// (see [`Calibration::uncovered`]).
     pub fn new(spec: &RobotSpec, calibration: Calibration) -> Self {
-        let segments = [Segment::of(spec, 0), Segment::of(spec, 1)];
-        let rest = [segments[0].rest(), segments[1].rest()];
+        let noise = |[assumed, least]: [f64; 2]| Noise::new(assumed, least);
+        let segments = [0, 1].map(|k| Segment::of(spec, k));
+        let rest_m = segments.each_ref().map(|s| s.lengths_m(&s.rest()));
         Self {
             tracks: std::array::from_fn(|i| {
                 let nominal = UnitQuaternion::from_rotation_matrix(&spec.imus[i].pad_from_imu);
                 ImuTrack::new(calibration.mounting(i) * nominal)
             }),
-            lengths: Default::default(),
-            delivered_pose: rest,
-            believed_pose: rest,
-            monitors: Default::default(),
-            pairs: Default::default(),
+            filter: Filter::new(spec, &calibration),
+            faults: Faults::default(),
+            has_started: false,
+            repeats: Default::default(),
+            frozen: Default::default(),
+            length_noise: [noise(LENGTH_NOISE_M); SPRINGS],
+            imu_noise: [[[noise(RATE_NOISE); 3], [noise(FORCE_NOISE); 3]]; IMUS],
+            good_m: [None; SPRINGS],
+            gated: [0; SPRINGS + IMUS],
+            blows: [0; 2],
+            ways: [None; SPRINGS],
+            nis: [1.0; SPRINGS + IMUS],
+            since_judged_s: 0.0,
+            judged: 0,
             chamber_pa: [0.0; CHAMBERS],
-            pads: SpringPads {
-                base_from_pad: platform::pads(spec, &rest),
-                by_springs_alone: [false; 2],
-            },
-            astray_s: [0.0; 2],
-            told_m: [None; SPRINGS],
             last: None,
-            segments,
+            rest_m: std::array::from_fn(|i| rest_m[i / LEGS][i % LEGS]),
             calibration,
             spec: spec.clone(),
         }
@@ -163,14 +202,59 @@ impl Sensing {
         &self.calibration
     }
 
-    /// Pose of the pads by the springs, as of the last frame.
-    pub fn pads(&self) -> &SpringPads {
-        &self.pads
+    /// Middle and end pad (upper faces), base from pad, by all sensors, as of the last frame.
+    pub fn pads(&self) -> [Pose; 2] {
+        self.filter.poses()
     }
 
-    /// Heading state of IMU `i` (0-based), for display.
-    pub fn heading(&self, i: usize) -> imu::Heading {
-        self.tracks[i].heading()
+    /// The same by the springs alone, as of the last frame: `None` below a segment with a spring that is not healthy.
+    pub fn pads_by_springs(&self) -> [Option<Pose>; 2] {
+        let Some(last) = &self.last else {
+            return [None; 2];
+        };
+        let [middle, end] = platform::pads_of_lengths(&self.spec, &last.sensors.spring_m);
+        let ok = |k: usize| {
+            let mut health = last.health.springs[LEGS * k..LEGS * (k + 1)].iter();
+            health.all(|h| *h == ChannelHealth::Ok)
+        };
+        [
+            ok(0).then_some(middle),
+            (ok(0) && ok(1)).then_some(end),
+        ]
+    }
+
+    /// Normalised innovations squared of each spring and IMU, averaged over two seconds; 1 for noise alone.
+    pub fn nis(&self) -> &[f64; SPRINGS + IMUS] {
+        &self.nis
+    }
+
+    /// Verdicts on the channels.
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// The estimator.
+    pub fn filter(&self) -> &Filter {
+        &self.filter
+    }
+
+    /// What is most uncertain, while the pads' poses are not known.
+    pub fn need(&self) -> Option<Need> {
+        let mut worst: Option<(f64, Need)> = None;
+        for p in 0..2 {
+            let (place_m, [x, y, z]) = self.filter.pad_sd(p);
+            let tilt = x.max(y);
+            for (excess, need) in [
+                (place_m / FOUND_M, Need::Position(p, place_m)),
+                (tilt / FOUND_RAD, Need::Inclination(p, tilt)),
+                (z / FOUND_RAD, Need::Heading(p, z)),
+            ] {
+                if excess > 1.0 && worst.is_none_or(|(most, _)| excess > most) {
+                    worst = Some((excess, need));
+                }
+            }
+        }
+        worst.map(|(_, need)| need)
     }
 
     /// Takes in one frame. A frame that is not newer than the last one changes nothing and gives
@@ -181,235 +265,317 @@ impl Sensing {
             Some(last) => frame.stamp.since(last.stamp),
             None => 1.0 / imu::RATE_HZ,
         };
-        if dt_s > GAP_S {
-            self.monitors = Default::default();
-            self.pairs = Default::default();
-        }
         let board = std::array::from_fn(|b| board_health(frame, b));
-        let mut springs = self.read_springs(frame, dt_s, &board);
-        let samples = self.read_imus(frame, dt_s, &board);
-        self.judge_springs(frame, dt_s, &samples, &mut springs);
-        self.place_pads(&samples, &springs);
-        let imus = self.judge_imus(frame, dt_s, &samples, &board);
-        let chambers = self.read_chambers(frame, &board);
-        let out = self.frame(
-            frame.stamp,
-            &samples,
-            Health {
-                springs: springs.health,
-                imus,
-                chambers,
-            },
-        );
+        let mut now = self.read(frame, &board);
+        self.estimate(dt_s, frame, &mut now);
+        self.judge(dt_s, &now);
+        self.orient(dt_s, frame, &mut now);
+        let health = self.health(frame, &board, &now);
+        let out = self.frame(frame, health);
         self.last = Some(out.clone());
         out
     }
 
-    fn read_springs(
-        &mut self,
-        frame: &RawFrame,
-        dt_s: f64,
-        board: &[ChannelHealth; BOARDS],
-    ) -> Springs {
-        let mut springs = Springs {
-            fresh_m: [None; SPRINGS],
-            health: [ChannelHealth::Missing; SPRINGS],
+    /// Lengths and inertial readings, with their variances.
+    fn read(&mut self, frame: &RawFrame, board: &[ChannelHealth; BOARDS]) -> Frame {
+        let mut out = Frame {
+            readings: [None; SPRINGS + IMUS],
+            health: [ChannelHealth::Missing; SPRINGS + IMUS],
             resolution_m: [0.0; SPRINGS],
+            samples: [Sample::Lost; IMUS],
         };
         for i in 0..SPRINGS {
             let board = board[i / LEGS];
-            if !frame.has_spring(i) || board == ChannelHealth::Missing {
-                continue;
-            }
-            let calibration = self.calibration.spring(i);
+            let delivered = frame.has_spring(i) && board != ChannelHealth::Missing;
+            let calibration = self.calibration.spring(i).filter(|_| delivered);
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
             let rate_hz = frame.tick_rate_hz;
-            springs.health[i] = match spring::read(calibration, n, ticks, rate_hz) {
+            let read = spring::read(calibration, n, ticks, rate_hz);
+            let length_m = match read {
+                SpringReading::Length(length_m) => Some(length_m),
+                SpringReading::Nothing | SpringReading::OutOfRange => None,
+            };
+            self.length_noise[i].update(length_m);
+            out.health[i] = match read {
                 SpringReading::Nothing => ChannelHealth::Missing,
                 SpringReading::OutOfRange => ChannelHealth::OutOfRange,
-                SpringReading::Length(length_m) => {
-                    springs.resolution_m[i] = spring::resolution_m(calibration, n, ticks, rate_hz);
-                    springs.fresh_m[i] = self.lengths[i].take(length_m, dt_s);
-                    match springs.fresh_m[i] {
-                        Some(_) => board,
-                        None => ChannelHealth::OutOfRange,
-                    }
-                }
+                SpringReading::Length(_) => board,
             };
+            out.resolution_m[i] = spring::resolution_m(calibration, n, ticks, rate_hz);
+            out.readings[i] = length_m.map(|value_m| Reading::Length {
+                spring: i,
+                value_m,
+                variance: self.length_noise[i].variance(),
+            });
         }
-        springs
+        for i in 0..IMUS {
+            let at = SPRINGS + i;
+            let board = board[board_of_imu(i)];
+            let delivered = frame.has_imu(i) && board != ChannelHealth::Missing;
+            let raw = Some(&frame.imu[i]).filter(|raw| delivered && imu::credible(raw));
+            out.samples[i] = self.tracks[i].sample(delivered, raw.is_some());
+            out.health[at] = match out.samples[i] {
+                Sample::Good => board,
+                Sample::Held => ChannelHealth::Suspect,
+                Sample::Lost => ChannelHealth::Missing,
+            };
+            let zero = self.calibration.imu_zero(i);
+            let raw = raw.map(|raw| zero.remove(raw));
+            out.readings[at] = raw.map(|raw| self.inertial(i, &raw));
+            if raw.is_none() {
+                for noise in self.imu_noise[i].iter_mut().flatten() {
+                    noise.update(None);
+                }
+            }
+        }
+        out
     }
 
-    fn read_imus(
-        &mut self,
-        frame: &RawFrame,
-        dt_s: f64,
-        board: &[ChannelHealth; BOARDS],
-    ) -> [Sample; IMUS] {
-        std::array::from_fn(|i| {
-            let there = frame.has_imu(i) && board[board_of_imu(i)] != ChannelHealth::Missing;
-            let sample = self.tracks[i].update(dt_s, there.then_some(&frame.imu[i]));
-            // What was not sent is known to be missing; only a bad value gets a frame of grace.
-            if there { sample } else { Sample::Lost }
+    /// An IMU's reading with the variances of its noise and of its errors of gain.
+    fn inertial(&mut self, i: usize, raw: &ImuRaw) -> Reading {
+        let mut variance = [0.0; 2];
+        let signals = [&raw.gyro_rad_s, &raw.accel_m_s2];
+        for ((mean, noise), signal) in variance.iter_mut().zip(&mut self.imu_noise[i]).zip(signals) {
+            for (noise, x) in noise.iter_mut().zip(signal) {
+                noise.update(Some(*x));
+                *mean += noise.variance() / 3.0;
+            }
+        }
+        let pad = &self.filter.pads[pad_index(self.spec.imus[i].pad)];
+        variance[0] += (RATE_GAIN * pad.rate.norm()).powi(2);
+        variance[1] += (FORCE_GAIN * pad.acceleration.norm()).powi(2);
+        Reading::Imu {
+            imu: i,
+            raw: *raw,
+            variance,
+        }
+    }
+
+    /// Moves the estimator on and takes in what is plausible.
+    fn estimate(&mut self, dt_s: f64, frame: &RawFrame, now: &mut Frame) {
+        let gap = !self.has_started || dt_s > GAP_S;
+        if gap {
+            let mut readings = [Reading::default(); SPRINGS + IMUS];
+            let mut n = 0;
+            for reading in now.readings.iter().flatten() {
+                readings[n] = *reading;
+                n += 1;
+            }
+            if n == 0 {
+                return;
+            }
+            self.filter.start(&readings[..n]);
+            self.has_started = true;
+            self.gated = [0; SPRINGS + IMUS];
+            self.nis = [1.0; SPRINGS + IMUS];
+            return;
+        }
+        let steps = (dt_s / STEP_S).ceil().max(1.0);
+        for _ in 0..steps as usize {
+            self.filter.predict(dt_s / steps);
+        }
+        self.find_repeats(frame, now);
+        let mut beyond = self.beyond(now);
+        for k in 0..2 {
+            let springs = LEGS * k..LEGS * (k + 1);
+            let here: usize = springs.clone().filter(|i| beyond[*i]).count();
+            let pair = || self.pair(k).filter(|i| now.readings[SPRINGS + i].is_some());
+            let hit = pair().count() > 1 && pair().all(|i| beyond[SPRINGS + i]);
+            let is_blow = here >= BLOW_SPRINGS || hit;
+            self.blows[k] = if is_blow { self.blows[k] + 1 } else { 0 };
+            if is_blow {
+                for p in k..2 {
+                    self.filter.disturb(p);
+                }
+                beyond = self.beyond(now);
+            }
+        }
+        if self.blows.iter().any(|n| *n > LOST_FRAMES) {
+            self.has_started = false;
+            self.blows = [0; 2];
+        }
+        self.take(dt_s, now, &beyond);
+    }
+
+    /// IMUs of the lower pad of segment `k`.
+    fn pair(&self, k: usize) -> impl Iterator<Item = usize> + Clone + use<'_> {
+        (0..IMUS).filter(move |i| pad_index(self.spec.imus[*i].pad) == k)
+    }
+
+    /// Drops readings that repeat while they should not.
+    fn find_repeats(&mut self, frame: &RawFrame, now: &mut Frame) {
+        for b in 0..BOARDS {
+            let raw: [Option<RawLength>; LEGS] = std::array::from_fn(|leg| {
+                let i = LEGS * b + leg;
+                now.readings[i].as_ref()?;
+                let (expected_m, _, _) = self.filter.length(i);
+                Some(RawLength {
+                    raw: (frame.spring_counts[i], frame.spring_gate_ticks[i]),
+                    expected_m,
+                    rate_m_s: self.filter.length_rate_m_s(i),
+                    resolution_m: now.resolution_m[i],
+                })
+            });
+            for (leg, stuck) in self.repeats[b].update(&raw).into_iter().enumerate() {
+                if stuck {
+                    now.readings[LEGS * b + leg] = None;
+                    now.health[LEGS * b + leg] = ChannelHealth::Stuck;
+                }
+            }
+        }
+    }
+
+    /// Which readings are beyond the gate; also keeps the innovations' statistics.
+    fn beyond(&mut self, now: &Frame) -> [bool; SPRINGS + IMUS] {
+        std::array::from_fn(|c| {
+            let Some(reading) = &now.readings[c] else {
+                return false;
+            };
+            let mut beyond = false;
+            reading.rows(&mut self.filter, &mut |filter, row, missed, variance| {
+                let (innovation, spread) = filter.innovation(row, missed);
+                beyond |= innovation * innovation > GATE * GATE * (spread + variance);
+            });
+            beyond
         })
     }
 
-    /// Orientation of a pad by its good IMUs.
-    fn pad_by_imus(&self, pad: PadId, samples: &[Sample; IMUS]) -> Option<UnitQuaternion<f64>> {
-        let last = self.last.as_ref().map(|l| l.health.imus);
-        (0..IMUS)
-            .filter(|i| self.spec.imus[*i].pad == pad && samples[*i] == Sample::Good)
-            .filter(|i| self.tracks[*i].aligned())
-            .filter(|i| {
-                !last
-                    .is_some_and(|h| matches!(h[*i], ChannelHealth::Stuck | ChannelHealth::Suspect))
-            })
-            .map(|i| self.tracks[i].base_from_pad())
-            .reduce(|a, b| a.slerp(&b, 0.5))
-    }
-
-    /// Rotation upper from lower across segment `k` by the IMUs.
-    fn segment_by_imus(&self, k: usize, samples: &[Sample; IMUS]) -> Option<UnitQuaternion<f64>> {
-        let middle = self.pad_by_imus(PadId::Middle, samples)?;
-        match k {
-            0 => Some(middle),
-            _ => Some(middle.inverse() * self.pad_by_imus(PadId::End, samples)?),
-        }
-    }
-
-    fn judge_springs(
-        &mut self,
-        frame: &RawFrame,
-        dt_s: f64,
-        samples: &[Sample; IMUS],
-        springs: &mut Springs,
-    ) {
-        let slow = self
-            .tracks
-            .iter()
-            .all(|t| t.rate_rad_s() < JUDGED_RATE_RAD_S);
-        for k in 0..2 {
-            let at = LEGS * k;
-            let length_m: [Option<f64>; LEGS] = std::array::from_fn(|i| springs.fresh_m[at + i]);
-            let mut discrepancy = None;
-            if length_m.iter().all(Option::is_some) {
-                let known = Known {
-                    length_m,
-                    upper_from_lower: None,
-                };
-                let found = solve(&self.segments[k], &known, &self.delivered_pose[k]);
-                self.delivered_pose[k] = plausible(&self.segments[k], &found);
-                let by_imus = self.segment_by_imus(k, samples).filter(|_| slow);
-                if let Some(by_imus) = by_imus
-                    && found.converged
-                    && let Some(g) = self.segments[k].rotation_per_length(&self.delivered_pose[k])
-                {
-                    // d = log(R_springs R_imuᵀ)
-                    let d = (self.delivered_pose[k].rotation * by_imus.inverse()).scaled_axis();
-                    discrepancy = Some((d, g));
-                }
-            }
-            let verdict = self.monitors[k].update(&SegmentFrame {
-                dt_s,
-                raw: std::array::from_fn(|i| {
-                    (frame.spring_counts[at + i], frame.spring_gate_ticks[at + i])
-                }),
-                length_m,
-                resolution_m: std::array::from_fn(|i| springs.resolution_m[at + i]),
-                discrepancy,
-            });
-            for (health, verdict) in springs.health[at..at + LEGS].iter_mut().zip(verdict) {
-                if health.usable() && verdict != ChannelHealth::Ok {
-                    *health = verdict;
-                }
-            }
-        }
-    }
-
-    fn place_pads(&mut self, samples: &[Sample; IMUS], springs: &Springs) {
-        let mut trusted = [false; 2];
-        self.told_m = [None; SPRINGS];
-        for (k, trusted) in trusted.iter_mut().enumerate() {
-            let at = LEGS * k;
-            let health = &springs.health[at..at + LEGS];
-            *trusted = health.iter().all(|h| *h == ChannelHealth::Ok);
-            self.believed_pose[k] = if *trusted {
-                self.delivered_pose[k]
-            } else {
-                let known = Known {
-                    length_m: std::array::from_fn(|i| {
-                        springs.fresh_m[at + i].filter(|_| health[i] == ChannelHealth::Ok)
-                    }),
-                    upper_from_lower: self.segment_by_imus(k, samples),
-                };
-                let segment = &self.segments[k];
-                let found = solve(segment, &known, &self.believed_pose[k]);
-                let pose = plausible(segment, &found);
-                // Without a pose there is no length.
-                if pose == found.upper_from_lower {
-                    let lengths_m = segment.lengths_m(&pose);
-                    for i in (0..LEGS).filter(|i| known.length_m[*i].is_none()) {
-                        self.told_m[at + i] = segment
-                            .length_sd_m(&known, &pose, i)
-                            .map(|sd_m| (lengths_m[i], sd_m));
-                    }
-                }
-                pose
+    fn take(&mut self, dt_s: f64, now: &Frame, beyond: &[bool; SPRINGS + IMUS]) {
+        let pass = dt_s / (NIS_TAU_S + dt_s);
+        for (c, &beyond) in beyond.iter().enumerate() {
+            let Some(reading) = now.readings[c] else {
+                self.gated[c] = 0;
+                continue;
             };
+            let (mut square, mut n) = (0.0, 0.0);
+            reading.rows(&mut self.filter, &mut |filter, row, missed, variance| {
+                let (innovation, spread) = filter.innovation(row, missed);
+                square += innovation * innovation / (spread + variance);
+                n += 1.0;
+                if !beyond {
+                    filter.update(row, missed, variance);
+                }
+            });
+            self.nis[c] += pass * (square / n - self.nis[c]);
+            self.gated[c] = if beyond { self.gated[c] + 1 } else { 0 };
+            if let (Reading::Length { value_m, .. }, false) = (reading, beyond) {
+                self.good_m[c] = Some(value_m);
+            }
         }
-        self.pads = SpringPads {
-            base_from_pad: platform::pads(&self.spec, &self.believed_pose),
-            by_springs_alone: [trusted[0], trusted[0] && trusted[1]],
-        };
+        self.filter.inject();
+        for c in 0..SPRINGS + IMUS {
+            let (channel, frames) = match c {
+                0..SPRINGS => (Channel::Spring(c), JUMP_FRAMES),
+                _ => (Channel::Imu(c - SPRINGS), JUMP_FRAMES_IMU),
+            };
+            if self.gated[c] >= frames {
+                self.filter.reopen(channel);
+                self.gated[c] = 0;
+            }
+        }
     }
 
-    fn judge_imus(
-        &mut self,
-        frame: &RawFrame,
-        dt_s: f64,
-        samples: &[Sample; IMUS],
-        board: &[ChannelHealth; BOARDS],
-    ) -> [ChannelHealth; IMUS] {
-        let mut health = [ChannelHealth::Ok; IMUS];
-        for (p, pad) in [PadId::Middle, PadId::End].into_iter().enumerate() {
-            let by_springs =
-                self.pads.by_springs_alone[p].then_some(self.pads.base_from_pad[p].rotation);
-            let on_pad: Vec<usize> = (0..IMUS)
-                .filter(|i| self.spec.imus[*i].pad == pad)
-                .collect();
-            match by_springs {
-                Some(_) => self.astray_s[p] = 0.0,
-                None => self.astray_s[p] += dt_s,
-            }
-            if let Some(by_springs) = &by_springs {
-                for &i in &on_pad {
-                    let track = &mut self.tracks[i];
-                    if samples[i] == Sample::Good && track.rate_rad_s() < JUDGED_RATE_RAD_S {
-                        track.correct_heading(dt_s, by_springs);
-                    }
-                }
-            }
-            if let [a, b] = on_pad[..] {
-                let raw = [a, b].map(|i| (samples[i] == Sample::Good).then_some(&frame.imu[i]));
-                let turned = [a, b].map(|i| self.tracks[i].base_from_pad());
-                let verdict = self.pairs[p].update(dt_s, raw, turned, by_springs.as_ref());
-                (health[a], health[b]) = (verdict[0], verdict[1]);
+    /// Compares hypotheses on the segments in turn.
+    fn judge(&mut self, dt_s: f64, now: &Frame) {
+        self.since_judged_s += dt_s;
+        for i in 0..SPRINGS {
+            let open = self.filter.is_open(Channel::Spring(i));
+            let Some(Reading::Length { value_m, .. }) = now.readings[i] else {
+                continue;
+            };
+            let (expected_m, _, _) = self.filter.length(i);
+            match &mut self.ways[i] {
+                _ if !open => self.ways[i] = None,
+                None => self.ways[i] = Some(Ways::of(value_m, expected_m)),
+                Some(ways) => ways.add(value_m, expected_m),
             }
         }
+        if !self.has_started || self.since_judged_s < 0.5 * JUDGE_S {
+            return;
+        }
+        let k = self.judged;
+        self.judged = 1 - k;
+        let springs = (LEGS * k..LEGS * (k + 1)).map(Channel::Spring);
+        let mut channels = [Channel::Spring(0); LEGS + IMUS];
+        let mut n = 0;
+        for channel in springs.chain(self.pair(k).map(Channel::Imu)) {
+            let c = match channel {
+                Channel::Spring(i) => i,
+                Channel::Imu(i) => SPRINGS + i,
+            };
+            if now.readings[c].is_some() {
+                channels[n] = channel;
+                n += 1;
+            }
+        }
+        let channels = &channels[..n];
+        self.faults
+            .judge(k, 2.0 * self.since_judged_s, channels, &mut self.filter);
+        self.since_judged_s = 0.0;
+        let unexplained = (LEGS * k..LEGS * (k + 1)).map(|i| self.nis[i]).sum::<f64>();
+        if unexplained > LEGS as f64 * NIS_DOUBT {
+            self.filter.doubt(k);
+        }
+    }
+
+    /// Orientation of each pad by its IMUs alone, with the estimator's heading.
+    fn orient(&mut self, dt_s: f64, frame: &RawFrame, now: &mut Frame) {
+        let pads = self.filter.poses();
+        let base_from_level = self.calibration.level_from_base().inverse();
+        let changes: [bool; IMUS] = std::array::from_fn(|i| {
+            now.readings[SPRINGS + i].is_some() && self.frozen[i].changes()
+        });
         for i in 0..IMUS {
-            match samples[i] {
-                Sample::Lost => health[i] = ChannelHealth::Missing,
-                Sample::Held => health[i] = ChannelHealth::Suspect,
-                Sample::Good => {
-                    let doubtful =
-                        !self.tracks[i].aligned() || board[board_of_imu(i)] != ChannelHealth::Ok;
-                    if doubtful && health[i] == ChannelHealth::Ok {
-                        health[i] = ChannelHealth::Suspect;
-                    }
+            let pad = pad_index(self.spec.imus[i].pad);
+            let other = self.pair(pad).any(|j| j != i && changes[j]);
+            let reading = &now.readings[SPRINGS + i];
+            let raw = reading.as_ref().map(|_| &frame.imu[i]);
+            if self.frozen[i].update(dt_s, raw, other, &pads[pad].rotation) {
+                now.health[SPRINGS + i] = ChannelHealth::Stuck;
+            }
+            let steady = match reading {
+                Some(Reading::Imu { raw, .. }) => {
+                    let rate = nalgebra::Vector3::from(raw.gyro_rad_s) - self.filter.gyro_bias(i);
+                    Some(ImuRaw {
+                        gyro_rad_s: rate.into(),
+                        accel_m_s2: raw.accel_m_s2,
+                    })
                 }
+                _ => None,
+            };
+            self.tracks[i].update(dt_s, steady.as_ref());
+            self.tracks[i].align(&base_from_level, &pads[pad].rotation);
+        }
+    }
+
+    fn health(&mut self, frame: &RawFrame, board: &[ChannelHealth; BOARDS], now: &Frame) -> Health {
+        let mut springs: [ChannelHealth; SPRINGS] = std::array::from_fn(|i| now.health[i]);
+        for (i, health) in springs.iter_mut().enumerate() {
+            let named = self.faults.is_named(i / LEGS, Channel::Spring(i));
+            let jumped = self.gated[i] > 0;
+            if health.usable() && (named || jumped) {
+                let stuck = self.ways[i].is_some_and(|w| w.is_stuck());
+                *health = match stuck {
+                    true => ChannelHealth::Stuck,
+                    false => ChannelHealth::Suspect,
+                };
             }
         }
-        health
+        let imus = std::array::from_fn(|i| {
+            let health = now.health[SPRINGS + i];
+            let pad = pad_index(self.spec.imus[i].pad);
+            let named = self.faults.is_named(pad, Channel::Imu(i));
+            let unknown = self.filter.pad_sd(pad).1[2] > FOUND_RAD;
+            match health {
+                ChannelHealth::Ok if named || unknown => ChannelHealth::Suspect,
+                other => other,
+            }
+        });
+        Health {
+            springs,
+            imus,
+            chambers: self.read_chambers(frame, board),
+        }
     }
 
     fn read_chambers(
@@ -431,41 +597,43 @@ impl Sensing {
         })
     }
 
-    fn frame(&self, stamp: Stamp, samples: &[Sample; IMUS], health: Health) -> SensorFrame {
-        let rest_m = self.segments.each_ref().map(|s| s.lengths_m(&s.rest()));
+    fn frame(&self, frame: &RawFrame, health: Health) -> SensorFrame {
         let mut extra_sigma = [0.0; SIGNALS];
         let spring_m = std::array::from_fn(|i| {
-            if let Some((length_m, sd_m)) = self.told_m[i] {
-                extra_sigma[i] = sd_m;
-                return length_m;
+            let (expected_m, row, more) = self.filter.length(i);
+            let [lag_s, lag_sd_s] = self.filter.lag_s();
+            let rate_m_s = self.filter.length_rate_m_s(i);
+            if health.springs[i] == ChannelHealth::Ok {
+                let reading_m = self.good_m[i].unwrap_or(self.rest_m[i]);
+                extra_sigma[i] = (lag_sd_s * rate_m_s).abs();
+                return reading_m + lag_s * rate_m_s;
             }
-            if !health.springs[i].usable() {
+            let sd_m = (self.filter.variance(&row) + more).max(0.0).sqrt();
+            if !self.has_started || !sd_m.is_finite() || sd_m >= UNKNOWN_M {
                 extra_sigma[i] = UNKNOWN_M;
+                return self.good_m[i].unwrap_or(self.rest_m[i]);
             }
-            // Before the first reading: the length at rest.
-            self.lengths[i].good_m.unwrap_or(rest_m[i / LEGS][i % LEGS])
+            extra_sigma[i] = sd_m;
+            expected_m
         });
+        let pads = self.filter.poses();
         let imu_ypr_rad = std::array::from_fn(|i| {
-            let mut turned = self.tracks[i].base_from_pad();
-            if health.imus[i] != ChannelHealth::Ok {
-                let (told, sd_rad) = match self.pad_without_imu(i, samples) {
-                    Some(told) => (told, RECONSTRUCTED_RAD),
-                    None if health.imus[i].usable() && self.tracks[i].aligned() => {
-                        (turned, DISPUTED_RAD)
-                    }
-                    None => (turned, UNKNOWN_RAD),
-                };
-                turned = told;
-                extra_sigma[SPRINGS + 3 * i..SPRINGS + 3 * i + 3].fill(sd_rad);
+            let pad = pad_index(self.spec.imus[i].pad);
+            let (_, [x, y, z]) = self.filter.pad_sd(pad);
+            let sd_rad = [z, x.max(y), x.max(y)].map(|sd| match self.has_started {
+                true => sd.min(UNKNOWN_RAD),
+                false => UNKNOWN_RAD,
+            });
+            let at = SPRINGS + 3 * i;
+            extra_sigma[at] = sd_rad[0];
+            if health.imus[i] == ChannelHealth::Ok {
+                return ypr_from_rotation(&self.tracks[i].base_from_pad());
             }
-            // Above all about the vertical.
-            let heading = &mut extra_sigma[SPRINGS + 3 * i];
-            *heading =
-                heading.hypot(ASTRAY_RAD_S * self.astray_s[pad_index(self.spec.imus[i].pad)]);
-            ypr_from_rotation(&turned)
+            extra_sigma[at..at + 3].copy_from_slice(&sd_rad);
+            ypr_from_rotation(&pads[pad].rotation)
         });
         SensorFrame {
-            stamp,
+            stamp: frame.stamp,
             sensors: SensorVec {
                 spring_m,
                 imu_ypr_rad,
@@ -474,25 +642,6 @@ impl Sensing {
             chamber_pa: self.chamber_pa,
             health,
         }
-    }
-
-    /// Orientation of the pad under IMU `i` by the springs, or by the pad's other IMU.
-    fn pad_without_imu(&self, i: usize, samples: &[Sample; IMUS]) -> Option<UnitQuaternion<f64>> {
-        let pad = self.spec.imus[i].pad;
-        let p = pad_index(pad);
-        if self.pads.by_springs_alone[p] {
-            return Some(self.pads.base_from_pad[p].rotation);
-        }
-        let mut others = *samples;
-        others[i] = Sample::Lost;
-        self.pad_by_imus(pad, &others)
-    }
-}
-
-fn pad_index(pad: PadId) -> usize {
-    match pad {
-        PadId::Middle => 0,
-        PadId::End => 1,
     }
 }
 
@@ -510,16 +659,6 @@ fn board_health(frame: &RawFrame, board: usize) -> ChannelHealth {
         ChannelHealth::Suspect
     } else {
         ChannelHealth::Missing
-    }
-}
-
-/// A solution to start the next frame from: the found one if it hangs below, else the rest pose.
-fn plausible(segment: &Segment, found: &platform::Solution) -> Pose {
-    let z_m = found.upper_from_lower.translation.vector.z;
-    if found.converged && z_m < 0.0 && z_m > -4.0 * segment.rest_m {
-        found.upper_from_lower
-    } else {
-        segment.rest()
     }
 }
 

@@ -12,8 +12,9 @@
 //! | R, t | upper from lower |
 //! | d_i | t + R b_i − a_i, so that l_i = |d_i| |
 
-use nalgebra::{Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 
+use super::calibration::Calibration;
 use crate::robot::RobotSpec;
 use crate::signal::Pose;
 
@@ -30,9 +31,6 @@ const TURN_WEIGHT: f64 = 1.0 / (ROTATION_SIGMA_RAD * LEVER_M * ROTATION_SIGMA_RA
 /// A step is cut to this size, m.
 const STEP_MAX_M: f64 = 0.03;
 const ITERATIONS_MAX: usize = 25;
-
-/// Rotation discrepancy per length error, rad/m: rows of the inverse Jacobian.
-pub type RotationPerLength = SMatrix<f64, 3, LEGS>;
 
 /// The six legs of one segment.
 #[derive(Clone, Debug)]
@@ -77,6 +75,17 @@ impl Segment {
         }
     }
 
+    /// The same with ends where the calibration found them.
+    pub fn calibrated(spec: &RobotSpec, calibration: &Calibration, k: usize) -> Self {
+        let mut segment = Self::of(spec, k);
+        for i in 0..LEGS {
+            let [top, bottom] = calibration.ends_off_m(LEGS * k + i);
+            segment.top_m[i] += top;
+            segment.bottom_m[i] += bottom;
+        }
+        segment
+    }
+
     /// The pose at rest: straight down.
     pub fn rest(&self) -> Pose {
         Translation3::new(0.0, 0.0, -self.rest_m).into()
@@ -108,31 +117,6 @@ impl Segment {
             j.fixed_view_mut::<1, 3>(i, 3).copy_from(&turn.transpose());
         }
         j
-    }
-
-    /// Standard deviation of leg `i`'s length at a pose that was found from what is known, m; `None`
-    /// when that does not fix the pose.
-    pub fn length_sd_m(&self, known: &Known, upper_from_lower: &Pose, i: usize) -> Option<f64> {
-        let legs = known.length_m.iter().flatten().count();
-        let turns = if known.upper_from_lower.is_some() {
-            3
-        } else {
-            0
-        };
-        if legs + turns < 6 {
-            return None;
-        }
-        let jacobian = self.jacobian(upper_from_lower);
-        let row = jacobian.row(i).transpose();
-        let factor = information(&jacobian, known).cholesky()?;
-        Some(row.dot(&factor.solve(&row)).sqrt())
-    }
-
-    /// Sensitivity of the rotation found from six lengths to each length; `None` where the
-    /// platform is singular.
-    pub fn rotation_per_length(&self, upper_from_lower: &Pose) -> Option<RotationPerLength> {
-        let inverse = self.jacobian(upper_from_lower).try_inverse()?;
-        Some(inverse.fixed_view::<3, LEGS>(3, 0) / LEVER_M)
     }
 }
 
@@ -217,6 +201,16 @@ pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
     solution.upper_from_lower = pose;
     solution.residual_m = if n > 0.0 { f64::sqrt(squares / n) } else { 0.0 };
     solution
+}
+
+/// A solution to start from: the found one if it hangs below, else the rest pose.
+pub fn plausible(segment: &Segment, found: &Solution) -> Pose {
+    let z_m = found.upper_from_lower.translation.vector.z;
+    if found.converged && z_m < 0.0 && z_m > -4.0 * segment.rest_m {
+        found.upper_from_lower
+    } else {
+        segment.rest()
+    }
 }
 
 /// Middle and end pad in the base frame from the lengths of all springs, m.

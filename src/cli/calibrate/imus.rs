@@ -97,7 +97,9 @@ fn pairs(mut sensing: Sensing, frames: &[&RawFrame]) -> [Pairs; IMUS] {
             if out.health.imus[i] == springtwin::signal::ChannelHealth::Ok {
                 let by_imu =
                     UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
-                pairs.push((sensing.pads().base_from_pad[i / 2].rotation, by_imu));
+                if let Some(pad) = sensing.pads_by_springs()[i / 2] {
+                    pairs.push((pad.rotation, by_imu));
+                }
             }
         }
     }

@@ -13,7 +13,7 @@ use crate::rig::hidden::Hidden;
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::imu::{ImuTrack, Sample};
+use crate::sensing::imu::{ImuTrack, Sample, credible};
 use crate::sensing::spring::{SpringReading, read};
 use crate::signal::{
     CHAMBERS, Gripper, IMUS, PressureCommand, RawFrame, SensorVec, Stamp, ypr_from_rotation,
@@ -96,6 +96,25 @@ impl<'a> Specimen<'a> {
     }
 }
 
+/// Mean of an angle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Angle {
+    sin: f64,
+    cos: f64,
+}
+
+impl Angle {
+    fn add(&mut self, angle_rad: f64) {
+        self.sin += angle_rad.sin();
+        self.cos += angle_rad.cos();
+    }
+
+    /// The mean, rad; 0 before the first.
+    fn mean(&self) -> f64 {
+        self.sin.atan2(self.cos)
+    }
+}
+
 /// One frame as it goes into a log.
 struct Row {
     t_s: f64,
@@ -112,6 +131,7 @@ struct Chain<'a> {
     host: HostSession,
     /// One filter per IMU; no spring has a say in it.
     tracks: [ImuTrack; IMUS],
+    headings: [Angle; IMUS],
     last_frame_s: f64,
     /// Whether the boards, latched since they started, were let go.
     is_reset: bool,
@@ -147,6 +167,7 @@ impl<'a> Chain<'a> {
                 let drawn = UnitQuaternion::from_rotation_matrix(&robot.imus[i].pad_from_imu);
                 ImuTrack::new(specimen.calibration.mounting(i) * drawn)
             }),
+            headings: Default::default(),
             last_frame_s: -REST_S,
             is_reset: false,
             command: None,
@@ -198,10 +219,16 @@ impl<'a> Chain<'a> {
         self.gauge_pa = raw.chamber_pa;
         let imu_ypr_rad = std::array::from_fn(|i| {
             let track = &mut self.tracks[i];
-            let sample = track.update(dt_s, raw.has_imu(i).then_some(&raw.imu[i]));
+            let sample = track.sample(raw.has_imu(i), credible(&raw.imu[i]));
+            let good = Some(&raw.imu[i]).filter(|_| sample == Sample::Good);
+            let zero = self.calibration.imu_zero(i);
+            track.update(dt_s, good.map(|raw| zero.remove(raw)).as_ref());
+            let level = self.calibration.level_from_base().inverse();
             if (-HEADING_S..0.0).contains(&frame_s) {
-                track.correct_heading(dt_s, &UnitQuaternion::identity());
+                let heading_rad = track.heading_to(&level, &UnitQuaternion::identity());
+                self.headings[i].add(heading_rad);
             }
+            track.set_heading(&level, self.headings[i].mean());
             match sample {
                 Sample::Lost => [f64::NAN; 3],
                 Sample::Good | Sample::Held => ypr_from_rotation(&track.base_from_pad()),

@@ -79,7 +79,7 @@ impl Twin {
                 frame.stamp,
                 &frame.chamber_pa,
                 command.chamber_pa(),
-                &self.sensing.pads().base_from_pad,
+                &self.sensing.pads(),
             ),
             // The pumps are off.
             None => {

@@ -165,7 +165,7 @@ impl Twin {
 
     /// How deep the arm is in each half-space that it keeps out of, m.
     fn depths_m(&self) -> impl Iterator<Item = f64> {
-        let pads = self.sensing.pads().base_from_pad;
+        let pads = self.sensing.pads();
         let middle_m = pads[0].translation.vector;
         let tip = self.estimate.as_ref().map(|e| e.base_from_tip);
         let tip_m = tip.unwrap_or(pads[1]).translation.vector;

@@ -78,7 +78,7 @@ impl Twin {
         let Some(raw) = &self.raw else {
             return;
         };
-        let length_m = lengths_m(&self.robot, &self.sensing.pads().base_from_pad);
+        let length_m = lengths_m(&self.robot, &self.sensing.pads());
         let mut fed = Vec::new();
         for (chamber, least) in self.pumps.least.iter_mut().enumerate() {
             if !raw.has_chamber(chamber) {

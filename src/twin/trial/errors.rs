@@ -7,6 +7,7 @@ use nalgebra::UnitQuaternion;
 use crate::learn::{quantile, to_pose};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
+use crate::sensing::filter::pad_index;
 use crate::sensing::registration::Frames;
 use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, SPRINGS, Stamp, pose_between};
 use crate::twin::maps::{Maps, sensing_for};
@@ -105,13 +106,14 @@ impl Trial {
                     lengths_m.push(out.sensors.spring_m[i]);
                 }
             }
+            let by_springs = sensing.pads_by_springs();
             for i in 0..IMUS {
-                if out.health.imus[i] == ChannelHealth::Ok && sensing.pads().by_springs_alone[i / 2]
+                let by_springs = by_springs[pad_index(robot.imus[i].pad)];
+                if let Some(by_springs) = by_springs.filter(|_| out.health.imus[i] == ChannelHealth::Ok)
                 {
                     let by_imu =
                         UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
-                    let by_springs = sensing.pads().base_from_pad[i / 2].rotation;
-                    disagreement_rad.push(by_springs.angle_to(&by_imu));
+                    disagreement_rad.push(by_springs.rotation.angle_to(&by_imu));
                 }
             }
             let vector = out.sensors.to_vector();

@@ -1,0 +1,685 @@
+//! The estimator of the pads' motion: an error-state Kalman filter over lengths, rates and specific forces.
+//!
+//! It contains no mechanics of the arm, so that it can contradict the model of it. Each pad moves on with its velocity
+//! and rate; accelerations and rates of turn are correlated over a short time only. Every reading is a scalar
+//! measurement, so that any set of sensors from which geometry gives a pose will do.
+//!
+//! | symbol | state, per | number |
+//! |---|---|---|
+//! | p, R, v, ω, a | position, orientation (error θ: exp(θ) R), velocity, rate, acceleration of a pad, in the base frame | 2 × 15 |
+//! | b_g, b_a | biases of gyro and accelerometer, per IMU, in its axes | 4 × 6 |
+//! | L | level from base (error about x and y) | 2 |
+//! | b_i | bias of spring i | 12 |
+//! | τ | lag of the springs behind the pads | 1 |
+//!
+//! What is measured, with d̂ the direction of a spring, G = imu_from_pad, u = Lᵀ z the upward direction:
+//!
+//! y_i = |d| − τ d|d|/dt + b_i,   y_gyro = G Rᵀ ω + b_g,   y_accel = G Rᵀ (a + g u) + b_a
+//!
+//! A scale common to all oscillators is not a state: neither inclinations nor rates contradict arms that are longer
+//! altogether. The error-state formulation follows J. Solà, "Quaternion kinematics for the error-state Kalman filter",
+//! arXiv:1711.02508, with errors in the base frame.
+
+mod measure;
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::calibration::Calibration;
+use super::platform::{self, Known, LEGS, Segment, solve};
+use crate::robot::{PadId, RobotSpec};
+use crate::signal::{IMUS, Pose, SPRINGS};
+pub use measure::{Reading, Row};
+
+/// Pads that move: middle and end.
+pub const PADS: usize = 2;
+/// States of one pad.
+const PAD: usize = 15;
+/// Offsets of position, orientation, velocity, rate and acceleration among them.
+const P: usize = 0;
+const TH: usize = 3;
+const V: usize = 6;
+const W: usize = 9;
+const A: usize = 12;
+const GYRO: usize = PADS * PAD;
+const ACCEL: usize = GYRO + 3 * IMUS;
+const TILT: usize = ACCEL + 3 * IMUS;
+const SPRING: usize = TILT + 2;
+const LAG: usize = SPRING + SPRINGS;
+/// Number of states.
+pub const STATES: usize = LAG + 1;
+
+/// Standard gravity, m/s².
+pub const G_M_S2: f64 = 9.806_65;
+
+/// Acceleration and rate of a pad that nothing measures: standard deviation and correlation time.
+const ACCEL_SD_M_S2: f64 = 1.0;
+const ACCEL_TAU_S: f64 = 0.05;
+const RATE_SD_RAD_S: f64 = 0.5;
+const RATE_TAU_S: f64 = 0.3;
+/// A pad's velocity dies out in this time where nothing measures it, s.
+const VELOCITY_TAU_S: f64 = 5.0;
+/// A blow: what a pad's position (m), orientation (rad), velocity (m/s), rate (rad/s) and acceleration (m/s²) may change
+/// by between two frames.
+const BLOW: [f64; 5] = [3e-3, 0.02, 0.3, 1.0, 20.0];
+/// Before anything is known: position (m), orientation (rad), velocity, rate, acceleration.
+const START: [f64; 5] = [0.02, 0.2, 0.05, 0.2, 0.3];
+
+/// Healthy springs: ends that lie up to a millimetre beside the drawing make biases that change with the pose.
+pub const SPRING_SD_M: f64 = 0.7e-3;
+/// The same where the ends were calibrated.
+pub const SPRING_CALIBRATED_SD_M: f64 = 0.25e-3;
+const SPRING_TAU_S: f64 = 60.0;
+/// A faulty spring's bias, and its random walk, m/√s.
+pub const SPRING_FAULT_M: f64 = 8e-3;
+const SPRING_FAULT_WALK: f64 = 2e-3;
+/// Gyro bias after a calibration, as delivered, and of a faulty one, rad/s; random walks, rad/s/√s.
+const GYRO_SD: f64 = 0.3 * DEG;
+const GYRO_DELIVERED: f64 = 20.0 * DEG;
+const GYRO_FAULT: f64 = 60.0 * DEG;
+const GYRO_WALK: f64 = 2e-3 * DEG;
+const GYRO_FAULT_WALK: f64 = 5.0 * DEG;
+/// Accelerometer bias after a calibration, as delivered (80 mg on z), and of a faulty one, m/s²; random walks, m/s²/√s.
+const ACCEL_BIAS_SD: f64 = 0.03;
+const ACCEL_DELIVERED: [f64; 3] = [0.5, 0.5, 0.8];
+const ACCEL_FAULT: f64 = 3.0;
+const ACCEL_WALK: f64 = 2e-4;
+const ACCEL_FAULT_WALK: f64 = 0.3;
+/// How far the base hangs off level after a calibration and without one, rad; its random walk, rad/√s.
+const TILT_SD: f64 = 0.15 * DEG;
+const TILT_UNKNOWN: f64 = 2.0 * DEG;
+const TILT_WALK: f64 = 2e-3 * DEG;
+/// Lag of the springs, s: usual, its standard deviation, and its random walk, s/√s.
+const LAG_S: f64 = 8e-3;
+const LAG_SD_S: f64 = 6e-3;
+const LAG_MAX_S: f64 = 0.05;
+const LAG_WALK: f64 = 1e-5;
+const DEG: f64 = std::f64::consts::PI / 180.0;
+
+/// Motion of one pad, in the base frame.
+#[derive(Clone, Debug)]
+pub struct Pad {
+    /// Base from pad.
+    pub pose: Pose,
+    /// Velocity of its origin, m/s.
+    pub velocity: Vector3<f64>,
+    /// Rate of turn, rad/s.
+    pub rate: Vector3<f64>,
+    /// Acceleration of its origin, m/s².
+    pub acceleration: Vector3<f64>,
+}
+
+/// A channel that may be faulty.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Spring, 0-based.
+    Spring(usize),
+    /// IMU, 0-based.
+    Imu(usize),
+}
+
+/// Where springs end and IMUs sit.
+#[derive(Clone, Debug)]
+struct Geometry {
+    segments: [Segment; 2],
+    /// Upper ends in the frame of the base or of the middle pad's upper face, m.
+    top_m: [Vector3<f64>; SPRINGS],
+    /// Lower ends in the frame of the pad below, m.
+    bottom_m: [Vector3<f64>; SPRINGS],
+    pad_of_imu: [usize; IMUS],
+    imu_from_pad: [Rotation3<f64>; IMUS],
+}
+
+impl Geometry {
+    fn new(spec: &RobotSpec, calibration: &Calibration) -> Self {
+        let segments = [0, 1].map(|k| Segment::calibrated(spec, calibration, k));
+        let below = Vector3::z() * spec.pad_thickness_m;
+        Self {
+            top_m: std::array::from_fn(|i| match i / LEGS {
+                0 => segments[0].top_m[i],
+                _ => segments[1].top_m[i - LEGS] - below,
+            }),
+            bottom_m: std::array::from_fn(|i| segments[i / LEGS].bottom_m[i % LEGS]),
+            pad_of_imu: std::array::from_fn(|i| pad_index(spec.imus[i].pad)),
+            imu_from_pad: std::array::from_fn(|i| {
+                let mounting = calibration.mounting(i).to_rotation_matrix();
+                (mounting * spec.imus[i].pad_from_imu).inverse()
+            }),
+            segments,
+        }
+    }
+}
+
+/// 0 for the middle pad, 1 for the end pad.
+pub fn pad_index(pad: PadId) -> usize {
+    match pad {
+        PadId::Middle => 0,
+        PadId::End => 1,
+    }
+}
+
+/// State of the estimator.
+#[derive(Clone, Debug)]
+pub struct Filter {
+    spec: RobotSpec,
+    geometry: Geometry,
+    /// Middle and end pad.
+    pub pads: [Pad; PADS],
+    gyro_bias: [Vector3<f64>; IMUS],
+    accel_bias: [Vector3<f64>; IMUS],
+    level_from_base: UnitQuaternion<f64>,
+    spring_bias_m: [f64; SPRINGS],
+    lag_s: f64,
+    covariance: Box<[[f64; STATES]; STATES]>,
+    /// Correction of this frame that is not in the state yet.
+    correction: [f64; STATES],
+    spring_is_open: [bool; SPRINGS],
+    imu_is_open: [bool; IMUS],
+    /// Standard deviations of healthy biases.
+    healthy: [f64; STATES],
+    spring_sd_m: [f64; SPRINGS],
+}
+
+impl Filter {
+    /// Straight down and unknown; [`Self::start`] finds the pose.
+    pub fn new(spec: &RobotSpec, calibration: &Calibration) -> Self {
+        let geometry = Geometry::new(spec, calibration);
+        let rest = geometry.segments.each_ref().map(Segment::rest);
+        let poses = platform::pads(spec, &rest);
+        let calibrated = |i: usize| calibration.imus.iter().any(|m| m.imu == i + 1);
+        let spring_sd_m = std::array::from_fn(|i| {
+            match calibration.ends_off_m(i).iter().all(|off| *off == Vector3::zeros()) {
+                true => SPRING_SD_M,
+                false => SPRING_CALIBRATED_SD_M,
+            }
+        });
+        let mut healthy = [0.0; STATES];
+        healthy[SPRING..LAG].copy_from_slice(&spring_sd_m);
+        for i in 0..IMUS {
+            let known = calibrated(i);
+            for k in 0..3 {
+                healthy[GYRO + 3 * i + k] = if known { GYRO_SD } else { GYRO_DELIVERED };
+                let delivered = ACCEL_DELIVERED[k];
+                healthy[ACCEL + 3 * i + k] = if known { ACCEL_BIAS_SD } else { delivered };
+            }
+        }
+        let known = (0..IMUS).any(calibrated);
+        healthy[TILT..SPRING].fill(if known { TILT_SD } else { TILT_UNKNOWN });
+        healthy[LAG] = LAG_SD_S;
+        let mut filter = Self {
+            spec: spec.clone(),
+            geometry,
+            pads: poses.map(|pose| Pad {
+                pose,
+                velocity: Vector3::zeros(),
+                rate: Vector3::zeros(),
+                acceleration: Vector3::zeros(),
+            }),
+            gyro_bias: [Vector3::zeros(); IMUS],
+            accel_bias: [Vector3::zeros(); IMUS],
+            level_from_base: calibration.level_from_base(),
+            spring_bias_m: [0.0; SPRINGS],
+            lag_s: LAG_S,
+            covariance: Box::new([[0.0; STATES]; STATES]),
+            correction: [0.0; STATES],
+            spring_is_open: [false; SPRINGS],
+            imu_is_open: [false; IMUS],
+            healthy,
+            spring_sd_m,
+        };
+        filter.forget();
+        filter
+    }
+
+    /// Poses of the middle and the end pad, base from pad.
+    pub fn poses(&self) -> [Pose; PADS] {
+        self.pads.each_ref().map(|p| p.pose)
+    }
+
+    /// Bias of a gyro, rad/s.
+    pub fn gyro_bias(&self, i: usize) -> Vector3<f64> {
+        self.gyro_bias[i]
+    }
+
+    /// The base in a frame whose z axis points up.
+    pub fn level_from_base(&self) -> UnitQuaternion<f64> {
+        self.level_from_base
+    }
+
+    /// Whether a channel's bias is left open, because it may be faulty.
+    pub fn is_open(&self, channel: Channel) -> bool {
+        match channel {
+            Channel::Spring(i) => self.spring_is_open[i],
+            Channel::Imu(i) => self.imu_is_open[i],
+        }
+    }
+
+    /// Discards what was known of the motion and of the biases of channels that are not open.
+    fn forget(&mut self) {
+        let open = |s: &Self, k: usize| match k {
+            GYRO..ACCEL => s.imu_is_open[(k - GYRO) / 3],
+            ACCEL..TILT => s.imu_is_open[(k - ACCEL) / 3],
+            SPRING..LAG => s.spring_is_open[k - SPRING],
+            _ => false,
+        };
+        for k in 0..STATES {
+            let variance = match k {
+                0..GYRO => START[k % PAD / 3].powi(2),
+                _ if open(self, k) => self.fault_sd(k).powi(2),
+                _ => self.healthy[k].powi(2),
+            };
+            self.isolate(k, variance);
+        }
+        for pad in &mut self.pads {
+            pad.velocity = Vector3::zeros();
+            pad.rate = Vector3::zeros();
+            pad.acceleration = Vector3::zeros();
+        }
+    }
+
+    /// Makes state `k` independent of the others, with this variance.
+    fn isolate(&mut self, k: usize, variance: f64) {
+        for j in 0..STATES {
+            self.covariance[k][j] = 0.0;
+            self.covariance[j][k] = 0.0;
+        }
+        self.covariance[k][k] = variance;
+    }
+
+    /// Starts from the readings of one frame, after the beginning or a gap: the pose from the lengths (and the
+    /// inclinations, where springs are missing), biases as they were but not trusted any more.
+    pub fn start(&mut self, readings: &[Reading]) {
+        let mut length_m = [None; SPRINGS];
+        for r in readings {
+            if let Reading::Length { spring, value_m, .. } = r
+                && !self.spring_is_open[*spring]
+            {
+                length_m[*spring] = Some(*value_m);
+            }
+        }
+        let upright = UnitQuaternion::identity();
+        let middle = self.inclination(readings, 0, &upright);
+        let at = [0, 1].map(|k| {
+            let turned = match k {
+                0 => middle,
+                _ => self
+                    .inclination(readings, 1, &upright)
+                    .map(|end| middle.unwrap_or(upright).inverse() * end),
+            };
+            let segment = &self.geometry.segments[k];
+            let lengths = &length_m[LEGS * k..LEGS * (k + 1)];
+            let known = Known {
+                length_m: std::array::from_fn(|i| lengths[i]),
+                upper_from_lower: turned.filter(|_| lengths.iter().any(Option::is_none)),
+            };
+            let found = solve(segment, &known, &segment.rest());
+            platform::plausible(segment, &found)
+        });
+        let poses = platform::pads(&self.spec, &at);
+        for (pad, pose) in self.pads.iter_mut().zip(poses) {
+            pad.pose = pose;
+        }
+        // Linearised again about what the readings gave; what is known of the biases is used once.
+        let before = self.clone();
+        for _ in 0..3 {
+            self.gyro_bias = before.gyro_bias;
+            self.accel_bias = before.accel_bias;
+            self.level_from_base = before.level_from_base;
+            self.spring_bias_m = before.spring_bias_m;
+            self.lag_s = before.lag_s;
+            let poses = self.poses();
+            self.forget();
+            let from_guess = poses.iter().zip(&before.pads).enumerate();
+            for (p, (now, guess)) in from_guess {
+                self.guess(p, now, &guess.pose);
+            }
+            self.take_all(readings);
+        }
+    }
+
+    /// Pad `p` is linearised about `now`; `guess` is what was assumed of it.
+    fn guess(&mut self, p: usize, now: &Pose, guess: &Pose) {
+        let at = PAD * p;
+        let off_m = guess.translation.vector - now.translation.vector;
+        let turn = (guess.rotation * now.rotation.inverse()).scaled_axis();
+        for k in 0..3 {
+            self.correction[at + P + k] = off_m[k];
+            self.correction[at + TH + k] = turn[k];
+        }
+    }
+
+    /// Orientation of a pad by an accelerometer of its own and a heading, for a first guess.
+    fn inclination(
+        &self,
+        readings: &[Reading],
+        pad: usize,
+        heading: &UnitQuaternion<f64>,
+    ) -> Option<UnitQuaternion<f64>> {
+        let geometry = &self.geometry;
+        readings.iter().find_map(|r| match r {
+            Reading::Imu { imu, raw, .. } if geometry.pad_of_imu[*imu] == pad => {
+                let up_in_imu = Vector3::from(raw.accel_m_s2) - self.accel_bias[*imu];
+                let up_in_pad = geometry.imu_from_pad[*imu].inverse() * up_in_imu;
+                let up = self.level_from_base.inverse() * Vector3::z();
+                UnitQuaternion::rotation_between(&(heading * up_in_pad), &up).map(|q| q * heading)
+            }
+            _ => None,
+        })
+    }
+
+    /// Uses every reading as it is.
+    pub fn take_all(&mut self, readings: &[Reading]) {
+        for reading in readings {
+            reading.rows(self, &mut |filter, row, innovation, variance| {
+                filter.update(row, innovation, variance);
+            });
+        }
+        self.inject();
+    }
+
+    /// Moves everything on by `dt_s`.
+    pub fn predict(&mut self, dt_s: f64) {
+        let keep = |tau_s: f64| (-dt_s / tau_s).exp();
+        let (of_a, of_w, of_v) = (keep(ACCEL_TAU_S), keep(RATE_TAU_S), keep(VELOCITY_TAU_S));
+        for p in 0..PADS {
+            let at = PAD * p;
+            let pad = &mut self.pads[p];
+            let turn = pad.rate * dt_s;
+            pad.pose.translation.vector +=
+                pad.velocity * dt_s + pad.acceleration * (0.5 * dt_s * dt_s);
+            pad.pose.rotation = UnitQuaternion::from_scaled_axis(turn) * pad.pose.rotation;
+            pad.velocity = pad.velocity * of_v + pad.acceleration * dt_s;
+            pad.rate *= of_w;
+            pad.acceleration *= of_a;
+            let spin = Matrix3::identity() + turn.cross_matrix();
+            let step = |x: &mut [f64; PAD]| {
+                let old = *x;
+                for k in 0..3 {
+                    x[P + k] = old[P + k] + dt_s * old[V + k] + 0.5 * dt_s * dt_s * old[A + k];
+                    x[TH + k] = spin[(k, 0)] * old[TH]
+                        + spin[(k, 1)] * old[TH + 1]
+                        + spin[(k, 2)] * old[TH + 2]
+                        + dt_s * old[W + k];
+                    x[V + k] = of_v * old[V + k] + dt_s * old[A + k];
+                    x[W + k] = of_w * old[W + k];
+                    x[A + k] = of_a * old[A + k];
+                }
+            };
+            // P ← F P Fᵀ: columns, then rows.
+            for row in self.covariance.iter_mut() {
+                let mut part: [f64; PAD] = std::array::from_fn(|k| row[at + k]);
+                step(&mut part);
+                row[at..at + PAD].copy_from_slice(&part);
+            }
+            for j in 0..STATES {
+                let mut part: [f64; PAD] = std::array::from_fn(|k| self.covariance[at + k][j]);
+                step(&mut part);
+                for (k, x) in part.into_iter().enumerate() {
+                    self.covariance[at + k][j] = x;
+                }
+            }
+            for k in 0..3 {
+                self.widen(at + A + k, ACCEL_SD_M_S2.powi(2) * (1.0 - of_a * of_a));
+                self.widen(at + W + k, RATE_SD_RAD_S.powi(2) * (1.0 - of_w * of_w));
+            }
+        }
+        self.predict_biases(dt_s);
+    }
+
+    fn predict_biases(&mut self, dt_s: f64) {
+        for i in 0..IMUS {
+            let open = self.imu_is_open[i];
+            let gyro = if open { GYRO_FAULT_WALK } else { GYRO_WALK };
+            let accel = if open { ACCEL_FAULT_WALK } else { ACCEL_WALK };
+            for k in 0..3 {
+                self.widen(GYRO + 3 * i + k, gyro * gyro * dt_s);
+                self.widen(ACCEL + 3 * i + k, accel * accel * dt_s);
+            }
+        }
+        for k in 0..2 {
+            self.widen(TILT + k, TILT_WALK * TILT_WALK * dt_s);
+        }
+        self.widen(LAG, LAG_WALK * LAG_WALK * dt_s);
+        let keep = (-dt_s / SPRING_TAU_S).exp();
+        for i in 0..SPRINGS {
+            let k = SPRING + i;
+            if self.spring_is_open[i] {
+                self.widen(k, SPRING_FAULT_WALK * SPRING_FAULT_WALK * dt_s);
+                continue;
+            }
+            self.spring_bias_m[i] *= keep;
+            for j in 0..STATES {
+                self.covariance[k][j] *= keep;
+                self.covariance[j][k] *= keep;
+            }
+            self.widen(k, self.healthy[k].powi(2) * (1.0 - keep * keep));
+        }
+    }
+
+    fn widen(&mut self, k: usize, variance: f64) {
+        self.covariance[k][k] += variance;
+    }
+
+    /// A blow may have hit pad `p` since the last frame.
+    pub fn disturb(&mut self, p: usize) {
+        for k in 0..PAD {
+            self.widen(PAD * p + k, BLOW[k / 3].powi(2));
+        }
+    }
+
+    /// P h of a row, and h P h.
+    fn spread(&self, row: &Row) -> ([f64; STATES], f64) {
+        let mut out = [0.0; STATES];
+        for (k, h) in row.entries() {
+            for (sum, p) in out.iter_mut().zip(&self.covariance[k]) {
+                *sum += h * p;
+            }
+        }
+        let variance = row.entries().map(|(k, h)| h * out[k]).sum();
+        (out, variance)
+    }
+
+    /// Variance of a linear function of the errors.
+    pub fn variance(&self, row: &Row) -> f64 {
+        self.spread(row).1
+    }
+
+    /// Innovation of a measurement whose prediction from the uncorrected state missed by `missed`, with its variance less
+    /// that of the reading.
+    pub fn innovation(&self, row: &Row, missed: f64) -> (f64, f64) {
+        let known: f64 = row.entries().map(|(k, h)| h * self.correction[k]).sum();
+        (missed - known, self.variance(row))
+    }
+
+    /// Takes in a scalar measurement whose prediction from the uncorrected state missed by `missed`. A negative variance
+    /// takes the information of such a measurement out again.
+    pub fn update(&mut self, row: &Row, missed: f64, variance: f64) {
+        let (mut gain, spread) = self.spread(row);
+        let known: f64 = row.entries().map(|(k, h)| h * self.correction[k]).sum();
+        let total = spread + variance;
+        if total == 0.0 || !total.is_finite() {
+            return;
+        }
+        let share = (missed - known) / total;
+        for (sum, g) in self.correction.iter_mut().zip(&gain) {
+            *sum += g * share;
+        }
+        // P ← P − (P h)(P h)ᵀ / S, symmetric to the last bit.
+        let scale = 1.0 / total.abs().sqrt();
+        let sign = total.signum();
+        for g in &mut gain {
+            *g *= scale;
+        }
+        for (row, gi) in self.covariance.iter_mut().zip(&gain) {
+            let gi = sign * gi;
+            for (p, gj) in row.iter_mut().zip(&gain) {
+                *p -= gi * gj;
+            }
+        }
+    }
+
+    /// Puts the correction into the state.
+    pub fn inject(&mut self) {
+        let x = std::mem::replace(&mut self.correction, [0.0; STATES]);
+        let three = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
+        for (p, pad) in self.pads.iter_mut().enumerate() {
+            let at = PAD * p;
+            pad.pose.translation.vector += three(at + P);
+            let turn = UnitQuaternion::from_scaled_axis(three(at + TH));
+            pad.pose.rotation = turn * pad.pose.rotation;
+            pad.pose.rotation.renormalize_fast();
+            pad.velocity += three(at + V);
+            pad.rate += three(at + W);
+            pad.acceleration += three(at + A);
+        }
+        for i in 0..IMUS {
+            self.gyro_bias[i] += three(GYRO + 3 * i);
+            self.accel_bias[i] += three(ACCEL + 3 * i);
+        }
+        let tilt = Vector3::new(x[TILT], x[TILT + 1], 0.0);
+        self.level_from_base = UnitQuaternion::from_scaled_axis(tilt) * self.level_from_base;
+        for (bias, x) in self.spring_bias_m.iter_mut().zip(&x[SPRING..]) {
+            *bias += x;
+        }
+        self.lag_s = (self.lag_s + x[LAG]).clamp(0.0, LAG_MAX_S);
+    }
+
+    /// States of a channel's biases.
+    fn biases_of(channel: Channel) -> impl Iterator<Item = usize> + Clone {
+        let (a, b) = match channel {
+            Channel::Spring(i) => (SPRING + i..SPRING + i + 1, 0..0),
+            Channel::Imu(i) => (
+                GYRO + 3 * i..GYRO + 3 * i + 3,
+                ACCEL + 3 * i..ACCEL + 3 * i + 3,
+            ),
+        };
+        a.chain(b)
+    }
+
+    /// Standard deviation of a bias of a faulty channel.
+    fn fault_sd(&self, state: usize) -> f64 {
+        match state {
+            GYRO..ACCEL => GYRO_FAULT.max(self.healthy[state]),
+            ACCEL..TILT => ACCEL_FAULT.max(self.healthy[state]),
+            _ => SPRING_FAULT_M,
+        }
+    }
+
+    /// Biases of a channel, for a change of its prior: state, estimate, and the change of the prior's precision (see
+    /// [`super::faults`]) and the logarithm of its ratio.
+    pub fn flip(&self, channel: Channel) -> impl Iterator<Item = Flip> + '_ {
+        let open = self.is_open(channel);
+        Self::biases_of(channel).map(move |state| {
+            let healthy = self.healthy[state].powi(-2);
+            let faulty = self.fault_sd(state).powi(-2);
+            let (from, to) = if open { (faulty, healthy) } else { (healthy, faulty) };
+            Flip {
+                state,
+                estimate: self.bias(state),
+                precision: to - from,
+                log_ratio: (to / from).ln(),
+            }
+        })
+    }
+
+    fn bias(&self, state: usize) -> f64 {
+        match state {
+            GYRO..ACCEL => self.gyro_bias[(state - GYRO) / 3][(state - GYRO) % 3],
+            ACCEL..TILT => self.accel_bias[(state - ACCEL) / 3][(state - ACCEL) % 3],
+            _ => self.spring_bias_m[state - SPRING],
+        }
+    }
+
+    /// Covariance of two states' errors.
+    pub fn between(&self, a: usize, b: usize) -> f64 {
+        self.covariance[a][b]
+    }
+
+    /// Gives a channel's biases the prior of a faulty channel instead of a healthy one's, or the reverse.
+    pub fn apply_flip(&mut self, channel: Channel) {
+        let flips: [Option<Flip>; 6] = {
+            let mut all = self.flip(channel);
+            std::array::from_fn(|_| all.next())
+        };
+        for flip in flips.into_iter().flatten() {
+            // A measurement b = 0 with the variance 1/D.
+            let row = Row::of(&[(flip.state, 1.0)]);
+            self.update(&row, -flip.estimate, 1.0 / flip.precision);
+        }
+        self.inject();
+        self.set_open(channel, !self.is_open(channel));
+    }
+
+    /// The channel's reading has jumped: what was known of its bias is no longer valid.
+    pub fn reopen(&mut self, channel: Channel) {
+        for state in Self::biases_of(channel) {
+            self.isolate(state, self.fault_sd(state).powi(2));
+        }
+        self.set_open(channel, true);
+    }
+
+    /// Forgets the biases of healthy channels of segment `k`: one of them may have changed unnoticed.
+    pub fn doubt(&mut self, k: usize) {
+        for i in LEGS * k..LEGS * (k + 1) {
+            if !self.spring_is_open[i] {
+                self.spring_bias_m[i] = 0.0;
+                self.isolate(SPRING + i, self.healthy[SPRING + i].powi(2));
+            }
+        }
+    }
+
+    fn set_open(&mut self, channel: Channel, open: bool) {
+        match channel {
+            Channel::Spring(i) => self.spring_is_open[i] = open,
+            Channel::Imu(i) => self.imu_is_open[i] = open,
+        }
+    }
+
+    /// Standard deviations of a pad's position (largest, m) and orientation (about x, y and z of the base, rad).
+    pub fn pad_sd(&self, p: usize) -> (f64, [f64; 3]) {
+        let sd = |k: usize| self.covariance[PAD * p + k][PAD * p + k].max(0.0).sqrt();
+        let place = [0, 1, 2].map(|k| sd(P + k)).into_iter().fold(0.0, f64::max);
+        (place, [0, 1, 2].map(|k| sd(TH + k)))
+    }
+
+    /// Length that spring `i` would read without lag if its bias were a healthy one, m, and the row of its error. The
+    /// bias of a spring that is open is not in the row; its variance is the second part.
+    pub fn length(&self, i: usize) -> (f64, Row, f64) {
+        let (length_m, mut row) = self.length_row(i);
+        if self.spring_is_open[i] {
+            return (length_m, row, self.spring_sd_m[i].powi(2));
+        }
+        row.add(SPRING + i, 1.0);
+        (length_m + self.spring_bias_m[i], row, 0.0)
+    }
+
+    /// Rate at which spring `i` lengthens, m/s.
+    pub fn length_rate_m_s(&self, i: usize) -> f64 {
+        self.leg(i).rate_m_s
+    }
+
+    /// Lag of the springs, s, and its standard deviation.
+    pub fn lag_s(&self) -> [f64; 2] {
+        [self.lag_s, self.covariance[LAG][LAG].max(0.0).sqrt()]
+    }
+
+    /// Rows of a pad's orientation error, about x, y and z of the base.
+    pub fn turn_row(p: usize, axis: usize) -> Row {
+        Row::of(&[(PAD * p + TH + axis, 1.0)])
+    }
+}
+
+/// Change of the prior of one bias.
+#[derive(Clone, Copy, Debug)]
+pub struct Flip {
+    /// The state.
+    pub state: usize,
+    /// Its estimate.
+    pub estimate: f64,
+    /// By how much the prior's precision (1/variance) changes.
+    pub precision: f64,
+    /// Logarithm of the ratio of the precisions after and before.
+    pub log_ratio: f64,
+}
+
+#[cfg(test)]
+mod tests;
