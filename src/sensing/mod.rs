@@ -33,7 +33,7 @@ use spring::SpringReading;
 use crate::robot::{PadId, RobotSpec};
 use crate::signal::{
     BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, Pose, RawFrame, SIGNALS, SPRINGS, SensorFrame,
-    SensorVec, Stamp, UNKNOWN_M, UNKNOWN_RAD, ypr_from_rotation,
+    SensorVec, Stamp, UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
 };
 
 /// A length cannot change faster than this between two frames, m/s.
@@ -44,6 +44,9 @@ const JUMP_FRAMES: u32 = 5;
 const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 /// A board's data older than this is suspect, and older than that is gone, s.
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
+/// A length by a clock whose rate is known less well than this is not one yet, s/s: 0.5 mm of 154 mm. The link takes half a
+/// second to measure the clock of a board of which it knows nothing.
+const MAX_RATE_SD: f64 = 2.5e-4;
 /// Standard deviation of an orientation that is read but inconsistent with the others, rad.
 const DISPUTED_RAD: f64 = 0.05;
 /// Drift rate of a heading that no spring holds: the gyro's bias, as far as it is not known,
@@ -221,9 +224,12 @@ impl Sensing {
             if !frame.has_spring(i) || board == ChannelHealth::Missing {
                 continue;
             }
+            if frame.tick_rate_sd[board_of_spring(i)] > MAX_RATE_SD {
+                continue;
+            }
             let calibration = self.calibration.spring(i);
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
-            let rate_hz = frame.tick_rate_hz;
+            let rate_hz = frame.spring_tick_rate_hz(i);
             springs.health[i] = match spring::read(calibration, n, ticks, rate_hz) {
                 SpringReading::Nothing => ChannelHealth::Missing,
                 SpringReading::OutOfRange => ChannelHealth::OutOfRange,

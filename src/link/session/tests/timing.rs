@@ -73,7 +73,7 @@ fn skew_drift_jitter_and_jumps_leave_half_a_millisecond_between_boards_and_time_
     let mut w = World::new(21);
     w.boards = [(0, 90e-6, 2e-7), (1, -2e-3, -3e-7)].map(|(id, skew, drift)| {
         let mut setup = board_setup(id, skew);
-        setup.clock_drift_per_s = drift;
+        setup.clock.drift = drift * WARM_UP_S;
         Board::new(setup)
     });
     w.faults = Faults {
