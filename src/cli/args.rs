@@ -357,6 +357,13 @@ mod tests {
                 .contains("'x' is not a number")
         );
         assert!(shard("0/4").is_err() && shard("5/4").is_err() && shard("2/4") == Ok((2, 4)));
+        assert_eq!(clocks_ppm("5000,-300"), Ok([5e-3, -300.0 * 1e-6]));
+        assert!(clocks_ppm("5000").unwrap_err().contains("2 numbers"));
+        assert!(
+            clocks_ppm("0,30000")
+                .unwrap_err()
+                .contains("at most 20000 ppm")
+        );
         assert!(not_negative("-1").is_err() && not_negative("inf").is_err());
     }
 }
