@@ -67,7 +67,8 @@ impl Session {
                 stamp,
                 spring_counts: std::array::from_fn(|i| 4000 + (100.0 * noise(70 + i)) as u32),
                 spring_gate_ticks: std::array::from_fn(|i| 1_600_000 + (4e4 * noise(i)) as u32),
-                tick_rate_hz: 16e6,
+                tick_rate_hz: [16e6; 2],
+                tick_rate_sd: [1e-6; 2],
                 imu: std::array::from_fn(|i| ImuRaw {
                     gyro_rad_s: std::array::from_fn(|k| 0.05 * noise(85 + 3 * i + k)),
                     accel_m_s2: std::array::from_fn(|k| 9.81 * noise(100 + 3 * i + k)),

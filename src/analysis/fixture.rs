@@ -115,7 +115,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         board_age_s: [0.004, 0.007],
         ..RawFrame::default()
     };
-    raw.tick_rate_hz = 16e6;
+    raw.tick_rate_hz = [16e6; 2];
     let limits = &spec.pressure;
     let goal_m = [-0.062, -0.041, -0.268];
     Snapshot {

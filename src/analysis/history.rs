@@ -138,7 +138,9 @@ pub fn display_difference(actual: &[f64; 6], wanted: &[f64; 6]) -> [f64; 6] {
 
 /// Frequency of a spring's oscillator (0-based), kHz.
 pub fn spring_khz(raw: &RawFrame, i: usize) -> f64 {
-    f64::from(raw.spring_counts[i]) * raw.tick_rate_hz / f64::from(raw.spring_gate_ticks[i]) * 1e-3
+    f64::from(raw.spring_counts[i]) * raw.spring_tick_rate_hz(i)
+        / f64::from(raw.spring_gate_ticks[i])
+        * 1e-3
 }
 
 /// Measured length of spring `i` (0-based) less the model's, mm.

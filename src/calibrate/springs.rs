@@ -244,7 +244,7 @@ impl SpringsTake {
         if raw.has_spring(i) {
             let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
             hand.values_hz
-                .extend(frequency_hz(counts, ticks, raw.tick_rate_hz));
+                .extend(frequency_hz(counts, ticks, raw.spring_tick_rate_hz(i)));
         }
         let waited_s = raw.stamp.since(since);
         let n = hand.values_hz.len();
@@ -316,7 +316,7 @@ mod tests {
         let mut raw = RawFrame {
             seq: k,
             stamp: Stamp::from_seconds(f64::from(k) * 0.01),
-            tick_rate_hz: 16e6,
+            tick_rate_hz: [16e6; 2],
             present: RawFrame::ALL_PRESENT,
             ..RawFrame::default()
         };

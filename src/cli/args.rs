@@ -13,7 +13,7 @@ pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::link::wire::fault;
 use springtwin::link::{fault_names, fault_of_name};
 use springtwin::rig::Obstacle;
-use springtwin::signal::{CHAMBERS, ControllerKind};
+use springtwin::signal::{BOARDS, CHAMBERS, ControllerKind};
 use springtwin::task::Item;
 
 /// The two controllers.
@@ -164,6 +164,17 @@ pub fn resets(named: Option<&[u16]>) -> Resets {
 /// A factor on the arm's stiffness.
 pub fn stiffness(text: &str) -> Result<f64, String> {
     within(text, 0.3..=3.0, "stiffness")
+}
+
+/// `A,B` in ppm for the two boards, to s/s.
+pub fn clocks_ppm(text: &str) -> Result<[f64; BOARDS], String> {
+    let ppm = numbers::<BOARDS>(text, "a pair of clocks (ppm of board 1, of board 2)")?;
+    match ppm.iter().all(|v| v.abs() <= 20_000.0) {
+        true => Ok(ppm.map(|v| v * 1e-6)),
+        false => Err(format!(
+            "'{text}' is beyond what a clock can be off: at most 20000 ppm"
+        )),
+    }
 }
 
 /// Half the extent of a path, mm.
@@ -346,6 +357,13 @@ mod tests {
                 .contains("'x' is not a number")
         );
         assert!(shard("0/4").is_err() && shard("5/4").is_err() && shard("2/4") == Ok((2, 4)));
+        assert_eq!(clocks_ppm("5000,-300"), Ok([5e-3, -300.0 * 1e-6]));
+        assert!(clocks_ppm("5000").unwrap_err().contains("2 numbers"));
+        assert!(
+            clocks_ppm("0,30000")
+                .unwrap_err()
+                .contains("at most 20000 ppm")
+        );
         assert!(not_negative("-1").is_err() && not_negative("inf").is_err());
     }
 }

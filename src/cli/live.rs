@@ -8,19 +8,21 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use anyhow::{Context as _, Result};
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::args::{self, InstrumentArgs, Kind};
 use super::outputs::Overwrite;
 use super::{Failed, Report};
 use springtwin::drive::{self, DEFAULT_RIG, Run, TwinBuilder, objects, rig_options};
+use springtwin::rig::clock::Clock;
 #[cfg(unix)]
 use springtwin::rig::faults::Script;
 use springtwin::rig::hidden::Hidden;
+use springtwin::rig::inertial::InertialErrors;
 use springtwin::rig::pty::{Lines, Pty};
 use springtwin::rig::{Obstacle, RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::Goal;
+use springtwin::signal::{BOARDS, Goal};
 use springtwin::task::Item;
 
 #[derive(Args)]
@@ -114,6 +116,15 @@ pub struct RigArgs {
     /// them), and when it begins (s); `springtwin rig effects` lists them
     #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
     hide: Vec<Hidden>,
+    /// Frequency errors of the clocks of board 1 and board 2, ppm; without it those of the unit, within 5000
+    #[arg(long, value_name = "A,B", value_parser = args::clocks_ppm, allow_hyphen_values = true)]
+    clock_skew: Option<[f64; BOARDS]>,
+    /// By how much these errors change in the first ten minutes, ppm; without it by 50, up or down with the unit
+    #[arg(long, value_name = "A,B", value_parser = args::clocks_ppm, allow_hyphen_values = true)]
+    clock_drift: Option<[f64; BOARDS]>,
+    /// Errors of the IMUs: those of parts as delivered, or of parts whose offsets were removed
+    #[arg(long, value_enum, default_value_t = ImuErrors::Zeroed)]
+    imu_errors: ImuErrors,
     /// Send emulated motion capture to this address
     #[arg(long, value_name = "IP:PORT")]
     vicon: Option<std::net::SocketAddr>,
@@ -132,6 +143,35 @@ pub struct RigArgs {
     /// End when the starting process ends
     #[arg(long, hide = true)]
     with_parent: bool,
+}
+
+/// Which errors the virtual rig's IMUs have.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ImuErrors {
+    /// Offsets and scales within the data sheet's tolerances
+    Delivered,
+    /// Offsets were removed
+    Zeroed,
+}
+
+impl ImuErrors {
+    fn errors(self) -> InertialErrors {
+        match self {
+            Self::Delivered => InertialErrors::as_delivered(),
+            Self::Zeroed => InertialErrors::zeroed(),
+        }
+    }
+}
+
+impl RigArgs {
+    /// Clocks of the boards: those of the unit where nothing else is given.
+    fn clocks(&self) -> [Clock; BOARDS] {
+        let drawn = Clock::of_unit(self.unit);
+        std::array::from_fn(|b| Clock {
+            skew: self.clock_skew.map_or(drawn[b].skew, |all| all[b]),
+            drift: self.clock_drift.map_or(drawn[b].drift, |all| all[b]),
+        })
+    }
 }
 
 /// `run --headless`.
@@ -222,6 +262,8 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
         unit: Unit(a.unit),
         objects: objects(&a.object),
         hidden: a.hide.clone(),
+        clocks: Some(a.clocks()),
+        inertial: a.imu_errors.errors(),
         ..rig_options(a.payload, a.seed)
     };
     options.surroundings.stiffness = a.stiffness;

@@ -98,8 +98,7 @@ pub fn rig_options(payload_kg: f64, seed: u64) -> RigOptions {
             payload_kg,
             ..Surroundings::default()
         },
-        objects: Vec::new(),
-        hidden: Vec::new(),
+        ..RigOptions::default()
     }
 }
 

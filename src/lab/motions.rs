@@ -9,7 +9,6 @@ use rand::Rng as _;
 
 use super::session::calibration_of;
 use crate::drive::rig_options;
-use crate::rig::board::Readings;
 use crate::rig::{PHYSICS_STEP_S, RigOptions, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
@@ -59,7 +58,7 @@ pub fn settled(
         for _ in 0..FRAMES_PER_POSE {
             seq += 1;
             rig.dwell();
-            frame = Some(sensing.update(&raw_frame(seq, rig.readings())));
+            frame = Some(sensing.update(&raw_frame(seq, &rig)));
         }
         let Some(frame) = frame else { continue };
         data.samples.push(Sample {
@@ -76,15 +75,18 @@ pub fn settled(
     Ok((data, left_out))
 }
 
-/// Both boards' readings as one frame, without the line in between.
-fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
+/// Both boards' readings as one frame, without the line in between: as over a link that has been up for long and has
+/// measured the boards' clocks.
+fn raw_frame(seq: u32, rig: &VirtualRig) -> RawFrame {
+    let readings = rig.readings();
     let spring = |i: usize| readings[i / 6].springs[i % 6].unwrap_or_default();
     RawFrame {
         seq,
         stamp: Stamp::from_seconds(f64::from(seq) * PHYSICS_STEP_S),
         spring_counts: std::array::from_fn(|i| spring(i).count),
         spring_gate_ticks: std::array::from_fn(|i| spring(i).gate_ticks),
-        tick_rate_hz: f64::from(crate::link::wire::TICK_RATE_HZ),
+        tick_rate_hz: rig.tick_rate_hz(),
+        tick_rate_sd: [0.0; BOARDS],
         imu: std::array::from_fn(|i| readings[i / 2].imus[i % 2].unwrap_or_default()),
         chamber_pa: std::array::from_fn(|i| readings[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)),
         present: RawFrame::ALL_PRESENT,
@@ -251,7 +253,7 @@ fn drive(robot: &RobotSpec, m: &Motion, each: &mut Each<'_>) -> Result<()> {
         rig.plant.surroundings.tip_force_n = force_n;
         rig.step(&set_pa.map(Some));
         let t_s = f64::from(seq) * PHYSICS_STEP_S;
-        let raw = raw_frame(seq, rig.readings());
+        let raw = raw_frame(seq, rig);
         each(rig, t_s - REST_S, raw, keep && t_s > REST_S);
         t_s
     };

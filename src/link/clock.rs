@@ -19,6 +19,13 @@
 //!
 //! u(x) = Σ |cᵢ| rᵢ/2 + 2 |c| σ_skew.
 //!
+//! The skew gives the true rate of the clock, rate/(1 + s). Its standard deviation, with an oscillator that wanders by d
+//! and a fit whose slope is as old as twice the mean age of its pairs (weights that fall exponentially), is
+//!
+//! σ_s² = σ² / (Sxx + λ) + (2 d x̄)²,   Sxx = Σ wᵢ (xᵢ − x̄)².
+//!
+//! Pings come quickly until σ_s is small: 100 ppm are 0.21 mm of a spring of 154 mm.
+//!
 //! A new pair that is further from the fit than u + r/2 and a margin cannot come from the same clock. When
 //! the next conclusive pair agrees with it, the clock has jumped; when that pair agrees with the fit, the
 //! odd one is left out.
@@ -32,6 +39,7 @@
 //! | σ, σ_skew | error of a pair on a quiet line, s; spread of the skew around s₀ |
 //! | s₀, λ | skew known before, and its weight (σ / σ_skew)², s² |
 //! | τ | 20 s |
+//! | d | 10⁻⁷ 1/s: a ceramic resonator that warms up by 50 ppm in 10 min, and some more |
 
 use std::collections::VecDeque;
 
@@ -46,8 +54,8 @@ const FIRST_PERIOD_S: f64 = 0.103;
 const RETRY_PERIOD_S: f64 = 0.137;
 /// Time to the next ping after one that may show a jump, s.
 const CONFIRM_PERIOD_S: f64 = 0.005;
-/// Pairs after which the fit counts as settled.
-const SETTLED_PAIRS: usize = 6;
+/// Standard deviation of the skew at which the fit counts as settled, s/s: 0.025 mm of a spring of 154 mm.
+const SETTLED_SKEW: f64 = 12e-6;
 /// A round trip longer than the best by more than this is slow, s.
 const MAX_EXCESS_S: f64 = 500e-6;
 /// Slow answers in a row after which a quick one is not waited for any longer.
@@ -65,6 +73,12 @@ const PING_SIGMA_S: f64 = 1e-4;
 const SKEW_SIGMA: f64 = 5e-3;
 /// Spread of the skew across a jump: the oscillator stays the same.
 const SKEW_SIGMA_AFTER_JUMP: f64 = 5e-5;
+/// The same across a time without power: the oscillator has another temperature.
+const SKEW_SIGMA_AFTER_RESTART: f64 = 2e-4;
+/// Fastest change of an oscillator's skew, 1/s.
+const WANDER_PER_S: f64 = 1e-7;
+/// No oscillator is further from its nominal rate, s/s.
+const MAX_SKEW: f64 = 0.05;
 /// Counting begins one wrap up, so that earlier ticks stay above zero.
 const EPOCH_TICKS: i64 = 1 << 32;
 /// Pings without an answer that are kept.
@@ -81,6 +95,40 @@ pub enum Pong {
     Jumped(f64),
     /// Answers no ping of ours.
     Unknown,
+}
+
+/// Frequency error of an oscillator, s/s: session seconds per board second, minus 1, with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Skew {
+    /// Its value.
+    pub ratio: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+}
+
+impl Skew {
+    /// Of a ceramic resonator of which nothing else is known.
+    pub const UNKNOWN: Self = Self {
+        ratio: 0.0,
+        sd: SKEW_SIGMA,
+    };
+
+    /// The same oscillator after an interruption in which it kept running.
+    pub fn interrupted(self) -> Self {
+        self.widened(SKEW_SIGMA_AFTER_JUMP)
+    }
+
+    /// The same oscillator after a time without power.
+    pub fn restarted(self) -> Self {
+        self.widened(SKEW_SIGMA_AFTER_RESTART)
+    }
+
+    fn widened(self, sd: f64) -> Self {
+        Self {
+            sd: self.sd.hypot(sd).min(SKEW_SIGMA),
+            ..self
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -116,8 +164,7 @@ pub struct BoardClock {
     suspect: Option<Pair>,
     slow_in_a_row: u32,
     fit: Option<Fit>,
-    prior_skew: f64,
-    prior_sigma: f64,
+    prior: Skew,
     outstanding: VecDeque<(u32, Stamp)>,
     next_ping: Option<Stamp>,
     next_id: u32,
@@ -126,6 +173,11 @@ pub struct BoardClock {
 impl BoardClock {
     /// A clock of the given nominal rate (ticks/s) of which nothing else is known.
     pub fn new(rate_hz: f64) -> Self {
+        Self::with_skew(rate_hz, Skew::UNKNOWN)
+    }
+
+    /// A clock of the given nominal rate (ticks/s) whose skew is known from before.
+    pub fn with_skew(rate_hz: f64, prior: Skew) -> Self {
         Self {
             rate_hz,
             last: None,
@@ -133,8 +185,7 @@ impl BoardClock {
             suspect: None,
             slow_in_a_row: 0,
             fit: None,
-            prior_skew: 0.0,
-            prior_sigma: SKEW_SIGMA,
+            prior,
             outstanding: VecDeque::new(),
             next_ping: None,
             next_id: 1,
@@ -144,6 +195,27 @@ impl BoardClock {
     /// Nominal rate, ticks/s.
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz
+    }
+
+    /// Skew as far as known: by the fit, or what was known before. A fit that no oscillator can have is
+    /// [`Skew::UNKNOWN`].
+    pub fn skew(&self) -> Skew {
+        let Some(fit) = &self.fit else {
+            return self.prior;
+        };
+        let skew = Skew {
+            ratio: fit.skew,
+            sd: fit.skew_sd(),
+        };
+        match skew.ratio.abs() <= MAX_SKEW && skew.sd.is_finite() {
+            true => skew,
+            false => Skew::UNKNOWN,
+        }
+    }
+
+    /// Ticks per second of the session's time base. Its relative standard deviation is that of [`Self::skew`].
+    pub fn tick_rate_hz(&self) -> f64 {
+        self.rate_hz / (1.0 + self.skew().ratio)
     }
 
     /// The fit for the operator, once there is one.
@@ -220,7 +292,7 @@ impl BoardClock {
         let Some((_, sent)) = self.outstanding.remove(place) else {
             return Pong::Unknown;
         };
-        let held_s = f64::from(t_answer.wrapping_sub(t_receive) as i32) / self.rate_hz;
+        let held_s = f64::from(t_answer.wrapping_sub(t_receive) as i32) / self.tick_rate_hz();
         let there_and_back_s = now.since(sent).max(0.0);
         // A board that reports a longer time than the answer took is ignored.
         let round_trip_s = there_and_back_s - held_s.clamp(0.0, there_and_back_s);
@@ -250,12 +322,12 @@ impl BoardClock {
         Pong::Accepted
     }
 
-    /// This period once the fit has settled, the first one's before.
+    /// This period once the fit has settled, the first one's before. On a line where no pair is good, a full memory is
+    /// all there is to wait for.
     fn period_or(&self, settled_s: f64) -> f64 {
-        if self.pairs.len() < SETTLED_PAIRS {
-            FIRST_PERIOD_S
-        } else {
-            settled_s
+        match self.pairs.len() < MEMORY && self.skew().sd > SETTLED_SKEW {
+            true => FIRST_PERIOD_S,
+            false => settled_s,
         }
     }
 
@@ -272,10 +344,7 @@ impl BoardClock {
             pair
         };
         let jump_s = self.stamp(surer.ticks).map_or(0.0, |s| s.since(surer.host));
-        if let Some(f) = self.fit {
-            self.prior_skew = f.skew;
-            self.prior_sigma = SKEW_SIGMA_AFTER_JUMP;
-        }
+        self.prior = self.skew().interrupted();
         self.suspect = None;
         self.slow_in_a_row = 0;
         self.pairs.clear();
@@ -297,7 +366,7 @@ impl BoardClock {
 
     /// Whether two pairs can come from one clock whose skew is that of the fit.
     fn agree(&self, a: &Pair, b: &Pair) -> bool {
-        let skew = self.fit.map_or(self.prior_skew, |f| f.skew);
+        let skew = self.fit.map_or(self.prior.ratio, |f| f.skew);
         let board_s = seconds_between(a.ticks, b.ticks, self.rate_hz) * (1.0 + skew);
         let off_s = b.host.since(a.host) - board_s;
         off_s.abs() <= JUMP_S + (a.round_trip_s + b.round_trip_s) / 2.0
@@ -312,7 +381,7 @@ impl BoardClock {
             let slope = along_s * (xi_s - fit.mean_x_s) / fit.spread_s2;
             (weight * (1.0 / fit.weight + slope)).abs() * p.round_trip_s / 2.0
         });
-        let prior_s = (along_s * fit.lambda_s2 / fit.spread_s2).abs() * 2.0 * self.prior_sigma;
+        let prior_s = (along_s * fit.lambda_s2 / fit.spread_s2).abs() * 2.0 * self.prior.sd;
         pairs.sum::<f64>() + prior_s
     }
 
@@ -339,7 +408,7 @@ impl BoardClock {
             weight: 0.0,
             mean_x_s: 0.0,
             spread_s2: 0.0,
-            lambda_s2: (PING_SIGMA_S / self.prior_sigma).powi(2),
+            lambda_s2: (PING_SIGMA_S / self.prior.sd).powi(2),
             best_s: self
                 .pairs
                 .iter()
@@ -367,13 +436,19 @@ impl BoardClock {
         fit.weight = sw;
         fit.mean_x_s = mx;
         fit.spread_s2 = sxx + fit.lambda_s2;
-        fit.skew = (sxy + fit.lambda_s2 * self.prior_skew) / fit.spread_s2;
+        fit.skew = (sxy + fit.lambda_s2 * self.prior.ratio) / fit.spread_s2;
         fit.offset_s = my - fit.skew * mx;
         self.fit = Some(fit);
     }
 }
 
 impl Fit {
+    /// σ_s.
+    fn skew_sd(&self) -> f64 {
+        let noise = PING_SIGMA_S / self.spread_s2.sqrt();
+        noise.hypot(2.0 * WANDER_PER_S * self.mean_x_s)
+    }
+
     /// wᵢ of a pair.
     fn weight_of(&self, pair: &Pair, rate_hz: f64) -> f64 {
         let x_s = seconds_between(self.ticks, pair.ticks, rate_hz);

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::clock::BoardClock;
+use super::clock::{BoardClock, Skew};
 use super::event::Refusal;
 use super::wire::{Body, Hello, NO_RIG, Packet, SCHEMA_HASH, Sample, VERSION, flag};
 use crate::signal::{Gripper, Stamp};
@@ -73,6 +73,30 @@ pub struct Peer {
     losses: VecDeque<(Stamp, u64, u64)>,
     /// Boot nonce of the last HELLO: it outlives silence and a closed port.
     last_run: Option<u32>,
+    /// Oscillator of the board that was known last: it outlives them, too.
+    last_clock: Option<KnownClock>,
+}
+
+/// What is known of a board's oscillator once the board is away.
+#[derive(Clone, Copy, Debug)]
+struct KnownClock {
+    /// HELLO of the board.
+    hello: Hello,
+    skew: Skew,
+}
+
+impl KnownClock {
+    /// Skew of the board with this HELLO: known when it is the same run of the same board, or the same board of an arm
+    /// that has a number.
+    fn skew_of(&self, hello: &Hello) -> Skew {
+        let was = &self.hello;
+        let same_board = was.rig == hello.rig && was.tick_rate_hz == hello.tick_rate_hz;
+        match (same_board, was.boot_nonce == hello.boot_nonce) {
+            (true, true) => self.skew.interrupted(),
+            (true, false) if hello.rig != NO_RIG => self.skew.restarted(),
+            _ => Skew::UNKNOWN,
+        }
+    }
 }
 
 /// Run of a board that a HELLO comes from.
@@ -121,11 +145,16 @@ impl Peer {
             samples: VecDeque::new(),
             losses: VecDeque::new(),
             last_run: None,
+            last_clock: None,
         }
     }
 
-    /// Forgets who the board is and its clock; keeps what was counted.
+    /// Forgets who the board is and the time of its clock; keeps what was counted.
     pub(super) fn forget(&mut self) {
+        if let Some(hello) = self.hello {
+            let skew = self.clock.skew();
+            self.last_clock = Some(KnownClock { hello, skew });
+        }
         *self = Self {
             counters: self.counters,
             newest: self.newest,
@@ -135,6 +164,7 @@ impl Peer {
             samples: std::mem::take(&mut self.samples),
             losses: std::mem::take(&mut self.losses),
             last_run: self.last_run,
+            last_clock: self.last_clock,
             ..Self::new(self.board)
         };
     }
@@ -187,7 +217,9 @@ impl Peer {
             return self.refuse(refusal);
         }
         if self.hello.is_none() && hello.tick_rate_hz > 0 {
-            self.clock = BoardClock::new(f64::from(hello.tick_rate_hz));
+            let known = self.last_clock.map(|known| known.skew_of(hello));
+            let rate_hz = f64::from(hello.tick_rate_hz);
+            self.clock = BoardClock::with_skew(rate_hz, known.unwrap_or(Skew::UNKNOWN));
         }
         self.hello = Some(*hello);
         self.configured = hello.config_crc == ours;

@@ -12,6 +12,7 @@ use nix::unistd::ttyname;
 use super::*;
 use crate::link::wire::{NO_RIG, TICK_RATE_HZ, fault};
 use crate::rig::board::{Board, BoardSetup, Readings, SpringReading};
+use crate::rig::clock::Clock;
 use crate::signal::{Gripper, ImuRaw, PressureLimits};
 
 /// How long anything is waited for: it measures nothing.
@@ -49,8 +50,7 @@ impl Rig {
                     id: *id,
                     boot_nonce: nonce,
                     tick_rate_hz: TICK_RATE_HZ,
-                    clock_drift_per_s: 0.0,
-                    clock_skew: 50e-6,
+                    clock: Clock::steady(50e-6),
                     clock_offset_s: 7.0,
                     rig: NO_RIG,
                 })

@@ -8,7 +8,8 @@
 //! **One time base.** Each board samples by its own clock. Every sample is put on the session's
 //! time base by its board's fit. The lowest-numbered board that delivers leads: each of its samples
 //! makes a frame, filled with the other's newest sample if that is at most [`FRESH_S`] old, so one
-//! lost sample is bridged and its age reported in `board_age_s`. If the leader falls silent, the other
+//! lost sample is bridged and its age reported in `board_age_s`. The fits also give the true rates of the clocks that the
+//! springs' gates are counted with. If the leader falls silent, the other
 //! leads. `seq` counts 10 ms slots: a gap in time is a gap in `seq`.
 //!
 //! **Never by itself.** A command is forgotten when a board restarts, falls silent, goes SAFE or
@@ -706,7 +707,8 @@ impl HostSession {
         let mut frame = RawFrame {
             seq,
             stamp,
-            tick_rate_hz: self.peers[board].clock.rate_hz(),
+            tick_rate_hz: self.peers.each_ref().map(|p| p.clock.tick_rate_hz()),
+            tick_rate_sd: self.peers.each_ref().map(|p| p.clock.skew().sd),
             // Of a board never heard: since the session started.
             board_age_s: [stamp.seconds(); BOARDS],
             ..RawFrame::default()

@@ -16,6 +16,7 @@
 //! `tests/it/conformance.rs` holds this board and the firmware to
 //! the same cases.
 
+use super::clock::Clock;
 use crate::link::wire::{
     ALL_BOARDS, Body, Config, Decoder, Hello, LONGEST_TTL_MS, PRELOAD_S, Packet, Received,
     SAMPLE_RATE_HZ, SCHEMA_HASH, SLEW_PA_S, Sample, Setpoint, VENT_PA_S, VENTED_PA, VERSION,
@@ -73,10 +74,8 @@ pub struct BoardSetup {
     pub boot_nonce: u32,
     /// Nominal clock rate, ticks/s.
     pub tick_rate_hz: u32,
-    /// Frequency error of the clock, s/s.
-    pub clock_skew: f64,
-    /// Rate of change of that error, 1/s.
-    pub clock_drift_per_s: f64,
+    /// How fast the clock runs.
+    pub clock: Clock,
     /// Reading of the clock at t = 0, s (any value: it wraps).
     pub clock_offset_s: f64,
     /// Number of the arm in the board's EEPROM.
@@ -273,9 +272,7 @@ impl Board {
 
     /// Board clock at `t_s`, not wrapped.
     fn ticks(&self, t_s: f64) -> f64 {
-        let s = &self.setup;
-        let gained_s = t_s * (s.clock_skew + 0.5 * t_s * s.clock_drift_per_s);
-        let board_s = s.clock_offset_s + t_s + gained_s;
+        let board_s = self.setup.clock_offset_s + self.setup.clock.elapsed_s(t_s);
         board_s * f64::from(self.setup.tick_rate_hz)
     }
 

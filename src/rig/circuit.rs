@@ -147,10 +147,12 @@ pub struct Circuit {
     pub jitter_ticks: f64,
     /// Temperature of each oscillator above that of the bench, K.
     pub temperature_rise_k: [f64; SPRINGS],
-    /// Gate that the board sets, s.
+    /// Gate that the board sets, s of its clock.
     pub gate_s: f64,
-    /// Clock of the counters, Hz.
+    /// Nominal clock of the counters, Hz.
     pub tick_rate_hz: f64,
+    /// Clock seconds per second of the counter that each spring is plugged into.
+    pub clock_rate: [f64; SPRINGS],
 }
 
 impl Circuit {
@@ -168,6 +170,7 @@ impl Circuit {
             temperature_rise_k: [0.0; SPRINGS],
             gate_s: 8.0e-3,
             tick_rate_hz: 2.0e6,
+            clock_rate: [1.0; SPRINGS],
         }
     }
 
@@ -210,9 +213,18 @@ impl Circuit {
         self.oscillators[i].coil_h(length_m)
     }
 
-    /// One reciprocal count per spring: whole periods within the gate, and the ticks they took.
+    /// One reciprocal count per spring by its board's clock: whole periods within the gate, and the ticks they took.
     /// All zero before the first [`Self::step`].
     pub fn read<R: Rng + ?Sized>(&self, rng: &mut R) -> ([u32; SPRINGS], [u32; SPRINGS]) {
+        self.read_by(&self.clock_rate, rng)
+    }
+
+    /// The same by clocks that run at these rates (clock seconds per second).
+    fn read_by<R: Rng + ?Sized>(
+        &self,
+        clock_rate: &[f64; SPRINGS],
+        rng: &mut R,
+    ) -> ([u32; SPRINGS], [u32; SPRINGS]) {
         let mut counts = [0; SPRINGS];
         let mut gates = [0; SPRINGS];
         let Some(felt_m) = self.felt_m else {
@@ -221,11 +233,11 @@ impl Circuit {
         for i in 0..SPRINGS {
             let length_m = felt_m[i] + self.tremble_m * normal(rng);
             let frequency_hz = self.frequency_hz(i, length_m);
-            let periods = (self.gate_s * frequency_hz).floor();
+            let periods = (self.gate_s / clock_rate[i] * frequency_hz).floor();
             // Both edges are caught at the next tick: the first at a random place within its tick.
             let start = rng.random::<f64>();
             let end = start
-                + periods / frequency_hz * self.tick_rate_hz
+                + periods / frequency_hz * self.tick_rate_hz * clock_rate[i]
                 + self.jitter_ticks * normal(rng);
             counts[i] = periods as u32;
             gates[i] = end.floor() as u32;
@@ -272,7 +284,8 @@ impl BenchPlan {
 }
 
 /// Draws all springs up and down on the bench and returns its log as CSV: `spring, direction,
-/// length_mm, frequency_hz` (mean of the readings at the stop). The circuit is left at the last stop.
+/// length_mm, frequency_hz` (mean of the readings at the stop). The bench is an instrument whose own clock is exact. The
+/// circuit is left at the last stop.
 pub fn bench<R: Rng + ?Sized>(circuit: &mut Circuit, plan: &BenchPlan, rng: &mut R) -> String {
     let [low_m, high_m] = plan.range_m;
     let step_m = (high_m - low_m) / (plan.stops.max(2) - 1) as f64;
@@ -292,7 +305,7 @@ pub fn bench<R: Rng + ?Sized>(circuit: &mut Circuit, plan: &BenchPlan, rng: &mut
             circuit.step(plan.dwell_s, &[length_m + slack_m; SPRINGS]);
             let mut sum_hz = [0.0; SPRINGS];
             for _ in 0..plan.readings {
-                let (counts, gates) = circuit.read(rng);
+                let (counts, gates) = circuit.read_by(&[1.0; SPRINGS], rng);
                 for i in 0..SPRINGS {
                     sum_hz[i] += f64::from(counts[i]) * circuit.tick_rate_hz / f64::from(gates[i]);
                 }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use super::board::{CHAMBERS_EACH, Readings};
+use super::clock::Clock;
 use crate::link::wire::imu_codes;
 use crate::signal::Gripper;
 
@@ -55,8 +56,8 @@ pub struct FirmwareBoard {
     process: Child,
     requests: BufWriter<ChildStdin>,
     answers: BufReader<ChildStdout>,
-    /// Frequency error of the clock, s/s.
-    skew: f64,
+    /// How fast the clock runs.
+    clock: Clock,
     /// Cycles to run.
     asked: f64,
     line: Vec<u8>,
@@ -67,11 +68,11 @@ pub struct FirmwareBoard {
 
 impl FirmwareBoard {
     /// Starts the firmware in `folder` (`board.elf` and `simhost`) as board `id` (0-based) of the arm of this number,
-    /// whose clock runs `skew` (s/s) too fast.
+    /// whose chip runs by `clock`.
     ///
     /// # Errors
     /// [`FirmwareError`] when the process cannot be started.
-    pub fn start(folder: &Path, id: usize, skew: f64, rig: u32) -> Result<Self, FirmwareError> {
+    pub fn start(folder: &Path, id: usize, clock: Clock, rig: u32) -> Result<Self, FirmwareError> {
         let failed = |source| FirmwareError {
             folder: folder.to_owned(),
             source,
@@ -93,7 +94,7 @@ impl FirmwareBoard {
             process,
             requests: BufWriter::new(stdin),
             answers: BufReader::new(stdout),
-            skew,
+            clock,
             asked: 0.0,
             line: Vec::new(),
             pins: Pins::default(),
@@ -108,7 +109,7 @@ impl FirmwareBoard {
 
     /// Runs up to `t_s` of the rig's time with these readings; gives what the board sends.
     pub fn poll(&mut self, t_s: f64, readings: &Readings) -> Vec<u8> {
-        let until = t_s * CLOCK_HZ * (1.0 + self.skew);
+        let until = self.clock.elapsed_s(t_s) * CLOCK_HZ;
         let cycles = ((until - self.asked).max(0.0) as u64).min(MAX_CYCLES);
         if self.dead || cycles == 0 {
             return Vec::new();
@@ -139,7 +140,7 @@ impl FirmwareBoard {
     fn start_over(&mut self, t_s: f64, request: &[u8]) {
         self.line.clear();
         // The time in which it did not run is not made up for.
-        self.asked = t_s * CLOCK_HZ * (1.0 + self.skew);
+        self.asked = self.clock.elapsed_s(t_s) * CLOCK_HZ;
         self.dead |= self.request(request).is_err();
     }
 

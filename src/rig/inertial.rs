@@ -2,8 +2,9 @@
 //!
 //! An IMU reads f = S_a M (Rᵀ (a − g)) + b_a + n_a and ω = S_g M R_i ω_pad + b_g + n_g in its own
 //! axes: R_i the nominal mounting, M a small misalignment, S the scale errors, b the biases (the
-//! gyro's walks slowly), n white noise. The figures are those of a common consumer part after its
-//! factory offsets were removed.
+//! gyro's walks slowly), n white noise. [`InertialErrors::as_delivered`] has the tolerances of an MPU-6050 (InvenSense,
+//! PS-MPU-6000A-00 rev. 3.4, tables 6.1 and 6.2); [`InertialErrors::zeroed`] those of such a part after its offsets were
+//! removed.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
@@ -12,7 +13,7 @@ use rand_pcg::Pcg64;
 use super::multibody::arm::GRAVITY_M_S2;
 use super::noise::{Wander, normal3};
 use crate::robot::{PadId, RobotSpec};
-use crate::signal::{IMUS, ImuRaw};
+use crate::signal::{IMUS, ImuRaw, stream};
 
 /// Motion of a pad, in the pad's own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +59,12 @@ pub struct InertialErrors {
     pub accel_bias_m_s2: f64,
     /// Relative scale error.
     pub scale_ratio: f64,
+    /// Largest zero rate of each axis, rad/s (uniform up to it).
+    pub gyro_zero_max_rad_s: f64,
+    /// Largest zero of the accelerometer along x, y and z, m/s² (uniform up to it).
+    pub accel_zero_max_m_s2: [f64; 3],
+    /// Largest relative scale error of each axis of gyro and accelerometer (uniform up to it).
+    pub scale_max_ratio: f64,
     /// Largest angle between the nominal mounting and the real one, rad.
     pub misalignment_max_rad: f64,
     /// Rail of the gyro, rad/s.
@@ -68,6 +75,13 @@ pub struct InertialErrors {
 
 impl Default for InertialErrors {
     fn default() -> Self {
+        Self::zeroed()
+    }
+}
+
+impl InertialErrors {
+    /// Of a part whose offsets were removed.
+    pub fn zeroed() -> Self {
         Self {
             gyro_noise_rad_s: 0.04_f64.to_radians(),
             // 3 deg/min
@@ -76,14 +90,28 @@ impl Default for InertialErrors {
             accel_noise_m_s2: 0.03,
             accel_bias_m_s2: 0.01,
             scale_ratio: 0.003,
+            gyro_zero_max_rad_s: 0.0,
+            accel_zero_max_m_s2: [0.0; 3],
+            scale_max_ratio: 0.0,
             misalignment_max_rad: 0.3_f64.to_radians(),
             gyro_rail_rad_s: 500.0_f64.to_radians(),
             accel_rail_m_s2: 4.0 * GRAVITY_M_S2,
         }
     }
-}
 
-impl InertialErrors {
+    /// Of a part as the manufacturer delivers it.
+    pub fn as_delivered() -> Self {
+        Self {
+            gyro_bias_rad_s: 0.0,
+            accel_bias_m_s2: 0.0,
+            scale_ratio: 0.0,
+            gyro_zero_max_rad_s: 20.0_f64.to_radians(),
+            accel_zero_max_m_s2: [0.050, 0.050, 0.080].map(|g| g * GRAVITY_M_S2),
+            scale_max_ratio: 0.03,
+            ..Self::zeroed()
+        }
+    }
+
     /// Perfect sensors.
     pub fn none() -> Self {
         Self {
@@ -94,7 +122,7 @@ impl InertialErrors {
             accel_bias_m_s2: 0.0,
             scale_ratio: 0.0,
             misalignment_max_rad: 0.0,
-            ..Self::default()
+            ..Self::zeroed()
         }
     }
 }
@@ -128,17 +156,30 @@ impl Inertial {
     /// Draws the constant errors of four IMUs. The seed stands for the unit.
     pub fn new(spec: &RobotSpec, seed: u64, errors: InertialErrors) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
+        // Apart, so that mountings do not depend on it.
+        let mut delivery = stream(seed, 0x6050);
+        let mut within = |most: [f64; 3]| {
+            Vector3::from(most.map(|most| most * delivery.random_range(-1.0..=1.0)))
+        };
         let units = std::array::from_fn(|i| {
+            let gyro_zero = within([errors.gyro_zero_max_rad_s; 3]);
+            let accel_zero = within(errors.accel_zero_max_m_s2);
+            let gyro_scale = within([errors.scale_max_ratio; 3]);
+            let accel_scale = within([errors.scale_max_ratio; 3]);
             let mount = &spec.imus[i];
             let axis = normal3(&mut rng);
             let tilt = axis.normalize() * (errors.misalignment_max_rad * rng.random::<f64>());
             Unit {
                 pad: mount.pad,
                 imu_from_pad: (mount.pad_from_imu * Rotation3::new(tilt)).inverse(),
-                gyro_scale: Vector3::repeat(1.0) + normal3(&mut rng) * errors.scale_ratio,
-                accel_scale: Vector3::repeat(1.0) + normal3(&mut rng) * errors.scale_ratio,
-                gyro_bias_rad_s: normal3(&mut rng) * errors.gyro_bias_rad_s,
-                accel_bias_m_s2: normal3(&mut rng) * errors.accel_bias_m_s2,
+                gyro_scale: Vector3::repeat(1.0)
+                    + normal3(&mut rng) * errors.scale_ratio
+                    + gyro_scale,
+                accel_scale: Vector3::repeat(1.0)
+                    + normal3(&mut rng) * errors.scale_ratio
+                    + accel_scale,
+                gyro_bias_rad_s: normal3(&mut rng) * errors.gyro_bias_rad_s + gyro_zero,
+                accel_bias_m_s2: normal3(&mut rng) * errors.accel_bias_m_s2 + accel_zero,
                 drift_rad_s: 0.0,
                 wander: Wander::new(DRIFT_TAU_S, &mut rng),
                 seat_rad: Vector3::zeros(),
@@ -231,6 +272,56 @@ mod tests {
         assert!((raw[1].accel_m_s2[1] - GRAVITY_M_S2).abs() < 1e-12);
     }
 
+    /// At rest over all units: the range of the data sheet is filled and never left, and mountings are those of the
+    /// parts that were zeroed.
+    #[test]
+    fn parts_as_delivered_fill_the_tolerances_of_the_data_sheet() {
+        let spec = RobotSpec::reference();
+        let quiet = InertialErrors {
+            gyro_noise_rad_s: 0.0,
+            gyro_walk_rad_s_rt_s: 0.0,
+            accel_noise_m_s2: 0.0,
+            misalignment_max_rad: 0.0,
+            ..InertialErrors::as_delivered()
+        };
+        let mut rng = Pcg64::seed_from_u64(1);
+        let (mut rate, mut off, mut gain) = ([0.0_f64; 3], [0.0_f64; 3], [0.0_f64; 2]);
+        for unit in 0..60 {
+            let mut imus = Inertial::new(&spec, unit, quiet.clone());
+            for (i, raw) in imus
+                .read(0.01, &still(), &still(), &mut rng)
+                .iter()
+                .enumerate()
+            {
+                let up = imus.units[i].imu_from_pad * Vector3::z() * GRAVITY_M_S2;
+                for k in 0..3 {
+                    rate[k] = rate[k].max(raw.gyro_rad_s[k].to_degrees().abs());
+                    if up[k].abs() < 1e-9 {
+                        off[k] = off[k].max(raw.accel_m_s2[k].abs() / GRAVITY_M_S2);
+                    }
+                }
+                let unit = &imus.units[i];
+                for (most, scale) in gain.iter_mut().zip([unit.gyro_scale, unit.accel_scale]) {
+                    *most = most.max((scale - Vector3::repeat(1.0)).amax());
+                }
+            }
+            let mounted = |errors| Inertial::new(&spec, unit, errors).pad_from_imu(3);
+            let zeroed = mounted(InertialErrors::zeroed());
+            assert_eq!(mounted(InertialErrors::as_delivered()), zeroed);
+        }
+        assert!(
+            rate.iter().all(|r| (18.0..=20.0).contains(r)),
+            "{rate:?} deg/s"
+        );
+        // The second of a pair has its y upwards, the first its z.
+        let near = |most: f64, at: f64| (0.9 * at..=at + 1e-9).contains(&most);
+        assert!(
+            near(off[0], 0.05) && near(off[1], 0.05) && near(off[2], 0.08),
+            "{off:?} g"
+        );
+        assert!(gain.iter().all(|g| (0.028..=0.03).contains(g)), "{gain:?}");
+    }
+
     #[test]
     fn rates_turn_with_the_mounting_and_rails_hold() {
         let spec = RobotSpec::reference();
@@ -256,7 +347,7 @@ mod tests {
     fn drift_is_a_few_degrees_per_minute_and_misalignment_is_bounded() {
         let spec = RobotSpec::reference();
         let mut rng = Pcg64::seed_from_u64(3);
-        let mut imus = Inertial::new(&spec, 7, InertialErrors::default());
+        let mut imus = Inertial::new(&spec, 7, InertialErrors::zeroed());
         let n = 6000;
         let mut turned = [Vector3::zeros(); IMUS];
         for _ in 0..n {

@@ -11,6 +11,7 @@
 pub mod board;
 mod capture;
 pub mod circuit;
+pub mod clock;
 pub mod faults;
 pub mod firmware;
 pub mod hidden;
@@ -28,10 +29,13 @@ use nalgebra::Vector3;
 use rand_pcg::Pcg64Mcg;
 
 use crate::robot::RobotSpec;
-use crate::signal::{BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, TruthSource, stream};
+use crate::signal::{
+    BOARDS, CHAMBERS, Gripper, GroundTruth, Pose, TruthSource, board_of_spring, stream,
+};
 use board::{Board, BoardSetup, CHAMBERS_EACH, Readings, SpringReading};
 use capture::{Capture, FRAME_S};
 use circuit::{Circuit, USUAL_SCATTER};
+use clock::Clock;
 use faults::{BoardEvent, Faults};
 use firmware::{FirmwareBoard, FirmwareError};
 use hidden::{Defects, Hidden};
@@ -46,8 +50,6 @@ use springs::Springs;
 pub const PHYSICS_STEP_S: f64 = 0.01;
 /// Clock rate of the boards, ticks/s.
 const TICK_RATE_HZ: u32 = 2_000_000;
-/// Frequency errors of the boards' clocks, s/s.
-const CLOCK_SKEW: [f64; BOARDS] = [38e-6, -21e-6];
 /// Standard deviation of the gauges' noise, and their resolution, Pa.
 const GAUGE_NOISE_PA: f64 = 30.0;
 const GAUGE_STEP_PA: f64 = 10.0;
@@ -70,6 +72,17 @@ pub struct RigOptions {
     pub objects: Vec<Object>,
     /// What is wrong with it, and from when on.
     pub hidden: Vec<Hidden>,
+    /// Clocks of the boards; without them those of the unit.
+    pub clocks: Option<[Clock; BOARDS]>,
+    /// Errors of the IMUs.
+    pub inertial: InertialErrors,
+}
+
+impl RigOptions {
+    /// Clocks of the boards.
+    pub fn clocks(&self) -> [Clock; BOARDS] {
+        self.clocks.unwrap_or_else(|| Clock::of_unit(self.unit.0))
+    }
 }
 
 /// Something that the gripper can pick up.
@@ -117,6 +130,7 @@ pub struct VirtualRig {
     circuit: Circuit,
     inertial: Inertial,
     capture: Capture,
+    clocks: [Clock; BOARDS],
     /// What is hidden, and how much of it has begun.
     hidden: Vec<Hidden>,
     begun: usize,
@@ -243,14 +257,14 @@ impl VirtualRig {
     }
 
     fn around(plant: Plant, robot: &RobotSpec, options: &RigOptions) -> Self {
-        // Boards are switched on at different times and no two quartzes agree.
+        let clocks = options.clocks();
+        // Boards are switched on at different times and no two resonators agree.
         let board = |id: u8, clock_offset_s: f64| {
             RigBoard::Emulated(Box::new(Board::new(BoardSetup {
                 id,
                 boot_nonce: (options.seed as u32).wrapping_mul(2_654_435_761) ^ u32::from(id),
                 tick_rate_hz: TICK_RATE_HZ,
-                clock_skew: CLOCK_SKEW[usize::from(id)],
-                clock_drift_per_s: 0.0,
+                clock: clocks[usize::from(id)],
                 clock_offset_s,
                 rig: options.unit.0 as u32,
             })))
@@ -260,8 +274,9 @@ impl VirtualRig {
             springs: Springs::new(unit, robot.rest_length_m, &plant.truth().spring_m),
             plant,
             circuit: circuit_of(robot, options.unit),
-            inertial: Inertial::new(robot, unit, InertialErrors::default()),
+            inertial: Inertial::new(robot, unit, options.inertial.clone()),
             capture: Capture::new(unit, options.seed),
+            clocks,
             hidden: options.hidden.clone(),
             begun: 0,
             faults: Faults::new(options.seed),
@@ -343,7 +358,7 @@ impl VirtualRig {
     /// [`FirmwareError`] when it cannot be started.
     pub fn use_firmware(&mut self, folder: &Path) -> Result<(), FirmwareError> {
         for (id, board) in self.boards.iter_mut().enumerate() {
-            let board_of_arm = FirmwareBoard::start(folder, id, CLOCK_SKEW[id], self.number)?;
+            let board_of_arm = FirmwareBoard::start(folder, id, self.clocks[id], self.number)?;
             *board = RigBoard::Firmware(board_of_arm);
         }
         Ok(())
@@ -423,11 +438,12 @@ impl VirtualRig {
     /// Set pressures of the boards, Pa; `None`: pumps off.
     pub fn set_pa(&self) -> [Option<f64>; CHAMBERS] {
         std::array::from_fn(|i| {
-            let powered = (!self.faults.is_off(i / 3)).then(|| &self.boards[i / 3]);
+            let b = self.faults.across(i / CHAMBERS_EACH);
+            let powered = (!self.faults.is_off(b)).then(|| &self.boards[b]);
             let board = powered.filter(|b| b.supplies())?;
             let stuck = self.faults.ignores_enable();
             let driven_pa = board.setpoint_pa().or(stuck.then(|| board.regulators_pa()));
-            driven_pa.map(|p| p[i % 3])
+            driven_pa.map(|p| p[i % CHAMBERS_EACH])
         })
     }
 
@@ -437,6 +453,12 @@ impl VirtualRig {
             let powered = (!self.faults.is_off(b)).then(|| &self.boards[b]);
             powered.and_then(RigBoard::setpoint_pa)
         })
+    }
+
+    /// Ticks per second of each board's clock at present.
+    pub fn tick_rate_hz(&self) -> [f64; BOARDS] {
+        let t_s = self.t_s();
+        self.clocks.map(|c| f64::from(TICK_RATE_HZ) * c.rate(t_s))
     }
 
     /// Time of the physics, s.
@@ -505,6 +527,10 @@ impl VirtualRig {
         self.circuit.temperature_rise_k =
             self.springs.temperature_rise_k(t_s, &self.circuit, defects);
         self.circuit.step(PHYSICS_STEP_S, &read_m);
+        self.circuit.clock_rate = std::array::from_fn(|i| {
+            let board = self.faults.across(board_of_spring(i));
+            self.clocks[board].rate(t_s)
+        });
         let (counts, gates) = self.circuit.read(&mut self.rng);
         let [middle, end] = self.plant.pads();
         let imu = self
@@ -515,15 +541,16 @@ impl VirtualRig {
             (noisy / GAUGE_STEP_PA).round() * GAUGE_STEP_PA
         });
         for b in 0..BOARDS {
+            let s = self.faults.across(b);
             let readings = Readings {
                 springs: std::array::from_fn(|k| {
                     Some(SpringReading {
-                        count: counts[6 * b + k],
-                        gate_ticks: gates[6 * b + k],
+                        count: counts[6 * s + k],
+                        gate_ticks: gates[6 * s + k],
                     })
                 }),
-                imus: std::array::from_fn(|k| Some(imu[2 * b + k])),
-                chamber_pa: std::array::from_fn(|k| Some(gauge_pa[3 * b + k])),
+                imus: std::array::from_fn(|k| Some(imu[2 * s + k])),
+                chamber_pa: std::array::from_fn(|k| Some(gauge_pa[3 * s + k])),
                 stop_open: false,
             };
             self.readings[b] = self.faults.read(b, self.t_s(), readings);
@@ -532,67 +559,4 @@ impl VirtualRig {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_gripper_takes_what_is_in_its_reach_and_leaves_the_rest() {
-        let robot = RobotSpec::reference();
-        let tip_m = VirtualRig::new(&robot, &RigOptions::default())
-            .expect("settles")
-            .plant
-            .truth()
-            .base_from_tip()
-            .translation
-            .vector;
-        let object = |off_m: f64| Object {
-            grasp_m: (tip_m + Vector3::x() * off_m).into(),
-            mass_kg: 0.2,
-            held: false,
-        };
-        for (off_m, held) in [(8e-3, true), (12e-3, false)] {
-            let options = RigOptions {
-                objects: vec![object(off_m)],
-                ..RigOptions::default()
-            };
-            let mut rig = VirtualRig::new(&robot, &options).expect("settles");
-            // 0.2 kg take 0.2 s to come onto the gripper.
-            for _ in 0..30 {
-                rig.grip(Gripper::Closed);
-            }
-            assert_eq!(rig.objects()[0].held, held, "{off_m}");
-            let payload_kg = rig.plant.surroundings.payload_kg;
-            assert!(
-                (payload_kg - if held { 0.2 } else { 0.0 }).abs() < 1e-9,
-                "{payload_kg}"
-            );
-            for _ in 0..30 {
-                rig.grip(Gripper::Open);
-            }
-            assert!(rig.plant.surroundings.payload_kg.abs() < 1e-9 && !rig.objects()[0].held);
-            let left_m = Vector3::from(rig.objects()[0].grasp_m);
-            assert_eq!(
-                left_m == tip_m,
-                held,
-                "what was held lies where it was let go"
-            );
-        }
-    }
-
-    #[test]
-    fn a_stiffer_arm_gives_way_less() {
-        let robot = RobotSpec::reference();
-        let bend_m = |stiffness: f64| {
-            let mut options = RigOptions::default();
-            options.surroundings.stiffness = stiffness;
-            let mut rig = VirtualRig::new(&robot, &options).expect("settles");
-            rig.settle_at(&[15e3, -15e3, -15e3, 0.0, 0.0, 0.0])
-                .expect("settles");
-            rig.plant.truth().base_from_tip().translation.x
-        };
-        let ratio = bend_m(0.5) / bend_m(1.0);
-        assert!((1.5..2.5).contains(&ratio), "{ratio}");
-        let ratio = bend_m(2.0) / bend_m(1.0);
-        assert!((0.4..0.6).contains(&ratio), "{ratio}");
-    }
-}
+mod tests;

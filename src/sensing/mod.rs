@@ -43,7 +43,7 @@ use spring::SpringReading;
 use crate::robot::RobotSpec;
 use crate::signal::{
     BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, ImuRaw, Pose, RawFrame, SIGNALS, SPRINGS,
-    SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD, ypr_from_rotation,
+    SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
 };
 
 /// Gauge pressures outside of this are not pressures, Pa (a gauge cannot read below vacuum).
@@ -285,11 +285,11 @@ impl Sensing {
             samples: [Sample::Lost; IMUS],
         };
         for i in 0..SPRINGS {
-            let board = board[i / LEGS];
+            let board = board[board_of_spring(i)];
             let delivered = frame.has_spring(i) && board != ChannelHealth::Missing;
             let calibration = self.calibration.spring(i).filter(|_| delivered);
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
-            let rate_hz = frame.tick_rate_hz;
+            let rate_hz = frame.spring_tick_rate_hz(i);
             let read = spring::read(calibration, n, ticks, rate_hz);
             let length_m = match read {
                 SpringReading::Length(length_m) => Some(length_m),
@@ -302,10 +302,13 @@ impl Sensing {
                 SpringReading::Length(_) => board,
             };
             out.resolution_m[i] = spring::resolution_m(calibration, n, ticks, rate_hz);
+            // As far as the rate of the board's clock is not known.
+            let clock_m =
+                out.resolution_m[i] * f64::from(ticks) * frame.tick_rate_sd[board_of_spring(i)];
             out.readings[i] = length_m.map(|value_m| Reading::Length {
                 spring: i,
                 value_m,
-                variance: self.length_noise[i].variance(),
+                variance: self.length_noise[i].variance() + clock_m * clock_m,
             });
         }
         for i in 0..IMUS {

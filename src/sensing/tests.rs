@@ -46,7 +46,7 @@ impl Rig {
         let spec = RobotSpec::reference();
         Self {
             circuit: Circuit::new(&spec, 1, USUAL_SCATTER),
-            inertial: Inertial::new(&spec, 2, InertialErrors::default()),
+            inertial: Inertial::new(&spec, 2, InertialErrors::zeroed()),
             rng: Pcg64::seed_from_u64(3),
             frame: 0,
             path,
@@ -93,7 +93,8 @@ impl Rig {
             stamp: Stamp::from_seconds(t),
             spring_counts: counts,
             spring_gate_ticks: gates,
-            tick_rate_hz: self.circuit.tick_rate_hz,
+            tick_rate_hz: [self.circuit.tick_rate_hz; BOARDS],
+            tick_rate_sd: [0.0; BOARDS],
             imu: self
                 .inertial
                 .read(DT_S, &motion[0], &motion[1], &mut self.rng),
@@ -435,7 +436,8 @@ proptest! {
                 stamp: Stamp::from_seconds(0.01 * k as f64),
                 spring_counts: counts,
                 spring_gate_ticks: gates,
-                tick_rate_hz: if k % 3 == 0 { rate } else { 2.0e6 },
+                tick_rate_hz: [if k % 3 == 0 { rate } else { 2.0e6 }, 2.0e6],
+                tick_rate_sd: [0.0, if k % 5 == 0 { rate } else { 0.0 }],
                 imu: std::array::from_fn(|i| crate::signal::ImuRaw {
                     gyro_rad_s: three(6 * i),
                     accel_m_s2: three(6 * i + 3),

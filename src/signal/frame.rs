@@ -29,8 +29,10 @@ pub struct RawFrame {
     pub spring_counts: [u32; SPRINGS],
     /// Length of each spring's gate in clock ticks of its board.
     pub spring_gate_ticks: [u32; SPRINGS],
-    /// Clock ticks per second of the boards.
-    pub tick_rate_hz: f64,
+    /// Ticks per second of each board's clock, on the session's time base.
+    pub tick_rate_hz: [f64; BOARDS],
+    /// Relative standard deviation of each of them, s/s; 0 where it is taken as exact.
+    pub tick_rate_sd: [f64; BOARDS],
     /// Raw inertial readings.
     pub imu: [ImuRaw; IMUS],
     /// Gauge pressure of each chamber, Pa.
@@ -46,6 +48,11 @@ pub struct RawFrame {
 impl RawFrame {
     /// `present` with every channel delivered.
     pub const ALL_PRESENT: u32 = (1 << (SPRINGS + IMUS + CHAMBERS)) - 1;
+
+    /// Ticks per second of the clock that counts spring `i` (0-based).
+    pub fn spring_tick_rate_hz(&self, i: usize) -> f64 {
+        self.tick_rate_hz[board_of_spring(i)]
+    }
 
     /// Whether spring `i` (0-based) was delivered.
     pub fn has_spring(&self, i: usize) -> bool {
@@ -178,6 +185,11 @@ impl SensorFrame {
         let (springs, imus) = self.extra_sigma.split_at(SPRINGS);
         springs.iter().any(|sd| *sd >= UNKNOWN_M) || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)
     }
+}
+
+/// The board (0-based) that counts spring `i` (0-based).
+pub fn board_of_spring(i: usize) -> usize {
+    i / (SPRINGS / BOARDS)
 }
 
 /// Name of a spring (0-based) as on the screens: pair (1 to 6) and A or B.

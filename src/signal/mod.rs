@@ -24,7 +24,7 @@ pub use dataset::{Dataset, Sample};
 pub use exactly::exactly;
 pub use frame::{
     BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M,
-    UNKNOWN_RAD, spring_name,
+    UNKNOWN_RAD, board_of_spring, spring_name,
 };
 pub use hex::hex;
 pub use pose::{

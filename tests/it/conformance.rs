@@ -10,6 +10,7 @@ use springtwin::link::wire::{
 };
 use springtwin::rig::RigBoard;
 use springtwin::rig::board::{Board, BoardSetup, Readings, SpringReading};
+use springtwin::rig::clock::Clock;
 use springtwin::rig::firmware::FirmwareBoard;
 use springtwin::signal::{Gripper, ImuRaw};
 
@@ -60,13 +61,12 @@ impl Bench {
                 id,
                 boot_nonce: 77 + u32::from(id),
                 tick_rate_hz: 2_000_000,
-                clock_skew: 0.0,
-                clock_drift_per_s: 0.0,
+                clock: Clock::default(),
                 clock_offset_s: 0.0,
                 rig: ARM,
             }))),
             Kind::Firmware => RigBoard::Firmware(
-                FirmwareBoard::start(&firmware_folder(), usize::from(id), 0.0, ARM)
+                FirmwareBoard::start(&firmware_folder(), usize::from(id), Clock::default(), ARM)
                     .expect("starts"),
             ),
         };

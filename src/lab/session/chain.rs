@@ -254,7 +254,8 @@ impl<'a> Chain<'a> {
             return f64::NAN;
         }
         let (count, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-        match read(self.calibration.spring(i), count, ticks, raw.tick_rate_hz) {
+        let rate_hz = raw.spring_tick_rate_hz(i);
+        match read(self.calibration.spring(i), count, ticks, rate_hz) {
             SpringReading::Length(length_m) => length_m,
             SpringReading::OutOfRange | SpringReading::Nothing => f64::NAN,
         }

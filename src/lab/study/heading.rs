@@ -72,7 +72,7 @@ fn find(setup: &mut Setup) -> Result<Found> {
             ],
         );
     }
-    let bias_deg_s = InertialErrors::default().gyro_bias_rad_s.to_degrees();
+    let bias_deg_s = InertialErrors::zeroed().gyro_bias_rad_s.to_degrees();
     found.notes.push(format!(
         "{SECONDS:.0} s of motion at 5 mm/s of each test unit, {} frames scored; worst and RMS over all units. Every gyro has a bias of {bias_deg_s} deg/s about its axes, which \
          walks: some {:.0} deg of heading over the motion without help. The filter has no magnetometer; the springs' pad \

@@ -10,6 +10,7 @@ use rand_pcg::Pcg64;
 use super::*;
 use crate::link::wire::{NO_RIG, TICK_RATE_HZ};
 use crate::rig::board::{Board, BoardSetup, Readings, SpringReading};
+use crate::rig::clock::{Clock, WARM_UP_S};
 use crate::signal::{ImuRaw, PressureLimits};
 
 const STEP_S: f64 = 0.5e-3;
@@ -54,8 +55,7 @@ fn board_setup(id: u8, skew: f64) -> BoardSetup {
         id,
         boot_nonce: 100 + u32::from(id),
         tick_rate_hz: TICK_RATE_HZ,
-        clock_skew: skew,
-        clock_drift_per_s: 0.0,
+        clock: Clock::steady(skew),
         // Just before a wrap.
         clock_offset_s: 2147.0 + f64::from(id),
         rig: NO_RIG,

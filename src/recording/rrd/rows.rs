@@ -190,8 +190,11 @@ impl Rows {
             let gyro: Vec<f64> = raw.imu.iter().flat_map(|i| i.gyro_rad_s).collect();
             let accel: Vec<f64> = raw.imu.iter().flat_map(|i| i.accel_m_s2).collect();
             let [age_0, age_1] = raw.board_age_s;
-            let frame = [raw.tick_rate_hz, age_0, age_1];
-            let all = [&gyro[..], &accel, &raw.chamber_pa, &frame].concat();
+            let [rate_0, rate_1] = raw.tick_rate_hz;
+            let [sd_0, sd_1] = raw.tick_rate_sd;
+            let frame = [rate_0, age_0, age_1];
+            let clocks = [rate_0, rate_1, sd_0, sd_1];
+            let all = [&gyro[..], &accel, &raw.chamber_pa, &frame, &clocks].concat();
             if self.sound(&all) {
                 let counts = raw.spring_counts.map(f64::from);
                 let gates = raw.spring_gate_ticks.map(f64::from);
@@ -202,6 +205,7 @@ impl Rows {
                     i64::from(raw.faults),
                 ];
                 self.tables[table::RAW_FRAME].push(t, &[], &frame, &ints);
+                self.tables[table::CLOCKS].push(t, &[], &clocks, &[]);
                 self.tables[table::COUNTS].push(t, &counts, &[], &[]);
                 self.tables[table::GATES].push(t, &gates, &[], &[]);
                 self.tables[table::GYRO].push(t, &gyro, &[], &[]);

@@ -8,7 +8,8 @@
 //! | entity | scalars | entity | exact | ints |
 //! |---|---|---|---|---|
 //! | `/sensors/raw/spring_counts`, `gate_ticks`, `gyro_rad_s`, `accel_m_s2`, `pressure_pa` | 12, 12, 12, 12, 6 | | | |
-//! | | | `/sensors/raw/frame` | tick rate Hz, two board ages s | sequence number, stamp ns, present, faults |
+//! | | | `/sensors/raw/frame` | tick rate of board 1 Hz, two board ages s | sequence number, stamp ns, present, faults |
+//! | | | `/sensors/raw/clocks` | ticks per second of each board's clock, and their relative standard deviations (older recordings lack them) | |
 //! | `/sensors/spring_mm` | 12 | `/si/sensors/spring_m` | 12 | |
 //! | `/sensors/imu_deg` | 4 x yaw, pitch, roll | `/si/sensors/imu_rad` | 12 | |
 //! | | | `/sensors/health` | | stamp ns, 12 springs, 4 IMUs, 6 chambers |
@@ -104,12 +105,13 @@ pub(super) mod table {
     pub(crate) const GOAL: usize = 17;
     pub(crate) const SPRING_REF: usize = 18;
     pub(crate) const IMU_REF: usize = 19;
+    pub(crate) const CLOCKS: usize = 20;
     /// Last, so that it is written last.
-    pub(crate) const TICK: usize = 20;
+    pub(crate) const TICK: usize = 21;
 }
 
 /// All tables, in the order in which a batch is written.
-pub(super) const SPECS: [Spec; 21] = [
+pub(super) const SPECS: [Spec; 22] = [
     hidden("/sensors/raw/frame", 3, 4),
     plain("/sensors/raw/spring_counts", 12),
     plain("/sensors/raw/gate_ticks", 12),
@@ -142,6 +144,7 @@ pub(super) const SPECS: [Spec; 21] = [
         0,
     ),
     both("/control/imu_ref_deg", 12, "/si/control/imu_ref_rad", 12, 0),
+    hidden("/sensors/raw/clocks", 4, 0),
     hidden("/tick", 5, 3),
 ];
 

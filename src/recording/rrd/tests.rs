@@ -125,7 +125,8 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             stamp: stamp.plus(-0.003),
             spring_counts: std::array::from_fn(|_| rng.random()),
             spring_gate_ticks: std::array::from_fn(|_| rng.random()),
-            tick_rate_hz: 2e6,
+            tick_rate_hz: [2.003e6, 1.998e6],
+            tick_rate_sd: [3e-6, 4e-6],
             imu: std::array::from_fn(|_| ImuRaw {
                 gyro_rad_s: std::array::from_fn(|_| rng.random_range(-1.0..1.0)),
                 accel_m_s2: std::array::from_fn(|_| rng.random_range(-9.0..9.0)),

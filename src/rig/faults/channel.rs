@@ -81,7 +81,8 @@ impl<T: Reading> Channel<T> {
             | Word::Open
             | Word::Reboot
             | Word::Dtr
-            | Word::Vents => fresh,
+            | Word::Vents
+            | Word::Exchanged => fresh,
         }
     }
 }

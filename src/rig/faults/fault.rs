@@ -1,5 +1,7 @@
 //! A fault: its place, its kind and its amount.
 
+use crate::signal::{BOARDS, IMUS, SPRINGS};
+
 /// Place of a fault. Indices are 0-based.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
@@ -19,6 +21,10 @@ pub enum Place {
     Supply,
     /// The emergency stop's contact to a board.
     Stop(usize),
+    /// The counter of a board's six springs.
+    Counter(usize),
+    /// The segments that the boards are plugged into.
+    Segments,
 }
 
 /// Kind of fault.
@@ -54,6 +60,8 @@ pub enum Word {
     Dtr,
     /// Lets the air out while it is off.
     Vents,
+    /// Is plugged in where another one belongs, and that one here.
+    Exchanged,
 }
 
 /// A fault with its amount.
@@ -102,7 +110,14 @@ pub fn amount(place: Place, word: Word) -> Option<Amount> {
         (Place::Port, Word::Dtr) => of(1.0, 0.0, 10.0, "s"),
         (Place::Gauge(_) | Place::Stop(_), Word::Open) => none,
         (Place::Supply, Word::Vents) => of(20.0, 0.0, 1000.0, "l/min at 20 kPa"),
-        (Place::Port | Place::Supply | Place::Stop(_), _) => None,
+        (Place::Counter(_), Word::Stuck) | (Place::Segments, Word::Exchanged) => none,
+        (Place::Spring(i), Word::Exchanged) => {
+            partner(i, SPRINGS / BOARDS, "number of the other spring")
+        }
+        (Place::Imu(i), Word::Exchanged) => partner(i, IMUS / BOARDS, "number of the other IMU"),
+        (Place::Port | Place::Supply | Place::Stop(_) | Place::Counter(_) | Place::Segments, _) => {
+            None
+        }
         (Place::Board(_), Word::Reboot) => of(0.05, 0.0, 60.0, "s"),
         (_, Word::Off | Word::Stuck | Word::Garbage) => none,
         (_, Word::Delayed) => of(0.1, 0.0, 10.0, "s"),
@@ -127,7 +142,19 @@ pub fn amount(place: Place, word: Word) -> Option<Amount> {
             | Word::Open
             | Word::Reboot
             | Word::Dtr
-            | Word::Vents,
+            | Word::Vents
+            | Word::Exchanged,
         ) => None,
     }
+}
+
+/// Number of a sensor of the same board, of which each has `each`; usually the one beside channel `i` (0-based).
+fn partner(i: usize, each: usize, unit: &'static str) -> Option<Amount> {
+    let first = i - i % each;
+    Some(Amount {
+        usual: ((i ^ 1) + 1) as f64,
+        min: (first + 1) as f64,
+        max: (first + each) as f64,
+        unit,
+    })
 }

@@ -86,7 +86,13 @@ impl Line {
             }
             None
             | Some((
-                Word::Leak | Word::Jump | Word::Open | Word::Reboot | Word::Dtr | Word::Vents,
+                Word::Leak
+                | Word::Jump
+                | Word::Open
+                | Word::Reboot
+                | Word::Dtr
+                | Word::Vents
+                | Word::Exchanged,
                 _,
             )) => {
                 let mut out = self.arrive(|_, _| true);

@@ -14,6 +14,7 @@
 //! | reboot | | | it has no power for so many seconds |
 //! | twice, swapped | | | this share of frames comes twice, or after the next one |
 //! | open | a gauge follows its neighbour | | |
+//! | exchanged | a spring or IMU has changed plugs with the one of this number, of the same board | | both boards: each is plugged into the other segment |
 //!
 //! | word | the port | the supply of all chambers | the emergency stop |
 //! |---|---|---|---|
@@ -23,7 +24,9 @@
 //! | vents | | lets so many l/min at 20 kPa out of chambers whose pumps are off | |
 //! | open | | | is pressed, or a board's wire to it is cut |
 //!
-//! One place has one fault at a time. A board that was off boots when its fault ends. A port counts as opened when bytes
+//! A board's counter that is stuck repeats the counts and gates of all its six springs.
+//!
+//! One place has one fault at a time. Faults of springs, IMUs, gauges and chambers stay with them when plugs are exchanged. A board that was off boots when its fault ends. A port counts as opened when bytes
 //! come after half a second without any. What a board's line does it does in both directions, but `stuck`, `slow`,
 //! `twice` and `swapped` only to what the board sends.
 
@@ -58,6 +61,9 @@ pub(super) enum BoardEvent {
     Jump(usize, f64),
 }
 
+/// Counts and gates of a board's springs.
+type Counted = [Option<SpringReading>; SPRINGS / BOARDS];
+
 /// Present faults and the schedule of those to come.
 #[derive(Debug)]
 pub struct Faults {
@@ -69,6 +75,8 @@ pub struct Faults {
     port: Option<Fault>,
     supply: Option<Fault>,
     stops: [Option<Fault>; BOARDS],
+    counters: [Option<Fault>; BOARDS],
+    segments: Option<Fault>,
     /// When boards that reboot boot, s, and how.
     reboots: [Option<(f64, BoardEvent)>; BOARDS],
     /// Present time, and when the host was last heard, s.
@@ -80,6 +88,8 @@ pub struct Faults {
     spring_channels: [Channel<SpringReading>; SPRINGS],
     imu_channels: [Channel<ImuRaw>; IMUS],
     gauge_channels: [Channel<f64>; CHAMBERS],
+    /// What each board's counter read last.
+    counted: [Option<Counted>; BOARDS],
     supplies: [Channel<f64>; CHAMBERS],
     up: [Line; BOARDS],
     down: [Line; BOARDS],
@@ -98,6 +108,8 @@ impl Faults {
             port: None,
             supply: None,
             stops: [None; BOARDS],
+            counters: [None; BOARDS],
+            segments: None,
             reboots: [None; BOARDS],
             now_s: 0.0,
             heard_s: f64::MIN,
@@ -106,6 +118,7 @@ impl Faults {
             spring_channels: Default::default(),
             imu_channels: Default::default(),
             gauge_channels: Default::default(),
+            counted: [None; BOARDS],
             supplies: Default::default(),
             up: Default::default(),
             down: Default::default(),
@@ -154,8 +167,9 @@ impl Faults {
         let places = (0..SPRINGS).map(Place::Spring);
         let places = places.chain((0..IMUS).map(Place::Imu));
         let places = places.chain((0..CHAMBERS).flat_map(|i| [Place::Gauge(i), Place::Chamber(i)]));
-        let places = places.chain((0..BOARDS).flat_map(|b| [Place::Board(b), Place::Stop(b)]));
-        for place in places.chain([Place::Port, Place::Supply]) {
+        let places = places
+            .chain((0..BOARDS).flat_map(|b| [Place::Board(b), Place::Stop(b), Place::Counter(b)]));
+        for place in places.chain([Place::Port, Place::Supply, Place::Segments]) {
             self.end(place);
         }
     }
@@ -185,6 +199,8 @@ impl Faults {
             Place::Port => Some(&mut self.port),
             Place::Supply => Some(&mut self.supply),
             Place::Stop(i) => self.stops.get_mut(i),
+            Place::Counter(i) => self.counters.get_mut(i),
+            Place::Segments => Some(&mut self.segments),
         }
     }
 
@@ -257,19 +273,40 @@ impl Faults {
         })
     }
 
-    /// What is read of one board's sensors at `t_s`.
+    /// The segment that a board is plugged into, or the board of a segment.
+    pub(super) fn across(&self, index: usize) -> usize {
+        match has(self.segments, Word::Exchanged) {
+            true => BOARDS - 1 - index,
+            false => index,
+        }
+    }
+
+    /// What one board reads at `t_s` of the sensors of the segment that it is plugged into.
     pub(super) fn read(&mut self, board: usize, t_s: f64, mut r: Readings) -> Readings {
-        let (at, rng) = (board * r.springs.len(), &mut self.rng);
+        let segment = self.across(board);
+        self.break_channels(segment, t_s, &mut r);
+        exchange(&self.springs[segment * r.springs.len()..], &mut r.springs);
+        exchange(&self.imus[segment * r.imus.len()..], &mut r.imus);
+        if has(self.counters[board], Word::Stuck) {
+            r.springs = self.counted[board].unwrap_or(r.springs);
+        }
+        self.counted[board] = Some(r.springs);
+        r
+    }
+
+    /// Applies the faults of a segment's sensors to their readings.
+    fn break_channels(&mut self, segment: usize, t_s: f64, r: &mut Readings) {
+        let (at, rng) = (segment * r.springs.len(), &mut self.rng);
         for (k, reading) in r.springs.iter_mut().enumerate() {
             // A wrong length has been read as one already.
             let fault = self.springs[at + k].filter(|f| f.word != Word::Wrong);
             *reading = self.spring_channels[at + k].pass(t_s, *reading, fault, rng);
         }
-        let at = board * r.imus.len();
+        let at = segment * r.imus.len();
         for (k, reading) in r.imus.iter_mut().enumerate() {
             *reading = self.imu_channels[at + k].pass(t_s, *reading, self.imus[at + k], rng);
         }
-        let at = board * CHAMBERS_EACH;
+        let at = segment * CHAMBERS_EACH;
         for k in 0..CHAMBERS_EACH {
             if has(self.gauges[at + k], Word::Open) {
                 let before = r.chamber_pa[(k + CHAMBERS_EACH - 1) % CHAMBERS_EACH];
@@ -279,7 +316,6 @@ impl Faults {
         for (k, reading) in r.chamber_pa.iter_mut().enumerate() {
             *reading = self.gauge_channels[at + k].pass(t_s, *reading, self.gauges[at + k], rng);
         }
-        r
     }
 
     /// What the supplies do of what the boards command, Pa; `None`: off.
@@ -323,6 +359,16 @@ impl Faults {
             };
             of(self.chambers[i], Word::Leak) + vented
         })
+    }
+}
+
+/// Readings by the inputs that sensors with these faults are plugged into. Numbers of other sensors count over all boards.
+fn exchange<T>(faults: &[Option<Fault>], readings: &mut [T]) {
+    for k in 0..readings.len() {
+        if let Some(fault) = faults[k].filter(|f| f.word == Word::Exchanged) {
+            let other = (fault.amount as usize).saturating_sub(1);
+            readings.swap(k, other % readings.len());
+        }
     }
 }
 

@@ -4,7 +4,8 @@
 //! [[fault]]
 //! at_s = 5.0          # by the rig's time
 //! for_s = 2.0         # without it: to the end
-//! # spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, supply, emergency stop, contact 1-2
+//! # spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, counter 1-2, board 1-2, boards, port, supply, emergency stop,
+//! # contact 1-2
 //! where = "spring 3"
 //! what = "stuck"
 //! amount = 10.0       # where the fault has one
@@ -15,7 +16,7 @@ use serde::Deserialize;
 use super::{Fault, Place, Word, amount};
 use crate::signal::{BOARDS, CHAMBERS, IMUS, SPRINGS};
 
-const WORDS: [(&str, Word); 15] = [
+const WORDS: [(&str, Word); 16] = [
     ("off", Word::Off),
     ("stuck", Word::Stuck),
     ("garbage", Word::Garbage),
@@ -31,9 +32,10 @@ const WORDS: [(&str, Word); 15] = [
     ("reboot", Word::Reboot),
     ("dtr", Word::Dtr),
     ("vents", Word::Vents),
+    ("exchanged", Word::Exchanged),
 ];
-const PLACES: &str = "spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, board 1-2, boards, port, \
-     supply, emergency stop or contact 1-2 (of one board)";
+const PLACES: &str = "spring 1-12, imu 1-4, gauge 1-6, chamber 1-6, counter 1-2, board 1-2, boards, \
+     port, supply, emergency stop or contact 1-2 (of one board)";
 
 /// Why a fault schedule is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -143,7 +145,7 @@ fn check(entry: &Entry) -> Result<Vec<(Place, Fault)>, String> {
             words.join(", ")
         ));
     };
-    let places = places(&entry.place)
+    let places = places(&entry.place, *word)
         .ok_or_else(|| format!("'{}' is no place: it is {PLACES}", entry.place))?;
     let with = |place: Place| {
         let Some(range) = amount(place, *word) else {
@@ -151,6 +153,10 @@ fn check(entry: &Entry) -> Result<Vec<(Place, Fault)>, String> {
         };
         let value = entry.amount.unwrap_or(range.usual);
         match (range.min..=range.max).contains(&value) {
+            true if *word == Word::Exchanged && !is_another(place, value) => Err(format!(
+                "amount {value} is no other than {}: it is the {}",
+                entry.place, range.unit
+            )),
             true => Ok((
                 place,
                 Fault {
@@ -168,8 +174,17 @@ fn check(entry: &Entry) -> Result<Vec<(Place, Fault)>, String> {
     places.into_iter().map(with).collect()
 }
 
-fn places(text: &str) -> Option<Vec<Place>> {
+/// Whether `number` (1-based) is that of another sensor than the one at `place`, which is exchanged with it.
+fn is_another(place: Place, number: f64) -> bool {
+    match place {
+        Place::Spring(i) | Place::Imu(i) => number.fract() == 0.0 && number != (i + 1) as f64,
+        _ => true,
+    }
+}
+
+fn places(text: &str, word: Word) -> Option<Vec<Place>> {
     match text {
+        "boards" if word == Word::Exchanged => return Some(vec![Place::Segments]),
         "port" => return Some(vec![Place::Port]),
         "supply" => return Some(vec![Place::Supply]),
         "emergency stop" => return Some((0..BOARDS).map(Place::Stop).collect()),
@@ -183,6 +198,7 @@ fn places(text: &str) -> Option<Vec<Place>> {
         "imu" => (IMUS, Place::Imu),
         "gauge" => (CHAMBERS, Place::Gauge),
         "chamber" => (CHAMBERS, Place::Chamber),
+        "counter" => (BOARDS, Place::Counter),
         "board" => (BOARDS, Place::Board),
         "contact" => (BOARDS, Place::Stop),
         _ => return None,

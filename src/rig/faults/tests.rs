@@ -189,6 +189,30 @@ fn scripts_that_cannot_be_are_refused_with_the_fault_named() {
             "at_s = 1\nwhere = 'board 1'",
             "line 1: missing field `what`",
         ),
+        (
+            "at_s = 1\nwhere = 'spring 3'\nwhat = 'exchanged'\namount = 8",
+            "amount 8 is not within 1 and 6 (number of the other spring)",
+        ),
+        (
+            "at_s = 1\nwhere = 'spring 3'\nwhat = 'exchanged'\namount = 3",
+            "amount 3 is no other than spring 3: it is the number of the other spring",
+        ),
+        (
+            "at_s = 1\nwhere = 'imu 1'\nwhat = 'exchanged'\namount = 3",
+            "amount 3 is not within 1 and 2 (number of the other IMU)",
+        ),
+        (
+            "at_s = 1\nwhere = 'board 1'\nwhat = 'exchanged'",
+            "board 1 cannot be 'exchanged'",
+        ),
+        (
+            "at_s = 1\nwhere = 'boards'\nwhat = 'exchanged'\namount = 2",
+            "'exchanged' takes no amount",
+        ),
+        (
+            "at_s = 1\nwhere = 'counter 1'\nwhat = 'off'",
+            "counter 1 cannot be 'off'",
+        ),
         ("at_s = nan\nwhere = 'port'\nwhat = 'off'", "at_s and for_s"),
         (
             "at_s = 1\nwhere = 'port'\nwhat = 'off'\nfor = 3",
@@ -198,5 +222,122 @@ fn scripts_that_cannot_be_are_refused_with_the_fault_named() {
         let said = refuse(entry);
         assert!(said.contains(words), "{said}");
         assert_eq!(said.lines().count(), 1, "{said}");
+    }
+}
+
+/// Readings of the rig, with a bend in the arm so that springs, IMUs and chambers differ.
+fn bent(text: &str) -> [[Readings; BOARDS]; 2] {
+    let mut both = ["", text].map(|text| {
+        let mut rig = rig();
+        rig.faults.follow(script(text));
+        rig.settle_at(&[18e3, -12e3, 2e3, 9e3, -15e3, 5e3])
+            .expect("settles");
+        // The schedule begins; the same noise in both.
+        rig.advance(0.02, &[]);
+        rig.settle_at(&[18e3, -12e3, 2e3, 9e3, -15e3, 5e3])
+            .expect("settles");
+        *rig.readings()
+    });
+    both.swap(0, 1);
+    both
+}
+
+fn entry(place: &str, amount: &str) -> String {
+    format!("[[fault]]\nat_s = 0.01\nwhere = '{place}'\nwhat = 'exchanged'\n{amount}")
+}
+
+#[test]
+fn exchanged_plugs_of_springs_and_imus_swap_two_inputs_of_a_board_and_no_more() {
+    let [faulty, sound] = bent(&entry("spring 9", "amount = 12"));
+    let mut wanted = sound;
+    wanted[1].springs.swap(2, 5);
+    assert_ne!(sound[1].springs[2], sound[1].springs[5]);
+    assert_eq!(faulty, wanted);
+    // Without a number it is the other one of the pair.
+    let [faulty, sound] = bent(&entry("spring 3", ""));
+    let mut wanted = sound;
+    wanted[0].springs.swap(2, 3);
+    assert_eq!(faulty, wanted);
+    let [faulty, sound] = bent(&entry("imu 4", "amount = 3"));
+    let mut wanted = sound;
+    wanted[1].imus.swap(0, 1);
+    assert_ne!(sound[1].imus[0], sound[1].imus[1]);
+    assert_eq!(faulty, wanted);
+}
+
+#[test]
+fn a_fault_stays_with_its_spring_when_plugs_are_exchanged() {
+    let text =
+        entry("spring 1", "amount = 4") + "\n[[fault]]\nat_s = 0\nwhere = 'spring 4'\nwhat = 'off'";
+    let [faulty, sound] = bent(&text);
+    assert_eq!(
+        faulty[0].springs[0], None,
+        "spring 4 is at the input of spring 1"
+    );
+    assert_eq!(faulty[0].springs[3], sound[0].springs[0]);
+}
+
+#[test]
+fn exchanged_boards_read_and_drive_the_other_segment_with_their_own_clocks() {
+    let [faulty, sound] = bent(&entry("boards", ""));
+    let clocks = RigOptions::default().clocks();
+    for b in 0..BOARDS {
+        let of = 1 - b;
+        assert_eq!(faulty[b].imus, sound[of].imus);
+        assert_eq!(faulty[b].chamber_pa, sound[of].chamber_pa);
+        for (now, before) in faulty[b].springs.iter().zip(sound[of].springs) {
+            let (now, before) = (now.expect("read"), before.expect("read"));
+            let hz = |r: SpringReading, by: usize| {
+                f64::from(r.count) / f64::from(r.gate_ticks) * clocks[by].rate(0.0)
+            };
+            let off = hz(now, b) / hz(before, of) - 1.0;
+            assert!(off.abs() < 2e-4, "board {b}: {off}");
+        }
+    }
+    // What board 1 commands fills the chambers of segment 2.
+    let mut rig = rig();
+    rig.faults
+        .begin(Place::Segments, Fault::of(Word::Exchanged));
+    rig.faults.begin(Place::Board(0), Fault::of(Word::Off));
+    rig.faults.begin(Place::Supply, Fault::of(Word::Stuck));
+    let driven = rig.set_pa().map(|p| p.is_some());
+    assert_eq!(driven, [true, true, true, false, false, false]);
+}
+
+#[test]
+fn a_hung_counter_repeats_all_six_pairs_of_its_board_until_it_ends() {
+    let mut rig = rig();
+    rig.faults.follow(script(
+        "[[fault]]\nat_s = 0.3\nfor_s = 0.5\nwhere = 'counter 2'\nwhat = 'stuck'",
+    ));
+    let pairs = |rig: &mut VirtualRig, t_s: f64| {
+        rig.advance(t_s, &[]);
+        rig.readings().map(|r| r.springs)
+    };
+    let before = pairs(&mut rig, 0.295);
+    let imu = rig.readings()[1].imus[0];
+    for k in 0..20 {
+        let now = pairs(&mut rig, 0.31 + 0.02 * f64::from(k));
+        assert_eq!(now[1], before[1], "all six repeat");
+        assert_ne!(now[0], before[0], "the other board counts");
+    }
+    assert_ne!(rig.readings()[1].imus[0], imu);
+    let after = pairs(&mut rig, 0.9);
+    assert_ne!(after[1], before[1]);
+}
+
+/// Two faults at once on two springs of one segment.
+#[test]
+fn two_springs_of_a_segment_can_be_wrong_at_once() {
+    let wrong =
+        |n: u32| format!("[[fault]]\nat_s = 0\nwhere = 'spring {n}'\nwhat = 'wrong'\namount = 5\n");
+    let [faulty, sound] = bent(&(wrong(2) + &wrong(5)));
+    for k in 0..6 {
+        let hz = |r: &Readings| {
+            let s = r.springs[k].expect("read");
+            f64::from(s.count) / f64::from(s.gate_ticks)
+        };
+        let off = (hz(&faulty[0]) / hz(&sound[0]) - 1.0).abs();
+        assert_eq!(off > 1e-3, [1, 4].contains(&k), "spring {}: {off}", k + 1);
     }
 }

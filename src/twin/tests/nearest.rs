@@ -66,8 +66,7 @@ fn driven(
         unit: Unit(unit),
         seed: 1,
         surroundings: Surroundings::default(),
-        objects: Vec::new(),
-        hidden: Vec::new(),
+        ..RigOptions::default()
     };
     let rig = VirtualRig::new(robot, &options).expect("settles");
     let rig = Arc::new(std::sync::Mutex::new(rig));

@@ -141,7 +141,7 @@ fn arming_leaves_the_gripper_as_the_boards_report_it() {
         seed: 1,
         surroundings: Surroundings::default(),
         objects,
-        hidden: Vec::new(),
+        ..RigOptions::default()
     };
     let rest = VirtualRig::new(&robot, &options(Vec::new())).expect("settles");
     let tip = rest.plant.truth().base_from_tip().translation.vector;

@@ -19,8 +19,7 @@ fn rig() -> InProcess {
         unit: Unit::default(),
         seed: 1,
         surroundings: Surroundings::default(),
-        objects: Vec::new(),
-        hidden: Vec::new(),
+        ..RigOptions::default()
     };
     let mut rig = VirtualRig::new(&robot, &options).expect("settles");
     let far_end = move |t_s: f64, to_rig: &[u8]| Heard {

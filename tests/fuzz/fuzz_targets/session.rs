@@ -179,7 +179,8 @@ fuzz_target!(|data: &[u8]| {
             let mut numbers = imu
                 .chain(frame.chamber_pa)
                 .chain(ages)
-                .chain([frame.tick_rate_hz]);
+                .chain(frame.tick_rate_hz)
+                .chain(frame.tick_rate_sd);
             assert!(numbers.all(f64::is_finite), "{frame:?}");
         }
         let mut events = 0;

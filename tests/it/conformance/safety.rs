@@ -662,7 +662,8 @@ mod runs {
             folder.push("-hang");
             let mut known = std::collections::BTreeSet::new();
             for id in 0..2 {
-                let board = FirmwareBoard::start(&PathBuf::from(&folder), id.into(), 0.0, ARM);
+                let board =
+                    FirmwareBoard::start(&PathBuf::from(&folder), id.into(), Clock::default(), ARM);
                 let mut b = Bench::with(RigBoard::Firmware(board.expect("starts")), id);
                 for run in 0..12 {
                     if run > 0 && run % 2 == 0 {
@@ -694,7 +695,8 @@ mod line {
 
         #[test]
         fn an_answer_says_when_it_goes_out_whatever_waits_before_it() {
-            let mut board = FirmwareBoard::start(&firmware_folder(), 0, 0.0, ARM).expect("starts");
+            let mut board =
+                FirmwareBoard::start(&firmware_folder(), 0, Clock::default(), ARM).expect("starts");
             let mut decoder = Decoder::default();
             let readings = Readings::default();
             // When the delimiter before the frame under way went out, s; and the last byte that did.
@@ -752,7 +754,8 @@ mod bus {
 
         #[test]
         fn a_bus_that_an_imu_holds_is_freed() {
-            let board = FirmwareBoard::start(&firmware_folder(), 0, 0.0, ARM).expect("starts");
+            let board =
+                FirmwareBoard::start(&firmware_folder(), 0, Clock::default(), ARM).expect("starts");
             let mut b = Bench::with(RigBoard::Firmware(board), 0);
             assert_eq!(b.sample().present, board_channels(0));
             let RigBoard::Firmware(board) = &mut b.board else {
@@ -788,7 +791,8 @@ mod watchdog {
         fn a_main_loop_that_hangs_is_restarted_with_the_pumps_off() {
             let mut folder = firmware_folder().into_os_string();
             folder.push("-hang");
-            let board = FirmwareBoard::start(&PathBuf::from(folder), 0, 0.0, ARM).expect("starts");
+            let board = FirmwareBoard::start(&PathBuf::from(folder), 0, Clock::default(), ARM)
+                .expect("starts");
             let mut b = Bench::with(RigBoard::Firmware(board), 0);
             let first = b.hellos()[0].boot_nonce;
             b.tell(Body::Config(Config::built_in()));

@@ -57,7 +57,7 @@ impl Bench {
             seed: 1,
             surroundings: Surroundings::default(),
             objects,
-            hidden: Vec::new(),
+            ..RigOptions::default()
         };
         let rig = Arc::new(Mutex::new(
             VirtualRig::new(&robot, &options).expect("settles"),

@@ -73,7 +73,7 @@ fn skew_drift_jitter_and_jumps_leave_half_a_millisecond_between_boards_and_time_
     let mut w = World::new(21);
     w.boards = [(0, 90e-6, 2e-7), (1, -2e-3, -3e-7)].map(|(id, skew, drift)| {
         let mut setup = board_setup(id, skew);
-        setup.clock_drift_per_s = drift;
+        setup.clock.drift = drift * WARM_UP_S;
         Board::new(setup)
     });
     w.faults = Faults {
@@ -165,4 +165,46 @@ fn frames_that_are_read_late_and_together_are_no_clock_jump() {
         told[0].0 == 1 && (told[0].1 - 0.05).abs() < 5e-3,
         "{told:?}"
     );
+}
+
+/// What was measured of an oscillator before a silence or a closed port is not measured again.
+#[test]
+fn a_board_that_comes_back_keeps_the_rate_of_its_clock() {
+    let mut w = World::new(5);
+    let skews = [4e-3, -5e-3];
+    w.boards = [(0, skews[0]), (1, skews[1])].map(|(id, skew)| board(id, skew));
+    w.run(8.0);
+    let worst = |w: &World| {
+        let of = |f: &RawFrame| {
+            let off = |b: usize| f.tick_rate_hz[b] / f64::from(TICK_RATE_HZ) - 1.0 - skews[b];
+            off(0).abs().max(off(1).abs())
+        };
+        w.frames.iter().map(of).fold(0.0, f64::max)
+    };
+    let young = worst(&w);
+    assert!(young > 1e-3, "nothing is known at first: {young}");
+    w.frames.clear();
+    w.cut = [true; 2];
+    w.run(1.0);
+    w.cut = [false; 2];
+    w.run(2.0);
+    let silent = worst(&w);
+    assert!(!w.frames.is_empty() && silent < 24e-6, "{silent}");
+    w.frames.clear();
+    w.host.disconnected(w.now(), "unplugged");
+    w.run(1.0);
+    w.host.reconnected(w.now());
+    w.run(2.0);
+    let unplugged = worst(&w);
+    assert!(!w.frames.is_empty() && unplugged < 24e-6, "{unplugged}");
+    // Another board may have been plugged in: these have no arm's number.
+    w.frames.clear();
+    w.boards[0].reboot(w.t_s(), 4711);
+    w.run(0.3);
+    let sd = w
+        .frames
+        .iter()
+        .map(|f| f.tick_rate_sd[0])
+        .fold(0.0, f64::max);
+    assert!(sd > 1e-3, "{sd}");
 }

@@ -97,7 +97,10 @@ impl Content {
     }
 
     fn raw(&mut self, t: i64) -> Option<RawFrame> {
-        let [tick_rate_hz, age_0, age_1] = fixed(self.exact[table::RAW_FRAME].row(t))?;
+        let [rate_hz, age_0, age_1] = fixed(self.exact[table::RAW_FRAME].row(t))?;
+        // Recordings of before both clocks were measured have the nominal rate alone.
+        let clocks = fixed(self.exact[table::CLOCKS].row(t));
+        let [rate_0, rate_1, sd_0, sd_1] = clocks.unwrap_or([rate_hz, rate_hz, 0.0, 0.0]);
         let [seq, stamp, present, faults] = fixed(self.ints[table::RAW_FRAME].row(t))?;
         let counts: [f64; SPRINGS] = fixed(self.scalars[table::COUNTS].row(t))?;
         let gates: [f64; SPRINGS] = fixed(self.scalars[table::GATES].row(t))?;
@@ -110,7 +113,8 @@ impl Content {
             // Doubles hold every u32.
             spring_counts: counts.map(|c| c as u32),
             spring_gate_ticks: gates.map(|c| c as u32),
-            tick_rate_hz,
+            tick_rate_hz: [rate_0, rate_1],
+            tick_rate_sd: [sd_0, sd_1],
             imu: std::array::from_fn(|i| ImuRaw {
                 gyro_rad_s: std::array::from_fn(|k| gyro[3 * i + k]),
                 accel_m_s2: std::array::from_fn(|k| accel[3 * i + k]),
