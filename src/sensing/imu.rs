@@ -179,7 +179,10 @@ impl ImuTrack {
         base_from_level: &UnitQuaternion<f64>,
         base_from_pad: &UnitQuaternion<f64>,
     ) -> f64 {
-        heading_between(&(base_from_level.inverse() * base_from_pad), &self.earth_from_pad())
+        heading_between(
+            &(base_from_level.inverse() * base_from_pad),
+            &self.earth_from_pad(),
+        )
     }
 
     /// Sets the heading offset, rad.

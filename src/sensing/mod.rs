@@ -32,7 +32,7 @@ use nalgebra::UnitQuaternion;
 pub use calibration::Calibration;
 use faults::Faults;
 pub use file::CalibrationError;
-use filter::{Channel, Filter, Reading, pad_index};
+use filter::{Channel, Filter, LAG_S, Reading, pad_index};
 use imu::{ImuTrack, Sample};
 use noise::Noise;
 use platform::{LEGS, Segment};
@@ -59,7 +59,7 @@ const GATE: f64 = 5.0;
 /// So many springs of a segment beyond it are a blow.
 const BLOW_SPRINGS: usize = 3;
 /// A reading that stays beyond the gate for so many frames has jumped.
-const JUMP_FRAMES: u32 = 5;
+const JUMP_FRAMES: u32 = 2;
 const JUMP_FRAMES_IMU: u32 = 30;
 /// So many frames of blows running: the estimator has lost the arm.
 const LOST_FRAMES: u32 = 50;
@@ -74,12 +74,12 @@ const LENGTH_NOISE_M: [f64; 2] = [0.12e-3, 0.03e-3];
 const RATE_NOISE: [f64; 2] = [1e-3, 1e-4];
 const FORCE_NOISE: [f64; 2] = [0.04, 0.005];
 /// Errors of gain and alignment: a share of the rate and of the acceleration.
-const RATE_GAIN: f64 = 0.01;
+const RATE_GAIN: f64 = 0.003;
 const FORCE_GAIN: f64 = 0.01;
 /// An orientation is found when its standard deviation is below this, rad, and a position below that, m.
-pub const FOUND_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+pub const FOUND_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// See [`FOUND_RAD`].
-pub const FOUND_M: f64 = 3e-3;
+pub const FOUND_M: f64 = 6e-3;
 /// A spring that is named as faulty is stuck when it moved by less than this share of what it should have.
 const STUCK_SHARE: f64 = 0.25;
 /// Least way for that, m.
@@ -217,10 +217,7 @@ impl Sensing {
             let mut health = last.health.springs[LEGS * k..LEGS * (k + 1)].iter();
             health.all(|h| *h == ChannelHealth::Ok)
         };
-        [
-            ok(0).then_some(middle),
-            (ok(0) && ok(1)).then_some(end),
-        ]
+        [ok(0).then_some(middle), (ok(0) && ok(1)).then_some(end)]
     }
 
     /// Normalised innovations squared of each spring and IMU, averaged over two seconds; 1 for noise alone.
@@ -338,7 +335,8 @@ impl Sensing {
     fn inertial(&mut self, i: usize, raw: &ImuRaw) -> Reading {
         let mut variance = [0.0; 2];
         let signals = [&raw.gyro_rad_s, &raw.accel_m_s2];
-        for ((mean, noise), signal) in variance.iter_mut().zip(&mut self.imu_noise[i]).zip(signals) {
+        for ((mean, noise), signal) in variance.iter_mut().zip(&mut self.imu_noise[i]).zip(signals)
+        {
             for (noise, x) in noise.iter_mut().zip(signal) {
                 noise.update(Some(*x));
                 *mean += noise.variance() / 3.0;
@@ -378,13 +376,15 @@ impl Sensing {
             self.filter.predict(dt_s / steps);
         }
         self.find_repeats(frame, now);
+        for p in 0..2 {
+            let least = self.least_innovations(p, now);
+            self.filter.enliven(p, dt_s, least);
+        }
         let mut beyond = self.beyond(now);
         for k in 0..2 {
             let springs = LEGS * k..LEGS * (k + 1);
-            let here: usize = springs.clone().filter(|i| beyond[*i]).count();
-            let pair = || self.pair(k).filter(|i| now.readings[SPRINGS + i].is_some());
-            let hit = pair().count() > 1 && pair().all(|i| beyond[SPRINGS + i]);
-            let is_blow = here >= BLOW_SPRINGS || hit;
+            let here = springs.clone().filter(|i| beyond[*i]).count();
+            let is_blow = here >= BLOW_SPRINGS;
             self.blows[k] = if is_blow { self.blows[k] + 1 } else { 0 };
             if is_blow {
                 for p in k..2 {
@@ -398,6 +398,38 @@ impl Sensing {
             self.blows = [0; 2];
         }
         self.take(dt_s, now, &beyond);
+    }
+
+    /// Innovations of forces and rates of the IMU of a pad that is surprised least: mean square per axis, and its part
+    /// that noise explains. One IMU alone cannot make a pad lively that another one sees at rest.
+    fn least_innovations(&mut self, p: usize, now: &Frame) -> Option<[[f64; 2]; 2]> {
+        let mut least: Option<[[f64; 2]; 2]> = None;
+        for i in 0..IMUS {
+            if pad_index(self.spec.imus[i].pad) != p || self.filter.is_open(Channel::Imu(i)) {
+                continue;
+            }
+            let Some(reading @ Reading::Imu { variance, .. }) = now.readings[SPRINGS + i] else {
+                continue;
+            };
+            let (mut squares, mut n) = ([0.0; 2], 0);
+            reading.rows(&mut self.filter, &mut |_, _, missed, _| {
+                // Three rates, then three forces.
+                squares[1 - n / 3] += missed * missed / 3.0;
+                n += 1;
+            });
+            let own = [[squares[0], variance[1]], [squares[1], variance[0]]];
+            least = Some(match least {
+                None => own,
+                Some(other) => [0, 1].map(|k| {
+                    if own[k][0] < other[k][0] {
+                        own[k]
+                    } else {
+                        other[k]
+                    }
+                }),
+            });
+        }
+        least
     }
 
     /// IMUs of the lower pad of segment `k`.
@@ -472,7 +504,7 @@ impl Sensing {
                 _ => (Channel::Imu(c - SPRINGS), JUMP_FRAMES_IMU),
             };
             if self.gated[c] >= frames {
-                self.filter.reopen(channel);
+                self.filter.jump(channel);
                 self.gated[c] = 0;
             }
         }
@@ -604,7 +636,7 @@ impl Sensing {
         let mut extra_sigma = [0.0; SIGNALS];
         let spring_m = std::array::from_fn(|i| {
             let (expected_m, row, more) = self.filter.length(i);
-            let [lag_s, lag_sd_s] = self.filter.lag_s();
+            let [lag_s, lag_sd_s] = LAG_S;
             let rate_m_s = self.filter.length_rate_m_s(i);
             if health.springs[i] == ChannelHealth::Ok {
                 let reading_m = self.good_m[i].unwrap_or(self.rest_m[i]);

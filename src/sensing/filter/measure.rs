@@ -2,12 +2,15 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{A, ACCEL, Filter, G_M_S2, GYRO, LAG, P, PAD, SPRING, TH, TILT, V, W};
+use super::{A, ACCEL, Filter, G_M_S2, GYRO, JUMP, LAG_S, P, PAD, SPRING, TH, TILT, V, W};
 use crate::sensing::platform::LEGS;
 use crate::signal::ImuRaw;
 
 /// Most states that a measurement depends on.
 const ENTRIES: usize = 26;
+
+/// The lag's error is the same for so many frames, in which a length comes and goes.
+const LAG_FRAMES: f64 = 5.0;
 
 /// Derivative of a measurement after the error state: its entries that are not zero.
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +58,9 @@ impl Row {
     /// State and value of each entry.
     pub fn entries(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         let states = self.states[..self.count].iter();
-        states.map(|s| usize::from(*s)).zip(self.values.iter().copied())
+        states
+            .map(|s| usize::from(*s))
+            .zip(self.values.iter().copied())
     }
 }
 
@@ -101,8 +106,8 @@ impl Reading {
                 value_m,
                 variance,
             } => {
-                let (predicted_m, row) = filter.spring_row(*spring);
-                each(filter, &row, value_m - predicted_m, *variance);
+                let (predicted_m, row, by_lag) = filter.spring_row(*spring);
+                each(filter, &row, value_m - predicted_m, variance + by_lag);
             }
             Self::Imu { imu, raw, variance } => {
                 let (rates, rate_rows) = filter.gyro_rows(*imu);
@@ -173,16 +178,20 @@ impl Filter {
         (leg.length_m, row)
     }
 
-    /// Length that spring `i` should read, m, with lag and bias.
-    pub(super) fn spring_row(&self, i: usize) -> (f64, Row) {
+    /// Length that spring `i` should read, m, with lag and bias, its row, and the variance by the lag's error, m².
+    pub(super) fn spring_row(&self, i: usize) -> (f64, Row, f64) {
         let leg = self.leg(i);
         let mut row = Row::new();
         leg.add(&mut row, P, TH, 1.0);
-        leg.add(&mut row, V, W, -self.lag_s);
+        leg.add(&mut row, V, W, -LAG_S[0]);
         row.add(SPRING + i, 1.0);
-        row.add(LAG, -leg.rate_m_s);
-        let read_m = leg.length_m - self.lag_s * leg.rate_m_s + self.spring_bias_m[i];
-        (read_m, row)
+        if self.has_jumped[i] {
+            row.add(JUMP + i, 1.0);
+        }
+        let biases_m = self.spring_bias_m[i] + self.jump_m[i];
+        let read_m = leg.length_m - LAG_S[0] * leg.rate_m_s + biases_m;
+        let changing_m_s = leg.rate_m_s - self.slow_rate_m_s[i];
+        (read_m, row, LAG_FRAMES * (LAG_S[1] * changing_m_s).powi(2))
     }
 
     pub(super) fn gyro_rows(&self, i: usize) -> (Vector3<f64>, [Row; 3]) {
@@ -226,7 +235,8 @@ impl Filter {
 
     fn imu_from_base(&self, i: usize) -> Matrix3<f64> {
         let pad = &self.pads[self.geometry.pad_of_imu[i]];
-        let turned = self.geometry.imu_from_pad[i] * pad.pose.rotation.to_rotation_matrix().inverse();
+        let turned =
+            self.geometry.imu_from_pad[i] * pad.pose.rotation.to_rotation_matrix().inverse();
         turned.into_inner()
     }
 }

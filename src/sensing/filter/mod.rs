@@ -9,12 +9,14 @@
 //! | p, R, v, ω, a | position, orientation (error θ: exp(θ) R), velocity, rate, acceleration of a pad, in the base frame | 2 × 15 |
 //! | b_g, b_a | biases of gyro and accelerometer, per IMU, in its axes | 4 × 6 |
 //! | L | level from base (error about x and y) | 2 |
-//! | b_i | bias of spring i | 12 |
-//! | τ | lag of the springs behind the pads | 1 |
+//! | b_i, f_i | bias of spring i, and its jump if it has made one | 12 + 12 |
 //!
 //! What is measured, with d̂ the direction of a spring, G = imu_from_pad, u = Lᵀ z the upward direction:
 //!
-//! y_i = |d| − τ d|d|/dt + b_i,   y_gyro = G Rᵀ ω + b_g,   y_accel = G Rᵀ (a + g u) + b_a
+//! y_i = |d| − τ d|d|/dt + b_i + f_i,   y_gyro = G Rᵀ ω + b_g,   y_accel = G Rᵀ (a + g u) + b_a
+//!
+//! The lag τ of the springs behind the pads is known to some milliseconds only; its error is part of the variance of a
+//! length that changes. How lively a pad moves is learned from its IMUs' innovations.
 //!
 //! A scale common to all oscillators is not a state: neither inclinations nor rates contradict arms that are longer
 //! altogether. The error-state formulation follows J. Solà, "Quaternion kinematics for the error-state Kalman filter",
@@ -22,7 +24,7 @@
 
 mod measure;
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::calibration::Calibration;
 use super::platform::{self, Known, LEGS, Segment, solve};
@@ -44,18 +46,22 @@ const GYRO: usize = PADS * PAD;
 const ACCEL: usize = GYRO + 3 * IMUS;
 const TILT: usize = ACCEL + 3 * IMUS;
 const SPRING: usize = TILT + 2;
-const LAG: usize = SPRING + SPRINGS;
+const JUMP: usize = SPRING + SPRINGS;
 /// Number of states.
-pub const STATES: usize = LAG + 1;
+pub const STATES: usize = JUMP + SPRINGS;
 
 /// Standard gravity, m/s².
 pub const G_M_S2: f64 = 9.806_65;
 
-/// Acceleration and rate of a pad that nothing measures: standard deviation and correlation time.
-const ACCEL_SD_M_S2: f64 = 1.0;
+/// Acceleration of a pad (m/s²), and change of its rate in a second (rad/s/√s): least, and where no IMU measures it.
+const ACCEL_SD: [f64; 2] = [0.01, 0.3];
+const RATE_WALK: [f64; 2] = [0.003, 0.3];
+/// Correlation time of an acceleration, s.
 const ACCEL_TAU_S: f64 = 0.05;
-const RATE_SD_RAD_S: f64 = 0.5;
-const RATE_TAU_S: f64 = 0.3;
+/// Time over which a pad's liveliness is averaged, s.
+const LIVELY_TAU_S: f64 = 0.3;
+/// An innovation whose square is beyond this many variances makes a pad lively at once.
+const SUDDEN: f64 = 9.0;
 /// A pad's velocity dies out in this time where nothing measures it, s.
 const VELOCITY_TAU_S: f64 = 5.0;
 /// A blow: what a pad's position (m), orientation (rad), velocity (m/s), rate (rad/s) and acceleration (m/s²) may change
@@ -68,10 +74,19 @@ const START: [f64; 5] = [0.02, 0.2, 0.05, 0.2, 0.3];
 pub const SPRING_SD_M: f64 = 0.7e-3;
 /// The same where the ends were calibrated.
 pub const SPRING_CALIBRATED_SD_M: f64 = 0.25e-3;
-const SPRING_TAU_S: f64 = 60.0;
+/// Way over which such a bias becomes another one: change of length, m, and turn of a pad, rad.
+const SPRING_WAY: [f64; 2] = [0.05, 0.5];
+/// The same at rest, in time, s.
+const SPRING_TAU_S: f64 = 600.0;
+/// A prior is taken out of a bias only if measurements know this share of its precision.
+const INFORMED: f64 = 0.03;
 /// A faulty spring's bias, and its random walk, m/√s.
 pub const SPRING_FAULT_M: f64 = 8e-3;
-const SPRING_FAULT_WALK: f64 = 2e-3;
+const SPRING_FAULT_WALK: f64 = 0.05e-3;
+/// Standard deviation of the jump of a spring that made none, m.
+const NO_JUMP_M: f64 = 0.3e-3;
+/// How much less is known of a faulty bias after a gap, m.
+const GAP_M: f64 = 1e-3;
 /// Gyro bias after a calibration, as delivered, and of a faulty one, rad/s; random walks, rad/s/√s.
 const GYRO_SD: f64 = 0.3 * DEG;
 const GYRO_DELIVERED: f64 = 20.0 * DEG;
@@ -84,15 +99,19 @@ const ACCEL_DELIVERED: [f64; 3] = [0.5, 0.5, 0.8];
 const ACCEL_FAULT: f64 = 3.0;
 const ACCEL_WALK: f64 = 2e-4;
 const ACCEL_FAULT_WALK: f64 = 0.3;
+/// Errors of gain and alignment: what the biases of force (m/s²) and rate (share of the rate) change by over a turn of
+/// half a radian.
+const ACCEL_TURN: f64 = 0.02;
+const GYRO_TURN: f64 = 0.01;
+const TURN_RAD: f64 = 0.5;
 /// How far the base hangs off level after a calibration and without one, rad; its random walk, rad/√s.
 const TILT_SD: f64 = 0.15 * DEG;
 const TILT_UNKNOWN: f64 = 2.0 * DEG;
 const TILT_WALK: f64 = 2e-3 * DEG;
-/// Lag of the springs, s: usual, its standard deviation, and its random walk, s/√s.
-const LAG_S: f64 = 8e-3;
-const LAG_SD_S: f64 = 6e-3;
-const LAG_MAX_S: f64 = 0.05;
-const LAG_WALK: f64 = 1e-5;
+/// Lag of the springs behind the pads, s, and its standard deviation.
+pub const LAG_S: [f64; 2] = [0.010, 0.008];
+/// Averaging time of the rate at which a spring lengthens, s: the lag of a steady one is a bias.
+const SLOW_TAU_S: f64 = 0.5;
 const DEG: f64 = std::f64::consts::PI / 180.0;
 
 /// Motion of one pad, in the base frame.
@@ -106,6 +125,8 @@ pub struct Pad {
     pub rate: Vector3<f64>,
     /// Acceleration of its origin, m/s².
     pub acceleration: Vector3<f64>,
+    /// Variance of its acceleration, and of the change of its rate per second.
+    lively: [f64; 2],
 }
 
 /// A channel that may be faulty.
@@ -168,11 +189,14 @@ pub struct Filter {
     accel_bias: [Vector3<f64>; IMUS],
     level_from_base: UnitQuaternion<f64>,
     spring_bias_m: [f64; SPRINGS],
-    lag_s: f64,
+    jump_m: [f64; SPRINGS],
+    /// Rate at which each spring lengthens, averaged, m/s.
+    slow_rate_m_s: [f64; SPRINGS],
     covariance: Box<[[f64; STATES]; STATES]>,
     /// Correction of this frame that is not in the state yet.
     correction: [f64; STATES],
     spring_is_open: [bool; SPRINGS],
+    has_jumped: [bool; SPRINGS],
     imu_is_open: [bool; IMUS],
     /// Standard deviations of healthy biases.
     healthy: [f64; STATES],
@@ -187,13 +211,17 @@ impl Filter {
         let poses = platform::pads(spec, &rest);
         let calibrated = |i: usize| calibration.imus.iter().any(|m| m.imu == i + 1);
         let spring_sd_m = std::array::from_fn(|i| {
-            match calibration.ends_off_m(i).iter().all(|off| *off == Vector3::zeros()) {
+            match calibration
+                .ends_off_m(i)
+                .iter()
+                .all(|off| *off == Vector3::zeros())
+            {
                 true => SPRING_SD_M,
                 false => SPRING_CALIBRATED_SD_M,
             }
         });
         let mut healthy = [0.0; STATES];
-        healthy[SPRING..LAG].copy_from_slice(&spring_sd_m);
+        healthy[SPRING..JUMP].copy_from_slice(&spring_sd_m);
         for i in 0..IMUS {
             let known = calibrated(i);
             for k in 0..3 {
@@ -204,7 +232,6 @@ impl Filter {
         }
         let known = (0..IMUS).any(calibrated);
         healthy[TILT..SPRING].fill(if known { TILT_SD } else { TILT_UNKNOWN });
-        healthy[LAG] = LAG_SD_S;
         let mut filter = Self {
             spec: spec.clone(),
             geometry,
@@ -213,15 +240,18 @@ impl Filter {
                 velocity: Vector3::zeros(),
                 rate: Vector3::zeros(),
                 acceleration: Vector3::zeros(),
+                lively: [ACCEL_SD[1].powi(2), RATE_WALK[1].powi(2)],
             }),
             gyro_bias: [Vector3::zeros(); IMUS],
             accel_bias: [Vector3::zeros(); IMUS],
             level_from_base: calibration.level_from_base(),
             spring_bias_m: [0.0; SPRINGS],
-            lag_s: LAG_S,
+            jump_m: [0.0; SPRINGS],
+            slow_rate_m_s: [0.0; SPRINGS],
             covariance: Box::new([[0.0; STATES]; STATES]),
             correction: [0.0; STATES],
             spring_is_open: [false; SPRINGS],
+            has_jumped: [false; SPRINGS],
             imu_is_open: [false; IMUS],
             healthy,
             spring_sd_m,
@@ -248,23 +278,22 @@ impl Filter {
     /// Whether a channel's bias is left open, because it may be faulty.
     pub fn is_open(&self, channel: Channel) -> bool {
         match channel {
-            Channel::Spring(i) => self.spring_is_open[i],
+            Channel::Spring(i) => self.spring_is_open[i] || self.has_jumped[i],
             Channel::Imu(i) => self.imu_is_open[i],
         }
     }
 
     /// Discards what was known of the motion and of the biases of channels that are not open.
     fn forget(&mut self) {
-        let open = |s: &Self, k: usize| match k {
-            GYRO..ACCEL => s.imu_is_open[(k - GYRO) / 3],
-            ACCEL..TILT => s.imu_is_open[(k - ACCEL) / 3],
-            SPRING..LAG => s.spring_is_open[k - SPRING],
-            _ => false,
-        };
         for k in 0..STATES {
+            let known = self.covariance[k][k];
+            let after_gap = (known + GAP_M * GAP_M).min(self.fault_sd(k).powi(2));
             let variance = match k {
                 0..GYRO => START[k % PAD / 3].powi(2),
-                _ if open(self, k) => self.fault_sd(k).powi(2),
+                GYRO..ACCEL if self.imu_is_open[(k - GYRO) / 3] => known,
+                ACCEL..TILT if self.imu_is_open[(k - ACCEL) / 3] => known,
+                SPRING..JUMP if self.spring_is_open[k - SPRING] => after_gap,
+                JUMP.. if self.has_jumped[k - JUMP] => after_gap,
                 _ => self.healthy[k].powi(2),
             };
             self.isolate(k, variance);
@@ -290,8 +319,10 @@ impl Filter {
     pub fn start(&mut self, readings: &[Reading]) {
         let mut length_m = [None; SPRINGS];
         for r in readings {
-            if let Reading::Length { spring, value_m, .. } = r
-                && !self.spring_is_open[*spring]
+            if let Reading::Length {
+                spring, value_m, ..
+            } = r
+                && !self.is_open(Channel::Spring(*spring))
             {
                 length_m[*spring] = Some(*value_m);
             }
@@ -325,8 +356,9 @@ impl Filter {
             self.accel_bias = before.accel_bias;
             self.level_from_base = before.level_from_base;
             self.spring_bias_m = before.spring_bias_m;
-            self.lag_s = before.lag_s;
+            self.jump_m = before.jump_m;
             let poses = self.poses();
+            self.covariance.clone_from(&before.covariance);
             self.forget();
             let from_guess = poses.iter().zip(&before.pads).enumerate();
             for (p, (now, guess)) in from_guess {
@@ -379,7 +411,7 @@ impl Filter {
     /// Moves everything on by `dt_s`.
     pub fn predict(&mut self, dt_s: f64) {
         let keep = |tau_s: f64| (-dt_s / tau_s).exp();
-        let (of_a, of_w, of_v) = (keep(ACCEL_TAU_S), keep(RATE_TAU_S), keep(VELOCITY_TAU_S));
+        let (of_a, of_v) = (keep(ACCEL_TAU_S), keep(VELOCITY_TAU_S));
         for p in 0..PADS {
             let at = PAD * p;
             let pad = &mut self.pads[p];
@@ -388,7 +420,6 @@ impl Filter {
                 pad.velocity * dt_s + pad.acceleration * (0.5 * dt_s * dt_s);
             pad.pose.rotation = UnitQuaternion::from_scaled_axis(turn) * pad.pose.rotation;
             pad.velocity = pad.velocity * of_v + pad.acceleration * dt_s;
-            pad.rate *= of_w;
             pad.acceleration *= of_a;
             let spin = Matrix3::identity() + turn.cross_matrix();
             let step = |x: &mut [f64; PAD]| {
@@ -400,7 +431,6 @@ impl Filter {
                         + spin[(k, 2)] * old[TH + 2]
                         + dt_s * old[W + k];
                     x[V + k] = of_v * old[V + k] + dt_s * old[A + k];
-                    x[W + k] = of_w * old[W + k];
                     x[A + k] = of_a * old[A + k];
                 }
             };
@@ -417,9 +447,10 @@ impl Filter {
                     self.covariance[at + k][j] = x;
                 }
             }
+            let [accel, walk] = self.pads[p].lively;
             for k in 0..3 {
-                self.widen(at + A + k, ACCEL_SD_M_S2.powi(2) * (1.0 - of_a * of_a));
-                self.widen(at + W + k, RATE_SD_RAD_S.powi(2) * (1.0 - of_w * of_w));
+                self.widen(at + A + k, accel * (1.0 - of_a * of_a));
+                self.widen(at + W + k, walk * dt_s);
             }
         }
         self.predict_biases(dt_s);
@@ -427,39 +458,98 @@ impl Filter {
 
     fn predict_biases(&mut self, dt_s: f64) {
         for i in 0..IMUS {
+            let rate = self.pads[self.geometry.pad_of_imu[i]].rate.norm();
+            let turns = rate / TURN_RAD;
             let open = self.imu_is_open[i];
-            let gyro = if open { GYRO_FAULT_WALK } else { GYRO_WALK };
-            let accel = if open { ACCEL_FAULT_WALK } else { ACCEL_WALK };
+            let [gyro, accel] = match open {
+                true => [GYRO_FAULT_WALK, ACCEL_FAULT_WALK].map(|w| w * w),
+                false => [
+                    GYRO_WALK * GYRO_WALK + (GYRO_TURN * rate).powi(2) * turns,
+                    ACCEL_WALK * ACCEL_WALK + ACCEL_TURN * ACCEL_TURN * turns,
+                ],
+            };
             for k in 0..3 {
-                self.widen(GYRO + 3 * i + k, gyro * gyro * dt_s);
-                self.widen(ACCEL + 3 * i + k, accel * accel * dt_s);
+                for (state, walk) in [(GYRO + 3 * i + k, gyro), (ACCEL + 3 * i + k, accel)] {
+                    if open {
+                        self.widen(state, walk * dt_s);
+                    } else {
+                        self.wander(state, walk * dt_s);
+                    }
+                }
             }
         }
         for k in 0..2 {
             self.widen(TILT + k, TILT_WALK * TILT_WALK * dt_s);
         }
-        self.widen(LAG, LAG_WALK * LAG_WALK * dt_s);
-        let keep = (-dt_s / SPRING_TAU_S).exp();
         for i in 0..SPRINGS {
             let k = SPRING + i;
+            let turn = self.pads[i / LEGS].rate.norm();
+            let rate_m_s = self.leg(i).rate_m_s;
+            let slow_m_s = &mut self.slow_rate_m_s[i];
+            *slow_m_s += dt_s / (SLOW_TAU_S + dt_s) * (rate_m_s - *slow_m_s);
+            let ways = rate_m_s.abs() / SPRING_WAY[0] + turn / SPRING_WAY[1];
+            if self.has_jumped[i] {
+                self.widen(JUMP + i, SPRING_FAULT_WALK * SPRING_FAULT_WALK * dt_s);
+            }
+            let shifts = dt_s * (ways + 1.0 / SPRING_TAU_S);
             if self.spring_is_open[i] {
                 self.widen(k, SPRING_FAULT_WALK * SPRING_FAULT_WALK * dt_s);
-                continue;
+            } else {
+                self.wander(k, 2.0 * self.healthy[k].powi(2) * shifts);
             }
-            self.spring_bias_m[i] *= keep;
-            for j in 0..STATES {
-                self.covariance[k][j] *= keep;
-                self.covariance[j][k] *= keep;
-            }
-            self.widen(k, self.healthy[k].powi(2) * (1.0 - keep * keep));
         }
+    }
+
+    /// A healthy bias changes by a random walk of this variance, within its prior: it returns to 0.
+    fn wander(&mut self, k: usize, walk: f64) {
+        let prior = self.healthy[k].powi(2);
+        let keep = (-0.5 * walk / prior).exp();
+        self.set_bias(k, keep * self.bias(k));
+        for j in 0..STATES {
+            self.covariance[k][j] *= keep;
+        }
+        for row in self.covariance.iter_mut() {
+            row[k] *= keep;
+        }
+        self.widen(k, prior * (1.0 - keep * keep));
     }
 
     fn widen(&mut self, k: usize, variance: f64) {
         self.covariance[k][k] += variance;
     }
 
-    /// A blow may have hit pad `p` since the last frame.
+    /// Learns how lively pad `p` moves, `dt_s` after the last frame, from the innovations of its IMUs' forces and rates:
+    /// mean square per axis, and its part that noise explains. A sudden one counts for the present frame.
+    pub fn enliven(&mut self, p: usize, dt_s: f64, innovations: Option<[[f64; 2]; 2]>) {
+        let least = [ACCEL_SD[0].powi(2), RATE_WALK[0].powi(2)];
+        let Some(innovations) = innovations else {
+            self.pads[p].lively = [ACCEL_SD[1].powi(2), RATE_WALK[1].powi(2)];
+            return;
+        };
+        let pass = dt_s / (LIVELY_TAU_S + dt_s);
+        let per = [1.0, 1.0 / dt_s.max(1e-3)];
+        for (k, [square, noise]) in innovations.into_iter().enumerate() {
+            let excess = (square - noise).max(-noise);
+            let lively = &mut self.pads[p].lively[k];
+            *lively = (*lively + pass * (excess * per[k] - *lively)).max(least[k]);
+            if square > SUDDEN * noise {
+                *lively = lively.max(excess * per[k]);
+                let at = PAD * p;
+                // What an acceleration or a rate that began with the frame has done since.
+                let of = match k {
+                    0 => [(A, 1.0), (V, dt_s), (P, 0.5 * dt_s * dt_s)],
+                    _ => [(W, 1.0), (TH, dt_s), (TH, 0.0)],
+                };
+                for (state, by) in of {
+                    for axis in 0..3 {
+                        self.widen(at + state + axis, excess * by * by);
+                    }
+                }
+            }
+        }
+    }
+
+    /// A blow may have hit pad `p` since the last frame, and no IMU measured it.
     pub fn disturb(&mut self, p: usize) {
         for k in 0..PAD {
             self.widen(PAD * p + k, BLOW[k / 3].powi(2));
@@ -537,15 +627,18 @@ impl Filter {
         }
         let tilt = Vector3::new(x[TILT], x[TILT + 1], 0.0);
         self.level_from_base = UnitQuaternion::from_scaled_axis(tilt) * self.level_from_base;
-        for (bias, x) in self.spring_bias_m.iter_mut().zip(&x[SPRING..]) {
+        for (bias, x) in self.spring_bias_m.iter_mut().zip(&x[SPRING..JUMP]) {
             *bias += x;
         }
-        self.lag_s = (self.lag_s + x[LAG]).clamp(0.0, LAG_MAX_S);
+        for (jump, x) in self.jump_m.iter_mut().zip(&x[JUMP..]) {
+            *jump += x;
+        }
     }
 
-    /// States of a channel's biases.
-    fn biases_of(channel: Channel) -> impl Iterator<Item = usize> + Clone {
+    /// States that a hypothesis on a channel is about: a spring's bias, or the jump of one that has made it.
+    fn biases_of(&self, channel: Channel) -> impl Iterator<Item = usize> + Clone + use<> {
         let (a, b) = match channel {
+            Channel::Spring(i) if self.has_jumped[i] => (JUMP + i..JUMP + i + 1, 0..0),
             Channel::Spring(i) => (SPRING + i..SPRING + i + 1, 0..0),
             Channel::Imu(i) => (
                 GYRO + 3 * i..GYRO + 3 * i + 3,
@@ -568,10 +661,18 @@ impl Filter {
     /// [`super::faults`]) and the logarithm of its ratio.
     pub fn flip(&self, channel: Channel) -> impl Iterator<Item = Flip> + '_ {
         let open = self.is_open(channel);
-        Self::biases_of(channel).map(move |state| {
-            let healthy = self.healthy[state].powi(-2);
+        self.biases_of(channel).map(move |state| {
+            let healthy = match state {
+                JUMP.. => NO_JUMP_M,
+                _ => self.healthy[state],
+            }
+            .powi(-2);
             let faulty = self.fault_sd(state).powi(-2);
-            let (from, to) = if open { (faulty, healthy) } else { (healthy, faulty) };
+            let (from, to) = if open {
+                (faulty, healthy)
+            } else {
+                (healthy, faulty)
+            };
             Flip {
                 state,
                 estimate: self.bias(state),
@@ -581,11 +682,27 @@ impl Filter {
         })
     }
 
+    pub fn jump_dbg(&self, i: usize) -> (f64, f64) {
+        (self.jump_m[i], self.covariance[JUMP + i][JUMP + i])
+    }
+    pub fn bias_dbg(&self, c: Channel) -> Vec<f64> {
+        self.biases_of(c).map(|k| self.bias(k)).collect()
+    }
     fn bias(&self, state: usize) -> f64 {
         match state {
             GYRO..ACCEL => self.gyro_bias[(state - GYRO) / 3][(state - GYRO) % 3],
             ACCEL..TILT => self.accel_bias[(state - ACCEL) / 3][(state - ACCEL) % 3],
-            _ => self.spring_bias_m[state - SPRING],
+            SPRING..JUMP => self.spring_bias_m[state - SPRING],
+            _ => self.jump_m[state - JUMP],
+        }
+    }
+
+    fn set_bias(&mut self, state: usize, value: f64) {
+        match state {
+            GYRO..ACCEL => self.gyro_bias[(state - GYRO) / 3][(state - GYRO) % 3] = value,
+            ACCEL..TILT => self.accel_bias[(state - ACCEL) / 3][(state - ACCEL) % 3] = value,
+            SPRING..JUMP => self.spring_bias_m[state - SPRING] = value,
+            _ => self.jump_m[state - JUMP] = value,
         }
     }
 
@@ -602,19 +719,41 @@ impl Filter {
         };
         for flip in flips.into_iter().flatten() {
             // A measurement b = 0 with the variance 1/D.
+            let known = self.covariance[flip.state][flip.state];
+            if 1.0 + known * flip.precision < INFORMED {
+                // Nothing is known but the prior.
+                self.isolate(flip.state, self.fault_sd(flip.state).powi(2));
+                continue;
+            }
             let row = Row::of(&[(flip.state, 1.0)]);
             self.update(&row, -flip.estimate, 1.0 / flip.precision);
         }
         self.inject();
-        self.set_open(channel, !self.is_open(channel));
+        match channel {
+            Channel::Spring(i) if self.has_jumped[i] => {
+                self.has_jumped[i] = false;
+                self.jump_m[i] = 0.0;
+                self.isolate(JUMP + i, 0.0);
+            }
+            Channel::Spring(i) => self.spring_is_open[i] = !self.spring_is_open[i],
+            Channel::Imu(i) => self.imu_is_open[i] = !self.imu_is_open[i],
+        }
     }
 
-    /// The channel's reading has jumped: what was known of its bias is no longer valid.
-    pub fn reopen(&mut self, channel: Channel) {
-        for state in Self::biases_of(channel) {
-            self.isolate(state, self.fault_sd(state).powi(2));
+    /// The channel's reading has jumped.
+    pub fn jump(&mut self, channel: Channel) {
+        match channel {
+            Channel::Spring(i) => {
+                self.has_jumped[i] = true;
+                self.widen(JUMP + i, SPRING_FAULT_M.powi(2));
+            }
+            Channel::Imu(i) => {
+                for state in self.biases_of(channel) {
+                    self.widen(state, self.fault_sd(state).powi(2));
+                }
+                self.imu_is_open[i] = true;
+            }
         }
-        self.set_open(channel, true);
     }
 
     /// Forgets the biases of healthy channels of segment `k`: one of them may have changed unnoticed.
@@ -627,11 +766,19 @@ impl Filter {
         }
     }
 
-    fn set_open(&mut self, channel: Channel, open: bool) {
-        match channel {
-            Channel::Spring(i) => self.spring_is_open[i] = open,
-            Channel::Imu(i) => self.imu_is_open[i] = open,
+    /// Error of the pads' poses (position, m, and turn, rad, of the middle and the end pad) squared, in units of its
+    /// covariance, per degree of freedom; 1 on average where the covariance is right.
+    pub fn nees(&self, truth: &[Pose; PADS]) -> Option<f64> {
+        let state = |k: usize| PAD * (k / 6) + k % 6;
+        let p = SMatrix::<f64, 12, 12>::from_fn(|i, j| self.covariance[state(i)][state(j)]);
+        let mut e = SVector::<f64, 12>::zeros();
+        for (p, (pad, truth)) in self.pads.iter().zip(truth).enumerate() {
+            let off_m = truth.translation.vector - pad.pose.translation.vector;
+            let turn = (truth.rotation * pad.pose.rotation.inverse()).scaled_axis();
+            e.fixed_rows_mut::<3>(6 * p).copy_from(&off_m);
+            e.fixed_rows_mut::<3>(6 * p + 3).copy_from(&turn);
         }
+        Some(e.dot(&p.cholesky()?.solve(&e)) / 12.0)
     }
 
     /// Standard deviations of a pad's position (largest, m) and orientation (about x, y and z of the base, rad).
@@ -655,11 +802,6 @@ impl Filter {
     /// Rate at which spring `i` lengthens, m/s.
     pub fn length_rate_m_s(&self, i: usize) -> f64 {
         self.leg(i).rate_m_s
-    }
-
-    /// Lag of the springs, s, and its standard deviation.
-    pub fn lag_s(&self) -> [f64; 2] {
-        [self.lag_s, self.covariance[LAG][LAG].max(0.0).sqrt()]
     }
 
     /// Rows of a pad's orientation error, about x, y and z of the base.

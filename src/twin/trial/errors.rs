@@ -109,7 +109,8 @@ impl Trial {
             let by_springs = sensing.pads_by_springs();
             for i in 0..IMUS {
                 let by_springs = by_springs[pad_index(robot.imus[i].pad)];
-                if let Some(by_springs) = by_springs.filter(|_| out.health.imus[i] == ChannelHealth::Ok)
+                if let Some(by_springs) =
+                    by_springs.filter(|_| out.health.imus[i] == ChannelHealth::Ok)
                 {
                     let by_imu =
                         UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
