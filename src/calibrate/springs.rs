@@ -1,7 +1,7 @@
 //! Springs: points from a bench, a log or by hand, and the verdict on each spring.
 
 use crate::sensing::bench::{BenchLog, BenchPoint, Direction, FitError, fit};
-use crate::sensing::bench::{CAPACITANCE_F, COMPENSATION_H};
+use crate::sensing::bench::{CAPACITANCE_F, COMPENSATION_H, Channel};
 use crate::sensing::calibration::{Curve, FitQuality, Quantity, SpringCalibration, inductance_h};
 use crate::sensing::spring::frequency_hz;
 use crate::signal::{RawFrame, SPRINGS, Stamp};
@@ -38,15 +38,30 @@ pub enum Verdict {
 }
 
 /// Points of one spring.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SpringTake {
     points: Vec<BenchPoint>,
+    channel: Channel,
     circuit: bool,
     by_hand: bool,
     log_sha256: Option<String>,
     fitted: Option<Result<(Curve, FitQuality), FitError>>,
     /// How often it was captured again.
     pub redone: u32,
+}
+
+impl Default for SpringTake {
+    fn default() -> Self {
+        Self {
+            points: Vec::new(),
+            channel: Channel::NOMINAL,
+            circuit: false,
+            by_hand: false,
+            log_sha256: None,
+            fitted: None,
+            redone: 0,
+        }
+    }
 }
 
 impl SpringTake {
@@ -90,7 +105,7 @@ impl SpringTake {
         };
         match fitted {
             _ if self.circuit => Verdict::Redo {
-                why: "the log holds a circuit's own readings, but boards send counts: log frequency or inductance"
+                why: "the log holds a circuit's own readings, but boards send counts: log frequency_hz with the spring plugged into its own channel"
                     .into(),
                 quality: fitted.as_ref().ok().map(|f| f.1),
             },
@@ -125,8 +140,8 @@ impl SpringTake {
         let (curve, quality) = self.fitted.as_ref()?.as_ref().ok()?;
         (!self.circuit).then(|| SpringCalibration {
             spring: i + 1,
-            capacitance_f: CAPACITANCE_F,
-            compensation_h: COMPENSATION_H,
+            capacitance_f: self.channel.capacitance_f,
+            compensation_h: self.channel.compensation_h,
             curve: curve.clone(),
             ends_off_m: Default::default(),
             quality: *quality,
@@ -182,6 +197,7 @@ impl SpringsTake {
             let again = u32::from(!old.points.is_empty());
             let mut take = SpringTake {
                 points: points.clone(),
+                channel: log.channels[i],
                 circuit: log.quantity == Quantity::CircuitReading,
                 by_hand: false,
                 log_sha256: Some(log.sha256.clone()),
@@ -348,6 +364,21 @@ mod tests {
         );
         assert_eq!(take.springs[3].verdict(true), Verdict::Kept);
         assert_eq!(take.springs[3].verdict(false), Verdict::Uncovered);
+    }
+
+    #[test]
+    fn the_parts_of_the_channel_in_a_log_reach_the_calibration() {
+        let mut text = "spring,length_mm,inductance_uh,capacitance_pf,compensation_uh\n".to_owned();
+        for k in 0..35 {
+            let length_mm = 70.0 + 5.0 * f64::from(k);
+            text += &format!("3,{length_mm},{},990,10.2\n", 250.0 / length_mm + 2.0);
+        }
+        let log = crate::sensing::bench::parse_bench(&text).expect("reads");
+        let mut take = SpringsTake::default();
+        take.take_log(&log, &[2], RANGE_M);
+        let spring = take.springs[2].calibration(2).expect("it fits");
+        assert!((spring.capacitance_f - 990e-12).abs() < 1e-18);
+        assert!((spring.compensation_h - 10.2e-6).abs() < 1e-15);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use springtwin::lab::dataset::read_all_samples;
 use springtwin::lab::units::session_recipe;
 use springtwin::learn::{self, Recipe};
 use springtwin::recording::{read_dataset, write_bytes};
+use springtwin::signal::Dataset;
 
 #[derive(Args)]
 pub struct TrainArgs {
@@ -110,16 +111,37 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
     }
     Ok(Report {
         text: format!(
-            "trained in {seconds:.1} s to {}\n{}",
+            "trained in {seconds:.1} s to {}\n{}{}",
             file.display(),
-            told(&trained.scores)
+            summary(&trained.scores),
+            real.as_ref()
+                .map_or(String::new(), |real| held_out(&recipe, real)),
         ),
         json: json!({"seconds": seconds, "seconds_by_stage": by_stage, "file": file, "scores": scores}),
     })
 }
 
+/// How a trajectory of the arm itself was split, for people; nothing for samples that were drawn independently.
+fn held_out(recipe: &Recipe, real: &Dataset) -> String {
+    let Some(row_s) = real.row_s else {
+        return String::new();
+    };
+    let rows = recipe.split.rows(Some(row_s));
+    let mut text = format!(
+        "; held out were blocks of {:.1} s ({rows} rows)",
+        rows as f64 * row_s
+    );
+    if (2..rows).contains(&recipe.split.block) {
+        text += &format!(
+            ", not the shorter ones of split.block = {}: neighbouring rows are nearly the same sample",
+            recipe.split.block
+        );
+    }
+    text
+}
+
 /// How networks do on samples that they have not seen, for people; `--json` has all of it.
-fn told(scores: &learn::Scores) -> String {
+fn summary(scores: &learn::Scores) -> String {
     let pose = &scores.smap.test;
     let mut text = format!(
         "on {} samples that it has not seen: translation {:.2} mm mean, {:.2} mm P95, rotation {:.2} deg mean; plant: springs {:.2} mm, IMUs {:.2} deg mean",
@@ -136,9 +158,13 @@ fn told(scores: &learn::Scores) -> String {
             s2r.after.test.n,
             s2r.before.translation_mm.mean,
             s2r.after.test.translation_mm.mean,
-            match s2r.kept {
-                true => "with them",
-                false => "as written: they were no better and are left out",
+            match (s2r.kept.translation, s2r.kept.rotation) {
+                (true, true) => "with them",
+                (true, false) =>
+                    "as written: the one for the rotation was no better and is left out",
+                (false, true) =>
+                    "as written: the one for the translation was no better and is left out",
+                (false, false) => "as written: they were no better and are left out",
             }
         );
     }

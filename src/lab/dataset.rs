@@ -9,7 +9,7 @@ use super::session::calibration_of;
 use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use super::{Progress, go_on, motions, threads, units};
 use crate::recording::{
-    DATASET_SAMPLE_BYTES, DatasetJournal, read_dataset, read_session, write_dataset,
+    DATASET_SAMPLE_BYTES, DatasetJournal, SessionLog, read_dataset, read_session, write_dataset,
 };
 use crate::rig::Unit;
 use crate::robot::RobotSpec;
@@ -164,6 +164,7 @@ fn resumable(
         source: source.to_owned(),
         seed: plan.seed,
         robot_hash: robot.hash.clone(),
+        row_s: None,
         shard: shard.map(|s| serde_json::to_string(&s)).transpose()?,
     })?;
     Ok(Made {
@@ -198,7 +199,8 @@ pub fn merge(paths: &[PathBuf], out: &Path) -> Result<(usize, String)> {
     Ok((joined.samples.len(), joined.source))
 }
 
-/// The samples of several files one after the other; `None` of no file.
+/// The samples of several files one after the other; `None` of no file. Their interval between rows is the shortest of the
+/// files', so that blocks of time are nowhere shorter than stated.
 ///
 /// # Errors
 /// As [`read_samples`].
@@ -210,6 +212,10 @@ pub fn read_all_samples(paths: &[PathBuf]) -> Result<Option<Dataset>> {
             None => all = Some(more),
             Some(all) => {
                 all.source += &format!(" + {}", more.source);
+                all.row_s = [all.row_s, more.row_s]
+                    .into_iter()
+                    .flatten()
+                    .reduce(f64::min);
                 all.samples.extend(more.samples);
             }
         }
@@ -226,25 +232,101 @@ pub fn read_samples(path: &Path) -> Result<Dataset> {
         return Ok(read_dataset(path)?);
     }
     let log = read_session(path)?;
-    let samples = (0..log.len())
+    Ok(samples_of(&log))
+}
+
+/// The complete rows of a session, as a trajectory.
+fn samples_of(log: &SessionLog) -> Dataset {
+    let complete = |k: usize| {
+        let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
+            && log.sensors[k].to_vector().iter().all(|x| x.is_finite());
+        log.truth[k].filter(|_| complete)
+    };
+    let (t_s, samples): (Vec<f64>, Vec<Sample>) = (0..log.len())
         .filter_map(|k| {
-            let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
-                && log.sensors[k].to_vector().iter().all(|x| x.is_finite());
-            let truth = log.truth[k].filter(|_| complete)?;
-            Some(Sample {
+            let sample = Sample {
                 chamber_pa: log.chamber_pa[k],
                 payload_kg: log.payload_kg,
                 tip_force_n: [0.0; 3],
+                off_nominal: false,
                 sensors: log.sensors[k].clone(),
-                base_from_tip: truth,
-            })
+                base_from_tip: complete(k)?,
+            };
+            Some((log.t_s[k], sample))
         })
-        .collect();
-    Ok(Dataset {
+        .unzip();
+    Dataset {
         samples,
         source: log.name.clone(),
         seed: 0,
         robot_hash: String::new(),
+        row_s: row_interval_s(&t_s),
         shard: None,
-    })
+    }
+}
+
+/// Median time between consecutive rows, s; `None` of fewer than two.
+fn row_interval_s(t_s: &[f64]) -> Option<f64> {
+    let mut steps_s: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
+    steps_s.sort_by(f64::total_cmp);
+    steps_s.get(steps_s.len() / 2).copied().filter(|s| *s > 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::SVector;
+
+    use super::*;
+    use crate::signal::{CHAMBERS, Pose, SensorVec};
+
+    /// A session of so many rows, every third one without motion capture.
+    fn log(rows: usize, rate_hz: f64) -> SessionLog {
+        SessionLog {
+            name: "walk".to_owned(),
+            rate_hz,
+            payload_kg: 0.1,
+            t_s: (0..rows).map(|k| k as f64 / rate_hz).collect(),
+            chamber_pa: vec![[0.0; CHAMBERS]; rows],
+            sensors: vec![SensorVec::from_vector(&SVector::from_element(0.1)); rows],
+            truth: (0..rows)
+                .map(|k| (k % 3 != 0).then(Pose::identity))
+                .collect(),
+            commanded_pa: None,
+            payload_column_kg: None,
+            hash: String::new(),
+            robot: String::new(),
+        }
+    }
+
+    #[test]
+    fn a_session_is_a_trajectory_with_the_time_between_its_rows() {
+        let data = samples_of(&log(600, 50.0));
+        assert_eq!(data.samples.len(), 400);
+        let row_s = data.row_s.expect("a trajectory");
+        assert!((0.0199..0.0401).contains(&row_s), "{row_s}");
+        assert_eq!(samples_of(&log(2, 50.0)).row_s, None);
+    }
+
+    #[test]
+    fn sessions_and_data_sets_in_files_keep_the_time_between_their_rows() {
+        let dir = std::env::temp_dir().join(format!("springtwin-rows-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("a folder");
+        let paths = [
+            dir.join("slow.parquet"),
+            dir.join("fast.parquet"),
+            dir.join("drawn.parquet"),
+        ];
+        for (path, row_s) in paths.iter().zip([Some(0.2), Some(0.02), None]) {
+            let data = Dataset {
+                row_s,
+                ..samples_of(&log(30, 50.0))
+            };
+            write_dataset(path, &data).expect("writes");
+        }
+        let all = read_all_samples(&paths).expect("reads").expect("some");
+        assert_eq!((all.samples.len(), all.row_s), (60, Some(0.02)));
+        let drawn = read_all_samples(&paths[2..]).expect("reads").expect("some");
+        assert_eq!(drawn.row_s, None);
+        std::fs::remove_dir_all(dir).expect("removed");
+    }
 }

@@ -65,6 +65,7 @@ pub fn settled(
             chamber_pa,
             payload_kg: 0.0,
             tip_force_n: [0.0; 3],
+            off_nominal: false,
             sensors: frame.sensors,
             base_from_tip: rig.mocap_pose(),
         });
@@ -216,6 +217,7 @@ pub fn session(
                 chamber_pa: raw.chamber_pa,
                 payload_kg: m.payload_kg,
                 tip_force_n: [0.0; 3],
+                off_nominal: !matches!(m.push, Push::None | Push::Rests),
                 sensors: frame.sensors,
                 base_from_tip: rig.mocap_pose(),
             });

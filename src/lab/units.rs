@@ -28,8 +28,6 @@ const SESSION_KG: [f64; 2] = [0.0, 0.25];
 const SESSION_SHARE: f64 = 0.95;
 /// Rows of the session per second of motion.
 const SESSION_ROWS_1_S: f64 = 5.0;
-/// Length of the blocks that stay together when rows are dealt to training, validation and test, s.
-const BLOCK_S: f64 = 10.0;
 /// Seed of the sessions of all units: no study moves a rig with it.
 const SESSION_SEED: u64 = 90;
 
@@ -57,8 +55,7 @@ impl Lab {
     pub fn new(robot: &RobotSpec, unit: Unit, seconds: f64, base: &Model) -> Result<Self> {
         let calibration = calibration_of(robot, unit)?;
         let session = session(robot, unit, &calibration, seconds)?;
-        let mut recipe = session_recipe()?;
-        recipe.split.block = (BLOCK_S * SESSION_ROWS_1_S) as usize;
+        let recipe = session_recipe()?;
         let networks = adapt(base, &session, &recipe, &mut |_| ControlFlow::Continue(()))?;
         Ok(Self {
             unit,
@@ -106,6 +103,7 @@ pub fn session(
         source: format!("virtual rig, session of unit {}", unit.0),
         seed: SESSION_SEED,
         robot_hash: robot.hash.clone(),
+        row_s: Some(1.0 / SESSION_ROWS_1_S),
         shard: None,
     })
 }

@@ -5,7 +5,7 @@
 //!
 //! p₀ = mean over members of N_smap(s),  p = p₀ + δ(p₀),  J = (I + ∂δ/∂p) J_smap
 //!
-//! δ stacks the translation and the rotation network. When the networks also take the signals,
+//! δ stacks the translation and the rotation network; zero stands for one that is not in use. When the networks also take the signals,
 //! J gains ∂δ/∂s.
 
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -95,13 +95,20 @@ pub(super) fn used_channels(channels: Channels) -> [bool; SIGNALS] {
     })
 }
 
-/// The two sim-to-real networks.
-#[derive(Clone, Debug, PartialEq)]
+/// The two sim-to-real networks, as far as they are in use.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Correction {
     /// Pose (6), or pose and signals (30), to what is missing in x, y, z, m.
-    pub translation: Mlp,
+    pub translation: Option<Mlp>,
     /// The same input to what is missing in yaw, pitch, roll, rad.
-    pub rotation: Mlp,
+    pub rotation: Option<Mlp>,
+}
+
+impl Correction {
+    /// Whether neither network is in use.
+    pub fn is_none(&self) -> bool {
+        self.translation.is_none() && self.rotation.is_none()
+    }
 }
 
 /// Parts of a [`Cascade`].
@@ -109,8 +116,8 @@ pub struct Correction {
 pub struct CascadeParts {
     /// Sensor maps 24 → 6, one to five; their mean is used.
     pub smap: Vec<Mlp>,
-    /// Sim-to-real correction, if trained.
-    pub correction: Option<Correction>,
+    /// Sim-to-real correction.
+    pub correction: Correction,
     /// The training signals.
     pub spread: SensorSpread,
     /// The error.
@@ -122,7 +129,7 @@ pub struct CascadeParts {
 pub struct Cascade {
     parts: CascadeParts,
     smap: Vec<Kernel>,
-    correction: Option<[Kernel; 2]>,
+    correction: [Option<Kernel>; 2],
 }
 
 impl Cascade {
@@ -147,21 +154,19 @@ impl Cascade {
                 "24 inputs and 6 outputs",
             )?;
         }
-        if let Some(c) = &parts.correction {
-            let want = "6 or 30 inputs and 3 outputs";
-            for (what, net) in [
-                ("the translation correction", &c.translation),
-                ("the rotation correction", &c.rotation),
-            ] {
+        let c = &parts.correction;
+        let want = "6 or 30 inputs and 3 outputs";
+        for (what, net) in [
+            ("the translation correction", &c.translation),
+            ("the rotation correction", &c.rotation),
+        ] {
+            if let Some(net) = net {
                 check(what, net, &[6, 6 + SIGNALS], 3, want)?;
             }
         }
         Ok(Self {
             smap: parts.smap.iter().map(Kernel::new).collect(),
-            correction: parts
-                .correction
-                .as_ref()
-                .map(|c| [Kernel::new(&c.translation), Kernel::new(&c.rotation)]),
+            correction: [&c.translation, &c.rotation].map(|net| net.as_ref().map(Kernel::new)),
             parts,
         })
     }
@@ -213,12 +218,13 @@ impl Cascade {
     pub(super) fn evaluate(&self, sensors: &SVector<f64, SIGNALS>) -> (Vector6, Hints) {
         let mut scratch = Scratch::default();
         let (mut pose, mut jacobian, mut spread) = self.members(sensors, &mut scratch);
-        if let Some(kernels) = &self.correction {
+        if self.correction.iter().any(Option::is_some) {
             let input = correction_input(&pose, sensors);
             // I + ∂δ/∂p and ∂δ/∂s
             let mut through = Matrix6::identity();
             let mut direct = SMatrix::<f64, 6, SIGNALS>::zeros();
-            for (kernel, at) in kernels.iter().zip([0, 3]) {
+            for (kernel, at) in self.correction.iter().zip([0, 3]) {
+                let Some(kernel) = kernel else { continue };
                 let (delta, d) =
                     kernel.value_and_jacobian_in(&input[..kernel.inputs()], &mut scratch);
                 for (j, column) in d.chunks_exact(3).enumerate() {
@@ -357,10 +363,11 @@ mod tests {
                 )
             };
             Correction {
-                translation: net(),
-                rotation: net(),
+                translation: Some(net()),
+                rotation: Some(net()),
             }
         });
+        let correction = correction.unwrap_or_default();
         Cascade::new(CascadeParts {
             smap,
             correction,
@@ -375,8 +382,14 @@ mod tests {
 
     #[test]
     fn cascade_jacobian_matches_finite_differences() {
-        for (members, inputs) in [(1, None), (1, Some(6)), (3, Some(6)), (2, Some(30))] {
-            let map = cascade(members, inputs);
+        let half = {
+            let mut parts = cascade(2, Some(30)).parts().clone();
+            parts.correction.translation = None;
+            Cascade::new(parts).expect("the shapes are right")
+        };
+        let whole = [(1, None), (1, Some(6)), (3, Some(6)), (2, Some(30))];
+        let whole = whole.map(|(members, inputs)| cascade(members, inputs));
+        for (case, map) in whole.into_iter().chain([half]).enumerate() {
             for sample in &synthetic::dataset(3, 5).samples {
                 let s = sample.sensors.to_vector();
                 let eval = map.pose(&s);
@@ -390,7 +403,7 @@ mod tests {
                     };
                     let d = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
                     let error = (d - eval.jacobian.column(j)).abs().max();
-                    assert!(error < 1e-6 * scale, "{members} {inputs:?} {j}: {error:e}");
+                    assert!(error < 1e-6 * scale, "{case} {j}: {error:e}");
                 }
             }
         }
@@ -400,12 +413,12 @@ mod tests {
     fn a_correction_of_zero_is_the_identity() {
         let with = cascade(2, Some(6));
         let mut parts = with.parts().clone();
-        let c = parts.correction.as_mut().expect("it was made with one");
+        let c = &mut parts.correction;
         for net in [&mut c.translation, &mut c.rotation] {
-            net.output = scaling(3, 0.0, 0.0);
+            net.as_mut().expect("it was made with one").output = scaling(3, 0.0, 0.0);
         }
         let zero = Cascade::new(parts.clone()).expect("same shapes");
-        parts.correction = None;
+        parts.correction = Correction::default();
         let without = Cascade::new(parts).expect("same shapes");
         let s = synthetic::dataset(1, 3).samples[0].sensors.to_vector();
         assert_eq!(zero.pose(&s), without.pose(&s));

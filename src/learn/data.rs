@@ -20,9 +20,10 @@ pub struct Parts {
     pub test: Vec<usize>,
 }
 
-/// Deals `n` samples: blocks of consecutive samples are shuffled and stay whole.
-pub fn split(n: usize, rule: &SplitRule, seed: u64) -> Parts {
-    let block = rule.block.max(1);
+/// Deals `n` samples, rows of a trajectory that are `row_s` apart or independent draws: blocks of consecutive samples are
+/// shuffled and stay whole. Of three or more blocks every part gets one.
+pub fn split(n: usize, rule: &SplitRule, row_s: Option<f64>, seed: u64) -> Parts {
+    let block = rule.rows(row_s);
     let mut starts: Vec<usize> = (0..n).step_by(block).collect();
     starts.shuffle(&mut Pcg64Mcg::seed_from_u64(seed ^ 0x5b17));
     let blocks = starts.len() as f64;
@@ -36,8 +37,14 @@ pub fn split(n: usize, rule: &SplitRule, seed: u64) -> Parts {
             .flat_map(|s| *s..(*s + block).min(n))
             .collect::<Vec<_>>()
     };
-    let second = second.min(starts.len());
-    let first = first.min(second);
+    let most = starts.len();
+    let (first, second) = match most {
+        0..3 => (first.min(most), second.min(most)),
+        _ => {
+            let first = first.clamp(1, most - 2);
+            (first, second.clamp(first + 1, most - 1))
+        }
+    };
     Parts {
         train: collect(&starts[..first]),
         validation: collect(&starts[first..second]),
@@ -65,6 +72,10 @@ pub fn data_hash(data: &Dataset) -> String {
             .chain(pose.iter());
         for x in numbers {
             hash.update(x.to_le_bytes());
+        }
+        // The hash of other samples is that of earlier versions.
+        if s.off_nominal {
+            hash.update([1]);
         }
     }
     hex(&hash.finalize())
@@ -134,12 +145,13 @@ mod tests {
         train: 0.7,
         validation: 0.2,
         block: 1,
+        block_s: 10.0,
     };
 
     #[test]
     fn a_split_deals_every_sample_once_and_keeps_blocks_whole() {
         let rule = SplitRule { block: 10, ..RULE };
-        let p = split(1003, &rule, 4);
+        let p = split(1003, &rule, None, 4);
         let mut all = [p.train.clone(), p.validation.clone(), p.test.clone()].concat();
         all.sort_unstable();
         assert_eq!(all, (0..1003).collect::<Vec<_>>());
@@ -150,8 +162,28 @@ mod tests {
             }
         }
         assert!((p.train.len() as f64 / 1003.0 - 0.7).abs() < 0.02);
-        assert_ne!(p, split(1003, &rule, 5));
-        assert_eq!(p, split(1003, &rule, 4));
+        assert_ne!(p, split(1003, &rule, None, 5));
+        assert_eq!(p, split(1003, &rule, None, 4));
+    }
+
+    #[test]
+    fn neighbouring_rows_of_a_trajectory_are_in_one_part_but_at_the_ends_of_its_blocks() {
+        let n = 3000;
+        let p = split(n, &RULE, Some(0.02), 4);
+        let part_of = |i: usize| match i {
+            i if p.train.contains(&i) => 0,
+            i if p.validation.contains(&i) => 1,
+            _ => 2,
+        };
+        let parts: Vec<usize> = (0..n).map(part_of).collect();
+        let parted = parts.windows(2).filter(|w| w[0] != w[1]).count();
+        assert!(parted <= 5, "{parted} neighbours are in different parts");
+        assert_eq!(RULE.rows(Some(0.2)), 50);
+        let longer = SplitRule { block: 80, ..RULE };
+        assert_eq!((longer.rows(Some(0.2)), longer.rows(None)), (80, 80));
+        // Half a minute is short, but enough for three parts.
+        let p = split(1500, &RULE, Some(0.02), 4);
+        assert_eq!([p.train.len(), p.validation.len(), p.test.len()], [500; 3]);
     }
 
     #[test]

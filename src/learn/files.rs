@@ -106,8 +106,11 @@ struct Description {
 #[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Corrected {
+    /// Translation and rotation.
     Yes,
     No,
+    Translation,
+    Rotation,
 }
 
 impl Model {
@@ -121,9 +124,11 @@ impl Model {
         for (m, net) in parts.smap.iter().enumerate() {
             put_net(&mut tensors, &format!("smap.{m}"), net);
         }
-        if let Some(c) = &parts.correction {
-            put_net(&mut tensors, "translation", &c.translation);
-            put_net(&mut tensors, "rotation", &c.rotation);
+        let c = &parts.correction;
+        for (name, net) in [("translation", &c.translation), ("rotation", &c.rotation)] {
+            if let Some(net) = net {
+                put_net(&mut tensors, name, net);
+            }
         }
         put_net(&mut tensors, "plant", self.plant.net());
         let spread = &parts.spread;
@@ -176,9 +181,11 @@ impl Model {
         let description = Description {
             format: FORMAT,
             members: parts.smap.len(),
-            correction: match parts.correction {
-                Some(_) => Corrected::Yes,
-                None => Corrected::No,
+            correction: match (&c.translation, &c.rotation) {
+                (Some(_), Some(_)) => Corrected::Yes,
+                (Some(_), None) => Corrected::Translation,
+                (None, Some(_)) => Corrected::Rotation,
+                (None, None) => Corrected::No,
             },
             recipe: self.recipe.to_toml(),
             scores: self.scores.clone(),
@@ -213,12 +220,13 @@ impl Model {
         let smap = (0..description.members)
             .map(|m| net(&tensors, &format!("smap.{m}")))
             .collect::<Result<Vec<_>, _>>()?;
-        let correction = match description.correction {
-            Corrected::Yes => Some(Correction {
-                translation: net(&tensors, "translation")?,
-                rotation: net(&tensors, "rotation")?,
-            }),
-            Corrected::No => None,
+        let used = |name: &str, by: [Corrected; 2]| {
+            let used = by.contains(&description.correction);
+            used.then(|| net(&tensors, name)).transpose()
+        };
+        let correction = Correction {
+            translation: used("translation", [Corrected::Yes, Corrected::Translation])?,
+            rotation: used("rotation", [Corrected::Yes, Corrected::Rotation])?,
         };
         let spread = SensorSpread {
             mean: nalgebra::SVector::from_column_slice(&get::<f64>(

@@ -54,6 +54,56 @@ fn a_model_survives_the_round_trip() {
 }
 
 #[test]
+fn a_model_with_one_of_the_sim_to_real_networks_survives_the_round_trip() {
+    let (model, _) = model();
+    let rotation = synthetic_net();
+    for correction in [
+        Correction {
+            translation: None,
+            rotation: Some(rotation.clone()),
+        },
+        Correction {
+            translation: Some(rotation),
+            rotation: None,
+        },
+    ] {
+        let mut parts = model.cascade.parts().clone();
+        parts.correction = correction.clone();
+        let one = Model {
+            cascade: Cascade::new(parts).expect("same shapes"),
+            ..model.clone()
+        };
+        let bytes = one.to_bytes().expect("it serialises");
+        let read = Model::from_bytes(&bytes).expect("our own bytes");
+        assert_eq!(read.cascade.parts().correction, correction);
+    }
+}
+
+/// A network of a correction's shape.
+fn synthetic_net() -> Mlp {
+    use rand::SeedableRng;
+    let scaling = |n| Scaling {
+        mean: vec![0.0; n],
+        std: vec![1.0; n],
+    };
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(4);
+    Mlp::random(vec![6, 8, 3], scaling(6), scaling(3), &mut rng)
+}
+
+#[test]
+fn reports_of_earlier_versions_kept_both_networks_or_none() {
+    use crate::learn::Kept;
+    let both: Kept = serde_json::from_str("true").expect("as earlier versions wrote");
+    assert!(both.translation && both.rotation);
+    let one = Kept {
+        translation: false,
+        rotation: true,
+    };
+    let text = serde_json::to_string(&one).expect("it serialises");
+    assert_eq!(serde_json::from_str::<Kept>(&text).expect("ours"), one);
+}
+
+#[test]
 fn every_truncation_is_refused() {
     let (_, bytes) = model();
     for cut in (0..bytes.len())

@@ -35,7 +35,7 @@ pub use recipe::{
     Channels, CorrectionInput, Noise, Recipe, RecipeError, Schedule, SplitRule, Systematic,
 };
 pub use scores::{
-    CorrectionReport, Coverage, DataOrigin, ErrorStats, PlantReport, PoseReport, PoseScores,
+    CorrectionReport, Coverage, DataOrigin, ErrorStats, Kept, PlantReport, PoseReport, PoseScores,
     RunningStats, SignalScores, pose_residual, quantile, to_pose,
 };
 pub use train::{Watch, adapt, train, train_plant, train_s2r, train_smap};

@@ -53,7 +53,7 @@ pub enum TrainError {
     /// Blocks too long for the data.
     #[error(
         "{what} has {samples} samples: in blocks of {block} they do not fill training, validation and test; \
-         make split.block smaller in the recipe"
+         give more samples, or make {key} smaller in the recipe"
     )]
     Split {
         /// Which data.
@@ -62,6 +62,8 @@ pub enum TrainError {
         samples: usize,
         /// Consecutive samples that stay together.
         block: usize,
+        /// Key of the recipe that decides it.
+        key: &'static str,
     },
     /// A sample is not a number.
     #[error("sample {index} of {what} holds a value that is not finite; generate the data again")]

@@ -97,9 +97,29 @@ pub struct SplitRule {
     pub train: f64,
     /// Fraction for validation (early stopping and calibration).
     pub validation: f64,
-    /// Consecutive samples that stay together: 1 for independent draws, a few seconds' worth for
-    /// a trajectory, whose neighbouring rows are nearly the same sample.
+    /// Consecutive samples that stay together; 1 for independent draws.
+    #[serde(default = "block")]
     pub block: usize,
+    /// Least time that stays together in a trajectory, whose neighbouring rows are nearly the same sample, s.
+    #[serde(default = "block_s")]
+    pub block_s: f64,
+}
+
+fn block() -> usize {
+    1
+}
+
+fn block_s() -> f64 {
+    10.0
+}
+
+impl SplitRule {
+    /// Consecutive samples that stay together, where rows of a trajectory are `row_s` apart (s) and independent draws have
+    /// none.
+    pub fn rows(&self, row_s: Option<f64>) -> usize {
+        let in_time = row_s.map_or(1, |row_s| (self.block_s / row_s).round() as usize);
+        self.block.max(in_time).max(1)
+    }
 }
 
 /// Standard deviation of the noise added to the signals in every batch.
@@ -173,7 +193,8 @@ impl Default for Recipe {
             split: SplitRule {
                 train: 0.7,
                 validation: 0.2,
-                block: 1,
+                block: block(),
+                block_s: block_s(),
             },
             noise: Noise {
                 spring_m: 0.15e-3,
@@ -238,6 +259,12 @@ impl Recipe {
             "split.block",
             self.split.block,
             "1 or more",
+        )?;
+        require(
+            (1.0..=3600.0).contains(&self.split.block_s),
+            "split.block_s",
+            self.split.block_s,
+            "1 to 3600 s: neighbouring rows of a trajectory are nearly the same sample and must not be held out singly",
         )?;
         let noise = [
             ("noise.spring_mm", self.noise.spring_m * 1e3, 20.0),
@@ -393,7 +420,8 @@ mod tests {
         assert_eq!(as_shipped, shipped);
         // A session shows what the unit has off the drawing, and motion capture is better than that.
         assert!(session.reference.position_m < shipped.unit.position_m);
-        assert!(session.split.block > 1 && session.s2r.weight_decay > shipped.s2r.weight_decay);
+        assert!(session.split.rows(Some(0.02)) == 500);
+        assert!(session.s2r.weight_decay > shipped.s2r.weight_decay);
     }
 
     #[test]
@@ -408,6 +436,10 @@ mod tests {
         check(
             "[split]\ntrain = 0.9\nvalidation = 0.2\nblock = 1",
             "split.train",
+        );
+        check(
+            "[split]\ntrain = 0.7\nvalidation = 0.2\nblock_s = 0.02",
+            "split.block_s = 0.02",
         );
         check(
             "[noise]\nspring_mm = nan\nimu_deg = 0.5\nimu_heading_deg = 0",

@@ -283,14 +283,50 @@ pub struct PoseReport {
     pub coverage: Coverage,
 }
 
+/// Which of the two sim-to-real networks are in use: those with a smaller error on the validation part than without them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "KeptEntry")]
+pub struct Kept {
+    /// The one of the translation.
+    pub translation: bool,
+    /// The one of the rotation.
+    pub rotation: bool,
+}
+
+/// As it stands in a file; earlier versions kept both or none.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum KeptEntry {
+    Both(bool),
+    Each { translation: bool, rotation: bool },
+}
+
+impl From<KeptEntry> for Kept {
+    fn from(entry: KeptEntry) -> Self {
+        match entry {
+            KeptEntry::Both(kept) => Self {
+                translation: kept,
+                rotation: kept,
+            },
+            KeptEntry::Each {
+                translation,
+                rotation,
+            } => Self {
+                translation,
+                rotation,
+            },
+        }
+    }
+}
+
 /// How well the sim-to-real correction came out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CorrectionReport {
     /// The test part without the correction.
     pub before: PoseScores,
-    /// Whether it was better than none on the validation part and was kept.
-    pub kept: bool,
-    /// With it, if it was kept.
+    /// Which of its networks are in use.
+    pub kept: Kept,
+    /// With those in use.
     pub after: PoseReport,
 }
 

@@ -21,6 +21,7 @@ pub fn dataset(samples: usize, seed: u64) -> Dataset {
         source: "constant curvature".to_owned(),
         seed,
         robot_hash: robot.hash.clone(),
+        row_s: None,
         shard: None,
     }
 }
@@ -63,6 +64,7 @@ pub fn sample(robot: &RobotSpec, chamber_pa: [f64; CHAMBERS], payload_kg: f64) -
         chamber_pa,
         payload_kg,
         tip_force_n: [0.0; 3],
+        off_nominal: false,
         sensors: SensorVec {
             spring_m: std::array::from_fn(spring),
             imu_ypr_rad: std::array::from_fn(imu),

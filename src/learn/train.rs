@@ -67,8 +67,8 @@ pub fn train(
 }
 
 /// Trains the sim-to-real networks of one arm on top of a model: its sensor map, plant and samples for the initial guess
-/// stay, an earlier correction is replaced. The networks are kept where they are better on the validation part, on
-/// which the covariance is fitted in either case.
+/// stay, an earlier correction is replaced. Each of the two networks is kept if its own error on the validation part is smaller
+/// than without it; the covariance is fitted on that part in either case.
 ///
 /// # Errors
 /// As [`train_s2r`].
@@ -165,20 +165,21 @@ fn check(samples: &[Sample], what: &'static str) -> Result<(), TrainError> {
 }
 
 /// The samples dealt to training, validation and test, none of which may be empty.
-fn dealt(
-    samples: &[Sample],
-    recipe: &Recipe,
-    what: &'static str,
-) -> Result<data::Parts, TrainError> {
-    let parts = split(samples.len(), &recipe.split, recipe.seed);
+fn dealt(data: &Dataset, recipe: &Recipe, what: &'static str) -> Result<data::Parts, TrainError> {
+    let (samples, block) = (data.samples.len(), recipe.split.rows(data.row_s));
+    let parts = split(samples, &recipe.split, data.row_s, recipe.seed);
     if [&parts.train, &parts.validation, &parts.test]
         .iter()
         .any(|p| p.is_empty())
     {
         return Err(TrainError::Split {
             what,
-            samples: samples.len(),
-            block: recipe.split.block,
+            samples,
+            block,
+            key: match block > recipe.split.block {
+                true => "split.block_s",
+                false => "split.block",
+            },
         });
     }
     Ok(parts)

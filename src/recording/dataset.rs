@@ -9,11 +9,12 @@
 //! | `imu1_yaw_rad`, `imu1_pitch_rad`, `imu1_roll_rad`, .. `imu4_*` | rad | pad under each IMU |
 //! | `x_m`, `y_m`, `z_m` | m | end pad's origin in the base frame |
 //! | `qw`, `qx`, `qy`, `qz` | 1 | its rotation, base from tip, as unit quaternion |
+//! | `off_nominal` | 1 | 1 for an arm off nominal or displaced pads, otherwise 0; 0 in files without the column |
 //! | `yaw_rad`, `pitch_rad`, `roll_rad` | rad | the same rotation for other tools; not read back |
 //!
 //! The file's key-value metadata hold `springtwin.schema`, `springtwin.source`, `springtwin.seed`
-//! and `springtwin.robot_hash`; in a part of a data set `springtwin.shard`, too. The same samples give
-//! the same bytes, however they are appended.
+//! and `springtwin.robot_hash`; in a part of a data set `springtwin.shard`, too, and for a trajectory
+//! `springtwin.row_s`, the time between its rows in seconds. The same samples give the same bytes, however they are appended.
 
 use std::fs::File;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -37,8 +38,11 @@ const SCHEMA: &str = "1";
 /// Rows per row group.
 const GROUP_ROWS: usize = 4096;
 /// Columns that are read back; three derived ones follow them in the file.
-pub(super) const EXACT_COLUMNS: usize = CHAMBERS + 1 + 3 + SPRINGS + 3 * IMUS + 7;
+pub(super) const EXACT_COLUMNS: usize = CHAMBERS + 1 + 3 + SPRINGS + 3 * IMUS + 7 + 1;
 pub(super) const COLUMNS: usize = EXACT_COLUMNS + 3;
+
+/// Column that files of earlier versions lack.
+const OFF_NOMINAL: &str = "off_nominal";
 
 /// Most bytes that a sample takes on a disk while a data set is made: its row in the journal and, at the end, its row in
 /// the file beside it.
@@ -55,6 +59,7 @@ pub fn dataset_columns() -> Vec<String> {
             .flat_map(|i| ["yaw", "pitch", "roll"].map(|angle| format!("imu{i}_{angle}_rad"))),
     );
     names.extend(["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"].map(str::to_owned));
+    names.push(OFF_NOMINAL.to_owned());
     names.extend(["yaw_rad", "pitch_rad", "roll_rad"].map(str::to_owned));
     names
 }
@@ -71,6 +76,7 @@ pub(super) fn row_of(s: &Sample) -> [f64; COLUMNS] {
         .chain(s.sensors.spring_m)
         .chain(s.sensors.imu_ypr_rad.into_iter().flatten())
         .chain([p.x, p.y, p.z, q.w, q.i, q.j, q.k])
+        .chain([f64::from(u8::from(s.off_nominal))])
         .chain(ypr_from_rotation(q));
     for (cell, value) in row.iter_mut().zip(values) {
         *cell = value;
@@ -95,6 +101,7 @@ pub(super) fn sample_of(row: &[f64; EXACT_COLUMNS]) -> Result<Sample, &'static s
         chamber_pa: std::array::from_fn(|i| chamber_pa[i]),
         payload_kg: load[0],
         tip_force_n: [load[1], load[2], load[3]],
+        off_nominal: pose[7] != 0.0,
         sensors: SensorVec {
             spring_m: std::array::from_fn(|i| spring_m[i]),
             imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
@@ -121,7 +128,7 @@ pub struct DatasetWriter {
 }
 
 impl DatasetWriter {
-    /// Begins a file. Of `about` the source, seed, robot hash and shard are stored; its samples are not.
+    /// Begins a file. Of `about` the source, seed, robot hash, row interval and shard are stored; its samples are not.
     ///
     /// # Errors
     /// [`RecordingError::Io`] when the file cannot be made.
@@ -142,6 +149,7 @@ impl DatasetWriter {
             entry("seed", about.seed.to_string()),
             entry("robot_hash", about.robot_hash.clone()),
         ];
+        metadata.extend(about.row_s.map(|s| entry("row_s", s.to_string())));
         metadata.extend(about.shard.iter().map(|s| entry("shard", s.clone())));
         let properties = WriterProperties::builder()
             .set_created_by("springtwin".to_owned())
@@ -310,6 +318,9 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
             .parse()
             .map_err(|_| refuse(path, format!("the seed {seed:?} is not a whole number")))?,
         robot_hash: entry("robot_hash").unwrap_or_default(),
+        row_s: entry("row_s")
+            .map(|text| row_interval(path, &text))
+            .transpose()?,
         shard: entry("shard"),
     };
     let names = dataset_columns();
@@ -320,7 +331,12 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
     for batch in reader {
         let batch = batch.map_err(|e| damaged(&e))?;
         let mut columns = Vec::with_capacity(EXACT_COLUMNS);
+        let nominal = vec![0.0; batch.num_rows()];
         for name in &names[..EXACT_COLUMNS] {
+            if name == OFF_NOMINAL && batch.column_by_name(name).is_none() {
+                columns.push(nominal.as_slice());
+                continue;
+            }
             let column = batch
                 .column_by_name(name)
                 .and_then(|c| c.as_primitive_opt::<Float64Type>())
@@ -329,7 +345,7 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
                     let text = format!("the column {name:?} must be there, double and full");
                     refuse(path, text)
                 })?;
-            columns.push(column.values());
+            columns.push(&column.values()[..]);
         }
         let rows = (0..batch.num_rows()).map(|r| std::array::from_fn(|c| columns[c][r]));
         for row in rows {
@@ -339,6 +355,17 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
         }
     }
     Ok(dataset)
+}
+
+/// The time between the rows of a trajectory from a file's metadata, s.
+fn row_interval(path: &Path, text: &str) -> Result<f64, RecordingError> {
+    let value = text.parse().ok();
+    value
+        .filter(|s: &f64| s.is_finite() && *s > 0.0)
+        .ok_or_else(|| {
+            let text = format!("the time between rows {text:?} is not a number of seconds above 0");
+            refuse(path, text)
+        })
 }
 
 #[cfg(test)]
@@ -355,6 +382,7 @@ mod tests {
                 chamber_pa: std::array::from_fn(|_| rng.random_range(-40e3..40e3)),
                 payload_kg: rng.random_range(0.0..0.5),
                 tip_force_n: std::array::from_fn(|_| rng.random_range(-5.0..5.0)),
+                off_nominal: seed % 2 == 1,
                 sensors: SensorVec {
                     spring_m: std::array::from_fn(|_| rng.random_range(0.07..0.24)),
                     imu_ypr_rad: std::array::from_fn(|_| {
@@ -372,6 +400,7 @@ mod tests {
             source: "rod".to_owned(),
             seed,
             robot_hash: "ab12".to_owned(),
+            row_s: (seed == 3).then_some(0.02),
             shard: None,
         }
     }

@@ -252,6 +252,7 @@ mod tests {
                 chamber_pa: std::array::from_fn(|k| (i * 7 + k) as f64),
                 payload_kg: 0.1,
                 tip_force_n: [0.0; 3],
+                off_nominal: i % 3 == 0,
                 sensors: SensorVec {
                     spring_m: [0.15; 12],
                     imu_ypr_rad: [[0.1; 3]; 4],
@@ -264,6 +265,7 @@ mod tests {
             source: "rod".to_owned(),
             seed: 3,
             robot_hash: "ab12".to_owned(),
+            row_s: None,
             shard: None,
         }
     }

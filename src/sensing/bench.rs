@@ -26,6 +26,29 @@ pub const CAPACITANCE_F: f64 = 1000.0e-12;
 /// Nominal series inductor of eq. (1), H (paper II-C, corrected).
 pub const COMPENSATION_H: f64 = 10.0e-6;
 
+/// Capacitor and series inductor of one channel of the boards: eq. (1) needs both to turn a frequency into an inductance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Channel {
+    /// C of eq. (1), F.
+    pub capacitance_f: f64,
+    /// L_comp of eq. (1), H.
+    pub compensation_h: f64,
+}
+
+impl Channel {
+    /// The nominal parts. They serve where readings are frequencies of the channel itself: an error of the parts is then in
+    /// the curve, too, and has no effect on the length.
+    pub const NOMINAL: Self = Self {
+        capacitance_f: CAPACITANCE_F,
+        compensation_h: COMPENSATION_H,
+    };
+}
+
+/// Capacitances that a log may state, pF: a decade on either side of the nominal one.
+const CAPACITANCES_PF: [f64; 2] = [100.0, 10_000.0];
+/// Series inductances that a log may state, µH: a decade on either side of the nominal one.
+const COMPENSATIONS_UH: [f64; 2] = [1.0, 100.0];
+
 /// Why a bench log was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("bench log, line {line}, column {column}: {what}")]
@@ -109,6 +132,8 @@ pub struct BenchLog {
     pub quantity: Quantity,
     /// Spring (1-based) and its points in the order of the log; springs in rising order.
     pub springs: Vec<(usize, Vec<BenchPoint>)>,
+    /// The channel of every spring: measured where the readings are inductances, nominal otherwise.
+    pub channels: [Channel; SPRINGS],
     /// SHA-256 of the log, hexadecimal.
     pub sha256: String,
 }
@@ -135,6 +160,8 @@ struct Columns {
     reading: usize,
     source: Source,
     direction: Option<usize>,
+    /// Columns of the channel's capacitor and series inductor, where the readings are inductances.
+    channel: Option<[usize; 2]>,
 }
 
 fn columns(line: usize, header: &str) -> Result<Columns, BenchError> {
@@ -147,26 +174,58 @@ fn columns(line: usize, header: &str) -> Result<Columns, BenchError> {
         line,
         column: names.len(),
         what: format!(
-            "no column {what}; the header must name spring, length_mm, one of reading, inductance_uh, frequency_hz, frequency_khz, frequency_mhz, and may name direction"
+            "no column {what}; the header must name spring, length_mm, one of frequency_hz, frequency_khz, frequency_mhz, reading, inductance_uh (with capacitance_pf and compensation_uh), and may name direction"
         ),
     };
     let (reading, source) = READINGS
         .iter()
         .find_map(|(name, source)| find(name).map(|at| (at, *source)))
         .ok_or_else(|| missing("with the reading"))?;
+    let channel = match source {
+        Source::InductanceUh => Some(channel_columns(line, reading, &find)?),
+        Source::Frequency { .. } | Source::Circuit => None,
+    };
     Ok(Columns {
         spring: find("spring").ok_or_else(|| missing("spring"))?,
         length_mm: find("length_mm").ok_or_else(|| missing("length_mm"))?,
         reading,
         source,
         direction: find("direction"),
+        channel,
     })
 }
 
-/// Reads a bench log: CSV with a header row naming `spring` (1 … 12), `length_mm`, one of `reading`,
-/// `inductance_uh`, `frequency_hz`, `frequency_khz`, `frequency_mhz`, and optionally `direction`
-/// (`up` or `down`; taken from the order of the lengths when absent). Other columns are ignored, as
-/// are empty lines and lines that start with `#`.
+/// Columns of the capacitor and the series inductor, which a log of inductances must have.
+fn channel_columns(
+    line: usize,
+    reading: usize,
+    find: &impl Fn(&str) -> Option<usize>,
+) -> Result<[usize; 2], BenchError> {
+    const NAMES: [&str; 2] = ["capacitance_pf", "compensation_uh"];
+    if let [Some(capacitance), Some(compensation)] = NAMES.map(find) {
+        return Ok([capacitance, compensation]);
+    }
+    let missing: Vec<&str> = NAMES
+        .into_iter()
+        .filter(|name| find(name).is_none())
+        .collect();
+    Err(BenchError {
+        line,
+        column: reading + 1,
+        what: format!(
+            "an inductance alone does not determine the capacitor and the series inductor of the spring's channel: \
+             log frequency_hz with every spring plugged into its own channel, or add the missing {} with the values \
+             measured on each channel's board",
+            missing.join(" and ")
+        ),
+    })
+}
+
+/// Reads a bench log: CSV with a header row naming `spring` (1 … 12), `length_mm`, one of
+/// `frequency_hz`, `frequency_khz`, `frequency_mhz`, `reading`, `inductance_uh`, and optionally `direction`
+/// (`up` or `down`; taken from the order of the lengths when absent). `inductance_uh` needs the columns
+/// `capacitance_pf` and `compensation_uh` beside it: what was measured on the board of the spring's channel. Other columns
+/// are ignored, as are empty lines and lines that start with `#`.
 ///
 /// # Errors
 /// [`BenchError`] with line and column of the first thing that cannot be read.
@@ -185,9 +244,29 @@ pub fn parse_bench(text: &str) -> Result<BenchLog, BenchError> {
     })?;
     let columns = columns(line, header)?;
     let mut springs: Vec<(usize, Vec<BenchPoint>)> = Vec::new();
+    let mut channels = [Channel::NOMINAL; SPRINGS];
     for (line, row) in rows {
         let fields: Vec<&str> = row.split(',').map(|f| f.trim().trim_matches('"')).collect();
-        let (spring, length_m, reading, stated) = parse_row(line, &fields, &columns)?;
+        let Row {
+            spring,
+            length_m,
+            reading,
+            direction: stated,
+        } = parse_row(line, &fields, &columns)?;
+        if let Some(at) = columns.channel {
+            let known = springs.iter().any(|s| s.0 == spring);
+            let channel = parse_channel(line, &fields, at)?;
+            if known && channel != channels[spring - 1] {
+                return Err(BenchError {
+                    line,
+                    column: at[0] + 1,
+                    what: format!(
+                        "spring {spring} has another capacitor or series inductor than in the rows above; a channel has one of each"
+                    ),
+                });
+            }
+            channels[spring - 1] = channel;
+        }
         let at = match springs.binary_search_by_key(&spring, |s| s.0) {
             Ok(at) => at,
             Err(at) => {
@@ -213,33 +292,70 @@ pub fn parse_bench(text: &str) -> Result<BenchLog, BenchError> {
             _ => Quantity::InductanceUh,
         },
         springs,
+        channels,
         sha256,
     })
 }
 
-fn parse_row(
-    line: usize,
-    fields: &[&str],
-    columns: &Columns,
-) -> Result<(usize, f64, f64, Option<Direction>), BenchError> {
+/// What one row of the log states.
+struct Row {
+    spring: usize,
+    length_m: f64,
+    reading: f64,
+    direction: Option<Direction>,
+}
+
+/// Field `at` of a row.
+fn field<'a>(line: usize, fields: &[&'a str], at: usize) -> Result<&'a str, BenchError> {
+    fields.get(at).copied().ok_or_else(|| BenchError {
+        line,
+        column: fields.len() + 1,
+        what: "the row ends too early".into(),
+    })
+}
+
+/// The finite number in field `at` of a row.
+fn number(line: usize, fields: &[&str], at: usize) -> Result<f64, BenchError> {
+    let text = field(line, fields, at)?;
+    text.parse::<f64>()
+        .ok()
+        .filter(|x| x.is_finite())
+        .ok_or_else(|| BenchError {
+            line,
+            column: at + 1,
+            what: format!("expected a number, found `{text}`"),
+        })
+}
+
+/// Capacitor and series inductor that a row states for its channel.
+fn parse_channel(line: usize, fields: &[&str], at: [usize; 2]) -> Result<Channel, BenchError> {
+    let part = |at: usize, [low, high]: [f64; 2], unit: &str| {
+        let value = number(line, fields, at)?;
+        if (low..=high).contains(&value) {
+            return Ok(value);
+        }
+        Err(BenchError {
+            line,
+            column: at + 1,
+            what: format!(
+                "{value} {unit} is not a part of a channel, {low}-{high} {unit} is expected; check the unit"
+            ),
+        })
+    };
+    Ok(Channel {
+        capacitance_f: part(at[0], CAPACITANCES_PF, "pF")? * 1e-12,
+        compensation_h: part(at[1], COMPENSATIONS_UH, "µH")? * 1e-6,
+    })
+}
+
+fn parse_row(line: usize, fields: &[&str], columns: &Columns) -> Result<Row, BenchError> {
     let wrong = |at: usize, what: String| BenchError {
         line,
         column: at + 1,
         what,
     };
-    let field = |at: usize| {
-        fields
-            .get(at)
-            .copied()
-            .ok_or_else(|| wrong(fields.len(), "the row ends too early".into()))
-    };
-    let number = |at: usize| {
-        let text = field(at)?;
-        text.parse::<f64>()
-            .ok()
-            .filter(|x| x.is_finite())
-            .ok_or_else(|| wrong(at, format!("expected a number, found `{text}`")))
-    };
+    let field = |at: usize| field(line, fields, at);
+    let number = |at: usize| number(line, fields, at);
     let text = field(columns.spring)?;
     let spring = text
         .parse()
@@ -284,7 +400,12 @@ fn parse_row(
             }
         },
     };
-    Ok((spring, length_mm * 1e-3, reading, direction))
+    Ok(Row {
+        spring,
+        length_m: length_mm * 1e-3,
+        reading,
+        direction,
+    })
 }
 
 /// SHA-256 of points, hexadecimal, where they come from no log or from several.
@@ -481,10 +602,11 @@ pub fn calibrate(
         let fitted = fit(points, log.quantity, needed_m);
         verdicts.push((*spring, fitted.as_ref().map(|f| f.1).map_err(Clone::clone)));
         if let Ok((curve, quality)) = fitted {
+            let channel = log.channels[*spring - 1];
             springs.push(SpringCalibration {
                 spring: *spring,
-                capacitance_f: CAPACITANCE_F,
-                compensation_h: COMPENSATION_H,
+                capacitance_f: channel.capacitance_f,
+                compensation_h: channel.compensation_h,
                 curve,
                 ends_off_m: Default::default(),
                 quality,

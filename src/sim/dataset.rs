@@ -145,6 +145,13 @@ struct Drawn {
     ends_off_m: Option<[[Vector3<f64>; 2]; SPRINGS]>,
 }
 
+impl Drawn {
+    /// Whether the arm itself is off nominal, or its pads are displaced.
+    fn is_off_nominal(&self) -> bool {
+        self.off.is_some() || self.ends_off_m.is_some() || self.parameters != Parameters::default()
+    }
+}
+
 /// Inputs and parameters of sample `index` of a plan.
 fn drawn(robot: &RobotSpec, plan: &Plan, index: usize) -> Drawn {
     let mut rng = sample_rng(plan.seed, index);
@@ -218,6 +225,7 @@ fn sampled(robot: &RobotSpec, drawn: &Drawn, o: Observation) -> Sample {
         chamber_pa: drawn.inputs.chamber_pa,
         payload_kg: drawn.inputs.payload_kg,
         tip_force_n: drawn.inputs.tip_force_n,
+        off_nominal: drawn.is_off_nominal(),
         sensors,
         base_from_tip,
     }
@@ -241,7 +249,10 @@ pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, Si
 /// # Errors
 /// [`SimError::MeshUnsettled`] for loads beyond what the arm can hold.
 pub fn sample_mesh(mesh: &MeshModel, plan: &Plan, index: usize) -> Result<Sample, SimError> {
-    let drawn = drawn(&mesh.robot, plan, index);
+    let drawn = Drawn {
+        parameters: Parameters::default(),
+        ..drawn(&mesh.robot, plan, index)
+    };
     let mut state = MeshState::rest(mesh);
     settle_mesh(mesh, &mut state, &drawn.inputs)?;
     Ok(sampled(&mesh.robot, &drawn, observe_mesh(mesh, &state)))
@@ -288,6 +299,7 @@ fn collected(
         source: source.to_owned(),
         seed: plan.seed,
         robot_hash: robot.hash.clone(),
+        row_s: None,
         shard: None,
     };
     (data, left_out)
@@ -411,6 +423,7 @@ mod tests {
                 assert_eq!(a, b);
                 continue;
             }
+            assert!(b.is_disturbed() && !a.is_disturbed());
             off_mm.push(off.norm() * 1e3);
             // The IMUs of the end pad say what the pose says.
             let by_imu = b.sensors.base_from_imu_pad(2);

@@ -293,6 +293,17 @@ pub enum SimError {
         /// Out-of-balance force, N.
         residual_n: f64,
     },
+    /// No wall stiffness lets the mesh bend as the rod model does.
+    #[error(
+        "the mesh model cannot be calibrated: with walls {wall_ratio:.2} times as stiff as the bellows are axially it still \
+         bends by {off_rad:+.1e} rad more than the rod model; check bending and axial stiffness of the robot file"
+    )]
+    MeshWalls {
+        /// Last wall stiffness over the bellows' axial one.
+        wall_ratio: f64,
+        /// Bend of the mesh minus that of the rod model, rad.
+        off_rad: f64,
+    },
     /// The robot's dimensions leave nothing to mesh.
     #[error(
         "the bellows of this robot leave no wall to mesh: give them an outer diameter larger than the \

@@ -23,7 +23,8 @@ use springtwin::signal::SPRINGS;
 
 #[derive(Args)]
 pub struct SpringsArgs {
-    /// The bench's log: CSV with spring, length_mm and frequency_hz, inductance_uh or reading
+    /// The bench's log: CSV with spring, length_mm and frequency_hz or reading; or inductance_uh with capacitance_pf and
+    /// compensation_uh as measured on the spring's channel
     #[arg(value_name = "BENCH.csv", required_unless_present = "preset")]
     bench: Option<PathBuf>,
     /// Where to put the calibration; of one that is replaced, the IMU mountings are kept

@@ -155,6 +155,22 @@ fn layers(found: Vec<Found>) -> Table {
     t
 }
 
+/// For how many units the sim-to-real networks are in use, in words; nothing where both are for all.
+fn kept<'a>(reports: impl IntoIterator<Item = &'a CorrectionReport>) -> String {
+    let (mut translation, mut rotation, mut n) = (0, 0, 0);
+    for report in reports {
+        translation += usize::from(report.kept.translation);
+        rotation += usize::from(report.kept.rotation);
+        n += 1;
+    }
+    match translation == n && rotation == n {
+        true => String::new(),
+        false => format!(
+            " (better on validation, and kept: translation of {translation}, rotation of {rotation} units)"
+        ),
+    }
+}
+
 const WIDTHS: [usize; 5] = [5, 15, 45, 90, 120];
 
 fn find_s2r_width(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
@@ -173,7 +189,6 @@ fn find_s2r_width(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> 
             Ok(corrected(&map, lab, &recipe)?.1)
         })?;
         let n = reports.len() as f64;
-        let kept = reports.iter().filter(|r| r.kept).count();
         let mut cells = [0.0; 5];
         for report in &reports {
             let [mm, ypr @ ..] = means(&report.after.test);
@@ -181,10 +196,7 @@ fn find_s2r_width(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> 
             let of_unit = [mm, training_mm, ypr[0], ypr[1], ypr[2]];
             cells.iter_mut().zip(of_unit).for_each(|(c, x)| *c += x / n);
         }
-        let kept = match kept == reports.len() {
-            true => String::new(),
-            false => format!(" (kept for {kept} units)"),
-        };
+        let kept = kept(&reports);
         Ok(Found::row(format!("{width} neurons{kept}"), some(&cells)))
     })
 }
@@ -240,11 +252,7 @@ fn find_s2r(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
             held_out(|r| r.before.translation_mm.mean),
         );
         let with = Scores::of(&runs, |k, _| &each[k].0);
-        let kept = each.iter().filter(|(_, report)| report.kept).count();
-        let kept = match kept == each.len() {
-            true => String::new(),
-            false => format!(" (better on validation, and kept, for {kept} units)"),
-        };
+        let kept = kept(each.iter().map(|(_, report)| report));
         add(
             format!("{label}, with{kept}"),
             &with,

@@ -154,7 +154,7 @@ fn find_n_real(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
 
 /// A unit with a share of the blocks of its session.
 fn shortened(lab: &Lab, share: f64) -> Lab {
-    let block = lab.recipe.split.block;
+    let block = lab.recipe.split.rows(lab.session.row_s);
     let blocks: Vec<_> = lab.session.samples.chunks(block).collect();
     let n = blocks.len() as f64;
     let kept = (share * n).ceil().max(1.0);

@@ -12,7 +12,7 @@ use crate::learn::fit::{Run, Table, fit};
 use crate::learn::mlp::{Mlp, Scaling};
 use crate::learn::progress::{Stage, TrainError};
 use crate::learn::recipe::{CorrectionInput, Recipe};
-use crate::learn::scores::{CorrectionReport, PoseScores, wrapped};
+use crate::learn::scores::{CorrectionReport, Kept, PoseScores, wrapped};
 use crate::signal::{Dataset, Pose, SIGNALS, Vector6};
 
 /// Trains the sim-to-real correction on measured samples; the cascade's own correction, if any, is
@@ -30,7 +30,7 @@ pub fn train_s2r(
 ) -> Result<(Cascade, CorrectionReport), TrainError> {
     recipe.check()?;
     check(&real.samples, "the sim-to-real data set")?;
-    let parts = dealt(&real.samples, recipe, "the sim-to-real data set")?;
+    let parts = dealt(real, recipe, "the sim-to-real data set")?;
     let inputs = match recipe.correction_input {
         CorrectionInput::Pose => 6,
         CorrectionInput::PoseAndSensors => 6 + SIGNALS,
@@ -90,8 +90,8 @@ pub fn train_s2r(
         Ok::<Mlp, TrainError>(net)
     };
     let correction = Correction {
-        translation: one(Stage::TranslationCorrection, 0, progress)?,
-        rotation: one(Stage::RotationCorrection, 3, progress)?,
+        translation: Some(one(Stage::TranslationCorrection, 0, progress)?),
+        rotation: Some(one(Stage::RotationCorrection, 3, progress)?),
     };
 
     let before: Vec<(Vector6, Pose)> = parts
@@ -102,8 +102,8 @@ pub fn train_s2r(
             (cascade.uncorrected(&s.sensors.to_vector()), s.base_from_tip)
         })
         .collect();
-    let uncalibrated = Cascade::new(CascadeParts {
-        correction: Some(correction),
+    let with = Cascade::new(CascadeParts {
+        correction,
         calibration: Calibration {
             systematic: recipe.reference,
             ..cascade.parts().calibration.clone()
@@ -112,8 +112,8 @@ pub fn train_s2r(
     })?;
     // What does not help on samples that the optimiser has not seen only adds noise.
     let without = Cascade::new(CascadeParts {
-        correction: None,
-        ..uncalibrated.parts().clone()
+        correction: Correction::default(),
+        ..with.parts().clone()
     })?;
     let score = |cascade: &Cascade| {
         let pairs: Vec<(Vector6, Pose)> = parts
@@ -124,11 +124,25 @@ pub fn train_s2r(
                 (cascade.pose(&s.sensors.to_vector()).pose, s.base_from_tip)
             })
             .collect();
-        let scores = PoseScores::of(&pairs);
-        scores.translation_mm.rmse * scores.rotation_deg.rmse
+        PoseScores::of(&pairs)
     };
-    let kept = score(&uncalibrated) < score(&without);
-    let chosen = if kept { uncalibrated } else { without };
+    // Each network moves its own part of the pose alone, so each is judged by that part.
+    let (corrected, plain) = (score(&with), score(&without));
+    let kept = Kept {
+        translation: corrected.translation_mm.rmse < plain.translation_mm.rmse,
+        rotation: corrected.rotation_deg.rmse < plain.rotation_deg.rmse,
+    };
+    let Correction {
+        translation,
+        rotation,
+    } = with.parts().correction.clone();
+    let chosen = Cascade::new(CascadeParts {
+        correction: Correction {
+            translation: translation.filter(|_| kept.translation),
+            rotation: rotation.filter(|_| kept.rotation),
+        },
+        ..without.parts().clone()
+    })?;
     let (cascade, after) = finish(chosen, real, &parts, &QUIET, recipe, best_epochs)?;
     Ok((
         cascade,

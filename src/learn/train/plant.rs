@@ -12,7 +12,8 @@ use crate::learn::recipe::Recipe;
 use crate::learn::scores::{PlantReport, SignalScores};
 use crate::signal::{CHAMBERS, Dataset, SIGNALS, Sample};
 
-/// Trains the plant, 7 → 24, on the samples without an external force.
+/// Trains the plant, 7 → 24, on the undisturbed samples: no force on the tip, nothing off nominal. Payload does not disturb,
+/// it is one of the seven inputs.
 ///
 /// # Errors
 /// As [`train_smap`](super::train_smap).
@@ -26,16 +27,16 @@ pub fn train_plant(
         samples: data
             .samples
             .iter()
-            .filter(|s| s.tip_force_n.iter().all(|f| f.abs() < 1e-6))
+            .filter(|s| !s.is_disturbed())
             .cloned()
             .collect(),
         ..data.clone()
     };
     check(
         &free.samples,
-        "the plant data set (samples without an external force)",
+        "the plant data set (samples without a force on the tip, of the nominal arm)",
     )?;
-    let parts = dealt(&free.samples, recipe, "the plant data set")?;
+    let parts = dealt(&free, recipe, "the plant data set")?;
     let pressures = |part: &[usize]| -> Vec<f64> {
         part.iter()
             .flat_map(|i| {

@@ -8,7 +8,7 @@ use super::{
     Watch, check, dealt, distance_p95, finish, members, noisy, noisy_scaling, rows, sizes,
 };
 use crate::learn::calibrate::Calibration;
-use crate::learn::cascade::{Cascade, CascadeParts, SensorSpread};
+use crate::learn::cascade::{Cascade, CascadeParts, Correction, SensorSpread};
 use crate::learn::data::{add_noise, pose_vector};
 use crate::learn::fit::{Run, Table, fit};
 use crate::learn::mlp::{Mlp, Scaling};
@@ -28,7 +28,7 @@ pub fn train_smap(
 ) -> Result<(Cascade, PoseReport), TrainError> {
     recipe.check()?;
     check(&data.samples, "the sensor-map data set")?;
-    let parts = dealt(&data.samples, recipe, "the sensor-map data set")?;
+    let parts = dealt(data, recipe, "the sensor-map data set")?;
     let signals: Vec<f64> = rows(data, &parts.train, |s| s.sensors.to_vector());
     let poses: Vec<f64> = rows(data, &parts.train, |s| pose_vector(&s.base_from_tip));
     let input = noisy_scaling(&signals, recipe);
@@ -88,7 +88,7 @@ pub fn train_smap(
     let spread = SensorSpread::of(&vectors, &recipe.noise, recipe.channels);
     let uncalibrated = Cascade::new(CascadeParts {
         smap,
-        correction: None,
+        correction: Correction::default(),
         calibration: Calibration {
             systematic: recipe.unit,
             ..Calibration::uncalibrated(&recipe.noise, distance_p95(&spread, &vectors))

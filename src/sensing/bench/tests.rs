@@ -177,6 +177,103 @@ fn log_is_read_in_its_forms_and_errors_have_a_place() {
     );
 }
 
+/// A coil as an LCR meter reads it, H.
+fn coil_h(length_m: f64) -> f64 {
+    0.25e-6 / length_m + 2.0e-6
+}
+
+/// Resonance of the coil on a channel with these parts, Hz.
+fn channel_hz(length_m: f64, channel: &Channel) -> f64 {
+    let total_h = coil_h(length_m) + channel.compensation_h;
+    1.0 / (std::f64::consts::TAU * (total_h * channel.capacitance_f).sqrt())
+}
+
+/// A log of spring 1 with these further columns.
+fn inductances(columns: &str, cells: &str) -> String {
+    let rows = line(|l| coil_h(l) * 1e6);
+    let rows = rows
+        .iter()
+        .map(|p| format!("1,{},{}{cells}\n", p.length_m * 1e3, p.reading));
+    format!("spring,length_mm,inductance_uh{columns}\n") + &rows.collect::<String>()
+}
+
+/// How far the lengths that this calibration reads from a channel are off, m.
+fn off_m(calibration: &Calibration, channel: &Channel) -> f64 {
+    let spring = calibration.spring(0).expect("spring 1 is calibrated");
+    let off = (8..=23).map(|k| {
+        let length_m = 0.01 * f64::from(k);
+        let reading = spring
+            .reading(channel_hz(length_m, channel))
+            .expect("over inductance");
+        (spring.curve.extended_m(reading) - length_m).abs()
+    });
+    off.fold(0.0, f64::max)
+}
+
+#[test]
+fn a_log_of_inductances_needs_the_parts_of_the_channel_and_keeps_them() {
+    let built = Channel {
+        capacitance_f: 1010.0e-12,
+        compensation_h: 10.05e-6,
+    };
+    for (columns, missing) in [
+        ("", "capacitance_pf and compensation_uh"),
+        (",capacitance_pf", "the missing compensation_uh with"),
+        (",compensation_uh", "the missing capacitance_pf with"),
+    ] {
+        let e = parse_bench(&inductances(columns, ",1")).expect_err(missing);
+        assert_eq!((e.line, e.column), (1, 3));
+        assert!(
+            e.what.contains(missing) && e.what.contains("log frequency_hz"),
+            "{e}"
+        );
+    }
+    let log = parse_bench(&inductances(
+        ",capacitance_pf,compensation_uh",
+        ",1010,10.05",
+    ))
+    .expect("it has the channel's parts");
+    let (calibration, verdicts) = calibrate(&log, "lcr", "2026-03-01", RANGE_M);
+    assert!(verdicts[0].1.is_ok(), "{verdicts:?}");
+    let read = Calibration::from_toml(&calibration.to_toml().expect("writes")).expect("reads");
+    assert!(off_m(&read, &built) < 0.1e-3, "{}", off_m(&read, &built));
+    // What the nominal parts would have made of it.
+    let mut nominal = calibration;
+    nominal.springs[0].capacitance_f = CAPACITANCE_F;
+    nominal.springs[0].compensation_h = COMPENSATION_H;
+    assert!(
+        off_m(&nominal, &built) > 5e-3,
+        "{}",
+        off_m(&nominal, &built)
+    );
+}
+
+#[test]
+fn the_parts_of_a_channel_are_numbers_of_their_unit_and_the_same_in_every_row() {
+    let head = "spring,length_mm,inductance_uh,capacitance_pf,compensation_uh\n";
+    let at = |rows: &str| {
+        let e = parse_bench(&format!("{head}{rows}")).expect_err(rows);
+        (e.line, e.column)
+    };
+    assert_eq!(at("1,70,4,1e-9,10\n"), (2, 4));
+    assert_eq!(at("1,70,4,1000,1e-5\n"), (2, 5));
+    assert_eq!(at("1,70,4,1000\n"), (2, 5));
+    assert_eq!(at("1,70,4,x,10\n"), (2, 4));
+    assert_eq!(
+        at("1,70,4,1000,10\n2,70,4,990,10\n1,75,4,1001,10\n"),
+        (4, 4)
+    );
+    let text = format!("{head}2,70,4,990,10.1\n");
+    let log = parse_bench(&text).expect("reads");
+    assert!((log.channels[1].capacitance_f - 990e-12).abs() < 1e-18);
+    assert!((log.channels[1].compensation_h - 10.1e-6).abs() < 1e-15);
+    assert_eq!(log.channels[0], Channel::NOMINAL);
+    // A frequency is one of the channel itself: its parts are of no account.
+    let text = "spring,length_mm,frequency_hz,capacitance_pf\n1,70,1.34e6,990\n";
+    let log = parse_bench(text).expect("reads");
+    assert_eq!(log.channels, [Channel::NOMINAL; SPRINGS]);
+}
+
 proptest! {
     #[test]
     fn parser_and_fitter_never_panic(

@@ -65,6 +65,12 @@ const ACROSS: f64 = 3.0;
 const RESIDUAL_N: f64 = 1e-2;
 /// Most iterations of one settling.
 const ITERATIONS: usize = 400;
+/// Least and largest β that the calibration tries.
+const WALL_RATIOS: [f64; 2] = [1.02, 20.0];
+/// Difference of the bends of mesh and rod model at which the calibration ends, rad.
+const BEND_TOLERANCE_RAD: f64 = 1e-4;
+/// Most bends that the secant tries after the first.
+const SECANT_STEPS: usize = 12;
 /// Lever that makes angles comparable with lengths, m.
 const ARM_M: f64 = 0.1;
 
@@ -130,8 +136,8 @@ impl MeshModel {
     /// Meshes a robot and calibrates its walls against the rod model.
     ///
     /// # Errors
-    /// [`SimError`] when the robot's dimensions leave no volume to mesh, or the calibration's bend
-    /// cannot be solved.
+    /// [`SimError`] when the robot's dimensions leave no volume to mesh, the calibration's bend
+    /// cannot be solved, or no walls bend like the rod model.
     pub fn new(robot: &RobotSpec) -> Result<Self, SimError> {
         let inputs = calibration_bend(robot);
         // The walls are those of the robot without its patches.
@@ -146,24 +152,14 @@ impl MeshModel {
         // Walls as stiff in bending as hollow beams of the meshed section, the rest by secant.
         let [ri, ro] = bellows_radii_m(robot);
         let beam = 0.25 * (ri * ri + ro * ro) * robot.axial_stiffness_n_m;
-        let guess = (robot.bending_stiffness_nm_rad / (3.0 * beam)).max(1.2);
-        let bend = |beta: f64| -> Result<f64, SimError> {
+        let guess = (robot.bending_stiffness_nm_rad / (3.0 * beam)).clamp(1.2, 18.0);
+        let off_rad = |beta: f64| -> Result<f64, SimError> {
             let model = Self::with_walls(plain, beta)?;
             let mut state = MeshState::rest(&model);
             settle_mesh(&model, &mut state, &inputs)?;
             Ok(bend_rad(&observe_mesh(&model, &state).base_from_tip) - wanted)
         };
-        let (mut b0, mut e0) = (guess, bend(guess)?);
-        let mut b1 = if e0 > 0.0 { 1.1 * guess } else { 0.9 * guess };
-        for _ in 0..6 {
-            let e1 = bend(b1)?;
-            if e1.abs() < 1e-4 || e1 == e0 {
-                break;
-            }
-            let next = (b1 - e1 * (b1 - b0) / (e1 - e0)).clamp(1.02, 20.0);
-            (b0, e0, b1) = (b1, e1, next);
-        }
-        Self::with_walls(robot, b1)
+        Self::with_walls(robot, wall_ratio(guess, off_rad)?)
     }
 
     /// Meshes a robot with walls `wall_ratio` (β > 1) times as stiff as its bellows are axially.
@@ -238,6 +234,32 @@ impl MeshModel {
             })
             .collect()
     }
+}
+
+/// β at which `off_rad`, the bend of the mesh minus that of the rod model, is zero: a secant from `guess`.
+///
+/// # Errors
+/// [`SimError::MeshWalls`] when it does not get there, at a bound of β or within its steps.
+fn wall_ratio(guess: f64, off_rad: impl Fn(f64) -> Result<f64, SimError>) -> Result<f64, SimError> {
+    let [least, largest] = WALL_RATIOS;
+    let (mut b0, mut e0) = (guess, off_rad(guess)?);
+    let mut b1 = if e0 > 0.0 { 1.1 * guess } else { 0.9 * guess };
+    for _ in 0..SECANT_STEPS {
+        let e1 = off_rad(b1)?;
+        if e1.abs() < BEND_TOLERANCE_RAD {
+            return Ok(b1);
+        }
+        let next = (b1 - e1 * (b1 - b0) / (e1 - e0)).clamp(least, largest);
+        (b0, e0, b1) = (b1, e1, next);
+        // At a bound, or without a slope to follow.
+        if b1 == b0 || !b1.is_finite() {
+            break;
+        }
+    }
+    Err(SimError::MeshWalls {
+        wall_ratio: b0,
+        off_rad: e0,
+    })
 }
 
 fn bellows_radii_m(robot: &RobotSpec) -> [f64; 2] {

@@ -150,6 +150,35 @@ fn calibration_bends_like_the_rod() {
 }
 
 #[test]
+fn walls_that_cannot_bend_like_the_rod_are_refused() {
+    let wanted = |beta: f64| move |b: f64| Ok(0.3 / b - 0.3 / beta);
+    let found = wall_ratio(2.0, wanted(3.1)).expect("within the bounds");
+    assert!((0.3 / found - 0.3 / 3.1).abs() < 1e-4, "{found}");
+    for (beta, bound) in [(1.001, 1.02), (30.0, 20.0)] {
+        match wall_ratio(2.0, wanted(beta)) {
+            Err(SimError::MeshWalls {
+                wall_ratio,
+                off_rad,
+            }) => {
+                assert_eq!(wall_ratio, bound);
+                assert!((off_rad - (0.3 / bound - 0.3 / beta)).abs() < 1e-12);
+            }
+            other => panic!("{beta}: {other:?}"),
+        }
+    }
+    // No slope, and a slope that never leads there.
+    assert!(wall_ratio(2.0, |_| Ok(0.1)).is_err());
+    assert!(wall_ratio(2.0, |b: f64| Ok(0.1 + (50.0 * b).sin().abs())).is_err());
+    let robot = RobotSpec::reference();
+    let limp = RobotSpec {
+        bending_stiffness_nm_rad: 0.02 * robot.bending_stiffness_nm_rad,
+        ..robot
+    };
+    let refused = MeshModel::new(&limp);
+    assert!(refused.is_err(), "{:?}", refused.map(|m| m.wall_ratio));
+}
+
+#[test]
 #[ignore = "a measurement: prints how long samples take"]
 fn how_long_samples_take() {
     use crate::sim::dataset::{Draw, pressures, sample_rng};

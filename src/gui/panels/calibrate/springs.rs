@@ -204,8 +204,9 @@ fn bench(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low,
 
 fn log(ui: &mut Ui, state: &mut CalibrateState, services: &mut Services, [low, high]: [f64; 2]) {
     ui.label(format!(
-        "CSV with a header row: spring (1 to 12), length_mm, one of frequency_hz, frequency_khz, frequency_mhz, \
-         inductance_uh; direction (up, down) if known. {low:.0} to {high:.0} mm, at least 10 lengths."
+        "CSV with a header row: spring (1 to 12), length_mm, one of frequency_hz, frequency_khz, frequency_mhz; \
+         direction (up, down) if known. Log every spring on its own channel; inductance_uh needs the measured \
+         capacitance_pf and compensation_uh of that channel. {low:.0} to {high:.0} mm, at least 10 lengths."
     ));
     let ask = Ask {
         name: "Path of the bench log",
