@@ -73,7 +73,12 @@ fn each_word_does_to_a_reading_what_it_says() {
 #[test]
 fn each_word_does_to_a_line_what_it_says() {
     let hear = |word, amount| {
-        let mut rig = rig();
+        // Frames are counted: by clocks that are exact.
+        let options = RigOptions {
+            clocks: Some(Default::default()),
+            ..RigOptions::default()
+        };
+        let mut rig = VirtualRig::new(&RobotSpec::reference(), &options).expect("settles");
         listen(&mut rig, 0.0, 0.5);
         rig.faults.begin(Place::Board(0), Fault { word, amount });
         listen(&mut rig, 0.5, 2.5)
@@ -338,6 +343,7 @@ fn two_springs_of_a_segment_can_be_wrong_at_once() {
             f64::from(s.count) / f64::from(s.gate_ticks)
         };
         let off = (hz(&faulty[0]) / hz(&sound[0]) - 1.0).abs();
-        assert_eq!(off > 1e-3, [1, 4].contains(&k), "spring {}: {off}", k + 1);
+        // The springs' lag lets half of it through within a step.
+        assert_eq!(off > 5e-4, [1, 4].contains(&k), "spring {}: {off}", k + 1);
     }
 }
