@@ -77,7 +77,7 @@ pub fn settled(
 }
 
 /// Both boards' readings as one frame, without the line in between.
-fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
+pub(super) fn raw_frame(seq: u32, readings: &[Readings; BOARDS]) -> RawFrame {
     let spring = |i: usize| readings[i / 6].springs[i % 6].unwrap_or_default();
     RawFrame {
         seq,

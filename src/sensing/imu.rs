@@ -19,6 +19,7 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use vqf_rs::{Params, VQF};
 
+use super::calibration::ImuZero;
 use crate::signal::ImuRaw;
 
 /// Frame rate the filters of the arm are laid out for, 1/s.
@@ -162,6 +163,7 @@ pub enum Sample {
 /// One IMU on its pad.
 pub struct ImuTrack {
     imu_from_pad: UnitQuaternion<f64>,
+    zero: ImuZero,
     filter: ImuFilter,
     heading: Heading,
     /// Time since the last good sample, s; infinite before the first.
@@ -181,10 +183,11 @@ pub fn credible(raw: &ImuRaw) -> bool {
 }
 
 impl ImuTrack {
-    /// An IMU in its nominal mounting.
-    pub fn new(pad_from_imu: UnitQuaternion<f64>) -> Self {
+    /// An IMU in its mounting, with the errors that its readings are known to have.
+    pub fn new(pad_from_imu: UnitQuaternion<f64>, zero: ImuZero) -> Self {
         Self {
             imu_from_pad: pad_from_imu.inverse(),
+            zero,
             filter: ImuFilter::new(1.0 / RATE_HZ, Tuning::Arm),
             heading: Heading::default(),
             silent_s: f64::INFINITY,
@@ -198,7 +201,7 @@ impl ImuTrack {
     pub fn update(&mut self, dt_s: f64, raw: Option<&ImuRaw>) -> Sample {
         self.silent_s += dt_s;
         self.heading.predict(dt_s);
-        let Some(raw) = raw.filter(|r| credible(r)) else {
+        let Some(raw) = raw.filter(|r| credible(r)).map(|r| self.zero.remove(r)) else {
             self.bad_frames = self.bad_frames.saturating_add(1);
             return if self.bad_frames <= 1 {
                 Sample::Held
@@ -348,7 +351,7 @@ mod tests {
 
     #[test]
     fn bad_samples_hold_once_and_are_then_lost() {
-        let mut t = ImuTrack::new(UnitQuaternion::identity());
+        let mut t = ImuTrack::new(UnitQuaternion::identity(), ImuZero::default());
         assert_eq!(t.update(0.01, Some(&still())), Sample::Good);
         let before = t.base_from_pad();
         let spoil = |f: fn(&mut ImuRaw)| {
@@ -373,7 +376,7 @@ mod tests {
 
     #[test]
     fn after_a_silence_the_filter_starts_anew() {
-        let mut t = ImuTrack::new(UnitQuaternion::identity());
+        let mut t = ImuTrack::new(UnitQuaternion::identity(), ImuZero::default());
         let springs = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4);
         t.update(0.01, Some(&still()));
         t.correct_heading(0.01, &springs);

@@ -13,7 +13,7 @@ pub mod calibration;
 mod file;
 pub mod health;
 pub mod imu;
-pub mod mounting;
+pub mod imu_fit;
 pub mod platform;
 pub mod registration;
 pub mod score;
@@ -132,7 +132,7 @@ impl Sensing {
         Self {
             tracks: std::array::from_fn(|i| {
                 let nominal = UnitQuaternion::from_rotation_matrix(&spec.imus[i].pad_from_imu);
-                ImuTrack::new(calibration.mounting(i) * nominal)
+                ImuTrack::new(calibration.mounting(i) * nominal, calibration.imu_zero(i))
             }),
             lengths: Default::default(),
             delivered_pose: rest,

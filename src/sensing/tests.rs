@@ -162,21 +162,29 @@ fn five_minutes_of_motion_stay_within_half_a_degree_and_tenths_of_a_millimetre()
 fn fitted_mounting_takes_out_the_misalignment() {
     let mut rig = Rig::new(sway);
     let mut first = sensing();
-    let mut pairs: [Vec<_>; IMUS] = Default::default();
+    let mut calibration = Calibration::virtual_rig();
+    let mut windows = imu_fit::Windows::new(&rig.spec, &calibration);
+    let mut captures: [imu_fit::Capture; IMUS] = Default::default();
     while rig.t_s() < 120.0 {
-        let out = first.update(&rig.next());
-        if rig.t_s() > 10.0 && rig.frame.is_multiple_of(10) {
-            for (i, pairs) in pairs.iter_mut().enumerate() {
-                let by_imu =
-                    UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
-                pairs.push((first.pads().base_from_pad[i / 2].rotation, by_imu));
-            }
+        let frame = rig.next();
+        first.update(&frame);
+        let Some(w) = windows.push(&frame) else {
+            continue;
+        };
+        for (i, capture) in captures.iter_mut().enumerate() {
+            let pad = w.base_from_pad[imu_fit::pad_index(&rig.spec, i)].expect("all springs");
+            capture.add(w.t_s, pad, &w.imu[i].expect("was read"));
         }
     }
-    let mut calibration = Calibration::virtual_rig();
-    for (i, pairs) in pairs.iter().enumerate() {
-        let fit = mounting::fit_mounting(pairs).expect("fits");
-        calibration.set_imu(i, fit);
+    let start = imu_fit::Start {
+        gyro_bias_rad_s: [None; IMUS],
+        base_tilt_rad: [0.0; 2],
+        springs_out: Vec::new(),
+    };
+    let found = imu_fit::fit(&rig.spec, &captures.each_ref().map(Some), &start);
+    for fit in found.imus.into_iter().flatten() {
+        let entry = fit.expect("fits").entry;
+        calibration.set_imu(entry).expect("a file may hold it");
     }
     let text = calibration.to_toml().expect("writes");
     let calibration = Calibration::from_toml(&text).expect("reads");

@@ -54,7 +54,7 @@ impl<'a> Specimen<'a> {
     /// Specimen `number` of `robot`'s rig, calibrated.
     ///
     /// # Errors
-    /// [`SessionError::Bench`] when its springs cannot be calibrated.
+    /// [`SessionError`] when its springs or IMUs cannot be calibrated.
     pub fn new(robot: &'a RobotSpec, number: u64) -> Result<Self, SessionError> {
         let unit = Unit(number);
         Ok(Self {
@@ -145,7 +145,10 @@ impl<'a> Chain<'a> {
             host: HostSession::new("virtual rig", Origin::Simulated, board_config(robot)),
             tracks: std::array::from_fn(|i| {
                 let drawn = UnitQuaternion::from_rotation_matrix(&robot.imus[i].pad_from_imu);
-                ImuTrack::new(specimen.calibration.mounting(i) * drawn)
+                ImuTrack::new(
+                    specimen.calibration.mounting(i) * drawn,
+                    specimen.calibration.imu_zero(i),
+                )
             }),
             last_frame_s: -REST_S,
             is_reset: false,
@@ -196,15 +199,19 @@ impl<'a> Chain<'a> {
         }
         self.last_frame_s = frame_s;
         self.gauge_pa = raw.chamber_pa;
+        // The filters find the pads against gravity.
+        let level_from_base = self.calibration.level_from_base();
         let imu_ypr_rad = std::array::from_fn(|i| {
             let track = &mut self.tracks[i];
             let sample = track.update(dt_s, raw.has_imu(i).then_some(&raw.imu[i]));
             if (-HEADING_S..0.0).contains(&frame_s) {
-                track.correct_heading(dt_s, &UnitQuaternion::identity());
+                track.correct_heading(dt_s, &level_from_base);
             }
             match sample {
                 Sample::Lost => [f64::NAN; 3],
-                Sample::Good | Sample::Held => ypr_from_rotation(&track.base_from_pad()),
+                Sample::Good | Sample::Held => {
+                    ypr_from_rotation(&(level_from_base.inverse() * track.base_from_pad()))
+                }
             }
         });
         self.rows.push(Row {
