@@ -76,9 +76,9 @@ fn set_pa(robot: &RobotSpec, t_s: f64) -> [f64; CHAMBERS] {
     let turn = TAU * ((t_s - STILL_S) / MOTION_S).clamp(0.0, 1.0);
     let most_pa = Pumping::of(robot).most_pa * (2.0 * turn).sin();
     std::array::from_fn(|i| {
-        let [x, y] = robot.bellows_m[i];
-        let across = x.hypot(y).max(f64::MIN_POSITIVE);
-        most_pa * (x * turn.cos() + y * turn.sin()) / across
+        let at_m = robot.bellows_m[i].xy();
+        let across_m = at_m.norm().max(f64::MIN_POSITIVE);
+        most_pa * (at_m.x * turn.cos() + at_m.y * turn.sin()) / across_m
     })
 }
 

@@ -111,7 +111,14 @@ fn controls(
         "▶ Move slowly to all sides (hold 0.8 s)",
     ];
     let plan = all_sides();
-    motion::button(ui, live, label, plan, &mut state.hold, commands);
+    match wizard.imus.phase() {
+        Phase::Rest(..) => {
+            note(ui, "◌ The arm rests first.");
+        }
+        Phase::Idle | Phase::Motion => {
+            motion::button(ui, live, label, plan, &mut state.hold, commands);
+        }
+    }
     motion::under_way(ui, live);
     for sentence in wizard.imus.not_determined() {
         note(ui, format!("○ {sentence}."));
