@@ -274,7 +274,7 @@ pub enum FitError {
         off_rad: f64,
     },
     /// A zero that no working IMU has.
-    #[error("{why}; replace the IMU")]
+    #[error("no working IMU reads so: {why}")]
     Sensor {
         /// What is out of its range.
         why: String,
