@@ -8,7 +8,7 @@ use super::imus::ImusTake;
 use super::mocap::MocapTake;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::imu_fit::{WINDOW_S, Window};
+use crate::sensing::imu_fit::{SpringPad, WINDOW_S, Window};
 use crate::signal::{
     Estimate, GroundTruth, ImuRaw, LinkStatus, Matrix6, Mode, Pose, RawFrame, Snapshot, Stamp,
     TruthSource, pose_from_ypr,
@@ -112,7 +112,7 @@ fn window(
     };
     Window {
         t_s: k as f64 * WINDOW_S,
-        base_from_pad: [Some(*base_from_pad); 2],
+        base_from_pad: [0, 1].map(|_| Some(SpringPad::exact(*base_from_pad))),
         imu: std::array::from_fn(|i| Some(raw(i))),
     }
 }

@@ -88,6 +88,7 @@ struct Running {
     /// Turn of each IMU by the robot's patches.
     turned: [UnitQuaternion<f64>; IMUS],
     base_tilt_rad: [f64; 2],
+    ends_sigma_m: f64,
     springs: Arc<Vec<SpringCalibration>>,
     /// The last [`REST_S`] until the arm has rested.
     recent: Vec<Window>,
@@ -138,6 +139,7 @@ impl ImusTake {
             robot: robot.clone(),
             turned: patched.imu,
             base_tilt_rad: base.base_tilt_rad,
+            ends_sigma_m: imu_fit::ends_sigma_m(base),
             springs,
             recent: Vec::new(),
             rest: Err(RestError::TooShort { span_s: 0.0 }),
@@ -184,6 +186,7 @@ impl ImusTake {
             gyro_bias_rad_s: rest.gyro_bias_rad_s,
             base_tilt_rad: running.base_tilt_rad,
             springs_out: running.windows.springs_out(),
+            ends_sigma_m: running.ends_sigma_m,
         };
         let fit = imu_fit::fit(&running.robot, &captures, &start);
         self.take_fit(fit);
@@ -223,12 +226,12 @@ impl ImusTake {
             return;
         }
         for (i, take) in self.imus.iter_mut().enumerate().filter(|(_, t)| t.open) {
-            let by_springs = window.base_from_pad[pad_index(&running.robot, i)];
+            let by_springs = &window.base_from_pad[pad_index(&running.robot, i)];
             if let (Some(by_springs), Some(raw)) = (by_springs, &window.imu[i])
                 && !take.capture.is_complete()
             {
-                let seat = by_springs * running.turned[i];
-                take.capture.add(window.t_s, seat, raw);
+                let seat = by_springs.turned(&running.turned[i]);
+                take.capture.add(window.t_s, &seat, raw);
             }
         }
         let done = |t: &ImuTake| !t.open || t.capture.is_complete();

@@ -157,58 +157,6 @@ fn five_minutes_of_motion_stay_within_half_a_degree_and_tenths_of_a_millimetre()
     assert!(drifted > 3.0, "{drifted}");
 }
 
-/// With the mounting fitted on the first two minutes, what is left is a fraction of it.
-#[test]
-fn fitted_mounting_takes_out_the_misalignment() {
-    let mut rig = Rig::new(sway);
-    let mut first = sensing();
-    let mut calibration = Calibration::virtual_rig();
-    let mut windows = imu_fit::Windows::new(&rig.spec, &calibration);
-    let mut captures: [imu_fit::Capture; IMUS] = Default::default();
-    while rig.t_s() < 120.0 {
-        let frame = rig.next();
-        first.update(&frame);
-        let Some(w) = windows.push(&frame) else {
-            continue;
-        };
-        for (i, capture) in captures.iter_mut().enumerate() {
-            let pad = w.base_from_pad[imu_fit::pad_index(&rig.spec, i)].expect("all springs");
-            capture.add(w.t_s, pad, &w.imu[i].expect("was read"));
-        }
-    }
-    let start = imu_fit::Start {
-        gyro_bias_rad_s: [None; IMUS],
-        base_tilt_rad: [0.0; 2],
-        springs_out: Vec::new(),
-    };
-    let found = imu_fit::fit(&rig.spec, &captures.each_ref().map(Some), &start);
-    for fit in found.imus.into_iter().flatten() {
-        let entry = fit.expect("fits").entry;
-        calibration.set_imu(entry).expect("a file may hold it");
-    }
-    let text = calibration.to_toml().expect("writes");
-    let calibration = Calibration::from_toml(&text).expect("reads");
-    let mut fitted = Sensing::new(&rig.spec, calibration);
-    let [mut by_drawing_deg, mut fitted_deg] = [0.0_f64; 2];
-    while rig.t_s() < 240.0 {
-        let frame = rig.next();
-        let (by_drawing, by_fit) = (first.update(&frame), fitted.update(&frame));
-        if rig.t_s() > 130.0 {
-            let truth = rig.pads(rig.t_s());
-            for i in 0..IMUS {
-                by_drawing_deg = by_drawing_deg.max(off_deg(&by_drawing, i, &truth));
-                fitted_deg = fitted_deg.max(off_deg(&by_fit, i, &truth));
-            }
-        }
-    }
-    println!("worst {by_drawing_deg:.3} deg as drawn, {fitted_deg:.3} deg fitted");
-    // What is left is scale and bias of the sensors.
-    assert!(
-        fitted_deg < 0.3 && fitted_deg < 0.75 * by_drawing_deg,
-        "{fitted_deg} {by_drawing_deg}"
-    );
-}
-
 #[test]
 fn stuck_spring_is_flagged_within_half_a_second_of_motion_and_heading_is_kept() {
     for victim in 0..SPRINGS {

@@ -12,8 +12,8 @@ use springtwin::recording::{read_rrd, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::imu_fit::{
-    Capture, Fit, ImuFit, Parameter, RestError, RestZero, Start, Window, Windows, first_rest, fit,
-    pad_index,
+    Capture, Fit, ImuFit, Parameter, RestError, RestZero, Start, Window, Windows, ends_sigma_m,
+    first_rest, fit, pad_index,
 };
 use springtwin::signal::{IMUS, RawFrame};
 use springtwin::twin::Patched;
@@ -69,6 +69,7 @@ pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
                 gyro_bias_rad_s: rest.as_ref().map_or([None; IMUS], |r| r.gyro_bias_rad_s),
                 base_tilt_rad: calibration.base_tilt_rad,
                 springs_out,
+                ends_sigma_m: ends_sigma_m(&calibration),
             };
             let captures = captures(robot, &patched, &windows);
             let found = fit(robot, &captures.each_ref().map(Some), &start);
@@ -96,8 +97,8 @@ fn captures(robot: &RobotSpec, patched: &Patched, windows: &[Window]) -> [Captur
     std::array::from_fn(|i| {
         let mut capture = Capture::default();
         for w in windows {
-            if let (Some(pad), Some(raw)) = (w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
-                capture.add(w.t_s, pad * patched.imu[i], raw);
+            if let (Some(pad), Some(raw)) = (&w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
+                capture.add(w.t_s, &pad.turned(&patched.imu[i]), raw);
             }
         }
         capture

@@ -9,6 +9,9 @@
 //! | u | up in the base, exp(−τ) z with the tilt τ of the base |
 //! | ω = k_g · M ω_p + b_g | raw rate: ω_p the pad's mean rate by the springs |
 //!
+//! Where the springs' ends lie is known to half a millimetre only, which turns a pad by up to a degree, differently at
+//! every pose: their displacements are nuisance parameters of the fit.
+//!
 //! M is the nominal mounting behind a small correction, so a fit is absolute: it replaces what was fitted before. The
 //! priors are those of data sheets of such parts as delivered, so that what a motion leaves open stays near nominal.
 //! Mounting and tilt differ by 1 − cos of the pad's tilt only, bias and gain along gravity likewise: both need tilts of
@@ -21,15 +24,17 @@ use std::f64::consts::TAU;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::calibration::{CORRECTION_MAX_RAD, ImuCalibration, ImuZero, MountingFit};
+use super::calibration::{CORRECTION_MAX_RAD, Calibration, ImuCalibration, ImuZero, MountingFit};
 use crate::robot::{PadId, RobotSpec};
-use crate::signal::{IMUS, ImuRaw};
+use crate::signal::{IMUS, ImuRaw, SPRINGS};
 use model::{
     ACCEL_BIAS, ACCEL_GAIN, COMMON, GYRO_BIAS, GYRO_GAIN, MOUNTING, OWN, PoseSample, Prior,
     Samples, Solved, TurnSample,
 };
 
-pub use windows::{REST_S, RestError, RestZero, WINDOW_S, Window, Windows, first_rest, rest};
+pub use windows::{
+    REST_S, RestError, RestZero, SpringPad, WINDOW_S, Window, Windows, first_rest, rest,
+};
 
 #[cfg(test)]
 mod tests;
@@ -100,7 +105,7 @@ pub struct Capture {
     poses: Vec<PoseSample>,
     turns: Vec<TurnSample>,
     /// Windows of the block in progress: time (s), base from pad, gyro (rad/s).
-    block: Vec<(f64, UnitQuaternion<f64>, Vector3<f64>)>,
+    block: Vec<(f64, SpringPad, Vector3<f64>)>,
     tilts_rad: Vec<[f64; 2]>,
     sectors: [bool; SECTORS],
     /// One sample in 2 to this power is kept, and so many were offered.
@@ -110,13 +115,13 @@ pub struct Capture {
 
 impl Capture {
     /// Adds a window: its time, its pad by the springs, and the raw readings.
-    pub fn add(&mut self, t_s: f64, base_from_pad: UnitQuaternion<f64>, raw: &ImuRaw) {
+    pub fn add(&mut self, t_s: f64, pad: &SpringPad, raw: &ImuRaw) {
         let (gyro, accel) = (Vector3::from(raw.gyro_rad_s), Vector3::from(raw.accel_m_s2));
-        let is_slow = self.add_turn(t_s, base_from_pad, gyro);
+        let is_slow = self.add_turn(t_s, pad, gyro);
         if !is_slow {
             return;
         }
-        let lean @ [x, y] = tilt(&base_from_pad);
+        let lean @ [x, y] = tilt(&pad.rotation);
         if x.hypot(y) >= TILT_RAD {
             self.sectors[sector(x, y)] = true;
         }
@@ -125,7 +130,7 @@ impl Capture {
             return;
         }
         self.poses.push(PoseSample {
-            base_from_pad,
+            pad: pad.clone(),
             accel_m_s2: accel,
         });
         self.tilts_rad.push(lean);
@@ -138,22 +143,17 @@ impl Capture {
     }
 
     /// Adds a window to the block of rates; whether the pad is slow.
-    fn add_turn(
-        &mut self,
-        t_s: f64,
-        base_from_pad: UnitQuaternion<f64>,
-        gyro_rad_s: Vector3<f64>,
-    ) -> bool {
+    fn add_turn(&mut self, t_s: f64, pad: &SpringPad, gyro_rad_s: Vector3<f64>) -> bool {
         let mut is_slow = true;
         if let Some((last_s, last, _)) = self.block.last() {
             let dt_s = t_s - last_s;
             let goes_on = dt_s > 0.0 && dt_s < 1.5 * WINDOW_S;
-            is_slow = !goes_on || last.angle_to(&base_from_pad) < FAST_RAD_S * dt_s;
+            is_slow = !goes_on || last.rotation.angle_to(&pad.rotation) < FAST_RAD_S * dt_s;
             if !(goes_on && is_slow) {
                 self.block.clear();
             }
         }
-        self.block.push((t_s, base_from_pad, gyro_rad_s));
+        self.block.push((t_s, pad.clone(), gyro_rad_s));
         if self.block.len() > BLOCK_WINDOWS {
             self.turns.extend(mean_rates(&self.block));
             self.block.drain(..BLOCK_WINDOWS);
@@ -210,20 +210,22 @@ fn halve<T>(list: &mut Vec<T>) {
 }
 
 /// Mean rates over a block, by the springs and by the gyro.
-fn mean_rates(block: &[(f64, UnitQuaternion<f64>, Vector3<f64>)]) -> Option<TurnSample> {
-    let span_s = block.last()?.0 - block.first()?.0;
+fn mean_rates(block: &[(f64, SpringPad, Vector3<f64>)]) -> Option<TurnSample> {
+    let (first, last) = (block.first()?, block.last()?);
+    let span_s = last.0 - first.0;
     if span_s <= 0.0 {
         return None;
     }
     let (mut turned, mut read) = (Vector3::zeros(), Vector3::zeros());
     for pair in block.windows(2) {
-        let ((before_s, before, gyro_before), (after_s, after, gyro_after)) = (pair[0], pair[1]);
+        let ((before_s, before, gyro_before), (after_s, after, gyro_after)) = (&pair[0], &pair[1]);
         // ∫ω dt: small turns add up in the pad's axes.
-        turned += (before.inverse() * after).scaled_axis();
+        turned += (before.rotation.inverse() * after.rotation).scaled_axis();
         read += (gyro_before + gyro_after) * (0.5 * (after_s - before_s));
     }
     Some(TurnSample {
         rate_in_pad_rad_s: turned / span_s,
+        by_ends: Box::new((*last.1.by_ends - *first.1.by_ends) / span_s),
         gyro_rad_s: read / span_s,
     })
 }
@@ -302,7 +304,7 @@ pub struct Parameter {
     pub sigma: f64,
     /// Standard deviation before the fit.
     pub prior_sigma: f64,
-    /// What to do so that it is observed.
+    /// What to do so that it is observed; empty where nothing can be done.
     closes: &'static str,
 }
 
@@ -351,7 +353,9 @@ impl Fit {
 /// One sentence per remedy: the parameters that are not observed.
 pub fn open(parameters: &[Parameter]) -> impl Iterator<Item = String> {
     let mut by_remedy: Vec<(&str, Vec<&str>)> = Vec::new();
-    for p in parameters.iter().filter(|p| !p.is_observed()) {
+    // The arm does not turn about its axis: a gain that it leaves open has no remedy and no effect there.
+    let has_remedy = |p: &&Parameter| !p.is_observed() && !p.closes.is_empty();
+    for p in parameters.iter().filter(has_remedy) {
         match by_remedy.iter_mut().find(|(closes, _)| *closes == p.closes) {
             Some((_, names)) => names.push(&p.name),
             None => by_remedy.push((p.closes, vec![&p.name])),
@@ -376,6 +380,17 @@ pub struct Start {
     pub base_tilt_rad: [f64; COMMON],
     /// Springs (1-based) that gave no lengths.
     pub springs_out: Vec<usize>,
+    /// How well the springs' ends are known, see [`ends_sigma_m`].
+    pub ends_sigma_m: f64,
+}
+
+/// Standard deviation of the springs' ends along each axis, m: smaller where the calibration holds them.
+pub fn ends_sigma_m(calibration: &Calibration) -> f64 {
+    let is_held = (0..SPRINGS).any(|i| calibration.ends_off_m(i) != [Vector3::zeros(); 2]);
+    match is_held {
+        true => 0.05e-3,
+        false => 0.5e-3,
+    }
 }
 
 /// Fits the IMUs that were captured. The base's tilt is fitted when all of them were; otherwise it is kept, since the
@@ -399,7 +414,7 @@ pub fn fit(robot: &RobotSpec, captures: &[Option<&Capture>; IMUS], start: &Start
             .collect();
         let fits_tilt = captures.iter().all(Option::is_some);
         let tilt = tilt_priors(start, fits_tilt);
-        let Some(solved) = model::solve(&samples, &tilt) else {
+        let Some(solved) = model::solve(&samples, &tilt, start.ends_sigma_m) else {
             let failed = || FitError::Sensor {
                 why: "the readings have no solution".to_owned(),
             };
@@ -439,7 +454,7 @@ fn take_tilt(out: &mut Fit, solved: &Solved, priors: &[Prior; COMMON], is_fitted
     if !is_fitted {
         return;
     }
-    let at = solved.values.len() - COMMON;
+    let at = solved.tilt_at;
     out.base_tilt_rad = std::array::from_fn(|a| solved.values[at + a]);
     out.tilt = Some(std::array::from_fn(|a| Parameter {
         name: format!("tilt {}", ["x", "y"][a]),
@@ -465,13 +480,7 @@ const KINDS: [(usize, &str, &str, f64, &str); 5] = [
     ),
     (ACCEL_GAIN, "accelerometer gain less 1", "", 1.0, FARTHER),
     (ACCEL_BIAS, "accelerometer bias", "m/s2", 1.0, FARTHER),
-    (
-        GYRO_GAIN,
-        "gyro gain less 1",
-        "",
-        1.0,
-        "turn the pads about every axis, at some degrees per second",
-    ),
+    (GYRO_GAIN, "gyro gain less 1", "", 1.0, ""),
     (
         GYRO_BIAS,
         "gyro bias",

@@ -1,6 +1,8 @@
 //! Readings of an IMU as a function of its errors, with their Jacobians, and the least squares over all IMUs.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SMatrix, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::windows::{ByEnds, ENDS, SpringPad};
 
 /// Standard gravity, m/s².
 pub const GRAVITY_M_S2: f64 = 9.806_65;
@@ -32,19 +34,21 @@ const HUBER: f64 = 3.0;
 const ITERATIONS_MAX: usize = 20;
 
 /// A pad's orientation by the springs and the specific force that its IMU read there.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PoseSample {
     /// By the springs.
-    pub base_from_pad: UnitQuaternion<f64>,
+    pub pad: SpringPad,
     /// Raw, m/s².
     pub accel_m_s2: Vector3<f64>,
 }
 
 /// Mean rates of one block of motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct TurnSample {
     /// By the springs, in the pad, rad/s.
     pub rate_in_pad_rad_s: Vector3<f64>,
+    /// The same per displacement of the springs' ends, rad/s/m.
+    pub by_ends: Box<ByEnds>,
     /// Raw, rad/s.
     pub gyro_rad_s: Vector3<f64>,
 }
@@ -70,10 +74,15 @@ pub struct Samples<'a> {
     pub priors: [Prior; OWN],
 }
 
-/// Values and their covariance: [`OWN`] of each IMU in turn, then the tilt.
+/// Displacements of the springs' ends, m.
+pub type Ends = SVector<f64, ENDS>;
+
+/// Values and their covariance: [`OWN`] of each IMU in turn, then the tilt, then the springs' ends.
 pub struct Solved {
     /// Values.
     pub values: DVector<f64>,
+    /// Where the tilt begins.
+    pub tilt_at: usize,
     /// Standard deviations.
     pub sigmas: DVector<f64>,
     /// Per IMU: root mean square angle between gravity by the springs and by the IMU, rad.
@@ -103,13 +112,14 @@ fn seen(
     (imu_from_pad * pad, by_mounting, *imu_from_pad.matrix())
 }
 
-/// Specific force of an IMU at rest, raw, m/s²: f = gain · g (imu from pad) (pad from base) up + bias.
+/// Specific force of an IMU at rest, raw, m/s²: f = gain · g (imu from pad) (pad from base) up + bias. With its
+/// derivatives by the parameters and by a turn of the pad in its own axes.
 pub fn force(
     own: &[f64],
     tilt_rad: [f64; COMMON],
     pad_from_imu: &UnitQuaternion<f64>,
     base_from_pad: &UnitQuaternion<f64>,
-) -> (Vector3<f64>, Derivative) {
+) -> (Vector3<f64>, Derivative, Matrix3<f64>) {
     let tilt = Vector3::new(tilt_rad[0], tilt_rad[1], 0.0);
     let base_from_level = Rotation3::new(-tilt);
     let pad_from_base = base_from_pad.inverse().to_rotation_matrix();
@@ -131,16 +141,19 @@ pub fn force(
         .copy_from(&Matrix3::identity());
     j.fixed_view_mut::<3, COMMON>(0, OWN)
         .copy_from(&(scale * by_tilt).fixed_columns::<COMMON>(0));
-    (scale * up_in_imu + three(own, ACCEL_BIAS), j)
+    // The pad turned by ε in its own axes sees up at exp(−ε) up.
+    let by_turn = scale * imu_from_pad * up.cross_matrix();
+    (scale * up_in_imu + three(own, ACCEL_BIAS), j, by_turn)
 }
 
-/// Rate of an IMU, raw, rad/s: ω = gain · (imu from pad) ω_pad + bias.
+/// Rate of an IMU, raw, rad/s: ω = gain · (imu from pad) ω_pad + bias. With its derivatives by the parameters and by
+/// ω_pad.
 pub fn rate(
     own: &[f64],
     pad_from_imu: &UnitQuaternion<f64>,
     rate_in_pad_rad_s: &Vector3<f64>,
-) -> (Vector3<f64>, Derivative) {
-    let (in_imu, by_mounting, _) = seen(own, pad_from_imu, rate_in_pad_rad_s);
+) -> (Vector3<f64>, Derivative, Matrix3<f64>) {
+    let (in_imu, by_mounting, imu_from_pad) = seen(own, pad_from_imu, rate_in_pad_rad_s);
     let scale = Matrix3::from_diagonal(&three(own, GYRO_GAIN).add_scalar(1.0));
     let mut j = Derivative::zeros();
     j.fixed_view_mut::<3, 3>(0, MOUNTING)
@@ -149,7 +162,8 @@ pub fn rate(
         .copy_from(&Matrix3::from_diagonal(&in_imu));
     j.fixed_view_mut::<3, 3>(0, GYRO_BIAS)
         .copy_from(&Matrix3::identity());
-    (scale * in_imu + three(own, GYRO_BIAS), j)
+    let read = scale * in_imu + three(own, GYRO_BIAS);
+    (read, j, scale * imu_from_pad)
 }
 
 /// Normal equations and weighted squares of the residuals.
@@ -177,17 +191,27 @@ impl Normal {
     }
 
     /// Adds three residuals of IMU `k`.
-    fn add(&mut self, k: usize, residual: Vector3<f64>, j: &Derivative, sigma: f64) {
+    fn add(&mut self, k: usize, residual: Vector3<f64>, j: &Derivative, ends: &ByEnds, sigma: f64) {
         let far = residual.norm() / sigma;
         let weight = (HUBER / far.max(HUBER)) / (sigma * sigma);
-        let (own, common) = (OWN * k, self.right.len() - COMMON);
-        let at = |c: usize| if c < OWN { own + c } else { common + c - OWN };
-        let square = j.transpose() * j * weight;
-        let right = j.transpose() * residual * weight;
-        for a in 0..OWN + COMMON {
-            self.right[at(a)] += right[a];
-            for b in 0..OWN + COMMON {
-                self.matrix[(at(a), at(b))] += square[(a, b)];
+        let common = self.right.len() - COMMON - ENDS;
+        // Columns that are zero (the springs of the other segment) are left out.
+        let mut columns: Vec<(usize, Vector3<f64>)> = (0..OWN + COMMON)
+            .map(|c| match c < OWN {
+                true => (OWN * k + c, j.column(c).into_owned()),
+                false => (common + c - OWN, j.column(c).into_owned()),
+            })
+            .collect();
+        let of_ends = ends.column_iter().enumerate();
+        columns.extend(
+            of_ends
+                .filter(|(_, c)| c.iter().any(|x| *x != 0.0))
+                .map(|(c, column)| (common + COMMON + c, column.into_owned())),
+        );
+        for (a, left) in &columns {
+            self.right[*a] += weight * left.dot(&residual);
+            for (b, right) in &columns {
+                self.matrix[(*a, *b)] += weight * left.dot(right);
             }
         }
         self.squares += residual.norm_squared() * weight;
@@ -195,12 +219,18 @@ impl Normal {
     }
 }
 
-fn normal(imus: &[Samples<'_>], tilt: &[Prior; COMMON], x: &DVector<f64>) -> Normal {
+/// Displacements of the ends in all values.
+fn ends_of(x: &DVector<f64>) -> Ends {
+    x.fixed_rows::<ENDS>(x.len() - ENDS).into_owned()
+}
+
+fn normal(imus: &[Samples<'_>], common: &[Prior], x: &DVector<f64>) -> Normal {
     let n = x.len();
     let mut out = Normal::new(n);
-    let tilt_rad = [x[n - 2], x[n - 1]];
-    for (a, prior) in tilt.iter().enumerate() {
-        out.prior(n - COMMON + a, tilt_rad[a], prior);
+    let at = n - COMMON - ENDS;
+    let (tilt_rad, ends_m) = ([x[at], x[at + 1]], ends_of(x));
+    for (a, prior) in common.iter().enumerate() {
+        out.prior(at + a, x[at + a], prior);
     }
     for (k, imu) in imus.iter().enumerate() {
         let own = &x.as_slice()[OWN * k..OWN * (k + 1)];
@@ -208,31 +238,46 @@ fn normal(imus: &[Samples<'_>], tilt: &[Prior; COMMON], x: &DVector<f64>) -> Nor
             out.prior(OWN * k + a, own[a], prior);
         }
         for s in imu.poses {
-            let (wanted, j) = force(own, tilt_rad, &imu.pad_from_imu, &s.base_from_pad);
-            out.add(k, s.accel_m_s2 - wanted, &j, FORCE_SIGMA_M_S2);
+            let pad = moved(&s.pad, &ends_m);
+            let (wanted, j, by_turn) = force(own, tilt_rad, &imu.pad_from_imu, &pad);
+            let residual = s.accel_m_s2 - wanted;
+            out.add(
+                k,
+                residual,
+                &j,
+                &(by_turn * *s.pad.by_ends),
+                FORCE_SIGMA_M_S2,
+            );
         }
         for s in imu.turns {
-            let (wanted, j) = rate(own, &imu.pad_from_imu, &s.rate_in_pad_rad_s);
-            out.add(k, s.gyro_rad_s - wanted, &j, RATE_SIGMA_RAD_S);
+            let in_pad = s.rate_in_pad_rad_s + *s.by_ends * ends_m;
+            let (wanted, j, by_rate) = rate(own, &imu.pad_from_imu, &in_pad);
+            let residual = s.gyro_rad_s - wanted;
+            out.add(k, residual, &j, &(by_rate * *s.by_ends), RATE_SIGMA_RAD_S);
         }
     }
     out
 }
 
-/// The most probable parameters of all IMUs and the tilt, by Gauss-Newton; `None` when it finds none.
-pub fn solve(imus: &[Samples<'_>], tilt: &[Prior; COMMON]) -> Option<Solved> {
-    let n = OWN * imus.len() + COMMON;
-    let own = imus.iter().flat_map(|i| i.priors.iter());
-    let mut x = DVector::from_iterator(n, own.chain(tilt).map(|p| p.mean));
-    let sigma = DVector::from_iterator(
-        n,
-        imus.iter()
-            .flat_map(|i| i.priors.iter())
-            .chain(tilt)
-            .map(|p| p.sigma),
-    );
+/// The pad with its springs' ends displaced.
+fn moved(pad: &SpringPad, ends_m: &Ends) -> UnitQuaternion<f64> {
+    pad.rotation * UnitQuaternion::from_scaled_axis(*pad.by_ends * ends_m)
+}
+
+/// The most probable parameters of all IMUs, the tilt and the springs' ends, by Gauss-Newton; `None` when it finds none.
+pub fn solve(imus: &[Samples<'_>], tilt: &[Prior; COMMON], ends_sigma_m: f64) -> Option<Solved> {
+    let end = Prior {
+        mean: 0.0,
+        sigma: ends_sigma_m,
+    };
+    let common: Vec<Prior> = tilt.iter().copied().chain([end; ENDS]).collect();
+    let tilt_at = OWN * imus.len();
+    let n = tilt_at + common.len();
+    let priors = || imus.iter().flat_map(|i| i.priors.iter()).chain(&common);
+    let mut x = DVector::from_iterator(n, priors().map(|p| p.mean));
+    let sigma = DVector::from_iterator(n, priors().map(|p| p.sigma));
     for _ in 0..ITERATIONS_MAX {
-        let equations = normal(imus, tilt, &x);
+        let equations = normal(imus, &common, &x);
         let step = equations.matrix.cholesky()?.solve(&equations.right);
         x += &step;
         if !x.iter().all(|v| v.is_finite()) {
@@ -242,7 +287,7 @@ pub fn solve(imus: &[Samples<'_>], tilt: &[Prior; COMMON]) -> Option<Solved> {
             break;
         }
     }
-    let last = normal(imus, tilt, &x);
+    let last = normal(imus, &common, &x);
     let spread = (last.squares / last.count.max(1) as f64).max(1.0);
     let covariance = last.matrix.cholesky()?.inverse();
     // A residual larger than assumed widens what the samples give, never the prior itself.
@@ -254,17 +299,20 @@ pub fn solve(imus: &[Samples<'_>], tilt: &[Prior; COMMON]) -> Option<Solved> {
         .collect();
     Some(Solved {
         values: x,
+        tilt_at,
         sigmas,
         residual_rad,
     })
 }
 
 fn residual_rad(imu: &Samples<'_>, x: &DVector<f64>, k: usize) -> f64 {
-    let (n, own) = (x.len(), &x.as_slice()[OWN * k..OWN * (k + 1)]);
+    let own = &x.as_slice()[OWN * k..OWN * (k + 1)];
+    let (at, ends_m) = (x.len() - COMMON - ENDS, ends_of(x));
     let mut squares = 0.0;
     for s in imu.poses {
-        let tilt_rad = [x[n - 2], x[n - 1]];
-        let (wanted, _) = force(own, tilt_rad, &imu.pad_from_imu, &s.base_from_pad);
+        let tilt_rad = [x[at], x[at + 1]];
+        let pad = moved(&s.pad, &ends_m);
+        let (wanted, ..) = force(own, tilt_rad, &imu.pad_from_imu, &pad);
         let off = s.accel_m_s2.cross(&wanted).norm() / wanted.norm_squared();
         squares += off * off;
     }
@@ -289,8 +337,8 @@ mod tests {
         let rate_rad_s = Vector3::new(0.05, -0.08, 0.01);
         let tilt = [0.05, -0.03];
         let both = |own: &[f64; OWN], tilt: [f64; 2]| {
-            let (f, jf) = force(own, tilt, &nominal, &pose);
-            let (w, jw) = rate(own, &nominal, &rate_rad_s);
+            let (f, jf, _) = force(own, tilt, &nominal, &pose);
+            let (w, jw, _) = rate(own, &nominal, &rate_rad_s);
             ([f, w], [jf, jw])
         };
         let (_, exact) = both(&own(), tilt);

@@ -142,7 +142,7 @@ fn captured(robot: &RobotSpec, windows: &[Window]) -> [Capture; IMUS] {
     std::array::from_fn(|i| {
         let mut capture = Capture::default();
         for w in windows {
-            if let (Some(pad), Some(raw)) = (w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
+            if let (Some(pad), Some(raw)) = (&w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
                 capture.add(w.t_s, pad, raw);
             }
         }
@@ -155,6 +155,7 @@ fn start(rest: Option<RestZero>, springs_out: Vec<usize>) -> Start {
         gyro_bias_rad_s: rest.map_or([None; IMUS], |r| r.gyro_bias_rad_s),
         base_tilt_rad: [0.0; 2],
         springs_out,
+        ends_sigma_m: 0.05e-3,
     }
 }
 
@@ -364,7 +365,7 @@ fn a_long_capture_stays_small_and_fast_motion_is_left_out() {
     let mut capture = Capture::default();
     for k in 0..18_000 {
         let lean = bent(0.1 + 1e-6 * f64::from(k), 0.3).rotation;
-        capture.add(0.1 * f64::from(k), lean, &raw);
+        capture.add(0.1 * f64::from(k), &SpringPad::exact(lean), &raw);
     }
     assert!((SAMPLES_MAX / 2 - 1..SAMPLES_MAX).contains(&capture.samples()));
     assert_eq!(capture.tilts_rad().len(), capture.samples());
@@ -372,7 +373,7 @@ fn a_long_capture_stays_small_and_fast_motion_is_left_out() {
     let mut fast = Capture::default();
     for k in 0..100 {
         let lean = bent(0.1 * f64::from(k % 2), 0.3).rotation;
-        fast.add(0.1 * f64::from(k), lean, &raw);
+        fast.add(0.1 * f64::from(k), &SpringPad::exact(lean), &raw);
     }
     assert_eq!(fast.samples(), 1);
 }
@@ -382,4 +383,30 @@ fn tilt_points_to_where_the_pad_leans() {
     let [x, y] = tilt(&UnitQuaternion::from_scaled_axis(Vector3::y() * 0.2));
     assert!((x - 0.2).abs() < 1e-12 && y.abs() < 1e-12, "{x} {y}");
     assert_eq!(tilt(&UnitQuaternion::identity()), [0.0, 0.0]);
+}
+
+#[test]
+fn a_pad_turns_with_its_springs_ends_as_the_derivative_states() {
+    let mut rig = Rig::new(rose, 8, [0.0; 2]);
+    let frames: Vec<RawFrame> = (0..2500).map(|_| rig.next()).collect();
+    let pad = |calibration: &Calibration| {
+        let mut windows = Windows::new(&rig.robot, calibration);
+        let last = frames.iter().filter_map(|raw| windows.push(raw)).last();
+        last.and_then(|w| w.base_from_pad[1].clone())
+            .expect("a pad")
+    };
+    let nominal = Calibration::virtual_rig();
+    let at = pad(&nominal);
+    assert!(tilt(&at.rotation)[0].hypot(tilt(&at.rotation)[1]) > 0.2);
+    let h_m = 1e-5;
+    for (spring, end, axis) in [(0, 0, 1), (4, 1, 0), (7, 0, 2), (11, 1, 1)] {
+        let mut other = nominal.clone();
+        other.springs[spring].ends_off_m[end][axis] += h_m;
+        let turned = (at.rotation.inverse() * pad(&other).rotation).scaled_axis() / h_m;
+        let wanted = at.by_ends.column(6 * spring + 3 * end + axis).into_owned();
+        assert!(
+            (turned - wanted).norm() < 1e-2 * (1.0 + wanted.norm()),
+            "{turned} {wanted}"
+        );
+    }
 }

@@ -1,6 +1,6 @@
 //! Short windows of frames: pads by the springs alone, means of the raw IMUs, and what makes a rest of them.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
 use crate::robot::RobotSpec;
 use crate::sensing::imu::credible;
@@ -27,13 +27,68 @@ const REST_RATE_RAD_S: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// Largest turn of a pad, by its springs or by gravity, between the two halves of a rest, rad.
 const REST_TURN_RAD: f64 = 0.2 * std::f64::consts::PI / 180.0;
 
+/// Columns of [`ByEnds`]: three axes of the upper and of the lower end of each spring.
+pub const ENDS: usize = 6 * SPRINGS;
+/// Turn of a pad per displacement of the springs' ends, rad/m.
+pub type ByEnds = SMatrix<f64, 3, ENDS>;
+
+/// A pad by the springs above it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpringPad {
+    /// Base from pad, with the springs' ends where they are believed to be.
+    pub rotation: UnitQuaternion<f64>,
+    /// By how much it would stand otherwise, in its own axes, with the ends elsewhere.
+    pub by_ends: Box<ByEnds>,
+}
+
+impl SpringPad {
+    /// A pad whose ends are where they are believed to be.
+    pub fn exact(rotation: UnitQuaternion<f64>) -> Self {
+        Self {
+            rotation,
+            by_ends: Box::new(ByEnds::zeros()),
+        }
+    }
+
+    /// A part on the pad that is turned by `pad_from_part`.
+    #[must_use]
+    pub fn turned(&self, pad_from_part: &UnitQuaternion<f64>) -> Self {
+        let back = pad_from_part.inverse().to_rotation_matrix();
+        Self {
+            rotation: self.rotation * pad_from_part,
+            by_ends: Box::new(back.matrix() * *self.by_ends),
+        }
+    }
+}
+
+/// Turn of the pad below segment `k`, in its axes, per displacement of the segment's ends; `None` where the platform is
+/// singular.
+fn by_ends(segment: &Segment, k: usize, upper_from_lower: &Pose) -> Option<ByEnds> {
+    let per_length = segment.rotation_per_length(upper_from_lower)?;
+    let upper_from_pad = upper_from_lower.rotation.to_rotation_matrix();
+    let in_pad = upper_from_pad.inverse() * per_length;
+    let mut out = ByEnds::zeros();
+    for i in 0..LEGS {
+        let arm = upper_from_pad * segment.bottom_m[i];
+        let along = (upper_from_lower.translation.vector + arm - segment.top_m[i]).normalize();
+        // The measured length stays: l(P) + d̂·(R δb − δa) = l(P̂), so P turns by −W d̂·(R δb − δa).
+        let turn = in_pad.column(i);
+        let by_top = turn * along.transpose();
+        let by_bottom = -turn * (upper_from_pad.inverse() * along).transpose();
+        let at = 6 * (LEGS * k + i);
+        out.fixed_view_mut::<3, 3>(0, at).copy_from(&by_top);
+        out.fixed_view_mut::<3, 3>(0, at + 3).copy_from(&by_bottom);
+    }
+    Some(out)
+}
+
 /// Means over a short time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Middle of its time, s.
     pub t_s: f64,
     /// Middle and end pad by the springs alone; `None` unless all springs above the pad are good.
-    pub base_from_pad: [Option<UnitQuaternion<f64>>; 2],
+    pub base_from_pad: [Option<SpringPad>; 2],
     /// Raw means; `None` for an IMU that missed a frame.
     pub imu: [Option<ImuRaw>; IMUS],
 }
@@ -108,7 +163,6 @@ impl Sums {
 /// Makes windows of frames.
 #[derive(Clone, Debug)]
 pub struct Windows {
-    robot: RobotSpec,
     calibration: Calibration,
     segments: [Segment; 2],
     sums: Option<Sums>,
@@ -130,7 +184,6 @@ impl Windows {
             segment
         });
         Self {
-            robot: robot.clone(),
             calibration: calibration.clone(),
             segments,
             sums: None,
@@ -165,7 +218,7 @@ impl Windows {
         for (bad, length_m) in self.bad.iter_mut().zip(length_m) {
             *bad += usize::from(length_m.is_none());
         }
-        let solved = self.segments.each_ref().map(|s| s.rest());
+        let at_rest = self.segments.each_ref().map(|s| s.rest());
         let poses: [Option<Pose>; 2] = std::array::from_fn(|k| {
             let known = Known {
                 length_m: std::array::from_fn(|i| length_m[LEGS * k + i]),
@@ -174,17 +227,29 @@ impl Windows {
             if known.length_m.iter().any(Option::is_none) {
                 return None;
             }
-            let found = platform::solve(&self.segments[k], &known, &solved[k]);
+            let found = platform::solve(&self.segments[k], &known, &at_rest[k]);
             found.converged.then_some(found.upper_from_lower)
         });
-        let both = [0, 1].map(|k| poses[k].unwrap_or(solved[k]));
-        let pads = platform::pads(&self.robot, &both);
-        let known = [poses[0].is_some(), poses[0].is_some() && poses[1].is_some()];
         Window {
             t_s: sums.t_s / FRAMES as f64,
-            base_from_pad: std::array::from_fn(|k| known[k].then(|| pads[k].rotation)),
+            base_from_pad: self.pads(&poses),
             imu: std::array::from_fn(|i| sums.imu(i)),
         }
+    }
+
+    fn pads(&self, poses: &[Option<Pose>; 2]) -> [Option<SpringPad>; 2] {
+        let middle = poses[0].and_then(|pose| {
+            Some(SpringPad {
+                rotation: pose.rotation,
+                by_ends: Box::new(by_ends(&self.segments[0], 0, &pose)?),
+            })
+        });
+        let end = middle.as_ref().zip(poses[1]).and_then(|(middle, pose)| {
+            let mut end = middle.turned(&pose.rotation);
+            *end.by_ends += by_ends(&self.segments[1], 1, &pose)?;
+            Some(end)
+        });
+        [middle, end]
     }
 
     /// Springs (1-based) that were not good in more than half of the windows.
@@ -256,7 +321,10 @@ pub fn rest(windows: &[Window], robot: &RobotSpec) -> Result<RestZero, RestError
         let Some(samples) = samples else { continue };
         zero.gyro_bias_rad_s[i] = Some(still(i, &samples)?);
         let pad = super::pad_index(robot, i);
-        let by_springs: Option<Vec<_>> = windows.iter().map(|w| w.base_from_pad[pad]).collect();
+        let by_springs = windows
+            .iter()
+            .map(|w| Some(w.base_from_pad[pad].as_ref()?.rotation));
+        let by_springs: Option<Vec<_>> = by_springs.collect();
         if let Some(by_springs) = by_springs {
             check_turn(i, turn_rad(&by_springs))?;
         }
