@@ -138,12 +138,12 @@ mod tests {
     #[test]
     fn a_units_imus_are_calibrated_and_twice_alike() {
         let robot = RobotSpec::reference();
-        for (unit, tilt_deg) in [(1, 0.0), (2, 3.0)] {
-            let hidden = format!("base-tilt={tilt_deg}");
+        for (unit, tilt_rad) in [(1, 0.0), (2, 0.05)] {
+            let hidden = format!("base-tilt={tilt_rad}");
             let options = RigOptions {
                 unit: Unit(unit),
                 seed: 90,
-                hidden: match tilt_deg > 0.0 {
+                hidden: match tilt_rad > 0.0 {
                     true => vec![hidden.parse::<Hidden>().expect("an effect")],
                     false => Vec::new(),
                 },
