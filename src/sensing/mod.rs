@@ -18,7 +18,7 @@ pub mod faults;
 mod file;
 pub mod filter;
 pub mod imu;
-pub mod mounting;
+pub mod imu_fit;
 mod noise;
 pub mod platform;
 pub mod registration;
