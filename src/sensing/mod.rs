@@ -694,8 +694,13 @@ impl Sensing {
         let imu_ypr_rad = std::array::from_fn(|i| {
             let pad = pad_index(self.spec.imus[i].pad);
             let (_, [x, y, z]) = self.filter.pad_sd(pad);
+            // Signals that are the same reconstruction are off alike.
+            let alike = self
+                .pair(pad)
+                .filter(|j| health.imus[*j] != ChannelHealth::Ok);
+            let by = f64::sqrt(alike.count().max(1) as f64);
             let sd_rad = [z, x.max(y), x.max(y)].map(|sd| match self.has_started {
-                true => sd.min(UNKNOWN_RAD),
+                true => (by * sd).min(UNKNOWN_RAD),
                 false => UNKNOWN_RAD,
             });
             let at = SPRINGS + 3 * i;

@@ -107,7 +107,20 @@ impl Rig {
 }
 
 fn sensing() -> Sensing {
-    Sensing::new(&RobotSpec::reference(), Calibration::virtual_rig())
+    Sensing::new(&RobotSpec::reference(), calibrated())
+}
+
+/// Springs, IMUs and ends after their calibration, which found them as drawn.
+fn calibrated() -> Calibration {
+    let mut calibration = Calibration::virtual_rig();
+    for spring in &mut calibration.springs {
+        spring.ends_off_m = [Vector3::repeat(1e-6); 2];
+    }
+    for i in 0..IMUS {
+        let entry = calibration.imu_entry(i);
+        calibration.set_imu(entry).expect("as drawn");
+    }
+    calibration
 }
 
 /// Angle between what IMU `i` says and the pad's true orientation, degrees.
@@ -465,7 +478,13 @@ fn the_springs_stand_in_for_the_imus() {
 #[test]
 fn nothing_stands_in_for_a_spring_without_imus() {
     let frames = spoiled(|raw| raw.present &= !(1 << 4 | 0b1111 << SPRINGS));
-    assert!(frames.iter().skip(5).all(|(frame, _, _)| frame.is_blind()));
+    // A pad's way is known from its velocity for a moment.
+    assert!(
+        frames
+            .iter()
+            .skip(100)
+            .all(|(frame, _, _)| frame.is_blind())
+    );
 }
 
 /// Changes the gate of spring `i` so that its length reads longer by `off_m`.

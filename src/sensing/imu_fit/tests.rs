@@ -109,7 +109,8 @@ impl Rig {
             stamp: Stamp::from_seconds(t_s),
             spring_counts,
             spring_gate_ticks,
-            tick_rate_hz: self.circuit.tick_rate_hz,
+            tick_rate_hz: [self.circuit.tick_rate_hz; BOARDS],
+            tick_rate_sd: [0.0; BOARDS],
             imu: self
                 .inertial
                 .read(DT_S, &motion[0], &motion[1], &mut self.rng),
