@@ -12,12 +12,16 @@ use egui::{RichText, Sense, Stroke, Ui, vec2};
 
 use super::plot::{TimeWindow, sparkline};
 use super::widgets::{
-    Meter, age, card, cell, empty, heading, health, health_sentence, meter, number, pane,
+    Meter, NIS_WIDTH, age, card, cell, empty, fault_probability, heading, health, meter, nis_meter,
+    number, pane, spring_sentence,
 };
 use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{ChannelHealth, SPRINGS, SensorFrame, spring_name};
+use crate::sensing::filter::pad_index;
+use crate::signal::{
+    ChannelHealth, IMUS, SPRINGS, SensorFrame, UNKNOWN_M, spring_name, suspect_text,
+};
 
 /// The screen.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
@@ -30,7 +34,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         return;
     };
     notice(ui, view, frame);
-    let side = (ui.available_width() * 0.34).clamp(380.0, 500.0);
+    let side = (ui.available_width() * 0.34).clamp(SIDE[0], SIDE[1]);
     let grid = ui.available_width() - side - 10.0;
     let form = Form::within(grid);
     let cards = form.height();
@@ -58,29 +62,85 @@ pub fn stale(view: &View<'_>) -> Option<String> {
     })
 }
 
-// The line above the figures. It is always there, so that nothing below it moves.
+/// What is to be read above the figures, most urgent first.
+fn notices(view: &View<'_>, frame: &SensorFrame) -> Vec<(Level, String)> {
+    let mut found = Vec::new();
+    if frame.is_blind() {
+        let text =
+            "Blind: some signals are neither measured nor reconstructed. The twin does not move.";
+        found.push((Level::Critical, text.to_owned()));
+    }
+    if let Some(text) = stale(view) {
+        found.push((Level::Warning, text));
+        return found;
+    }
+    let segment_of_imu = view.spec.imus.each_ref().map(|imu| pad_index(imu.pad));
+    for segment in 0..frame.quality.segment_suspect.len() {
+        if let Some(suspects) = frame.quality.suspects(segment, segment_of_imu) {
+            found.push((Level::Warning, suspect_text(segment, &suspects)));
+        }
+    }
+    if let Some(need) = frame.quality.need {
+        found.push((Level::Warning, need.text()));
+    }
+    let springs = (0..SPRINGS).map(|i| (frame.spring_evidence(i), i));
+    let imus = (0..IMUS).map(|i| (frame.imu_evidence(i), i));
+    let springs = springs
+        .filter(|(e, _)| e.is_abnormal())
+        .map(|(e, i)| (e, e.spring_text(i)));
+    let imus = imus
+        .filter(|(e, _)| e.is_abnormal())
+        .map(|(e, i)| (e, e.imu_text(i)));
+    found.extend(
+        springs
+            .chain(imus)
+            .map(|(e, text)| (health(e.health).2, text)),
+    );
+    found
+}
+
+/// The lines above the figures. They are always there, so that nothing below them moves: the two most urgent notices,
+/// with all of them in their tooltips.
 fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
     let p = Palette::in_ui(ui);
-    let blind = frame.is_blind().then(|| {
-        format!(
-            "{} Blind: some signals are neither measured nor reconstructed. The twin does not move.",
-            Level::Critical.glyph()
-        )
-    });
-    let color = match &blind {
-        Some(_) => p.critical,
-        None => p.warning,
-    };
-    let words: Vec<String> = blind.into_iter().chain(stale(view)).collect();
-    let text = match words.is_empty() {
-        true => {
-            let hint = "A selected spring is highlighted in the plots and in 3D.";
-            RichText::new(hint).color(p.weak)
+    let mut found = notices(view, frame);
+    let all: Vec<String> = found
+        .iter()
+        .map(|(level, text)| format!("{} {text}", level.glyph()))
+        .collect();
+    let more = found.len().saturating_sub(NOTICES);
+    found.truncate(NOTICES);
+    let hints = [
+        "A selected spring is highlighted in the plots and in 3D.",
+        "The narrow bars are normalised innovations squared (NIS): 1, at the tick, for noise alone. ± is the band.",
+    ];
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.y = 1.0;
+        for (line, hint) in hints.into_iter().enumerate() {
+            let text = match found.get(line) {
+                Some((level, text)) => {
+                    let more = match line + 1 == NOTICES && more > 0 {
+                        true => format!("(+ {more}) "),
+                        false => String::new(),
+                    };
+                    let text = format!("{} {more}{text}", level.glyph());
+                    RichText::new(text).color(p.level(*level))
+                }
+                None if found.is_empty() => RichText::new(hint).color(p.weak),
+                None => RichText::new(""),
+            };
+            let response = ui.add(egui::Label::new(text).truncate());
+            if line < all.len() {
+                response.on_hover_text(all.join("\n"));
+            }
         }
-        false => RichText::new(words.join(" ")).color(color),
-    };
-    ui.add(egui::Label::new(text).truncate());
+    });
 }
+
+/// So many notices are shown at a time.
+const NOTICES: usize = 2;
+/// Width of the card beside the springs, points.
+const SIDE: [f32; 2] = [412.0, 500.0];
 
 /// How the X pairs lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +154,7 @@ enum Form {
 /// Between two cards, points.
 const GAP: f32 = 8.0;
 /// Width of a row of a pair's card with everything in it, points.
-const ROW: f32 = 186.0;
+const ROW: f32 = 196.0;
 
 impl Form {
     fn within(width: f32) -> Self {
@@ -115,7 +175,7 @@ impl Form {
     fn height(self) -> f32 {
         match self {
             Self::Wide => 238.0,
-            Self::Narrow => 278.0,
+            Self::Narrow => 314.0,
         }
     }
 }
@@ -230,7 +290,8 @@ fn spring_row(
         {
             state.selected_spring = (!selected).then_some(i);
         }
-        let rest = ui.available_width() - value_width - age_width - glyph_width - 3.0 * 4.0;
+        let fixed = value_width + age_width + glyph_width + NIS_WIDTH + 4.0 * 4.0;
+        let rest = ui.available_width() - fixed;
         ui.vertical(|ui| {
             ui.spacing_mut().item_spacing.y = 0.0;
             ui.set_width(rest.max(24.0));
@@ -244,27 +305,74 @@ fn spring_row(
             _ => p.level(level),
         };
         let unit = spring_channel(state.reading, i).unit();
-        cell(ui, value_width, RichText::new(number(value, decimals)).color(text))
+        nis_meter(
+            ui,
+            &format!("Spring {} NIS", spring_name(i)),
+            frame.quality.nis[i],
+        );
+        let evidence = frame.spring_evidence(i);
+        let band_mm = evidence.extra_sigma * 1e3;
+        stacked(ui, value_width, |ui| {
+            cell(
+                ui,
+                value_width,
+                RichText::new(number(value, decimals)).color(text),
+            )
             .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+            let color = match evidence.extra_sigma {
+                sd if sd >= UNKNOWN_M => p.critical,
+                _ => p.level(level),
+            };
+            small_cell(ui, value_width, &format!("± {}", number(band_mm, 2)), color).on_hover_text(
+                "Band in mm: standard deviation beyond the usual noise. It grows with what is out",
+            );
+        });
         let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_spring(i));
         let old = channel_age_s(view, delivered, i / (SPRINGS / 2), Channel::Spring(i));
         let old = old.map_or("—".into(), age);
-        cell(ui, age_width, RichText::new(old).small().color(p.weak))
-            .on_hover_text("Age of the newest reading");
-        let doubt_mm = frame.extra_sigma[i] * 1e3;
-        let mut hover = format!("{word}: {}", health_sentence(condition));
-        if doubt_mm > 0.0 {
+        stacked(ui, age_width, |ui| {
+            small_cell(ui, age_width, &old, p.weak).on_hover_text("Age of the newest reading");
+            if let Some((probability, level)) = fault_probability(&evidence) {
+                small_cell(ui, age_width, &probability, p.level(level))
+                    .on_hover_text("Probability that this spring is faulty");
+            }
+        });
+        let mut hover = format!("{word}: {}", spring_sentence(frame, i));
+        if band_mm > 0.0 {
             hover = format!(
-                "{hover}\nMay be off by ± {} mm beyond its usual noise: reconstructed from other channels, or inconsistent with them.",
-                number(doubt_mm, 2)
+                "{hover}\nMay be off by ± {} mm beyond its usual noise.",
+                number(band_mm, 2)
             );
         }
         let sign = match condition {
-            ChannelHealth::Ok if doubt_mm > 0.0 => "≈",
+            ChannelHealth::Ok if evidence.extra_sigma > BAND_SHOWN_M => "≈",
             _ => glyph,
         };
         cell(ui, glyph_width, RichText::new(sign).color(p.level(level))).on_hover_text(hover);
     });
+}
+
+/// A healthy spring with a wider band than this is marked as approximate, m.
+const BAND_SHOWN_M: f64 = 0.3e-3;
+
+/// Two lines of small figures in a row.
+fn stacked(ui: &mut Ui, width: f32, lines: impl FnOnce(&mut Ui)) {
+    ui.vertical(|ui| {
+        ui.spacing_mut().item_spacing.y = 0.0;
+        ui.set_width(width);
+        lines(ui);
+    });
+}
+
+/// A small right-aligned figure, as low as its text.
+fn small_cell(ui: &mut Ui, width: f32, text: &str, color: egui::Color32) -> egui::Response {
+    let height = ui.text_style_height(&egui::TextStyle::Small);
+    let layout = egui::Layout::right_to_left(egui::Align::Center);
+    ui.allocate_ui_with_layout(vec2(width, height), layout, |ui| {
+        ui.set_min_size(vec2(width, height));
+        ui.add(egui::Label::new(RichText::new(text).small().color(color)).truncate())
+    })
+    .inner
 }
 
 fn length_bar(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, i: usize, width: f32) {
