@@ -95,7 +95,7 @@ impl Default for Quality {
 }
 
 impl Quality {
-    /// Channels of a suspect segment that are in question, with their probabilities, likeliest first. `segment_of_imu`
+    /// Channels of a suspect segment that are in question, with their probabilities, likeliest first; named ones are not. `segment_of_imu`
     /// has the segment above each IMU's pad. `None` when the segment is not suspect.
     pub fn suspects(
         &self,
@@ -111,7 +111,7 @@ impl Quality {
         let channels = springs.chain(imus);
         let mut found: Vec<_> = channels
             .map(|(name, c)| (name, self.fault_probability[c]))
-            .filter(|(_, p)| *p > FAULT_OPEN)
+            .filter(|(_, p)| (FAULT_OPEN..=FAULT_NAMED).contains(p))
             .collect();
         found.sort_by(|a, b| b.1.total_cmp(&a.1));
         Some(found)
@@ -355,6 +355,7 @@ mod tests {
             (0, 0.35),
             (1, 0.62),
             (2, 0.04),
+            (4, 0.97),
             (7, 0.5),
             (SPRINGS + 1, 0.2),
             (SPRINGS + 2, 0.3),

@@ -8,7 +8,7 @@ pub use plots::toggle as toggle_cursors;
 pub use state::{Reading, SensorsState};
 use state::{channel_age_s, spring_channel};
 
-use egui::{RichText, Sense, Stroke, Ui, vec2};
+use egui::{RichText, Sense, Stroke, TextStyle, Ui, vec2};
 
 use super::plot::{TimeWindow, sparkline};
 use super::widgets::{
@@ -33,10 +33,10 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         empty(ui, "No sensors yet", next);
         return;
     };
-    notice(ui, view, frame);
     let side = (ui.available_width() * 0.34).clamp(SIDE[0], SIDE[1]);
     let grid = ui.available_width() - side - 10.0;
     let form = Form::within(grid);
+    notice(ui, view, frame, form.notices());
     let cards = form.height();
     ui.horizontal_top(|ui| {
         view.grey_if_stale(ui);
@@ -99,27 +99,27 @@ fn notices(view: &View<'_>, frame: &SensorFrame) -> Vec<(Level, String)> {
     found
 }
 
-/// The lines above the figures. They are always there, so that nothing below them moves: the two most urgent notices,
+/// The lines above the figures. They are always there, so that nothing below them moves: the most urgent notices,
 /// with all of them in their tooltips.
-fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
+fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, lines: usize) {
     let p = Palette::in_ui(ui);
     let mut found = notices(view, frame);
     let all: Vec<String> = found
         .iter()
         .map(|(level, text)| format!("{} {text}", level.glyph()))
         .collect();
-    let more = found.len().saturating_sub(NOTICES);
-    found.truncate(NOTICES);
+    let more = found.len().saturating_sub(lines);
+    found.truncate(lines);
     let hints = [
         "A selected spring is highlighted in the plots and in 3D.",
         "The narrow bars are normalised innovations squared (NIS): 1, at the tick, for noise alone. ± is the band.",
     ];
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 1.0;
-        for (line, hint) in hints.into_iter().enumerate() {
+        for (line, hint) in hints.into_iter().take(lines).enumerate() {
             let text = match found.get(line) {
                 Some((level, text)) => {
-                    let more = match line + 1 == NOTICES && more > 0 {
+                    let more = match line + 1 == lines && more > 0 {
                         true => format!("(+ {more}) "),
                         false => String::new(),
                     };
@@ -137,8 +137,6 @@ fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
     });
 }
 
-/// So many notices are shown at a time.
-const NOTICES: usize = 2;
 /// Width of the card beside the springs, points.
 const SIDE: [f32; 2] = [412.0, 500.0];
 
@@ -171,11 +169,19 @@ impl Form {
         }
     }
 
+    /// Lines of notices above the cards, at most two.
+    fn notices(self) -> usize {
+        match self {
+            Self::Wide => 2,
+            Self::Narrow => 1,
+        }
+    }
+
     /// Height of all cards, points.
     fn height(self) -> f32 {
         match self {
             Self::Wide => 238.0,
-            Self::Narrow => 314.0,
+            Self::Narrow => 318.0,
         }
     }
 }
@@ -218,7 +224,7 @@ fn pair_card(
     let p = *Palette::in_ui(ui);
     let angle = view.spec.spring_top_m[2 * pair] + view.spec.spring_bottom_m[2 * pair];
     let deg = angle.y.atan2(angle.x).to_degrees().rem_euclid(360.0);
-    ui.spacing_mut().item_spacing = vec2(4.0, 3.0);
+    ui.spacing_mut().item_spacing = vec2(4.0, 2.0);
     ui.spacing_mut().interact_size.y = 16.0;
     ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(16.0, 16.0), Sense::hover());
@@ -313,27 +319,30 @@ fn spring_row(
         let evidence = frame.spring_evidence(i);
         let band_mm = evidence.extra_sigma * 1e3;
         stacked(ui, value_width, |ui| {
-            cell(
-                ui,
-                value_width,
-                RichText::new(number(value, decimals)).color(text),
-            )
-            .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
-            let color = match evidence.extra_sigma {
-                sd if sd >= UNKNOWN_M => p.critical,
-                _ => p.level(level),
-            };
-            small_cell(ui, value_width, &format!("± {}", number(band_mm, 2)), color).on_hover_text(
-                "Band in mm: standard deviation beyond the usual noise. It grows with what is out",
-            );
+            let value = RichText::new(number(value, decimals)).color(text);
+            low_cell(ui, value_width, TextStyle::Body, value)
+                .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+            if band_mm >= BAND_LEAST_MM {
+                let color = match evidence.extra_sigma {
+                    sd if sd >= UNKNOWN_M => p.critical,
+                    _ => p.level(level),
+                };
+                let band = RichText::new(format!("± {}", number(band_mm, 2)));
+                low_cell(ui, value_width, TextStyle::Small, band.small().color(color)).on_hover_text(
+                    "Band in mm: standard deviation beyond the usual noise. It grows with what is out",
+                );
+            }
         });
         let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_spring(i));
         let old = channel_age_s(view, delivered, i / (SPRINGS / 2), Channel::Spring(i));
         let old = old.map_or("—".into(), age);
         stacked(ui, age_width, |ui| {
-            small_cell(ui, age_width, &old, p.weak).on_hover_text("Age of the newest reading");
+            let old = RichText::new(old).small().color(p.weak);
+            low_cell(ui, age_width, TextStyle::Small, old)
+                .on_hover_text("Age of the newest reading");
             if let Some((probability, level)) = fault_probability(&evidence) {
-                small_cell(ui, age_width, &probability, p.level(level))
+                let text = RichText::new(probability).small().color(p.level(level));
+                low_cell(ui, age_width, TextStyle::Small, text)
                     .on_hover_text("Probability that this spring is faulty");
             }
         });
@@ -354,23 +363,29 @@ fn spring_row(
 
 /// A healthy spring with a wider band than this is marked as approximate, m.
 const BAND_SHOWN_M: f64 = 0.3e-3;
+/// Less than this would read as 0.00, mm.
+const BAND_LEAST_MM: f64 = 0.005;
 
-/// Two lines of small figures in a row.
+/// Height of a spring's row: a figure and a small one below it, points.
+const ROW_HEIGHT: f32 = 29.0;
+
+/// A figure with another one below it, if there is one.
 fn stacked(ui: &mut Ui, width: f32, lines: impl FnOnce(&mut Ui)) {
     ui.vertical(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
         ui.set_width(width);
+        ui.set_min_height(ROW_HEIGHT);
         lines(ui);
     });
 }
 
-/// A small right-aligned figure, as low as its text.
-fn small_cell(ui: &mut Ui, width: f32, text: &str, color: egui::Color32) -> egui::Response {
-    let height = ui.text_style_height(&egui::TextStyle::Small);
+/// A right-aligned figure, as low as its text.
+fn low_cell(ui: &mut Ui, width: f32, style: TextStyle, text: RichText) -> egui::Response {
+    let size = vec2(width, ui.text_style_height(&style));
     let layout = egui::Layout::right_to_left(egui::Align::Center);
-    ui.allocate_ui_with_layout(vec2(width, height), layout, |ui| {
-        ui.set_min_size(vec2(width, height));
-        ui.add(egui::Label::new(RichText::new(text).small().color(color)).truncate())
+    ui.allocate_ui_with_layout(size, layout, |ui| {
+        ui.set_min_size(size);
+        ui.add(egui::Label::new(text).truncate())
     })
     .inner
 }
