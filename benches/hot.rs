@@ -219,6 +219,7 @@ fn controllers(c: &mut Criterion) {
                 springs: [ChannelHealth::Ok; SPRINGS],
                 ..Health::default()
             },
+            quality: Default::default(),
         };
         c.bench_function(name, |b| {
             b.iter(|| {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{
     ArmShape, Estimate, Goal, Gripper, GroundTruth, Health, ImuRaw, Matrix6, Mode, Pose,
-    PressureCommand, PressureLimits, RawFrame, SIGNALS, SensorFrame, SensorRef, SensorVec,
+    PressureCommand, PressureLimits, Quality, RawFrame, SIGNALS, SensorFrame, SensorRef, SensorVec,
     Snapshot, Stamp, TruthSource, pose_from_ypr,
 };
 use springtwin::sim::{Model, State, observe};
@@ -85,6 +85,7 @@ impl Session {
                 sensors,
                 chamber_pa: pa,
                 health: Health::default(),
+                quality: Quality::default(),
             }),
             estimate: Some(Estimate {
                 stamp,

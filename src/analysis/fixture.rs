@@ -7,9 +7,9 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use crate::robot::RobotSpec;
 use crate::signal::{
     ArmShape, BOARDS, CHAMBERS, ClockFit, Estimate, Goal, Gripper, GroundTruth, Health, IMUS,
-    LinkStatus, Matrix6, MeshShape, Mode, Pose, PressureCommand, RawFrame, Reach, ReachState,
-    RoutineStatus, SIGNALS, SPRINGS, SensorFrame, SensorVec, Skin, Snapshot, Stamp, Trace,
-    TruthSource, pose_from_ypr, ypr_from_rotation,
+    LinkStatus, Matrix6, MeshShape, Mode, Pose, PressureCommand, Quality, RawFrame, Reach,
+    ReachState, RoutineStatus, SIGNALS, SPRINGS, SensorFrame, SensorVec, Skin, Snapshot, Stamp,
+    Trace, TruthSource, pose_from_ypr, ypr_from_rotation,
 };
 
 // A few-sine stand-in for noise: deterministic, mean near zero, amplitude 1.
@@ -157,6 +157,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             sensors,
             chamber_pa,
             health: Health::default(),
+            quality: Quality::default(),
         }),
         estimate: Some(Estimate {
             stamp,

@@ -11,7 +11,7 @@ use springtwin::gui::scene::{Picking, Scene, SceneInput, Theme};
 use springtwin::gui::theme::Palette;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{
-    CHAMBERS, Health, LinkStatus, SIGNALS, SensorFrame, Simulator, Snapshot, Stamp,
+    CHAMBERS, Health, LinkStatus, Quality, SIGNALS, SensorFrame, Simulator, Snapshot, Stamp,
 };
 use springtwin::sim::{Inputs, Model, State, observe, settle};
 use springtwin::twin::{MeshQuestion, MeshSolver};
@@ -44,6 +44,7 @@ pub fn at_rest(
             sensors: seen.sensors,
             chamber_pa: *chamber_pa,
             health: Health::default(),
+            quality: Quality::default(),
         }),
         shape: Some(Arc::new(seen.shape)),
         payload_kg,

@@ -141,6 +141,7 @@ impl ToyArm {
                 springs: [ChannelHealth::Ok; SPRINGS],
                 ..Default::default()
             },
+            quality: Default::default(),
         }
     }
 }

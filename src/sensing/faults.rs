@@ -12,14 +12,11 @@
 
 use super::filter::{Channel, Filter, Flip};
 use super::platform::LEGS;
-use crate::signal::{IMUS, SPRINGS};
+use crate::signal::{FAULT_NAMED as NAMED, FAULT_OPEN as OPEN, IMUS, SPRINGS};
 
 /// Logarithm of the prior odds of one faulty channel, and of each further one.
 const FIRST: f64 = -9.0;
 const FURTHER: f64 = -5.0;
-/// A channel is named above this probability, and left open above the second one.
-const NAMED: f64 = 0.95;
-const OPEN: f64 = 0.05;
 /// An open channel has to look healthy for so long before it is closed, s.
 const CLOSE_S: f64 = 5.0;
 /// Below this probability it looks healthy.

@@ -44,8 +44,9 @@ use wiring::Wiring;
 
 use crate::robot::RobotSpec;
 use crate::signal::{
-    BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, ImuRaw, Pose, RawFrame, SIGNALS, SPRINGS,
-    SensorFrame, SensorVec, Swap, UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
+    BOARDS, CHAMBERS, ChannelHealth, FAULT_NAMED, FOUND_M, FOUND_RAD, Health, IMUS, ImuRaw,
+    NIS_HIGH, Need, Pose, Quality, RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorVec, Swap,
+    UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
 };
 
 /// Gauge pressures outside of this are not pressures, Pa (a gauge cannot read below vacuum).
@@ -69,8 +70,6 @@ const LOST_FRAMES: u32 = 50;
 const JUDGE_S: f64 = 0.1;
 /// Averaging time of the normalised innovations squared, s.
 const NIS_TAU_S: f64 = 2.0;
-/// Above this mean, a segment is not explained by healthy channels.
-const NIS_DOUBT: f64 = 4.0;
 /// Noise of a length (m), rate (rad/s) and force (m/s²) before it is measured, and the least that is believed.
 const LENGTH_NOISE_M: [f64; 2] = [0.12e-3, 0.03e-3];
 const RATE_NOISE: [f64; 2] = [1e-3, 1e-4];
@@ -78,12 +77,8 @@ const FORCE_NOISE: [f64; 2] = [0.04, 0.005];
 /// Errors of gain and alignment: a share of the rate and of the acceleration.
 const RATE_GAIN: f64 = 0.003;
 const FORCE_GAIN: f64 = 0.01;
-/// An orientation is found when its standard deviation is below this, rad, and a position below that, m.
-pub const FOUND_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// Beyond the springs' range by this, a reconstructed length is none, m.
 const BEYOND_M: f64 = 8e-3;
-/// See [`FOUND_RAD`].
-pub const FOUND_M: f64 = 6e-3;
 /// A spring that is named as faulty is stuck when it moved by less than this share of what it should have.
 const STUCK_SHARE: f64 = 0.25;
 /// Least way for that, m.
@@ -91,17 +86,6 @@ const STUCK_WAY_M: f64 = 1e-3;
 
 /// Pads that turn faster than this are not compared at rest, rad/s.
 const SLOW_RAD_S: f64 = 0.35;
-
-/// What the estimator still needs before the pads' poses are known.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Need {
-    /// Orientation of a pad (0: middle, 1: end) about the vertical: standard deviation, rad.
-    Heading(usize, f64),
-    /// Orientation of a pad against the vertical: standard deviation, rad.
-    Inclination(usize, f64),
-    /// Position of a pad: standard deviation, m.
-    Position(usize, f64),
-}
 
 /// Ways of a spring's reading and of its expected length, since it is under suspicion, m.
 #[derive(Clone, Copy, Debug)]
@@ -283,7 +267,7 @@ impl Sensing {
         self.watch_wiring(frame, &now);
         self.orient(dt_s, frame, &mut now);
         let health = self.health(frame, &board, &now);
-        let out = self.frame(frame, health);
+        let out = self.frame(frame, health, &now);
         self.last = Some(out.clone());
         out
     }
@@ -568,7 +552,7 @@ impl Sensing {
             .judge(k, 2.0 * self.since_judged_s, channels, &mut self.filter);
         self.since_judged_s = 0.0;
         let unexplained = (LEGS * k..LEGS * (k + 1)).map(|i| self.nis[i]).sum::<f64>();
-        if unexplained > LEGS as f64 * NIS_DOUBT {
+        if unexplained > LEGS as f64 * NIS_HIGH {
             self.filter.doubt(k);
         }
     }
@@ -669,7 +653,8 @@ impl Sensing {
         })
     }
 
-    fn frame(&self, frame: &RawFrame, health: Health) -> SensorFrame {
+    fn frame(&self, frame: &RawFrame, health: Health, now: &Frame) -> SensorFrame {
+        let quality = self.quality(&health, now);
         let mut extra_sigma = [0.0; SIGNALS];
         let spring_m = std::array::from_fn(|i| {
             let (expected_m, row, more) = self.filter.length(i);
@@ -720,6 +705,33 @@ impl Sensing {
             extra_sigma,
             chamber_pa: self.chamber_pa,
             health,
+            quality,
+        }
+    }
+
+    /// How well the channels agree.
+    fn quality(&self, health: &Health, now: &Frame) -> Quality {
+        let segment_of_imu = self.spec.imus.each_ref().map(|imu| pad_index(imu.pad));
+        let verdict = |k: usize| self.faults.verdict(k);
+        let fault_probability = std::array::from_fn(|c| match c.checked_sub(SPRINGS) {
+            None => verdict(c / LEGS).springs[c % LEGS],
+            Some(i) => verdict(segment_of_imu[i]).imus[i],
+        });
+        Quality {
+            nis: self.nis,
+            fault_probability,
+            spring_off_m: std::array::from_fn(|i| match &now.readings[i] {
+                Some(Reading::Length { value_m, .. })
+                    if fault_probability[i] > FAULT_NAMED || self.gated[i] > 0 =>
+                {
+                    let lag_m = LAG_S[0] * self.filter.length_rate_m_s(i);
+                    Some(value_m + lag_m - self.filter.length(i).0)
+                }
+                _ => None,
+            }),
+            segment_suspect: [0, 1].map(|k| verdict(k).is_suspect),
+            is_determined: health.determined(segment_of_imu),
+            need: self.need(),
         }
     }
 }

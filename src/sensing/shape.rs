@@ -109,7 +109,7 @@ fn backbone(from: &Pose, to: &Pose) -> Vec<Pose> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::{ChannelHealth, Health, SIGNALS, SensorVec, Stamp};
+    use crate::signal::{ChannelHealth, Health, Quality, SIGNALS, SensorVec, Stamp};
     use crate::sim::{Inputs, Model, State, observe, settle};
 
     fn frame(sensors: SensorVec, chamber_pa: [f64; 6]) -> SensorFrame {
@@ -119,6 +119,7 @@ mod tests {
             sensors,
             chamber_pa,
             health: Health::default(),
+            quality: Quality::default(),
         }
     }
 

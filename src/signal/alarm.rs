@@ -6,10 +6,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ChannelHealth, Stamp, spring_name};
+use super::{ChannelHealth, Evidence, Need, Stamp, suspect_text};
 
 /// Message when fewer sensors are usable than the tip's pose needs.
 pub const TOO_FEW_SENSORS: &str = "too few sensors left to locate the arm";
+/// What to do about it: the end of a sentence.
+pub const ENOUGH_SENSORS: &str = "repair springs or IMUs until each segment has five springs and its pads an IMU each, or six springs";
 
 /// How urgent an alarm is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -39,6 +41,10 @@ pub enum AlarmKey {
     Spring(usize, ChannelHealth),
     /// This IMU is in this state.
     Imu(usize, ChannelHealth),
+    /// A spring or IMU of this segment is wrong, and it is not certain which.
+    SegmentSuspect(usize),
+    /// The pads' poses are not known yet.
+    PoseUnknown,
     /// Too few sensors are usable.
     TooFewSensors,
     /// The pressure of this chamber is beyond the over-pressure limit.
@@ -94,15 +100,27 @@ pub enum AlarmCause {
     Spring {
         /// 0-based.
         spring: usize,
-        /// Its state.
-        health: ChannelHealth,
+        /// Its state and the reasons.
+        evidence: Evidence,
     },
     /// An IMU is not in order.
     Imu {
         /// 0-based.
         imu: usize,
-        /// Its state.
-        health: ChannelHealth,
+        /// Its state and the reasons.
+        evidence: Evidence,
+    },
+    /// A spring or IMU of a segment is wrong, and it is not certain which.
+    SegmentSuspect {
+        /// 0-based.
+        segment: usize,
+        /// Channels in question with their probabilities, likeliest first.
+        suspects: Vec<(String, f64)>,
+    },
+    /// The pads' poses are not known yet.
+    PoseUnknown {
+        /// What is most uncertain.
+        need: Need,
     },
     /// Too few sensors are usable.
     TooFewSensors,
@@ -163,8 +181,10 @@ impl AlarmCause {
             Self::DataLate { .. } => AlarmKey::DataLate,
             Self::BoardOld { board, .. } => AlarmKey::BoardOld(board),
             Self::FramesLost { .. } => AlarmKey::FramesLost,
-            Self::Spring { spring, health } => AlarmKey::Spring(spring, health),
-            Self::Imu { imu, health } => AlarmKey::Imu(imu, health),
+            Self::Spring { spring, evidence } => AlarmKey::Spring(spring, evidence.health),
+            Self::Imu { imu, evidence } => AlarmKey::Imu(imu, evidence.health),
+            Self::SegmentSuspect { segment, .. } => AlarmKey::SegmentSuspect(segment),
+            Self::PoseUnknown { .. } => AlarmKey::PoseUnknown,
             Self::TooFewSensors => AlarmKey::TooFewSensors,
             Self::OverPressure { chamber, .. } => AlarmKey::OverPressure(chamber),
             Self::ShortOfAir { chamber, .. } => AlarmKey::ShortOfAir(chamber),
@@ -213,16 +233,11 @@ impl AlarmCause {
                 "{:.0} % of the last second's frames were lost: check the cable.",
                 ratio * 100.0
             ),
-            Self::Spring { spring, health } => format!(
-                "Spring {} ({}) is {}.",
-                spring + 1,
-                spring_name(*spring),
-                health_words(*health)
-            ),
-            Self::Imu { imu, health } => {
-                format!("IMU {} is {}.", imu + 1, health_words(*health))
-            }
-            Self::TooFewSensors => format!("There are {TOO_FEW_SENSORS}."),
+            Self::Spring { spring, evidence } => evidence.spring_text(*spring),
+            Self::Imu { imu, evidence } => evidence.imu_text(*imu),
+            Self::SegmentSuspect { segment, suspects } => suspect_text(*segment, suspects),
+            Self::PoseUnknown { need } => need.text(),
+            Self::TooFewSensors => format!("There are {TOO_FEW_SENSORS}: {ENOUGH_SENSORS}."),
             Self::OverPressure {
                 chamber,
                 measured_pa,
@@ -297,15 +312,5 @@ impl Alarm {
     /// One sentence: what, where, what to do.
     pub fn text(&self) -> String {
         self.cause.text()
-    }
-}
-
-fn health_words(health: ChannelHealth) -> &'static str {
-    match health {
-        ChannelHealth::Ok => "ok",
-        ChannelHealth::Suspect => "in disagreement with the others",
-        ChannelHealth::Stuck => "stuck",
-        ChannelHealth::OutOfRange => "outside of its calibrated range",
-        ChannelHealth::Missing => "not delivering",
     }
 }

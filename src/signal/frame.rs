@@ -1,7 +1,7 @@
 use nalgebra::{Rotation3, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::{CHAMBERS, IMUS, SIGNALS, SPRINGS, Stamp};
+use super::{CHAMBERS, IMUS, Quality, SIGNALS, SPRINGS, Stamp};
 
 /// Number of micro-controller boards that share the sensors: one per segment.
 pub const BOARDS: usize = 2;
@@ -188,13 +188,19 @@ pub struct SensorFrame {
     pub chamber_pa: [f64; CHAMBERS],
     /// Which channels may be used.
     pub health: Health,
+    /// How well the channels agree. Recordings do not keep it.
+    pub quality: Quality,
 }
 
 impl SensorFrame {
-    /// Whether there are signals that can neither be read nor reconstructed.
+    /// Whether there are signals that can neither be read nor reconstructed, or a segment whose pose geometry does not
+    /// give from the channels that are delivered.
     pub fn is_blind(&self) -> bool {
         let (springs, imus) = self.extra_sigma.split_at(SPRINGS);
-        springs.iter().any(|sd| *sd >= UNKNOWN_M) || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)
+        let determined = self.quality.is_determined == [true; 2];
+        !determined
+            || springs.iter().any(|sd| *sd >= UNKNOWN_M)
+            || imus.iter().any(|sd| *sd >= UNKNOWN_RAD)
     }
 }
 

@@ -12,12 +12,13 @@ mod exactly;
 mod frame;
 mod hex;
 mod pose;
+mod quality;
 mod random;
 mod shape;
 mod snapshot;
 mod time;
 
-pub use alarm::{Alarm, AlarmCause, AlarmKey, Severity, TOO_FEW_SENSORS};
+pub use alarm::{Alarm, AlarmCause, AlarmKey, ENOUGH_SENSORS, Severity, TOO_FEW_SENSORS};
 pub use channel::{Side, Target};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
@@ -30,6 +31,10 @@ pub use hex::hex;
 pub use pose::{
     Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_between, pose_error,
     pose_from_ypr, ypr_from_rotation,
+};
+pub use quality::{
+    Evidence, FAULT_NAMED, FAULT_OPEN, FOUND_M, FOUND_RAD, NIS_GATE, NIS_HIGH, Need, Quality,
+    percent, suspect_text,
 };
 pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};

@@ -4,7 +4,8 @@ use egui::{RichText, Ui};
 
 use super::plot::{Dash, swatch};
 use super::widgets::{
-    Meter, cell, cell_left, dense, heading, health, health_sentence, imu_name, meter, note, number,
+    Meter, cell, cell_left, dense, heading, health, imu_name, imu_sentence, meter, note, number,
+    spring_sentence,
 };
 use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
@@ -53,7 +54,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
                         },
                     },
                 )
-                .on_hover_text(format!("{name}: {word}. {}", health_sentence(state)));
+                .on_hover_text(format!("{name}: {word}. {}", spring_sentence(frame, i)));
                 cell(ui, 44.0, RichText::new(number(mm, 1)).color(color));
                 cell(ui, 14.0, RichText::new(glyph).color(p.level(level)));
                 if i < SPRINGS / 2 {
@@ -85,9 +86,10 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             cell(ui, 14.0, RichText::new(glyph).color(p.level(level)));
         });
         row.response.on_hover_text(format!(
-            "IMU {} on the {} pad, yaw, pitch, roll in deg: {word}",
+            "IMU {} on the {} pad, yaw, pitch, roll in deg: {word}. {}",
             i + 1,
-            if i < 2 { "middle" } else { "end" }
+            if i < 2 { "middle" } else { "end" },
+            imu_sentence(frame, i)
         ));
     }
 }

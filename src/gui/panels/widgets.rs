@@ -7,7 +7,9 @@ use egui::{
 
 use crate::gui::theme::{Level, Palette};
 pub use crate::gui::view::Gate;
-use crate::signal::ChannelHealth;
+use crate::signal::{
+    ChannelHealth, Evidence, FAULT_NAMED, FAULT_OPEN, NIS_GATE, NIS_HIGH, SensorFrame, percent,
+};
 
 /// A number with a true minus sign, or a dash when it is not finite.
 pub fn number(value: f64, decimals: usize) -> String {
@@ -90,16 +92,69 @@ pub fn health(health: ChannelHealth) -> (&'static str, &'static str, Level) {
     }
 }
 
-/// What a channel's health means, for tooltips.
-pub fn health_sentence(health: ChannelHealth) -> &'static str {
-    match health {
-        ChannelHealth::Ok => "Delivered and plausible.",
-        ChannelHealth::Suspect => "Delivered, but disagrees with the other channels.",
-        ChannelHealth::Stuck => "Does not move while the arm does: not used.",
-        ChannelHealth::OutOfRange => "Outside the range its calibration covers: not used.",
-        ChannelHealth::Missing => "Not delivered: the last good value is shown, not used.",
+/// What a channel's health means and why, for tooltips: a spring's (0-based).
+pub fn spring_sentence(frame: &SensorFrame, i: usize) -> String {
+    frame.spring_evidence(i).spring_text(i)
+}
+
+/// The same for an IMU (0-based).
+pub fn imu_sentence(frame: &SensorFrame, i: usize) -> String {
+    frame.imu_evidence(i).imu_text(i)
+}
+
+/// Level of a normalised innovation squared: 1 for noise alone.
+pub fn nis_level(nis: f64) -> Level {
+    match nis {
+        x if x > NIS_GATE => Level::Critical,
+        x if x > NIS_HIGH => Level::Warning,
+        _ => Level::Normal,
     }
 }
+
+/// Probability that a channel is faulty with its level, where it is worth showing.
+pub fn fault_probability(evidence: &Evidence) -> Option<(String, Level)> {
+    let level = match evidence.probability {
+        p if p > FAULT_NAMED => Level::Critical,
+        p if p > FAULT_OPEN => Level::Warning,
+        _ => return None,
+    };
+    Some((percent(evidence.probability), level))
+}
+
+/// A small upright bar of a normalised innovation squared on a logarithmic scale from 0.1 to 100, with a tick at 1.
+pub fn nis_meter(ui: &mut Ui, name: &str, nis: f64) -> Response {
+    let p = Palette::in_ui(ui);
+    let (rect, response) = ui.allocate_exact_size(vec2(NIS_WIDTH, 18.0), Sense::hover());
+    let y = |nis: f64| {
+        let ratio = (nis.log10() + 1.0) / 3.0;
+        rect.bottom() - rect.height() * ratio.clamp(0.0, 1.0) as f32
+    };
+    let painter = ui.painter();
+    painter.rect_filled(rect, CornerRadius::same(1), p.raised);
+    if nis.is_finite() {
+        let color = match nis_level(nis) {
+            Level::Normal => p.bar,
+            level => p.level(level),
+        };
+        let fill = Rect::from_min_max(pos2(rect.left(), y(nis)), rect.max);
+        painter.rect_filled(fill, CornerRadius::same(1), color);
+    }
+    painter.hline(rect.x_range(), y(1.0), Stroke::new(1.0, p.text));
+    response.widget_info(|| {
+        let mut info = WidgetInfo::labeled(Role::Meter, true, name);
+        info.value = Some(nis);
+        info
+    });
+    response.on_hover_text(format!(
+        "{name} {}: squared innovation over its variance, averaged over 2 s. 1 for noise alone, above {} not explained \
+         by healthy channels",
+        number(nis, 1),
+        number(NIS_HIGH, 0)
+    ))
+}
+
+/// Width of a [`nis_meter`], points.
+pub const NIS_WIDTH: f32 = 6.0;
 
 /// A button that is on while `gate` is open and otherwise explains why it is off.
 pub fn gated(ui: &mut Ui, gate: &Gate, button: Button<'_>, hover: &str) -> Response {

@@ -14,8 +14,8 @@ use crate::gui::offscreen::Offscreen;
 use crate::robot::RobotSpec;
 use crate::signal::{
     ArmShape, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, Matrix6, Pose,
-    PressureCommand, Reach, ReachState, SIGNALS, SPRINGS, SensorFrame, SensorVec, Snapshot, Stamp,
-    TruthSource,
+    PressureCommand, Quality, Reach, ReachState, SIGNALS, SPRINGS, SensorFrame, SensorVec,
+    Snapshot, Stamp, TruthSource,
 };
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -77,6 +77,7 @@ pub fn snapshot_of(shape: ArmShape) -> Snapshot {
             sensors,
             chamber_pa: [0.0; CHAMBERS],
             health: Health::default(),
+            quality: Quality::default(),
         }),
         estimate: Some(Estimate {
             stamp: Default::default(),

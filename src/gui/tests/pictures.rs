@@ -1,7 +1,7 @@
 //! Pictures of every screen.
 
 use super::*;
-use crate::signal::{Alarm, AlarmCause, ChannelHealth, Severity, TruthSource};
+use crate::signal::{Alarm, AlarmCause, ChannelHealth, Evidence, Severity, TruthSource};
 
 // A session in which some things are abnormal.
 pub(super) fn busy_session() -> Vec<Snapshot> {
@@ -25,7 +25,10 @@ pub(super) fn busy_session() -> Vec<Snapshot> {
             severity: Severity::Warning,
             cause: AlarmCause::Spring {
                 spring: 8,
-                health: ChannelHealth::Stuck,
+                evidence: Evidence {
+                    health: ChannelHealth::Stuck,
+                    ..Evidence::default()
+                },
             },
         },
         Alarm {
@@ -33,7 +36,10 @@ pub(super) fn busy_session() -> Vec<Snapshot> {
             severity: Severity::Info,
             cause: AlarmCause::Spring {
                 spring: 3,
-                health: ChannelHealth::Suspect,
+                evidence: Evidence {
+                    health: ChannelHealth::Suspect,
+                    ..Evidence::default()
+                },
             },
         },
     ];

@@ -2,7 +2,37 @@
 
 use super::*;
 use crate::gui::panels::sensors::Reading;
-use crate::signal::UNKNOWN_M;
+use crate::signal::{ChannelHealth, FOUND_RAD, Need, SPRINGS, UNKNOWN_M};
+
+/// The last frame of a session, to be changed.
+fn last_frame(session: &mut [Snapshot]) -> &mut crate::signal::SensorFrame {
+    let last = session.last_mut().expect("not empty");
+    last.sensors.as_mut().expect("has sensors")
+}
+
+/// A session at whose end segment 1 is suspect, the heading is not known, spring 2A is named and IMU 3 as well.
+pub(super) fn troubled() -> Vec<Snapshot> {
+    let mut session = session();
+    let frame = last_frame(&mut session);
+    let q = &mut frame.quality;
+    q.segment_suspect[0] = true;
+    for (c, p) in [(0, 0.62), (1, 0.35), (2, 0.994), (SPRINGS + 2, 0.97)] {
+        q.fault_probability[c] = p;
+    }
+    q.nis = std::array::from_fn(|c| 0.7 + 0.04 * c as f64);
+    (q.nis[0], q.nis[2], q.nis[SPRINGS + 2]) = (6.3, 31.0, 9.0);
+    q.spring_off_m[2] = Some(5.2e-3);
+    q.need = Some(Need::Heading(1, 2.1_f64.to_radians()));
+    frame.health.springs[2] = ChannelHealth::Suspect;
+    frame.health.imus[2] = ChannelHealth::Suspect;
+    for (i, sd_m) in [(0, 1.4e-3), (1, 1.1e-3), (2, 0.8e-3), (3, 0.05e-3)] {
+        frame.extra_sigma[i] = sd_m;
+    }
+    for i in 0..4 {
+        frame.extra_sigma[SPRINGS + 3 * i] = 0.4_f64.to_radians() * (i + 1) as f64;
+    }
+    session
+}
 
 // Frequencies of 1 kHz and more, and spring 1A 2.5 mm longer than the model has it.
 fn session() -> Vec<Snapshot> {
@@ -125,6 +155,99 @@ fn doubt_blindness_age_and_a_lost_link_are_told() {
     let mut h = harness(app(&session, Theme::Dark));
     h.run();
     h.get_by_label("Distance from the training data 0.24: within 2.0");
+}
+
+#[test]
+fn what_the_estimator_still_needs_and_a_suspect_segment_are_shown_on_top() {
+    let mut session = session();
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label_contains("normalised innovations squared (NIS)");
+    last_frame(&mut session).quality.need = Some(Need::Heading(1, 1.4 * FOUND_RAD));
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label(
+        "▲ Heading of the end pad known to 2.1 deg, needs 1.5 deg: tilt the arm to any side.",
+    );
+    assert!(
+        h.query_by_label_contains("highlighted in the plots")
+            .is_none()
+    );
+    let frame = last_frame(&mut session);
+    frame.quality.segment_suspect[0] = true;
+    frame.quality.fault_probability[..2].copy_from_slice(&[0.62, 0.35]);
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label_contains(
+        "▲ Segment 1: a spring or IMU is wrong, not yet certain which (1A 62 %, 1B 35 %). Move the arm",
+    );
+    // The other notice is the second line.
+    h.get_by_label_contains("Heading of the end pad");
+    // As shown on the rows of the springs in question.
+    h.get_by_label("62 %");
+    h.get_by_label("35 %");
+}
+
+#[test]
+fn a_named_spring_shows_its_evidence_its_band_and_its_innovations() {
+    let mut session = session();
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    assert!(h.query_by_label("> 99 %").is_none() && h.query_by_label("± 0.80").is_none());
+    let frame = last_frame(&mut session);
+    frame.health.springs[2] = ChannelHealth::Suspect;
+    frame.extra_sigma[2] = 0.8e-3;
+    frame.quality.fault_probability[2] = 0.994;
+    frame.quality.spring_off_m[2] = Some(5.2e-3);
+    frame.quality.nis[2] = 31.0;
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label_contains(
+        "▲ Spring 3 (2A) reads 5.2 mm more than the other sensors allow (probability > 99 %): check its hooks",
+    );
+    h.get_by_label("> 99 %");
+    h.get_by_label("± 0.80");
+    let meter = |name: &str| {
+        let node = h.get_by_label(name);
+        node.accesskit_node().numeric_value()
+    };
+    assert_eq!(meter("Spring 2A NIS"), Some(31.0));
+    assert_eq!(meter("IMU 4 NIS"), Some(1.0));
+}
+
+#[test]
+fn notices_beyond_the_second_are_counted_and_an_old_frame_has_none_of_them() {
+    let mut session = troubled();
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    // Of the suspect segment, the heading, the spring and the IMU.
+    h.get_by_label_contains("(+ 2) Heading of the end pad");
+    let last = session.last_mut().expect("not empty");
+    last.link.connected = false;
+    last.link.age_s = 3.2;
+    let mut h = harness(app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label_contains("Not connected: these are the last values");
+    assert!(
+        h.query_by_label_contains("Heading of the end pad")
+            .is_none()
+    );
+}
+
+#[test]
+fn the_sensors_look_right_in_every_size() {
+    for (size, name) in [
+        ([1024.0, 700.0], "1024"),
+        ([1280.0, 760.0], "1280"),
+        ([2560.0, 1440.0], "2560"),
+    ] {
+        for (theme, theme_name) in [(Theme::Dark, "dark"), (Theme::Light, "light")] {
+            let name = format!("sensors-troubled-{theme_name}-{name}");
+            picture(&name, size, theme, app(&troubled(), theme));
+        }
+        let name = format!("sensors-quiet-dark-{name}");
+        picture(&name, size, Theme::Dark, app(&session(), Theme::Dark));
+    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! A session log in memory.
 
 use crate::signal::{
-    CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, SIGNALS, SPRINGS, SensorFrame,
-    SensorVec, Snapshot, Stamp, Trace, TruthSource,
+    CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, Quality, SIGNALS, SPRINGS,
+    SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource,
 };
 
 /// A session log in memory: columns of equal length, SI units.
@@ -83,6 +83,7 @@ impl SessionLog {
                         },
                         chamber_pa: held_pa,
                         health,
+                        quality: Quality::default(),
                     }),
                     truth: self.truth[n].map(|base_from_tip| GroundTruth {
                         stamp,

@@ -80,6 +80,7 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
         },
         chamber_pa,
         health: Health::default(),
+        quality: Quality::default(),
     };
     sensors.health.springs[3] = ChannelHealth::Stuck;
     sensors.health.chambers[5] = ChannelHealth::Missing;

@@ -1,9 +1,9 @@
 //! Arming and holding: what must be so before hardware moves, and what only ever holds the arm.
 
 use super::arming::{Arming, RESUME_OFF_S};
-use super::state::{BLIND_FRAMES, Phase, SPRINGS_NEEDED, STALE_WARN_S, Twin};
+use super::state::{BLIND_FRAMES, Phase, STALE_WARN_S, Twin};
 use crate::link::wire::fault;
-use crate::signal::{ArmingCheck, TOO_FEW_SENSORS};
+use crate::signal::{ArmingCheck, ENOUGH_SENSORS, TOO_FEW_SENSORS};
 use crate::twin::command::Event;
 
 impl Twin {
@@ -171,22 +171,16 @@ impl Twin {
             Some(t) if self.now.since(t) > STALE_WARN_S => {
                 Some("The data from the boards are too old to move on.".to_owned())
             }
-            Some(_) => match &self.sensors {
-                Some(s) if s.health.springs_usable() < SPRINGS_NEEDED => Some(format!(
-                    "Only {} of 12 springs give a reading: {SPRINGS_NEEDED} are needed.",
-                    s.health.springs_usable()
-                )),
-                Some(_) if self.blind_frames > BLIND_FRAMES => Some(format!(
-                    "There are {TOO_FEW_SENSORS}: repair springs or IMUs first."
-                )),
-                _ => self.over_pressures().next().map(|(chamber, pa)| {
-                    format!(
-                        "Over-pressure in chamber {} ({:+.1} kPa): let its air out first.",
-                        chamber + 1,
-                        pa * 1e-3
-                    )
-                }),
-            },
+            Some(_) if self.blind_frames > BLIND_FRAMES => {
+                Some(format!("There are {TOO_FEW_SENSORS}: {ENOUGH_SENSORS}."))
+            }
+            Some(_) => self.over_pressures().next().map(|(chamber, pa)| {
+                format!(
+                    "Over-pressure in chamber {} ({:+.1} kPa): let its air out first.",
+                    chamber + 1,
+                    pa * 1e-3
+                )
+            }),
         }
     }
 

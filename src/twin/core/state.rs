@@ -28,9 +28,7 @@ pub(super) const STALE_SAFE_S: f64 = 0.100;
 pub(super) const LATE_OVER_S: f64 = 0.5;
 /// A loop that did not tick for longer than this while the arm was held or moved ends in SAFE, s.
 pub(super) const STOOD_STILL_S: f64 = 0.150;
-/// So many springs must be usable for motion.
-pub(super) const SPRINGS_NEEDED: usize = 9;
-/// After so many frames in a row with signals that can be neither read nor reconstructed, the twin does not move.
+/// After so many blind frames in a row (see [`SensorFrame::is_blind`]) the twin does not move.
 pub(super) const BLIND_FRAMES: u32 = 10;
 /// What to do before a reset, unless something better is known.
 pub(super) const REMEDY: &str = "Remove the cause";
@@ -121,7 +119,7 @@ pub struct Twin {
     /// Causes for which boards are latched from before, as they have reported them so far.
     pub(super) latched: u16,
     pub(super) bad_frames: u32,
-    /// Frames in a row with signals that can be neither read nor reconstructed.
+    /// Blind frames in a row.
     pub(super) blind_frames: u32,
     pub(super) air: AirWatch,
     /// The chamber that is short of air, while the pumps run.

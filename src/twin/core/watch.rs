@@ -3,13 +3,12 @@
 use std::cmp::Reverse;
 
 use super::air::Short;
-use super::state::{
-    BLIND_FRAMES, LATE_OVER_S, Phase, REMEDY, SPRINGS_NEEDED, STALE_SAFE_S, STALE_WARN_S, Twin,
-};
+use super::state::{BLIND_FRAMES, LATE_OVER_S, Phase, REMEDY, STALE_SAFE_S, STALE_WARN_S, Twin};
 use crate::link::wire::fault;
 use crate::link::{Order, fault_words};
+use crate::sensing::filter::pad_index;
 use crate::signal::{
-    Alarm, AlarmCause, AlarmKey, BOARDS, CHAMBERS, ChannelHealth, Severity, Stamp, TOO_FEW_SENSORS,
+    Alarm, AlarmCause, AlarmKey, BOARDS, CHAMBERS, IMUS, SPRINGS, Severity, Stamp, TOO_FEW_SENSORS,
 };
 use crate::twin::command::Event;
 
@@ -185,19 +184,27 @@ impl Twin {
     }
 
     fn watch_sensors(&mut self, moving: bool, found: &mut Found, events: &mut Vec<Event>) {
-        let Some(health) = self.sensors.as_ref().map(|s| s.health.clone()) else {
+        let Some(frame) = &self.sensors else {
             return;
         };
-        let odd = |(_, h): &(usize, &ChannelHealth)| **h != ChannelHealth::Ok;
-        for (spring, h) in health.springs.iter().enumerate().filter(odd) {
-            let cause = AlarmCause::Spring { spring, health: *h };
+        let segment_of_imu = self.robot.imus.each_ref().map(|imu| pad_index(imu.pad));
+        let springs = (0..SPRINGS).map(|i| (i, frame.spring_evidence(i)));
+        for (spring, evidence) in springs.filter(|(_, e)| e.is_abnormal()) {
+            let cause = AlarmCause::Spring { spring, evidence };
             found.push((Severity::Warning, cause));
         }
-        for (imu, h) in health.imus.iter().enumerate().filter(odd) {
-            found.push((Severity::Warning, AlarmCause::Imu { imu, health: *h }));
+        let imus = (0..IMUS).map(|i| (i, frame.imu_evidence(i)));
+        for (imu, evidence) in imus.filter(|(_, e)| e.is_abnormal()) {
+            found.push((Severity::Warning, AlarmCause::Imu { imu, evidence }));
         }
-        if health.springs_usable() < SPRINGS_NEEDED && moving {
-            self.go_safe("too few springs give a reading", events);
+        for segment in 0..frame.quality.segment_suspect.len() {
+            if let Some(suspects) = frame.quality.suspects(segment, segment_of_imu) {
+                let cause = AlarmCause::SegmentSuspect { segment, suspects };
+                found.push((Severity::Warning, cause));
+            }
+        }
+        if let Some(need) = frame.quality.need {
+            found.push((Severity::Info, AlarmCause::PoseUnknown { need }));
         }
         if self.blind_frames > BLIND_FRAMES {
             if moving {

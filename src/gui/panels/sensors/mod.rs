@@ -8,16 +8,20 @@ pub use plots::toggle as toggle_cursors;
 pub use state::{Reading, SensorsState};
 use state::{channel_age_s, spring_channel};
 
-use egui::{RichText, Sense, Stroke, Ui, vec2};
+use egui::{RichText, Sense, Stroke, TextStyle, Ui, vec2};
 
 use super::plot::{TimeWindow, sparkline};
 use super::widgets::{
-    Meter, age, card, cell, empty, heading, health, health_sentence, meter, number, pane,
+    Meter, NIS_WIDTH, age, card, cell, empty, fault_probability, heading, health, meter, nis_meter,
+    number, pane, spring_sentence,
 };
 use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{ChannelHealth, SPRINGS, SensorFrame, spring_name};
+use crate::sensing::filter::pad_index;
+use crate::signal::{
+    ChannelHealth, IMUS, SPRINGS, SensorFrame, UNKNOWN_M, spring_name, suspect_text,
+};
 
 /// The screen.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
@@ -29,10 +33,10 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         empty(ui, "No sensors yet", next);
         return;
     };
-    notice(ui, view, frame);
-    let side = (ui.available_width() * 0.34).clamp(380.0, 500.0);
+    let side = (ui.available_width() * 0.34).clamp(SIDE[0], SIDE[1]);
     let grid = ui.available_width() - side - 10.0;
     let form = Form::within(grid);
+    notice(ui, view, frame, form.notices());
     let cards = form.height();
     ui.horizontal_top(|ui| {
         view.grey_if_stale(ui);
@@ -58,29 +62,83 @@ pub fn stale(view: &View<'_>) -> Option<String> {
     })
 }
 
-// The line above the figures. It is always there, so that nothing below it moves.
-fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
-    let p = Palette::in_ui(ui);
-    let blind = frame.is_blind().then(|| {
-        format!(
-            "{} Blind: some signals are neither measured nor reconstructed. The twin does not move.",
-            Level::Critical.glyph()
-        )
-    });
-    let color = match &blind {
-        Some(_) => p.critical,
-        None => p.warning,
-    };
-    let words: Vec<String> = blind.into_iter().chain(stale(view)).collect();
-    let text = match words.is_empty() {
-        true => {
-            let hint = "A selected spring is highlighted in the plots and in 3D.";
-            RichText::new(hint).color(p.weak)
+/// What is to be read above the figures, most urgent first.
+fn notices(view: &View<'_>, frame: &SensorFrame) -> Vec<(Level, String)> {
+    let mut found = Vec::new();
+    if frame.is_blind() {
+        let text =
+            "Blind: some signals are neither measured nor reconstructed. The twin does not move.";
+        found.push((Level::Critical, text.to_owned()));
+    }
+    if let Some(text) = stale(view) {
+        found.push((Level::Warning, text));
+        return found;
+    }
+    let segment_of_imu = view.spec.imus.each_ref().map(|imu| pad_index(imu.pad));
+    for segment in 0..frame.quality.segment_suspect.len() {
+        if let Some(suspects) = frame.quality.suspects(segment, segment_of_imu) {
+            found.push((Level::Warning, suspect_text(segment, &suspects)));
         }
-        false => RichText::new(words.join(" ")).color(color),
-    };
-    ui.add(egui::Label::new(text).truncate());
+    }
+    if let Some(need) = frame.quality.need {
+        found.push((Level::Warning, need.text()));
+    }
+    let springs = (0..SPRINGS).map(|i| (frame.spring_evidence(i), i));
+    let imus = (0..IMUS).map(|i| (frame.imu_evidence(i), i));
+    let springs = springs
+        .filter(|(e, _)| e.is_abnormal())
+        .map(|(e, i)| (e, e.spring_text(i)));
+    let imus = imus
+        .filter(|(e, _)| e.is_abnormal())
+        .map(|(e, i)| (e, e.imu_text(i)));
+    found.extend(
+        springs
+            .chain(imus)
+            .map(|(e, text)| (health(e.health).2, text)),
+    );
+    found
 }
+
+/// The lines above the figures. They are always there, so that nothing below them moves: the most urgent notices,
+/// with all of them in their tooltips.
+fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, lines: usize) {
+    let p = Palette::in_ui(ui);
+    let mut found = notices(view, frame);
+    let all: Vec<String> = found
+        .iter()
+        .map(|(level, text)| format!("{} {text}", level.glyph()))
+        .collect();
+    let more = found.len().saturating_sub(lines);
+    found.truncate(lines);
+    let hints = [
+        "A selected spring is highlighted in the plots and in 3D.",
+        "The narrow bars are normalised innovations squared (NIS): 1, at the tick, for noise alone. ± is the band.",
+    ];
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.y = 1.0;
+        for (line, hint) in hints.into_iter().take(lines).enumerate() {
+            let text = match found.get(line) {
+                Some((level, text)) => {
+                    let more = match line + 1 == lines && more > 0 {
+                        true => format!("(+ {more}) "),
+                        false => String::new(),
+                    };
+                    let text = format!("{} {more}{text}", level.glyph());
+                    RichText::new(text).color(p.level(*level))
+                }
+                None if found.is_empty() => RichText::new(hint).color(p.weak),
+                None => RichText::new(""),
+            };
+            let response = ui.add(egui::Label::new(text).truncate());
+            if line < all.len() {
+                response.on_hover_text(all.join("\n"));
+            }
+        }
+    });
+}
+
+/// Width of the card beside the springs, points.
+const SIDE: [f32; 2] = [412.0, 500.0];
 
 /// How the X pairs lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +152,7 @@ enum Form {
 /// Between two cards, points.
 const GAP: f32 = 8.0;
 /// Width of a row of a pair's card with everything in it, points.
-const ROW: f32 = 186.0;
+const ROW: f32 = 196.0;
 
 impl Form {
     fn within(width: f32) -> Self {
@@ -111,11 +169,19 @@ impl Form {
         }
     }
 
+    /// Lines of notices above the cards, at most two.
+    fn notices(self) -> usize {
+        match self {
+            Self::Wide => 2,
+            Self::Narrow => 1,
+        }
+    }
+
     /// Height of all cards, points.
     fn height(self) -> f32 {
         match self {
             Self::Wide => 238.0,
-            Self::Narrow => 278.0,
+            Self::Narrow => 318.0,
         }
     }
 }
@@ -158,7 +224,7 @@ fn pair_card(
     let p = *Palette::in_ui(ui);
     let angle = view.spec.spring_top_m[2 * pair] + view.spec.spring_bottom_m[2 * pair];
     let deg = angle.y.atan2(angle.x).to_degrees().rem_euclid(360.0);
-    ui.spacing_mut().item_spacing = vec2(4.0, 3.0);
+    ui.spacing_mut().item_spacing = vec2(4.0, 2.0);
     ui.spacing_mut().interact_size.y = 16.0;
     ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(16.0, 16.0), Sense::hover());
@@ -230,7 +296,8 @@ fn spring_row(
         {
             state.selected_spring = (!selected).then_some(i);
         }
-        let rest = ui.available_width() - value_width - age_width - glyph_width - 3.0 * 4.0;
+        let fixed = value_width + age_width + glyph_width + NIS_WIDTH + 4.0 * 4.0;
+        let rest = ui.available_width() - fixed;
         ui.vertical(|ui| {
             ui.spacing_mut().item_spacing.y = 0.0;
             ui.set_width(rest.max(24.0));
@@ -244,27 +311,83 @@ fn spring_row(
             _ => p.level(level),
         };
         let unit = spring_channel(state.reading, i).unit();
-        cell(ui, value_width, RichText::new(number(value, decimals)).color(text))
-            .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+        nis_meter(
+            ui,
+            &format!("Spring {} NIS", spring_name(i)),
+            frame.quality.nis[i],
+        );
+        let evidence = frame.spring_evidence(i);
+        let band_mm = evidence.extra_sigma * 1e3;
+        stacked(ui, value_width, |ui| {
+            let value = RichText::new(number(value, decimals)).color(text);
+            low_cell(ui, value_width, TextStyle::Body, value)
+                .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+            if band_mm >= BAND_LEAST_MM {
+                let color = match evidence.extra_sigma {
+                    sd if sd >= UNKNOWN_M => p.critical,
+                    _ => p.level(level),
+                };
+                let band = RichText::new(format!("± {}", number(band_mm, 2)));
+                low_cell(ui, value_width, TextStyle::Small, band.small().color(color)).on_hover_text(
+                    "Band in mm: standard deviation beyond the usual noise. It grows with what is out",
+                );
+            }
+        });
         let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_spring(i));
         let old = channel_age_s(view, delivered, i / (SPRINGS / 2), Channel::Spring(i));
         let old = old.map_or("—".into(), age);
-        cell(ui, age_width, RichText::new(old).small().color(p.weak))
-            .on_hover_text("Age of the newest reading");
-        let doubt_mm = frame.extra_sigma[i] * 1e3;
-        let mut hover = format!("{word}: {}", health_sentence(condition));
-        if doubt_mm > 0.0 {
+        stacked(ui, age_width, |ui| {
+            let old = RichText::new(old).small().color(p.weak);
+            low_cell(ui, age_width, TextStyle::Small, old)
+                .on_hover_text("Age of the newest reading");
+            if let Some((probability, level)) = fault_probability(&evidence) {
+                let text = RichText::new(probability).small().color(p.level(level));
+                low_cell(ui, age_width, TextStyle::Small, text)
+                    .on_hover_text("Probability that this spring is faulty");
+            }
+        });
+        let mut hover = format!("{word}: {}", spring_sentence(frame, i));
+        if band_mm > 0.0 {
             hover = format!(
-                "{hover}\nMay be off by ± {} mm beyond its usual noise: reconstructed from other channels, or inconsistent with them.",
-                number(doubt_mm, 2)
+                "{hover}\nMay be off by ± {} mm beyond its usual noise.",
+                number(band_mm, 2)
             );
         }
         let sign = match condition {
-            ChannelHealth::Ok if doubt_mm > 0.0 => "≈",
+            ChannelHealth::Ok if evidence.extra_sigma > BAND_SHOWN_M => "≈",
             _ => glyph,
         };
         cell(ui, glyph_width, RichText::new(sign).color(p.level(level))).on_hover_text(hover);
     });
+}
+
+/// A healthy spring with a wider band than this is marked as approximate, m.
+const BAND_SHOWN_M: f64 = 0.3e-3;
+/// Less than this would read as 0.00, mm.
+const BAND_LEAST_MM: f64 = 0.005;
+
+/// Height of a spring's row: a figure and a small one below it, points.
+const ROW_HEIGHT: f32 = 29.0;
+
+/// A figure with another one below it, if there is one.
+fn stacked(ui: &mut Ui, width: f32, lines: impl FnOnce(&mut Ui)) {
+    ui.vertical(|ui| {
+        ui.spacing_mut().item_spacing.y = 0.0;
+        ui.set_width(width);
+        ui.set_min_height(ROW_HEIGHT);
+        lines(ui);
+    });
+}
+
+/// A right-aligned figure, as low as its text.
+fn low_cell(ui: &mut Ui, width: f32, style: TextStyle, text: RichText) -> egui::Response {
+    let size = vec2(width, ui.text_style_height(&style));
+    let layout = egui::Layout::right_to_left(egui::Align::Center);
+    ui.allocate_ui_with_layout(size, layout, |ui| {
+        ui.set_min_size(size);
+        ui.add(egui::Label::new(text).truncate())
+    })
+    .inner
 }
 
 fn length_bar(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, i: usize, width: f32) {

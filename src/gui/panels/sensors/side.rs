@@ -6,11 +6,12 @@ use super::state::{Reading, axes, channel_age_s, imu_channel};
 use crate::analysis::history::{Channel, imu_residual_deg};
 use crate::gui::panels::plot::{Dash, swatch};
 use crate::gui::panels::widgets::{
-    age, cell, cell_left, dense, health, health_sentence, imu_name, note, number, status,
+    NIS_WIDTH, age, cell, cell_left, dense, fault_probability, health, imu_name, imu_sentence,
+    nis_meter, note, number, status,
 };
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{BOARDS, FAR_DISTANCE, IMUS, SPRINGS, SensorFrame};
+use crate::signal::{BOARDS, FAR_DISTANCE, IMUS, SPRINGS, SensorFrame, UNKNOWN_RAD};
 
 /// Parts of frames are counted over this, s.
 const COUNTED_S: f64 = 10.0;
@@ -65,8 +66,8 @@ fn values(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize) -> [
 fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
     let p = *Palette::in_ui(ui);
     dense(ui);
-    let [name_width, age_width, health_width] = [96.0, 44.0, 66.0];
-    let fixed = name_width + age_width + health_width + 5.0 * 4.0;
+    let [name_width, band_width, age_width, health_width] = [82.0, 40.0, 36.0, 66.0];
+    let fixed = name_width + NIS_WIDTH + band_width + age_width + health_width + 7.0 * 4.0;
     let width = ((ui.available_width() - fixed) / 3.0).max(40.0);
     let head = |t: &str| RichText::new(t).small().color(p.weak);
     ui.horizontal(|ui| {
@@ -75,6 +76,9 @@ fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
         for name in axes(reading) {
             cell(ui, width, head(name));
         }
+        ui.add_space(NIS_WIDTH + 4.0);
+        cell(ui, band_width, head("± deg"))
+            .on_hover_text("Band: standard deviation beyond the usual noise");
         cell(ui, age_width, head("age"));
         cell(ui, health_width, head("health"));
     });
@@ -91,21 +95,41 @@ fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
             for v in values(view, frame, reading, i) {
                 cell(ui, width, RichText::new(number(v, 2)));
             }
+            nis_meter(
+                ui,
+                &format!("IMU {} NIS", i + 1),
+                frame.quality.nis[SPRINGS + i],
+            );
+            let evidence = frame.imu_evidence(i);
+            let band_deg = evidence.extra_sigma.to_degrees();
+            let color = match evidence.extra_sigma {
+                sd if sd >= UNKNOWN_RAD => p.critical,
+                _ => p.level(level),
+            };
+            cell(
+                ui,
+                band_width,
+                RichText::new(number(band_deg, 2)).small().color(color),
+            )
+            .on_hover_text("Largest of its three angles; the heading follows from the springs");
             let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_imu(i));
             let old = channel_age_s(view, delivered, i / 2, Channel::Imu(i, 0));
             let old = old.map_or("—".into(), age);
             cell(ui, age_width, RichText::new(old).small().color(p.weak))
                 .on_hover_text("Age of the newest reading");
-            let doubts = &frame.extra_sigma[SPRINGS + 3 * i..SPRINGS + 3 * i + 3];
-            let doubt_deg = doubts.iter().fold(0.0_f64, |m, d| m.max(*d)).to_degrees();
-            let mut hover = health_sentence(condition).to_owned();
-            if doubt_deg > 0.0 {
+            let mut hover = imu_sentence(frame, i);
+            if band_deg > 0.0 {
                 hover = format!(
                     "{hover}\nMay be off by ± {} deg beyond its usual noise.",
-                    number(doubt_deg, 2)
+                    number(band_deg, 2)
                 );
             }
-            let text = RichText::new(format!("{glyph} {word}")).color(p.level(level));
+            let text = match fault_probability(&evidence) {
+                Some((probability, level)) => {
+                    RichText::new(format!("{glyph} {probability}")).color(p.level(level))
+                }
+                None => RichText::new(format!("{glyph} {word}")).color(p.level(level)),
+            };
             cell(ui, health_width, text).on_hover_text(hover);
         });
     }

@@ -2,7 +2,7 @@
 
 use super::super::calibrate::{Shelf, services as calibration_services};
 use super::super::gap::{self, with_verdict};
-use super::super::{accuracy as on_accuracy, recordings as on_recordings};
+use super::super::{accuracy as on_accuracy, recordings as on_recordings, sensors as on_sensors};
 use super::*;
 use crate::gap::report::Origin;
 use crate::gap::{Stage, Unwatched, Verdict};
@@ -13,7 +13,7 @@ use crate::gui::panels::plans::PlanKind;
 use crate::gui::panels::recordings::{Compared, Detail};
 use crate::gui::panels::sensors::Reading;
 use crate::gui::services::PortEntry;
-use crate::signal::{Alarm, AlarmCause, ChannelHealth, Severity, UNKNOWN_M};
+use crate::signal::{Alarm, AlarmCause, ChannelHealth, Evidence, Severity, UNKNOWN_M};
 
 /// A screen in a state.
 pub struct State {
@@ -122,7 +122,13 @@ fn alarmed(s: &mut Snapshot) {
     let alarm = |severity, spring, health| Alarm {
         since: s.stamp.plus(-20.0),
         severity,
-        cause: AlarmCause::Spring { spring, health },
+        cause: AlarmCause::Spring {
+            spring,
+            evidence: Evidence {
+                health,
+                ..Evidence::default()
+            },
+        },
     };
     s.alarms = vec![
         alarm(Severity::Warning, 8, ChannelHealth::Stuck),
@@ -281,6 +287,7 @@ pub fn sensors() -> Vec<State> {
         )
         .with(|h| h.state_mut().screens.sensors.reading = Reading::Residual),
         replayed("sensors, replay", at),
+        shown("sensors, troubled", at, &on_sensors::troubled()),
     ]
 }
 

@@ -2,7 +2,7 @@
 
 use super::audit::{Placed, placed};
 use super::*;
-use crate::signal::{Alarm, AlarmCause, ChannelHealth, Severity};
+use crate::signal::{Alarm, AlarmCause, ChannelHealth, Evidence, Severity};
 
 /// Widgets that are there once, by role and name, with where they lie.
 fn once(h: &Harness<'_, App>) -> Vec<Placed> {
@@ -79,7 +79,10 @@ const CASES: [(&str, Change); 6] = [
                 severity: Severity::Critical,
                 cause: AlarmCause::Spring {
                     spring: 8,
-                    health: ChannelHealth::Stuck,
+                    evidence: Evidence {
+                        health: ChannelHealth::Stuck,
+                        ..Evidence::default()
+                    },
                 },
             }];
         });

@@ -7,8 +7,8 @@ use crate::recording::RecordingMeta;
 use crate::recording::rrd::schema::{self, SAFE_PREFIX, table};
 use crate::signal::{
     BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
-    Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, RawFrame, SIGNALS,
-    SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+    Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, Quality, RawFrame,
+    SIGNALS, SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
 };
 
 impl Content {
@@ -143,6 +143,7 @@ impl Content {
                 imus: std::array::from_fn(|i| health(SPRINGS + i)),
                 chambers: std::array::from_fn(|i| health(SPRINGS + IMUS + i)),
             },
+            quality: Quality::default(),
         })
     }
 
