@@ -45,7 +45,7 @@ const GAUGE_RANGE_PA: [f64; 2] = [-101_325.0, 200_000.0];
 /// A board's data older than this is suspect, and older than that is gone, s.
 const BOARD_AGE_S: [f64; 2] = [0.03, 0.1];
 /// A length by a clock whose rate is known less well than this is not one yet, s/s: 0.5 mm of 154 mm. The link takes half a
-/// second to measure the clock of a board of which it knows nothing.
+/// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
 const MAX_RATE_SD: f64 = 2.5e-4;
 /// Standard deviation of an orientation that is read but inconsistent with the others, rad.
 const DISPUTED_RAD: f64 = 0.05;
