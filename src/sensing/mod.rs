@@ -83,6 +83,9 @@ const BEYOND_M: f64 = 8e-3;
 const STUCK_SHARE: f64 = 0.25;
 /// Least way for that, m.
 const STUCK_WAY_M: f64 = 1e-3;
+/// A length by a clock whose rate is known less well than this is not one yet, s/s: 0.5 mm of 154 mm. The link takes half a
+/// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
+const MAX_RATE_SD: f64 = 2.5e-4;
 
 /// Pads that turn faster than this are not compared at rest, rad/s.
 const SLOW_RAD_S: f64 = 0.35;
@@ -282,7 +285,10 @@ impl Sensing {
         };
         for i in 0..SPRINGS {
             let board = board[board_of_spring(i)];
-            let delivered = frame.has_spring(i) && board != ChannelHealth::Missing;
+            let clock_sd = frame.tick_rate_sd[board_of_spring(i)];
+            let delivered = frame.has_spring(i)
+                && board != ChannelHealth::Missing
+                && clock_sd <= MAX_RATE_SD;
             let calibration = self.calibration.spring(i).filter(|_| delivered);
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
             let rate_hz = frame.spring_tick_rate_hz(i);
@@ -300,7 +306,7 @@ impl Sensing {
             out.resolution_m[i] = spring::resolution_m(calibration, n, ticks, rate_hz);
             // As far as the rate of the board's clock is not known.
             let clock_m =
-                out.resolution_m[i] * f64::from(ticks) * frame.tick_rate_sd[board_of_spring(i)];
+                out.resolution_m[i] * f64::from(ticks) * clock_sd;
             out.readings[i] = length_m.map(|value_m| Reading::Length {
                 spring: i,
                 value_m,
