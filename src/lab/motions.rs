@@ -9,6 +9,7 @@ use rand::Rng as _;
 
 use super::session::calibration_of;
 use crate::drive::rig_options;
+use crate::rig::multibody::arm::RINGS;
 use crate::rig::{PHYSICS_STEP_S, RigOptions, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
@@ -183,7 +184,7 @@ pub fn motion(
 ) -> Result<Vec<Moment>> {
     let mut sensing = sensing_for(robot, calibration);
     let mut out = Vec::new();
-    drive(robot, m, &mut |rig, t_s, mut raw, keep| {
+    drive(robot, m, RINGS, &mut |rig, t_s, mut raw, keep| {
         spoil(t_s, &mut raw);
         let frame = sensing.update(&raw);
         if keep && raw.seq % EVERY == 0 {
@@ -210,7 +211,7 @@ pub fn session(
     let mut sensing = sensing_for(robot, calibration);
     let every = (1.0 / (rows_1_s * PHYSICS_STEP_S)).round().max(1.0) as u32;
     let mut out = Vec::new();
-    drive(robot, m, &mut |rig, _, raw, keep| {
+    drive(robot, m, RINGS, &mut |rig, _, raw, keep| {
         let frame = sensing.update(&raw);
         if keep && raw.seq % every == 0 && !frame.is_blind() {
             out.push(Sample {
@@ -229,13 +230,46 @@ pub fn session(
 /// Takes the rig, the time from the start of the motion (s), a frame, and whether the frame is one to be kept.
 type Each<'a> = dyn FnMut(&mut VirtualRig, f64, RawFrame, bool) + 'a;
 
+/// A frame as the boards send it, with the true poses at its time.
+#[derive(Clone)]
+pub struct Sent {
+    /// When, s from the start of the motion; negative during the rest before it.
+    pub t_s: f64,
+    /// The frame.
+    pub raw: RawFrame,
+    /// Whether it belongs to what the motion's disturbance is about (see [`Push`]).
+    pub is_scored: bool,
+    /// Top, middle and end pad as they were.
+    pub base_from_pad: [Pose; 3],
+}
+
+/// Moves a unit with an arm of `rings` rings per segment and hands over every frame that its boards send.
+///
+/// # Errors
+/// As [`motion`].
+pub fn each_sent(
+    robot: &RobotSpec,
+    m: &Motion,
+    rings: usize,
+    each: &mut dyn FnMut(Sent),
+) -> Result<()> {
+    drive(robot, m, rings, &mut |rig, t_s, raw, is_scored| {
+        each(Sent {
+            t_s,
+            raw,
+            is_scored,
+            base_from_pad: rig.plant.truth().base_from_pad,
+        });
+    })
+}
+
 /// Moves a rig and hands over every frame.
-fn drive(robot: &RobotSpec, m: &Motion, each: &mut Each<'_>) -> Result<()> {
+fn drive(robot: &RobotSpec, m: &Motion, rings: usize, each: &mut Each<'_>) -> Result<()> {
     let options = RigOptions {
         unit: m.unit,
         ..rig_options(m.payload_kg, m.seed)
     };
-    let mut rig = VirtualRig::new(robot, &options)?;
+    let mut rig = VirtualRig::of_rings(robot, &options, rings)?;
     let mut rng = sample_rng(m.seed, 0x7a7);
     let plan = Model::nominal(robot);
     let mut waypoint = || -> [f64; CHAMBERS] {
