@@ -153,21 +153,25 @@ fn of_spring(wizard: &Wizard, i: usize) -> Finding {
 fn of_imu(wizard: &Wizard, i: usize) -> Finding {
     use imus::{RESIDUAL_MAX_RAD, SECTORS, SECTORS_NEEDED, Verdict as Imu};
     let take = &wizard.imus.imus[i];
-    let sides = take.sectors().iter().filter(|s| **s).count();
+    let sides = take.capture.sides();
     let seen = format!("{} samples, {sides} of {SECTORS} sides", take.samples());
     let (verdict, measured, todo) = match wizard.imu(i) {
-        Imu::Kept => (Verdict::Kept, "the mounting in use is kept".into(), None),
+        Imu::Kept => (Verdict::Kept, "the calibration in use is kept".into(), None),
         Imu::Open => (
             Verdict::Redo,
             seen,
             Some("Finish the capture first.".into()),
         ),
         Imu::Pass(fit) => {
-            let (off, residual) = (fit.correction_rad.norm(), fit.residual_rad);
+            let (off, residual) = (
+                fit.entry.fit.correction_rad.norm(),
+                fit.entry.fit.residual_rad,
+            );
             let measured = format!(
-                "{:.2}° RMS residual, {:.2}° off nominal, {seen}",
+                "{:.2}° RMS residual, {:.2}° off nominal, zero {:.2}°/s, {seen}",
                 residual.to_degrees(),
-                off.to_degrees()
+                off.to_degrees(),
+                fit.entry.zero.gyro_bias_rad_s.norm().to_degrees()
             );
             (Verdict::Pass, measured, None)
         }

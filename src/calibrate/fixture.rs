@@ -2,11 +2,16 @@
 
 use std::sync::Arc;
 
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::imus::ImusTake;
 use super::mocap::MocapTake;
+use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
+use crate::sensing::imu_fit::{SpringPad, WINDOW_S, Window};
 use crate::signal::{
-    Estimate, GroundTruth, LinkStatus, Matrix6, Mode, Pose, RawFrame, Snapshot, Stamp, TruthSource,
-    pose_from_ypr,
+    Estimate, GroundTruth, ImuRaw, LinkStatus, Matrix6, Mode, Pose, RawFrame, Snapshot, Stamp,
+    TruthSource, pose_from_ypr,
 };
 
 /// Everything connected, with an estimate and a ground truth.
@@ -88,4 +93,42 @@ pub fn captured() -> MocapTake {
         rest_at(&mut take, k as f64, &at, &seen);
     }
     take
+}
+
+/// A window of perfect IMUs on pads at `base_from_pad`, which turn at `rate_in_pad_rad_s`.
+fn window(
+    k: usize,
+    base_from_pad: &UnitQuaternion<f64>,
+    rate_in_pad_rad_s: Vector3<f64>,
+) -> Window {
+    let up = base_from_pad.inverse_transform_vector(&(Vector3::z() * 9.806_65));
+    let robot = RobotSpec::reference();
+    let raw = |i: usize| {
+        let imu_from_pad = robot.imus[i].pad_from_imu.inverse();
+        ImuRaw {
+            gyro_rad_s: (imu_from_pad * rate_in_pad_rad_s).into(),
+            accel_m_s2: (imu_from_pad * up).into(),
+        }
+    };
+    Window {
+        t_s: k as f64 * WINDOW_S,
+        base_from_pad: [0, 1].map(|_| Some(SpringPad::exact(*base_from_pad))),
+        imu: std::array::from_fn(|i| Some(raw(i))),
+    }
+}
+
+/// Five seconds of rest, then 36 s of slow motion that leans to the sides up to `to_rad`, there and back.
+pub fn rest_and_motion(take: &mut ImusTake, to_rad: f64) {
+    for k in 0..50 {
+        take.take_window(window(k, &UnitQuaternion::identity(), Vector3::zeros()));
+    }
+    let lean = |k: f64| {
+        let turn = to_rad * (0.5 - 0.5 * (k / 20.0).cos());
+        UnitQuaternion::from_scaled_axis(Vector3::new(-turn.sin(), turn.cos(), 0.0) * 0.15)
+    };
+    for k in 50..410 {
+        let at = (k - 50) as f64;
+        let turned = (lean(at - 0.5).inverse() * lean(at + 0.5)).scaled_axis();
+        take.take_window(window(k, &lean(at), turned / WINDOW_S));
+    }
 }

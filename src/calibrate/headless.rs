@@ -25,6 +25,8 @@ use crate::twin::{Clock, Command, Event};
 /// Time that rates and filters take to settle: before the preflight, after a change of the calibration, and at the
 /// last pose, s.
 const SETTLE_S: f64 = 1.0;
+/// Time after which a rest is given up, s.
+const REST_MAX_S: f64 = 30.0;
 /// Time after which a motion is given up, s.
 const MOTION_MAX_S: f64 = 900.0;
 
@@ -120,6 +122,8 @@ enum Stage {
     Begin,
     /// The boards have not introduced themselves, since then.
     Connect(Stamp),
+    /// The arm has to rest before its plan, since then.
+    Rest(Plan, Stamp),
     /// A plan is carried out, since then.
     Move(String, Stamp),
     /// An answer is awaited.
@@ -214,6 +218,7 @@ impl Headless {
                 Ok(false) if now.since(since) > HELLO_S => Stage::Judge(now),
                 Ok(false) => Stage::Connect(since),
             },
+            Stage::Rest(plan, since) => self.go_on_resting(plan, since, snapshot, turn),
             Stage::Move(plan, since) => self.go_on_moving(plan, since, snapshot, events, turn),
             Stage::Wait => match answer {
                 None => Stage::Wait,
@@ -265,7 +270,10 @@ impl Headless {
                 let which: [bool; IMUS] = std::array::from_fn(again);
                 let base = self.wizard.base();
                 self.wizard.imus.begin(which, &self.robot, &base);
-                motion::all_sides()
+                return match motion::all_sides() {
+                    Some(plan) => Stage::Rest(plan, now),
+                    None => self.stop_capture("There is no plan for this step.", now),
+                };
             }
             Step::Mocap => {
                 self.wizard.mocap = Default::default();
@@ -296,6 +304,24 @@ impl Headless {
             _ => {}
         }
         Stage::Judge(now)
+    }
+
+    fn go_on_resting(
+        &mut self,
+        plan: Plan,
+        since: Stamp,
+        snapshot: &Snapshot,
+        turn: &mut Turn,
+    ) -> Stage {
+        let now = snapshot.stamp;
+        match self.wizard.imus.phase() {
+            imus::Phase::Rest(_, why) if now.since(since) > REST_MAX_S => {
+                let why = why.unwrap_or_else(|| "The boards sent no frames.".to_owned());
+                self.stop_capture(&format!("No rest: {why}"), now)
+            }
+            imus::Phase::Rest(..) => Stage::Rest(plan, since),
+            imus::Phase::Motion | imus::Phase::Idle => set_out(plan, snapshot, turn),
+        }
     }
 
     fn go_on_moving(

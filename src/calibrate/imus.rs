@@ -1,45 +1,30 @@
-//! IMUs: orientation of each pad from the springs compared with that from its IMUs while the arm moves slowly.
+//! IMUs: their zeros at rest, then their errors and the base's tilt while the arm moves slowly.
 
-use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::UnitQuaternion;
 
 use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
 use crate::sensing::calibration::SpringCalibration;
-use crate::sensing::mounting::{MountingFit, fit_mounting};
-use crate::sensing::{Calibration, Sensing};
-use crate::signal::{ChannelHealth, IMUS, RawFrame, Stamp};
-use crate::twin::sensing_for;
-
-/// Time that the filters take to settle, s.
-pub const SETTLING_S: f64 = 10.0;
-/// One frame in this many is used: neighbours are correlated.
-const EVERY: u64 = 10;
-/// Pause after which the filters settle again, s.
-const PAUSE_S: f64 = 0.5;
-/// Number of directions that tilts are counted in.
-pub const SECTORS: usize = 8;
-/// Least tilt towards a direction for it to count, rad.
-pub const TILT_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
-/// Number of directions that have to count.
-pub const SECTORS_NEEDED: usize = 7;
-/// Least number of samples; neighbours are a tenth of a second apart.
-pub const SAMPLES_NEEDED: usize = 300;
-/// Most samples kept: beyond them every other one is dropped, and only every other one is taken from then on.
-const SAMPLES_MAX: usize = 3_000;
-/// Largest RMS residual between springs and IMU after the fit, rad.
-pub const RESIDUAL_MAX_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
+use crate::sensing::imu_fit::{
+    self, Capture, Fit, ImuFit, RestError, RestZero, Start, WINDOW_S, Window, Windows, pad_index,
+};
+pub use crate::sensing::imu_fit::{
+    RESIDUAL_MAX_RAD, REST_S, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, tilt,
+};
+use crate::signal::{IMUS, RawFrame};
+use crate::twin::Patched;
 
 /// Verdict on an IMU.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Not captured: the mounting in use is kept.
+    /// Not captured: its calibration in use is kept.
     Kept,
     /// Being captured.
     Open,
     /// Accepted.
-    Pass(MountingFit),
+    Pass(Box<ImuFit>),
     /// Refused: why, one sentence.
     Redo(String),
 }
@@ -47,17 +32,12 @@ pub enum Verdict {
 /// Samples of one IMU.
 #[derive(Clone, Debug, Default)]
 pub struct ImuTake {
-    pairs: Vec<(UnitQuaternion<f64>, UnitQuaternion<f64>)>,
-    /// Tilts captured: direction in the base's plane times the angle, rad.
-    pub tilts_rad: Vec<[f64; 2]>,
-    sectors: [bool; SECTORS],
-    /// One sample in 2 to this power is kept, and so many were offered.
-    halved: u32,
-    offered: u64,
+    /// What was captured.
+    pub capture: Capture,
     /// The springs' curves that the pads were read by.
     springs: Option<Arc<Vec<SpringCalibration>>>,
     open: bool,
-    verdict: Option<Result<MountingFit, String>>,
+    verdict: Option<Result<ImuFit, String>>,
     /// How often it was captured again.
     pub redone: u32,
 }
@@ -68,7 +48,7 @@ impl ImuTake {
         match &self.verdict {
             _ if self.open => Verdict::Open,
             None => Verdict::Kept,
-            Some(Ok(fit)) => Verdict::Pass(*fit),
+            Some(Ok(fit)) => Verdict::Pass(Box::new(fit.clone())),
             Some(Err(why)) => Verdict::Redo(why.clone()),
         }
     }
@@ -80,74 +60,39 @@ impl ImuTake {
 
     /// Samples captured.
     pub fn samples(&self) -> usize {
-        self.pairs.len()
+        self.capture.samples()
     }
 
     /// Directions that the pad was tilted to, by index.
     pub fn sectors(&self) -> [bool; SECTORS] {
-        self.sectors
-    }
-
-    /// Adds the pad's orientation from the springs and from the IMU, unless there are enough samples.
-    pub(super) fn add(&mut self, by_springs: UnitQuaternion<f64>, by_imu: UnitQuaternion<f64>) {
-        if self.complete() {
-            return;
-        }
-        let lean @ [x, y] = tilt(&by_springs);
-        if x.hypot(y) >= TILT_RAD {
-            self.sectors[sector(x, y)] = true;
-        }
-        self.offered += 1;
-        if !self.offered.is_multiple_of(1 << self.halved) {
-            return;
-        }
-        self.pairs.push((by_springs, by_imu));
-        self.tilts_rad.push(lean);
-        if self.pairs.len() >= SAMPLES_MAX {
-            self.halved += 1;
-            halve(&mut self.pairs);
-            halve(&mut self.tilts_rad);
-        }
-    }
-
-    fn complete(&self) -> bool {
-        self.samples() >= SAMPLES_NEEDED
-            && self.sectors().iter().filter(|s| **s).count() >= SECTORS_NEEDED
-    }
-
-    fn judge(&mut self) {
-        self.open = false;
-        let seen = self.sectors().iter().filter(|s| **s).count();
-        let fitted = fit_mounting(&self.pairs);
-        self.verdict = Some(match fitted {
-            Err(e) => Err(e.to_string()),
-            Ok(_) if seen < SECTORS_NEEDED => Err(format!(
-                "the pad was tilted by {:.0} degrees to {seen} of {SECTORS} sides only: move to all sides",
-                TILT_RAD.to_degrees()
-            )),
-            Ok(fit) if fit.residual_rad > RESIDUAL_MAX_RAD => Err(format!(
-                "springs and IMU disagree by {:.2} degrees RMS after the fit: move more slowly, and check that \
-                 the IMU is fixed",
-                fit.residual_rad.to_degrees()
-            )),
-            Ok(fit) => Ok(fit),
-        });
+        self.capture.sectors()
     }
 }
 
-/// Drops every other one.
-fn halve<T>(list: &mut Vec<T>) {
-    let mut k = 0_usize;
-    list.retain(|_| {
-        k += 1;
-        k.is_multiple_of(2)
-    });
+/// Where a capture stands.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Phase {
+    /// There is none.
+    Idle,
+    /// The arm has to rest so much longer, s; what moved, one sentence.
+    Rest(f64, Option<String>),
+    /// The arm has to move slowly to all sides.
+    Motion,
 }
 
-/// The sector of a tilt.
-fn sector(x: f64, y: f64) -> usize {
-    let turn = y.atan2(x).rem_euclid(TAU) / TAU;
-    ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
+/// A capture in progress.
+#[derive(Clone, Debug)]
+struct Running {
+    robot: RobotSpec,
+    windows: Windows,
+    /// Turn of each IMU by the robot's patches.
+    turned: [UnitQuaternion<f64>; IMUS],
+    base_tilt_rad: [f64; 2],
+    ends_sigma_m: f64,
+    springs: Arc<Vec<SpringCalibration>>,
+    /// The last [`REST_S`] until the arm has rested.
+    recent: Vec<Window>,
+    rest: Result<RestZero, RestError>,
 }
 
 /// All IMUs.
@@ -155,19 +100,28 @@ fn sector(x: f64, y: f64) -> usize {
 pub struct ImusTake {
     /// Per IMU.
     pub imus: [ImuTake; IMUS],
-    sensing: Option<Box<Sensing>>,
-    settling_since: Option<Stamp>,
-    last: Option<Stamp>,
-    frames: u64,
+    running: Option<Box<Running>>,
+    base_tilt_rad: [f64; 2],
+    open: Vec<String>,
 }
 
 impl ImusTake {
     /// Whether a capture is in progress.
     pub fn running(&self) -> bool {
-        self.sensing.is_some()
+        self.running.is_some()
     }
 
-    /// Begins to capture `which` with the springs and mountings of `base`; their former samples are discarded.
+    /// Tilt of the base that belongs to the IMUs that passed: level from base = exp((x, y, 0)), rad.
+    pub fn base_tilt_rad(&self) -> [f64; 2] {
+        self.base_tilt_rad
+    }
+
+    /// What the motion did not determine, one sentence each.
+    pub fn not_determined(&self) -> &[String] {
+        &self.open
+    }
+
+    /// Begins to capture `which` with the springs of `base`; their former samples are discarded.
     pub fn begin(&mut self, which: [bool; IMUS], robot: &RobotSpec, base: &Calibration) {
         let springs = Arc::new(base.springs.clone());
         for (take, _) in self.imus.iter_mut().zip(which).filter(|(_, w)| *w) {
@@ -179,127 +133,163 @@ impl ImusTake {
                 ..ImuTake::default()
             };
         }
-        self.sensing = Some(Box::new(sensing_for(robot, base)));
-        self.settling_since = None;
-        self.last = None;
+        let patched = Patched::new(robot, base);
+        self.running = Some(Box::new(Running {
+            windows: Windows::new(&patched.geometry, &patched.calibration),
+            robot: robot.clone(),
+            turned: patched.imu,
+            base_tilt_rad: base.base_tilt_rad,
+            ends_sigma_m: imu_fit::ends_sigma_m(base),
+            springs,
+            recent: Vec::new(),
+            rest: Err(RestError::TooShort { span_s: 0.0 }),
+        }));
     }
 
-    /// Time until the filters have settled, s; `None` before the first frame.
-    pub fn settling_s(&self) -> Option<f64> {
-        let since_s = self.last?.since(self.settling_since?);
-        Some((SETTLING_S - since_s).max(0.0))
+    /// Where the capture stands.
+    pub fn phase(&self) -> Phase {
+        match self.running.as_ref().map(|r| (&r.rest, r.recent.len())) {
+            None => Phase::Idle,
+            Some((Ok(_), _)) => Phase::Motion,
+            Some((Err(RestError::TooShort { .. }), windows)) => {
+                Phase::Rest(REST_S - windows as f64 * WINDOW_S, None)
+            }
+            Some((Err(why), _)) => Phase::Rest(REST_S, Some(why.to_string())),
+        }
     }
 
     /// Ends the capture and judges the samples.
     pub fn finish(&mut self) {
-        self.sensing = None;
-        for take in self.imus.iter_mut().filter(|t| t.open) {
-            take.judge();
+        let Some(running) = self.running.take() else {
+            return;
+        };
+        let rest = match running.rest {
+            Ok(rest) => rest,
+            Err(why) => {
+                for take in self.imus.iter_mut().filter(|t| t.open) {
+                    take.open = false;
+                    take.verdict = Some(Err(format!("no rest: {why}")));
+                }
+                return;
+            }
+        };
+        // Those that passed before take part again: they share the base's tilt.
+        let takes_part = |t: &ImuTake| {
+            let passed = matches!(t.verdict, Some(Ok(_)));
+            (t.open || passed) && !t.outdated(&running.springs)
+        };
+        let captures = self
+            .imus
+            .each_ref()
+            .map(|t| takes_part(t).then_some(&t.capture));
+        let start = Start {
+            gyro_bias_rad_s: rest.gyro_bias_rad_s,
+            base_tilt_rad: running.base_tilt_rad,
+            springs_out: running.windows.springs_out(),
+            ends_sigma_m: running.ends_sigma_m,
+        };
+        let fit = imu_fit::fit(&running.robot, &captures, &start);
+        self.take_fit(fit);
+    }
+
+    fn take_fit(&mut self, fit: Fit) {
+        self.base_tilt_rad = fit.base_tilt_rad;
+        self.open = fit.open();
+        for (take, found) in self.imus.iter_mut().zip(fit.imus) {
+            take.open = false;
+            if let Some(found) = found {
+                take.verdict = Some(found.map_err(|e| e.to_string()));
+            }
         }
     }
 
     /// Processes a live frame; ends by itself when every IMU has enough samples.
     pub fn observe(&mut self, raw: &RawFrame) {
-        let Some(sensing) = &mut self.sensing else {
+        let window = self.running.as_mut().and_then(|r| r.windows.push(raw));
+        if let Some(window) = window {
+            self.take_window(window);
+        }
+    }
+
+    /// Processes a window: first it has to be a rest, then motion.
+    pub(super) fn take_window(&mut self, window: Window) {
+        let Some(running) = &mut self.running else {
             return;
         };
-        if self.last.is_some_and(|t| raw.stamp <= t) {
+        if running.rest.is_err() {
+            running.recent.push(window);
+            running.rest = imu_fit::rest(&running.recent, &running.robot);
+            let most = (REST_S / WINDOW_S) as usize;
+            if running.recent.len() >= most {
+                running.recent.remove(0);
+            }
             return;
         }
-        let paused = self.last.is_none_or(|t| raw.stamp.since(t) > PAUSE_S);
-        self.last = Some(raw.stamp);
-        if paused {
-            self.settling_since = Some(raw.stamp);
-        }
-        let out = sensing.update(raw);
-        self.frames += 1;
-        let settled = self
-            .settling_since
-            .is_some_and(|t| raw.stamp.since(t) >= SETTLING_S);
-        if !settled || !self.frames.is_multiple_of(EVERY) {
-            return;
-        }
-        let pads = sensing.pads_by_springs();
         for (i, take) in self.imus.iter_mut().enumerate().filter(|(_, t)| t.open) {
-            let Some(pad) = pads[i / 2].filter(|_| out.health.imus[i] == ChannelHealth::Ok) else {
-                continue;
-            };
-            let by_imu = UnitQuaternion::from_rotation_matrix(&out.sensors.base_from_imu_pad(i));
-            take.add(pad.rotation, by_imu);
+            let by_springs = &window.base_from_pad[pad_index(&running.robot, i)];
+            if let (Some(by_springs), Some(raw)) = (by_springs, &window.imu[i])
+                && !take.capture.is_complete()
+            {
+                let seat = by_springs.turned(&running.turned[i]);
+                take.capture.add(window.t_s, &seat, raw);
+            }
         }
-        if self.imus.iter().all(|t| !t.open || t.complete()) {
+        let done = |t: &ImuTake| !t.open || t.capture.is_complete();
+        if self.imus.iter().all(done) {
             self.finish();
         }
     }
 }
 
-/// Direction in the base's plane that the pad leans to, times the angle, rad.
-pub fn tilt(base_from_pad: &UnitQuaternion<f64>) -> [f64; 2] {
-    let up = base_from_pad * Vector3::z();
-    let across = up.x.hypot(up.y);
-    let angle_rad = across.atan2(up.z);
-    if across < 1e-9 {
-        return [0.0, 0.0];
-    }
-    [up.x / across * angle_rad, up.y / across * angle_rad]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::fixture::{in_use, rest_and_motion};
+    use std::f64::consts::TAU;
 
-    #[test]
-    fn tilt_points_to_where_the_pad_leans() {
-        let lean = UnitQuaternion::from_scaled_axis(Vector3::y() * 0.2);
-        let [x, y] = tilt(&lean);
-        assert!((x - 0.2).abs() < 1e-12 && y.abs() < 1e-12, "{x} {y}");
-        assert_eq!(tilt(&UnitQuaternion::identity()), [0.0, 0.0]);
+    fn begun() -> ImusTake {
+        let mut take = ImusTake::default();
+        take.begin([true; IMUS], &RobotSpec::reference(), &in_use());
+        assert_eq!(take.phase(), Phase::Rest(REST_S, None));
+        take
     }
 
     #[test]
-    fn an_imu_that_saw_one_side_only_is_to_be_redone() {
-        let mut take = ImuTake {
-            open: true,
-            ..ImuTake::default()
-        };
-        for k in 0..400 {
-            let turned =
-                UnitQuaternion::from_scaled_axis(Vector3::y() * (0.1 + 1e-4 * f64::from(k)));
-            take.add(turned, turned);
+    fn a_rest_and_motion_to_all_sides_pass_and_one_side_is_to_be_redone() {
+        let mut take = begun();
+        rest_and_motion(&mut take, TAU);
+        assert_eq!(take.phase(), Phase::Idle);
+        for t in &take.imus {
+            let Verdict::Pass(fit) = t.verdict() else {
+                panic!("{:?}", t.verdict());
+            };
+            assert!(fit.entry.fit.correction_rad.norm() < 1e-3, "{fit:?}");
         }
-        assert!(!take.complete());
-        take.judge();
-        let Verdict::Redo(why) = take.verdict() else {
-            panic!("{:?}", take.verdict());
+        // One of them again, to one side: the others keep their verdicts.
+        take.begin(
+            [false, true, false, false],
+            &RobotSpec::reference(),
+            &in_use(),
+        );
+        rest_and_motion(&mut take, 0.5);
+        assert_eq!(take.phase(), Phase::Motion);
+        take.finish();
+        let Verdict::Redo(why) = take.imus[1].verdict() else {
+            panic!("{:?}", take.imus[1].verdict());
         };
-        assert!(why.contains("1 of 8 sides"), "{why}");
+        assert!(why.contains("of 8 sides"), "{why}");
+        assert!(matches!(take.imus[0].verdict(), Verdict::Pass(_)));
+        assert_eq!(take.imus[1].redone, 1);
     }
 
     #[test]
-    fn a_long_capture_stays_small_and_one_that_is_done_takes_no_more() {
-        let mut take = ImuTake {
-            open: true,
-            ..ImuTake::default()
+    fn nothing_is_captured_before_the_arm_has_rested() {
+        let mut take = begun();
+        take.finish();
+        let Verdict::Redo(why) = take.imus[0].verdict() else {
+            panic!("{:?}", take.imus[0].verdict());
         };
-        let lean = |turn: f64, angle_rad: f64| {
-            let axis = Vector3::new(-turn.sin(), turn.cos(), 0.0);
-            UnitQuaternion::from_scaled_axis(axis * angle_rad)
-        };
-        // Half an hour to one side: neither forgotten nor piled up.
-        for k in 0..18_000 {
-            let to = lean(0.3, 0.1 + 1e-6 * f64::from(k));
-            take.add(to, to);
-        }
-        assert!((SAMPLES_MAX / 2 - 1..SAMPLES_MAX).contains(&take.samples()));
-        assert_eq!(take.tilts_rad.len(), take.samples());
-        assert!(take.tilts_rad[0][0] < 0.097 && !take.complete());
-        for side in 0..SECTORS {
-            let to = lean((side as f64 + 0.5) * TAU / SECTORS as f64, 0.1);
-            take.add(to, to);
-        }
-        assert!(take.complete());
-        let done = take.samples();
-        take.add(lean(0.0, 0.1), lean(0.0, 0.1));
-        assert_eq!(take.samples(), done);
+        assert!(why.starts_with("no rest"), "{why}");
+        assert_eq!(take.imus[0].samples(), 0);
     }
 }

@@ -53,7 +53,9 @@ impl MocapTake {
         if any(&|c| c.springs != draft.springs) {
             return Some("the springs have changed since");
         }
-        any(&|c| c.imus != draft.imus).then_some("the IMU mountings have changed since")
+        let changed =
+            |c: &Calibration| c.imus != draft.imus || c.base_tilt_rad != draft.base_tilt_rad;
+        any(&changed).then_some("the IMUs have changed since")
     }
 
     /// The poses as raw frames, to compare calibrations. The frames are shared.

@@ -1,18 +1,34 @@
 //! Motion plans of the wizard's steps.
 
 use crate::signal::Goal;
-use crate::task::{Follow, Leg, Plan, circle, figure_eight};
+use crate::task::{Follow, Leg, Path, Plan, figure_eight};
 
-/// Speed along the paths, m/s.
+/// Speed along the path of the validation, m/s.
 const SPEED_M_S: f64 = 5e-3;
+/// Speed along the path for the IMUs, m/s.
+const ALL_SIDES_M_S: f64 = 8e-3;
 
-/// A slow circle that tilts both pads to all sides, for the IMUs.
+/// A slow rose of four petals that tilts both pads to all sides, far and through upright in between, for the IMUs.
 pub fn all_sides() -> Option<Plan> {
     Plan::follow(Follow {
-        path: circle([0.0, 0.0, -0.30], 0.055, 60),
-        speed_m_s: SPEED_M_S,
+        path: rose(0.08, 96),
+        speed_m_s: ALL_SIDES_M_S,
         laps: 1,
     })
+}
+
+/// r = R cos 2φ about the arm's axis; the tip rises with r as a bending arm does.
+fn rose(radius_m: f64, waypoints: usize) -> Path {
+    let point = |k: usize| {
+        let turn = std::f64::consts::TAU * k as f64 / waypoints as f64;
+        let r_m = radius_m * (2.0 * turn).cos();
+        let z_m = -0.305 + r_m * r_m;
+        [r_m * turn.cos(), r_m * turn.sin(), z_m]
+    };
+    Path {
+        name: format!("rose, radius {:.0} mm", radius_m * 1e3),
+        waypoints_m: (0..waypoints).map(point).collect(),
+    }
 }
 
 /// Number of poses that [`poses`] visits.

@@ -236,10 +236,14 @@ impl Store {
         let _lock = self.lock()?;
         let mut index = self.index()?;
         let number = index.version.iter().map(|e| e.number).max().unwrap_or(0) + 1;
-        let calibration = Calibration {
+        let mut calibration = Calibration {
             date: date.to_owned(),
             ..new.calibration
         };
+        // Zeros that were taken for this version.
+        for imu in calibration.imus.iter_mut().filter(|m| m.date.is_empty()) {
+            date.clone_into(&mut imu.date);
+        }
         write_text(&self.path("calibration", number), &calibration.to_toml()?)?;
         let registration = self.path("registration", number);
         match new.registration {

@@ -43,7 +43,7 @@ pub struct NewVersion {
 
 /// Whether two calibrations read alike, whatever their names.
 pub fn same(a: &Calibration, b: &Calibration) -> bool {
-    a.springs == b.springs && a.imus == b.imus
+    a.springs == b.springs && a.imus == b.imus && a.base_tilt_rad == b.base_tilt_rad
 }
 
 /// Differences of calibration `new` from `old`, one line each; `range_m` is the range of lengths in use.
@@ -98,6 +98,24 @@ pub fn changes(old: &Calibration, new: &Calibration, range_m: [f64; 2]) -> Vec<S
                 turn_rad.to_degrees()
             ));
         }
+        let (was, is) = (old.imu_zero(i), new.imu_zero(i));
+        if was != is {
+            lines.push(format!(
+                "IMU {}: zero moved by {:.2}°/s and {:.3} m/s²",
+                i + 1,
+                (is.gyro_bias_rad_s - was.gyro_bias_rad_s)
+                    .norm()
+                    .to_degrees(),
+                (is.accel_bias_m_s2 - was.accel_bias_m_s2).norm()
+            ));
+        }
+    }
+    let tilt_rad = old.level_from_base().angle_to(&new.level_from_base());
+    if tilt_rad > 1e-6 {
+        lines.push(format!(
+            "Base: tilt changed by {:.2}°",
+            tilt_rad.to_degrees()
+        ));
     }
     lines
 }

@@ -228,8 +228,10 @@ impl Wizard {
     pub fn draft(&self) -> Calibration {
         let mut out = self.base();
         for i in 0..IMUS {
-            if let imus::Verdict::Pass(fit) = self.imu(i) {
-                out.set_imu(i, fit);
+            if let imus::Verdict::Pass(fit) = self.imu(i)
+                && out.set_imu(fit.entry.clone()).is_ok()
+            {
+                out.base_tilt_rad = self.imus.base_tilt_rad();
             }
         }
         out

@@ -36,7 +36,8 @@ pub enum CalibrateCommand {
     Wizard(WizardArgs),
     /// A curve per spring from the log of a bench that drew them up and down, with a verdict on each
     Springs(SpringsArgs),
-    /// Mountings of the IMUs on their pads, from a recording of slow motion
+    /// Zeros and mountings of the IMUs and the base's tilt, from a recording of a rest and of slow motion; with
+    /// --zero, the gyros alone, from a rest
     Imus(ImusArgs),
     /// Where motion capture's world and object are on the robot, and the offset of its clock, from one
     /// motion that both recorded: half a minute or more of bending to all sides. An error of the robot's

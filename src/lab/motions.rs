@@ -79,7 +79,7 @@ pub fn settled(
 
 /// Both boards' readings as one frame, without the line in between: as over a link that has been up for long and has
 /// measured the boards' clocks.
-fn raw_frame(seq: u32, rig: &VirtualRig) -> RawFrame {
+pub(super) fn raw_frame(seq: u32, rig: &VirtualRig) -> RawFrame {
     let readings = rig.readings();
     let spring = |i: usize| readings[i / 6].springs[i % 6].unwrap_or_default();
     RawFrame {

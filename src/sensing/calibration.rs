@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::mounting::MountingFit;
+use super::file::CalibrationError;
 use crate::signal::{IMUS, ImuRaw, SPRINGS};
 
 /// Meaning of a spring's reading.
@@ -222,11 +222,27 @@ pub fn inductance_h(frequency_hz: f64, capacitance_f: f64, compensation_h: f64) 
     1.0 / (capacitance_f * (TAU * frequency_hz).powi(2)) - compensation_h
 }
 
-/// The mounting and the zero of one IMU.
+/// A correction beyond this is a wrong mounting entry in the robot file, rad.
+pub const CORRECTION_MAX_RAD: f64 = 0.1;
+
+/// How an IMU sits on its pad, against the robot file.
 #[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MountingFit {
+    /// Rotation vector in the pad frame: pad from IMU = exp(c) · nominal, rad.
+    pub correction_rad: Vector3<f64>,
+    /// Root mean square angle between the direction of gravity by the springs and by the IMU, rad.
+    pub residual_rad: f64,
+    /// Samples used.
+    pub samples: usize,
+}
+
+/// The mounting and the zero of one IMU.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ImuCalibration {
     /// IMU, 1 … 4.
     pub imu: usize,
+    /// Day its zero was taken, as the operator gave it; empty where it was not stated.
+    pub date: String,
     /// The correction and how well it fits.
     pub fit: MountingFit,
     /// Errors of its readings.
@@ -238,6 +254,8 @@ pub struct ImuCalibration {
 pub struct ImuZero {
     /// Reading of the gyro at rest, rad/s.
     pub gyro_bias_rad_s: Vector3<f64>,
+    /// Gain of the gyro per axis: reading = gain · rate + bias.
+    pub gyro_gain: Vector3<f64>,
     /// Bias of the accelerometer, m/s².
     pub accel_bias_m_s2: Vector3<f64>,
     /// Gain of the accelerometer per axis: reading = gain · specific force + bias.
@@ -248,6 +266,7 @@ impl Default for ImuZero {
     fn default() -> Self {
         Self {
             gyro_bias_rad_s: Vector3::zeros(),
+            gyro_gain: Vector3::repeat(1.0),
             accel_bias_m_s2: Vector3::zeros(),
             accel_gain: Vector3::repeat(1.0),
         }
@@ -260,7 +279,7 @@ impl ImuZero {
         let rate = Vector3::from(raw.gyro_rad_s) - self.gyro_bias_rad_s;
         let force = Vector3::from(raw.accel_m_s2) - self.accel_bias_m_s2;
         ImuRaw {
-            gyro_rad_s: rate.into(),
+            gyro_rad_s: rate.component_div(&self.gyro_gain).into(),
             accel_m_s2: force.component_div(&self.accel_gain).into(),
         }
     }
@@ -311,16 +330,12 @@ impl Calibration {
 
     /// Correction of the mounting of IMU `i` (0-based): pad from IMU = correction · nominal.
     pub fn mounting(&self, i: usize) -> UnitQuaternion<f64> {
-        let entry = self.imus.iter().find(|m| m.imu == i + 1);
-        entry.map_or_else(UnitQuaternion::identity, |m| {
-            UnitQuaternion::from_scaled_axis(m.fit.correction_rad)
-        })
+        UnitQuaternion::from_scaled_axis(self.imu_entry(i).fit.correction_rad)
     }
 
     /// Errors of the readings of IMU `i` (0-based).
     pub fn imu_zero(&self, i: usize) -> ImuZero {
-        let entry = self.imus.iter().find(|m| m.imu == i + 1);
-        entry.map_or_else(ImuZero::default, |m| m.zero)
+        self.imu_entry(i).zero
     }
 
     /// The base's orientation in a frame whose z axis points up.
@@ -335,25 +350,40 @@ impl Calibration {
         entry.map_or_else(Default::default, |s| s.ends_off_m)
     }
 
-    /// Puts in the mounting of IMU `i` (0-based). The fit is relative to the mounting that was in
-    /// use when its samples were taken, so the two corrections are chained.
-    pub fn set_imu(&mut self, i: usize, fit: MountingFit) {
-        let chained = UnitQuaternion::from_scaled_axis(fit.correction_rad) * self.mounting(i);
-        let zero = self.imu_zero(i);
-        self.imus.retain(|m| m.imu != i + 1);
-        self.imus.push(ImuCalibration {
-            imu: i + 1,
-            fit: MountingFit {
-                correction_rad: chained.scaled_axis(),
-                ..fit
-            },
-            zero,
-        });
+    /// Replaces the entry of an IMU: its mounting is against the nominal one, its zero against the raw readings.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] for an entry that a file with it would be refused for.
+    pub fn set_imu(&mut self, entry: ImuCalibration) -> Result<(), CalibrationError> {
+        entry.check()?;
+        self.put_imu(entry);
+        Ok(())
+    }
+
+    fn put_imu(&mut self, entry: ImuCalibration) {
+        self.imus.retain(|m| m.imu != entry.imu);
+        self.imus.push(entry);
         self.imus.sort_by_key(|m| m.imu);
     }
 
+    /// The entry of IMU `i` (0-based), the nominal mounting and no errors where there is none.
+    pub fn imu_entry(&self, i: usize) -> ImuCalibration {
+        let entry = self.imus.iter().find(|m| m.imu == i + 1).cloned();
+        entry.unwrap_or_else(|| ImuCalibration {
+            imu: i + 1,
+            date: String::new(),
+            fit: MountingFit {
+                correction_rad: Vector3::zeros(),
+                residual_rad: 0.0,
+                samples: 0,
+            },
+            zero: ImuZero::default(),
+        })
+    }
+
     /// The calibration of sensors that were found to read wrong with this one: spring i, which
-    /// reads g l + o, by its gain g and offset o (m); IMU i, which reads R exp(δ), by exp(δ).
+    /// reads g l + o, by its gain g and offset o (m); IMU i, which reads R exp(δ), by exp(δ). It is for reading
+    /// sensors with; a mounting of it may be beyond what a file may hold.
     #[must_use]
     pub fn corrected(
         mut self,
@@ -372,13 +402,9 @@ impl Calibration {
         }
         for (i, off) in imu.iter().enumerate() {
             if off.angle() > 0.0 {
-                let known = self.imus.iter().find(|m| m.imu == i + 1);
-                let fit = MountingFit {
-                    correction_rad: off.scaled_axis(),
-                    residual_rad: known.map_or(0.0, |m| m.fit.residual_rad),
-                    samples: known.map_or(0, |m| m.fit.samples),
-                };
-                self.set_imu(i, fit);
+                let mut entry = self.imu_entry(i);
+                entry.fit.correction_rad = (off * self.mounting(i)).scaled_axis();
+                self.put_imu(entry);
             }
         }
         self

@@ -170,7 +170,7 @@ fn weigh(channels: &[Channel], filter: &Filter) -> Verdict {
 
 /// ln Z of the hypothesis that differs from the filter's by these channels, over its own; see the module's formula.
 fn log_evidence(filter: &Filter, channels: &[Channel], changed: u16) -> f64 {
-    let mut flips: [Option<Flip>; BIASES] = [None; BIASES];
+    let mut flips = [Flip::default(); BIASES];
     let mut n = 0;
     for (c, channel) in channels.iter().enumerate() {
         if changed & 1 << c == 0 {
@@ -180,31 +180,33 @@ fn log_evidence(filter: &Filter, channels: &[Channel], changed: u16) -> f64 {
             if n == BIASES {
                 return f64::MIN;
             }
-            flips[n] = Some(flip);
+            flips[n] = flip;
             n += 1;
         }
     }
+    let flips = &flips[..n];
+    log_ratio(flips, |i, j| filter.between(i, j)).unwrap_or(f64::MIN)
+}
+
+/// The same of these changes of priors, with the posterior covariance of two states; `None` where it is not regular.
+fn log_ratio(flips: &[Flip], between: impl Fn(usize, usize) -> f64) -> Option<f64> {
     let mut m = [[0.0; BIASES + 1]; BIASES];
-    let mut log_ratio = 0.0;
-    for (i, a) in flips.iter().flatten().enumerate() {
-        log_ratio += a.log_ratio;
-        for (j, b) in flips.iter().flatten().enumerate() {
-            m[i][j] = a.precision * filter.between(a.state, b.state);
+    let mut of_priors = 0.0;
+    for (a, row) in flips.iter().zip(&mut m) {
+        of_priors += a.log_ratio;
+        for (b, x) in flips.iter().zip(row.iter_mut()) {
+            *x = a.precision * between(a.state, b.state);
+            if a.state == b.state {
+                *x += 1.0;
+            }
         }
-        m[i][i] += 1.0;
         // Right side: D m.
-        m[i][BIASES] = a.precision * a.estimate;
+        row[BIASES] = a.precision * a.estimate;
     }
-    let Some(log_det) = solve_in_place(&mut m, n) else {
-        return f64::MIN;
-    };
-    let square: f64 = flips
-        .iter()
-        .flatten()
-        .zip(&m)
-        .map(|(f, row)| f.estimate * row[BIASES])
-        .sum();
-    0.5 * (log_ratio - log_det - square)
+    let log_det = solve_in_place(&mut m, flips.len())?;
+    let solved = flips.iter().zip(&m);
+    let square: f64 = solved.map(|(f, row)| f.estimate * row[BIASES]).sum();
+    Some(0.5 * (of_priors - log_det - square))
 }
 
 /// Gauss elimination with pivots of the first `n` rows and columns; the last column becomes the solution. Gives the

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::calibration::{
-    Calibration, Curve, FitQuality, ImuCalibration, ImuZero, Quantity, SpringCalibration, Variable,
+    CORRECTION_MAX_RAD, Calibration, Curve, FitQuality, ImuCalibration, ImuZero, MountingFit,
+    Quantity, SpringCalibration, Variable,
 };
-use super::mounting::{CORRECTION_MAX_RAD, MountingFit};
 use crate::signal::{IMUS, SPRINGS, exactly};
 
 /// Why a calibration file was refused.
@@ -127,7 +127,7 @@ const HEAD: &str = "\
 # top_off_mm, bottom_off_mm: where the spring's ends lie beside the drawing, each in its pad's frame.
 # base_tilt_deg: level from base = exp((x, y, 0)), a rotation vector.
 # IMUs: pad from IMU = exp(correction) times the nominal mounting, a rotation vector in the pad;
-# reading of the gyro = rate + gyro_bias, of the accelerometer = accel_gain times specific force + accel_bias.
+# reading of the gyro = gyro_gain times rate + gyro_bias, of the accelerometer = accel_gain times specific force + accel_bias.
 
 ";
 
@@ -153,8 +153,8 @@ const END_OFF_MAX_MM: f64 = 10.0;
 const GYRO_BIAS_MAX_RAD_S: f64 = 40.0 * std::f64::consts::PI / 180.0;
 /// Largest bias of an accelerometer, m/s².
 const ACCEL_BIAS_MAX_M_S2: f64 = 2.0;
-/// Largest distance of an accelerometer's gain from 1.
-const ACCEL_GAIN_OFF_MAX: f64 = 0.2;
+/// Largest distance of a gain from 1.
+const GAIN_OFF_MAX: f64 = 0.2;
 
 /// Whether all three are at most this far from 0.
 fn within(of: &[f64; 3], most: f64) -> bool {
@@ -315,12 +315,16 @@ impl SpringEntry {
 #[serde(deny_unknown_fields)]
 struct ImuEntry {
     id: usize,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    date: String,
     #[serde(deserialize_with = "exactly")]
     correction_deg: [f64; 3],
     residual_deg: f64,
     samples: usize,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     gyro_bias_deg_s: Option<[f64; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gyro_gain: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     accel_bias_m_s2: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -329,91 +333,118 @@ struct ImuEntry {
 
 impl ImuEntry {
     fn from_calibration(m: &ImuCalibration) -> Self {
+        let (none, ones) = (Vector3::zeros(), Vector3::repeat(1.0));
         Self {
             id: m.imu,
+            date: m.date.clone(),
             correction_deg: m.fit.correction_rad.map(|x| tidy(x.to_degrees())).into(),
             residual_deg: tidy(m.fit.residual_rad.to_degrees()),
             samples: m.fit.samples,
-            gyro_bias_deg_s: written(&m.zero.gyro_bias_rad_s, Vector3::zeros(), 1f64.to_degrees()),
-            accel_bias_m_s2: written(&m.zero.accel_bias_m_s2, Vector3::zeros(), 1.0),
-            accel_gain: written(&m.zero.accel_gain, Vector3::repeat(1.0), 1.0),
+            gyro_bias_deg_s: written(&m.zero.gyro_bias_rad_s, none, 1f64.to_degrees()),
+            gyro_gain: written(&m.zero.gyro_gain, ones, 1.0),
+            accel_bias_m_s2: written(&m.zero.accel_bias_m_s2, none, 1.0),
+            accel_gain: written(&m.zero.accel_gain, ones, 1.0),
         }
     }
 
     fn into_calibration(self) -> Result<ImuCalibration, CalibrationError> {
-        let refuse = |key, value: String, must| CalibrationError::Value {
-            channel: "IMU",
-            number: self.id,
-            key,
-            value,
-            must,
-        };
-        if !(1..=IMUS).contains(&self.id) {
-            return Err(refuse("id", self.id.to_string(), "1 to 4"));
-        }
-        let correction_rad = Vector3::from(self.correction_deg).map(f64::to_radians);
-        let off_rad = correction_rad.norm();
-        if off_rad.is_nan() || off_rad >= CORRECTION_MAX_RAD {
-            return Err(refuse(
-                "correction_deg",
-                format!("{:?}", self.correction_deg),
-                "a rotation vector of less than 5.7 degrees",
-            ));
-        }
-        let zero = self.zero();
-        let checks: [(_, &Vector3<f64>, Vector3<f64>, f64, _); 3] = [
-            (
-                "gyro_bias_deg_s",
-                &zero.gyro_bias_rad_s,
-                Vector3::zeros(),
-                GYRO_BIAS_MAX_RAD_S,
-                "three rates of 40 deg/s or less",
-            ),
-            (
-                "accel_bias_m_s2",
-                &zero.accel_bias_m_s2,
-                Vector3::zeros(),
-                ACCEL_BIAS_MAX_M_S2,
-                "three accelerations of 2 m/s2 or less",
-            ),
-            (
-                "accel_gain",
-                &zero.accel_gain,
-                Vector3::repeat(1.0),
-                ACCEL_GAIN_OFF_MAX,
-                "three factors between 0.8 and 1.2",
-            ),
-        ];
-        for (key, value, without, most, must) in checks {
-            let off: [f64; 3] = (value - without).into();
-            if !within(&off, most) {
-                let shown: [f64; 3] = (*value).into();
-                return Err(refuse(key, format!("{shown:?}"), must));
-            }
-        }
-        Ok(ImuCalibration {
+        let calibration = ImuCalibration {
             imu: self.id,
             fit: MountingFit {
-                correction_rad,
+                correction_rad: Vector3::from(self.correction_deg).map(f64::to_radians),
                 residual_rad: self.residual_deg.to_radians(),
                 samples: self.samples,
             },
-            zero,
-        })
+            zero: self.zero(),
+            date: self.date,
+        };
+        calibration.check()?;
+        Ok(calibration)
     }
 
     fn zero(&self) -> ImuZero {
+        let or = |given: Option<[f64; 3]>, else_: Vector3<f64>| given.map_or(else_, Vector3::from);
         let none = ImuZero::default();
         ImuZero {
             gyro_bias_rad_s: self.gyro_bias_deg_s.map_or(none.gyro_bias_rad_s, |b| {
                 Vector3::from(b).map(f64::to_radians)
             }),
-            accel_bias_m_s2: self
-                .accel_bias_m_s2
-                .map_or(none.accel_bias_m_s2, Vector3::from),
-            accel_gain: self.accel_gain.map_or(none.accel_gain, Vector3::from),
+            gyro_gain: or(self.gyro_gain, none.gyro_gain),
+            accel_bias_m_s2: or(self.accel_bias_m_s2, none.accel_bias_m_s2),
+            accel_gain: or(self.accel_gain, none.accel_gain),
         }
     }
+}
+
+impl ImuCalibration {
+    /// Checks that a file may hold it.
+    ///
+    /// # Errors
+    /// [`CalibrationError::Value`] with the key that is out of its range.
+    pub fn check(&self) -> Result<(), CalibrationError> {
+        let refuse = |key, value: String, must| {
+            Err(CalibrationError::Value {
+                channel: "IMU",
+                number: self.imu,
+                key,
+                value,
+                must,
+            })
+        };
+        if !(1..=IMUS).contains(&self.imu) {
+            return refuse("id", self.imu.to_string(), "1 to 4");
+        }
+        let correction_rad = &self.fit.correction_rad;
+        let off_rad = correction_rad.norm();
+        if off_rad.is_nan() || off_rad >= CORRECTION_MAX_RAD {
+            let shown = shown(correction_rad, 1f64.to_degrees());
+            return refuse(
+                "correction_deg",
+                shown,
+                "a rotation vector of less than 5.7 degrees",
+            );
+        }
+        let zero = &self.zero;
+        // Value, unit of the file, what it is without an error, largest distance from that.
+        let checks = [
+            (
+                "gyro_bias_deg_s",
+                (&zero.gyro_bias_rad_s, 1f64.to_degrees()),
+                (0.0, GYRO_BIAS_MAX_RAD_S),
+                "three rates of 40 deg/s or less",
+            ),
+            (
+                "gyro_gain",
+                (&zero.gyro_gain, 1.0),
+                (1.0, GAIN_OFF_MAX),
+                "three factors between 0.8 and 1.2",
+            ),
+            (
+                "accel_bias_m_s2",
+                (&zero.accel_bias_m_s2, 1.0),
+                (0.0, ACCEL_BIAS_MAX_M_S2),
+                "three accelerations of 2 m/s2 or less",
+            ),
+            (
+                "accel_gain",
+                (&zero.accel_gain, 1.0),
+                (1.0, GAIN_OFF_MAX),
+                "three factors between 0.8 and 1.2",
+            ),
+        ];
+        for (key, (value, per_unit), (without, most), must) in checks {
+            if !within(&value.map(|x| x - without).into(), most) {
+                return refuse(key, shown(value, per_unit), must);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Three numbers in the unit of the file, for a message.
+fn shown(value: &Vector3<f64>, per_unit: f64) -> String {
+    let of: [f64; 3] = value.map(|x| tidy(x * per_unit)).into();
+    format!("{of:?}")
 }
 
 #[cfg(test)]
@@ -443,6 +474,7 @@ mod tests {
             }],
             imus: vec![ImuCalibration {
                 imu: 2,
+                date: "2024-05-02".into(),
                 fit: MountingFit {
                     correction_rad: Vector3::new(1e-3, -2e-3, 3e-3),
                     residual_rad: 1e-4,
@@ -450,6 +482,7 @@ mod tests {
                 },
                 zero: ImuZero {
                     gyro_bias_rad_s: Vector3::new(0.3, -0.1, 0.0),
+                    gyro_gain: Vector3::new(1.0, 1.01, 0.97),
                     accel_bias_m_s2: Vector3::new(0.4, 0.2, 0.7),
                     accel_gain: Vector3::new(1.02, 0.99, 1.0),
                 },

@@ -18,7 +18,7 @@ pub mod faults;
 mod file;
 pub mod filter;
 pub mod imu;
-pub mod mounting;
+pub mod imu_fit;
 mod noise;
 pub mod platform;
 pub mod registration;
@@ -26,6 +26,7 @@ mod repeats;
 pub mod score;
 mod shape;
 pub mod spring;
+mod wiring;
 
 use nalgebra::UnitQuaternion;
 
@@ -39,11 +40,12 @@ use platform::{LEGS, Segment};
 use repeats::{Frozen, RawLength, Repeats};
 pub use shape::shape_by_sensors;
 use spring::SpringReading;
+use wiring::Wiring;
 
 use crate::robot::RobotSpec;
 use crate::signal::{
     BOARDS, CHAMBERS, ChannelHealth, Health, IMUS, ImuRaw, Pose, RawFrame, SIGNALS, SPRINGS,
-    SensorFrame, SensorVec, UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
+    SensorFrame, SensorVec, Swap, UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
 };
 
 /// Gauge pressures outside of this are not pressures, Pa (a gauge cannot read below vacuum).
@@ -78,12 +80,17 @@ const RATE_GAIN: f64 = 0.003;
 const FORCE_GAIN: f64 = 0.01;
 /// An orientation is found when its standard deviation is below this, rad, and a position below that, m.
 pub const FOUND_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
+/// Beyond the springs' range by this, a reconstructed length is none, m.
+const BEYOND_M: f64 = 8e-3;
 /// See [`FOUND_RAD`].
 pub const FOUND_M: f64 = 6e-3;
 /// A spring that is named as faulty is stuck when it moved by less than this share of what it should have.
 const STUCK_SHARE: f64 = 0.25;
 /// Least way for that, m.
 const STUCK_WAY_M: f64 = 1e-3;
+
+/// Pads that turn faster than this are not compared at rest, rad/s.
+const SLOW_RAD_S: f64 = 0.35;
 
 /// What the estimator still needs before the pads' poses are known.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,6 +151,7 @@ pub struct Sensing {
     blows: [u32; 2],
     ways: [Option<Ways>; SPRINGS],
     nis: [f64; SPRINGS + IMUS],
+    wiring: Wiring,
     since_judged_s: f64,
     judged: usize,
     chamber_pa: [f64; CHAMBERS],
@@ -182,6 +190,7 @@ impl Sensing {
             blows: [0; 2],
             ways: [None; SPRINGS],
             nis: [1.0; SPRINGS + IMUS],
+            wiring: Wiring::default(),
             since_judged_s: 0.0,
             judged: 0,
             chamber_pa: [0.0; CHAMBERS],
@@ -230,6 +239,11 @@ impl Sensing {
         &self.faults
     }
 
+    /// Plugs or boards that are exchanged.
+    pub fn wiring(&self) -> Option<Swap> {
+        self.wiring.verdict()
+    }
+
     /// The estimator.
     pub fn filter(&self) -> &Filter {
         &self.filter
@@ -266,6 +280,7 @@ impl Sensing {
         let mut now = self.read(frame, &board);
         self.estimate(dt_s, frame, &mut now);
         self.judge(dt_s, &now);
+        self.watch_wiring(frame, &now);
         self.orient(dt_s, frame, &mut now);
         let health = self.health(frame, &board, &now);
         let out = self.frame(frame, health);
@@ -366,7 +381,7 @@ impl Sensing {
                 return;
             }
             self.filter.start(&readings[..n]);
-            self.has_started = true;
+            self.has_started = self.filter.is_sane();
             self.gated = [0; SPRINGS + IMUS];
             self.nis = [1.0; SPRINGS + IMUS];
             return;
@@ -398,6 +413,11 @@ impl Sensing {
             self.blows = [0; 2];
         }
         self.take(dt_s, now, &beyond);
+        if !self.filter.is_sane() {
+            self.filter = Filter::new(&self.spec, &self.calibration);
+            self.faults = Faults::default();
+            self.has_started = false;
+        }
     }
 
     /// Innovations of forces and rates of the IMU of a pad that is surprised least: mean square per axis, and its part
@@ -553,6 +573,23 @@ impl Sensing {
         }
     }
 
+    /// Looks for exchanged plugs, once the hypotheses have been compared, while the arm moves slowly.
+    fn watch_wiring(&mut self, frame: &RawFrame, now: &Frame) {
+        let slow = self.filter.pads.iter().all(|p| p.rate.norm() < SLOW_RAD_S);
+        if self.since_judged_s > 0.0 || !slow {
+            return;
+        }
+        let mut length_m = [0.0; SPRINGS];
+        for (length_m, reading) in length_m.iter_mut().zip(&now.readings) {
+            let Some(Reading::Length { value_m, .. }) = reading else {
+                return;
+            };
+            *length_m = *value_m;
+        }
+        self.wiring
+            .observe(frame, &length_m, &self.spec, &self.calibration);
+    }
+
     /// Orientation of each pad by its IMUs alone, with the estimator's heading.
     fn orient(&mut self, dt_s: f64, frame: &RawFrame, now: &mut Frame) {
         let pads = self.filter.poses();
@@ -644,7 +681,9 @@ impl Sensing {
                 return reading_m + lag_s * rate_m_s;
             }
             let sd_m = (self.filter.variance(&row) + more).max(0.0).sqrt();
-            if !self.has_started || !sd_m.is_finite() || sd_m >= UNKNOWN_M {
+            let [low_m, high_m] = self.spec.spring.range_m;
+            let possible = (low_m - BEYOND_M..high_m + BEYOND_M).contains(&expected_m);
+            if !self.has_started || !possible || !sd_m.is_finite() || sd_m >= UNKNOWN_M {
                 extra_sigma[i] = UNKNOWN_M;
                 return self.good_m[i].unwrap_or(self.rest_m[i]);
             }

@@ -12,7 +12,7 @@
 //! | R, t | upper from lower |
 //! | d_i | t + R b_i − a_i, so that l_i = |d_i| |
 
-use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 
 use super::calibration::Calibration;
 use crate::robot::RobotSpec;
@@ -31,6 +31,9 @@ const TURN_WEIGHT: f64 = 1.0 / (ROTATION_SIGMA_RAD * LEVER_M * ROTATION_SIGMA_RA
 /// A step is cut to this size, m.
 const STEP_MAX_M: f64 = 0.03;
 const ITERATIONS_MAX: usize = 25;
+
+/// Rotation error per length error, rad/m: rows of the inverse Jacobian.
+pub type RotationPerLength = SMatrix<f64, 3, LEGS>;
 
 /// The six legs of one segment.
 #[derive(Clone, Debug)]
@@ -117,6 +120,13 @@ impl Segment {
             j.fixed_view_mut::<1, 3>(i, 3).copy_from(&turn.transpose());
         }
         j
+    }
+
+    /// Sensitivity of the rotation found from six lengths to each length; `None` where the
+    /// platform is singular.
+    pub fn rotation_per_length(&self, upper_from_lower: &Pose) -> Option<RotationPerLength> {
+        let inverse = self.jacobian(upper_from_lower).try_inverse()?;
+        Some(inverse.fixed_view::<3, LEGS>(3, 0) / LEVER_M)
     }
 }
 

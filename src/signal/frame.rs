@@ -157,6 +157,17 @@ impl Health {
     }
 }
 
+/// Plugs that are exchanged; indices are 0-based.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Swap {
+    /// The boards of the two segments.
+    Boards,
+    /// Two springs of one segment.
+    Springs(usize, usize),
+    /// Two IMUs of one pad.
+    Imus(usize, usize),
+}
+
 /// Standard deviation of a length that is only held, m.
 pub const UNKNOWN_M: f64 = 0.02;
 /// Standard deviation of an angle that is only held, rad.

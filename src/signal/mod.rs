@@ -23,7 +23,7 @@ pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, Sens
 pub use dataset::{Dataset, Sample};
 pub use exactly::exactly;
 pub use frame::{
-    BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, UNKNOWN_M,
+    BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, Swap, UNKNOWN_M,
     UNKNOWN_RAD, board_of_spring, spring_name,
 };
 pub use hex::hex;

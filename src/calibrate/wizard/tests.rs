@@ -92,15 +92,8 @@ fn nothing_captured_leads_to_the_end_and_changes_nothing() {
 fn imus_captured(w: &mut Wizard) {
     let base = w.base();
     w.imus.begin([true; IMUS], &RobotSpec::reference(), &base);
-    for take in &mut w.imus.imus {
-        for k in 0..400 {
-            let turn = 0.1 * f64::from(k);
-            let axis = nalgebra::Vector3::new(-turn.sin(), turn.cos(), 0.0);
-            let lean = nalgebra::UnitQuaternion::from_scaled_axis(axis * 0.15);
-            take.add(lean, lean);
-        }
-    }
-    w.imus.finish();
+    fixture::rest_and_motion(&mut w.imus, std::f64::consts::TAU);
+    assert!(!w.imus.running(), "complete");
 }
 
 #[test]

@@ -99,6 +99,7 @@ fn save(a: &SpringsArgs, mut fresh: Calibration) -> Result<()> {
             )
         })?;
         fresh.imus = old.imus;
+        fresh.base_tilt_rad = old.base_tilt_rad;
         fresh.rig = old.rig;
     }
     fresh.rig = a.arm.or(fresh.rig);

@@ -277,7 +277,8 @@ fn a_full_calibration_with_one_spring_redone_is_saved_and_used() {
     assert!(same(b.runner.twin.calibration(), &b.wizard().draft()));
 
     b.press("● Capture all four IMUs");
-    b.press("▶ Circle slowly to all sides");
+    b.pass(6.0);
+    b.press("▶ Move slowly to all sides");
     b.pass(50.0);
     b.shoot("3-imus-open");
     b.until("IMUs", 150.0, |w| !w.imus.running());

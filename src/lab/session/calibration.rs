@@ -1,8 +1,10 @@
-//! Calibration of a unit's springs: the shipped one for the unit that it belongs to, else from the unit's own bench.
+//! Calibration of a unit: the shipped one for the unit that it belongs to, else springs from the unit's own bench and
+//! IMUs from a motion of its own.
 
+use super::imus::calibrate_imus;
 use super::plan::SessionError;
 use crate::calibrate::bench::{PracticeBench, draw};
-use crate::rig::Unit;
+use crate::rig::{RigOptions, Unit};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::calibrate;
@@ -11,15 +13,31 @@ use crate::signal::SPRINGS;
 /// Runs of the bench for springs that a fit refuses, the first one included.
 const RUNS: usize = 3;
 
-/// The calibration of `unit`. IMUs other than those of the shipped calibration keep their nominal mounting.
+/// Seed of the motion that calibrates the IMUs: no study moves a rig with it.
+const IMUS_SEED: u64 = 90;
+
+/// The calibration of `unit`: springs, IMUs and the base's tilt.
 ///
 /// # Errors
-/// [`SessionError::Bench`] when a spring is refused in every run of the bench.
+/// [`SessionError`] when a spring is refused in every run of the bench, or an IMU after its motion.
 pub fn calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
     let shipped_for = RobotSpec::reference().base_hash;
     if unit == Unit::default() && robot.base_hash == shipped_for {
         return Ok(Calibration::virtual_rig());
     }
+    let options = RigOptions {
+        unit,
+        seed: IMUS_SEED,
+        ..RigOptions::default()
+    };
+    calibrate_imus(robot, springs_of(robot, unit)?, &options)
+}
+
+/// The springs of `unit` from its own bench.
+///
+/// # Errors
+/// [`SessionError::Bench`] when a spring is refused in every run of the bench.
+pub(super) fn springs_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
     let failed = |reason: String| SessionError::Bench {
         specimen: unit.0,
         reason,
@@ -61,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_unit_has_twelve_springs_of_its_own() {
+    fn every_unit_has_springs_and_imus_of_its_own() {
         let robot = RobotSpec::reference();
         let of = |unit| calibration_of(&robot, Unit(unit)).expect("calibrates");
         assert_eq!(of(1), Calibration::virtual_rig());
@@ -70,6 +88,7 @@ mod tests {
             assert_eq!(c.uncovered(), [] as [usize; 0], "unit {unit}");
             assert_eq!(c, of(unit));
             assert_ne!(c.springs, of(1).springs);
+            assert_eq!(c.imus.len(), crate::signal::IMUS, "unit {unit}");
         }
     }
 }

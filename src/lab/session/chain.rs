@@ -54,7 +54,7 @@ impl<'a> Specimen<'a> {
     /// Specimen `number` of `robot`'s rig, calibrated.
     ///
     /// # Errors
-    /// [`SessionError::Bench`] when its springs cannot be calibrated.
+    /// [`SessionError`] when its springs or IMUs cannot be calibrated.
     pub fn new(robot: &'a RobotSpec, number: u64) -> Result<Self, SessionError> {
         let unit = Unit(number);
         Ok(Self {

@@ -18,6 +18,7 @@ mod calibration;
 mod capture;
 mod chain;
 pub mod excitation;
+mod imus;
 mod plan;
 #[cfg(test)]
 mod tests;
@@ -25,6 +26,7 @@ mod tests;
 pub use calibration::calibration_of;
 pub use chain::{REST_S, Specimen, changes_with_time};
 pub use excitation::{Drive, Excitation};
+pub use imus::calibrate_imus;
 pub use plan::{Session, SessionError, SessionPlan};
 
 use crate::recording::SessionLog;

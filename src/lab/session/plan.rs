@@ -107,6 +107,14 @@ pub enum SessionError {
         /// Message of the bench or of the fit.
         reason: String,
     },
+    /// The IMUs of the specimen cannot be calibrated.
+    #[error("the IMUs of specimen {specimen} cannot be calibrated: {reason}")]
+    Imus {
+        /// The specimen.
+        specimen: u64,
+        /// Message of the fit.
+        reason: String,
+    },
     /// The rig cannot be set up.
     #[error("the rig cannot be set up: {0}; hide less, or take another specimen")]
     Rig(String),

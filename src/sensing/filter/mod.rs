@@ -50,6 +50,9 @@ const JUMP: usize = SPRING + SPRINGS;
 /// Number of states.
 pub const STATES: usize = JUMP + SPRINGS;
 
+/// No pad is farther from the base than this, m.
+const FARTHEST_M: f64 = 2.0;
+
 /// Standard gravity, m/s².
 pub const G_M_S2: f64 = 9.806_65;
 
@@ -263,6 +266,16 @@ impl Filter {
     /// Poses of the middle and the end pad, base from pad.
     pub fn poses(&self) -> [Pose; PADS] {
         self.pads.each_ref().map(|p| p.pose)
+    }
+
+    /// Whether everything is finite, and the uncertainties are.
+    pub fn is_sane(&self) -> bool {
+        let pads = self.pads.iter().all(|p| {
+            let place = p.pose.translation.vector.norm();
+            place.is_finite() && place < FARTHEST_M && p.pose.rotation.coords.norm().is_finite()
+        });
+        let known = (0..STATES).all(|k| self.covariance[k][k] >= 0.0);
+        pads && known
     }
 
     /// Bias of a gyro, rad/s.
@@ -682,12 +695,6 @@ impl Filter {
         })
     }
 
-    pub fn jump_dbg(&self, i: usize) -> (f64, f64) {
-        (self.jump_m[i], self.covariance[JUMP + i][JUMP + i])
-    }
-    pub fn bias_dbg(&self, c: Channel) -> Vec<f64> {
-        self.biases_of(c).map(|k| self.bias(k)).collect()
-    }
     fn bias(&self, state: usize) -> f64 {
         match state {
             GYRO..ACCEL => self.gyro_bias[(state - GYRO) / 3][(state - GYRO) % 3],
@@ -811,7 +818,7 @@ impl Filter {
 }
 
 /// Change of the prior of one bias.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Flip {
     /// The state.
     pub state: usize,

@@ -1,4 +1,4 @@
-//! The IMUs: live capture while the arm moves slowly to all sides.
+//! The IMUs: live capture of a rest, then of slow motion to all sides.
 
 use std::f32::consts::TAU;
 
@@ -6,7 +6,9 @@ use egui::{Button, Mesh, Pos2, RichText, Role, Sense, Stroke, Ui, WidgetInfo, po
 
 use super::springs::left_card;
 use super::{CalibrateState, capture_gate, motion};
-use crate::calibrate::imus::{ImuTake, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict};
+use crate::calibrate::imus::{
+    ImuTake, Phase, REST_S, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict,
+};
 use crate::calibrate::{Wizard, motion::all_sides};
 use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::imu_name;
@@ -17,7 +19,7 @@ use crate::signal::IMUS;
 use crate::twin::Command;
 
 /// Outer ring of the disc, rad.
-const DISC_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+const DISC_RAD: f64 = 40.0 * std::f64::consts::PI / 180.0;
 
 /// At most so many dots are drawn per disc.
 const DOTS: usize = 300;
@@ -59,11 +61,12 @@ fn controls(
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
 ) {
-    ui.heading("Capture the mountings of the IMUs");
+    ui.heading("Capture the IMUs");
     ui.label(format!(
-        "While the arm moves slowly to all sides, each pad's orientation by the springs is compared with that of its \
-         IMUs. An IMU is done after {SAMPLES_NEEDED} samples with the pad tilted by {:.0}° to {SECTORS_NEEDED} of \
-         {SECTORS} sides; about a minute and a half.",
+        "First the arm rests for {REST_S:.0} s: the gyros are zeroed. Then it moves slowly to all sides: mountings, \
+         accelerometers and the base's tilt follow from the pads' orientations by the springs. An IMU is done after \
+         {SAMPLES_NEEDED} samples with the pad tilted by {:.0}° to {SECTORS_NEEDED} of {SECTORS} sides; about two \
+         minutes.",
         TILT_RAD.to_degrees()
     ));
     ui.add_space(4.0);
@@ -78,14 +81,20 @@ fn controls(
         if gated(ui, &Ok(()), finish, hover).clicked() {
             wizard.imus.finish();
         }
-        match wizard.imus.settling_s() {
+        match wizard.imus.phase() {
             _ if !live.snapshot.link.connected => note(ui, "◌ Paused until the boards answer."),
-            Some(s) if s > 0.0 => note(ui, format!("◌ The filters settle: {s:.0} s more.")),
-            Some(_) => note(ui, "◌ Capturing: it ends by itself when every IMU is done."),
-            None => note(ui, "◌ Waiting for frames."),
+            Phase::Rest(_, Some(why)) => note(ui, format!("◌ No rest yet: {why}.")),
+            Phase::Rest(left_s, None) => {
+                note(ui, format!("◌ Hold the arm still: {left_s:.0} s more."))
+            }
+            Phase::Motion => note(
+                ui,
+                "◌ Gyros zeroed. Move the arm: it ends by itself when every IMU is done.",
+            ),
+            Phase::Idle => note(ui, "◌ Waiting for frames."),
         };
     } else {
-        let hover = "Compare springs and IMUs from now on; what was captured is replaced";
+        let hover = "Zero the gyros, then compare springs and IMUs; what was captured is replaced";
         let begin = Button::new("● Capture all four IMUs").min_size(wide);
         if gated(ui, &gate, begin, hover).clicked() {
             let base = wizard.base();
@@ -95,15 +104,25 @@ fn controls(
     ui.separator();
     note(
         ui,
-        "The arm has to move; the button, or any motion from Operate:",
+        "After the rest the arm has to move; the button, or any motion from Operate:",
     );
     let label = [
-        "▶ Circle slowly to all sides",
-        "▶ Circle slowly to all sides (hold 0.8 s)",
+        "▶ Move slowly to all sides",
+        "▶ Move slowly to all sides (hold 0.8 s)",
     ];
     let plan = all_sides();
-    motion::button(ui, live, label, plan, &mut state.hold, commands);
+    match wizard.imus.phase() {
+        Phase::Rest(..) => {
+            note(ui, "◌ The arm rests first.");
+        }
+        Phase::Idle | Phase::Motion => {
+            motion::button(ui, live, label, plan, &mut state.hold, commands);
+        }
+    }
     motion::under_way(ui, live);
+    for sentence in wizard.imus.not_determined() {
+        note(ui, format!("○ {sentence}."));
+    }
     let captured = wizard
         .imus
         .imus
@@ -112,7 +131,7 @@ fn controls(
     if captured && !wizard.imus.running() {
         ui.separator();
         let button = Button::new("Discard the captures and skip").min_size(wide);
-        let hover = "Forget what was captured of all IMUs; the former mountings are kept";
+        let hover = "Forget what was captured of all IMUs; their former calibration is kept";
         if gated(ui, &Ok(()), button, hover).clicked() {
             wizard.imus = Default::default();
         }
@@ -122,7 +141,7 @@ fn controls(
         let name = &wizard.before.name;
         note(
             ui,
-            format!("Nothing captured: Next keeps the mountings of “{name}”."),
+            format!("Nothing captured: Next keeps the IMUs of “{name}”."),
         );
     }
 }
@@ -153,15 +172,15 @@ fn imu(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, i: usize) {
             if let Verdict::Pass(fit) = &verdict {
                 ui.label(format!(
                     "{}° off nominal",
-                    number(fit.correction_rad.norm().to_degrees(), 2)
+                    number(fit.entry.fit.correction_rad.norm().to_degrees(), 2)
                 ))
-                .on_hover_text("Angle of the correction to the mounting in use, degrees");
+                .on_hover_text("Angle of the mounting to the nominal one, degrees");
                 ui.label(format!(
                     "{}° residual",
-                    number(fit.residual_rad.to_degrees(), 2)
+                    number(fit.entry.fit.residual_rad.to_degrees(), 2)
                 ))
                 .on_hover_text(
-                    "Root mean square of the angle between springs and IMU after the fit, degrees",
+                    "Root mean square of the angle between gravity by the springs and by the IMU after the fit, degrees",
                 );
             }
             let response = gated(
@@ -220,9 +239,10 @@ fn disc(ui: &mut Ui, take: &ImuTake, i: usize) {
         painter.line_segment([at(turn, inner), at(turn, 1.0)], Stroke::new(1.0, p.line));
     }
     for [x, y] in take
-        .tilts_rad
+        .capture
+        .tilts_rad()
         .iter()
-        .step_by(1 + take.tilts_rad.len() / DOTS)
+        .step_by(1 + take.capture.tilts_rad().len() / DOTS)
     {
         let scale = f64::from(radius) / DISC_RAD;
         let dot = pos2(center.x + (x * scale) as f32, center.y - (y * scale) as f32);
@@ -232,7 +252,7 @@ fn disc(ui: &mut Ui, take: &ImuTake, i: usize) {
     let text = format!("IMU {}: pad tilted to {full} of {SECTORS} sides", i + 1);
     response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
     response.on_hover_text(format!(
-        "{text}. x of the base to the right, y up; rings at {:.0}°, 10° and 20°",
+        "{text}. x of the base to the right, y up; rings at {:.0}°, 20° and 40°",
         TILT_RAD.to_degrees()
     ));
 }

@@ -22,7 +22,7 @@ pub fn button(
         return false;
     };
     let gate = view.motion();
-    let hover = "The arm moves at 5 mm/s";
+    let hover = "The arm moves at 8 mm/s or less";
     let size = vec2(ui.available_width(), 30.0);
     let fire = Fire { now, hold, hover };
     if !state.button(ui, view, &gate, &fire, size) {

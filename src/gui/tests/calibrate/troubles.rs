@@ -19,7 +19,7 @@ fn a_disconnect_keeps_the_captures_and_capturing_goes_on_afterwards() {
     let held = samples(&b);
     b.pass(2.0);
     b.h.get_by_label_contains("Paused: the boards do not answer.");
-    assert!(is_disabled(&b.h, "▶ Circle slowly to all sides"));
+    assert!(is_disabled(&b.h, "▶ Move slowly to all sides"));
     assert_eq!(samples(&b), held);
     assert_eq!(spring_points(b.wizard()), points);
     b.shoot("7-disconnected");
@@ -32,7 +32,7 @@ fn a_disconnect_keeps_the_captures_and_capturing_goes_on_afterwards() {
     assert!(b.h.query_by_label_contains("Paused: the boards").is_none());
     b.press("Reset");
     b.pass(14.0);
-    assert!(!is_disabled(&b.h, "▶ Circle slowly to all sides"));
+    assert!(!is_disabled(&b.h, "▶ Move slowly to all sides"));
     let after = samples(&b);
     assert!(
         after.iter().zip(held).all(|(a, h)| *a > h + 20),
@@ -114,6 +114,6 @@ fn hardware_is_not_moved_before_it_is_armed_and_a_length_by_hand_is_captured() {
     s.mode = Mode::Disarmed;
     twin.publish(s);
     h.run_steps(2);
-    assert!(is_disabled(&h, "▶ Circle slowly to all sides (hold 0.8 s)"));
+    assert!(is_disabled(&h, "▶ Move slowly to all sides (hold 0.8 s)"));
     assert_eq!(twin.taken(), []);
 }
