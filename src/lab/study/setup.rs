@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bound::{SensorNoise, cramer_rao};
 use crate::drive::model;
-use crate::lab::motions::{Moment, Motion, Push, Sent, each_sent, motion};
+use crate::lab::motions::{Arm, Moment, Motion, Push, Sent, each_sent, motion};
 use crate::lab::units::{self, Lab, side_by_side};
 use crate::lab::{Progress, go_on, threads};
 use crate::learn::{
@@ -263,7 +263,7 @@ impl Setup {
         let robot = &self.robot;
         let made = side_by_side(&missing, |m| {
             let mut tape = Vec::new();
-            each_sent(robot, m, rings, &mut |sent| tape.push(sent))?;
+            each_sent(robot, m, &Arm::of_rings(rings), &mut |sent| tape.push(sent))?;
             Ok((*m, Arc::new(tape)))
         })?;
         self.tapes.extend(made);

@@ -6,7 +6,7 @@ use super::groups::Results;
 use super::motion_seed;
 use super::outages::{Outage, Watch, When, note, rows};
 use super::spoil::drop_channel;
-use crate::lab::motions::{Motion, each_sent};
+use crate::lab::motions::{Arm, Motion, each_sent};
 use crate::lab::study::item::Found;
 use crate::lab::study::setup::Setup;
 use crate::lab::units::{ALL, side_by_side};
@@ -33,7 +33,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
         let spring = (5 * lab.unit.0 as usize) % SPRINGS;
         let mut healthy = (sensing_for(robot, &lab.calibration), Watch::new(0.0));
         let mut out = (sensing_for(robot, &lab.calibration), Watch::new(0.0));
-        each_sent(robot, motion, RINGS, &mut |sent| {
+        each_sent(robot, motion, &Arm::of_rings(RINGS), &mut |sent| {
             let mut raw = sent.raw.clone();
             drop_channel(&mut raw, spring);
             for ((sensing, watch), raw) in [(&mut healthy, &sent.raw), (&mut out, &raw)] {

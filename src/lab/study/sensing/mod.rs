@@ -8,11 +8,13 @@ mod clocks;
 mod groups;
 mod healthy;
 mod hour;
+mod inertial;
 mod offsets;
 mod outages;
 mod returns;
 mod spoil;
 mod watch;
+mod wiring;
 
 use std::ops::Range;
 
@@ -37,9 +39,12 @@ pub const SENSING: Study = Study {
 /// A case finds its rows.
 type Case = fn(&mut Setup) -> Result<Found>;
 
-const CASES: [Case; 11] = [
+const CASES: [Case; 14] = [
     healthy::find,
     clocks::find,
+    wiring::find,
+    inertial::as_delivered,
+    inertial::off_level,
     |setup| outages::find(setup, Out::Springs, When::AtStart),
     |setup| outages::find(setup, Out::Springs, When::Running),
     hour::find,

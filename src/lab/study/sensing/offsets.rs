@@ -205,9 +205,9 @@ fn healthy_rows(found: &mut Found, label: &str, results: &Results<Verdicts>) {
 }
 
 /// Labs and tapes of all units.
-type Units = (Vec<Arc<Lab>>, Vec<Arc<Vec<Sent>>>);
+pub(super) type Units = (Vec<Arc<Lab>>, Vec<Arc<Vec<Sent>>>);
 
-fn units(setup: &mut Setup) -> Result<Units> {
+pub(super) fn units(setup: &mut Setup) -> Result<Units> {
     let labs = setup.labs(&ALL)?;
     let motions: Vec<Motion> = labs.iter().map(|l| faults_motion(setup, l.unit)).collect();
     let tapes = setup.tapes(&motions, RINGS)?;
