@@ -9,6 +9,9 @@ use rand::Rng as _;
 
 use super::session::calibration_of;
 use crate::drive::rig_options;
+use crate::rig::hidden::Hidden;
+use crate::rig::inertial::InertialErrors;
+use crate::rig::multibody::arm::RINGS;
 use crate::rig::{PHYSICS_STEP_S, RigOptions, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
@@ -183,7 +186,7 @@ pub fn motion(
 ) -> Result<Vec<Moment>> {
     let mut sensing = sensing_for(robot, calibration);
     let mut out = Vec::new();
-    drive(robot, m, &mut |rig, t_s, mut raw, keep| {
+    drive(robot, m, &Arm::default(), &mut |rig, t_s, mut raw, keep| {
         spoil(t_s, &mut raw);
         let frame = sensing.update(&raw);
         if keep && raw.seq % EVERY == 0 {
@@ -210,7 +213,7 @@ pub fn session(
     let mut sensing = sensing_for(robot, calibration);
     let every = (1.0 / (rows_1_s * PHYSICS_STEP_S)).round().max(1.0) as u32;
     let mut out = Vec::new();
-    drive(robot, m, &mut |rig, _, raw, keep| {
+    drive(robot, m, &Arm::default(), &mut |rig, _, raw, keep| {
         let frame = sensing.update(&raw);
         if keep && raw.seq % every == 0 && !frame.is_blind() {
             out.push(Sample {
@@ -229,13 +232,80 @@ pub fn session(
 /// Takes the rig, the time from the start of the motion (s), a frame, and whether the frame is one to be kept.
 type Each<'a> = dyn FnMut(&mut VirtualRig, f64, RawFrame, bool) + 'a;
 
+/// A frame as the boards send it, with the true poses at its time.
+#[derive(Clone)]
+pub struct Sent {
+    /// When, s from the start of the motion; negative during the rest before it.
+    pub t_s: f64,
+    /// The frame.
+    pub raw: RawFrame,
+    /// Whether it belongs to what the motion's disturbance is about (see [`Push`]).
+    pub is_scored: bool,
+    /// Top, middle and end pad as they were.
+    pub base_from_pad: [Pose; 3],
+}
+
+/// Arm of a motion.
+#[derive(Clone, Debug)]
+pub struct Arm {
+    /// Rings per segment.
+    pub rings: usize,
+    /// Errors of the IMUs.
+    pub inertial: InertialErrors,
+    /// What is hidden.
+    pub hidden: Vec<Hidden>,
+}
+
+impl Default for Arm {
+    fn default() -> Self {
+        Self::of_rings(RINGS)
+    }
+}
+
+impl Arm {
+    /// An arm with so many rings per segment and usual IMUs.
+    pub fn of_rings(rings: usize) -> Self {
+        Self {
+            rings,
+            inertial: InertialErrors::default(),
+            hidden: Vec::new(),
+        }
+    }
+
+    /// Options of a rig that carries out `m`.
+    pub fn options(&self, m: &Motion) -> RigOptions {
+        RigOptions {
+            unit: m.unit,
+            inertial: self.inertial.clone(),
+            hidden: self.hidden.clone(),
+            ..rig_options(m.payload_kg, m.seed)
+        }
+    }
+}
+
+/// Moves a unit and hands over every frame that its boards send.
+///
+/// # Errors
+/// As [`motion`].
+pub fn each_sent(
+    robot: &RobotSpec,
+    m: &Motion,
+    arm: &Arm,
+    each: &mut dyn FnMut(Sent),
+) -> Result<()> {
+    drive(robot, m, arm, &mut |rig, t_s, raw, is_scored| {
+        each(Sent {
+            t_s,
+            raw,
+            is_scored,
+            base_from_pad: rig.plant.truth().base_from_pad,
+        });
+    })
+}
+
 /// Moves a rig and hands over every frame.
-fn drive(robot: &RobotSpec, m: &Motion, each: &mut Each<'_>) -> Result<()> {
-    let options = RigOptions {
-        unit: m.unit,
-        ..rig_options(m.payload_kg, m.seed)
-    };
-    let mut rig = VirtualRig::new(robot, &options)?;
+fn drive(robot: &RobotSpec, m: &Motion, arm: &Arm, each: &mut Each<'_>) -> Result<()> {
+    let mut rig = VirtualRig::of_rings(robot, &arm.options(m), arm.rings)?;
     let mut rng = sample_rng(m.seed, 0x7a7);
     let plan = Model::nominal(robot);
     let mut waypoint = || -> [f64; CHAMBERS] {

@@ -1,10 +1,10 @@
 //! The list of studies.
 
 use super::item::Study;
-use super::{conditions, control, coverage, faults, heading, networks, samples};
+use super::{conditions, control, coverage, faults, heading, networks, samples, sensing};
 
 /// All studies, in the order of the report.
-pub static STUDIES: [Study; 21] = [
+pub static STUDIES: [Study; 22] = [
     networks::MODALITY,
     networks::LAYERS,
     networks::S2R_WIDTH,
@@ -18,6 +18,7 @@ pub static STUDIES: [Study; 21] = [
     faults::FAULTS,
     coverage::COVERAGE,
     heading::HEADING,
+    sensing::SENSING,
     control::TUNING,
     control::CIRCLE,
     control::EIGHT,

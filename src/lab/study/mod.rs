@@ -24,6 +24,7 @@ mod report;
 mod run;
 mod samples;
 mod scores;
+mod sensing;
 mod setup;
 
 pub use item::{Figures, Found, Study};

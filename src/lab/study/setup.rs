@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bound::{SensorNoise, cramer_rao};
 use crate::drive::model;
-use crate::lab::motions::{Moment, Motion, Push, motion};
+use crate::lab::motions::{Arm, Moment, Motion, Push, Sent, each_sent, motion};
 use crate::lab::units::{self, Lab, side_by_side};
 use crate::lab::{Progress, go_on, threads};
 use crate::learn::{
@@ -75,7 +75,11 @@ pub struct Setup {
     paper_way: BTreeMap<u64, Arc<Cascade>>,
     labs: BTreeMap<u64, Arc<Lab>>,
     runs: Vec<(Motion, Run)>,
+    tapes: Vec<(Motion, Tape)>,
 }
+
+/// Every frame of a motion.
+pub(super) type Tape = Arc<Vec<Sent>>;
 
 impl Setup {
     pub(super) fn new(
@@ -95,6 +99,7 @@ impl Setup {
             paper_way: BTreeMap::new(),
             labs: BTreeMap::new(),
             runs: Vec::new(),
+            tapes: Vec::new(),
         })
     }
 
@@ -248,6 +253,24 @@ impl Setup {
         Ok(wanted
             .iter()
             .filter_map(|(m, _)| known(&self.runs, m))
+            .collect())
+    }
+
+    /// Every frame of these motions, of arms with `rings` rings per segment; each motion is made once.
+    pub(super) fn tapes(&mut self, wanted: &[Motion], rings: usize) -> Result<Vec<Tape>> {
+        let mut missing = wanted.to_vec();
+        missing.retain(|m| self.tapes.iter().all(|(known, _)| known != m));
+        let robot = &self.robot;
+        let made = side_by_side(&missing, |m| {
+            let mut tape = Vec::new();
+            each_sent(robot, m, &Arm::of_rings(rings), &mut |sent| tape.push(sent))?;
+            Ok((*m, Arc::new(tape)))
+        })?;
+        self.tapes.extend(made);
+        let find = |m: &Motion| self.tapes.iter().find(|(known, _)| known == m);
+        Ok(wanted
+            .iter()
+            .filter_map(|m| find(m).map(|(_, tape)| tape.clone()))
             .collect())
     }
 
