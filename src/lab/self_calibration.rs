@@ -33,6 +33,8 @@ pub struct TipError {
     pub networks_deg: f64,
     /// Largest by springs and IMUs.
     pub sensors_worst_mm: f64,
+    /// Mean square error of both pads in units of the stated covariance; 1 where that is right.
+    pub nees: f64,
 }
 
 /// A comparison on one unit.
@@ -119,6 +121,8 @@ pub fn tip_error(
         out.networks_mm += off[1][0];
         out.networks_deg += off[1][1];
         out.sensors_worst_mm = out.sensors_worst_mm.max(off[0][0]);
+        let pads = [raw.base_from_pad[1], raw.base_from_pad[2]];
+        out.nees += sensing.filter().nees(&pads).unwrap_or(f64::NAN);
         n += 1.0;
     }
     for x in [
@@ -126,6 +130,7 @@ pub fn tip_error(
         &mut out.sensors_deg,
         &mut out.networks_mm,
         &mut out.networks_deg,
+        &mut out.nees,
     ] {
         *x /= f64::max(n, 1.0);
     }

@@ -13,7 +13,7 @@ use super::{ACCELS, CONSTANTS, ENDS, GAINS, GYROS, MARKERS, MOUNTS, TILT};
 use crate::robot::RobotSpec;
 use crate::sensing::calibration::Calibration;
 use crate::sensing::filter::{G_M_S2, pad_index};
-use crate::sensing::platform::{LEGS, Segment};
+use crate::sensing::platform::{LEGS, Segment, pads};
 use crate::signal::{IMUS, Pose, SPRINGS};
 
 /// Unknowns of a frame: position and orientation of the middle and the end pad.
@@ -140,6 +140,11 @@ impl Model {
             segments,
             spec: spec.clone(),
         }
+    }
+
+    /// Middle and end pad at rest.
+    pub(super) fn rest_pads(&self) -> [Pose; 2] {
+        pads(&self.spec, &self.segments.each_ref().map(Segment::rest))
     }
 
     /// Length that spring `i` reads, m, and its row, not scaled.

@@ -234,7 +234,7 @@ fn adjust_frames(
     let last = problem.fit(&all, &free_of(&kept, with_cameras), with_cameras)?;
     let parameters = report::parameters(&problem, &whole, &last, &kept, with_cameras)?;
     Ok(Adjustment {
-        calibration: applied(calibration, &last, &kept, frames.len())?,
+        calibration: applied(&problem, calibration, &last, &kept)?,
         groups,
         parameters,
         frames: frames.len(),
@@ -246,19 +246,22 @@ fn adjust_frames(
 
 /// The calibration with these groups of a fit.
 fn applied(
+    problem: &Problem<'_>,
     calibration: &Calibration,
     fit: &Fit,
     kept: &[Group],
-    samples: usize,
 ) -> Result<Calibration, BundleError> {
     let x = &fit.state.constants;
     let three = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
     let mut out = calibration.clone();
+    let (rest, samples) = (problem.model.rest_pads(), problem.frames.len());
     if kept.contains(&Group::Ends) {
         for s in &mut out.springs {
             if let Some(i) = s.spring.checked_sub(1).filter(|i| *i < SPRINGS) {
                 s.ends_off_m[0] += three(ENDS + 6 * i);
                 s.ends_off_m[1] += three(ENDS + 6 * i + 3);
+                let known = report::length_by_ends(problem, fit, &rest, i);
+                s.ends_sd_m = known.map(|[_, sd_m, _]| sd_m);
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::solve::{Fit, Problem};
 use super::{BundleError, CONSTANTS, ENDS, GAINS, GYROS, Group, MARKERS, MOUNTS, TILT, free_of};
-use crate::signal::{IMUS, SPRINGS};
+use crate::signal::{IMUS, Pose, SPRINGS};
 
 /// A parameter is observable when the data leave less than this share of its prior.
 const OBSERVABLE: f64 = 0.7;
@@ -37,6 +37,37 @@ const BY_LENGTHS: &str = "poses from the shortest to the longest springs";
 const BY_TILTS: &str = "poses with the pads tilted in different directions";
 const BY_TURNS: &str = "poses with the end pad tilted in different directions";
 const BY_MOTION: &str = "half a minute or more without gaps of the IMU";
+
+/// Change of the length of spring `i` at a pose by its ends, m: value, and standard deviations after and before a fit.
+pub(super) fn length_by_ends(
+    problem: &Problem<'_>,
+    fit: &Fit,
+    pads: &[Pose; 2],
+    i: usize,
+) -> Option<[f64; 3]> {
+    let row = problem.model.length(&fit.state.constants, pads, i).1;
+    let ends: Vec<(usize, usize, f64)> = row
+        .constants()
+        .iter()
+        .filter(|(index, _)| Group::of(*index) == Some(Group::Ends))
+        .filter_map(|(index, by)| Some((*index, fit.column(*index)?, *by)))
+        .collect();
+    if ends.is_empty() {
+        return None;
+    }
+    let value = ends
+        .iter()
+        .map(|(index, _, by)| by * fit.state.constants[*index]);
+    let prior = ends
+        .iter()
+        .map(|(index, _, by)| (by * problem.prior[*index]).powi(2));
+    let pairs = ends.iter().flat_map(|a| ends.iter().map(move |b| (a, b)));
+    let variance: f64 = pairs
+        .map(|((_, i, a), (_, j, b))| a * b * fit.covariance[(*i, *j)])
+        .sum();
+    let sd = variance.max(0.0).sqrt() * fit.misfit().max(1.0);
+    Some([value.sum(), sd, prior.sum::<f64>().sqrt()])
+}
 
 /// Name, unit and size of the unit of a parameter.
 fn named(index: usize) -> (String, &'static str, f64) {
@@ -139,6 +170,25 @@ pub(super) fn parameters(
             kept: is_kept,
         });
     }
-    debug_assert!(out.len() >= 6 * SPRINGS);
+    let rest = problem.model.rest_pads();
+    for i in 0..SPRINGS {
+        let kept = kept.contains(&Group::Ends);
+        let Some([value, sigma, prior]) = length_by_ends(problem, whole, &rest, i) else {
+            continue;
+        };
+        let observable = sigma < OBSERVABLE * prior;
+        let closed_by = if with_cameras { BY_PLACES } else { BY_CAMERAS };
+        out.push(Parameter {
+            name: format!("spring {}, length at rest by its ends", i + 1),
+            group: Some(Group::Ends),
+            unit: "mm",
+            value: value * 1e3,
+            sigma: sigma * 1e3,
+            prior: prior * 1e3,
+            observable,
+            closed_by: (!observable).then_some(closed_by),
+            kept,
+        });
+    }
     Ok(out)
 }

@@ -50,10 +50,15 @@ impl Fit {
         (self.chi2 / self.freedom.max(1.0)).sqrt()
     }
 
+    /// Row of a constant in [`Self::covariance`]; `None` where it was not free.
+    pub fn column(&self, index: usize) -> Option<usize> {
+        self.free.iter().position(|f| *f == index)
+    }
+
     /// Standard deviation of a constant by the stated noise, or more where the fit shows more; `None` where it was not
     /// free.
     pub fn sigma(&self, index: usize) -> Option<f64> {
-        let at = self.free.iter().position(|f| *f == index)?;
+        let at = self.column(index)?;
         Some(self.covariance[(at, at)].max(0.0).sqrt() * self.misfit().max(1.0))
     }
 }

@@ -324,3 +324,56 @@ fn a_line_has_the_value_between_its_points() {
     assert!((value - 5.125).abs() < 1e-12 && (slope - 0.5).abs() < 1e-12 && sd < 1e-9);
     assert_eq!(line(&points[..5], 1.0), None);
 }
+
+#[test]
+fn lengths_for_networks_are_those_of_the_drawing() {
+    use crate::sensing::filter::Filter;
+    use crate::sensing::platform::Segment;
+    let (spec, mut calibration, _) = reference();
+    let drawn = Filter::new(&spec, &calibration);
+    assert!((0..SPRINGS).all(|i| drawn.drawing_offset_m(i) == 0.0));
+    for s in &mut calibration.springs {
+        let by = s.spring as f64 * 1e-4;
+        s.ends_off_m = [Vector3::new(by, 0.0, -2.0 * by), Vector3::new(0.0, by, by)];
+    }
+    let filter = Filter::new(&spec, &calibration);
+    for k in 0..2 {
+        // The estimator starts at rest.
+        let rest = Segment::of(&spec, k).rest();
+        let as_drawn = Segment::of(&spec, k).lengths_m(&rest);
+        let as_found = Segment::calibrated(&spec, &calibration, k).lengths_m(&rest);
+        for (leg, (drawn_m, found_m)) in as_drawn.iter().zip(as_found).enumerate() {
+            let off_m = filter.drawing_offset_m(6 * k + leg);
+            assert!(
+                (off_m - (drawn_m - found_m)).abs() < 1e-12,
+                "{k} {leg}: {off_m}"
+            );
+            assert!(off_m.abs() > 1e-5);
+        }
+    }
+}
+
+#[test]
+fn kept_groups_are_in_the_calibration_with_their_sigma() {
+    let (_, calibration, model) = reference();
+    let mut truth = drawn(&calibration, 11);
+    truth[MARKERS..].fill(0.0);
+    let frames = made(&model, 240.0, 1.0, true, &|_| truth);
+    let found = adjust_frames(&model, &calibration, &frames).expect("adjusts");
+    assert!(found.keeps_ends());
+    for (a, b) in found.calibration.springs.iter().zip(&calibration.springs) {
+        assert!(a.ends_off_m != b.ends_off_m);
+        assert!(
+            a.ends_sd_m.is_some_and(|sd| (1e-5..0.7e-3).contains(&sd)),
+            "{a:?}"
+        );
+    }
+    let again =
+        Calibration::from_toml(&found.calibration.to_toml().expect("writes")).expect("reads");
+    assert!(again.springs[4].ends_sd_m.is_some());
+    let lengths = found
+        .parameters
+        .iter()
+        .filter(|p| p.name.contains("length at rest"));
+    assert_eq!(lengths.count(), SPRINGS);
+}

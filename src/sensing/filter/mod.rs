@@ -214,13 +214,12 @@ impl Filter {
         let poses = platform::pads(spec, &rest);
         let calibrated = |i: usize| calibration.imus.iter().any(|m| m.imu == i + 1);
         let spring_sd_m = std::array::from_fn(|i| {
-            match calibration
-                .ends_off_m(i)
-                .iter()
-                .all(|off| *off == Vector3::zeros())
-            {
-                true => SPRING_SD_M,
-                false => SPRING_CALIBRATED_SD_M,
+            let [top_m, bottom_m] = calibration.ends_off_m(i);
+            let drawn = top_m == Vector3::zeros() && bottom_m == Vector3::zeros();
+            match calibration.ends_sd_m(i) {
+                Some(sd_m) => sd_m.clamp(SPRING_CALIBRATED_SD_M, SPRING_SD_M),
+                None if drawn => SPRING_SD_M,
+                None => SPRING_CALIBRATED_SD_M,
             }
         });
         let mut healthy = [0.0; STATES];
