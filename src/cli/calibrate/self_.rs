@@ -15,7 +15,7 @@ use springtwin::sensing::Calibration;
 use springtwin::sensing::bundle::{Adjustment, Parameter, Take, adjust};
 use springtwin::signal::{Pose, RawFrame};
 
-/// Gyro biases and the markers' body are no part of what is reported as open.
+/// Most parameters that a line of the report names.
 const LINES_MAX: usize = 12;
 
 #[derive(Args)]

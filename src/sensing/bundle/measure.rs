@@ -2,14 +2,16 @@
 //!
 //! With p, R the pose of a pad (errors: p + δ, exp(θ) R), P = pad_from_imu, L = level_from_base, u = Lᵀ z:
 //!
-//! l_i = (1 + g_i) |p + R b_i − p' − R' a_i|,   f_j = P⁻¹ Rᵀ u g + β_j,
+//! l_i = (1 + g_i) |p + R b_i − p' − R' a_i|,   f_j = (1 + γ_j) P⁻¹ Rᵀ u g + β_j,
 //!
-//! log(Γ⁻¹ P⁻¹ R_kᵀ R_{k+1} P) + D β = 0 for the turn Γ of an IMU by its gyro, and R T for motion capture.
+//! log(Γ⁻¹ P⁻¹ R_kᵀ R_{k+1} P) + D β + γ log Γ = 0 for the turn Γ of an IMU by its gyro, and R T for motion capture.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::frames::{Frame, Link};
-use super::{ACCELS, CONSTANTS, ENDS, GAINS, GYROS, MARKERS, MOUNTS, TILT};
+use super::{
+    ACCEL_GAINS, ACCELS, CONSTANTS, ENDS, GAINS, GYRO_GAINS, GYROS, MARKERS, MOUNTS, TILT,
+};
 use crate::robot::RobotSpec;
 use crate::sensing::calibration::Calibration;
 use crate::sensing::filter::{G_M_S2, pad_index};
@@ -198,16 +200,19 @@ impl Model {
             * base_from_level
             * (Vector3::z() * G_M_S2).cross_matrix()
             * left_jacobian(&tilt);
+        let felt = imu_from_base * up;
+        let gain = three(x, ACCEL_GAINS + 3 * j).add_scalar(1.0);
         let rows = [0, 1, 2].map(|k| {
             let mut row = Row::new(0.0);
-            row.pose3(6 * p + 3, &by_turn.row(k).transpose());
-            row.constant3(MOUNTS + 3 * j, &by_mount.row(k).transpose());
+            row.pose3(6 * p + 3, &(by_turn.row(k).transpose() * gain[k]));
+            row.constant3(MOUNTS + 3 * j, &(by_mount.row(k).transpose() * gain[k]));
+            row.constant(ACCEL_GAINS + 3 * j + k, felt[k]);
             row.constant(ACCELS + 3 * j + k, 1.0);
-            row.constant(TILT, by_tilt[(k, 0)]);
-            row.constant(TILT + 1, by_tilt[(k, 1)]);
+            row.constant(TILT, by_tilt[(k, 0)] * gain[k]);
+            row.constant(TILT + 1, by_tilt[(k, 1)] * gain[k]);
             row
         });
-        (imu_from_base * up + three(x, ACCELS + 3 * j), rows)
+        (felt.component_mul(&gain) + three(x, ACCELS + 3 * j), rows)
     }
 
     /// By how much the turn of IMU `j` to the next frame differs from its gyro's, rad, and its rows, not scaled.
@@ -229,6 +234,7 @@ impl Model {
         let measured = link.turn.to_rotation_matrix().into_inner();
         let off = Rotation3::from_matrix_unchecked(measured.transpose() * predicted);
         let off = UnitQuaternion::from_rotation_matrix(&off).scaled_axis();
+        let by_gain = link.turn.scaled_axis();
         // log(exp(e) exp(η)) = e + J_r⁻¹(e) η
         let after = left_jacobian(&-off).try_inverse().unwrap_or_default();
         let by_turn = after * (there * pad_from_imu).transpose();
@@ -243,9 +249,14 @@ impl Model {
             row.next3(6 * p + 3, &by);
             row.constant3(MOUNTS + 3 * j, &by_mount.row(k).transpose());
             row.constant3(GYROS + 3 * j, &link.by_bias_s.row(k).transpose());
+            row.constant(GYRO_GAINS + 3 * j + k, by_gain[k]);
             row
         });
-        (off + link.by_bias_s * three(x, GYROS + 3 * j), rows)
+        let by_gains = by_gain.component_mul(&three(x, GYRO_GAINS + 3 * j));
+        (
+            off + link.by_bias_s * three(x, GYROS + 3 * j) + by_gains,
+            rows,
+        )
     }
 
     /// What motion capture measures less what it should (m, rad, base frame), and the rows, not scaled.

@@ -9,6 +9,7 @@
 //! | g_i | gain of spring i | 0.3 % |
 //! | m_j | mounting of IMU j: pad from IMU = exp(m_j) times the calibrated one | 0.3 deg |
 //! | β_j | bias of accelerometer j, and of gyro j | 0.03 m/s², 2 deg/s; more where no IMU was calibrated |
+//! | γ_j | gains of accelerometer j and of gyro j, per axis | 0.3 %; 3 % where no IMU was calibrated |
 //! | τ | base tilt | 0.15 deg; 2 deg where no IMU was calibrated |
 //! | T | markers' body on the end pad, with motion capture | 1 mm, 0.5 deg |
 //!
@@ -44,7 +45,9 @@ const GAINS: usize = ENDS + 6 * SPRINGS;
 const MOUNTS: usize = GAINS + SPRINGS;
 const ACCELS: usize = MOUNTS + 3 * IMUS;
 const GYROS: usize = ACCELS + 3 * IMUS;
-const TILT: usize = GYROS + 3 * IMUS;
+const ACCEL_GAINS: usize = GYROS + 3 * IMUS;
+const GYRO_GAINS: usize = ACCEL_GAINS + 3 * IMUS;
+const TILT: usize = GYRO_GAINS + 3 * IMUS;
 const MARKERS: usize = TILT + 2;
 /// Number of constant parameters.
 pub const CONSTANTS: usize = MARKERS + 6;
@@ -105,12 +108,16 @@ impl Group {
     }
 }
 
-/// Constant parameters that are free with these groups: gyro biases and the markers' body always are.
+/// Constant parameters that are free with these groups: biases and gains of the gyros and the markers' body always are.
 fn free_of(groups: &[Group], with_cameras: bool) -> Vec<usize> {
     (0..CONSTANTS)
         .filter(|index| match Group::of(*index) {
             None => with_cameras,
-            Some(group) => groups.contains(&group) || (GYROS..TILT).contains(index),
+            Some(group) => {
+                let of_gyro =
+                    (GYROS..ACCEL_GAINS).contains(index) || (GYRO_GAINS..TILT).contains(index);
+                groups.contains(&group) || of_gyro
+            }
         })
         .collect()
 }
@@ -125,8 +132,10 @@ fn priors(calibration: &Calibration) -> [f64; CONSTANTS] {
         MOUNTS..ACCELS => 0.3 * DEG,
         ACCELS..GYROS if calibrated((index - ACCELS) / 3) => 0.03,
         ACCELS..GYROS => 0.3,
-        GYROS..TILT if calibrated((index - GYROS) / 3) => 2.0 * DEG,
-        GYROS..TILT => 20.0 * DEG,
+        GYROS..ACCEL_GAINS if calibrated((index - GYROS) / 3) => 2.0 * DEG,
+        GYROS..ACCEL_GAINS => 20.0 * DEG,
+        ACCEL_GAINS..TILT if calibrated((index - ACCEL_GAINS) / 3 % IMUS) => 3e-3,
+        ACCEL_GAINS..TILT => 0.03,
         TILT..MARKERS if any => 0.15 * DEG,
         TILT..MARKERS => 2.0 * DEG,
         _ if index < MARKERS + 3 => 1e-3,
@@ -207,8 +216,25 @@ pub fn adjust(
     takes: &[Take],
 ) -> Result<Adjustment, BundleError> {
     let model = Model::new(spec, calibration);
-    let frames = frames(&model, takes);
+    let mut frames = frames(&model, takes);
+    if frames.iter().all(|f| f.tip.is_none()) {
+        correlate(&mut frames);
+    }
     adjust_frames(&model, calibration, &frames)
+}
+
+/// Frames that count as independent where no motion capture contradicts them: what the lengths' curves and the IMUs have
+/// wrong changes slowly with the pose, and hundreds of frames do not average it.
+const INDEPENDENT: f64 = 20.0;
+
+/// Widens the measurements of frames that are correlated.
+fn correlate(frames: &mut [Frame]) {
+    let by = (frames.len() as f64 / INDEPENDENT).sqrt().max(1.0);
+    for frame in frames {
+        frame.length_m.iter_mut().flatten().for_each(|l| l[1] *= by);
+        frame.force.iter_mut().flatten().for_each(|f| f.1 *= by);
+        frame.link.iter_mut().flatten().for_each(|l| l.sd_rad *= by);
+    }
 }
 
 /// As [`adjust`], from the frames.
@@ -311,6 +337,8 @@ fn applied(
         if biases {
             let more = three(ACCELS + 3 * i).component_mul(&entry.zero.accel_gain);
             entry.zero.accel_bias_m_s2 += more;
+            let gains = three(ACCEL_GAINS + 3 * i).add_scalar(1.0);
+            entry.zero.accel_gain.component_mul_assign(&gains);
         }
     }
     Ok(out)

@@ -1,7 +1,9 @@
 //! What is known of each constant parameter, and what would determine the others.
 
 use super::solve::{Fit, Problem};
-use super::{BundleError, CONSTANTS, ENDS, GAINS, GYROS, Group, MARKERS, MOUNTS, TILT, free_of};
+use super::{
+    ACCEL_GAINS, BundleError, CONSTANTS, ENDS, GAINS, GYROS, Group, MARKERS, MOUNTS, TILT, free_of,
+};
 use crate::signal::{IMUS, Pose, SPRINGS};
 
 /// A parameter is observable when the data leave less than this share of its prior.
@@ -86,7 +88,9 @@ fn named(index: usize) -> (String, &'static str, f64) {
             let (what, unit, size) = match k / (3 * IMUS) {
                 0 => ("mounting", "deg", degree),
                 1 => ("accelerometer bias", "m/s2", 1.0),
-                _ => ("gyro bias", "deg/s", degree),
+                2 => ("gyro bias", "deg/s", degree),
+                3 => ("accelerometer gain", "%", 1e-2),
+                _ => ("gyro gain", "%", 1e-2),
             };
             let imu = k % (3 * IMUS) / 3 + 1;
             (format!("IMU {imu}, {what}, {}", AXES[k % 3]), unit, size)
@@ -113,7 +117,8 @@ fn motion_for(index: usize) -> &'static str {
         ENDS..GAINS => BY_PLACES,
         GAINS..MOUNTS => BY_LENGTHS,
         MOUNTS..GYROS => BY_TILTS,
-        GYROS..TILT => BY_MOTION,
+        GYROS..ACCEL_GAINS => BY_MOTION,
+        ACCEL_GAINS..TILT => BY_TILTS,
         TILT..MARKERS => BY_TILTS,
         _ => BY_TURNS,
     }

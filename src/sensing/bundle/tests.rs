@@ -26,7 +26,7 @@ fn drawn(calibration: &Calibration, seed: u64) -> Constants {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let prior = priors(calibration);
     std::array::from_fn(|i| {
-        let share = if (GYROS..TILT).contains(&i) {
+        let share = if (GYROS..ACCEL_GAINS).contains(&i) {
             0.05
         } else {
             0.7
@@ -104,6 +104,9 @@ fn made(
                 turned[MOUNTS..ACCELS].copy_from_slice(&x[MOUNTS..ACCELS]);
                 let turn = model.turn(&turned, &pads, &next, j, &made).0;
                 let bias = Vector3::from_column_slice(&x[GYROS + 3 * j..GYROS + 3 * j + 3]);
+                let gain =
+                    Vector3::from_column_slice(&x[GYRO_GAINS + 3 * j..GYRO_GAINS + 3 * j + 3]);
+                let turn = turn.component_mul(&gain.add_scalar(1.0));
                 let noise = Vector3::from_fn(|_, _| 2e-4 * white(&mut rng));
                 made.turn = UnitQuaternion::from_scaled_axis(turn)
                     * UnitQuaternion::from_scaled_axis(bias * every_s + noise);
@@ -222,7 +225,7 @@ fn tip_error_m(model: &Model, truth: &Constants, x: &Constants, calibration: &Ca
 fn constants_come_back_with_cameras() {
     let (_, calibration, model) = reference();
     let mut truth = drawn(&calibration, 11);
-    // What is off on the end pad as a whole cannot be told from where the markers are.
+    // What is off on the end pad as a whole cannot be separated from where the markers are.
     truth[MARKERS..].fill(0.0);
     let frames = made(&model, 240.0, 1.0, true, &|_| truth);
     let result = adjust_frames(&model, &calibration, &frames).expect("adjusts");
