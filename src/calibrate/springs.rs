@@ -144,6 +144,7 @@ impl SpringTake {
             compensation_h: self.channel.compensation_h,
             curve: curve.clone(),
             ends_off_m: Default::default(),
+            ends_sd_m: None,
             quality: *quality,
         })
     }

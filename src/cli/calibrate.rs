@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 mod imus;
+mod self_;
 mod springs;
 mod wizard;
 
@@ -16,6 +17,7 @@ pub use springs::{BenchArgs, bench};
 use super::outputs::Overwrite;
 use super::{Report, args, model};
 use imus::ImusArgs;
+use self_::SelfArgs;
 use springs::SpringsArgs;
 use springtwin::learn::to_pose;
 use springtwin::link::wire::objects::END_PAD;
@@ -39,6 +41,11 @@ pub enum CalibrateCommand {
     /// Zeros and mountings of the IMUs and the base's tilt, from a recording of a rest and of slow motion; with
     /// --zero, the gyros alone, from a rest
     Imus(ImusArgs),
+    /// Ends and gains of the springs, mountings and biases of the IMUs and the base's tilt in one adjustment, from recordings of
+    /// slow motion, with or without motion capture of the end pad. Only what improves blocks of time that were held out is
+    /// kept; what the motion leaves open is listed, with what would close it
+    #[command(name = "self")]
+    OfItself(SelfArgs),
     /// Where motion capture's world and object are on the robot, and the offset of its clock, from one
     /// motion that both recorded: half a minute or more of bending to all sides. An error of the robot's
     /// poses that is the same everywhere cannot be separated from the place of the world, and is part of it
@@ -100,6 +107,7 @@ pub fn run(
         CalibrateCommand::Wizard(a) => wizard::wizard(a, robot_file, robot, json),
         CalibrateCommand::Springs(a) => springs::springs(a, robot),
         CalibrateCommand::Imus(a) => imus::imus(a, robot),
+        CalibrateCommand::OfItself(a) => self_::self_(a, robot),
         CalibrateCommand::Mocap(a) => mocap(a),
     }
 }

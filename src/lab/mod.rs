@@ -10,6 +10,7 @@
 //! - [`dataset`]: settled samples for training.
 //! - [`shards`]: long runs in parts, on many machines, to the bytes of one run.
 //! - [`motions`], [`multibody`]: motions of the rig without its serial line; its multibody arm beside the rod.
+//! - [`self_calibration`]: what `calibrate self` changes on the rig.
 //! - [`units`]: the manufactured units to fit to and to test on, and what a lab calibrates of each.
 //!
 //! Sessions and robot files:
@@ -36,6 +37,7 @@ pub mod patches;
 mod progress;
 pub mod ranges;
 pub mod replay;
+pub mod self_calibration;
 pub mod session;
 pub mod shards;
 pub mod soak;

@@ -229,6 +229,35 @@ pub fn session(
     Ok(out)
 }
 
+/// One frame of the boards with motion capture and the truth at its time.
+#[derive(Clone)]
+pub struct Raw {
+    /// As the boards send it.
+    pub frame: RawFrame,
+    /// The end pad by motion capture, base from tip.
+    pub seen: Pose,
+    /// Top, middle and end pad as they were.
+    pub base_from_pad: [Pose; 3],
+}
+
+/// Moves a unit and returns what its boards and motion capture deliver, at 100 frames per second.
+///
+/// # Errors
+/// As [`motion`].
+pub fn raw(robot: &RobotSpec, m: &Motion) -> Result<Vec<Raw>> {
+    let mut out = Vec::new();
+    drive(robot, m, &Arm::default(), &mut |rig, _, frame, keep| {
+        if keep {
+            out.push(Raw {
+                frame,
+                seen: rig.mocap_pose(),
+                base_from_pad: rig.plant.truth().base_from_pad,
+            });
+        }
+    })?;
+    Ok(out)
+}
+
 /// Takes the rig, the time from the start of the motion (s), a frame, and whether the frame is one to be kept.
 type Each<'a> = dyn FnMut(&mut VirtualRig, f64, RawFrame, bool) + 'a;
 

@@ -609,6 +609,7 @@ pub fn calibrate(
                 compensation_h: channel.compensation_h,
                 curve,
                 ends_off_m: Default::default(),
+                ends_sd_m: None,
                 quality,
             });
         }

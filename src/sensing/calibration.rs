@@ -199,6 +199,9 @@ pub struct SpringCalibration {
     pub curve: Curve,
     /// By how much the upper and the lower end lie beside the drawing, each in its pad's frame, m.
     pub ends_off_m: [Vector3<f64>; 2],
+    /// What a length errs by for what is not known of these ends, one standard deviation, m; `None` where no adjustment
+    /// has determined it.
+    pub ends_sd_m: Option<f64>,
     /// Residuals.
     pub quality: FitQuality,
 }
@@ -348,6 +351,12 @@ impl Calibration {
     pub fn ends_off_m(&self, i: usize) -> [Vector3<f64>; 2] {
         let entry = self.springs.iter().find(|s| s.spring == i + 1);
         entry.map_or_else(Default::default, |s| s.ends_off_m)
+    }
+
+    /// What a length of spring `i` (0-based) errs by for what is not known of its ends, if an adjustment has determined
+    /// it, one standard deviation, m.
+    pub fn ends_sd_m(&self, i: usize) -> Option<f64> {
+        self.springs.iter().find(|s| s.spring == i + 1)?.ends_sd_m
     }
 
     /// Replaces the entry of an IMU: its mounting is against the nominal one, its zero against the raw readings.

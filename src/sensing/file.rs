@@ -125,6 +125,7 @@ const HEAD: &str = "\
 # x = the reading or its reciprocal, reading = 1 / (C (2 pi f)^2) - L_comp in microhenry.
 # A reading outside of its domain has no length.
 # top_off_mm, bottom_off_mm: where the spring's ends lie beside the drawing, each in its pad's frame.
+# ends_sd_mm: what a length errs by for what is not known of these ends, one standard deviation.
 # base_tilt_deg: level from base = exp((x, y, 0)), a rotation vector.
 # IMUs: pad from IMU = exp(correction) times the nominal mounting, a rotation vector in the pad;
 # reading of the gyro = gyro_gain times rate + gyro_bias, of the accelerometer = accel_gain times specific force + accel_bias.
@@ -189,6 +190,8 @@ struct SpringEntry {
     top_off_mm: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     bottom_off_mm: Option<[f64; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ends_sd_mm: Option<f64>,
     rmse_mm: f64,
     held_out_rmse_mm: f64,
     worst_mm: f64,
@@ -213,6 +216,7 @@ impl SpringEntry {
             domain: s.curve.domain.map(tidy),
             top_off_mm: written(&s.ends_off_m[0], Vector3::zeros(), 1e3),
             bottom_off_mm: written(&s.ends_off_m[1], Vector3::zeros(), 1e3),
+            ends_sd_mm: s.ends_sd_m.map(|m| tidy(m * 1e3)),
             rmse_mm: readable_mm(s.quality.rmse_m),
             held_out_rmse_mm: readable_mm(s.quality.held_out_rmse_m),
             worst_mm: readable_mm(s.quality.worst_m),
@@ -237,6 +241,7 @@ impl SpringEntry {
             },
             ends_off_m: [self.top_off_mm, self.bottom_off_mm]
                 .map(|off| off.map_or_else(Vector3::zeros, |mm| Vector3::from(mm) * 1e-3)),
+            ends_sd_m: self.ends_sd_mm.map(|mm| mm * 1e-3),
             quality: FitQuality {
                 rmse_m: self.rmse_mm * 1e-3,
                 held_out_rmse_m: self.held_out_rmse_mm * 1e-3,
@@ -299,6 +304,11 @@ impl SpringEntry {
             {
                 return refuse(key, format!("{off:?}"), "three lengths of 10 mm or less");
             }
+        }
+        if let Some(sd) = self.ends_sd_mm
+            && !(sd > 0.0 && sd <= END_OFF_MAX_MM)
+        {
+            return refuse("ends_sd_mm", sd.to_string(), "between 0 and 10 mm");
         }
         if !(self.center.is_finite() && self.coefficients_mm.iter().all(|c| c.is_finite())) {
             return refuse(
@@ -464,6 +474,7 @@ mod tests {
                 compensation_h: 1.0e-5,
                 curve: Curve::paper_corrected(),
                 ends_off_m: [Vector3::new(5e-4, 0.0, -1e-4), Vector3::zeros()],
+                ends_sd_m: Some(3e-4),
                 quality: FitQuality {
                     rmse_m: 1e-4,
                     held_out_rmse_m: 1e-4,
@@ -532,6 +543,11 @@ mod tests {
             "top_off_mm = [0.5",
             "top_off_mm = [50.5",
             &["spring 3", "top_off_mm"],
+        );
+        refused(
+            "ends_sd_mm = 0.3",
+            "ends_sd_mm = -0.3",
+            &["spring 3", "ends_sd_mm"],
         );
         refused("[122.0, 177.5]", "[177.5, 122.0]", &["domain"]);
         refused("0.0000001119", "-0.0000001119", &["spring 3", "monotone"]);

@@ -6,13 +6,15 @@
 //! uncertainty, and a channel whose bias is not a healthy one's is faulty ([`faults`]). Nothing that is not finite leaves
 //! this module.
 //!
-//! Readings of healthy channels stay their own: a length is the spring's, corrected for its lag; an inclination is the
+//! Readings of healthy channels stay their own: a length is the spring's, corrected for its lag, and for ends that were
+//! calibrated beside the drawing: it is what a spring of the drawing would have at the same pose. An inclination is the
 //! IMU's. A heading, which no IMU can measure, is the estimator's.
 //!
 //! It imports robot and signal alone: no simulator, no rig, no clock, no I/O. Motion capture is put
 //! into the robot's frame here ([`registration`]) and takes no part in a [`SensorFrame`].
 
 pub mod bench;
+pub mod bundle;
 pub mod calibration;
 pub mod faults;
 mod file;
@@ -286,9 +288,8 @@ impl Sensing {
         for i in 0..SPRINGS {
             let board = board[board_of_spring(i)];
             let clock_sd = frame.tick_rate_sd[board_of_spring(i)];
-            let delivered = frame.has_spring(i)
-                && board != ChannelHealth::Missing
-                && clock_sd <= MAX_RATE_SD;
+            let delivered =
+                frame.has_spring(i) && board != ChannelHealth::Missing && clock_sd <= MAX_RATE_SD;
             let calibration = self.calibration.spring(i).filter(|_| delivered);
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
             let rate_hz = frame.spring_tick_rate_hz(i);
@@ -305,8 +306,7 @@ impl Sensing {
             };
             out.resolution_m[i] = spring::resolution_m(calibration, n, ticks, rate_hz);
             // As far as the rate of the board's clock is not known.
-            let clock_m =
-                out.resolution_m[i] * f64::from(ticks) * clock_sd;
+            let clock_m = out.resolution_m[i] * f64::from(ticks) * clock_sd;
             out.readings[i] = length_m.map(|value_m| Reading::Length {
                 spring: i,
                 value_m,
@@ -666,10 +666,11 @@ impl Sensing {
             let (expected_m, row, more) = self.filter.length(i);
             let [lag_s, lag_sd_s] = LAG_S;
             let rate_m_s = self.filter.length_rate_m_s(i);
+            let drawing_m = self.filter.drawing_offset_m(i);
             if health.springs[i] == ChannelHealth::Ok {
                 let reading_m = self.good_m[i].unwrap_or(self.rest_m[i]);
                 extra_sigma[i] = (lag_sd_s * rate_m_s).abs();
-                return reading_m + lag_s * rate_m_s;
+                return reading_m + lag_s * rate_m_s + drawing_m;
             }
             let sd_m = (self.filter.variance(&row) + more).max(0.0).sqrt();
             let [low_m, high_m] = self.spec.spring.range_m;
@@ -679,7 +680,7 @@ impl Sensing {
                 return self.good_m[i].unwrap_or(self.rest_m[i]);
             }
             extra_sigma[i] = sd_m;
-            expected_m
+            expected_m + drawing_m
         });
         let pads = self.filter.poses();
         let imu_ypr_rad = std::array::from_fn(|i| {

@@ -221,6 +221,7 @@ fn from_paper(a: &SpringsArgs, preset: Preset) -> Result<Report> {
         compensation_h: COMPENSATION_H,
         curve: curve.clone(),
         ends_off_m: Default::default(),
+        ends_sd_m: None,
         // Nothing was measured.
         quality: FitQuality {
             rmse_m: 0.0,

@@ -149,6 +149,8 @@ struct Geometry {
     top_m: [Vector3<f64>; SPRINGS],
     /// Lower ends in the frame of the pad below, m.
     bottom_m: [Vector3<f64>; SPRINGS],
+    /// By how much the calibration moved the upper and the lower ends from the drawing, m.
+    off_m: [[Vector3<f64>; 2]; SPRINGS],
     pad_of_imu: [usize; IMUS],
     imu_from_pad: [Rotation3<f64>; IMUS],
 }
@@ -163,6 +165,7 @@ impl Geometry {
                 _ => segments[1].top_m[i - LEGS] - below,
             }),
             bottom_m: std::array::from_fn(|i| segments[i / LEGS].bottom_m[i % LEGS]),
+            off_m: std::array::from_fn(|i| calibration.ends_off_m(i)),
             pad_of_imu: std::array::from_fn(|i| pad_index(spec.imus[i].pad)),
             imu_from_pad: std::array::from_fn(|i| {
                 let mounting = calibration.mounting(i).to_rotation_matrix();
@@ -214,13 +217,12 @@ impl Filter {
         let poses = platform::pads(spec, &rest);
         let calibrated = |i: usize| calibration.imus.iter().any(|m| m.imu == i + 1);
         let spring_sd_m = std::array::from_fn(|i| {
-            match calibration
-                .ends_off_m(i)
-                .iter()
-                .all(|off| *off == Vector3::zeros())
-            {
-                true => SPRING_SD_M,
-                false => SPRING_CALIBRATED_SD_M,
+            let [top_m, bottom_m] = calibration.ends_off_m(i);
+            let drawn = top_m == Vector3::zeros() && bottom_m == Vector3::zeros();
+            match calibration.ends_sd_m(i) {
+                Some(sd_m) => sd_m.clamp(SPRING_CALIBRATED_SD_M, SPRING_SD_M),
+                None if drawn => SPRING_SD_M,
+                None => SPRING_CALIBRATED_SD_M,
             }
         });
         let mut healthy = [0.0; STATES];
@@ -804,6 +806,28 @@ impl Filter {
         }
         row.add(SPRING + i, 1.0);
         (length_m + self.spring_bias_m[i], row, 0.0)
+    }
+
+    /// Length of spring `i` with its ends as in the drawing less that with its ends as calibrated, at the present pose, m.
+    ///
+    /// Networks are trained on the drawing: added to a length, it gives the one that a spring of the drawing would have.
+    pub fn drawing_offset_m(&self, i: usize) -> f64 {
+        let [top_off_m, bottom_off_m] = self.geometry.off_m[i];
+        if top_off_m == Vector3::zeros() && bottom_off_m == Vector3::zeros() {
+            return 0.0;
+        }
+        let lower = i / LEGS;
+        let below = &self.pads[lower].pose;
+        let above = lower
+            .checked_sub(1)
+            .map_or_else(Pose::identity, |u| self.pads[u].pose);
+        let distance_m = |top_m: Vector3<f64>, bottom_m: Vector3<f64>| {
+            let from_m = above * nalgebra::Point3::from(top_m);
+            let to_m = below * nalgebra::Point3::from(bottom_m);
+            (to_m - from_m).norm()
+        };
+        let (top_m, bottom_m) = (self.geometry.top_m[i], self.geometry.bottom_m[i]);
+        distance_m(top_m - top_off_m, bottom_m - bottom_off_m) - distance_m(top_m, bottom_m)
     }
 
     /// Rate at which spring `i` lengthens, m/s.

@@ -1,0 +1,255 @@
+//! `calibrate self`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::cli::Report;
+use crate::cli::outputs::Overwrite;
+use springtwin::drive::read_toml;
+use springtwin::recording::{read_rrd, write_text};
+use springtwin::robot::RobotSpec;
+use springtwin::sensing::Calibration;
+use springtwin::sensing::bundle::{Adjustment, Parameter, Take, adjust};
+use springtwin::signal::{Pose, RawFrame};
+
+/// Most parameters that a line of the report names.
+const LINES_MAX: usize = 12;
+
+#[derive(Args)]
+pub struct SelfArgs {
+    /// Recordings of slow motion to all sides, five minutes or so in all; with motion capture of the end pad the
+    /// springs' ends are determined best
+    #[arg(value_name = "SESSION.rrd", required = true)]
+    recordings: Vec<PathBuf>,
+    /// Where to put the calibration: that of --calibration with what was found. A file that is replaced is kept beside
+    /// it, with `.before` in its name
+    #[arg(long, value_name = "F.toml")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// The calibration that the arm has; the virtual rig's without it
+    #[arg(long, value_name = "F.toml")]
+    calibration: Option<PathBuf>,
+    /// Do not use motion capture, although it was recorded
+    #[arg(long)]
+    without_mocap: bool,
+}
+
+/// `calibrate self`.
+pub fn self_(a: &SelfArgs, robot: &RobotSpec) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
+    anyhow::ensure!(
+        robot.patches.is_empty(),
+        "the robot file has patches, which describe the same errors: use the robot file that they were applied to"
+    );
+    let calibration = match &a.calibration {
+        None => Calibration::virtual_rig(),
+        Some(path) => {
+            Calibration::from_toml(&read_toml(path)?).with_context(|| path.display().to_string())?
+        }
+    };
+    let mut takes = Vec::new();
+    let mut simulated = Some(false);
+    for path in &a.recordings {
+        let (take, is_simulated) = take(path, &calibration, !a.without_mocap)?;
+        takes.push(take);
+        simulated = match (simulated, is_simulated) {
+            (Some(a), Some(b)) => Some(a || b),
+            _ => None,
+        };
+    }
+    let found = adjust(robot, &calibration, &takes)?;
+    let before = match found.keeps_any() {
+        false => None,
+        true => {
+            let text = found.calibration.to_toml()?;
+            let before = kept_before(&a.out)?;
+            write_text(&a.out, &text)?;
+            before
+        }
+    };
+    Ok(report(&found, simulated, &a.out, before.as_deref()))
+}
+
+/// Raw frames and motion capture of a recording, and whether it is simulated.
+fn take(path: &Path, calibration: &Calibration, with_mocap: bool) -> Result<(Take, Option<bool>)> {
+    let read = read_rrd(path)?;
+    let mut frames: Vec<&RawFrame> = Vec::new();
+    let mut tip: Vec<(f64, Pose)> = Vec::new();
+    for snapshot in &read.trace.snapshots {
+        // Between two frames a snapshot repeats the last one.
+        if let Some(raw) = &snapshot.raw
+            && frames.last().is_none_or(|last| raw.stamp > last.stamp)
+        {
+            frames.push(raw);
+        }
+        if let Some(truth) = snapshot.truth.as_ref().filter(|_| with_mocap) {
+            let t_s = truth.stamp.seconds();
+            if tip.last().is_none_or(|last| t_s > last.0) {
+                tip.push((t_s, truth.base_from_tip));
+            }
+        }
+    }
+    anyhow::ensure!(
+        !frames.is_empty(),
+        "{} holds no raw frames: record the boards with springtwin record",
+        path.display()
+    );
+    let take = Take::new(calibration, frames, tip);
+    Ok((take, read.trace.simulated))
+}
+
+/// Keeps what is at `path` under another name, if anything is.
+fn kept_before(path: &Path) -> Result<Option<PathBuf>> {
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let free = (1..1000)
+        .map(|n| match n {
+            1 => path.with_file_name(format!("{stem}.before.toml")),
+            _ => path.with_file_name(format!("{stem}.before-{n}.toml")),
+        })
+        .find(|p| !p.exists())
+        .context("a thousand earlier calibrations are kept beside it: move them away")?;
+    std::fs::copy(path, &free).with_context(|| format!("cannot write {}", free.display()))?;
+    Ok(Some(free))
+}
+
+fn report(
+    found: &Adjustment,
+    simulated: Option<bool>,
+    out: &Path,
+    before: Option<&Path>,
+) -> Report {
+    let label = match simulated {
+        Some(true) => "simulated: ",
+        Some(false) => "",
+        None => "origin unknown: ",
+    };
+    let (unit, per_unit) = match found.with_cameras {
+        true => ("mm error of the tip by springs and IMUs", 1e3),
+        false => ("normalised residual", 1.0),
+    };
+    let [blocks, held_out] = found.blocks;
+    let mut text = format!(
+        "{label}{} windows of slow motion in {blocks} blocks of 10 s, {held_out} of them held out; {} motion capture",
+        found.frames,
+        if found.with_cameras {
+            "with"
+        } else {
+            "without"
+        }
+    );
+    for g in &found.groups {
+        let [without, with] = g.score.map(|s| s * per_unit);
+        text += &format!(
+            "\n{:<12}  {}  {without:.3} -> {with:.3} {unit} on held-out blocks",
+            g.group.name(),
+            if g.kept { "kept     " } else { "discarded" },
+        );
+    }
+    text += &open(&found.parameters);
+    text += &match (found.keeps_any(), before) {
+        (false, _) => {
+            "\nnothing improves held-out blocks: the calibration in use stays, and no file was written"
+                .to_owned()
+        }
+        (true, None) => format!("\ncalibration in {}", out.display()),
+        (true, Some(before)) => format!(
+            "\ncalibration in {}; the one before is kept in {}",
+            out.display(),
+            before.display()
+        ),
+    };
+    if found.keeps_ends() {
+        text += "\nlengths are now those of the drawing: networks from simulation fit better, but sim-to-real networks that \
+                 were trained before do not fit any more: train sim-to-real networks again, or run without them";
+    }
+    Report {
+        text,
+        json: json!({
+            "simulated": simulated,
+            "with_mocap": found.with_cameras,
+            "windows": found.frames,
+            "blocks": blocks,
+            "held_out_blocks": held_out,
+            "misfit": found.misfit,
+            "groups": found.groups.iter().map(|g| json!({
+                "group": g.group.name(), "kept": g.kept,
+                "score": g.score, "worst_block": g.worst_block,
+            })).collect::<Vec<Value>>(),
+            "parameters": found.parameters.iter().map(parameter).collect::<Vec<Value>>(),
+            "out": found.keeps_any().then(|| out.display().to_string()),
+            "before": before.map(|p| p.display().to_string()),
+        }),
+    }
+}
+
+fn parameter(p: &Parameter) -> Value {
+    json!({
+        "name": p.name, "group": p.group.map(|g| g.name()), "unit": p.unit,
+        "value": p.value, "sigma": p.sigma, "prior": p.prior,
+        "observable": p.observable, "closed_by": p.closed_by, "kept": p.kept,
+    })
+}
+
+/// What the motion leaves open, by what would close it.
+fn open(parameters: &[Parameter]) -> String {
+    let mut by: Vec<(&str, Vec<&str>)> = Vec::new();
+    for p in parameters {
+        let Some(closed_by) = p.closed_by else {
+            continue;
+        };
+        match by.iter_mut().find(|(known, _)| *known == closed_by) {
+            Some((_, names)) => names.push(&p.name),
+            None => by.push((closed_by, vec![&p.name])),
+        }
+    }
+    let observable = parameters.iter().filter(|p| p.observable).count();
+    let mut text = format!(
+        "\nobservable: {observable} of {} parameters",
+        parameters.len()
+    );
+    for (closed_by, names) in by {
+        let more = names.len().saturating_sub(LINES_MAX);
+        let shown = &names[..names.len() - more];
+        text += &format!("\nopen without {closed_by}: {}", shown.join("; "));
+        if more > 0 {
+            text += &format!("; and {more} more (--json lists all)");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_replaced_is_kept_under_a_free_name() {
+        let dir = std::env::temp_dir().join(format!("springtwin-self-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("makes");
+        let path = dir.join("arm.toml");
+        assert_eq!(kept_before(&path).expect("nothing there"), None);
+        for (text, name) in [("a", "arm.before.toml"), ("b", "arm.before-2.toml")] {
+            std::fs::write(&path, text).expect("writes");
+            let kept = kept_before(&path).expect("keeps").expect("was there");
+            assert!(kept.ends_with(name), "{}", kept.display());
+            assert_eq!(std::fs::read_to_string(kept).expect("there"), text);
+        }
+        std::fs::remove_dir_all(&dir).expect("cleans up");
+    }
+
+    #[test]
+    fn the_command_parses() {
+        use clap::Parser as _;
+        let line = "springtwin calibrate self a.rrd b.rrd --out c.toml --calibration d.toml";
+        assert!(crate::cli::program::Cli::try_parse_from(line.split(' ')).is_ok());
+        let none = "springtwin calibrate self --out c.toml";
+        assert!(crate::cli::program::Cli::try_parse_from(none.split(' ')).is_err());
+    }
+}

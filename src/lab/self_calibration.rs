@@ -1,0 +1,187 @@
+//! What `calibrate self` changes: error of the tip on motion that it was not fitted to, before and after.
+
+use anyhow::Result;
+
+use super::motions::{self, Motion, Raw};
+use super::session::calibration_of;
+use crate::drive::model::model;
+use crate::learn::to_pose;
+use crate::rig::Unit;
+use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
+use crate::sensing::bundle::{Adjustment, Take, adjust};
+use crate::twin::{Maps, sensing_for};
+
+/// Length of the motion that judges, s, and how its seed differs from that of the motion fitted to.
+const JUDGED_S: f64 = 120.0;
+const JUDGED_SEED: u64 = 40;
+/// Time that the filters take to settle, s.
+const SETTLING_S: f64 = 10.0;
+/// One frame in so many is judged.
+const EVERY: usize = 10;
+
+/// Errors of the tip with one calibration: mean, mm and deg.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TipError {
+    /// Of the pose by springs and IMUs.
+    pub sensors_mm: f64,
+    /// Of its orientation.
+    pub sensors_deg: f64,
+    /// Of the shipped networks, which were trained on simulation alone.
+    pub networks_mm: f64,
+    /// Of their orientation.
+    pub networks_deg: f64,
+    /// Largest by springs and IMUs.
+    pub sensors_worst_mm: f64,
+    /// Mean square error of both pads in units of the stated covariance; 1 where that is right.
+    pub nees: f64,
+}
+
+/// A comparison on one unit.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// Which unit.
+    pub unit: Unit,
+    /// Length of the motion that was fitted to, s.
+    pub seconds: f64,
+    /// Whether motion capture was fitted to.
+    pub with_cameras: bool,
+    /// Seed of the motions.
+    pub seed: u64,
+    /// With the calibration from the bench.
+    pub before: TipError,
+    /// With the adjusted one.
+    pub after: TipError,
+    /// The adjustment.
+    pub adjustment: Adjustment,
+}
+
+/// Frames of a motion as [`adjust`] takes them.
+pub fn take(calibration: &Calibration, frames: &[Raw], with_cameras: bool) -> Take {
+    let tip = frames.iter().filter(|_| with_cameras);
+    let tip = tip.map(|r| (r.frame.stamp.seconds(), r.seen)).collect();
+    Take::new(calibration, frames.iter().map(|r| &r.frame), tip)
+}
+
+/// Adjusts the calibration of a unit to so many seconds of its motion and compares the error of the tip on another
+/// motion with that before.
+///
+/// # Errors
+/// When the arm cannot follow its motion, or no adjustment fits.
+pub fn compare(
+    robot: &RobotSpec,
+    unit: Unit,
+    seconds: f64,
+    with_cameras: bool,
+    seed: u64,
+) -> Result<Comparison> {
+    let calibration = calibration_of(robot, unit)?;
+    let fitted = motions::raw(robot, &Motion::of(unit, seconds, seed))?;
+    let judged = motions::raw(robot, &Motion::of(unit, JUDGED_S, seed + JUDGED_SEED))?;
+    let takes = [take(&calibration, &fitted, with_cameras)];
+    let adjustment = adjust(robot, &calibration, &takes)?;
+    let maps: Maps = model(None)?.into();
+    Ok(Comparison {
+        unit,
+        seconds,
+        with_cameras,
+        seed,
+        before: tip_error(robot, &calibration, &maps, &judged),
+        after: tip_error(robot, &adjustment.calibration, &maps, &judged),
+        adjustment,
+    })
+}
+
+/// Error of the tip with a calibration over a motion.
+pub fn tip_error(
+    robot: &RobotSpec,
+    calibration: &Calibration,
+    maps: &Maps,
+    frames: &[Raw],
+) -> TipError {
+    let mut sensing = sensing_for(robot, calibration);
+    let mut out = TipError::default();
+    let (mut n, mut start_s) = (0.0, None);
+    for (k, raw) in frames.iter().enumerate() {
+        let frame = sensing.update(&raw.frame);
+        let t_s = raw.frame.stamp.seconds();
+        if t_s - *start_s.get_or_insert(t_s) < SETTLING_S || !k.is_multiple_of(EVERY) {
+            continue;
+        }
+        let truth = &raw.base_from_pad[2];
+        let by_sensors = &sensing.pads()[1];
+        let by_networks = to_pose(&maps.pose.pose(&frame.sensors.to_vector()).pose);
+        let off = [by_sensors, &by_networks].map(|pose| {
+            let off_m = (pose.translation.vector - truth.translation.vector).norm();
+            let off_rad = pose.rotation.angle_to(&truth.rotation);
+            [off_m * 1e3, off_rad.to_degrees()]
+        });
+        out.sensors_mm += off[0][0];
+        out.sensors_deg += off[0][1];
+        out.networks_mm += off[1][0];
+        out.networks_deg += off[1][1];
+        out.sensors_worst_mm = out.sensors_worst_mm.max(off[0][0]);
+        let pads = [raw.base_from_pad[1], raw.base_from_pad[2]];
+        out.nees += sensing.filter().nees(&pads).unwrap_or(f64::NAN);
+        n += 1.0;
+    }
+    for x in [
+        &mut out.sensors_mm,
+        &mut out.sensors_deg,
+        &mut out.networks_mm,
+        &mut out.networks_deg,
+        &mut out.nees,
+    ] {
+        *x /= f64::max(n, 1.0);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// For tuning: prints the figures of the units and seeds in the environment.
+    #[test]
+    #[ignore]
+    fn figures() {
+        let list = |name: &str, usual: &str| -> Vec<u64> {
+            let text = std::env::var(name).unwrap_or_else(|_| usual.to_owned());
+            text.split(',').filter_map(|x| x.parse().ok()).collect()
+        };
+        let robot = RobotSpec::reference();
+        for unit in list("UNITS", "1,2") {
+            for seed in list("SEEDS", "7") {
+                for with_cameras in [true, false] {
+                    let t = std::time::Instant::now();
+                    let c =
+                        compare(&robot, Unit(unit), 300.0, with_cameras, seed).expect("adjusts");
+                    let a = &c.adjustment;
+                    println!(
+                        "unit {unit} seed {seed} cameras {with_cameras}: {} frames, misfit {:.2}, {:.1} s\n  before {:?}\n  after  {:?}",
+                        a.frames,
+                        a.misfit,
+                        t.elapsed().as_secs_f64(),
+                        c.before,
+                        c.after
+                    );
+                    for g in &a.groups {
+                        println!("  {g:?}");
+                    }
+                    let n = |of: &dyn Fn(&crate::sensing::bundle::Parameter) -> bool| {
+                        a.parameters.iter().filter(|p| of(p)).count()
+                    };
+                    println!("  observable {} of {}", n(&|p| p.observable), n(&|_| true));
+                    if std::env::var("ALL").is_ok() {
+                        for p in &a.parameters {
+                            println!(
+                                "    {:32} {:8.4} +- {:7.4} of {:6.3} {} {} {:?}",
+                                p.name, p.value, p.sigma, p.prior, p.unit, p.kept, p.closed_by
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
