@@ -125,6 +125,7 @@ fn an_arm_that_is_held_off_gives_way() {
                         Command::Goto(Goal::position(under_m))
                     });
                     let c = press(b, 12.0);
+                    println!("{below_mm} mm, {aside_m} m, path {on_path}: {c:?}");
                     assert!(c.peak_n > 1.0, "it touches: {c:?}");
                     assert!(matches!(b.now.mode, Mode::Hold | Mode::Safe(_)), "{c:?}");
                     held_s = held_s.max(c.held_s);
