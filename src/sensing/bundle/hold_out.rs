@@ -12,6 +12,8 @@ use crate::signal::Pose;
 const HELD_OUT: usize = 3;
 /// A group has to lower the mean score by this share.
 const PAYS: f64 = 0.01;
+/// The same of the springs' gains, which ends along the springs imitate.
+const PAYS_GAINS: f64 = 0.05;
 /// No block's score may rise by more than this share.
 const WORSE: f64 = 0.2;
 /// Lever by which orientations count as distances, m.
@@ -118,6 +120,10 @@ pub(super) fn choose(
 pub(super) fn judge(group: Group, without: &[f64], with: &[f64]) -> GroupVerdict {
     let root = |scores: &[f64]| (scores.iter().sum::<f64>() / scores.len().max(1) as f64).sqrt();
     let score = [root(without), root(with)];
+    let pays = match group {
+        Group::Gains => PAYS_GAINS,
+        _ => PAYS,
+    };
     let rises = without
         .iter()
         .zip(with)
@@ -126,7 +132,7 @@ pub(super) fn judge(group: Group, without: &[f64], with: &[f64]) -> GroupVerdict
     let worst_block = rises.fold(f64::NEG_INFINITY, f64::max);
     GroupVerdict {
         group,
-        kept: score[1] < (1.0 - PAYS) * score[0] && worst_block <= WORSE,
+        kept: score[1] < (1.0 - pays) * score[0] && worst_block <= WORSE,
         score,
         worst_block,
     }

@@ -4,7 +4,7 @@
 //!
 //! l_i = (1 + g_i) |p + R b_i − p' − R' a_i|,   f_j = (1 + γ_j) P⁻¹ Rᵀ u g + β_j,
 //!
-//! log(Γ⁻¹ P⁻¹ R_kᵀ R_{k+1} P) + D β + γ log Γ = 0 for the turn Γ of an IMU by its gyro, and R T for motion capture.
+//! log(Γ⁻¹ P⁻¹ R_kᵀ R_{k+1} P) + D β + J (log Γ − D β) γ / (1 + γ) = 0 for the turn Γ of an IMU by its gyro, and R T for motion capture.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -23,7 +23,7 @@ pub const POSES: usize = 12;
 /// Standard deviations of motion capture: position, m, and orientation, rad.
 pub const TIP_SD: [f64; 2] = [0.2e-3, 0.05 * super::DEG];
 /// Most constant parameters that a measurement depends on.
-const ENTRIES: usize = 8;
+const ENTRIES: usize = 9;
 
 /// Constant parameters: differences from the calibration in use.
 pub type Constants = [f64; CONSTANTS];
@@ -234,7 +234,14 @@ impl Model {
         let measured = link.turn.to_rotation_matrix().into_inner();
         let off = Rotation3::from_matrix_unchecked(measured.transpose() * predicted);
         let off = UnitQuaternion::from_rotation_matrix(&off).scaled_axis();
-        let by_gain = link.turn.scaled_axis();
+        // A rate of constant direction, read (1 + γ) times: exp(−(1 + γ) r) exp(r), with (1 + γ) r measured beside the bias.
+        let by_bias = link.by_bias_s * three(x, GYROS + 3 * j);
+        let turn = link.turn.scaled_axis() - by_bias;
+        let gain = three(x, GYRO_GAINS + 3 * j);
+        let share = gain.map(|g| g / (1.0 + g));
+        let over_turn = left_jacobian(&-turn) * Matrix3::from_diagonal(&turn);
+        let after_bias = (Matrix3::identity() - Matrix3::from_diagonal(&share)) * link.by_bias_s;
+        let by_gain = over_turn * Matrix3::from_diagonal(&gain.map(|g| (1.0 + g).powi(-2)));
         // log(exp(e) exp(η)) = e + J_r⁻¹(e) η
         let after = left_jacobian(&-off).try_inverse().unwrap_or_default();
         let by_turn = after * (there * pad_from_imu).transpose();
@@ -248,15 +255,11 @@ impl Model {
             row.pose3(6 * p + 3, &-by);
             row.next3(6 * p + 3, &by);
             row.constant3(MOUNTS + 3 * j, &by_mount.row(k).transpose());
-            row.constant3(GYROS + 3 * j, &link.by_bias_s.row(k).transpose());
-            row.constant(GYRO_GAINS + 3 * j + k, by_gain[k]);
+            row.constant3(GYROS + 3 * j, &after_bias.row(k).transpose());
+            row.constant3(GYRO_GAINS + 3 * j, &by_gain.row(k).transpose());
             row
         });
-        let by_gains = by_gain.component_mul(&three(x, GYRO_GAINS + 3 * j));
-        (
-            off + link.by_bias_s * three(x, GYROS + 3 * j) + by_gains,
-            rows,
-        )
+        (off + by_bias + over_turn * share, rows)
     }
 
     /// What motion capture measures less what it should (m, rad, base frame), and the rows, not scaled.
