@@ -200,7 +200,8 @@ fn a_plan_that_would_drop_its_load_first_is_refused() {
     assert_eq!(refusals(&events).len(), 1, "{events:?}");
 }
 
-/// A frame of an arm whose gauges show `gauge_pa` and whose springs are as the plant map has them at `arm_pa`.
+/// A frame of an arm whose gauges show `gauge_pa` and whose springs are as the plant map has them at `arm_pa`. The crude map
+/// has no motion that IMUs could feel: there are none.
 fn frame_at(k: u32, gauge_pa: [f64; CHAMBERS], arm_pa: [f64; CHAMBERS]) -> RawFrame {
     let robot = RobotSpec::reference();
     let mut circuit = crate::rig::circuit_of(&robot, crate::rig::Unit::default());
@@ -211,6 +212,7 @@ fn frame_at(k: u32, gauge_pa: [f64; CHAMBERS], arm_pa: [f64; CHAMBERS]) -> RawFr
         spring_counts: counts,
         spring_gate_ticks: gates,
         chamber_pa: gauge_pa,
+        present: RawFrame::ALL_PRESENT & !(0b1111 << SPRINGS),
         ..frame(k)
     }
 }
