@@ -3,7 +3,7 @@
 use super::safety::line;
 use super::*;
 use crate::robot::KeepOut;
-use crate::signal::ArmingCheck;
+use crate::signal::{ArmingCheck, SPRINGS};
 
 fn refusals(events: &[Event]) -> Vec<String> {
     let refused = events.iter().filter(|e| matches!(e, Event::Refused { .. }));
