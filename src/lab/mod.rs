@@ -28,6 +28,7 @@ pub mod dataset;
 pub mod doctor;
 pub mod drive_log;
 pub mod estimate;
+mod frames;
 pub mod gap_bench;
 pub mod gap_files;
 pub mod import;

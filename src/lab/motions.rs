@@ -7,6 +7,7 @@ use anyhow::Result;
 use nalgebra::Vector3;
 use rand::Rng as _;
 
+use super::frames::raw_frame;
 use super::session::calibration_of;
 use crate::drive::rig_options;
 use crate::rig::hidden::Hidden;
@@ -15,7 +16,7 @@ use crate::rig::multibody::arm::RINGS;
 use crate::rig::{PHYSICS_STEP_S, RigOptions, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::signal::{BOARDS, CHAMBERS, Dataset, Pose, RawFrame, Sample, SensorFrame, Stamp};
+use crate::signal::{CHAMBERS, Dataset, Pose, RawFrame, Sample, SensorFrame};
 use crate::sim::dataset::{Plan, normal, pressures, sample_rng};
 use crate::sim::{Inputs, Model, State, observe, settle};
 use crate::twin::sensing_for;
@@ -77,26 +78,6 @@ pub fn settled(
         }
     }
     Ok((data, left_out))
-}
-
-/// Both boards' readings as one frame, without the line in between: as over a link that has been up for long and has
-/// measured the boards' clocks.
-pub(super) fn raw_frame(seq: u32, rig: &VirtualRig) -> RawFrame {
-    let readings = rig.readings();
-    let spring = |i: usize| readings[i / 6].springs[i % 6].unwrap_or_default();
-    RawFrame {
-        seq,
-        stamp: Stamp::from_seconds(f64::from(seq) * PHYSICS_STEP_S),
-        spring_counts: std::array::from_fn(|i| spring(i).count),
-        spring_gate_ticks: std::array::from_fn(|i| spring(i).gate_ticks),
-        tick_rate_hz: rig.tick_rate_hz(),
-        tick_rate_sd: [0.0; BOARDS],
-        imu: std::array::from_fn(|i| readings[i / 2].imus[i % 2].unwrap_or_default()),
-        chamber_pa: std::array::from_fn(|i| readings[i / 3].chamber_pa[i % 3].unwrap_or(f64::NAN)),
-        present: RawFrame::ALL_PRESENT,
-        board_age_s: [0.0; BOARDS],
-        faults: 0,
-    }
 }
 
 /// Disturbance of a motion.

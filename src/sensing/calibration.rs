@@ -15,7 +15,6 @@ use std::f64::consts::TAU;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::file::CalibrationError;
 use crate::signal::{IMUS, ImuRaw, SPRINGS};
 
 /// Meaning of a spring's reading.
@@ -359,17 +358,8 @@ impl Calibration {
         self.springs.iter().find(|s| s.spring == i + 1)?.ends_sd_m
     }
 
-    /// Replaces the entry of an IMU: its mounting is against the nominal one, its zero against the raw readings.
-    ///
-    /// # Errors
-    /// [`CalibrationError`] for an entry that a file with it would be refused for.
-    pub fn set_imu(&mut self, entry: ImuCalibration) -> Result<(), CalibrationError> {
-        entry.check()?;
-        self.put_imu(entry);
-        Ok(())
-    }
-
-    fn put_imu(&mut self, entry: ImuCalibration) {
+    /// Replaces the entry of an IMU, unchecked.
+    pub(super) fn put_imu(&mut self, entry: ImuCalibration) {
         self.imus.retain(|m| m.imu != entry.imu);
         self.imus.push(entry);
         self.imus.sort_by_key(|m| m.imu);

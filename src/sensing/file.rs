@@ -97,6 +97,16 @@ impl Calibration {
         })
     }
 
+    /// Replaces the entry of an IMU: its mounting is against the nominal one, its zero against the raw readings.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] for an entry that a file with it would be refused for.
+    pub fn set_imu(&mut self, entry: ImuCalibration) -> Result<(), CalibrationError> {
+        entry.check()?;
+        self.put_imu(entry);
+        Ok(())
+    }
+
     /// The text of the calibration file.
     ///
     /// # Errors

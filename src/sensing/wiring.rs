@@ -20,7 +20,7 @@ const POSES_MIN: usize = 4;
 const APART_M: f64 = 8e-3;
 /// Inclinations that disagree by less than this (root mean square) are wired right, rad.
 const RIGHT_RAD: f64 = 2.5 * std::f64::consts::PI / 180.0;
-/// What the second best exchange leaves, over the best one.
+/// Residual of the second best exchange, as a multiple of the best one's.
 const SECOND: f64 = 1.3;
 
 /// Raw readings at one pose.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 29] = [
+const WRITERS: [(&str, &str, &str); 30] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
@@ -42,6 +42,7 @@ const WRITERS: [(&str, &str, &str); 29] = [
     ("study", "eight --shard 2/3 --out OUT", "eight-2-of-3.json"),
     ("calibrate springs", "bench.csv --out OUT/c.toml", "c.toml"),
     ("calibrate imus", "m.rrd --out OUT/c.toml", "c.toml"),
+    ("calibrate self", "m.rrd --out OUT/c.toml", "c.toml"),
     ("calibrate mocap", "a b --out OUT/r.toml", "r.toml"),
     ("run", "--headless --seconds 1 --record OUT/r.rrd", "r.rrd"),
     ("goto", "60,40,-300 --out OUT", "log.csv"),

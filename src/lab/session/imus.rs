@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::excitation::Pumping;
 use super::plan::SessionError;
-use crate::lab::motions::raw_frame;
+use crate::lab::frames::raw_frame;
 use crate::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;

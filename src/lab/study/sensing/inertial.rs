@@ -149,9 +149,9 @@ pub(super) fn off_level(setup: &mut Setup) -> Result<Found> {
             Ok((*unit, left_deg(robot, *unit, *tilt_rad, seed)?))
         })?;
         let results = Results::new(made);
-        let what = format!("{label}: left over after calibration, deg (worst)");
+        let what = format!("{label}: remaining after calibration, deg (worst)");
         results.add_worst(&mut found, &what, Bar::AtMost(0.1), |left| *left);
-        let what = format!("{label}: left over after calibration, deg (mean)");
+        let what = format!("{label}: remaining after calibration, deg (mean)");
         results.add_mean(&mut found, &what, Bar::None, |left| *left);
     }
     Ok(found)
