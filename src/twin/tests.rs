@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{SMatrix, SVector};
+use rand::Rng as _;
 
 use super::*;
 use crate::control::Gains;
@@ -102,13 +103,15 @@ fn frame(k: u32) -> RawFrame {
     circuit.settle(&[0.152; 12]);
     let mut rng = crate::sim::dataset::sample_rng(1, k as usize);
     let (counts, gates) = circuit.read(&mut rng);
-    let imu = |i: usize| {
+    // Readings that repeat themselves to the last bit are those of an IMU that is stuck.
+    let mut noisy = |x: f64, by: f64| x + by * rng.random_range(-1.0..1.0);
+    let imu = std::array::from_fn(|i| {
         let up = robot.imus[i].pad_from_imu.inverse() * nalgebra::Vector3::new(0.0, 0.0, 9.806_65);
         ImuRaw {
-            gyro_rad_s: [0.0; 3],
-            accel_m_s2: up.into(),
+            gyro_rad_s: [0.0; 3].map(|x| noisy(x, 1e-3)),
+            accel_m_s2: <[f64; 3]>::from(up).map(|x| noisy(x, 0.03)),
         }
-    };
+    });
     RawFrame {
         seq: k,
         stamp: Stamp::from_seconds(f64::from(k) * 0.01),
@@ -116,7 +119,7 @@ fn frame(k: u32) -> RawFrame {
         spring_gate_ticks: gates,
         tick_rate_hz: [2e6; 2],
         tick_rate_sd: [0.0; 2],
-        imu: std::array::from_fn(imu),
+        imu,
         chamber_pa: [0.0; CHAMBERS],
         present: RawFrame::ALL_PRESENT,
         board_age_s: [0.0; 2],

@@ -1,7 +1,5 @@
 //! Alarms: their identity, and over-pressure in every mode.
 
-use rand::Rng as _;
-
 use super::*;
 use crate::signal::{Alarm, AlarmKey, ChannelHealth, IMUS, SPRINGS, Severity};
 
@@ -52,22 +50,11 @@ fn each_spring_has_an_alarm_of_its_own_with_its_own_time() {
     );
 }
 
-/// A frame whose IMUs have noise: those that repeat themselves count as stuck once the arm may have moved.
-fn live(k: u32) -> RawFrame {
-    let mut f = frame(k);
-    let mut rng = crate::sim::dataset::sample_rng(2, k as usize);
-    for imu in &mut f.imu {
-        imu.gyro_rad_s = imu.gyro_rad_s.map(|x| x + rng.random_range(-1e-3..1e-3));
-        imu.accel_m_s2 = imu.accel_m_s2.map(|x| x + rng.random_range(-0.03..0.03));
-    }
-    f
-}
-
 /// Frames without the channels of this mask, from the first one on; then the operator arms the twin and moves it.
 fn moved_without(mask: u32) -> (Twin, Vec<Event>) {
     let mut twin = twin();
     let without = |k: u32| {
-        let mut f = live(k);
+        let mut f = frame(k);
         f.present &= !mask;
         f
     };
@@ -134,7 +121,7 @@ fn a_heading_that_is_not_known_is_one_notice_and_no_fault_of_an_imu() {
     let mut twin = twin();
     // The end pad's heading follows from five springs only once the arm has moved.
     for k in 0..100 {
-        let mut f = live(k);
+        let mut f = frame(k);
         f.present &= !(1 << 6);
         twin.tick(at(k), Some(f), &[]);
     }
