@@ -8,7 +8,7 @@ use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::calibration::SpringCalibration;
 use crate::sensing::imu_fit::{
-    self, Capture, Fit, ImuFit, RestError, RestZero, Start, WINDOW_S, Window, Windows, pad_index,
+    self, Capture, Fit, ImuFit, RestError, RestZero, Start, WINDOW_S, Window, Windows,
 };
 pub use crate::sensing::imu_fit::{
     RESIDUAL_MAX_RAD, REST_S, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, tilt,
@@ -226,7 +226,7 @@ impl ImusTake {
             return;
         }
         for (i, take) in self.imus.iter_mut().enumerate().filter(|(_, t)| t.open) {
-            let by_springs = &window.base_from_pad[pad_index(&running.robot, i)];
+            let by_springs = &window.base_from_pad[running.robot.imus[i].pad.index()];
             if let (Some(by_springs), Some(raw)) = (by_springs, &window.imu[i])
                 && !take.capture.is_complete()
             {

@@ -49,7 +49,7 @@ use crate::signal::{ClockFit, Stamp};
 /// that always met a sample on the line would all be late alike.
 const PING_PERIOD_S: f64 = 0.983;
 /// Time between pings while the fit is young, s.
-const FIRST_PERIOD_S: f64 = 0.103;
+const FIRST_PERIOD_S: f64 = 0.083;
 /// Time to the next ping after a slow or lost one, s.
 const RETRY_PERIOD_S: f64 = 0.137;
 /// Time to the next ping after one that may show a jump, s.

@@ -30,6 +30,16 @@ pub enum PadId {
     End,
 }
 
+impl PadId {
+    /// 0 for the middle pad, 1 for the end pad: also the segment above it.
+    pub fn index(self) -> usize {
+        match self {
+            Self::Middle => 0,
+            Self::End => 1,
+        }
+    }
+}
+
 /// Mounting of an IMU on its pad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImuMount {
@@ -152,6 +162,11 @@ pub struct RobotSpec {
 }
 
 impl RobotSpec {
+    /// Pad of each IMU (see [`PadId::index`]).
+    pub fn pad_of_imu(&self) -> [usize; IMUS] {
+        self.imus.each_ref().map(|imu| imu.pad.index())
+    }
+
     /// The robot that ships with the program, `assets/robots/reference.toml`.
     pub fn reference() -> Self {
         match Self::from_toml(REFERENCE) {

@@ -15,8 +15,8 @@ use super::platform::LEGS;
 use crate::signal::{FAULT_NAMED as NAMED, FAULT_OPEN as OPEN, IMUS, SPRINGS};
 
 /// Logarithm of the prior odds of one faulty channel, and of each further one.
-const FIRST: f64 = -9.0;
-const FURTHER: f64 = -5.0;
+pub(super) const FIRST: f64 = -9.0;
+pub(super) const FURTHER: f64 = -5.0;
 /// An open channel has to look healthy for so long before it is closed, s.
 const CLOSE_S: f64 = 5.0;
 /// Below this probability it looks healthy.
@@ -61,13 +61,6 @@ pub struct Faults {
     looks_healthy_s: [f64; SPRINGS + IMUS],
 }
 
-fn index(channel: Channel) -> usize {
-    match channel {
-        Channel::Spring(i) => i,
-        Channel::Imu(i) => SPRINGS + i,
-    }
-}
-
 impl Faults {
     /// Verdict on a segment.
     pub fn verdict(&self, segment: usize) -> &Verdict {
@@ -86,7 +79,7 @@ impl Faults {
         self.verdicts[k] = verdict;
         for &channel in channels {
             let p = verdict.probability(channel);
-            let healthy_s = &mut self.looks_healthy_s[index(channel)];
+            let healthy_s = &mut self.looks_healthy_s[channel.index()];
             *healthy_s = if p < HEALTHY { *healthy_s + dt_s } else { 0.0 };
             match filter.is_open(channel) {
                 false if p > OPEN => filter.apply_flip(channel),

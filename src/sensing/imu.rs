@@ -188,10 +188,18 @@ impl ImuTrack {
     /// Sets the heading offset, rad.
     pub fn set_heading(&mut self, base_from_level: &UnitQuaternion<f64>, heading_rad: f64) {
         self.heading_rad = heading_rad;
-        // base_from_pad = base_from_level · Rz(δ) · earth_from_imu · imu_from_pad
-        self.base_from_pad = base_from_level
-            * UnitQuaternion::from_scaled_axis(Vector3::z() * self.heading_rad)
-            * self.earth_from_pad();
+        self.base_from_pad = self.with_heading(base_from_level, heading_rad);
+    }
+
+    /// Newest orientation of the pad with this heading offset: base_from_level · Rz(δ) · earth_from_imu · imu_from_pad.
+    pub fn with_heading(
+        &self,
+        base_from_level: &UnitQuaternion<f64>,
+        heading_rad: f64,
+    ) -> UnitQuaternion<f64> {
+        base_from_level
+            * UnitQuaternion::from_scaled_axis(Vector3::z() * heading_rad)
+            * self.earth_from_pad()
     }
 
     /// Takes the heading of this orientation of the pad.

@@ -16,6 +16,7 @@
 pub mod bench;
 pub mod bundle;
 pub mod calibration;
+mod consistency;
 pub mod faults;
 mod file;
 pub mod filter;
@@ -30,12 +31,13 @@ mod shape;
 pub mod spring;
 mod wiring;
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
 pub use calibration::Calibration;
+use consistency::{Consistency, Look};
 use faults::Faults;
 pub use file::CalibrationError;
-use filter::{Channel, Filter, LAG_S, Reading, pad_index};
+use filter::{Channel, Filter, LAG_S, Reading};
 use imu::{ImuTrack, Sample};
 use noise::Noise;
 use platform::{LEGS, Segment};
@@ -89,6 +91,10 @@ const STUCK_WAY_M: f64 = 1e-3;
 /// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
 const MAX_RATE_SD: f64 = 2.5e-4;
 
+/// Averaging time of the gyros' biases, s.
+const BIAS_TAU_S: f64 = 20.0;
+/// Poses whose headings are off by more than this are not compared, rad.
+const HEADING_CHANGE_RAD: f64 = 0.1;
 /// Pads that turn faster than this are not compared at rest, rad/s.
 const SLOW_RAD_S: f64 = 0.35;
 
@@ -127,12 +133,17 @@ pub struct Sensing {
     filter: Filter,
     faults: Faults,
     has_started: bool,
+    /// A faulty spring was found that the estimator has followed.
+    is_misled: bool,
     repeats: [Repeats; BOARDS],
     frozen: [Frozen; IMUS],
     length_noise: [Noise; SPRINGS],
     /// Per IMU: of its rates and of its forces, per axis.
     imu_noise: [[[Noise; 3]; 2]; IMUS],
     tracks: [ImuTrack; IMUS],
+    /// Biases of the gyros, averaged, so that a fault does not turn the IMUs' orientations as well, and for how long.
+    gyro_bias: [Vector3<f64>; IMUS],
+    averaged_s: f64,
     /// Last length of each spring that was taken in, m.
     good_m: [Option<f64>; SPRINGS],
     /// Frames for which each channel has been beyond the gate.
@@ -141,6 +152,9 @@ pub struct Sensing {
     ways: [Option<Ways>; SPRINGS],
     nis: [f64; SPRINGS + IMUS],
     wiring: Wiring,
+    consistency: Consistency,
+    /// Per segment, IMUs whose orientations its newest kept poses have, with their heading offsets.
+    compared: [[Option<f64>; IMUS]; 2],
     since_judged_s: f64,
     judged: usize,
     chamber_pa: [f64; CHAMBERS],
@@ -160,6 +174,7 @@ impl Sensing {
     /// (see [`Calibration::uncovered`]).
     pub fn new(spec: &RobotSpec, calibration: Calibration) -> Self {
         let noise = |[assumed, least]: [f64; 2]| Noise::new(assumed, least);
+        let filter = Filter::new(spec, &calibration);
         let segments = [0, 1].map(|k| Segment::of(spec, k));
         let rest_m = segments.each_ref().map(|s| s.lengths_m(&s.rest()));
         Self {
@@ -167,9 +182,14 @@ impl Sensing {
                 let nominal = UnitQuaternion::from_rotation_matrix(&spec.imus[i].pad_from_imu);
                 ImuTrack::new(calibration.mounting(i) * nominal)
             }),
-            filter: Filter::new(spec, &calibration),
+            consistency: Consistency::new(filter.spring_sd_m(), !calibration.imus.is_empty()),
+            compared: [[None; IMUS]; 2],
+            filter,
+            gyro_bias: [Vector3::zeros(); IMUS],
+            averaged_s: 0.0,
             faults: Faults::default(),
             has_started: false,
+            is_misled: false,
             repeats: Default::default(),
             frozen: Default::default(),
             length_noise: [noise(LENGTH_NOISE_M); SPRINGS],
@@ -271,6 +291,7 @@ impl Sensing {
         self.judge(dt_s, &now);
         self.watch_wiring(frame, &now);
         self.orient(dt_s, frame, &mut now);
+        self.compare_poses(frame, &now);
         let health = self.health(frame, &board, &now);
         let out = self.frame(frame, health, &now);
         self.last = Some(out.clone());
@@ -294,10 +315,7 @@ impl Sensing {
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
             let rate_hz = frame.spring_tick_rate_hz(i);
             let read = spring::read(calibration, n, ticks, rate_hz);
-            let length_m = match read {
-                SpringReading::Length(length_m) => Some(length_m),
-                SpringReading::Nothing | SpringReading::OutOfRange => None,
-            };
+            let length_m = read.length_m();
             self.length_noise[i].update(length_m);
             out.health[i] = match read {
                 SpringReading::Nothing => ChannelHealth::Missing,
@@ -347,7 +365,7 @@ impl Sensing {
                 *mean += noise.variance() / 3.0;
             }
         }
-        let pad = &self.filter.pads[pad_index(self.spec.imus[i].pad)];
+        let pad = &self.filter.pads[self.spec.imus[i].pad.index()];
         variance[0] += (RATE_GAIN * pad.rate.norm()).powi(2);
         variance[1] += (FORCE_GAIN * pad.acceleration.norm()).powi(2);
         Reading::Imu {
@@ -360,7 +378,7 @@ impl Sensing {
     /// Moves the estimator on and takes in what is plausible.
     fn estimate(&mut self, dt_s: f64, frame: &RawFrame, now: &mut Frame) {
         let gap = !self.has_started || dt_s > GAP_S;
-        if gap {
+        if gap || self.is_misled {
             let mut readings = [Reading::default(); SPRINGS + IMUS];
             let mut n = 0;
             for reading in now.readings.iter().flatten() {
@@ -370,8 +388,16 @@ impl Sensing {
             if n == 0 {
                 return;
             }
-            self.filter.start(&readings[..n]);
+            match gap {
+                true => self.filter.start(&readings[..n]),
+                false => {
+                    self.filter.predict(dt_s.min(STEP_S));
+                    self.filter.find_again(&readings[..n]);
+                }
+            }
             self.has_started = self.filter.is_sane();
+            self.is_misled = false;
+            self.compared = [[None; IMUS]; 2];
             self.gated = [0; SPRINGS + IMUS];
             self.nis = [1.0; SPRINGS + IMUS];
             return;
@@ -415,7 +441,7 @@ impl Sensing {
     fn least_innovations(&mut self, p: usize, now: &Frame) -> Option<[[f64; 2]; 2]> {
         let mut least: Option<[[f64; 2]; 2]> = None;
         for i in 0..IMUS {
-            if pad_index(self.spec.imus[i].pad) != p || self.filter.is_open(Channel::Imu(i)) {
+            if self.spec.imus[i].pad.index() != p || self.filter.is_open(Channel::Imu(i)) {
                 continue;
             }
             let Some(reading @ Reading::Imu { variance, .. }) = now.readings[SPRINGS + i] else {
@@ -444,7 +470,7 @@ impl Sensing {
 
     /// IMUs of the lower pad of segment `k`.
     fn pair(&self, k: usize) -> impl Iterator<Item = usize> + Clone + use<'_> {
-        (0..IMUS).filter(move |i| pad_index(self.spec.imus[*i].pad) == k)
+        (0..IMUS).filter(move |i| self.spec.imus[*i].pad.index() == k)
     }
 
     /// Drops readings that repeat while they should not.
@@ -470,7 +496,7 @@ impl Sensing {
         }
     }
 
-    /// Which readings are beyond the gate; also keeps the innovations' statistics.
+    /// Which readings are beyond the gate.
     fn beyond(&mut self, now: &Frame) -> [bool; SPRINGS + IMUS] {
         std::array::from_fn(|c| {
             let Some(reading) = &now.readings[c] else {
@@ -494,12 +520,14 @@ impl Sensing {
             };
             let (mut square, mut n) = (0.0, 0.0);
             reading.rows(&mut self.filter, &mut |filter, row, missed, variance| {
-                let (innovation, spread) = filter.innovation(row, missed);
-                square += innovation * innovation / (spread + variance);
+                square += match beyond {
+                    true => {
+                        let (innovation, spread) = filter.innovation(row, missed);
+                        innovation * innovation / (spread + variance)
+                    }
+                    false => filter.update(row, missed, variance),
+                };
                 n += 1.0;
-                if !beyond {
-                    filter.update(row, missed, variance);
-                }
             });
             self.nis[c] += pass * (square / n - self.nis[c]);
             self.gated[c] = if beyond { self.gated[c] + 1 } else { 0 };
@@ -509,9 +537,10 @@ impl Sensing {
         }
         self.filter.inject();
         for c in 0..SPRINGS + IMUS {
-            let (channel, frames) = match c {
-                0..SPRINGS => (Channel::Spring(c), JUMP_FRAMES),
-                _ => (Channel::Imu(c - SPRINGS), JUMP_FRAMES_IMU),
+            let channel = Channel::at(c);
+            let frames = match channel {
+                Channel::Spring(_) => JUMP_FRAMES,
+                Channel::Imu(_) => JUMP_FRAMES_IMU,
             };
             if self.gated[c] >= frames {
                 self.filter.jump(channel);
@@ -540,15 +569,14 @@ impl Sensing {
         }
         let k = self.judged;
         self.judged = 1 - k;
-        let springs = (LEGS * k..LEGS * (k + 1)).map(Channel::Spring);
+        // Springs that have not jumped are compared over several poses.
+        let springs = (LEGS * k..LEGS * (k + 1))
+            .filter(|i| self.filter.has_jumped(*i))
+            .map(Channel::Spring);
         let mut channels = [Channel::Spring(0); LEGS + IMUS];
         let mut n = 0;
         for channel in springs.chain(self.pair(k).map(Channel::Imu)) {
-            let c = match channel {
-                Channel::Spring(i) => i,
-                Channel::Imu(i) => SPRINGS + i,
-            };
-            if now.readings[c].is_some() {
+            if now.readings[channel.index()].is_some() {
                 channels[n] = channel;
                 n += 1;
             }
@@ -580,15 +608,84 @@ impl Sensing {
             .observe(frame, &length_m, &self.spec, &self.calibration);
     }
 
+    /// Compares the springs with the IMUs over several poses, while the arm moves slowly.
+    fn compare_poses(&mut self, frame: &RawFrame, now: &Frame) {
+        let slow = self.filter.pads.iter().all(|p| p.rate.norm() < SLOW_RAD_S);
+        if !self.has_started || !slow || self.gated[..SPRINGS].iter().any(|n| *n > 0) {
+            return;
+        }
+        let k = frame.seq as usize % 2;
+        let base_from_level = self.calibration.level_from_base().inverse();
+        let headings: [Option<f64>; IMUS] = std::array::from_fn(|i| {
+            let pad = self.spec.imus[i].pad.index();
+            let healthy = now.health[SPRINGS + i] == ChannelHealth::Ok
+                && !self.faults.is_named(pad, Channel::Imu(i));
+            (healthy && pad <= k).then(|| self.tracks[i].heading_rad())
+        });
+        let same = headings.iter().zip(&self.compared[k]).all(|(now, then)| {
+            now.is_some() == then.is_some()
+                && (now.unwrap_or(0.0) - then.unwrap_or(0.0)).abs() < HEADING_CHANGE_RAD
+        });
+        if !same {
+            self.consistency.turn_headings(k);
+            self.compared[k] = headings;
+        }
+        let mut pads = self.filter.poses();
+        for (p, pose) in pads.iter_mut().enumerate().take(k + 1) {
+            let mut turned: Option<UnitQuaternion<f64>> = None;
+            for i in self.pair(p) {
+                let Some(heading_rad) = self.compared[k][i] else {
+                    continue;
+                };
+                let own = self.tracks[i].with_heading(&base_from_level, heading_rad);
+                turned = Some(turned.map_or(own, |other| other.slerp(&own, 0.5)));
+            }
+            let Some(turned) = turned else {
+                return;
+            };
+            pose.rotation = turned;
+        }
+        let look = Look {
+            t_s: frame.stamp.seconds(),
+            length_m: std::array::from_fn(|leg| match now.readings[LEGS * k + leg] {
+                Some(Reading::Length {
+                    spring, value_m, ..
+                }) if !self.filter.has_jumped(spring) => {
+                    Some(value_m + LAG_S[0] * self.filter.length_rate_m_s(spring))
+                }
+                _ => None,
+            }),
+            upper: match k {
+                0 => Pose::identity(),
+                _ => pads[0],
+            },
+            lower: pads[k],
+        };
+        if !self.consistency.observe(k, &look, self.filter.geometry()) {
+            return;
+        }
+        let finding = self.consistency.finding(k);
+        let named: [bool; LEGS] = std::array::from_fn(|leg| finding.is_named(leg));
+        let differs = named.iter().enumerate().any(|(leg, &named)| {
+            let i = LEGS * k + leg;
+            !self.filter.has_jumped(i) && named != self.filter.is_open(Channel::Spring(i))
+        });
+        if differs {
+            self.filter.set_faulty(k, &named);
+            self.is_misled = true;
+        }
+    }
+
     /// Orientation of each pad by its IMUs alone, with the estimator's heading.
     fn orient(&mut self, dt_s: f64, frame: &RawFrame, now: &mut Frame) {
         let pads = self.filter.poses();
+        self.averaged_s += dt_s;
         let base_from_level = self.calibration.level_from_base().inverse();
         let changes: [bool; IMUS] = std::array::from_fn(|i| {
             now.readings[SPRINGS + i].is_some() && self.frozen[i].changes()
         });
         for i in 0..IMUS {
-            let pad = pad_index(self.spec.imus[i].pad);
+            let pad = self.spec.imus[i].pad.index();
             let other = self.pair(pad).any(|j| j != i && changes[j]);
             let reading = &now.readings[SPRINGS + i];
             let raw = reading.as_ref().map(|_| &frame.imu[i]);
@@ -597,7 +694,10 @@ impl Sensing {
             }
             let steady = match reading {
                 Some(Reading::Imu { raw, .. }) => {
-                    let rate = nalgebra::Vector3::from(raw.gyro_rad_s) - self.filter.gyro_bias(i);
+                    let bias = &mut self.gyro_bias[i];
+                    let averaged_s = self.averaged_s.min(BIAS_TAU_S);
+                    *bias += (self.filter.gyro_bias(i) - *bias) * (dt_s / (averaged_s + dt_s));
+                    let rate = Vector3::from(raw.gyro_rad_s) - *bias;
                     Some(ImuRaw {
                         gyro_rad_s: rate.into(),
                         accel_m_s2: raw.accel_m_s2,
@@ -613,10 +713,13 @@ impl Sensing {
     fn health(&mut self, frame: &RawFrame, board: &[ChannelHealth; BOARDS], now: &Frame) -> Health {
         let mut springs: [ChannelHealth; SPRINGS] = std::array::from_fn(|i| now.health[i]);
         for (i, health) in springs.iter_mut().enumerate() {
-            let named = self.faults.is_named(i / LEGS, Channel::Spring(i));
+            let finding = self.consistency.finding(i / LEGS);
+            let named =
+                self.faults.is_named(i / LEGS, Channel::Spring(i)) || finding.is_named(i % LEGS);
             let jumped = self.gated[i] > 0;
             if health.usable() && (named || jumped) {
-                let stuck = self.ways[i].is_some_and(|w| w.is_stuck());
+                let stuck = self.ways[i].is_some_and(|w| w.is_stuck())
+                    || finding.is_named(i % LEGS) && finding.is_stuck[i % LEGS];
                 *health = match stuck {
                     true => ChannelHealth::Stuck,
                     false => ChannelHealth::Suspect,
@@ -625,7 +728,7 @@ impl Sensing {
         }
         let imus = std::array::from_fn(|i| {
             let health = now.health[SPRINGS + i];
-            let pad = pad_index(self.spec.imus[i].pad);
+            let pad = self.spec.imus[i].pad.index();
             let named = self.faults.is_named(pad, Channel::Imu(i));
             let unknown = self.filter.pad_sd(pad).1[2] > FOUND_RAD;
             match health {
@@ -684,7 +787,7 @@ impl Sensing {
         });
         let pads = self.filter.poses();
         let imu_ypr_rad = std::array::from_fn(|i| {
-            let pad = pad_index(self.spec.imus[i].pad);
+            let pad = self.spec.imus[i].pad.index();
             let (_, [x, y, z]) = self.filter.pad_sd(pad);
             // Signals that are the same reconstruction are off alike.
             let alike = self
@@ -718,10 +821,13 @@ impl Sensing {
 
     /// How well the channels agree.
     fn quality(&self, health: &Health, now: &Frame) -> Quality {
-        let segment_of_imu = self.spec.imus.each_ref().map(|imu| pad_index(imu.pad));
+        let segment_of_imu = self.spec.pad_of_imu();
         let verdict = |k: usize| self.faults.verdict(k);
         let fault_probability = std::array::from_fn(|c| match c.checked_sub(SPRINGS) {
-            None => verdict(c / LEGS).springs[c % LEGS],
+            None => {
+                let by_poses = self.consistency.finding(c / LEGS).probability[c % LEGS];
+                verdict(c / LEGS).springs[c % LEGS].max(by_poses)
+            }
             Some(i) => verdict(segment_of_imu[i]).imus[i],
         });
         Quality {
@@ -736,7 +842,8 @@ impl Sensing {
                 }
                 _ => None,
             }),
-            segment_suspect: [0, 1].map(|k| verdict(k).is_suspect),
+            segment_suspect: [0, 1]
+                .map(|k| verdict(k).is_suspect || self.consistency.finding(k).is_suspect),
             is_determined: health.determined(segment_of_imu),
             need: self.need(),
         }

@@ -12,11 +12,11 @@
 //! | R, t | upper from lower |
 //! | d_i | t + R b_i − a_i, so that l_i = |d_i| |
 
-use nalgebra::{Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
 
 use super::calibration::Calibration;
 use crate::robot::RobotSpec;
-use crate::signal::Pose;
+use crate::signal::{IMUS, Pose};
 
 /// Springs per segment.
 pub const LEGS: usize = 6;
@@ -53,6 +53,41 @@ pub struct Known {
     pub length_m: [Option<f64>; LEGS],
     /// Rotation upper from lower by the IMUs, to make up for missing legs.
     pub upper_from_lower: Option<UnitQuaternion<f64>>,
+}
+
+/// Where springs end and IMUs sit, by the calibration.
+#[derive(Clone, Debug)]
+pub struct Geometry {
+    /// The segments by themselves.
+    pub segments: [Segment; 2],
+    /// Upper ends in the frame of the base or of the middle pad's upper face, m.
+    pub top_m: [Vector3<f64>; 2 * LEGS],
+    /// Lower ends in the frame of the pad below, m.
+    pub bottom_m: [Vector3<f64>; 2 * LEGS],
+    /// Pad of each IMU: 0 the middle one, 1 the end pad.
+    pub pad_of_imu: [usize; IMUS],
+    /// Mounting of each IMU.
+    pub pad_from_imu: [Rotation3<f64>; IMUS],
+}
+
+impl Geometry {
+    /// Of a robot.
+    pub fn calibrated(spec: &RobotSpec, calibration: &Calibration) -> Self {
+        let segments = [0, 1].map(|k| Segment::calibrated(spec, calibration, k));
+        let below = Vector3::z() * spec.pad_thickness_m;
+        Self {
+            top_m: std::array::from_fn(|i| match i / LEGS {
+                0 => segments[0].top_m[i],
+                _ => segments[1].top_m[i - LEGS] - below,
+            }),
+            bottom_m: std::array::from_fn(|i| segments[i / LEGS].bottom_m[i % LEGS]),
+            pad_of_imu: spec.pad_of_imu(),
+            pad_from_imu: std::array::from_fn(|i| {
+                calibration.mounting(i).to_rotation_matrix() * spec.imus[i].pad_from_imu
+            }),
+            segments,
+        }
+    }
 }
 
 /// A solved segment.

@@ -13,6 +13,16 @@ pub enum SpringReading {
     Nothing,
 }
 
+impl SpringReading {
+    /// The length, m, where there is one.
+    pub fn length_m(self) -> Option<f64> {
+        match self {
+            Self::Length(length_m) => Some(length_m),
+            Self::OutOfRange | Self::Nothing => None,
+        }
+    }
+}
+
 /// Frequency by reciprocal counting, Hz: whole periods over the ticks they took.
 /// `None` when nothing was counted or the clock rate makes no sense.
 pub fn frequency_hz(counts: u32, gate_ticks: u32, tick_rate_hz: f64) -> Option<f64> {

@@ -223,7 +223,6 @@ fn stuck_spring_is_flagged_within_half_a_second_of_motion_and_heading_is_kept() 
 
 /// A coil that is snagged still trembles: no equal counts, but it misses the motion.
 #[test]
-#[ignore = "open: a slow fault that is no constant bias is found late, and blamed on others"]
 fn snagged_spring_with_noise_is_found_by_the_imus() {
     let mut rig = Rig::new(sway);
     let mut sensing = sensing();

@@ -7,9 +7,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::calibration::Calibration;
-use super::filter::pad_index;
 use super::platform::{self, LEGS};
-use super::spring::{SpringReading, read};
+use super::spring::read;
 use crate::robot::RobotSpec;
 use crate::signal::{IMUS, RawFrame, SPRINGS, Swap};
 
@@ -173,10 +172,7 @@ impl Wiring {
             let mut length_m = [0.0; SPRINGS];
             for (i, length_m) in length_m.iter_mut().enumerate() {
                 let (count, ticks, rate_hz) = pose.springs[springs[i]];
-                match read(calibration.spring(i), count, ticks, rate_hz) {
-                    SpringReading::Length(read_m) => *length_m = read_m,
-                    SpringReading::Nothing | SpringReading::OutOfRange => return None,
-                }
+                *length_m = read(calibration.spring(i), count, ticks, rate_hz).length_m()?;
             }
             let pads = platform::pads_of_lengths(spec, &length_m);
             for i in 0..IMUS {
@@ -187,7 +183,7 @@ impl Wiring {
                 let force = (force - zero.accel_bias_m_s2).component_div(&zero.accel_gain);
                 let drawn = UnitQuaternion::from_rotation_matrix(&spec.imus[i].pad_from_imu);
                 let pad_from_imu = calibration.mounting(i) * drawn;
-                let turned = pads[pad_index(spec.imus[i].pad)].rotation * pad_from_imu;
+                let turned = pads[spec.imus[i].pad.index()].rotation * pad_from_imu;
                 squares += (turned * force).angle(&up).powi(2);
                 n += 1.0;
             }

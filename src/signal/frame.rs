@@ -1,7 +1,10 @@
 use nalgebra::{Rotation3, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::{CHAMBERS, IMUS, Quality, SIGNALS, SPRINGS, Stamp};
+use super::{
+    CHAMBERS, ChannelHealth, Evidence, FAULT_NAMED, FOUND_RAD, Health, IMUS, Quality, SIGNALS,
+    SPRINGS, Stamp, UNKNOWN_M, UNKNOWN_RAD,
+};
 
 /// Number of micro-controller boards that share the sensors: one per segment.
 pub const BOARDS: usize = 2;
@@ -109,54 +112,6 @@ impl SensorVec {
     }
 }
 
-/// What is known about one channel's trustworthiness.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
-)]
-pub enum ChannelHealth {
-    /// Delivered and plausible.
-    #[default]
-    Ok,
-    /// Delivered, but disagrees with the other channels.
-    Suspect,
-    /// Does not move while the arm does.
-    Stuck,
-    /// Outside the range its calibration covers.
-    OutOfRange,
-    /// Not delivered.
-    Missing,
-}
-
-impl ChannelHealth {
-    /// Whether the channel may be used for estimation.
-    pub fn usable(self) -> bool {
-        matches!(self, Self::Ok | Self::Suspect)
-    }
-}
-
-/// Health of every channel at one instant.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Health {
-    /// Per spring.
-    pub springs: [ChannelHealth; SPRINGS],
-    /// Per IMU.
-    pub imus: [ChannelHealth; IMUS],
-    /// Per chamber gauge.
-    pub chambers: [ChannelHealth; CHAMBERS],
-}
-
-impl Health {
-    /// How many springs may be used.
-    pub fn springs_usable(&self) -> usize {
-        self.springs.iter().filter(|h| h.usable()).count()
-    }
-
-    /// How many IMUs may be used.
-    pub fn imus_usable(&self) -> usize {
-        self.imus.iter().filter(|h| h.usable()).count()
-    }
-}
-
 /// Plugs that are exchanged; indices are 0-based.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Swap {
@@ -167,11 +122,6 @@ pub enum Swap {
     /// Two IMUs of one pad.
     Imus(usize, usize),
 }
-
-/// Standard deviation of a length that is only held, m.
-pub const UNKNOWN_M: f64 = 0.02;
-/// Standard deviation of an angle that is only held, rad.
-pub const UNKNOWN_RAD: f64 = 0.35;
 
 /// Calibrated sensors at one instant.
 #[derive(Clone, Debug, PartialEq)]
@@ -209,11 +159,32 @@ pub fn board_of_spring(i: usize) -> usize {
     i / (SPRINGS / BOARDS)
 }
 
-/// Name of a spring (0-based) as on the screens: pair (1 to 6) and A or B.
-pub fn spring_name(i: usize) -> String {
-    format!(
-        "{}{}",
-        i / 2 + 1,
-        if i.is_multiple_of(2) { "A" } else { "B" }
-    )
+impl SensorFrame {
+    /// What is known about spring `i` (0-based).
+    pub fn spring_evidence(&self, i: usize) -> Evidence {
+        Evidence {
+            health: self.health.springs[i],
+            probability: self.quality.fault_probability[i],
+            off_m: self.quality.spring_off_m[i],
+            extra_sigma: self.extra_sigma[i],
+            heading_sd_rad: None,
+        }
+    }
+
+    /// What is known about IMU `i` (0-based).
+    pub fn imu_evidence(&self, i: usize) -> Evidence {
+        let at = SPRINGS + 3 * i;
+        let sd_rad = &self.extra_sigma[at..at + 3];
+        let health = self.health.imus[i];
+        let probability = self.quality.fault_probability[SPRINGS + i];
+        let waits =
+            health == ChannelHealth::Suspect && sd_rad[0] > FOUND_RAD && probability <= FAULT_NAMED;
+        Evidence {
+            health,
+            probability,
+            off_m: None,
+            extra_sigma: sd_rad.iter().fold(0.0, |most, sd| sd.max(most)),
+            heading_sd_rad: waits.then_some(sd_rad[0]),
+        }
+    }
 }

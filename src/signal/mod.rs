@@ -10,6 +10,7 @@ mod command;
 mod dataset;
 mod exactly;
 mod frame;
+mod health;
 mod hex;
 mod pose;
 mod quality;
@@ -23,10 +24,8 @@ pub use channel::{Side, Target};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
 pub use exactly::exactly;
-pub use frame::{
-    BOARDS, ChannelHealth, Health, ImuRaw, RawFrame, SensorFrame, SensorVec, Swap, UNKNOWN_M,
-    UNKNOWN_RAD, board_of_spring, spring_name,
-};
+pub use frame::{BOARDS, ImuRaw, RawFrame, SensorFrame, SensorVec, Swap, board_of_spring};
+pub use health::{ChannelHealth, Health, UNKNOWN_M, UNKNOWN_RAD, spring_name};
 pub use hex::hex;
 pub use pose::{
     Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_between, pose_error,

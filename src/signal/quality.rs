@@ -1,9 +1,7 @@
 //! How well the channels of a frame agree, what the estimator still needs, and the sentences about both: the same in
 //! the window, in alarms and without a window.
 
-use super::{
-    ChannelHealth, Health, IMUS, SPRINGS, SensorFrame, UNKNOWN_M, UNKNOWN_RAD, spring_name,
-};
+use super::{ChannelHealth, Health, IMUS, SPRINGS, UNKNOWN_M, UNKNOWN_RAD, spring_name};
 
 /// Segments of the arm.
 const SEGMENTS: usize = 2;
@@ -249,36 +247,6 @@ impl Evidence {
     }
 }
 
-impl SensorFrame {
-    /// What is known about spring `i` (0-based).
-    pub fn spring_evidence(&self, i: usize) -> Evidence {
-        Evidence {
-            health: self.health.springs[i],
-            probability: self.quality.fault_probability[i],
-            off_m: self.quality.spring_off_m[i],
-            extra_sigma: self.extra_sigma[i],
-            heading_sd_rad: None,
-        }
-    }
-
-    /// What is known about IMU `i` (0-based).
-    pub fn imu_evidence(&self, i: usize) -> Evidence {
-        let at = SPRINGS + 3 * i;
-        let sd_rad = &self.extra_sigma[at..at + 3];
-        let health = self.health.imus[i];
-        let probability = self.quality.fault_probability[SPRINGS + i];
-        let waits =
-            health == ChannelHealth::Suspect && sd_rad[0] > FOUND_RAD && probability <= FAULT_NAMED;
-        Evidence {
-            health,
-            probability,
-            off_m: None,
-            extra_sigma: sd_rad.iter().fold(0.0, |most, sd| sd.max(most)),
-            heading_sd_rad: waits.then_some(sd_rad[0]),
-        }
-    }
-}
-
 impl Health {
     /// Which segments' poses geometry gives from the usable channels: a spring gives one equation, an IMU at each end
     /// of a segment (at its lower end, for the first one) gives two, and a pose has six unknowns.
@@ -396,7 +364,7 @@ mod tests {
 
     #[test]
     fn an_imu_whose_heading_is_unknown_is_not_called_wrong() {
-        let mut frame = SensorFrame {
+        let mut frame = super::super::SensorFrame {
             stamp: Default::default(),
             sensors: super::super::SensorVec {
                 spring_m: [0.15; SPRINGS],

@@ -13,7 +13,7 @@ use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::imu_fit::{
     Capture, Fit, ImuFit, Parameter, RestError, RestZero, Start, Window, Windows, ends_sigma_m,
-    first_rest, fit, pad_index,
+    first_rest, fit,
 };
 use springtwin::signal::{IMUS, RawFrame};
 use springtwin::twin::Patched;
@@ -97,7 +97,8 @@ fn captures(robot: &RobotSpec, patched: &Patched, windows: &[Window]) -> [Captur
     std::array::from_fn(|i| {
         let mut capture = Capture::default();
         for w in windows {
-            if let (Some(pad), Some(raw)) = (&w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
+            if let (Some(pad), Some(raw)) = (&w.base_from_pad[robot.imus[i].pad.index()], &w.imu[i])
+            {
                 capture.add(w.t_s, &pad.turned(&patched.imu[i]), raw);
             }
         }

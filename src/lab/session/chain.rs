@@ -14,7 +14,6 @@ use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::imu::{ImuTrack, Sample, credible};
-use crate::sensing::spring::{SpringReading, read};
 use crate::signal::{
     CHAMBERS, Gripper, IMUS, PressureCommand, RawFrame, SensorVec, Stamp, ypr_from_rotation,
 };
@@ -241,24 +240,13 @@ impl<'a> Chain<'a> {
                 false => f64::NAN,
             }),
             sensors: SensorVec {
-                spring_m: std::array::from_fn(|i| self.spring_m(raw, i)),
+                spring_m: std::array::from_fn(|i| {
+                    self.calibration.length_m(raw, i).unwrap_or(f64::NAN)
+                }),
                 imu_ypr_rad,
             },
         });
         Ok(())
-    }
-
-    /// Length of spring `i` as its own count has it, m; NaN where there is none.
-    fn spring_m(&self, raw: &RawFrame, i: usize) -> f64 {
-        if !raw.has_spring(i) {
-            return f64::NAN;
-        }
-        let (count, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-        let rate_hz = raw.spring_tick_rate_hz(i);
-        match read(self.calibration.spring(i), count, ticks, rate_hz) {
-            SpringReading::Length(length_m) => length_m,
-            SpringReading::OutOfRange | SpringReading::Nothing => f64::NAN,
-        }
     }
 
     /// Sends the set pressures of `t_s`, through the robot's limits as the program does.

@@ -8,9 +8,7 @@ use crate::lab::frames::raw_frame;
 use crate::rig::{PHYSICS_STEP_S, RigOptions, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::imu_fit::{
-    Capture, REST_S, Start, Windows, ends_sigma_m, first_rest, fit, pad_index,
-};
+use crate::sensing::imu_fit::{Capture, REST_S, Start, Windows, ends_sigma_m, first_rest, fit};
 use crate::signal::{CHAMBERS, IMUS};
 
 /// Rest before the motion, s: the arm settles, then the gyros are zeroed.
@@ -51,7 +49,8 @@ pub fn calibrate_imus(
     let mut captures: [Capture; IMUS] = Default::default();
     for w in &windows {
         for (i, capture) in captures.iter_mut().enumerate() {
-            if let (Some(pad), Some(raw)) = (&w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
+            if let (Some(pad), Some(raw)) = (&w.base_from_pad[robot.imus[i].pad.index()], &w.imu[i])
+            {
                 capture.add(w.t_s, pad, raw);
             }
         }
@@ -122,7 +121,7 @@ mod tests {
             });
             let truth = rig.plant.truth().base_from_pad;
             for (i, up) in up.iter().enumerate() {
-                let pad = truth[1 + pad_index(robot, i)].rotation;
+                let pad = truth[1 + robot.imus[i].pad.index()].rotation;
                 let level = c.level_from_base() * pad * up;
                 off[i] += f64::powi(level.angle(&Vector3::z()), 2);
             }
@@ -150,9 +149,8 @@ mod tests {
                 ..RigOptions::default()
             };
             let springs = springs_of(&robot, Unit(unit)).expect("draws");
-            let began = std::time::Instant::now();
             let found = calibrate_imus(&robot, springs.clone(), &options).expect("calibrates");
-            println!("unit {unit}: {:.1} s", began.elapsed().as_secs_f64());
+            println!("unit {unit}");
             println!("tilt {:?} deg", found.base_tilt_rad.map(f64::to_degrees));
             for m in &found.imus {
                 println!("{m:?}");

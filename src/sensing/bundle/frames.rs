@@ -2,12 +2,11 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::measure::Model;
+use crate::robot::RobotSpec;
 use crate::sensing::calibration::Calibration;
 use crate::sensing::filter::LAG_S;
 use crate::sensing::imu::credible;
-use crate::sensing::platform::{self, Known, LEGS, solve};
-use crate::sensing::spring::{SpringReading, read};
+use crate::sensing::platform::{self, Known, LEGS, Segment, solve};
 use crate::signal::{IMUS, ImuRaw, Pose, RawFrame, SPRINGS, board_of_spring};
 
 /// Length of a window, and interval of their centres, s.
@@ -70,13 +69,8 @@ impl Take {
             Sample {
                 t_s: raw.stamp.seconds(),
                 length_m: std::array::from_fn(|i| {
-                    let curve = calibration.spring(i);
-                    let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-                    let is_there = raw.has_spring(i) && fresh(board_of_spring(i));
-                    match read(curve, counts, ticks, raw.spring_tick_rate_hz(i)) {
-                        SpringReading::Length(length_m) if is_there => Some(length_m),
-                        _ => None,
-                    }
+                    let length_m = calibration.length_m(raw, i);
+                    length_m.filter(|_| fresh(board_of_spring(i)))
                 }),
                 imu: std::array::from_fn(|i| {
                     let there = raw.has_imu(i) && fresh(i / 2) && credible(&raw.imu[i]);
@@ -311,7 +305,12 @@ fn link(samples: &[Sample], i: usize, from_s: f64, to_s: f64) -> Option<Link> {
 }
 
 /// Poses by the lengths alone, to start from; `None` with too few of them.
-fn start(model: &Model, frame: &Frame, near: &[Pose; 2]) -> Option<([Pose; 2], [Pose; 2])> {
+fn start(
+    spec: &RobotSpec,
+    segments: &[Segment; 2],
+    frame: &Frame,
+    near: &[Pose; 2],
+) -> Option<([Pose; 2], [Pose; 2])> {
     let mut at = *near;
     for (k, at) in at.iter_mut().enumerate() {
         let known = Known {
@@ -321,14 +320,14 @@ fn start(model: &Model, frame: &Frame, near: &[Pose; 2]) -> Option<([Pose; 2], [
         if known.length_m.iter().flatten().count() < LEGS_MIN {
             return None;
         }
-        let segment = &model.segments[k];
+        let segment = &segments[k];
         *at = platform::plausible(segment, &solve(segment, &known, at));
     }
-    Some((platform::pads(&model.spec, &at), at))
+    Some((platform::pads(spec, &at), at))
 }
 
 /// Frames of some recordings.
-pub fn frames(model: &Model, takes: &[Take]) -> Vec<Frame> {
+pub fn frames(spec: &RobotSpec, segments: &[Segment; 2], takes: &[Take]) -> Vec<Frame> {
     let mut all: Vec<Frame> = Vec::new();
     for (number, take) in takes.iter().enumerate() {
         all.extend(windows(take, number));
@@ -339,13 +338,10 @@ pub fn frames(model: &Model, takes: &[Take]) -> Vec<Frame> {
         k += 1;
         (k - 1).is_multiple_of(stride)
     });
-    let rest = model
-        .segments
-        .each_ref()
-        .map(|s: &platform::Segment| s.rest());
+    let rest = segments.each_ref().map(Segment::rest);
     let mut near = rest;
     all.retain_mut(|frame| {
-        let Some((pads, at)) = start(model, frame, &near) else {
+        let Some((pads, at)) = start(spec, segments, frame, &near) else {
             return false;
         };
         frame.start = pads;

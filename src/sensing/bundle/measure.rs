@@ -14,9 +14,9 @@ use super::{
 };
 use crate::robot::RobotSpec;
 use crate::sensing::calibration::Calibration;
-use crate::sensing::filter::{G_M_S2, pad_index};
-use crate::sensing::platform::{LEGS, Segment, pads};
-use crate::signal::{IMUS, Pose, SPRINGS};
+use crate::sensing::filter::G_M_S2;
+use crate::sensing::platform::{Geometry, LEGS, Segment, pads};
+use crate::signal::Pose;
 
 /// Unknowns of a frame: position and orientation of the middle and the end pad.
 pub const POSES: usize = 12;
@@ -100,11 +100,7 @@ impl Row {
 #[derive(Clone, Debug)]
 pub struct Model {
     pub(super) spec: RobotSpec,
-    pub(super) segments: [Segment; 2],
-    top_m: [Vector3<f64>; SPRINGS],
-    bottom_m: [Vector3<f64>; SPRINGS],
-    pad_of_imu: [usize; IMUS],
-    pad_from_imu: [Rotation3<f64>; IMUS],
+    pub(super) geometry: Geometry,
     base_tilt_rad: [f64; 2],
 }
 
@@ -126,35 +122,27 @@ fn three(x: &Constants, at: usize) -> Vector3<f64> {
 impl Model {
     /// Of a robot with the calibration in use.
     pub fn new(spec: &RobotSpec, calibration: &Calibration) -> Self {
-        let segments = [0, 1].map(|k| Segment::calibrated(spec, calibration, k));
-        let below = Vector3::z() * spec.pad_thickness_m;
         Self {
-            top_m: std::array::from_fn(|i| match i / LEGS {
-                0 => segments[0].top_m[i],
-                _ => segments[1].top_m[i - LEGS] - below,
-            }),
-            bottom_m: std::array::from_fn(|i| segments[i / LEGS].bottom_m[i % LEGS]),
-            pad_of_imu: std::array::from_fn(|i| pad_index(spec.imus[i].pad)),
-            pad_from_imu: std::array::from_fn(|i| {
-                calibration.mounting(i).to_rotation_matrix() * spec.imus[i].pad_from_imu
-            }),
+            geometry: Geometry::calibrated(spec, calibration),
             base_tilt_rad: calibration.base_tilt_rad,
-            segments,
             spec: spec.clone(),
         }
     }
 
     /// Middle and end pad at rest.
     pub(super) fn rest_pads(&self) -> [Pose; 2] {
-        pads(&self.spec, &self.segments.each_ref().map(Segment::rest))
+        pads(
+            &self.spec,
+            &self.geometry.segments.each_ref().map(Segment::rest),
+        )
     }
 
     /// Length that spring `i` reads, m, and its row, not scaled.
     pub(super) fn length(&self, x: &Constants, pads: &[Pose; 2], i: usize) -> (f64, Row) {
         let lower = i / LEGS;
         let (low, at) = (&pads[lower], ENDS + 6 * i);
-        let low_arm_m = low.rotation * (self.bottom_m[i] + three(x, at + 3));
-        let top_m = self.top_m[i] + three(x, at);
+        let low_arm_m = low.rotation * (self.geometry.bottom_m[i] + three(x, at + 3));
+        let top_m = self.geometry.top_m[i] + three(x, at);
         let up = lower.checked_sub(1).map(|u| &pads[u]);
         let up_arm_m = up.map_or(top_m, |p| p.rotation * top_m);
         let from_m = up.map_or(up_arm_m, |p| p.translation.vector + up_arm_m);
@@ -184,13 +172,13 @@ impl Model {
         pads: &[Pose; 2],
         j: usize,
     ) -> (Vector3<f64>, [Row; 3]) {
-        let p = self.pad_of_imu[j];
+        let p = self.geometry.pad_of_imu[j];
         let [tx, ty] = self.base_tilt_rad;
         let tilt = Vector3::new(tx + x[TILT], ty + x[TILT + 1], 0.0);
         let base_from_level = exp(&-tilt);
         let up = base_from_level * Vector3::z() * G_M_S2;
         let mount = three(x, MOUNTS + 3 * j);
-        let imu_from_pad = (exp(&mount) * self.pad_from_imu[j].matrix()).transpose();
+        let imu_from_pad = (exp(&mount) * self.geometry.pad_from_imu[j].matrix()).transpose();
         let pad_from_base = pads[p].rotation.inverse().to_rotation_matrix().into_inner();
         let imu_from_base = imu_from_pad * pad_from_base;
         let in_pad = pad_from_base * up;
@@ -224,9 +212,9 @@ impl Model {
         j: usize,
         link: &Link,
     ) -> (Vector3<f64>, [Row; 3]) {
-        let p = self.pad_of_imu[j];
+        let p = self.geometry.pad_of_imu[j];
         let mount = three(x, MOUNTS + 3 * j);
-        let pad_from_imu = exp(&mount) * self.pad_from_imu[j].matrix();
+        let pad_from_imu = exp(&mount) * self.geometry.pad_from_imu[j].matrix();
         let matrix = |pose: &Pose| pose.rotation.to_rotation_matrix().into_inner();
         let (here, there) = (matrix(&pads[p]), matrix(&next[p]));
         let pad_turn = here.transpose() * there;
@@ -239,8 +227,12 @@ impl Model {
         let turn = link.turn.scaled_axis() - by_bias;
         let gain = three(x, GYRO_GAINS + 3 * j);
         let share = gain.map(|g| g / (1.0 + g));
-        let over_turn = left_jacobian(&-turn) * Matrix3::from_diagonal(&turn);
-        let after_bias = (Matrix3::identity() - Matrix3::from_diagonal(&share)) * link.by_bias_s;
+        let along_turn = left_jacobian(&-turn);
+        let over_turn = along_turn * Matrix3::from_diagonal(&turn);
+        // Up to the square of the turn: J_l(−r − δ) = J_l(−r) − ½ [δ]×
+        let by_rate = along_turn * Matrix3::from_diagonal(&share)
+            + 0.5 * turn.component_mul(&share).cross_matrix();
+        let after_bias = (Matrix3::identity() - by_rate) * link.by_bias_s;
         let by_gain = over_turn * Matrix3::from_diagonal(&gain.map(|g| (1.0 + g).powi(-2)));
         // log(exp(e) exp(η)) = e + J_r⁻¹(e) η
         let after = left_jacobian(&-off).try_inverse().unwrap_or_default();

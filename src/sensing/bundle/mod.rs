@@ -215,7 +215,7 @@ pub fn adjust(
     takes: &[Take],
 ) -> Result<Adjustment, BundleError> {
     let model = Model::new(spec, calibration);
-    let mut frames = frames(&model, takes);
+    let mut frames = frames(&model.spec, &model.geometry.segments, takes);
     if frames.iter().all(|f| f.tip.is_none()) {
         correlate(&mut frames);
     }

@@ -235,8 +235,8 @@ impl Filter {
 
     fn imu_from_base(&self, i: usize) -> Matrix3<f64> {
         let pad = &self.pads[self.geometry.pad_of_imu[i]];
-        let turned =
-            self.geometry.imu_from_pad[i] * pad.pose.rotation.to_rotation_matrix().inverse();
+        let turned = self.geometry.pad_from_imu[i].inverse()
+            * pad.pose.rotation.to_rotation_matrix().inverse();
         turned.into_inner()
     }
 }

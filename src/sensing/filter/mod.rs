@@ -24,11 +24,11 @@
 
 mod measure;
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::calibration::Calibration;
-use super::platform::{self, Known, LEGS, Segment, solve};
-use crate::robot::{PadId, RobotSpec};
+use super::platform::{self, Geometry, Known, LEGS, Segment, solve};
+use crate::robot::RobotSpec;
 use crate::signal::{IMUS, Pose, SPRINGS};
 pub use measure::{Reading, Row};
 
@@ -76,16 +76,17 @@ const START: [f64; 5] = [0.02, 0.2, 0.05, 0.2, 0.3];
 /// Healthy springs: ends that lie up to a millimetre beside the drawing make biases that change with the pose.
 pub const SPRING_SD_M: f64 = 0.7e-3;
 /// The same where the ends were calibrated.
-pub const SPRING_CALIBRATED_SD_M: f64 = 0.25e-3;
+pub const SPRING_CALIBRATED_SD_M: f64 = 0.2e-3;
 /// Way over which such a bias becomes another one: change of length, m, and turn of a pad, rad.
 const SPRING_WAY: [f64; 2] = [0.05, 0.5];
 /// The same at rest, in time, s.
 const SPRING_TAU_S: f64 = 600.0;
 /// A prior is taken out of a bias only if measurements know this share of its precision.
 const INFORMED: f64 = 0.03;
-/// A faulty spring's bias, and its random walk, m/√s.
+/// A faulty spring's bias, and random walks, m/√s: of a jump, and where a reading may have nothing to do with the length.
 pub const SPRING_FAULT_M: f64 = 8e-3;
 const SPRING_FAULT_WALK: f64 = 0.05e-3;
+const ASTRAY_WALK: f64 = 0.05;
 /// Standard deviation of the jump of a spring that made none, m.
 const NO_JUMP_M: f64 = 0.3e-3;
 /// How much less is known of a faulty bias after a gap, m.
@@ -93,6 +94,8 @@ const GAP_M: f64 = 1e-3;
 /// Gyro bias after a calibration, as delivered, and of a faulty one, rad/s; random walks, rad/s/√s.
 const GYRO_SD: f64 = 0.3 * DEG;
 const GYRO_DELIVERED: f64 = 20.0 * DEG;
+/// How far a faulty spring may have misled the bias of a gyro, rad/s.
+const GYRO_MISLED: f64 = 0.1 * DEG;
 const GYRO_FAULT: f64 = 60.0 * DEG;
 const GYRO_WALK: f64 = 2e-3 * DEG;
 const GYRO_FAULT_WALK: f64 = 5.0 * DEG;
@@ -141,47 +144,31 @@ pub enum Channel {
     Imu(usize),
 }
 
-/// Where springs end and IMUs sit.
-#[derive(Clone, Debug)]
-struct Geometry {
-    segments: [Segment; 2],
-    /// Upper ends in the frame of the base or of the middle pad's upper face, m.
-    top_m: [Vector3<f64>; SPRINGS],
-    /// Lower ends in the frame of the pad below, m.
-    bottom_m: [Vector3<f64>; SPRINGS],
-    /// By how much the calibration moved the upper and the lower ends from the drawing, m.
-    off_m: [[Vector3<f64>; 2]; SPRINGS],
-    pad_of_imu: [usize; IMUS],
-    imu_from_pad: [Rotation3<f64>; IMUS],
-}
+impl Channel {
+    /// Its place where springs come first and IMUs after them.
+    pub fn index(self) -> usize {
+        match self {
+            Self::Spring(i) => i,
+            Self::Imu(i) => SPRINGS + i,
+        }
+    }
 
-impl Geometry {
-    fn new(spec: &RobotSpec, calibration: &Calibration) -> Self {
-        let segments = [0, 1].map(|k| Segment::calibrated(spec, calibration, k));
-        let below = Vector3::z() * spec.pad_thickness_m;
-        Self {
-            top_m: std::array::from_fn(|i| match i / LEGS {
-                0 => segments[0].top_m[i],
-                _ => segments[1].top_m[i - LEGS] - below,
-            }),
-            bottom_m: std::array::from_fn(|i| segments[i / LEGS].bottom_m[i % LEGS]),
-            off_m: std::array::from_fn(|i| calibration.ends_off_m(i)),
-            pad_of_imu: std::array::from_fn(|i| pad_index(spec.imus[i].pad)),
-            imu_from_pad: std::array::from_fn(|i| {
-                let mounting = calibration.mounting(i).to_rotation_matrix();
-                (mounting * spec.imus[i].pad_from_imu).inverse()
-            }),
-            segments,
+    /// The channel at a place.
+    pub fn at(index: usize) -> Self {
+        match index.checked_sub(SPRINGS) {
+            None => Self::Spring(index),
+            Some(i) => Self::Imu(i),
         }
     }
 }
 
-/// 0 for the middle pad, 1 for the end pad.
-pub fn pad_index(pad: PadId) -> usize {
-    match pad {
-        PadId::Middle => 0,
-        PadId::End => 1,
-    }
+/// What the estimator does not know any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Loss {
+    /// Anything that may have changed in a gap.
+    All,
+    /// Where the pads are.
+    Poses,
 }
 
 /// State of the estimator.
@@ -189,6 +176,8 @@ pub fn pad_index(pad: PadId) -> usize {
 pub struct Filter {
     spec: RobotSpec,
     geometry: Geometry,
+    /// By how much the calibration moved the upper and the lower ends from the drawing, m.
+    off_m: [[Vector3<f64>; 2]; SPRINGS],
     /// Middle and end pad.
     pub pads: [Pad; PADS],
     gyro_bias: [Vector3<f64>; IMUS],
@@ -206,17 +195,16 @@ pub struct Filter {
     imu_is_open: [bool; IMUS],
     /// Standard deviations of healthy biases.
     healthy: [f64; STATES],
-    spring_sd_m: [f64; SPRINGS],
 }
 
 impl Filter {
     /// Straight down and unknown; [`Self::start`] finds the pose.
     pub fn new(spec: &RobotSpec, calibration: &Calibration) -> Self {
-        let geometry = Geometry::new(spec, calibration);
+        let geometry = Geometry::calibrated(spec, calibration);
         let rest = geometry.segments.each_ref().map(Segment::rest);
         let poses = platform::pads(spec, &rest);
         let calibrated = |i: usize| calibration.imus.iter().any(|m| m.imu == i + 1);
-        let spring_sd_m = std::array::from_fn(|i| {
+        let spring_sd_m: [f64; SPRINGS] = std::array::from_fn(|i| {
             let [top_m, bottom_m] = calibration.ends_off_m(i);
             let drawn = top_m == Vector3::zeros() && bottom_m == Vector3::zeros();
             match calibration.ends_sd_m(i) {
@@ -239,6 +227,7 @@ impl Filter {
         healthy[TILT..SPRING].fill(if known { TILT_SD } else { TILT_UNKNOWN });
         let mut filter = Self {
             spec: spec.clone(),
+            off_m: std::array::from_fn(|i| calibration.ends_off_m(i)),
             geometry,
             pads: poses.map(|pose| Pad {
                 pose,
@@ -259,9 +248,8 @@ impl Filter {
             has_jumped: [false; SPRINGS],
             imu_is_open: [false; IMUS],
             healthy,
-            spring_sd_m,
         };
-        filter.forget();
+        filter.forget(Loss::All);
         filter
     }
 
@@ -298,10 +286,51 @@ impl Filter {
         }
     }
 
-    /// Discards what was known of the motion and of the biases of channels that are not open.
-    fn forget(&mut self) {
+    /// Whether a spring's reading has jumped.
+    pub fn has_jumped(&self, i: usize) -> bool {
+        self.has_jumped[i]
+    }
+
+    /// Where springs end and IMUs sit.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// How far healthy springs are off, m.
+    pub fn spring_sd_m(&self) -> [f64; SPRINGS] {
+        std::array::from_fn(|i| self.healthy[SPRING + i])
+    }
+
+    /// Of the springs of segment `k` that have not jumped, these are faulty and the others are not, whatever was believed of
+    /// them.
+    pub fn set_faulty(&mut self, k: usize, faulty: &[bool; LEGS]) {
+        for (i, faulty) in (LEGS * k..).zip(faulty) {
+            if self.has_jumped[i] {
+                continue;
+            }
+            self.spring_is_open[i] = *faulty;
+            self.spring_bias_m[i] = 0.0;
+            let sd_m = match faulty {
+                true => SPRING_FAULT_M,
+                false => self.healthy[SPRING + i],
+            };
+            self.isolate(SPRING + i, sd_m * sd_m);
+        }
+    }
+
+    /// Discards what was known of the pads' poses; after a gap also of their motion, and of the biases of channels that
+    /// are not open.
+    fn forget(&mut self, after: Loss) {
         for k in 0..STATES {
             let known = self.covariance[k][k];
+            if after == Loss::Poses {
+                match k {
+                    0..GYRO if k % PAD < V => self.isolate(k, START[k % PAD / 3].powi(2)),
+                    GYRO..ACCEL => self.widen(k, GYRO_MISLED * GYRO_MISLED),
+                    _ => {}
+                }
+                continue;
+            }
             let after_gap = (known + GAP_M * GAP_M).min(self.fault_sd(k).powi(2));
             let variance = match k {
                 0..GYRO => START[k % PAD / 3].powi(2),
@@ -312,6 +341,9 @@ impl Filter {
                 _ => self.healthy[k].powi(2),
             };
             self.isolate(k, variance);
+        }
+        if after == Loss::Poses {
+            return;
         }
         for pad in &mut self.pads {
             pad.velocity = Vector3::zeros();
@@ -332,6 +364,15 @@ impl Filter {
     /// Starts from the readings of one frame, after the beginning or a gap: the pose from the lengths (and the
     /// inclinations, where springs are missing), biases as they were but not trusted any more.
     pub fn start(&mut self, readings: &[Reading]) {
+        self.find(readings, Loss::All);
+    }
+
+    /// Finds the poses again from the readings of one frame, after a faulty spring has misled the estimator.
+    pub fn find_again(&mut self, readings: &[Reading]) {
+        self.find(readings, Loss::Poses);
+    }
+
+    fn find(&mut self, readings: &[Reading], after: Loss) {
         let mut length_m = [None; SPRINGS];
         for r in readings {
             if let Reading::Length {
@@ -342,14 +383,13 @@ impl Filter {
                 length_m[*spring] = Some(*value_m);
             }
         }
-        let upright = UnitQuaternion::identity();
-        let middle = self.inclination(readings, 0, &upright);
+        let middle = self.inclination(readings, 0);
         let at = [0, 1].map(|k| {
             let turned = match k {
                 0 => middle,
                 _ => self
-                    .inclination(readings, 1, &upright)
-                    .map(|end| middle.unwrap_or(upright).inverse() * end),
+                    .inclination(readings, 1)
+                    .map(|end| middle.unwrap_or_default().inverse() * end),
             };
             let segment = &self.geometry.segments[k];
             let lengths = &length_m[LEGS * k..LEGS * (k + 1)];
@@ -372,9 +412,14 @@ impl Filter {
             self.level_from_base = before.level_from_base;
             self.spring_bias_m = before.spring_bias_m;
             self.jump_m = before.jump_m;
+            for (pad, before) in self.pads.iter_mut().zip(&before.pads) {
+                pad.velocity = before.velocity;
+                pad.rate = before.rate;
+                pad.acceleration = before.acceleration;
+            }
             let poses = self.poses();
             self.covariance.clone_from(&before.covariance);
-            self.forget();
+            self.forget(after);
             let from_guess = poses.iter().zip(&before.pads).enumerate();
             for (p, (now, guess)) in from_guess {
                 self.guess(p, now, &guess.pose);
@@ -394,20 +439,15 @@ impl Filter {
         }
     }
 
-    /// Orientation of a pad by an accelerometer of its own and a heading, for a first guess.
-    fn inclination(
-        &self,
-        readings: &[Reading],
-        pad: usize,
-        heading: &UnitQuaternion<f64>,
-    ) -> Option<UnitQuaternion<f64>> {
+    /// Orientation of a pad by its accelerometer, with the heading of a pad at rest: for a first guess.
+    fn inclination(&self, readings: &[Reading], pad: usize) -> Option<UnitQuaternion<f64>> {
         let geometry = &self.geometry;
         readings.iter().find_map(|r| match r {
             Reading::Imu { imu, raw, .. } if geometry.pad_of_imu[*imu] == pad => {
                 let up_in_imu = Vector3::from(raw.accel_m_s2) - self.accel_bias[*imu];
-                let up_in_pad = geometry.imu_from_pad[*imu].inverse() * up_in_imu;
+                let up_in_pad = geometry.pad_from_imu[*imu] * up_in_imu;
                 let up = self.level_from_base.inverse() * Vector3::z();
-                UnitQuaternion::rotation_between(&(heading * up_in_pad), &up).map(|q| q * heading)
+                UnitQuaternion::rotation_between(&up_in_pad, &up)
             }
             _ => None,
         })
@@ -508,7 +548,7 @@ impl Filter {
             }
             let shifts = dt_s * (ways + 1.0 / SPRING_TAU_S);
             if self.spring_is_open[i] {
-                self.widen(k, SPRING_FAULT_WALK * SPRING_FAULT_WALK * dt_s);
+                self.widen(k, ASTRAY_WALK * ASTRAY_WALK * dt_s);
             } else {
                 self.wander(k, 2.0 * self.healthy[k].powi(2) * shifts);
             }
@@ -595,16 +635,18 @@ impl Filter {
         (missed - known, self.variance(row))
     }
 
-    /// Takes in a scalar measurement whose prediction from the uncorrected state missed by `missed`. A negative variance
-    /// takes the information of such a measurement out again.
-    pub fn update(&mut self, row: &Row, missed: f64, variance: f64) {
+    /// Takes in a scalar measurement whose prediction from the uncorrected state missed by `missed`; gives its normalised
+    /// innovation squared. A negative variance takes the information of such a measurement out again.
+    pub fn update(&mut self, row: &Row, missed: f64, variance: f64) -> f64 {
         let (mut gain, spread) = self.spread(row);
         let known: f64 = row.entries().map(|(k, h)| h * self.correction[k]).sum();
         let total = spread + variance;
+        let innovation = missed - known;
+        let square = innovation * innovation / total;
         if total == 0.0 || !total.is_finite() {
-            return;
+            return square;
         }
-        let share = (missed - known) / total;
+        let share = innovation / total;
         for (sum, g) in self.correction.iter_mut().zip(&gain) {
             *sum += g * share;
         }
@@ -620,6 +662,7 @@ impl Filter {
                 *p -= gi * gj;
             }
         }
+        square
     }
 
     /// Puts the correction into the state.
@@ -802,7 +845,7 @@ impl Filter {
     pub fn length(&self, i: usize) -> (f64, Row, f64) {
         let (length_m, mut row) = self.length_row(i);
         if self.spring_is_open[i] {
-            return (length_m, row, self.spring_sd_m[i].powi(2));
+            return (length_m, row, self.healthy[SPRING + i].powi(2));
         }
         row.add(SPRING + i, 1.0);
         (length_m + self.spring_bias_m[i], row, 0.0)
@@ -812,7 +855,7 @@ impl Filter {
     ///
     /// Networks are trained on the drawing: added to a length, it gives the one that a spring of the drawing would have.
     pub fn drawing_offset_m(&self, i: usize) -> f64 {
-        let [top_off_m, bottom_off_m] = self.geometry.off_m[i];
+        let [top_off_m, bottom_off_m] = self.off_m[i];
         if top_off_m == Vector3::zeros() && bottom_off_m == Vector3::zeros() {
             return 0.0;
         }

@@ -143,7 +143,8 @@ fn captured(robot: &RobotSpec, windows: &[Window]) -> [Capture; IMUS] {
     std::array::from_fn(|i| {
         let mut capture = Capture::default();
         for w in windows {
-            if let (Some(pad), Some(raw)) = (&w.base_from_pad[pad_index(robot, i)], &w.imu[i]) {
+            if let (Some(pad), Some(raw)) = (&w.base_from_pad[robot.imus[i].pad.index()], &w.imu[i])
+            {
                 capture.add(w.t_s, pad, raw);
             }
         }
@@ -303,7 +304,7 @@ fn motion_to_one_side_and_springs_that_are_out_are_refused() {
         &start(None, springs.springs_out()),
     );
     for (i, found) in found.imus.iter().flatten().enumerate() {
-        match pad_index(&rig.robot, i) {
+        match rig.robot.imus[i].pad.index() {
             0 => assert!(!matches!(found, Err(FitError::Springs { .. }))),
             _ => {
                 let e = found.as_ref().expect_err("no springs").to_string();

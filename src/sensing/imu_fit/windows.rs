@@ -5,9 +5,8 @@ use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 use crate::robot::RobotSpec;
 use crate::sensing::imu::credible;
 use crate::sensing::platform::{self, Known, LEGS, Segment};
-use crate::sensing::spring::{SpringReading, read};
 use crate::sensing::{Calibration, imu};
-use crate::signal::{IMUS, ImuRaw, Pose, RawFrame, SPRINGS, Stamp};
+use crate::signal::{IMUS, ImuRaw, Pose, RawFrame, SPRINGS, Stamp, board_of_spring};
 
 /// Frames of a window.
 const FRAMES: usize = 10;
@@ -127,15 +126,8 @@ impl Sums {
         self.frames += 1;
         self.t_s += raw.stamp.seconds();
         self.last = raw.stamp;
-        for i in (0..SPRINGS).filter(|i| raw.has_spring(*i) && fresh(i / LEGS)) {
-            let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-            let reading = read(
-                calibration.spring(i),
-                counts,
-                ticks,
-                raw.spring_tick_rate_hz(i),
-            );
-            if let SpringReading::Length(length_m) = reading {
+        for i in (0..SPRINGS).filter(|i| fresh(board_of_spring(*i))) {
+            if let Some(length_m) = calibration.length_m(raw, i) {
                 self.length_m[i] += length_m;
                 let [low, high] = self.range_m[i];
                 self.range_m[i] = [low.min(length_m), high.max(length_m)];
@@ -325,7 +317,7 @@ pub fn rest(windows: &[Window], robot: &RobotSpec) -> Result<RestZero, RestError
         let samples: Option<Vec<ImuRaw>> = windows.iter().map(|w| w.imu[i]).collect();
         let Some(samples) = samples else { continue };
         zero.gyro_bias_rad_s[i] = Some(still(i, &samples)?);
-        let pad = super::pad_index(robot, i);
+        let pad = robot.imus[i].pad.index();
         let by_springs = windows
             .iter()
             .map(|w| Some(w.base_from_pad[pad].as_ref()?.rotation));

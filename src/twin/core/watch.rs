@@ -6,7 +6,6 @@ use super::air::Short;
 use super::state::{BLIND_FRAMES, LATE_OVER_S, Phase, REMEDY, STALE_SAFE_S, STALE_WARN_S, Twin};
 use crate::link::wire::fault;
 use crate::link::{Order, fault_words};
-use crate::sensing::filter::pad_index;
 use crate::signal::{
     Alarm, AlarmCause, AlarmKey, BOARDS, CHAMBERS, IMUS, SPRINGS, Severity, Stamp, TOO_FEW_SENSORS,
 };
@@ -187,7 +186,7 @@ impl Twin {
         let Some(frame) = &self.sensors else {
             return;
         };
-        let segment_of_imu = self.robot.imus.each_ref().map(|imu| pad_index(imu.pad));
+        let segment_of_imu = self.robot.pad_of_imu();
         let springs = (0..SPRINGS).map(|i| (i, frame.spring_evidence(i)));
         for (spring, evidence) in springs.filter(|(_, e)| e.is_abnormal()) {
             let cause = AlarmCause::Spring { spring, evidence };

@@ -7,7 +7,6 @@ use nalgebra::UnitQuaternion;
 use crate::learn::{quantile, to_pose};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::filter::pad_index;
 use crate::sensing::registration::Frames;
 use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, SPRINGS, Stamp, pose_between};
 use crate::twin::maps::{Maps, sensing_for};
@@ -108,7 +107,7 @@ impl Trial {
             }
             let by_springs = sensing.pads_by_springs();
             for i in 0..IMUS {
-                let by_springs = by_springs[pad_index(robot.imus[i].pad)];
+                let by_springs = by_springs[robot.imus[i].pad.index()];
                 if let Some(by_springs) =
                     by_springs.filter(|_| out.health.imus[i] == ChannelHealth::Ok)
                 {

@@ -18,7 +18,6 @@ use super::widgets::{
 use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::sensing::filter::pad_index;
 use crate::signal::{
     ChannelHealth, IMUS, SPRINGS, SensorFrame, UNKNOWN_M, spring_name, suspect_text,
 };
@@ -74,7 +73,7 @@ fn notices(view: &View<'_>, frame: &SensorFrame) -> Vec<(Level, String)> {
         found.push((Level::Warning, text));
         return found;
     }
-    let segment_of_imu = view.spec.imus.each_ref().map(|imu| pad_index(imu.pad));
+    let segment_of_imu = view.spec.pad_of_imu();
     for segment in 0..frame.quality.segment_suspect.len() {
         if let Some(suspects) = frame.quality.suspects(segment, segment_of_imu) {
             found.push((Level::Warning, suspect_text(segment, &suspects)));

@@ -14,7 +14,7 @@ use crate::rig::clock::Clock;
 use crate::rig::{RigOptions, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::spring::{SpringReading, read};
+use crate::sensing::spring::read;
 use crate::signal::{RawFrame, SPRINGS, Stamp, board_of_spring};
 
 /// Frequency errors of the two boards' clocks when they are switched on, and their change while they warm up.
@@ -125,10 +125,8 @@ fn errors_m(calibration: &Calibration, clocks: &[Clock; 2], raw: &RawFrame, t_s:
         let true_hz = nominal_hz * clocks[board_of_spring(i)].rate(t_s);
         let length_m = |rate_hz: f64| {
             let (n, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-            match read(calibration.spring(i), n, ticks, rate_hz) {
-                SpringReading::Length(l) => l,
-                SpringReading::OutOfRange | SpringReading::Nothing => f64::INFINITY,
-            }
+            let reading = read(calibration.spring(i), n, ticks, rate_hz);
+            reading.length_m().unwrap_or(f64::INFINITY)
         };
         let true_m = length_m(true_hz);
         for (worst_m, rate_hz) in worst_m

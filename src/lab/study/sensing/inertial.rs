@@ -14,7 +14,6 @@ use crate::rig::inertial::InertialErrors;
 use crate::rig::{RigOptions, Unit};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::filter::pad_index;
 use crate::sensing::score::{Judged, score};
 use crate::signal::IMUS;
 use crate::twin::sensing_for;
@@ -53,7 +52,7 @@ fn inclination_deg(
         }
         let pads = sensing.pads();
         for i in 0..IMUS {
-            let pad = pad_index(robot.imus[i].pad);
+            let pad = robot.imus[i].pad.index();
             let by_imu = UnitQuaternion::from_rotation_matrix(&frame.sensors.base_from_imu_pad(i));
             for (k, estimate) in [by_imu, pads[pad].rotation].into_iter().enumerate() {
                 pairs[k * IMUS + i].push(Judged {

@@ -4,7 +4,6 @@ use crate::lab::units::Lab;
 use crate::rig::circuit::Circuit;
 use crate::rig::circuit_of;
 use crate::robot::RobotSpec;
-use crate::sensing::spring::{SpringReading, read};
 use crate::signal::{BOARDS, RawFrame, SPRINGS};
 
 /// Takes a channel out of a frame: 0-11 springs, 12-15 IMUs.
@@ -33,12 +32,10 @@ impl<'a> Shift<'a> {
     /// Changes the gates by what the physical oscillator would do at the other length.
     pub fn apply(&self, raw: &mut RawFrame) {
         for &(i, off_m) in &self.off_m {
-            let (count, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-            let rate_hz = raw.spring_tick_rate_hz(i);
-            let reading = read(self.lab.calibration.spring(i), count, ticks, rate_hz);
-            let SpringReading::Length(length_m) = reading else {
+            let Some(length_m) = self.lab.calibration.length_m(raw, i) else {
                 continue;
             };
+            let ticks = raw.spring_gate_ticks[i];
             let [before_hz, after_hz] =
                 [length_m, length_m + off_m].map(|l| self.circuit.frequency_hz(i, l));
             let longer = f64::from(ticks) * before_hz / after_hz;
@@ -59,10 +56,9 @@ impl Hang {
         let now = (raw.spring_counts, raw.spring_gate_ticks);
         let (counts, gates) = *self.held.get_or_insert(now);
         let each = SPRINGS / BOARDS;
-        for i in each * board..each * (board + 1) {
-            raw.spring_counts[i] = counts[i];
-            raw.spring_gate_ticks[i] = gates[i];
-        }
+        let own = each * board..each * (board + 1);
+        raw.spring_counts[own.clone()].copy_from_slice(&counts[own.clone()]);
+        raw.spring_gate_ticks[own.clone()].copy_from_slice(&gates[own]);
     }
 }
 
@@ -72,6 +68,7 @@ mod tests {
     use crate::lab::session::calibration_of;
     use crate::lab::units::session_recipe;
     use crate::rig::Unit;
+    use crate::sensing::spring::read;
     use crate::signal::Dataset;
 
     #[test]
@@ -91,16 +88,15 @@ mod tests {
             spring_counts: [10_900; SPRINGS],
             spring_gate_ticks: std::array::from_fn(gate),
             tick_rate_hz: [2e6; BOARDS],
+            present: RawFrame::ALL_PRESENT,
             ..RawFrame::default()
         };
         let before = raw.clone();
         Shift::new(&robot, &lab, vec![(3, 7e-3)]).apply(&mut raw);
         let length = |raw: &RawFrame, i: usize| {
             let (n, g) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-            match read(lab.calibration.spring(i), n, g, 2e6) {
-                SpringReading::Length(l) => l,
-                other => panic!("{other:?}"),
-            }
+            let reading = read(lab.calibration.spring(i), n, g, 2e6);
+            reading.length_m().expect("a length")
         };
         for i in 0..SPRINGS {
             let wanted_m = if i == 3 { 7e-3 } else { 0.0 };

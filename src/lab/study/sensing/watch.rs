@@ -6,7 +6,6 @@ use crate::learn::{Coverage, PoseMap as _, pose_residual};
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
 use crate::sensing::filter::Channel;
-use crate::sensing::filter::pad_index;
 use crate::signal::{ChannelHealth, IMUS, Matrix6, RawFrame, SPRINGS, SensorFrame, Vector6};
 use crate::twin::sensing_for;
 
@@ -100,7 +99,7 @@ pub(super) fn named(
             0..SPRINGS => (c / 6, Channel::Spring(c), frame.health.springs[c]),
             _ => {
                 let i = c - SPRINGS;
-                let pad = pad_index(robot.imus[i].pad);
+                let pad = robot.imus[i].pad.index();
                 (pad, Channel::Imu(i), frame.health.imus[i])
             }
         };
