@@ -7,12 +7,14 @@ use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 
 use super::motions::{self, Motion};
+use super::self_calibration::take;
 use super::session::calibration_of;
 use super::threads;
 use crate::learn::{Model, Recipe, adapt};
 use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
+use crate::sensing::bundle::adjust;
 use crate::signal::Dataset;
 
 /// Units that networks, gains and thresholds may be fitted to.
@@ -28,16 +30,18 @@ const SESSION_KG: [f64; 2] = [0.0, 0.25];
 const SESSION_SHARE: f64 = 0.95;
 /// Rows of the session per second of motion.
 const SESSION_ROWS_1_S: f64 = 5.0;
+/// Motion that the calibration is adjusted to, s.
+const SELF_S: f64 = 300.0;
 /// Seed of the sessions of all units: no study moves a rig with it.
 const SESSION_SEED: u64 = 90;
 
-/// A unit after its lab's calibration: its springs drawn on the bench, and sim-to-real networks and covariance from
-/// a motion-capture session of its own.
+/// A unit after its lab's calibration: its springs drawn on the bench, their ends and the IMUs by `calibrate self` beside
+/// motion capture, and sim-to-real networks and covariance from a motion-capture session of its own.
 #[derive(Clone, Debug)]
 pub struct Lab {
     /// The unit.
     pub unit: Unit,
-    /// The curves of its springs.
+    /// Its springs and IMUs.
     pub calibration: Calibration,
     /// Its motion-capture session.
     pub session: Dataset,
@@ -53,7 +57,7 @@ impl Lab {
     /// # Errors
     /// When a spring is refused, the arm cannot follow its motion, or training fails.
     pub fn new(robot: &RobotSpec, unit: Unit, seconds: f64, base: &Model) -> Result<Self> {
-        let calibration = calibration_of(robot, unit)?;
+        let calibration = self_calibrated(robot, unit)?;
         let session = session(robot, unit, &calibration, seconds)?;
         let recipe = session_recipe()?;
         let networks = adapt(base, &session, &recipe, &mut |_| ControlFlow::Continue(()))?;
@@ -65,6 +69,18 @@ impl Lab {
             networks,
         })
     }
+}
+
+/// A unit's springs drawn on the bench, with ends, mountings and the rest as its own motion shows them beside motion
+/// capture.
+///
+/// # Errors
+/// When a spring is refused, the arm cannot follow its motion, or no adjustment fits.
+pub fn self_calibrated(robot: &RobotSpec, unit: Unit) -> Result<Calibration> {
+    let bench = calibration_of(robot, unit)?;
+    let frames = motions::raw(robot, &Motion::of(unit, SELF_S, SESSION_SEED + 2))?;
+    let take = take(&bench, &frames, true);
+    Ok(adjust(robot, &bench, &[take])?.calibration)
 }
 
 /// The recipe for a motion-capture session, `assets/networks/session.toml`.

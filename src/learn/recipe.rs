@@ -420,7 +420,7 @@ mod tests {
         assert_eq!(as_shipped, shipped);
         // A session shows what the unit has off the drawing, and motion capture is better than that.
         assert!(session.reference.position_m < shipped.unit.position_m);
-        assert!(session.split.rows(Some(0.02)) == 500);
+        assert!(session.split.rows(Some(0.02)) == 1500);
         assert!(session.s2r.weight_decay > shipped.s2r.weight_decay);
     }
 

@@ -387,8 +387,8 @@ impl Segment {
             self.log_evidence(&named, Some(&mut off_m));
             for i in named.faulty() {
                 finding.is_stuck[i] = self.is_stuck(i, &off_m);
-                let newest = self.count.saturating_sub(1);
-                if off_m[newest][i].abs() < LEAST_M {
+                let is_less = |of: &[f64; LEGS]| of[i].abs() < LEAST_M;
+                if off_m[..self.count].iter().all(is_less) {
                     finding.probability[i] = finding.probability[i].min(FAULT_NAMED);
                     finding.is_suspect = true;
                 }

@@ -113,6 +113,8 @@ fn sensing() -> Sensing {
 /// Springs, IMUs and ends after their calibration, which found them as drawn.
 fn calibrated() -> Calibration {
     let mut calibration = Calibration::virtual_rig();
+    calibration.imus.clear();
+    calibration.base_tilt_rad = [0.0; 2];
     for spring in &mut calibration.springs {
         spring.ends_off_m = [Vector3::repeat(1e-6); 2];
     }

@@ -21,8 +21,7 @@ const IMUS_SEED: u64 = 90;
 /// # Errors
 /// [`SessionError`] when a spring is refused in every run of the bench, or an IMU after its motion.
 pub fn calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
-    let shipped_for = RobotSpec::reference().base_hash;
-    if unit == Unit::default() && robot.base_hash == shipped_for {
+    if is_shipped(robot, unit) {
         return Ok(Calibration::virtual_rig());
     }
     let options = RigOptions {
@@ -31,6 +30,26 @@ pub fn calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, Sess
         ..RigOptions::default()
     };
     calibrate_imus(robot, springs_of(robot, unit)?, &options)
+}
+
+fn is_shipped(robot: &RobotSpec, unit: Unit) -> bool {
+    unit == Unit::default() && robot.base_hash == RobotSpec::reference().base_hash
+}
+
+/// The springs of `unit`, its IMUs as drawn: those of sessions were zeroed.
+///
+/// # Errors
+/// As [`calibration_of`].
+pub(super) fn springs_for(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
+    if !is_shipped(robot, unit) {
+        return springs_of(robot, unit);
+    }
+    let shipped = Calibration::virtual_rig();
+    Ok(Calibration {
+        imus: Vec::new(),
+        base_tilt_rad: [0.0; 2],
+        ..shipped
+    })
 }
 
 /// The springs of `unit` from its own bench.

@@ -2,7 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::calibration::calibration_of;
+use super::calibration::springs_for;
 use super::capture::Captured;
 use super::excitation::Drive;
 use super::plan::{Session, SessionError, SessionPlan};
@@ -59,7 +59,7 @@ impl<'a> Specimen<'a> {
         Ok(Self {
             robot,
             unit,
-            calibration: calibration_of(robot, unit)?,
+            calibration: springs_for(robot, unit)?,
         })
     }
 
