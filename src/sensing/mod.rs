@@ -773,7 +773,8 @@ impl Sensing {
             if health.springs[i] == ChannelHealth::Ok {
                 let reading_m = self.good_m[i].unwrap_or(self.rest_m[i]);
                 extra_sigma[i] = (lag_sd_s * rate_m_s).abs();
-                return reading_m + lag_s * rate_m_s + drawing_m;
+                let lag_m = (lag_s * rate_m_s).clamp(-BEYOND_M, BEYOND_M);
+                return reading_m + lag_m + drawing_m;
             }
             let sd_m = (self.filter.variance(&row) + more).max(0.0).sqrt();
             let [low_m, high_m] = self.spec.spring.range_m;
