@@ -15,8 +15,7 @@ use std::f64::consts::TAU;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::spring::read;
-use crate::signal::{IMUS, ImuRaw, RawFrame, SPRINGS};
+use crate::signal::{IMUS, ImuRaw, SPRINGS};
 
 /// Meaning of a spring's reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -334,14 +333,6 @@ impl Calibration {
     /// Correction of the mounting of IMU `i` (0-based): pad from IMU = correction · nominal.
     pub fn mounting(&self, i: usize) -> UnitQuaternion<f64> {
         UnitQuaternion::from_scaled_axis(self.imu_entry(i).fit.correction_rad)
-    }
-
-    /// Length of spring `i` (0-based) by its own count in a frame, m, where there is one.
-    pub fn length_m(&self, raw: &RawFrame, i: usize) -> Option<f64> {
-        let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
-        let rate_hz = raw.spring_tick_rate_hz(i);
-        let reading = read(self.spring(i), counts, ticks, rate_hz).length_m();
-        reading.filter(|_| raw.has_spring(i))
     }
 
     /// Errors of the readings of IMU `i` (0-based).

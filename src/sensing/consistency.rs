@@ -74,7 +74,7 @@ struct Kept {
     turned_m: [f64; LEGS],
 }
 
-/// What the poses of a segment tell.
+/// Finding on a segment by its poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Finding {
     /// Probability that each spring is faulty.
@@ -115,7 +115,7 @@ pub struct Consistency {
     inclined_constant: f64,
 }
 
-/// What one frame tells of a segment.
+/// A segment in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
     /// Time, s.

@@ -1,6 +1,7 @@
 //! One spring channel: counts and gate to frequency, to reading, to length.
 
-use super::calibration::SpringCalibration;
+use super::calibration::{Calibration, SpringCalibration};
+use crate::signal::RawFrame;
 
 /// Reading of a channel in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,6 +66,16 @@ pub fn resolution_m(
     match (at(gate_ticks), at(gate_ticks.saturating_add(1))) {
         (SpringReading::Length(a), SpringReading::Length(b)) => (a - b).abs(),
         _ => 0.0,
+    }
+}
+
+impl Calibration {
+    /// Length of spring `i` (0-based) by its own count in a frame, m, where there is one.
+    pub fn length_m(&self, raw: &RawFrame, i: usize) -> Option<f64> {
+        let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
+        let rate_hz = raw.spring_tick_rate_hz(i);
+        let reading = read(self.spring(i), counts, ticks, rate_hz).length_m();
+        reading.filter(|_| raw.has_spring(i))
     }
 }
 
