@@ -14,11 +14,12 @@
 //! stands for ends that lie beside the drawing. Hypotheses are: no fault, one spring, two springs; each off by a constant,
 //! or by what changes from pose to pose.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
 use super::faults::{FIRST, FURTHER};
 use super::filter::SPRING_FAULT_M;
 use super::platform::{Geometry, LEGS};
+use super::ways::Ways;
 use crate::signal::{FAULT_NAMED, FAULT_OPEN, Pose, SPRINGS};
 
 /// Poses of a segment that are compared.
@@ -43,8 +44,7 @@ const INCLINED_CONSTANT: [f64; 2] = [0.2 * DEG, 2.0 * DEG];
 /// Heading at the first pose, rad, and drift of the gyros, rad/s.
 const HEADING: f64 = 8.0 * DEG;
 const DRIFT: f64 = 0.05 * DEG;
-/// A spring that is faulty does not move when its range is below this share of what it should be, and that is at least, m.
-const STUCK_SHARE: f64 = 0.25;
+/// A faulty spring is stuck when it should have moved by this at least, m.
 const STUCK_WAY_M: f64 = 1.5e-3;
 /// Sets of springs that may be faulty, and hypotheses on a segment: no fault, a set that is off by a constant, or by
 /// anything.
@@ -98,8 +98,8 @@ struct Segment {
     kept: [Kept; POSES],
     count: usize,
     epoch: u32,
+    /// The identity beyond the kept poses.
     covariance: Box<Covariance>,
-    work: Box<Covariance>,
     residuals: Residuals,
     /// Hypotheses that were compared so far, and ln Z of each.
     tried: usize,
@@ -184,7 +184,6 @@ impl Consistency {
             count: 0,
             epoch: 0,
             covariance: Box::new(Covariance::identity()),
-            work: Box::new(Covariance::identity()),
             residuals: Residuals::zeros(),
             tried: HYPOTHESES,
             log_z: [0.0; HYPOTHESES],
@@ -318,22 +317,21 @@ impl Segment {
 
     /// ln Z of a hypothesis; `off_m` takes what each spring of it is off by at each pose.
     fn log_evidence(
-        &mut self,
+        &self,
         hypothesis: &Hypothesis,
         off_m: Option<&mut [[f64; LEGS]; POSES]>,
     ) -> Option<f64> {
-        self.work.copy_from(&self.covariance);
+        let mut covariance = *self.covariance;
         for k in 0..self.count {
             for l in 0..self.count {
                 let off = hypothesis.off(self.moved_m2(k.min(l)));
                 for i in hypothesis.faulty() {
-                    self.work[(LEGS * k + i, LEGS * l + i)] += off;
+                    covariance[(LEGS * k + i, LEGS * l + i)] += off;
                 }
             }
         }
-        let log_det = decompose(&mut self.work, LEGS * self.count)?;
-        let mut solved = self.residuals;
-        substitute(&self.work, &mut solved, LEGS * self.count);
+        let decomposed = Cholesky::new(covariance)?;
+        let solved = decomposed.solve(&self.residuals);
         let square = self.residuals.dot(&solved);
         if let Some(off_m) = off_m {
             for i in hypothesis.faulty() {
@@ -347,7 +345,7 @@ impl Segment {
                 }
             }
         }
-        Some(-0.5 * (square + log_det))
+        Some(-0.5 * (square + decomposed.ln_determinant()))
     }
 
     /// Compares one more hypothesis. Whether it was the last one, and the finding is new.
@@ -407,59 +405,19 @@ impl Segment {
 
     /// Whether spring `i` did not move over the last poses while it should have.
     fn is_stuck(&self, i: usize, off_m: &[[f64; LEGS]; POSES]) -> bool {
-        let (mut read, mut expected) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN]);
+        let mut ways: Option<Ways> = None;
         for k in (0..self.count).rev() {
             let Some(read_m) = self.kept[k].read_m[i] else {
                 break;
             };
-            let add = |r: &mut [f64; 2], x: f64| *r = [r[0].min(x), r[1].max(x)];
-            add(&mut read, read_m);
-            add(&mut expected, read_m - off_m[k][i]);
-            let [moved_m, should_m] = [read, expected].map(|r| r[1] - r[0]);
-            if should_m > STUCK_WAY_M && moved_m < STUCK_SHARE * should_m {
+            let expected_m = read_m - off_m[k][i];
+            let ways = ways.get_or_insert(Ways::of(read_m, expected_m));
+            ways.add(read_m, expected_m);
+            if ways.is_stuck(STUCK_WAY_M) {
                 return true;
             }
         }
         false
-    }
-}
-
-/// Cholesky decomposition of the first `n` rows and columns in place (lower part); gives ln of the determinant.
-fn decompose(m: &mut Covariance, n: usize) -> Option<f64> {
-    let mut log_det = 0.0;
-    for j in 0..n {
-        for k in 0..j {
-            let by = m[(j, k)];
-            for i in j..n {
-                m[(i, j)] -= by * m[(i, k)];
-            }
-        }
-        let pivot = m[(j, j)];
-        if pivot.is_nan() || pivot <= 0.0 {
-            return None;
-        }
-        log_det += pivot.ln();
-        let by = 1.0 / pivot.sqrt();
-        for i in j..n {
-            m[(i, j)] *= by;
-        }
-    }
-    Some(log_det)
-}
-
-/// Solves L Lᵀ x = b in place.
-fn substitute(l: &Covariance, b: &mut Residuals, n: usize) {
-    for j in 0..n {
-        b[j] /= l[(j, j)];
-        for i in j + 1..n {
-            b[i] -= l[(i, j)] * b[j];
-        }
-    }
-    for j in (0..n).rev() {
-        for i in j + 1..n {
-            b[j] -= l[(i, j)] * b[i];
-        }
-        b[j] /= l[(j, j)];
     }
 }
 
@@ -555,11 +513,12 @@ mod tests {
         for k in 0..2 {
             let (mut sum, n) = (0.0, 60);
             for seed in 0..n {
-                let mut watched = watched(k, &looks(k, seed, |_, _| 0.0));
-                let segment = &mut watched.segments[k];
+                let watched = watched(k, &looks(k, seed, |_, _| 0.0));
+                let segment = &watched.segments[k];
                 assert_eq!(segment.count, POSES);
                 let log_z = segment.log_evidence(&Hypothesis::default(), None);
-                let log_det = decompose(&mut segment.covariance, ROWS).expect("regular");
+                let decomposed = Cholesky::new(*segment.covariance).expect("regular");
+                let log_det = decomposed.ln_determinant();
                 sum += -2.0 * log_z.expect("regular") - log_det;
                 assert_eq!(
                     segment.finding.probability.map(|p| p > FAULT_OPEN),
@@ -601,21 +560,5 @@ mod tests {
             }
         }
         assert!(moved >= 8, "{moved}");
-    }
-
-    #[test]
-    fn cholesky_gives_the_solution_and_the_determinant() {
-        let mut rng = Pcg64Mcg::seed_from_u64(5);
-        let a = SMatrix::<f64, 12, 12>::from_fn(|_, _| white(&mut rng));
-        let s = a * a.transpose() + SMatrix::<f64, 12, 12>::identity();
-        let b = SVector::<f64, 12>::from_fn(|_, _| white(&mut rng));
-        let mut m = Covariance::identity();
-        m.fixed_view_mut::<12, 12>(0, 0).copy_from(&s);
-        let mut x = Residuals::zeros();
-        x.fixed_rows_mut::<12>(0).copy_from(&b);
-        let log_det = decompose(&mut m, 12).expect("regular");
-        substitute(&m, &mut x, 12);
-        assert!((log_det - s.determinant().ln()).abs() < 1e-9);
-        assert!((s * x.fixed_rows::<12>(0) - b).norm() < 1e-9);
     }
 }

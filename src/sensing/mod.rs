@@ -29,6 +29,7 @@ mod repeats;
 pub mod score;
 mod shape;
 pub mod spring;
+mod ways;
 mod wiring;
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -44,6 +45,7 @@ use platform::{LEGS, Segment};
 use repeats::{Frozen, RawLength, Repeats};
 pub use shape::shape_by_sensors;
 use spring::SpringReading;
+use ways::Ways;
 use wiring::Wiring;
 
 use crate::robot::RobotSpec;
@@ -83,9 +85,7 @@ const RATE_GAIN: f64 = 0.003;
 const FORCE_GAIN: f64 = 0.01;
 /// Beyond the springs' range by this, a reconstructed length is none, m.
 const BEYOND_M: f64 = 8e-3;
-/// A spring that is named as faulty is stuck when it moved by less than this share of what it should have.
-const STUCK_SHARE: f64 = 0.25;
-/// Least way for that, m.
+/// A spring under suspicion is stuck when it should have moved by this at least, m.
 const STUCK_WAY_M: f64 = 1e-3;
 /// A length by a clock whose rate is known less well than this is not one yet, s/s: 0.5 mm of 154 mm. The link takes half a
 /// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
@@ -97,33 +97,6 @@ const BIAS_TAU_S: f64 = 20.0;
 const HEADING_CHANGE_RAD: f64 = 0.1;
 /// Pads that turn faster than this are not compared at rest, rad/s.
 const SLOW_RAD_S: f64 = 0.35;
-
-/// Ways of a spring's reading and of its expected length, since it is under suspicion, m.
-#[derive(Clone, Copy, Debug)]
-struct Ways {
-    read: [f64; 2],
-    expected: [f64; 2],
-}
-
-impl Ways {
-    fn of(read_m: f64, expected_m: f64) -> Self {
-        Self {
-            read: [read_m; 2],
-            expected: [expected_m; 2],
-        }
-    }
-
-    fn add(&mut self, read_m: f64, expected_m: f64) {
-        for (range, x) in [(&mut self.read, read_m), (&mut self.expected, expected_m)] {
-            *range = [range[0].min(x), range[1].max(x)];
-        }
-    }
-
-    fn is_stuck(&self) -> bool {
-        let [read, expected] = [self.read, self.expected].map(|r| r[1] - r[0]);
-        expected > STUCK_WAY_M && read < STUCK_SHARE * expected
-    }
-}
 
 /// State of the sensing.
 pub struct Sensing {
@@ -718,7 +691,7 @@ impl Sensing {
                 self.faults.is_named(i / LEGS, Channel::Spring(i)) || finding.is_named(i % LEGS);
             let jumped = self.gated[i] > 0;
             if health.usable() && (named || jumped) {
-                let stuck = self.ways[i].is_some_and(|w| w.is_stuck())
+                let stuck = self.ways[i].is_some_and(|w| w.is_stuck(STUCK_WAY_M))
                     || finding.is_named(i % LEGS) && finding.is_stuck[i % LEGS];
                 *health = match stuck {
                     true => ChannelHealth::Stuck,

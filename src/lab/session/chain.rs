@@ -50,10 +50,10 @@ pub struct Specimen<'a> {
 }
 
 impl<'a> Specimen<'a> {
-    /// Specimen `number` of `robot`'s rig, calibrated.
+    /// Specimen `number` of `robot`'s rig, its springs calibrated.
     ///
     /// # Errors
-    /// [`SessionError`] when its springs or IMUs cannot be calibrated.
+    /// [`SessionError`] when its springs cannot be calibrated.
     pub fn new(robot: &'a RobotSpec, number: u64) -> Result<Self, SessionError> {
         let unit = Unit(number);
         Ok(Self {
