@@ -180,7 +180,7 @@ impl Wizard {
         self.mocap.outdated(&self.draft()).is_none().then_some(fit)
     }
 
-    /// The curves of the springs that passed, and the former ones of the others.
+    /// The springs that passed, with their ends as before, and the former ones of the others.
     fn curves(&self) -> Vec<SpringCalibration> {
         let mut out = self.before.springs.clone();
         let takes = self.springs.springs.iter().enumerate();
@@ -188,7 +188,7 @@ impl Wizard {
         if passed.peek().is_none() {
             return out;
         }
-        for curve in passed {
+        for curve in passed.map(|curve| curve.with_ends_of(&self.before)) {
             out.retain(|s| s.spring != curve.spring);
             out.push(curve);
         }

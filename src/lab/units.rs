@@ -77,10 +77,22 @@ impl Lab {
 /// # Errors
 /// When a spring is refused, the arm cannot follow its motion, or no adjustment fits.
 pub fn self_calibrated(robot: &RobotSpec, unit: Unit) -> Result<Calibration> {
-    let bench = calibration_of(robot, unit)?;
+    adjusted_with_cameras(robot, unit, &calibration_of(robot, unit)?)
+}
+
+/// A bench calibration with ends, mountings and the rest as five minutes of the unit's own motion show them beside motion
+/// capture.
+///
+/// # Errors
+/// When the arm cannot follow its motion, or no adjustment fits.
+pub fn adjusted_with_cameras(
+    robot: &RobotSpec,
+    unit: Unit,
+    bench: &Calibration,
+) -> Result<Calibration> {
     let frames = motions::raw(robot, &Motion::of(unit, SELF_S, SESSION_SEED + 2))?;
-    let take = take(&bench, &frames, true);
-    Ok(adjust(robot, &bench, &[take])?.calibration)
+    let take = take(bench, &frames, true);
+    Ok(adjust(robot, bench, &[take])?.calibration)
 }
 
 /// The recipe for a motion-capture session, `assets/networks/session.toml`.

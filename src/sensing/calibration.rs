@@ -206,6 +206,20 @@ pub struct SpringCalibration {
 }
 
 impl SpringCalibration {
+    /// The same with the ends of this spring in `other`: a new curve does not move them.
+    pub fn with_ends_of(self, other: &Calibration) -> Self {
+        match other.springs.iter().find(|s| s.spring == self.spring) {
+            Some(former) => Self {
+                ends_off_m: former.ends_off_m,
+                ends_sd_m: former.ends_sd_m,
+                ..self
+            },
+            None => self,
+        }
+    }
+}
+
+impl SpringCalibration {
     /// The curve's reading at a frequency: eq. (1) in µH. `None` when the curve is over a circuit's
     /// own reading, which no frequency corresponds to.
     pub fn reading(&self, frequency_hz: f64) -> Option<f64> {

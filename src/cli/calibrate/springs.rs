@@ -89,7 +89,7 @@ pub fn springs(a: &SpringsArgs, robot: &RobotSpec) -> Result<Report> {
     Err(Failed { report, why }.into())
 }
 
-/// Writes the springs; mountings of IMUs that the file already holds stay in it.
+/// Writes the springs; where their ends lie and the IMUs, which the file may already hold, stay in it.
 fn save(a: &SpringsArgs, mut fresh: Calibration) -> Result<()> {
     if a.out.exists() {
         let old = Calibration::from_toml(&read_toml(&a.out)?).with_context(|| {
@@ -98,6 +98,8 @@ fn save(a: &SpringsArgs, mut fresh: Calibration) -> Result<()> {
                 a.out.display()
             )
         })?;
+        let springs = std::mem::take(&mut fresh.springs).into_iter();
+        fresh.springs = springs.map(|s| s.with_ends_of(&old)).collect();
         fresh.imus = old.imus;
         fresh.base_tilt_rad = old.base_tilt_rad;
         fresh.rig = old.rig;

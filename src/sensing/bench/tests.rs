@@ -52,13 +52,9 @@ fn shipped_calibration_is_what_the_bench_gives() {
         "/assets/calibration/virtual-rig.toml"
     );
     if std::env::var_os("SPRINGTWIN_WRITE_ASSETS").is_some() {
-        // With the IMUs and the tilt of the base of the same unit.
-        let spec = RobotSpec::reference();
-        let options = crate::rig::RigOptions {
-            seed: 90,
-            ..Default::default()
-        };
-        let whole = crate::lab::session::calibrate_imus(&spec, fresh.clone(), &options);
+        // With the ends of the springs, the IMUs and the tilt of the base of the same unit.
+        let (spec, unit) = (RobotSpec::reference(), crate::rig::Unit(1));
+        let whole = crate::lab::units::adjusted_with_cameras(&spec, unit, &fresh);
         let whole = whole.expect("calibrates");
         std::fs::write(path, whole.to_toml().expect("writes")).expect("writes");
     }
