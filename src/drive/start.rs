@@ -5,7 +5,7 @@ use anyhow::Result;
 use crate::link::fault_names;
 use crate::link::wire::fault;
 use crate::signal::{LinkStatus, Mode, RawFrame, Snapshot};
-use crate::twin::{Command, SETTLING_FRAMES};
+use crate::twin::Command;
 
 /// Time the boards have to introduce themselves, s.
 pub const HELLO_S: f64 = 5.0;
@@ -82,7 +82,7 @@ impl Start {
             commands.push(Command::Reset);
             return Ok(false);
         }
-        Ok(snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES)
+        Ok(snapshot.has_settled())
     }
 }
 
@@ -104,6 +104,7 @@ pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::SETTLING_FRAMES;
 
     fn snapshot(mode: Mode, frames: u64) -> Snapshot {
         let is_safe = matches!(mode, Mode::Safe(_));
@@ -113,7 +114,11 @@ mod tests {
         };
         Snapshot {
             mode,
-            raw: is_safe.then_some(latched),
+            raw: Some(if is_safe {
+                latched
+            } else {
+                RawFrame::default()
+            }),
             link: LinkStatus {
                 connected: true,
                 frames,
@@ -186,6 +191,12 @@ mod tests {
         let mut start = Start::new(Resets::default());
         let early = snapshot(Mode::Disarmed, SETTLING_FRAMES);
         assert_eq!(start.ready(&early, &mut Vec::new()), Ok(false));
+        let mut unknown = snapshot(Mode::Disarmed, SETTLING_FRAMES + 1);
+        assert_eq!(start.ready(&unknown, &mut Vec::new()), Ok(true));
+        if let Some(raw) = &mut unknown.raw {
+            raw.tick_rate_sd[1] = 1e-3;
+        }
+        assert_eq!(start.ready(&unknown, &mut Vec::new()), Ok(false));
         let lost = snapshot(Mode::Disarmed, 0);
         assert!(check_link(&lost.link, "sim").is_ok());
         let silent = check_link(&LinkStatus::default(), "sim").map_err(|e| e.to_string());

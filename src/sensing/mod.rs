@@ -87,9 +87,6 @@ const FORCE_GAIN: f64 = 0.01;
 const BEYOND_M: f64 = 8e-3;
 /// A spring under suspicion is stuck when it should have moved by this at least, m.
 const STUCK_WAY_M: f64 = 1e-3;
-/// A length by a clock whose rate is known less well than this is not one yet, s/s: 0.5 mm of 154 mm. The link takes half a
-/// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
-const MAX_RATE_SD: f64 = 2.5e-4;
 
 /// Averaging time of the gyros' biases, s.
 const BIAS_TAU_S: f64 = 20.0;
@@ -282,8 +279,9 @@ impl Sensing {
         for i in 0..SPRINGS {
             let board = board[board_of_spring(i)];
             let clock_sd = frame.tick_rate_sd[board_of_spring(i)];
-            let delivered =
-                frame.has_spring(i) && board != ChannelHealth::Missing && clock_sd <= MAX_RATE_SD;
+            let delivered = frame.has_spring(i)
+                && board != ChannelHealth::Missing
+                && frame.clock_is_known(board_of_spring(i));
             let calibration = self.calibration.spring(i).filter(|_| delivered);
             let (n, ticks) = (frame.spring_counts[i], frame.spring_gate_ticks[i]);
             let rate_hz = frame.spring_tick_rate_hz(i);

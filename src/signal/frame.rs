@@ -52,6 +52,18 @@ impl RawFrame {
     /// `present` with every channel delivered.
     pub const ALL_PRESENT: u32 = (1 << (SPRINGS + IMUS + CHAMBERS)) - 1;
 
+    /// Whether the rate of a board's clock is known well enough for lengths: to 0.5 mm of 154 mm. The link takes half a
+    /// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
+    pub fn clock_is_known(&self, board: usize) -> bool {
+        const MAX_RATE_SD: f64 = 2.5e-4;
+        self.tick_rate_sd[board] <= MAX_RATE_SD
+    }
+
+    /// The same for all boards.
+    pub fn clocks_are_known(&self) -> bool {
+        (0..BOARDS).all(|b| self.clock_is_known(b))
+    }
+
     /// Ticks per second of the clock that counts spring `i` (0-based).
     pub fn spring_tick_rate_hz(&self, i: usize) -> f64 {
         self.tick_rate_hz[board_of_spring(i)]

@@ -11,6 +11,9 @@ use super::{
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
 pub const FAR_DISTANCE: f64 = 2.0;
 
+/// Frames after which the filters have settled.
+pub const SETTLING_FRAMES: u64 = 100;
+
 /// The pose of the tip, as estimated from the sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
@@ -297,6 +300,15 @@ pub enum ArmingCheck {
 pub const PAIR_S: f64 = 0.1;
 
 impl Snapshot {
+    /// Whether the boards have been heard for so long that the filters have settled and the clocks of both are known: an
+    /// arm may set out.
+    pub fn has_settled(&self) -> bool {
+        let raw = self.raw.as_ref();
+        self.link.connected
+            && self.link.frames > SETTLING_FRAMES
+            && raw.is_some_and(RawFrame::clocks_are_known)
+    }
+
     /// The ground truth, where it is of the estimate's time: what motion capture saw before it lost the object is
     /// kept, but compared with nothing.
     pub fn fresh_truth(&self) -> Option<&GroundTruth> {

@@ -6,9 +6,6 @@ use crate::signal::{GroundTruth, LinkStatus, PressureCommand, RawFrame, Stamp};
 /// The twin's period, s.
 pub const TICK_S: f64 = 0.01;
 
-/// Frames after which the orientation filters have settled.
-pub const SETTLING_FRAMES: u64 = 100;
-
 /// What arrived since the last poll.
 #[derive(Default)]
 pub struct Arrivals {

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use super::command::{Command, Event, Handle, Pictures};
 use super::loops::{run_in_lockstep, run_in_real_time};
-use super::port::{Clock, SETTLING_FRAMES};
+use super::port::Clock;
 use super::runner::Runner;
 use crate::link::StopLine;
 use crate::signal::{ArmingCheck, Mode, Snapshot, Stamp};
@@ -209,7 +209,7 @@ pub fn spawn(
             publisher.publish(end, snapshot, events);
             repaint(snapshot);
             commands.extend(watch.look(snapshot));
-            if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
+            if snapshot.has_settled() {
                 commands.append(&mut first);
             }
             loop {

@@ -8,7 +8,7 @@ use springtwin::link::LinkEvent;
 use springtwin::rig::RigBoard;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, CHAMBERS, Goal, Gripper, Mode, PressureCommand, Stamp};
-use springtwin::twin::{Command, Event, SETTLING_FRAMES, run_in_simulated_time};
+use springtwin::twin::{Command, Event, run_in_simulated_time};
 
 use crate::conformance::firmware_folder;
 use crate::lockstep::{World, runner};
@@ -107,7 +107,7 @@ fn the_loop_closes_and_a_lost_heartbeat_latches_until_a_reset() {
         let t_s = snapshot.stamp.seconds();
         let mut w = world.lock().expect("not poisoned");
         let next = story.len();
-        let is_settled = snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES;
+        let is_settled = snapshot.has_settled();
         match next {
             // Boards that have started are latched.
             0 if is_settled && matches!(snapshot.mode, Mode::Safe(_)) => {

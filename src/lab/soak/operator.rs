@@ -10,7 +10,7 @@ use rand_pcg::Pcg64Mcg;
 use crate::robot::RobotSpec;
 use crate::signal::{ControllerKind, Goal, Gripper, Mode, Simulator, Snapshot, StreamState};
 use crate::task::{Follow, Item, PATH_WAYPOINTS, Plan, circle, figure_eight};
-use crate::twin::{Command, Event, SETTLING_FRAMES};
+use crate::twin::{Command, Event};
 
 /// A motion that takes longer is given up, s.
 const GIVE_UP_S: f64 = 180.0;
@@ -197,7 +197,7 @@ impl Operator {
                 commands.push(Command::Reset);
             }
             Mode::Disarmed => {
-                if snapshot.link.connected && snapshot.link.frames > SETTLING_FRAMES {
+                if snapshot.has_settled() {
                     commands.push(Command::Arm);
                 }
             }

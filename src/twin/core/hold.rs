@@ -3,7 +3,7 @@
 use super::arming::{Arming, RESUME_OFF_S};
 use super::state::{BLIND_FRAMES, Phase, STALE_WARN_S, Twin};
 use crate::link::wire::fault;
-use crate::signal::{ArmingCheck, ENOUGH_SENSORS, TOO_FEW_SENSORS};
+use crate::signal::{ArmingCheck, ENOUGH_SENSORS, RawFrame, TOO_FEW_SENSORS};
 use crate::twin::command::Event;
 
 impl Twin {
@@ -171,6 +171,9 @@ impl Twin {
             Some(t) if self.now.since(t) > STALE_WARN_S => {
                 Some("The data from the boards are too old to move on.".to_owned())
             }
+            Some(_) if self.blind_frames > BLIND_FRAMES && !self.clocks_are_known() => {
+                Some("The clocks of the boards are still being measured: wait a moment.".to_owned())
+            }
             Some(_) if self.blind_frames > BLIND_FRAMES => {
                 Some(format!("There are {TOO_FEW_SENSORS}: {ENOUGH_SENSORS}."))
             }
@@ -182,6 +185,11 @@ impl Twin {
                 )
             }),
         }
+    }
+
+    /// Whether the rates of the clocks that count the springs' gates are known.
+    pub(super) fn clocks_are_known(&self) -> bool {
+        self.raw.as_ref().is_some_and(RawFrame::clocks_are_known)
     }
 
     /// Why nothing may set out now.

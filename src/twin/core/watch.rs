@@ -209,7 +209,10 @@ impl Twin {
             if moving {
                 self.go_safe(TOO_FEW_SENSORS, events);
             }
-            found.push((Severity::Critical, AlarmCause::TooFewSensors));
+            // Without a clock there is no length yet.
+            if self.clocks_are_known() {
+                found.push((Severity::Critical, AlarmCause::TooFewSensors));
+            }
         }
     }
 

@@ -8,7 +8,7 @@ use springtwin::link::HostSession;
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, Goal, Mode, Snapshot, Stamp};
-use springtwin::twin::{Command, Event, Runner, SETTLING_FRAMES, TICK_S};
+use springtwin::twin::{Command, Event, Runner, TICK_S};
 
 use crate::conformance::firmware_folder;
 pub use crate::lockstep::Moment;
@@ -38,6 +38,9 @@ pub struct Bench {
     commands: Vec<Command>,
 }
 
+/// Frames after which a case begins.
+const SETTLED: u64 = 250;
+
 /// Carries out a case, once the boards are there and the filters have settled.
 pub fn case(boards: Boards, act: impl FnOnce(&mut Bench)) {
     case_of(&RigOptions::default(), boards, act);
@@ -61,7 +64,7 @@ pub fn case_in_lab(options: &RigOptions, lab: Option<&Lab>, act: impl FnOnce(&mu
 }
 
 fn act_on(mut bench: Bench, act: impl FnOnce(&mut Bench)) {
-    let settled = |b: &Bench| b.now.link.connected && b.now.link.frames > SETTLING_FRAMES + 150;
+    let settled = |b: &Bench| b.now.has_settled() && b.now.link.frames > SETTLED;
     bench.until("the boards are there", 20.0, settled);
     bench.reset();
     act(&mut bench);

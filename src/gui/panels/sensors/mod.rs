@@ -64,7 +64,11 @@ pub fn stale(view: &View<'_>) -> Option<String> {
 /// What is to be read above the figures, most urgent first.
 fn notices(view: &View<'_>, frame: &SensorFrame) -> Vec<(Level, String)> {
     let mut found = Vec::new();
-    if frame.is_blind() {
+    let raw = view.snapshot.raw.as_ref();
+    if raw.is_some_and(|raw| !raw.clocks_are_known()) {
+        let text = "The clocks of the boards are being measured: lengths follow in a moment.";
+        found.push((Level::Warning, text.to_owned()));
+    } else if frame.is_blind() {
         let text =
             "Blind: some signals are neither measured nor reconstructed. The twin does not move.";
         found.push((Level::Critical, text.to_owned()));
