@@ -13,9 +13,11 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use springtwin::control::{Controller, Gains, InitialGuess, Maps, StepInput};
+use springtwin::lab::motions::{Arm, Motion, each_sent};
 use springtwin::learn::{Model as Networks, PoseMap};
-use springtwin::rig::{RigOptions, VirtualRig};
+use springtwin::rig::{RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
+use springtwin::sensing::{Calibration, Sensing};
 use springtwin::signal::{
     CHAMBERS, ChannelHealth, ControllerKind, Goal, Health, SIGNALS, SPRINGS, SensorFrame, Stamp,
 };
@@ -307,8 +309,32 @@ fn rig(c: &mut Criterion) {
     });
 }
 
+/// A frame through the sensing: lengths, estimator, verdicts. At most 150 us.
+fn sensing(c: &mut Criterion) {
+    let robot = RobotSpec::reference();
+    let mut frames = Vec::new();
+    let motion = Motion::of(Unit(1), 20.0, 7);
+    let made = each_sent(&robot, &motion, &Arm::of_rings(2), &mut |sent| {
+        frames.push(sent.raw);
+    });
+    assert!(made.is_ok(), "the reference arm follows its motion");
+    let mut sensing = Sensing::new(&robot, Calibration::virtual_rig());
+    c.bench_function("a frame through the sensing, moving", |b| {
+        let mut k = 0;
+        b.iter(|| {
+            if k == frames.len() {
+                sensing.reset();
+                k = 0;
+            }
+            k += 1;
+            sensing.update(black_box(&frames[k - 1])).sensors.spring_m[0]
+        });
+    });
+}
+
 criterion_group!(
     benches,
+    sensing,
     frames,
     controllers,
     rod,

@@ -6,19 +6,20 @@ use anyhow::Result;
 
 use super::groups::{Bar, Results};
 use super::motion_seed;
-use super::watch::{Delivery, Tip, replay};
-use crate::lab::motions::{Motion, Push};
+use super::watch::{Tip, named};
+use crate::lab::motions::{Arm, Motion, Push, each_sent};
 use crate::lab::study::item::Found;
 use crate::lab::study::setup::Setup;
 use crate::lab::units::{ALL, Lab, side_by_side};
-use crate::rig::multibody::arm::RINGS;
 use crate::signal::SPRINGS;
+use crate::twin::sensing_for;
 
-/// Conditions.
-const CONDITIONS: [(&str, Push); 3] = [
-    ("healthy, in motion", Push::None),
-    ("healthy, at rest", Push::Rests),
-    ("healthy, after blows of 30 N", Push::Ringing(30.0)),
+/// Conditions, and the length of their motions in lengths of the usual one: errors at one stop are alike, so that it takes
+/// many stops.
+const CONDITIONS: [(&str, Push, f64); 3] = [
+    ("healthy, in motion", Push::None, 2.0),
+    ("healthy, at rest", Push::Rests, 10.0),
+    ("healthy, after blows of 30 N", Push::Ringing(30.0), 10.0),
 ];
 /// One frame in so many is given to the networks.
 const EVERY: usize = 5;
@@ -36,49 +37,43 @@ struct Healthy {
 pub(super) fn find(setup: &mut Setup) -> Result<Found> {
     let labs = setup.labs(&ALL)?;
     let mut found = Found::default();
-    for (label, push) in CONDITIONS {
-        let motions: Vec<Motion> = labs
+    for (label, push, long) in CONDITIONS {
+        let seconds = long * setup.sizes.seconds;
+        let jobs: Vec<(Arc<Lab>, Motion)> = labs
             .iter()
-            .map(|lab| Motion {
-                push,
-                ..Motion::of(
-                    lab.unit,
-                    setup.sizes.seconds,
-                    motion_seed(setup, lab.unit) + 100,
-                )
+            .map(|lab| {
+                let seed = motion_seed(setup, lab.unit) + 100;
+                let motion = Motion {
+                    push,
+                    ..Motion::of(lab.unit, seconds, seed)
+                };
+                (lab.clone(), motion)
             })
             .collect();
-        let tapes = setup.tapes(&motions, RINGS)?;
-        let jobs: Vec<_> = labs.iter().zip(tapes).collect();
         let robot = &setup.robot;
-        let made = side_by_side(&jobs, |(lab, tape)| {
-            let lab: &Arc<Lab> = lab;
+        let made = side_by_side(&jobs, |(lab, motion)| {
+            let mut sensing = sensing_for(robot, &lab.calibration);
             let mut tip = Tip::default();
             let (mut nis, mut frames, mut k) = ([0.0; 2], 0.0, 0);
             let mut is_named = false;
-            replay(
-                robot,
-                lab,
-                tape,
-                &mut |_, _| Delivery::Arrives,
-                &mut |sent, sensing, frame| {
-                    is_named |= super::watch::named(robot, sensing, frame).contains(&true);
-                    if !sent.is_scored {
-                        return;
+            each_sent(robot, motion, &Arm::default(), &mut |sent| {
+                let frame = sensing.update(&sent.raw);
+                is_named |= named(robot, &sensing, &frame).contains(&true);
+                if !sent.is_scored {
+                    return;
+                }
+                if sent.t_s > SETTLED_S {
+                    let (springs, imus) = sensing.nis().split_at(SPRINGS);
+                    for (sum, part) in nis.iter_mut().zip([springs, imus]) {
+                        *sum += part.iter().sum::<f64>() / part.len() as f64;
                     }
-                    if sent.t_s > SETTLED_S {
-                        let (springs, imus) = sensing.nis().split_at(SPRINGS);
-                        for (sum, part) in nis.iter_mut().zip([springs, imus]) {
-                            *sum += part.iter().sum::<f64>() / part.len() as f64;
-                        }
-                        frames += 1.0;
-                    }
-                    if k % EVERY == 0 {
-                        tip.add(lab, sent, frame);
-                    }
-                    k += 1;
-                },
-            );
+                    frames += 1.0;
+                }
+                if k % EVERY == 0 {
+                    tip.add(lab, &sent, &frame);
+                }
+                k += 1;
+            })?;
             let result = Healthy {
                 tip,
                 nis: nis.map(|sum| sum / frames),
@@ -127,12 +122,12 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
         add(&mut found, "NIS of the IMUs", nis_bar, &|r| r.nis[1]);
         let what = format!("{label}: motions with a channel named as faulty, %");
         results.add_share(&mut found, &what, Bar::AtMost(0.0), |r| r.named);
-        found = found.after(jobs.len() as f64 * setup.sizes.seconds);
+        found = found.after(jobs.len() as f64 * seconds);
     }
+    let lengths_s = CONDITIONS.map(|(_, _, long)| long * setup.sizes.seconds);
     found.notes.push(format!(
-        "Healthy: {:.0} s of motion of each unit per condition; at rest from 2 s after a motion on; after blows: the first \
-         second after each; innovations from {SETTLED_S:.0} s of motion on.",
-        setup.sizes.seconds
+        "Healthy: {lengths_s:.0?} s of each unit in motion, with rests, and with blows; at rest from 2 s after a motion on; \
+         after blows: the first second after each; innovations from {SETTLED_S:.0} s of motion on."
     ));
     Ok(found)
 }

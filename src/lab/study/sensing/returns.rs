@@ -4,13 +4,15 @@ use anyhow::Result;
 
 use super::groups::{Bar, Results};
 use super::spoil::drop_channel;
-use super::watch::{Delivery, named, replay};
+use super::watch::named;
 use super::{ONSET_S, motion_seed};
-use crate::lab::motions::Motion;
+use crate::lab::motions::{Arm, Motion, each_sent};
 use crate::lab::study::item::Found;
 use crate::lab::study::setup::Setup;
 use crate::lab::units::{ALL, side_by_side};
-use crate::signal::SPRINGS;
+use crate::sensing::Sensing;
+use crate::signal::{IMUS, SPRINGS};
+use crate::twin::sensing_for;
 
 /// How long it is out, and how long the sensing is watched after that, in lengths of the usual motion.
 const OUT: f64 = 10.0;
@@ -19,6 +21,14 @@ const WATCHED: f64 = 1.0;
 const SPRINGS_EACH: usize = 4;
 /// Rings per segment of the arm.
 const RINGS: usize = 4;
+
+/// A sensing whose spring is out for a while.
+struct Watched {
+    spring: usize,
+    sensing: Sensing,
+    /// Channels that were named after the return.
+    named: [bool; SPRINGS + IMUS],
+}
 
 /// What was named after the return.
 struct Returned {
@@ -30,44 +40,43 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
     let labs = setup.labs(&ALL)?;
     let back_s = ONSET_S + OUT * setup.sizes.seconds;
     let end_s = back_s + WATCHED * setup.sizes.seconds;
-    let motions: Vec<Motion> = labs
+    let jobs: Vec<_> = labs
         .iter()
-        .map(|lab| Motion::of(lab.unit, end_s, motion_seed(setup, lab.unit) + 300))
+        .enumerate()
+        .map(|(k, lab)| {
+            let seed = motion_seed(setup, lab.unit) + 300;
+            (lab.clone(), Motion::of(lab.unit, end_s, seed), k)
+        })
         .collect();
-    let tapes = setup.tapes(&motions, RINGS)?;
-    let mut jobs = Vec::new();
-    for (k, (lab, tape)) in labs.iter().zip(&tapes).enumerate() {
-        for n in 0..SPRINGS_EACH {
-            jobs.push((lab.clone(), tape.clone(), (3 * n + k) % SPRINGS));
-        }
-    }
     let robot = &setup.robot;
-    let made = side_by_side(&jobs, |(lab, tape, spring)| {
-        let mut all = [false; 16];
-        replay(
-            robot,
-            lab,
-            tape,
-            &mut |t_s, raw| {
-                if (ONSET_S..back_s).contains(&t_s) {
-                    drop_channel(raw, *spring);
+    let made = side_by_side(&jobs, |(lab, motion, first)| {
+        let mut all: [_; SPRINGS_EACH] = std::array::from_fn(|n| Watched {
+            spring: (3 * n + first) % SPRINGS,
+            sensing: sensing_for(robot, &lab.calibration),
+            named: [false; SPRINGS + IMUS],
+        });
+        each_sent(robot, motion, &Arm::of_rings(RINGS), &mut |sent| {
+            for watched in &mut all {
+                let mut raw = sent.raw.clone();
+                if (ONSET_S..back_s).contains(&sent.t_s) {
+                    drop_channel(&mut raw, watched.spring);
                 }
-                Delivery::Arrives
-            },
-            &mut |sent, sensing, frame| {
+                let frame = watched.sensing.update(&raw);
                 if sent.t_s >= back_s {
-                    let now = named(robot, sensing, frame);
-                    for (all, now) in all.iter_mut().zip(now) {
-                        *all |= now;
+                    let now = named(robot, &watched.sensing, &frame);
+                    for (ever, now) in watched.named.iter_mut().zip(now) {
+                        *ever |= now;
                     }
                 }
-            },
-        );
-        let itself = std::mem::take(&mut all[*spring]);
-        let others = all.iter().filter(|n| **n).count();
-        Ok((lab.unit, Returned { others, itself }))
+            }
+        })?;
+        Ok(all.map(|mut watched| {
+            let itself = std::mem::take(&mut watched.named[watched.spring]);
+            let others = watched.named.iter().filter(|n| **n).count();
+            (lab.unit, Returned { others, itself })
+        }))
     })?;
-    let results = Results::new(made);
+    let results = Results::new(made.into_iter().flatten());
     let mut found = Found::default();
     let label = format!(
         "a spring returns after {:.0} min",
