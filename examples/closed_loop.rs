@@ -13,8 +13,8 @@ use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
-use springtwin::signal::{ControllerKind, Goal, Mode, Stamp};
-use springtwin::twin::{Command, SETTLING_FRAMES, TICK_S, Twin};
+use springtwin::signal::{ControllerKind, Goal, Mode, SETTLING_FRAMES, Stamp};
+use springtwin::twin::{Command, TICK_S, Twin};
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/unit-1/reference.safetensors");
 

@@ -21,9 +21,17 @@ const IMUS_SEED: u64 = 90;
 /// # Errors
 /// [`SessionError`] when a spring is refused in every run of the bench, or an IMU after its motion.
 pub fn calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
-    if is_shipped(robot, unit) {
-        return Ok(Calibration::virtual_rig());
+    match is_shipped(robot, unit) {
+        true => Ok(Calibration::virtual_rig()),
+        false => bench_calibration_of(robot, unit),
     }
+}
+
+/// The springs of `unit` from its own bench, with IMUs and tilt from a motion of its own; ends of springs as drawn.
+///
+/// # Errors
+/// As [`calibration_of`].
+pub fn bench_calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
     let options = RigOptions {
         unit,
         seed: IMUS_SEED,

@@ -42,7 +42,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
         let jobs: Vec<(Arc<Lab>, Motion)> = labs
             .iter()
             .map(|lab| {
-                let seed = motion_seed(setup, lab.unit) + 100;
+                let seed = motion_seed(setup.sizes.seed, lab.unit) + 100;
                 let motion = Motion {
                     push,
                     ..Motion::of(lab.unit, seconds, seed)
@@ -58,7 +58,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
             let mut is_named = false;
             each_sent(robot, motion, &Arm::default(), &mut |sent| {
                 let frame = sensing.update(&sent.raw);
-                is_named |= named(robot, &sensing, &frame).contains(&true);
+                is_named |= named(&frame).contains(&true);
                 if !sent.is_scored {
                     return;
                 }

@@ -24,7 +24,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
     let jobs: Vec<_> = labs
         .iter()
         .map(|lab| {
-            let seed = motion_seed(setup, lab.unit) + 200;
+            let seed = motion_seed(setup.sizes.seed, lab.unit) + 200;
             (lab.clone(), Motion::of(lab.unit, seconds, seed))
         })
         .collect();
@@ -38,7 +38,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
             drop_channel(&mut raw, spring);
             for ((sensing, watch), raw) in [(&mut healthy, &sent.raw), (&mut out, &raw)] {
                 let frame = sensing.update(raw);
-                watch.add(robot, lab, &sent, sensing, &frame);
+                watch.add(lab, &sent, &frame);
             }
         })?;
         let label = format!("unit {}, spring {}", lab.unit.0, spring + 1);

@@ -6,12 +6,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::groups::{Bar, Results};
 use super::motion_seed;
 use crate::lab::motions::{Arm, Motion, each_sent};
-use crate::lab::session::{calibrate_imus, calibration_of};
+use crate::lab::session::calibrate_imus;
 use crate::lab::study::item::Found;
 use crate::lab::study::setup::Setup;
-use crate::lab::units::{ALL, side_by_side};
+use crate::lab::units::{ALL, Lab, side_by_side};
+use crate::rig::RigOptions;
 use crate::rig::inertial::InertialErrors;
-use crate::rig::{RigOptions, Unit};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::score::{Judged, score};
@@ -27,9 +27,9 @@ const EVERY: u32 = 5;
 /// Seed of the calibrations beside that of the motions.
 const CALIBRATION_SEED: u64 = 400;
 
-/// The calibration of `unit` with IMUs and base as they are in `options`.
-fn calibrated(robot: &RobotSpec, options: &RigOptions) -> Result<Calibration> {
-    let mut springs = calibration_of(robot, options.unit)?;
+/// The calibration of a lab with IMUs and base as they are in `options`.
+fn calibrated(robot: &RobotSpec, lab: &Lab, options: &RigOptions) -> Result<Calibration> {
+    let mut springs = lab.calibration.clone();
     springs.imus.clear();
     springs.base_tilt_rad = [0.0; 2];
     Ok(calibrate_imus(robot, springs, options)?)
@@ -78,7 +78,9 @@ struct Calibrated {
 
 /// IMUs with the tolerances of their data sheet.
 pub(super) fn as_delivered(setup: &mut Setup) -> Result<Found> {
-    let (robot, seconds) = (&setup.robot, setup.sizes.seconds);
+    let labs = setup.labs(&ALL)?;
+    let (robot, sizes) = (&setup.robot, setup.sizes);
+    let seconds = sizes.seconds;
     let mut found = Found::default();
     for (label, inertial) in [
         (
@@ -94,13 +96,13 @@ pub(super) fn as_delivered(setup: &mut Setup) -> Result<Found> {
             inertial,
             ..Arm::default()
         };
-        let motions = ALL.map(|unit| Motion::of(unit, seconds, motion_seed(setup, unit) + 500));
-        let made = side_by_side(&motions, |motion| {
+        let made = side_by_side(&labs, |lab| {
+            let motion = &Motion::of(lab.unit, seconds, motion_seed(sizes.seed, lab.unit) + 500);
             let options = RigOptions {
                 seed: motion.seed + CALIBRATION_SEED,
                 ..arm.options(motion)
             };
-            let result = match calibrated(robot, &options) {
+            let result = match calibrated(robot, lab, &options) {
                 Ok(calibration) => Calibrated {
                     is_accepted: true,
                     inclination_deg: inclination_deg(robot, &calibration, motion, &arm)?,
@@ -131,21 +133,22 @@ pub(super) fn as_delivered(setup: &mut Setup) -> Result<Found> {
 
 /// A base that hangs off level.
 pub(super) fn off_level(setup: &mut Setup) -> Result<Found> {
+    let labs = setup.labs(&ALL)?;
     let mut found = Found::default();
     for (label, tilt_rad) in [("base 3 deg off level", TILT_RAD), ("base level", 0.0)] {
-        let mut jobs: Vec<(Unit, [f64; 2])> = Vec::new();
-        for unit in ALL {
+        let mut jobs: Vec<(&Lab, [f64; 2])> = Vec::new();
+        for lab in &labs {
             for k in 0..DIRECTIONS {
                 let turn = std::f64::consts::TAU * (k as f64 + 0.3) / DIRECTIONS as f64;
-                jobs.push((unit, [tilt_rad * turn.cos(), tilt_rad * turn.sin()]));
+                jobs.push((lab, [tilt_rad * turn.cos(), tilt_rad * turn.sin()]));
             }
             if tilt_rad == 0.0 {
                 jobs.truncate(jobs.len() + 1 - DIRECTIONS);
             }
         }
         let (robot, seed) = (&setup.robot, setup.sizes.seed);
-        let made = side_by_side(&jobs, |(unit, tilt_rad)| {
-            Ok((*unit, left_deg(robot, *unit, *tilt_rad, seed)?))
+        let made = side_by_side(&jobs, |(lab, tilt_rad)| {
+            Ok((lab.unit, left_deg(robot, lab, *tilt_rad, seed)?))
         })?;
         let results = Results::new(made);
         let what = format!("{label}: remaining after calibration, deg (worst)");
@@ -157,7 +160,7 @@ pub(super) fn off_level(setup: &mut Setup) -> Result<Found> {
 }
 
 /// Angle between the true vertical and the calibrated one, deg; infinite when the calibration is refused.
-fn left_deg(robot: &RobotSpec, unit: Unit, tilt_rad: [f64; 2], seed: u64) -> Result<f64> {
+fn left_deg(robot: &RobotSpec, lab: &Lab, tilt_rad: [f64; 2], seed: u64) -> Result<f64> {
     let [x, y] = tilt_rad;
     let hidden = match x == 0.0 && y == 0.0 {
         true => Vec::new(),
@@ -167,12 +170,12 @@ fn left_deg(robot: &RobotSpec, unit: Unit, tilt_rad: [f64; 2], seed: u64) -> Res
         }
     };
     let options = RigOptions {
-        unit,
-        seed: seed.wrapping_mul(1000) + unit.0 + CALIBRATION_SEED,
+        unit: lab.unit,
+        seed: seed.wrapping_mul(1000) + lab.unit.0 + CALIBRATION_SEED,
         hidden,
         ..RigOptions::default()
     };
-    let Ok(calibration) = calibrated(robot, &options) else {
+    let Ok(calibration) = calibrated(robot, lab, &options) else {
         return Ok(f64::INFINITY);
     };
     // Gravity is turned by the tilt in the base's axes.

@@ -4,6 +4,7 @@
 //! gives them to a sensing of its own. Each figure stands beside the bar that it has to meet, for the units that the
 //! estimator was tuned on and for the others.
 
+mod adjusted;
 mod clocks;
 mod groups;
 mod healthy;
@@ -39,7 +40,7 @@ pub const SENSING: Study = Study {
 /// A case finds its rows.
 type Case = fn(&mut Setup) -> Result<Found>;
 
-const CASES: [Case; 14] = [
+const CASES: [Case; 15] = [
     healthy::find,
     clocks::find,
     wiring::find,
@@ -54,6 +55,7 @@ const CASES: [Case; 14] = [
     offsets::single,
     offsets::hung,
     returns::find,
+    adjusted::find,
 ];
 
 /// A fault that begins in the course of a motion does so here, s of motion.
@@ -61,12 +63,16 @@ const ONSET_S: f64 = 20.0;
 
 /// Motion of a unit for the faults.
 fn faults_motion(setup: &Setup, unit: Unit) -> Motion {
-    Motion::of(unit, 2.0 * setup.sizes.seconds, motion_seed(setup, unit))
+    Motion::of(
+        unit,
+        2.0 * setup.sizes.seconds,
+        motion_seed(setup.sizes.seed, unit),
+    )
 }
 
-/// Seed of a unit's motions.
-fn motion_seed(setup: &Setup, unit: Unit) -> u64 {
-    setup.sizes.seed.wrapping_mul(1000).wrapping_add(unit.0)
+/// Seed of a unit's motions in the study of `seed`.
+fn motion_seed(seed: u64, unit: Unit) -> u64 {
+    seed.wrapping_mul(1000).wrapping_add(unit.0)
 }
 
 fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {

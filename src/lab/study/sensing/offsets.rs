@@ -84,34 +84,28 @@ fn verdicts(robot: &RobotSpec, job: &Job) -> Verdicts {
             false => Delivery::Arrives,
         }
     };
-    replay(
-        robot,
-        &job.lab,
-        &tape,
-        &mut spoil,
-        &mut |sent, sensing, frame| {
-            if sent.t_s < counts_s {
-                return;
-            }
-            let named = named(robot, sensing, frame);
-            let all = job.off_m.iter().all(|(i, _)| named[*i]);
-            let found = all || sensing.faults().verdict(segment).is_suspect;
-            let healthy = named.iter().enumerate().any(|(c, n)| *n && !is_off(c));
-            let since_s = sent.t_s - counts_s;
-            if found {
-                out.first_s.get_or_insert(since_s);
-            }
-            if all {
-                out.named_s.get_or_insert(since_s);
-            }
-            out.healthy_named |= healthy;
-            if sent.t_s >= job.until_s - END_S {
-                end += 1.0;
-                good += f64::from(u8::from(found));
-                out.healthy_named_at_end |= healthy;
-            }
-        },
-    );
+    replay(robot, &job.lab, &tape, &mut spoil, &mut |sent, _, frame| {
+        if sent.t_s < counts_s {
+            return;
+        }
+        let named = named(frame);
+        let all = job.off_m.iter().all(|(i, _)| named[*i]);
+        let found = all || frame.quality.segment_suspect[segment];
+        let healthy = named.iter().enumerate().any(|(c, n)| *n && !is_off(c));
+        let since_s = sent.t_s - counts_s;
+        if found {
+            out.first_s.get_or_insert(since_s);
+        }
+        if all {
+            out.named_s.get_or_insert(since_s);
+        }
+        out.healthy_named |= healthy;
+        if sent.t_s >= job.until_s - END_S {
+            end += 1.0;
+            good += f64::from(u8::from(found));
+            out.healthy_named_at_end |= healthy;
+        }
+    });
     out.end_share = good / f64::max(end, 1.0);
     out
 }

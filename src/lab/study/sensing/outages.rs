@@ -14,7 +14,6 @@ use crate::lab::study::setup::Setup;
 use crate::lab::units::{ALL, Lab, side_by_side};
 use crate::rig::multibody::arm::RINGS;
 use crate::robot::RobotSpec;
-use crate::sensing::Sensing;
 use crate::signal::{IMUS, RawFrame, SPRINGS, SensorFrame};
 
 /// One frame in so many is given to the networks.
@@ -85,22 +84,15 @@ impl Watch {
     }
 
     /// Takes in a frame.
-    pub fn add(
-        &mut self,
-        robot: &RobotSpec,
-        lab: &Lab,
-        sent: &Sent,
-        sensing: &Sensing,
-        frame: &SensorFrame,
-    ) {
+    pub fn add(&mut self, lab: &Lab, sent: &Sent, frame: &SensorFrame) {
         if sent.t_s < self.from_s {
             return;
         }
-        let found = sensing.need().is_none();
+        let found = frame.quality.need.is_none();
         if found || !self.has_to_align {
             self.aligned_s.get_or_insert(sent.t_s);
         }
-        self.healthy_named |= named(robot, sensing, frame).contains(&true);
+        self.healthy_named |= named(frame).contains(&true);
         if self.aligned_s.is_none() {
             return;
         }
@@ -293,9 +285,7 @@ fn watch(robot: &RobotSpec, job: &Job, when: When, from_s: f64) -> Watch {
         &job.lab,
         &job.tape,
         &mut spoil,
-        &mut |sent, sensing, frame| {
-            watch.add(robot, &job.lab, sent, sensing, frame);
-        },
+        &mut |sent, _, frame| watch.add(&job.lab, sent, frame),
     );
     watch
 }

@@ -44,7 +44,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
         .iter()
         .enumerate()
         .map(|(k, lab)| {
-            let seed = motion_seed(setup, lab.unit) + 300;
+            let seed = motion_seed(setup.sizes.seed, lab.unit) + 300;
             (lab.clone(), Motion::of(lab.unit, end_s, seed), k)
         })
         .collect();
@@ -63,7 +63,7 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
                 }
                 let frame = watched.sensing.update(&raw);
                 if sent.t_s >= back_s {
-                    let now = named(robot, &watched.sensing, &frame);
+                    let now = named(&frame);
                     for (ever, now) in watched.named.iter_mut().zip(now) {
                         *ever |= now;
                     }

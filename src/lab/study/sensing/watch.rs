@@ -5,8 +5,9 @@ use crate::lab::units::Lab;
 use crate::learn::{Coverage, PoseMap as _, pose_residual};
 use crate::robot::RobotSpec;
 use crate::sensing::Sensing;
-use crate::sensing::filter::Channel;
-use crate::signal::{ChannelHealth, IMUS, Matrix6, RawFrame, SPRINGS, SensorFrame, Vector6};
+use crate::signal::{
+    ChannelHealth, FAULT_NAMED, IMUS, Matrix6, RawFrame, SPRINGS, SensorFrame, Vector6,
+};
 use crate::twin::sensing_for;
 
 /// Gives frames to a new sensing: `spoil` changes a frame first, or loses it, and `each` looks at the result.
@@ -88,21 +89,13 @@ impl Tip {
 }
 
 /// Springs and IMUs that are named as faulty.
-pub(super) fn named(
-    robot: &RobotSpec,
-    sensing: &Sensing,
-    frame: &SensorFrame,
-) -> [bool; SPRINGS + IMUS] {
+pub(super) fn named(frame: &SensorFrame) -> [bool; SPRINGS + IMUS] {
     let wrong = |h: ChannelHealth| matches!(h, ChannelHealth::Stuck | ChannelHealth::OutOfRange);
     std::array::from_fn(|c| {
-        let (segment, channel, health) = match c {
-            0..SPRINGS => (c / 6, Channel::Spring(c), frame.health.springs[c]),
-            _ => {
-                let i = c - SPRINGS;
-                let pad = robot.imus[i].pad.index();
-                (pad, Channel::Imu(i), frame.health.imus[i])
-            }
+        let health = match c.checked_sub(SPRINGS) {
+            None => frame.health.springs[c],
+            Some(i) => frame.health.imus[i],
         };
-        sensing.faults().is_named(segment, channel) || wrong(health)
+        frame.quality.fault_probability[c] > FAULT_NAMED || wrong(health)
     })
 }
