@@ -333,8 +333,8 @@ impl Calibration {
     /// Whether the bench or any of the springs are the virtual rig's: it does not read a real arm.
     pub fn is_of_virtual_rig(&self) -> bool {
         let shipped = Self::virtual_rig();
-        self.bench_sha256 == shipped.bench_sha256
-            || self.springs.iter().any(|s| shipped.springs.contains(s))
+        let is_shipped = |s: &SpringCalibration| shipped.springs.iter().any(|v| v.curve == s.curve);
+        self.bench_sha256 == shipped.bench_sha256 || self.springs.iter().any(is_shipped)
     }
 
     /// The calibration of spring `i` (0-based), if there is one that starts from a frequency.
@@ -358,6 +358,21 @@ impl Calibration {
     pub fn level_from_base(&self) -> UnitQuaternion<f64> {
         let [x, y] = self.base_tilt_rad;
         UnitQuaternion::from_scaled_axis(Vector3::new(x, y, 0.0))
+    }
+
+    /// The shipped curves on an arm that is exactly as drawn.
+    #[cfg(test)]
+    pub fn as_drawn() -> Self {
+        let mut out = Self {
+            imus: Vec::new(),
+            base_tilt_rad: [0.0; 2],
+            ..Self::virtual_rig()
+        };
+        for spring in &mut out.springs {
+            spring.ends_off_m = Default::default();
+            spring.ends_sd_m = None;
+        }
+        out
     }
 
     /// Where the ends of spring `i` (0-based) lie beside the drawing: upper and lower, each in its pad's frame, m.

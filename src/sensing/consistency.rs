@@ -446,7 +446,7 @@ mod tests {
     /// Looks at a segment whose ends, orientations, and places are off as a healthy one's are.
     fn looks(k: usize, seed: u64, off_m: impl Fn(usize, usize) -> f64) -> Vec<Look> {
         let spec = RobotSpec::reference();
-        let geometry = Geometry::calibrated(&spec, &Calibration::virtual_rig());
+        let geometry = Geometry::calibrated(&spec, &Calibration::as_drawn());
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let end_sd = [SPRING_SD_M * 0.5_f64.sqrt(); 3];
         let ends: Vec<[Vector3<f64>; 2]> = (0..LEGS)
@@ -497,7 +497,7 @@ mod tests {
 
     fn watched(k: usize, looks: &[Look]) -> Consistency {
         let spec = RobotSpec::reference();
-        let geometry = Geometry::calibrated(&spec, &Calibration::virtual_rig());
+        let geometry = Geometry::calibrated(&spec, &Calibration::as_drawn());
         let mut consistency = Consistency::new([SPRING_SD_M; SPRINGS], true);
         for look in looks {
             consistency.observe(k, look, &geometry);

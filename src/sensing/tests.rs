@@ -112,9 +112,7 @@ fn sensing() -> Sensing {
 
 /// Springs, IMUs and ends after their calibration, which found them as drawn.
 fn calibrated() -> Calibration {
-    let mut calibration = Calibration::virtual_rig();
-    calibration.imus.clear();
-    calibration.base_tilt_rad = [0.0; 2];
+    let mut calibration = Calibration::as_drawn();
     for spring in &mut calibration.springs {
         spring.ends_off_m = [Vector3::repeat(1e-6); 2];
     }
@@ -372,7 +370,7 @@ fn same_frames_same_result_and_reset_forgets() {
 
 #[test]
 fn springs_without_a_calibration_are_missing() {
-    let mut calibration = Calibration::virtual_rig();
+    let mut calibration = Calibration::as_drawn();
     calibration.springs.retain(|s| s.spring <= 10);
     assert_eq!(calibration.uncovered(), [11, 12]);
     let mut sensing = Sensing::new(&RobotSpec::reference(), calibration);
@@ -524,7 +522,7 @@ fn two_springs_that_jump_are_both_named() {
     ] {
         let mut rig = Rig::new(sway);
         let mut sensing = sensing();
-        let calibration = Calibration::virtual_rig();
+        let calibration = Calibration::as_drawn();
         while rig.t_s() < 10.0 {
             sensing.update(&rig.next());
         }

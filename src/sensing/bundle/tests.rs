@@ -16,7 +16,7 @@ fn white(rng: &mut Pcg64Mcg) -> f64 {
 
 fn reference() -> (RobotSpec, Calibration, Model) {
     let spec = RobotSpec::reference();
-    let calibration = Calibration::virtual_rig();
+    let calibration = Calibration::as_drawn();
     let model = Model::new(&spec, &calibration);
     (spec, calibration, model)
 }

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 /// Lengths of the arm at rest, some of them off, taken in again and again.
 fn fed(off_m: &[(usize, f64)], frames: usize) -> Filter {
     let spec = RobotSpec::reference();
-    let mut filter = Filter::new(&spec, &Calibration::virtual_rig());
+    let mut filter = Filter::new(&spec, &Calibration::as_drawn());
     let rest: Vec<f64> = (0..SPRINGS).map(|i| filter.length(i).0).collect();
     let lengths: Vec<Reading> = (0..SPRINGS)
         .map(|spring| Reading::Length {

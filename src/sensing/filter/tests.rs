@@ -5,7 +5,7 @@ use rand_distr::{Distribution as _, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 fn filter() -> Filter {
-    Filter::new(&RobotSpec::reference(), &Calibration::virtual_rig())
+    Filter::new(&RobotSpec::reference(), &Calibration::as_drawn())
 }
 
 /// A bent, moving arm.

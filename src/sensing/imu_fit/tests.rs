@@ -126,7 +126,7 @@ impl Rig {
         seconds: f64,
         spoil: &mut dyn FnMut(&mut RawFrame),
     ) -> (Vec<Window>, Windows) {
-        let mut windows = Windows::new(&self.robot, &Calibration::virtual_rig());
+        let mut windows = Windows::new(&self.robot, &Calibration::as_drawn());
         let frames = (seconds / DT_S) as usize;
         let made = (0..frames)
             .filter_map(|_| {
@@ -397,7 +397,7 @@ fn a_pad_turns_with_its_springs_ends_as_the_derivative_states() {
         last.and_then(|w| w.base_from_pad[1].clone())
             .expect("a pad")
     };
-    let nominal = Calibration::virtual_rig();
+    let nominal = Calibration::as_drawn();
     let at = pad(&nominal);
     assert!(tilt(&at.rotation)[0].hypot(tilt(&at.rotation)[1]) > 0.2);
     let h_m = 1e-5;
