@@ -68,6 +68,8 @@ pub(super) struct ContactWatch {
     pub(super) leg: Option<usize>,
     /// Oldest first.
     pub(super) marks: VecDeque<Mark>,
+    /// Tips (m) and pressures (Pa) since the newest one: a mark is their mean, since single estimates are noisy.
+    pub(super) since_mark: Vec<(Vector3<f64>, [f64; CHAMBERS])>,
     /// What was made of what was expected on this way, m, up to a while ago.
     pub(super) known_m: [f64; 2],
     pub(super) low_since: Option<Stamp>,
@@ -86,6 +88,19 @@ impl ContactWatch {
     /// Another motion begins.
     pub(super) fn begin(&mut self) {
         *self = Self::default();
+    }
+
+    /// The mean tip (m) and pressures (Pa) since the newest mark, which are forgotten.
+    pub(super) fn mean_since_mark(&mut self) -> Option<(Vector3<f64>, [f64; CHAMBERS])> {
+        let n = self.since_mark.len() as f64;
+        let (mut tip_m, mut chamber_pa) = (Vector3::zeros(), [0.0; CHAMBERS]);
+        for (one_m, one_pa) in self.since_mark.drain(..) {
+            tip_m += one_m / n;
+            for (mean, one) in chamber_pa.iter_mut().zip(one_pa) {
+                *mean += one / n;
+            }
+        }
+        (n > 0.0).then_some((tip_m, chamber_pa))
     }
 
     /// The pressures from which on the arm last moved as usual, or the oldest that are known, Pa.
