@@ -139,8 +139,13 @@ fn the_walk_of_the_readme_goes_as_it_says() {
     let clone = scratch("readme");
     // What of the clone the walk may use.
     std::fs::create_dir_all(clone.join("assets/networks")).expect("a folder");
-    let recipe = "assets/networks/quick.toml";
-    std::fs::copy(root.join(recipe), clone.join(recipe)).expect("the recipe");
+    std::fs::create_dir_all(clone.join("assets/calibration")).expect("a folder");
+    for file in [
+        "assets/networks/quick.toml",
+        "assets/calibration/virtual-rig.toml",
+    ] {
+        std::fs::copy(root.join(file), clone.join(file)).expect("a file of the walk");
+    }
 
     let mut said = String::new();
     for block in walk(&readme) {

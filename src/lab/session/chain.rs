@@ -14,6 +14,7 @@ use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::imu::{ImuTrack, Sample, credible};
+use crate::sensing::platform::lengths_of_drawing;
 use crate::signal::{
     CHAMBERS, Gripper, IMUS, PressureCommand, RawFrame, SensorVec, Stamp, ypr_from_rotation,
 };
@@ -233,6 +234,8 @@ impl<'a> Chain<'a> {
                 Sample::Good | Sample::Held => ypr_from_rotation(&track.base_from_pad()),
             }
         });
+        let length_m =
+            std::array::from_fn(|i| self.calibration.length_m(raw, i).unwrap_or(f64::NAN));
         self.rows.push(Row {
             t_s: frame_s,
             chamber_pa: std::array::from_fn(|i| match raw.has_chamber(i) {
@@ -240,9 +243,7 @@ impl<'a> Chain<'a> {
                 false => f64::NAN,
             }),
             sensors: SensorVec {
-                spring_m: std::array::from_fn(|i| {
-                    self.calibration.length_m(raw, i).unwrap_or(f64::NAN)
-                }),
+                spring_m: lengths_of_drawing(self.robot, self.calibration, &length_m),
                 imu_ypr_rad,
             },
         });
