@@ -43,7 +43,7 @@ fn springs_are_calibrated_one_by_one() {
     }
     let text = std::fs::read_to_string(&cal).expect("written");
     assert_eq!(text.matches("[[spring]]").count(), 11);
-    assert_eq!(text.matches("top_off_mm").count(), 11);
+    assert_eq!(text.matches("top_off_mm = ").count(), 11);
     // An arm without one of the twelve sets out as one with all of them.
     let target = ["--target", "20,10,-300", "--seconds", "20"];
     let with = [
