@@ -381,6 +381,13 @@ impl Calibration {
         entry.map_or_else(Default::default, |s| s.ends_off_m)
     }
 
+    /// Whether all springs end where the drawing has them, as far as is known.
+    pub fn ends_are_drawn(&self) -> bool {
+        self.springs
+            .iter()
+            .all(|s| s.ends_off_m == [Vector3::zeros(); 2])
+    }
+
     /// What a length of spring `i` (0-based) errs by for what is not known of its ends, if an adjustment has determined
     /// it, one standard deviation, m.
     pub fn ends_sd_m(&self, i: usize) -> Option<f64> {

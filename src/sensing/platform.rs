@@ -271,36 +271,6 @@ pub fn pads_of_lengths(spec: &RobotSpec, length_m: &[f64; 2 * LEGS]) -> [Pose; 2
     pads(spec, &poses)
 }
 
-/// The lengths that springs of the drawing would have where those of a calibration have these, m: networks are trained on
-/// the drawing. A segment with a length that is not known keeps its lengths as they are.
-pub fn lengths_of_drawing(
-    spec: &RobotSpec,
-    calibration: &Calibration,
-    length_m: &[f64; 2 * LEGS],
-) -> [f64; 2 * LEGS] {
-    let mut out = *length_m;
-    for (k, own) in out.chunks_exact_mut(LEGS).enumerate() {
-        let (drawn, real) = (
-            Segment::of(spec, k),
-            Segment::calibrated(spec, calibration, k),
-        );
-        let known = Known {
-            length_m: std::array::from_fn(|i| Some(own[i])),
-            upper_from_lower: None,
-        };
-        let found = solve(&real, &known, &real.rest());
-        if !found.converged {
-            continue;
-        }
-        let pose = &found.upper_from_lower;
-        let lengths = drawn.lengths_m(pose).into_iter().zip(real.lengths_m(pose));
-        for (own, (drawn_m, real_m)) in own.iter_mut().zip(lengths) {
-            *own += drawn_m - real_m;
-        }
-    }
-    out
-}
-
 /// Middle and end pad in the base frame from the two segments' poses.
 pub fn pads(spec: &RobotSpec, upper_from_lower: &[Pose; 2]) -> [Pose; 2] {
     let base_from_middle = upper_from_lower[0];
@@ -324,30 +294,6 @@ mod tests {
 
     fn bent(ypr_deg: [f64; 3], position_m: [f64; 3]) -> Pose {
         pose_from_ypr(position_m, ypr_deg.map(f64::to_radians))
-    }
-
-    #[test]
-    fn lengths_are_brought_to_the_drawing_where_all_of_a_segment_are_known() {
-        let spec = RobotSpec::reference();
-        let calibration = Calibration::virtual_rig();
-        let pose = bent([0.0, 12.0, -9.0], [0.02, -0.01, -0.15]);
-        let of = |calibrated: bool| -> [f64; 2 * LEGS] {
-            let each = [0, 1].map(|k| match calibrated {
-                true => Segment::calibrated(&spec, &calibration, k).lengths_m(&pose),
-                false => Segment::of(&spec, k).lengths_m(&pose),
-            });
-            std::array::from_fn(|i| each[i / LEGS][i % LEGS])
-        };
-        let mut real_m = of(true);
-        let brought_m = lengths_of_drawing(&spec, &calibration, &real_m);
-        for (i, (brought_m, drawn_m)) in brought_m.iter().zip(of(false)).enumerate() {
-            assert!((brought_m - drawn_m).abs() < 1e-8, "spring {i}");
-            assert!((real_m[i] - drawn_m).abs() < 3e-3);
-        }
-        real_m[7] = f64::NAN;
-        let without = lengths_of_drawing(&spec, &calibration, &real_m);
-        assert_eq!(without[..6], brought_m[..6]);
-        assert_eq!(without[8..], real_m[8..]);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::item::Study;
 use super::{conditions, control, coverage, faults, heading, networks, samples, sensing};
 
 /// All studies, in the order of the report.
-pub static STUDIES: [Study; 22] = [
+pub static STUDIES: [Study; 23] = [
     networks::MODALITY,
     networks::LAYERS,
     networks::S2R_WIDTH,
@@ -27,4 +27,5 @@ pub static STUDIES: [Study; 22] = [
     control::ADAPTATION,
     control::NULL_SPACE,
     control::DISTURBANCES,
+    control::OUTAGES,
 ];

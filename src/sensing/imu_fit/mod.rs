@@ -26,7 +26,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::calibration::{CORRECTION_MAX_RAD, Calibration, ImuCalibration, ImuZero, MountingFit};
 use crate::robot::{PadId, RobotSpec};
-use crate::signal::{IMUS, ImuRaw, SPRINGS};
+use crate::signal::{IMUS, ImuRaw};
 use model::{
     ACCEL_BIAS, ACCEL_GAIN, COMMON, GYRO_BIAS, GYRO_GAIN, MOUNTING, OWN, PoseSample, Prior,
     Samples, Solved, TurnSample,
@@ -386,7 +386,7 @@ pub struct Start {
 
 /// Standard deviation of the springs' ends along each axis, m: smaller where the calibration holds them.
 pub fn ends_sigma_m(calibration: &Calibration) -> f64 {
-    let is_held = (0..SPRINGS).any(|i| calibration.ends_off_m(i) != [Vector3::zeros(); 2]);
+    let is_held = !calibration.ends_are_drawn();
     match is_held {
         true => 0.05e-3,
         false => 0.5e-3,

@@ -4,6 +4,7 @@
 mod adaptation;
 mod disturbances;
 mod null_space;
+mod outages;
 mod tasks;
 mod trial;
 mod tuning;
@@ -11,5 +12,6 @@ mod tuning;
 pub use adaptation::ADAPTATION;
 pub use disturbances::DISTURBANCES;
 pub use null_space::NULL_SPACE;
+pub use outages::OUTAGES;
 pub use tasks::{CIRCLE, EIGHT, MOVES, PICK_PLACE};
 pub use tuning::TUNING;

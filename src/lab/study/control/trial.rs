@@ -54,6 +54,8 @@ pub struct Trial {
     /// Time that the run continues after the task, s.
     pub after_s: f64,
     pub script: Option<Script>,
+    /// Whether the script pushes the arm, so that contact is not watched for.
+    pub is_pushed: bool,
 }
 
 impl Trial {
@@ -69,6 +71,7 @@ impl Trial {
             seed,
             after_s: 2.0,
             script: None,
+            is_pushed: false,
         }
     }
 }
@@ -142,8 +145,7 @@ pub fn run(
         .maps(maps.clone())
         .gains(trial.gains)
         .instruments(Instruments {
-            // Who scripts a disturbance means it.
-            expect_pushes: trial.script.is_some(),
+            expect_pushes: trial.is_pushed,
             ..Instruments::default()
         })
         .script(trial.script);
