@@ -12,11 +12,11 @@ use crate::link::{HostSession, Origin};
 use crate::rig::hidden::Hidden;
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
 use crate::sensing::imu::{ImuTrack, Sample, credible};
-use crate::sensing::{Calibration, Sensing};
+use crate::sensing::platform::lengths_of_drawing;
 use crate::signal::{
-    CHAMBERS, Gripper, IMUS, PressureCommand, RawFrame, SPRINGS, SensorVec, Stamp,
-    ypr_from_rotation,
+    CHAMBERS, Gripper, IMUS, PressureCommand, RawFrame, SensorVec, Stamp, ypr_from_rotation,
 };
 
 /// Rest before the log begins, s: the link comes up, and the orientation filters learn the gyros' biases.
@@ -129,8 +129,6 @@ struct Chain<'a> {
     drive: Drive,
     rig: VirtualRig,
     host: HostSession,
-    /// Where the pads are, for lengths as springs of the drawing would have them; `None` where the springs end as drawn.
-    estimator: Option<Sensing>,
     /// One filter per IMU; no spring has a say in it.
     tracks: [ImuTrack; IMUS],
     headings: [Angle; IMUS],
@@ -165,8 +163,6 @@ impl<'a> Chain<'a> {
             drive: Drive::new(plan.excitation, robot, plan.seed, plan.seconds),
             rig,
             host: HostSession::new("virtual rig", Origin::Simulated, board_config(robot)),
-            estimator: (!specimen.calibration.ends_are_drawn())
-                .then(|| Sensing::new(robot, specimen.calibration.clone())),
             tracks: std::array::from_fn(|i| {
                 let drawn = UnitQuaternion::from_rotation_matrix(&robot.imus[i].pad_from_imu);
                 ImuTrack::new(specimen.calibration.mounting(i) * drawn)
@@ -238,13 +234,9 @@ impl<'a> Chain<'a> {
                 Sample::Good | Sample::Held => ypr_from_rotation(&track.base_from_pad()),
             }
         });
-        let drawing_m = match &mut self.estimator {
-            None => [0.0; SPRINGS],
-            Some(estimator) => {
-                estimator.update(raw);
-                std::array::from_fn(|i| estimator.filter().drawing_offset_m(i))
-            }
-        };
+        let length_m =
+            std::array::from_fn(|i| self.calibration.length_m(raw, i).unwrap_or(f64::NAN));
+        let turns = [0, IMUS / 2].map(|i| self.tracks[i].base_from_pad());
         self.rows.push(Row {
             t_s: frame_s,
             chamber_pa: std::array::from_fn(|i| match raw.has_chamber(i) {
@@ -252,10 +244,7 @@ impl<'a> Chain<'a> {
                 false => f64::NAN,
             }),
             sensors: SensorVec {
-                spring_m: std::array::from_fn(|i| {
-                    let length_m = self.calibration.length_m(raw, i);
-                    length_m.map_or(f64::NAN, |length_m| length_m + drawing_m[i])
-                }),
+                spring_m: lengths_of_drawing(self.robot, self.calibration, &length_m, &turns),
                 imu_ypr_rad,
             },
         });
