@@ -8,7 +8,8 @@
 //! ln Z_new / Z_old = ½ Σ ln(σ_old² / σ_new²) − ½ ln |I + D A| − ½ mᵀ (I + D A)⁻¹ D m,
 //!
 //! exactly. Hypotheses are: no fault, one channel, two channels of a segment, and the present one with a channel more or
-//! less. Where none is certain, all channels in question are left open, the segment is suspect, and its band grows.
+//! less. Where none is certain, all channels in question are left open, the segment is suspect, and its band grows. Where
+//! all IMUs of a pad would be faulty, none is named: the segment is suspect.
 
 use super::filter::{Channel, Filter, Flip};
 use super::platform::LEGS;
@@ -97,8 +98,14 @@ fn weigh(channels: &[Channel], filter: &Filter) -> Verdict {
     let now: u16 = (0..n)
         .filter(|c| filter.is_open(channels[*c]))
         .fold(0, |set, c| set | 1 << c);
+    // Where all IMUs of the pad contradict the springs, it may as well be a spring that did not jump: poses decide on that.
+    let imus: u16 = (0..n)
+        .filter(|c| matches!(channels[*c], Channel::Imu(_)))
+        .fold(0, |set, c| set | 1 << c);
+    let blames_all = |set: u16| imus != 0 && set & imus == imus;
     let mut best = f64::MIN;
     let mut sum = 0.0;
+    let mut unclear = 0.0;
     let mut of_channel = [0.0; CHANNELS];
     let mut none = 0.0;
     let mut try_set = |set: u16| {
@@ -113,6 +120,7 @@ fn weigh(channels: &[Channel], filter: &Filter) -> Verdict {
             let shrink = (best - log_z).exp();
             sum *= shrink;
             none *= shrink;
+            unclear *= shrink;
             for w in &mut of_channel {
                 *w *= shrink;
             }
@@ -125,8 +133,13 @@ fn weigh(channels: &[Channel], filter: &Filter) -> Verdict {
         if set == 0 {
             none += weight;
         }
+        let mut named = set;
+        if blames_all(set) {
+            unclear += weight;
+            named &= !imus;
+        }
         for (c, w) in of_channel.iter_mut().enumerate().take(n) {
-            if set & 1 << c != 0 {
+            if named & 1 << c != 0 {
                 *w += weight;
             }
         }
@@ -154,7 +167,7 @@ fn weigh(channels: &[Channel], filter: &Filter) -> Verdict {
         *verdict.probability_mut(*channel) = p;
         uncertain |= (OPEN..=NAMED).contains(&p);
     }
-    verdict.is_suspect = uncertain && none / sum < 0.5;
+    verdict.is_suspect = unclear / sum > 0.5 || uncertain && none / sum < 0.5;
     verdict
 }
 
