@@ -3,7 +3,7 @@
 use anyhow::Result;
 
 use super::motions::{self, Motion, Raw};
-use super::session::bench_calibration_of;
+use super::session::springs_of;
 use crate::drive::model::model;
 use crate::learn::to_pose;
 use crate::rig::Unit;
@@ -75,7 +75,7 @@ pub fn compare(
     with_cameras: bool,
     seed: u64,
 ) -> Result<Comparison> {
-    let calibration = bench_calibration_of(robot, unit)?;
+    let calibration = springs_of(robot, unit)?;
     let fitted = motions::raw(robot, &Motion::of(unit, seconds, seed))?;
     let judged = motions::raw(robot, &Motion::of(unit, JUDGED_S, seed + JUDGED_SEED))?;
     let takes = [take(&calibration, &fitted, with_cameras)];

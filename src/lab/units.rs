@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::motions::{self, Motion};
 use super::self_calibration::take;
-use super::session::bench_calibration_of;
+use super::session::springs_of;
 use super::threads;
 use crate::learn::{Model, Recipe, adapt};
 use crate::rig::Unit;
@@ -72,12 +72,12 @@ impl Lab {
 }
 
 /// A unit's springs drawn on the bench, with ends, mountings and the rest as its own motion shows them beside motion
-/// capture.
+/// capture. IMUs fitted before the ends are known would turn the arm with them.
 ///
 /// # Errors
 /// When a spring is refused, the arm cannot follow its motion, or no adjustment fits.
 pub fn self_calibrated(robot: &RobotSpec, unit: Unit) -> Result<Calibration> {
-    adjusted_with_cameras(robot, unit, &bench_calibration_of(robot, unit)?)
+    adjusted_with_cameras(robot, unit, &springs_of(robot, unit)?)
 }
 
 /// A bench calibration with ends, mountings and the rest as five minutes of the unit's own motion show them beside motion

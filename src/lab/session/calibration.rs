@@ -21,17 +21,9 @@ const IMUS_SEED: u64 = 90;
 /// # Errors
 /// [`SessionError`] when a spring is refused in every run of the bench, or an IMU after its motion.
 pub fn calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
-    match is_shipped(robot, unit) {
-        true => Ok(Calibration::virtual_rig()),
-        false => bench_calibration_of(robot, unit),
+    if is_shipped(robot, unit) {
+        return Ok(Calibration::virtual_rig());
     }
-}
-
-/// The springs of `unit` from its own bench, with IMUs and tilt from a motion of its own; ends of springs as drawn.
-///
-/// # Errors
-/// As [`calibration_of`].
-pub fn bench_calibration_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
     let options = RigOptions {
         unit,
         seed: IMUS_SEED,
@@ -64,7 +56,7 @@ pub(super) fn springs_for(robot: &RobotSpec, unit: Unit) -> Result<Calibration, 
 ///
 /// # Errors
 /// [`SessionError::Bench`] when a spring is refused in every run of the bench.
-pub(super) fn springs_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
+pub fn springs_of(robot: &RobotSpec, unit: Unit) -> Result<Calibration, SessionError> {
     let failed = |reason: String| SessionError::Bench {
         specimen: unit.0,
         reason,

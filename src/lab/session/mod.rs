@@ -23,7 +23,7 @@ mod plan;
 #[cfg(test)]
 mod tests;
 
-pub use calibration::{bench_calibration_of, calibration_of};
+pub use calibration::{calibration_of, springs_of};
 pub use chain::{REST_S, Specimen, changes_with_time};
 pub use excitation::{Drive, Excitation};
 pub use imus::calibrate_imus;

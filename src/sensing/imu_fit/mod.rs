@@ -386,10 +386,15 @@ pub struct Start {
 
 /// Standard deviation of the springs' ends along each axis, m: smaller where the calibration holds them.
 pub fn ends_sigma_m(calibration: &Calibration) -> f64 {
-    let is_held = !calibration.ends_are_drawn();
-    match is_held {
-        true => 0.05e-3,
-        false => 0.5e-3,
+    let stated = calibration.springs.iter().filter_map(|s| s.ends_sd_m);
+    let (n, squares) = stated.fold((0.0, 0.0), |(n, sum), sd| (n + 1.0, sum + sd * sd));
+    if n > 0.0 {
+        // A length errs by what two ends have along it.
+        f64::sqrt(squares / n / 2.0)
+    } else if calibration.ends_are_drawn() {
+        0.5e-3
+    } else {
+        0.05e-3
     }
 }
 

@@ -52,8 +52,8 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
     }
     found.notes.push(format!(
         "`calibrate self`: {seconds:.0} s of motion; judged on another motion, by the pose that geometry gives from springs \
-         and IMUs, and by the networks that were trained on simulation alone. Before: springs from the bench, IMUs from \
-         their own motion, ends as drawn."
+         and IMUs, and by the networks that were trained on simulation alone. Before: springs from the bench; \
+         ends and IMUs as drawn."
     ));
     Ok(found.after(2.0 * seconds * ALL.len() as f64))
 }
