@@ -30,6 +30,9 @@ use springtwin::sensing::registration::{
 use springtwin::signal::{Pose, hex, ypr_from_rotation};
 use wizard::WizardArgs;
 
+/// How far the tip by the springs trails behind on its way, m: their hysteresis is 0.05 to 0.11 mm on the bench.
+const TRAILS_M: f64 = 0.1e-3;
+
 #[derive(Subcommand)]
 pub enum CalibrateCommand {
     /// All steps of the window's wizard on a rig, without a window: preflight, springs, IMUs, motion
@@ -134,6 +137,7 @@ fn mocap(a: &MocapArgs) -> Result<Report> {
             ..FitOptions::default()
         },
         clock: ClockOptions {
+            trails_m: TRAILS_M,
             about_s: a.about,
             search_s: a.search,
             gap_max_s: usual.gap_max_s.max(2.5 / slowest_hz).min(1.0),
@@ -359,7 +363,7 @@ mod tests {
         };
         // At some millimetres per second a clock cannot be told to a millisecond.
         let sigma_ms = number("/offset_sigma_ms");
-        assert!((number("/offset_ms") - 800.0).abs() < 3.0 * sigma_ms && sigma_ms < 25.0);
+        assert!((number("/offset_ms") - 800.0).abs() < 3.0 * sigma_ms && sigma_ms < 40.0);
         assert!(number("/poses") >= 10.0);
         assert!(number("/loo/pos_mm_rms") < 5.0 && number("/loo/rot_deg_rms") < 3.0);
         let text = std::fs::read_to_string(dir.join("registration.toml")).expect("there");

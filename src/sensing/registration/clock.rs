@@ -4,7 +4,8 @@
 //! frames and the rest of Δ (module `fit`), the tracks read again with each Δ. One sigma is the
 //! jackknife over ten blocks of time, each left out in the linearised problem,
 //! σ² = (m − 1)/m Σ (Δ₋ₖ − mean)² (Wu 1986, <https://doi.org/10.1214/aos/1176350142>): errors of the
-//! robot's pose last for seconds, which the normal matrix would not know.
+//! robot's pose last for seconds, which the normal matrix would not know. By how much its poses trail behind on their way
+//! ([`ClockOptions::trails_m`]) is added.
 
 use super::correlate::{ClockOptions, HALF_S, Peak, peak};
 use super::fit::{self, DELAY, Normal, Observation, State, UNITS, Unknowns, centre};
@@ -89,6 +90,7 @@ pub(super) struct Fine {
 pub(super) struct Streams {
     pub robot: Track,
     pub mocap: Track,
+    trails_m: f64,
 }
 
 impl Streams {
@@ -102,6 +104,7 @@ impl Streams {
         Ok(Self {
             robot: Track::new(robot, "robot", clock.gap_max_s)?,
             mocap: Track::new(mocap.iter().copied(), "motion capture", clock.gap_max_s)?,
+            trails_m: clock.trails_m,
         })
     }
 
@@ -150,7 +153,9 @@ impl Streams {
         }
         let clock = ClockOffset {
             offset_s: settled.offset_s,
-            sigma_s: settled.sigma_s(options),
+            sigma_s: settled
+                .sigma_s(options)
+                .hypot(settled.trails_s(self.trails_m)),
             correlation: coarse.correlation,
             runner_up: coarse.runner_up,
             instants: settled.instants.len(),
@@ -264,6 +269,17 @@ impl Settled {
             .filter(|(_, d)| **d <= bound)
             .map(|(t, _)| *t)
             .collect()
+    }
+
+    /// The time that a way is at the motion's speed (root mean square), s.
+    fn trails_s(&self, way_m: f64) -> f64 {
+        let speeds = self.observations.iter().map(|o| o.velocity_m_s);
+        let squares: f64 = speeds.map(|v| v.norm_squared()).sum();
+        let speed_m_s = (squares / self.observations.len() as f64).sqrt();
+        match way_m > 0.0 {
+            true => way_m / speed_m_s,
+            false => 0.0,
+        }
     }
 
     /// Jackknife over blocks of time, linearised where the fit ended.

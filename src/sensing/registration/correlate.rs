@@ -33,6 +33,9 @@ pub struct ClockOptions {
     pub search_s: f64,
     /// Poses are never interpolated across a longer gap, s.
     pub gap_max_s: f64,
+    /// How far the robot's poses may trail behind on their way, m: all of them trail alike, so that no scatter shows it,
+    /// and at the motion's speed it is a time.
+    pub trails_m: f64,
 }
 
 impl Default for ClockOptions {
@@ -41,6 +44,7 @@ impl Default for ClockOptions {
             about_s: 0.0,
             search_s: 10.0,
             gap_max_s: 0.1,
+            trails_m: 0.0,
         }
     }
 }
@@ -65,6 +69,12 @@ impl ClockOptions {
                 self.gap_max_s,
                 [1e-3, 2.0],
                 "between 0.001 and 2",
+            ),
+            (
+                "way that poses trail behind (m)",
+                self.trails_m,
+                [0.0, 0.1],
+                "between 0 and 0.1",
             ),
         ] {
             if !(range[0]..=range[1]).contains(&value) {
