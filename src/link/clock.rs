@@ -198,7 +198,7 @@ impl BoardClock {
     }
 
     /// Skew as far as known: by the fit, or what was known before. A fit that no oscillator can have is
-    /// [`Skew::UNKNOWN`].
+    /// `Skew::UNKNOWN`.
     pub fn skew(&self) -> Skew {
         let Some(fit) = &self.fit else {
             return self.prior;

@@ -14,10 +14,10 @@
 //! | T | markers' body on the end pad, with motion capture | 1 mm, 0.5 deg |
 //!
 //! Measured are twelve lengths, four specific forces, the turn of each IMU from one frame to the next by its gyro, and
-//! the pose of the end pad where motion capture recorded it ([`measure`]). Turns couple neighbours, so the normal matrix
-//! is block-tridiagonal with a border of what is constant; [`solve`] eliminates the frames one after the other.
+//! the pose of the end pad where motion capture recorded it (module `measure`). Turns couple neighbours, so the normal matrix
+//! is block-tridiagonal with a border of what is constant; module `solve` eliminates the frames one after the other.
 //!
-//! A group of parameters is kept only where it pays on blocks of time that it was not fitted to ([`hold_out`]).
+//! A group of parameters is kept only where it pays on blocks of time that it was not fitted to (module `hold_out`).
 
 mod frames;
 mod hold_out;
