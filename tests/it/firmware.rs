@@ -5,7 +5,8 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use springtwin::link::LinkEvent;
-use springtwin::rig::RigBoard;
+use springtwin::rig::clock::Clock;
+use springtwin::rig::{RigBoard, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, CHAMBERS, Goal, Gripper, Mode, PressureCommand, Stamp};
 use springtwin::twin::{Command, Event, run_in_simulated_time};
@@ -65,7 +66,11 @@ fn firmware_that_does_not_match_is_refused_and_named() {
 /// The chips' clocks run at given speeds, which the host estimates.
 #[test]
 fn the_clocks_of_the_firmware_are_fitted() {
-    let mut b = World::new(Some(&firmware_folder()));
+    let options = RigOptions {
+        clocks: Some(RIG_SKEWS.map(Clock::steady)),
+        ..RigOptions::default()
+    };
+    let mut b = World::of(&options, Some(&firmware_folder()));
     // What a step is wide, the pings are uncertain by.
     b.step_s = 0.25e-3;
     while b.t_s() < 25.0 {
