@@ -13,7 +13,7 @@ use springtwin::link::{HostSession, Origin};
 use springtwin::rig::{RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::{Calibration, Sensing};
-use springtwin::signal::{ControllerKind, Goal, Mode, SETTLING_FRAMES, Stamp};
+use springtwin::signal::{ControllerKind, Goal, Mode, Stamp};
 use springtwin::twin::{Command, TICK_S, Twin};
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/unit-1/reference.safetensors");
@@ -48,7 +48,7 @@ pub fn go(to_m: [f64; 3], seconds: f64) -> Result<f64, Box<dyn Error>> {
         let now = Stamp::from_seconds(tick as f64 * TICK_S);
         let status = link.status(now);
         let mut commands = Vec::new();
-        if !asked && status.connected && status.frames > SETTLING_FRAMES {
+        if !asked && twin.snapshot().has_settled() {
             commands.extend([Command::Arm, Command::Goto(Goal::position(to_m))]);
             asked = true;
         }

@@ -40,14 +40,6 @@ pub struct TipError {
 /// A comparison on one unit.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// Which unit.
-    pub unit: Unit,
-    /// Length of the motion that was fitted to, s.
-    pub seconds: f64,
-    /// Whether motion capture was fitted to.
-    pub with_cameras: bool,
-    /// Seed of the motions.
-    pub seed: u64,
     /// With the calibration from the bench.
     pub before: TipError,
     /// With the adjusted one.
@@ -63,33 +55,40 @@ pub fn take(calibration: &Calibration, frames: &[Raw], with_cameras: bool) -> Ta
     Take::new(calibration, frames.iter().map(|r| &r.frame), tip)
 }
 
-/// Adjusts the calibration of a unit to so many seconds of its motion and compares the error of the tip on another
-/// motion with that before.
-///
-/// # Errors
-/// When the arm cannot follow its motion, or no adjustment fits.
-pub fn compare(
-    robot: &RobotSpec,
-    unit: Unit,
-    seconds: f64,
-    with_cameras: bool,
-    seed: u64,
-) -> Result<Comparison> {
-    let calibration = springs_of(robot, unit)?;
-    let fitted = motions::raw(robot, &Motion::of(unit, seconds, seed))?;
-    let judged = motions::raw(robot, &Motion::of(unit, JUDGED_S, seed + JUDGED_SEED))?;
-    let takes = [take(&calibration, &fitted, with_cameras)];
-    let adjustment = adjust(robot, &calibration, &takes)?;
-    let maps: Maps = model(None)?.into();
-    Ok(Comparison {
-        unit,
-        seconds,
-        with_cameras,
-        seed,
-        before: tip_error(robot, &calibration, &maps, &judged),
-        after: tip_error(robot, &adjustment.calibration, &maps, &judged),
-        adjustment,
-    })
+/// A unit from the bench, motion to adjust its calibration to, and other motion to judge it by.
+pub struct Recorded {
+    calibration: Calibration,
+    fitted: Vec<Raw>,
+    judged: Vec<Raw>,
+}
+
+impl Recorded {
+    /// Calibrates a unit's springs and moves it for so many seconds.
+    ///
+    /// # Errors
+    /// When a spring is refused or the arm cannot follow its motion.
+    pub fn of(robot: &RobotSpec, unit: Unit, seconds: f64, seed: u64) -> Result<Self> {
+        Ok(Self {
+            calibration: springs_of(robot, unit)?,
+            fitted: motions::raw(robot, &Motion::of(unit, seconds, seed))?,
+            judged: motions::raw(robot, &Motion::of(unit, JUDGED_S, seed + JUDGED_SEED))?,
+        })
+    }
+
+    /// Adjusts the calibration and compares the error of the tip with that before.
+    ///
+    /// # Errors
+    /// When no adjustment fits.
+    pub fn compare(&self, robot: &RobotSpec, with_cameras: bool) -> Result<Comparison> {
+        let takes = [take(&self.calibration, &self.fitted, with_cameras)];
+        let adjustment = adjust(robot, &self.calibration, &takes)?;
+        let maps: Maps = model(None)?.into();
+        Ok(Comparison {
+            before: tip_error(robot, &self.calibration, &maps, &self.judged),
+            after: tip_error(robot, &adjustment.calibration, &maps, &self.judged),
+            adjustment,
+        })
+    }
 }
 
 /// Error of the tip with a calibration over a motion.

@@ -12,7 +12,9 @@
 //! | R, t | upper from lower |
 //! | d_i | t + R b_i − a_i, so that l_i = |d_i| |
 
-use nalgebra::{Matrix6, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{
+    Matrix6, Point3, Rotation3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6,
+};
 
 use super::calibration::Calibration;
 use crate::robot::RobotSpec;
@@ -68,6 +70,8 @@ pub struct Geometry {
     pub pad_of_imu: [usize; IMUS],
     /// Mounting of each IMU.
     pub pad_from_imu: [Rotation3<f64>; IMUS],
+    /// By how much the calibration moved the upper and the lower ends from the drawing, m.
+    off_m: [[Vector3<f64>; 2]; 2 * LEGS],
 }
 
 impl Geometry {
@@ -85,8 +89,64 @@ impl Geometry {
             pad_from_imu: std::array::from_fn(|i| {
                 calibration.mounting(i).to_rotation_matrix() * spec.imus[i].pad_from_imu
             }),
+            off_m: std::array::from_fn(|i| calibration.ends_off_m(i)),
             segments,
         }
+    }
+
+    /// Length of spring `i` with its ends as in the drawing less that with its ends as calibrated, at these poses of the
+    /// middle and the end pad, m.
+    ///
+    /// Networks are trained on the drawing: added to a length, it gives the one that a spring of the drawing would have.
+    pub fn drawing_offset_m(&self, i: usize, base_from_pad: [&Pose; 2]) -> f64 {
+        let [top_off_m, bottom_off_m] = self.off_m[i];
+        if self.off_m[i] == [Vector3::zeros(); 2] {
+            return 0.0;
+        }
+        let (above, below) = match i / LEGS {
+            0 => (&Pose::identity(), base_from_pad[0]),
+            _ => (base_from_pad[0], base_from_pad[1]),
+        };
+        let distance_m = |top_m: Vector3<f64>, bottom_m: Vector3<f64>| {
+            let (from_m, to_m) = (above * Point3::from(top_m), below * Point3::from(bottom_m));
+            (to_m - from_m).norm()
+        };
+        let (top_m, bottom_m) = (self.top_m[i], self.bottom_m[i]);
+        distance_m(top_m - top_off_m, bottom_m - bottom_off_m) - distance_m(top_m, bottom_m)
+    }
+
+    /// The lengths that springs of the drawing would have where those of the calibration have these, m. The pads'
+    /// orientations in the base give the poses, as arcs of the median stretch: half a millimetre at an end needs no better
+    /// one, and no length that is wrong has a say in another.
+    pub fn lengths_of_drawing(
+        &self,
+        spec: &RobotSpec,
+        length_m: &[f64; 2 * LEGS],
+        base_from_pad: &[UnitQuaternion<f64>; 2],
+    ) -> [f64; 2 * LEGS] {
+        let turns = [
+            base_from_pad[0],
+            base_from_pad[0].inverse() * base_from_pad[1],
+        ];
+        let arcs = [0, 1].map(|k| {
+            let rest = self.segments[k].rest();
+            let rest_m = self.segments[k].lengths_m(&rest);
+            let mut stretches: [f64; LEGS] = std::array::from_fn(|leg| {
+                let stretch = length_m[LEGS * k + leg] / rest_m[leg];
+                if stretch.is_finite() {
+                    stretch
+                } else {
+                    f64::INFINITY
+                }
+            });
+            stretches.sort_by(f64::total_cmp);
+            let finite = stretches.partition_point(|s| s.is_finite());
+            let stretch = stretches[..finite].get(finite / 2).copied().unwrap_or(1.0);
+            let half = turns[k].powf(0.5);
+            Pose::from_parts((half * rest.translation.vector * stretch).into(), turns[k])
+        });
+        let [middle, end] = pads(spec, &arcs);
+        std::array::from_fn(|i| length_m[i] + self.drawing_offset_m(i, [&middle, &end]))
     }
 }
 
@@ -271,46 +331,6 @@ pub fn pads_of_lengths(spec: &RobotSpec, length_m: &[f64; 2 * LEGS]) -> [Pose; 2
     pads(spec, &poses)
 }
 
-/// The lengths that springs of the drawing would have where those of a calibration have these, m: networks are trained on
-/// the drawing. The pads' orientations in the base give the poses, as arcs of the median stretch: half a millimetre at an end
-/// needs no better one, and no length that is wrong has a say in another.
-pub fn lengths_of_drawing(
-    spec: &RobotSpec,
-    calibration: &Calibration,
-    length_m: &[f64; 2 * LEGS],
-    base_from_pad: &[UnitQuaternion<f64>; 2],
-) -> [f64; 2 * LEGS] {
-    let turns = [
-        base_from_pad[0],
-        base_from_pad[0].inverse() * base_from_pad[1],
-    ];
-    let mut out = *length_m;
-    for (k, own) in out.chunks_exact_mut(LEGS).enumerate() {
-        let (drawn, real) = (
-            Segment::of(spec, k),
-            Segment::calibrated(spec, calibration, k),
-        );
-        let rest_m = drawn.lengths_m(&drawn.rest());
-        let mut stretches: Vec<f64> = own.iter().zip(rest_m).map(|(l, rest)| l / rest).collect();
-        stretches.retain(|s| s.is_finite());
-        stretches.sort_by(f64::total_cmp);
-        let stretch = stretches.get(stretches.len() / 2).copied().unwrap_or(1.0);
-        let half = turns[k].powf(0.5);
-        let pose = Pose::from_parts(
-            (half * drawn.rest().translation.vector * stretch).into(),
-            turns[k],
-        );
-        let lengths = drawn
-            .lengths_m(&pose)
-            .into_iter()
-            .zip(real.lengths_m(&pose));
-        for (own, (drawn_m, real_m)) in own.iter_mut().zip(lengths) {
-            *own += drawn_m - real_m;
-        }
-    }
-    out
-}
-
 /// Middle and end pad in the base frame from the two segments' poses.
 pub fn pads(spec: &RobotSpec, upper_from_lower: &[Pose; 2]) -> [Pose; 2] {
     let base_from_middle = upper_from_lower[0];
@@ -340,6 +360,7 @@ mod tests {
     fn lengths_are_brought_to_the_drawing_and_a_wrong_one_leaves_the_others_alone() {
         let spec = RobotSpec::reference();
         let calibration = Calibration::virtual_rig();
+        let geometry = Geometry::calibrated(&spec, &calibration);
         // Arcs, displaced by some millimetres.
         let arc = |ypr_deg: [f64; 3], long_m: f64, off_m: [f64; 3]| {
             let turn = bent(ypr_deg, [0.0; 3]).rotation;
@@ -359,7 +380,7 @@ mod tests {
             std::array::from_fn(|i| each[i / LEGS][i % LEGS])
         };
         let mut real_m = of(true);
-        let brought_m = lengths_of_drawing(&spec, &calibration, &real_m, &turns);
+        let brought_m = geometry.lengths_of_drawing(&spec, &real_m, &turns);
         let off_m = |a: &[f64], b: &[f64]| {
             let each = a.iter().zip(b).map(|(a, b)| (a - b).abs());
             each.fold(0.0, f64::max)
@@ -368,7 +389,7 @@ mod tests {
         assert!(before_m > 0.5e-3 && left_m < 0.06e-3, "{before_m} {left_m}");
         for wrong_m in [f64::NAN, real_m[7] + 20e-3] {
             real_m[7] = wrong_m;
-            let others_m = lengths_of_drawing(&spec, &calibration, &real_m, &turns);
+            let others_m = geometry.lengths_of_drawing(&spec, &real_m, &turns);
             assert_eq!(others_m[..6], brought_m[..6]);
             let off_m = off_m(&others_m[8..], &brought_m[8..]);
             assert!(off_m < 0.02e-3, "{off_m}");

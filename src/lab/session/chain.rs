@@ -14,7 +14,7 @@ use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::imu::{ImuTrack, Sample, credible};
-use crate::sensing::platform::lengths_of_drawing;
+use crate::sensing::platform::Geometry;
 use crate::signal::{
     CHAMBERS, Gripper, IMUS, PressureCommand, RawFrame, SensorVec, Stamp, ypr_from_rotation,
 };
@@ -126,6 +126,7 @@ struct Row {
 struct Chain<'a> {
     robot: &'a RobotSpec,
     calibration: &'a Calibration,
+    geometry: Geometry,
     drive: Drive,
     rig: VirtualRig,
     host: HostSession,
@@ -160,6 +161,7 @@ impl<'a> Chain<'a> {
         Ok(Self {
             robot,
             calibration: &specimen.calibration,
+            geometry: Geometry::calibrated(robot, &specimen.calibration),
             drive: Drive::new(plan.excitation, robot, plan.seed, plan.seconds),
             rig,
             host: HostSession::new("virtual rig", Origin::Simulated, board_config(robot)),
@@ -236,7 +238,10 @@ impl<'a> Chain<'a> {
         });
         let length_m =
             std::array::from_fn(|i| self.calibration.length_m(raw, i).unwrap_or(f64::NAN));
-        let turns = [0, IMUS / 2].map(|i| self.tracks[i].base_from_pad());
+        let turns = [0, 1].map(|pad| {
+            let own = (0..IMUS).find(|i| self.geometry.pad_of_imu[*i] == pad);
+            own.map_or_else(UnitQuaternion::identity, |i| self.tracks[i].base_from_pad())
+        });
         self.rows.push(Row {
             t_s: frame_s,
             chamber_pa: std::array::from_fn(|i| match raw.has_chamber(i) {
@@ -244,7 +249,9 @@ impl<'a> Chain<'a> {
                 false => f64::NAN,
             }),
             sensors: SensorVec {
-                spring_m: lengths_of_drawing(self.robot, self.calibration, &length_m, &turns),
+                spring_m: self
+                    .geometry
+                    .lengths_of_drawing(self.robot, &length_m, &turns),
                 imu_ypr_rad,
             },
         });

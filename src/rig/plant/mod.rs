@@ -53,6 +53,9 @@ impl Default for Unit {
 pub struct Surroundings {
     /// Stiffness of bellows and central tube, as a factor on the unit's own. Fixed when the arm is made.
     pub stiffness: f64,
+    /// How the base is bolted, off level: gravity is turned by the rotation vector (x, y, 0) in the base's axes, rad. Fixed
+    /// when the arm is made.
+    pub base_tilt_rad: [f64; 2],
     /// Mass in the gripper, kg.
     pub payload_kg: f64,
     /// Force on the end pad in the base frame, N.
@@ -81,6 +84,7 @@ impl Default for Surroundings {
     fn default() -> Self {
         Self {
             stiffness: 1.0,
+            base_tilt_rad: [0.0; 2],
             payload_kg: 0.0,
             tip_force_n: [0.0; 3],
             obstacle: None,
@@ -153,7 +157,8 @@ impl Plant {
         surroundings: Surroundings,
         rings: usize,
     ) -> Result<Self, NoStep> {
-        let specimen = Specimen::new(robot, unit.0, surroundings.stiffness, rings);
+        let specimen = Specimen::new(robot, unit.0, surroundings.stiffness, rings)
+            .bolted(surroundings.base_tilt_rad);
         let defects = Defects::default();
         let now = Circumstances {
             t_s: 0.0,

@@ -71,6 +71,12 @@ impl Specimen {
         }
     }
 
+    /// The same on a base off level: gravity is turned by this rotation vector about x and y.
+    pub fn bolted(mut self, base_tilt_rad: [f64; 2]) -> Self {
+        self.arm.gravity_m_s2 = leaning(base_tilt_rad) * self.arm.gravity_m_s2;
+        self
+    }
+
     /// The end pad with everything that hangs on it.
     fn end(&self, d: &Defects, now: &Circumstances) -> Body {
         let (sin, cos) = self.side_rad.sin_cos();
@@ -126,9 +132,7 @@ impl Specimen {
         }
         // The mount leans, and gives way a little as it sways.
         let sway = 1.0 + 0.05 * (TAU * now.t_s / 47.0).sin();
-        let [x, y] = d.tilt_rad.map(|a| a * sway);
-        let tilt = Rotation3::from_scaled_axis(Vector3::new(x, y, 0.0));
-        arm.gravity_m_s2 = tilt * arm.gravity_m_s2;
+        arm.gravity_m_s2 = leaning(d.tilt_rad.map(|a| a * sway)) * arm.gravity_m_s2;
         arm.exchange_end(self.end(d, now));
         arm
     }
@@ -142,4 +146,9 @@ impl Specimen {
             || d.com_m != [0.0; 3]
             || d.tilt_rad != [0.0; 2]
     }
+}
+
+/// What a base off level does to gravity, in the base's axes.
+fn leaning([x, y]: [f64; 2]) -> Rotation3<f64> {
+    Rotation3::from_scaled_axis(Vector3::new(x, y, 0.0))
 }

@@ -30,6 +30,7 @@ mod tests;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::calibration::Calibration;
+use super::filter::ACCEL_BIAS_SD;
 use crate::robot::RobotSpec;
 use crate::signal::{IMUS, SPRINGS};
 pub use frames::{Frame, Link, Sample, Take, frames};
@@ -129,7 +130,7 @@ fn priors(calibration: &Calibration) -> [f64; CONSTANTS] {
         ENDS..GAINS => 0.5e-3,
         GAINS..MOUNTS => 3e-3,
         MOUNTS..ACCELS => 0.3 * DEG,
-        ACCELS..GYROS if calibrated((index - ACCELS) / 3) => 0.03,
+        ACCELS..GYROS if calibrated((index - ACCELS) / 3) => ACCEL_BIAS_SD,
         ACCELS..GYROS => 0.3,
         GYROS..ACCEL_GAINS if calibrated((index - GYROS) / 3) => 2.0 * DEG,
         GYROS..ACCEL_GAINS => 20.0 * DEG,
@@ -259,7 +260,7 @@ fn adjust_frames(
     let last = problem.fit(&all, &free_of(&kept, with_cameras), with_cameras)?;
     let parameters = report::parameters(&problem, &whole, &last, &kept, with_cameras)?;
     Ok(Adjustment {
-        calibration: applied(&problem, calibration, &last, &kept)?,
+        calibration: applied(&problem, calibration, [&whole, &last], &kept)?,
         groups,
         parameters,
         frames: frames.len(),
@@ -269,11 +270,21 @@ fn adjust_frames(
     })
 }
 
-/// The calibration with these groups of a fit.
+/// Whether the fit of everything (`whole`) finds the biases of accelerometer `i` within what is assumed of a calibrated one.
+fn is_confirmed(problem: &Problem<'_>, whole: &Fit, i: usize) -> bool {
+    (ACCELS + 3 * i..ACCELS + 3 * i + 3).all(|index| {
+        let is_known = |sigma: f64| sigma < report::OBSERVABLE * problem.prior[index];
+        whole.state.constants[index].abs() < 3.0 * ACCEL_BIAS_SD
+            && whole.sigma(index).is_some_and(is_known)
+    })
+}
+
+/// The calibration with these groups of the last of two fits; `whole` has all of them. An IMU that nothing was known of and
+/// that needs no correction gets an entry without one: from now on it is a calibrated IMU.
 fn applied(
     problem: &Problem<'_>,
     calibration: &Calibration,
-    fit: &Fit,
+    [whole, fit]: [&Fit; 2],
     kept: &[Group],
 ) -> Result<Calibration, BundleError> {
     let x = &fit.state.constants;
@@ -303,8 +314,11 @@ fn applied(
         kept.contains(&Group::Mountings),
         kept.contains(&Group::Biases),
     );
-    for i in (0..IMUS).filter(|_| mountings || biases) {
+    for i in 0..IMUS {
         let fresh = !out.imus.iter().any(|m| m.imu == i + 1);
+        if !(mountings || biases || fresh && is_confirmed(problem, whole, i)) {
+            continue;
+        }
         if mountings || fresh {
             let turn = match mountings {
                 true => three(MOUNTS + 3 * i),

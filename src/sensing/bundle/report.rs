@@ -7,7 +7,7 @@ use super::{
 use crate::signal::{IMUS, Pose, SPRINGS};
 
 /// A parameter is observable when the data leave less than this share of its prior.
-const OBSERVABLE: f64 = 0.7;
+pub(super) const OBSERVABLE: f64 = 0.7;
 
 /// One constant parameter.
 #[derive(Clone, Debug, PartialEq)]

@@ -380,3 +380,37 @@ fn kept_groups_are_in_the_calibration_with_their_sigma() {
         .filter(|p| p.name.contains("length at rest"));
     assert_eq!(lengths.count(), SPRINGS);
 }
+
+#[test]
+fn an_imu_that_needs_no_correction_counts_as_calibrated_and_a_silent_one_does_not() {
+    let (spec, mut calibration, _) = reference();
+    calibration.imus.clear();
+    let model = Model::new(&spec, &calibration);
+    // Zeroed by their maker: nothing is off but the springs' ends and the rates at rest.
+    let mut truth = drawn(&calibration, 12);
+    truth[GAINS..GYROS].fill(0.0);
+    truth[ACCEL_GAINS..].fill(0.0);
+    let mut frames = made(&model, 240.0, 1.0, true, &|_| truth);
+    for frame in &mut frames {
+        frame.force[2] = None;
+    }
+    let found = adjust_frames(&model, &calibration, &frames).expect("adjusts");
+    let kept = |group: Group| found.groups.iter().any(|g| g.group == group && g.kept);
+    assert!(!kept(Group::Mountings) && !kept(Group::Biases));
+    let has = |n: usize| found.calibration.imus.iter().any(|m| m.imu == n);
+    assert_eq!([1, 2, 3, 4].map(has), [true, true, false, true]);
+    for imu in &found.calibration.imus {
+        assert_eq!(imu.fit.correction_rad, Vector3::zeros());
+        assert_eq!(imu.zero.accel_bias_m_s2, Vector3::zeros());
+        let at = GYROS + 3 * (imu.imu - 1);
+        let rate_off = imu.zero.gyro_bias_rad_s - Vector3::from_column_slice(&truth[at..at + 3]);
+        assert!(rate_off.norm() < 0.01 * DEG, "{rate_off}");
+    }
+    // One that is off is not taken as it is.
+    let mut far = truth;
+    far[ACCELS] = 0.25;
+    let frames = made(&model, 240.0, 1.0, true, &|_| far);
+    let found = adjust_frames(&model, &calibration, &frames).expect("adjusts");
+    let first = found.calibration.imus.iter().find(|m| m.imu == 1);
+    assert!(first.is_none_or(|m| m.zero.accel_bias_m_s2.x.abs() > 0.1));
+}

@@ -100,7 +100,7 @@ const GYRO_FAULT: f64 = 60.0 * DEG;
 const GYRO_WALK: f64 = 2e-3 * DEG;
 const GYRO_FAULT_WALK: f64 = 5.0 * DEG;
 /// Accelerometer bias after a calibration, as delivered (80 mg on z), and of a faulty one, m/s²; random walks, m/s²/√s.
-const ACCEL_BIAS_SD: f64 = 0.03;
+pub const ACCEL_BIAS_SD: f64 = 0.03;
 const ACCEL_DELIVERED: [f64; 3] = [0.5, 0.5, 0.8];
 const ACCEL_FAULT: f64 = 3.0;
 const ACCEL_WALK: f64 = 2e-4;
@@ -110,10 +110,10 @@ const ACCEL_FAULT_WALK: f64 = 0.3;
 const ACCEL_TURN: f64 = 0.02;
 const GYRO_TURN: f64 = 0.01;
 const TURN_RAD: f64 = 0.5;
-/// How far the base hangs off level after a calibration and without one, rad; its random walk, rad/√s.
-const TILT_SD: f64 = 0.15 * DEG;
+/// How far the base hangs off level after a calibration and without one, rad. It is bolted down: where springs are missing,
+/// a tilt that is free takes in what their biases do to all inclinations alike.
+const TILT_SD: f64 = 0.02 * DEG;
 const TILT_UNKNOWN: f64 = 2.0 * DEG;
-const TILT_WALK: f64 = 2e-3 * DEG;
 /// Lag of the springs behind the pads, s, and its standard deviation.
 pub const LAG_S: [f64; 2] = [0.010, 0.008];
 /// Averaging time of the rate at which a spring lengthens, s: the lag of a steady one is a bias.
@@ -176,8 +176,6 @@ enum Loss {
 pub struct Filter {
     spec: RobotSpec,
     geometry: Geometry,
-    /// By how much the calibration moved the upper and the lower ends from the drawing, m.
-    off_m: [[Vector3<f64>; 2]; SPRINGS],
     /// Middle and end pad.
     pub pads: [Pad; PADS],
     gyro_bias: [Vector3<f64>; IMUS],
@@ -227,7 +225,6 @@ impl Filter {
         healthy[TILT..SPRING].fill(if known { TILT_SD } else { TILT_UNKNOWN });
         let mut filter = Self {
             spec: spec.clone(),
-            off_m: std::array::from_fn(|i| calibration.ends_off_m(i)),
             geometry,
             pads: poses.map(|pose| Pad {
                 pose,
@@ -532,9 +529,6 @@ impl Filter {
                     }
                 }
             }
-        }
-        for k in 0..2 {
-            self.widen(TILT + k, TILT_WALK * TILT_WALK * dt_s);
         }
         for i in 0..SPRINGS {
             let k = SPRING + i;
@@ -851,26 +845,10 @@ impl Filter {
         (length_m + self.spring_bias_m[i], row, 0.0)
     }
 
-    /// Length of spring `i` with its ends as in the drawing less that with its ends as calibrated, at the present pose, m.
-    ///
-    /// Networks are trained on the drawing: added to a length, it gives the one that a spring of the drawing would have.
+    /// What brings the length of spring `i` to the drawing at the present poses, m ([`Geometry::drawing_offset_m`]).
     pub fn drawing_offset_m(&self, i: usize) -> f64 {
-        let [top_off_m, bottom_off_m] = self.off_m[i];
-        if top_off_m == Vector3::zeros() && bottom_off_m == Vector3::zeros() {
-            return 0.0;
-        }
-        let lower = i / LEGS;
-        let below = &self.pads[lower].pose;
-        let above = lower
-            .checked_sub(1)
-            .map_or_else(Pose::identity, |u| self.pads[u].pose);
-        let distance_m = |top_m: Vector3<f64>, bottom_m: Vector3<f64>| {
-            let from_m = above * nalgebra::Point3::from(top_m);
-            let to_m = below * nalgebra::Point3::from(bottom_m);
-            (to_m - from_m).norm()
-        };
-        let (top_m, bottom_m) = (self.geometry.top_m[i], self.geometry.bottom_m[i]);
-        distance_m(top_m - top_off_m, bottom_m - bottom_off_m) - distance_m(top_m, bottom_m)
+        let [middle, end] = &self.pads;
+        self.geometry.drawing_offset_m(i, [&middle.pose, &end.pose])
     }
 
     /// Rate at which spring `i` lengthens, m/s.

@@ -68,8 +68,8 @@ pub(super) struct ContactWatch {
     pub(super) leg: Option<usize>,
     /// Oldest first.
     pub(super) marks: VecDeque<Mark>,
-    /// Tips (m) and pressures (Pa) since the newest one: a mark is their mean, since single estimates are noisy.
-    pub(super) since_mark: Vec<(Vector3<f64>, [f64; CHAMBERS])>,
+    /// What came since the newest one: a mark is its mean, since single estimates are noisy.
+    pub(super) since_mark: Sums,
     /// What was made of what was expected on this way, m, up to a while ago.
     pub(super) known_m: [f64; 2],
     pub(super) low_since: Option<Stamp>,
@@ -84,23 +84,37 @@ pub(super) struct ContactWatch {
     pub(super) depth_m: Vec<f64>,
 }
 
+/// Sums of tips (m) and pressures (Pa), and their number.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sums {
+    tip_m: Vector3<f64>,
+    chamber_pa: [f64; CHAMBERS],
+    count: f64,
+}
+
+impl Sums {
+    pub(super) fn add(&mut self, tip_m: &Vector3<f64>, chamber_pa: &[f64; CHAMBERS]) {
+        self.tip_m += tip_m;
+        for (sum, one) in self.chamber_pa.iter_mut().zip(chamber_pa) {
+            *sum += one;
+        }
+        self.count += 1.0;
+    }
+
+    /// The mean tip and pressures, after which it begins again; `None` of nothing.
+    pub(super) fn take_mean(&mut self) -> Option<(Vector3<f64>, [f64; CHAMBERS])> {
+        let sums = std::mem::take(self);
+        (sums.count > 0.0).then(|| {
+            let chamber_pa = sums.chamber_pa.map(|sum| sum / sums.count);
+            (sums.tip_m / sums.count, chamber_pa)
+        })
+    }
+}
+
 impl ContactWatch {
     /// Another motion begins.
     pub(super) fn begin(&mut self) {
         *self = Self::default();
-    }
-
-    /// The mean tip (m) and pressures (Pa) since the newest mark, which are forgotten.
-    pub(super) fn mean_since_mark(&mut self) -> Option<(Vector3<f64>, [f64; CHAMBERS])> {
-        let n = self.since_mark.len() as f64;
-        let (mut tip_m, mut chamber_pa) = (Vector3::zeros(), [0.0; CHAMBERS]);
-        for (one_m, one_pa) in self.since_mark.drain(..) {
-            tip_m += one_m / n;
-            for (mean, one) in chamber_pa.iter_mut().zip(one_pa) {
-                *mean += one / n;
-            }
-        }
-        (n > 0.0).then_some((tip_m, chamber_pa))
     }
 
     /// The pressures from which on the arm last moved as usual, or the oldest that are known, Pa.

@@ -83,12 +83,12 @@ impl Twin {
         if self.expects_pushes {
             return None;
         }
-        self.contact.since_mark.push((tip_m, chamber_pa));
+        self.contact.since_mark.add(&tip_m, &chamber_pa);
         let newest = self.contact.marks.back();
         if newest.is_some_and(|m| stamp.since(m.stamp) < MARK_S - 1e-6) {
             return None;
         }
-        let (tip_m, chamber_pa) = self.contact.mean_since_mark()?;
+        let (tip_m, chamber_pa) = self.contact.since_mark.take_mean()?;
         let m_per_signal = self.eval.as_ref()?.jacobian.fixed_rows::<3>(0).into_owned();
         let carried_kg = self.model.carried_kg(self.payload_kg);
         let here = Mark {

@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use super::groups::{Bar, Results};
 use super::motion_seed;
-use crate::lab::self_calibration::{Comparison, compare};
+use crate::lab::self_calibration::{Comparison, Recorded};
 use crate::lab::study::item::Found;
 use crate::lab::study::setup::Setup;
 use crate::lab::units::{ALL, side_by_side};
@@ -16,10 +16,13 @@ pub(super) fn find(setup: &mut Setup) -> Result<Found> {
     let (robot, sizes) = (&setup.robot, setup.sizes);
     let seconds = FITTED * sizes.seconds;
     let mut found = Found::default();
+    let recorded = side_by_side(&ALL, |unit| {
+        let seed = motion_seed(sizes.seed, *unit) + 600;
+        Ok((*unit, Recorded::of(robot, *unit, seconds, seed)?))
+    })?;
     for with_cameras in [true, false] {
-        let made = side_by_side(&ALL, |unit| {
-            let seed = motion_seed(sizes.seed, *unit) + 600;
-            Ok((*unit, compare(robot, *unit, seconds, with_cameras, seed)?))
+        let made = side_by_side(&recorded, |(unit, own)| {
+            Ok((*unit, own.compare(robot, with_cameras)?))
         })?;
         let label = match with_cameras {
             true => "`calibrate self` beside motion capture",
