@@ -215,6 +215,7 @@ fn controllers(c: &mut Criterion) {
         let mut frame = SensorFrame {
             stamp: Stamp::ZERO,
             extra_sigma: [0.0; SIGNALS],
+            delivered: Default::default(),
             sensors: observation.sensors.clone(),
             chamber_pa: [0.0; CHAMBERS],
             health: Health {

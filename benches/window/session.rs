@@ -82,6 +82,7 @@ impl Session {
             sensors: Some(SensorFrame {
                 stamp,
                 extra_sigma: [0.0; SIGNALS],
+                delivered: Default::default(),
                 sensors,
                 chamber_pa: pa,
                 health: Health::default(),

@@ -154,6 +154,7 @@ pub fn snapshot(t_s: f64) -> Snapshot {
         sensors: Some(SensorFrame {
             stamp,
             extra_sigma: [0.0; SIGNALS],
+            delivered: Default::default(),
             sensors,
             chamber_pa,
             health: Health::default(),

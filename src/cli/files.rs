@@ -57,6 +57,9 @@ fn inspected(found: &Inspection) -> String {
         "{}{origin}: {:.2} s, {} samples at {:.1} Hz, {state}, payload {} kg",
         found.name, found.seconds, found.samples, found.rate_hz, found.payload_kg
     );
+    if let Some(calibration) = &found.calibration {
+        text.push_str(&format!(", calibration {calibration}"));
+    }
     for gap in &h.longest_gaps {
         text.push_str(&format!(
             "\n  gap of {:.2} s after {:.2} s",

@@ -41,6 +41,7 @@ pub fn at_rest(
         sensors: Some(SensorFrame {
             stamp: Stamp::ZERO,
             extra_sigma: [0.0; SIGNALS],
+            delivered: Default::default(),
             sensors: seen.sensors,
             chamber_pa: *chamber_pa,
             health: Health::default(),

@@ -60,7 +60,7 @@ fn replay_command(
     out: Option<&Path>,
 ) -> Result<Report> {
     let session = read_session(session)?;
-    args::payload_in_range(robot, session.payload_kg)?;
+    args::payload_in_range(robot, session.largest_payload_kg())?;
     let robot = &on_top(robot, patch)?;
     gap::same_robot(robot, &session)?;
     let name = session.name.clone();

@@ -135,6 +135,7 @@ impl ToyArm {
         SensorFrame {
             stamp,
             extra_sigma: [0.0; SIGNALS],
+            delivered: Default::default(),
             sensors: SensorVec::from_vector(&s),
             chamber_pa,
             health: crate::signal::Health {

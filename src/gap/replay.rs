@@ -82,13 +82,7 @@ pub fn move_arm(
         &effects,
     ));
     effects.retain(is_mechanical);
-    effects::arm_only(
-        &model,
-        &grid.t_s,
-        &chamber_pa,
-        grid.session.payload_kg,
-        &effects,
-    )
+    effects::arm_only(&model, &grid.t_s, &chamber_pa, &grid.payload_kg(), &effects)
 }
 
 /// Whether an effect acts on the arm itself.

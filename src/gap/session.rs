@@ -18,6 +18,8 @@ pub struct Session {
     pub robot: String,
     /// Mass the operator believes is attached, kg.
     pub payload_kg: f64,
+    /// The same per sample, where it changes; NaN marks a gap.
+    pub payload_column_kg: Option<Vec<f64>>,
     /// Rising times, s.
     pub t_s: Vec<f64>,
     /// Measured gauge pressure, Pa.
@@ -28,6 +30,14 @@ pub struct Session {
     pub sensors: Vec<SensorVec>,
     /// Motion capture of the end pad, base from tip.
     pub captured: Vec<Option<Pose>>,
+}
+
+impl Session {
+    /// Largest payload that was declared, kg.
+    pub fn largest_payload_kg(&self) -> f64 {
+        let column_kg = self.payload_column_kg.iter().flatten();
+        column_kg.fold(self.payload_kg, |most, kg| kg.max(most))
+    }
 }
 
 /// Checks that a session was recorded with this robot, where that is known.
@@ -227,6 +237,7 @@ impl Grid {
             hash: String::new(),
             robot: self.session.robot.clone(),
             payload_kg: self.session.payload_kg,
+            payload_column_kg: None,
             t_s: drive.t_s.clone(),
             chamber_pa: drive.chamber_pa.clone(),
             commanded_pa: None,
@@ -265,6 +276,24 @@ impl Grid {
             .windows(2)
             .map(|w| std::array::from_fn(|i| mean(series[w[0]..w[1]].iter().map(|row| row[i]))))
             .collect()
+    }
+
+    /// Declared payload of every bin, kg; one for all of them where it does not change. A bin without one has that of the bin
+    /// before.
+    pub fn payload_kg(&self) -> Vec<f64> {
+        let mut held_kg = self.session.payload_kg;
+        let Some(column_kg) = &self.session.payload_column_kg else {
+            return vec![held_kg];
+        };
+        let bins = self.first.windows(2);
+        bins.map(|w| {
+            let here_kg = mean(column_kg[w[0]..w[1]].iter().copied());
+            if here_kg.is_finite() {
+                held_kg = here_kg;
+            }
+            held_kg
+        })
+        .collect()
     }
 }
 

@@ -9,7 +9,7 @@ use super::session::calibration_of;
 use super::shards::{Part, Shard, in_order, not_a_shard, stretch};
 use super::{Progress, go_on, motions, threads, units};
 use crate::recording::{
-    DATASET_SAMPLE_BYTES, DatasetJournal, SessionLog, read_dataset, read_session, write_dataset,
+    DATASET_SAMPLE_BYTES, DatasetJournal, SessionLog, read_dataset, read_log, write_dataset,
 };
 use crate::rig::Unit;
 use crate::robot::RobotSpec;
@@ -231,7 +231,7 @@ pub fn read_samples(path: &Path) -> Result<Dataset> {
     if path.extension().is_some_and(|e| e == "parquet") {
         return Ok(read_dataset(path)?);
     }
-    let log = read_session(path)?;
+    let log = read_log(path)?;
     Ok(samples_of(&log))
 }
 
@@ -246,7 +246,7 @@ fn samples_of(log: &SessionLog) -> Dataset {
         .filter_map(|k| {
             let sample = Sample {
                 chamber_pa: log.chamber_pa[k],
-                payload_kg: log.payload_kg,
+                payload_kg: log.payload_at_kg(k),
                 tip_force_n: [0.0; 3],
                 off_nominal: false,
                 sensors: log.sensors[k].clone(),

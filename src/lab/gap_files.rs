@@ -25,6 +25,7 @@ pub fn read_session(path: &Path) -> Result<Session> {
         hash: log.hash,
         robot: log.robot,
         payload_kg: log.payload_kg,
+        payload_column_kg: log.payload_column_kg,
         t_s: log.t_s,
         chamber_pa: log.chamber_pa,
         commanded_pa: log.commanded_pa,

@@ -47,6 +47,8 @@ pub struct Inspection {
     pub simulated: Option<bool>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,
+    /// Name of the calibration that the sensors were read by; `None` when unknown.
+    pub calibration: Option<String>,
     /// Readings that look like another unit than their channel's, a sentence each.
     pub units: Vec<String>,
 }
@@ -111,6 +113,9 @@ pub fn inspect_recording(read: &ReadRecording) -> Inspection {
         .collect();
     let reports = trace_reports(&read.trace);
     let log = SessionLog::from_trace(&read.trace, 0.0);
+    // A frame that is shown again fills no gap.
+    let measured_s = if log.is_empty() { &t_s } else { &log.t_s };
+    let health = file_health(measured_s, reports);
     let mut channels = read.channels.clone();
     channels.extend(channels_of(&log).into_iter().filter(|c| c.rows > 0));
     Inspection {
@@ -122,11 +127,21 @@ pub fn inspect_recording(read: &ReadRecording) -> Inspection {
         rate_hz: rate_hz(&t_s),
         complete: read.complete,
         recovered_until: read.recovered_until.map(Stamp::seconds),
-        health: file_health(&t_s, reports),
+        health,
         simulated: read.meta.simulated,
         payload_kg: read.meta.payload_kg,
+        calibration: name_of(&read.meta.calibration),
         units: suspected_units(&log),
     }
+}
+
+/// Name of a calibration, of the text of its file.
+fn name_of(calibration: &str) -> Option<String> {
+    #[derive(serde::Deserialize)]
+    struct Named {
+        name: String,
+    }
+    toml::from_str::<Named>(calibration).ok().map(|c| c.name)
 }
 
 /// Contents of a session log in memory.
@@ -153,6 +168,7 @@ pub fn inspect_log(log: &SessionLog) -> Inspection {
         health: file_health(&log.t_s, reports),
         simulated: None,
         payload_kg: log.payload_kg,
+        calibration: None,
         units: suspected_units(log),
     }
 }

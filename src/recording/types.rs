@@ -20,6 +20,10 @@ pub struct RecordingMeta {
     /// Local date and time at which it began, with the offset from UTC: `2026-11-23T14:05:12+01:00`. Empty when
     /// unknown; a recorder that writes a file fills it in.
     pub begun: String,
+    /// Text of the calibration file that the sensors were read by (TOML); empty when unknown.
+    pub calibration: String,
+    /// Version of the program that recorded it; a recorder fills it in.
+    pub program: String,
     /// What to draw around the arm's centre lines; not read back.
     pub drawing: Option<ArmDrawing>,
 }

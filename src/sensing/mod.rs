@@ -50,9 +50,9 @@ use wiring::Wiring;
 
 use crate::robot::RobotSpec;
 use crate::signal::{
-    BOARDS, CHAMBERS, ChannelHealth, FAULT_NAMED, FOUND_M, FOUND_RAD, Health, IMUS, ImuRaw,
-    NIS_HIGH, Need, Pose, Quality, RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorVec, Swap,
-    UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
+    BOARDS, CHAMBERS, ChannelHealth, Delivered, FAULT_NAMED, FOUND_M, FOUND_RAD, Health, IMUS,
+    ImuRaw, NIS_HIGH, Need, Pose, Quality, RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorVec,
+    Swap, UNKNOWN_M, UNKNOWN_RAD, board_of_spring, ypr_from_rotation,
 };
 
 /// Gauge pressures outside of this are not pressures, Pa (a gauge cannot read below vacuum).
@@ -137,6 +137,9 @@ struct Frame {
     health: [ChannelHealth; SPRINGS + IMUS],
     resolution_m: [f64; SPRINGS],
     samples: [Sample; IMUS],
+    /// Length that each spring delivered, whatever it is worth, m.
+    length_m: [Option<f64>; SPRINGS],
+    boards: [ChannelHealth; BOARDS],
 }
 
 impl Sensing {
@@ -275,6 +278,8 @@ impl Sensing {
             health: [ChannelHealth::Missing; SPRINGS + IMUS],
             resolution_m: [0.0; SPRINGS],
             samples: [Sample::Lost; IMUS],
+            length_m: [None; SPRINGS],
+            boards: *board,
         };
         for i in 0..SPRINGS {
             let board = board[board_of_spring(i)];
@@ -288,6 +293,7 @@ impl Sensing {
             let read = spring::read(calibration, n, ticks, rate_hz);
             let length_m = read.length_m();
             self.length_noise[i].update(length_m);
+            out.length_m[i] = length_m;
             out.health[i] = match read {
                 SpringReading::Nothing => ChannelHealth::Missing,
                 SpringReading::OutOfRange => ChannelHealth::OutOfRange,
@@ -738,14 +744,10 @@ impl Sensing {
         let mut extra_sigma = [0.0; SIGNALS];
         let spring_m = std::array::from_fn(|i| {
             let (expected_m, row, more) = self.filter.length(i);
-            let [lag_s, lag_sd_s] = LAG_S;
-            let rate_m_s = self.filter.length_rate_m_s(i);
-            let drawing_m = self.filter.drawing_offset_m(i);
             if health.springs[i] == ChannelHealth::Ok {
                 let reading_m = self.good_m[i].unwrap_or(self.rest_m[i]);
-                extra_sigma[i] = (lag_sd_s * rate_m_s).abs();
-                let lag_m = (lag_s * rate_m_s).clamp(-BEYOND_M, BEYOND_M);
-                return reading_m + lag_m + drawing_m;
+                extra_sigma[i] = (LAG_S[1] * self.filter.length_rate_m_s(i)).abs();
+                return self.now_m(i, reading_m);
             }
             let sd_m = (self.filter.variance(&row) + more).max(0.0).sqrt();
             let [low_m, high_m] = self.spec.spring.range_m;
@@ -755,7 +757,7 @@ impl Sensing {
                 return self.good_m[i].unwrap_or(self.rest_m[i]);
             }
             extra_sigma[i] = sd_m;
-            expected_m + drawing_m
+            expected_m + self.filter.drawing_offset_m(i)
         });
         let pads = self.filter.poses();
         let imu_ypr_rad = std::array::from_fn(|i| {
@@ -780,6 +782,7 @@ impl Sensing {
         });
         SensorFrame {
             stamp: frame.stamp,
+            delivered: self.delivered(&health, now),
             sensors: SensorVec {
                 spring_m,
                 imu_ypr_rad,
@@ -788,6 +791,31 @@ impl Sensing {
             chamber_pa: self.chamber_pa,
             health,
             quality,
+        }
+    }
+
+    /// A reading of spring `i` without its lag and brought to the drawing, m.
+    fn now_m(&self, i: usize, reading_m: f64) -> f64 {
+        let lag_m = LAG_S[0] * self.filter.length_rate_m_s(i);
+        reading_m + lag_m.clamp(-BEYOND_M, BEYOND_M) + self.filter.drawing_offset_m(i)
+    }
+
+    /// What channels that are not right delivered nevertheless.
+    fn delivered(&self, health: &Health, now: &Frame) -> Delivered {
+        // What a silent board delivered before is no reading of now.
+        let ok = ChannelHealth::Ok;
+        let is_fresh = |board: usize| now.boards[board] == ok;
+        Delivered {
+            spring_m: std::array::from_fn(|i| {
+                let wanted = health.springs[i] != ok && is_fresh(board_of_spring(i));
+                let length_m = now.length_m[i].filter(|_| wanted)?;
+                Some(self.now_m(i, length_m))
+            }),
+            imu_ypr_rad: std::array::from_fn(|i| {
+                let wanted = health.imus[i] != ok && is_fresh(board_of_imu(i));
+                (wanted && now.samples[i] == Sample::Good)
+                    .then(|| ypr_from_rotation(&self.tracks[i].base_from_pad()))
+            }),
         }
     }
 

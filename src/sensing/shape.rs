@@ -116,6 +116,7 @@ mod tests {
         SensorFrame {
             stamp: Stamp::ZERO,
             extra_sigma: [0.0; SIGNALS],
+            delivered: Default::default(),
             sensors,
             chamber_pa,
             health: Health::default(),

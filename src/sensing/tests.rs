@@ -211,6 +211,12 @@ fn stuck_spring_is_flagged_within_half_a_second_of_motion_and_heading_is_kept() 
             }
             if flagged_s.is_some() {
                 assert!(!out.health.springs[victim].usable());
+                // What it delivers is kept beside what stands in for it.
+                let off_m = [
+                    out.measured().spring_m[victim] - before,
+                    out.sensors.spring_m[victim] - rig.lengths_m()[victim],
+                ];
+                assert!(off_m.iter().all(|off| off.abs() < 2e-3), "{off_m:?}");
                 // Five springs and the IMUs still place the pads.
                 let off = sensing.pads()[1].translation.vector - truth[1].translation.vector;
                 assert!(off.norm() < 5e-3, "{off} at {}", rig.t_s());

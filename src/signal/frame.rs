@@ -135,6 +135,39 @@ pub enum Swap {
     Imus(usize, usize),
 }
 
+/// What channels that are not right delivered nevertheless; `None` for the others, and where nothing came.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Delivered {
+    /// Length per spring, m.
+    pub spring_m: [Option<f64>; SPRINGS],
+    /// Yaw, pitch, roll of the pad per IMU, rad.
+    pub imu_ypr_rad: [Option<[f64; 3]>; IMUS],
+}
+
+impl Delivered {
+    /// Twelve lengths, then four times yaw, pitch, roll; NaN where there is none.
+    pub fn to_array(&self) -> [f64; SIGNALS] {
+        let turns = self.imu_ypr_rad.map(|ypr| ypr.unwrap_or([f64::NAN; 3]));
+        std::array::from_fn(|k| match k.checked_sub(SPRINGS) {
+            None => self.spring_m[k].unwrap_or(f64::NAN),
+            Some(k) => turns[k / 3][k % 3],
+        })
+    }
+
+    /// The inverse of [`Self::to_array`].
+    pub fn from_array(values: &[f64; SIGNALS]) -> Self {
+        let known = |x: f64| x.is_finite().then_some(x);
+        Self {
+            spring_m: std::array::from_fn(|i| known(values[i])),
+            imu_ypr_rad: std::array::from_fn(|i| {
+                let at = SPRINGS + 3 * i;
+                let [yaw, pitch, roll] = [0, 1, 2].map(|k| known(values[at + k]));
+                Some([yaw?, pitch?, roll?])
+            }),
+        }
+    }
+}
+
 /// Calibrated sensors at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorFrame {
@@ -146,6 +179,8 @@ pub struct SensorFrame {
     /// Standard deviation by which each of the 24 signals may be off beyond its usual noise, m and rad: because it is
     /// reconstructed, inconsistent with the others, or its heading has not been confirmed for a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
     pub extra_sigma: [f64; SIGNALS],
+    /// What the channels that are not [`ChannelHealth::Ok`] delivered in place of what `sensors` has for them.
+    pub delivered: Delivered,
     /// Gauge pressure of each chamber, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Which channels may be used.
@@ -155,6 +190,21 @@ pub struct SensorFrame {
 }
 
 impl SensorFrame {
+    /// The 24 signals as they were measured: nothing is reconstructed or held, and a channel that delivered nothing is NaN.
+    pub fn measured(&self) -> SensorVec {
+        let (delivered, ok) = (&self.delivered, ChannelHealth::Ok);
+        SensorVec {
+            spring_m: std::array::from_fn(|i| match self.health.springs[i] == ok {
+                true => self.sensors.spring_m[i],
+                false => delivered.spring_m[i].unwrap_or(f64::NAN),
+            }),
+            imu_ypr_rad: std::array::from_fn(|i| match self.health.imus[i] == ok {
+                true => self.sensors.imu_ypr_rad[i],
+                false => delivered.imu_ypr_rad[i].unwrap_or([f64::NAN; 3]),
+            }),
+        }
+    }
+
     /// Whether there are signals that can neither be read nor reconstructed, or a segment whose pose geometry does not
     /// give from the channels that are delivered.
     pub fn is_blind(&self) -> bool {

@@ -24,7 +24,9 @@ pub use channel::{Side, Target};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
 pub use exactly::exactly;
-pub use frame::{BOARDS, ImuRaw, RawFrame, SensorFrame, SensorVec, Swap, board_of_spring};
+pub use frame::{
+    BOARDS, Delivered, ImuRaw, RawFrame, SensorFrame, SensorVec, Swap, board_of_spring,
+};
 pub use health::{ChannelHealth, Health, UNKNOWN_M, UNKNOWN_RAD, spring_name};
 pub use hex::hex;
 pub use pose::{

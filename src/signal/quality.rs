@@ -371,6 +371,7 @@ mod tests {
                 imu_ypr_rad: [[0.0; 3]; IMUS],
             },
             extra_sigma: [0.0; super::super::SIGNALS],
+            delivered: Default::default(),
             chamber_pa: [0.0; super::super::CHAMBERS],
             health: Health::default(),
             quality: Quality::default(),

@@ -25,6 +25,8 @@ pub struct Runner {
     streams: Streams,
     /// Where simulated time is kept beside real time.
     real_time_factor: Option<f64>,
+    /// The last tick.
+    last_tick: Stamp,
 }
 
 impl Runner {
@@ -38,6 +40,7 @@ impl Runner {
             recordings: Recordings::default(),
             streams: Streams::default(),
             real_time_factor: None,
+            last_tick: Stamp::ZERO,
         }
     }
 
@@ -73,7 +76,8 @@ impl Runner {
 
     /// One tick. The command goes to the boards before anything is recorded, logged or drawn.
     pub fn tick(&mut self, now: Stamp, commands: &[Command]) -> (Arc<Snapshot>, Vec<Event>) {
-        let mut events = self.control(now, commands);
+        let mut late = Vec::new();
+        let mut events = self.control(now, commands, &mut late);
         let mut snapshot = self.twin.snapshot();
         for command in commands {
             self.serve(now, command, &snapshot, &mut events);
@@ -93,13 +97,31 @@ impl Runner {
         snapshot.recording = self.recordings.name().cloned();
         snapshot.streaming = self.streams.status().cloned();
         let snapshot = Arc::new(snapshot);
+        self.record_late(now, late);
         self.recordings.push(now, &snapshot, &events);
         self.streams.push(now, &snapshot, &events);
         (snapshot, events)
     }
 
-    /// Port, twin, port: every frame that waited is processed; commands go with the last one.
-    fn control(&mut self, now: Stamp, commands: &[Command]) -> Vec<Event> {
+    /// Records frames that waited for the tick in one between it and the last one, at the times of their samples.
+    fn record_late(&mut self, now: Stamp, late: Vec<Snapshot>) {
+        let mut before = std::mem::replace(&mut self.last_tick, now);
+        for mut snapshot in late {
+            let earliest = Stamp(before.0.saturating_add(1));
+            snapshot.stamp = snapshot.stamp.max(earliest).min(Stamp(now.0 - 1));
+            before = snapshot.stamp;
+            self.recordings.push(now, &Arc::new(snapshot), &[]);
+        }
+    }
+
+    /// Port, twin, port: every frame that waited is processed; commands go with the last one. What older ones showed goes
+    /// to `late`, for a recording.
+    fn control(
+        &mut self,
+        now: Stamp,
+        commands: &[Command],
+        late: &mut Vec<Snapshot>,
+    ) -> Vec<Event> {
         let arrivals = self.port.poll(now);
         let mut events: Vec<Event> = arrivals
             .notices
@@ -114,7 +136,14 @@ impl Runner {
         let mut frames = arrivals.frames;
         let newest = frames.pop();
         for older in frames {
+            let stamp = older.stamp;
             self.twin.absorb(older);
+            if self.recordings.is_running() {
+                late.push(Snapshot {
+                    stamp,
+                    ..self.twin.snapshot()
+                });
+            }
         }
         let (command, twin_events) = self.twin.tick(now, newest, commands);
         events.extend(twin_events);
@@ -134,12 +163,12 @@ impl Runner {
         match command {
             Command::Show(simulator) => self.view.show(*simulator),
             Command::StartRecording(path) => {
-                let session = |name| session(robot, known, name);
+                let session = |name| session(robot, &self.twin, known, name);
                 self.recordings.start(now, path, session, events);
             }
             Command::StopRecording => self.recordings.close(),
             Command::StreamLive(address) => {
-                let session = |name| session(robot, known, name);
+                let session = |name| session(robot, &self.twin, known, name);
                 self.streams.start(now, *address, session, events);
             }
             Command::StopStream => self.streams.close(now),
@@ -184,7 +213,7 @@ impl Runner {
 }
 
 /// The session as a whole, for a recording or a stream.
-fn session(robot: &RobotSpec, known: &Snapshot, name: String) -> RecordingMeta {
+fn session(robot: &RobotSpec, twin: &Twin, known: &Snapshot, name: String) -> RecordingMeta {
     RecordingMeta {
         name,
         robot: robot.name.clone(),
@@ -193,6 +222,9 @@ fn session(robot: &RobotSpec, known: &Snapshot, name: String) -> RecordingMeta {
         simulated: Some(known.link.simulated),
         payload_kg: known.payload_kg,
         begun: String::new(),
+        // Without it a recording is still one.
+        calibration: twin.calibration().to_toml().unwrap_or_default(),
+        program: String::new(),
         drawing: Some(drawing(robot)),
     }
 }

@@ -77,6 +77,7 @@ fn grid(name: &str) -> gap::Grid {
         hash: log.hash,
         robot: log.robot,
         payload_kg: log.payload_kg,
+        payload_column_kg: None,
         t_s: log.t_s,
         chamber_pa: log.chamber_pa,
         commanded_pa: log.commanded_pa,

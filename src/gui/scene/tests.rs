@@ -74,6 +74,7 @@ pub fn snapshot_of(shape: ArmShape) -> Snapshot {
         sensors: Some(SensorFrame {
             stamp: Default::default(),
             extra_sigma: [0.0; SIGNALS],
+            delivered: Default::default(),
             sensors,
             chamber_pa: [0.0; CHAMBERS],
             health: Health::default(),

@@ -46,6 +46,7 @@ fn made(name: &str, seed: u64, hidden: Vec<Hidden>) -> Session {
         hash: format!("{seed:064x}"),
         robot: RobotSpec::reference().hash,
         payload_kg: s.payload_kg,
+        payload_column_kg: None,
         t_s: s.t_s,
         chamber_pa: s.chamber_pa,
         commanded_pa: Some(s.commanded_pa),

@@ -1,8 +1,8 @@
 //! A session log in memory.
 
 use crate::signal::{
-    CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, Pose, Quality, SIGNALS, SPRINGS,
-    SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource,
+    CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, PAIR_S, Pose, Quality, SIGNALS, SPRINGS,
+    SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource, pose_between,
 };
 
 /// A session log in memory: columns of equal length, SI units.
@@ -43,6 +43,15 @@ impl SessionLog {
         self.t_s.is_empty()
     }
 
+    /// Payload that the operator declared for sample `k`, kg: of the column, where it has one, or of the whole session.
+    pub fn payload_at_kg(&self, k: usize) -> f64 {
+        let column_kg = self.payload_column_kg.as_ref();
+        let own_kg = column_kg.and_then(|rows| rows.get(k).copied());
+        own_kg
+            .filter(|kg| kg.is_finite())
+            .unwrap_or(self.payload_kg)
+    }
+
     /// The log as snapshots: calibrated sensors with their health and motion capture.
     ///
     /// A missing channel is [`ChannelHealth::Missing`] and holds its last good value (its first
@@ -77,6 +86,7 @@ impl SessionLog {
                     sensors: Some(SensorFrame {
                         stamp,
                         extra_sigma: [0.0; SIGNALS],
+                        delivered: Default::default(),
                         sensors: SensorVec {
                             spring_m: held_spring_m,
                             imu_ypr_rad: held_ypr_rad,
@@ -90,7 +100,7 @@ impl SessionLog {
                         base_from_tip,
                         source: TruthSource::Vicon,
                     }),
-                    payload_kg: self.payload_kg,
+                    payload_kg: self.payload_at_kg(n),
                     ..Snapshot::default()
                 }
             })
@@ -103,10 +113,9 @@ impl SessionLog {
         }
     }
 
-    /// A log of the calibrated sensors, motion capture and commands of a trace.
-    ///
-    /// Snapshots whose time does not advance are left out; channels that cannot be used become
-    /// gaps. `rate_hz` is the nominal rate.
+    /// A log of what a trace has measured: a row per frame of sensors, at its own time, with what the channels delivered
+    /// ([`SensorFrame::measured`]), motion capture at that time, and the commands and the payload that were in force. What
+    /// was held or reconstructed is a gap. `rate_hz` is the nominal rate.
     pub fn from_trace(trace: &Trace, rate_hz: f64) -> Self {
         let mut log = Self {
             name: trace.name.clone(),
@@ -114,35 +123,27 @@ impl SessionLog {
             payload_kg: trace.payload_kg,
             ..Self::default()
         };
-        let mut commanded = Vec::new();
+        let captured = Captured::of(trace);
+        let (mut commanded, mut payloads_kg) = (Vec::new(), Vec::new());
         let mut last = None;
         for snapshot in &trace.snapshots {
-            if last.is_some_and(|t| snapshot.stamp <= t) {
+            // A frame that is shown again is measured once.
+            let Some(frame) = &snapshot.sensors else {
+                continue;
+            };
+            if last.is_some_and(|t| frame.stamp <= t) {
                 continue;
             }
-            last = Some(snapshot.stamp);
-            let mut chamber_pa = [f64::NAN; CHAMBERS];
-            let mut sensors = SensorVec {
-                spring_m: [f64::NAN; SPRINGS],
-                imu_ypr_rad: [[f64::NAN; 3]; IMUS],
-            };
-            if let Some(frame) = &snapshot.sensors {
-                let missing = |h: ChannelHealth| h == ChannelHealth::Missing;
-                for i in (0..CHAMBERS).filter(|i| !missing(frame.health.chambers[*i])) {
-                    chamber_pa[i] = frame.chamber_pa[i];
-                }
-                for i in (0..SPRINGS).filter(|i| !missing(frame.health.springs[*i])) {
-                    sensors.spring_m[i] = frame.sensors.spring_m[i];
-                }
-                for i in (0..IMUS).filter(|i| !missing(frame.health.imus[*i])) {
-                    sensors.imu_ypr_rad[i] = frame.sensors.imu_ypr_rad[i];
-                }
-            }
-            log.t_s.push(snapshot.stamp.seconds());
+            last = Some(frame.stamp);
+            let chamber_pa = std::array::from_fn(|i| match frame.health.chambers[i] {
+                ChannelHealth::Missing => f64::NAN,
+                _ => frame.chamber_pa[i],
+            });
+            log.t_s.push(frame.stamp.seconds());
             log.chamber_pa.push(chamber_pa);
-            log.sensors.push(sensors);
-            log.truth
-                .push(snapshot.truth.as_ref().map(|t| t.base_from_tip));
+            log.sensors.push(frame.measured());
+            log.truth.push(captured.at(frame.stamp));
+            payloads_kg.push(snapshot.payload_kg);
             commanded.push(
                 snapshot
                     .command
@@ -153,7 +154,42 @@ impl SessionLog {
         if commanded.iter().flatten().any(|v| v.is_finite()) {
             log.commanded_pa = Some(commanded);
         }
+        match payloads_kg.first() {
+            Some(first_kg) if payloads_kg.iter().all(|kg| kg == first_kg) => {
+                log.payload_kg = *first_kg;
+            }
+            Some(_) => log.payload_column_kg = Some(payloads_kg),
+            None => {}
+        }
         log
+    }
+}
+
+/// What motion capture saw, each pose once.
+struct Captured(Vec<GroundTruth>);
+
+impl Captured {
+    fn of(trace: &Trace) -> Self {
+        let mut seen: Vec<GroundTruth> = Vec::new();
+        for truth in trace.snapshots.iter().filter_map(|s| s.truth.as_ref()) {
+            if seen.last().is_none_or(|last| truth.stamp > last.stamp) {
+                seen.push(truth.clone());
+            }
+        }
+        Self(seen)
+    }
+
+    /// The pose at a time, between the two poses around it; `None` where they are far apart, and beside the ends.
+    fn at(&self, stamp: Stamp) -> Option<Pose> {
+        let after = self.0.partition_point(|t| t.stamp < stamp);
+        let next = self.0.get(after)?;
+        if next.stamp == stamp {
+            return Some(next.base_from_tip);
+        }
+        let before = self.0.get(after.checked_sub(1)?)?;
+        let apart_s = next.stamp.since(before.stamp);
+        let share = stamp.since(before.stamp) / apart_s;
+        (apart_s <= PAIR_S).then(|| pose_between(&before.base_from_tip, &next.base_from_tip, share))
     }
 }
 

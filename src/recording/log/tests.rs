@@ -2,7 +2,10 @@ use std::path::{Path, PathBuf};
 
 use super::*;
 use crate::recording::RecordingError;
-use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, TruthSource, ypr_from_rotation};
+use crate::signal::{
+    CHAMBERS, ChannelHealth, Delivered, GroundTruth, Health, IMUS, Pose, Quality, SIGNALS, SPRINGS,
+    SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource, ypr_from_rotation,
+};
 use proptest::prelude::*;
 
 fn header() -> String {
@@ -283,6 +286,85 @@ fn session_round_trip() {
     assert_eq!(again.t_s, back.t_s);
     assert!(again.sensors[1].spring_m[3].is_nan());
     assert_eq!(again.truth, back.truth);
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+/// Snapshots at 100 Hz whose spring 5 is stuck and whose spring 6 is read by the other springs; the link is out from the
+/// fourth tick to the sixth, motion capture from the eighth on, and 200 g are declared at the ninth.
+fn measured() -> Trace {
+    let tick = |k: i64| Stamp(k * 10_000_000);
+    let pose_at = |k: i64| Pose::translation(1e-3 * k as f64, 0.0, -0.3);
+    let frame_at = |k: i64| {
+        let mut health = Health::default();
+        health.springs[4] = ChannelHealth::Stuck;
+        health.springs[5] = ChannelHealth::Suspect;
+        let mut delivered = Delivered::default();
+        delivered.spring_m[4] = Some(0.171);
+        SensorFrame {
+            stamp: tick(k),
+            sensors: SensorVec {
+                spring_m: [0.150; SPRINGS],
+                imu_ypr_rad: [[0.0; 3]; IMUS],
+            },
+            extra_sigma: [0.0; SIGNALS],
+            delivered,
+            chamber_pa: [0.0; CHAMBERS],
+            health,
+            quality: Quality::default(),
+        }
+    };
+    // Motion capture is two ticks old, and sees every other tick.
+    let seen_at = |k: i64| GroundTruth {
+        stamp: tick(k),
+        base_from_tip: pose_at(k),
+        source: TruthSource::Vicon,
+    };
+    let snapshots = (0..12).map(|k| Snapshot {
+        stamp: tick(k),
+        sensors: Some(frame_at(if (4..6).contains(&k) { 3 } else { k })),
+        truth: Some(seen_at((k - k % 2).min(8) - 2)),
+        payload_kg: if k < 9 { 0.0 } else { 0.2 },
+        ..Snapshot::default()
+    });
+    Trace {
+        name: "m".to_owned(),
+        snapshots: snapshots.collect(),
+        ..Trace::default()
+    }
+}
+
+#[test]
+fn a_log_of_a_trace_holds_what_was_measured_and_nothing_else() {
+    let trace = measured();
+    let log = SessionLog::from_trace(&trace, 100.0);
+    let tick = |t_s: f64| (t_s * 100.0).round() as i64;
+    let ticks: Vec<i64> = log.t_s.iter().map(|t_s| tick(*t_s)).collect();
+    assert_eq!(ticks, [0, 1, 2, 3, 6, 7, 8, 9, 10, 11]);
+    for sensors in &log.sensors {
+        // The stuck spring as it was delivered; of the other one there is only what the springs make of it.
+        assert_eq!(sensors.spring_m[4], 0.171);
+        assert!(sensors.spring_m[5].is_nan());
+        assert_eq!(sensors.spring_m[0], 0.150);
+    }
+    // Motion capture at the times of the frames, and none after it was lost.
+    for (t_s, pose) in log.t_s.iter().zip(&log.truth) {
+        let x_m = pose.map(|p| p.translation.x);
+        match tick(*t_s) {
+            ..=6 => assert!((x_m.unwrap() - 0.1 * t_s).abs() < 1e-12, "{t_s}: {x_m:?}"),
+            _ => assert_eq!(x_m, None, "{t_s}"),
+        }
+    }
+    let payload_kg: Vec<f64> = (0..log.len()).map(|k| log.payload_at_kg(k)).collect();
+    assert_eq!(
+        payload_kg,
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.2]
+    );
+    // And the same through a file.
+    let dir = tempdir("measured");
+    write_session(&dir, &log).unwrap();
+    let back = read_session(&dir).unwrap();
+    assert_eq!(back.payload_column_kg, Some(payload_kg));
+    assert_eq!(back.truth.iter().filter(|t| t.is_some()).count(), 5);
     std::fs::remove_dir_all(dir).unwrap();
 }
 

@@ -302,6 +302,8 @@ impl Content {
             simulated: self.property("simulated").parse().ok(),
             payload_kg: self.property("payload_kg").parse().unwrap_or(0.0),
             begun: self.property("begun"),
+            calibration: self.property("calibration"),
+            program: self.property("program"),
             drawing: None,
         }
     }

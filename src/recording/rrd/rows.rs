@@ -226,6 +226,10 @@ impl Rows {
                 let mut ints = vec![frame.stamp.0];
                 ints.extend(codes.map(|c: &ChannelHealth| schema::health_code(*c)));
                 self.tables[table::HEALTH].push(t, &[], &[], &ints);
+                let delivered = frame.delivered.to_array();
+                if delivered.iter().any(|x| x.is_finite()) {
+                    self.tables[table::DELIVERED].push(t, &[], &delivered, &[]);
+                }
             }
         }
     }

@@ -13,6 +13,7 @@
 //! | `/sensors/spring_mm` | 12 | `/si/sensors/spring_m` | 12 | |
 //! | `/sensors/imu_deg` | 4 x yaw, pitch, roll | `/si/sensors/imu_rad` | 12 | |
 //! | | | `/sensors/health` | | stamp ns, 12 springs, 4 IMUs, 6 chambers |
+//! | | | `/sensors/delivered` | the 24 signals of channels that are not right as they delivered them, m and rad, NaN for the others (only where there are such channels; older recordings lack it) | |
 //! | `/chambers/pressure_kpa` | 6 | `/si/chambers/pressure_pa` | 6 | |
 //! | `/chambers/set_kpa` | 6 | `/si/chambers/set_pa` | 6 | stamp ns, gripper |
 //! | `/tip/predicted/position_mm`, `ypr_deg` | 3, 3 | `/si/tip/predicted` | pose (7), training distance, covariance (36) | stamp ns |
@@ -106,12 +107,13 @@ pub(super) mod table {
     pub(crate) const SPRING_REF: usize = 18;
     pub(crate) const IMU_REF: usize = 19;
     pub(crate) const CLOCKS: usize = 20;
+    pub(crate) const DELIVERED: usize = 21;
     /// Last, so that it is written last.
-    pub(crate) const TICK: usize = 21;
+    pub(crate) const TICK: usize = 22;
 }
 
 /// All tables, in the order in which a batch is written.
-pub(super) const SPECS: [Spec; 22] = [
+pub(super) const SPECS: [Spec; 23] = [
     hidden("/sensors/raw/frame", 3, 4),
     plain("/sensors/raw/spring_counts", 12),
     plain("/sensors/raw/gate_ticks", 12),
@@ -145,6 +147,7 @@ pub(super) const SPECS: [Spec; 22] = [
     ),
     both("/control/imu_ref_deg", 12, "/si/control/imu_ref_rad", 12, 0),
     hidden("/sensors/raw/clocks", 4, 0),
+    hidden("/sensors/delivered", 24, 0),
     hidden("/tick", 5, 3),
 ];
 

@@ -22,6 +22,8 @@ fn meta() -> RecordingMeta {
         simulated: Some(true),
         payload_kg: 0.1,
         begun: "2026-11-23T14:05:12+01:00".into(),
+        calibration: "name = \"arm 7\"\n".into(),
+        program: env!("CARGO_PKG_VERSION").into(),
         drawing: Some(ArmDrawing {
             bellows_m: std::array::from_fn(|i| {
                 let a = (i as f64 * 120.0 + if i < 3 { 0.0 } else { 60.0 }).to_radians();
@@ -70,6 +72,10 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
     let mut sensors = SensorFrame {
         stamp,
         extra_sigma: [0.0; SIGNALS],
+        delivered: Delivered {
+            spring_m: std::array::from_fn(|i| (i as i64 == n % 20).then_some(0.16)),
+            imu_ypr_rad: [Some([0.1, wave, -0.2]), None, None, None],
+        },
         sensors: SensorVec {
             spring_m: std::array::from_fn(|i| {
                 0.15 + 0.02 * wave * (i as f64 / 12.0) + rng.random_range(-1e-4..1e-4)
@@ -194,6 +200,27 @@ fn assert_same(read: &[Snapshot], written: &[Snapshot]) {
         assert_eq!(r.link, w.link);
         assert_eq!(r.payload_kg, w.payload_kg);
     }
+}
+
+#[test]
+fn what_was_not_delivered_stays_unknown() {
+    let path = temp("delivered");
+    let mut written = snapshots(3);
+    for s in &mut written {
+        let frame = s.sensors.as_mut().unwrap();
+        frame.delivered = Delivered::default();
+        frame.delivered.spring_m[3] = Some(0.123);
+        frame.health.imus[1] = ChannelHealth::Suspect;
+    }
+    write(&path, &written);
+    let read = read_rrd(&path).unwrap().trace;
+    for s in &read.snapshots {
+        let measured = s.sensors.as_ref().unwrap().measured();
+        assert_eq!(measured.spring_m[3], 0.123);
+        assert!(measured.imu_ypr_rad[1].iter().all(|x| x.is_nan()));
+        assert!(measured.imu_ypr_rad[0].iter().all(|x| x.is_finite()));
+    }
+    std::fs::remove_file(path).unwrap();
 }
 
 #[test]

@@ -42,7 +42,7 @@ pub fn simulate(
             f(&call(&model.robot, t_s, a), &mut line);
         }
     }
-    let mut out = arm(model, t_s, &line.chamber_pa, payload_kg, &ordered)?;
+    let mut out = arm(model, t_s, &line.chamber_pa, &[payload_kg], &ordered)?;
     out.chamber_pa = line.chamber_pa;
     out.gauge_pa = line.gauge_pa;
     Ok(out)
@@ -91,7 +91,8 @@ pub fn behind_gauges(
 }
 
 /// Moves the arm through given chamber pressures with the effects of mechanics, sensors and motion
-/// capture among `effects`; pressure effects are not applied. `gauge_pa` stays empty.
+/// capture among `effects`; pressure effects are not applied. `gauge_pa` stays empty. Of the declared payloads, kg, there is
+/// one per time; the last one stays.
 ///
 /// # Errors
 /// [`EffectError::Sim`] when the arm finds no equilibrium.
@@ -99,7 +100,7 @@ pub fn arm_only(
     model: &Model,
     t_s: &[f64],
     chamber_pa: &[[f64; CHAMBERS]],
-    payload_kg: f64,
+    payload_kg: &[f64],
     effects: &[Active],
 ) -> Result<Simulated, EffectError> {
     arm(model, t_s, chamber_pa, payload_kg, &ordered(effects))
@@ -129,13 +130,15 @@ fn arm(
     model: &Model,
     t_s: &[f64],
     chamber_pa: &[[f64; CHAMBERS]],
-    payload_kg: f64,
+    payload_kg: &[f64],
     ordered: &[&Active],
 ) -> Result<Simulated, EffectError> {
     let robot = &model.robot;
-    let mut plant = Plant::new(model, payload_kg);
+    let first_kg = payload_kg.first().copied().unwrap_or(0.0);
+    let changes_kg: Vec<f64> = payload_kg.iter().map(|kg| kg - first_kg).collect();
+    let mut plant = Plant::new(model, first_kg);
     plant.act(t_s, ordered);
-    let mut out = plant.run(t_s, chamber_pa)?;
+    let mut out = plant.run(t_s, chamber_pa, &changes_kg)?;
     read_in_order(robot, t_s, &mut out, ordered);
     out.chamber_pa = chamber_pa.to_vec();
     Ok(out)
@@ -190,17 +193,31 @@ impl Plant {
         }
     }
 
-    fn run(mut self, t_s: &[f64], chamber_pa: &[[f64; CHAMBERS]]) -> Result<Simulated, SimError> {
+    /// `changes_kg`: what the payload differs by at each time; the last one stays.
+    fn run(
+        mut self,
+        t_s: &[f64],
+        chamber_pa: &[[f64; CHAMBERS]],
+        changes_kg: &[f64],
+    ) -> Result<Simulated, SimError> {
         if let Some(end) = self.model.rod.sections.last_mut() {
             end.masses.push(PointMass {
                 at_m: self.payload_m,
                 kg: self.payload_kg,
             });
         }
-        let (model, tau_s) = (&self.model, self.tau_s);
-        let mut state = State::rest(model);
+        let tau_s = self.tau_s;
+        let mut state = State::rest(&self.model);
         let mut out = Simulated::default();
         for (k, chamber_pa) in chamber_pa.iter().enumerate() {
+            let change_kg = changes_kg.get(k).or(changes_kg.last());
+            let end = self.model.rod.sections.last_mut();
+            if let (Some(payload), Some(change_kg)) =
+                (end.and_then(|end| end.masses.last_mut()), change_kg)
+            {
+                payload.kg = self.payload_kg + change_kg;
+            }
+            let model = &self.model;
             let inputs = Inputs {
                 chamber_pa: *chamber_pa,
                 tip_force_n: self.tip_force_n.into(),

@@ -260,6 +260,24 @@ fn a_target_limits_an_effect_to_its_channel() {
 }
 
 #[test]
+fn a_payload_acts_from_where_it_is_declared() {
+    let (model, mut given) = (model(), trajectory());
+    let last_pa = *given.chamber_pa.last().expect("not empty");
+    given.chamber_pa.fill(last_pa);
+    let (t_s, n) = (&given.t_s, given.t_s.len());
+    let run = |kg: &[f64]| arm_only(&model, t_s, &given.chamber_pa, kg, &[]).expect("settles");
+    let [none, all] = [0.0, 0.2].map(|kg| run(&[kg]));
+    let half: Vec<f64> = (0..n).map(|k| if k < n / 2 { 0.0 } else { 0.2 }).collect();
+    let half = run(&half);
+    let tip_m = |s: &Simulated, k: usize| s.captured[k][1].translation.vector;
+    let off_m = |a: &Simulated, b: &Simulated, k: usize| (tip_m(a, k) - tip_m(b, k)).norm();
+    let apart_m = off_m(&none, &all, n - 1);
+    assert!(apart_m > 0.3e-3, "{apart_m}");
+    let left_m = [off_m(&half, &none, n / 2 - 1), off_m(&half, &all, n - 1)];
+    assert!(left_m.iter().all(|m| *m < 1e-3 * apart_m), "{left_m:?}");
+}
+
+#[test]
 fn effects_compose_in_any_order_of_naming() {
     let (model, given) = (model(), trajectory());
     let of = |id: &str| strong(effect(id).expect("known"));

@@ -17,7 +17,7 @@ pub(super) const OTHERS: f64 = 0.5;
 pub(super) const BACK: f64 = 0.2;
 /// It gets so long for that, s.
 pub(super) const FOLLOWS_S: f64 = 2.0;
-/// The arm gets so long to come to rest before its shape is looked at, s.
+/// The arm gets so long to come to rest before its shape is looked at, there and back, s.
 pub(super) const SHAPE_S: f64 = 0.7;
 /// Least cosine between the changes of the springs' lengths and those that the plant map expects.
 pub(super) const ALIKE: f64 = 0.5;
@@ -53,8 +53,10 @@ pub(super) struct GaugeCheck {
     pub(super) from_signals: SVector<f64, SIGNALS>,
     /// When the gauge has followed.
     pub(super) followed: Option<Stamp>,
-    /// The chamber goes back.
-    pub(super) is_over: bool,
+    /// The chamber goes back, from these signals.
+    pub(super) returns_from: Option<SVector<f64, SIGNALS>>,
+    /// When it had come back.
+    pub(super) returned: Option<Stamp>,
 }
 
 impl Arming {
@@ -101,7 +103,7 @@ impl Arming {
     /// By how much each chamber is driven beyond the held pressures now, Pa.
     pub(super) fn offset_pa(&self) -> [f64; CHAMBERS] {
         let mut offset_pa = [0.0; CHAMBERS];
-        if let Some(check) = self.check.as_ref().filter(|c| !c.is_over) {
+        if let Some(check) = self.check.as_ref().filter(|c| c.returns_from.is_none()) {
             offset_pa[check.chamber] = check.signed_pa();
         }
         offset_pa

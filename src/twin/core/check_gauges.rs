@@ -24,7 +24,8 @@ impl Twin {
             since: self.now,
             from_signals: sensors.sensors.to_vector(),
             followed: None,
-            is_over: false,
+            returns_from: None,
+            returned: None,
         });
     }
 
@@ -46,7 +47,7 @@ impl Twin {
             .find(|k| moved_pa[*k].abs() > OTHERS * check.step_pa);
         let signals = sensors.sensors.to_vector();
         let trouble = match (check.followed, other) {
-            (_, Some(other)) if !check.is_over => Some(format!(
+            (_, Some(other)) if check.returns_from.is_none() => Some(format!(
                 "gauge {} follows chamber {}: look at its wire and hose",
                 other + 1,
                 i + 1
@@ -57,7 +58,12 @@ impl Twin {
                 moved_pa[i] * 1e-3,
                 wanted_pa * 1e-3
             )),
-            (Some(_), _) if check.is_over && share > BACK && now.since(check.since) > FOLLOWS_S => {
+            (Some(_), _)
+                if check.returns_from.is_some()
+                    && check.returned.is_none()
+                    && share > BACK
+                    && now.since(check.since) > FOLLOWS_S =>
+            {
                 Some(format!(
                     "chamber {} does not come back: gauge {} still shows {:+.1} kPa after {FOLLOWS_S:.0} s; look at its \
                      regulator and hose",
@@ -66,11 +72,9 @@ impl Twin {
                     moved_pa[i] * 1e-3
                 ))
             }
-            (Some(at), _)
-                if !self.arming.is_proved
-                    && !check.is_over
-                    && now.since(at) >= SHAPE_S
-                    && !self.moves_as_expected(check, &signals) =>
+            _ if !self.arming.is_proved
+                && check.returned.is_some_and(|at| now.since(at) >= SHAPE_S)
+                && !self.moves_as_expected(check, &signals) =>
             {
                 Some(format!(
                     "chamber {} moves the arm otherwise than this calibration and plant map predict: look at the hoses, the \
@@ -91,17 +95,21 @@ impl Twin {
         if check.followed.is_none() && share > FOLLOWS {
             check.followed = Some(now);
         }
-        let looked = |at: Stamp| is_proved || now.since(at) >= SHAPE_S;
-        if !check.is_over && check.followed.is_some_and(looked) {
-            check.is_over = true;
+        let rests = |at: Stamp| is_proved || now.since(at) >= SHAPE_S;
+        if check.returns_from.is_none() && check.followed.is_some_and(rests) {
+            check.returns_from = Some(signals);
             check.since = now;
         }
-        if check.is_over && share < BACK {
+        if check.returns_from.is_some() && check.returned.is_none() && share < BACK {
+            check.returned = Some(now);
+        }
+        if check.returned.is_some_and(rests) {
             check.chamber += 1;
             check.since = now;
             check.from_signals = signals;
             check.followed = None;
-            check.is_over = false;
+            check.returns_from = None;
+            check.returned = None;
             if check.chamber == CHAMBERS {
                 self.arming.pass();
                 events.push(Event::Notice {
@@ -112,12 +120,16 @@ impl Twin {
         }
     }
 
-    /// Whether the springs have changed as the plant map expects of the chamber.
+    /// Whether the springs have changed as the plant map expects of the chamber, there and back: what else goes on
+    /// steadily meanwhile, an arm that creeps back from where it was, is not in that.
     fn moves_as_expected(&self, check: &GaugeCheck, signals: &SVector<f64, SIGNALS>) -> bool {
+        let Some(far) = check.returns_from else {
+            return true;
+        };
         let carried_kg = self.model.carried_kg(self.payload_kg);
         let plant = self.maps.plant.sensors(&check.from_pa, carried_kg);
         let expected = plant.jacobian.column(check.chamber) * check.signed_pa();
-        let seen = signals - check.from_signals;
+        let seen = far - 0.5 * (check.from_signals + signals);
         let [expected, seen] = [expected, seen].map(|v| v.fixed_rows::<SPRINGS>(0).into_owned());
         expected.dot(&seen) > ALIKE * expected.norm() * seen.norm()
     }

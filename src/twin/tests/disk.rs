@@ -217,3 +217,57 @@ fn the_port_is_let_go_before_the_disk_is_waited_for() {
     thread.join().expect("it ends in peace");
     std::fs::remove_file(&path).expect("removed");
 }
+
+/// A port whose frames all arrive when it is asked: as many as have been sampled since.
+struct Lumped {
+    sent: u32,
+}
+
+impl Port for Lumped {
+    fn clock(&self) -> Clock {
+        Clock::Host
+    }
+    fn poll(&mut self, now: Stamp) -> Arrivals {
+        let due = (now.seconds() * 100.0).round() as u32;
+        let frames = (self.sent + 1..=due).map(frame).collect();
+        self.sent = due;
+        Arrivals {
+            status: LinkStatus {
+                connected: true,
+                ..LinkStatus::default()
+            },
+            frames,
+            ..Arrivals::default()
+        }
+    }
+    fn send(&mut self, _now: Stamp, _command: Option<&crate::signal::PressureCommand>) {}
+    fn order(&mut self, _now: Stamp, _order: Order) {}
+}
+
+/// Ticks that come 200 ms late swallow no frame of a recording.
+#[test]
+fn a_late_tick_records_every_frame_that_waited() {
+    let path = path("late");
+    let mut runner = Runner::new(
+        twin(),
+        Box::new(Lumped { sent: 0 }),
+        &RobotSpec::reference(),
+    );
+    let mut commands = vec![Command::StartRecording(path.clone())];
+    for k in (1..50).chain([70, 71, 72, 92, 93]) {
+        runner.tick(at(k), &std::mem::take(&mut commands));
+    }
+    runner.stop_recording(at(94), &mut Vec::new());
+    let snapshots = read_rrd(&path).expect("reads").trace.snapshots;
+    assert!(snapshots.windows(2).all(|w| w[0].stamp < w[1].stamp));
+    let raws = snapshots.iter().filter_map(|s| s.raw.as_ref());
+    let mut seq: Vec<u32> = raws.map(|raw| raw.seq).collect();
+    seq.dedup();
+    // The recording begins with the first tick.
+    let first = frame(1).seq;
+    assert_eq!(seq, (first..first + 93).collect::<Vec<_>>());
+    // And so does a session that is made of it.
+    let log = crate::recording::read_log(&path).expect("reads");
+    assert!(log.len() >= 92, "{}", log.len());
+    std::fs::remove_file(path).expect("is there");
+}

@@ -6,9 +6,9 @@ use super::Content;
 use crate::recording::RecordingMeta;
 use crate::recording::rrd::schema::{self, SAFE_PREFIX, table};
 use crate::signal::{
-    BOARDS, CHAMBERS, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw, LinkStatus,
-    Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, Quality, RawFrame,
-    SIGNALS, SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+    BOARDS, CHAMBERS, Delivered, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw,
+    LinkStatus, Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, Quality,
+    RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
 };
 
 impl Content {
@@ -133,6 +133,9 @@ impl Content {
         Some(SensorFrame {
             stamp: Stamp(codes[0]),
             extra_sigma: [0.0; SIGNALS],
+            delivered: fixed(self.exact[table::DELIVERED].row(t))
+                .map(|values| Delivered::from_array(&values))
+                .unwrap_or_default(),
             sensors: SensorVec {
                 spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
                 imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),

@@ -33,6 +33,7 @@ pub(super) fn opening(
         .with_component_from_data("simulated", text_column(simulated))
         .with_component_from_data("payload_kg", text_column(&meta.payload_kg.to_string()))
         .with_component_from_data("begun", text_column(&meta.begun))
+        .with_component_from_data("calibration", text_column(&meta.calibration))
         .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
     stream.send_property(schema::PROPERTY, &property)?;
     log_styles(&stream, meta.drawing.as_ref())?;
