@@ -377,7 +377,7 @@ fn both_controllers_follow_the_papers_paths() {
     for (path, controller, payload, bound_mm) in [
         ("circle", "ours", "0.115", 0.25),
         ("eight", "ours", "0.5", 0.26),
-        ("eight", "paper", "0", 0.55),
+        ("eight", "paper", "0", 0.56),
     ] {
         let dir = scratch(&format!("follow-{path}-{controller}"));
         let out = dir.to_str().expect("utf-8");
