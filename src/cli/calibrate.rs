@@ -21,7 +21,7 @@ use self_::SelfArgs;
 use springs::SpringsArgs;
 use springtwin::learn::to_pose;
 use springtwin::link::wire::objects::END_PAD;
-use springtwin::recording::{read_rrd, read_session, write_text};
+use springtwin::recording::{read_part, read_session, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::{
     ClockOptions, FitOptions, ObjectFrame, Placed, Registration, StreamOptions, StreamRegistration,
@@ -184,7 +184,7 @@ fn robot_poses(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
 }
 
 fn recorded(path: &Path) -> Result<RobotPoses> {
-    let read = read_rrd(path)?;
+    let read = read_part(path)?;
     let mut poses: Vec<(f64, Pose)> = Vec::new();
     for e in read
         .trace

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::{Report, args};
 use springtwin::link::ports::{PortChange, PortInfo, PortWatch};
-use springtwin::recording::{Inspection, inspect};
+use springtwin::recording::{Inspection, Provenance, inspect};
 use springtwin::signal::Stamp;
 
 #[derive(Args)]
@@ -60,6 +60,9 @@ fn inspected(found: &Inspection) -> String {
     if let Some(calibration) = &found.calibration {
         text.push_str(&format!(", calibration {calibration}"));
     }
+    if let Some(p) = &found.provenance {
+        text.push_str(&provenance(p));
+    }
     for gap in &h.longest_gaps {
         text.push_str(&format!(
             "\n  gap of {:.2} s after {:.2} s",
@@ -98,6 +101,36 @@ fn inspected(found: &Inspection) -> String {
         }
     }
     text
+}
+
+/// Where a recording comes from, a line each of what is known.
+fn provenance(p: &Provenance) -> String {
+    let short = |hash: &str| hash.chars().take(12).collect::<String>();
+    let of_robot = match p.robot_hash.as_str() {
+        "" => p.robot.clone(),
+        hash => format!("{} ({})", p.robot, short(hash)),
+    };
+    let begun = [&p.begun, &p.source].map(String::as_str);
+    let begun = begun.iter().filter(|t| !t.is_empty()).copied();
+    let registration = if p.has_registration {
+        "in the file"
+    } else {
+        ""
+    };
+    let lines = [
+        ("begun", begun.collect::<Vec<_>>().join(", ")),
+        ("computed from", p.derived_from.clone()),
+        ("note", p.note.clone()),
+        ("robot", of_robot),
+        ("networks", short(&p.networks)),
+        ("boards", p.firmware.clone()),
+        ("registration", registration.to_owned()),
+        ("program", p.program.clone()),
+    ];
+    let known = lines.iter().filter(|(_, text)| !text.is_empty());
+    known
+        .map(|(what, text)| format!("\n  {what:<14} {text}"))
+        .collect()
 }
 
 #[derive(Args)]

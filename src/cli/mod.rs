@@ -27,6 +27,7 @@ mod patch;
 mod picture;
 pub mod program;
 mod progress;
+mod recordings;
 mod reference;
 mod rig;
 mod session;

@@ -10,7 +10,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use super::drive::commands as drive;
 use super::{
     Failed, Report, calibrate, dataset, doctor, estimate, files, gap, import, imu, live,
-    load_robot, logging, reference, rig, sentence, simulate, soak, stdio, study, train,
+    load_robot, logging, recordings, reference, rig, sentence, simulate, soak, stdio, study, train,
 };
 #[cfg(feature = "gui")]
 use super::{args, window};
@@ -93,6 +93,16 @@ commands! { c:
     Import(a: import::ImportArgs) => import::run(a),
     /// What is in a recording or session
     Inspect(a: files::InspectArgs) => files::inspect_command(a),
+    /// Show a recording or session in the window
+    Open(a: recordings::OpenArgs) if "gui" => open_recording(a, c),
+    /// A part of a recording
+    Cut(a: recordings::CutArgs) => recordings::cut(a),
+    /// Recordings of one session in one
+    Merge(a: recordings::MergeArgs) => recordings::merge(a),
+    /// A recording or session as a table (CSV, Parquet), or a session as a recording
+    Convert(a: recordings::ConvertArgs) => recordings::convert(a),
+    /// A recording computed again from its raw frames, with another calibration, other networks or this version
+    Reprocess(a: recordings::ReprocessArgs) => recordings::reprocess_command(a, c.robot),
     /// The serial ports there are, and those that come and go
     Ports(a: files::PortsArgs) => files::ports_command(a, c.json),
     /// Check adapter, ports, viewer and files, and say what to do
@@ -157,9 +167,21 @@ fn run(cli: &Cli) -> Result<Report> {
     }
 }
 
+/// `open`: the window on the virtual rig, with a recording in it.
+#[cfg(feature = "gui")]
+fn open_recording(a: &recordings::OpenArgs, c: &Context<'_>) -> Result<Report> {
+    let path = a.checked()?;
+    open_window_with(Some(&path), c)
+}
+
 /// No command: the window on the virtual rig.
 #[cfg(feature = "gui")]
 fn open_window(c: &Context<'_>) -> Result<Report> {
+    open_window_with(None, c)
+}
+
+#[cfg(feature = "gui")]
+fn open_window_with(recording: Option<&std::path::Path>, c: &Context<'_>) -> Result<Report> {
     let opening = window::Opening {
         rig: springtwin::drive::DEFAULT_RIG,
         options: springtwin::drive::rig_options(0.0, 1),
@@ -167,6 +189,7 @@ fn open_window(c: &Context<'_>) -> Result<Report> {
         stream: None,
         drill: &[],
         instruments: &springtwin::drive::Instruments::default(),
+        recording,
     };
     window::open(&opening, c.robot_file, c.robot)
 }
@@ -188,6 +211,7 @@ fn run_twin(a: &live::RunArgs, c: &Context<'_>) -> Result<Report> {
             stream: a.viewer(),
             drill: &a.drill,
             instruments: &a.instruments.plain(),
+            recording: None,
         };
         return window::open(&opening, c.robot_file, c.robot);
     }

@@ -57,6 +57,8 @@ pub struct Opening<'a> {
     pub drill: &'a [Drill],
     /// Calibration and motion capture.
     pub instruments: &'a Instruments,
+    /// A recording that is shown from the start.
+    pub recording: Option<&'a Path>,
 }
 
 /// Opens the window on a rig and returns when it is closed and all is written.
@@ -86,6 +88,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     let twins = rigs.twins.clone();
     let rigs_data = rigs.data.clone();
     let stream = a.stream.map(Command::StreamLive);
+    let recording = a.recording.map(Path::to_owned);
     let icon = eframe::icon_data::from_png_bytes(ICON)?;
     let options = || eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
@@ -125,6 +128,9 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             .wgpu_render_state
             .as_ref()
             .map(|rs| Scene::new(rs, &robot));
+        if let Some(path) = recording {
+            app.open_recording(path);
+        }
         Ok(app)
     });
     let settings = rigs_data.and_then(|data| {

@@ -1,5 +1,6 @@
 //! A twin on a rig: put together in one place, ticked by one loop that observers look at.
 
+use super::files::read_toml;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
@@ -169,8 +170,12 @@ impl<'a> TwinBuilder<'a> {
                 self.script,
             )?,
         };
+        let mut runner = Runner::new(twin, port, robot);
+        if let Some(file) = &self.instruments.registration {
+            runner.register(read_toml(file)?);
+        }
         Ok(Driver {
-            runner: Runner::new(twin, port, robot),
+            runner,
             maps,
             ends: self.ends,
             start: self.start,

@@ -481,6 +481,12 @@ impl App {
         }
     }
 
+    /// Loads a recording and shows it.
+    pub fn open_recording(&mut self, path: std::path::PathBuf) {
+        self.screen = ScreenId::Recordings;
+        self.screens.library.play(path, &mut self.services);
+    }
+
     /// Asks whether a window on an armed hardware arm shall close.
     fn ask_to_close(&mut self, ctx: &egui::Context) {
         if !self.asks_to_close {

@@ -15,6 +15,7 @@
 //!
 //! Sessions and robot files:
 //! - [`solve`], [`replay`], [`estimate`]: the arm at rest, a session through the model, poses from its sensors.
+//! - [`mod@reprocess`]: a recording computed again from its raw frames.
 //! - [`mod@session`]: sessions of the virtual rig, through its whole chain.
 //! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
 //! - [`import`]: motion capture as a session.
@@ -38,6 +39,7 @@ pub mod patches;
 mod progress;
 pub mod ranges;
 pub mod replay;
+pub mod reprocess;
 pub mod self_calibration;
 pub mod session;
 pub mod shards;

@@ -21,6 +21,7 @@ use std::collections::HashMap;
 use nalgebra::{SMatrix, SVector};
 use safetensors::tensor::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 
 use super::calibrate::Calibration;
 use super::cascade::{Cascade, CascadeParts, Correction, SensorSpread, ShapeError};
@@ -29,7 +30,7 @@ use super::mlp::{Mlp, Scaling};
 use super::plant::{PlantBounds, PlantNet};
 use super::recipe::{HIDDEN_LAYERS_MAX, MEMBERS_MAX, Recipe, WIDTH_MAX};
 use super::scores::{CorrectionReport, PlantReport, PoseReport};
-use crate::signal::{CHAMBERS, Matrix6, SIGNALS};
+use crate::signal::{CHAMBERS, Matrix6, SIGNALS, hex};
 
 /// Number of the layout written here.
 const FORMAT: u32 = 2;
@@ -62,6 +63,8 @@ pub struct Model {
     pub scores: Scores,
     /// How it was trained.
     pub recipe: Recipe,
+    /// SHA-256 of the file that it was read from, hexadecimal; empty for one that was just trained.
+    pub hash: String,
 }
 
 /// Why a network file was refused.
@@ -278,6 +281,7 @@ impl Model {
             guess: GuessSet::from_rows(&get::<f32>(&tensors, "guess", &[rows, ROW])?),
             scores: description.scores,
             recipe,
+            hash: hex(&Sha256::digest(bytes)),
         })
     }
 }

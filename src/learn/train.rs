@@ -63,6 +63,7 @@ pub fn train(
             plant: plant_report,
         },
         recipe: recipe.clone(),
+        hash: String::new(),
     })
 }
 

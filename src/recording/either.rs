@@ -1,11 +1,13 @@
 //! Sessions from recordings and session logs alike.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
 use super::log::median_step_s;
-use super::{RecordingError, SessionLog, read_rrd, read_session};
+use super::{ReadRecording, RecordingError, RecordingFile, Selection, SessionLog, read_session};
 use crate::signal::hex;
 
 /// Whether a file is a recording (`.rrd`), by its name.
@@ -14,20 +16,101 @@ pub fn is_rrd(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("rrd"))
 }
 
-/// Reads a session log (folder, `session.toml`, `.csv`) or the calibrated sensors, motion capture
-/// and commands of a recording (`.rrd`).
+/// A file, and the part of it that is meant: `F.rrd@FROM..TO`, in s since the session's start; one of both may be missing.
+/// A file whose name contains such an ending is the file.
 ///
 /// # Errors
-/// As [`read_session`] and [`read_rrd`].
-pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
-    if !is_rrd(path) {
-        return read_session(path);
+/// [`RecordingError::Unsupported`] for an ending that is no part.
+pub fn part_of(path: &Path) -> Result<(PathBuf, Selection), RecordingError> {
+    let text = path.to_string_lossy();
+    let Some((file, part)) = text.rsplit_once('@').filter(|_| !path.exists()) else {
+        return Ok((path.to_owned(), Selection::default()));
+    };
+    let bound = |text: &str| match text {
+        "" => Ok(None),
+        text => text.parse::<f64>().map(Some).map_err(|_| ()),
+    };
+    let bounds = part.split_once("..").ok_or(());
+    let bounds = bounds.and_then(|(from, to)| Ok((bound(from)?, bound(to)?)));
+    match bounds {
+        Ok((from_s, to_s)) if from_s.zip(to_s).is_none_or(|(from, to)| from < to) => {
+            Ok((PathBuf::from(file), Selection::between(from_s, to_s)))
+        }
+        _ => Err(RecordingError::Unsupported {
+            path: path.to_owned(),
+            text: "there is no such file, and behind the @ stands no part of one: FROM..TO in s, such as \
+                   F.rrd@60..120"
+                .to_owned(),
+        }),
     }
-    let read = read_rrd(path)?;
+}
+
+/// Reads a recording, or the part of it that is named as [`part_of`] has it.
+///
+/// # Errors
+/// As [`part_of`] and [`RecordingFile::read`].
+pub fn read_part(path: &Path) -> Result<ReadRecording, RecordingError> {
+    let (path, part) = part_of(path)?;
+    RecordingFile::open(&path)?.read(&part, &mut |_| true)
+}
+
+/// Reads a session log (folder, `session.toml`, `.csv`) or the calibrated sensors, motion capture
+/// and commands of a recording (`.rrd`); or the part of it that is named as [`part_of`] has it.
+///
+/// # Errors
+/// As [`read_session`], [`part_of`] and [`RecordingFile::read`].
+pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
+    let (path, part) = part_of(path)?;
+    let path = path.as_path();
+    if !is_rrd(path) {
+        return Ok(read_session(path)?.part(&part));
+    }
+    let read = RecordingFile::open(path)?.read(&part, &mut |_| true)?;
     let mut log = SessionLog::from_trace(&read.trace, 0.0);
     log.rate_hz = median_step_s(&log.t_s).map_or(0.0, |dt_s| 1.0 / dt_s);
-    let bytes = std::fs::read(path).map_err(RecordingError::io(path, "read"))?;
-    log.hash = hex(&Sha256::digest(&bytes));
+    log.hash = hash(path)?;
     log.robot = read.meta.robot_hash;
     Ok(log)
+}
+
+/// SHA-256 of a file, hexadecimal.
+fn hash(path: &Path) -> Result<String, RecordingError> {
+    let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    let mut sha = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match file
+            .read(&mut buffer)
+            .map_err(RecordingError::io(path, "read"))?
+        {
+            0 => break,
+            n => sha.update(&buffer[..n]),
+        }
+    }
+    Ok(hex(&sha.finalize()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_is_named_behind_the_file() {
+        let part = |text: &str| part_of(Path::new(text)).map_err(|e| e.to_string());
+        let (path, selection) = part("no/such.rrd@60..120.5").unwrap();
+        assert_eq!(path, Path::new("no/such.rrd"));
+        assert_eq!(selection, Selection::between(Some(60.0), Some(120.5)));
+        assert_eq!(
+            part("x.rrd@..5").unwrap().1,
+            Selection::between(None, Some(5.0))
+        );
+        assert_eq!(
+            part("x.rrd@5..").unwrap().1,
+            Selection::between(Some(5.0), None)
+        );
+        assert_eq!(part("x.rrd").unwrap().1, Selection::default());
+        for bad in ["x.rrd@5", "x.rrd@9..5", "x.rrd@a..b"] {
+            assert!(part(bad).unwrap_err().contains("FROM..TO"), "{bad}");
+        }
+    }
 }

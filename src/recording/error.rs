@@ -79,6 +79,12 @@ pub enum RecordingError {
         /// What is wrong, and what is expected.
         text: String,
     },
+    /// A later segment of an earlier recording lies where this one would go on.
+    #[error("{}: this is a part of an earlier recording whose first part is gone: move it away, or choose another name.", .path.display())]
+    Stray {
+        /// The file.
+        path: PathBuf,
+    },
     /// Somebody else records to the file.
     #[error("{}: another recording is being written to it: end that, or choose another name.", .path.display())]
     InUse {

@@ -6,7 +6,10 @@ use serde::Serialize;
 
 use super::log::{columns, median_step_s};
 use super::units::suspected_units;
-use super::{Channel, ReadRecording, RecordingError, SessionLog, is_rrd, read_rrd, read_session};
+use super::{
+    Channel, ReadRecording, RecordingError, RecordingMeta, SessionLog, is_rrd, part_of, read_part,
+    read_session,
+};
 use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
 
 /// Steps longer than this many usual ones are gaps.
@@ -51,6 +54,53 @@ pub struct Inspection {
     pub calibration: Option<String>,
     /// Readings that look like another unit than their channel's, a sentence each.
     pub units: Vec<String>,
+    /// Where the data come from and how they were made; `None` for session logs.
+    pub provenance: Option<Provenance>,
+}
+
+/// Where a recording comes from; empty texts are unknown.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Provenance {
+    /// Local date and time at which it began, with the offset from UTC.
+    pub begun: String,
+    /// What it was recorded from: `virtual rig`, a port.
+    pub source: String,
+    /// Version of the program.
+    pub program: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// SHA-256 of the robot file.
+    pub robot_hash: String,
+    /// SHA-256 of the networks' file.
+    pub networks: String,
+    /// What the boards reported of themselves.
+    pub firmware: String,
+    /// Controller and its tuning.
+    pub controller: String,
+    /// Whether the registration of motion capture is in the file.
+    pub has_registration: bool,
+    /// The operator's note.
+    pub note: String,
+    /// What it was computed from, for one that was not measured.
+    pub derived_from: String,
+}
+
+impl Provenance {
+    fn of(meta: &RecordingMeta) -> Self {
+        Self {
+            begun: meta.begun.clone(),
+            source: meta.source.clone(),
+            program: meta.program.clone(),
+            robot: meta.robot.clone(),
+            robot_hash: meta.robot_hash.clone(),
+            networks: meta.networks.clone(),
+            firmware: meta.firmware.clone(),
+            controller: meta.controller.clone(),
+            has_registration: !meta.registration.is_empty(),
+            note: meta.note.clone(),
+            derived_from: meta.derived_from.clone(),
+        }
+    }
 }
 
 /// What is missing from a file.
@@ -91,13 +141,13 @@ pub struct ChannelReport {
     pub flagged: u64,
 }
 
-/// Inspects a recording (`.rrd`) or a session log (folder, `session.toml` or `.csv`).
+/// Inspects a recording (`.rrd`), or a part of it that is named as [`part_of`] has it, or a session log (folder, `session.toml` or `.csv`).
 ///
 /// # Errors
-/// As [`read_rrd`] and [`read_session`].
+/// As [`read_part`] and [`read_session`].
 pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
-    if is_rrd(path) {
-        Ok(inspect_recording(&read_rrd(path)?))
+    if is_rrd(&part_of(path)?.0) {
+        Ok(inspect_recording(&read_part(path)?))
     } else {
         Ok(inspect_log(&read_session(path)?))
     }
@@ -132,6 +182,7 @@ pub fn inspect_recording(read: &ReadRecording) -> Inspection {
         payload_kg: read.meta.payload_kg,
         calibration: name_of(&read.meta.calibration),
         units: suspected_units(&log),
+        provenance: Some(Provenance::of(&read.meta)),
     }
 }
 
@@ -170,6 +221,7 @@ pub fn inspect_log(log: &SessionLog) -> Inspection {
         payload_kg: log.payload_kg,
         calibration: None,
         units: suspected_units(log),
+        provenance: None,
     }
 }
 

@@ -27,4 +27,4 @@ pub use data::SessionLog;
 pub(crate) use data::median_step_s;
 pub(crate) use read::not_our_header;
 pub use read::{parse_log, read_session, read_session_with};
-pub use write::{SESSION_FILES, write_session};
+pub use write::{SESSION_FILES, session_table, write_session, write_session_table};

@@ -42,17 +42,18 @@ pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{
     DATASET_SAMPLE_BYTES, DatasetWriter, dataset_columns, read_dataset, write_dataset,
 };
-pub use either::{is_rrd, read_log};
+pub use either::{is_rrd, part_of, read_log, read_part};
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};
 pub use inspect::{
-    ChannelReport, FileHealth, Gap, InspectedKind, Inspection, inspect, inspect_log,
+    ChannelReport, FileHealth, Gap, InspectedKind, Inspection, Provenance, inspect, inspect_log,
     inspect_recording,
 };
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
 pub use log::{
-    SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, write_session,
+    SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, session_table,
+    write_session, write_session_table,
 };
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
@@ -62,12 +63,14 @@ pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, QueueFull, Recorder, RecorderState, free_bytes};
 #[cfg(feature = "rrd")]
 pub use rrd::SCHEMA_VERSION;
-pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};
+pub use rrd::{
+    RecordingFile, RecordingWriter, join, read_rrd, read_rrd_with, segment_path, write_overlay,
+};
 pub use session_file::{SessionFile, parse_session_file};
 pub use table::{Table, table_file};
 pub use types::{
     ArmDrawing, Channel, ChannelValues, ReadRecording, RecordedEvent, RecordingMeta,
-    RecordingSummary,
+    RecordingSummary, Selection,
 };
 pub use units::suspected_units;
 pub use whole::{write_bytes, write_text};

@@ -3,7 +3,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::{RecordingError, RecordingMeta, RecordingSummary, RecordingWriter};
 use crate::signal::{Snapshot, Stamp};
@@ -12,6 +12,8 @@ use crate::signal::{Snapshot, Stamp};
 const QUEUE: usize = 1024;
 /// Longest time that queued snapshots wait without a new one.
 const IDLE: Duration = Duration::from_millis(500);
+/// Time between two moments at which what was recorded is brought onto the disk.
+const SYNC: Duration = Duration::from_secs(2);
 /// Free space below which the operator is warned, bytes.
 pub const LOW_SPACE_BYTES: u64 = 1 << 30;
 /// Snapshots between two checks of the free space.
@@ -199,6 +201,12 @@ fn record(
     shared: &Shared,
 ) -> RecordingSummary {
     let mut rows = 0u64;
+    #[allow(
+        clippy::disallowed_methods,
+        reason = "the recorder's thread: a disk is brought up to date in real time"
+    )]
+    let now = Instant::now;
+    let mut synced = now();
     loop {
         let written = match items.recv_timeout(IDLE) {
             Ok(Item::Snapshot(snapshot)) => {
@@ -213,6 +221,13 @@ fn record(
             Err(RecvTimeoutError::Timeout) => writer.flush(),
             Err(RecvTimeoutError::Disconnected) => break,
         };
+        let written = written.and_then(|()| {
+            if synced.elapsed() < SYNC {
+                return Ok(());
+            }
+            synced = now();
+            writer.sync()
+        });
         if let Err(e) = written {
             return RecordingSummary {
                 failed: Some(e.to_string()),

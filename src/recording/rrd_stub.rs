@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use super::patience::{Broken, Waiting};
-use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary};
+use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary, Selection};
 use crate::signal::{Snapshot, Stamp};
 
 /// Writes snapshots to an `.rrd` file. This build cannot.
@@ -43,6 +43,43 @@ impl RecordingWriter {
     /// # Errors
     /// None: no value of this type exists in this build.
     pub fn flush(&mut self) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Brings what was written onto the disk.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn sync(&mut self) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Begins a recording that looks like another one. In this build always an error.
+    ///
+    /// # Errors
+    /// [`RecordingError::WithoutRrd`].
+    pub fn create_like(
+        path: &Path,
+        _meta: RecordingMeta,
+        _source: &RecordingFile,
+    ) -> Result<Self, RecordingError> {
+        Err(without(path))
+    }
+
+    /// Copies the pictures of the arm.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn copy_pictures(
+        &mut self,
+        _source: &RecordingFile,
+        _part: &Selection,
+    ) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// The session as a whole.
+    pub fn meta(&self) -> &RecordingMeta {
         match self.never {}
     }
 
@@ -89,6 +126,91 @@ impl LiveSink {
         waiting.goes_on();
         match self.never {}
     }
+}
+
+/// A recording on disk. This build opens none.
+#[derive(Debug)]
+pub struct RecordingFile {
+    never: std::convert::Infallible,
+}
+
+impl RecordingFile {
+    /// Opens a recording. In this build always an error.
+    ///
+    /// # Errors
+    /// [`RecordingError::WithoutRrd`].
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        Err(without(path))
+    }
+
+    /// Its first file.
+    pub fn path(&self) -> &Path {
+        match self.never {}
+    }
+
+    /// The session as a whole.
+    pub fn meta(&self) -> &RecordingMeta {
+        match self.never {}
+    }
+
+    /// Whether every segment was ended properly.
+    pub fn is_complete(&self) -> bool {
+        match self.never {}
+    }
+
+    /// Size of all segments, bytes.
+    pub fn bytes(&self) -> u64 {
+        match self.never {}
+    }
+
+    /// Number of segments.
+    pub fn segments(&self) -> usize {
+        match self.never {}
+    }
+
+    /// Number of snapshots.
+    pub fn rows(&self) -> Option<u64> {
+        match self.never {}
+    }
+
+    /// Time of the newest snapshot.
+    pub fn last(&self) -> Option<Stamp> {
+        match self.never {}
+    }
+
+    /// Memory that all snapshots take at once, bytes.
+    pub fn memory_bytes(&self) -> Option<u64> {
+        match self.never {}
+    }
+
+    /// Reads what is selected.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn read(
+        &self,
+        _selection: &Selection,
+        _go_on: &mut dyn FnMut(f32) -> bool,
+    ) -> Result<ReadRecording, RecordingError> {
+        match self.never {}
+    }
+}
+
+/// Writes parts of recordings to a new one. In this build always an error.
+///
+/// # Errors
+/// [`RecordingError::WithoutRrd`].
+pub fn join(
+    _parts: &[(&RecordingFile, Selection)],
+    out: &Path,
+    _meta: RecordingMeta,
+) -> Result<RecordingSummary, RecordingError> {
+    Err(without(out))
+}
+
+/// Path of a recording's segment, from 1: the first one has the recording's own name.
+pub fn segment_path(path: &Path, _number: u32) -> std::path::PathBuf {
+    path.to_owned()
 }
 
 /// Reads a recording. In this build always an error.

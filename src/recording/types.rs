@@ -5,6 +5,9 @@ use crate::signal::{CHAMBERS, Stamp, Trace};
 /// Properties of a recorded session as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingMeta {
+    /// Identity of the recording: its segments, and the parts of it that viewers receive, have the same one. A writer
+    /// makes one where it is empty.
+    pub id: String,
     /// Name of the session.
     pub name: String,
     /// Name of the robot.
@@ -22,8 +25,20 @@ pub struct RecordingMeta {
     pub begun: String,
     /// Text of the calibration file that the sensors were read by (TOML); empty when unknown.
     pub calibration: String,
-    /// Version of the program that recorded it; a recorder fills it in.
+    /// Text of the registration of motion capture (TOML); empty without one.
+    pub registration: String,
+    /// SHA-256 of the networks' file, hexadecimal; empty when unknown.
+    pub networks: String,
+    /// What the boards report of their firmware; empty when unknown.
+    pub firmware: String,
+    /// Controller and its settings; empty when unknown.
+    pub controller: String,
+    /// The operator's note.
+    pub note: String,
+    /// Version of the program that recorded it; a writer fills it in.
     pub program: String,
+    /// What this recording was made of, when it was computed from another one; empty for one that was measured.
+    pub derived_from: String,
     /// What to draw around the arm's centre lines; not read back.
     pub drawing: Option<ArmDrawing>,
 }
@@ -168,7 +183,7 @@ pub struct ReadRecording {
     pub trace: Trace,
     /// The session as a whole.
     pub meta: RecordingMeta,
-    /// Whether the recording was ended properly: its footer is there.
+    /// Whether the recording was ended properly: its end mark is there.
     pub complete: bool,
     /// For a recording that was cut: the last snapshot that could be recovered.
     pub recovered_until: Option<Stamp>,
@@ -176,6 +191,58 @@ pub struct ReadRecording {
     pub events: Vec<RecordedEvent>,
     /// What the file holds, in order of name.
     pub channels: Vec<Channel>,
+}
+
+/// A part of a recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Selection {
+    /// From this time on.
+    pub from: Option<Stamp>,
+    /// Up to and with this time.
+    pub to: Option<Stamp>,
+    /// Only snapshots that are at least as far apart, s; 0 for all.
+    pub at_least_apart_s: f64,
+}
+
+impl Selection {
+    /// Between two times, s since the session's start.
+    pub fn between(from_s: Option<f64>, to_s: Option<f64>) -> Self {
+        Self {
+            from: from_s.map(Stamp::from_seconds),
+            to: to_s.map(Stamp::from_seconds),
+            at_least_apart_s: 0.0,
+        }
+    }
+
+    /// Whether a time (ns) is part of it.
+    pub fn contains(&self, t: i64) -> bool {
+        self.from.is_none_or(|from| t >= from.0) && self.reaches(t)
+    }
+
+    /// Whether a time (ns) is not behind it.
+    pub(crate) fn reaches(&self, t: i64) -> bool {
+        self.to.is_none_or(|to| t <= to.0)
+    }
+
+    /// Whether rows that lie behind one time and up to another (ns) may be part of it.
+    pub(crate) fn overlaps(&self, after: i64, last: i64) -> bool {
+        self.from.is_none_or(|from| last >= from.0) && self.to.is_none_or(|to| after < to.0)
+    }
+
+    /// The part of what was read whole.
+    pub(crate) fn of(&self, mut read: ReadRecording) -> ReadRecording {
+        let mut next = i64::MIN;
+        let step = (self.at_least_apart_s * 1e9).round() as i64;
+        read.trace.snapshots.retain(|s| {
+            let wanted = self.contains(s.stamp.0) && s.stamp.0 >= next;
+            if wanted {
+                next = s.stamp.0.saturating_add(step);
+            }
+            wanted
+        });
+        read.events.retain(|e| self.contains(e.stamp.0));
+        read
+    }
 }
 
 /// How a recording ended.
@@ -189,8 +256,10 @@ pub struct RecordingSummary {
     pub repeated: u64,
     /// Parts of snapshots with a value that is not finite; not recorded.
     pub rejected: u64,
-    /// Size of the file, bytes.
+    /// Size of all its segments, bytes.
     pub bytes: u64,
+    /// Number of segments.
+    pub segments: u32,
     /// Why the recording stopped before it was asked to, as one sentence.
     pub failed: Option<String>,
 }

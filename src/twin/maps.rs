@@ -5,10 +5,10 @@ use std::sync::Arc;
 use nalgebra::UnitQuaternion;
 
 use crate::control::StartSample;
-use crate::learn::{self, PlantMap, PoseMap};
+use crate::learn::{self, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::IMUS;
+use crate::signal::{IMUS, RawFrame, SensorFrame};
 use crate::sim::patch::{Correction, SensorErrors};
 
 /// The maps that a twin works with.
@@ -20,6 +20,39 @@ pub struct Maps {
     pub plant: Arc<dyn PlantMap>,
     /// Settled samples (pressures in Pa, tip position in m) to start searches from.
     pub seeds: Arc<Vec<StartSample>>,
+    /// SHA-256 of the networks' file, hexadecimal; empty for maps that are from no file.
+    pub networks: String,
+}
+
+/// What a frame of the boards is to a twin.
+pub enum Reading {
+    /// Signals and pose.
+    Whole(Box<SensorFrame>, Box<PoseEval>),
+    /// A board or a gauge is silent: such a frame keeps nothing alive.
+    Silent,
+    /// A number in it, or in what follows from it, is not finite.
+    Bad,
+}
+
+impl Maps {
+    /// Reads a frame by what `sensing` made of those before.
+    pub fn read(&self, sensing: &mut Sensing, raw: &RawFrame) -> Reading {
+        let frame = sensing.update(raw);
+        let vector = frame.sensors.to_vector();
+        let mut values = vector.iter().chain(&frame.chamber_pa);
+        if values.any(|x| !x.is_finite()) {
+            return Reading::Bad;
+        }
+        if frame.health.chambers.iter().any(|h| !h.usable()) {
+            return Reading::Silent;
+        }
+        let mut eval = self.pose.pose(&vector);
+        eval.add_sigma(&frame.extra_sigma);
+        match eval.pose.iter().all(|x| x.is_finite()) {
+            true => Reading::Whole(Box::new(frame), Box::new(eval)),
+            false => Reading::Bad,
+        }
+    }
 }
 
 impl From<learn::Model> for Maps {
@@ -34,6 +67,7 @@ impl From<learn::Model> for Maps {
             seeds: Arc::new(model.guess.samples().iter().map(seed).collect()),
             pose: Arc::new(model.cascade),
             plant: Arc::new(model.plant),
+            networks: model.hash,
         }
     }
 }

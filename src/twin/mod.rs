@@ -25,7 +25,7 @@ pub use command::{Command, Event, Handle, Pictures};
 pub use core::{RESUME_OFF_S, Twin};
 pub use in_process::{FarEnd, Heard, InProcess};
 pub use loops::{Pace, run_in_lockstep, run_in_real_time, run_in_simulated_time};
-pub use maps::{Maps, Patched, sensing_for};
+pub use maps::{Maps, Patched, Reading, sensing_for};
 pub use mesh::{MeshQuestion, MeshSolver};
 pub use port::{Arrivals, Clock, Port, TICK_S};
 pub use publish::spawn;

@@ -27,6 +27,8 @@ pub struct Runner {
     real_time_factor: Option<f64>,
     /// The last tick.
     last_tick: Stamp,
+    /// Where motion capture is on the robot, as its file states it (TOML); empty without one.
+    registration: String,
 }
 
 impl Runner {
@@ -41,7 +43,13 @@ impl Runner {
             streams: Streams::default(),
             real_time_factor: None,
             last_tick: Stamp::ZERO,
+            registration: String::new(),
         }
+    }
+
+    /// States in recordings how motion capture is registered with the robot (the text of its file).
+    pub fn register(&mut self, registration: String) {
+        self.registration = registration;
     }
 
     /// The clock that passes at the other end of the port.
@@ -103,7 +111,8 @@ impl Runner {
         (snapshot, events)
     }
 
-    /// Records frames that waited for the tick in one between it and the last one, at the times of their samples.
+    /// Records frames and poses of motion capture that waited for the tick, between it and the last one, at the times of
+    /// their samples.
     fn record_late(&mut self, now: Stamp, late: Vec<Snapshot>) {
         let mut before = std::mem::replace(&mut self.last_tick, now);
         for mut snapshot in late {
@@ -128,16 +137,32 @@ impl Runner {
             .into_iter()
             .map(|event| Event::of_link(now, &event))
             .collect();
-        for truth in arrivals.truths {
-            self.twin.observe_truth(truth);
-        }
         self.twin.observe_link(arrivals.status);
         // Only the newest frame is answered; older ones that piled up still move the filters.
         let mut frames = arrivals.frames;
         let newest = frames.pop();
-        for older in frames {
-            let stamp = older.stamp;
-            self.twin.absorb(older);
+        let mut older = frames.into_iter().peekable();
+        let mut truths = arrivals.truths.into_iter().peekable();
+        loop {
+            let truth_is_next = match (truths.peek(), older.peek()) {
+                (Some(truth), Some(frame)) => truth.stamp <= frame.stamp,
+                (truth, _) => truth.is_some(),
+            };
+            let stamp = if truth_is_next {
+                let Some(truth) = truths.next() else { break };
+                let stamp = truth.stamp;
+                self.twin.observe_truth(truth);
+                // The newest one is part of the snapshot that comes next, the tick's at the latest.
+                if truths.peek().is_none() {
+                    continue;
+                }
+                stamp
+            } else {
+                let Some(frame) = older.next() else { break };
+                let stamp = frame.stamp;
+                self.twin.absorb(frame);
+                stamp
+            };
             if self.recordings.is_running() {
                 late.push(Snapshot {
                     stamp,
@@ -163,12 +188,14 @@ impl Runner {
         match command {
             Command::Show(simulator) => self.view.show(*simulator),
             Command::StartRecording(path) => {
-                let session = |name| session(robot, &self.twin, known, name);
+                let registration = &self.registration;
+                let session = |name| session(robot, &self.twin, registration, known, name);
                 self.recordings.start(now, path, session, events);
             }
             Command::StopRecording => self.recordings.close(),
             Command::StreamLive(address) => {
-                let session = |name| session(robot, &self.twin, known, name);
+                let registration = &self.registration;
+                let session = |name| session(robot, &self.twin, registration, known, name);
                 self.streams.start(now, *address, session, events);
             }
             Command::StopStream => self.streams.close(now),
@@ -213,8 +240,15 @@ impl Runner {
 }
 
 /// The session as a whole, for a recording or a stream.
-fn session(robot: &RobotSpec, twin: &Twin, known: &Snapshot, name: String) -> RecordingMeta {
+fn session(
+    robot: &RobotSpec,
+    twin: &Twin,
+    registration: &str,
+    known: &Snapshot,
+    name: String,
+) -> RecordingMeta {
     RecordingMeta {
+        id: String::new(),
         name,
         robot: robot.name.clone(),
         robot_hash: robot.hash.clone(),
@@ -224,9 +258,28 @@ fn session(robot: &RobotSpec, twin: &Twin, known: &Snapshot, name: String) -> Re
         begun: String::new(),
         // Without it a recording is still one.
         calibration: twin.calibration().to_toml().unwrap_or_default(),
+        registration: registration.to_owned(),
+        networks: twin.networks().to_owned(),
+        firmware: firmware(known),
+        controller: twin.controller(),
+        note: String::new(),
         program: String::new(),
+        derived_from: String::new(),
         drawing: Some(drawing(robot)),
     }
+}
+
+/// What the boards report of themselves: the protocol of this program, and the number of the arm at each board.
+fn firmware(known: &Snapshot) -> String {
+    let arms = known
+        .link
+        .rig
+        .map(|arm| arm.map_or("-".to_owned(), |n| n.to_string()));
+    format!(
+        "protocol {}, arm {}",
+        crate::link::wire::VERSION,
+        arms.join("/")
+    )
 }
 
 /// What a viewer draws around the arm's centre lines.

@@ -83,6 +83,7 @@ fn twin_of(robot: &RobotSpec, pose: Arc<dyn PoseMap>) -> Twin {
         pose,
         plant: Arc::new(Crude),
         seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
+        networks: String::new(),
     };
     let sensing = Sensing::new(robot, Calibration::virtual_rig());
     let mut twin = Twin::new(robot, maps, sensing, Gains::of(ControllerKind::NullSpaceQp));

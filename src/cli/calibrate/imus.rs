@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::cli::outputs::Overwrite;
 use crate::cli::{Failed, Report};
-use springtwin::recording::{read_rrd, write_text};
+use springtwin::recording::{read_part, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::imu_fit::{
@@ -42,7 +42,7 @@ pub struct ImusArgs {
 /// `calibrate imus`.
 pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
     a.overwrite.file(&a.out)?;
-    let read = read_rrd(&a.recording)?;
+    let read = read_part(&a.recording)?;
     let calibration = match &a.calibration {
         None => Calibration::virtual_rig(),
         Some(path) => Calibration::from_toml(&springtwin::drive::read_toml(path)?)

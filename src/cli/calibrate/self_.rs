@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::cli::Report;
 use crate::cli::outputs::Overwrite;
 use springtwin::drive::read_toml;
-use springtwin::recording::{read_rrd, write_text};
+use springtwin::recording::{read_part, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::bundle::{Adjustment, Parameter, Take, adjust};
@@ -76,7 +76,7 @@ pub fn self_(a: &SelfArgs, robot: &RobotSpec) -> Result<Report> {
 
 /// Raw frames and motion capture of a recording, and whether it is simulated.
 fn take(path: &Path, calibration: &Calibration, with_mocap: bool) -> Result<(Take, Option<bool>)> {
-    let read = read_rrd(path)?;
+    let read = read_part(path)?;
     let mut frames: Vec<&RawFrame> = Vec::new();
     let mut tip: Vec<(f64, Pose)> = Vec::new();
     for snapshot in &read.trace.snapshots {

@@ -1,5 +1,6 @@
 //! A session log in memory.
 
+use crate::recording::Selection;
 use crate::signal::{
     CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, PAIR_S, Pose, Quality, SIGNALS, SPRINGS,
     SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource, pose_between,
@@ -41,6 +42,30 @@ impl SessionLog {
     /// Whether there is no sample.
     pub fn is_empty(&self) -> bool {
         self.t_s.is_empty()
+    }
+
+    /// The samples of a part of it.
+    pub fn part(mut self, part: &Selection) -> Self {
+        let wanted: Vec<bool> = self
+            .t_s
+            .iter()
+            .map(|t_s| part.contains(Stamp::from_seconds(*t_s).0))
+            .collect();
+        fn keep<T>(rows: &mut Vec<T>, wanted: &[bool]) {
+            let mut wanted = wanted.iter();
+            rows.retain(|_| wanted.next().is_none_or(|w| *w));
+        }
+        keep(&mut self.t_s, &wanted);
+        keep(&mut self.chamber_pa, &wanted);
+        keep(&mut self.sensors, &wanted);
+        keep(&mut self.truth, &wanted);
+        if let Some(rows) = &mut self.commanded_pa {
+            keep(rows, &wanted);
+        }
+        if let Some(rows) = &mut self.payload_column_kg {
+            keep(rows, &wanted);
+        }
+        self
     }
 
     /// Payload that the operator declared for sample `k`, kg: of the column, where it has one, or of the whole session.

@@ -3,11 +3,11 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::columns::{DEG, KPA, MM, column_names};
+use super::columns::{DEG, KPA, MM, column_names, columns};
 use super::data::SessionLog;
-use crate::recording::RecordingError;
 use crate::recording::session_file::{SessionFile, default_log};
 use crate::recording::whole::write_whole;
+use crate::recording::{RecordingError, Table};
 use crate::signal::{CHAMBERS, ypr_from_rotation};
 
 /// Files that [`write_session`] writes.
@@ -35,6 +35,26 @@ pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError>
     })?;
     write_whole(&dir.join("log.csv"), |w| write_table(w, log))?;
     write_whole(&dir.join("session.toml"), |w| w.write_all(text.as_bytes()))
+}
+
+/// Writes a session's table alone, as [`write_session`] has it.
+///
+/// # Errors
+/// [`RecordingError::Io`] when the file cannot be written.
+pub fn write_session_table(path: &Path, log: &SessionLog) -> Result<(), RecordingError> {
+    write_whole(path, |w| write_table(w, log))
+}
+
+/// A session as a table, with the columns of `log.csv`.
+pub fn session_table(log: &SessionLog) -> Table {
+    let columns = columns(log);
+    let names = columns.iter().map(|(name, _)| name.clone());
+    let mut table = Table::new(std::iter::once("t_s".to_owned()).chain(names));
+    table.rows.extend((0..log.len()).map(|n| {
+        let values = columns.iter().map(|(_, value)| value(n));
+        std::iter::once(log.t_s[n]).chain(values).collect()
+    }));
+    table
 }
 
 fn write_table(w: &mut impl Write, log: &SessionLog) -> std::io::Result<()> {

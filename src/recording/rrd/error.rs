@@ -15,13 +15,15 @@ pub(super) enum BatchError {
     #[error(transparent)]
     Stream(#[from] rerun::RecordingStreamError),
     #[error(transparent)]
+    Write(#[from] std::io::Error),
+    #[error(transparent)]
     Serialize(#[from] rerun::SerializationError),
 }
 
 impl From<BatchError> for std::io::Error {
     fn from(e: BatchError) -> Self {
         match e {
-            BatchError::Encode(EncodeError::Write(e)) => e,
+            BatchError::Encode(EncodeError::Write(e)) | BatchError::Write(e) => e,
             other => Self::other(other.to_string()),
         }
     }

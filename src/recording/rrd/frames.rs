@@ -2,8 +2,8 @@
 //!
 //! The decoder trusts every length it meets: it would allocate whatever a damaged or hostile file
 //! asks for. Here each declared length is held against the bytes that are there. A message is
-//! `kind u64 | length u64 | payload`, little-endian, after a header of 12 bytes; the last message
-//! (kind 0) holds the footer and is followed by 32 bytes that point back at it.
+//! `kind u64 | length u64 | payload`, little-endian, after a header of 12 bytes; the last message is
+//! empty (kind 0). Files of layout 1 have a footer there, followed by 32 bytes that point back at it.
 
 use std::io::{Read, Seek, SeekFrom};
 
@@ -14,6 +14,8 @@ use rerun::external::re_log_encoding::external::lz4_flex;
 pub(super) const HEADER_BYTES: usize = 12;
 const MESSAGE_HEADER_BYTES: usize = 16;
 const FOOTER_BYTES: usize = 32;
+/// Most bytes at the end of a message that hold its identity.
+const IDENTITY_BYTES: usize = 22;
 
 const KIND_END: u64 = 0;
 const KIND_ARROW: u64 = 2;
@@ -25,7 +27,9 @@ pub(super) struct Frames {
     pub(super) header: [u8; HEADER_BYTES],
     /// Where each whole message lies in the file, with its own header.
     pub(super) messages: Vec<Place>,
-    /// Whether the end message and its footer are there and nothing comes after them.
+    /// The identity of each message, as two numbers; `None` for messages without.
+    pub(super) identities: Vec<Option<(u64, u64)>>,
+    /// Whether the end message is there, with its footer if it has one, and nothing comes after it.
     pub(super) complete: bool,
 }
 
@@ -77,14 +81,18 @@ pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, 
     let mut frames = Frames {
         header,
         messages: Vec::new(),
+        identities: Vec::new(),
         complete: false,
     };
     let mut at = HEADER_BYTES as u64;
     let head_bytes = MESSAGE_HEADER_BYTES as u64;
-    while at + head_bytes <= size {
-        let mut head = [0; MESSAGE_HEADER_BYTES];
-        file.seek(SeekFrom::Start(at))?;
+    // The end of a message and the header of the next one are read together.
+    let mut both = [0; IDENTITY_BYTES + MESSAGE_HEADER_BYTES];
+    let mut head = [0; MESSAGE_HEADER_BYTES];
+    if at + head_bytes <= size {
         file.read_exact(&mut head)?;
+    }
+    while at + head_bytes <= size {
         let (kind, length) = (le_u64(&head[..8]), le_u64(&head[8..]));
         if kind > KIND_LAST {
             let text = format!("a message of unknown kind {kind}: the file is damaged here");
@@ -100,6 +108,8 @@ pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, 
         };
         at = place.end();
         if kind == KIND_END {
+            // Files of layout 1 have a list of contents here, and a footer that points back at it.
+            frames.complete = length == 0 && at == size;
             if size - at == FOOTER_BYTES as u64 {
                 let mut tail = [0; FOOTER_BYTES];
                 file.seek(SeekFrom::Start(at))?;
@@ -108,9 +118,39 @@ pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, 
             }
             break;
         }
+        let identity_bytes = place.length.min(IDENTITY_BYTES as u64) as usize;
+        let next = (size - at).min(head_bytes) as usize;
+        let both = &mut both[..identity_bytes + next];
+        file.seek(SeekFrom::Start(at - identity_bytes as u64))?;
+        file.read_exact(both)?;
+        let (end, rest) = both.split_at(identity_bytes);
+        frames.identities.push(match kind {
+            KIND_ARROW => identity(end),
+            _ => None,
+        });
+        head[..next].copy_from_slice(rest);
         frames.messages.push(place);
     }
     Ok(frames)
+}
+
+/// The identity at the end of a message: `chunk id (field 6) = two fixed numbers | is static (field 7), or not`.
+fn identity(end: &[u8]) -> Option<(u64, u64)> {
+    let end = match end {
+        [rest @ .., 0x38, 0 | 1] if ends_with_identity(rest) => rest,
+        _ => end,
+    };
+    if !ends_with_identity(end) {
+        return None;
+    }
+    let fields = &end[end.len() - 20..];
+    Some((le_u64(&fields[3..11]), le_u64(&fields[12..20])))
+}
+
+/// Whether an identity lies at the end.
+fn ends_with_identity(bytes: &[u8]) -> bool {
+    let at = bytes.len().checked_sub(20);
+    at.is_some_and(|at| bytes[at..at + 3] == [0x32, 0x12, 0x09] && bytes[at + 11] == 0x11)
 }
 
 fn le_u64(bytes: &[u8]) -> u64 {

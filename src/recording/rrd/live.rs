@@ -8,9 +8,11 @@ use std::time::Duration;
 use rerun::external::re_grpc_client::write::{Client, ClientConnectionState, Options};
 use rerun::external::re_uri::ProxyUri;
 use rerun::log::LogMsg;
+use rerun::{StoreId, StoreKind};
 
 use super::blueprint::Shown;
-use super::rows::Rows;
+use super::rows::{Rows, opening};
+use super::schema;
 use crate::recording::RecordingMeta;
 use crate::recording::patience::{Broken, Waiting};
 use crate::signal::{Snapshot, Stamp};
@@ -32,9 +34,11 @@ impl LiveSink {
     /// Begins to connect.
     pub(in crate::recording) fn connect(
         address: SocketAddr,
-        meta: RecordingMeta,
+        mut meta: RecordingMeta,
     ) -> Result<Self, String> {
-        let (rows, opening) = Rows::begin(meta, Shown::Live, BATCH_NS)
+        let random = StoreId::random(StoreKind::Recording, schema::APPLICATION);
+        meta.id = random.recording_id().as_str().to_owned();
+        let opening = opening(&meta, 1, Shown::Live, None)
             .map_err(|e| format!("The stream to the Rerun viewer cannot begin: {e}."))?;
         let uri: ProxyUri = format!("rerun+http://{address}/proxy")
             .parse()
@@ -46,7 +50,7 @@ impl LiveSink {
         Ok(Self {
             address,
             client: Client::new(uri, options),
-            rows,
+            rows: Rows::new(&meta, Shown::Live, BATCH_NS),
             opening,
         })
     }
@@ -79,7 +83,7 @@ impl LiveSink {
         }
         let rows = self.rows.waiting() as u64;
         let mut messages = std::mem::take(&mut self.opening);
-        messages.extend(self.rows.take().map_err(|e| {
+        messages.extend(self.rows.take(false).map_err(|e| {
             Broken::Failed(format!("The stream to the Rerun viewer broke off: {e}."))
         })?);
         for message in messages {

@@ -1,21 +1,30 @@
 //! Rerun recordings: the only user of the rerun crates.
 
 mod blueprint;
-mod content;
+mod edit;
 mod error;
 mod frames;
+mod index;
 mod live;
+mod message;
 mod overlay;
-mod plain;
+mod properties;
+mod read_message;
 mod reader;
+mod rolling;
 mod rows;
 mod scene;
 mod schema;
+mod segment;
+mod snapshots;
+mod v1;
 mod writer;
 
+pub use edit::join;
+pub use index::segment_path;
 pub(super) use live::LiveSink;
 pub use overlay::write_overlay;
-pub use reader::{read_rrd, read_rrd_with};
+pub use reader::{RecordingFile, read_rrd, read_rrd_with};
 pub use schema::SCHEMA_VERSION;
 pub use writer::RecordingWriter;
 

@@ -2,8 +2,8 @@
 
 use rerun::external::arrow::array::ListArray;
 use rerun::{
-    ComponentDescriptor, Cylinders3D, LineStrips3D, Points3D, RecordingStream,
-    RecordingStreamResult, SerializedComponentColumn, Transform3D,
+    AsComponents as _, ComponentDescriptor, Cylinders3D, LineStrips3D, Points3D,
+    SerializedComponentBatch, SerializedComponentColumn, Transform3D,
 };
 
 use crate::recording::ArmDrawing;
@@ -18,36 +18,44 @@ const PREDICTED: &str = "/tip/predicted";
 const VICON: &str = "/tip/vicon";
 const GOAL: &str = "/goal/point";
 
-/// Logs what does not change: axes, colours, radii.
-pub(super) fn log_styles(
-    stream: &RecordingStream,
+/// What does not change: axes, colours, radii, an entity each.
+pub(super) fn styles(
     drawing: Option<&ArmDrawing>,
-) -> RecordingStreamResult<()> {
+) -> Vec<(&'static str, Vec<SerializedComponentBatch>)> {
     // Slimmer than they are, so that springs and axes can be seen.
     let bellows_radius = drawing.map_or(0.004, |d| 0.6 * d.bellows_radius_m) as f32;
     let pad_radius = drawing.map_or(0.09, |d| d.pad_radius_m) as f32;
     let pad_height = drawing.map_or(0.01, |d| d.pad_thickness_m) as f32;
     let colour = rerun::Color::from_u32;
-    stream.log_static("/", &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
     let lines = |radius: f32, rgba: u32| {
         LineStrips3D::update_fields()
             .with_radii([radius])
             .with_colors([colour(rgba)])
     };
-    stream.log_static(BELLOWS, &lines(bellows_radius, 0x6b8f_b3ff))?;
-    stream.log_static(SPRINGS, &lines(0.002, 0xe0a8_3cff))?;
     let pads = Cylinders3D::update_fields()
         .with_lengths([pad_height])
         .with_radii([pad_radius])
         .with_fill_mode(rerun::FillMode::Solid)
         .with_colors([colour(0xb8bc_c4ff)]);
-    stream.log_static(PADS, &pads)?;
     let goal = Points3D::update_fields()
         .with_radii([0.008f32])
         .with_colors([colour(0x4ccb_7aff)]);
-    stream.log_static(GOAL, &goal)?;
-    stream.log_static(PREDICTED, &rerun::TransformAxes3D::new(0.15))?;
-    stream.log_static(VICON, &rerun::TransformAxes3D::new(0.11))
+    let axes = |length| rerun::TransformAxes3D::new(length).as_serialized_batches();
+    vec![
+        (
+            "/",
+            rerun::ViewCoordinates::RIGHT_HAND_Z_UP().as_serialized_batches(),
+        ),
+        (
+            BELLOWS,
+            lines(bellows_radius, 0x6b8f_b3ff).as_serialized_batches(),
+        ),
+        (SPRINGS, lines(0.002, 0xe0a8_3cff).as_serialized_batches()),
+        (PADS, pads.as_serialized_batches()),
+        (GOAL, goal.as_serialized_batches()),
+        (PREDICTED, axes(0.15)),
+        (VICON, axes(0.11)),
+    ]
 }
 
 /// What was drawn since the last batch.

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::reader::read_parts_of;
+use super::rolling::SegmentLimits;
 use super::*;
-use crate::recording::{ArmDrawing, ReadRecording, RecordingError, RecordingMeta};
+use crate::recording::{ArmDrawing, ReadRecording, RecordingError, RecordingMeta, Selection};
 use crate::signal::*;
 
 fn temp(name: &str) -> PathBuf {
@@ -24,6 +24,13 @@ fn meta() -> RecordingMeta {
         begun: "2026-11-23T14:05:12+01:00".into(),
         calibration: "name = \"arm 7\"\n".into(),
         program: env!("CARGO_PKG_VERSION").into(),
+        id: "one".into(),
+        registration: "scale = 1\n".into(),
+        networks: "0a".into(),
+        firmware: "3, 4".into(),
+        controller: "null-space QP".into(),
+        note: "a note".into(),
+        derived_from: String::new(),
         drawing: Some(ArmDrawing {
             bellows_m: std::array::from_fn(|i| {
                 let a = (i as f64 * 120.0 + if i < 3 { 0.0 } else { 60.0 }).to_radians();
@@ -148,7 +155,10 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
         estimate: (n % 7 != 3).then(|| Estimate {
             stamp,
             base_from_tip: tip,
-            covariance: Matrix6::from_fn(|_, _| rng.random_range(-1.0..1.0)),
+            covariance: {
+                let m = Matrix6::from_fn(|_, _| rng.random_range(-1.0..1.0));
+                m + m.transpose()
+            },
             training_distance: 0.9,
         }),
         truth: (n % 5 != 1).then(|| GroundTruth {
@@ -185,16 +195,32 @@ fn write(path: &std::path::Path, snapshots: &[Snapshot]) {
     assert_eq!(summary.bytes, std::fs::metadata(path).unwrap().len());
 }
 
-/// What a recording keeps of a snapshot is bit for bit what was pushed.
+/// The covariance is kept in single precision.
+fn assert_estimate(r: Option<&Estimate>, w: Option<&Estimate>) {
+    let without = |e: &Estimate| Estimate {
+        covariance: Matrix6::zeros(),
+        ..e.clone()
+    };
+    assert_eq!(r.map(without), w.map(without));
+    if let (Some(r), Some(w)) = (r, w) {
+        let off = (r.covariance - w.covariance).amax();
+        assert!(off <= 1e-7 * w.covariance.amax(), "{off}");
+    }
+}
+
+/// What a recording keeps of a snapshot is bit for bit what was pushed, but for covariances and references.
 fn assert_same(read: &[Snapshot], written: &[Snapshot]) {
     for (r, w) in read.iter().zip(written) {
         assert_eq!(r.stamp, w.stamp);
         assert_eq!(r.raw, w.raw);
         assert_eq!(r.sensors, w.sensors);
-        assert_eq!(r.estimate, w.estimate);
+        assert_estimate(r.estimate.as_ref(), w.estimate.as_ref());
         assert_eq!(r.truth, w.truth);
         assert_eq!(r.goal, w.goal);
-        assert_eq!(r.sensor_ref, w.sensor_ref);
+        assert_eq!(r.sensor_ref.is_some(), w.sensor_ref.is_some());
+        if let (Some(r), Some(w)) = (&r.sensor_ref, &w.sensor_ref) {
+            assert!((r - w).amax() < 1e-7);
+        }
         assert_eq!(r.command, w.command);
         assert_eq!(r.mode, w.mode);
         assert_eq!(r.link, w.link);
@@ -252,11 +278,8 @@ fn round_trip_is_exact() {
             .iter()
             .any(|e| e.log == "events" && e.text == "a line")
     );
-    let springs = channels
-        .iter()
-        .find(|c| c.name == "/sensors/spring_mm")
-        .unwrap();
-    assert_eq!((springs.rows, springs.unit.as_str()), (250, "mm"));
+    let springs = channels.iter().find(|c| c.name == "spring_m").unwrap();
+    assert_eq!((springs.rows, springs.unit.as_str()), (250, "m"));
     assert!((springs.rate_hz - 100.0).abs() < 1e-6);
     std::fs::remove_file(path).unwrap();
 }
@@ -418,41 +441,130 @@ fn less_than_a_second_is_at_risk() {
     std::fs::remove_file(path).unwrap();
 }
 
-/// However a file is cut into parts for the readers, what comes out is the same: also where the goal and
-/// the reason of a SAFE state were told in another part.
+/// A recording that went on in further files reads as one, whole and by range, also while its last file is open.
 #[test]
-fn parts_do_not_show() {
-    let path = temp("parts");
-    let mut written = snapshots(900);
-    for (i, s) in written.iter_mut().enumerate() {
-        // Told once, kept for long.
-        s.goal = (i >= 130).then(|| Goal::position([0.01, 0.02, -0.3]));
-        s.sensor_ref = None;
+fn segments_are_one_recording() {
+    let path = temp("segments");
+    let written = snapshots(900);
+    let limits = SegmentLimits {
+        bytes: u64::MAX,
+        ns: 2_000_000_000,
+    };
+    let mut w = RecordingWriter::create_with(&path, meta(), None, limits).unwrap();
+    for s in &written {
+        w.push(s).unwrap();
+        if s.stamp.0 > 5_000_000_000 && s.stamp.0 < 5_010_000_000 {
+            w.event(s.stamp, "in the middle").unwrap();
+        }
     }
-    write(&path, &written);
-    let whole = read_parts_of(&path, u64::MAX, &mut |_| true).unwrap();
+    let open = read_rrd(&path).unwrap();
+    assert!(!open.complete && open.trace.snapshots.len() > 800);
+    let summary = w.finish().unwrap();
+    assert_eq!(summary.segments, 4);
+    let paths: Vec<PathBuf> = (1..=4).map(|n| segment_path(&path, n)).collect();
+    let bytes: u64 = paths
+        .iter()
+        .map(|p| std::fs::metadata(p).unwrap().len())
+        .sum();
+    assert_eq!(summary.bytes, bytes);
+
+    let file = RecordingFile::open(&path).unwrap();
+    assert!(file.is_complete());
+    let size = (file.segments(), file.rows(), file.bytes(), file.last());
+    assert_eq!(size, (4, Some(900), bytes, Some(written[899].stamp)));
+    let whole = file.read(&Selection::default(), &mut |_| true).unwrap();
+    assert_eq!(whole.trace.snapshots.len(), 900);
     assert_same(&whole.trace.snapshots, &written);
-    for part_bytes in [1, 5_000, 40_000, 150_000, 400_000] {
-        let read = read_parts_of(&path, part_bytes, &mut |_| true).unwrap();
-        assert_eq!(read.trace.snapshots.len(), 900, "{part_bytes}");
-        assert_same(&read.trace.snapshots, &written);
-        assert_eq!(read.channels, whole.channels, "{part_bytes}");
-        assert_eq!(read.events, whole.events, "{part_bytes}");
-        assert_eq!(read.meta, whole.meta);
+    assert!(whole.events.iter().any(|e| e.text == "in the middle"));
+
+    // Over the end of a file, without what is carried over from before.
+    let selection = Selection {
+        from: Some(written[240].stamp),
+        to: Some(written[330].stamp),
+        at_least_apart_s: 0.0,
+    };
+    let part = file.read(&selection, &mut |_| true).unwrap();
+    assert_eq!(part.trace.snapshots.len(), 91);
+    assert_same(&part.trace.snapshots, &written[240..=330]);
+    assert!(part.events.iter().all(|e| selection.contains(e.stamp.0)));
+    let thin = Selection {
+        at_least_apart_s: 0.1,
+        ..Selection::default()
+    };
+    let thin = file.read(&thin, &mut |_| true).unwrap().trace.snapshots;
+    assert!((80..=90).contains(&thin.len()), "{}", thin.len());
+    assert!(
+        thin.windows(2)
+            .all(|w| w[1].stamp.since(w[0].stamp) >= 0.099_999)
+    );
+
+    // A segment alone is read alone; one that is gone ends the recording before it.
+    assert_eq!(
+        read_rrd(&paths[3]).unwrap().trace.snapshots.len(),
+        900 - 3 * 244
+    );
+    std::fs::remove_file(&paths[2]).unwrap();
+    assert_eq!(read_rrd(&path).unwrap().trace.snapshots.len(), 2 * 244);
+    // Parts whose beginning is gone are not written over.
+    std::fs::remove_file(&path).unwrap();
+    let refused = RecordingWriter::create(&path, meta());
+    assert!(matches!(refused, Err(RecordingError::Stray { .. })));
+    for path in [&paths[1], &paths[3]] {
+        std::fs::remove_file(path).unwrap();
     }
-    let bytes = std::fs::read(&path).unwrap();
-    // Cut in the middle of a batch: the same prefix, however it is read.
-    std::fs::write(&path, &bytes[..bytes.len() * 2 / 3]).unwrap();
-    let whole = read_parts_of(&path, u64::MAX, &mut |_| true).unwrap();
-    assert!(!whole.complete && whole.trace.snapshots.len() > 500);
-    for part_bytes in [1, 40_000, 150_000] {
-        let read = read_parts_of(&path, part_bytes, &mut |_| true).unwrap();
-        assert_eq!(read.trace.snapshots.len(), whole.trace.snapshots.len());
-        assert_same(&read.trace.snapshots, &written);
-        assert_eq!(read.recovered_until, whole.recovered_until);
-        assert_eq!(read.channels, whole.channels, "{part_bytes}");
-    }
+}
+
+/// The same snapshots give the same bytes.
+#[test]
+fn equal_snapshots_make_equal_files() {
+    let path = temp("equal");
+    let written = snapshots(300);
+    let bytes = || {
+        write(&path, &written);
+        std::fs::read(&path).unwrap()
+    };
+    let (first, second) = (bytes(), bytes());
+    let differs = first.iter().zip(&second).position(|(a, b)| a != b);
+    assert_eq!((first.len(), differs), (second.len(), None));
     std::fs::remove_file(path).unwrap();
+}
+
+/// A recording of layout 1, as programs before this one made it.
+#[test]
+fn layout_1_is_read() {
+    let path =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/golden/layout-1.rrd");
+    let read = read_rrd(&path).unwrap();
+    assert!(read.complete && !read.meta.calibration.is_empty());
+    assert_eq!(read.meta.robot, "reference");
+    let snapshots = &read.trace.snapshots;
+    assert_eq!(snapshots.len(), 151);
+    let last = snapshots.last().unwrap();
+    assert_eq!(last.mode, Mode::Moving);
+    assert_eq!(last.goal.as_ref().unwrap().position_m, [0.02, 0.01, -0.3]);
+    let frame = last.sensors.as_ref().unwrap();
+    assert_eq!(frame.sensors.spring_m[4], 0.152_339_661_078_317_42);
+    let some = |has: fn(&Snapshot) -> bool| snapshots.iter().filter(|s| has(s)).count();
+    assert_eq!(
+        [
+            some(|s| s.raw.is_some()),
+            some(|s| s.estimate.is_some()),
+            some(|s| s.truth.is_some()),
+            some(|s| s.command.is_some()),
+        ],
+        [150, 149, 151, 49]
+    );
+    let from = Selection::between(Some(1.0), None);
+    let part = RecordingFile::open(&path)
+        .unwrap()
+        .read(&from, &mut |_| true)
+        .unwrap();
+    assert!(
+        part.trace
+            .snapshots
+            .iter()
+            .all(|s| s.stamp.seconds() >= 1.0)
+    );
 }
 
 /// Tables that another tool has put in another order are read all the same.
@@ -472,34 +584,25 @@ fn order_of_the_tables_does_not_matter() {
         turned.extend(&bytes[place.offset as usize..place.end() as usize]);
     }
     std::fs::write(&path, &turned).unwrap();
-    for part_bytes in [30_000, u64::MAX] {
-        let read = read_parts_of(&path, part_bytes, &mut |_| true).unwrap();
-        assert_eq!(read.trace.snapshots.len(), 500);
-        assert_same(&read.trace.snapshots, &written);
-    }
-    // Read at once, from the start again: that can be given up too.
-    let (mut last, mut again) = (-1.0, 0);
-    let given_up = read_parts_of(&path, 30_000, &mut |share| {
-        again += u32::from(share < last || again > 0);
-        last = share;
-        again < 3
-    });
-    assert!(given_up.is_err() && again == 3, "{again}");
+    let read = read_rrd(&path).unwrap();
+    assert_eq!(read.trace.snapshots.len(), 500);
+    assert_same(&read.trace.snapshots, &written);
     std::fs::remove_file(path).unwrap();
 }
 
 #[test]
-fn reading_tells_how_far_it_is_and_can_be_given_up() {
+fn reading_reports_how_far_it_is_and_can_be_given_up() {
     let path = temp("progress");
-    write(&path, &snapshots(600));
+    let written = snapshots(9000);
+    write(&path, &written);
     let mut shares = Vec::new();
-    let read = read_parts_of(&path, 100_000, &mut |share| {
+    let read = read_rrd_with(&path, &mut |share| {
         shares.push(share);
         true
     });
-    assert_eq!(read.unwrap().trace.snapshots.len(), 600);
+    assert_eq!(read.unwrap().trace.snapshots.len(), 9000);
     assert!(shares.len() > 3 && shares.is_sorted() && shares.last() == Some(&1.0));
-    let given_up = read_parts_of(&path, 100_000, &mut |share| share < 0.5);
+    let given_up = read_rrd_with(&path, &mut |share| share < 0.5);
     let Err(RecordingError::Io { source, .. }) = given_up else {
         panic!("it was given up");
     };
@@ -550,3 +653,5 @@ fn a_recording_that_is_being_written_is_not_written_over() {
     RecordingWriter::create(&path, meta()).unwrap();
     std::fs::remove_file(path).unwrap();
 }
+
+mod edit;

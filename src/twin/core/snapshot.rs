@@ -18,6 +18,16 @@ impl Twin {
         self.sensing.calibration()
     }
 
+    /// The networks' file, by its SHA-256; empty for maps that are from no file.
+    pub fn networks(&self) -> &str {
+        &self.maps.networks
+    }
+
+    /// Name and tuning of the controller.
+    pub fn controller(&self) -> String {
+        format!("{:?}", self.controller.gains())
+    }
+
     /// Takes motion capture: it ends in the snapshot, never in control.
     pub fn observe_truth(&mut self, truth: GroundTruth) {
         self.truth = Some(truth);

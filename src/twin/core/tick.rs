@@ -7,6 +7,7 @@ use crate::learn::estimate;
 use crate::signal::{Gripper, PressureCommand, RawFrame, Stamp};
 use crate::task::{Happening, Target};
 use crate::twin::command::{Command, Event};
+use crate::twin::maps::Reading;
 
 impl Twin {
     /// One step: takes what arrived, answers with a command for the boards (or none) and events.
@@ -44,24 +45,17 @@ impl Twin {
     /// Calibrates a frame and estimates the pose. A frame that makes no sense is dropped; the last
     /// good one is held.
     pub fn absorb(&mut self, raw: RawFrame) {
-        let frame = self.sensing.update(&raw);
-        let vector = frame.sensors.to_vector();
-        let mut values = vector.iter().chain(&frame.chamber_pa);
-        if values.any(|x| !x.is_finite()) {
-            self.bad_frames += 1;
-            return;
-        }
-        if frame.health.chambers.iter().any(|h| !h.usable()) {
-            // A board or a gauge is silent: such a frame keeps nothing alive.
-            self.raw = Some(raw);
-            return;
-        }
-        let mut eval = self.maps.pose.pose(&vector);
-        eval.add_sigma(&frame.extra_sigma);
-        if eval.pose.iter().any(|x| !x.is_finite()) {
-            self.bad_frames += 1;
-            return;
-        }
+        let (frame, eval) = match self.maps.read(&mut self.sensing, &raw) {
+            Reading::Whole(frame, eval) => (*frame, *eval),
+            Reading::Silent => {
+                self.raw = Some(raw);
+                return;
+            }
+            Reading::Bad => {
+                self.bad_frames += 1;
+                return;
+            }
+        };
         self.bad_frames = 0;
         self.last_frame = Some(self.now);
         self.lateness_s

@@ -1,64 +1,106 @@
 //! The messages that a recording begins with: identity, properties, styles, layout.
 
-use rerun::log::LogMsg;
-use rerun::{DynamicArchetype, RecordingStreamBuilder, StoreId};
+use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
+use rerun::external::re_tuid::Tuid;
+use rerun::log::{Chunk, ChunkId, LogMsg, RowId};
+use rerun::{
+    AsComponents as _, DynamicArchetype, SerializedComponentBatch, StoreId, StoreKind, TimePoint,
+};
 
 use super::tables::text_column;
 use crate::recording::RecordingMeta;
 use crate::recording::rrd::blueprint::{Shown, layout};
 use crate::recording::rrd::error::BatchError;
-use crate::recording::rrd::scene::log_styles;
+use crate::recording::rrd::properties::Properties;
+use crate::recording::rrd::scene::styles;
 use crate::recording::rrd::schema::{self, SPECS, Spec};
 
-/// The messages that come first: identity, properties, styles, layout.
-pub(super) fn opening(
+/// Which recording it is, for viewers: its segments are one.
+pub(in crate::recording::rrd) fn store_id(meta: &RecordingMeta) -> StoreId {
+    StoreId::recording(schema::APPLICATION, meta.id.as_str())
+}
+
+/// The messages that come first: identity, properties, then what the arm and the plots look like. That can be given, by the
+/// recording that this one is made of: a new layout has an identity of its own each time.
+pub(in crate::recording::rrd) fn opening(
     meta: &RecordingMeta,
+    segment: u32,
     shown: Shown,
-) -> Result<(StoreId, Vec<LogMsg>), BatchError> {
-    let (stream, storage) = RecordingStreamBuilder::new(schema::APPLICATION)
-        .enabled(true)
-        .recording_name(meta.name.clone())
-        .memory()?;
-    let simulated = match meta.simulated {
-        Some(true) => "true",
-        Some(false) => "false",
-        None => "unknown",
-    };
-    let property = DynamicArchetype::new(schema::PREFIX)
-        .with_component_from_data("schema", text_column(&schema::SCHEMA_VERSION.to_string()))
-        .with_component_from_data("name", text_column(&meta.name))
-        .with_component_from_data("robot", text_column(&meta.robot))
-        .with_component_from_data("robot_hash", text_column(&meta.robot_hash))
-        .with_component_from_data("source", text_column(&meta.source))
-        .with_component_from_data("simulated", text_column(simulated))
-        .with_component_from_data("payload_kg", text_column(&meta.payload_kg.to_string()))
-        .with_component_from_data("begun", text_column(&meta.begun))
-        .with_component_from_data("calibration", text_column(&meta.calibration))
-        .with_component_from_data("program", text_column(env!("CARGO_PKG_VERSION")));
-    stream.send_property(schema::PROPERTY, &property)?;
-    log_styles(&stream, meta.drawing.as_ref())?;
+    given: Option<&[LogMsg]>,
+) -> Result<Vec<LogMsg>, BatchError> {
+    let store = store_id(meta);
+    let source = StoreSource::Other(schema::APPLICATION.to_owned());
+    let mut messages = vec![LogMsg::SetStoreInfo(SetStoreInfo {
+        row_id: Tuid::from_nanos_and_inc(0, 0),
+        info: StoreInfo::new(store.clone(), source),
+    })];
+    let mut property = DynamicArchetype::new(schema::PREFIX);
+    for (name, text) in Properties::of(meta, segment) {
+        property = property.with_component_from_data(name, text_column(&text));
+    }
+    let entities = vec![
+        (
+            "/__properties".to_owned(),
+            rerun::archetypes::RecordingInfo::new()
+                .with_name(meta.name.clone())
+                .as_serialized_batches(),
+        ),
+        (
+            format!("/__properties/{}", schema::PROPERTY),
+            property.as_serialized_batches(),
+        ),
+    ];
+    for (i, (path, batches)) in entities.into_iter().enumerate() {
+        messages.push(fixed(&store, i as u64 + 1, path, batches)?);
+    }
+    match given {
+        Some(looks) => messages.extend(looks.iter().map(|message| match message {
+            LogMsg::ArrowMsg(of, arrow) if of.kind() == StoreKind::Recording => {
+                LogMsg::ArrowMsg(store.clone(), arrow.clone())
+            }
+            other => other.clone(),
+        })),
+        None => messages.extend(looks(meta, &store, shown)?),
+    }
+    Ok(messages)
+}
+
+/// What the arm, the plots and the viewer look like.
+fn looks(meta: &RecordingMeta, store: &StoreId, shown: Shown) -> Result<Vec<LogMsg>, BatchError> {
+    let styles = styles(meta.drawing.as_ref()).into_iter();
+    let mut entities: Vec<_> = styles
+        .map(|(path, batches)| (path.to_owned(), batches))
+        .collect();
     for spec in SPECS.iter().filter(|s| s.scalars > 1) {
-        let names = series_names(spec);
         let style = rerun::SeriesLines::update_fields()
-            .with_names(names)
+            .with_names(series_names(spec))
             .with_colors(series_colours(spec))
             .with_widths(vec![series_width(spec); spec.scalars]);
-        stream.log_static(spec.path, &style)?;
+        entities.push((spec.path.to_owned(), style.as_serialized_batches()));
+    }
+    let mut messages = Vec::new();
+    for (i, (path, batches)) in entities.into_iter().enumerate() {
+        messages.push(fixed(store, i as u64 + 100, path, batches)?);
     }
     // With rerun switched off in the environment there is no layout to be had; data go on.
-    let layout = match rerun::decide_logging_enabled(true) {
-        true => layout(shown)?,
-        false => Vec::new(),
-    };
-    let store_id = match stream.store_info() {
-        Some(info) => info.store_id,
-        None => StoreId::random(rerun::StoreKind::Recording, schema::APPLICATION),
-    };
-    let mut messages = storage.take();
-    // A stream that keeps its messages holds on to itself, and to two threads, until it is disconnected.
-    stream.disconnect();
-    messages.extend(layout);
-    Ok((store_id, messages))
+    if rerun::decide_logging_enabled(true) {
+        messages.extend(layout(shown)?);
+    }
+    Ok(messages)
+}
+
+/// A message of what does not change.
+fn fixed(
+    store: &StoreId,
+    number: u64,
+    path: String,
+    batches: Vec<SerializedComponentBatch>,
+) -> Result<LogMsg, BatchError> {
+    let id = Tuid::from_nanos_and_inc(0, number);
+    let chunk = Chunk::builder_with_id(ChunkId::from_tuid(id), path)
+        .with_serialized_batches(RowId::from_tuid(id), TimePoint::default(), batches)
+        .build()?;
+    Ok(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg()?))
 }
 
 /// Names of an entity's plotted series.
@@ -138,6 +180,5 @@ mod tests {
             }
         }
         assert_eq!(series_names(&SPECS[table::VICON])[0], "vicon x");
-        assert_eq!(SPECS[table::TICK].exact_path, "/tick");
     }
 }

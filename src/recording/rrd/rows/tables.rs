@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use arrow::array::{ArrayRef, Float64Array, Int64Array, ListArray, StringArray};
+use arrow::array::{ArrayRef, Float64Array, ListArray, StringArray};
 use arrow::buffer::OffsetBuffer;
 use arrow::datatypes::Field;
 use rerun::{ComponentDescriptor, Scalars};
@@ -11,72 +11,44 @@ use crate::recording::rrd::scene::Part;
 use crate::recording::rrd::schema::{self, Spec};
 use crate::signal::Stamp;
 
-/// Rows of one table since the last batch.
+/// Rows of one plot since the last batch.
 pub(super) struct Table {
-    pub(super) spec: &'static Spec,
-    pub(super) scalar_times: Vec<i64>,
-    pub(super) scalars: Vec<f64>,
-    pub(super) exact_times: Vec<i64>,
-    pub(super) exact: Vec<f64>,
-    pub(super) ints: Vec<i64>,
+    spec: &'static Spec,
+    times: Vec<i64>,
+    scalars: Vec<f64>,
 }
 
 impl Table {
-    /// Appends what is not empty.
-    pub(super) fn push(&mut self, t: Stamp, scalars: &[f64], exact: &[f64], ints: &[i64]) {
-        let spec = self.spec;
-        if !scalars.is_empty() {
-            debug_assert_eq!(scalars.len(), spec.scalars, "{}", spec.path);
-            self.scalar_times.push(t.0);
-            self.scalars.extend_from_slice(scalars);
-        }
-        if !exact.is_empty() || !ints.is_empty() {
-            debug_assert_eq!(
-                (exact.len(), ints.len()),
-                (spec.exact, spec.ints),
-                "{}",
-                spec.exact_path
-            );
-            self.exact_times.push(t.0);
-            self.exact.extend_from_slice(exact);
-            self.ints.extend_from_slice(ints);
+    pub(super) fn new(spec: &'static Spec) -> Self {
+        Self {
+            spec,
+            times: Vec::new(),
+            scalars: Vec::new(),
         }
     }
 
-    /// Takes the rows as entities of a batch.
-    pub(super) fn take(&mut self) -> Result<Vec<Part>, arrow::error::ArrowError> {
-        let spec = self.spec;
-        let mut parts = Vec::with_capacity(2);
-        let times = std::mem::take(&mut self.scalar_times);
-        if !times.is_empty() {
-            let values = Float64Array::from(std::mem::take(&mut self.scalars));
-            let list = lists(Arc::new(values), spec.scalars, times.len())?;
-            parts.push(Part {
-                path: spec.path,
-                times,
-                columns: vec![(Scalars::descriptor_scalars(), list)],
-            });
+    /// Appends a row, unless a value in it is not finite.
+    pub(super) fn push(&mut self, t: Stamp, scalars: &[f64]) {
+        debug_assert_eq!(scalars.len(), self.spec.scalars, "{}", self.spec.path);
+        if scalars.iter().all(|v| v.is_finite()) {
+            self.times.push(t.0);
+            self.scalars.extend_from_slice(scalars);
         }
-        let times = std::mem::take(&mut self.exact_times);
-        if !times.is_empty() {
-            let mut columns = Vec::with_capacity(2);
-            if spec.exact > 0 {
-                let values = Float64Array::from(std::mem::take(&mut self.exact));
-                let list = lists(Arc::new(values), spec.exact, times.len())?;
-                columns.push((own(schema::EXACT), list));
-            }
-            if spec.ints > 0 {
-                let values = Int64Array::from(std::mem::take(&mut self.ints));
-                let list = lists(Arc::new(values), spec.ints, times.len())?;
-                columns.push((own(schema::INTS), list));
-            }
-            parts.push(Part {
-                path: spec.exact_path,
-                times,
-                columns,
-            });
+    }
+
+    /// Takes the rows as an entity of a batch.
+    pub(super) fn take(&mut self) -> Result<Option<Part>, arrow::error::ArrowError> {
+        let times = std::mem::take(&mut self.times);
+        if times.is_empty() {
+            return Ok(None);
         }
-        Ok(parts)
+        let values = Float64Array::from(std::mem::take(&mut self.scalars));
+        let list = lists(Arc::new(values), self.spec.scalars, times.len())?;
+        Ok(Some(Part {
+            path: self.spec.path,
+            times,
+            columns: vec![(Scalars::descriptor_scalars(), list)],
+        }))
     }
 }
 
@@ -96,7 +68,8 @@ impl TextRows {
     }
 }
 
-fn own(component: &'static str) -> ComponentDescriptor {
+/// A component of this program.
+pub(super) fn own(component: &'static str) -> ComponentDescriptor {
     ComponentDescriptor::partial(component).with_archetype(schema::PREFIX.into())
 }
 
@@ -119,6 +92,7 @@ pub(in crate::recording::rrd) fn text_column(text: &str) -> ArrayRef {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use arrow::array::Int64Array;
 
     #[test]
     fn list_type_is_stated() {

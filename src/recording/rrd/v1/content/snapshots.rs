@@ -1,19 +1,19 @@
 //! The snapshots that a file's rows make.
 
-use nalgebra::{Quaternion, Translation3, UnitQuaternion};
-
 use super::Content;
 use crate::recording::RecordingMeta;
-use crate::recording::rrd::schema::{self, SAFE_PREFIX, table};
+use crate::recording::rrd::schema::{SAFE_PREFIX, health_from};
+use crate::recording::rrd::snapshots::{pose, recorded_command};
+use crate::recording::rrd::v1::schema::table;
 use crate::signal::{
     BOARDS, CHAMBERS, Delivered, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw,
-    LinkStatus, Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, Quality,
-    RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+    LinkStatus, Matrix6, Mode, OrientationGoal, PressureCommand, Quality, RawFrame, SIGNALS,
+    SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
 };
 
 impl Content {
     /// The snapshots of all rows, which are brought in order of time.
-    pub fn snapshots(&mut self, meta: &RecordingMeta) -> Part {
+    pub fn snapshots(&mut self, meta: &RecordingMeta) -> Vec<Snapshot> {
         for rows in self.scalars.iter_mut().chain(&mut self.exact) {
             rows.sort();
         }
@@ -23,23 +23,12 @@ impl Content {
         self.events.sort_by_key(|e| e.stamp);
         let mut ticks = self.ints[table::TICK].times.clone();
         ticks.dedup();
-        let modes: Vec<(Stamp, String)> = self
-            .events
-            .iter()
-            .filter(|e| e.log == "mode")
-            .map(|e| {
-                let reason = e.text.strip_prefix(SAFE_PREFIX).unwrap_or_default();
-                (e.stamp, reason.to_owned())
-            })
-            .collect();
-        let before = |t: Option<i64>| t.map_or(ticks.len(), |t| ticks.partition_point(|x| *x < t));
-        let goals = &self.ints[table::GOAL].times;
-        let before_goal = before(goals.first().copied());
-        let has_goal = !goals.is_empty();
-        let before_mode = before(modes.first().map(|(s, _)| s.0));
-        let last_reason = modes.last().map(|(_, reason)| reason.clone());
+        let modes = self.events.iter().filter(|e| e.log == "mode").map(|e| {
+            let reason = e.text.strip_prefix(SAFE_PREFIX).unwrap_or_default();
+            (e.stamp, reason.to_owned())
+        });
+        let mut next_mode = modes.collect::<Vec<_>>().into_iter().peekable();
         let mut reason = String::new();
-        let mut next_mode = modes.into_iter().peekable();
         let mut snapshots = Vec::with_capacity(ticks.len());
         for t in ticks {
             while let Some((_, text)) = next_mode.next_if(|(s, _)| s.0 <= t) {
@@ -47,13 +36,7 @@ impl Content {
             }
             snapshots.push(self.snapshot(t, meta, &reason));
         }
-        Part {
-            snapshots,
-            before_goal,
-            before_mode,
-            goal: has_goal.then(|| self.goal(i64::MAX)),
-            reason: last_reason,
-        }
+        snapshots
     }
 
     fn snapshot(&mut self, t: i64, meta: &RecordingMeta, reason: &str) -> Snapshot {
@@ -128,7 +111,7 @@ impl Content {
 
     fn sensors(&mut self, t: i64) -> Option<SensorFrame> {
         let codes: [i64; 1 + SPRINGS + IMUS + CHAMBERS] = fixed(self.ints[table::HEALTH].row(t))?;
-        let health = |i: usize| schema::health_from(codes[1 + i]);
+        let health = |i: usize| health_from(codes[1 + i]);
         let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMUS].row(t))?;
         Some(SensorFrame {
             stamp: Stamp(codes[0]),
@@ -205,53 +188,10 @@ impl Content {
             1 => Some(Gripper::Closed),
             _ => None,
         };
-        // Limits that the recorded pressures meet exactly: no range, and no change allowed from
-        // the recorded values. What comes out is what was commanded.
-        let limits = PressureLimits {
-            min_pa: f64::NEG_INFINITY,
-            max_pa: f64::INFINITY,
-            rate_pa_s: 0.0,
-        };
-        Some(PressureCommand::limited(
-            Stamp(stamp),
-            recorded_pa,
-            gripper,
-            None,
-            &recorded_pa,
-            &limits,
-        ))
+        Some(recorded_command(Stamp(stamp), recorded_pa, gripper))
     }
 }
 
 fn fixed<T: Copy, const N: usize>(row: Option<&[T]>) -> Option<[T; N]> {
     row?.try_into().ok()
-}
-
-/// x, y, z, i, j, k, w; not normalised, so that the value read is the value written.
-fn pose(v: &[f64]) -> Pose {
-    Pose::from_parts(
-        Translation3::new(v[0], v[1], v[2]),
-        UnitQuaternion::new_unchecked(Quaternion::new(v[6], v[3], v[4], v[5])),
-    )
-}
-
-/// Snapshots of a part of a file.
-pub struct Part {
-    pub snapshots: Vec<Snapshot>,
-    /// Number of them before the part's first entry on the goal.
-    pub before_goal: usize,
-    /// Number of them before the part's first entry on the mode.
-    pub before_mode: usize,
-    /// Goal at the end of this part, for the next one; `None` when this part does not state it.
-    pub goal: Option<Option<Goal>>,
-    pub reason: Option<String>,
-}
-
-/// State that a snapshot takes over from those before it.
-#[derive(Clone, Debug, Default)]
-pub struct Carried {
-    /// Where the tip shall go.
-    pub goal: Option<Goal>,
-    /// Why the twin is SAFE.
-    pub reason: String,
 }

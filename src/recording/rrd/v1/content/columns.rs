@@ -38,13 +38,6 @@ impl<T: Copy> Rows<T> {
         self.times.sort_unstable();
     }
 
-    /// Clears the rows and keeps their capacity.
-    pub(super) fn clear(&mut self) {
-        self.times.clear();
-        self.values.clear();
-        self.at = 0;
-    }
-
     /// The row at a time, for times that only grow.
     pub(super) fn row(&mut self, t: i64) -> Option<&[T]> {
         while self.times.get(self.at).is_some_and(|x| *x < t) {

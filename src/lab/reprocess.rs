@@ -1,0 +1,268 @@
+//! A recording computed again from its raw frames, through another calibration, other networks or newer code.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use sha2::{Digest as _, Sha256};
+
+use super::Progress;
+use crate::learn::estimate;
+use crate::recording::{
+    RecordingFile, RecordingMeta, RecordingSummary, RecordingWriter, Selection,
+};
+use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
+use crate::signal::{Estimate, SensorFrame, Snapshot, Stamp, hex};
+use crate::twin::{Maps, Reading, sensing_for};
+
+/// Time that is read and computed at once, s.
+const WINDOW_S: f64 = 30.0;
+
+/// What a recording is computed with.
+pub struct Means<'a> {
+    /// The arm.
+    pub robot: &'a RobotSpec,
+    /// Its networks.
+    pub maps: &'a Maps,
+    /// Text of the calibration (TOML); the one in the recording without it.
+    pub calibration: Option<String>,
+}
+
+/// Computes sensors and poses of a recording again and writes them with all that was measured and commanded. Equal input
+/// and means give equal bytes. The estimator begins with the recording's first frame.
+///
+/// # Errors
+/// When a file cannot be read or written, and when the recording holds no calibration and none is given.
+pub fn reprocess(
+    input: &Path,
+    out: &Path,
+    means: &Means<'_>,
+    progress: &dyn Progress,
+) -> Result<RecordingSummary> {
+    let source = RecordingFile::open(input)?;
+    let text = means
+        .calibration
+        .clone()
+        .unwrap_or_else(|| source.meta().calibration.clone());
+    anyhow::ensure!(
+        !text.is_empty(),
+        "{} holds no calibration: name one with --calibration",
+        input.display()
+    );
+    let calibration = Calibration::from_toml(&text)
+        .with_context(|| format!("the calibration for {}", input.display()))?;
+    let mut sensing = sensing_for(means.robot, &calibration);
+    let meta = meta(source.meta(), &text, means);
+    let mut writer = RecordingWriter::create_like(out, meta, &source)?;
+    let mut computed = Computed::default();
+    let mut from = None;
+    // A recording of the first layout is read whole.
+    let last = source.last();
+    let windows = last.map_or(1, |last| (last.seconds() / WINDOW_S).ceil() as usize);
+    progress.stage("reprocess", windows);
+    loop {
+        let to = match (last, from) {
+            (None, _) => None,
+            (Some(last), from) => {
+                let begin: Stamp = from.unwrap_or(Stamp::ZERO);
+                Some(begin.plus(WINDOW_S)).filter(|to| to.0 < last.0)
+            }
+        };
+        let part = Selection {
+            from,
+            to,
+            at_least_apart_s: 0.0,
+        };
+        let read = source.read(&part, &mut |_| true)?;
+        let mut events = read.events.iter().filter(|e| e.log == "events").peekable();
+        for snapshot in &read.trace.snapshots {
+            while let Some(event) = events.next_if(|e| e.stamp <= snapshot.stamp) {
+                writer.event(event.stamp, &event.text)?;
+            }
+            writer.push(&computed.of(snapshot, &mut sensing, means.maps))?;
+        }
+        for event in events {
+            writer.event(event.stamp, &event.text)?;
+        }
+        writer.copy_pictures(&source, &part)?;
+        let Some(to) = to else { break };
+        progress.item_done();
+        from = Some(Stamp(to.0 + 1));
+    }
+    progress.stage_done("");
+    Ok(writer.finish()?)
+}
+
+/// The new recording as a whole; its identity follows from what it is made of.
+fn meta(old: &RecordingMeta, calibration: &str, means: &Means<'_>) -> RecordingMeta {
+    let program = env!("CARGO_PKG_VERSION");
+    let parts = [
+        &old.id,
+        calibration,
+        &means.maps.networks,
+        &means.robot.hash,
+        program,
+    ];
+    let digest = hex(&Sha256::digest(parts.join("\n")));
+    RecordingMeta {
+        id: format!("{}-{}", old.id, &digest[..12]),
+        robot: means.robot.name.clone(),
+        robot_hash: means.robot.hash.clone(),
+        calibration: calibration.to_owned(),
+        networks: means.maps.networks.clone(),
+        program: program.to_owned(),
+        derived_from: format!(
+            "{}, computed again from its raw frames ({})",
+            old.name, old.id
+        ),
+        ..old.clone()
+    }
+}
+
+/// What was made of the newest raw frame.
+#[derive(Default)]
+struct Computed {
+    newest: Option<Stamp>,
+    sensors: Option<SensorFrame>,
+    estimate: Option<Estimate>,
+}
+
+impl Computed {
+    /// A snapshot with what follows from its raw frame.
+    fn of(
+        &mut self,
+        snapshot: &Snapshot,
+        sensing: &mut crate::sensing::Sensing,
+        maps: &Maps,
+    ) -> Snapshot {
+        if let Some(raw) = &snapshot.raw
+            && self.newest.is_none_or(|newest| raw.stamp > newest)
+        {
+            self.newest = Some(raw.stamp);
+            if let Reading::Whole(frame, eval) = maps.read(sensing, raw) {
+                self.estimate = Some(estimate(frame.stamp, &eval));
+                self.sensors = Some(*frame);
+            }
+        }
+        Snapshot {
+            sensors: self.sensors.clone(),
+            estimate: self.estimate.clone(),
+            ..snapshot.clone()
+        }
+    }
+}
+
+#[cfg(all(test, feature = "rrd"))]
+mod tests {
+    use super::*;
+    use crate::drive::{DEFAULT_RIG, model};
+    use crate::lab::Silent;
+    use crate::recording::read_rrd;
+
+    fn golden() -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/golden/layout-1.rrd")
+    }
+
+    fn computed(name: &str, calibration: Option<String>) -> std::path::PathBuf {
+        let name = format!("springtwin-reprocess-{name}-{}.rrd", std::process::id());
+        let out = std::env::temp_dir().join(name);
+        let robot = RobotSpec::reference();
+        let maps = model::maps_for(&robot, DEFAULT_RIG).unwrap();
+        let means = Means {
+            robot: &robot,
+            maps: &maps,
+            calibration,
+        };
+        reprocess(&golden(), &out, &means, &Silent).unwrap();
+        out
+    }
+
+    /// The same recording and the same means give the same bytes; and close to what the twin computed when it recorded.
+    #[test]
+    fn the_same_twice_is_the_same_file() {
+        let [one, two] = ["one", "two"].map(|name| computed(name, None));
+        assert!(std::fs::read(&one).unwrap() == std::fs::read(&two).unwrap());
+        let old = read_rrd(&golden()).unwrap().trace.snapshots;
+        let new = read_rrd(&one).unwrap();
+        assert!(new.meta.derived_from.contains("computed again"));
+        assert_eq!(new.trace.snapshots.len(), old.len());
+        let mut compared = 0;
+        for (new, old) in new.trace.snapshots.iter().zip(&old).skip(60) {
+            assert_eq!(
+                (&new.raw, &new.truth, &new.mode),
+                (&old.raw, &old.truth, &old.mode)
+            );
+            let (Some(new), Some(old)) = (&new.estimate, &old.estimate) else {
+                continue;
+            };
+            let apart = new.base_from_tip.translation.vector - old.base_from_tip.translation.vector;
+            assert!(apart.norm() < 1e-3, "{} mm", 1e3 * apart.norm());
+            compared += 1;
+        }
+        assert!(compared > 50, "{compared}");
+        for path in [one, two] {
+            std::fs::remove_file(path).unwrap();
+        }
+    }
+
+    /// With another curve of a spring its lengths are those of the curve's formula (eq. 1 and 2 of the paper).
+    #[test]
+    fn lengths_follow_from_the_calibration_that_is_given() {
+        let old = RecordingFile::open(&golden())
+            .unwrap()
+            .meta()
+            .calibration
+            .clone();
+        // Springs between the points of the drawing, so that nothing but the curve decides.
+        let plain: Vec<&str> = old
+            .lines()
+            .filter(|l| !l.starts_with("top_off") && !l.starts_with("bottom_off"))
+            .collect();
+        let plain = plain.join("\n");
+        let value = |name: &str| -> Vec<f64> {
+            let line = plain.lines().find(|l| l.starts_with(name)).unwrap();
+            let numbers = line
+                .split('=')
+                .nth(1)
+                .unwrap()
+                .trim()
+                .trim_matches(['[', ']']);
+            numbers
+                .split(',')
+                .map(|n| n.trim().parse().unwrap())
+                .collect()
+        };
+        let coefficients = value("coefficients_mm");
+        let first = format!("coefficients_mm = [{}", coefficients[0]);
+        let other = plain.replacen(
+            &first,
+            &format!("coefficients_mm = [{}", coefficients[0] + 2.5),
+            1,
+        );
+        assert_ne!(plain, other);
+        let path = computed("curve", Some(other));
+        let (mut compared, mut sum_mm) = (0, 0.0);
+        for s in read_rrd(&path).unwrap().trace.snapshots.iter().skip(60) {
+            let (Some(raw), Some(frame)) = (&s.raw, &s.sensors) else {
+                continue;
+            };
+            let rate_hz = raw.tick_rate_hz[0] / f64::from(raw.spring_gate_ticks[0]);
+            let f = f64::from(raw.spring_counts[0]) * rate_hz;
+            let omega = std::f64::consts::TAU * f;
+            let henry = 1.0 / (value("capacitance_pf")[0] * 1e-12 * omega * omega);
+            let reading_uh = henry * 1e6 - value("compensation_uh")[0];
+            let u = (1.0 / reading_uh - value("center")[0]) / value("scale")[0];
+            let powers = coefficients.iter().enumerate();
+            let mm: f64 = 2.5 + powers.map(|(k, c)| c * u.powi(k as i32)).sum::<f64>();
+            // A reading is brought to the time of its frame by the motion that the filter sees: a few µm at rest.
+            let off_mm = 1e3 * frame.sensors.spring_m[0] - mm;
+            assert!(off_mm.abs() < 0.05, "{off_mm} mm beside {mm} mm");
+            sum_mm += off_mm;
+            compared += 1;
+        }
+        assert!(compared > 50, "{compared}");
+        let mean_mm = sum_mm / f64::from(compared);
+        assert!(mean_mm.abs() < 0.005, "{mean_mm}");
+        std::fs::remove_file(path).unwrap();
+    }
+}

@@ -1,0 +1,399 @@
+//! The snapshots that the rows of a batch make.
+
+use arrow::array::{Array, AsArray, ListArray};
+use arrow::datatypes::{Float32Type, Float64Type, Int64Type, UInt32Type};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use rerun::log::Chunk;
+use rerun::{ComponentIdentifier, TextLog, TimelineName};
+
+use super::schema::{self, COLUMNS, Kind, column};
+use crate::recording::{RecordedEvent, RecordingMeta};
+use crate::signal::{
+    BOARDS, CHAMBERS, Delivered, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw,
+    LinkStatus, Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, Quality,
+    RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+};
+
+/// Times of a table on the session's timeline, ns; `None` for a table without.
+pub(super) fn times(chunk: &Chunk) -> Option<Vec<i64>> {
+    let timeline = TimelineName::try_new(schema::TIMELINE).ok()?;
+    let column = chunk.timelines().get(&timeline)?;
+    Some(column.times_raw().to_vec())
+}
+
+/// The values of a column, of whichever type.
+enum Values<'a> {
+    F64(&'a [f64]),
+    F32(&'a [f32]),
+    I64(&'a [i64]),
+    U32(&'a [u32]),
+    Text(&'a arrow::array::StringArray),
+}
+
+/// A column with what is in force at the present row.
+struct Current<'a> {
+    list: &'a ListArray,
+    values: Values<'a>,
+    width: usize,
+    /// Where the present value lies; `None` where there is none.
+    at: Option<(usize, usize)>,
+    /// Rows with a new value, and times of the first and the last of them.
+    seen: Option<(u64, i64, i64)>,
+}
+
+/// How often a column had a new value, and between which times, ns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    pub(super) rows: u64,
+    pub(super) first: i64,
+    pub(super) last: i64,
+}
+
+/// The rows of one batch.
+pub(super) struct Rows<'a> {
+    times: Vec<i64>,
+    columns: Vec<Option<Current<'a>>>,
+}
+
+impl<'a> Rows<'a> {
+    /// Looks into a batch.
+    ///
+    /// # Errors
+    /// A sentence for a column of another type than it should have.
+    pub(super) fn of(chunk: &'a Chunk) -> Result<Self, String> {
+        let times = times(chunk).ok_or("a table without the session's time")?;
+        let columns = COLUMNS.iter().map(|spec| {
+            let component = ComponentIdentifier::from(spec.name);
+            let list = chunk.components().get_array(component);
+            let Some(list) = list else {
+                return Ok(None);
+            };
+            let values = list.values();
+            let typed = match spec.kind {
+                Kind::F64 => values
+                    .as_primitive_opt::<Float64Type>()
+                    .map(|v| Values::F64(v.values())),
+                Kind::F32 => values
+                    .as_primitive_opt::<Float32Type>()
+                    .map(|v| Values::F32(v.values())),
+                Kind::I64 => values
+                    .as_primitive_opt::<Int64Type>()
+                    .map(|v| Values::I64(v.values())),
+                Kind::U32 => values
+                    .as_primitive_opt::<UInt32Type>()
+                    .map(|v| Values::U32(v.values())),
+                Kind::Text => values.as_string_opt::<i32>().map(Values::Text),
+            };
+            let values = typed.ok_or_else(|| format!("{}: values of another type", spec.name))?;
+            Ok(Some(Current {
+                list,
+                values,
+                width: spec.width,
+                at: None,
+                seen: None,
+            }))
+        });
+        Ok(Self {
+            columns: columns.collect::<Result<_, String>>()?,
+            times,
+        })
+    }
+
+    /// The snapshots of the rows that `wanted` selects by their times, in order.
+    ///
+    /// # Errors
+    /// A sentence for a row of another width than its column.
+    pub(super) fn snapshots(
+        &mut self,
+        meta: &RecordingMeta,
+        mut wanted: impl FnMut(i64) -> bool,
+    ) -> Result<Vec<Snapshot>, String> {
+        let mut snapshots = Vec::with_capacity(self.times.len());
+        for row in 0..self.times.len() {
+            let t = self.times[row];
+            for (spec, column) in COLUMNS.iter().zip(&mut self.columns) {
+                if let Some(column) = column {
+                    column
+                        .go_to(row, t)
+                        .map_err(|e| format!("{}: {e}", spec.name))?;
+                }
+            }
+            if wanted(t) {
+                snapshots.push(self.snapshot(t, meta));
+            }
+        }
+        Ok(snapshots)
+    }
+
+    /// What was seen of every column.
+    pub(super) fn seen(&self) -> impl Iterator<Item = Option<Seen>> {
+        self.columns.iter().map(|c| {
+            let (rows, first, last) = c.as_ref()?.seen?;
+            Some(Seen { rows, first, last })
+        })
+    }
+
+    fn f64<const N: usize>(&self, column: usize) -> Option<[f64; N]> {
+        let c = self.columns[column].as_ref()?;
+        let (from, to) = c.at?;
+        match &c.values {
+            Values::F64(v) => v[from..to].try_into().ok(),
+            Values::F32(v) => {
+                let v: &[f32; N] = v[from..to].try_into().ok()?;
+                Some(v.map(f64::from))
+            }
+            _ => None,
+        }
+    }
+
+    fn i64<const N: usize>(&self, column: usize) -> Option<[i64; N]> {
+        let c = self.columns[column].as_ref()?;
+        let (from, to) = c.at?;
+        match &c.values {
+            Values::I64(v) => v[from..to].try_into().ok(),
+            _ => None,
+        }
+    }
+
+    fn u32<const N: usize>(&self, column: usize) -> Option<[u32; N]> {
+        let c = self.columns[column].as_ref()?;
+        let (from, to) = c.at?;
+        match &c.values {
+            Values::U32(v) => v[from..to].try_into().ok(),
+            _ => None,
+        }
+    }
+
+    fn text(&self, column: usize) -> String {
+        let text = || {
+            let c = self.columns[column].as_ref()?;
+            let (from, to) = c.at?;
+            match &c.values {
+                Values::Text(v) if from < to && v.is_valid(from) => Some(v.value(from).to_owned()),
+                _ => None,
+            }
+        };
+        text().unwrap_or_default()
+    }
+
+    fn snapshot(&self, t: i64, meta: &RecordingMeta) -> Snapshot {
+        let mut snapshot = Snapshot {
+            stamp: Stamp(t),
+            payload_kg: meta.payload_kg,
+            raw: self.raw(),
+            sensors: self.sensors(),
+            estimate: self.estimate(),
+            truth: self.truth(),
+            goal: self.goal(),
+            sensor_ref: self.f64::<SIGNALS>(column::SENSOR_REF).map(SensorRef::from),
+            command: self.command(),
+            ..Snapshot::default()
+        };
+        if let Some([connected, age_s, rate_0, rate_1, payload_kg]) = self.f64(column::LINK) {
+            snapshot.payload_kg = payload_kg;
+            snapshot.link = LinkStatus {
+                connected: connected != 0.0,
+                source: meta.source.clone(),
+                simulated: meta.simulated == Some(true),
+                age_s,
+                board_rate_hz: [rate_0, rate_1],
+                ..LinkStatus::default()
+            };
+        }
+        if let Some([frames, frames_lost, mode]) = self.i64(column::LINK_COUNTS) {
+            snapshot.link.frames = frames as u64;
+            snapshot.link.frames_lost = frames_lost as u64;
+            snapshot.mode = match mode {
+                1 => Mode::Hold,
+                2 => Mode::Moving,
+                3 => Mode::AtGoal,
+                4 => Mode::Safe(self.text(column::MODE_REASON)),
+                _ => Mode::Disarmed,
+            };
+        }
+        snapshot
+    }
+
+    fn raw(&self) -> Option<RawFrame> {
+        let [seq, stamp, present, faults] = self.i64(column::RAW_FRAME)?;
+        let [rate_0, rate_1, sd_0, sd_1, age_0, age_1] = self.f64(column::RAW_CLOCKS)?;
+        let gyro: [f64; 3 * IMUS] = self.f64(column::RAW_GYRO)?;
+        let accel: [f64; 3 * IMUS] = self.f64(column::RAW_ACCEL)?;
+        let board_age_s: [f64; BOARDS] = [age_0, age_1];
+        Some(RawFrame {
+            seq: seq as u32,
+            stamp: Stamp(stamp),
+            spring_counts: self.u32(column::RAW_COUNTS)?,
+            spring_gate_ticks: self.u32(column::RAW_GATES)?,
+            tick_rate_hz: [rate_0, rate_1],
+            tick_rate_sd: [sd_0, sd_1],
+            imu: std::array::from_fn(|i| ImuRaw {
+                gyro_rad_s: std::array::from_fn(|k| gyro[3 * i + k]),
+                accel_m_s2: std::array::from_fn(|k| accel[3 * i + k]),
+            }),
+            chamber_pa: self.f64(column::RAW_PRESSURE)?,
+            present: present as u32,
+            board_age_s,
+            faults: faults as u16,
+        })
+    }
+
+    fn sensors(&self) -> Option<SensorFrame> {
+        let [stamp] = self.i64(column::SENSOR_STAMP)?;
+        let codes: [u32; SPRINGS + IMUS + CHAMBERS] = self.u32(column::HEALTH)?;
+        let health = |i: usize| schema::health_from(codes[i].into());
+        let imu_rad: [f64; 3 * IMUS] = self.f64(column::IMUS)?;
+        let delivered = self.f64::<SIGNALS>(column::DELIVERED);
+        Some(SensorFrame {
+            stamp: Stamp(stamp),
+            extra_sigma: self.f64(column::EXTRA_SIGMA).unwrap_or([0.0; SIGNALS]),
+            delivered: delivered
+                .map(|d| Delivered::from_array(&d))
+                .unwrap_or_default(),
+            sensors: SensorVec {
+                spring_m: self.f64(column::SPRINGS)?,
+                imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
+            },
+            chamber_pa: self.f64(column::PRESSURE)?,
+            health: Health {
+                springs: std::array::from_fn(health),
+                imus: std::array::from_fn(|i| health(SPRINGS + i)),
+                chambers: std::array::from_fn(|i| health(SPRINGS + IMUS + i)),
+            },
+            quality: Quality::default(),
+        })
+    }
+
+    fn estimate(&self) -> Option<Estimate> {
+        let [stamp] = self.i64(column::ESTIMATE_STAMP)?;
+        let values: [f64; 8] = self.f64(column::ESTIMATE)?;
+        let triangle: [f64; 21] = self.f64(column::COVARIANCE)?;
+        let mut covariance = Matrix6::zeros();
+        let places = (0..6).flat_map(|c| (c..6).map(move |r| (r, c)));
+        for ((r, c), value) in places.zip(triangle) {
+            covariance[(r, c)] = value;
+            covariance[(c, r)] = value;
+        }
+        Some(Estimate {
+            stamp: Stamp(stamp),
+            base_from_tip: pose(&values),
+            training_distance: values[7],
+            covariance,
+        })
+    }
+
+    fn truth(&self) -> Option<GroundTruth> {
+        let [stamp, source] = self.i64(column::MOCAP)?;
+        let values: [f64; 7] = self.f64(column::MOCAP_POSE)?;
+        Some(GroundTruth {
+            stamp: Stamp(stamp),
+            base_from_tip: pose(&values),
+            source: match source {
+                0 => TruthSource::Vicon,
+                _ => TruthSource::VirtualRig,
+            },
+        })
+    }
+
+    fn goal(&self) -> Option<Goal> {
+        let [aim] = self.i64(column::GOAL)?;
+        let values: [f64; 8] = self.f64(column::GOAL_POSE)?;
+        Some(Goal {
+            position_m: [values[0], values[1], values[2]],
+            orientation: match aim {
+                0 => OrientationGoal::Free,
+                1 => OrientationGoal::Rotation(pose(&values).rotation),
+                _ => OrientationGoal::Direction(nalgebra::Unit::new_normalize(
+                    nalgebra::Vector3::new(values[3], values[4], values[5]),
+                )),
+            },
+            tolerance_m: values[7],
+        })
+    }
+
+    fn command(&self) -> Option<PressureCommand> {
+        let [stamp, gripper] = self.i64(column::COMMAND)?;
+        let recorded_pa: [f64; CHAMBERS] = self.f64(column::SET)?;
+        let gripper = match gripper {
+            0 => Some(Gripper::Open),
+            1 => Some(Gripper::Closed),
+            _ => None,
+        };
+        Some(recorded_command(Stamp(stamp), recorded_pa, gripper))
+    }
+}
+
+/// A command that was recorded. Its limits are met exactly by the recorded pressures: no range, and no change allowed
+/// from the recorded values. What comes out is what was commanded.
+pub(super) fn recorded_command(
+    stamp: Stamp,
+    recorded_pa: [f64; CHAMBERS],
+    gripper: Option<Gripper>,
+) -> PressureCommand {
+    let limits = PressureLimits {
+        min_pa: f64::NEG_INFINITY,
+        max_pa: f64::INFINITY,
+        rate_pa_s: 0.0,
+    };
+    PressureCommand::limited(stamp, recorded_pa, gripper, None, &recorded_pa, &limits)
+}
+
+impl Current<'_> {
+    /// Makes a row the present one.
+    fn go_to(&mut self, row: usize, t: i64) -> Result<(), String> {
+        if self.list.is_null(row) {
+            return Ok(());
+        }
+        let offsets = self.list.value_offsets();
+        let (from, to) = (offsets[row] as usize, offsets[row + 1] as usize);
+        if from == to {
+            self.at = None;
+            return Ok(());
+        }
+        if to - from != self.width {
+            return Err(format!("{} values, {} expected", to - from, self.width));
+        }
+        self.at = Some((from, to));
+        let (rows, _, last) = self.seen.get_or_insert((0, t, t));
+        *rows += 1;
+        *last = t;
+        Ok(())
+    }
+}
+
+/// x, y, z, i, j, k, w; not normalised, so that the value read is the value written.
+pub(super) fn pose(v: &[f64]) -> Pose {
+    Pose::from_parts(
+        Translation3::new(v[0], v[1], v[2]),
+        UnitQuaternion::new_unchecked(Quaternion::new(v[6], v[3], v[4], v[5])),
+    )
+}
+
+/// The lines of a text log.
+pub(super) fn events(chunk: &Chunk) -> Vec<RecordedEvent> {
+    let path = chunk.entity_path().to_string();
+    let list = chunk
+        .components()
+        .get_array(TextLog::descriptor_text().component);
+    let (Some(list), Some(times)) = (list, times(chunk)) else {
+        return Vec::new();
+    };
+    let mut events = Vec::new();
+    for (i, t) in times.iter().enumerate() {
+        if list.is_null(i) {
+            continue;
+        }
+        let row = list.value(i);
+        if let Some(text) = row.as_string_opt::<i32>()
+            && !text.is_empty()
+            && text.is_valid(0)
+        {
+            events.push(RecordedEvent {
+                stamp: Stamp(*t),
+                log: path.trim_start_matches('/').to_owned(),
+                text: text.value(0).to_owned(),
+            });
+        }
+    }
+    events
+}
