@@ -15,7 +15,9 @@ mod viewer;
 
 use std::net::SocketAddr;
 use std::path::Path;
-use std::sync::mpsc::sync_channel;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
 
 use anyhow::Result;
@@ -23,6 +25,7 @@ use anyhow::Result;
 use super::Report;
 use super::args::{Drill, Kind};
 use super::model;
+use super::signals::{Wake, asked_to_end_waking};
 use super::user;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
@@ -68,6 +71,9 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     {
         anyhow::bail!("there is no display: use `springtwin run --headless`, or set DISPLAY");
     }
+    // Before any other thread: all of them leave these signals alone.
+    let wake = Wake::default();
+    let ends = asked_to_end_waking(Arc::clone(&wake))?;
     let rigs = Rigs {
         rig: rig.to_owned(),
         robot: robot.clone(),
@@ -77,6 +83,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         kind: a.kind,
         instruments: a.instruments.clone(),
         twins: Twins::default(),
+        ends: Arc::clone(&ends),
         stall: a.drill.iter().find_map(Drill::stall),
         data: user::data_folder(),
     };
@@ -97,6 +104,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         ..eframe::NativeOptions::default()
     };
     let (rig, robot) = (rig.to_owned(), robot.clone());
+    let app_ends = Arc::clone(&ends);
     let robot_file = robot_file.map(Path::to_owned);
     let begin: device::Begin<'_> = Box::new(move |cc| {
         let mut pace = Pace::default();
@@ -105,6 +113,10 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             pace: pace.wanted(),
         };
         pace.drawn_by(cc.wgpu_render_state.as_ref());
+        let asked = asks.waker()?;
+        let _ = wake.set(Box::new(move || {
+            let _ = asked.try_send(());
+        }));
         let handle = rigs.start(&rig, made, asks.repaint()?)?;
         if let Some(stream) = stream {
             handle.send(stream).map_err(anyhow::Error::msg)?;
@@ -112,6 +124,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         let services = services(asks, rigs, calibration);
         let mut app = App::new(Some(handle), robot.clone(), services);
         app.pace = pace;
+        app.ends = app_ends;
         app.services.gap = gap::services(
             &cc.egui_ctx,
             &robot,
@@ -139,6 +152,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         log::warn!("the disk takes too long: a recording may lack its end");
     }
     shown?;
+    anyhow::ensure!(!ends.load(Ordering::Relaxed), springtwin::drive::ENDED);
     Ok(super::silent())
 }
 
@@ -153,9 +167,9 @@ struct Asks {
 }
 
 impl Asks {
-    /// To be called after every tick. It only wakes a thread: the window's lock may be held by a frame under way.
-    fn repaint(&self) -> std::io::Result<impl FnMut() + Send + 'static> {
-        let Self { ctx, pace } = self.clone();
+    /// What wakes a thread that asks for a frame: the window's lock may be held by a frame under way.
+    fn waker(&self) -> std::io::Result<SyncSender<()>> {
+        let ctx = self.ctx.clone();
         let (wake, woken) = sync_channel(1);
         let ask = move || {
             while woken.recv().is_ok() {
@@ -165,6 +179,12 @@ impl Asks {
         };
         let thread = std::thread::Builder::new().name("repaint".to_owned());
         thread.spawn(ask)?;
+        Ok(wake)
+    }
+
+    /// To be called after every tick.
+    fn repaint(&self) -> std::io::Result<impl FnMut() + Send + 'static> {
+        let (wake, pace) = (self.waker()?, self.pace.clone());
         let mut ticks = 0u32;
         Ok(move || {
             let every = (1.0 / (TICK_S * f64::from(pace.at_most_hz()))) as u32;

@@ -4,6 +4,7 @@ mod device;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::TryRecvError;
 use std::time::Duration;
 
@@ -86,6 +87,8 @@ pub struct App {
     vent: Vent,
     /// The operator is asked whether the window may close although the arm is armed.
     asks_to_close: bool,
+    /// Closes the window once it is set, without a question: the program was asked to end.
+    pub ends: Arc<AtomicBool>,
     /// Window time of the newest snapshot, s.
     heard_at_s: f64,
     /// What the twin could be connected to.
@@ -208,6 +211,7 @@ impl App {
             resume: Resume::default(),
             vent: Vent::default(),
             asks_to_close: false,
+            ends: Arc::default(),
             heard_at_s: 0.0,
             connection: Connection::default(),
             welcome: false,
@@ -464,9 +468,16 @@ impl App {
         (is_silent && silent_s > SILENT_S).then_some(silent_s)
     }
 
-    /// Keeps a window on an armed hardware arm open until the operator has agreed to close it, also where nothing of
-    /// it is painted: minimised or hidden. Call before each frame, and instead of one that is not painted.
+    /// Keeps a window on an armed hardware arm open until the operator has agreed to close it, and closes one whose
+    /// program was asked to end, also where nothing of it is painted: minimised or hidden. Call before each frame, and instead of one that is not painted.
     pub fn logic(&mut self, ctx: &egui::Context) {
+        if self.ends.load(Ordering::Relaxed) {
+            self.asks_to_close = false;
+            // The pumps are off before anything is stored or torn down.
+            self.leave_twin();
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+            return;
+        }
         let wanted = ctx.input(|i| i.viewport().close_requested());
         let Some(handle) = self.handle.as_ref().filter(|_| wanted) else {
             return;
