@@ -203,4 +203,22 @@ mod tests {
         ];
         assert_eq!(told, wanted);
     }
+
+    /// The bridges' numbers belong to modems and instruments, too.
+    #[test]
+    fn the_rules_for_ports_give_away_no_bridge_by_its_kind_alone() {
+        let rules = include_str!("../../assets/package/70-springtwin.rules");
+        let lines = rules.lines().filter(|l| l.contains("uaccess"));
+        let (out, active): (Vec<_>, Vec<_>) = lines.partition(|l| l.starts_with('#'));
+        for line in active {
+            let is_board = ["2341", "2a03"].iter().any(|v| line.contains(v));
+            let is_named = ["ATTRS{product}==", "ATTRS{serial}=="]
+                .iter()
+                .any(|by| line.contains(by));
+            assert!(is_board || is_named, "{line}");
+        }
+        for bridge in ["1a86", "0403", "10c4"] {
+            assert!(out.iter().any(|l| l.contains(bridge)), "{bridge}");
+        }
+    }
 }
