@@ -14,6 +14,8 @@ pub struct PortInfo {
     pub name: String,
     /// What is behind it, as far as the operating system reports; may be empty.
     pub what: String,
+    /// Serial number of the USB device behind it.
+    pub usb_serial: Option<String>,
 }
 
 /// A change of the list.
@@ -51,6 +53,10 @@ fn described(found: Vec<SerialPortInfo>) -> Vec<PortInfo> {
     let mut ports: Vec<PortInfo> = found
         .into_iter()
         .map(|p| PortInfo {
+            usb_serial: match &p.port_type {
+                SerialPortType::UsbPort(usb) => usb.serial_number.clone(),
+                _ => None,
+            },
             what: match p.port_type {
                 SerialPortType::UsbPort(usb) => {
                     let parts = [usb.manufacturer, usb.product, usb.serial_number];
@@ -136,6 +142,7 @@ mod tests {
         PortInfo {
             name: name.into(),
             what: what.into(),
+            usb_serial: None,
         }
     }
 
