@@ -21,7 +21,10 @@ pub fn asked_to_end_waking(wake: Wake) -> Result<Arc<AtomicBool>> {
     use std::sync::atomic::Ordering;
 
     use anyhow::Context as _;
-    let signals = ending();
+    let mut signals = ending();
+    if outlives_its_terminal() {
+        signals.remove(nix::sys::signal::Signal::SIGHUP);
+    }
     signals.thread_block().context("cannot take signals")?;
     let asked = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&asked);
@@ -66,6 +69,21 @@ pub fn taken_by_child<T>(start: impl FnOnce() -> T) -> T {
     start()
 }
 
+/// Whether the process was started to go on when its terminal is closed (`nohup`): where that is known, on Linux.
+#[cfg(unix)]
+fn outlives_its_terminal() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    ignores(&status, nix::sys::signal::Signal::SIGHUP)
+}
+
+/// Whether a process with this status ignores a signal.
+#[cfg(unix)]
+fn ignores(status: &str, signal: nix::sys::signal::Signal) -> bool {
+    let mask = status.lines().find_map(|l| l.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok());
+    mask.is_some_and(|m| m & (1 << (signal as u32 - 1)) != 0)
+}
+
 /// The signals that ask a process to end.
 #[cfg(unix)]
 fn ending() -> nix::sys::signal::SigSet {
@@ -105,5 +123,19 @@ mod tests {
         let term = 1 << (nix::sys::signal::Signal::SIGTERM as u64 - 1);
         assert_ne!(blocked(Command::spawn) & term, 0, "it is inherited");
         assert_eq!(blocked(|c| taken_by_child(|| c.spawn())) & term, 0);
+    }
+
+    #[test]
+    fn a_program_that_was_started_with_nohup_outlives_its_terminal() {
+        let status = |hangup: &str| {
+            let mut command = Command::new("sh");
+            let script = format!("{hangup} exec cat /proc/self/status");
+            let out = command.args(["-c", &script]).output().expect("a shell");
+            String::from_utf8(out.stdout).expect("text")
+        };
+        let signal = nix::sys::signal::Signal::SIGHUP;
+        assert!(ignores(&status("trap '' HUP;"), signal));
+        assert!(!ignores("SigIgn:\t0000000000001000\n", signal));
+        assert!(!ignores("", signal));
     }
 }

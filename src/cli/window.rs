@@ -24,6 +24,7 @@ use anyhow::Result;
 
 use super::Report;
 use super::args::{Drill, Kind};
+use super::logging::{Log, LogFile, log_path};
 use super::model;
 use super::signals::{Wake, asked_to_end_waking};
 use super::user;
@@ -60,6 +61,8 @@ pub struct Opening<'a> {
     pub drill: &'a [Drill],
     /// Calibration and motion capture.
     pub instruments: &'a Instruments,
+    /// The log, which the window keeps in a file and whose warnings it shows.
+    pub log: &'a Log,
 }
 
 /// Opens the window on a rig and returns when it is closed and all is written.
@@ -74,6 +77,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     // Before any other thread: all of them leave these signals alone.
     let wake = Wake::default();
     let ends = asked_to_end_waking(Arc::clone(&wake))?;
+    keep(a.log);
     let rigs = Rigs {
         rig: rig.to_owned(),
         robot: robot.clone(),
@@ -105,6 +109,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     };
     let (rig, robot) = (rig.to_owned(), robot.clone());
     let app_ends = Arc::clone(&ends);
+    let warnings = a.log.warnings();
     let robot_file = robot_file.map(Path::to_owned);
     let begin: device::Begin<'_> = Box::new(move |cc| {
         let mut pace = Pace::default();
@@ -125,6 +130,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         let mut app = App::new(Some(handle), robot.clone(), services);
         app.pace = pace;
         app.ends = app_ends;
+        app.warnings = warnings;
         app.services.gap = gap::services(
             &cc.egui_ctx,
             &robot,
@@ -154,6 +160,27 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     shown?;
     anyhow::ensure!(!ends.load(Ordering::Relaxed), springtwin::drive::ENDED);
     Ok(super::silent())
+}
+
+/// Keeps the log in a file of the user's.
+fn keep(log: &Log) {
+    let Some(path) = user::data_folder().map(|data| log_path(&data)) else {
+        return;
+    };
+    let now = jiff::Zoned::now();
+    let first = format!(
+        "[{} springtwin {}] the window opens, process {}",
+        now.strftime("%Y-%m-%dT%H:%M:%S%:z"),
+        env!("CARGO_PKG_VERSION"),
+        std::process::id()
+    );
+    match LogFile::open(&path) {
+        Ok(file) => log.keep(file, &first),
+        Err(e) => log::warn!(
+            "the log is not kept in {} ({e}): give yourself the right to write there",
+            path.display()
+        ),
+    }
 }
 
 /// How long after it is asked for a frame may be painted.

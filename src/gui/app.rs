@@ -5,7 +5,7 @@ mod device;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::TryRecvError;
+use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
 
 use egui::{Panel, Theme, Ui};
@@ -28,7 +28,7 @@ use super::view::{View, live_until_s};
 use crate::analysis::history::History;
 use crate::analysis::player::Player;
 use crate::robot::{RobotSpec, SupplyOff};
-use crate::signal::{Mode, Snapshot, Stamp, Trace};
+use crate::signal::{Mode, Severity, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
 
 /// Key of the kept settings; the number changes when their form does.
@@ -89,6 +89,8 @@ pub struct App {
     asks_to_close: bool,
     /// Closes the window once it is set, without a question: the program was asked to end.
     pub ends: Arc<AtomicBool>,
+    /// Warnings of the program that are not events of its twin.
+    pub warnings: Option<Receiver<(Severity, String)>>,
     /// Window time of the newest snapshot, s.
     heard_at_s: f64,
     /// What the twin could be connected to.
@@ -212,6 +214,7 @@ impl App {
             vent: Vent::default(),
             asks_to_close: false,
             ends: Arc::default(),
+            warnings: None,
             heard_at_s: 0.0,
             connection: Connection::default(),
             welcome: false,
@@ -288,6 +291,9 @@ impl App {
             handle.pictures.count();
         }
         self.drain(&ctx, now_s);
+        for (severity, text) in self.warnings.iter().flat_map(Receiver::try_iter) {
+            self.messages.say(text, severity_level(severity), now_s);
+        }
         self.ask_to_close(&ctx);
         let mut commands = Vec::new();
         self.keys(&ctx, &mut commands);

@@ -528,6 +528,14 @@ fn open_ports(names: &[String]) -> Result<Vec<Box<dyn SerialPort>>, LinkError> {
     names.iter().map(|n| open_port(n, timeout)).collect()
 }
 
+/// Whether a port opens; it is closed again, and nothing is sent. A stock Arduino restarts when its port is opened.
+///
+/// # Errors
+/// [`LinkError`] when it does not, with what to do.
+pub fn check(name: &str) -> Result<(), LinkError> {
+    open_port(name, READ_TIMEOUT).map(drop)
+}
+
 fn open_port(name: &str, timeout: Duration) -> Result<Box<dyn SerialPort>, LinkError> {
     let port = serialport::new(name, BAUD)
         .timeout(timeout)
