@@ -100,10 +100,17 @@ fn saved(robot: &RobotSpec, data: Option<&Path>) -> Vec<Check> {
     let Some(data) = data else {
         return Vec::new();
     };
-    let kinds = [("virtual rig", true), ("hardware", false)];
-    let check = |(of, is_virtual)| {
+    let kinds = [
+        ("virtual rig", true, "the built-in one is used"),
+        (
+            "hardware",
+            false,
+            "calibrate before hardware is armed (springtwin calibrate wizard)",
+        ),
+    ];
+    let check = |(of, is_virtual, without)| {
         let found = match Store::of(robot, is_virtual, data).versions() {
-            Ok(versions) => loads(of, &versions),
+            Ok(versions) => loads(of, &versions, without),
             Err(e) => (false, format!("{of}: {e:#}")),
         };
         Check::of("saved", found)
@@ -111,8 +118,8 @@ fn saved(robot: &RobotSpec, data: Option<&Path>) -> Vec<Check> {
     kinds.map(check).to_vec()
 }
 
-/// Whether all versions load.
-fn loads(of: &str, versions: &[Version]) -> (bool, String) {
+/// Whether all versions load; `without`: what that means where there is none.
+fn loads(of: &str, versions: &[Version], without: &str) -> (bool, String) {
     let damaged = versions.iter().find_map(|v| {
         let why = v.kept.as_ref().err()?;
         Some((v.number, why))
@@ -131,9 +138,7 @@ fn loads(of: &str, versions: &[Version]) -> (bool, String) {
             versions.len(),
             v.number
         ),
-        None => format!(
-            "{of}: none is saved; calibrate before hardware is armed (springtwin calibrate wizard)"
-        ),
+        None => format!("{of}: none is saved; {without}"),
     };
     (true, text)
 }
