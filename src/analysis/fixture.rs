@@ -139,6 +139,8 @@ pub fn snapshot(t_s: f64) -> Snapshot {
             supply_cut: false,
             board_simulated: [Some(true); BOARDS],
             rig: [None; BOARDS],
+            trouble: None,
+            mocap_trouble: None,
             host_delay: None,
             board_rate_hz: [100.0, 99.9],
             board_clock: [(-3.1, -38e-6), (-1207.4, 21e-6)].map(|(offset_s, skew_ratio)| {

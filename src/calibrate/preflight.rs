@@ -103,9 +103,9 @@ fn sensors(s: &Snapshot) -> Vec<Check> {
 fn link(s: &Snapshot) -> Check {
     let verdict = match (&s.link.refusal, s.link.connected) {
         (Some(why), _) => Err(why.clone()),
-        (None, false) => {
-            Err("Plug the boards in and start with --rig PORT, or read a bench log.".into())
-        }
+        (None, false) => Err(s.link.trouble.clone().unwrap_or_else(|| {
+            "Plug the boards in and start with --rig PORT, or read a bench log.".into()
+        })),
         (None, true) => fail(
             s.link.age_s < FRAME_AGE_S,
             "Frames are old: check the cable.",
@@ -129,6 +129,7 @@ fn mocap(s: &Snapshot) -> Check {
     };
     let todo = "The Vicon step will be skipped: start Tracker's stream to have predictions scored.";
     let limit = format!("the end pad seen within {TRUTH_AGE_S:.1} s");
+    let todo = s.link.mocap_trouble.as_deref().unwrap_or(todo);
     check(MOCAP, found.into(), limit, fail(fresh.is_some(), todo))
 }
 

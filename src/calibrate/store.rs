@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::versions::{Kept, NewVersion, Version};
 use crate::drive::read_toml;
-use crate::recording::write_text;
+use crate::recording::{wait_for_lock, write_text};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
@@ -222,10 +222,7 @@ impl Store {
         std::fs::create_dir_all(&self.folder)
             .with_context(|| format!("cannot make the folder {}", self.folder.display()))?;
         let path = self.folder.join(LOCK);
-        let lock = std::fs::File::create(&path)
-            .and_then(|file| file.lock().map(|()| file))
-            .with_context(|| format!("cannot lock {}", path.display()))?;
-        Ok(lock)
+        wait_for_lock(&path).with_context(|| format!("cannot lock {}", path.display()))
     }
 
     /// Saves a version of `date` and makes it the active one; its number.

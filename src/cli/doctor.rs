@@ -1,21 +1,40 @@
 //! `doctor`: checks the graphics adapter, ports, viewer and files.
 
+use std::net::SocketAddr;
+
 use anyhow::Result;
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::logging::log_path;
 use super::{Report, user};
 use springtwin::lab::doctor;
 #[cfg(feature = "gui")]
 use springtwin::lab::doctor::Check;
+use springtwin::link::mocap;
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
-pub struct DoctorArgs {}
+pub struct DoctorArgs {
+    /// Also open these ports of boards; opening restarts a stock Arduino, and its pumps are off then
+    #[arg(long, value_name = "PORT,PORT")]
+    rig: Option<String>,
+    /// Where motion capture is to be received; loopback, port 51001, without it
+    #[arg(long, value_name = "IP:PORT")]
+    mocap_listen: Option<SocketAddr>,
+}
 
 /// `doctor`: checks the graphics adapter, ports, viewer and files, each with advice.
-pub fn run(robot: &RobotSpec) -> Result<Report> {
-    let mut checks = doctor::checks(robot, &user::recordings_folder());
+pub fn run(a: &DoctorArgs, robot: &RobotSpec) -> Result<Report> {
+    let data = user::data_folder();
+    let places = doctor::Places {
+        recordings: user::recordings_folder(),
+        log: data.as_deref().map(log_path),
+        data,
+        rig: a.rig.clone(),
+        mocap: a.mocap_listen.unwrap_or_else(mocap::default_address),
+    };
+    let mut checks = doctor::checks(robot, &places);
     checks.extend(screen());
     let ok = checks.iter().all(|c| c.ok);
     let text = checks

@@ -31,6 +31,8 @@ pub struct Cli {
 
 /// The options of the program itself, which go with every command.
 struct Context<'a> {
+    #[cfg_attr(not(feature = "gui"), allow(dead_code, reason = "the window's"))]
+    log: &'a logging::Log,
     robot: &'a RobotSpec,
     robot_file: Option<&'a Path>,
     json: bool,
@@ -105,8 +107,8 @@ commands! { c:
     Reprocess(a: recordings::ReprocessArgs) => recordings::reprocess_command(a, c.robot),
     /// The serial ports there are, and those that come and go
     Ports(a: files::PortsArgs) => files::ports_command(a, c.json),
-    /// Check adapter, ports, viewer and files, and say what to do
-    Doctor(_a: doctor::DoctorArgs) => doctor::run(c.robot),
+    /// Check adapter, ports, motion capture, viewer, files and disk, and what to do about each
+    Doctor(a: doctor::DoctorArgs) => doctor::run(a, c.robot),
     /// The virtual rig on a pseudo-terminal, speaking the wire protocol (prints the port); or a
     /// session of it, made offline
     #[command(args_conflicts_with_subcommands = true)]
@@ -138,7 +140,7 @@ pub fn main() -> ExitCode {
         }
         Err(e) => e.exit(),
     };
-    let outcome = run(&cli);
+    let outcome = run(&cli, &log);
     log.end();
     match outcome.and_then(|report| print(&report, &cli)) {
         Ok(()) => ExitCode::SUCCESS,
@@ -154,9 +156,10 @@ pub fn main() -> ExitCode {
     }
 }
 
-fn run(cli: &Cli) -> Result<Report> {
+fn run(cli: &Cli, log: &logging::Log) -> Result<Report> {
     let robot = load_robot(cli.robot.as_deref())?;
     let c = Context {
+        log,
         robot: &robot,
         robot_file: cli.robot.as_deref(),
         json: cli.json,
@@ -190,6 +193,7 @@ fn open_window_with(recording: Option<&std::path::Path>, c: &Context<'_>) -> Res
         drill: &[],
         instruments: &springtwin::drive::Instruments::default(),
         recording,
+        log: c.log,
     };
     window::open(&opening, c.robot_file, c.robot)
 }
@@ -212,6 +216,7 @@ fn run_twin(a: &live::RunArgs, c: &Context<'_>) -> Result<Report> {
             drill: &a.drill,
             instruments: &a.instruments.plain(),
             recording: None,
+            log: c.log,
         };
         return window::open(&opening, c.robot_file, c.robot);
     }

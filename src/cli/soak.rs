@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use clap::Args;
 
+use super::signals::asked_to_end;
 use super::{Failed, Report, args};
 use springtwin::lab::soak::{self, Options};
 use springtwin::robot::RobotSpec;
@@ -29,7 +30,7 @@ pub fn run(a: &SoakArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result
         accelerate: a.accelerate,
         seed: a.seed,
     };
-    let endured = soak::run(&options, robot_file, robot)?;
+    let endured = soak::run(&options, asked_to_end()?, robot_file, robot)?;
     match endured.missed {
         None => Ok(endured.report),
         Some(why) => Err(Failed {

@@ -15,14 +15,18 @@ mod viewer;
 
 use std::net::SocketAddr;
 use std::path::Path;
-use std::sync::mpsc::sync_channel;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
 
 use anyhow::Result;
 
 use super::Report;
 use super::args::{Drill, Kind};
+use super::logging::{Log, LogFile, log_path};
 use super::model;
+use super::signals::{Wake, asked_to_end_waking};
 use super::user;
 use rigs::{Rigs, Twins};
 pub use screenshot::{ScreenshotArgs, screenshot};
@@ -59,6 +63,8 @@ pub struct Opening<'a> {
     pub instruments: &'a Instruments,
     /// A recording that is shown from the start.
     pub recording: Option<&'a Path>,
+    /// The log, which the window keeps in a file and whose warnings it shows.
+    pub log: &'a Log,
 }
 
 /// Opens the window on a rig and returns when it is closed and all is written.
@@ -70,6 +76,10 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     {
         anyhow::bail!("there is no display: use `springtwin run --headless`, or set DISPLAY");
     }
+    // Before any other thread: all of them leave these signals alone.
+    let wake = Wake::default();
+    let ends = asked_to_end_waking(Arc::clone(&wake))?;
+    keep(a.log);
     let rigs = Rigs {
         rig: rig.to_owned(),
         robot: robot.clone(),
@@ -79,6 +89,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         kind: a.kind,
         instruments: a.instruments.clone(),
         twins: Twins::default(),
+        ends: Arc::clone(&ends),
         stall: a.drill.iter().find_map(Drill::stall),
         data: user::data_folder(),
     };
@@ -100,6 +111,8 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         ..eframe::NativeOptions::default()
     };
     let (rig, robot) = (rig.to_owned(), robot.clone());
+    let app_ends = Arc::clone(&ends);
+    let warnings = a.log.warnings();
     let robot_file = robot_file.map(Path::to_owned);
     let begin: device::Begin<'_> = Box::new(move |cc| {
         let mut pace = Pace::default();
@@ -108,6 +121,10 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             pace: pace.wanted(),
         };
         pace.drawn_by(cc.wgpu_render_state.as_ref());
+        let asked = asks.waker()?;
+        let _ = wake.set(Box::new(move || {
+            let _ = asked.try_send(());
+        }));
         let handle = rigs.start(&rig, made, asks.repaint()?)?;
         if let Some(stream) = stream {
             handle.send(stream).map_err(anyhow::Error::msg)?;
@@ -115,6 +132,8 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         let services = services(asks, rigs, calibration);
         let mut app = App::new(Some(handle), robot.clone(), services);
         app.pace = pace;
+        app.ends = app_ends;
+        app.warnings = warnings;
         app.services.gap = gap::services(
             &cc.egui_ctx,
             &robot,
@@ -145,7 +164,29 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         log::warn!("the disk takes too long: a recording may lack its end");
     }
     shown?;
+    anyhow::ensure!(!ends.load(Ordering::Relaxed), springtwin::drive::ENDED);
     Ok(super::silent())
+}
+
+/// Keeps the log in a file of the user's.
+fn keep(log: &Log) {
+    let Some(path) = user::data_folder().map(|data| log_path(&data)) else {
+        return;
+    };
+    let now = jiff::Zoned::now();
+    let first = format!(
+        "[{} springtwin {}] the window opens, process {}",
+        now.strftime("%Y-%m-%dT%H:%M:%S%:z"),
+        env!("CARGO_PKG_VERSION"),
+        std::process::id()
+    );
+    match LogFile::open(&path) {
+        Ok(file) => log.keep(file, &first),
+        Err(e) => log::warn!(
+            "the log is not kept in {} ({e}): give yourself the right to write there",
+            path.display()
+        ),
+    }
 }
 
 /// How long after it is asked for a frame may be painted.
@@ -159,9 +200,9 @@ struct Asks {
 }
 
 impl Asks {
-    /// To be called after every tick. It only wakes a thread: the window's lock may be held by a frame under way.
-    fn repaint(&self) -> std::io::Result<impl FnMut() + Send + 'static> {
-        let Self { ctx, pace } = self.clone();
+    /// What wakes a thread that asks for a frame: the window's lock may be held by a frame under way.
+    fn waker(&self) -> std::io::Result<SyncSender<()>> {
+        let ctx = self.ctx.clone();
         let (wake, woken) = sync_channel(1);
         let ask = move || {
             while woken.recv().is_ok() {
@@ -171,6 +212,12 @@ impl Asks {
         };
         let thread = std::thread::Builder::new().name("repaint".to_owned());
         thread.spawn(ask)?;
+        Ok(wake)
+    }
+
+    /// To be called after every tick.
+    fn repaint(&self) -> std::io::Result<impl FnMut() + Send + 'static> {
+        let (wake, pace) = (self.waker()?, self.pace.clone());
         let mut ticks = 0u32;
         Ok(move || {
             let every = (1.0 / (TICK_S * f64::from(pace.at_most_hz()))) as u32;

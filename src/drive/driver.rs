@@ -19,7 +19,7 @@ use crate::sensing::Calibration;
 use crate::signal::{ControllerKind, Snapshot, Stamp, StreamStatus};
 use crate::twin::{
     Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, Runner, Twin, run_in_real_time,
-    run_in_simulated_time, sensing_for, spawn,
+    run_in_simulated_time, sensing_for, spawn_until,
 };
 
 /// Builds a twin on a rig: robot, networks, calibration, controller and port.
@@ -276,7 +276,7 @@ impl Driver {
         Ended { events, stream }
     }
 
-    /// Starts the twin's own thread; see [`spawn`].
+    /// Starts the twin's own thread; see [`spawn_until`]. It ends with the handle, or when the program is asked to end.
     ///
     /// # Errors
     /// When the thread cannot be started.
@@ -285,7 +285,7 @@ impl Driver {
         first: Vec<Command>,
         repaint: impl FnMut(&Snapshot) + Send + 'static,
     ) -> std::io::Result<(Handle, JoinHandle<()>)> {
-        spawn(self.runner, self.start, first, repaint)
+        spawn_until(self.ends, self.runner, self.start, first, repaint)
     }
 }
 
@@ -319,5 +319,34 @@ mod tests {
         assert_eq!((second[4].1, second[5].1), (0.0, 0.1));
         let end = driver.finish(first[19]);
         assert!(end.events.is_empty() && end.stream.is_none());
+    }
+
+    /// The window's twin: its thread ends although the window still holds it.
+    #[test]
+    fn a_twin_with_a_window_ends_with_the_program_and_completes_its_recording() {
+        let name = format!("springtwin-driver-ends-{}.rrd", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let robot = RobotSpec::reference();
+        let ends = Arc::new(AtomicBool::new(false));
+        let twin = TwinBuilder::new(&robot).ends_with(Arc::clone(&ends));
+        let driver = twin.build().expect("a twin");
+        let (handle, thread) = driver.spawn(Vec::new(), |_| {}).expect("a thread");
+        let wait_until = |what: &str, is: &dyn Fn() -> bool| {
+            let is_so = (0..6000).any(|_| {
+                std::thread::sleep(Duration::from_millis(10));
+                is()
+            });
+            assert!(is_so, "{what}");
+        };
+        handle
+            .send(Command::StartRecording(path.clone()))
+            .expect("a free place");
+        wait_until("it records", &|| handle.snapshot().recording.is_some());
+        ends.store(true, Ordering::Relaxed);
+        wait_until("it ends", &|| thread.is_finished());
+        thread.join().expect("no panic");
+        let read = crate::recording::read_rrd(&path).expect("a recording");
+        std::fs::remove_file(&path).expect("removed");
+        assert!(read.complete, "cut off at {:?}", read.recovered_until);
     }
 }

@@ -13,7 +13,7 @@ use crate::link::mocap::{self, MocapReceiver};
 use crate::link::serial;
 use crate::link::wire::Config;
 use crate::link::wire::objects::END_PAD;
-use crate::link::{Order, Origin, StopLine};
+use crate::link::{LinkEvent, MocapWatch, Order, Origin, StopLine};
 use crate::rig::{RigOptions, Surroundings, Unit, VirtualRig};
 use crate::robot::RobotSpec;
 use crate::sensing::registration::Registration;
@@ -65,8 +65,8 @@ impl Instruments {
         self.registration.as_ref().map(read).transpose()
     }
 
-    /// Listens; where nobody asked for it, an address that is taken is no error.
-    fn receiver(&self, start: Instant) -> Result<Option<MocapReceiver>> {
+    /// Listens; where nobody asked for it, an address that is taken is no error but the reason why there is none.
+    fn receiver(&self, start: Instant) -> Result<Result<MocapReceiver, String>> {
         let loopback = [Ipv4Addr::LOCALHOST.into()];
         let allowed = match self.mocap_from.is_empty() {
             true => loopback.as_slice(),
@@ -74,11 +74,11 @@ impl Instruments {
         };
         let address = self.mocap_listen.unwrap_or_else(mocap::default_address);
         match MocapReceiver::open(address, allowed, start) {
-            Ok(receiver) => Ok(Some(receiver)),
+            Ok(receiver) => Ok(Ok(receiver)),
             Err(e) if self.mocap_listen.is_some() => Err(e.into()),
             Err(e) => {
                 log::warn!("no motion capture: {e}");
-                Ok(None)
+                Ok(Err(format!("No motion capture: {e}")))
             }
         }
     }
@@ -153,7 +153,8 @@ pub fn in_process(mut rig: VirtualRig, config: Config, mut script: Option<Script
 /// the rig process at the other end.
 pub struct SerialRig {
     boards: SerialPort,
-    mocap: Option<MocapReceiver>,
+    mocap: Result<MocapReceiver, String>,
+    watch: MocapWatch,
     registration: Option<Registration>,
     truth: TruthSource,
     rig: Option<Child>,
@@ -169,9 +170,11 @@ impl SerialRig {
     ) -> Result<Self> {
         let registration = instruments.registration()?;
         let link = serial::open(names, start, board_config(robot), Origin::Hardware)?;
+        let object = registration.as_ref().map_or(END_PAD, |r| &r.object);
         Ok(Self {
             boards: SerialPort::new(link),
             mocap: instruments.receiver(start)?,
+            watch: MocapWatch::new(object),
             registration,
             truth: TruthSource::Vicon,
             rig: None,
@@ -241,7 +244,8 @@ impl SerialRig {
         })?;
         Ok(Self {
             boards: SerialPort::new(link),
-            mocap: Some(mocap),
+            mocap: Ok(mocap),
+            watch: MocapWatch::new(END_PAD),
             registration: None,
             truth: TruthSource::VirtualRig,
             rig: Some(rig),
@@ -254,6 +258,22 @@ impl SerialRig {
     }
 }
 
+impl SerialRig {
+    /// Why motion capture is not used, if so.
+    fn watch_mocap(&mut self, now: Stamp, notices: &mut Vec<LinkEvent>) -> Option<String> {
+        let mocap = match &self.mocap {
+            Ok(mocap) => mocap,
+            Err(why) => return Some(why.clone()),
+        };
+        if self.watch.is_due(now)
+            && let Some(reason) = self.watch.look(now, mocap.received())
+        {
+            notices.push(LinkEvent::MocapIgnored { reason });
+        }
+        self.watch.present().cloned()
+    }
+}
+
 impl Port for SerialRig {
     fn clock(&self) -> Clock {
         Clock::Host
@@ -261,7 +281,8 @@ impl Port for SerialRig {
 
     fn poll(&mut self, now: Stamp) -> Arrivals {
         let mut arrivals = self.boards.poll(now);
-        if let Some(mocap) = &self.mocap {
+        arrivals.status.mocap_trouble = self.watch_mocap(now, &mut arrivals.notices);
+        if let Ok(mocap) = &self.mocap {
             let object = self.registration.as_ref().map_or(END_PAD, |r| &r.object);
             while let Some(sample) = mocap.try_recv() {
                 if sample.name == object {

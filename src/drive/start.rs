@@ -94,6 +94,12 @@ pub fn check_link(link: &LinkStatus, rig: &str) -> Result<()> {
     if let Some(refusal) = &link.refusal {
         anyhow::bail!("{refusal}");
     }
+    if link.frames == 0
+        && !link.connected
+        && let Some(why) = &link.trouble
+    {
+        anyhow::bail!("{why}");
+    }
     anyhow::ensure!(
         link.connected || link.frames > 0,
         "no data from the boards on {rig} within {HELLO_S} s: check the cable, the boards' power and the firmware"

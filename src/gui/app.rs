@@ -4,7 +4,8 @@ mod device;
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::TryRecvError;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
 
 use egui::{Panel, Theme, Ui};
@@ -27,7 +28,7 @@ use super::view::{View, live_until_s};
 use crate::analysis::history::History;
 use crate::analysis::player::Player;
 use crate::robot::{RobotSpec, SupplyOff};
-use crate::signal::{Mode, Snapshot, Stamp, Trace};
+use crate::signal::{Mode, Severity, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
 
 /// Key of the kept settings; the number changes when their form does.
@@ -86,6 +87,10 @@ pub struct App {
     vent: Vent,
     /// The operator is asked whether the window may close although the arm is armed.
     asks_to_close: bool,
+    /// Closes the window once it is set, without a question: the program was asked to end.
+    pub ends: Arc<AtomicBool>,
+    /// Warnings of the program that are not events of its twin.
+    pub warnings: Option<Receiver<(Severity, String)>>,
     /// Window time of the newest snapshot, s.
     heard_at_s: f64,
     /// What the twin could be connected to.
@@ -208,6 +213,8 @@ impl App {
             resume: Resume::default(),
             vent: Vent::default(),
             asks_to_close: false,
+            ends: Arc::default(),
+            warnings: None,
             heard_at_s: 0.0,
             connection: Connection::default(),
             welcome: false,
@@ -284,6 +291,9 @@ impl App {
             handle.pictures.count();
         }
         self.drain(&ctx, now_s);
+        for (severity, text) in self.warnings.iter().flat_map(Receiver::try_iter) {
+            self.messages.say(text, severity_level(severity), now_s);
+        }
         self.ask_to_close(&ctx);
         let mut commands = Vec::new();
         self.keys(&ctx, &mut commands);
@@ -464,9 +474,16 @@ impl App {
         (is_silent && silent_s > SILENT_S).then_some(silent_s)
     }
 
-    /// Keeps a window on an armed hardware arm open until the operator has agreed to close it, also where nothing of
-    /// it is painted: minimised or hidden. Call before each frame, and instead of one that is not painted.
+    /// Keeps a window on an armed hardware arm open until the operator has agreed to close it, and closes one whose
+    /// program was asked to end, also where nothing of it is painted: minimised or hidden. Call before each frame, and instead of one that is not painted.
     pub fn logic(&mut self, ctx: &egui::Context) {
+        if self.ends.load(Ordering::Relaxed) {
+            self.asks_to_close = false;
+            // The pumps are off before anything is stored or torn down.
+            self.leave_twin();
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+            return;
+        }
         let wanted = ctx.input(|i| i.viewport().close_requested());
         let Some(handle) = self.handle.as_ref().filter(|_| wanted) else {
             return;

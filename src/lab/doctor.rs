@@ -1,7 +1,11 @@
 //! Checks of robot, networks, ports, viewer and folders before work begins.
 
-use std::path::Path;
+mod machine;
 
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use crate::calibrate::{Store, Version};
 use crate::drive::model;
 use crate::robot::RobotSpec;
 
@@ -16,16 +20,40 @@ pub struct Check {
     pub says: String,
 }
 
-/// All checks that need no screen; recordings go to `folder`.
-pub fn checks(robot: &RobotSpec, folder: &Path) -> Vec<Check> {
-    vec![
-        patches(robot),
-        networks(robot),
-        calibration(robot),
-        ports(),
+impl Check {
+    fn of(name: &'static str, (ok, says): (bool, String)) -> Self {
+        Self { name, ok, says }
+    }
+}
+
+/// What is checked besides the program itself.
+#[derive(Clone, Debug)]
+pub struct Places {
+    /// The folder of recordings.
+    pub recordings: PathBuf,
+    /// The folder of the user's data, with saved calibrations.
+    pub data: Option<PathBuf>,
+    /// The window's log.
+    pub log: Option<PathBuf>,
+    /// Serial ports to open, separated by commas.
+    pub rig: Option<String>,
+    /// Where motion capture is received.
+    pub mocap: SocketAddr,
+}
+
+/// All checks that need no screen.
+pub fn checks(robot: &RobotSpec, places: &Places) -> Vec<Check> {
+    let mut all = vec![patches(robot), networks(robot), calibration(robot)];
+    all.extend(saved(robot, places.data.as_deref()));
+    all.extend(machine::ports(places.rig.as_deref()));
+    all.extend([
+        machine::mocap(places.mocap),
         viewer(),
-        recordings(folder),
-    ]
+        machine::recordings(&places.recordings),
+        machine::disk(&places.recordings),
+        machine::log(places.log.as_deref()),
+    ]);
+    all
 }
 
 fn patches(robot: &RobotSpec) -> Check {
@@ -67,23 +95,52 @@ fn calibration(robot: &RobotSpec) -> Check {
     }
 }
 
-fn ports() -> Check {
-    let says = match crate::link::ports::list() {
-        Err(e) => format!("the system does not list its serial ports: {e}"),
-        Ok(found) if found.is_empty() => {
-            "no serial port: connect the boards, or use the virtual rig".to_owned()
-        }
-        Ok(found) => {
-            let names: Vec<&str> = found.iter().map(|p| p.name.as_str()).collect();
-            names.join(", ")
-        }
+/// The calibrations that were saved for this robot, of its virtual rig and of its hardware.
+fn saved(robot: &RobotSpec, data: Option<&Path>) -> Vec<Check> {
+    let Some(data) = data else {
+        return Vec::new();
     };
-    // The virtual rig needs none.
-    Check {
-        name: "ports",
-        ok: true,
-        says,
+    let kinds = [
+        ("virtual rig", true, "the built-in one is used"),
+        (
+            "hardware",
+            false,
+            "calibrate before hardware is armed (springtwin calibrate wizard)",
+        ),
+    ];
+    let check = |(of, is_virtual, without)| {
+        let found = match Store::of(robot, is_virtual, data).versions() {
+            Ok(versions) => loads(of, &versions, without),
+            Err(e) => (false, format!("{of}: {e:#}")),
+        };
+        Check::of("saved", found)
+    };
+    kinds.map(check).to_vec()
+}
+
+/// Whether all versions load; `without`: what that means where there is none.
+fn loads(of: &str, versions: &[Version], without: &str) -> (bool, String) {
+    let damaged = versions.iter().find_map(|v| {
+        let why = v.kept.as_ref().err()?;
+        Some((v.number, why))
+    });
+    if let Some((number, why)) = damaged {
+        let text = format!(
+            "{of}: version {number} cannot be read ({}); save a new one, or choose another on the Calibrate screen",
+            why.trim_end_matches('.')
+        );
+        return (false, text);
     }
+    let active = versions.iter().find(|v| v.active);
+    let text = match active {
+        Some(v) => format!(
+            "{of}: {} load, version {} is in use",
+            versions.len(),
+            v.number
+        ),
+        None => format!("{of}: none is saved; {without}"),
+    };
+    (true, text)
 }
 
 fn viewer() -> Check {
@@ -101,74 +158,41 @@ fn viewer() -> Check {
     }
 }
 
-fn recordings(folder: &Path) -> Check {
-    let (ok, says) = writable(folder);
-    Check {
-        name: "recordings",
-        ok,
-        says,
-    }
-}
-
-/// Whether recordings can be made in a folder, or where it will be made.
-fn writable(folder: &Path) -> (bool, String) {
-    let shown = folder.display();
-    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    let Some(there) = absolute.ancestors().find(|dir| dir.exists()) else {
-        return (false, format!("there is no disk for the folder {shown}"));
-    };
-    if !may_write(there) {
-        let why = match there == absolute {
-            true => "it cannot be written".to_owned(),
-            false => format!("it cannot be made in {}", there.display()),
-        };
-        return (
-            false,
-            format!(
-                "the folder {shown}: {why}; give yourself the right to, or choose another in the window"
-            ),
-        );
-    }
-    match there == absolute {
-        true => (true, format!("they go to {shown}")),
-        false => (
-            true,
-            format!("they go to {shown}, which is made with the first one"),
-        ),
-    }
-}
-
-#[cfg(unix)]
-fn may_write(folder: &Path) -> bool {
-    use nix::unistd::{AccessFlags, access};
-    folder.is_dir() && access(folder, AccessFlags::W_OK).is_ok()
-}
-
-#[cfg(not(unix))]
-fn may_write(folder: &Path) -> bool {
-    std::fs::metadata(folder).is_ok_and(|m| m.is_dir() && !m.permissions().readonly())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::NewVersion;
+    use crate::sensing::Calibration;
 
     #[test]
-    fn recordings_need_a_folder_that_is_there_or_can_be_made() {
-        let name = format!("springtwin-doctor-{}", std::process::id());
-        let home = std::env::temp_dir().join(name);
-        std::fs::create_dir_all(&home).expect("a folder");
-        let (ok, says) = writable(&home);
-        assert!(ok && says.ends_with(&*home.display().to_string()), "{says}");
-        let (ok, says) = writable(&home.join("a/recordings"));
+    fn a_saved_calibration_that_is_damaged_is_warned_of() {
+        let name = format!("springtwin-doctor-saved-{}", std::process::id());
+        let data = std::env::temp_dir().join(name);
+        let robot = RobotSpec::reference();
+        let store = Store::of(&robot, false, &data);
+        let new = NewVersion {
+            note: String::new(),
+            calibration: Calibration::virtual_rig(),
+            registration: None,
+        };
+        store.save(new, "2026-03-01").expect("saves");
+        let hardware = || {
+            let mut checks = saved(&robot, Some(&data));
+            assert!(checks[0].ok && checks[0].says.contains("none is saved"));
+            checks.remove(1)
+        };
+        let check = hardware();
         assert!(
-            ok && says.ends_with("which is made with the first one"),
-            "{says}"
+            check.ok && check.says.contains("version 1 is in use"),
+            "{check:?}"
         );
-        let file = home.join("file");
-        std::fs::write(&file, "").expect("writes");
-        let (ok, says) = writable(&file.join("recordings"));
-        std::fs::remove_dir_all(&home).expect("removed");
-        assert!(!ok && says.contains("it cannot be made in"), "{says}");
+        let (path, _) = store.files(1);
+        std::fs::write(path, "name = 3").expect("writes");
+        let check = hardware();
+        std::fs::remove_dir_all(&data).expect("removed");
+        assert!(
+            !check.ok && check.says.contains("version 1 cannot be read"),
+            "{check:?}"
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! Events of a link.
 
 use super::ports::PortChange;
-use super::wire::{SCHEMA_HASH, VERSION, fault};
+use super::wire::{BAUD, SCHEMA_HASH, VERSION, fault};
 use crate::signal::Severity;
 
 /// Why a board is not used. The arm cannot be armed while one stands.
@@ -97,6 +97,23 @@ pub enum LinkEvent {
         /// Message of the operating system.
         reason: String,
     },
+    /// Nothing that was received on a port is a frame; reported once until the port is opened again.
+    Unheard {
+        /// Its name.
+        port: String,
+        /// Received since it was opened.
+        bytes: u64,
+    },
+    /// A port that is gone does not open, for another reason than that it is gone.
+    NotBack {
+        /// One sentence: what is in the way, and what to do.
+        reason: String,
+    },
+    /// Motion capture is received and not used.
+    MocapIgnored {
+        /// One sentence: what, from whom, and what to do.
+        reason: String,
+    },
     /// A serial port came or went while ours is gone.
     Ports(PortChange),
     /// The port is back; boards must answer and the arm be armed again.
@@ -118,7 +135,10 @@ impl LinkEvent {
             | Self::BoardSafe { .. }
             | Self::CommandStale
             | Self::HighLoss { .. }
-            | Self::Disconnected { .. } => Severity::Warning,
+            | Self::Disconnected { .. }
+            | Self::Unheard { .. }
+            | Self::NotBack { .. }
+            | Self::MocapIgnored { .. } => Severity::Warning,
         }
     }
 
@@ -163,12 +183,33 @@ impl LinkEvent {
             Self::Disconnected { reason } => {
                 format!("The link is gone ({reason}): check the cable; trying again.")
             }
+            Self::Unheard { port, bytes } => unheard(port, *bytes),
+            Self::NotBack { reason } => format!("The port does not come back: {reason}"),
+            Self::MocapIgnored { reason } => reason.clone(),
             Self::Ports(change) => change.text(),
             Self::Reconnected => {
                 "The port is back: press Reset if the boards are SAFE, then arm.".into()
             }
         }
     }
+}
+
+/// Why a port gives no frames on which so many bytes were received.
+pub(super) fn unheard(port: &str, bytes: u64) -> String {
+    let amount = match bytes {
+        0 => {
+            return format!(
+                "No board is heard on {port}: nothing received. Check the boards' power and cable, and that this is \
+                 their port."
+            );
+        }
+        1..10_000 => format!("{bytes} bytes"),
+        _ => format!("{} kB", bytes / 1000),
+    };
+    format!(
+        "No board is heard on {port}: {amount} received, no frame understood. It is another device, or sends at another \
+         baud rate than {BAUD}: choose the boards' port, or flash their firmware."
+    )
 }
 
 /// A bit of [`fault`]: its name on the command line, and what it means to the operator.

@@ -8,7 +8,7 @@ use std::io::{self, ErrorKind};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -71,11 +71,51 @@ pub struct MocapCounts {
     pub dropped: u64,
 }
 
+/// Senders and names of objects that are counted separately at most.
+const NAMES: usize = 16;
+
+/// What a receiver has received so far.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Received {
+    /// Counters.
+    pub counts: MocapCounts,
+    /// Senders that are not on the allow-list, with their datagrams.
+    pub foreign: Vec<(IpAddr, u64)>,
+    /// Names of objects, with how often each was in a datagram, also where the cameras did not see it.
+    pub objects: Vec<(String, u64)>,
+}
+
+impl Received {
+    pub(super) fn of_sender(&self, from: IpAddr) -> Option<u64> {
+        let found = self.foreign.iter().find(|(f, _)| *f == from);
+        found.map(|(_, n)| *n)
+    }
+
+    pub(super) fn of_object(&self, name: &str) -> Option<u64> {
+        let found = self.objects.iter().find(|(o, _)| o == name);
+        found.map(|(_, n)| *n)
+    }
+}
+
+/// Counts one more of `what`, if it is among the first [`NAMES`].
+fn count<T, Q>(all: &mut Vec<(T, u64)>, what: &Q)
+where
+    T: PartialEq<Q>,
+    Q: ToOwned<Owned = T> + ?Sized,
+{
+    let is_full = all.len() >= NAMES;
+    match all.iter_mut().find(|(other, _)| other == what) {
+        Some((_, n)) => *n += 1,
+        None if is_full => {}
+        None => all.push((what.to_owned(), 1)),
+    }
+}
+
 /// Receives poses until it is dropped.
 #[derive(Debug)]
 pub struct MocapReceiver {
     samples: Receiver<MocapSample>,
-    counts: Arc<Mutex<MocapCounts>>,
+    received: Arc<Mutex<Received>>,
     stop: Arc<AtomicBool>,
     address: SocketAddr,
     thread: Option<JoinHandle<()>>,
@@ -101,14 +141,14 @@ impl MocapReceiver {
         socket.set_read_timeout(Some(READ_TIMEOUT)).map_err(bind)?;
         let address = socket.local_addr().map_err(bind)?;
         let (sender, samples) = sync_channel(QUEUE);
-        let counts = Arc::new(Mutex::new(MocapCounts::default()));
+        let received = Arc::new(Mutex::new(Received::default()));
         let stop = Arc::new(AtomicBool::new(false));
         let mut listener = Listener {
             socket,
             allowed: allowed.to_vec(),
             start,
             sender,
-            counts: Arc::clone(&counts),
+            received: Arc::clone(&received),
             last_frame: None,
         };
         let stopped = Arc::clone(&stop);
@@ -123,7 +163,7 @@ impl MocapReceiver {
             .map_err(MocapError::Thread)?;
         Ok(Self {
             samples,
-            counts,
+            received,
             stop,
             address,
             thread: Some(thread),
@@ -137,7 +177,16 @@ impl MocapReceiver {
 
     /// Counters so far.
     pub fn counts(&self) -> MocapCounts {
-        *self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+        self.lock().counts
+    }
+
+    /// All that was received so far.
+    pub fn received(&self) -> Received {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Received> {
+        self.received.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The bound address (with the port the system chose, if 0 was asked for).
@@ -161,7 +210,7 @@ struct Listener {
     allowed: Vec<IpAddr>,
     start: Instant,
     sender: SyncSender<MocapSample>,
-    counts: Arc<Mutex<MocapCounts>>,
+    received: Arc<Mutex<Received>>,
     last_frame: Option<u32>,
 }
 
@@ -181,9 +230,15 @@ impl Listener {
     }
 
     fn take(&mut self, stamp: Stamp, from: IpAddr, datagram: &[u8]) {
-        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut received = self.received.lock().unwrap_or_else(PoisonError::into_inner);
+        let Received {
+            counts,
+            foreign,
+            objects: names,
+        } = &mut *received;
         if !self.allowed.contains(&from) {
             counts.foreign += 1;
+            count(foreign, &from);
             return;
         }
         let Ok(frame) = objects::parse(datagram) else {
@@ -200,6 +255,7 @@ impl Listener {
         }
         counts.used += 1;
         for object in frame.objects {
+            count(names, object.name.as_str());
             // Cameras that lose an object leave zeros: a gap, not a place.
             if object.world_from_object == Pose::identity() {
                 counts.unseen += 1;
@@ -325,6 +381,7 @@ mod tests {
         let t = samples[2].world_from_object.translation.vector;
         assert!((t.x - 0.5).abs() < 1e-9 && (t.z + 0.3).abs() < 1e-9);
         assert_eq!(samples[2].name, END_PAD);
+        assert_eq!(receiver.received().objects, [(END_PAD.to_owned(), 3)]);
     }
 
     #[test]
@@ -335,6 +392,9 @@ mod tests {
         sender.send(&frame(1, 0.0)).expect("sent");
         let counts = wait(&receiver, |c| c.foreign == 1);
         assert_eq!((counts.foreign, counts.used), (1, 0));
+        let received = receiver.received();
+        assert_eq!(received.foreign, [(Ipv4Addr::LOCALHOST.into(), 1)]);
+        assert!(received.objects.is_empty());
         assert!(receiver.try_recv().is_none());
     }
 

@@ -12,8 +12,10 @@
 //! It imports signal alone: what the numbers of a frame mean for the arm is left to other modules.
 //! Only [`serial`], [`ports`] and [`mocap`] do I/O, each in a thread of its own with bounded queues.
 
+mod absence;
 mod clock;
 mod event;
+mod ignored;
 pub mod mocap;
 mod peer;
 pub mod ports;
@@ -23,6 +25,7 @@ pub mod wire;
 
 pub use clock::{BoardClock, Pong};
 pub use event::{LinkEvent, Refusal, fault_names, fault_of_name, fault_words};
+pub use ignored::MocapWatch;
 pub use peer::Counters;
 pub use serial::{LinkError, LinkInput, LinkOutput, SerialLink, StopLine};
 pub use session::{COMMAND_LIFE_S, FRESH_S, HostSession, MAX_PORTS, Order, Origin};

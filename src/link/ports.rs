@@ -14,6 +14,8 @@ pub struct PortInfo {
     pub name: String,
     /// What is behind it, as far as the operating system reports; may be empty.
     pub what: String,
+    /// Serial number of the USB device behind it.
+    pub usb_serial: Option<String>,
 }
 
 /// A change of the list.
@@ -51,6 +53,10 @@ fn described(found: Vec<SerialPortInfo>) -> Vec<PortInfo> {
     let mut ports: Vec<PortInfo> = found
         .into_iter()
         .map(|p| PortInfo {
+            usb_serial: match &p.port_type {
+                SerialPortType::UsbPort(usb) => usb.serial_number.clone(),
+                _ => None,
+            },
             what: match p.port_type {
                 SerialPortType::UsbPort(usb) => {
                     let parts = [usb.manufacturer, usb.product, usb.serial_number];
@@ -136,6 +142,7 @@ mod tests {
         PortInfo {
             name: name.into(),
             what: what.into(),
+            usb_serial: None,
         }
     }
 
@@ -202,5 +209,23 @@ mod tests {
             ("/dev/ttyUSB1", "USB 2341:0042"),
         ];
         assert_eq!(told, wanted);
+    }
+
+    /// The bridges' numbers belong to modems and instruments, too.
+    #[test]
+    fn the_rules_for_ports_give_away_no_bridge_by_its_kind_alone() {
+        let rules = include_str!("../../assets/package/70-springtwin.rules");
+        let lines = rules.lines().filter(|l| l.contains("uaccess"));
+        let (out, active): (Vec<_>, Vec<_>) = lines.partition(|l| l.starts_with('#'));
+        for line in active {
+            let is_board = ["2341", "2a03"].iter().any(|v| line.contains(v));
+            let is_named = ["ATTRS{product}==", "ATTRS{serial}=="]
+                .iter()
+                .any(|by| line.contains(by));
+            assert!(is_board || is_named, "{line}");
+        }
+        for bridge in ["1a86", "0403", "10c4"] {
+            assert!(out.iter().any(|l| l.contains(bridge)), "{bridge}");
+        }
     }
 }

@@ -19,6 +19,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serialport::{ClearBuffer, SerialPort};
 
+use super::absence::Absence;
 use super::event::LinkEvent;
 use super::ports::PortWatch;
 use super::session::{HostSession, MAX_PORTS, Order, Origin};
@@ -148,6 +149,7 @@ pub fn open(
     if !(1..=MAX_PORTS).contains(&ports.len()) {
         return Err(LinkError::Ports(names.into()));
     }
+    let watch = PortWatch::default();
     let opened = open_ports(&ports)?;
     let (to_caller, input) = sync_channel(INPUT_QUEUE);
     let (output, from_caller) = sync_channel(OUTPUT_QUEUE);
@@ -186,7 +188,8 @@ pub fn open(
         held: VecDeque::new(),
         next_status: Stamp::ZERO,
         next_reopen: Stamp::ZERO,
-        watch: PortWatch::default(),
+        absence: Absence::new(watch.known().to_vec()),
+        watch,
         served: None,
         delay: None,
         flags: [0; BOARDS],
@@ -274,6 +277,8 @@ struct Worker {
     next_reopen: Stamp,
     /// Looked at while the ports are gone: a board may come back under another name.
     watch: PortWatch,
+    /// Why the ports that are gone do not open.
+    absence: Absence,
     /// When the open ports were served last.
     served: Option<Stamp>,
     delay: Option<HostDelay>,
@@ -419,12 +424,25 @@ impl Worker {
         }
         let timeout = timeout_of(&self.names);
         self.back.resize_with(self.names.len(), || None);
+        let mut refused = None;
         for (port, name) in self.back.iter_mut().zip(&self.names) {
             if port.as_mut().is_some_and(|p| is_gone(p.as_mut())) {
                 *port = None;
             }
             if port.is_none() {
-                *port = open_port(name, timeout).ok();
+                match open_port(name, timeout) {
+                    Ok(opened) => *port = Some(opened),
+                    Err(e) => refused = refused.or(Some((name, e.to_string()))),
+                }
+            }
+        }
+        match refused {
+            None => self.absence.ends(),
+            Some((name, why)) => {
+                let reason = self.absence.note(name, &why, self.watch.known());
+                if let Some(reason) = reason {
+                    self.hold(LinkInput::Event(LinkEvent::NotBack { reason }));
+                }
             }
         }
         if self.back.iter().all(Option::is_some) {
@@ -460,10 +478,12 @@ impl Worker {
             self.flags = flags;
             self.next_status = now.plus(STATUS_PERIOD_S);
             let gone = self.ports.is_empty();
+            let status = self.session.status(now);
             self.offer(LinkInput::Status(LinkStatus {
+                trouble: self.absence.reason().cloned().or(status.trouble),
                 retry_in_s: gone.then(|| self.next_reopen.since(now).max(0.0)),
                 host_delay: self.delay,
-                ..self.session.status(now)
+                ..status
             }));
         }
     }
@@ -506,6 +526,14 @@ fn is_gone(port: &mut dyn SerialPort) -> bool {
 fn open_ports(names: &[String]) -> Result<Vec<Box<dyn SerialPort>>, LinkError> {
     let timeout = timeout_of(names);
     names.iter().map(|n| open_port(n, timeout)).collect()
+}
+
+/// Whether a port opens; it is closed again, and nothing is sent. A stock Arduino restarts when its port is opened.
+///
+/// # Errors
+/// [`LinkError`] when it does not, with what to do.
+pub fn check(name: &str) -> Result<(), LinkError> {
+    open_port(name, READ_TIMEOUT).map(drop)
 }
 
 fn open_port(name: &str, timeout: Duration) -> Result<Box<dyn SerialPort>, LinkError> {

@@ -23,7 +23,7 @@
 use std::collections::VecDeque;
 
 use super::clock;
-use super::event::{LinkEvent, Refusal};
+use super::event::{LinkEvent, Refusal, unheard};
 use super::peer::{Counters, Greeting, Peer, Run};
 use super::wire::{
     ALL_BOARDS, Body, Config, Decoder, HEARTBEAT_PERIOD_S, Packet, Received, SAMPLE_RATE_HZ,
@@ -69,6 +69,9 @@ const VENT_BEGINS_S: f64 = 0.5;
 const HIGH_LOSS: f64 = 0.1;
 /// Smallest number of frames per second for a share.
 const MIN_FOR_RATIO: u64 = 50;
+/// An open port on which nothing was understood for so long is reported, s: a board that its opening has reset takes a
+/// second or two.
+const UNHEARD_S: f64 = 3.0;
 const MAX_FRAMES: usize = 64;
 const MAX_EVENTS: usize = 256;
 
@@ -80,6 +83,10 @@ pub struct HostSession {
     open: bool,
     config: Config,
     decoders: [Decoder; MAX_PORTS],
+    /// What was received on each port since it was opened.
+    heard: [Heard; MAX_PORTS],
+    /// When the open ports were served first.
+    opened: Option<Stamp>,
     peers: [Peer; BOARDS],
     now: Stamp,
     seq: u16,
@@ -106,6 +113,16 @@ pub struct HostSession {
     last_frame: Option<(u32, Stamp)>,
     frames_made: u64,
     frames_dropped: u64,
+}
+
+/// What was received on a port since it was opened.
+#[derive(Clone, Copy, Debug, Default)]
+struct Heard {
+    bytes: u64,
+    /// Something was understood, if only that it is another version.
+    is_understood: bool,
+    /// It has been reported that nothing is.
+    is_reported: bool,
 }
 
 /// A stop that is repeated until it is reset.
@@ -147,6 +164,8 @@ impl HostSession {
             open: true,
             config,
             decoders: Default::default(),
+            heard: Default::default(),
+            opened: None,
             peers: std::array::from_fn(Peer::new),
             now: Stamp::ZERO,
             seq: 0,
@@ -179,8 +198,14 @@ impl HostSession {
     /// Takes bytes heard at `now` on one of several ports (0-based).
     pub fn on_port_bytes(&mut self, port: usize, now: Stamp, bytes: &[u8]) {
         self.advance(now);
+        if let Some(heard) = self.heard.get_mut(port) {
+            heard.bytes += bytes.len() as u64;
+        }
         for byte in bytes {
             let received = self.decoders.get_mut(port).and_then(|d| d.push(*byte));
+            if let (Some(_), Some(heard)) = (&received, self.heard.get_mut(port)) {
+                heard.is_understood = true;
+            }
             match received {
                 Some(Received::Packet(packet)) => self.on_packet(&packet),
                 Some(Received::OtherVersion { version, board }) => {
@@ -200,6 +225,9 @@ impl HostSession {
     /// Bytes to write to every port now. Call it every few milliseconds.
     pub fn poll(&mut self, now: Stamp) -> Vec<u8> {
         self.advance(now);
+        if self.open {
+            self.opened.get_or_insert(self.now);
+        }
         self.watch_peers();
         self.watch_command();
         let mut out = Vec::new();
@@ -428,6 +456,8 @@ impl HostSession {
         if !self.open {
             self.open = true;
             self.decoders.iter_mut().for_each(Decoder::restart);
+            self.heard = Default::default();
+            self.opened = None;
             self.peers.iter_mut().for_each(Peer::start_over);
             self.event(LinkEvent::Reconnected);
         }
@@ -459,6 +489,11 @@ impl HostSession {
                 .last_frame
                 .map_or(now.seconds(), |(_, at)| now.since(at).max(0.0)),
             retry_in_s: None,
+            trouble: self
+                .unheard(now)
+                .next()
+                .map(|(_, port, heard)| unheard(port, heard.bytes)),
+            mocap_trouble: None,
             gripper: self.peers[GRIPPER_BOARD].gripper(),
             pumps: std::array::from_fn(|b| {
                 let newest = self.peers[b].newest.map(|n| n.stamp);
@@ -551,7 +586,25 @@ impl HostSession {
         self.events.push_back(event);
     }
 
+    /// The open ports on which nothing was understood for too long: place, name, and what was received.
+    fn unheard(&self, now: Stamp) -> impl Iterator<Item = (usize, &str, &Heard)> {
+        let is_due = self.opened.is_some_and(|at| now.since(at) >= UNHEARD_S);
+        let is_meant = self.open && is_due;
+        // The source of a session on serial ports is the list of their names.
+        let names = self.source.split(',').map(str::trim);
+        let ports = names.zip(&self.heard).enumerate();
+        ports
+            .map(|(i, (name, heard))| (i, name, heard))
+            .filter(move |(.., heard)| is_meant && !heard.is_understood)
+    }
+
     fn watch_peers(&mut self) {
+        let unheard = self.unheard(self.now).find(|(.., h)| !h.is_reported);
+        if let Some((i, port, heard)) = unheard {
+            let (port, bytes) = (port.to_owned(), heard.bytes);
+            self.heard[i].is_reported = true;
+            self.event(LinkEvent::Unheard { port, bytes });
+        }
         for board in 0..BOARDS {
             let peer = &mut self.peers[board];
             let quiet = peer.heard.is_some_and(|t| self.now.since(t) > SILENCE_S);

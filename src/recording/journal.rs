@@ -14,12 +14,13 @@
 //!
 //! All little-endian.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, OpenOptions};
 use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::RecordingError;
 use super::dataset::{DatasetWriter, EXACT_COLUMNS, refuse, row_of, sample_of};
+use super::lock::is_own;
 use crate::signal::{Dataset, Sample};
 
 const CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
@@ -63,14 +64,10 @@ impl DatasetJournal {
             .truncate(false)
             .open(&path)
             .map_err(RecordingError::io(&path, "create"))?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                let text = "another process is computing this data set: wait for it, or give \
-                            another file";
-                return Err(refuse(&path, text.to_owned()));
-            }
-            Err(TryLockError::Error(e)) => return Err(RecordingError::io(&path, "lock")(e)),
+        if !is_own(file.try_lock(), &path) {
+            let text = "another process is computing this data set: wait for it, or give another \
+                        file";
+            return Err(refuse(&path, text.to_owned()));
         }
         let wanted = head(about);
         let mut found = Vec::new();

@@ -22,6 +22,7 @@ mod imu_log;
 mod inspect;
 mod journal;
 mod live;
+mod lock;
 mod log;
 mod mocap;
 mod overlay;
@@ -51,6 +52,7 @@ pub use inspect::{
 };
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
+pub use lock::wait_for_lock;
 pub use log::{
     SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, session_table,
     write_session, write_session_table,

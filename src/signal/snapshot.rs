@@ -106,6 +106,10 @@ pub struct LinkStatus {
     pub rig: [Option<u32>; BOARDS],
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],
+    /// Why an open port gives no frames, or one that is gone does not come back. Not kept in recordings.
+    pub trouble: Option<String>,
+    /// Why motion capture that is received is not used. Not kept in recordings.
+    pub mocap_trouble: Option<String>,
     /// The newest time when this program did not serve the ports, if there was one. Not kept in recordings.
     pub host_delay: Option<HostDelay>,
 }

@@ -28,7 +28,7 @@ pub use loops::{Pace, run_in_lockstep, run_in_real_time, run_in_simulated_time};
 pub use maps::{Maps, Patched, Reading, sensing_for};
 pub use mesh::{MeshQuestion, MeshSolver};
 pub use port::{Arrivals, Clock, Port, TICK_S};
-pub use publish::spawn;
+pub use publish::{spawn, spawn_until};
 pub use runner::Runner;
 pub use serial::SerialPort;
 pub use stream::LAST_WORDS;

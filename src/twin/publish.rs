@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, TryLockError};
 use std::thread::JoinHandle;
@@ -193,6 +194,20 @@ impl WindowWatch {
 /// # Errors
 /// When the thread cannot be started.
 pub fn spawn(
+    runner: Runner,
+    start: Instant,
+    first: Vec<Command>,
+    repaint: impl FnMut(&Snapshot) + Send + 'static,
+) -> std::io::Result<(Handle, JoinHandle<()>)> {
+    spawn_until(Arc::default(), runner, start, first, repaint)
+}
+
+/// The same; the thread also ends once `ends` is set, whatever the window does meanwhile.
+///
+/// # Errors
+/// As [`spawn`].
+pub fn spawn_until(
+    ends: Arc<AtomicBool>,
     mut runner: Runner,
     start: Instant,
     mut first: Vec<Command>,
@@ -208,6 +223,9 @@ pub fn spawn(
             end = snapshot.stamp;
             publisher.publish(end, snapshot, events);
             repaint(snapshot);
+            if ends.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
             commands.extend(watch.look(snapshot));
             if snapshot.has_settled() {
                 commands.append(&mut first);

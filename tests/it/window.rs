@@ -128,3 +128,19 @@ fn the_window_streams_where_the_command_line_says() {
     let (_program, log) = start_with(&display, &scratch("window-stream"), &["--stream", &address]);
     wait_for(&log, &format!("viewer at {address} does not answer"));
 }
+
+/// `kill`, a closed terminal, the end of the desktop's session: as if the window was closed, and reported.
+#[test]
+fn a_window_that_is_asked_to_end_by_a_signal_closes() {
+    use nix::sys::signal::{Signal, kill};
+    let (_server, display) = display();
+    let dir = scratch("window-signal");
+    for signal in [Signal::SIGTERM, Signal::SIGHUP, Signal::SIGINT] {
+        let (mut program, log) = start(&display, &dir);
+        wait_for(&log, "Board 2 is ready");
+        let id = nix::unistd::Pid::from_raw(program.id() as i32);
+        kill(id, signal).expect("runs");
+        wait_for(&log, "error: ended by a signal: the boards were stopped");
+        assert_eq!(program.wait().code(), Some(1), "{signal}");
+    }
+}

@@ -477,3 +477,20 @@ fn a_run_that_is_asked_to_end_completes_its_recording() {
     let v = json(&["inspect", name, "--json"]);
     assert_eq!(v["complete"], true, "{v}");
 }
+
+/// So does an endurance run, whose rig is a process of its own.
+#[cfg(unix)]
+#[test]
+fn an_endurance_run_that_is_asked_to_end_stops_the_boards() {
+    use nix::sys::signal::{Signal, kill};
+    let run = Running::start(&mut program(&["soak", "--hours", "1"]));
+    let children = format!("/proc/{0}/task/{0}/children", run.id());
+    let rig = || std::fs::read_to_string(&children).is_ok_and(|c| !c.trim().is_empty());
+    until("its rig runs", rig);
+    let id = nix::unistd::Pid::from_raw(run.id() as i32);
+    kill(id, Signal::SIGTERM).expect("runs");
+    let out = run.output();
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert!(said.contains("ended by a signal"), "{said}");
+}

@@ -11,6 +11,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 
 use super::later::later;
+use crate::cli::signals::taken_by_child;
 use crate::cli::{read_text, sentence, user};
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::Key;
@@ -298,13 +299,13 @@ const BROWSER_FOUND: Duration = Duration::from_secs(5);
 /// one.
 fn open_page(path: &Path, openers: &[&str]) -> Result<(), String> {
     let start = |program: &&str| {
-        Command::new(program)
+        let mut command = Command::new(program);
+        command
             .arg(path)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .ok()
+            .stderr(Stdio::null());
+        taken_by_child(|| command.spawn()).ok()
     };
     let no = |why: &str| Err(format!("The report cannot be shown in a browser: {why}."));
     let Some(mut child) = openers.iter().find_map(start) else {

@@ -1,6 +1,7 @@
 //! What the window's twin can be put on.
 
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -69,6 +70,8 @@ pub struct Rigs {
     /// Where the user's data are; without it no saved calibration is looked for.
     pub data: Option<PathBuf>,
     pub twins: Twins,
+    /// Ends every twin once it is set.
+    pub ends: Arc<AtomicBool>,
     /// For how long the control loop stands still on purpose, once the arm moves.
     pub stall: Option<Duration>,
 }
@@ -91,6 +94,7 @@ impl Rigs {
             .maps(self.maps(rig)?)
             .gains(self.kind.gains())
             .instruments(instruments)
+            .ends_with(Arc::clone(&self.ends))
             .build()?;
         if let Some(why) = trouble {
             driver.runner.twin.explain_calibration(why);
@@ -254,6 +258,7 @@ mod tests {
             instruments: Instruments::default(),
             data: Some(data.clone()),
             twins: Twins::default(),
+            ends: Arc::default(),
             stall: None,
         };
         let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
@@ -295,6 +300,7 @@ mod tests {
             instruments: Instruments::default(),
             data: Some(data.clone()),
             twins: Twins::default(),
+            ends: Arc::default(),
             stall: None,
         };
         rigs.instruments.accept_virtual_calibration = true;
@@ -323,6 +329,7 @@ mod tests {
             instruments: Instruments::default(),
             data: None,
             twins: Twins::default(),
+            ends: Arc::default(),
             stall: None,
         };
         assert_eq!(rigs.declared("/dev/ttyUSB0"), []);

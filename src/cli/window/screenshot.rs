@@ -247,6 +247,7 @@ fn picture_services(
         // A picture does not depend on what was saved on this computer.
         data: None,
         twins: Twins::default(),
+        ends: Arc::default(),
         stall: None,
     };
     let (calibration, _) = rigs.belongings("sim")?;

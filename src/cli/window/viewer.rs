@@ -11,6 +11,7 @@ use std::time::Duration;
 use springtwin::gui::services::{Job, Opener, Worker};
 
 use super::later::later;
+use crate::cli::signals::taken_by_child;
 
 /// Where the viewer listens unless that is taken.
 const USUAL_PORT: u16 = 9876;
@@ -60,17 +61,16 @@ fn spawn(args: &[OsString]) -> Result<Child, String> {
         .args(args)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .map_err(|e| match e.kind() {
-            ErrorKind::NotFound => {
-                "The Rerun viewer is not installed: pip install rerun-sdk==0.36.3, then try again."
-                    .to_owned()
-            }
-            _ => format!(
-                "The Rerun viewer cannot be started ({e}): check that `rerun` runs in a terminal."
-            ),
-        })
+        .stderr(Stdio::null());
+    taken_by_child(|| command.spawn()).map_err(|e| match e.kind() {
+        ErrorKind::NotFound => {
+            "The Rerun viewer is not installed: pip install rerun-sdk==0.36.3, then try again."
+                .to_owned()
+        }
+        _ => format!(
+            "The Rerun viewer cannot be started ({e}): check that `rerun` runs in a terminal."
+        ),
+    })
 }
 
 /// Ends a viewer, with what it has started.

@@ -419,8 +419,12 @@ fn items(live: &View<'_>) -> Vec<Item> {
             item(warn_if(late > LATE_S), "Vicon", age(late.max(0.0)), hover)
         }
         None => {
-            let hover = "No motion capture: predictions cannot be scored.".to_owned();
-            item(Level::Normal, "Vicon", "—".into(), hover)
+            let why = &s.link.mocap_trouble;
+            let level = warn_if(why.is_some());
+            let hover = why
+                .clone()
+                .unwrap_or_else(|| "No motion capture: predictions cannot be scored.".to_owned());
+            item(level, "Vicon", "—".into(), hover)
         }
     };
     let lost = s.link.frames_lost as f64 / (s.link.frames + s.link.frames_lost).max(1) as f64;

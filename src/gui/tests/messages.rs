@@ -70,3 +70,18 @@ fn repeats_are_one_line_and_safe_stays_on_top_until_it_is_reset() {
     h.run_steps(2);
     h.get_by_label(&format!("⊗ Mode: SAFE ({REASON})"));
 }
+
+/// Started from the desktop, a program has no terminal for them.
+#[test]
+fn warnings_of_the_log_are_messages_of_the_window() {
+    let (_twin, handle) = twin(fixture::snapshot(1.0));
+    let (log, warnings) = sync_channel(4);
+    let mut app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+    app.warnings = Some(warnings);
+    let mut h = harness(app);
+    let text = "The window's settings are not kept: the disk is full";
+    log.try_send((Severity::Warning, text.to_owned()))
+        .expect("a free place");
+    h.run_steps(3);
+    h.get_by_label_contains(text);
+}

@@ -518,6 +518,30 @@ fn a_window_that_is_not_painted_does_not_close_on_an_armed_arm() {
     assert!(closes(on_hold(1.0)), "a simulated arm");
 }
 
+/// Ctrl+C, `kill`, the end of the desktop's session: nobody is there to answer a question.
+#[test]
+fn a_window_whose_program_was_asked_to_end_lets_the_arm_go_and_closes() {
+    use egui::ViewportCommand::{CancelClose, Close};
+    let (twin, handle) = twin(on_hardware(on_hold(1.0)));
+    let mut app = App::new(Some(handle), RobotSpec::reference(), Services::none());
+    let ends = Arc::clone(&app.ends);
+    let ctx = egui::Context::default();
+    let mut answer = |closes: bool| {
+        let mut input = egui::RawInput::default();
+        let info = input.viewports.entry(egui::ViewportId::ROOT).or_default();
+        info.events
+            .extend(closes.then_some(egui::ViewportEvent::Close));
+        let out = ctx.run_logic(&input, |ctx| app.logic(ctx));
+        let commands = out.viewport_commands.into_iter().next();
+        commands.map_or(Vec::new(), |(_, commands)| commands)
+    };
+    assert!(answer(true).contains(&CancelClose), "the operator is asked");
+    ends.store(true, std::sync::atomic::Ordering::Relaxed);
+    assert!(answer(false).contains(&Close));
+    assert!(twin.is_gone());
+    assert!(!answer(true).contains(&CancelClose));
+}
+
 #[test]
 fn space_holds_whatever_is_open_focused_or_held_down_with_it() {
     let (twin, mut h) = running(fixture::snapshot(1.0));

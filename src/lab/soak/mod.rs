@@ -10,7 +10,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::ops::ControlFlow;
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -195,16 +195,26 @@ pub struct Endured {
 ///
 /// # Errors
 /// When the rig cannot be set up, or no data come from it.
-pub fn run(o: &Options, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Endured> {
-    let outcome = soak(o, robot_file, robot)?;
+pub fn run(
+    o: &Options,
+    ends: Arc<AtomicBool>,
+    robot_file: Option<&Path>,
+    robot: &RobotSpec,
+) -> Result<Endured> {
+    let outcome = soak(o, ends, robot_file, robot)?;
     Ok(Endured {
         report: report(&outcome),
         missed: missed(&outcome),
     })
 }
 
-fn soak(a: &Options, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Outcome> {
-    let twin = TwinBuilder::new(robot);
+fn soak(
+    a: &Options,
+    ends: Arc<AtomicBool>,
+    robot_file: Option<&Path>,
+    robot: &RobotSpec,
+) -> Result<Outcome> {
+    let twin = TwinBuilder::new(robot).ends_with(ends);
     let start = twin.start();
     let folder = Folder::new()?;
     let panics = count_panics();
@@ -280,7 +290,9 @@ fn soak(a: &Options, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Out
         freeze(process, false, &mut frozen);
     }
     let end = last.as_ref().map_or(Stamp::ZERO, |s| s.stamp);
+    let was_ended = driver.was_ended();
     driver.finish(end);
+    anyhow::ensure!(!was_ended, crate::drive::ENDED);
     let link = last.map(|s| s.link.clone()).unwrap_or_default();
     check_link(&link, "the virtual rig")?;
     let mut seen = watch.seen();

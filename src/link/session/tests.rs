@@ -397,3 +397,57 @@ fn a_stalled_board_leaves_its_channels_absent_and_the_other_goes_on() {
         assert_eq!(w.pumps(), [false, false]);
     }
 }
+
+/// Nothing and noise on a port are two things.
+#[test]
+fn a_port_on_which_nothing_is_understood_is_reported_with_what_it_received() {
+    let mut host = HostSession::new("/dev/a, /dev/b", Origin::Hardware, Config::built_in());
+    let mut rng = Pcg64::seed_from_u64(5);
+    // The session's time began long before the ports were open.
+    let mut at = |host: &mut HostSession, from_s: f64, to_s: f64| {
+        let mut events = Vec::new();
+        for ms in (from_s * 1e3) as u32..(to_s * 1e3) as u32 {
+            let now = Stamp::from_seconds(f64::from(ms) * 1e-3);
+            let noise: [u8; 6] = rng.random();
+            host.on_port_bytes(1, now, &noise);
+            host.poll(now);
+            events.extend(std::iter::from_fn(|| host.next_event()));
+        }
+        events
+    };
+    assert_eq!(at(&mut host, 60.0, 62.9), []);
+    let texts: Vec<_> = at(&mut host, 62.9, 65.0)
+        .iter()
+        .map(LinkEvent::text)
+        .collect();
+    assert_eq!(texts.len(), 2, "{texts:?}");
+    assert!(
+        texts[0].contains("on /dev/a: nothing received"),
+        "{texts:?}"
+    );
+    assert!(
+        texts[1].contains("on /dev/b: 18 kB received, no frame understood")
+            && texts[1].contains("baud rate"),
+        "{texts:?}"
+    );
+    let trouble = host.status(Stamp::from_seconds(65.0)).trouble;
+    assert!(trouble.is_some_and(|t| t.contains("/dev/a")));
+    // Opened again, it gets its time again.
+    host.disconnected(Stamp::from_seconds(65.0), "unplugged");
+    host.reconnected(Stamp::from_seconds(65.0));
+    let again = at(&mut host, 65.0, 67.9);
+    assert!(
+        again
+            .iter()
+            .all(|e| !matches!(e, LinkEvent::Unheard { .. })),
+        "{again:?}"
+    );
+
+    // One board of two is enough to see that the port is theirs.
+    let mut w = World::new(3);
+    w.cut[1] = true;
+    w.run(4.0);
+    let unheard = |e: &LinkEvent| matches!(e, LinkEvent::Unheard { .. });
+    assert!(!w.events.iter().any(|(_, e)| unheard(e)), "{:?}", w.events);
+    assert_eq!(w.host.status(Stamp::from_seconds(4.0)).trouble, None);
+}

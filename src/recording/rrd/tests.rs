@@ -132,6 +132,8 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             supply_cut: false,
             board_simulated: [None; BOARDS],
             rig: [None; BOARDS],
+            trouble: None,
+            mocap_trouble: None,
             host_delay: None,
         },
         raw: Some(RawFrame {

@@ -127,6 +127,40 @@ fn sockets_are_on_loopback_unless_asked() {
     println!("hardware listens on {by_default:?} by default");
 }
 
+/// The addresses of SECURITY.md's table of listeners that are open `when`.
+fn stated(when: &str) -> Vec<IpAddr> {
+    let page = include_str!("../../../SECURITY.md");
+    let table = page.split("## Listeners").nth(1).expect("a table");
+    let table = table.split("\n## ").next().expect("its section");
+    let address = |row: &str| {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let is_meant = cells.get(1)?.split(", ").any(|w| w.starts_with(when));
+        let first = cells.get(2)?.split('`').nth(1)?;
+        let ip = first.split(':').next()?.parse().expect("an address");
+        is_meant.then_some(ip)
+    };
+    table.lines().filter_map(address).collect()
+}
+
+#[test]
+fn the_table_of_listeners_states_what_the_program_opens() {
+    let long = ["run", "--headless", "--seconds", "1000000", "--rig"];
+    for (args, when) in [
+        ([&long[..], &["sim"]].concat(), "`--rig sim`"),
+        ([&long[..], &["pty"]].concat(), "`--rig pty`"),
+        (vec!["rig", "--vicon", "127.0.0.1:9"], "`rig --vicon`"),
+    ] {
+        let stated = stated(when);
+        let run = start(&args);
+        let found = watched(&run, |l| l.len() >= stated.len());
+        assert!(found.iter().all(|(kind, _)| kind == "udp"), "{found:?}");
+        let found: Vec<IpAddr> = found.iter().map(|(_, at)| at.ip()).collect();
+        assert_eq!(found, stated, "{when}");
+    }
+    // Motion capture's port on hardware may be taken here: its bounds are those of the test above.
+    assert_eq!(stated("`--rig PORT`"), [IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+}
+
 #[test]
 fn addresses_are_read_as_the_system_writes_them() {
     if cfg!(target_endian = "little") {

@@ -199,9 +199,11 @@ pub fn disconnected(s: &Snapshot) -> String {
     if s.link.source.is_empty() {
         return "▲ Not connected: no frames yet. Motion is off until the boards answer.".into();
     }
-    let next = match s.link.retry_in_s {
-        Some(t) => format!("The port is gone; next try in {:.1} s.", t),
-        None => "Listening.".to_owned(),
+    let next = match (s.link.retry_in_s, &s.link.trouble) {
+        (Some(t), Some(why)) => format!("The port does not come back: {why} Next try in {t:.1} s."),
+        (Some(t), None) => format!("The port is gone; next try in {t:.1} s."),
+        (None, Some(why)) => return format!("▲ {why} Motion is off."),
+        (None, None) => "Listening.".to_owned(),
     };
     format!(
         "▲ {} does not answer: values are {} old, motion is off. {next}",
