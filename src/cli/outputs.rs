@@ -3,10 +3,13 @@
 //! Every command that writes has [`Overwrite`] among its options and asks it before it begins its work, so that nobody
 //! waits for a result that has no place.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::Args;
+use springtwin::recording::write_text;
 
 /// Whether files that are there may be replaced.
 #[derive(Args, Clone, Copy, Debug, Default)]
@@ -17,6 +20,10 @@ pub struct Overwrite {
 }
 
 impl Overwrite {
+    /// For tests of commands that replace files.
+    #[cfg(test)]
+    pub const YES: Self = Self { overwrite: true };
+
     /// Refuses a file that is there, unless it may be replaced, and a folder in its place.
     pub fn file(self, path: &Path) -> Result<()> {
         anyhow::ensure!(
@@ -65,6 +72,47 @@ impl Overwrite {
     }
 }
 
+/// Writes `text` to `path`. What is replaced is kept beside it as `NAME.~1~`, `NAME.~2~` and so on; the path of that.
+pub fn replace_keeping(path: &Path, text: &str) -> Result<Option<PathBuf>> {
+    let kept = match path.is_file() {
+        true => Some(kept_copy(path)?),
+        false => None,
+    };
+    write_text(path, text)?;
+    Ok(kept)
+}
+
+/// Copies `path` to the name after the last one that is there.
+fn kept_copy(path: &Path) -> Result<PathBuf> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let number = |entry: std::io::Result<std::fs::DirEntry>| -> Option<u32> {
+        let found = entry.ok()?.file_name();
+        let rest = found.to_str()?.strip_prefix(&*name)?;
+        rest.strip_prefix(".~")?.strip_suffix('~')?.parse().ok()
+    };
+    let absolute = std::path::absolute(path)?;
+    let folder = absolute.parent().unwrap_or(&absolute);
+    let there = std::fs::read_dir(folder).into_iter().flatten();
+    let mut n = there.filter_map(number).max().unwrap_or(0);
+    loop {
+        n += 1;
+        let kept = path.with_file_name(format!("{name}.~{n}~"));
+        let failed = || format!("cannot keep {} as {}", path.display(), kept.display());
+        match File::create_new(&kept) {
+            Ok(mut copy) => {
+                let mut old = File::open(path).with_context(failed)?;
+                std::io::copy(&mut old, &mut copy)
+                    .and_then(|_| copy.sync_all())
+                    .with_context(failed)?;
+                return Ok(kept);
+            }
+            // Made by another program since the folder was listed.
+            Err(e) if e.kind() == ErrorKind::AlreadyExists && n < u32::MAX => {}
+            Err(e) => return Err(e).with_context(failed),
+        }
+    }
+}
+
 /// Refuses `bytes` that do not fit where `path` will be, and names both sizes.
 pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     let path = std::path::absolute(path)?;
@@ -102,7 +150,7 @@ mod tests {
     use super::*;
 
     const KEEP: Overwrite = Overwrite { overwrite: false };
-    const REPLACE: Overwrite = Overwrite { overwrite: true };
+    const REPLACE: Overwrite = Overwrite::YES;
 
     #[test]
     fn what_is_there_stays_unless_it_may_be_replaced() {
@@ -128,6 +176,28 @@ mod tests {
         #[cfg(unix)]
         assert!(KEEP.file(Path::new("/dev/null")).is_ok());
         std::fs::remove_dir_all(&dir).expect("removes");
+    }
+
+    #[test]
+    fn what_is_replaced_is_kept_and_counted_up() {
+        let dir = std::env::temp_dir().join(format!("springtwin-kept-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("makes");
+        let path = dir.join("arm.toml");
+        assert_eq!(replace_keeping(&path, "a").expect("writes"), None);
+        let kept = |text: &str| replace_keeping(&path, text).expect("writes");
+        assert_eq!(kept("b"), Some(dir.join("arm.toml.~1~")));
+        // One that was removed by hand gives its number to nothing newer.
+        std::fs::write(dir.join("arm.toml.~4~"), "").expect("writes");
+        assert_eq!(kept("c"), Some(dir.join("arm.toml.~5~")));
+        for (name, text) in [
+            ("arm.toml", "c"),
+            ("arm.toml.~1~", "a"),
+            ("arm.toml.~5~", "b"),
+        ] {
+            let is = std::fs::read_to_string(dir.join(name)).expect("there");
+            assert_eq!(is, text, "{name}");
+        }
+        std::fs::remove_dir_all(&dir).expect("cleans up");
     }
 
     /// Whoever takes a place to write to also takes the word to replace what is there.

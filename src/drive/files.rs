@@ -4,6 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 
+use crate::sensing::bench::{BenchLog, parse_bench};
+
 /// Reads a text file.
 ///
 /// # Errors
@@ -30,4 +32,12 @@ pub fn read_toml(path: &Path) -> Result<String> {
         about.len()
     );
     read_text(path)
+}
+
+/// Reads the log of a bench.
+///
+/// # Errors
+/// When it is too large for one, cannot be read or parsed; the error names it.
+pub fn read_bench(path: &Path) -> Result<BenchLog> {
+    parse_bench(&read_text(path)?).with_context(|| path.display().to_string())
 }
