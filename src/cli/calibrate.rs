@@ -21,7 +21,7 @@ use self_::SelfArgs;
 use springs::SpringsArgs;
 use springtwin::learn::to_pose;
 use springtwin::link::wire::objects::END_PAD;
-use springtwin::recording::{read_rrd, read_session, write_text};
+use springtwin::recording::{file_sha256, read_rrd, read_session, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::{
     ClockOptions, FitOptions, ObjectFrame, Placed, Registration, StreamOptions, StreamRegistration,
@@ -205,12 +205,11 @@ fn recorded(path: &Path) -> Result<RobotPoses> {
     }
     let span_s = poses.first().zip(poses.last()).map(|(a, b)| b.0 - a.0);
     let rate_hz = poses.len() as f64 / span_s.unwrap_or_default();
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(RobotPoses {
         poses,
         rate_hz,
         simulated: read.trace.simulated,
-        hash: hex(&Sha256::digest(&bytes)),
+        hash: file_sha256(path)?,
     })
 }
 

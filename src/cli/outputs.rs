@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::Args;
+pub use springtwin::recording::size_text as size;
 use springtwin::recording::write_text;
 
 /// Whether files that are there may be replaced.
@@ -130,19 +131,6 @@ pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     Ok(())
 }
 
-/// A number of bytes for people: decimal units, two or three digits.
-pub fn size(bytes: u128) -> String {
-    const UNITS: [&str; 8] = ["B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB"];
-    let mut value = bytes as f64;
-    let mut unit = 0;
-    while value >= 999.5 && unit + 1 < UNITS.len() {
-        value /= 1e3;
-        unit += 1;
-    }
-    let digits = usize::from(unit > 0 && value < 9.95);
-    format!("{value:.digits$} {}", UNITS[unit])
-}
-
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory as _;
@@ -223,19 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_are_for_people() {
-        for (bytes, text) in [
-            (0, "0 B"),
-            (999, "999 B"),
-            (1500, "1.5 kB"),
-            (25_000_000, "25 MB"),
-            (999_600_000, "1.0 GB"),
-            (u64::MAX.into(), "18 EB"),
-            (68 * 10_u128.pow(18), "68 EB"),
-            (2 * 10_u128.pow(21), "2.0 ZB"),
-        ] {
-            assert_eq!(size(bytes), text);
-        }
+    fn what_does_not_fit_on_the_disk_is_refused() {
         let said = fits(Path::new("x"), u64::MAX.into(), "a thousand samples");
         #[cfg(unix)]
         assert!(

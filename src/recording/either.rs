@@ -2,11 +2,8 @@
 
 use std::path::Path;
 
-use sha2::{Digest as _, Sha256};
-
 use super::log::median_step_s;
-use super::{RecordingError, SessionLog, read_rrd, read_session};
-use crate::signal::hex;
+use super::{RecordingError, SessionLog, file_sha256, read_rrd, read_session};
 
 /// Whether a file is a recording (`.rrd`), by its name.
 pub fn is_rrd(path: &Path) -> bool {
@@ -26,8 +23,7 @@ pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
     let read = read_rrd(path)?;
     let mut log = SessionLog::from_trace(&read.trace, 0.0);
     log.rate_hz = median_step_s(&log.t_s).map_or(0.0, |dt_s| 1.0 / dt_s);
-    let bytes = std::fs::read(path).map_err(RecordingError::io(path, "read"))?;
-    log.hash = hex(&Sha256::digest(&bytes));
+    log.hash = file_sha256(path)?;
     log.robot = read.meta.robot_hash;
     Ok(log)
 }

@@ -18,6 +18,8 @@ mod csv;
 mod dataset;
 mod either;
 mod error;
+#[cfg(test)]
+pub(crate) mod hostile;
 mod imu_log;
 mod inspect;
 mod journal;
@@ -25,6 +27,7 @@ mod live;
 mod log;
 mod mocap;
 mod overlay;
+mod parquet_guard;
 mod patience;
 mod recorder;
 #[cfg(feature = "rrd")]
@@ -33,6 +36,7 @@ mod rrd;
 #[path = "rrd_stub.rs"]
 mod rrd;
 mod session_file;
+mod size_limit;
 mod table;
 mod types;
 mod units;
@@ -64,6 +68,7 @@ pub use recorder::{LOW_SPACE_BYTES, QueueFull, Recorder, RecorderState, free_byt
 pub use rrd::SCHEMA_VERSION;
 pub use rrd::{RecordingWriter, read_rrd, read_rrd_with, write_overlay};
 pub use session_file::{SessionFile, parse_session_file};
+pub use size_limit::{Limited, SizeLimit, file_sha256, size_text};
 pub use table::{Table, table_file};
 pub use types::{
     ArmDrawing, Channel, ChannelValues, ReadRecording, RecordedEvent, RecordingMeta,

@@ -205,8 +205,6 @@ fn open(parameters: &[Parameter]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[test]
     fn the_command_parses() {
         use clap::Parser as _;
