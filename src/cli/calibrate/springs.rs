@@ -469,8 +469,7 @@ mod tests {
         let all: Vec<usize> = (1..=12).collect();
         let e = bench
             .calibrate(&all, Some(7), false)
-            .err()
-            .expect("one is bad");
+            .expect_err("one is bad");
         let e = e.to_string();
         assert!(
             e.contains("spring 7") && e.contains("nothing was written") && e.contains("--partial"),
@@ -481,8 +480,7 @@ mod tests {
         // The others, on demand; the seventh keeps its curve.
         let e = bench
             .calibrate(&all, Some(7), true)
-            .err()
-            .expect("one is bad");
+            .expect_err("one is bad");
         assert!(e.to_string().contains("the other 11 are in"), "{e}");
         let (is, was) = (bench.file(), Calibration::virtual_rig());
         assert_eq!(is.springs[6].curve, was.springs[6].curve);
@@ -495,8 +493,7 @@ mod tests {
         let bench = Bench::new("partial");
         let e = bench
             .calibrate(&[1, 2, 3], None, false)
-            .err()
-            .expect("nine are missing");
+            .expect_err("nine are missing");
         let e = e.to_string();
         assert!(e.contains("4, 5, 6, 7") && e.contains("--partial"), "{e}");
         assert!(!bench.path("arm.toml").exists());
