@@ -16,6 +16,7 @@ use crate::recording::{wait_for_lock, write_text};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
+use crate::signal::toml_error;
 
 const INDEX: &str = "versions.toml";
 /// Format of the list that this program writes; a list without a number has format 1.
@@ -109,15 +110,16 @@ impl Store {
             return Ok(Index::default());
         }
         let text = read_toml(&path)?;
-        let at = || path.display().to_string();
-        let Head { format } = toml::from_str(&text).with_context(at)?;
+        let damaged =
+            |e| anyhow::anyhow!("{} is damaged: {}", path.display(), toml_error(&text, &e));
+        let Head { format } = toml::from_str(&text).map_err(damaged)?;
         anyhow::ensure!(
             format <= FORMAT,
             "{} was written by a newer springtwin (format {format}, this one reads up to {FORMAT}): use that version, \
              or name a calibration with --calibration",
             path.display()
         );
-        toml::from_str(&text).with_context(at)
+        toml::from_str(&text).map_err(damaged)
     }
 
     fn write_index(&self, index: &Index) -> Result<()> {
@@ -207,7 +209,8 @@ impl Store {
             "the active calibration cannot be read, {instead}; save a new one, or choose one on the Calibrate screen: \
              {e:#}"
         );
-        (good, Some(format!("the saved one cannot be read: {e:#}")))
+        let why = format!("the active calibration cannot be read, {instead}: {e:#}");
+        (good, Some(why))
     }
 
     /// Paths of a version's calibration and of its registration, if there is one.
@@ -353,7 +356,8 @@ mod tests {
         std::fs::write(&path, text.replace("format = 1\n", "")).expect("writes");
         assert_eq!(store.versions().expect("lists").len(), 1);
         // Of a form that nobody knows yet.
-        std::fs::write(&path, "format = 2\nlatest = \"one\"\n").expect("writes");
+        let newer = "format = 2\nlatest = \"one\"\n";
+        std::fs::write(&path, newer).expect("writes");
         for e in [
             store.active().expect_err("newer"),
             store.save(version("two"), "2026-03-02").expect_err("newer"),
@@ -365,6 +369,20 @@ mod tests {
                 "{e}"
             );
         }
+        assert!(store.activate(1).is_err());
+        // Nor is a damaged one replaced, and it is named on one line.
+        for kept in [newer, "format = 1\nactive = \n"] {
+            std::fs::write(&path, kept).expect("writes");
+            let e = store.save(version("two"), "2026-03-02").expect_err("kept");
+            assert!(!format!("{e:#}").contains('\n'), "{e:#}");
+            assert_eq!(std::fs::read_to_string(&path).expect("reads"), kept);
+        }
+        let (files, why) = store.usable();
+        let why = why.expect("a reason");
+        assert!(
+            files.is_none() && why.contains("versions.toml is damaged: line 2"),
+            "{why}"
+        );
         std::fs::remove_dir_all(store.folder).expect("cleans up");
     }
 

@@ -11,7 +11,8 @@ use crate::signal::{IMUS, SPRINGS};
 pub struct Version {
     /// Number, from 1.
     pub number: u32,
-    /// Day it was saved (UTC).
+    /// Local time at which it was saved, with its offset from UTC (`2026-03-01 14:05 +01:00`); a day (UTC) where an earlier
+    /// program saved it.
     pub date: String,
     /// What passed, one line.
     pub note: String,

@@ -21,7 +21,7 @@ use self_::SelfArgs;
 use springs::SpringsArgs;
 use springtwin::learn::to_pose;
 use springtwin::link::wire::objects::END_PAD;
-use springtwin::recording::{read_part, read_session, write_text};
+use springtwin::recording::{file_sha256, read_part, read_session, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::{
     ClockOptions, FitOptions, ObjectFrame, Placed, Registration, StreamOptions, StreamRegistration,
@@ -94,9 +94,14 @@ pub struct MocapArgs {
     model: Option<PathBuf>,
 }
 
-/// Today's date (UTC), as 2026-03-01.
-pub fn today() -> String {
-    jiff::Timestamp::now().strftime("%Y-%m-%d").to_string()
+/// The time now, as a saved calibration carries it.
+pub fn now() -> String {
+    local_time(&jiff::Zoned::now())
+}
+
+/// Local time with its offset from UTC, as 2026-03-01 14:05 +01:00.
+fn local_time(time: &jiff::Zoned) -> String {
+    time.strftime("%Y-%m-%d %H:%M %:z").to_string()
 }
 
 /// `calibrate`.
@@ -200,12 +205,11 @@ fn recorded(path: &Path) -> Result<RobotPoses> {
     }
     let span_s = poses.first().zip(poses.last()).map(|(a, b)| b.0 - a.0);
     let rate_hz = poses.len() as f64 / span_s.unwrap_or_default();
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(RobotPoses {
         poses,
         rate_hz,
         simulated: read.trace.simulated,
-        hash: hex(&Sha256::digest(&bytes)),
+        hash: file_sha256(path)?,
     })
 }
 
@@ -337,6 +341,21 @@ mod tests {
             // The unit's own networks.
             model: Some("assets/networks/unit-1/reference.safetensors".into()),
         }
+    }
+
+    /// Half past midnight in Vienna is another day in UTC.
+    #[test]
+    fn a_calibration_carries_the_local_time_with_its_offset() {
+        let time: jiff::Timestamp = "2026-02-28T23:30:12Z".parse().expect("a time");
+        let vienna = jiff::tz::TimeZone::fixed(jiff::tz::offset(1));
+        assert_eq!(
+            local_time(&time.to_zoned(vienna)),
+            "2026-03-01 00:30 +01:00"
+        );
+        let now: jiff::Timestamp = jiff::fmt::strtime::parse("%Y-%m-%d %H:%M %:z", now())
+            .and_then(|t| t.to_timestamp())
+            .expect("reads back");
+        assert!(jiff::Timestamp::now().duration_since(now).as_secs() < 120);
     }
 
     #[test]

@@ -3,10 +3,14 @@
 //! Every command that writes has [`Overwrite`] among its options and asks it before it begins its work, so that nobody
 //! waits for a result that has no place.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::Args;
+pub use springtwin::recording::size_text as size;
+use springtwin::recording::write_text;
 
 /// Whether files that are there may be replaced.
 #[derive(Args, Clone, Copy, Debug, Default)]
@@ -17,6 +21,10 @@ pub struct Overwrite {
 }
 
 impl Overwrite {
+    /// For tests of commands that replace files.
+    #[cfg(test)]
+    pub const YES: Self = Self { overwrite: true };
+
     /// Refuses a file that is there, unless it may be replaced, and a folder in its place.
     pub fn file(self, path: &Path) -> Result<()> {
         anyhow::ensure!(
@@ -65,6 +73,47 @@ impl Overwrite {
     }
 }
 
+/// Writes `text` to `path`. What is replaced is kept beside it as `NAME.~1~`, `NAME.~2~` and so on; the path of that.
+pub fn replace_keeping(path: &Path, text: &str) -> Result<Option<PathBuf>> {
+    let kept = match path.is_file() {
+        true => Some(kept_copy(path)?),
+        false => None,
+    };
+    write_text(path, text)?;
+    Ok(kept)
+}
+
+/// Copies `path` to the name after the last one that is there.
+fn kept_copy(path: &Path) -> Result<PathBuf> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let number = |entry: std::io::Result<std::fs::DirEntry>| -> Option<u32> {
+        let found = entry.ok()?.file_name();
+        let rest = found.to_str()?.strip_prefix(&*name)?;
+        rest.strip_prefix(".~")?.strip_suffix('~')?.parse().ok()
+    };
+    let absolute = std::path::absolute(path)?;
+    let folder = absolute.parent().unwrap_or(&absolute);
+    let there = std::fs::read_dir(folder).into_iter().flatten();
+    let mut n = there.filter_map(number).max().unwrap_or(0);
+    loop {
+        n += 1;
+        let kept = path.with_file_name(format!("{name}.~{n}~"));
+        let failed = || format!("cannot keep {} as {}", path.display(), kept.display());
+        match File::create_new(&kept) {
+            Ok(mut copy) => {
+                let mut old = File::open(path).with_context(failed)?;
+                std::io::copy(&mut old, &mut copy)
+                    .and_then(|_| copy.sync_all())
+                    .with_context(failed)?;
+                return Ok(kept);
+            }
+            // Made by another program since the folder was listed.
+            Err(e) if e.kind() == ErrorKind::AlreadyExists && n < u32::MAX => {}
+            Err(e) => return Err(e).with_context(failed),
+        }
+    }
+}
+
 /// Refuses `bytes` that do not fit where `path` will be, and names both sizes.
 pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     let path = std::path::absolute(path)?;
@@ -82,19 +131,6 @@ pub fn fits(path: &Path, bytes: u128, what: &str) -> Result<()> {
     Ok(())
 }
 
-/// A number of bytes for people: decimal units, two or three digits.
-pub fn size(bytes: u128) -> String {
-    const UNITS: [&str; 8] = ["B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB"];
-    let mut value = bytes as f64;
-    let mut unit = 0;
-    while value >= 999.5 && unit + 1 < UNITS.len() {
-        value /= 1e3;
-        unit += 1;
-    }
-    let digits = usize::from(unit > 0 && value < 9.95);
-    format!("{value:.digits$} {}", UNITS[unit])
-}
-
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory as _;
@@ -102,7 +138,7 @@ mod tests {
     use super::*;
 
     const KEEP: Overwrite = Overwrite { overwrite: false };
-    const REPLACE: Overwrite = Overwrite { overwrite: true };
+    const REPLACE: Overwrite = Overwrite::YES;
 
     #[test]
     fn what_is_there_stays_unless_it_may_be_replaced() {
@@ -130,6 +166,28 @@ mod tests {
         std::fs::remove_dir_all(&dir).expect("removes");
     }
 
+    #[test]
+    fn what_is_replaced_is_kept_and_counted_up() {
+        let dir = std::env::temp_dir().join(format!("springtwin-kept-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("makes");
+        let path = dir.join("arm.toml");
+        assert_eq!(replace_keeping(&path, "a").expect("writes"), None);
+        let kept = |text: &str| replace_keeping(&path, text).expect("writes");
+        assert_eq!(kept("b"), Some(dir.join("arm.toml.~1~")));
+        // One that was removed by hand gives its number to nothing newer.
+        std::fs::write(dir.join("arm.toml.~4~"), "").expect("writes");
+        assert_eq!(kept("c"), Some(dir.join("arm.toml.~5~")));
+        for (name, text) in [
+            ("arm.toml", "c"),
+            ("arm.toml.~1~", "a"),
+            ("arm.toml.~5~", "b"),
+        ] {
+            let is = std::fs::read_to_string(dir.join(name)).expect("there");
+            assert_eq!(is, text, "{name}");
+        }
+        std::fs::remove_dir_all(&dir).expect("cleans up");
+    }
+
     /// Whoever takes a place to write to also takes the word to replace what is there.
     #[test]
     fn every_command_that_writes_can_be_told_to_replace() {
@@ -153,19 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_are_for_people() {
-        for (bytes, text) in [
-            (0, "0 B"),
-            (999, "999 B"),
-            (1500, "1.5 kB"),
-            (25_000_000, "25 MB"),
-            (999_600_000, "1.0 GB"),
-            (u64::MAX.into(), "18 EB"),
-            (68 * 10_u128.pow(18), "68 EB"),
-            (2 * 10_u128.pow(21), "2.0 ZB"),
-        ] {
-            assert_eq!(size(bytes), text);
-        }
+    fn what_does_not_fit_on_the_disk_is_refused() {
         let said = fits(Path::new("x"), u64::MAX.into(), "a thousand samples");
         #[cfg(unix)]
         assert!(

@@ -20,7 +20,7 @@ mod tasks;
 pub const ENDED: &str = "ended by a signal: the boards were stopped";
 
 pub use driver::{Driver, Ended, Observer, TwinBuilder, stopwatch};
-pub use files::{read_text, read_toml};
+pub use files::{read_bench, read_text, read_toml};
 pub use limits::over_limits;
 pub use plan::{Drive, Driven, Row, drive};
 pub use ports::{

@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result};
 use super::files::read_toml;
 use super::ports::is_virtual;
 use crate::learn::{Model, PoseEval};
-use crate::recording::SessionLog;
+use crate::recording::{SessionLog, SizeLimit};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
 use crate::twin::{Maps, sensing_for};
@@ -16,6 +16,8 @@ use crate::twin::{Maps, sensing_for};
 const MODEL: &[u8] = include_bytes!("../../assets/networks/reference.safetensors");
 /// The same with the sim-to-real networks of the virtual rig's unit 1, the one that the shipped calibration belongs to.
 const UNIT_MODEL: &[u8] = include_bytes!("../../assets/networks/unit-1/reference.safetensors");
+/// Largest file of networks; the shipped ones take 2 MB.
+const NETWORKS: SizeLimit = SizeLimit::of_kind(256 << 20, "a file of networks");
 const CALIBRATION: &str = include_str!("../../assets/calibration/virtual-rig.toml");
 
 /// The shipped model, or the one in a file.
@@ -26,8 +28,7 @@ pub fn model(path: Option<&Path>) -> Result<Model> {
     match path {
         None => Model::from_bytes(MODEL).context("the built-in networks do not load"),
         Some(path) => {
-            let bytes =
-                std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let bytes = NETWORKS.read_bytes(path)?;
             Model::from_bytes(&bytes).with_context(|| path.display().to_string())
         }
     }

@@ -293,6 +293,7 @@ mod tests {
                 .collect(),
             commanded_pa: None,
             payload_column_kg: None,
+            cut: false,
             hash: String::new(),
             robot: String::new(),
         }

@@ -11,10 +11,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 
 use crate::drive::read_text;
-use crate::signal::hex;
+use crate::recording::file_sha256;
 
 /// Index of a part and number of parts; both count from 1.
 pub type Part = (usize, usize);
@@ -177,8 +176,7 @@ pub(super) fn write(path: &Path, text: &str) -> Result<()> {
 /// # Errors
 /// When the file cannot be read.
 pub fn file_hash(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    Ok(hex(&Sha256::digest(bytes)))
+    Ok(file_sha256(path)?)
 }
 
 /// SHA-256 of this program's file.
@@ -198,6 +196,28 @@ mod tests {
         for (items, n) in [(0, 3), (1, 4), (7, 3), (290, 20), (5, 5)] {
             let all: Vec<usize> = (1..=n).flat_map(|i| stretch(items, (i, n))).collect();
             assert_eq!(all, (0..items).collect::<Vec<_>>(), "{items} in {n}");
+        }
+    }
+
+    #[test]
+    fn damaged_shards_are_refused_in_a_sentence_or_read() {
+        use crate::recording::hostile::{Scratch, assert_sentence, damaged};
+        let whole = serde_json::to_vec(&Shard {
+            of: "study eight".to_owned(),
+            shard: (1, 1),
+            about: vec![("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned())],
+            found: vec![1.5; 20],
+        })
+        .expect("writes");
+        let file = Scratch::new("shard.json");
+        let read =
+            |bytes: &[u8]| read_shards::<Vec<f64>>("study eight", &[file.with(bytes).to_owned()]);
+        assert!(read(&whole).is_ok());
+        // Lists in lists, without end.
+        for bytes in damaged(&whole).chain([b"[".repeat(1 << 20)]) {
+            if let Err(e) = read(&bytes) {
+                assert_sentence(&format!("{e:#}"));
+            }
         }
     }
 }

@@ -5,6 +5,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::signal::toml_error;
+
 /// Most networks in an ensemble.
 pub const MEMBERS_MAX: usize = 5;
 /// Widest layer and most hidden layers that are accepted, in recipes and in model files.
@@ -17,7 +19,7 @@ pub const HIDDEN_LAYERS_MAX: usize = 6;
 pub enum RecipeError {
     /// Not valid TOML, or a key is unknown or of the wrong type (the message has line and column).
     #[error("the training recipe is not valid: {0}")]
-    Syntax(#[from] toml::de::Error),
+    Syntax(String),
     /// A value makes no sense.
     #[error("the training recipe has {key} = {value}, but it must be {must}")]
     Value {
@@ -219,7 +221,8 @@ impl Recipe {
     /// # Errors
     /// [`RecipeError`] with line and column for syntax, with key and bound for values.
     pub fn from_toml(text: &str) -> Result<Self, RecipeError> {
-        let recipe: Self = toml::from_str(text)?;
+        let recipe: Self =
+            toml::from_str(text).map_err(|e| RecipeError::Syntax(toml_error(text, &e)))?;
         recipe.check()?;
         Ok(recipe)
     }

@@ -7,7 +7,7 @@
 //! | 8-10, 11-13 | the same of chambers 4-6 |
 //! | 14-38 | wire encoders (V) and tracked bodies; not read |
 
-use std::fs::File;
+use std::cell::Cell;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -15,12 +15,15 @@ use sha2::{Digest, Sha256};
 
 use super::RecordingError;
 use super::csv::{Lines, fields};
+use super::size_limit::SizeLimit;
 use crate::signal::{CHAMBERS, hex};
 
 /// Pa per psi.
 pub const PSI_PA: f64 = 6_894.757_293_168;
 /// Columns of the file.
 pub(super) const COLUMNS: usize = 38;
+/// Memory that a row takes while its vectors grow, bytes.
+const ROW_BYTES: u64 = 2 * (size_of::<f64>() + 2 * size_of::<[f64; CHAMBERS]>()) as u64;
 
 /// Commanded and measured pressures, gauge, Pa; an empty cell is NaN.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,18 +46,27 @@ pub struct AsuArmLog {
 /// [`RecordingError::Cell`] with line and column for anything that is not a table of numbers of
 /// that width with rising times, [`RecordingError::Io`] when the file cannot be read.
 pub fn read_asu_arm(path: &Path) -> Result<AsuArmLog, RecordingError> {
-    let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+    read_within(path, SizeLimit::of_memory())
+}
+
+/// Reads such a file that may take so much memory.
+pub(super) fn read_within(path: &Path, limit: SizeLimit) -> Result<AsuArmLog, RecordingError> {
+    let file = limit.open(path)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     Ok(AsuArmLog {
         name: name.into_owned(),
-        ..parse(BufReader::new(file), path)?
+        ..parse(BufReader::new(file), path, limit)?
     })
 }
 
 /// The table; `path` is for refusals.
-fn parse(reader: impl BufRead, path: &Path) -> Result<AsuArmLog, RecordingError> {
+fn parse(reader: impl BufRead, path: &Path, limit: SizeLimit) -> Result<AsuArmLog, RecordingError> {
     let mut hasher = Sha256::new();
-    let mut tap = |bytes: &[u8]| hasher.update(bytes);
+    let ended = Cell::new(true);
+    let mut tap = |bytes: &[u8]| {
+        hasher.update(bytes);
+        ended.set(bytes.ends_with(b"\n"));
+    };
     let mut lines = Lines::new(reader, path, &mut tap);
     let mut log = AsuArmLog::default();
     let refuse = |line: usize, column: usize, text: String| RecordingError::Cell {
@@ -63,6 +75,8 @@ fn parse(reader: impl BufRead, path: &Path) -> Result<AsuArmLog, RecordingError>
         column,
         text,
     };
+    // Why a line is none: forgiven if it is the last one.
+    let mut torn = None;
     loop {
         let line = lines.line + 1;
         let Some(text) = lines.next_line()? else {
@@ -71,52 +85,71 @@ fn parse(reader: impl BufRead, path: &Path) -> Result<AsuArmLog, RecordingError>
         if text.trim().is_empty() {
             continue;
         }
-        let cells = fields(text).map_err(|(c, what)| refuse(line, c, what.to_owned()))?;
-        if cells.len() != COLUMNS {
-            return Err(refuse(
-                line,
-                cells.len().min(COLUMNS) + 1,
-                format!(
-                    "{} columns: a pressure log of this arm has {COLUMNS} (time, then desired and \
-                     measured pressures in psi, encoders, tracked bodies) and no header",
-                    cells.len()
-                ),
-            ));
+        if let Some(e) = torn {
+            return Err(e);
         }
-        let number = |c: usize| -> Result<f64, RecordingError> {
-            let text = &cells[c];
-            if text.is_empty() || text.eq_ignore_ascii_case("nan") {
-                return Ok(f64::NAN);
+        match push_row(&mut log, text) {
+            Ok(()) => {}
+            Err((column, what, is_short)) => {
+                let e = refuse(line, column, what);
+                if ended.get() && !is_short {
+                    return Err(e);
+                }
+                torn = Some(e);
             }
-            match text.parse::<f64>() {
-                Ok(v) if v.is_finite() => Ok(v),
-                _ => Err(refuse(line, c + 1, format!("'{text}' is not a number"))),
-            }
-        };
-        let t_s = number(0)?;
-        let rises = log.t_s.last().is_none_or(|last| t_s > *last);
-        if !t_s.is_finite() || !rises {
-            return Err(refuse(
-                line,
-                1,
-                "the time must be there and rise from line to line".to_owned(),
-            ));
         }
-        let (mut commanded, mut measured) = ([0.0; CHAMBERS], [0.0; CHAMBERS]);
-        for i in 0..CHAMBERS {
-            let first = 1 + 6 * (i / 3) + i % 3;
-            commanded[i] = number(first)? * PSI_PA;
-            measured[i] = number(first + 3)? * PSI_PA;
-        }
-        log.t_s.push(t_s);
-        log.commanded_pa.push(commanded);
-        log.measured_pa.push(measured);
+        limit.check_count(path, log.t_s.len() as u64, "rows", ROW_BYTES)?;
     }
     if log.t_s.is_empty() {
-        return Err(refuse(1, 1, "the file is empty".to_owned()));
+        return Err(torn.unwrap_or_else(|| refuse(1, 1, "the file is empty".to_owned())));
+    }
+    if let Some(e) = torn {
+        log::warn!("{e}; this is the last line, which is cut: it is left out");
     }
     log.hash = hex(&hasher.finalize());
     Ok(log)
+}
+
+/// Takes one line; the error is its column (1-based), a sentence, and whether the line ends too early.
+fn push_row(log: &mut AsuArmLog, text: &str) -> Result<(), (usize, String, bool)> {
+    let cells = fields(text).map_err(|(c, what)| (c, what.to_owned(), false))?;
+    if cells.len() != COLUMNS {
+        return Err((
+            cells.len().min(COLUMNS) + 1,
+            format!(
+                "{} columns: a pressure log of this arm has {COLUMNS} (time, then desired and \
+                     measured pressures in psi, encoders, tracked bodies) and no header",
+                cells.len()
+            ),
+            cells.len() < COLUMNS,
+        ));
+    }
+    let number = |c: usize| -> Result<f64, (usize, String, bool)> {
+        let text = &cells[c];
+        if text.is_empty() || text.eq_ignore_ascii_case("nan") {
+            return Ok(f64::NAN);
+        }
+        match text.parse::<f64>() {
+            Ok(v) if v.is_finite() => Ok(v),
+            _ => Err((c + 1, format!("'{text}' is not a number"), false)),
+        }
+    };
+    let t_s = number(0)?;
+    let rises = log.t_s.last().is_none_or(|last| t_s > *last);
+    if !t_s.is_finite() || !rises {
+        let text = "the time must be there and rise from line to line".to_owned();
+        return Err((1, text, false));
+    }
+    let (mut commanded, mut measured) = ([0.0; CHAMBERS], [0.0; CHAMBERS]);
+    for i in 0..CHAMBERS {
+        let first = 1 + 6 * (i / 3) + i % 3;
+        commanded[i] = number(first)? * PSI_PA;
+        measured[i] = number(first + 3)? * PSI_PA;
+    }
+    log.t_s.push(t_s);
+    log.commanded_pa.push(commanded);
+    log.measured_pa.push(measured);
+    Ok(())
 }
 
 #[cfg(test)]
@@ -124,7 +157,11 @@ mod tests {
     use super::*;
 
     fn read(text: &str) -> Result<AsuArmLog, RecordingError> {
-        parse(text.as_bytes(), Path::new("arm.csv"))
+        parse(
+            text.as_bytes(),
+            Path::new("arm.csv"),
+            SizeLimit::of_memory(),
+        )
     }
 
     fn line(t: f64) -> String {
@@ -143,6 +180,17 @@ mod tests {
             [4.0, 5.0, 6.0, 10.0, 11.0, 12.0].map(psi)
         );
         assert_eq!(log.hash.len(), 64);
+    }
+
+    #[test]
+    fn a_last_line_that_is_cut_is_left_out() {
+        let whole = line(0.5) + &line(0.53);
+        for cut in [&line(0.6)[..20], "0.6", "0.", &line(0.6)[..12]] {
+            let log = read(&(whole.clone() + cut)).unwrap();
+            assert_eq!(log.t_s, [0.5, 0.53]);
+        }
+        let e = read(&(line(0.5) + "0.51,1\n" + &line(0.53))).unwrap_err();
+        assert!(e.to_string().contains("line 2"), "{e}");
     }
 
     #[test]

@@ -24,13 +24,14 @@ use std::sync::Arc;
 use arrow::array::{Array, ArrayRef, AsArray, Float64Array, RecordBatch};
 use arrow::datatypes::{DataType, Field, Float64Type, Schema};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 
 use super::RecordingError;
+use super::parquet_guard::{self, Wanted};
+use super::size_limit::SizeLimit;
 use crate::signal::{CHAMBERS, Dataset, IMUS, Pose, SPRINGS, Sample, SensorVec, ypr_from_rotation};
 
 /// Version of the columns; a reader refuses any other.
@@ -258,7 +259,12 @@ pub fn write_dataset(path: &Path, dataset: &Dataset) -> Result<(), RecordingErro
 /// [`RecordingError::Io`] when the file cannot be opened, [`RecordingError::Dataset`] when it is
 /// damaged or its columns are others.
 pub fn read_dataset(path: &Path) -> Result<Dataset, RecordingError> {
-    read_parquet(path, read_open)
+    read_within(path, SizeLimit::of_memory())
+}
+
+/// Reads a data set that may take so much memory.
+pub(super) fn read_within(path: &Path, limit: SizeLimit) -> Result<Dataset, RecordingError> {
+    read_parquet(path, |path, file| read_open(path, file, limit))
 }
 
 /// Opens a Parquet file for `read`. The decoder asserts on some damaged files; a file's content must
@@ -279,14 +285,25 @@ pub(super) fn refuse(path: &Path, text: String) -> RecordingError {
     }
 }
 
-fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
+fn read_open(path: &Path, file: File, limit: SizeLimit) -> Result<Dataset, RecordingError> {
     let damaged = |e: &dyn std::fmt::Display| {
         refuse(
             path,
-            format!("the file is damaged or no Parquet file ({e}): generate it again"),
+            format!(
+                "the file is damaged or no Parquet file ({}): generate it again",
+                e.to_string().replace('\n', " ")
+            ),
         )
     };
-    let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| damaged(&e))?;
+    let names = dataset_columns();
+    let columns: Vec<&str> = names[..EXACT_COLUMNS].iter().map(String::as_str).collect();
+    let wanted = Wanted {
+        columns: &columns,
+        batch_rows: GROUP_ROWS,
+        row_bytes: size_of::<Sample>(),
+        limit,
+    };
+    let (builder, stated) = parquet_guard::open(path, file, &wanted)?;
     let metadata = builder.metadata().file_metadata();
     let entries = metadata.key_value_metadata();
     let entry = |key: &str| {
@@ -323,13 +340,12 @@ fn read_open(path: &Path, file: File) -> Result<Dataset, RecordingError> {
             .transpose()?,
         shard: entry("shard"),
     };
-    let names = dataset_columns();
-    let reader = builder
-        .with_batch_size(GROUP_ROWS)
-        .build()
-        .map_err(|e| damaged(&e))?;
+    let reader = builder.build().map_err(|e| damaged(&e))?;
     for batch in reader {
         let batch = batch.map_err(|e| damaged(&e))?;
+        if (dataset.samples.len() + batch.num_rows()) as u64 > stated {
+            return Err(damaged(&"it holds more rows than it states"));
+        }
         let mut columns = Vec::with_capacity(EXACT_COLUMNS);
         let nominal = vec![0.0; batch.num_rows()];
         for name in &names[..EXACT_COLUMNS] {

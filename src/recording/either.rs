@@ -1,14 +1,11 @@
 //! Sessions from recordings and session logs alike.
 
-use std::fs::File;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest as _, Sha256};
-
 use super::log::median_step_s;
-use super::{ReadRecording, RecordingError, RecordingFile, Selection, SessionLog, read_session};
-use crate::signal::hex;
+use super::{
+    ReadRecording, RecordingError, RecordingFile, Selection, SessionLog, file_sha256, read_session,
+};
 
 /// Whether a file is a recording (`.rrd`), by its name.
 pub fn is_rrd(path: &Path) -> bool {
@@ -68,26 +65,9 @@ pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
     let read = RecordingFile::open(path)?.read(&part, &mut |_| true)?;
     let mut log = SessionLog::from_trace(&read.trace, 0.0);
     log.rate_hz = median_step_s(&log.t_s).map_or(0.0, |dt_s| 1.0 / dt_s);
-    log.hash = hash(path)?;
+    log.hash = file_sha256(path)?;
     log.robot = read.meta.robot_hash;
     Ok(log)
-}
-
-/// SHA-256 of a file, hexadecimal.
-fn hash(path: &Path) -> Result<String, RecordingError> {
-    let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
-    let mut sha = Sha256::new();
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        match file
-            .read(&mut buffer)
-            .map_err(RecordingError::io(path, "read"))?
-        {
-            0 => break,
-            n => sha.update(&buffer[..n]),
-        }
-    }
-    Ok(hex(&sha.finalize()))
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 use std::path::{Path, PathBuf};
 
+use super::size_limit::Beyond;
+
 /// Why a recording, a session log or a data set could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -49,6 +51,14 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
         /// What it is, and what is expected.
+        text: String,
+    },
+    /// A file is larger than what may be read of it.
+    #[error("{}: {text}", .path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Both sizes, and what to do.
         text: String,
     },
     /// A recording could not be written any further. What was written before stays readable.
@@ -105,10 +115,16 @@ impl RecordingError {
         path: &'a Path,
         doing: &'static str,
     ) -> impl FnOnce(std::io::Error) -> Self + 'a {
-        move |source| Self::Io {
-            path: path.to_owned(),
-            doing,
-            source,
+        move |source| match source.downcast::<Beyond>() {
+            Ok(beyond) => Self::TooLarge {
+                path: path.to_owned(),
+                text: beyond.text(),
+            },
+            Err(source) => Self::Io {
+                path: path.to_owned(),
+                doing,
+                source,
+            },
         }
     }
 }

@@ -17,10 +17,31 @@ use arrow::array::{Array, AsArray, RecordBatch};
 use arrow::compute::cast;
 use arrow::datatypes::{DataType, Float64Type};
 use nalgebra::{Quaternion, UnitQuaternion};
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
 use super::RecordingError;
 use super::dataset::{read_parquet, refuse};
+use super::parquet_guard::{self, Wanted};
+use super::size_limit::SizeLimit;
+
+/// Largest log of one IMU; an hour at 286 Hz takes about 100 MB.
+const FILE_LIMIT: SizeLimit = SizeLimit::of_kind(2 << 30, "a log of one IMU");
+/// Rows that are decoded at a time.
+const BATCH_ROWS: usize = 1024;
+/// Columns that are read.
+pub(super) const COLUMNS: [&str; 12] = [
+    "t_s",
+    "gyro_x_rad_s",
+    "gyro_y_rad_s",
+    "gyro_z_rad_s",
+    "accel_x_m_s2",
+    "accel_y_m_s2",
+    "accel_z_m_s2",
+    "ref_q_w",
+    "ref_q_x",
+    "ref_q_y",
+    "ref_q_z",
+    "movement",
+];
 
 /// One sample of such a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,20 +64,39 @@ pub struct ImuSample {
 /// [`RecordingError::Io`] when the file cannot be opened, [`RecordingError::Dataset`] when it is
 /// damaged, lacks a column, or its time does not rise.
 pub fn read_imu_log(path: &Path) -> Result<Vec<ImuSample>, RecordingError> {
-    read_parquet(path, read_open)
+    read_within(path, SizeLimit::of_memory())
 }
 
-fn read_open(path: &Path, file: File) -> Result<Vec<ImuSample>, RecordingError> {
+/// Reads such a log that may take so much memory.
+pub(super) fn read_within(path: &Path, limit: SizeLimit) -> Result<Vec<ImuSample>, RecordingError> {
+    read_parquet(path, |path, file| read_open(path, file, limit))
+}
+
+fn read_open(path: &Path, file: File, limit: SizeLimit) -> Result<Vec<ImuSample>, RecordingError> {
     let damaged = |e: &dyn std::fmt::Display| {
         refuse(
             path,
-            format!("the file is damaged or no Parquet file ({e})"),
+            format!(
+                "the file is damaged or no Parquet file ({}): copy it again",
+                e.to_string().replace('\n', " ")
+            ),
         )
     };
-    let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|e| damaged(&e))?;
+    let about = file.metadata().map_err(RecordingError::io(path, "open"))?;
+    FILE_LIMIT.check(path, about.len())?;
+    let wanted = Wanted {
+        columns: &COLUMNS,
+        batch_rows: BATCH_ROWS,
+        row_bytes: size_of::<ImuSample>(),
+        limit,
+    };
+    let (builder, stated) = parquet_guard::open(path, file, &wanted)?;
     let mut samples: Vec<ImuSample> = Vec::new();
     for batch in builder.build().map_err(|e| damaged(&e))? {
         let batch = batch.map_err(|e| damaged(&e))?;
+        if (samples.len() + batch.num_rows()) as u64 > stated {
+            return Err(damaged(&"it holds more rows than it states"));
+        }
         let column = |name: &str| doubles(path, &batch, name);
         let axes = |start: &str, end: &str| -> Result<[Vec<f64>; 3], RecordingError> {
             let [x, y, z] = ["x", "y", "z"].map(|axis| column(&format!("{start}_{axis}_{end}")));

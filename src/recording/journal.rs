@@ -211,6 +211,15 @@ impl<'a> Blocks<'a> {
             return Ok(None);
         }
         let length = 8 + rows as usize * EXACT_COLUMNS * 8;
+        let left = self
+            .reader
+            .get_ref()
+            .metadata()?
+            .len()
+            .saturating_sub(self.at);
+        if length as u64 > left {
+            return Ok(None);
+        }
         bytes.resize(length, 0);
         self.reader.read_exact(&mut bytes[8..])?;
         let mut sum = [0; 4];

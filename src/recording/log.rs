@@ -27,4 +27,6 @@ pub use data::SessionLog;
 pub(crate) use data::median_step_s;
 pub(crate) use read::not_our_header;
 pub use read::{parse_log, read_session, read_session_with};
+#[cfg(test)]
+pub(crate) use read::{parse_within, read_within};
 pub use write::{SESSION_FILES, session_table, write_session, write_session_table};

@@ -18,6 +18,8 @@ mod csv;
 mod dataset;
 mod either;
 mod error;
+#[cfg(test)]
+pub(crate) mod hostile;
 mod imu_log;
 mod inspect;
 mod journal;
@@ -26,6 +28,7 @@ mod lock;
 mod log;
 mod mocap;
 mod overlay;
+mod parquet_guard;
 mod patience;
 mod recorder;
 #[cfg(feature = "rrd")]
@@ -34,6 +37,7 @@ mod rrd;
 #[path = "rrd_stub.rs"]
 mod rrd;
 mod session_file;
+mod size_limit;
 mod table;
 mod types;
 mod units;
@@ -69,6 +73,7 @@ pub use rrd::{
     RecordingFile, RecordingWriter, join, read_rrd, read_rrd_with, segment_path, write_overlay,
 };
 pub use session_file::{SessionFile, parse_session_file};
+pub use size_limit::{Limited, SizeLimit, file_sha256, size_text};
 pub use table::{Table, table_file};
 pub use types::{
     ArmDrawing, Channel, ChannelValues, ReadRecording, RecordedEvent, RecordingMeta,

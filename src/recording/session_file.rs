@@ -4,7 +4,8 @@ use std::path::{Component, Path};
 
 use serde::{Deserialize, Serialize};
 
-use super::RecordingError;
+use super::{RecordingError, SizeLimit};
+use crate::signal::toml_error;
 
 /// `session.toml`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -29,8 +30,8 @@ pub(super) fn default_log() -> String {
     "log.csv".to_owned()
 }
 
-/// Largest `session.toml` that is accepted, bytes.
-const SESSION_TOML_MAX: u64 = 1 << 20;
+/// Largest `session.toml` that is accepted.
+const SESSION_TOML: SizeLimit = SizeLimit::of_kind(128 << 10, "a session.toml");
 
 /// Reads a `session.toml`.
 pub(super) fn read_session_toml(path: &Path) -> Result<SessionFile, RecordingError> {
@@ -38,16 +39,14 @@ pub(super) fn read_session_toml(path: &Path) -> Result<SessionFile, RecordingErr
         path: path.to_owned(),
         text,
     };
-    let length = std::fs::metadata(path)
-        .map_err(RecordingError::io(path, "open"))?
-        .len();
-    if length > SESSION_TOML_MAX {
-        return Err(refuse(format!(
-            "{length} bytes are more than a session.toml can have: a session is a folder with session.toml, a .csv file or \
-             a recording (.rrd)"
-        )));
-    }
-    let text = std::fs::read_to_string(path).map_err(RecordingError::io(path, "read"))?;
+    let text = SESSION_TOML.read_text(path).map_err(|e| match e {
+        RecordingError::TooLarge { .. } => refuse(
+            "this is too large for a session.toml: a session is a folder with session.toml, a .csv file or a recording \
+             (.rrd)"
+                .to_owned(),
+        ),
+        other => other,
+    })?;
     parse_session_file(&text, path)
 }
 
@@ -60,7 +59,7 @@ pub fn parse_session_file(text: &str, path: &Path) -> Result<SessionFile, Record
         path: path.to_owned(),
         text,
     };
-    let session: SessionFile = toml::from_str(text).map_err(|e| refuse(e.to_string()))?;
+    let session: SessionFile = toml::from_str(text).map_err(|e| refuse(toml_error(text, &e)))?;
     if !(session.rate_hz.is_finite() && session.rate_hz > 0.0) {
         return Err(refuse("rate_hz must be a positive number".to_owned()));
     }

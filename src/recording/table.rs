@@ -1,6 +1,5 @@
 //! Tables of numbers that a command has computed: CSV or Parquet, by the file's ending.
 
-use std::fs::File;
 use std::io::{BufReader, Write as _};
 use std::path::Path;
 use std::sync::Arc;
@@ -12,6 +11,7 @@ use super::RecordingError;
 use super::csv::{Lines, fields};
 use super::dataset::refuse;
 use super::log::not_our_header;
+use super::size_limit::SizeLimit;
 use super::whole::{write_bytes, write_whole};
 
 /// Columns of equal length, each with a name that ends in its unit; NaN is a missing value.
@@ -68,7 +68,12 @@ impl Table {
     /// [`RecordingError::Io`] when it cannot be read, [`RecordingError::Cell`] with line and column for what is no
     /// table of numbers.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
-        let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
+        Self::read_within(path, SizeLimit::of_memory())
+    }
+
+    /// Reads a table that may take so much memory.
+    pub(super) fn read_within(path: &Path, limit: SizeLimit) -> Result<Self, RecordingError> {
+        let file = limit.open(path)?;
         let mut tap = |_: &[u8]| {};
         let mut lines = Lines::new(BufReader::new(file), path, &mut tap);
         let mut table = Self::default();
@@ -111,6 +116,8 @@ impl Table {
                 row.push(value);
             }
             table.rows.push(row);
+            let row_bytes = 2 * (size_of::<Vec<f64>>() + 8 * (table.names.len() + 2)) as u64;
+            limit.check_count(path, table.rows.len() as u64, "rows", row_bytes)?;
         }
         Ok(table)
     }

@@ -7,14 +7,14 @@ use super::calibration::{
     CORRECTION_MAX_RAD, Calibration, Curve, FitQuality, ImuCalibration, ImuZero, MountingFit,
     Quantity, SpringCalibration, Variable,
 };
-use crate::signal::{IMUS, SPRINGS, exactly};
+use crate::signal::{IMUS, SPRINGS, exactly, toml_error};
 
 /// Why a calibration file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and column).
     #[error("the calibration file is not valid: {0}")]
-    Syntax(#[from] toml::de::Error),
+    Syntax(String),
     /// A value makes no sense.
     #[error(
         "the calibration file has {key} = {value} for {channel} {number}, but it must be {must}; calibrate it again"
@@ -51,7 +51,8 @@ impl Calibration {
     /// [`CalibrationError`] with line and column for syntax, with spring and key for values, and
     /// for a curve that is not monotone.
     pub fn from_toml(text: &str) -> Result<Self, CalibrationError> {
-        let file: File = toml::from_str(text)?;
+        let file: File =
+            toml::from_str(text).map_err(|e| CalibrationError::Syntax(toml_error(text, &e)))?;
         let mut springs = Vec::new();
         for entry in file.spring {
             let number = entry.id;

@@ -17,6 +17,7 @@ mod quality;
 mod random;
 mod shape;
 mod snapshot;
+mod syntax;
 mod time;
 
 pub use alarm::{Alarm, AlarmCause, AlarmKey, ENOUGH_SENSORS, Severity, TOO_FEW_SENSORS};
@@ -44,6 +45,7 @@ pub use snapshot::{
     PAIR_S, Reach, ReachState, RoutineStatus, SETTLING_FRAMES, Snapshot, StreamState, StreamStatus,
     Trace, TruthSource,
 };
+pub use syntax::toml_error;
 pub use time::Stamp;
 
 /// Number of pneumatic chambers (bellows): three per segment.

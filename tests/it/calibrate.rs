@@ -18,7 +18,18 @@ fn springs_are_calibrated_one_by_one() {
     std::fs::copy("assets/calibration/virtual-rig.toml", &cal).expect("copies");
     let again = ["--overwrite", "--json"];
     let calibrate = [&["calibrate", "springs", &bench, "--out", &cal], &again[..]].concat();
+    // One spring is bad: the file stays as it is.
     let out = springtwin(&calibrate);
+    assert_eq!(out.status.code(), Some(1));
+    let shipped = std::fs::read("assets/calibration/virtual-rig.toml").expect("there");
+    assert_eq!(std::fs::read(&cal).expect("there"), shipped);
+    // Into a file of its own, which then lacks that spring.
+    let alone = file("alone.toml");
+    let partial = ["calibrate", "springs", &bench, "--out", &alone, "--partial"];
+    assert_eq!(springtwin(&partial).status.code(), Some(1));
+    let text = std::fs::read_to_string(&alone).expect("written");
+    assert_eq!(text.matches("[[spring]]").count(), 11);
+    let out = springtwin(&[calibrate.as_slice(), &["--partial"]].concat());
     assert_eq!(out.status.code(), Some(1), "one spring is bad");
     let said = String::from_utf8_lossy(&out.stderr);
     assert!(
@@ -42,16 +53,15 @@ fn springs_are_calibrated_one_by_one() {
         }
     }
     let text = std::fs::read_to_string(&cal).expect("written");
-    assert_eq!(text.matches("[[spring]]").count(), 11);
-    assert_eq!(text.matches("top_off_mm = ").count(), 11);
+    assert_eq!(text.matches("[[spring]]").count(), 12);
+    assert_eq!(text.matches("top_off_mm = ").count(), 12);
     // An arm without one of the twelve sets out as one with all of them.
     let target = ["--target", "20,10,-300", "--seconds", "20"];
-    let with = [
-        ["run", "--headless", "--calibration", &cal].as_slice(),
-        &target,
-    ]
-    .concat();
-    let run = json(&[with.as_slice(), &["--json"]].concat());
+    let with = |calibration: &str| {
+        let run = ["run", "--headless", "--json", "--calibration", calibration];
+        json(&[run.as_slice(), &target].concat())
+    };
+    let run = with(&alone);
     assert_eq!(run["reached"], true, "{run}");
     json(
         &[
@@ -62,7 +72,7 @@ fn springs_are_calibrated_one_by_one() {
     );
     let report = json(&calibrate);
     assert_eq!(report["calibrated"], 12);
-    let run = json(&[with.as_slice(), &["--json"]].concat());
+    let run = with(&cal);
     assert_eq!(run["reached"], true, "{run}");
     let error_mm = run["target_error_mm"].as_f64().expect("a figure");
     assert!(error_mm < 1.5, "{run}");

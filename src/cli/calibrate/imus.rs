@@ -6,9 +6,9 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::outputs::Overwrite;
+use crate::cli::outputs::{Overwrite, replace_keeping};
 use crate::cli::{Failed, Report};
-use springtwin::recording::{read_part, write_text};
+use springtwin::recording::read_part;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::imu_fit::{
@@ -23,7 +23,8 @@ pub struct ImusArgs {
     /// A recording of a rest of four seconds and slow motion to all sides, a minute or more
     #[arg(value_name = "F.rrd")]
     recording: PathBuf,
-    /// Where to put the calibration: the springs of --calibration, the IMUs and the base's tilt
+    /// Where to put the calibration: the springs of --calibration, the IMUs and the base's tilt. A file that is replaced is
+    /// kept beside it as `F.toml.~1~`, `F.toml.~2~` and so on
     #[arg(long, value_name = "F.toml")]
     out: PathBuf,
     #[command(flatten)]
@@ -131,7 +132,7 @@ fn zeroed(
         text += &format!("\nIMU {}: zero {x:.3}, {y:.3}, {z:.3} deg/s", i + 1);
         imus.push(json!({"id": i + 1, "ok": true, "gyro_bias_deg_s": bias_deg_s}));
     }
-    write_text(&a.out, &calibration.to_toml()?)?;
+    replace_keeping(&a.out, &calibration.to_toml()?)?;
     let json = json!({"imus": imus});
     Ok(Failed {
         report: Report { text, json },
@@ -156,7 +157,7 @@ fn fitted(
         good += 1;
     }
     if good > 0 {
-        write_text(&a.out, &calibration.to_toml()?)?;
+        replace_keeping(&a.out, &calibration.to_toml()?)?;
     }
     let why: Vec<String> = found
         .imus

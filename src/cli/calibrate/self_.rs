@@ -7,9 +7,9 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::cli::Report;
-use crate::cli::outputs::Overwrite;
+use crate::cli::outputs::{Overwrite, replace_keeping};
 use springtwin::drive::read_toml;
-use springtwin::recording::{read_part, write_text};
+use springtwin::recording::read_part;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::bundle::{Adjustment, Parameter, Take, adjust};
@@ -25,7 +25,7 @@ pub struct SelfArgs {
     #[arg(value_name = "SESSION.rrd", required = true)]
     recordings: Vec<PathBuf>,
     /// Where to put the calibration: that of --calibration with what was found. A file that is replaced is kept beside
-    /// it, with `.before` in its name
+    /// it as `F.toml.~1~`, `F.toml.~2~` and so on
     #[arg(long, value_name = "F.toml")]
     out: PathBuf,
     #[command(flatten)]
@@ -64,12 +64,7 @@ pub fn self_(a: &SelfArgs, robot: &RobotSpec) -> Result<Report> {
     let found = adjust(robot, &calibration, &takes)?;
     let before = match found.keeps_any() {
         false => None,
-        true => {
-            let text = found.calibration.to_toml()?;
-            let before = kept_before(&a.out)?;
-            write_text(&a.out, &text)?;
-            before
-        }
+        true => replace_keeping(&a.out, &found.calibration.to_toml()?)?,
     };
     Ok(report(&found, simulated, &a.out, before.as_deref()))
 }
@@ -100,23 +95,6 @@ fn take(path: &Path, calibration: &Calibration, with_mocap: bool) -> Result<(Tak
     );
     let take = Take::new(calibration, frames, tip);
     Ok((take, read.trace.simulated))
-}
-
-/// Keeps what is at `path` under another name, if anything is.
-fn kept_before(path: &Path) -> Result<Option<PathBuf>> {
-    if !path.is_file() {
-        return Ok(None);
-    }
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let free = (1..1000)
-        .map(|n| match n {
-            1 => path.with_file_name(format!("{stem}.before.toml")),
-            _ => path.with_file_name(format!("{stem}.before-{n}.toml")),
-        })
-        .find(|p| !p.exists())
-        .context("a thousand earlier calibrations are kept beside it: move them away")?;
-    std::fs::copy(path, &free).with_context(|| format!("cannot write {}", free.display()))?;
-    Ok(Some(free))
 }
 
 fn report(
@@ -227,23 +205,6 @@ fn open(parameters: &[Parameter]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_replaced_is_kept_under_a_free_name() {
-        let dir = std::env::temp_dir().join(format!("springtwin-self-{}", std::process::id()));
-        std::fs::create_dir_all(&dir).expect("makes");
-        let path = dir.join("arm.toml");
-        assert_eq!(kept_before(&path).expect("nothing there"), None);
-        for (text, name) in [("a", "arm.before.toml"), ("b", "arm.before-2.toml")] {
-            std::fs::write(&path, text).expect("writes");
-            let kept = kept_before(&path).expect("keeps").expect("was there");
-            assert!(kept.ends_with(name), "{}", kept.display());
-            assert_eq!(std::fs::read_to_string(kept).expect("there"), text);
-        }
-        std::fs::remove_dir_all(&dir).expect("cleans up");
-    }
-
     #[test]
     fn the_command_parses() {
         use clap::Parser as _;

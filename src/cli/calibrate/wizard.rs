@@ -4,11 +4,11 @@ use std::io::{BufRead as _, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::today;
+use super::now;
 use crate::cli::args::{self, InstrumentArgs};
 use crate::cli::{Failed, Report, stdio, user};
 use springtwin::calibrate::headless::{self, Answer, Answerer, Ask, Attempt, Options};
@@ -16,11 +16,11 @@ use springtwin::calibrate::{
     BenchRequest, Headless, PracticeBench, Question, Step, Store, bench, sentence,
 };
 use springtwin::drive::{
-    DEFAULT_RIG, Instruments, TwinBuilder, is_virtual, model, read_text, rig_options,
+    DEFAULT_RIG, Instruments, TwinBuilder, is_virtual, model, read_bench, rig_options,
 };
 use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
-use springtwin::sensing::bench::{BenchLog, parse_bench};
+use springtwin::sensing::bench::BenchLog;
 use springtwin::twin::Maps;
 
 #[derive(Args)]
@@ -136,7 +136,7 @@ pub fn wizard(
             let new = wizard
                 .wizard()
                 .version(registration.as_ref(), kept.as_ref(), simulated);
-            Some((store, store.save(new, &today())?))
+            Some((store, store.save(new, &now())?))
         }
         _ => None,
     };
@@ -190,7 +190,7 @@ fn answerer(a: &WizardArgs, robot: &RobotSpec, maps: Maps) -> Answerer {
 fn springs(robot: &RobotSpec, log: Option<&Path>, request: &BenchRequest) -> Result<BenchLog> {
     match log {
         None => bench::draw(robot, Unit::default(), request),
-        Some(path) => parse_bench(&read_text(path)?).with_context(|| path.display().to_string()),
+        Some(path) => read_bench(path),
     }
 }
 

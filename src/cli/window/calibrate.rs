@@ -6,15 +6,14 @@ use std::sync::Arc;
 use anyhow::Context as _;
 
 use super::later::later;
-use crate::cli::calibrate::today;
+use crate::cli::calibrate::now;
 use springtwin::calibrate::{Comparison, Question, Store, bench, sentence};
-use springtwin::drive::read_text;
+use springtwin::drive::read_bench;
 use springtwin::gui::services::Worker;
 use springtwin::gui::services::calibrate::{Bench, CalibrationServices};
 use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
-use springtwin::sensing::bench::parse_bench;
 use springtwin::sensing::registration::Registration;
 use springtwin::twin::Maps;
 
@@ -83,9 +82,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
         read_bench: Box::new(move |path: &Path| {
             let path = path.to_owned();
             later(&for_log, "bench log", move |_| {
-                let read =
-                    || parse_bench(&read_text(&path)?).with_context(|| path.display().to_string());
-                read().map_err(sentence)
+                read_bench(&path).map_err(sentence)
             })
         }),
         compare: Box::new(move |question| {
@@ -106,7 +103,7 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
             later(&for_save, "versions", move |_| {
                 let run = || {
                     let store = store?;
-                    store.save(new, &today())?;
+                    store.save(new, &now())?;
                     store.versions()
                 };
                 run().map_err(sentence)

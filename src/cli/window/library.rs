@@ -9,9 +9,10 @@ use jiff::tz::TimeZone;
 use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::gui::RecordingEntry;
 use springtwin::recording::{
-    Inspection, inspect, inspect_log, inspect_recording, is_rrd, read_rrd_with, read_session_with,
+    Inspection, SizeLimit, inspect, inspect_log, inspect_recording, is_rrd, read_rrd_with,
+    read_session_with,
 };
-use springtwin::signal::Stamp;
+use springtwin::signal::{Snapshot, Stamp};
 
 /// Where the window finds recordings, besides the folder that it records to.
 #[derive(Clone, Debug)]
@@ -133,6 +134,10 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
         (read.trace, read.events, seen, read.meta.begun)
     } else {
         let log = read_session_with(path, go_on).map_err(|e| e.to_string())?;
+        let each = size_of::<Snapshot>() as u64;
+        let rows = log.len() as u64;
+        let fits = SizeLimit::of_memory().check_count(path, rows, "rows", each);
+        fits.map_err(|e| e.to_string())?;
         let seen = inspect_log(&log);
         (log.to_trace(), Vec::new(), seen, String::new())
     };

@@ -289,7 +289,7 @@ mod tests {
         store.save(new, "2026-03-01").expect("saves");
         let (path, _) = store.active().expect("reads").expect("is there");
         let list = path.with_file_name("versions.toml");
-        std::fs::write(list, "format = 9\n").expect("writes");
+        std::fs::write(&list, "format = 9\n").expect("writes");
         let mut rigs = Rigs {
             rig: "/dev/ttyUSB0".into(),
             maps: model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load"),
@@ -307,6 +307,10 @@ mod tests {
         let (_, instruments, trouble) = rigs.with_active("/dev/ttyUSB0");
         assert!(instruments.calibration.is_none() && instruments.accept_virtual_calibration);
         assert!(trouble.is_some_and(|t| t.contains("newer springtwin")));
+        std::fs::write(&list, "active = \n").expect("writes");
+        let (_, instruments, trouble) = rigs.with_active("/dev/ttyUSB0");
+        assert!(instruments.calibration.is_none());
+        assert!(trouble.is_some_and(|t| t.contains("is damaged") && !t.contains('\n')));
         // The word was given for the rig that was named.
         let (_, elsewhere, _) = rigs.with_active("/dev/ttyUSB1");
         assert!(!elsewhere.accept_virtual_calibration);

@@ -53,6 +53,7 @@ pub fn session_log(s: Session, robot: &RobotSpec) -> SessionLog {
         truth: s.captured,
         commanded_pa: Some(s.commanded_pa),
         payload_column_kg: None,
+        cut: false,
         hash: String::new(),
         robot: robot.hash.clone(),
     }

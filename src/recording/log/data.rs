@@ -27,6 +27,8 @@ pub struct SessionLog {
     pub commanded_pa: Option<Vec<[f64; CHAMBERS]>>,
     /// Attached mass, kg, if it was logged per sample; NaN where missing.
     pub payload_column_kg: Option<Vec<f64>>,
+    /// Whether the last line of the file was cut, and left out.
+    pub cut: bool,
     /// SHA-256 of the file, hexadecimal; empty for a log that came from no file.
     pub hash: String,
     /// Hash of the robot file it was recorded with; empty when unknown.

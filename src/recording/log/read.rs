@@ -1,5 +1,6 @@
 //! Reading a session log: its table, cell by cell, and the properties in its session folder.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -12,8 +13,17 @@ use super::data::{SessionLog, median, median_step_s};
 use crate::recording::RecordingError;
 use crate::recording::csv::{Lines, fields};
 use crate::recording::session_file::{SessionFile, read_session_toml};
+use crate::recording::size_limit::{Limited, SizeLimit};
 use crate::recording::units::{length_unit, pressure_unit};
-use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Stamp, hex, pose_from_ypr};
+use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, Stamp, hex, pose_from_ypr};
+
+/// Memory that a row of a log takes while its vectors grow, bytes.
+const ROW_BYTES: u64 = 2
+    * (size_of::<f64>()
+        + 2 * size_of::<[f64; CHAMBERS]>()
+        + size_of::<SensorVec>()
+        + size_of::<Option<Pose>>()
+        + size_of::<f64>()) as u64;
 
 /// Reads a session: its folder, its `session.toml`, or a bare `.csv` file (whose name and rate are
 /// then taken from the file name and the time column).
@@ -27,7 +37,7 @@ pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
 
 /// A file that reports the share that is read, and whose reader may give up.
 struct Watched<'a> {
-    file: File,
+    file: Limited<File>,
     read: u64,
     length: u64,
     go_on: &'a mut dyn FnMut(f32) -> bool,
@@ -54,6 +64,15 @@ impl Read for Watched<'_> {
 /// As [`read_session`]; [`RecordingError::Io`] with [`std::io::ErrorKind::Interrupted`] when given up.
 pub fn read_session_with(
     path: &Path,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<SessionLog, RecordingError> {
+    read_within(path, SizeLimit::of_memory(), go_on)
+}
+
+/// Reads a session that may take so much memory.
+pub(crate) fn read_within(
+    path: &Path,
+    limit: SizeLimit,
     go_on: &mut dyn FnMut(f32) -> bool,
 ) -> Result<SessionLog, RecordingError> {
     if !path.is_dir() {
@@ -83,11 +102,9 @@ pub fn read_session_with(
         let log_path = toml_path.with_file_name(&session.log);
         (session, log_path)
     };
-    let file = File::open(&log_path).map_err(RecordingError::io(&log_path, "open"))?;
-    let length = file
-        .metadata()
-        .map_err(RecordingError::io(&log_path, "open"))?
-        .len();
+    let file = limit.open(&log_path)?;
+    let about = file.get_ref().metadata();
+    let length = about.map_err(RecordingError::io(&log_path, "open"))?.len();
     let mut stopped = false;
     let watched = Watched {
         file,
@@ -96,7 +113,7 @@ pub fn read_session_with(
         go_on,
         stopped: &mut stopped,
     };
-    let log = parse_log(BufReader::with_capacity(1 << 16, watched), &log_path);
+    let log = parse_within(BufReader::with_capacity(1 << 16, watched), &log_path, limit);
     if stopped {
         let e = std::io::Error::from(std::io::ErrorKind::Interrupted);
         return Err(RecordingError::io(&log_path, "finish reading")(e));
@@ -274,8 +291,21 @@ fn number(cell: &str, to_si: f64, bound_si: f64) -> Result<f64, String> {
 /// # Errors
 /// [`RecordingError::Cell`] with line and column.
 pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, RecordingError> {
+    parse_within(reader, path, SizeLimit::of_memory())
+}
+
+/// Parses a table that may take so much memory. A last line that was cut off is left out.
+pub(crate) fn parse_within(
+    reader: impl BufRead,
+    path: &Path,
+    limit: SizeLimit,
+) -> Result<SessionLog, RecordingError> {
     let mut hasher = Sha256::new();
-    let mut tap = |bytes: &[u8]| hasher.update(bytes);
+    let ended = Cell::new(true);
+    let mut tap = |bytes: &[u8]| {
+        hasher.update(bytes);
+        ended.set(bytes.ends_with(b"\n"));
+    };
     let mut lines = Lines::new(reader, path, &mut tap);
     let refuse = |line: usize, column: usize, text: String| RecordingError::Cell {
         path: path.to_owned(),
@@ -288,6 +318,8 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
     let mut header_line = 0;
     // The first line with a position and no orientation, and the column of that.
     let mut half: Option<(usize, usize)> = None;
+    // Why a line is none: forgiven if it is the last one.
+    let mut torn = None;
     loop {
         let number = lines.line + 1;
         let Some(line) = lines.next_line()? else {
@@ -296,12 +328,25 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
         if line.trim().is_empty() {
             continue;
         }
+        if let Some(e) = torn {
+            return Err(e);
+        }
         if layout.is_none()
             && let Some(text) = not_our_header(line)
         {
             return Err(refuse(number, 1, text));
         }
-        let cells = fields(line).map_err(|(column, text)| refuse(number, column, text.into()))?;
+        let cells = match fields(line) {
+            Ok(cells) => cells,
+            Err((column, text)) => {
+                let e = refuse(number, column, text.into());
+                if layout.is_none() || ended.get() {
+                    return Err(e);
+                }
+                torn = Some(e);
+                continue;
+            }
+        };
         match &layout {
             None => {
                 let found = Layout::new(&cells).map_err(|(c, text)| refuse(number, c, text))?;
@@ -311,7 +356,15 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
                 header_line = number;
             }
             Some(layout) => {
-                push_row(&mut log, layout, &cells).map_err(|(c, text)| refuse(number, c, text))?;
+                if let Err((column, text)) = push_row(&mut log, layout, &cells) {
+                    let e = refuse(number, column, text);
+                    if ended.get() && cells.len() >= layout.columns {
+                        return Err(e);
+                    }
+                    torn = Some(e);
+                    continue;
+                }
+                limit.check_count(path, log.len() as u64, "rows", ROW_BYTES)?;
                 if let (None, None, Some(columns)) =
                     (half, log.truth.last().and_then(|t| *t), layout.vicon)
                 {
@@ -327,6 +380,13 @@ pub fn parse_log(reader: impl BufRead, path: &Path) -> Result<SessionLog, Record
     let Some(layout) = layout else {
         return Err(refuse(1, 1, "the file is empty".to_owned()));
     };
+    if let Some(e) = torn {
+        if log.is_empty() {
+            return Err(e);
+        }
+        log::warn!("{e}; this is the last line, which is cut: it is left out");
+        log.cut = true;
+    }
     check_units(&log, &layout).map_err(|(c, text)| refuse(header_line, c, text))?;
     if let Some((line, column)) = half.filter(|_| log.truth.iter().all(Option::is_none)) {
         return Err(refuse(
@@ -418,15 +478,22 @@ fn push_row(
             whole.then(|| pose_from_ypr(p, ypr))
         }
     };
-    if let (Some(columns), Some(rows)) = (layout.commanded, &mut log.commanded_pa) {
-        let mut row = [f64::NAN; CHAMBERS];
-        for (v, c) in row.iter_mut().zip(columns) {
+    let mut commanded_pa = [f64::NAN; CHAMBERS];
+    if let Some(columns) = layout.commanded {
+        for (v, c) in commanded_pa.iter_mut().zip(columns) {
             *v = pressure(c)?;
         }
-        rows.push(row);
     }
-    if let (Some(column), Some(rows)) = (layout.payload, &mut log.payload_column_kg) {
-        rows.push(get(column, 1.0, 1e3)?);
+    let payload_kg = match layout.payload {
+        Some(column) => get(column, 1.0, 1e3)?,
+        None => f64::NAN,
+    };
+    // From here on nothing fails: columns stay of equal length.
+    if let Some(rows) = &mut log.commanded_pa {
+        rows.push(commanded_pa);
+    }
+    if let Some(rows) = &mut log.payload_column_kg {
+        rows.push(payload_kg);
     }
     log.t_s.push(t_s);
     log.chamber_pa.push(chamber_pa);

@@ -101,6 +101,47 @@ fn order_mark_line_ends_and_quotes_do_not_matter() {
     assert_eq!(odd, plain);
 }
 
+/// Wherever the last line of a lab's own table is cut, the lines before it are read.
+#[test]
+fn a_last_line_that_is_cut_is_left_out_and_reported() {
+    let whole = table(&[row(0.0), row(0.02), row(0.04)]);
+    let two = parse(&table(&[row(0.0), row(0.02)])).unwrap();
+    let start = whole.trim_end().rfind('\n').unwrap() + 1;
+    let last_cell = whole.rfind(',').unwrap() + 1;
+    for at in start + 1..whole.len() {
+        let log = parse(&whole[..at]).unwrap();
+        if at < last_cell {
+            assert!(log.cut, "cut after {at} bytes");
+            assert_eq!((&log.t_s, &log.sensors), (&two.t_s, &two.sensors));
+            let seen = crate::recording::inspect_log(&log);
+            assert_eq!((seen.complete, seen.recovered_until), (false, Some(0.02)));
+        } else {
+            assert_eq!((log.cut, log.len()), (false, 3), "cut after {at} bytes");
+        }
+    }
+    // A number of which the beginning is none, and a line that was ended all the same.
+    let log = parse(&format!("{}-", &whole[..last_cell])).unwrap();
+    assert_eq!((log.cut, log.len()), (true, 2));
+    let log = parse(&format!("{}\n\n", &whole[..start + 20])).unwrap();
+    assert_eq!((log.cut, log.len()), (true, 2));
+    assert!(!two.cut);
+}
+
+#[test]
+fn a_line_that_is_cut_elsewhere_is_refused() {
+    let mut rows = [row(0.0), row(0.02), row(0.04)];
+    rows[1].truncate(9);
+    let (line, column, text) = refused(&table(&rows));
+    assert_eq!((line, column), (3, 9));
+    assert!(text.contains("ends after 9 of"), "{text}");
+    // The only one.
+    assert!(parse(&table(&rows[1..2])).is_err());
+    // A whole line with a wrong cell is no cut one.
+    rows[1] = row(0.02);
+    rows[2][3] = "x".to_owned();
+    assert_eq!(refused(&table(&rows)).0, 4);
+}
+
 #[test]
 fn gaps_stay_gaps_and_are_marked() {
     let mut second = row(0.02);
@@ -137,7 +178,7 @@ fn errors_name_line_and_column() {
 
     let mut short = row(0.02);
     short.truncate(20);
-    assert_eq!(refused(&table(&[row(0.0), short])).1, 20);
+    assert_eq!(refused(&table(&[row(0.0), short, row(0.04)])).1, 20);
 
     let (line, column, _) = refused(&table(&[row(0.5), row(0.5)]));
     assert_eq!((line, column), (3, 1));

@@ -33,11 +33,14 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
-use super::RecordingError;
+use super::{RecordingError, SizeLimit};
 pub use body::{MarkerBody, MarkerFit, marker_body};
 use file::{ACCEPTED, unsupported};
 pub use file::{MocapFile, MocapFormat, MocapMarker, MocapObject};
 pub use rotation::MocapRotation;
+
+/// Memory that a C3D file takes at most, per byte of it: itself, and 32 bytes for every point of 8.
+const C3D_UNPACKED: u64 = 5;
 
 /// Reads a motion-capture file of any of the formats above.
 ///
@@ -57,6 +60,7 @@ pub fn read_mocap(
     if !about.is_file() {
         return Err(unsupported(path, format!("this is no file: {ACCEPTED}")));
     }
+    SizeLimit::of_memory().check(path, about.len())?;
     parse_mocap(file, about.len(), path, rotation)
 }
 
@@ -77,7 +81,9 @@ pub fn parse_mocap(
         .read_to_end(&mut head)
         .map_err(RecordingError::io(path, "read"))?;
     file.rewind().map_err(RecordingError::io(path, "read"))?;
+    let limit = SizeLimit::of_memory();
     let read = if c3d::is_c3d(&head) {
+        limit.check(path, length.saturating_mul(C3D_UNPACKED))?;
         let mut bytes = Vec::new();
         // A file that grows meanwhile is read as far as it was.
         file.take(length)

@@ -286,9 +286,11 @@ pub(super) fn parse(reader: impl BufRead, path: &Path) -> Result<MocapFile, Reco
             continue;
         }
         take_row(&mut file, &plan, &row, &mut start)?;
-        if !seen.allows(file.frames.len(), plan.objects.len() + plan.markers.len()) {
+        let series = plan.objects.len() + plan.markers.len();
+        if !seen.allows(file.frames.len(), series) {
             return Err(row.too_much());
         }
+        seen.hold(path, series)?;
     }
     file.finish()
 }

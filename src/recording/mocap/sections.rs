@@ -106,6 +106,7 @@ pub(super) fn join(
             "its sections are of many different frames: export them over the same range of frames",
         ));
     }
+    seen.hold(path, frames.len().saturating_mul(series))?;
     let (mut markers, mut objects) = (Joint::default(), Joint::default());
     for section in sections {
         if file.rate_hz == 0.0 {

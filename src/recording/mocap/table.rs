@@ -6,24 +6,44 @@ use std::cell::Cell;
 use std::io::BufRead;
 use std::path::Path;
 
-use crate::recording::RecordingError;
 use crate::recording::csv::{Lines, fields};
+use crate::recording::{RecordingError, SizeLimit};
+use crate::signal::Pose;
 
 /// Longest line, bytes: names and identifiers of thousands of unlabelled markers.
 pub(super) const LINE_MAX: usize = 4 << 20;
 /// Values that any file may hold, whatever its size.
 const VALUES_FREE: u64 = 1 << 20;
+/// Memory of a value while its series grows, bytes.
+const VALUE_BYTES: u64 = 2 * size_of::<Option<Pose>>() as u64;
 /// Largest frame number that is believed.
 const FRAME_MAX: i64 = 1_000_000_000_000;
 
 /// What has gone through a reader.
-#[derive(Default)]
 pub(super) struct Seen {
+    /// What the values may take.
+    limit: SizeLimit,
+    values: Cell<u64>,
     bytes: Cell<u64>,
     line_ended: Cell<bool>,
 }
 
+impl Default for Seen {
+    fn default() -> Self {
+        Self::within(SizeLimit::of_memory())
+    }
+}
+
 impl Seen {
+    pub(super) fn within(limit: SizeLimit) -> Self {
+        Self {
+            limit,
+            values: Cell::default(),
+            bytes: Cell::default(),
+            line_ended: Cell::default(),
+        }
+    }
+
     pub(super) fn take(&self, bytes: &[u8]) {
         self.bytes.set(self.bytes.get() + bytes.len() as u64);
         self.line_ended.set(bytes.ends_with(b"\n"));
@@ -33,6 +53,15 @@ impl Seen {
     /// Without this, a long header over rows of nothing would fill the memory.
     pub(super) fn allows(&self, rows: usize, series: usize) -> bool {
         (rows as u64).saturating_mul(series as u64) <= self.bytes.get() + VALUES_FREE
+    }
+
+    /// Counts values that were taken into memory; refused are those that do not fit there.
+    pub(super) fn hold(&self, path: &Path, values: usize) -> Result<(), RecordingError> {
+        self.values
+            .set(self.values.get().saturating_add(values as u64));
+        let what = "poses and positions";
+        self.limit
+            .check_count(path, self.values.get(), what, VALUE_BYTES)
     }
 }
 
@@ -103,6 +132,10 @@ impl Row<'_> {
 
     pub(super) fn to_texts(&self) -> Vec<String> {
         self.cells.iter().map(|c| c.to_string()).collect()
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        self.path
     }
 
     /// A refusal of a cell; `column` is 0-based.

@@ -199,6 +199,7 @@ fn step(
             if !seen.allows(section.frames.len(), blocks.len()) {
                 return Err(row.too_much());
             }
+            seen.hold(row.path(), blocks.len())?;
             Ok(State::Rows(section, blocks))
         }
         State::Over if opens() => {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{FAR_M, FrameFit, Frames, HeldOutSummary, Noise, POSES_MIN, StreamRegistration};
-use crate::signal::{Pose, exactly, pose_from_ypr, ypr_from_rotation};
+use crate::signal::{Pose, exactly, pose_from_ypr, toml_error, ypr_from_rotation};
 
 /// The only format there is so far.
 const FORMAT: u32 = 1;
@@ -57,7 +57,7 @@ pub enum RegistrationFileError {
     /// Not valid TOML, or a key is missing, unknown or of the wrong type (the message has line and
     /// column).
     #[error("the registration file is not valid: {0}")]
-    Syntax(#[from] toml::de::Error),
+    Syntax(String),
     /// A value makes no sense.
     #[error(
         "the registration file has {key} = {value}, but it must be {must}; run springtwin calibrate mocap again"
@@ -130,7 +130,8 @@ impl Registration {
     /// # Errors
     /// [`RegistrationFileError`] with line and column for syntax, with the key for values.
     pub fn from_toml(text: &str) -> Result<Self, RegistrationFileError> {
-        let file: File = toml::from_str(text)?;
+        let file: File = toml::from_str(text)
+            .map_err(|e| RegistrationFileError::Syntax(toml_error(text, &e)))?;
         file.check()?;
         let l = &file.leave_one_out;
         Ok(Self {

@@ -34,6 +34,8 @@ pub(super) struct Arming {
     pub(super) accepts_simulated: bool,
     /// Why no calibration of the robot could be used, if that is known.
     pub(super) trouble: Option<String>,
+    /// The same for the operator, until it is reported.
+    pub(super) to_report: Option<String>,
     /// Number of the arm that the calibration belongs to, if it is known.
     pub(super) rig: Option<u32>,
     /// Whether every chamber has moved the arm as this calibration states.
@@ -67,6 +69,7 @@ impl Arming {
             is_accepted: false,
             accepts_simulated: false,
             trouble: None,
+            to_report: None,
             rig: calibration.rig,
             is_proved: false,
             is_checked: false,

@@ -12,8 +12,12 @@ impl Twin {
         self.arming.is_accepted = true;
     }
 
-    /// Sets the reason why no calibration of the robot could be used, for the message that refuses to arm. One sentence.
+    /// Sets the reason why the robot's active calibration could not be used: a warning now, and part of the message that
+    /// refuses to arm. One clause.
     pub fn explain_calibration(&mut self, why: String) {
+        self.arming.to_report = Some(format!(
+            "Calibration: {why}. Save a new one, or choose one on the Calibrate screen."
+        ));
         self.arming.trouble = Some(why);
     }
 

@@ -24,6 +24,10 @@ impl Twin {
         if let Some(raw) = raw {
             self.absorb(raw);
         }
+        if let Some(text) = self.arming.to_report.take() {
+            let stamp = now;
+            events.push(Event::Warning { stamp, text });
+        }
         let is_on = matches!(self.phase, Phase::Hold | Phase::Moving { .. });
         self.watch(&mut events);
         if is_on && stood_still_s > STOOD_STILL_S {

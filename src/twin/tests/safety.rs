@@ -211,6 +211,9 @@ fn hardware_is_not_armed_on_the_virtual_rigs_calibration() {
     twin.explain_calibration("versions.toml is damaged".to_owned());
     let (command, events) = twin.tick(at(20), Some(frame(20)), &[Command::Arm]);
     assert_eq!((twin.mode(), command), (Mode::Disarmed, None));
+    // Where the operator sees it, and before anybody arms.
+    let warned = |e: &Event| matches!(e, Event::Warning { text, .. } if text.contains("versions.toml is damaged"));
+    assert!(events.iter().any(warned), "{events:?}");
     let said = refusals(&events);
     let [why] = said.as_slice() else {
         panic!("{said:?}")

@@ -1,26 +1,46 @@
 //! Robot files with patches, kept beside each other.
 
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use springtwin::gap::Patch;
 use springtwin::gui::services::gap::PatchedRobot;
 use springtwin::lab::patches;
-use springtwin::recording;
+use springtwin::recording::{self, RecordingError};
 use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
 
-use crate::cli::read_text;
+use crate::cli::read_toml;
+
+/// Digits of the robot's hash in the name of a copy in the data folder.
+const HASH_DIGITS: usize = 12;
 
 /// The copy of the robot file that carries the accepted patches.
+///
+/// It lies beside the robot file. Where that folder cannot be written to (an installed robot file), it lies in the user's
+/// data folder; one that is there goes before one beside the robot file.
 pub(super) struct Store {
     /// The file the program was started with; the reference robot without one.
     original: Option<PathBuf>,
-    /// The copy.
-    pub(super) path: PathBuf,
+    /// The copy beside it.
+    beside: PathBuf,
+    /// The user's data folder.
+    data: PathBuf,
+    /// Writes a file.
+    write: fn(&Path, &str) -> Result<(), RecordingError>,
 }
 
 impl Store {
     pub(super) fn new(robot_file: Option<&Path>, data: &Path) -> Self {
+        Self::with_writer(robot_file, data, recording::write_text)
+    }
+
+    pub(super) fn with_writer(
+        robot_file: Option<&Path>,
+        data: &Path,
+        write: fn(&Path, &str) -> Result<(), RecordingError>,
+    ) -> Self {
         let path = match robot_file {
             None => data.join("reference.patched.toml"),
             Some(file) => {
@@ -34,70 +54,139 @@ impl Store {
         };
         Self {
             original: robot_file.map(Path::to_owned),
-            path: std::path::absolute(&path).unwrap_or(path),
+            beside: std::path::absolute(&path).unwrap_or(path),
+            data: data.to_owned(),
+            write,
         }
     }
 
     fn original_text(&self) -> Result<String> {
         match &self.original {
-            Some(file) => read_text(file),
+            Some(file) => read_toml(file),
             None => Ok(REFERENCE.to_owned()),
         }
     }
 
+    /// Where the copy lies when it cannot lie beside the robot file: its name has the hash of the robot without patches.
+    fn in_data(&self) -> Result<PathBuf> {
+        let hash = RobotSpec::from_toml(&self.original_text()?)?.base_hash;
+        let name = self.beside.file_name().unwrap_or_default();
+        let name = name.to_string_lossy();
+        let stem = name.strip_suffix(".patched.toml").unwrap_or(&name);
+        let digits: String = hash.chars().take(HASH_DIGITS).collect();
+        let file = format!("{stem}-{digits}.patched.toml");
+        Ok(self.data.join("robots").join(file))
+    }
+
+    /// The copy in use; where there is none yet, the place beside the robot file.
+    pub(super) fn path(&self) -> Result<PathBuf> {
+        let in_data = self.in_data()?;
+        Ok(match in_data.exists() {
+            true => in_data,
+            false => self.beside.clone(),
+        })
+    }
+
     /// The text of the copy; of the original where there is no copy yet.
     fn text(&self) -> Result<String> {
-        let original = self.original_text()?;
-        if !self.path.exists() {
+        let (original, path) = (self.original_text()?, self.path()?);
+        if !path.exists() {
             return Ok(original);
         }
-        let text = read_text(&self.path)?;
+        let text = read_toml(&path)?;
         let base = |text: &str| -> Result<String> { Ok(RobotSpec::from_toml(text)?.base_hash) };
         anyhow::ensure!(
             base(&text)? == base(&original)?,
             "{} was made from another robot file: move it away, and patches can be accepted again",
-            self.path.display()
+            path.display()
         );
         Ok(text)
     }
 
-    pub(super) fn robot(&self, text: &str) -> Result<PatchedRobot> {
+    pub(super) fn read(&self) -> Result<PatchedRobot> {
         Ok(PatchedRobot {
-            path: self.path.clone(),
-            robot: RobotSpec::from_toml(text)?,
+            path: self.path()?,
+            robot: RobotSpec::from_toml(&self.text()?)?,
         })
     }
 
-    pub(super) fn read(&self) -> Result<PatchedRobot> {
-        self.robot(&self.text()?)
-    }
-
     pub(super) fn accept(&self, patch: &Patch) -> Result<PatchedRobot> {
+        let _lock = self.lock();
         let text = self.text()?;
         let (new, robot) = patches::text_with(&text, patch)?;
         // Two findings on the same robot would correct the rig twice.
-        let now = RobotSpec::from_toml(&text)?.patches.len();
+        let before = RobotSpec::from_toml(&text)?;
         anyhow::ensure!(
-            RobotSpec::from_toml(&text)?.hash == patch.robot,
-            "{} carries {now} patch(es) that this finding does not know: take them back, or start with \
+            before.hash == patch.robot,
+            "{} carries {} patch(es) that this finding does not know: take them back, or start with \
              that file and look again",
-            self.path.display()
+            self.path()?.display(),
+            before.patches.len()
         );
-        if let Some(folder) = self.path.parent() {
-            std::fs::create_dir_all(folder)
-                .with_context(|| format!("cannot create the folder {}", folder.display()))?;
-        }
-        recording::write_text(&self.path, &new)?;
         Ok(PatchedRobot {
-            path: self.path.clone(),
+            path: self.keep(&new)?,
             robot,
         })
     }
 
     pub(super) fn undo(&self) -> Result<PatchedRobot> {
+        let _lock = self.lock();
         let text = self.text()?;
         let old = without_last_patch(&text)?;
-        recording::write_text(&self.path, old)?;
-        self.robot(old)
+        Ok(PatchedRobot {
+            path: self.keep(old)?,
+            robot: RobotSpec::from_toml(old)?,
+        })
     }
+
+    /// Locks the copies against other windows until the result is dropped. Without a lock it goes on: a folder that cannot
+    /// be locked must not keep the robot from being patched.
+    fn lock(&self) -> Option<File> {
+        let path = self.data.join("robots").join("lock");
+        let locked = std::fs::create_dir_all(self.data.join("robots"))
+            .and_then(|()| File::create(&path))
+            .and_then(|file| file.lock().map(|()| file));
+        locked
+            .inspect_err(|e| log::warn!("{}: cannot lock: {e}", path.display()))
+            .ok()
+    }
+
+    /// Writes the copy, in the data folder where it cannot be written beside the robot file; its path.
+    fn keep(&self, text: &str) -> Result<PathBuf> {
+        let path = self.path()?;
+        let refused = match self.write_to(&path, text) {
+            Ok(()) => return Ok(path),
+            Err(e) => e,
+        };
+        let in_data = self.in_data()?;
+        if path == in_data || self.original.is_none() || !is_read_only(&refused) {
+            return Err(refused);
+        }
+        self.write_to(&in_data, text)?;
+        log::info!(
+            "{refused:#} The patched robot file is {}",
+            in_data.display()
+        );
+        Ok(in_data)
+    }
+
+    fn write_to(&self, path: &Path, text: &str) -> Result<()> {
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("cannot create the folder {}", folder.display()))?;
+        }
+        Ok((self.write)(path, text)?)
+    }
+}
+
+/// Whether a file could not be written because it may not be.
+fn is_read_only(e: &anyhow::Error) -> bool {
+    let kind = match e.downcast_ref() {
+        Some(RecordingError::Io { source, .. }) => Some(source.kind()),
+        _ => e.downcast_ref::<std::io::Error>().map(std::io::Error::kind),
+    };
+    matches!(
+        kind,
+        Some(ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem)
+    )
 }

@@ -38,9 +38,10 @@ fn accepted_patches_stack_on_a_copy_and_come_off_byte_for_byte() {
     let file = dir.join("arm.toml");
     std::fs::write(&file, REFERENCE).expect("writes");
     let store = Store::new(Some(&file), &dir);
-    assert_eq!(store.path, dir.join("arm.patched.toml"));
+    let path = dir.join("arm.patched.toml");
+    assert_eq!(store.path().expect("reads"), path);
     let before = store.read().expect("reads");
-    assert!(before.robot.patches.is_empty() && !store.path.exists());
+    assert!(before.robot.patches.is_empty() && !path.exists());
     let patch = payload(&before.robot);
     let after = store.accept(&patch).expect("accepts");
     assert_eq!(after.robot.patches.len(), 1);
@@ -54,18 +55,91 @@ fn accepted_patches_stack_on_a_copy_and_come_off_byte_for_byte() {
     let both = store.accept(&other).expect_err("corrects twice");
     assert!(said(both).contains("does not know"));
     assert_eq!(store.undo().expect("undone").robot, before.robot);
-    assert_eq!(read_text(&store.path).expect("there"), REFERENCE);
+    assert_eq!(read_text(&path).expect("there"), REFERENCE);
     assert_eq!(read_text(&file).expect("untouched"), REFERENCE);
     let nothing = store.undo().expect_err("nothing to take back");
     assert!(said(nothing).contains("no patch"));
     // A copy of another robot is not built upon.
-    std::fs::write(
-        &store.path,
-        REFERENCE.replacen("name = \"", "name = \"x", 1),
-    )
-    .expect("writes");
+    std::fs::write(&path, REFERENCE.replacen("name = \"", "name = \"x", 1)).expect("writes");
     let refused = said(store.read().expect_err("another robot"));
     assert!(refused.contains("another robot file"), "{refused}");
+    std::fs::remove_dir_all(&dir).expect("cleans up");
+}
+
+/// Writes as where the folder `installed` belongs to somebody else.
+fn as_a_user(path: &Path, text: &str) -> Result<(), recording::RecordingError> {
+    if path.parent().is_some_and(|p| p.ends_with("installed")) {
+        return Err(recording::RecordingError::Io {
+            path: path.to_owned(),
+            doing: "write",
+            source: std::io::ErrorKind::PermissionDenied.into(),
+        });
+    }
+    recording::write_text(path, text)
+}
+
+#[test]
+fn a_patch_of_an_installed_robot_file_goes_to_the_users_data() {
+    let dir = folder("installed");
+    let (installed, data) = (dir.join("installed"), dir.join("data"));
+    std::fs::create_dir_all(&installed).expect("folder");
+    let file = installed.join("arm.toml");
+    std::fs::write(&file, REFERENCE).expect("writes");
+    let store = Store::with_writer(Some(&file), &data, as_a_user);
+    let before = store.read().expect("reads");
+    let after = store.accept(&payload(&before.robot)).expect("accepts");
+    assert!(
+        after.path.starts_with(&data) && after.path.exists(),
+        "{}",
+        after.path.display()
+    );
+    assert!(!installed.join("arm.patched.toml").exists());
+    // It is what the next window reads, and takes the patch off.
+    let again = Store::with_writer(Some(&file), &data, as_a_user);
+    assert_eq!(again.read().expect("reads"), after);
+    assert_eq!(again.undo().expect("undone").robot, before.robot);
+    // Another robot file of that name has a copy of its own.
+    let other = REFERENCE.replacen("name = \"", "name = \"x", 1);
+    std::fs::write(&file, other).expect("writes");
+    let other = again.read().expect("reads");
+    assert!(other.robot.patches.is_empty());
+    let patched = again.accept(&payload(&other.robot)).expect("accepts");
+    assert_ne!(patched.path, after.path);
+    std::fs::remove_dir_all(&dir).expect("cleans up");
+}
+
+#[test]
+fn of_patches_that_are_accepted_at_the_same_time_one_holds() {
+    let dir = folder("together");
+    std::fs::create_dir_all(&dir).expect("folder");
+    let file = dir.join("arm.toml");
+    std::fs::write(&file, REFERENCE).expect("writes");
+    let robot = RobotSpec::reference();
+    let windows = 8;
+    let together = std::sync::Barrier::new(windows);
+    let accepted = std::sync::atomic::AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        for window in 0..windows {
+            let (file, dir, robot, together, accepted) =
+                (&file, &dir, &robot, &together, &accepted);
+            let accepts = move || {
+                let patch = Patch {
+                    name: format!("of window {window}"),
+                    ..payload(robot)
+                };
+                let store = Store::new(Some(file), dir);
+                together.wait();
+                if store.accept(&patch).is_ok() {
+                    accepted.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                }
+            };
+            let thread = std::thread::Builder::new().name("window".to_owned());
+            thread.spawn_scoped(scope, accepts).expect("a thread");
+        }
+    });
+    assert_eq!(accepted.into_inner(), 1);
+    let read = Store::new(Some(&file), &dir).read().expect("reads");
+    assert_eq!(read.robot.patches.len(), 1);
     std::fs::remove_dir_all(&dir).expect("cleans up");
 }
 
