@@ -56,6 +56,8 @@ pub struct About {
     pub gaps: u64,
     /// The longest step in time, s.
     pub longest_step_s: f64,
+    /// How far apart the snapshots are at least, s, where a long recording has more than are in memory.
+    pub apart_s: Option<f64>,
     /// For a file that was cut: session time of the last record that could be read.
     pub cut_at: Option<Stamp>,
 }

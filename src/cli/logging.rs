@@ -2,6 +2,7 @@
 //! window also keeps it in a file, and shows its warnings: of a program that was started from the desktop nobody sees
 //! standard error.
 
+#[cfg_attr(not(feature = "gui"), allow(dead_code))]
 mod file;
 
 use std::fs::File;

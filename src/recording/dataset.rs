@@ -30,6 +30,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 
 use super::RecordingError;
+use super::error::refuse;
 use super::parquet_guard::{self, Wanted};
 use super::size_limit::SizeLimit;
 use crate::signal::{CHAMBERS, Dataset, IMUS, Pose, SPRINGS, Sample, SensorVec, ypr_from_rotation};
@@ -276,13 +277,6 @@ pub(super) fn read_parquet<T>(
     let file = File::open(path).map_err(RecordingError::io(path, "open"))?;
     catch_unwind(AssertUnwindSafe(|| read(path, file)))
         .unwrap_or_else(|_| Err(refuse(path, "the file is damaged".to_owned())))
-}
-
-pub(super) fn refuse(path: &Path, text: String) -> RecordingError {
-    RecordingError::Dataset {
-        path: path.to_owned(),
-        text,
-    }
 }
 
 fn read_open(path: &Path, file: File, limit: SizeLimit) -> Result<Dataset, RecordingError> {

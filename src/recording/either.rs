@@ -4,8 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::log::median_step_s;
 use super::{
-    ReadRecording, RecordingError, RecordingFile, Selection, SessionLog, file_sha256, read_session,
+    ReadRecording, RecordingError, RecordingFile, Selection, SessionLog, SizeLimit, file_sha256,
+    read_session,
 };
+
+/// Memory of a row of a session log, bytes.
+const LOG_ROW_BYTES: u64 = 400;
 
 /// Whether a file is a recording (`.rrd`), by its name.
 pub fn is_rrd(path: &Path) -> bool {
@@ -62,11 +66,19 @@ pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
     if !is_rrd(path) {
         return Ok(read_session(path)?.part(&part));
     }
-    let read = RecordingFile::open(path)?.read(&part, &mut |_| true)?;
-    let mut log = SessionLog::from_trace(&read.trace, 0.0);
+    let file = RecordingFile::open(path)?;
+    if let Some(rows) = file.rows_in(&part) {
+        SizeLimit::of_memory().check_count(path, rows, "rows", LOG_ROW_BYTES)?;
+    }
+    let mut log = SessionLog {
+        name: file.meta().name.clone(),
+        payload_kg: file.meta().payload_kg,
+        ..SessionLog::default()
+    };
+    file.read_in_windows(&part, &mut |_| true, &mut |window| log.append(window.log()))?;
     log.rate_hz = median_step_s(&log.t_s).map_or(0.0, |dt_s| 1.0 / dt_s);
     log.hash = file_sha256(path)?;
-    log.robot = read.meta.robot_hash;
+    log.robot = file.meta().robot_hash.clone();
     Ok(log)
 }
 

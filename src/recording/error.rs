@@ -1,7 +1,5 @@
 use std::path::{Path, PathBuf};
 
-use super::size_limit::Beyond;
-
 /// Why a recording, a session log or a data set could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -118,7 +116,7 @@ impl RecordingError {
         move |source| match source.downcast::<Beyond>() {
             Ok(beyond) => Self::TooLarge {
                 path: path.to_owned(),
-                text: beyond.text(),
+                text: beyond.0,
             },
             Err(source) => Self::Io {
                 path: path.to_owned(),
@@ -126,5 +124,25 @@ impl RecordingError {
                 source,
             },
         }
+    }
+}
+
+/// A reader came to its limit: what is wrong and what to do.
+#[derive(Debug)]
+pub(super) struct Beyond(pub(super) String);
+
+impl std::fmt::Display for Beyond {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Beyond {}
+
+/// A data set or a table is not as it should be.
+pub(super) fn refuse(path: &Path, text: String) -> RecordingError {
+    RecordingError::Dataset {
+        path: path.to_owned(),
+        text,
     }
 }

@@ -19,7 +19,8 @@ use arrow::datatypes::{DataType, Float64Type};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::RecordingError;
-use super::dataset::{read_parquet, refuse};
+use super::dataset::read_parquet;
+use super::error::refuse;
 use super::parquet_guard::{self, Wanted};
 use super::size_limit::SizeLimit;
 

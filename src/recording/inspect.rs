@@ -5,9 +5,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::log::{columns, median_step_s};
+use super::types::Gauged;
 use super::units::suspected_units;
 use super::{
-    Channel, ReadRecording, RecordingError, RecordingMeta, SessionLog, is_rrd, part_of, read_part,
+    Channel, RecordingError, RecordingFile, RecordingMeta, SessionLog, Window, is_rrd, part_of,
     read_session,
 };
 use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
@@ -144,45 +145,117 @@ pub struct ChannelReport {
 /// Inspects a recording (`.rrd`), or a part of it that is named as [`part_of`] has it, or a session log (folder, `session.toml` or `.csv`).
 ///
 /// # Errors
-/// As [`read_part`] and [`read_session`].
+/// As [`RecordingFile::read_in_windows`] and [`read_session`].
 pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
-    if is_rrd(&part_of(path)?.0) {
-        Ok(inspect_recording(&read_part(path)?))
-    } else {
-        Ok(inspect_log(&read_session(path)?))
+    let (path, part) = part_of(path)?;
+    if !is_rrd(&path) {
+        return Ok(inspect_log(&read_session(&path)?.part(&part)));
     }
+    let mut inspector = Inspector::default();
+    RecordingFile::open(&path)?.read_in_windows(&part, &mut |_| true, &mut |window| {
+        inspector.take(&window);
+    })?;
+    Ok(inspector.finish())
 }
 
-/// Contents of a recording in memory.
-pub fn inspect_recording(read: &ReadRecording) -> Inspection {
-    let t_s: Vec<f64> = read
-        .trace
-        .snapshots
-        .iter()
-        .map(|s| s.stamp.seconds())
-        .collect();
-    let reports = trace_reports(&read.trace);
-    let log = SessionLog::from_trace(&read.trace, 0.0);
-    // A frame that is shown again fills no gap.
-    let measured_s = if log.is_empty() { &t_s } else { &log.t_s };
-    let health = file_health(measured_s, reports);
-    let mut channels = read.channels.clone();
-    channels.extend(channels_of(&log).into_iter().filter(|c| c.rows > 0));
-    Inspection {
-        kind: InspectedKind::Recording,
-        name: read.meta.name.clone(),
-        channels,
-        seconds: span_s(&t_s),
-        samples: t_s.len() as u64,
-        rate_hz: rate_hz(&t_s),
-        complete: read.complete,
-        recovered_until: read.recovered_until.map(Stamp::seconds),
-        health,
-        simulated: read.meta.simulated,
-        payload_kg: read.meta.payload_kg,
-        calibration: name_of(&read.meta.calibration),
-        units: suspected_units(&log),
-        provenance: Some(Provenance::of(&read.meta)),
+/// Looks through a recording, window by window.
+#[derive(Default)]
+pub struct Inspector {
+    meta: RecordingMeta,
+    complete: bool,
+    recovered_until: Option<Stamp>,
+    /// Times of all snapshots, s.
+    t_s: Vec<f64>,
+    /// Times of all rows that were measured, s.
+    measured_s: Vec<f64>,
+    reports: Vec<ChannelReport>,
+    /// Channels of the file: rows, and how long they would take at their rates, s.
+    entities: Vec<(Channel, f64)>,
+    columns: Vec<(String, Gauged)>,
+    units: Vec<String>,
+}
+
+impl Inspector {
+    /// Takes the next window.
+    pub fn take(&mut self, window: &Window) {
+        let read = &window.read;
+        let log = window.log();
+        if self.t_s.is_empty() {
+            self.meta = read.meta.clone();
+            self.units = suspected_units(&log);
+            self.reports = reports();
+        }
+        self.complete = read.complete;
+        self.recovered_until = read.recovered_until;
+        let stamps = read.trace.snapshots.iter().map(|s| s.stamp.seconds());
+        self.t_s.extend(stamps);
+        self.measured_s.extend(&log.t_s);
+        count(&read.trace, &mut self.reports);
+        for channel in &read.channels {
+            let takes_s = match channel.rate_hz > 0.0 {
+                true => (channel.rows - 1) as f64 / channel.rate_hz,
+                false => 0.0,
+            };
+            match self
+                .entities
+                .iter_mut()
+                .find(|(c, _)| c.name == channel.name)
+            {
+                Some((c, all_s)) => {
+                    c.rows += channel.rows;
+                    *all_s += takes_s;
+                    c.rate_hz = if *all_s > 0.0 {
+                        (c.rows - 1) as f64 / *all_s
+                    } else {
+                        0.0
+                    };
+                }
+                None => self.entities.push((channel.clone(), takes_s)),
+            }
+        }
+        for (name, value) in columns(&log) {
+            let known = self.columns.iter().position(|(n, _)| *n == name);
+            let i = known.unwrap_or_else(|| {
+                self.columns.push((name, Gauged::default()));
+                self.columns.len() - 1
+            });
+            for (n, t_s) in log.t_s.iter().enumerate() {
+                self.columns[i].1.push(*t_s, value(n));
+            }
+        }
+    }
+
+    /// What was found.
+    pub fn finish(mut self) -> Inspection {
+        self.reports.retain(|r| r.missing + r.flagged > 0);
+        // A frame that is shown again fills no gap.
+        let measured_s = match self.measured_s.is_empty() {
+            true => &self.t_s,
+            false => &self.measured_s,
+        };
+        let health = file_health(measured_s, self.reports);
+        let mut channels: Vec<Channel> = self.entities.into_iter().map(|(c, _)| c).collect();
+        let columns = self
+            .columns
+            .into_iter()
+            .map(|(name, seen)| seen.channel(name));
+        channels.extend(columns.filter(|c| c.rows > 0));
+        Inspection {
+            kind: InspectedKind::Recording,
+            name: self.meta.name.clone(),
+            channels,
+            seconds: span_s(&self.t_s),
+            samples: self.t_s.len() as u64,
+            rate_hz: rate_hz(&self.t_s),
+            complete: self.complete,
+            recovered_until: self.recovered_until.map(Stamp::seconds),
+            health,
+            simulated: self.meta.simulated,
+            payload_kg: self.meta.payload_kg,
+            calibration: name_of(&self.meta.calibration),
+            units: self.units,
+            provenance: Some(Provenance::of(&self.meta)),
+        }
     }
 }
 
@@ -235,8 +308,11 @@ fn channels_of(log: &SessionLog) -> Vec<Channel> {
     columns(log)
         .into_iter()
         .map(|(name, value)| {
-            let samples = (0..log.len()).map(|n| (log.t_s[n], value(n)));
-            Channel::of_values(name, samples)
+            let mut seen = Gauged::default();
+            for (n, t_s) in log.t_s.iter().enumerate() {
+                seen.push(*t_s, value(n));
+            }
+            seen.channel(name)
         })
         .collect()
 }
@@ -272,18 +348,21 @@ fn file_health(t_s: &[f64], channels: Vec<ChannelReport>) -> FileHealth {
     }
 }
 
+/// A report per sensor, with nothing in it.
+fn reports() -> Vec<ChannelReport> {
+    let springs = (1..=SPRINGS).map(|i| format!("spring{i}"));
+    let imus = (1..=IMUS).map(|i| format!("imu{i}"));
+    let gauges = (1..=CHAMBERS).map(|i| format!("p{i}"));
+    let report = |name| ChannelReport {
+        name,
+        missing: 0,
+        flagged: 0,
+    };
+    springs.chain(imus).chain(gauges).map(report).collect()
+}
+
 /// Counts the sensors' health over the snapshots.
-fn trace_reports(trace: &Trace) -> Vec<ChannelReport> {
-    let mut reports: Vec<ChannelReport> = (1..=SPRINGS)
-        .map(|i| format!("spring{i}"))
-        .chain((1..=IMUS).map(|i| format!("imu{i}")))
-        .chain((1..=CHAMBERS).map(|i| format!("p{i}")))
-        .map(|name| ChannelReport {
-            name,
-            missing: 0,
-            flagged: 0,
-        })
-        .collect();
+fn count(trace: &Trace, reports: &mut [ChannelReport]) {
     for snapshot in &trace.snapshots {
         let Some(frame) = &snapshot.sensors else {
             reports.iter_mut().for_each(|r| r.missing += 1);
@@ -301,8 +380,6 @@ fn trace_reports(trace: &Trace) -> Vec<ChannelReport> {
             }
         }
     }
-    reports.retain(|r| r.missing + r.flagged > 0);
-    reports
 }
 
 #[cfg(test)]

@@ -19,7 +19,8 @@ use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::RecordingError;
-use super::dataset::{DatasetWriter, EXACT_COLUMNS, refuse, row_of, sample_of};
+use super::dataset::{DatasetWriter, EXACT_COLUMNS, row_of, sample_of};
+use super::error::refuse;
 use super::lock::is_own;
 use crate::signal::{Dataset, Sample};
 

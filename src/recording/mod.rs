@@ -36,12 +36,14 @@ mod rrd;
 #[cfg(not(feature = "rrd"))]
 #[path = "rrd_stub.rs"]
 mod rrd;
+mod segments;
 mod session_file;
 mod size_limit;
 mod table;
 mod types;
 mod units;
 mod whole;
+mod window;
 
 pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{
@@ -51,8 +53,8 @@ pub use either::{is_rrd, part_of, read_log, read_part};
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};
 pub use inspect::{
-    ChannelReport, FileHealth, Gap, InspectedKind, Inspection, Provenance, inspect, inspect_log,
-    inspect_recording,
+    ChannelReport, FileHealth, Gap, InspectedKind, Inspection, Inspector, Provenance, inspect,
+    inspect_log,
 };
 pub use journal::DatasetJournal;
 pub use live::LiveStream;
@@ -69,9 +71,8 @@ pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, QueueFull, Recorder, RecorderState, free_bytes};
 #[cfg(feature = "rrd")]
 pub use rrd::SCHEMA_VERSION;
-pub use rrd::{
-    RecordingFile, RecordingWriter, join, read_rrd, read_rrd_with, segment_path, write_overlay,
-};
+pub use rrd::{RecordingFile, RecordingWriter, join, read_rrd, read_rrd_with, write_overlay};
+pub use segments::{is_later_segment, segment_path};
 pub use session_file::{SessionFile, parse_session_file};
 pub use size_limit::{Limited, SizeLimit, file_sha256, size_text};
 pub use table::{Table, table_file};
@@ -81,3 +82,4 @@ pub use types::{
 };
 pub use units::suspected_units;
 pub use whole::{write_bytes, write_text};
+pub use window::Window;

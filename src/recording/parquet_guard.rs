@@ -16,7 +16,7 @@ use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderB
 use parquet::basic::Type;
 
 use super::RecordingError;
-use super::dataset::refuse;
+use super::error::refuse;
 use super::size_limit::SizeLimit;
 
 /// What a description may take in memory, per byte in the file.

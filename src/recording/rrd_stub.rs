@@ -4,7 +4,9 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use super::patience::{Broken, Waiting};
-use super::{Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary, Selection};
+use super::{
+    Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary, Selection, Window,
+};
 use crate::signal::{Snapshot, Stamp};
 
 /// Writes snapshots to an `.rrd` file. This build cannot.
@@ -173,6 +175,32 @@ impl RecordingFile {
         match self.never {}
     }
 
+    /// Time of the first snapshot.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn first(&self) -> Result<Option<Stamp>, RecordingError> {
+        match self.never {}
+    }
+
+    /// About how many snapshots a part has.
+    pub fn rows_in(&self, _part: &Selection) -> Option<u64> {
+        match self.never {}
+    }
+
+    /// Reads what is selected in windows.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn read_in_windows(
+        &self,
+        _selection: &Selection,
+        _go_on: &mut dyn FnMut(f32) -> bool,
+        _each: &mut dyn FnMut(Window),
+    ) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
     /// Time of the newest snapshot.
     pub fn last(&self) -> Option<Stamp> {
         match self.never {}
@@ -206,11 +234,6 @@ pub fn join(
     _meta: RecordingMeta,
 ) -> Result<RecordingSummary, RecordingError> {
     Err(without(out))
-}
-
-/// Path of a recording's segment, from 1: the first one has the recording's own name.
-pub fn segment_path(path: &Path, _number: u32) -> std::path::PathBuf {
-    path.to_owned()
 }
 
 /// Reads a recording. In this build always an error.

@@ -10,6 +10,7 @@ use std::path::Path;
 use sha2::{Digest as _, Sha256};
 
 use super::RecordingError;
+use super::error::Beyond;
 use crate::signal::hex;
 
 /// Share of the memory that is available now which one file may take.
@@ -182,7 +183,10 @@ impl<R: Read> Read for Limited<R> {
         self.at = self.at.saturating_add(n as u64);
         match self.at <= self.limit.bytes {
             true => Ok(n),
-            false => Err(Error::new(ErrorKind::FileTooLarge, Beyond(self.limit))),
+            false => {
+                let text = self.limit.sentence("its contents are");
+                Err(Error::new(ErrorKind::FileTooLarge, Beyond(text)))
+            }
         }
     }
 }
@@ -193,25 +197,6 @@ impl<R: Seek> Seek for Limited<R> {
         Ok(self.at)
     }
 }
-
-/// A reader came to its limit.
-#[derive(Debug)]
-pub(super) struct Beyond(SizeLimit);
-
-impl Beyond {
-    /// What is wrong and what to do.
-    pub(super) fn text(&self) -> String {
-        self.0.sentence("its contents are")
-    }
-}
-
-impl std::fmt::Display for Beyond {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.text())
-    }
-}
-
-impl std::error::Error for Beyond {}
 
 /// SHA-256 of a file, hexadecimal, read in pieces.
 ///

@@ -9,7 +9,7 @@ use parquet::arrow::arrow_writer::ArrowWriter;
 
 use super::RecordingError;
 use super::csv::{Lines, fields};
-use super::dataset::refuse;
+use super::error::refuse;
 use super::log::not_our_header;
 use super::size_limit::SizeLimit;
 use super::whole::{write_bytes, write_whole};

@@ -115,37 +115,62 @@ impl Channel {
             values: None,
         }
     }
+}
 
-    /// A channel of one number per time; what is not finite is missing.
-    pub(crate) fn of_values(name: String, samples: impl Iterator<Item = (f64, f64)>) -> Self {
-        let mut rows = 0;
-        let (mut first_s, mut last_s, mut sum) = (0.0, 0.0, 0.0);
-        let mut seen = ChannelValues {
-            min: f64::INFINITY,
-            mean: f64::NAN,
-            max: f64::NEG_INFINITY,
-            longest_step_s: 0.0,
-            longest_step_at_s: 0.0,
-        };
-        for (t_s, value) in samples.filter(|(_, value)| value.is_finite()) {
-            if rows == 0 {
-                first_s = t_s;
-                seen.longest_step_at_s = t_s;
-            } else if t_s - last_s > seen.longest_step_s {
-                seen.longest_step_s = t_s - last_s;
-                seen.longest_step_at_s = last_s;
-            }
-            last_s = t_s;
-            rows += 1;
-            sum += value;
-            seen.min = seen.min.min(value);
-            seen.max = seen.max.max(value);
-        }
-        seen.mean = sum / rows as f64;
-        let [first, last] = [first_s, last_s].map(Stamp::from_seconds);
+/// A channel of one number per time, as its values come.
+pub(crate) struct Gauged {
+    rows: u64,
+    first_s: f64,
+    last_s: f64,
+    sum: f64,
+    seen: ChannelValues,
+}
+
+impl Default for Gauged {
+    fn default() -> Self {
         Self {
-            values: (rows > 0).then_some(seen),
-            ..Self::new(name, rows, first, last)
+            rows: 0,
+            first_s: 0.0,
+            last_s: 0.0,
+            sum: 0.0,
+            seen: ChannelValues {
+                min: f64::INFINITY,
+                mean: f64::NAN,
+                max: f64::NEG_INFINITY,
+                longest_step_s: 0.0,
+                longest_step_at_s: 0.0,
+            },
+        }
+    }
+}
+
+impl Gauged {
+    /// Takes a value; what is not finite is missing.
+    pub(crate) fn push(&mut self, t_s: f64, value: f64) {
+        if !value.is_finite() {
+            return;
+        }
+        if self.rows == 0 {
+            self.first_s = t_s;
+            self.seen.longest_step_at_s = t_s;
+        } else if t_s - self.last_s > self.seen.longest_step_s {
+            self.seen.longest_step_s = t_s - self.last_s;
+            self.seen.longest_step_at_s = self.last_s;
+        }
+        self.last_s = t_s;
+        self.rows += 1;
+        self.sum += value;
+        self.seen.min = self.seen.min.min(value);
+        self.seen.max = self.seen.max.max(value);
+    }
+
+    /// The channel of all values.
+    pub(crate) fn channel(mut self, name: String) -> Channel {
+        self.seen.mean = self.sum / self.rows as f64;
+        let [first, last] = [self.first_s, self.last_s].map(Stamp::from_seconds);
+        Channel {
+            values: (self.rows > 0).then_some(self.seen),
+            ..Channel::new(name, self.rows, first, last)
         }
     }
 }
@@ -183,7 +208,7 @@ pub struct ReadRecording {
     pub trace: Trace,
     /// The session as a whole.
     pub meta: RecordingMeta,
-    /// Whether the recording was ended properly: its end mark is there.
+    /// Whether the recording was ended properly.
     pub complete: bool,
     /// For a recording that was cut: the last snapshot that could be recovered.
     pub recovered_until: Option<Stamp>,
@@ -225,11 +250,13 @@ impl Selection {
     }
 
     /// Whether rows that lie behind one time and up to another (ns) may be part of it.
+    #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
     pub(crate) fn overlaps(&self, after: i64, last: i64) -> bool {
         self.from.is_none_or(|from| last >= from.0) && self.to.is_none_or(|to| after < to.0)
     }
 
     /// The part of what was read whole.
+    #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
     pub(crate) fn of(&self, mut read: ReadRecording) -> ReadRecording {
         let mut next = i64::MIN;
         let step = (self.at_least_apart_s * 1e9).round() as i64;

@@ -165,7 +165,7 @@ fn shards_of_the_blind_test_are_scored_once_into_the_report_of_one_run() {
     check(&[&foreign, &two], "(seconds 8, not 9)");
     check(
         &[&foreign.replace("foreign.json", "report.md"), &two],
-        "cannot read",
+        "cannot open",
     );
     bench_to(&dir.join("b"), &fake(&dir, nothing, 3), &["--shard", "2/2"]);
     std::fs::write(dir.join("old.json"), "{}").expect("writes");

@@ -3,16 +3,19 @@
 pub mod names;
 mod samples;
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
 
 use jiff::tz::TimeZone;
 use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::gui::RecordingEntry;
 use springtwin::recording::{
-    Inspection, SizeLimit, inspect, inspect_log, inspect_recording, is_rrd, read_rrd_with,
-    read_session_with,
+    Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
+    inspect, inspect_log, is_later_segment, is_rrd, read_session_with, segment_path,
 };
-use springtwin::signal::{Snapshot, Stamp};
+use springtwin::signal::{Snapshot, Stamp, Trace};
 
 /// Where the window finds recordings, besides the folder that it records to.
 #[derive(Clone, Debug)]
@@ -21,6 +24,8 @@ pub struct Places {
     samples: PathBuf,
     /// Further folders.
     more: Vec<PathBuf>,
+    /// What was listed before.
+    known: Arc<Known>,
 }
 
 impl Places {
@@ -35,6 +40,7 @@ impl Places {
                 .unwrap_or_else(|| scratch.join("samples")),
             // Where programs before this one recorded to.
             more: vec![PathBuf::from("recordings")],
+            known: Arc::default(),
         }
     }
 
@@ -44,11 +50,15 @@ impl Places {
         if let Err(e) = samples::unpack(&self.samples) {
             log::warn!("the sample recordings cannot be written: {e}");
         }
-        let mut own = scan(folder);
+        let mut own = scan(folder, &self.known);
         own.sort_by(|a, b| b.name.cmp(&a.name));
-        let mut others: Vec<_> = self.more.iter().flat_map(|f| scan(f)).collect();
+        let mut others: Vec<_> = self
+            .more
+            .iter()
+            .flat_map(|f| scan(f, &self.known))
+            .collect();
         others.sort_by(|a, b| a.name.cmp(&b.name));
-        let samples = scan(&self.samples)
+        let samples = scan(&self.samples, &self.known)
             .into_iter()
             .map(|e| RecordingEntry { sample: true, ..e });
         let mut all: Vec<RecordingEntry> = Vec::new();
@@ -64,8 +74,30 @@ impl Places {
     }
 }
 
-/// Larger recordings are not opened only to be listed, bytes.
+/// Recordings of the first layout and sessions that are larger are not opened only to be listed, bytes.
 const GLANCE_BYTES: u64 = 32 << 20;
+
+/// What is known of files that were listed, by their size and their time.
+#[derive(Debug, Default)]
+struct Known(Mutex<HashMap<PathBuf, (u64, SystemTime, RecordingEntry)>>);
+
+impl Known {
+    /// The entry of a file that may have been listed before: nothing is read twice.
+    fn entry(&self, path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
+        let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok();
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let (Some((size, time, entry)), Some(changed)) = (known.get(&path), changed)
+            && (*size, *time) == (bytes, changed)
+        {
+            return entry.clone();
+        }
+        let entry = describe(path.clone(), name, bytes);
+        if let Some(changed) = changed {
+            known.insert(path, (bytes, changed, entry.clone()));
+        }
+        entry
+    }
+}
 
 fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
     let entry = RecordingEntry {
@@ -74,14 +106,12 @@ fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
         bytes,
         ..RecordingEntry::default()
     };
-    if bytes > GLANCE_BYTES {
-        return entry;
-    }
-    match inspect(&entry.path) {
-        Ok(seen) => RecordingEntry {
-            seconds: Some(seen.seconds),
-            simulated: seen.simulated,
-            note: (!seen.complete).then(|| "Cut off: plays to its last whole part.".to_owned()),
+    match glance(&entry.path, bytes) {
+        Ok(None) => entry,
+        Ok(Some((seconds, simulated, complete))) => RecordingEntry {
+            seconds: Some(seconds),
+            simulated,
+            note: (!complete).then(|| "Cut off: plays to its last whole part.".to_owned()),
             ..entry
         },
         Err(e) => RecordingEntry {
@@ -91,8 +121,27 @@ fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
     }
 }
 
+/// Length (s), whether simulated, whether complete.
+type Glance = (f64, Option<bool>, bool);
+
+/// What a recording is by where its parts lie, without reading them; of other files by reading them.
+fn glance(path: &Path, bytes: u64) -> Result<Option<Glance>, RecordingError> {
+    if is_rrd(path) {
+        let file = RecordingFile::open(path)?;
+        if let (Some(first), Some(last)) = (file.first()?, file.last()) {
+            let seen = (last.since(first), file.meta().simulated, file.is_complete());
+            return Ok(Some(seen));
+        }
+    }
+    if bytes > GLANCE_BYTES {
+        return Ok(None);
+    }
+    let seen = inspect(path)?;
+    Ok(Some((seen.seconds, seen.simulated, seen.complete)))
+}
+
 /// The recordings in a folder, in order of name; none where there is no folder.
-fn scan(folder: &Path) -> Vec<RecordingEntry> {
+fn scan(folder: &Path, known: &Known) -> Vec<RecordingEntry> {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return Vec::new();
     };
@@ -100,7 +149,7 @@ fn scan(folder: &Path) -> Vec<RecordingEntry> {
     for entry in entries.flatten() {
         let path = entry.path();
         let is_session = path.join("session.toml").is_file();
-        if !is_session && !is_rrd(&path) {
+        if !is_session && (!is_rrd(&path) || is_later_segment(&path)) {
             continue;
         }
         let stem = path
@@ -109,53 +158,107 @@ fn scan(folder: &Path) -> Vec<RecordingEntry> {
         let bytes = if is_session {
             std::fs::metadata(path.join("log.csv")).map_or(0, |m| m.len())
         } else {
-            entry.metadata().map_or(0, |m| m.len())
+            size_of_all(&path)
         };
         // The name of a recording that has not begun yet.
         if bytes == 0 {
             continue;
         }
-        found.push(describe(
-            path,
-            names::shown(&stem, &TimeZone::system()),
-            bytes,
-        ));
+        found.push(known.entry(path, names::shown(&stem, &TimeZone::system()), bytes));
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));
     found
 }
 
-/// Reads a recording or a session log, and looks into it. Given up when `go_on`, which receives the share that
-/// is done, answers `false`.
+/// Size of a recording with all its segments, bytes.
+fn size_of_all(path: &Path) -> u64 {
+    let size = |n| {
+        std::fs::metadata(segment_path(path, n))
+            .ok()
+            .map(|m| m.len())
+    };
+    (1..).map_while(size).sum()
+}
+
+/// Snapshots that the window holds at most: an hour at 100 Hz takes 1 GB.
+const SNAPSHOTS: u64 = 360_000;
+
+/// Reads a recording or a session log, and looks into it. Of a recording that is longer than memory allows the window gets
+/// snapshots that are farther apart. Given up when `go_on`, which receives the share that is done, answers `false`.
 pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
-    let (trace, events, seen, begun) = if is_rrd(path) {
-        let read = read_rrd_with(path, go_on).map_err(|e| e.to_string())?;
-        let seen = inspect_recording(&read);
-        (read.trace, read.events, seen, read.meta.begun)
-    } else {
+    if !is_rrd(path) {
         let log = read_session_with(path, go_on).map_err(|e| e.to_string())?;
-        let each = size_of::<Snapshot>() as u64;
-        let rows = log.len() as u64;
+        let (each, rows) = (size_of::<Snapshot>() as u64, log.len() as u64);
         let fits = SizeLimit::of_memory().check_count(path, rows, "rows", each);
         fits.map_err(|e| e.to_string())?;
         let seen = inspect_log(&log);
-        (log.to_trace(), Vec::new(), seen, String::new())
+        let about = about(path, &seen, Vec::new());
+        return Ok(Loaded {
+            trace: log.to_trace(),
+            about,
+        });
+    }
+    let mut thinned = Thinned::default();
+    let mut inspector = Inspector::default();
+    let file = RecordingFile::open(path).map_err(|e| e.to_string())?;
+    let mut events = Vec::new();
+    thinned.apart_s = apart_s(&file);
+    let read = file.read_in_windows(&Selection::default(), go_on, &mut |mut window| {
+        inspector.take(&window);
+        events.append(&mut window.read.events);
+        thinned.take(window.read.trace);
+    });
+    read.map_err(|e| e.to_string())?;
+    let about = About {
+        begun: Some(file.meta().begun.clone()).filter(|b| !b.is_empty()),
+        apart_s: thinned.apart_s,
+        ..about(path, &inspector.finish(), events)
     };
+    Ok(Loaded {
+        trace: thinned.trace,
+        about,
+    })
+}
+
+/// How far apart the snapshots of a recording must be for the window to hold them, s; `None` for all of them.
+fn apart_s(file: &RecordingFile) -> Option<f64> {
+    let (rows, last) = (file.rows()?, file.last()?);
+    (rows > SNAPSHOTS).then(|| (10.0 * last.seconds() / SNAPSHOTS as f64).ceil() / 10.0)
+}
+
+/// The snapshots of a recording, not nearer to each other than so.
+#[derive(Default)]
+struct Thinned {
+    trace: Trace,
+    apart_s: Option<f64>,
+}
+
+impl Thinned {
+    fn take(&mut self, window: Trace) {
+        let Trace { snapshots, .. } = &mut self.trace;
+        let mut taken = std::mem::take(snapshots);
+        for snapshot in window.snapshots {
+            let is_near = |apart_s: f64| {
+                let newest = taken.last();
+                newest.is_some_and(|n: &Snapshot| snapshot.stamp.since(n.stamp) < apart_s)
+            };
+            if !self.apart_s.is_some_and(is_near) {
+                taken.push(snapshot);
+            }
+        }
+        self.trace = Trace {
+            snapshots: taken,
+            ..window
+        };
+    }
+}
+
+fn about(path: &Path, seen: &Inspection, events: Vec<RecordedEvent>) -> About {
     let events = events.into_iter().map(|e| LoggedEvent {
         stamp: e.stamp,
         log: e.log,
         text: e.text,
     });
-    let about = About {
-        path: Some(path.to_owned()),
-        begun: (!begun.is_empty()).then_some(begun),
-        events: events.collect(),
-        ..about(&seen)
-    };
-    Ok(Loaded { trace, about })
-}
-
-fn about(seen: &Inspection) -> About {
     let channels = seen.channels.iter().map(|c| ChannelFacts {
         name: c.name.clone(),
         unit: c.unit.clone(),
@@ -168,6 +271,8 @@ fn about(seen: &Inspection) -> About {
         flagged: c.flagged,
     });
     About {
+        path: Some(path.to_owned()),
+        events: events.collect(),
         channels: channels.collect(),
         faults: faults.collect(),
         gaps: seen.health.gaps,
@@ -189,7 +294,7 @@ mod tests {
         std::fs::create_dir_all(&folder).expect("folder");
         let path = folder.join("X.RRD");
         std::fs::copy(&whole, &path).expect("copied");
-        let (listed, loaded) = (scan(&folder), load(&path, &mut |_| true));
+        let (listed, loaded) = (scan(&folder, &Known::default()), load(&path, &mut |_| true));
         std::fs::remove_dir_all(&folder).expect("removed");
         assert_eq!(listed.len(), 1);
         assert!(loaded.is_ok_and(|l| !l.trace.snapshots.is_empty()));
@@ -203,6 +308,7 @@ mod tests {
         let places = Places {
             samples: home.join("data/samples"),
             more: vec![home.join("nowhere")],
+            known: Arc::default(),
         };
         let names = |entries: &[RecordingEntry]| -> Vec<String> {
             entries.iter().map(|e| e.name.clone()).collect()

@@ -93,6 +93,7 @@ fn about() -> About {
     };
     About {
         path: Some("recordings/first.rrd".into()),
+        apart_s: None,
         begun: Some("2026-11-23T14:05:12+01:00".into()),
         events: vec![
             event(100.0, "mode", "Moving"),

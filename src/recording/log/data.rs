@@ -70,6 +70,39 @@ impl SessionLog {
         self
     }
 
+    /// Appends the rows of a log that goes on where this one ends.
+    pub(crate) fn append(&mut self, mut more: Self) {
+        let (mine, theirs) = (self.len(), more.len());
+        let of = |log: &mut Self, n: usize| {
+            log.commanded_pa
+                .take()
+                .unwrap_or_else(|| vec![[f64::NAN; CHAMBERS]; n])
+        };
+        if self.commanded_pa.is_some() || more.commanded_pa.is_some() {
+            let mut rows = of(self, mine);
+            rows.append(&mut of(&mut more, theirs));
+            self.commanded_pa = Some(rows);
+        }
+        let declared =
+            |log: &Self, n: usize| (0..n).map(|k| log.payload_at_kg(k)).collect::<Vec<_>>();
+        let changes = mine > 0
+            && (self.payload_column_kg.is_some()
+                || more.payload_column_kg.is_some()
+                || self.payload_kg != more.payload_kg);
+        if mine == 0 {
+            self.payload_kg = more.payload_kg;
+            self.payload_column_kg = more.payload_column_kg.take();
+        } else if changes && theirs > 0 {
+            let mut rows = declared(self, mine);
+            rows.extend(declared(&more, theirs));
+            self.payload_column_kg = Some(rows);
+        }
+        self.t_s.append(&mut more.t_s);
+        self.chamber_pa.append(&mut more.chamber_pa);
+        self.sensors.append(&mut more.sensors);
+        self.truth.append(&mut more.truth);
+    }
+
     /// Payload that the operator declared for sample `k`, kg: of the column, where it has one, or of the whole session.
     pub fn payload_at_kg(&self, k: usize) -> f64 {
         let column_kg = self.payload_column_kg.as_ref();
@@ -144,16 +177,25 @@ impl SessionLog {
     /// ([`SensorFrame::measured`]), motion capture at that time, and the commands and the payload that were in force. What
     /// was held or reconstructed is a gap. `rate_hz` is the nominal rate.
     pub fn from_trace(trace: &Trace, rate_hz: f64) -> Self {
+        Self::from_snapshots(trace, trace.snapshots.iter(), rate_hz)
+    }
+
+    /// The same of other snapshots than the trace's own; name and payload are the trace's.
+    pub(crate) fn from_snapshots<'a>(
+        trace: &Trace,
+        snapshots: impl Iterator<Item = &'a Snapshot> + Clone,
+        rate_hz: f64,
+    ) -> Self {
         let mut log = Self {
             name: trace.name.clone(),
             rate_hz,
             payload_kg: trace.payload_kg,
             ..Self::default()
         };
-        let captured = Captured::of(trace);
+        let captured = Captured::of(snapshots.clone());
         let (mut commanded, mut payloads_kg) = (Vec::new(), Vec::new());
         let mut last = None;
-        for snapshot in &trace.snapshots {
+        for snapshot in snapshots {
             // A frame that is shown again is measured once.
             let Some(frame) = &snapshot.sensors else {
                 continue;
@@ -196,9 +238,9 @@ impl SessionLog {
 struct Captured(Vec<GroundTruth>);
 
 impl Captured {
-    fn of(trace: &Trace) -> Self {
+    fn of<'a>(snapshots: impl Iterator<Item = &'a Snapshot>) -> Self {
         let mut seen: Vec<GroundTruth> = Vec::new();
-        for truth in trace.snapshots.iter().filter_map(|s| s.truth.as_ref()) {
+        for truth in snapshots.filter_map(|s| s.truth.as_ref()) {
             if seen.last().is_none_or(|last| truth.stamp > last.stamp) {
                 seen.push(truth.clone());
             }

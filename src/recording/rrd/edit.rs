@@ -243,7 +243,7 @@ impl<'a> Open<'a> {
     }
 }
 
-/// The rows of a table that are selected, with their times; `None` where there are none. The first row of data says
+/// The rows of a table that are selected, with their times; `None` where there are none. The first row of data states
 /// everything, also where it is the second one of its batch.
 fn trimmed(
     chunk: Chunk,

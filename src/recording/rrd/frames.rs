@@ -2,8 +2,8 @@
 //!
 //! The decoder trusts every length it meets: it would allocate whatever a damaged or hostile file
 //! asks for. Here each declared length is held against the bytes that are there. A message is
-//! `kind u64 | length u64 | payload`, little-endian, after a header of 12 bytes; the last message is
-//! empty (kind 0). Files of layout 1 have a footer there, followed by 32 bytes that point back at it.
+//! `kind u64 | length u64 | payload`, little-endian, after a header of 12 bytes; the last message (kind 0)
+//! is empty, or holds the footer and is followed by 32 bytes that point back at it.
 
 use std::io::{Read, Seek, SeekFrom};
 
@@ -108,7 +108,6 @@ pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, 
         };
         at = place.end();
         if kind == KIND_END {
-            // Files of layout 1 have a list of contents here, and a footer that points back at it.
             frames.complete = length == 0 && at == size;
             if size - at == FOOTER_BYTES as u64 {
                 let mut tail = [0; FOOTER_BYTES];

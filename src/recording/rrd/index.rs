@@ -11,7 +11,7 @@ use super::message::stated;
 use super::properties::Properties;
 use super::read_message::{MessageReader, corrupt};
 use super::schema::{self, MessageKind};
-use crate::recording::RecordingError;
+use crate::recording::{RecordingError, segment_path};
 
 /// What a message may unpack to in any case, bytes.
 const UNPACKED_MIN: usize = 16 << 20;
@@ -49,16 +49,6 @@ pub(super) struct Index {
     pub(super) data: Vec<Batch>,
     pub(super) logs: Vec<Batch>,
     pub(super) views: Vec<Batch>,
-}
-
-/// Path of a recording's segment, from 1: the first one has the recording's own name.
-pub fn segment_path(path: &Path, number: u32) -> PathBuf {
-    if number <= 1 {
-        return path.to_owned();
-    }
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = path.extension().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!("{stem}_part{number:03}.{ending}"))
 }
 
 impl Index {

@@ -21,7 +21,6 @@ mod v1;
 mod writer;
 
 pub use edit::join;
-pub use index::segment_path;
 pub(super) use live::LiveSink;
 pub use overlay::write_overlay;
 pub use reader::{RecordingFile, read_rrd, read_rrd_with};

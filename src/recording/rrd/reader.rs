@@ -10,14 +10,15 @@ use super::schema::COLUMNS;
 use super::snapshots::{Rows, Seen, events};
 use super::v1;
 use crate::recording::{
-    Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, Selection,
+    Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, Selection, SizeLimit,
+    Window,
 };
 use crate::signal::{Snapshot, Stamp, Trace};
 
 /// Batches that are read before progress is reported.
 const GROUP: usize = 64;
-/// What snapshots may take at once, bytes.
-const MEMORY_MAX: u64 = 3 << 30;
+/// Batches of a window: ten minutes.
+const WINDOW_BATCHES: usize = 1000;
 /// About what a snapshot holds outside itself, bytes.
 const HEAP_BYTES: u64 = 64;
 
@@ -79,10 +80,29 @@ impl RecordingFile {
         (!self.is_first_layout).then_some(rows)
     }
 
+    /// About how many snapshots a part has: whole batches are counted. `None` for recordings of the first layout.
+    pub fn rows_in(&self, part: &Selection) -> Option<u64> {
+        let rows = self.batches(part).iter().map(|b| b.rows).sum();
+        (!self.is_first_layout).then_some(rows)
+    }
+
     /// Time of the newest snapshot; `None` without one, and for recordings of the first layout.
     pub fn last(&self) -> Option<Stamp> {
         let batch = self.index.data.last()?;
         Some(Stamp(batch.last))
+    }
+
+    /// Time of the first snapshot; `None` without one, and for recordings of the first layout.
+    ///
+    /// # Errors
+    /// As [`RecordingFile::read`].
+    pub fn first(&self) -> Result<Option<Stamp>, RecordingError> {
+        let Some(batch) = self.index.data.first() else {
+            return Ok(None);
+        };
+        let all = Selection::default();
+        let found = self.decode_one(batch, &all, 0, &mut None)?;
+        Ok(found.snapshots.first().map(|s| s.stamp))
     }
 
     /// Memory that all snapshots take at once, bytes; `None` for recordings of the first layout.
@@ -105,29 +125,10 @@ impl RecordingFile {
             let whole = v1::read(&self.path, index, &self.meta, go_on)?;
             return Ok(selection.of(whole));
         }
-        let batches: Vec<Batch> = index
-            .data
-            .iter()
-            .filter(|b| selection.overlaps(b.after, b.last))
-            .copied()
-            .collect();
+        let batches = self.batches(selection);
         self.check_memory(&batches, selection)?;
-        let mut gathered = Gathered::default();
-        let selection_step = (selection.at_least_apart_s * 1e9).round() as i64;
-        let mut next = i64::MIN;
-        for (n, group) in batches.chunks(GROUP).enumerate() {
-            if !go_on((n * GROUP) as f32 / batches.len() as f32) {
-                return Err(self.given_up());
-            }
-            let parts: Vec<Result<Found, RecordingError>> = group
-                .par_chunks(GROUP / 8)
-                .flat_map_iter(|part| self.decode(index, part, selection, selection_step))
-                .collect();
-            for part in parts {
-                gathered.add(part?, selection_step, &mut next);
-            }
-        }
-        gathered.events = self.read_events(index, selection)?;
+        let mut gathered = self.gather(&batches, selection, go_on)?;
+        gathered.events = self.read_events(selection)?;
         if !go_on(1.0) {
             return Err(self.given_up());
         }
@@ -139,34 +140,114 @@ impl RecordingFile {
         RecordingError::io(&self.path, "finish reading")(e)
     }
 
+    /// Reads what is selected in windows of about ten minutes, so that memory does not grow with the recording, and
+    /// reports the share that is done, 0..1. A recording of the first layout is one window.
+    ///
+    /// # Errors
+    /// As [`RecordingFile::read`].
+    pub fn read_in_windows(
+        &self,
+        selection: &Selection,
+        go_on: &mut dyn FnMut(f32) -> bool,
+        each: &mut dyn FnMut(Window),
+    ) -> Result<(), RecordingError> {
+        self.read_in_windows_of(WINDOW_BATCHES, selection, go_on, each)
+    }
+
+    pub(super) fn read_in_windows_of(
+        &self,
+        batches_each: usize,
+        selection: &Selection,
+        go_on: &mut dyn FnMut(f32) -> bool,
+        each: &mut dyn FnMut(Window),
+    ) -> Result<(), RecordingError> {
+        let batches = self.batches(selection);
+        if batches.is_empty() {
+            // Of the first layout, or without a row.
+            each(Window::alone(self.read(selection, go_on)?));
+            return Ok(());
+        }
+        let mut at = 0;
+        while at < batches.len() {
+            let end = (at + batches_each).min(batches.len());
+            let mut within = |share: f32| {
+                let done = at as f32 + share * (end - at) as f32;
+                go_on(done / batches.len() as f32)
+            };
+            let window = &batches[at..end];
+            // Lines of the log before the first and behind the last row belong to the first and the last window.
+            let begins = Some(Stamp(window[0].after.saturating_add(1)));
+            let ends = Some(Stamp(window[window.len() - 1].last));
+            let lines = Selection {
+                from: if at == 0 { selection.from } else { begins },
+                to: if end == batches.len() {
+                    selection.to
+                } else {
+                    ends
+                },
+                ..*selection
+            };
+            let mut core = self.gather(window, selection, &mut within)?;
+            let beside = |batch: Option<&Batch>| match batch {
+                Some(batch) => Ok(self.gather(&[*batch], selection, &mut |_| true)?.snapshots),
+                None => Ok(Vec::new()),
+            };
+            let before = beside(at.checked_sub(1).map(|i| &batches[i]))?;
+            let after = beside(batches.get(end))?;
+            core.events = self.read_events(&lines)?;
+            each(Window {
+                before,
+                read: core.finish(self.meta.clone(), self.index.complete()),
+                after,
+            });
+            at = end;
+        }
+        Ok(())
+    }
+
+    fn batches(&self, selection: &Selection) -> Vec<Batch> {
+        let all = self.index.data.iter();
+        all.filter(|b| selection.overlaps(b.after, b.last))
+            .copied()
+            .collect()
+    }
+
+    /// Reads batches on all processors.
+    fn gather(
+        &self,
+        batches: &[Batch],
+        selection: &Selection,
+        go_on: &mut dyn FnMut(f32) -> bool,
+    ) -> Result<Gathered, RecordingError> {
+        let mut gathered = Gathered::default();
+        let step = (selection.at_least_apart_s * 1e9).round() as i64;
+        let mut next = i64::MIN;
+        for (n, group) in batches.chunks(GROUP).enumerate() {
+            if !go_on((n * GROUP) as f32 / batches.len() as f32) {
+                return Err(self.given_up());
+            }
+            let parts: Vec<Result<Found, RecordingError>> = group
+                .par_chunks(GROUP / 8)
+                .flat_map_iter(|part| self.decode(part, selection, step))
+                .collect();
+            for part in parts {
+                gathered.add(part?, step, &mut next);
+            }
+        }
+        Ok(gathered)
+    }
+
     fn check_memory(&self, batches: &[Batch], selection: &Selection) -> Result<(), RecordingError> {
         let rows: u64 = match selection.at_least_apart_s > 0.0 {
             true => batches.len() as u64,
             false => batches.iter().map(|b| b.rows).sum(),
         };
-        let bytes = rows.saturating_mul(snapshot_bytes());
-        if bytes <= MEMORY_MAX {
-            return Ok(());
-        }
-        let first_s = batches
-            .first()
-            .map_or(0.0, |b| Stamp(b.after.max(0)).seconds());
-        let last_s = batches.last().map_or(0.0, |b| Stamp(b.last).seconds());
-        Err(RecordingError::Unsupported {
-            path: self.path.clone(),
-            text: format!(
-                "{rows} snapshots ({:.1} h) would take about {:.1} GB of memory at once: name a part of it (--from S, --to \
-                 S), or make a shorter recording of it (springtwin cut)",
-                (last_s - first_s) / 3600.0,
-                bytes as f64 * 1e-9
-            ),
-        })
+        SizeLimit::of_memory().check_count(&self.path, rows, "snapshots", snapshot_bytes())
     }
 
     /// Reads batches one after another.
     fn decode(
         &self,
-        index: &Index,
         batches: &[Batch],
         selection: &Selection,
         step: i64,
@@ -174,14 +255,13 @@ impl RecordingFile {
         let mut found = Vec::with_capacity(batches.len());
         let mut reader = None;
         for batch in batches {
-            found.push(self.decode_one(index, batch, selection, step, &mut reader));
+            found.push(self.decode_one(batch, selection, step, &mut reader));
         }
         found
     }
 
     fn decode_one<'a>(
         &'a self,
-        index: &'a Index,
         batch: &Batch,
         selection: &Selection,
         step: i64,
@@ -191,7 +271,7 @@ impl RecordingFile {
             .as_ref()
             .is_none_or(|(segment, _)| *segment != batch.segment)
         {
-            *open = Some((batch.segment, index.reader(batch.segment)?));
+            *open = Some((batch.segment, self.index.reader(batch.segment)?));
         }
         let Some((_, reader)) = open else {
             return Ok(Found::default());
@@ -217,11 +297,8 @@ impl RecordingFile {
         })
     }
 
-    fn read_events(
-        &self,
-        index: &Index,
-        selection: &Selection,
-    ) -> Result<Vec<RecordedEvent>, RecordingError> {
+    fn read_events(&self, selection: &Selection) -> Result<Vec<RecordedEvent>, RecordingError> {
+        let index = &self.index;
         let mut all = Vec::new();
         let mut open: Option<(usize, super::read_message::MessageReader<'_>)> = None;
         // Only the last time of a log's message is known before it is read.

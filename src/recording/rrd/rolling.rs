@@ -6,11 +6,10 @@ use rerun::log::LogMsg;
 use rerun::{StoreId, StoreKind};
 
 use super::blueprint::Shown;
-use super::index::segment_path;
 use super::rows::opening;
 use super::schema;
-use super::segment::Segment;
-use crate::recording::{RecordingError, RecordingMeta};
+use super::segment::{Ending, Segment};
+use crate::recording::{RecordingError, RecordingMeta, segment_path};
 use crate::signal::Stamp;
 
 /// When a recording goes on in another file.
@@ -134,7 +133,12 @@ impl Rolling {
             path: path.clone(),
             source: e.into(),
         })?;
-        self.segment = Some(Segment::create(&path, &opening)?);
+        // What was made of another recording is the same file every time.
+        let ending = match self.looks {
+            Some(_) => Ending::Mark,
+            None => Ending::Contents,
+        };
+        self.segment = Some(Segment::create(&path, &opening, ending)?);
         self.number = number;
         self.began = None;
         Ok(())

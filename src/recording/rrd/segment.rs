@@ -77,6 +77,15 @@ fn own(path: &Path) -> Result<File, RecordingError> {
 /// The end mark: a message of kind 0 and of no length.
 const END: [u8; 16] = [0; 16];
 
+/// How a file ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ending {
+    /// With a list of its contents, by which other tools find their way.
+    Contents,
+    /// With the end mark alone. The list's bytes are not the same twice.
+    Mark,
+}
+
 /// A file that takes messages, batch by batch.
 pub(super) struct Segment {
     path: PathBuf,
@@ -87,6 +96,7 @@ pub(super) struct Segment {
     identity: Option<Identity>,
     /// Length of the file up to the last whole batch, bytes.
     whole_bytes: u64,
+    ending: Ending,
     /// Whether something was written since the last [`Segment::sync`].
     is_dirty: bool,
     #[cfg(test)]
@@ -99,7 +109,11 @@ impl Segment {
     /// # Errors
     /// [`RecordingError::InUse`] when it is being written, [`RecordingError::Io`] when the file cannot be made,
     /// [`RecordingError::Write`] when its beginning cannot be written.
-    pub(super) fn create(path: &Path, opening: &[LogMsg]) -> Result<Self, RecordingError> {
+    pub(super) fn create(
+        path: &Path,
+        opening: &[LogMsg],
+        ending: Ending,
+    ) -> Result<Self, RecordingError> {
         let file = own(path)?;
         let identity = file.metadata().ok().as_ref().and_then(identity);
         #[cfg(test)]
@@ -117,15 +131,16 @@ impl Segment {
             path: path.to_owned(),
             source: BatchError::from(e).into(),
         })?;
-        // A list of contents at the file's end would grow in memory while it is written, and its bytes are not the same
-        // twice.
-        encoder.do_not_emit_footer();
+        if ending == Ending::Mark {
+            encoder.do_not_emit_footer();
+        }
         let mut segment = Self {
             path: path.to_owned(),
             encoder,
             file,
             identity,
             whole_bytes: 0,
+            ending,
             is_dirty: true,
             #[cfg(test)]
             free,
@@ -166,7 +181,7 @@ impl Segment {
         }
     }
 
-    /// Ends the file with its end mark, and brings it and its entry in the folder onto the disk.
+    /// Ends the file, and brings it and its entry in the folder onto the disk.
     ///
     /// # Errors
     /// As [`Segment::append`] and [`Segment::sync`].
@@ -174,7 +189,9 @@ impl Segment {
         let ended = self.encoder.finish().map_err(BatchError::from);
         let ended = ended.and_then(|_| {
             self.encoder.flush_blocking()?;
-            self.file.write_all(&END)?;
+            if self.ending == Ending::Mark {
+                self.file.write_all(&END)?;
+            }
             Ok(())
         });
         self.is_dirty = true;

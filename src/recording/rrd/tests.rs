@@ -6,7 +6,10 @@ use rand_pcg::Pcg64Mcg;
 
 use super::rolling::SegmentLimits;
 use super::*;
-use crate::recording::{ArmDrawing, ReadRecording, RecordingError, RecordingMeta, Selection};
+use crate::recording::{
+    ArmDrawing, Inspector, ReadRecording, RecordingError, RecordingMeta, Selection, SessionLog,
+    Window, segment_path,
+};
 use crate::signal::*;
 
 fn temp(name: &str) -> PathBuf {
@@ -516,19 +519,76 @@ fn segments_are_one_recording() {
     }
 }
 
-/// The same snapshots give the same bytes.
+/// What was measured is the same, read at once and in windows; and so is what is found in it.
+#[test]
+fn windows_give_the_rows_of_the_whole() {
+    let path = temp("windows");
+    let written = snapshots(1500);
+    write(&path, &written);
+    let file = RecordingFile::open(&path).unwrap();
+    let whole = file.read(&Selection::default(), &mut |_| true).unwrap();
+    let expected = SessionLog::from_trace(&whole.trace, 0.0);
+    let (mut log, mut inspector, mut windows) = (SessionLog::default(), Inspector::default(), 0);
+    let mut each = |window: Window| {
+        log.append(window.log());
+        inspector.take(&window);
+        windows += 1;
+    };
+    file.read_in_windows_of(7, &Selection::default(), &mut |_| true, &mut each)
+        .unwrap();
+    assert_eq!((windows, log.len()), (4, expected.len()));
+    assert_eq!(log.t_s, expected.t_s);
+    assert_eq!(log.truth, expected.truth);
+    assert_eq!(log.payload_column_kg, expected.payload_column_kg);
+    let bits = |log: &SessionLog| -> Vec<u64> {
+        let rows = log.sensors.iter().flat_map(|s| {
+            s.to_vector()
+                .iter()
+                .map(|x| x.to_bits())
+                .collect::<Vec<_>>()
+        });
+        rows.collect()
+    };
+    assert!(bits(&log) == bits(&expected));
+    let mut at_once = Inspector::default();
+    at_once.take(&Window::alone(whole));
+    let (found, expected) = (inspector.finish(), at_once.finish());
+    assert_eq!(
+        (found.samples, found.health),
+        (expected.samples, expected.health)
+    );
+    for (found, expected) in found.channels.iter().zip(&expected.channels) {
+        assert_eq!((&found.name, found.rows), (&expected.name, expected.rows));
+        let min = |c: &crate::recording::Channel| c.values.map(|v| (v.min, v.max));
+        assert_eq!(min(found), min(expected), "{}", found.name);
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+/// The same snapshots give the same bytes, in recordings that are made of another one.
 #[test]
 fn equal_snapshots_make_equal_files() {
     let path = temp("equal");
     let written = snapshots(300);
+    write(&path, &written);
+    let source = RecordingFile::open(&path).unwrap();
+    let out = temp("equal-out");
     let bytes = || {
-        write(&path, &written);
-        std::fs::read(&path).unwrap()
+        let mut w = RecordingWriter::create_like(&out, meta(), &source).unwrap();
+        for s in &written {
+            w.push(s).unwrap();
+        }
+        w.finish().unwrap();
+        std::fs::read(&out).unwrap()
     };
     let (first, second) = (bytes(), bytes());
     let differs = first.iter().zip(&second).position(|(a, b)| a != b);
     assert_eq!((first.len(), differs), (second.len(), None));
-    std::fs::remove_file(path).unwrap();
+    let read = read_rrd(&out).unwrap();
+    assert!(read.complete && read.trace.snapshots.len() == 300);
+    for path in [path, out] {
+        std::fs::remove_file(path).unwrap();
+    }
 }
 
 /// A recording of layout 1, as programs before this one made it.
@@ -657,3 +717,4 @@ fn a_recording_that_is_being_written_is_not_written_over() {
 }
 
 mod edit;
+mod long;

@@ -104,7 +104,7 @@ impl RecordingWriter {
         self.noted(synced)
     }
 
-    /// Ends the file with its end mark, brings it onto the disk, and returns its summary.
+    /// Ends the file, brings it onto the disk, and returns its summary.
     ///
     /// # Errors
     /// [`RecordingError::Write`] when the end cannot be written.

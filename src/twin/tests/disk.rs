@@ -230,6 +230,7 @@ impl Port for Lumped {
     fn poll(&mut self, now: Stamp) -> Arrivals {
         let due = (now.seconds() * 100.0).round() as u32;
         let frames = (self.sent + 1..=due).map(frame).collect();
+        let truths = (2 * self.sent + 1..=2 * due).map(pose_of).collect();
         self.sent = due;
         Arrivals {
             status: LinkStatus {
@@ -237,6 +238,7 @@ impl Port for Lumped {
                 ..LinkStatus::default()
             },
             frames,
+            truths,
             ..Arrivals::default()
         }
     }
@@ -244,7 +246,16 @@ impl Port for Lumped {
     fn order(&mut self, _now: Stamp, _order: Order) {}
 }
 
-/// Ticks that come 200 ms late swallow no frame of a recording.
+/// The n-th pose of motion capture at 200 Hz.
+fn pose_of(n: u32) -> crate::signal::GroundTruth {
+    crate::signal::GroundTruth {
+        stamp: Stamp::from_seconds(0.005 * f64::from(n)),
+        base_from_tip: crate::signal::Pose::translation(0.0, 0.0, -0.3 + 1e-6 * f64::from(n)),
+        source: crate::signal::TruthSource::Vicon,
+    }
+}
+
+/// Ticks that come 200 ms late swallow no frame and no pose of motion capture of a recording.
 #[test]
 fn a_late_tick_records_every_frame_that_waited() {
     let path = path("late");
@@ -266,6 +277,11 @@ fn a_late_tick_records_every_frame_that_waited() {
     // The recording begins with the first tick.
     let first = frame(1).seq;
     assert_eq!(seq, (first..first + 93).collect::<Vec<_>>());
+    let truths = snapshots.iter().filter_map(|s| s.truth.as_ref());
+    let mut stamps: Vec<Stamp> = truths.map(|t| t.stamp).collect();
+    stamps.dedup();
+    let expected: Vec<Stamp> = (2..=2 * 93).map(|n| pose_of(n).stamp).collect();
+    assert_eq!(stamps, expected);
     // And so does a session that is made of it.
     let log = crate::recording::read_log(&path).expect("reads");
     assert!(log.len() >= 92, "{}", log.len());

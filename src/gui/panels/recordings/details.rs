@@ -107,6 +107,9 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
     if let Some(path) = &about.path {
         note(ui, path.display().to_string());
     }
+    if let Some(apart_s) = about.apart_s {
+        status(ui, Level::Normal, &thinned_sentence(apart_s));
+    }
     if let Some(at) = about.cut_at {
         status(ui, Level::Warning, &cut_sentence(player, at.seconds()));
     }
@@ -149,6 +152,14 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
             cell(ui, columns[2], number(c.rate_hz, 1));
         });
     }
+}
+
+/// What of a long recording is shown.
+pub fn thinned_sentence(apart_s: f64) -> String {
+    format!(
+        "Long recording: a sample every {} s is shown. For all samples cut a part out: springtwin cut.",
+        number(apart_s, 1)
+    )
 }
 
 /// Where a recording that was cut off ends.

@@ -2,7 +2,7 @@
 
 use egui::{Align, Button, DragValue, Layout, RichText, Slider, Ui, vec2};
 
-use super::details::cut_sentence;
+use super::details::{cut_sentence, thinned_sentence};
 use super::{Compared, Library, Quantity, RecordingsInput, Side};
 use crate::analysis::history::{Channel, History};
 use crate::analysis::player::{AtEnd, Player};
@@ -96,6 +96,9 @@ fn title(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
             });
         });
     });
+    if let Some(apart_s) = p.about.apart_s {
+        status(ui, Level::Normal, &thinned_sentence(apart_s));
+    }
     if let Some(at) = p.about.cut_at {
         status(ui, Level::Warning, &cut_sentence(p, at.seconds()));
     }
