@@ -167,13 +167,13 @@ mod tests {
         let name = format!("springtwin-reprocess-{name}-{}.rrd", std::process::id());
         let out = std::env::temp_dir().join(name);
         let robot = RobotSpec::reference();
-        let maps = model::maps_for(&robot, DEFAULT_RIG).unwrap();
+        let maps = model::maps_for(&robot, DEFAULT_RIG).expect("networks");
         let means = Means {
             robot: &robot,
             maps: &maps,
             calibration,
         };
-        reprocess(&golden(), &out, &means, &Silent).unwrap();
+        reprocess(&golden(), &out, &means, &Silent).expect("computed");
         out
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use arrow::array::UInt32Array;
+use arrow::array::{Array as _, AsArray as _, UInt32Array};
 use arrow::compute::take;
 use rerun::StoreKind;
 use rerun::log::{Chunk, ChunkComponents, LogMsg};
@@ -266,12 +266,12 @@ fn trimmed(
         return Ok(Some((chunk, times)));
     }
     let mut components = ChunkComponents::default();
-    for (descriptor, list) in chunk
-        .components()
-        .iter()
-        .map(|(_, c)| (&c.descriptor, &c.list_array))
-    {
-        use arrow::array::{Array as _, AsArray as _};
+    let mut descriptors: Vec<_> = chunk.component_descriptors().cloned().collect();
+    descriptors.sort_by_key(|d| d.component.as_str());
+    for descriptor in descriptors {
+        let Some(list) = chunk.components().get_array(descriptor.component) else {
+            continue;
+        };
         let mut rows: Vec<u32> = (from as u32..to as u32).collect();
         if is_data {
             let stated = (0..=from).rev().find(|row| list.is_valid(*row));
@@ -281,7 +281,7 @@ fn trimmed(
         if let Some(list) = taken.as_list_opt::<i32>() {
             components.insert(rerun::SerializedComponentColumn::new(
                 list.clone(),
-                descriptor.clone(),
+                descriptor,
             ));
         }
     }
