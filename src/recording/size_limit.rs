@@ -162,7 +162,7 @@ fn too_large(path: &Path, text: String) -> RecordingError {
     }
 }
 
-/// A reader that fails beyond a limit. [`RecordingError::io`] makes [`RecordingError::TooLarge`] of its error.
+/// A reader that fails beyond a limit. Its error becomes [`RecordingError::TooLarge`].
 pub struct Limited<R> {
     inner: R,
     limit: SizeLimit,
