@@ -32,8 +32,7 @@ pub(super) struct Rows {
     store_id: StoreId,
     /// Session time after which a batch is due, ns.
     batch_ns: i64,
-    /// The data, for a file; a stream is for viewers alone.
-    data: Option<Data>,
+    data: Data,
     view: View,
     logs: [TextRows; 3],
     /// Messages of the logs so far.
@@ -54,7 +53,7 @@ impl Rows {
         Self {
             store_id: store_id(meta),
             batch_ns,
-            data: (shown == Shown::File).then(Data::new),
+            data: Data::new(),
             view: View::new(meta.drawing.clone(), shown),
             logs: Default::default(),
             log_messages: 0,
@@ -77,9 +76,7 @@ impl Rows {
         }
         self.last = Some(t);
         let start = *self.batch_start.get_or_insert(t);
-        if let Some(data) = &mut self.data {
-            data.push(snapshot);
-        }
+        self.data.push(snapshot);
         self.view.push(snapshot);
         self.push_logs(t, snapshot);
         self.waiting += 1;
@@ -98,7 +95,7 @@ impl Rows {
 
     /// Parts of snapshots with a value that is not finite.
     pub(super) fn rejected(&self) -> u64 {
-        self.data.as_ref().map_or(0, |data| data.rejected)
+        self.data.rejected
     }
 
     /// Makes messages of what waits: the data last. What viewers draw waits for larger batches, unless `all` is wanted.
@@ -135,11 +132,9 @@ impl Rows {
                 part,
             )?);
         }
-        if let Some(data) = &mut self.data {
-            let rows = data.waiting() as u64;
-            if let Some(part) = data.take()? {
-                messages.push(message(&self.store_id, MessageKind::Data, rows, part)?);
-            }
+        let rows = self.data.waiting() as u64;
+        if let Some(part) = self.data.take()? {
+            messages.push(message(&self.store_id, MessageKind::Data, rows, part)?);
         }
         Ok(messages)
     }
