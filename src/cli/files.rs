@@ -110,15 +110,14 @@ fn provenance(p: &Provenance) -> String {
         "" => p.robot.clone(),
         hash => format!("{} ({})", p.robot, short(hash)),
     };
-    let begun = [&p.begun, &p.source].map(String::as_str);
-    let begun = begun.iter().filter(|t| !t.is_empty()).copied();
     let registration = if p.has_registration {
         "in the file"
     } else {
         ""
     };
     let lines = [
-        ("begun", begun.collect::<Vec<_>>().join(", ")),
+        ("begun", p.begun.clone()),
+        ("source", p.source.clone()),
         ("computed from", p.derived_from.clone()),
         ("note", p.note.clone()),
         ("robot", of_robot),

@@ -15,9 +15,6 @@ use crate::sensing::Calibration;
 use crate::signal::{Estimate, SensorFrame, Snapshot, Stamp, hex};
 use crate::twin::{Maps, Reading, sensing_for};
 
-/// Time that is read and computed at once, s.
-const WINDOW_S: f64 = 30.0;
-
 /// What a recording is computed with.
 pub struct Means<'a> {
     /// The arm.
@@ -55,40 +52,31 @@ pub fn reprocess(
     let meta = meta(source.meta(), &text, means);
     let mut writer = RecordingWriter::create_like(out, meta, &source)?;
     let mut computed = Computed::default();
+    progress.stage("reprocess", 100);
+    let mut done = Ok(());
     let mut from = None;
-    // A recording of the first layout is read whole.
-    let last = source.last();
-    let windows = last.map_or(1, |last| (last.seconds() / WINDOW_S).ceil() as usize);
-    progress.stage("reprocess", windows);
-    loop {
-        let to = match (last, from) {
-            (None, _) => None,
-            (Some(last), from) => {
-                let begin: Stamp = from.unwrap_or(Stamp::ZERO);
-                Some(begin.plus(WINDOW_S)).filter(|to| to.0 < last.0)
-            }
-        };
+    let mut go_on = |share: f32| {
+        progress.items_done((100.0 * share) as usize);
+        true
+    };
+    source.read_in_windows(&Selection::default(), &mut go_on, &mut |window| {
+        let read = window.read;
+        let to = read.trace.snapshots.last().map(|s| s.stamp);
         let part = Selection {
             from,
             to,
             at_least_apart_s: 0.0,
         };
-        let read = source.read(&part, &mut |_| true)?;
-        let mut events = read.events.iter().filter(|e| e.log == "events").peekable();
-        for snapshot in &read.trace.snapshots {
-            while let Some(event) = events.next_if(|e| e.stamp <= snapshot.stamp) {
-                writer.event(event.stamp, &event.text)?;
-            }
-            writer.push(&computed.of(snapshot, &mut sensing, means.maps))?;
+        from = to.map(|to| Stamp(to.0 + 1));
+        if done.is_ok() {
+            let snapshots = read.trace.snapshots.iter();
+            let snapshots = snapshots.map(|s| computed.of(s, &mut sensing, means.maps));
+            done = writer
+                .push_read(snapshots, &read.events)
+                .and_then(|()| writer.copy_pictures(&source, &part));
         }
-        for event in events {
-            writer.event(event.stamp, &event.text)?;
-        }
-        writer.copy_pictures(&source, &part)?;
-        let Some(to) = to else { break };
-        progress.item_done();
-        from = Some(Stamp(to.0 + 1));
-    }
+    })?;
+    done?;
     progress.stage_done("");
     Ok(writer.finish()?)
 }

@@ -71,14 +71,14 @@ pub use overlay::{Overlay, TipSeries};
 pub use recorder::{LOW_SPACE_BYTES, QueueFull, Recorder, RecorderState, free_bytes};
 #[cfg(feature = "rrd")]
 pub use rrd::SCHEMA_VERSION;
-pub use rrd::{RecordingFile, RecordingWriter, join, read_rrd, read_rrd_with, write_overlay};
+pub use rrd::{RecordingFile, RecordingWriter, join, read_rrd, write_overlay};
 pub use segments::{is_later_segment, segment_path};
 pub use session_file::{SessionFile, parse_session_file};
 pub use size_limit::{Limited, SizeLimit, file_sha256, size_text};
 pub use table::{Table, table_file};
 pub use types::{
     ArmDrawing, Channel, ChannelValues, ReadRecording, RecordedEvent, RecordingMeta,
-    RecordingSummary, Selection,
+    RecordingSummary, Selection, Thinning,
 };
 pub use units::suspected_units;
 pub use whole::{write_bytes, write_text};

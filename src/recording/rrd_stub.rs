@@ -5,7 +5,8 @@ use std::path::Path;
 
 use super::patience::{Broken, Waiting};
 use super::{
-    Overlay, ReadRecording, RecordingError, RecordingMeta, RecordingSummary, Selection, Window,
+    Overlay, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, RecordingSummary,
+    Selection, Window,
 };
 use crate::signal::{Snapshot, Stamp};
 
@@ -37,6 +38,18 @@ impl RecordingWriter {
     /// # Errors
     /// None: no value of this type exists in this build.
     pub fn event(&mut self, _stamp: Stamp, _text: &str) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Records snapshots that were read.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn push_read(
+        &mut self,
+        _snapshots: impl IntoIterator<Item = Snapshot>,
+        _events: &[RecordedEvent],
+    ) -> Result<(), RecordingError> {
         match self.never {}
     }
 
@@ -206,11 +219,6 @@ impl RecordingFile {
         match self.never {}
     }
 
-    /// Memory that all snapshots take at once, bytes.
-    pub fn memory_bytes(&self) -> Option<u64> {
-        match self.never {}
-    }
-
     /// Reads what is selected.
     ///
     /// # Errors
@@ -241,17 +249,6 @@ pub fn join(
 /// # Errors
 /// [`RecordingError::WithoutRrd`].
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
-    Err(without(path))
-}
-
-/// Reads a recording and reports its progress. In this build always an error.
-///
-/// # Errors
-/// [`RecordingError::WithoutRrd`].
-pub fn read_rrd_with(
-    path: &Path,
-    _go_on: &mut dyn FnMut(f32) -> bool,
-) -> Result<ReadRecording, RecordingError> {
     Err(without(path))
 }
 

@@ -258,17 +258,37 @@ impl Selection {
     /// The part of what was read whole.
     #[cfg_attr(not(feature = "rrd"), allow(dead_code))]
     pub(crate) fn of(&self, mut read: ReadRecording) -> ReadRecording {
-        let mut next = i64::MIN;
-        let step = (self.at_least_apart_s * 1e9).round() as i64;
-        read.trace.snapshots.retain(|s| {
-            let wanted = self.contains(s.stamp.0) && s.stamp.0 >= next;
-            if wanted {
-                next = s.stamp.0.saturating_add(step);
-            }
-            wanted
-        });
+        let mut thinning = Thinning::new(self.at_least_apart_s);
+        let snapshots = &mut read.trace.snapshots;
+        snapshots.retain(|s| self.contains(s.stamp.0) && thinning.takes(s.stamp));
         read.events.retain(|e| self.contains(e.stamp.0));
         read
+    }
+}
+
+/// Takes rising times that are at least so far apart.
+#[derive(Clone, Copy, Debug)]
+pub struct Thinning {
+    step: i64,
+    next: i64,
+}
+
+impl Thinning {
+    /// Takes times at least `apart_s` apart; all that rise for 0.
+    pub fn new(apart_s: f64) -> Self {
+        Self {
+            step: ((apart_s * 1e9).round() as i64).max(1),
+            next: i64::MIN,
+        }
+    }
+
+    /// Whether it takes a time.
+    pub fn takes(&mut self, stamp: Stamp) -> bool {
+        let takes = stamp.0 >= self.next;
+        if takes {
+            self.next = stamp.0.saturating_add(self.step);
+        }
+        takes
     }
 }
 

@@ -13,7 +13,7 @@ use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, 
 use springtwin::gui::RecordingEntry;
 use springtwin::recording::{
     Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
-    inspect, inspect_log, is_later_segment, is_rrd, read_session_with, segment_path,
+    Thinning, inspect, inspect_log, is_later_segment, is_rrd, read_session_with, segment_path,
 };
 use springtwin::signal::{Snapshot, Stamp, Trace};
 
@@ -198,59 +198,35 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
             about,
         });
     }
-    let mut thinned = Thinned::default();
-    let mut inspector = Inspector::default();
     let file = RecordingFile::open(path).map_err(|e| e.to_string())?;
-    let mut events = Vec::new();
-    thinned.apart_s = apart_s(&file);
+    let apart_s = apart_s(&file);
+    let mut thinning = Thinning::new(apart_s.unwrap_or(0.0));
+    let (mut trace, mut events) = (Trace::default(), Vec::new());
+    let mut inspector = Inspector::default();
     let read = file.read_in_windows(&Selection::default(), go_on, &mut |mut window| {
         inspector.take(&window);
         events.append(&mut window.read.events);
-        thinned.take(window.read.trace);
+        let mut snapshots = std::mem::take(&mut trace.snapshots);
+        let new = window.read.trace.snapshots.drain(..);
+        snapshots.extend(new.filter(|s| thinning.takes(s.stamp)));
+        trace = Trace {
+            snapshots,
+            ..window.read.trace
+        };
     });
     read.map_err(|e| e.to_string())?;
     let about = About {
         begun: Some(file.meta().begun.clone()).filter(|b| !b.is_empty()),
-        apart_s: thinned.apart_s,
+        apart_s,
         ..about(path, &inspector.finish(), events)
     };
-    Ok(Loaded {
-        trace: thinned.trace,
-        about,
-    })
+    Ok(Loaded { trace, about })
 }
 
 /// How far apart the snapshots of a recording must be for the window to hold them, s; `None` for all of them.
 fn apart_s(file: &RecordingFile) -> Option<f64> {
     let (rows, last) = (file.rows()?, file.last()?);
     (rows > SNAPSHOTS).then(|| (10.0 * last.seconds() / SNAPSHOTS as f64).ceil() / 10.0)
-}
-
-/// The snapshots of a recording, not nearer to each other than so.
-#[derive(Default)]
-struct Thinned {
-    trace: Trace,
-    apart_s: Option<f64>,
-}
-
-impl Thinned {
-    fn take(&mut self, window: Trace) {
-        let Trace { snapshots, .. } = &mut self.trace;
-        let mut taken = std::mem::take(snapshots);
-        for snapshot in window.snapshots {
-            let is_near = |apart_s: f64| {
-                let newest = taken.last();
-                newest.is_some_and(|n: &Snapshot| snapshot.stamp.since(n.stamp) < apart_s)
-            };
-            if !self.apart_s.is_some_and(is_near) {
-                taken.push(snapshot);
-            }
-        }
-        self.trace = Trace {
-            snapshots: taken,
-            ..window
-        };
-    }
 }
 
 fn about(path: &Path, seen: &Inspection, events: Vec<RecordedEvent>) -> About {

@@ -8,9 +8,8 @@ use rerun::StoreKind;
 use rerun::log::{Chunk, ChunkComponents, LogMsg};
 
 use super::error::BatchError;
-use super::index::{Batch, Index};
+use super::index::{Batch, Index, Tables};
 use super::message::copied;
-use super::read_message::MessageReader;
 use super::reader::RecordingFile;
 use super::rolling::{Rolling, SegmentLimits};
 use super::rows::store_id;
@@ -31,23 +30,23 @@ pub fn join(
     out: &Path,
     meta: RecordingMeta,
 ) -> Result<RecordingSummary, RecordingError> {
+    let first = refuse_unordered(parts, out)?;
     if parts.iter().any(|(file, _)| file.is_first_layout) {
-        return join_snapshots(parts, out, meta);
+        // By way of snapshots, without what viewers draw of the arm's shape.
+        let mut writer = RecordingWriter::create_like(out, meta, first)?;
+        for (file, selection) in parts {
+            let read = file.read(selection, &mut |_| true)?;
+            writer.push_read(read.trace.snapshots, &read.events)?;
+        }
+        return writer.finish();
     }
-    let looks = match parts.first() {
-        Some((first, _)) => looks(&first.index)?,
-        None => Vec::new(),
-    };
+    let looks = Some(looks(&first.index)?);
     let mut writer = Joined {
-        files: Rolling::create(out, meta, Some(looks), SegmentLimits::default())?,
+        files: Rolling::create(out, meta, looks, SegmentLimits::default())?,
         rows: 0,
-        last: i64::MIN,
     };
     for (file, selection) in parts {
         writer.take(file, selection)?;
-    }
-    if writer.rows == 0 {
-        return Err(nothing(parts.first().map_or(out, |(f, _)| f.path())));
     }
     writer.files.close()?;
     Ok(RecordingSummary {
@@ -58,56 +57,38 @@ pub fn join(
     })
 }
 
-/// [`join`] by way of snapshots, without what viewers draw of the arm's shape: for recordings of the first layout.
-fn join_snapshots(
-    parts: &[(&RecordingFile, Selection)],
+/// Refuses parts that overlap or hold nothing, before anything is written; returns the first recording.
+fn refuse_unordered<'a>(
+    parts: &[(&'a RecordingFile, Selection)],
     out: &Path,
-    meta: RecordingMeta,
-) -> Result<RecordingSummary, RecordingError> {
-    let Some((first, _)) = parts.first() else {
-        return Err(nothing(out));
+) -> Result<&'a RecordingFile, RecordingError> {
+    let refuse = |path: &Path, text: String| RecordingError::Unsupported {
+        path: path.to_owned(),
+        text,
     };
-    let mut writer = RecordingWriter::create_like(out, meta, first)?;
-    let mut last = i64::MIN;
+    let mut before: Option<Stamp> = None;
     for (file, selection) in parts {
-        let read = file.read(selection, &mut |_| true)?;
-        let before = last;
-        let mut events = read.events.iter().filter(|e| e.log == "events").peekable();
-        for snapshot in &read.trace.snapshots {
-            refuse_overlap(file.path(), snapshot.stamp.0, before)?;
-            last = snapshot.stamp.0;
-            while let Some(event) = events.next_if(|e| e.stamp <= snapshot.stamp) {
-                writer.event(event.stamp, &event.text)?;
-            }
-            writer.push(snapshot)?;
+        let Some((first, last)) = file.extent(selection)? else {
+            continue;
+        };
+        if let Some(before) = before.filter(|before| first <= *before) {
+            let text = format!(
+                "it begins at {:.3} s, before the recording in front of it ends at {:.3} s: only parts of one session can \
+                 be put together, in their order",
+                first.seconds(),
+                before.seconds()
+            );
+            return Err(refuse(file.path(), text));
         }
+        before = Some(last);
     }
-    if last == i64::MIN {
-        return Err(nothing(first.path()));
+    match (parts.first(), before) {
+        (Some((file, _)), Some(_)) => Ok(file),
+        (first, _) => Err(refuse(
+            first.map_or(out, |(file, _)| file.path()),
+            "there is no snapshot in that part of the recording".to_owned(),
+        )),
     }
-    writer.finish()
-}
-
-fn nothing(path: &Path) -> RecordingError {
-    RecordingError::Unsupported {
-        path: path.to_owned(),
-        text: "there is no snapshot in that part of the recording".to_owned(),
-    }
-}
-
-fn refuse_overlap(path: &Path, first: i64, before: i64) -> Result<(), RecordingError> {
-    if first > before {
-        return Ok(());
-    }
-    Err(RecordingError::Unsupported {
-        path: path.to_owned(),
-        text: format!(
-            "it begins at {:.3} s, before the recording in front of it ends at {:.3} s: only parts of one session can be \
-             put together, in their order",
-            Stamp(first).seconds(),
-            Stamp(before).seconds()
-        ),
-    })
 }
 
 impl RecordingWriter {
@@ -135,10 +116,10 @@ impl RecordingWriter {
         part: &Selection,
     ) -> Result<(), RecordingError> {
         let store = store_id(self.meta());
-        let mut open = Open::default();
+        let mut tables = Tables::of(&source.index);
         let views = &source.index.views;
         for batch in views.iter().filter(|b| part.contains(b.last)) {
-            let Some(chunk) = open.chunk(&source.index, batch)? else {
+            let Some(chunk) = tables.read(batch, Ok)? else {
                 continue;
             };
             let is_arm = chunk.entity_path().to_string().starts_with("/arm/");
@@ -158,21 +139,19 @@ impl RecordingWriter {
 struct Joined {
     files: Rolling,
     rows: u64,
-    last: i64,
 }
 
 impl Joined {
     fn take(&mut self, file: &RecordingFile, selection: &Selection) -> Result<(), RecordingError> {
         let index = &file.index;
         let store = store_id(&self.files.meta);
-        let mut open = Open::default();
+        let mut tables = Tables::of(index);
         let mut batches: Vec<(MessageKind, &Batch)> = Vec::new();
         batches.extend(index.views.iter().map(|b| (MessageKind::View, b)));
         batches.extend(index.logs.iter().map(|b| (MessageKind::Log, b)));
         batches.extend(index.data.iter().map(|b| (MessageKind::Data, b)));
         // Pictures and lines of a time come before its data, as they were written.
         batches.sort_by_key(|(_, b)| b.last);
-        let before = self.last;
         for (kind, batch) in batches {
             let is_data = kind == MessageKind::Data;
             // Only the last time of other messages is known before they are read.
@@ -181,7 +160,7 @@ impl Joined {
             if !may_hold {
                 continue;
             }
-            let Some(chunk) = open.chunk(index, batch)? else {
+            let Some(chunk) = tables.read(batch, Ok)? else {
                 continue;
             };
             let fail = |e| failed(file.path(), e);
@@ -191,9 +170,6 @@ impl Joined {
             let (Some(&first), Some(&last)) = (times.first(), times.last()) else {
                 continue;
             };
-            if is_data {
-                refuse_overlap(file.path(), first, before)?;
-            }
             let number = if is_data {
                 times.len() as u64
             } else {
@@ -204,42 +180,12 @@ impl Joined {
             self.files.append(&[message])?;
             if is_data {
                 self.rows += number;
-                self.last = last;
                 if self.files.is_full(Stamp(last)) {
                     self.files.next()?;
                 }
             }
         }
         Ok(())
-    }
-}
-
-/// A reader of the segment that was read last.
-#[derive(Default)]
-struct Open<'a> {
-    reader: Option<(usize, MessageReader<'a>)>,
-}
-
-impl<'a> Open<'a> {
-    /// The table of a batch.
-    fn chunk(&mut self, index: &'a Index, batch: &Batch) -> Result<Option<Chunk>, RecordingError> {
-        if self
-            .reader
-            .as_ref()
-            .is_none_or(|(s, _)| *s != batch.segment)
-        {
-            self.reader = Some((batch.segment, index.reader(batch.segment)?));
-        }
-        let Some((_, reader)) = &mut self.reader else {
-            return Ok(None);
-        };
-        let Some(LogMsg::ArrowMsg(_, arrow)) = reader.read(batch.place)? else {
-            return Ok(None);
-        };
-        let chunk = reader.guarded(batch.place, || {
-            Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())
-        })?;
-        Ok(Some(chunk))
     }
 }
 
@@ -306,12 +252,16 @@ fn looks(index: &Index) -> Result<Vec<LogMsg>, RecordingError> {
             continue;
         };
         let is_look = match &message {
-            LogMsg::ArrowMsg(store, arrow) if store.kind() == StoreKind::Recording => reader
-                .guarded(*place, || {
-                    let chunk = Chunk::from_arrow_msg(arrow).map_err(|e| e.to_string())?;
-                    let path = chunk.entity_path().to_string();
-                    Ok(chunk.is_static() && !path.starts_with("/__properties"))
-                })?,
+            LogMsg::ArrowMsg(store, arrow) if store.kind() == StoreKind::Recording => {
+                let chunk = reader.guarded(*place, || {
+                    Chunk::from_arrow_msg(arrow).map_err(|e| e.to_string())
+                })?;
+                if !chunk.is_static() {
+                    // The data begin.
+                    break;
+                }
+                !chunk.entity_path().to_string().starts_with("/__properties")
+            }
             LogMsg::SetStoreInfo(info) => info.info.store_id.kind() == StoreKind::Blueprint,
             LogMsg::ArrowMsg(..) | LogMsg::BlueprintActivationCommand(_) => true,
         };

@@ -3,8 +3,7 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use rerun::StoreKind;
-use rerun::log::{Chunk, LogMsg};
+use rerun::log::Chunk;
 
 use super::frames::{self, HEADER_BYTES, Place, SplitError};
 use super::message::stated;
@@ -149,15 +148,9 @@ impl Index {
         if self.properties.are_known() && self.is_layout_1() {
             return Ok(());
         }
-        let Some(LogMsg::ArrowMsg(store, arrow)) = reader.read(place)? else {
+        let Some(chunk) = reader.table(place)? else {
             return Ok(());
         };
-        if store.kind() != StoreKind::Recording {
-            return Ok(());
-        }
-        let chunk = reader.guarded(place, || {
-            Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())
-        })?;
         if chunk.is_static() {
             self.properties.take(&chunk);
             return Ok(());
@@ -212,5 +205,34 @@ impl Index {
     pub(super) fn reader(&self, segment: usize) -> Result<MessageReader<'_>, RecordingError> {
         let s = &self.segments[segment];
         MessageReader::open(&s.path, s.header, s.budget)
+    }
+}
+
+/// Reads tables of an index, and keeps the segment open that it read last.
+pub(super) struct Tables<'a> {
+    index: &'a Index,
+    open: Option<(usize, MessageReader<'a>)>,
+}
+
+impl<'a> Tables<'a> {
+    pub(super) fn of(index: &'a Index) -> Self {
+        Self { index, open: None }
+    }
+
+    /// What `work` makes of the table of a batch; `None` where there is none.
+    pub(super) fn read<T>(
+        &mut self,
+        batch: &Batch,
+        work: impl FnOnce(Chunk) -> Result<T, String>,
+    ) -> Result<Option<T>, RecordingError> {
+        let reader = match self.open.take() {
+            Some((segment, reader)) if segment == batch.segment => reader,
+            _ => self.index.reader(batch.segment)?,
+        };
+        let (_, reader) = self.open.insert((batch.segment, reader));
+        let Some(chunk) = reader.table(batch.place)? else {
+            return Ok(None);
+        };
+        reader.guarded(batch.place, || work(chunk)).map(Some)
     }
 }

@@ -17,13 +17,14 @@ mod scene;
 mod schema;
 mod segment;
 mod snapshots;
+mod stored;
 mod v1;
 mod writer;
 
 pub use edit::join;
 pub(super) use live::LiveSink;
 pub use overlay::write_overlay;
-pub use reader::{RecordingFile, read_rrd, read_rrd_with};
+pub use reader::{RecordingFile, read_rrd};
 pub use schema::SCHEMA_VERSION;
 pub use writer::RecordingWriter;
 

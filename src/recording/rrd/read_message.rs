@@ -5,8 +5,9 @@ use std::io::{Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use rerun::StoreKind;
 use rerun::external::re_log_encoding::rrd::DecoderApp;
-use rerun::log::LogMsg;
+use rerun::log::{Chunk, LogMsg};
 
 use super::frames::{self, HEADER_BYTES, Place};
 use crate::recording::RecordingError;
@@ -64,6 +65,19 @@ impl<'a> MessageReader<'a> {
             Ok(Ok(message)) => Ok(message),
             Ok(Err(e)) => Err(fail(format!("the record cannot be read ({e})"))),
             Err(_) => Err(fail("the record is damaged".to_owned())),
+        }
+    }
+
+    /// The table at a place, of a recording; `None` for anything else.
+    pub(super) fn table(&mut self, place: Place) -> Result<Option<Chunk>, RecordingError> {
+        match self.read(place)? {
+            Some(LogMsg::ArrowMsg(store, arrow)) if store.kind() == StoreKind::Recording => self
+                .guarded(place, || {
+                    Chunk::from_arrow_msg(&arrow)
+                        .map(Some)
+                        .map_err(|e| e.to_string())
+                }),
+            _ => Ok(None),
         }
     }
 

@@ -3,15 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use rerun::log::{Chunk, LogMsg};
 
-use super::index::{Batch, Index};
+use super::index::{Batch, Index, Tables};
 use super::schema::COLUMNS;
 use super::snapshots::{Rows, Seen, events};
 use super::v1;
 use crate::recording::{
     Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, Selection, SizeLimit,
-    Window,
+    Thinning, Window,
 };
 use crate::signal::{Snapshot, Stamp, Trace};
 
@@ -97,17 +96,35 @@ impl RecordingFile {
     /// # Errors
     /// As [`RecordingFile::read`].
     pub fn first(&self) -> Result<Option<Stamp>, RecordingError> {
-        let Some(batch) = self.index.data.first() else {
-            return Ok(None);
-        };
-        let all = Selection::default();
-        let found = self.decode_one(batch, &all, 0, &mut None)?;
+        let first = self.index.data.get(..1).unwrap_or_default();
+        let found = self.gather(first, &Selection::default(), &mut |_| true)?;
         Ok(found.snapshots.first().map(|s| s.stamp))
     }
 
-    /// Memory that all snapshots take at once, bytes; `None` for recordings of the first layout.
-    pub fn memory_bytes(&self) -> Option<u64> {
-        Some(self.rows()?.saturating_mul(snapshot_bytes()))
+    /// Times of the first and the last snapshot of a part; `None` where it holds none.
+    pub(super) fn extent(
+        &self,
+        part: &Selection,
+    ) -> Result<Option<(Stamp, Stamp)>, RecordingError> {
+        let stamps =
+            |snapshots: &[Snapshot]| Some((snapshots.first()?.stamp, snapshots.last()?.stamp));
+        if self.is_first_layout {
+            return Ok(stamps(&self.read(part, &mut |_| true)?.trace.snapshots));
+        }
+        let batches = self.batches(part);
+        let mut found = None;
+        // A part may end before the first row of the batch that reaches over its end: then the one before it is the last.
+        let ends = [
+            batches.get(..2.min(batches.len())),
+            batches.get(batches.len().saturating_sub(2)..),
+        ];
+        for end in ends.into_iter().flatten() {
+            let read = self.gather(end, part, &mut |_| true)?;
+            if let Some((first, last)) = stamps(&read.snapshots) {
+                found = Some((found.map_or(first, |(first, _)| first), last));
+            }
+        }
+        Ok(found)
     }
 
     /// Reads what is selected, and reports the share that is done, 0..1. It is given up when `go_on` answers `false`.
@@ -220,18 +237,17 @@ impl RecordingFile {
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Result<Gathered, RecordingError> {
         let mut gathered = Gathered::default();
-        let step = (selection.at_least_apart_s * 1e9).round() as i64;
-        let mut next = i64::MIN;
+        let mut thinning = Thinning::new(selection.at_least_apart_s);
         for (n, group) in batches.chunks(GROUP).enumerate() {
             if !go_on((n * GROUP) as f32 / batches.len() as f32) {
                 return Err(self.given_up());
             }
             let parts: Vec<Result<Found, RecordingError>> = group
                 .par_chunks(GROUP / 8)
-                .flat_map_iter(|part| self.decode(part, selection, step))
+                .flat_map_iter(|part| self.decode(part, selection))
                 .collect();
             for part in parts {
-                gathered.add(part?, step, &mut next);
+                gathered.add(part?, &mut thinning);
             }
         }
         Ok(gathered)
@@ -250,76 +266,29 @@ impl RecordingFile {
         &self,
         batches: &[Batch],
         selection: &Selection,
-        step: i64,
     ) -> Vec<Result<Found, RecordingError>> {
-        let mut found = Vec::with_capacity(batches.len());
-        let mut reader = None;
-        for batch in batches {
-            found.push(self.decode_one(batch, selection, step, &mut reader));
-        }
-        found
-    }
-
-    fn decode_one<'a>(
-        &'a self,
-        batch: &Batch,
-        selection: &Selection,
-        step: i64,
-        open: &mut Option<(usize, super::read_message::MessageReader<'a>)>,
-    ) -> Result<Found, RecordingError> {
-        if open
-            .as_ref()
-            .is_none_or(|(segment, _)| *segment != batch.segment)
-        {
-            *open = Some((batch.segment, self.index.reader(batch.segment)?));
-        }
-        let Some((_, reader)) = open else {
-            return Ok(Found::default());
+        let mut tables = Tables::of(&self.index);
+        let mut one = |batch: &Batch| {
+            let found = tables.read(batch, |chunk| {
+                let mut rows = Rows::of(&chunk)?;
+                Ok(Found {
+                    snapshots: rows.snapshots(&self.meta, |t| selection.contains(t))?,
+                    seen: rows.seen().collect(),
+                })
+            });
+            found.map(Option::unwrap_or_default)
         };
-        let Some(LogMsg::ArrowMsg(_, arrow)) = reader.read(batch.place)? else {
-            return Ok(Found::default());
-        };
-        reader.guarded(batch.place, || {
-            let chunk = Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())?;
-            let mut rows = Rows::of(&chunk)?;
-            let mut next = i64::MIN;
-            let snapshots = rows.snapshots(&self.meta, |t| {
-                let wanted = selection.contains(t) && t >= next;
-                if wanted {
-                    next = t.saturating_add(step);
-                }
-                wanted
-            })?;
-            Ok(Found {
-                snapshots,
-                seen: rows.seen().collect(),
-            })
-        })
+        batches.iter().map(&mut one).collect()
     }
 
     fn read_events(&self, selection: &Selection) -> Result<Vec<RecordedEvent>, RecordingError> {
-        let index = &self.index;
         let mut all = Vec::new();
-        let mut open: Option<(usize, super::read_message::MessageReader<'_>)> = None;
+        let mut tables = Tables::of(&self.index);
         // Only the last time of a log's message is known before it is read.
         let from = selection.from.map_or(i64::MIN, |s| s.0);
-        for batch in index.logs.iter().filter(|b| b.last >= from) {
-            if open
-                .as_ref()
-                .is_none_or(|(segment, _)| *segment != batch.segment)
-            {
-                open = Some((batch.segment, index.reader(batch.segment)?));
-            }
-            let Some((_, reader)) = &mut open else {
-                continue;
-            };
-            let Some(LogMsg::ArrowMsg(_, arrow)) = reader.read(batch.place)? else {
-                continue;
-            };
-            let lines = reader.guarded(batch.place, || {
-                let chunk = Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())?;
-                Ok(events(&chunk))
-            })?;
+        for batch in self.index.logs.iter().filter(|b| b.last >= from) {
+            let lines = tables.read(batch, |chunk| Ok(events(&chunk)))?;
+            let lines = lines.unwrap_or_default();
             let begins_after = lines.first().is_some_and(|e| !selection.reaches(e.stamp.0));
             if begins_after {
                 break;
@@ -339,19 +308,7 @@ fn snapshot_bytes() -> u64 {
 /// # Errors
 /// As [`RecordingFile::read`].
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
-    read_rrd_with(path, &mut |_| true)
-}
-
-/// Reads a recording as [`read_rrd`] does, and reports the share that is done, 0..1. It is given up when
-/// `go_on` answers `false`.
-///
-/// # Errors
-/// As [`RecordingFile::read`].
-pub fn read_rrd_with(
-    path: &Path,
-    go_on: &mut dyn FnMut(f32) -> bool,
-) -> Result<ReadRecording, RecordingError> {
-    RecordingFile::open(path)?.read(&Selection::default(), go_on)
+    RecordingFile::open(path)?.read(&Selection::default(), &mut |_| true)
 }
 
 /// What one batch held.
@@ -371,14 +328,11 @@ struct Gathered {
 }
 
 impl Gathered {
-    /// Appends a batch; of snapshots that are nearer to each other than `step` the first one.
-    fn add(&mut self, found: Found, step: i64, next: &mut i64) {
-        for snapshot in found.snapshots {
-            if snapshot.stamp.0 >= *next {
-                *next = snapshot.stamp.0.saturating_add(step.max(1));
-                self.snapshots.push(snapshot);
-            }
-        }
+    /// Appends a batch, thinned.
+    fn add(&mut self, found: Found, thinning: &mut Thinning) {
+        let snapshots = found.snapshots.into_iter();
+        self.snapshots
+            .extend(snapshots.filter(|s| thinning.takes(s.stamp)));
         self.seen.resize(COLUMNS.len(), None);
         for (all, more) in self.seen.iter_mut().zip(found.seen) {
             *all = match (*all, more) {

@@ -1,6 +1,6 @@
 //! One file of a recording, while it is written.
 
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 #[cfg(test)]
@@ -11,6 +11,7 @@ use rerun::log::LogMsg;
 
 use super::error::BatchError;
 use crate::recording::RecordingError;
+use crate::recording::lock::is_own;
 
 /// Identity of a file among others of the same name.
 type Identity = (u64, u64);
@@ -60,8 +61,7 @@ fn own(path: &Path) -> Result<File, RecordingError> {
     let mut options = File::options();
     let file = options.write(true).create(true).truncate(false).open(path);
     let file = file.map_err(RecordingError::io(path, "create"))?;
-    // Where the file system knows no locks, nobody is asked.
-    if let Err(TryLockError::WouldBlock) = file.try_lock() {
+    if !is_own(file.try_lock(), path) {
         return Err(RecordingError::InUse {
             path: path.to_owned(),
         });
@@ -264,7 +264,7 @@ fn cannot_sync(e: &std::io::Error) -> bool {
 }
 
 /// Brings a file's entry in its folder onto the disk, where the system can.
-pub(super) fn sync_folder(path: &Path) {
+fn sync_folder(path: &Path) {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     // Not every system opens folders; the file itself is safe.

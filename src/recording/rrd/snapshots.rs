@@ -2,16 +2,15 @@
 
 use arrow::array::{Array, AsArray, ListArray};
 use arrow::datatypes::{Float32Type, Float64Type, Int64Type, UInt32Type};
-use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use rerun::log::Chunk;
 use rerun::{ComponentIdentifier, TextLog, TimelineName};
 
 use super::schema::{self, COLUMNS, Kind, column};
+use super::stored;
 use crate::recording::{RecordedEvent, RecordingMeta};
 use crate::signal::{
-    BOARDS, CHAMBERS, Delivered, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw,
-    LinkStatus, Matrix6, Mode, OrientationGoal, Pose, PressureCommand, PressureLimits, Quality,
-    RawFrame, SIGNALS, SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+    Estimate, Goal, GroundTruth, Matrix6, PressureCommand, RawFrame, SIGNALS, SensorFrame,
+    SensorRef, Snapshot, Stamp,
 };
 
 /// Times of a table on the session's timeline, ns; `None` for a table without.
@@ -189,84 +188,44 @@ impl<'a> Rows<'a> {
             command: self.command(),
             ..Snapshot::default()
         };
-        if let Some([connected, age_s, rate_0, rate_1, payload_kg]) = self.f64(column::LINK) {
-            snapshot.payload_kg = payload_kg;
-            snapshot.link = LinkStatus {
-                connected: connected != 0.0,
-                source: meta.source.clone(),
-                simulated: meta.simulated == Some(true),
-                age_s,
-                board_rate_hz: [rate_0, rate_1],
-                ..LinkStatus::default()
-            };
-        }
-        if let Some([frames, frames_lost, mode]) = self.i64(column::LINK_COUNTS) {
-            snapshot.link.frames = frames as u64;
-            snapshot.link.frames_lost = frames_lost as u64;
-            snapshot.mode = match mode {
-                1 => Mode::Hold,
-                2 => Mode::Moving,
-                3 => Mode::AtGoal,
-                4 => Mode::Safe(self.text(column::MODE_REASON)),
-                _ => Mode::Disarmed,
-            };
-        }
+        let link = self.f64(column::LINK);
+        let counts = self.i64(column::LINK_COUNTS);
+        let reason = || self.text(column::MODE_REASON);
+        stored::set_tick(&mut snapshot, meta, link, counts, reason);
         snapshot
     }
 
     fn raw(&self) -> Option<RawFrame> {
-        let [seq, stamp, present, faults] = self.i64(column::RAW_FRAME)?;
-        let [rate_0, rate_1, sd_0, sd_1, age_0, age_1] = self.f64(column::RAW_CLOCKS)?;
-        let gyro: [f64; 3 * IMUS] = self.f64(column::RAW_GYRO)?;
-        let accel: [f64; 3 * IMUS] = self.f64(column::RAW_ACCEL)?;
-        let board_age_s: [f64; BOARDS] = [age_0, age_1];
-        Some(RawFrame {
-            seq: seq as u32,
-            stamp: Stamp(stamp),
-            spring_counts: self.u32(column::RAW_COUNTS)?,
-            spring_gate_ticks: self.u32(column::RAW_GATES)?,
-            tick_rate_hz: [rate_0, rate_1],
-            tick_rate_sd: [sd_0, sd_1],
-            imu: std::array::from_fn(|i| ImuRaw {
-                gyro_rad_s: std::array::from_fn(|k| gyro[3 * i + k]),
-                accel_m_s2: std::array::from_fn(|k| accel[3 * i + k]),
-            }),
+        let raw = stored::Raw {
+            frame: self.i64(column::RAW_FRAME)?,
+            clocks: self.f64(column::RAW_CLOCKS)?,
+            counts: self.u32(column::RAW_COUNTS)?,
+            gates: self.u32(column::RAW_GATES)?,
+            gyro_rad_s: self.f64(column::RAW_GYRO)?,
+            accel_m_s2: self.f64(column::RAW_ACCEL)?,
             chamber_pa: self.f64(column::RAW_PRESSURE)?,
-            present: present as u32,
-            board_age_s,
-            faults: faults as u16,
-        })
+        };
+        Some(raw.frame())
     }
 
     fn sensors(&self) -> Option<SensorFrame> {
         let [stamp] = self.i64(column::SENSOR_STAMP)?;
-        let codes: [u32; SPRINGS + IMUS + CHAMBERS] = self.u32(column::HEALTH)?;
-        let health = |i: usize| schema::health_from(codes[i].into());
-        let imu_rad: [f64; 3 * IMUS] = self.f64(column::IMUS)?;
-        let delivered = self.f64::<SIGNALS>(column::DELIVERED);
-        Some(SensorFrame {
-            stamp: Stamp(stamp),
-            extra_sigma: self.f64(column::EXTRA_SIGMA).unwrap_or([0.0; SIGNALS]),
-            delivered: delivered
-                .map(|d| Delivered::from_array(&d))
-                .unwrap_or_default(),
-            sensors: SensorVec {
-                spring_m: self.f64(column::SPRINGS)?,
-                imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
-            },
+        let sensors = stored::Sensors {
+            stamp,
+            codes: self
+                .u32::<{ stored::CODES }>(column::HEALTH)?
+                .map(i64::from),
+            spring_m: self.f64(column::SPRINGS)?,
+            imu_rad: self.f64(column::IMUS)?,
             chamber_pa: self.f64(column::PRESSURE)?,
-            health: Health {
-                springs: std::array::from_fn(health),
-                imus: std::array::from_fn(|i| health(SPRINGS + i)),
-                chambers: std::array::from_fn(|i| health(SPRINGS + IMUS + i)),
-            },
-            quality: Quality::default(),
-        })
+            delivered: self.f64(column::DELIVERED),
+            extra_sigma: self.f64(column::EXTRA_SIGMA),
+        };
+        Some(sensors.frame())
     }
 
     fn estimate(&self) -> Option<Estimate> {
         let [stamp] = self.i64(column::ESTIMATE_STAMP)?;
-        let values: [f64; 8] = self.f64(column::ESTIMATE)?;
         let triangle: [f64; 21] = self.f64(column::COVARIANCE)?;
         let mut covariance = Matrix6::zeros();
         let places = (0..6).flat_map(|c| (c..6).map(move |r| (r, c)));
@@ -274,68 +233,24 @@ impl<'a> Rows<'a> {
             covariance[(r, c)] = value;
             covariance[(c, r)] = value;
         }
-        Some(Estimate {
-            stamp: Stamp(stamp),
-            base_from_tip: pose(&values),
-            training_distance: values[7],
-            covariance,
-        })
+        let values = self.f64(column::ESTIMATE)?;
+        Some(stored::estimate(stamp, &values, covariance))
     }
 
     fn truth(&self) -> Option<GroundTruth> {
-        let [stamp, source] = self.i64(column::MOCAP)?;
-        let values: [f64; 7] = self.f64(column::MOCAP_POSE)?;
-        Some(GroundTruth {
-            stamp: Stamp(stamp),
-            base_from_tip: pose(&values),
-            source: match source {
-                0 => TruthSource::Vicon,
-                _ => TruthSource::VirtualRig,
-            },
-        })
+        let values = self.f64(column::MOCAP_POSE)?;
+        Some(stored::truth(self.i64(column::MOCAP)?, &values))
     }
 
     fn goal(&self) -> Option<Goal> {
         let [aim] = self.i64(column::GOAL)?;
-        let values: [f64; 8] = self.f64(column::GOAL_POSE)?;
-        Some(Goal {
-            position_m: [values[0], values[1], values[2]],
-            orientation: match aim {
-                0 => OrientationGoal::Free,
-                1 => OrientationGoal::Rotation(pose(&values).rotation),
-                _ => OrientationGoal::Direction(nalgebra::Unit::new_normalize(
-                    nalgebra::Vector3::new(values[3], values[4], values[5]),
-                )),
-            },
-            tolerance_m: values[7],
-        })
+        Some(stored::goal(aim, &self.f64(column::GOAL_POSE)?))
     }
 
     fn command(&self) -> Option<PressureCommand> {
-        let [stamp, gripper] = self.i64(column::COMMAND)?;
-        let recorded_pa: [f64; CHAMBERS] = self.f64(column::SET)?;
-        let gripper = match gripper {
-            0 => Some(Gripper::Open),
-            1 => Some(Gripper::Closed),
-            _ => None,
-        };
-        Some(recorded_command(Stamp(stamp), recorded_pa, gripper))
+        let ints = self.i64(column::COMMAND)?;
+        Some(stored::command(ints, self.f64(column::SET)?))
     }
-}
-
-/// A command that was recorded. Its limits are met exactly by the recorded pressures: no range, and no change allowed
-/// from the recorded values. What comes out is what was commanded.
-pub(super) fn recorded_command(
-    stamp: Stamp,
-    recorded_pa: [f64; CHAMBERS],
-    gripper: Option<Gripper>,
-) -> PressureCommand {
-    let limits = PressureLimits {
-        min_pa: f64::NEG_INFINITY,
-        max_pa: f64::INFINITY,
-        rate_pa_s: 0.0,
-    };
-    PressureCommand::limited(stamp, recorded_pa, gripper, None, &recorded_pa, &limits)
 }
 
 impl Current<'_> {
@@ -359,14 +274,6 @@ impl Current<'_> {
         *last = t;
         Ok(())
     }
-}
-
-/// x, y, z, i, j, k, w; not normalised, so that the value read is the value written.
-pub(super) fn pose(v: &[f64]) -> Pose {
-    Pose::from_parts(
-        Translation3::new(v[0], v[1], v[2]),
-        UnitQuaternion::new_unchecked(Quaternion::new(v[6], v[3], v[4], v[5])),
-    )
 }
 
 /// The lines of a text log.

@@ -188,6 +188,13 @@ fn snapshots(n: i64) -> Vec<Snapshot> {
     (0..n).map(|i| snapshot(i, &mut rng)).collect()
 }
 
+fn read_all(
+    path: &std::path::Path,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<ReadRecording, RecordingError> {
+    RecordingFile::open(path)?.read(&Selection::default(), go_on)
+}
+
 fn write(path: &std::path::Path, snapshots: &[Snapshot]) {
     let mut w = RecordingWriter::create(path, meta()).unwrap();
     for s in snapshots {
@@ -658,13 +665,13 @@ fn reading_reports_how_far_it_is_and_can_be_given_up() {
     let written = snapshots(9000);
     write(&path, &written);
     let mut shares = Vec::new();
-    let read = read_rrd_with(&path, &mut |share| {
+    let read = read_all(&path, &mut |share| {
         shares.push(share);
         true
     });
     assert_eq!(read.unwrap().trace.snapshots.len(), 9000);
     assert!(shares.len() > 3 && shares.is_sorted() && shares.last() == Some(&1.0));
-    let given_up = read_rrd_with(&path, &mut |share| share < 0.5);
+    let given_up = read_all(&path, &mut |share| share < 0.5);
     let Err(RecordingError::Io { source, .. }) = given_up else {
         panic!("it was given up");
     };

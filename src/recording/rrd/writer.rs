@@ -5,7 +5,7 @@ use rerun::log::LogMsg;
 use super::blueprint::Shown;
 use super::rolling::{Rolling, SegmentLimits};
 use super::rows::Rows;
-use crate::recording::{RecordingError, RecordingMeta, RecordingSummary};
+use crate::recording::{RecordedEvent, RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
 /// Session time after which a batch is written, ns: a kill loses less than a second, also where the disk takes its time.
@@ -85,6 +85,26 @@ impl RecordingWriter {
         }
         self.rows.event(stamp, text);
         Ok(())
+    }
+
+    /// Records snapshots that were read, with the lines of the event log at their times. The logs of modes and alarms
+    /// follow from the snapshots.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::push`].
+    pub fn push_read(
+        &mut self,
+        snapshots: impl IntoIterator<Item = Snapshot>,
+        events: &[RecordedEvent],
+    ) -> Result<(), RecordingError> {
+        let mut lines = events.iter().filter(|e| e.log == "events").peekable();
+        for snapshot in snapshots {
+            while let Some(line) = lines.next_if(|e| e.stamp <= snapshot.stamp) {
+                self.event(line.stamp, &line.text)?;
+            }
+            self.push(&snapshot)?;
+        }
+        lines.try_for_each(|line| self.event(line.stamp, &line.text))
     }
 
     /// Writes what is waiting.

@@ -2,9 +2,6 @@
 
 use std::path::Path;
 
-use rerun::StoreKind;
-use rerun::log::{Chunk, LogMsg};
-
 use super::content::Content;
 use crate::recording::rrd::index::Index;
 use crate::recording::{Channel, ReadRecording, RecordingError, RecordingMeta};
@@ -39,12 +36,8 @@ pub(in crate::recording::rrd) fn read(
         if i % GROUP == 0 && !go_on(i as f32 / segment.head.len() as f32) {
             return Err(given_up(path));
         }
-        if let Some(LogMsg::ArrowMsg(store, arrow)) = reader.read(*place)?
-            && store.kind() == StoreKind::Recording
-        {
-            reader.guarded(*place, || {
-                content.take(&Chunk::from_arrow_msg(&arrow).map_err(|e| e.to_string())?)
-            })?;
+        if let Some(chunk) = reader.table(*place)? {
+            reader.guarded(*place, || content.take(&chunk))?;
         }
     }
     let snapshots = content.snapshots(meta);

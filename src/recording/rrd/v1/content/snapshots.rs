@@ -2,13 +2,12 @@
 
 use super::Content;
 use crate::recording::RecordingMeta;
-use crate::recording::rrd::schema::{SAFE_PREFIX, health_from};
-use crate::recording::rrd::snapshots::{pose, recorded_command};
+use crate::recording::rrd::schema::SAFE_PREFIX;
+use crate::recording::rrd::stored;
 use crate::recording::rrd::v1::schema::table;
 use crate::signal::{
-    BOARDS, CHAMBERS, Delivered, Estimate, Goal, Gripper, GroundTruth, Health, IMUS, ImuRaw,
-    LinkStatus, Matrix6, Mode, OrientationGoal, PressureCommand, Quality, RawFrame, SIGNALS,
-    SPRINGS, SensorFrame, SensorRef, SensorVec, Snapshot, Stamp, TruthSource,
+    Estimate, Goal, GroundTruth, IMUS, Matrix6, PressureCommand, RawFrame, SPRINGS, SensorFrame,
+    SensorRef, Snapshot, Stamp,
 };
 
 impl Content {
@@ -52,30 +51,9 @@ impl Content {
             command: self.command(t),
             ..Snapshot::default()
         };
-        if let Some([connected, age_s, rate_0, rate_1, payload_kg]) =
-            fixed(self.exact[table::TICK].row(t))
-        {
-            snapshot.payload_kg = payload_kg;
-            snapshot.link = LinkStatus {
-                connected: connected != 0.0,
-                source: meta.source.clone(),
-                simulated: meta.simulated == Some(true),
-                age_s,
-                board_rate_hz: [rate_0, rate_1],
-                ..LinkStatus::default()
-            };
-        }
-        if let Some([frames, frames_lost, mode]) = fixed(self.ints[table::TICK].row(t)) {
-            snapshot.link.frames = frames as u64;
-            snapshot.link.frames_lost = frames_lost as u64;
-            snapshot.mode = match mode {
-                1 => Mode::Hold,
-                2 => Mode::Moving,
-                3 => Mode::AtGoal,
-                4 => Mode::Safe(reason.to_owned()),
-                _ => Mode::Disarmed,
-            };
-        }
+        let link = fixed(self.exact[table::TICK].row(t));
+        let counts = fixed(self.ints[table::TICK].row(t));
+        stored::set_tick(&mut snapshot, meta, link, counts, || reason.to_owned());
         snapshot
     }
 
@@ -84,92 +62,53 @@ impl Content {
         // Recordings of before both clocks were measured have the nominal rate alone.
         let clocks = fixed(self.exact[table::CLOCKS].row(t));
         let [rate_0, rate_1, sd_0, sd_1] = clocks.unwrap_or([rate_hz, rate_hz, 0.0, 0.0]);
-        let [seq, stamp, present, faults] = fixed(self.ints[table::RAW_FRAME].row(t))?;
         let counts: [f64; SPRINGS] = fixed(self.scalars[table::COUNTS].row(t))?;
         let gates: [f64; SPRINGS] = fixed(self.scalars[table::GATES].row(t))?;
-        let gyro: [f64; 3 * IMUS] = fixed(self.scalars[table::GYRO].row(t))?;
-        let accel: [f64; 3 * IMUS] = fixed(self.scalars[table::ACCEL].row(t))?;
-        let board_age_s: [f64; BOARDS] = [age_0, age_1];
-        Some(RawFrame {
-            seq: seq as u32,
-            stamp: Stamp(stamp),
+        let raw = stored::Raw {
+            frame: fixed(self.ints[table::RAW_FRAME].row(t))?,
+            clocks: [rate_0, rate_1, sd_0, sd_1, age_0, age_1],
             // Doubles hold every u32.
-            spring_counts: counts.map(|c| c as u32),
-            spring_gate_ticks: gates.map(|c| c as u32),
-            tick_rate_hz: [rate_0, rate_1],
-            tick_rate_sd: [sd_0, sd_1],
-            imu: std::array::from_fn(|i| ImuRaw {
-                gyro_rad_s: std::array::from_fn(|k| gyro[3 * i + k]),
-                accel_m_s2: std::array::from_fn(|k| accel[3 * i + k]),
-            }),
+            counts: counts.map(|c| c as u32),
+            gates: gates.map(|c| c as u32),
+            gyro_rad_s: fixed(self.scalars[table::GYRO].row(t))?,
+            accel_m_s2: fixed(self.scalars[table::ACCEL].row(t))?,
             chamber_pa: fixed(self.scalars[table::RAW_PRESSURE].row(t))?,
-            present: present as u32,
-            board_age_s,
-            faults: faults as u16,
-        })
+        };
+        Some(raw.frame())
     }
 
     fn sensors(&mut self, t: i64) -> Option<SensorFrame> {
-        let codes: [i64; 1 + SPRINGS + IMUS + CHAMBERS] = fixed(self.ints[table::HEALTH].row(t))?;
-        let health = |i: usize| health_from(codes[1 + i]);
-        let imu_rad: [f64; 3 * IMUS] = fixed(self.exact[table::IMUS].row(t))?;
-        Some(SensorFrame {
-            stamp: Stamp(codes[0]),
-            extra_sigma: [0.0; SIGNALS],
-            delivered: fixed(self.exact[table::DELIVERED].row(t))
-                .map(|values| Delivered::from_array(&values))
-                .unwrap_or_default(),
-            sensors: SensorVec {
-                spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
-                imu_ypr_rad: std::array::from_fn(|i| std::array::from_fn(|k| imu_rad[3 * i + k])),
-            },
+        let ints: [i64; 1 + stored::CODES] = fixed(self.ints[table::HEALTH].row(t))?;
+        let sensors = stored::Sensors {
+            stamp: ints[0],
+            codes: std::array::from_fn(|i| ints[1 + i]),
+            spring_m: fixed(self.exact[table::SPRINGS].row(t))?,
+            imu_rad: fixed(self.exact[table::IMUS].row(t))?,
             chamber_pa: fixed(self.exact[table::PRESSURE].row(t))?,
-            health: Health {
-                springs: std::array::from_fn(health),
-                imus: std::array::from_fn(|i| health(SPRINGS + i)),
-                chambers: std::array::from_fn(|i| health(SPRINGS + IMUS + i)),
-            },
-            quality: Quality::default(),
-        })
+            delivered: fixed(self.exact[table::DELIVERED].row(t)),
+            extra_sigma: None,
+        };
+        Some(sensors.frame())
     }
 
     fn estimate(&mut self, t: i64) -> Option<Estimate> {
         let [stamp] = fixed(self.ints[table::PREDICTED].row(t))?;
-        let values = self.exact[table::PREDICTED].row(t)?;
-        Some(Estimate {
-            stamp: Stamp(stamp),
-            base_from_tip: pose(&values[..7]),
-            training_distance: values[7],
-            covariance: Matrix6::from_column_slice(&values[8..44]),
-        })
+        let values: [f64; 44] = fixed(self.exact[table::PREDICTED].row(t))?;
+        let first = std::array::from_fn(|i| values[i]);
+        let covariance = Matrix6::from_column_slice(&values[8..]);
+        Some(stored::estimate(stamp, &first, covariance))
     }
 
     fn truth(&mut self, t: i64) -> Option<GroundTruth> {
-        let [stamp, source] = fixed(self.ints[table::VICON].row(t))?;
-        Some(GroundTruth {
-            stamp: Stamp(stamp),
-            base_from_tip: pose(self.exact[table::VICON].row(t)?),
-            source: match source {
-                0 => TruthSource::Vicon,
-                _ => TruthSource::VirtualRig,
-            },
-        })
+        let ints = fixed(self.ints[table::VICON].row(t))?;
+        let values = fixed(self.exact[table::VICON].row(t))?;
+        Some(stored::truth(ints, &values))
     }
 
     fn goal(&mut self, t: i64) -> Option<Goal> {
         let [present, aim] = fixed(self.ints[table::GOAL].latest(t))?;
-        let values = self.exact[table::GOAL].latest(t)?;
-        (present != 0).then(|| Goal {
-            position_m: [values[0], values[1], values[2]],
-            orientation: match aim {
-                0 => OrientationGoal::Free,
-                1 => OrientationGoal::Rotation(pose(values).rotation),
-                _ => OrientationGoal::Direction(nalgebra::Unit::new_normalize(
-                    nalgebra::Vector3::new(values[3], values[4], values[5]),
-                )),
-            },
-            tolerance_m: values[7],
-        })
+        let values = fixed(self.exact[table::GOAL].latest(t))?;
+        (present != 0).then(|| stored::goal(aim, &values))
     }
 
     fn sensor_ref(&mut self, t: i64) -> Option<SensorRef> {
@@ -181,14 +120,9 @@ impl Content {
     }
 
     fn command(&mut self, t: i64) -> Option<PressureCommand> {
-        let [stamp, gripper] = fixed(self.ints[table::SET].row(t))?;
-        let recorded_pa: [f64; CHAMBERS] = fixed(self.exact[table::SET].row(t))?;
-        let gripper = match gripper {
-            0 => Some(Gripper::Open),
-            1 => Some(Gripper::Closed),
-            _ => None,
-        };
-        Some(recorded_command(Stamp(stamp), recorded_pa, gripper))
+        let ints = fixed(self.ints[table::SET].row(t))?;
+        let recorded_pa = fixed(self.exact[table::SET].row(t))?;
+        Some(stored::command(ints, recorded_pa))
     }
 }
 
