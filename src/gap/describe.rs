@@ -9,7 +9,12 @@ use super::misfit::Misfit;
 use super::patch::PatchValue;
 use super::problem::{Problem, Replayed};
 use super::session::Grid;
-use crate::sim::effects::{Side, Trajectory};
+use crate::sim::effects::{Scene, Side, Trajectory};
+
+/// Two-sided 95 % quantile of the normal distribution: for a variance that is known.
+pub const NORMAL_95: f64 = 1.96;
+/// The same of Student's t with 11 degrees of freedom: for one that is estimated from twelve blocks.
+pub const T_95: f64 = 2.201;
 
 /// Effects of a fit with their intervals.
 pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
@@ -36,16 +41,11 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
             let i = at;
             at += 1;
             let variance = plain.as_ref().map_or(f64::NAN, |g| g[(i, i)] * level);
-            let sd = variance
-                .max(spread[i])
-                .sqrt()
-                .hypot(p.form_sd(*v));
-            let ci95 = (free.contains(&i) && sd.is_finite()).then(|| {
-                [
-                    (v - 2.2 * sd).max(p.bounds[0]),
-                    (v + 2.2 * sd).min(p.bounds[1]),
-                ]
-            });
+            let reach = (NORMAL_95 * variance.sqrt())
+                .max(T_95 * spread[i].sqrt())
+                .hypot(NORMAL_95 * p.form_sd(*v));
+            let ci95 = (free.contains(&i) && reach.is_finite())
+                .then(|| [(v - reach).max(p.bounds[0]), (v + reach).min(p.bounds[1])]);
             params.insert(
                 p.name.to_owned(),
                 PatchValue {
@@ -63,6 +63,26 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
         });
     }
     out
+}
+
+/// An effect whose size the session does not determine: the interval of a number that is looked for reaches from one bound to
+/// the other.
+pub fn undetermined(e: &Explained, found: &[FoundEffect]) -> Option<String> {
+    e.fit.effects.iter().zip(found).find_map(|((c, _), f)| {
+        let starts = c.starts(&Scene::default());
+        let sizes = starts.first().map_or(&[0][..], |s| &s.moves);
+        let fills = |i: &&usize| {
+            let p = &c.effect.parameters[**i];
+            let ends = f.params.get(p.name).and_then(|v| v.ci95);
+            ends.is_some_and(|[low, high]| low <= p.bounds[0] && high >= p.bounds[1])
+        };
+        let i = sizes.iter().find(fills)?;
+        Some(format!(
+            "No effect is named: the session does not determine the {} of {}.",
+            c.effect.parameters[*i].name,
+            c.effect.name.to_lowercase()
+        ))
+    })
 }
 
 /// Name of a side in files.

@@ -7,7 +7,7 @@ use rand::SeedableRng as _;
 
 use super::candidates::{Candidate, Table, scene};
 use super::commission::{Baseline, commission, factory};
-use super::describe::{described, notes, range_pa, separate, unique};
+use super::describe::{described, notes, range_pa, separate, undetermined, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
 use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
 use super::fit::{cost, fit};
@@ -43,7 +43,7 @@ pub struct Found {
 }
 
 /// Resampled sessions behind the significance threshold.
-const DRAWS: usize = 100;
+pub(super) const DRAWS: usize = 400;
 /// Share of the excess over the floor that has to go before an effect is named.
 const CLOSED_MIN: f64 = 0.5;
 /// The same for sensors, frames and steady loads, whose laws are nearly definitions. Clocks wander.
@@ -186,8 +186,17 @@ pub fn find(
         rivals.clear();
         notes.push(note);
     }
+    let mut found_effects = match &chosen {
+        Some(e) if names(verdict) => described(&problem, e),
+        _ => Vec::new(),
+    };
+    if let Some(why) = chosen.as_ref().and_then(|e| undetermined(e, &found_effects)) {
+        verdict = Verdict::Unknown;
+        notes.push(why);
+        rivals.clear();
+        found_effects.clear();
+    }
     let accepted = chosen.as_ref().filter(|_| names(verdict));
-    let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
     let mut effects = found_effects.clone();
     for r in &rivals {
         // The last one: those before it are the same.

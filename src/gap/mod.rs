@@ -7,6 +7,8 @@
 
 mod actuation;
 mod candidates;
+#[cfg(test)]
+mod closed_form;
 mod commission;
 mod describe;
 mod explain;

@@ -9,6 +9,7 @@ use nalgebra::DVector;
 
 use super::GapError;
 use super::commission::Baseline;
+use super::describe::T_95;
 use super::explain::Explained;
 use super::finding::{ChannelError, FailedFold, FoldChoice, Finding, GapSize, Traces, closed};
 use super::fit::fit;
@@ -142,7 +143,7 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
         let mean = per_block.iter().sum::<f64>() / BLOCKS as f64;
         let var = per_block.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
             / (BLOCKS * (BLOCKS - 1)) as f64;
-        let reach = 2.2 * var.sqrt();
+        let reach = T_95 * var.sqrt();
         channels.push(ChannelError {
             name: g.name.clone(),
             unit: g.unit.to_owned(),

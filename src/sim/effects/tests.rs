@@ -331,3 +331,28 @@ fn wrong_requests_are_refused_with_a_reason() {
     let empty = simulate(&model(), &Trajectory::default(), 0.0, &[]);
     assert!(matches!(empty, Err(EffectError::Trajectory { .. })));
 }
+
+/// A wall on the side of +x stops the tip there and nowhere else, and a floor is the same effect without a turn.
+#[test]
+fn a_half_space_may_lie_on_any_side() {
+    let (model, given) = (model(), trajectory());
+    let x_m = |effects: &[Active]| -> Vec<f64> {
+        let run = simulate(&model, &given, 0.0, effects).expect("the arm settles");
+        let tips = run.base_from_pad.iter().map(|pads| pads[2].translation.vector.x);
+        tips.collect()
+    };
+    let free = x_m(&[]);
+    let wall_m = 0.5 * largest(free.iter().copied());
+    // n = −x: the vertical turned by −90° about y. It pushes where −x < −wall.
+    let turn = -std::f64::consts::FRAC_PI_2;
+    let values = [-wall_m, 2000.0, 0.2, 0.0, turn];
+    let wall = Active::new("contact", None, &values).expect("within bounds");
+    let stopped = x_m(&[wall]);
+    for (free, stopped) in free.iter().zip(&stopped) {
+        assert!(*stopped < wall_m + 4e-3, "{stopped} beyond {wall_m}");
+        if *free < wall_m - 1e-3 {
+            assert!((free - stopped).abs() < 2e-3, "{free} {stopped}");
+        }
+    }
+    assert!(largest(free.iter().zip(&stopped).map(|(a, b)| (a - b).abs())) > 5e-3);
+}

@@ -6,7 +6,7 @@ use crate::gap::GapError;
 use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
 use crate::gap::actuation::search::{EffectSet, Stages, same};
-use crate::gap::describe::side;
+use crate::gap::describe::{NORMAL_95, T_95, side};
 use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
@@ -145,7 +145,8 @@ pub(super) fn add_effects(
         let g = jc.rows(from, n).tr_mul(&clean.rows(from, n));
         scores += &g * g.transpose();
     }
-    let robust = &inverse * scores * &inverse;
+    let blocks = BLOCKS as f64;
+    let robust = &inverse * scores * &inverse * (blocks / (blocks - 1.0));
     let mut at = 0;
     for (candidate, values) in &e.fit.effects {
         let params = candidate
@@ -155,14 +156,15 @@ pub(super) fn add_effects(
             .zip(values)
             .map(|(p, v)| {
                 let model_var = inverse[(at, at)] * set.mean_square.max(1.0);
-                let form = p.form_sd(*v);
-                let sd = model_var.max(robust[(at, at)]).sqrt().hypot(form);
+                let reach = (NORMAL_95 * model_var.sqrt())
+                    .max(T_95 * robust[(at, at)].sqrt())
+                    .hypot(NORMAL_95 * p.form_sd(*v));
                 let held = e.fit.on_bound[at];
                 at += 1;
                 let ci95 = (!held).then(|| {
                     [
-                        (v - 1.96 * sd).max(p.bounds[0]),
-                        (v + 1.96 * sd).min(p.bounds[1]),
+                        (v - reach).max(p.bounds[0]),
+                        (v + reach).min(p.bounds[1]),
                     ]
                 });
                 let value = PatchValue {

@@ -2,6 +2,7 @@
 
 use crate::gap::actuation::healthy::LineBaseline;
 use crate::gap::actuation::line::{LineRow, PressureGrid, line_rmse_pa};
+use crate::gap::describe::T_95;
 use crate::gap::finding::{ChannelError, closed, GapSize, Located, Traces};
 use crate::gap::problem::BLOCKS;
 use crate::signal::CHAMBERS;
@@ -73,7 +74,7 @@ pub(super) fn channels(
             let mean = squares.iter().sum::<f64>() / BLOCKS as f64;
             let var = squares.iter().map(|s| (s - mean).powi(2)).sum::<f64>()
                 / (BLOCKS * (BLOCKS - 1)) as f64;
-            let half = 1.96 * var.sqrt();
+            let half = T_95 * var.sqrt();
             // The same corrections, half a session late: must not help.
             let shuffled: Vec<LineRow> = (0..bins)
                 .map(|k| {
