@@ -8,7 +8,7 @@ use super::rolling::SegmentLimits;
 use super::*;
 use crate::recording::{
     ArmDrawing, Inspector, ReadRecording, RecordingError, RecordingMeta, Selection, SessionLog,
-    Window, segment_path,
+    Window, each_snapshot, segment_path,
 };
 use crate::signal::*;
 
@@ -569,6 +569,38 @@ fn windows_give_the_rows_of_the_whole() {
         let min = |c: &crate::recording::Channel| c.values.map(|v| (v.min, v.max));
         assert_eq!(min(found), min(expected), "{}", found.name);
     }
+    std::fs::remove_file(path).unwrap();
+}
+
+/// A recording of two windows, or a part of it, comes snapshot by snapshot; not where there is no memory for what is kept.
+#[test]
+fn each_snapshot_of_several_windows_comes_once() {
+    let path = temp("each");
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    for n in 0..1100 {
+        let stamp = Stamp::from_seconds(f64::from(n));
+        w.push(&Snapshot {
+            stamp,
+            ..Snapshot::default()
+        })
+        .unwrap();
+    }
+    w.finish().unwrap();
+    let seen = |path: &std::path::Path, kept_bytes| {
+        let mut seen = Vec::new();
+        let each = &mut |s: &Snapshot| seen.push(s.stamp.seconds());
+        each_snapshot(path, kept_bytes, each).map(|meta| (seen, meta.name))
+    };
+    let (all, name) = seen(&path, 8).unwrap();
+    assert_eq!(name, meta().name);
+    assert_eq!(all, (0..1100).map(f64::from).collect::<Vec<_>>());
+    let part = PathBuf::from(format!("{}@998..1002", path.display()));
+    assert_eq!(
+        seen(&part, 8).unwrap().0,
+        [998.0, 999.0, 1000.0, 1001.0, 1002.0]
+    );
+    let none = seen(&path, 1 << 50).unwrap_err();
+    assert!(matches!(none, RecordingError::TooLarge { .. }), "{none}");
     std::fs::remove_file(path).unwrap();
 }
 
