@@ -1,6 +1,7 @@
 //! The Recordings screen: A and B, events, contents, what is missing or cut off, loading.
 
 mod made;
+mod near;
 
 use std::path::Path;
 
