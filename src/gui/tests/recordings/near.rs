@@ -8,7 +8,7 @@ use crate::recording::part_of;
 const EVERY: usize = 25;
 
 /// 400 s from 100 s on, thinned; or a part of it. Behind 450 s nothing can be read.
-fn long(path: &Path) -> Result<Loaded, String> {
+pub(super) fn long(path: &Path) -> Result<Loaded, String> {
     let (file, part) = part_of(path).map_err(|e| e.to_string())?;
     let mut trace = fixture::trace("long", 400);
     let thinned = file == path;
