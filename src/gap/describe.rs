@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::candidates::Candidate;
-use super::explain::{Explained, form_sd, weak_prior};
+use super::explain::{Explained, weak_prior};
 use super::finding::{FoundEffect, Ranked, SeparateBy};
 use super::misfit::Misfit;
 use super::patch::PatchValue;
@@ -36,10 +36,7 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
             let i = at;
             at += 1;
             let variance = plain.as_ref().map_or(f64::NAN, |g| g[(i, i)] * level);
-            let sd = variance
-                .max(spread[i])
-                .sqrt()
-                .hypot(form_sd(c.effect, p, *v));
+            let sd = variance.max(spread[i]).sqrt().hypot(p.form_sd(*v));
             let ci95 = (free.contains(&i) && sd.is_finite()).then(|| {
                 [
                     (v - 2.2 * sd).max(p.bounds[0]),
@@ -65,7 +62,8 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
     out
 }
 
-fn side(s: Side) -> &'static str {
+/// Name of a side in files.
+pub fn side(s: Side) -> &'static str {
     match s {
         Side::Actuation => "actuation",
         Side::Mechanics => "mechanics",
@@ -152,6 +150,14 @@ pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
         .collect();
     if !gone.is_empty() {
         out.push(format!("Not measured: {}.", gone.join(", ")));
+    }
+    for grid in healthy.into_iter().chain([suspect]) {
+        for [from_s, to_s] in &grid.holes_s {
+            out.push(format!(
+                "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
+                grid.session.name
+            ));
+        }
     }
     if suspect.session.commanded_pa.is_none() {
         out.push(

@@ -5,29 +5,28 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 use rand::SeedableRng as _;
 
-use super::candidates::{Candidate, starts_in};
+use super::candidates::{Candidate, Table, scene};
 use super::commission::{Baseline, commission, factory};
 use super::describe::{described, notes, range_pa, separate, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
-use super::finding::{FailedFold, Finding, GapSize, Located, Verdict};
-use super::fit::cost;
+use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
+use super::fit::{cost, fit};
+use super::folds::FOLDS;
 use super::misfit::Misfit;
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
-use super::problem::Replayed;
-use super::prove::{prove, withheld};
-use super::select::{Selected, rivals_of, select};
-use super::session::{Grid, same_robot};
-use super::sides::{add_supply, may_misread, supply};
+use super::problem::{Problem, Replayed};
+use super::prove::{Case, Proof, prove};
+use super::select::{rivals_of, select};
+use super::session::{Grid, same_robot, thinning};
+use super::sides::{add_supply, is_open, supply};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
-use crate::sim::effects::{Side, Trajectory};
+use crate::sim::effects::{Law, Trajectory};
 
 /// Options of the finder.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Effects (ids) to leave out of the table.
-    pub without: Vec<String>,
     /// Seed of the resampled sessions behind the significance threshold.
     pub seed: u64,
     /// Excitations that could discriminate between alternatives, by name: times (s) and pressures (Pa).
@@ -54,13 +53,14 @@ const EXCITED_PA: f64 = 8e3;
 
 /// Finds what is missing in the model of a rig.
 ///
-/// `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
+/// Looked for are the effects of `table`. `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
 /// verdict is weaker, as the notes state.
 ///
 /// # Errors
 /// [`GapError`] when a session cannot be judged, or the model cannot follow it.
 pub fn find(
     robot: &RobotSpec,
+    table: Table<'_>,
     healthy: Option<&Grid>,
     suspect: &Grid,
     options: &Options,
@@ -70,6 +70,14 @@ pub fn find(
         same_robot(robot, &grid.session)?;
         grid.ensure_measured()?;
     }
+    let thinned = match healthy {
+        Some(h) => at_one_rate(h, suspect)?,
+        None => None,
+    };
+    let (healthy, suspect) = match &thinned {
+        Some([h, s]) => (Some(h), s),
+        None => (healthy, suspect),
+    };
     let baseline = match healthy {
         Some(grid) => {
             let mut common = grid.clone();
@@ -93,11 +101,11 @@ pub fn find(
     }
     progress.at(Stage::Locate, 0.0)?;
     let located = super::locate::locate(&replayed)?;
-    let supply = supply(robot, healthy, suspect, &options.without, progress)?;
-    let mut all = admitted(suspect, |e| !options.without.iter().any(|id| id == e.id));
-    all.retain(|c| c.effect.id != "gauge-error" || may_misread(supply.as_ref(), c));
+    let supply = supply(robot, healthy, suspect, table, progress)?;
+    let mut all = admitted(table, suspect);
+    all.retain(|c| is_open(supply.as_ref(), c));
     progress.at(Stage::Explain, 0.0)?;
-    let ready = columns(&problem, &all, &|c| starts_in(c, suspect), &[])?;
+    let ready = columns(&problem, &all, &scene(suspect), &[])?;
     progress.at(Stage::Decide, 0.0)?;
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
     // Without a healthy session only the assumed noise separates noise from effects.
@@ -123,7 +131,7 @@ pub fn find(
         before.change
     );
 
-    let Selected { chosen, rankings } = select(
+    let selected = select(
         &problem,
         (&all, &ready),
         threshold,
@@ -131,7 +139,7 @@ pub fn find(
         supply.as_ref(),
         progress,
     )?;
-    let first: &[Explained] = rankings.first().map_or(&[], |r| r);
+    let (mut chosen, rankings) = (selected.chosen.clone(), &selected.rankings);
     let mut ranked: Vec<Explained> = rankings.iter().flatten().cloned().collect();
     ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let Judged {
@@ -143,7 +151,7 @@ pub fn find(
             let n = problem.len() as f64;
             let healthy = quiet.norm_squared() * n / quiet.len() as f64;
             let cost = cost(&problem, &r0);
-            let rivals = rivals_of(&problem, &rankings, best, [cost, healthy], supply.as_ref());
+            let rivals = rivals_of(&problem, rankings, best, [cost, healthy], supply.as_ref());
             let after = Misfit::of(&problem, &best.fit.residual);
             log::debug!(
                 "residual: innovations {:.3}, biases {:.2?}, rig's change {:.2}; closed {:.2}",
@@ -152,28 +160,33 @@ pub fn find(
                 after.change,
                 before.closed(&after, floor)
             );
-            judge(best, rivals, [&before, &after], floor, &all, &located)
+            judge(best, rivals, [&before, &after], floor, &located)
         }
         None => unexplained(suspect, &before, floor),
     };
     notes.extend(reasons);
 
     progress.at(Stage::Prove, 0.0)?;
-    // For a verdict without a name the best attempt is still measured, but never patched in.
-    let measured = chosen.as_ref().or(first.first());
-    let proof = prove(&replayed, &problem, measured)?;
+    let proof = prove(&Case {
+        replayed: &replayed,
+        problem: &problem,
+        r0: &r0,
+        selected: &selected,
+        threshold,
+        supply: supply.as_ref(),
+    })?;
     notes.extend(proof.failed.iter().map(FailedFold::text));
-    if matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
-        && let Some(why) = withheld(&proof.failed, proof.gap.closed)
-    {
-        verdict = Verdict::Unknown;
-        rivals.clear();
-        notes.push(why);
+    if let (true, Some(best)) = (names(verdict), chosen.take()) {
+        let held = hold(&problem, best, rivals, rankings, &proof);
+        (chosen, verdict, rivals) = (held.chosen, held.verdict, held.rivals);
+        notes.extend(held.notes);
     }
-    let accepted = match verdict {
-        Verdict::Named | Verdict::Indistinguishable => chosen.as_ref(),
-        _ => None,
-    };
+    if let Some((what, note)) = against_floor(verdict, &proof.channels) {
+        (chosen, verdict) = (None, what);
+        rivals.clear();
+        notes.push(note);
+    }
+    let accepted = chosen.as_ref().filter(|_| names(verdict));
     let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
     let mut effects = found_effects.clone();
     for r in &rivals {
@@ -209,6 +222,8 @@ pub fn find(
         gap,
         worse: proof.worse,
         channels: proof.channels,
+        embargo_s: proof.embargo_s,
+        folds: proof.folds,
         failed_folds: proof.failed,
         separate_by,
         notes,
@@ -241,6 +256,149 @@ pub fn find(
     Ok(Found { finding, patch })
 }
 
+/// Both sessions at about the rate of the slower one; `None` where they are.
+fn at_one_rate(healthy: &Grid, suspect: &Grid) -> Result<Option<[Grid; 2]>, GapError> {
+    let steps = thinning(&healthy.session.t_s, &suspect.session.t_s);
+    if steps == [1, 1] {
+        return Ok(None);
+    }
+    let [h, s] = steps;
+    let thinned = |grid: &Grid, step| Grid::new(grid.session.thinned(step));
+    Ok(Some([thinned(healthy, h)?, thinned(suspect, s)?]))
+}
+
+fn names(verdict: Verdict) -> bool {
+    matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
+}
+
+/// What the held-out folds leave of a choice.
+struct Held {
+    chosen: Option<Explained>,
+    verdict: Verdict,
+    rivals: Vec<Explained>,
+    notes: Vec<String>,
+}
+
+/// A choice after the proof: effects that too few folds chose are left out, and what other folds chose in their place cannot
+/// be excluded.
+fn hold(
+    problem: &Problem,
+    mut best: Explained,
+    mut rivals: Vec<Explained>,
+    rankings: &[Vec<Explained>],
+    proof: &Proof,
+) -> Held {
+    let refused = |note: String| Held {
+        chosen: None,
+        verdict: Verdict::Unknown,
+        rivals: Vec::new(),
+        notes: vec![note],
+    };
+    if let Some(why) = proof.withheld() {
+        return refused(why);
+    }
+    let target = |c: &Candidate| c.target.map(|t| t + 1);
+    let supported = |c: &Candidate| proof.supports(c.effect.id, target(c));
+    let mut notes = Vec::new();
+    let mut elsewhere = Vec::new();
+    for (id, at) in proof.folds.iter().flat_map(|f| &f.effects) {
+        let is = |c: &Candidate| c.effect.id == id && target(c) == *at;
+        let known = best.fit.effects.iter().any(|(c, _)| is(c))
+            || rivals
+                .iter()
+                .chain(&elsewhere)
+                .any(|e: &Explained| is(&e.candidate));
+        let found = rankings.iter().flatten().find(|e| is(&e.candidate));
+        if let (false, Some(e)) = (known, found) {
+            elsewhere.push(e.clone());
+        }
+    }
+    let unsure = best.fit.effects.iter().filter(|(c, _)| !supported(c));
+    let unsure: Vec<Candidate> = unsure.map(|(c, _)| *c).collect();
+    for c in &unsure {
+        let n = proof.support(c.effect.id, target(c));
+        notes.push(format!(
+            "{} is chosen by {n} of {FOLDS} held-out folds.",
+            c.effect.name
+        ));
+    }
+    if unsure.is_empty() {
+        let verdict = match rivals.is_empty() {
+            true => Verdict::Named,
+            false => Verdict::Indistinguishable,
+        };
+        return Held {
+            chosen: Some(best),
+            verdict,
+            rivals,
+            notes,
+        };
+    }
+    rivals.extend(elsewhere);
+    if !rivals.is_empty() {
+        return Held {
+            chosen: Some(best),
+            verdict: Verdict::Indistinguishable,
+            rivals,
+            notes,
+        };
+    }
+    let mut rest = best.fit.effects.clone();
+    rest.retain(|(c, _)| supported(c));
+    match (rest.is_empty(), fit(problem, rest, 6)) {
+        (false, Some(fit)) => {
+            best.candidate = fit.effects[0].0;
+            best.fit = fit;
+            Held {
+                chosen: Some(best),
+                verdict: Verdict::Named,
+                rivals,
+                notes,
+            }
+        }
+        _ => refused(format!("No effect is named: {}", notes.join(" "))),
+    }
+}
+
+/// A group of channels whose error is within this factor of a healthy session's is at its floor.
+const AT_FLOOR: f64 = 1.25;
+/// One whose error is more than this factor above a healthy session's is far from it.
+const FAR: f64 = 3.0;
+
+/// A verdict that the sizes of the errors contradict: a name where all is at the floor, or nothing missing far above it.
+fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict, String)> {
+    let most = |ratios: &mut dyn Iterator<Item = f64>| ratios.fold(0.0, f64::max);
+    let each = most(&mut channels.iter().filter_map(|c| Some(c.before / c.floor?)));
+    // Channels of a kind together: one spring alone may have moved a little.
+    let kind = |r: &str| {
+        let of_kind = channels.iter().filter(|c| c.name.starts_with(r));
+        let squares = of_kind.filter_map(|c| Some([c.before.powi(2), c.floor?.powi(2)]));
+        let [before, floor] = squares.fold([0.0; 2], |sum, x| [sum[0] + x[0], sum[1] + x[1]]);
+        (before / floor).sqrt()
+    };
+    let kinds = ["r2 tip position", "r2 tip rotation", "r3", "r4"].map(|r| (r, kind(r)));
+    let known = kinds.into_iter().filter(|(_, ratio)| ratio.is_finite());
+    let (worst, ratio) = known.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    match verdict {
+        v if names(v) && each < AT_FLOOR => Some((
+            Verdict::NothingMissing,
+            "All errors are at the noise floor: what gains there is not named.".to_owned(),
+        )),
+        Verdict::NothingMissing if ratio > FAR => Some((
+            Verdict::Unknown,
+            format!(
+                "Cannot tell: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session.",
+                match worst {
+                    "r3" => "the springs",
+                    "r4" => "the IMUs",
+                    tip => tip.trim_start_matches("r2 "),
+                }
+            ),
+        )),
+        _ => None,
+    }
+}
+
 /// A verdict and its reasons.
 struct Judged {
     verdict: Verdict,
@@ -256,22 +414,11 @@ fn judge(
     rivals: Vec<Explained>,
     [before, after]: [&Misfit; 2],
     floor: f64,
-    all: &[Candidate],
     located: &[Located],
 ) -> Judged {
     let closed = before.closed(after, floor);
-    let exact = |c: &Candidate| {
-        c.effect.side == Side::Sensing
-            || [
-                "mocap-frame",
-                "payload",
-                "com-offset",
-                "base-tilt",
-                "tip-force",
-            ]
-            .contains(&c.effect.id)
-    };
-    let least = match best.fit.effects.iter().all(|(c, _)| exact(c)) {
+    let mut effects = best.fit.effects.iter();
+    let least = match effects.all(|(c, _)| c.effect.law == Law::Definition) {
         true => CLOSED_MIN_EXACT,
         false => CLOSED_MIN,
     };
@@ -306,9 +453,6 @@ fn judge(
     if !rivals.is_empty() {
         return judged(Verdict::Indistinguishable, rivals, Vec::new());
     }
-    if let Some(note) = gravity(best, all) {
-        return judged(Verdict::Unknown, rivals, vec![note]);
-    }
     let bound =
         best.fit.on_bound.iter().any(|b| *b).then(|| {
             "A parameter rests on its bound: the true value may lie beyond it.".to_owned()
@@ -338,38 +482,6 @@ fn unexplained(suspect: &Grid, before: &Misfit, floor: f64) -> Judged {
         rivals: Vec::new(),
         notes: note.into_iter().collect(),
     }
-}
-
-/// A force within this of straight down is a weight, of level a leaning base, rad: a cable would not
-/// hardly pull so.
-const ALONG_RAD: f64 = 0.1;
-
-/// A single tip force in the direction of gravity, while the effect that gravity would cause so is not
-/// in the table.
-fn gravity(e: &Explained, all: &[Candidate]) -> Option<String> {
-    let [(c, values)] = e.fit.effects.as_slice() else {
-        return None;
-    };
-    if c.effect.id != "tip-force" {
-        return None;
-    }
-    let absent = |id: &str| !all.iter().any(|c| c.effect.id == id);
-    let (aside, up) = (values[0].hypot(values[1]), values[2]);
-    let (way, what) = if up < 0.0 && aside < ALONG_RAD * -up && absent("payload") {
-        ("straight down", "a weight does, and no weight")
-    } else if up.abs() < ALONG_RAD * aside && absent("base-tilt") {
-        (
-            "level",
-            "gravity does to a base that leans, and no such base",
-        )
-    } else {
-        return None;
-    };
-    Some(format!(
-        "Unmodelled term in r2, correlated with the direction of gravity: the fitted force of {:.2} N is \
-         {way}, which is what {what} is in the table.",
-        aside.hypot(up)
-    ))
 }
 
 fn verdict_id(v: Verdict) -> &'static str {

@@ -229,6 +229,8 @@ mod tests {
             },
             worse: Vec::new(),
             channels: Vec::new(),
+            embargo_s: 0.0,
+            folds: Vec::new(),
             failed_folds: Vec::new(),
             separate_by: None,
             notes: Vec::new(),

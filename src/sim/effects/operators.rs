@@ -155,6 +155,15 @@ pub(super) fn gauge_error(c: &Call, line: &mut Line) {
     }
 }
 
+/// Chamber pressures behind gauges that read wrong.
+pub(super) fn behind_gauge(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        for row in chamber_pa.iter_mut() {
+            row[i] = (row[i] - c.values[1]) / c.values[0];
+        }
+    }
+}
+
 pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
     if c.values[0] > 0.0 {
         each_bellows(c, plant, |bellows| {
@@ -232,7 +241,10 @@ pub(super) fn tip_force(c: &Call, plant: &mut Plant) {
 }
 
 pub(super) fn contact(c: &Call, plant: &mut Plant) {
+    // The shortest turn that takes the vertical to the surface's normal, undone.
+    let base_from_surface = Rotation3::new(Vector3::new(c.values[3], c.values[4], 0.0));
     plant.model.rod.floor = Some(Floor {
+        surface_from_base: base_from_surface.inverse(),
         height_m: c.values[0],
         rate_n_m: c.values[1],
         friction: c.values[2],
