@@ -179,7 +179,7 @@ fn recordings_that_were_made_differently_are_stated() {
     let [one, other, table] = ["one.rrd", "other.rrd", "table.csv"].map(path);
     let calibration = path("calibration.toml");
     let mut record = vec!["record", &one, "--rig", "sim", "--target", "-60,30,-380"];
-    record.extend(["--seconds", "4", "--json"]);
+    record.extend(["--seconds", "24", "--json"]);
     json(&record);
     let shipped = concat!(
         env!("CARGO_MANIFEST_DIR"),
