@@ -44,7 +44,7 @@ fn differences(first: (&str, &Path), second: (&str, &Path)) -> Result<Vec<String
 /// What differs between the baseline and the session of the gap finder, and the same as a note.
 ///
 /// # Errors
-/// As [`differences`].
+/// When a recording cannot be opened, and when the two are not of the same arm.
 pub fn of_gap(baseline: Option<&Path>, session: &Path) -> Result<(Vec<String>, Option<String>)> {
     const NAMES: [&str; 2] = ["the baseline", "the session"];
     let Some(baseline) = baseline else {
@@ -67,7 +67,7 @@ pub fn of_gap(baseline: Option<&Path>, session: &Path) -> Result<(Vec<String>, O
 /// What differs between recordings that networks are trained on, a line for each that is unlike the first one.
 ///
 /// # Errors
-/// As [`differences`], and when they are of different robot files.
+/// When a recording cannot be opened, and when they are not of the same arm and robot file.
 pub fn of_training(paths: &[PathBuf]) -> Result<Vec<String>> {
     let mut first: Option<(String, RecordingMeta)> = None;
     let mut lines = Vec::new();

@@ -70,7 +70,7 @@ fn a_long_recording_is_shown_at_its_full_rate_around_a_position_that_rests() {
         player.snapshot().stamp.seconds()
     };
     assert!((stamp_s(&h) - 319.98).abs() < 1e-6);
-    // Elsewhere it is read anew, at the beginning too.
+    // Elsewhere it is read again, at the beginning too.
     assert_eq!(at(&mut h, 10.26, false).len(), 1);
     h.get_by_label_contains("all samples from 0:00 to 1:10");
     assert!((stamp_s(&h) - 110.26).abs() < 1e-6);
