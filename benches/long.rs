@@ -1,6 +1,7 @@
 //! What takes long: a recording of an hour, and an hour of the window. Prints figures and judges nothing.
 //!
-//! `cargo bench --bench long -- hour` writes a recording of an hour (once) and opens it;
+//! `cargo bench --bench long -- hour` writes a recording of an hour (once) and opens it; `-- hour F.rrd` opens another one, with
+//! samples as far apart as the window has them;
 //! `cargo bench --bench long -- soak` shows an hour of snapshots at 1 kHz and prints the memory.
 
 #![allow(missing_docs)]
@@ -17,7 +18,9 @@ use frame::{Window, now, screens};
 use session::Session;
 use springtwin::analysis::player::Player;
 use springtwin::gui::screens::ScreenId;
-use springtwin::recording::{RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect, read_rrd};
+use springtwin::recording::{
+    RecordingFile, RecordingMeta, RecordingWriter, SCHEMA_VERSION, Selection, inspect,
+};
 
 /// As the program's.
 #[global_allocator]
@@ -27,7 +30,8 @@ fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     let asked = |name: &str| wanted.iter().any(|w| w == name);
     if asked("hour") {
-        hour();
+        let other = wanted.iter().find(|w| w.ends_with(".rrd"));
+        hour(&other.map_or_else(hour_file, PathBuf::from));
     }
     if asked("soak") {
         soak();
@@ -78,15 +82,23 @@ fn hour_file() -> PathBuf {
     path
 }
 
-fn hour() {
-    let path = hour_file();
-    let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
-    println!("{}: {:.0} MB", path.display(), bytes as f64 / 1e6);
+fn hour(path: &Path) {
     let before_mb = resident_mb();
     let start = now();
-    let Ok(read) = read_rrd(&path) else {
+    let Ok(file) = RecordingFile::open(path) else {
+        panic!("{} does not open", path.display());
+    };
+    println!("{}: {:.0} MB", path.display(), file.bytes() as f64 / 1e6);
+    // As the window has them: as many as an hour has.
+    let hours = file.rows().unwrap_or(0) as f64 / 360_000.0;
+    let part = Selection {
+        at_least_apart_s: if hours > 1.0 { 0.01 * hours } else { 0.0 },
+        ..Selection::default()
+    };
+    let Ok(read) = file.read(&part, &mut |_| true) else {
         panic!("{} does not read", path.display());
     };
+    println!("{} samples are shown", read.trace.snapshots.len());
     let opened = now();
     println!(
         "read in {:.2} s, {:.0} MB more",
@@ -122,7 +134,7 @@ fn hour() {
     }
     drop(window);
     let start = now();
-    let seen = inspect(&path).map(|i| i.samples);
+    let seen = inspect(path).map(|i| i.samples);
     println!(
         "inspect: {seen:?} in {:.2} s",
         (now() - start).as_secs_f64()

@@ -1,5 +1,6 @@
 //! Playing a recording: a position on its time base that moves while playing.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use super::history::History;
@@ -16,10 +17,36 @@ pub enum AtEnd {
     Loop,
 }
 
+/// How much more than what is shown is read of a long recording at its full rate, on either side, s.
+const BESIDE_S: f64 = 60.0;
+/// What is shown is read at the full rate when it is no longer than this, s.
+const SHORT_S: f64 = 60.0;
+
+/// A part of a long recording at its full rate.
+pub struct Near {
+    /// From when to when it was read, on the recording's time base, s.
+    pub range_s: [f64; 2],
+    /// Its snapshots and signals; nothing where it could not be read.
+    part: Option<(Arc<Trace>, Arc<History>)>,
+}
+
+impl Near {
+    fn covers(&self, [from_s, to_s]: [f64; 2]) -> bool {
+        self.range_s[0] <= from_s && to_s <= self.range_s[1]
+    }
+
+    /// Its signals, where they cover a span of time.
+    pub fn history(&self, range_s: [f64; 2]) -> Option<&History> {
+        let (_, history) = self.part.as_ref().filter(|_| self.covers(range_s))?;
+        Some(history)
+    }
+}
+
 /// A loaded recording and where it is played.
 pub struct Player {
     trace: Arc<Trace>,
     history: Arc<History>,
+    near: Option<Arc<Near>>,
     /// Seconds since the recording's first snapshot.
     pub position_s: f64,
     /// Whether the position moves.
@@ -46,6 +73,7 @@ impl Player {
         Some(Self {
             history: Arc::new(History::indexed(&trace.snapshots, go_on)?),
             trace: Arc::new(trace),
+            near: None,
             position_s: 0.0,
             playing: true,
             speed: 1.0,
@@ -108,17 +136,51 @@ impl Player {
         self.start_s() + self.position_s
     }
 
-    /// Index of the newest snapshot at the position.
-    pub fn newest(&self) -> usize {
+    /// The trace with the newest snapshot at the position, and its index there.
+    pub fn newest(&self) -> (&Arc<Trace>, usize) {
         let now = self.now_s() + 1e-9;
-        let snapshots = &self.trace.snapshots;
-        let after = snapshots.partition_point(|s| s.stamp.seconds() <= now);
-        after.saturating_sub(1)
+        let after = |trace: &Trace| {
+            let snapshots = &trace.snapshots;
+            snapshots.partition_point(|s| s.stamp.seconds() <= now)
+        };
+        let near = self.near.as_ref().filter(|n| n.covers([now, now]));
+        if let Some((trace, _)) = near.and_then(|n| n.part.as_ref())
+            && let Some(newest) = after(trace).checked_sub(1)
+        {
+            return (trace, newest);
+        }
+        (&self.trace, after(&self.trace).saturating_sub(1))
     }
 
     /// The newest snapshot at the position.
     pub fn snapshot(&self) -> &Snapshot {
-        &self.trace.snapshots[self.newest()]
+        let (trace, newest) = self.newest();
+        &trace.snapshots[newest]
+    }
+
+    /// The part of a long recording that was read at its full rate.
+    pub fn near(&self) -> Option<&Arc<Near>> {
+        self.near.as_ref()
+    }
+
+    /// What shall be read at the full rate when so much of a long recording is shown and the position rests: its file, and
+    /// from when to when, s. Nothing when it was read, when all snapshots are here, and when much is shown.
+    pub fn wants_near(&self, [from_s, to_s]: [f64; 2]) -> Option<(&Path, [f64; 2])> {
+        self.about.apart_s?;
+        let path = self.about.path.as_deref()?;
+        let short = to_s - from_s <= SHORT_S && !self.playing;
+        let read = self.near.as_ref().is_some_and(|n| n.covers([from_s, to_s]));
+        (short && !read).then_some((path, [from_s - BESIDE_S, to_s + BESIDE_S]))
+    }
+
+    /// Takes the part of its recording that was read at the full rate; `None` where that failed.
+    pub fn set_near(&mut self, range_s: [f64; 2], part: Option<Self>) {
+        let part = part.and_then(|part| {
+            let history = Arc::try_unwrap(part.history).ok()?;
+            let history = history.counted_from(self.history.zero_s());
+            Some((part.trace, Arc::new(history)))
+        });
+        self.near = Some(Arc::new(Near { range_s, part }));
     }
 
     /// Moves on by `dt_s` of wall time.

@@ -21,7 +21,7 @@ use self_::SelfArgs;
 use springs::SpringsArgs;
 use springtwin::learn::to_pose;
 use springtwin::link::wire::objects::END_PAD;
-use springtwin::recording::{file_sha256, read_part, read_session, write_text};
+use springtwin::recording::{each_snapshot, file_sha256, part_of, read_session, write_text};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::{
     ClockOptions, FitOptions, ObjectFrame, Placed, Registration, StreamOptions, StreamRegistration,
@@ -189,27 +189,22 @@ fn robot_poses(path: &Path, networks: Option<&Path>) -> Result<RobotPoses> {
 }
 
 fn recorded(path: &Path) -> Result<RobotPoses> {
-    let read = read_part(path)?;
     let mut poses: Vec<(f64, Pose)> = Vec::new();
-    for e in read
-        .trace
-        .snapshots
-        .iter()
-        .filter_map(|s| s.estimate.as_ref())
-    {
-        let t_s = e.stamp.seconds();
+    let meta = each_snapshot(path, size_of::<(f64, Pose)>(), &mut |snapshot| {
         // Between two frames a snapshot repeats the last estimate.
-        if poses.last().is_none_or(|last| t_s > last.0) {
-            poses.push((t_s, e.base_from_tip));
+        if let Some(e) = &snapshot.estimate
+            && poses.last().is_none_or(|last| e.stamp.seconds() > last.0)
+        {
+            poses.push((e.stamp.seconds(), e.base_from_tip));
         }
-    }
+    })?;
     let span_s = poses.first().zip(poses.last()).map(|(a, b)| b.0 - a.0);
     let rate_hz = poses.len() as f64 / span_s.unwrap_or_default();
     Ok(RobotPoses {
         poses,
         rate_hz,
-        simulated: read.trace.simulated,
-        hash: file_sha256(path)?,
+        simulated: meta.simulated,
+        hash: file_sha256(&part_of(path)?.0)?,
     })
 }
 

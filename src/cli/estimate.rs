@@ -9,6 +9,7 @@ use serde_json::json;
 use super::outputs::Overwrite;
 use super::{Report, model};
 use springtwin::lab::estimate::{Comparison, compared, estimates, same_robot, table};
+use springtwin::lab::provenance;
 use springtwin::recording::read_log;
 use springtwin::robot::RobotSpec;
 
@@ -38,6 +39,7 @@ pub fn estimate(a: &EstimateArgs, robot: &RobotSpec) -> Result<Report> {
     if !a.any_robot {
         same_robot(&log, &networks, robot)?;
     }
+    let differences = provenance::of_estimate(&a.session, &networks.hash)?;
     let estimated = estimates(&log, networks);
     anyhow::ensure!(
         !estimated.is_empty(),
@@ -59,6 +61,10 @@ pub fn estimate(a: &EstimateArgs, robot: &RobotSpec) -> Result<Report> {
     if left_out > 0 {
         report.text += &format!("; {left_out} rows with gaps left out");
     }
+    if !differences.is_empty() {
+        report.text += &format!("\ndifferent from the recording: {}", differences.join("; "));
+    }
+    report.json["differences"] = json!(differences);
     report.json["poses"] = json!(estimated.len());
     report.json["left_out"] = json!(left_out);
     if let Some(out) = &a.out {

@@ -12,8 +12,8 @@ use springtwin::gap::{
     self, Finding, FoundEffect, GapError, Grid, Options, PressureGrid, PressureUnit, Progress,
     Stage, Verdict,
 };
-use springtwin::lab::actuation;
 use springtwin::lab::gap_files::{excitations, read_session, write_all};
+use springtwin::lab::{actuation, provenance};
 use springtwin::robot::RobotSpec;
 use springtwin::sim::effects::{self, Effect};
 
@@ -89,6 +89,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         reason = "wall time of the run, for the report"
     )]
     let start = Instant::now();
+    let (differences, note) = provenance::of_gap(a.baseline.as_deref(), &a.session)?;
     let healthy = a.baseline.as_deref().map(read_session).transpose()?;
     let healthy = healthy.map(Grid::new).transpose()?;
     let suspect = Grid::new(read_session(&a.session)?)?;
@@ -105,12 +106,15 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         &Logged,
     )?;
     found.finding.seconds = start.elapsed().as_secs_f64();
+    found.finding.notes.extend(note);
     if let Some(dir) = &a.out {
         write_all(dir, &found, &found.patch, a.simulated)?;
     }
+    let mut json = serde_json::to_value(&found.finding)?;
+    json["differences"] = json!(differences);
     Ok(Report {
         text: finding_text(&found.finding),
-        json: serde_json::to_value(&found.finding)?,
+        json,
     })
 }
 
@@ -180,6 +184,7 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
         reason = "wall time of a command is reported"
     )]
     let begun = Instant::now();
+    let (differences, note) = provenance::of_gap(a.baseline.as_deref(), &a.session)?;
     let suspect = actuation::read(&a.session)?;
     let healthy = a.baseline.as_deref().map(actuation::read).transpose()?;
     let others: Vec<PressureGrid> = a
@@ -196,6 +201,7 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
         &gap::Unwatched,
     )?;
     found.finding.seconds = begun.elapsed().as_secs_f64();
+    found.finding.notes.extend(note);
     let patch = actuation::patch_of(&found.finding, &suspect, robot);
     let unit = suspect.log.unit;
     found.finding = actuation::in_unit(found.finding, unit);
@@ -210,6 +216,7 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
             })
         });
         map.insert("proof".to_owned(), proof.collect());
+        map.insert("differences".to_owned(), json!(differences));
     }
     let mut text = actuation_text(&found, unit);
     if let Some(dir) = &a.out {

@@ -12,6 +12,7 @@ use super::Report;
 use super::outputs::Overwrite;
 use springtwin::drive::model;
 use springtwin::lab::dataset::read_all_samples;
+use springtwin::lab::provenance;
 use springtwin::lab::units::session_recipe;
 use springtwin::learn::{self, Recipe};
 use springtwin::recording::{read_dataset, write_bytes};
@@ -53,6 +54,7 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
             .with_context(|| path.display().to_string())?,
     };
     let data = a.data.as_deref().map(read_dataset).transpose()?;
+    let differences = provenance::of_training(&a.real)?;
     let real = read_all_samples(&a.real)?;
     #[expect(
         clippy::disallowed_methods,
@@ -111,13 +113,17 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
     }
     Ok(Report {
         text: format!(
-            "trained in {seconds:.1} s to {}\n{}{}",
+            "trained in {seconds:.1} s to {}\n{}{}{}",
             file.display(),
             summary(&trained.scores),
             real.as_ref()
                 .map_or(String::new(), |real| held_out(&recipe, real)),
+            differences
+                .iter()
+                .map(|line| format!("\n{line}"))
+                .collect::<String>(),
         ),
-        json: json!({"seconds": seconds, "seconds_by_stage": by_stage, "file": file, "scores": scores}),
+        json: json!({"differences": differences, "seconds": seconds, "seconds_by_stage": by_stage, "file": file, "scores": scores}),
     })
 }
 

@@ -27,8 +27,12 @@ static LINEAR: Effect = Effect {
     side: Side::Mechanics,
     target: Target::None,
     parameters: &[
-        Parameter::new("a", "", 0.0, [-50.0, 50.0]).scale(10.0).of_departure(0.0),
-        Parameter::new("b", "", 0.0, [-50.0, 50.0]).scale(10.0).of_departure(0.0),
+        Parameter::new("a", "", 0.0, [-50.0, 50.0])
+            .scale(10.0)
+            .of_departure(0.0),
+        Parameter::new("b", "", 0.0, [-50.0, 50.0])
+            .scale(10.0)
+            .of_departure(0.0),
     ],
     residuals: &[Residual::R2],
     operator: Operator::Mechanics(|_, _| {}),
@@ -73,9 +77,9 @@ fn columns() -> DMatrix<f64> {
 fn problem(r0: DVector<f64>, j: DMatrix<f64>) -> Problem<'static> {
     let (n, lambda) = nuisance();
     let evaluate = move |effects: &[Active]| {
-        let alpha = effects.first().map_or(DVector::zeros(2), |a| {
-            DVector::from_column_slice(&a.values)
-        });
+        let alpha = effects
+            .first()
+            .map_or(DVector::zeros(2), |a| DVector::from_column_slice(&a.values));
         Ok(&r0 - &j * alpha)
     };
     let nuisance = Nuisance::new(n, &[], [0, PER_BIN]);
@@ -109,7 +113,11 @@ fn what_folds_leave_is_a_fit_to_the_other_blocks() {
     let losses = p.held_out(&r.column(0).into(), &j, &weak);
     let edges = block_edges(BINS, PER_BIN);
     let blocks = edges.len() - 1;
-    let both = DMatrix::from_fn(ROWS, 5, |k, i| if i < 3 { n[(k, i)] } else { j[(k, i - 3)] });
+    let both = DMatrix::from_fn(
+        ROWS,
+        5,
+        |k, i| if i < 3 { n[(k, i)] } else { j[(k, i - 3)] },
+    );
     let mut prior = DMatrix::zeros(5, 5);
     prior.view_mut((0, 0), (3, 3)).copy_from(&lambda);
     prior[(3, 3)] = weak[0];
@@ -125,7 +133,8 @@ fn what_folds_leave_is_a_fit_to_the_other_blocks() {
         let held: Vec<usize> = rows(block).collect();
         let left = r.select_rows(&held) - both.select_rows(&held) * &fitted;
         let d = fitted.rows(0, 3).into_owned();
-        let wanted = 0.5 * (left.norm_squared() + (d.transpose() * &lambda * &d)[(0, 0)] / blocks as f64);
+        let wanted =
+            0.5 * (left.norm_squared() + (d.transpose() * &lambda * &d)[(0, 0)] / blocks as f64);
         assert!((losses.0[block] - wanted).abs() < 1e-8, "{block}");
     }
 }
@@ -139,7 +148,10 @@ fn a_part_contains_nothing_of_the_rest() {
     let blocks = [10..30, 30..55, 80..110];
     let part = whole.part(&blocks).expect("regular");
     let bins: Vec<usize> = blocks.iter().cloned().flatten().collect();
-    let rows: Vec<usize> = bins.iter().flat_map(|b| b * PER_BIN..(b + 1) * PER_BIN).collect();
+    let rows: Vec<usize> = bins
+        .iter()
+        .flat_map(|b| b * PER_BIN..(b + 1) * PER_BIN)
+        .collect();
     let m = projection(&n.select_rows(&rows), &lambda);
     let here = part.residual(&[]).expect("linear");
     assert_eq!(here, r.select_rows(&rows));
@@ -166,7 +178,9 @@ fn the_sandwich_is_that_of_the_blocks() {
     let edges = block_edges(BINS, PER_BIN);
     let mut meat = DMatrix::zeros(2, 2);
     for w in edges.windows(2) {
-        let s = cj.rows(w[0], w[1] - w[0]).tr_mul(&cr.rows(w[0], w[1] - w[0]));
+        let s = cj
+            .rows(w[0], w[1] - w[0])
+            .tr_mul(&cr.rows(w[0], w[1] - w[0]));
         meat += &s * s.transpose();
     }
     let inverse = a.try_inverse().expect("regular");
@@ -317,6 +331,9 @@ fn the_threshold_is_exceeded_as_often_as_it_states() {
         })
         .count();
     let rate = exceeds as f64 / 2000.0;
-    println!("{:.1} % of the sessions without an effect exceed the threshold", 100.0 * rate);
+    println!(
+        "{:.1} % of the sessions without an effect exceed the threshold",
+        100.0 * rate
+    );
     assert!((0.035..=0.065).contains(&rate), "{rate}");
 }

@@ -11,11 +11,11 @@ use super::describe::{described, notes, range_pa, separate, undetermined, unique
 use super::explain::{Explained, admitted, columns, significance_threshold};
 use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
 use super::fit::{cost, fit};
+use super::folds::FOLDS;
 use super::misfit::Misfit;
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::{Problem, Replayed};
-use super::folds::FOLDS;
 use super::prove::{Case, Proof, prove};
 use super::select::{rivals_of, select};
 use super::session::{Grid, same_robot, thinning};
@@ -190,7 +190,10 @@ pub fn find(
         Some(e) if names(verdict) => described(&problem, e),
         _ => Vec::new(),
     };
-    if let Some(why) = chosen.as_ref().and_then(|e| undetermined(e, &found_effects)) {
+    if let Some(why) = chosen
+        .as_ref()
+        .and_then(|e| undetermined(e, &found_effects))
+    {
         verdict = Verdict::Unknown;
         notes.push(why);
         rivals.clear();
@@ -313,7 +316,10 @@ fn hold(
     for (id, at) in proof.folds.iter().flat_map(|f| &f.effects) {
         let is = |c: &Candidate| c.effect.id == id && target(c) == *at;
         let known = best.fit.effects.iter().any(|(c, _)| is(c))
-            || rivals.iter().chain(&elsewhere).any(|e: &Explained| is(&e.candidate));
+            || rivals
+                .iter()
+                .chain(&elsewhere)
+                .any(|e: &Explained| is(&e.candidate));
         let found = rankings.iter().flatten().find(|e| is(&e.candidate));
         if let (false, Some(e)) = (known, found) {
             elsewhere.push(e.clone());

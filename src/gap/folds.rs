@@ -76,7 +76,13 @@ mod tests {
     /// Every bin is held out once, and no bin is fitted within the embargo of one that is held out.
     #[test]
     fn what_is_held_out_is_apart_from_what_is_fitted() {
-        for (bins, memory, wanted) in [(900, 0, 0), (900, 25, 25), (900, 30, 30), (900, 500, 75), (250, 15, 15)] {
+        for (bins, memory, wanted) in [
+            (900, 0, 0),
+            (900, 25, 25),
+            (900, 30, 30),
+            (900, 500, 75),
+            (250, 15, 15),
+        ] {
             let (folds, embargo) = folds(bins, memory);
             assert_eq!(embargo, wanted, "{bins} {memory}");
             for k in 0..bins {
@@ -85,7 +91,11 @@ mod tests {
             }
             for f in &folds {
                 let trained: Vec<usize> = f.training.iter().cloned().flatten().collect();
-                assert!(trained.len() * 2 > bins, "{bins} {memory}: {}", trained.len());
+                assert!(
+                    trained.len() * 2 > bins,
+                    "{bins} {memory}: {}",
+                    trained.len()
+                );
                 assert!(f.training.len() >= PIECES);
                 for held in f.held.iter().cloned().flatten() {
                     let near = trained.iter().any(|t| t.abs_diff(held) < embargo.max(1));

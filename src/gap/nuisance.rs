@@ -180,7 +180,10 @@ mod tests {
             assert!((kept.gram(rows) - part.transpose() * part).amax() < 1e-12);
         }
         let some = [1, 2, 5];
-        let rows: Vec<usize> = some.iter().flat_map(|b| b * per_bin..(b + 1) * per_bin).collect();
+        let rows: Vec<usize> = some
+            .iter()
+            .flat_map(|b| b * per_bin..(b + 1) * per_bin)
+            .collect();
         let part = full.select_rows(&rows);
         let kept_part = kept.part(&some);
         assert!((kept_part.gram(0..rows.len()) - part.transpose() * &part).amax() < 1e-12);

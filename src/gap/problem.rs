@@ -286,7 +286,8 @@ impl<'a> Problem<'a> {
         let n = self.per_bin;
         DVector::from_iterator(
             bins.len() * n,
-            bins.iter().flat_map(|b| r.as_slice()[b * n..(b + 1) * n].iter().copied()),
+            bins.iter()
+                .flat_map(|b| r.as_slice()[b * n..(b + 1) * n].iter().copied()),
         )
     }
 

@@ -11,7 +11,7 @@ use super::GapError;
 use super::commission::Baseline;
 use super::describe::T_95;
 use super::explain::Explained;
-use super::finding::{ChannelError, FailedFold, FoldChoice, Finding, GapSize, Traces, closed};
+use super::finding::{ChannelError, FailedFold, Finding, FoldChoice, GapSize, Traces, closed};
 use super::fit::fit;
 use super::folds::{FOLDS, Fold, folds};
 use super::noise::{bridged, start};
@@ -118,7 +118,10 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
         embargo_s = embargo as f64 / GRID_HZ;
         let rows = super::parallel(&folds, |fold| fold_rows(case, fold));
         (after, choices, failed) = held_out_rows(&before, &folds, rows);
-        let (true_order, other_order) = (response(replayed, replayed.grid, &whole)?, redriven(replayed, &whole)?);
+        let (true_order, other_order) = (
+            response(replayed, replayed.grid, &whole)?,
+            redriven(replayed, &whole)?,
+        );
         differs = differ(&true_order, &other_order);
         for (row, by) in shuffled.iter_mut().zip(&other_order) {
             row.iter_mut().zip(by).for_each(|(x, by)| *x -= by);
@@ -161,7 +164,9 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
         .collect();
     let (gap, own) = size_of(&channels, &whole);
     let helps_anyway = differs
-        && own.and_then(|c| c.shuffled).is_some_and(|other| other <= gap.after);
+        && own
+            .and_then(|c| c.shuffled)
+            .is_some_and(|other| other <= gap.after);
     let traces = traces(replayed, &before, &after, &whole)?;
     Ok(Proof {
         gap,
@@ -192,7 +197,10 @@ type FoldRows = Result<(Vec<Row>, Vec<(String, Option<usize>)>), String>;
 /// The session with the effects chosen and fitted on the fold's training part; why there is none, where there is none.
 fn fold_rows(case: &Case<'_>, fold: &Fold) -> FoldRows {
     let bins: Vec<usize> = fold.training.iter().cloned().flatten().collect();
-    let part = case.problem.part(&fold.training).map_err(|e| e.to_string())?;
+    let part = case
+        .problem
+        .part(&fold.training)
+        .map_err(|e| e.to_string())?;
     let chosen = case.selected.chosen_on(
         (&part, &bins),
         (case.problem, case.r0),
@@ -331,7 +339,10 @@ fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
 const OWN_MIN: f64 = 1.5;
 
 /// The gap in the group that belongs to the (first) effect, or where it is largest, and that group.
-fn size_of<'a>(channels: &'a [ChannelError], effects: &[Active]) -> (GapSize, Option<&'a ChannelError>) {
+fn size_of<'a>(
+    channels: &'a [ChannelError],
+    effects: &[Active],
+) -> (GapSize, Option<&'a ChannelError>) {
     let own = effects.first().and_then(|a| {
         let name = match (a.effect.target, a.target) {
             (Target::Spring, Some(i)) => format!("r3 spring {}", i + 1),
@@ -470,13 +481,19 @@ mod tests {
         assert!(proof.withheld().is_some_and(|w| w.contains("only 30 %")));
         proof.gap.closed = 0.9;
         proof.helps_anyway = true;
-        assert!(proof.withheld().is_some_and(|w| w.contains("another order")));
+        assert!(
+            proof
+                .withheld()
+                .is_some_and(|w| w.contains("another order"))
+        );
     }
 
     #[test]
     fn a_constant_is_the_same_in_any_order_and_a_swing_is_not() {
         let constant = vec![MANY; 100];
-        let swing: Vec<Row> = (0..100).map(|k| [(f64::from(k) * 0.3).sin(); CHANNELS]).collect();
+        let swing: Vec<Row> = (0..100)
+            .map(|k| [(f64::from(k) * 0.3).sin(); CHANNELS])
+            .collect();
         let mut other = swing.clone();
         other.rotate_left(43);
         assert!(!differ(&constant, &constant) && differ(&swing, &other));

@@ -137,7 +137,11 @@ const HOLE_S: f64 = 0.5;
 const SETTLE_S: f64 = 3.0;
 
 /// Spans of a session in which some pressure is missing for too long, with the time after them, s.
-pub fn holes(t_s: &[f64], known: impl Fn(usize, usize) -> bool, chambers: &[usize]) -> Vec<[f64; 2]> {
+pub fn holes(
+    t_s: &[f64],
+    known: impl Fn(usize, usize) -> bool,
+    chambers: &[usize],
+) -> Vec<[f64; 2]> {
     let mut out: Vec<[f64; 2]> = Vec::new();
     for &i in chambers {
         let mut since = None;

@@ -38,7 +38,8 @@ pub fn supply(
 /// shows it, when that was logged and understood.
 pub fn is_open(supply: Option<&Finding>, gauge: &Candidate) -> bool {
     !gauge.effect.is_of_gauge()
-        || supply.is_none_or(|f| f.verdict == Verdict::Unknown) || named_by(supply, gauge)
+        || supply.is_none_or(|f| f.verdict == Verdict::Unknown)
+        || named_by(supply, gauge)
 }
 
 /// Whether the way from command to gauge has already named it.

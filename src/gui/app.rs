@@ -26,7 +26,7 @@ use super::services::{Connected, Services};
 use super::theme::{self, Level};
 use super::view::{View, live_until_s};
 use crate::analysis::history::History;
-use crate::analysis::player::Player;
+use crate::analysis::player::{Near, Player};
 use crate::robot::{RobotSpec, SupplyOff};
 use crate::signal::{Mode, Severity, Snapshot, Stamp, Trace};
 use crate::twin::{Command, Event, Handle};
@@ -149,6 +149,7 @@ fn live_view<'a>(snapshot: &'a Snapshot, history: &'a History, spec: &'a RobotSp
     View {
         snapshot,
         history,
+        near: None,
         now_s: live_until_s(snapshot),
         replay: None,
         spec,
@@ -160,6 +161,7 @@ fn live_view<'a>(snapshot: &'a Snapshot, history: &'a History, spec: &'a RobotSp
 struct Played {
     trace: Arc<Trace>,
     history: Arc<History>,
+    near: Option<Arc<Near>>,
     newest: usize,
     now_s: f64,
     title: String,
@@ -167,10 +169,12 @@ struct Played {
 
 impl Played {
     fn of(player: &Player) -> Self {
+        let (trace, newest) = player.newest();
         Self {
-            trace: Arc::clone(player.shared_trace()),
+            trace: Arc::clone(trace),
             history: Arc::clone(player.shared_history()),
-            newest: player.newest(),
+            near: player.near().cloned(),
+            newest,
             now_s: player.now_s(),
             title: player.title(),
         }
@@ -180,6 +184,7 @@ impl Played {
         View {
             snapshot: &self.trace.snapshots[self.newest],
             history: &self.history,
+            near: self.near.as_deref(),
             now_s: self.now_s,
             replay: Some(&self.title),
             spec,

@@ -1,6 +1,7 @@
 //! What a screen shows: the live twin, or a recording at its playhead.
 
 use crate::analysis::history::History;
+use crate::analysis::player::Near;
 use crate::analysis::recorded::origin_name;
 use crate::robot::RobotSpec;
 use crate::signal::{ArmingCheck, Mode, Snapshot, Stamp, TruthSource};
@@ -15,6 +16,8 @@ pub struct View<'a> {
     pub snapshot: &'a Snapshot,
     /// The signals over time.
     pub history: &'a History,
+    /// Some of them at the full rate, where those of a long recording are farther apart.
+    pub near: Option<&'a Near>,
     /// The instant shown, s on the time base of the snapshot.
     pub now_s: f64,
     /// Name of the recording, when one is shown instead of the live twin.
@@ -43,6 +46,12 @@ pub fn live_until_s(live: &Snapshot) -> f64 {
 pub const STALE_OPACITY: f32 = 0.65;
 
 impl View<'_> {
+    /// The signals of a span of time, at the full rate where that was read.
+    pub fn signals(&self, range_s: [f64; 2]) -> &History {
+        let near = self.near.and_then(|near| near.history(range_s));
+        near.unwrap_or(self.history)
+    }
+
     /// Whether a question may be put to the live twin about what is shown.
     pub fn live(&self) -> Gate {
         match self.replay {

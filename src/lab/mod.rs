@@ -18,6 +18,7 @@
 //! - [`mod@reprocess`]: a recording computed again from its raw frames.
 //! - [`mod@session`]: sessions of the virtual rig, through its whole chain.
 //! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
+//! - [`mod@provenance`]: whether recordings that are used together were made alike.
 //! - [`import`]: motion capture as a session.
 //! - [`doctor`], [`ranges`]: checks before work begins.
 //! - [`table`], [`columns`], [`drive_log`]: tables of figures, their columns, and a drive as a table with pictures.
@@ -37,6 +38,7 @@ pub mod motions;
 pub mod multibody;
 pub mod patches;
 mod progress;
+pub mod provenance;
 pub mod ranges;
 pub mod replay;
 pub mod reprocess;

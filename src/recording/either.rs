@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::log::median_step_s;
 use super::{
-    ReadRecording, RecordingError, RecordingFile, Selection, SessionLog, SizeLimit, file_sha256,
+    RecordingError, RecordingFile, RecordingMeta, Selection, SessionLog, SizeLimit, file_sha256,
     read_session,
 };
+use crate::signal::Snapshot;
 
 /// Memory of a row of a session log, bytes.
 const LOG_ROW_BYTES: u64 = 400;
@@ -46,13 +47,26 @@ pub fn part_of(path: &Path) -> Result<(PathBuf, Selection), RecordingError> {
     }
 }
 
-/// Reads a recording, or the part of it that is named as [`part_of`] has it.
+/// Goes through the snapshots of a recording, or of the part of it that is named as [`part_of`] has it, with one window of it
+/// in memory. `kept_bytes` is the memory that `each` keeps of a snapshot. Returns the session as a whole.
 ///
 /// # Errors
-/// As [`part_of`] and [`RecordingFile::read`].
-pub fn read_part(path: &Path) -> Result<ReadRecording, RecordingError> {
+/// As [`part_of`] and [`RecordingFile::read_in_windows`]; [`RecordingError::TooLarge`] when there is no memory for what is
+/// kept.
+pub fn each_snapshot(
+    path: &Path,
+    kept_bytes: usize,
+    each: &mut dyn FnMut(&Snapshot),
+) -> Result<RecordingMeta, RecordingError> {
     let (path, part) = part_of(path)?;
-    RecordingFile::open(&path)?.read(&part, &mut |_| true)
+    let file = RecordingFile::open(&path)?;
+    if let Some(rows) = file.rows_in(&part) {
+        SizeLimit::of_memory().check_count(&path, rows, "rows", kept_bytes as u64)?;
+    }
+    file.read_in_windows(&part, &mut |_| true, &mut |window| {
+        window.read.trace.snapshots.iter().for_each(&mut *each);
+    })?;
+    Ok(file.meta().clone())
 }
 
 /// Reads a session log (folder, `session.toml`, `.csv`) or the calibrated sensors, motion capture

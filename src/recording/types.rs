@@ -92,7 +92,7 @@ pub struct ChannelValues {
     pub mean: f64,
     /// Largest.
     pub max: f64,
-    /// Longest time from one value to the next, s.
+    /// Longest time from one value to the next, or from the last one to the end, s.
     pub longest_step_s: f64,
     /// When that begins, s.
     pub longest_step_at_s: f64,
@@ -122,6 +122,8 @@ pub(crate) struct Gauged {
     rows: u64,
     first_s: f64,
     last_s: f64,
+    /// The newest time, with a value or without, s.
+    until_s: f64,
     sum: f64,
     seen: ChannelValues,
 }
@@ -132,6 +134,7 @@ impl Default for Gauged {
             rows: 0,
             first_s: 0.0,
             last_s: 0.0,
+            until_s: 0.0,
             sum: 0.0,
             seen: ChannelValues {
                 min: f64::INFINITY,
@@ -147,6 +150,7 @@ impl Default for Gauged {
 impl Gauged {
     /// Takes a value; what is not finite is missing.
     pub(crate) fn push(&mut self, t_s: f64, value: f64) {
+        self.until_s = t_s;
         if !value.is_finite() {
             return;
         }
@@ -167,6 +171,10 @@ impl Gauged {
     /// The channel of all values.
     pub(crate) fn channel(mut self, name: String) -> Channel {
         self.seen.mean = self.sum / self.rows as f64;
+        if self.until_s - self.last_s > self.seen.longest_step_s {
+            self.seen.longest_step_s = self.until_s - self.last_s;
+            self.seen.longest_step_at_s = self.last_s;
+        }
         let [first, last] = [self.first_s, self.last_s].map(Stamp::from_seconds);
         Channel {
             values: (self.rows > 0).then_some(self.seen),
@@ -327,6 +335,23 @@ mod tests {
         ] {
             assert_eq!(unit_of(name), unit, "{name}");
         }
+    }
+
+    /// A spring that is unplugged to the end of the session has no next value.
+    #[test]
+    fn a_channel_that_ends_early_lacks_the_rest() {
+        let mut seen = Gauged::default();
+        for n in 0..100 {
+            let value = if (10..40).contains(&n) { 1.0 } else { f64::NAN };
+            seen.push(f64::from(n), value);
+        }
+        let channel = seen.channel("spring9_mm".into());
+        let values = channel.values.unwrap();
+        assert_eq!(
+            (values.longest_step_at_s, values.longest_step_s),
+            (39.0, 60.0)
+        );
+        assert_eq!(channel.rows, 30);
     }
 
     #[test]

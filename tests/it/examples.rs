@@ -74,7 +74,10 @@ fn an_effect_that_is_added_to_the_table_is_found() {
     let [effect] = &f.effects[..] else {
         panic!("{:?}", f.effects);
     };
-    assert_eq!((effect.id.as_str(), effect.target), ("spring-dead-band", Some(4)));
+    assert_eq!(
+        (effect.id.as_str(), effect.target),
+        ("spring-dead-band", Some(4))
+    );
     let [low_m, high_m] = effect.params["play"].ci95.expect("an interval");
     assert!(low_m < 4e-3 && 4e-3 < high_m, "{low_m} to {high_m}");
     assert!(f.gap.closed > 0.5, "{:?}", f.gap);

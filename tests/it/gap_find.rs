@@ -169,6 +169,73 @@ fn sessions_that_cannot_be_believed_are_refused_or_say_less() {
     assert_eq!(names(&found), [("mocap-frame".to_owned(), None)], "{found}");
 }
 
+/// Two recordings of one motion that are read by calibrations 1 mm apart in one spring: the finder states it, and so does
+/// whatever else takes recordings. Of tables nothing is stated.
+#[cfg(feature = "rrd")]
+#[test]
+fn recordings_that_were_made_differently_are_stated() {
+    let dir = scratch("gap-provenance");
+    let path = |name: &str| dir.join(name).to_str().expect("a path").to_owned();
+    let [one, other, table] = ["one.rrd", "other.rrd", "table.csv"].map(path);
+    let calibration = path("calibration.toml");
+    let mut record = vec!["record", &one, "--rig", "sim", "--target", "-60,30,-380"];
+    record.extend(["--seconds", "24", "--json"]);
+    json(&record);
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/assets/calibration/virtual-rig.toml"
+    );
+    let text = std::fs::read_to_string(shipped).expect("the calibration");
+    let line = text.lines().find(|l| l.starts_with("coefficients_mm"));
+    let constant = line
+        .expect("a curve")
+        .split(['[', ','])
+        .nth(1)
+        .expect("a number");
+    let longer = constant.trim().parse::<f64>().expect("a number") + 1.0;
+    std::fs::write(
+        &calibration,
+        text.replacen(constant, &longer.to_string(), 1),
+    )
+    .expect("written");
+    json(&[
+        "reprocess",
+        &one,
+        "--calibration",
+        &calibration,
+        "--out",
+        &other,
+        "--json",
+    ]);
+    json(&["convert", &other, &table, "--json"]);
+
+    let find = [
+        "gap",
+        "run",
+        "--actuation-only",
+        "--json",
+        "--baseline",
+        &one,
+    ];
+    let with = |session: &str| json(&[&find[..], &["--session", session]].concat());
+    let found = with(&other);
+    assert_eq!(
+        found["differences"][0], "calibration of springs 1",
+        "{found}"
+    );
+    let notes = found["notes"].to_string();
+    assert!(
+        notes.contains("different in the session: calibration of springs 1"),
+        "{notes}"
+    );
+    for same in [&one, &table] {
+        assert_eq!(with(same)["differences"], serde_json::json!([]), "{same}");
+    }
+    let estimated = |session: &str| json(&["estimate", session, "--json"])["differences"].clone();
+    assert!(estimated(&one).to_string().contains("networks ("));
+    assert_eq!(estimated(&table), serde_json::json!([]));
+}
+
 /// What the finder does with an effect is in the table: no id of one is matched anywhere in it.
 #[test]
 fn no_id_of_an_effect_occurs_in_the_finder() {

@@ -108,7 +108,14 @@ fn find_in(name: &str, without: &[&str]) -> gap::Finding {
     table.retain(|e| !without.contains(&e.id));
     let robot = springtwin::robot::RobotSpec::reference();
     let (healthy, suspect) = (grid("commissioning"), grid(name));
-    let found = gap::find(&robot, &table, Some(&healthy), &suspect, &options, &gap::Unwatched);
+    let found = gap::find(
+        &robot,
+        &table,
+        Some(&healthy),
+        &suspect,
+        &options,
+        &gap::Unwatched,
+    );
     let finding = found.expect("a finding").finding;
     println!("{name}: {finding:?}");
     finding
@@ -247,7 +254,15 @@ fn the_supply_of_a_real_arm_is_explained() {
     let robot = springtwin::robot::RobotSpec::reference();
     let others = [asu_arm("apr18-2.csv"), asu_arm("apr05-1.csv")];
     let run = asu_arm("apr18-1.csv");
-    let found = actuation_only(&robot, &springtwin::sim::effects::table(), None, &run, &others, &Unwatched).unwrap();
+    let found = actuation_only(
+        &robot,
+        &springtwin::sim::effects::table(),
+        None,
+        &run,
+        &others,
+        &Unwatched,
+    )
+    .unwrap();
     let psi = |pa: f64| pa / PSI_PA;
     let [repeat, other_day] = &found.proof[..] else {
         panic!("{:?}", found.proof);

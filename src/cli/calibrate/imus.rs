@@ -8,14 +8,14 @@ use serde_json::{Value, json};
 
 use crate::cli::outputs::{Overwrite, replace_keeping};
 use crate::cli::{Failed, Report};
-use springtwin::recording::read_part;
+use springtwin::recording::each_snapshot;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
 use springtwin::sensing::imu_fit::{
-    Capture, Fit, ImuFit, Parameter, RestError, RestZero, Start, Window, Windows, ends_sigma_m,
-    first_rest, fit,
+    Capture, FRAMES, Fit, ImuFit, Parameter, RestError, RestZero, Start, Window, Windows,
+    ends_sigma_m, first_rest, fit,
 };
-use springtwin::signal::{IMUS, RawFrame};
+use springtwin::signal::IMUS;
 use springtwin::twin::Patched;
 
 #[derive(Args)]
@@ -43,22 +43,26 @@ pub struct ImusArgs {
 /// `calibrate imus`.
 pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
     a.overwrite.file(&a.out)?;
-    let read = read_part(&a.recording)?;
     let calibration = match &a.calibration {
         None => Calibration::virtual_rig(),
         Some(path) => Calibration::from_toml(&springtwin::drive::read_toml(path)?)
             .with_context(|| path.display().to_string())?,
     };
     let patched = Patched::new(robot, &calibration);
-    let frames = read.trace.snapshots.iter().filter_map(|s| s.raw.as_ref());
-    let (windows, springs_out) = windows(frames, &patched);
+    let mut averages = Windows::new(&patched.geometry, &patched.calibration);
+    let mut windows: Vec<Window> = Vec::new();
+    let kept = size_of::<Window>() / FRAMES;
+    let meta = each_snapshot(&a.recording, kept, &mut |snapshot| {
+        windows.extend(snapshot.raw.as_ref().and_then(|raw| averages.push(raw)));
+    })?;
+    let springs_out = averages.springs_out();
     anyhow::ensure!(
         !windows.is_empty(),
         "{} holds no raw frames: record the boards with springtwin record",
         a.recording.display()
     );
     let rest = first_rest(&windows, robot);
-    let label = match read.trace.simulated {
+    let label = match meta.simulated {
         Some(true) => " (simulated rig)",
         Some(false) => "",
         None => " (origin unknown)",
@@ -77,21 +81,11 @@ pub fn imus(a: &ImusArgs, robot: &RobotSpec) -> Result<Report> {
             fitted(a, calibration, &found, rest.err(), label)?
         }
     };
-    report.report.json["simulated"] = json!(read.trace.simulated);
+    report.report.json["simulated"] = json!(meta.simulated);
     match report.why.is_empty() {
         true => Ok(report.report),
         false => Err(report.into()),
     }
-}
-
-/// The windows of a recording, and the springs (1-based) that gave no lengths.
-fn windows<'a>(
-    frames: impl Iterator<Item = &'a RawFrame>,
-    patched: &Patched,
-) -> (Vec<Window>, Vec<usize>) {
-    let mut windows = Windows::new(&patched.geometry, &patched.calibration);
-    let made = frames.filter_map(|raw| windows.push(raw)).collect();
-    (made, windows.springs_out())
 }
 
 fn captures(robot: &RobotSpec, patched: &Patched, windows: &[Window]) -> [Capture; IMUS] {

@@ -9,11 +9,11 @@ use serde_json::{Value, json};
 use crate::cli::Report;
 use crate::cli::outputs::{Overwrite, replace_keeping};
 use springtwin::drive::read_toml;
-use springtwin::recording::read_part;
+use springtwin::recording::each_snapshot;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
-use springtwin::sensing::bundle::{Adjustment, Parameter, Take, adjust};
-use springtwin::signal::{Pose, RawFrame};
+use springtwin::sensing::bundle::{Adjustment, Parameter, Sample, Take, adjust};
+use springtwin::signal::Stamp;
 
 /// Most parameters that a line of the report names.
 const LINES_MAX: usize = 12;
@@ -71,30 +71,29 @@ pub fn self_(a: &SelfArgs, robot: &RobotSpec) -> Result<Report> {
 
 /// Raw frames and motion capture of a recording, and whether it is simulated.
 fn take(path: &Path, calibration: &Calibration, with_mocap: bool) -> Result<(Take, Option<bool>)> {
-    let read = read_part(path)?;
-    let mut frames: Vec<&RawFrame> = Vec::new();
-    let mut tip: Vec<(f64, Pose)> = Vec::new();
-    for snapshot in &read.trace.snapshots {
+    let mut take = Take::default();
+    let mut newest: Option<Stamp> = None;
+    let meta = each_snapshot(path, size_of::<Sample>(), &mut |snapshot| {
         // Between two frames a snapshot repeats the last one.
         if let Some(raw) = &snapshot.raw
-            && frames.last().is_none_or(|last| raw.stamp > last.stamp)
+            && newest.is_none_or(|newest| raw.stamp > newest)
         {
-            frames.push(raw);
+            newest = Some(raw.stamp);
+            take.samples.push(Sample::of(calibration, raw));
         }
         if let Some(truth) = snapshot.truth.as_ref().filter(|_| with_mocap) {
             let t_s = truth.stamp.seconds();
-            if tip.last().is_none_or(|last| t_s > last.0) {
-                tip.push((t_s, truth.base_from_tip));
+            if take.tip.last().is_none_or(|last| t_s > last.0) {
+                take.tip.push((t_s, truth.base_from_tip));
             }
         }
-    }
+    })?;
     anyhow::ensure!(
-        !frames.is_empty(),
+        !take.samples.is_empty(),
         "{} holds no raw frames: record the boards with springtwin record",
         path.display()
     );
-    let take = Take::new(calibration, frames, tip);
-    Ok((take, read.trace.simulated))
+    Ok((take, meta.simulated))
 }
 
 fn report(

@@ -24,6 +24,7 @@ use springtwin::gui::services::gap::{
 };
 use springtwin::lab::gap_bench::{self, Example};
 use springtwin::lab::gap_files;
+use springtwin::lab::provenance;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
@@ -244,6 +245,7 @@ fn find(
     )]
     let start = std::time::Instant::now();
     worker.tell("Reading the sessions", None);
+    let (_, note) = provenance::of_gap(healthy, suspect)?;
     let healthy = healthy.map(gap_files::read_session).transpose()?;
     let suspect = gap_files::read_session(suspect)?;
     let options = Options {
@@ -254,16 +256,16 @@ fn find(
         let healthy = healthy.map(Grid::new).transpose()?;
         let suspect = Grid::new(suspect)?;
         let watched = Watched { worker, ctx };
-        let mut found =
-            springtwin::gap::find(
-                robot,
-                &effects::table(),
-                healthy.as_ref(),
-                &suspect,
-                &options,
-                &watched,
-            )?;
+        let mut found = springtwin::gap::find(
+            robot,
+            &effects::table(),
+            healthy.as_ref(),
+            &suspect,
+            &options,
+            &watched,
+        )?;
         found.finding.seconds = start.elapsed().as_secs_f64();
+        found.finding.notes.extend(note.clone());
         Ok(Arc::new(found))
     };
     Ok(run())

@@ -13,7 +13,8 @@ use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, 
 use springtwin::gui::RecordingEntry;
 use springtwin::recording::{
     Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
-    Thinning, inspect, inspect_log, is_later_segment, is_rrd, read_session_with, segment_path,
+    Thinning, inspect, inspect_log, is_later_segment, is_rrd, part_of, read_session_with,
+    segment_path,
 };
 use springtwin::signal::{Snapshot, Stamp, Trace};
 
@@ -183,11 +184,14 @@ fn size_of_all(path: &Path) -> u64 {
 /// Snapshots that the window holds at most: an hour at 100 Hz takes 1 GB.
 const SNAPSHOTS: u64 = 360_000;
 
-/// Reads a recording or a session log, and looks into it. Of a recording that is longer than memory allows the window gets
+/// Reads a recording or a session log, or the part of it that is named as [`part_of`] has it, and looks into it. Of a recording that is longer than memory allows the window gets
 /// snapshots that are farther apart. Given up when `go_on`, which receives the share that is done, answers `false`.
 pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
+    let (path, part) = part_of(path).map_err(|e| e.to_string())?;
+    let path = path.as_path();
     if !is_rrd(path) {
         let log = read_session_with(path, go_on).map_err(|e| e.to_string())?;
+        let log = log.part(&part);
         let (each, rows) = (size_of::<Snapshot>() as u64, log.len() as u64);
         let fits = SizeLimit::of_memory().check_count(path, rows, "rows", each);
         fits.map_err(|e| e.to_string())?;
@@ -199,11 +203,11 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
         });
     }
     let file = RecordingFile::open(path).map_err(|e| e.to_string())?;
-    let apart_s = apart_s(&file);
+    let apart_s = apart_s(&file, &part);
     let mut thinning = Thinning::new(apart_s.unwrap_or(0.0));
     let (mut trace, mut events) = (Trace::default(), Vec::new());
     let mut inspector = Inspector::default();
-    let read = file.read_in_windows(&Selection::default(), go_on, &mut |mut window| {
+    let read = file.read_in_windows(&part, go_on, &mut |mut window| {
         inspector.take(&window);
         events.append(&mut window.read.events);
         let mut snapshots = std::mem::take(&mut trace.snapshots);
@@ -223,10 +227,12 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
     Ok(Loaded { trace, about })
 }
 
-/// How far apart the snapshots of a recording must be for the window to hold them, s; `None` for all of them.
-fn apart_s(file: &RecordingFile) -> Option<f64> {
-    let (rows, last) = (file.rows()?, file.last()?);
-    (rows > SNAPSHOTS).then(|| (10.0 * last.seconds() / SNAPSHOTS as f64).ceil() / 10.0)
+/// How far apart the snapshots of a part of a recording must be for the window to hold them, s; `None` for all of them.
+fn apart_s(file: &RecordingFile, part: &Selection) -> Option<f64> {
+    let (rows, last) = (file.rows_in(part)?, file.last()?);
+    let from_s = part.from.map_or(0.0, Stamp::seconds);
+    let to_s = part.to.map_or(last, |to| to.min(last)).seconds();
+    (rows > SNAPSHOTS).then(|| (10.0 * (to_s - from_s) / SNAPSHOTS as f64).ceil() / 10.0)
 }
 
 fn about(path: &Path, seen: &Inspection, events: Vec<RecordedEvent>) -> About {

@@ -6,9 +6,7 @@ mod figures;
 use std::collections::BTreeMap;
 
 use super::healthy::{LineBaseline, LineModel, chamber_rms_pa, commission_supply, ideal_supply};
-use super::line::{
-    GAIN, KNOBS, Lag, OFFSET, PressureGrid, line_rmse_pa, line_rows,
-};
+use super::line::{GAIN, KNOBS, Lag, OFFSET, PressureGrid, line_rmse_pa, line_rows};
 use super::search::{EffectSet, Stages, supply_stages};
 use crate::gap::candidates::Table;
 use crate::gap::finding::{FailedFold, Finding, GapSize, Located, SeparateBy, Traces, Verdict};
@@ -85,14 +83,7 @@ pub fn actuation_only(
             proof: Vec::new(),
         });
     }
-    let found = supply_stages(
-        robot,
-        suspect,
-        &baseline,
-        Lag::BeforeGauge,
-        table,
-        progress,
-    )?;
+    let found = supply_stages(robot, suspect, &baseline, Lag::BeforeGauge, table, progress)?;
     progress.at(Stage::Decide, 0.0)?;
     let finding = decide_supply(robot, suspect, &baseline, Lag::BeforeGauge, &found)?;
     progress.at(Stage::Prove, 0.0)?;
@@ -183,9 +174,10 @@ pub fn decide_supply(
     let located = located(grid, &before);
     let limit = ABOVE_FLOOR * found.significance.mean_square;
     let far = gap.before > FAR * gap.floor;
-    let above = grid.chambers().into_iter().any(|i| {
-        chamber_rms_pa(&before)[i] > AT_FLOOR * baseline.chamber_floor_pa[i]
-    });
+    let above = grid
+        .chambers()
+        .into_iter()
+        .any(|i| chamber_rms_pa(&before)[i] > AT_FLOOR * baseline.chamber_floor_pa[i]);
     let verdict = match best {
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None if !commissioned && far => Verdict::Unknown,
@@ -316,7 +308,10 @@ fn notes(
         let (channel, regressor) = located
             .first()
             .map_or(("all chambers", "time"), |l| (&l.channel, &l.regressor));
-        let size = format!("{:.1} times the noise floor", gap.before / gap.floor.max(1e-9));
+        let size = format!(
+            "{:.1} times the noise floor",
+            gap.before / gap.floor.max(1e-9)
+        );
         out.push(format!(
             "unmodelled term in actuation, {channel}, along with {regressor}; the error is {size}"
         ));

@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::line::{
-    DELAY, EMPTY, FILL, GAIN, KNOBS, LAG, Lag, PER_PA, LineRow, OFFSET, PressureGrid, Regulator, gauge_pressures, line_rmse_pa,
-    line_rows,
+    DELAY, EMPTY, FILL, GAIN, KNOBS, LAG, Lag, LineRow, OFFSET, PER_PA, PressureGrid, Regulator,
+    gauge_pressures, line_rmse_pa, line_rows,
 };
 use crate::gap::GapError;
 use crate::gap::candidates::fastest;
@@ -281,9 +281,7 @@ impl LineModel<'_> {
     ///
     /// A limit that does not act has no derivative, so the search starts without limits and at rates that were seen, and
     /// each chamber takes what fits it better.
-    fn refit_commissioned(
-        &mut self,
-    ) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
+    fn refit_commissioned(&mut self) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
         let fastest = fastest(&self.grid.t_s, &self.grid.measured_pa);
         let mut limited = self.clone();
         for (r, pa_s) in limited.baseline.regulators.iter_mut().zip(fastest) {
@@ -319,9 +317,8 @@ impl LineModel<'_> {
         free: Free,
     ) -> Result<([f64; CHAMBERS], [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS]), GapError> {
         const STEPS: usize = 12;
-        let weight = SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(
-            &free.prior().map(|s| 1.0 / (s * s)),
-        );
+        let weight =
+            SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&free.prior().map(|s| 1.0 / (s * s)));
         let usual = SVector::from(Regulator::default().0);
         let nominal = self.baseline.regulators.map(|r| {
             // What is not fitted stays where it is.

@@ -321,7 +321,13 @@ pub fn line_rows(grid: &PressureGrid, predicted_pa: &[[f64; CHAMBERS]]) -> Vec<L
     rows.zip(&grid.t_s)
         .map(|((m, p), t_s)| {
             let seen = !within(&grid.holes_s, *t_s);
-            std::array::from_fn(|i| if seen && grid.present[i] { m[i] - p[i] } else { 0.0 })
+            std::array::from_fn(|i| {
+                if seen && grid.present[i] {
+                    m[i] - p[i]
+                } else {
+                    0.0
+                }
+            })
         })
         .collect()
 }

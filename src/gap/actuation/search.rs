@@ -62,12 +62,7 @@ pub fn shows(effect: &Effect, lag: Lag) -> bool {
     effect.shows_in(Residual::R1) || (lag == Lag::BeforeGauge && effect.is_behind_gauge())
 }
 
-fn admitted(
-    table: Table<'_>,
-    grid: &PressureGrid,
-    lag: Lag,
-    commissioned: bool,
-) -> Vec<Candidate> {
+fn admitted(table: Table<'_>, grid: &PressureGrid, lag: Lag, commissioned: bool) -> Vec<Candidate> {
     candidates(table, |e| {
         // Without a healthy session the correct gauge readings are unknown.
         shows(e, lag) && (commissioned || !e.is_of_gauge())

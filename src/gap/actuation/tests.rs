@@ -213,6 +213,14 @@ fn what_cannot_be_judged_is_refused_or_said() {
         (*u, *p) = ([5e3; CHAMBERS], [5e3; CHAMBERS]);
     }
     let grid = PressureGrid::new(rest).unwrap();
-    let a = actuation_only(&RobotSpec::reference(), &table(), None, &grid, &[], &Unwatched).unwrap();
+    let a = actuation_only(
+        &RobotSpec::reference(),
+        &table(),
+        None,
+        &grid,
+        &[],
+        &Unwatched,
+    )
+    .unwrap();
     assert_eq!(a.finding.verdict, Verdict::NotExcited);
 }

@@ -27,7 +27,11 @@ pub fn effect_name(id: &str, target: Option<usize>) -> String {
 /// Factor from SI to the customary unit, and that unit.
 fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
     let parameters = effect(id).map_or(&[][..], |e| e.parameters);
-    if let Some(shown) = parameters.iter().find(|p| p.name == name).and_then(|p| p.shown) {
+    if let Some(shown) = parameters
+        .iter()
+        .find(|p| p.name == name)
+        .and_then(|p| p.shown)
+    {
         return shown;
     }
     match unit {

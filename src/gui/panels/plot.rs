@@ -179,9 +179,10 @@ impl TimePlot<'_> {
         let to_s = range[1].min(view.now_s);
         let pixels = width.max(2.0) as usize;
         let slot_s = slot_s(range[0], to_s, pixels);
+        let signals = view.signals([range[0], to_s]);
         // Back to front: dashed lines stay visible over solid ones.
         for s in self.series {
-            let pieces = view.history.envelope(s.channel, range[0], to_s, pixels);
+            let pieces = signals.envelope(s.channel, range[0], to_s, pixels);
             // The axis fits the lines that stand out, down to their noise.
             let stands_out = self
                 .series
@@ -450,9 +451,9 @@ pub fn sparkline(ui: &mut Ui, view: &View<'_>, channel: Channel, span_s: f64, mi
     let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
     let p = Palette::in_ui(ui);
     let from = view.now_s - span_s;
-    let pieces = view
-        .history
-        .envelope(channel, from, view.now_s, rect.width() as usize);
+    let pieces =
+        view.signals([from, view.now_s])
+            .envelope(channel, from, view.now_s, rect.width() as usize);
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for q in pieces.iter().flatten() {
         low = low.min(q[1]);

@@ -292,7 +292,7 @@ pub fn toolbar(ui: &mut Ui, state: &mut View3d, view: &View<'_>) {
 fn trail(view: &View<'_>, channel: fn(usize) -> Channel) -> Vec<[f32; 3]> {
     let window_s = [view.now_s - TRAIL_S, view.now_s];
     let points_mm = view
-        .history
+        .signals(window_s)
         .sampled([0, 1, 2].map(channel), window_s, TRAIL_STEP_S);
     let metres = |mm: [f64; 3]| mm.map(|x| (x * 1e-3) as f32);
     points_mm.into_iter().map(metres).collect()
@@ -439,6 +439,7 @@ mod tests {
         let view = |snapshot, replay| View {
             snapshot,
             history: &history,
+            near: None,
             now_s: 3.0,
             replay,
             spec: &spec,

@@ -31,7 +31,8 @@ impl Screen for Library {
         if std::mem::take(&mut self.has_new) {
             self.rescan(ctx.services);
         }
-        if let Some(text) = Self::poll(self, ctx.player, ctx.services, ctx.commands) {
+        let window = *ctx.window;
+        if let Some(text) = Self::poll(self, ctx.player, &window, ctx.services, ctx.commands) {
             ctx.messages.push((text, Level::Warning));
         }
     }

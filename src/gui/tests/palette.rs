@@ -156,6 +156,7 @@ fn all_of(app: &App, s: &Snapshot) -> Vec<Entry> {
     let live = View {
         snapshot: s,
         history: &history,
+        near: None,
         now_s: 0.0,
         replay: None,
         spec: &spec,

@@ -1,6 +1,7 @@
 //! The Recordings screen: A and B, events, contents, what is missing or cut off, loading.
 
 mod made;
+mod near;
 
 use std::path::Path;
 
@@ -517,6 +518,12 @@ fn recordings_look_right() {
     cut.player.as_mut().expect("not empty").playing = false;
     cut.screens.library.detail = Detail::Contents;
     picture("recordings-cut", size, Theme::Light, cut);
+    let mut long = app(Theme::Dark);
+    long.services.load = Box::new(|path| Job::ready(near::long(path).and_then(indexed)));
+    long.player = near::long(Path::new("long.rrd")).and_then(indexed).ok();
+    let player = long.player.as_mut().expect("not empty");
+    (player.playing, player.position_s) = (false, 200.0);
+    picture("recordings-long", [1024.0, 700.0], Theme::Dark, long);
     let mut failed = app(Theme::Dark);
     failed.screens.library.trouble = Some(crate::gui::panels::recordings::Trouble::new(
         answer(Path::new("recordings/broken.rrd")).expect_err("broken"),

@@ -229,6 +229,7 @@ fn an_armed_arm_is_not_let_go() {
             simulated: Some(true),
             snapshot: s,
             history: &history,
+            near: None,
             now_s: 0.0,
             replay: None,
             spec: &spec,

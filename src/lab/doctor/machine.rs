@@ -9,7 +9,7 @@ use crate::link::serial;
 use crate::recording::free_bytes;
 
 /// What an hour of recording takes, bytes.
-const HOUR_BYTES: u64 = 760_000_000;
+const HOUR_BYTES: u64 = 480_000_000;
 /// Free space below this many hours of recording is warned of.
 const WORKING_DAY_H: u64 = 8;
 
@@ -206,10 +206,10 @@ mod tests {
     #[test]
     fn less_than_a_working_day_of_free_space_is_warned_of() {
         let (ok, says) = space(100_000_000_000);
-        assert!(ok && says.contains("about 131 h"), "{says}");
-        let (ok, says) = space(5_000_000_000);
+        assert!(ok && says.contains("about 208 h"), "{says}");
+        let (ok, says) = space(3_000_000_000);
         assert!(
-            !ok && says.contains("5.0 GB") && says.contains("about 6 h"),
+            !ok && says.contains("3.0 GB") && says.contains("about 6 h"),
             "{says}"
         );
     }

@@ -14,6 +14,9 @@ use rerun::external::re_log_encoding::external::lz4_flex;
 pub(super) const HEADER_BYTES: usize = 12;
 const MESSAGE_HEADER_BYTES: usize = 16;
 const FOOTER_BYTES: usize = 32;
+/// So much at the end of a file that was not ended may never have reached the disk, although its length did: more than what is
+/// written between two moments at which the recorder brings it there, bytes.
+pub(super) const UNSYNCED_BYTES: u64 = 4 << 20;
 /// Most bytes at the end of a message that hold its identity.
 const IDENTITY_BYTES: usize = 22;
 
@@ -95,6 +98,9 @@ pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, 
     while at + head_bytes <= size {
         let (kind, length) = (le_u64(&head[..8]), le_u64(&head[8..]));
         if kind > KIND_LAST {
+            if size - at <= UNSYNCED_BYTES && !ends_with_footer(file, size)? {
+                break;
+            }
             let text = format!("a message of unknown kind {kind}: the file is damaged here");
             return Err(SplitError::Damaged(at, text));
         }
@@ -131,6 +137,17 @@ pub(super) fn split(file: &mut (impl Read + Seek), size: u64) -> Result<Frames, 
         frames.messages.push(place);
     }
     Ok(frames)
+}
+
+/// Whether the last bytes are those of a footer: the file was ended.
+fn ends_with_footer(file: &mut (impl Read + Seek), size: u64) -> std::io::Result<bool> {
+    let mut tail = [0; FOOTER_BYTES];
+    let Some(at) = size.checked_sub(FOOTER_BYTES as u64) else {
+        return Ok(false);
+    };
+    file.seek(SeekFrom::Start(at))?;
+    file.read_exact(&mut tail)?;
+    Ok(is_footer(&tail, le_u64(&tail[..8]), le_u64(&tail[8..16])))
 }
 
 /// The identity at the end of a message: `chunk id (field 6) = two fixed numbers | is static (field 7), or not`.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use rerun::log::Chunk;
 
-use super::frames::{self, HEADER_BYTES, Place, SplitError};
+use super::frames::{self, Frames, HEADER_BYTES, Place, SplitError, UNSYNCED_BYTES};
 use super::message::stated;
 use super::properties::Properties;
 use super::read_message::{MessageReader, corrupt};
@@ -83,7 +83,7 @@ impl Index {
         let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
         let meta = file.metadata().map_err(RecordingError::io(path, "open"))?;
         let bytes = meta.len();
-        let frames = frames::split(&mut file, bytes).map_err(|e| match e {
+        let mut frames = frames::split(&mut file, bytes).map_err(|e| match e {
             SplitError::Damaged(offset, text) => corrupt(path, offset, text),
             SplitError::Io(e) => RecordingError::io(path, "read")(e),
         })?;
@@ -106,6 +106,11 @@ impl Index {
             views: Vec::new(),
         };
         let mut reader = MessageReader::open(path, frames.header, budget)?;
+        if !frames.complete {
+            frames
+                .messages
+                .truncate(reached_disk(&mut reader, &frames, bytes)?);
+        }
         for (place, identity) in frames.messages.iter().zip(&frames.identities) {
             let stated = identity.and_then(|(time, inc)| stated(time, inc));
             if let Some((kind, last, number)) = stated {
@@ -206,6 +211,24 @@ impl Index {
         let s = &self.segments[segment];
         MessageReader::open(&s.path, s.header, s.budget)
     }
+}
+
+/// How many messages of a file that was not ended reached the disk: after a power cut its last pages may be empty.
+fn reached_disk(
+    reader: &mut MessageReader<'_>,
+    frames: &Frames,
+    bytes: u64,
+) -> Result<usize, RecordingError> {
+    let unsynced = bytes.saturating_sub(UNSYNCED_BYTES);
+    let from = frames.messages.partition_point(|p| p.end() <= unsynced);
+    for (n, place) in frames.messages.iter().enumerate().skip(from) {
+        match reader.table(*place) {
+            Ok(_) => {}
+            Err(RecordingError::Corrupt { .. }) => return Ok(n),
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(frames.messages.len())
 }
 
 /// Reads tables of an index, and keeps the segment open that it read last.

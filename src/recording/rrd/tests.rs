@@ -8,7 +8,7 @@ use super::rolling::SegmentLimits;
 use super::*;
 use crate::recording::{
     ArmDrawing, Inspector, ReadRecording, RecordingError, RecordingMeta, Selection, SessionLog,
-    Window, segment_path,
+    Window, each_snapshot, segment_path,
 };
 use crate::signal::*;
 
@@ -332,6 +332,51 @@ fn truncation_gives_a_prefix() {
     std::fs::remove_file(path).unwrap();
 }
 
+/// After a power cut the file has some length that it had, and any of the pages that were not brought onto the disk are empty.
+/// Everything that was brought there is read.
+#[test]
+fn a_power_cut_takes_only_what_was_not_brought_onto_the_disk() {
+    const PAGE: usize = 4096;
+    let path = temp("power");
+    let written = snapshots(900);
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    let mut synced = Vec::new();
+    for (n, s) in written.iter().enumerate() {
+        w.push(s).unwrap();
+        if n % 200 == 199 {
+            w.sync().unwrap();
+            synced.push((w.summary().bytes as usize, w.summary().rows as usize));
+        }
+    }
+    w.flush().unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    w.finish().unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(8);
+    let mut cut = 0;
+    for (from, rows) in synced {
+        for n in 0..40 {
+            let end = match n {
+                0 => bytes.len(),
+                _ => rng.random_range(from..=bytes.len()),
+            };
+            let mut left = bytes[..end].to_vec();
+            for page in (from.next_multiple_of(PAGE)..end).step_by(PAGE) {
+                if n == 0 || rng.random_range(0..2) == 0 {
+                    left[page..end.min(page + PAGE)].fill(0);
+                }
+            }
+            std::fs::write(&path, &left).unwrap();
+            let read = read_rrd(&path).unwrap_or_else(|e| panic!("{from} of {end}: {e}"));
+            let recovered = &read.trace.snapshots;
+            assert!(!read.complete && recovered.len() >= rows, "{from} of {end}");
+            assert_same(recovered, &written);
+            cut += usize::from(recovered.len() < written.len());
+        }
+    }
+    assert!(cut > 100, "{cut}");
+    std::fs::remove_file(path).unwrap();
+}
+
 #[test]
 fn damage_names_a_place_or_changes_numbers_only() {
     let path = temp("flip");
@@ -569,6 +614,36 @@ fn windows_give_the_rows_of_the_whole() {
         let min = |c: &crate::recording::Channel| c.values.map(|v| (v.min, v.max));
         assert_eq!(min(found), min(expected), "{}", found.name);
     }
+    std::fs::remove_file(path).unwrap();
+}
+
+/// A recording of two windows, or a part of it, comes snapshot by snapshot; not where there is no memory for what is kept.
+#[test]
+fn each_snapshot_of_several_windows_comes_once() {
+    let path = temp("each");
+    let mut w = RecordingWriter::create(&path, meta()).unwrap();
+    for n in 0..1100 {
+        w.push(&Snapshot {
+            stamp: Stamp(n * 1_000_000_000),
+            ..Snapshot::default()
+        })
+        .unwrap();
+    }
+    w.finish().unwrap();
+    let seen = |path: &std::path::Path, kept_bytes| {
+        let mut seen = Vec::new();
+        let each = &mut |s: &Snapshot| seen.push(s.stamp);
+        each_snapshot(path, kept_bytes, each).map(|meta| (seen, meta.name))
+    };
+    let (all, name) = seen(&path, 8).unwrap();
+    assert_eq!(name, meta().name);
+    let at =
+        |range: std::ops::Range<i64>| range.map(|n| Stamp(n * 1_000_000_000)).collect::<Vec<_>>();
+    assert!(all == at(0..1100), "{}", all.len());
+    let part = PathBuf::from(format!("{}@998..1002", path.display()));
+    assert_eq!(seen(&part, 8).unwrap().0, at(998..1003));
+    let none = seen(&path, 1 << 50).unwrap_err();
+    assert!(matches!(none, RecordingError::TooLarge { .. }), "{none}");
     std::fs::remove_file(path).unwrap();
 }
 

@@ -64,23 +64,28 @@ impl Take {
         frames: impl IntoIterator<Item = &'a RawFrame>,
         tip: Vec<(f64, Pose)>,
     ) -> Self {
-        let samples = frames.into_iter().map(|raw| {
-            let fresh = |board: usize| raw.board_age_s[board] < AGE_MAX_S;
-            Sample {
-                t_s: raw.stamp.seconds(),
-                length_m: std::array::from_fn(|i| {
-                    let length_m = calibration.length_m(raw, i);
-                    length_m.filter(|_| fresh(board_of_spring(i)))
-                }),
-                imu: std::array::from_fn(|i| {
-                    let there = raw.has_imu(i) && fresh(i / 2) && credible(&raw.imu[i]);
-                    there.then(|| calibration.imu_zero(i).remove(&raw.imu[i]))
-                }),
-            }
-        });
+        let samples = frames.into_iter().map(|raw| Sample::of(calibration, raw));
         Self {
             samples: samples.collect(),
             tip,
+        }
+    }
+}
+
+impl Sample {
+    /// Reads a raw frame by a calibration.
+    pub fn of(calibration: &Calibration, raw: &RawFrame) -> Self {
+        let fresh = |board: usize| raw.board_age_s[board] < AGE_MAX_S;
+        Self {
+            t_s: raw.stamp.seconds(),
+            length_m: std::array::from_fn(|i| {
+                let length_m = calibration.length_m(raw, i);
+                length_m.filter(|_| fresh(board_of_spring(i)))
+            }),
+            imu: std::array::from_fn(|i| {
+                let there = raw.has_imu(i) && fresh(i / 2) && credible(&raw.imu[i]);
+                there.then(|| calibration.imu_zero(i).remove(&raw.imu[i]))
+            }),
         }
     }
 }

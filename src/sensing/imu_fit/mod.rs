@@ -33,7 +33,7 @@ use model::{
 };
 
 pub use windows::{
-    REST_S, RestError, RestZero, SpringPad, WINDOW_S, Window, Windows, first_rest, rest,
+    FRAMES, REST_S, RestError, RestZero, SpringPad, WINDOW_S, Window, Windows, first_rest, rest,
 };
 
 #[cfg(test)]

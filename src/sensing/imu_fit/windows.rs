@@ -9,7 +9,7 @@ use crate::sensing::{Calibration, imu};
 use crate::signal::{IMUS, ImuRaw, Pose, RawFrame, SPRINGS, Stamp, board_of_spring};
 
 /// Frames of a window.
-const FRAMES: usize = 10;
+pub const FRAMES: usize = 10;
 /// Length of a window, s.
 pub const WINDOW_S: f64 = FRAMES as f64 / imu::RATE_HZ;
 /// A pause within a window that discards it, s.

@@ -25,7 +25,9 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Actuation,
         target: Target::Chamber,
-        parameters: &[p("delay", "s", 0.0, 0.0, 2.0).of_departure(0.1).absolute(1e-2)],
+        parameters: &[p("delay", "s", 0.0, 0.0, 2.0)
+            .of_departure(0.1)
+            .absolute(1e-2)],
         residuals: &[R1],
         operator: Operator::Pressure(op::pressure_delay),
         behind_gauge: None,
@@ -43,8 +45,12 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Actuation,
         target: Target::Chamber,
         parameters: &[
-            p("inflate", "Pa/s", 1e6, 500.0, 1e6).of_departure(0.1).scale(900.0),
-            p("deflate", "Pa/s", 1e6, 500.0, 1e6).of_departure(0.1).scale(900.0),
+            p("inflate", "Pa/s", 1e6, 500.0, 1e6)
+                .of_departure(0.1)
+                .scale(900.0),
+            p("deflate", "Pa/s", 1e6, 500.0, 1e6)
+                .of_departure(0.1)
+                .scale(900.0),
         ],
         residuals: &[R1],
         operator: Operator::Pressure(op::flow_limit),
@@ -318,11 +324,24 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("height", "m", -0.7, -0.7, 0.2).scale(0.4).of_departure(0.0).absolute(3e-3),
-            p("rate", "N/m", 1000.0, 50.0, 5000.0).scale(90.0).of_value(0.25),
-            p("friction", "", 0.0, 0.0, 1.0).scale(0.06).of_departure(0.1),
-            p("x", "rad", 0.0, -1.75, 1.75).scale(0.2).absolute(0.03).optional(),
-            p("y", "rad", 0.0, -1.75, 1.75).scale(0.2).absolute(0.03).optional(),
+            p("height", "m", -0.7, -0.7, 0.2)
+                .scale(0.4)
+                .of_departure(0.0)
+                .absolute(3e-3),
+            p("rate", "N/m", 1000.0, 50.0, 5000.0)
+                .scale(90.0)
+                .of_value(0.25),
+            p("friction", "", 0.0, 0.0, 1.0)
+                .scale(0.06)
+                .of_departure(0.1),
+            p("x", "rad", 0.0, -1.75, 1.75)
+                .scale(0.2)
+                .absolute(0.03)
+                .optional(),
+            p("y", "rad", 0.0, -1.75, 1.75)
+                .scale(0.2)
+                .absolute(0.03)
+                .optional(),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::contact),
@@ -483,7 +502,9 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::FrameAndTime,
         target: Target::None,
-        parameters: &[p("skew", "", 0.0, -0.02, 0.02).of_departure(0.1).shown(1e3, "‰")],
+        parameters: &[p("skew", "", 0.0, -0.02, 0.02)
+            .of_departure(0.1)
+            .shown(1e3, "‰")],
         residuals: &[R2, R3, R4],
         operator: Operator::Capture(op::clock_skew),
         behind_gauge: None,
@@ -556,15 +577,24 @@ fn half_spaces(scene: &Scene, _: Option<usize>) -> Vec<Start> {
     let mut cut = |turn: [f64; 2], shares: &[f64]| {
         let turned = Vector3::new(turn[0], turn[1], 0.0);
         let normal = Rotation3::new(turned) * Vector3::z();
-        let mut along_m: Vec<f64> = scene.tip_m.iter().map(|p| normal.dot(&Vector3::from(*p))).collect();
+        let mut along_m: Vec<f64> = scene
+            .tip_m
+            .iter()
+            .map(|p| normal.dot(&Vector3::from(*p)))
+            .collect();
         along_m.sort_by(f64::total_cmp);
-        let heights_m = shares.iter().filter_map(|q| along_m.get((q * along_m.len() as f64) as usize));
+        let heights_m = shares
+            .iter()
+            .filter_map(|q| along_m.get((q * along_m.len() as f64) as usize));
         out.extend(heights_m.map(|h| Start::new(&[*h, 300.0, 0.2, turn[0], turn[1]], &[0])));
     };
     cut([0.0; 2], FLOORS);
     for k in 0..HEADINGS {
         let heading = std::f64::consts::TAU * f64::from(k) / f64::from(HEADINGS);
-        cut([heading.cos(), heading.sin()].map(|x| x * std::f64::consts::FRAC_PI_2), WALLS);
+        cut(
+            [heading.cos(), heading.sin()].map(|x| x * std::f64::consts::FRAC_PI_2),
+            WALLS,
+        );
     }
     out
 }

@@ -338,7 +338,10 @@ fn a_half_space_may_lie_on_any_side() {
     let (model, given) = (model(), trajectory());
     let x_m = |effects: &[Active]| -> Vec<f64> {
         let run = simulate(&model, &given, 0.0, effects).expect("the arm settles");
-        let tips = run.base_from_pad.iter().map(|pads| pads[2].translation.vector.x);
+        let tips = run
+            .base_from_pad
+            .iter()
+            .map(|pads| pads[2].translation.vector.x);
         tips.collect()
     };
     let free = x_m(&[]);

@@ -161,12 +161,8 @@ pub(super) fn add_effects(
                     .hypot(NORMAL_95 * p.form_sd(*v));
                 let held = e.fit.on_bound[at];
                 at += 1;
-                let ci95 = (!held).then(|| {
-                    [
-                        (v - reach).max(p.bounds[0]),
-                        (v + reach).min(p.bounds[1]),
-                    ]
-                });
+                let ci95 =
+                    (!held).then(|| [(v - reach).max(p.bounds[0]), (v + reach).min(p.bounds[1])]);
                 let value = PatchValue {
                     value: *v,
                     unit: p.unit.to_owned(),

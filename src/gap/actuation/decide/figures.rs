@@ -3,7 +3,7 @@
 use crate::gap::actuation::healthy::LineBaseline;
 use crate::gap::actuation::line::{LineRow, PressureGrid, line_rmse_pa};
 use crate::gap::describe::T_95;
-use crate::gap::finding::{ChannelError, closed, GapSize, Located, Traces};
+use crate::gap::finding::{ChannelError, GapSize, Located, Traces, closed};
 use crate::gap::problem::BLOCKS;
 use crate::signal::CHAMBERS;
 

@@ -107,8 +107,8 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
     if let Some(path) = &about.path {
         note(ui, path.display().to_string());
     }
-    if let Some(apart_s) = about.apart_s {
-        status(ui, Level::Normal, &thinned_sentence(apart_s));
+    if let Some(text) = thinned_sentence(player, library.reads_near()) {
+        status(ui, Level::Normal, &text);
     }
     if let Some(at) = about.cut_at {
         status(ui, Level::Warning, &cut_sentence(player, at.seconds()));
@@ -154,12 +154,25 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
     }
 }
 
-/// What of a long recording is shown.
-pub fn thinned_sentence(apart_s: f64) -> String {
-    format!(
-        "Long recording: a sample every {} s is shown. For all samples cut a part out: springtwin cut.",
-        number(apart_s, 1)
-    )
+/// What of a long recording is shown; nothing of one that is shown whole.
+pub fn thinned_sentence(player: &Player, reads_near: bool) -> Option<String> {
+    let apart = number(player.about.apart_s?, 1);
+    let at = |t_s: f64| minutes((t_s - player.start_s()).clamp(0.0, player.duration_s()));
+    let near = player.near().filter(|n| n.history(n.range_s).is_some());
+    Some(match near.map(|n| n.range_s.map(at)) {
+        _ if reads_near => format!(
+            "Long recording: reading all samples around the position. Elsewhere one every {apart} s."
+        ),
+        Some([from, to]) => {
+            format!(
+                "Long recording: all samples from {from} to {to}, elsewhere one every {apart} s."
+            )
+        }
+        None => format!(
+            "Long recording: a sample every {apart} s. All samples around the position are shown when it rests and the plots \
+             show a minute or less."
+        ),
+    })
 }
 
 /// Where a recording that was cut off ends.

@@ -6,7 +6,7 @@ mod library;
 mod pair;
 mod shown;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use egui::{Button, RichText, Ui, vec2};
 
@@ -15,6 +15,7 @@ use super::widgets::{gated, minutes, pane};
 use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
+use crate::gui::panels::plot::TimeWindow;
 use crate::gui::services::{Dialog, DialogKind, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
@@ -64,6 +65,10 @@ pub struct Library {
     scanned: bool,
     scanning: Pending<Vec<RecordingEntry>>,
     loading: Vec<Pending<Player, Loading>>,
+    /// A part of the recording that is played, at its full rate: of which file, from when to when, s.
+    near: Pending<Player, (PathBuf, [f64; 2])>,
+    /// Where the position was when it was last looked at, and whether more shall be read once it rests there, s.
+    looked_at_s: (f64, bool),
     opening: Pending<()>,
     naming: Pending<PathBuf>,
     open: PathField,
@@ -91,10 +96,57 @@ impl Library {
         all.any(|l| l.context().is_some_and(|l| l.side == side))
     }
 
+    /// Whether a part of the recording that is played is being read at its full rate.
+    fn reads_near(&self) -> bool {
+        self.near.is_busy()
+    }
+
+    /// Reads the full rate around a position that rests, where a long recording is shown with samples that are farther
+    /// apart.
+    fn look_closer(
+        &mut self,
+        player: &mut Option<Player>,
+        window: &TimeWindow,
+        services: &mut Services,
+    ) {
+        let Some(player) = player else {
+            self.near.cancel();
+            self.looked_at_s.1 = false;
+            return;
+        };
+        let is_of = |path: &Path| player.about.path.as_deref() == Some(path);
+        if let Some(((path, range_s), part)) = self.near.take_for()
+            && is_of(&path)
+        {
+            if let Err(cause) = &part {
+                log::info!("{}: {cause}", path.display());
+            }
+            player.set_near(range_s, part.ok());
+        }
+        let now_s = player.now_s();
+        let shown_s = window.range_s(now_s);
+        let wanted = player.wants_near(shown_s);
+        let rests = self.looked_at_s.0 == now_s;
+        self.looked_at_s = (now_s, wanted.is_some() && !rests);
+        let Some((path, range_s)) = wanted.filter(|_| rests) else {
+            return;
+        };
+        let is_read = self.near.context().is_some_and(|(of, [from_s, to_s])| {
+            of == path && *from_s <= shown_s[0] && shown_s[1] <= *to_s
+        });
+        if !is_read {
+            let part = format!("{}@{}..{}", path.display(), range_s[0], range_s[1]);
+            let of = (path.to_owned(), range_s);
+            self.near.begin_for(of, (services.load)(Path::new(&part)));
+        }
+    }
+
     /// Whether something is awaited.
     pub fn busy(&self) -> bool {
         self.scanning.is_busy()
             || !self.loading.is_empty()
+            || self.near.is_busy()
+            || self.looked_at_s.1
             || self.opening.is_busy()
             || self.naming.is_busy()
             || self.open.is_busy()
@@ -159,9 +211,11 @@ impl Library {
     pub fn poll(
         &mut self,
         player: &mut Option<Player>,
+        window: &TimeWindow,
         services: &mut Services,
         commands: &mut Vec<Command>,
     ) -> Option<String> {
+        self.look_closer(player, window, services);
         self.pair.poll();
         self.viewer.poll(commands);
         let mut refused = None;

@@ -96,8 +96,8 @@ fn title(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
             });
         });
     });
-    if let Some(apart_s) = p.about.apart_s {
-        status(ui, Level::Normal, &thinned_sentence(apart_s));
+    if let Some(text) = thinned_sentence(p, library.reads_near()) {
+        status(ui, Level::Normal, &text);
     }
     if let Some(at) = p.about.cut_at {
         status(ui, Level::Warning, &cut_sentence(p, at.seconds()));
@@ -327,6 +327,7 @@ fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player
     let view = View {
         snapshot: p.snapshot(),
         history: p.history(),
+        near: p.near().map(|n| &**n),
         now_s: p.start_s() + duration,
         replay: Some(&p.trace().name),
         spec: input.live.spec,
@@ -397,6 +398,7 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
     let view = View {
         snapshot: p.snapshot(),
         history: &nothing,
+        near: None,
         now_s: start_s + to,
         replay: Some(&p.trace().name),
         spec: input.live.spec,

@@ -235,7 +235,7 @@ fn cursors(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut Time
         .auto_shrink(false)
         .show(ui, |ui| {
             for (channel, name) in springs.chain(imus) {
-                let at = |t| view.history.value_at(channel, t);
+                let at = |t| view.signals([t, t]).value_at(channel, t);
                 let [va, vb] = [at(a), at(b)];
                 let d = va.zip(vb).map(|(x, y)| y - x);
                 let texts = [va, vb, d].map(|v| v.map_or("—".into(), |v| number(v, 2)));

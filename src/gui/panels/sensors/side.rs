@@ -141,7 +141,8 @@ fn parts(view: &View<'_>, board: usize) -> usize {
     (board * own..(board + 1) * own)
         .map(|i| {
             let from = view.now_s - COUNTED_S;
-            let all = view.history.points(Channel::SpringRaw(i), from, view.now_s);
+            let signals = view.signals([from, view.now_s]);
+            let all = signals.points(Channel::SpringRaw(i), from, view.now_s);
             all.count()
         })
         .max()
