@@ -42,8 +42,8 @@ pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     ArmingCheck, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode,
-    PAIR_S, Reach, ReachState, RoutineStatus, SETTLING_FRAMES, Snapshot, StreamState, StreamStatus,
-    Trace, TruthSource,
+    PAIR_S, Reach, ReachState, RollingStatus, RoutineStatus, SETTLING_FRAMES, Snapshot,
+    StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use syntax::toml_error;
 pub use time::Stamp;

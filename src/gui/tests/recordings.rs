@@ -1,6 +1,8 @@
 //! The Recordings screen: A and B, events, contents, what is missing or cut off, loading.
 
 mod made;
+mod notes;
+mod rolling;
 
 use std::path::Path;
 
@@ -43,6 +45,7 @@ fn entry(name: &str, note: Option<&str>) -> RecordingEntry {
         simulated: Some(true),
         note: note.map(str::to_owned),
         sample: false,
+        noted: Vec::new(),
     }
 }
 
@@ -93,6 +96,7 @@ fn about() -> About {
     };
     About {
         path: Some("recordings/first.rrd".into()),
+        note: String::new(),
         apart_s: None,
         begun: Some("2026-11-23T14:05:12+01:00".into()),
         events: vec![
