@@ -67,7 +67,9 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
         rolling: Box::new(move |limit_bytes| {
             let rolling = for_rolling.1.clone();
             later(&for_rolling.0, "rolling recording", move |_| {
-                let rolling = rolling.ok_or("This user has no data folder.")?;
+                let Some(rolling) = rolling else {
+                    return Ok(RollingUse::default());
+                };
                 if let Some(limit_bytes) = limit_bytes {
                     rolling.set_limit(limit_bytes).map_err(|e| e.to_string())?;
                 }
