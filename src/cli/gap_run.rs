@@ -15,7 +15,7 @@ use springtwin::gap::{
 use springtwin::lab::actuation;
 use springtwin::lab::gap_files::{excitations, read_session, write_all};
 use springtwin::robot::RobotSpec;
-use springtwin::sim::effects;
+use springtwin::sim::effects::{self, Effect};
 
 #[derive(clap::Args)]
 pub struct RunArgs {
@@ -61,6 +61,18 @@ pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     }
 }
 
+/// The table of effects without those that are to be left out.
+fn table(a: &RunArgs) -> Result<Vec<&'static Effect>> {
+    for id in &a.without {
+        if effects::effect(id).is_none() {
+            anyhow::bail!("there is no effect '{id}' to leave out: see springtwin gap effects");
+        }
+    }
+    let mut table = effects::table();
+    table.retain(|e| !a.without.iter().any(|id| id == e.id));
+    Ok(table)
+}
+
 /// Logs the progress of the finder.
 struct Logged;
 
@@ -77,20 +89,21 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         reason = "wall time of the run, for the report"
     )]
     let start = Instant::now();
-    for id in &a.without {
-        if effects::effect(id).is_none() {
-            anyhow::bail!("there is no effect '{id}' to leave out: see springtwin gap effects");
-        }
-    }
     let healthy = a.baseline.as_deref().map(read_session).transpose()?;
     let healthy = healthy.map(Grid::new).transpose()?;
     let suspect = Grid::new(read_session(&a.session)?)?;
     let options = Options {
-        without: a.without.clone(),
         seed: a.seed,
         excitations: excitations(robot),
     };
-    let mut found = gap::find(robot, healthy.as_ref(), &suspect, &options, &Logged)?;
+    let mut found = gap::find(
+        robot,
+        &table(a)?,
+        healthy.as_ref(),
+        &suspect,
+        &options,
+        &Logged,
+    )?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     if let Some(dir) = &a.out {
         write_all(dir, &found, &found.patch, a.simulated)?;
@@ -176,10 +189,10 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
         .collect::<Result<_>>()?;
     let mut found = gap::actuation_only(
         robot,
+        &table(a)?,
         healthy.as_ref(),
         &suspect,
         &others,
-        &a.without,
         &gap::Unwatched,
     )?;
     found.finding.seconds = begun.elapsed().as_secs_f64();

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::candidates::Candidate;
-use super::explain::{Explained, form_sd, weak_prior};
+use super::explain::{Explained, weak_prior};
 use super::finding::{FoundEffect, Ranked, SeparateBy};
 use super::misfit::Misfit;
 use super::patch::PatchValue;
@@ -39,7 +39,7 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
             let sd = variance
                 .max(spread[i])
                 .sqrt()
-                .hypot(form_sd(c.effect, p, *v));
+                .hypot(p.form_sd(*v));
             let ci95 = (free.contains(&i) && sd.is_finite()).then(|| {
                 [
                     (v - 2.2 * sd).max(p.bounds[0]),
@@ -65,7 +65,8 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
     out
 }
 
-fn side(s: Side) -> &'static str {
+/// Name of a side in files.
+pub fn side(s: Side) -> &'static str {
     match s {
         Side::Actuation => "actuation",
         Side::Mechanics => "mechanics",

@@ -2,12 +2,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::candidates::{Candidate, Start, candidates};
+use super::candidates::{Candidate, Start, Table, candidates};
 use super::fit::{Fit, fit};
 use super::problem::{Losses, Problem};
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage, parallel};
-use crate::sim::effects::{Effect, Parameter, Residual, Side};
+use crate::sim::effects::{Residual, Scene};
 
 /// One way to start a candidate, as columns −∂r/∂α at the effects found so far.
 pub struct Column {
@@ -48,20 +48,19 @@ const SAME_EFFECT: usize = 3;
 const STEPS: usize = 8;
 
 /// Candidates that are observable in this session: their effect shows in a measured channel.
-pub fn admitted(grid: &Grid, keep: impl Fn(&Effect) -> bool) -> Vec<Candidate> {
+pub fn admitted(table: Table<'_>, grid: &Grid) -> Vec<Candidate> {
     let present = &grid.present;
     let tip = present[..6].iter().any(|p| *p);
     let springs = present[SPRING_0..IMU_0].iter().any(|p| *p);
     let imus = present[IMU_0..CHANNELS].iter().any(|p| *p);
-    candidates(|e| {
-        keep(e)
-            && e.residuals.iter().any(|r| match r {
-                Residual::R1 => false,
-                Residual::R2 => tip || springs || imus,
-                Residual::R3 => springs,
-                Residual::R4 => imus,
-                Residual::R5 => springs && imus,
-            })
+    candidates(table, |e| {
+        e.residuals.iter().any(|r| match r {
+            Residual::R1 => false,
+            Residual::R2 => tip || springs || imus,
+            Residual::R3 => springs,
+            Residual::R4 => imus,
+            Residual::R5 => springs && imus,
+        })
     })
     .into_iter()
     .filter(|c| match (c.effect.target, c.target) {
@@ -76,7 +75,7 @@ pub fn admitted(grid: &Grid, keep: impl Fn(&Effect) -> bool) -> Vec<Candidate> {
 pub fn columns(
     problem: &Problem,
     all: &[Candidate],
-    places: &dyn Fn(&Candidate) -> Vec<Start>,
+    scene: &Scene,
     so_far: &[(Candidate, Vec<f64>)],
 ) -> Result<Vec<Column>, GapError> {
     let base: Vec<_> = so_far.iter().map(|(c, v)| c.with(v)).collect();
@@ -84,7 +83,7 @@ pub fn columns(
     let jobs: Vec<(usize, Start)> = all
         .iter()
         .enumerate()
-        .flat_map(|(i, c)| places(c).into_iter().map(move |s| (i, s)))
+        .flat_map(|(i, c)| c.starts(scene).into_iter().map(move |s| (i, s)))
         .collect();
     let done = parallel(&jobs, |(i, start)| {
         let candidate = all[*i];
@@ -98,9 +97,6 @@ pub fn columns(
                 values[other] = nominal[other];
             }
             values[moved] = start.at[moved];
-            if candidate.effect.id == "flow-limit" {
-                values.clone_from(&start.at);
-            }
             let mut effects = base.clone();
             effects.push(candidate.with(&values));
             let r = problem.residual(&effects).ok()?;
@@ -255,10 +251,7 @@ pub fn explain(
                 v.clamp(p.bounds[0], p.bounds[1])
             };
         }
-        if matches!(
-            candidate.effect.id,
-            "contact" | "spring-stuck" | "flow-limit"
-        ) {
+        if !candidate.effect.gradual {
             values.clone_from(&column.start.at);
         }
         chosen.push((candidate, values));
@@ -316,32 +309,6 @@ pub fn explain(
     }
     out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     Ok(out)
-}
-
-/// How far a well-fitted value may be off because the law is an idealisation (standard deviation):
-/// the same quantity in another law of the same physics comes out different. For sensors, frames and
-/// clocks the law is nearly a definition. A moment belongs to no law.
-pub fn form_sd(effect: &Effect, parameter: &Parameter, value: f64) -> f64 {
-    let departure = (value - parameter.nominal).abs().min(value.abs());
-    match (effect.id, parameter.name) {
-        ("spring-stuck", _) => 0.0,
-        // A floor gives before it carries.
-        ("contact", "height") => 3e-3,
-        // Set points are held for a period, which may or may not count as delay.
-        ("pressure-delay", _) => 1e-2 + 0.1 * departure,
-        // Where a law has a scale of its own besides its size: one exponential for a spectrum, one
-        // travel for a rounded loop.
-        ("creep" | "supply-coupling", "time") | ("hysteresis", "travel") | ("contact", "rate") => {
-            0.25 * value.abs()
-        }
-        ("supply-coupling" | "damping", _) => 0.2 * departure,
-        // No drift is even: its rate over one stretch is not that over the next.
-        ("imu-drift" | "spring-drift", _) => 0.2 * departure,
-        ("spring-lag" | "clock-skew", _) => 0.1 * departure,
-        ("gauge-error", _) => 0.03 * departure,
-        _ if matches!(effect.side, Side::Actuation | Side::Mechanics) => 0.1 * departure,
-        _ => 0.03 * departure,
-    }
 }
 
 /// Precision of a very wide prior on each parameter.

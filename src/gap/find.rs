@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 use rand::SeedableRng as _;
 
-use super::candidates::{Candidate, starts_in};
+use super::candidates::{Table, scene};
 use super::commission::{Baseline, commission, factory};
 use super::describe::{described, notes, range_pa, separate, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
@@ -18,16 +18,14 @@ use super::problem::Replayed;
 use super::prove::{prove, withheld};
 use super::select::{Selected, rivals_of, select};
 use super::session::{Grid, same_robot};
-use super::sides::{add_supply, may_misread, supply};
+use super::sides::{add_supply, is_open, supply};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
-use crate::sim::effects::{Side, Trajectory};
+use crate::sim::effects::{Law, Trajectory};
 
 /// Options of the finder.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Effects (ids) to leave out of the table.
-    pub without: Vec<String>,
     /// Seed of the resampled sessions behind the significance threshold.
     pub seed: u64,
     /// Excitations that could discriminate between alternatives, by name: times (s) and pressures (Pa).
@@ -54,13 +52,14 @@ const EXCITED_PA: f64 = 8e3;
 
 /// Finds what is missing in the model of a rig.
 ///
-/// `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
+/// Looked for are the effects of `table`. `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
 /// verdict is weaker, as the notes state.
 ///
 /// # Errors
 /// [`GapError`] when a session cannot be judged, or the model cannot follow it.
 pub fn find(
     robot: &RobotSpec,
+    table: Table<'_>,
     healthy: Option<&Grid>,
     suspect: &Grid,
     options: &Options,
@@ -93,11 +92,11 @@ pub fn find(
     }
     progress.at(Stage::Locate, 0.0)?;
     let located = super::locate::locate(&replayed)?;
-    let supply = supply(robot, healthy, suspect, &options.without, progress)?;
-    let mut all = admitted(suspect, |e| !options.without.iter().any(|id| id == e.id));
-    all.retain(|c| c.effect.id != "gauge-error" || may_misread(supply.as_ref(), c));
+    let supply = supply(robot, healthy, suspect, table, progress)?;
+    let mut all = admitted(table, suspect);
+    all.retain(|c| is_open(supply.as_ref(), c));
     progress.at(Stage::Explain, 0.0)?;
-    let ready = columns(&problem, &all, &|c| starts_in(c, suspect), &[])?;
+    let ready = columns(&problem, &all, &scene(suspect), &[])?;
     progress.at(Stage::Decide, 0.0)?;
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
     // Without a healthy session only the assumed noise separates noise from effects.
@@ -152,7 +151,7 @@ pub fn find(
                 after.change,
                 before.closed(&after, floor)
             );
-            judge(best, rivals, [&before, &after], floor, &all, &located)
+            judge(best, rivals, [&before, &after], floor, &located)
         }
         None => unexplained(suspect, &before, floor),
     };
@@ -256,22 +255,11 @@ fn judge(
     rivals: Vec<Explained>,
     [before, after]: [&Misfit; 2],
     floor: f64,
-    all: &[Candidate],
     located: &[Located],
 ) -> Judged {
     let closed = before.closed(after, floor);
-    let exact = |c: &Candidate| {
-        c.effect.side == Side::Sensing
-            || [
-                "mocap-frame",
-                "payload",
-                "com-offset",
-                "base-tilt",
-                "tip-force",
-            ]
-            .contains(&c.effect.id)
-    };
-    let least = match best.fit.effects.iter().all(|(c, _)| exact(c)) {
+    let mut effects = best.fit.effects.iter();
+    let least = match effects.all(|(c, _)| c.effect.law == Law::Definition) {
         true => CLOSED_MIN_EXACT,
         false => CLOSED_MIN,
     };
@@ -306,9 +294,6 @@ fn judge(
     if !rivals.is_empty() {
         return judged(Verdict::Indistinguishable, rivals, Vec::new());
     }
-    if let Some(note) = gravity(best, all) {
-        return judged(Verdict::Unknown, rivals, vec![note]);
-    }
     let bound =
         best.fit.on_bound.iter().any(|b| *b).then(|| {
             "A parameter rests on its bound: the true value may lie beyond it.".to_owned()
@@ -338,38 +323,6 @@ fn unexplained(suspect: &Grid, before: &Misfit, floor: f64) -> Judged {
         rivals: Vec::new(),
         notes: note.into_iter().collect(),
     }
-}
-
-/// A force within this of straight down is a weight, of level a leaning base, rad: a cable would not
-/// hardly pull so.
-const ALONG_RAD: f64 = 0.1;
-
-/// A single tip force in the direction of gravity, while the effect that gravity would cause so is not
-/// in the table.
-fn gravity(e: &Explained, all: &[Candidate]) -> Option<String> {
-    let [(c, values)] = e.fit.effects.as_slice() else {
-        return None;
-    };
-    if c.effect.id != "tip-force" {
-        return None;
-    }
-    let absent = |id: &str| !all.iter().any(|c| c.effect.id == id);
-    let (aside, up) = (values[0].hypot(values[1]), values[2]);
-    let (way, what) = if up < 0.0 && aside < ALONG_RAD * -up && absent("payload") {
-        ("straight down", "a weight does, and no weight")
-    } else if up.abs() < ALONG_RAD * aside && absent("base-tilt") {
-        (
-            "level",
-            "gravity does to a base that leans, and no such base",
-        )
-    } else {
-        return None;
-    };
-    Some(format!(
-        "Unmodelled term in r2, correlated with the direction of gravity: the fitted force of {:.2} N is \
-         {way}, which is what {what} is in the table.",
-        aside.hypot(up)
-    ))
 }
 
 fn verdict_id(v: Verdict) -> &'static str {

@@ -76,6 +76,14 @@ pub struct GapSize {
     pub unit: String,
 }
 
+/// Share of a gap that is closed: (before − after)/(before − floor), 0 where there is none. Values below 0 mean worse.
+pub fn closed(before: f64, after: f64, floor: f64) -> f64 {
+    match before > floor {
+        true => (before - after) / (before - floor),
+        false => 0.0,
+    }
+}
+
 /// Error of one group of channels on held-out data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelError {

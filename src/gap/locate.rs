@@ -15,7 +15,7 @@ use super::problem::{BLOCKS, Replayed};
 use super::replay::{CalibrationParameter, Row, calibration_parameters, pad_from_body, readings};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
-use crate::sim::effects;
+use crate::sim::effects::{self, Operator};
 use crate::sim::patch::Correction;
 use crate::sim::sensors::spring_lengths;
 
@@ -81,7 +81,7 @@ fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
     let mut frame = moved.clone();
     let only: Vec<_> = readings(replayed.robot, &known)
         .into_iter()
-        .filter(|a| a.effect.id == "mocap-frame" || a.effect.id == "clock-offset")
+        .filter(|a| matches!(a.effect.operator, Operator::Capture(_)))
         .collect();
     effects::read(replayed.robot, &grid.t_s, &mut frame, &only);
     let body = pad_from_body(&known);

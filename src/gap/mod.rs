@@ -34,6 +34,7 @@ pub use actuation::{
     actuation_only, commission_supply, decide_supply, gauge_pressures, ideal_supply, line_rmse_pa,
     line_rows, prove_supply, supply_stages,
 };
+pub use candidates::Table;
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use find::{Found, Options, find};
 pub use finding::{

@@ -7,7 +7,7 @@ use nalgebra::DVector;
 use super::GapError;
 use super::commission::Baseline;
 use super::explain::{Explained, weak_prior};
-use super::finding::{ChannelError, FailedFold, GapSize, Traces};
+use super::finding::{ChannelError, FailedFold, GapSize, Traces, closed};
 use super::noise::{bridged, start};
 use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
 use super::replay::{Row, captured_poses, move_arm};
@@ -277,11 +277,7 @@ fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
         before: c.before,
         after: c.after,
         floor,
-        closed: if c.before > floor {
-            (c.before - c.after) / (c.before - floor)
-        } else {
-            0.0
-        },
+        closed: closed(c.before, c.after, floor),
         unit: c.unit.clone(),
     }
 }

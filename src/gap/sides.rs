@@ -4,7 +4,7 @@
 use super::actuation::{
     Lag, PressureGrid, PressureLog, commission_supply, decide_supply, supply_stages,
 };
-use super::candidates::Candidate;
+use super::candidates::{Candidate, Table};
 use super::finding::{Finding, FoundEffect, Verdict};
 use super::session::Grid;
 use super::{GapError, Progress};
@@ -15,7 +15,7 @@ pub fn supply(
     robot: &RobotSpec,
     healthy: Option<&Grid>,
     suspect: &Grid,
-    without: &[String],
+    table: Table<'_>,
     progress: &dyn Progress,
 ) -> Result<Option<Finding>, GapError> {
     let log = |g: &Grid| {
@@ -30,14 +30,15 @@ pub fn supply(
         return Ok(None);
     }
     let baseline = commission_supply(robot, &h)?;
-    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, without, progress)?;
+    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, table, progress)?;
     decide_supply(robot, &s, &baseline, Lag::BehindGauge, &stages).map(Some)
 }
 
-/// Whether a gauge can be wrong: the regulator follows its gauge, so the way from command to gauge
+/// Whether a candidate is open: the regulator follows its gauge, so that of a gauge that is wrong the way from command to gauge
 /// shows it, when that was logged and understood.
-pub fn may_misread(supply: Option<&Finding>, gauge: &Candidate) -> bool {
-    supply.is_none_or(|f| f.verdict == Verdict::Unknown) || named_by(supply, gauge)
+pub fn is_open(supply: Option<&Finding>, gauge: &Candidate) -> bool {
+    !gauge.effect.is_of_gauge()
+        || supply.is_none_or(|f| f.verdict == Verdict::Unknown) || named_by(supply, gauge)
 }
 
 /// Whether the way from command to gauge has already named it.

@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result};
 
 use crate::gap::{self, Patch, Session};
 use crate::lab::session::{Drive, Excitation};
-use crate::recording;
+use crate::recording::{self, SessionLog};
 use crate::robot::RobotSpec;
 use crate::sim::effects::Trajectory;
 
@@ -20,7 +20,12 @@ pub fn read_session(path: &Path) -> Result<Session> {
     for suspicion in recording::suspected_units(&log) {
         log::warn!("{}: {suspicion}", path.display());
     }
-    Ok(Session {
+    Ok(session_of(log))
+}
+
+/// A session log as the finder's input.
+pub fn session_of(log: SessionLog) -> Session {
+    Session {
         name: log.name,
         hash: log.hash,
         robot: log.robot,
@@ -31,7 +36,7 @@ pub fn read_session(path: &Path) -> Result<Session> {
         commanded_pa: log.commanded_pa,
         sensors: log.sensors,
         captured: log.truth,
-    })
+    }
 }
 
 /// Finding, report and overlay of a run and the patch that was chosen, in one folder.

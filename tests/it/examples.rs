@@ -7,6 +7,9 @@ use std::path::Path;
 mod closed_loop;
 #[path = "../../examples/fit_springs.rs"]
 mod fit_springs;
+#[path = "../../examples/new_effect.rs"]
+#[allow(dead_code, reason = "the test looks for the new effect alone")]
+mod new_effect;
 #[path = "../../examples/read_recording.rs"]
 #[allow(dead_code, reason = "its main reads the command line")]
 mod read_recording;
@@ -61,4 +64,18 @@ fn a_recording_tells_its_error() {
         n > 500 && (1e-5..2e-3).contains(&mean_m),
         "{mean_m} over {n}"
     );
+}
+
+/// An effect that is not in the program's table is named once it is in the one that is given.
+#[test]
+fn an_effect_that_is_added_to_the_table_is_found() {
+    let f = new_effect::found(&new_effect::extended()).expect("a finding");
+    assert_eq!(f.verdict, springtwin::gap::Verdict::Named, "{f:?}");
+    let [effect] = &f.effects[..] else {
+        panic!("{:?}", f.effects);
+    };
+    assert_eq!((effect.id.as_str(), effect.target), ("spring-dead-band", Some(4)));
+    let [low_m, high_m] = effect.params["play"].ci95.expect("an interval");
+    assert!(low_m < 4e-3 && 4e-3 < high_m, "{low_m} to {high_m}");
+    assert!(f.gap.closed > 0.5, "{:?}", f.gap);
 }

@@ -1,7 +1,7 @@
 //! The gap finder from sessions on disk to verdicts: two effects at once, alternatives that only
 //! another excitation distinguishes, and logs it must not believe.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
@@ -167,4 +167,31 @@ fn sessions_that_cannot_be_believed_are_refused_or_say_less() {
     );
     assert!(notes.contains("only the common ones count"), "{notes}");
     assert_eq!(names(&found), [("mocap-frame".to_owned(), None)], "{found}");
+}
+
+/// What the finder does with an effect is in the table: no id of one is matched anywhere in it.
+#[test]
+fn no_id_of_an_effect_occurs_in_the_finder() {
+    fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
+        for entry in std::fs::read_dir(folder).expect("the finder's sources") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                sources(&path, out);
+            } else if path.file_name().is_some_and(|n| n != "tests.rs") {
+                out.push(path);
+            }
+        }
+    }
+    let mut files = Vec::new();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/gap");
+    sources(&folder, &mut files);
+    assert!(files.len() > 20, "{files:?}");
+    for file in files {
+        let text = std::fs::read_to_string(&file).expect("UTF-8");
+        let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+        for effect in springtwin::sim::effects::EFFECTS {
+            let quoted = format!("\"{}\"", effect.id);
+            assert!(!code.contains(&quoted), "{quoted} in {}", file.display());
+        }
+    }
 }

@@ -103,13 +103,12 @@ fn asu_arm(name: &str) -> springtwin::gap::PressureGrid {
 
 /// What the finder says of a session of an engine that is not ours, with the table of effects or a part of it.
 fn find_in(name: &str, without: &[&str]) -> gap::Finding {
-    let options = gap::Options {
-        without: without.iter().map(|s| (*s).to_owned()).collect(),
-        ..gap::Options::default()
-    };
+    let options = gap::Options::default();
+    let mut table = springtwin::sim::effects::table();
+    table.retain(|e| !without.contains(&e.id));
     let robot = springtwin::robot::RobotSpec::reference();
     let (healthy, suspect) = (grid("commissioning"), grid(name));
-    let found = gap::find(&robot, Some(&healthy), &suspect, &options, &gap::Unwatched);
+    let found = gap::find(&robot, &table, Some(&healthy), &suspect, &options, &gap::Unwatched);
     let finding = found.expect("a finding").finding;
     println!("{name}: {finding:?}");
     finding
@@ -248,7 +247,7 @@ fn the_supply_of_a_real_arm_is_explained() {
     let robot = springtwin::robot::RobotSpec::reference();
     let others = [asu_arm("apr18-2.csv"), asu_arm("apr05-1.csv")];
     let run = asu_arm("apr18-1.csv");
-    let found = actuation_only(&robot, None, &run, &others, &[], &Unwatched).unwrap();
+    let found = actuation_only(&robot, &springtwin::sim::effects::table(), None, &run, &others, &Unwatched).unwrap();
     let psi = |pa: f64| pa / PSI_PA;
     let [repeat, other_day] = &found.proof[..] else {
         panic!("{:?}", found.proof);

@@ -27,6 +27,7 @@ use springtwin::lab::gap_files;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
+use springtwin::sim::effects;
 use store::Store;
 
 /// How often it is looked whether the generator is done.
@@ -246,7 +247,6 @@ fn find(
     let healthy = healthy.map(gap_files::read_session).transpose()?;
     let suspect = gap_files::read_session(suspect)?;
     let options = Options {
-        without: Vec::new(),
         seed: 1,
         excitations: gap_files::excitations(robot),
     };
@@ -255,7 +255,14 @@ fn find(
         let suspect = Grid::new(suspect)?;
         let watched = Watched { worker, ctx };
         let mut found =
-            springtwin::gap::find(robot, healthy.as_ref(), &suspect, &options, &watched)?;
+            springtwin::gap::find(
+                robot,
+                &effects::table(),
+                healthy.as_ref(),
+                &suspect,
+                &options,
+                &watched,
+            )?;
         found.finding.seconds = start.elapsed().as_secs_f64();
         Ok(Arc::new(found))
     };

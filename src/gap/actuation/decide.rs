@@ -5,11 +5,12 @@ mod figures;
 
 use std::collections::BTreeMap;
 
-use super::healthy::{LineBaseline, LineModel, PRIOR, commission_supply, ideal_supply};
+use super::healthy::{LineBaseline, LineModel, chamber_rms_pa, commission_supply, ideal_supply};
 use super::line::{
-    GAIN, KNOBS, Lag, OFFSET, PressureGrid, Regulator, gauge_pressures, line_rmse_pa, line_rows,
+    GAIN, KNOBS, Lag, OFFSET, PressureGrid, line_rmse_pa, line_rows,
 };
 use super::search::{EffectSet, Stages, supply_stages};
+use crate::gap::candidates::Table;
 use crate::gap::finding::{FailedFold, Finding, GapSize, Located, SeparateBy, Traces, Verdict};
 use crate::gap::prove::withheld;
 use crate::gap::{GapError, Progress, Stage};
@@ -21,6 +22,10 @@ use figures::{channels, gap_size, located, scatter_pa, traces};
 const ABOVE_FLOOR: f64 = 2.0;
 /// Share of the gap that a named effect closes at least.
 const CLOSES: f64 = 0.5;
+/// A chamber whose error is within this factor of a healthy session's is at its floor, and nothing is named for it.
+const AT_FLOOR: f64 = 1.25;
+/// An unknown supply whose error is more than this times the scatter at rest is not in order, whatever the search found.
+const FAR: f64 = 3.0;
 /// Gauges that differ more than this from their pressures are mentioned: gain, offset (Pa).
 const GAUGE_OFF: [f64; 2] = [0.08, 5e3];
 
@@ -48,16 +53,16 @@ pub struct Proof {
 
 /// What is missing between command and gauge, for sessions that hold nothing else. `healthy` is a
 /// session of the same supply in order; without it the ideal supply is the measure. The result is
-/// tested on the sessions of `proof`. Effects in `without` (ids) are left out of the table.
+/// tested on the sessions of `proof`. Looked for are the effects of `table`.
 ///
 /// # Errors
 /// [`GapError`] when stopped, or numbers are not finite.
 pub fn actuation_only(
     robot: &RobotSpec,
+    table: Table<'_>,
     healthy: Option<&PressureGrid>,
     suspect: &PressureGrid,
     proof: &[PressureGrid],
-    without: &[String],
     progress: &dyn Progress,
 ) -> Result<Actuation, GapError> {
     progress.at(Stage::Commission, 0.0)?;
@@ -77,7 +82,7 @@ pub fn actuation_only(
         suspect,
         &baseline,
         Lag::BeforeGauge,
-        without,
+        table,
         progress,
     )?;
     progress.at(Stage::Decide, 0.0)?;
@@ -86,7 +91,7 @@ pub fn actuation_only(
     let proof = proof
         .iter()
         .map(|grid| prove_supply(robot, grid, &baseline, &found))
-        .collect();
+        .collect::<Result<_, _>>()?;
     Ok(Actuation {
         finding,
         stages: Some(found),
@@ -94,44 +99,35 @@ pub fn actuation_only(
     })
 }
 
-/// Error of another session without effects and with the best set, nothing fitted to it. Of gauge
-/// departures that were fitted beside the effects, the share that is expected to persist is carried over.
+/// Error of another session without effects and with the best set. Of the session itself only the gauges are fitted, which
+/// change from day to day, in both cases alike: what differs is the effects' doing.
+///
+/// # Errors
+/// [`GapError::Degenerate`] when numbers are not finite.
 pub fn prove_supply(
     robot: &RobotSpec,
     grid: &PressureGrid,
     baseline: &LineBaseline,
     found: &Stages,
-) -> Proof {
-    let error = |base: &LineBaseline, set: Option<&EffectSet>| {
+) -> Result<Proof, GapError> {
+    let error = |base: &LineBaseline, set: Option<&EffectSet>| -> Result<f64, GapError> {
         let effects = set.map_or_else(Vec::new, |s| s.explained.fit.active());
-        let mut regulators = base.regulators;
-        if baseline.healthy.is_none() {
-            regulators = regulators.map(lasting);
-        }
-        let p = gauge_pressures(robot, grid, &regulators, &effects, Lag::BeforeGauge);
-        line_rmse_pa(grid, &line_rows(grid, &p), |_| true)
+        let mut model = LineModel {
+            robot,
+            grid,
+            baseline: base.clone(),
+            lag: Lag::BeforeGauge,
+            seen: None,
+        };
+        model.refit_gauges(&effects)?;
+        Ok(line_rmse_pa(grid, &model.rows(&effects), |_| true))
     };
     let best = found.sets.first();
-    Proof {
+    Ok(Proof {
         session: grid.log.name.clone(),
-        rmse_before_pa: error(baseline, None),
-        rmse_after_pa: error(best.map_or(baseline, |s| &s.baseline), best),
-    }
-}
-
-/// Day-to-day drift of the gauge of an unknown supply: gain, offset (Pa).
-const DAY: [f64; 2] = [0.04, 2e3];
-
-/// Expected gauge departure on another day. The departure has a persistent part of
-/// standard deviation σ plus one of the day, δ: of what was seen, σ²/(σ² + δ²) is expected to persist.
-fn lasting(seen: Regulator) -> Regulator {
-    let mut out = seen;
-    for (k, day) in [GAIN, OFFSET].into_iter().zip(DAY) {
-        let nominal = Regulator::default().0[k];
-        let [persists, varies] = [PRIOR[k], day].map(|sd| sd * sd);
-        out.0[k] = nominal + persists / (persists + varies) * (seen.0[k] - nominal);
-    }
-    out
+        rmse_before_pa: error(baseline, None)?,
+        rmse_after_pa: error(best.map_or(baseline, |s| &s.baseline), best)?,
+    })
 }
 
 /// The verdict, with its figures.
@@ -164,9 +160,15 @@ pub fn decide_supply(
     let alternatives = best.map_or_else(Vec::new, |b| alternatives(b, found));
     let located = located(grid, &before);
     let limit = ABOVE_FLOOR * found.significance.mean_square;
+    let far = gap.before > FAR * gap.floor;
+    let above = grid.chambers().into_iter().any(|i| {
+        chamber_rms_pa(&before)[i] > AT_FLOOR * baseline.chamber_floor_pa[i]
+    });
     let verdict = match best {
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
+        None if !commissioned && far => Verdict::Unknown,
         None => Verdict::NothingMissing,
+        Some(_) if commissioned && !above => Verdict::NothingMissing,
         Some(set) => {
             let above = !commissioned || set.mean_square > limit;
             let fails = above && gap.closed < CLOSES;
@@ -186,7 +188,7 @@ pub fn decide_supply(
             add_effects(&mut effects, &model, other)?;
         }
     }
-    let mut notes = notes(grid, baseline, found, verdict, &located);
+    let mut notes = notes(grid, baseline, found, verdict, &gap, &located);
     notes.extend(failed_folds.iter().map(FailedFold::text));
     notes.extend(withheld(&failed_folds, 1.0));
     let channels = channels(grid, &before, &after, baseline);
@@ -261,6 +263,7 @@ fn notes(
     baseline: &LineBaseline,
     found: &Stages,
     verdict: Verdict,
+    gap: &GapSize,
     located: &[Located],
 ) -> Vec<String> {
     let mut out = Vec::new();
@@ -288,9 +291,17 @@ fn notes(
         let (channel, regressor) = located
             .first()
             .map_or(("all chambers", "time"), |l| (&l.channel, &l.regressor));
+        let size = format!("{:.1} times the noise floor", gap.before / gap.floor.max(1e-9));
         out.push(format!(
-            "unmodelled term in actuation, {channel}, along with {regressor}"
+            "unmodelled term in actuation, {channel}, along with {regressor}; the error is {size}"
         ));
+        if baseline.healthy.is_none() {
+            out.push(
+                "cannot tell whether this supply is out of order: record a session while it is known to be in order and give \
+                 it as the baseline"
+                    .to_owned(),
+            );
+        }
     }
     out
 }

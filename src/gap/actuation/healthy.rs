@@ -3,10 +3,11 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::line::{
-    DELAY, KNOBS, LAG, Lag, LineRow, PressureGrid, Regulator, gauge_pressures, line_rmse_pa,
+    DELAY, EMPTY, FILL, GAIN, KNOBS, LAG, Lag, PER_PA, LineRow, OFFSET, PressureGrid, Regulator, gauge_pressures, line_rmse_pa,
     line_rows,
 };
 use crate::gap::GapError;
+use crate::gap::candidates::fastest;
 use crate::gap::nuisance::Nuisance;
 use crate::gap::problem::{Problem, block_edges};
 use crate::robot::RobotSpec;
@@ -84,21 +85,52 @@ pub struct LineBaseline {
     pub noise: PressureNoise,
     /// Root mean square residual on data that were not fitted, Pa; `None` for the ideal supply.
     pub floor_pa: Option<f64>,
+    /// The same per chamber, Pa.
+    pub chamber_floor_pa: [f64; CHAMBERS],
     /// Innovations of the healthy session, each half as a fit to the other one leaves it.
     pub healthy: Option<Vec<LineRow>>,
     /// Name and hash of the healthy session.
     pub session: Option<[String; 2]>,
 }
 
-/// Standard deviations of an unknown supply's dead time (s), lag (s), gain, offset (Pa).
-pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3];
+/// Standard deviations of an unknown supply's numbers. Its pumps limit the flow where that is measured on a healthy session;
+/// without one a limit is an effect.
+pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3, 0.5, 0.5];
+/// Standard deviation of what is not fitted, in its unit.
+const HELD: f64 = 1e-6;
 /// Their drift since commissioning.
-const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0];
+const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0, 1e-3, 1e-3];
 /// Steps by which sensitivities are measured.
-const STEP: [f64; KNOBS] = [5e-3, 5e-3, 0.01, 100.0];
+const STEP: [f64; KNOBS] = [5e-3, 5e-3, 0.01, 100.0, 0.01, 0.01];
+
+/// What is fitted of a regulator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Free {
+    /// All of it: a supply in order is measured.
+    All,
+    /// All but the limits of its pump, which are an effect where no supply in order was measured.
+    AllButLimits,
+    /// Gain and offset of its gauge, which change from day to day.
+    Gauge,
+}
+
+impl Free {
+    fn is_fitted(self, k: usize) -> bool {
+        match self {
+            Self::All => true,
+            Self::AllButLimits => k != FILL && k != EMPTY,
+            Self::Gauge => k == GAIN || k == OFFSET,
+        }
+    }
+
+    /// Standard deviations before the session was seen.
+    fn prior(self) -> SVector<f64, KNOBS> {
+        SVector::from_fn(|k, _| if self.is_fitted(k) { PRIOR[k] } else { HELD })
+    }
+}
 
 fn prior_covariance() -> SMatrix<f64, KNOBS, KNOBS> {
-    SMatrix::from_diagonal(&SVector::from(PRIOR.map(|s| s * s)))
+    SMatrix::from_diagonal(&Free::AllButLimits.prior().map(|s| s * s))
 }
 
 /// The ideal supply: delivers at once what is commanded, uncertain by the prior.
@@ -108,6 +140,7 @@ pub fn ideal_supply(grid: &PressureGrid) -> LineBaseline {
         covariance: [prior_covariance(); CHAMBERS],
         noise: PressureNoise::usual(grid),
         floor_pa: None,
+        chamber_floor_pa: [f64::NAN; CHAMBERS],
         healthy: None,
         session: None,
     }
@@ -126,10 +159,10 @@ pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineB
         seen: None,
     };
     for _ in 0..2 {
-        model.refit_regulators(&[])?;
+        model.refit_commissioned()?;
         model.baseline.noise = PressureNoise::from_rows(&model.rows(&[]));
     }
-    let covariance = model.refit_regulators(&[])?;
+    let covariance = model.refit_commissioned()?;
     let half = grid.len() / 2;
     let mut unseen = Vec::with_capacity(grid.len());
     for first in [true, false] {
@@ -138,7 +171,7 @@ pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineB
             seen: Some((0..grid.len()).map(|k| (k < half) != first).collect()),
             ..model
         };
-        other.refit_regulators(&[])?;
+        other.refit_commissioned()?;
         let rows = other.rows(&[]);
         unseen.extend(&rows[if first { 0..half } else { half..grid.len() }]);
     }
@@ -147,9 +180,18 @@ pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineB
         regulators: model.baseline.regulators,
         covariance,
         floor_pa: Some(line_rmse_pa(grid, &unseen, |_| true)),
+        chamber_floor_pa: chamber_rms_pa(&unseen),
         healthy: Some(noise.innovations(&unseen)),
         noise,
         session: Some([grid.log.name.clone(), grid.log.hash.clone()]),
+    })
+}
+
+/// Root mean square of each chamber's rows, Pa.
+pub fn chamber_rms_pa(rows: &[LineRow]) -> [f64; CHAMBERS] {
+    std::array::from_fn(|i| {
+        let sum: f64 = rows.iter().map(|r| r[i] * r[i]).sum();
+        (sum / rows.len().max(1) as f64).sqrt()
     })
 }
 
@@ -232,11 +274,59 @@ impl LineModel<'_> {
         &mut self,
         effects: &[Active],
     ) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
-        const STEPS: usize = 8;
-        let weight = SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&SVector::from(
-            PRIOR.map(|s| 1.0 / (s * s)),
-        ));
-        let nominal = SVector::from(Regulator::default().0);
+        Ok(self.refit(effects, Free::AllButLimits)?.1)
+    }
+
+    /// Fits the regulators of a healthy session, their pumps' limits included; gives their covariances.
+    ///
+    /// A limit that does not act has no derivative, so the search starts without limits and at rates that were seen, and
+    /// each chamber takes what fits it better.
+    fn refit_commissioned(
+        &mut self,
+    ) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
+        let fastest = fastest(&self.grid.t_s, &self.grid.measured_pa);
+        let mut limited = self.clone();
+        for (r, pa_s) in limited.baseline.regulators.iter_mut().zip(fastest) {
+            let slowest_s = PER_PA / (0.8 * pa_s).max(1e3);
+            r.0[FILL] = slowest_s;
+            r.0[EMPTY] = slowest_s;
+            r.0[LAG] = 0.0;
+        }
+        let (costs, mut covariance) = self.refit(&[], Free::All)?;
+        let (others, wider) = limited.refit(&[], Free::All)?;
+        for i in self.grid.chambers() {
+            if others[i] < costs[i] {
+                self.baseline.regulators[i] = limited.baseline.regulators[i];
+                covariance[i] = wider[i];
+            }
+        }
+        Ok(covariance)
+    }
+
+    /// Fits the gauges of another day with these effects at work; the rest of the supply stays as it is.
+    ///
+    /// # Errors
+    /// [`GapError::Degenerate`] when numbers are not finite.
+    pub fn refit_gauges(&mut self, effects: &[Active]) -> Result<(), GapError> {
+        self.refit(effects, Free::Gauge).map(|_| ())
+    }
+
+    /// Fits what is free of the regulators with these effects at work. Gives each one's cost and covariance.
+    #[expect(clippy::type_complexity, reason = "two arrays over the chambers")]
+    fn refit(
+        &mut self,
+        effects: &[Active],
+        free: Free,
+    ) -> Result<([f64; CHAMBERS], [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS]), GapError> {
+        const STEPS: usize = 12;
+        let weight = SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(
+            &free.prior().map(|s| 1.0 / (s * s)),
+        );
+        let usual = SVector::from(Regulator::default().0);
+        let nominal = self.baseline.regulators.map(|r| {
+            // What is not fitted stays where it is.
+            SVector::from_fn(|k, _| if free.is_fitted(k) { usual[k] } else { r.0[k] })
+        });
         let mut covariance = [prior_covariance(); CHAMBERS];
         let mut share = [1.0; CHAMBERS];
         let mut change = [SVector::<f64, KNOBS>::zeros(); CHAMBERS];
@@ -247,7 +337,7 @@ impl LineModel<'_> {
             let last = step == STEPS;
             let columns = self.sensitivities(effects).map(|c| self.innovations(&c));
             for i in self.grid.chambers() {
-                let off = nominal - SVector::from(self.baseline.regulators[i].0);
+                let off = nominal[i] - SVector::from(self.baseline.regulators[i].0);
                 let cost: f64 =
                     e.iter().map(|w| w[i] * w[i]).sum::<f64>() + off.dot(&(weight * off));
                 if !cost.is_finite() {
@@ -277,12 +367,13 @@ impl LineModel<'_> {
                         r[k] += share[i] * change[i][k];
                     }
                 }
-                r[DELAY] = r[DELAY].max(0.0);
-                r[LAG] = r[LAG].max(0.0);
+                for k in [DELAY, LAG, FILL, EMPTY] {
+                    r[k] = r[k].max(0.0);
+                }
                 self.baseline.regulators[i] = Regulator(r);
             }
         }
-        Ok(covariance)
+        Ok((before, covariance))
     }
 
     /// Nuisance columns at these effects, and the precision of their prior.

@@ -1,12 +1,13 @@
 //! From command to gauge: a log of pressures, its grid and the healthy regulator.
 //!
-//! Healthy chamber: τ dx/dt = u(t − T) − x, p_gauge = g x + o, with small T, τ, o and g near 1.
+//! Healthy chamber: v follows u(t − T) no faster than the pump moves air, τ dx/dt = v − x, p_gauge = g x + o, with small T, τ,
+//! o and g near 1.
 
 use crate::gap::GapError;
 use crate::gap::session::{SECONDS_MIN, Session, bridge};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use crate::sim::effects::{Active, gauges};
+use crate::sim::effects::{Active, behind_gauges, gauges};
 
 /// Unit of the pressures of a log; findings are reported in the same unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -221,8 +222,9 @@ impl PressureGrid {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulator(pub [f64; KNOBS]);
 
-/// Numbers of a regulator: dead time (s), lag (s), gain, offset (Pa).
-pub const KNOBS: usize = 4;
+/// Numbers of a regulator: dead time (s), lag (s), gain, offset (Pa), and how long the pump takes to fill and to empty by
+/// [`PER_PA`] (s).
+pub const KNOBS: usize = 6;
 /// Dead time, s.
 pub const DELAY: usize = 0;
 /// Time constant, s.
@@ -231,11 +233,17 @@ pub const LAG: usize = 1;
 pub const GAIN: usize = 2;
 /// Offset of the gauge, Pa.
 pub const OFFSET: usize = 3;
+/// Time to fill by [`PER_PA`], s; 0 where nothing limits the flow.
+pub const FILL: usize = 4;
+/// Time to empty by [`PER_PA`], s.
+pub const EMPTY: usize = 5;
+/// Change of pressure that [`FILL`] and [`EMPTY`] are given for, Pa.
+pub const PER_PA: f64 = 10e3;
 
 impl Default for Regulator {
     /// Delivers what is commanded, at once.
     fn default() -> Self {
-        Self([0.0, 0.0, 1.0, 0.0])
+        Self([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     }
 }
 
@@ -260,7 +268,7 @@ pub fn gauge_pressures(
     const LEAD: usize = 2;
     let (t0_s, first) = (grid.log.t_s[0], grid.log.commanded_pa[0]);
     let rest: [f64; CHAMBERS] = std::array::from_fn(|i| {
-        let [_, _, gain, offset] = regulators[i].0;
+        let [_, _, gain, offset, ..] = regulators[i].0;
         let there = (grid.first_pa[i] - offset) / gain;
         if grid.present[i] && (there - first[i]).abs() > START_OFF_PA {
             there
@@ -272,18 +280,18 @@ pub fn gauge_pressures(
     t_s.extend(&grid.log.t_s);
     let mut u = vec![rest; LEAD];
     u.extend(&grid.log.commanded_pa);
-    let before = |a: &&Active| lag == Lag::BeforeGauge && a.effect.id == "pressure-lag";
+    let before = |a: &&Active| lag == Lag::BeforeGauge && a.effect.is_behind_gauge();
     let others: Vec<Active> = effects.iter().filter(|a| !before(a)).cloned().collect();
     let mut out = gauges(robot, &t_s, &u, &others);
+    let behind: Vec<Active> = effects.iter().filter(before).cloned().collect();
+    if !behind.is_empty() {
+        out = behind_gauges(robot, &t_s, &out, &behind);
+    }
     for i in grid.chambers() {
         let mut x: Vec<f64> = out.iter().map(|row| row[i]).collect();
-        for a in effects.iter().filter(before) {
-            if a.target.is_none_or(|t| t == i) {
-                x = followed(&t_s, &x, a.values[0]);
-            }
-        }
-        let [delay_s, lag_s, gain, offset] = regulators[i].0;
-        x = followed(&t_s, &late(&t_s, &x, delay_s), lag_s);
+        let [delay_s, lag_s, gain, offset, fill_s, empty_s] = regulators[i].0;
+        x = limited(&t_s, &late(&t_s, &x, delay_s), [fill_s, empty_s]);
+        x = followed(&t_s, &x, lag_s);
         for (row, x) in out.iter_mut().zip(x) {
             row[i] = gain * x + offset;
         }
@@ -311,6 +319,21 @@ fn followed(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
         let h_s = t_s[k] - t_s[k - 1];
         let behind = (x[k] - x[k - 1]) / h_s * tau_s;
         y[k] = x[k] - behind + (y[k - 1] - x[k - 1] + behind) * (-h_s / tau_s).exp();
+    }
+    y
+}
+
+/// The series, no faster than [`PER_PA`] in these times up and down.
+fn limited(t_s: &[f64], x: &[f64], [up_s, down_s]: [f64; 2]) -> Vec<f64> {
+    let mut y = x.to_vec();
+    for k in 1..x.len() {
+        let dt_s = t_s[k] - t_s[k - 1];
+        if up_s > 0.0 {
+            y[k] = y[k].min(y[k - 1] + PER_PA * dt_s / up_s);
+        }
+        if down_s > 0.0 {
+            y[k] = y[k].max(y[k - 1] - PER_PA * dt_s / down_s);
+        }
     }
     y
 }

@@ -6,13 +6,13 @@ use nalgebra::{DMatrix, DVector};
 use super::healthy::{LineBaseline, LineModel, PressureNoise};
 use super::line::{Lag, PressureGrid};
 use super::significance::{Significance, significance};
-use crate::gap::candidates::{Candidate, Start, candidates, starts};
+use crate::gap::candidates::{Candidate, Table, candidates, fastest};
 use crate::gap::explain::{Explained, columns, explain, weak_prior};
 use crate::gap::fit::fit;
 use crate::gap::problem::{Losses, Problem};
 use crate::gap::{GapError, Progress};
 use crate::robot::RobotSpec;
-use crate::sim::effects::{Effect, Residual, Target};
+use crate::sim::effects::{Effect, Residual, Scene, Target};
 
 /// Most effects at a time.
 const MOST: usize = 3;
@@ -59,23 +59,18 @@ pub struct Stages {
 
 /// Effects that show between command and gauge.
 pub fn shows(effect: &Effect, lag: Lag) -> bool {
-    effect.residuals.contains(&Residual::R1)
-        || (lag == Lag::BeforeGauge && effect.id == "pressure-lag")
+    effect.shows_in(Residual::R1) || (lag == Lag::BeforeGauge && effect.is_behind_gauge())
 }
 
 fn admitted(
+    table: Table<'_>,
     grid: &PressureGrid,
     lag: Lag,
     commissioned: bool,
-    without: &[String],
 ) -> Vec<Candidate> {
-    let several = grid.chambers().len() > 1;
-    candidates(|e| {
-        shows(e, lag)
-            && !without.iter().any(|id| id == e.id)
-            // Without a healthy session the correct gauge readings are unknown.
-            && (commissioned || e.id != "gauge-error")
-            && (several || e.id != "supply-coupling")
+    candidates(table, |e| {
+        // Without a healthy session the correct gauge readings are unknown.
+        shows(e, lag) && (commissioned || !e.is_of_gauge())
     })
     .into_iter()
     .filter(|c| match (c.effect.target, c.target) {
@@ -85,37 +80,12 @@ fn admitted(
     .collect()
 }
 
-/// Starts that fit the session: rates of flow as they were measured.
-fn starts_for(grid: &PressureGrid, candidate: &Candidate) -> Vec<Start> {
-    let chambers = match candidate.target {
-        Some(i) => vec![i],
-        None => grid.chambers(),
-    };
-    match candidate.effect.id {
-        "flow-limit" => {
-            const APART: usize = 5;
-            let mut rates: Vec<f64> = grid
-                .measured_pa
-                .windows(APART + 1)
-                .zip(grid.t_s.windows(APART + 1))
-                .flat_map(|(p, t)| {
-                    let h_s = t[APART] - t[0];
-                    chambers
-                        .iter()
-                        .map(move |i| (p[APART][*i] - p[0][*i]).abs() / h_s)
-                })
-                .collect();
-            rates.sort_by(f64::total_cmp);
-            let fastest = rates[(0.99 * rates.len() as f64) as usize].max(1e3);
-            [0.35, 0.6, 1.0]
-                .iter()
-                .map(|s| Start {
-                    at: vec![(s * fastest).clamp(600.0, 9e5); 2],
-                    moves: vec![0],
-                })
-                .collect()
-        }
-        id => starts(id, &[]),
+/// What a pressure log offers to starts.
+fn scene(grid: &PressureGrid) -> Scene {
+    Scene {
+        seconds: grid.t_s[grid.len() - 1] - grid.t_s[0],
+        tip_m: Vec::new(),
+        fastest_pa_s: fastest(&grid.t_s, &grid.measured_pa),
     }
 }
 
@@ -135,7 +105,7 @@ impl Search<'_> {
         so_far: Option<&Explained>,
     ) -> Result<Vec<Explained>, GapError> {
         let base = so_far.map(|e| e.fit.effects.clone()).unwrap_or_default();
-        let ready = columns(problem, &self.all, &|c| starts_for(model.grid, c), &base)?;
+        let ready = columns(problem, &self.all, &scene(model.grid), &base)?;
         explain(problem, &self.all, &ready, so_far, self.progress)
     }
 
@@ -232,7 +202,7 @@ impl Search<'_> {
         let r = problem.residual(&[])?;
         let losses = problem.held_out(&r, &DMatrix::zeros(r.len(), 0), &DVector::zeros(0));
         let mean_square = crate::gap::fit::cost(&problem, &r) / r.len() as f64;
-        let ready = columns(&problem, &self.all, &|c| starts_for(model.grid, c), &[])?;
+        let ready = columns(&problem, &self.all, &scene(model.grid), &[])?;
         let significance = match healthy {
             Some(healthy) => {
                 let (nuisance, lambda) = model.nuisance(&[])?;
@@ -330,9 +300,8 @@ pub fn same(a: &Explained, b: &Explained) -> bool {
     a.len() == b.len() && a.iter().all(|(c, _)| b.iter().any(|(d, _)| c == d))
 }
 
-/// Explains a pressure log, against a commissioned supply or an ideal one, with the table's effects
-/// but for those in `without` (ids). Against an ideal one,
-/// regulators are fitted beside the effects, and the noise is the residual of the best fit.
+/// Explains a pressure log, against a commissioned supply or an ideal one, with the effects of `table`. Against an ideal
+/// one, regulators are fitted beside the effects, and the noise is the residual of the best fit.
 ///
 /// # Errors
 /// [`GapError`] when stopped, or numbers are not finite.
@@ -341,12 +310,12 @@ pub fn supply_stages(
     grid: &PressureGrid,
     baseline: &LineBaseline,
     lag: Lag,
-    without: &[String],
+    table: Table<'_>,
     progress: &dyn Progress,
 ) -> Result<Stages, GapError> {
     let commissioned = baseline.healthy.is_some();
     let search = Search {
-        all: admitted(grid, lag, commissioned, without),
+        all: admitted(table, grid, lag, commissioned),
         commissioned,
         progress,
     };

@@ -8,7 +8,7 @@ use crate::lab::session::{Excitation, SessionPlan, session};
 use crate::rig::hidden::Hidden;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use crate::sim::effects::Active;
+use crate::sim::effects::{Active, table};
 
 fn log(seed: u64, hidden: Vec<Hidden>) -> PressureLog {
     let plan = SessionPlan {
@@ -36,7 +36,7 @@ fn found(hidden: Vec<Hidden>) -> Finding {
     let healthy = HEALTHY.get_or_init(|| log(1, Vec::new())).clone();
     let healthy = PressureGrid::new(healthy).unwrap();
     let suspect = PressureGrid::new(log(2, hidden)).unwrap();
-    actuation_only(&robot, Some(&healthy), &suspect, &[], &[], &Unwatched)
+    actuation_only(&robot, &table(), Some(&healthy), &suspect, &[], &Unwatched)
         .unwrap()
         .finding
 }
@@ -162,7 +162,7 @@ fn an_ideal_supply_leaves_nothing_over_however_it_is_sampled() {
 fn lag_before_the_gauge_is_the_regulators_lag() {
     let grid = PressureGrid::new(steps()).unwrap();
     let robot = RobotSpec::reference();
-    let slow = [Regulator([0.0, 0.4, 1.0, 0.0]); CHAMBERS];
+    let slow = [Regulator([0.0, 0.4, 1.0, 0.0, 0.0, 0.0]); CHAMBERS];
     let ideal = [Regulator::default(); CHAMBERS];
     let lag = Active::new("pressure-lag", None, &[0.4]).unwrap();
     let a = gauge_pressures(&robot, &grid, &slow, &[], Lag::BeforeGauge);
@@ -213,6 +213,6 @@ fn what_cannot_be_judged_is_refused_or_said() {
         (*u, *p) = ([5e3; CHAMBERS], [5e3; CHAMBERS]);
     }
     let grid = PressureGrid::new(rest).unwrap();
-    let a = actuation_only(&RobotSpec::reference(), None, &grid, &[], &[], &Unwatched).unwrap();
+    let a = actuation_only(&RobotSpec::reference(), &table(), None, &grid, &[], &Unwatched).unwrap();
     assert_eq!(a.finding.verdict, Verdict::NotExcited);
 }

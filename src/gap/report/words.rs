@@ -26,6 +26,10 @@ pub fn effect_name(id: &str, target: Option<usize>) -> String {
 
 /// Factor from SI to the customary unit, and that unit.
 fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
+    let parameters = effect(id).map_or(&[][..], |e| e.parameters);
+    if let Some(shown) = parameters.iter().find(|p| p.name == name).and_then(|p| p.shown) {
+        return shown;
+    }
     match unit {
         "m" => (1e3, "mm"),
         "Pa" => (1e-3, "kPa"),
@@ -39,11 +43,7 @@ fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
         "s" => (1.0, "s"),
         "1/s" => (1.0, "1/s"),
         // Ratios: shares in percent, factors as they are.
-        "" => match (id, name) {
-            ("clock-skew", _) => (1e3, "‰"),
-            (_, "share") => (100.0, "%"),
-            _ => (1.0, ""),
-        },
+        "" if name == "share" => (100.0, "%"),
         _ => (1.0, ""),
     }
 }

@@ -69,7 +69,7 @@ pub(super) fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
         ..Options::default()
     };
     let robot = RobotSpec::reference();
-    let mut found = crate::gap::find(&robot, Some(&healthy), &suspect, &options, progress)?;
+    let mut found = crate::gap::find(&robot, &crate::sim::effects::table(), Some(&healthy), &suspect, &options, progress)?;
     found.finding.seconds = 20.0;
     Ok(Arc::clone(FOUND.get_or_init(|| Arc::new(found))))
 }
@@ -437,7 +437,7 @@ fn the_finder_itself_stops_when_nobody_waits() {
     }
     let grid = Grid::new(made("healthy", 1, Vec::new())).expect("a grid");
     let robot = RobotSpec::reference();
-    let stopped = crate::gap::find(&robot, None, &grid, &Options::default(), &Gone(worker));
+    let stopped = crate::gap::find(&robot, &crate::sim::effects::table(), None, &grid, &Options::default(), &Gone(worker));
     assert_eq!(stopped.err(), Some(GapError::Stopped));
 }
 

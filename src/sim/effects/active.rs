@@ -72,6 +72,11 @@ pub enum EffectError {
     Sim(#[from] SimError),
 }
 
+/// All effects, as a table of which entries can be left out or to which others can be added.
+pub fn table() -> Vec<&'static Effect> {
+    EFFECTS.iter().collect()
+}
+
 /// The effect with this id.
 pub fn effect(id: &str) -> Option<&'static Effect> {
     EFFECTS.iter().find(|e| e.id == id)

@@ -21,6 +21,17 @@ pub enum Residual {
     R5,
 }
 
+/// How far a value may be from another law's of the same physics (standard deviation).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inexact {
+    /// Whatever the value, in the parameter's unit.
+    pub absolute: f64,
+    /// As a share of the value.
+    pub of_value: f64,
+    /// As a share of its distance from nominal.
+    pub of_departure: f64,
+}
+
 /// One number of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
@@ -32,6 +43,130 @@ pub struct Parameter {
     pub nominal: f64,
     /// Smallest and largest value.
     pub bounds: [f64; 2],
+    /// A usual size of its change, in its unit; without one it is taken from the starts of the search.
+    pub scale: Option<f64>,
+    /// How well the law defines it.
+    pub inexact: Inexact,
+    /// Factor to the unit people read, and that unit; the customary one of [`Self::unit`] without it.
+    pub shown: Option<(f64, &'static str)>,
+}
+
+impl Parameter {
+    /// A number with its unit, its value without the effect, and its smallest and largest value. Its law is taken to be a
+    /// definition.
+    pub const fn new(
+        name: &'static str,
+        unit: &'static str,
+        nominal: f64,
+        bounds: [f64; 2],
+    ) -> Self {
+        Self {
+            name,
+            unit,
+            nominal,
+            bounds,
+            scale: None,
+            inexact: Inexact {
+                absolute: 0.0,
+                of_value: 0.0,
+                of_departure: 0.03,
+            },
+            shown: None,
+        }
+    }
+
+    /// With a usual size of its change.
+    pub const fn scale(mut self, scale: f64) -> Self {
+        self.scale = Some(scale);
+        self
+    }
+
+    /// Of a law that is an idealisation: another law of the same physics gives values that differ by this share of the
+    /// distance from nominal.
+    pub const fn of_departure(mut self, share: f64) -> Self {
+        self.inexact.of_departure = share;
+        self
+    }
+
+    /// The same by a share of the value itself.
+    pub const fn of_value(mut self, share: f64) -> Self {
+        self.inexact.of_value = share;
+        self.inexact.of_departure = 0.0;
+        self
+    }
+
+    /// The same by so much whatever the value.
+    pub const fn absolute(mut self, sd: f64) -> Self {
+        self.inexact.absolute = sd;
+        self
+    }
+
+    /// Shown in another unit than the customary one.
+    pub const fn shown(mut self, factor: f64, unit: &'static str) -> Self {
+        self.shown = Some((factor, unit));
+        self
+    }
+
+    /// Standard deviation of `value` among laws of the same physics.
+    pub fn form_sd(&self, value: f64) -> f64 {
+        let departure = (value - self.nominal).abs().min(value.abs());
+        let Inexact {
+            absolute,
+            of_value,
+            of_departure,
+        } = self.inexact;
+        absolute + of_value * value.abs() + of_departure * departure
+    }
+}
+
+/// The channels an effect may sit on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// One of them.
+    Single,
+    /// All of them at once, or there are none to choose from.
+    Common,
+    /// One, or all at once.
+    Either,
+}
+
+/// Whether an effect's law is exact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Law {
+    /// It defines what is meant: what it leaves is something else.
+    Definition,
+    /// It stands for physics that no short law describes: part of the gap remains.
+    Idealisation,
+}
+
+/// What a session offers to starts of a search.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Length, s.
+    pub seconds: f64,
+    /// Where the end pad was captured, base frame, m.
+    pub tip_m: Vec<[f64; 3]>,
+    /// How fast the pressure of each chamber changes at most (99 % of the time), Pa/s.
+    pub fastest_pa_s: [f64; CHAMBERS],
+}
+
+/// One way to start a search: a value of every parameter, and those whose share is looked for at first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// Value of every parameter.
+    pub at: Vec<f64>,
+    /// Parameters that are moved from nominal towards `at`, each giving one column.
+    pub moves: Vec<usize>,
+}
+
+impl Start {
+    /// From slices.
+    pub fn new(at: &[f64], moves: &[usize]) -> Self {
+        Self {
+            at: at.to_vec(),
+            moves: moves.to_vec(),
+        }
+    }
 }
 
 /// One thing that can be wrong. With all parameters nominal it changes nothing.
@@ -55,6 +190,35 @@ pub struct Effect {
     pub residuals: &'static [Residual],
     /// Operator that applies it.
     pub operator: Operator,
+    /// Chamber pressures from gauge readings, for what lies behind the gauge; `None` for all else.
+    pub behind_gauge: Option<fn(&Call, &mut [[f64; CHAMBERS]])>,
+    /// The channels it may sit on.
+    pub reach: Reach,
+    /// Whether its law is exact.
+    pub law: Law,
+    /// Whether a share of a start is a weaker effect. Where it is not, a search begins at the starts themselves.
+    pub gradual: bool,
+    /// The parameter that is a time constant, s, when it has one.
+    pub memory: Option<usize>,
+    /// Where a search starts on a channel (0-based; `None`: all).
+    pub starts: fn(&Scene, Option<usize>) -> Vec<Start>,
+}
+
+impl Effect {
+    /// Whether it shows in this comparison.
+    pub fn shows_in(&self, residual: Residual) -> bool {
+        self.residuals.contains(&residual)
+    }
+
+    /// Whether it is the gauge that is wrong: the supply regulates by it, and the arm follows the pressure behind it.
+    pub fn is_of_gauge(&self) -> bool {
+        self.behind_gauge.is_some() && self.shows_in(Residual::R1)
+    }
+
+    /// Whether it lies between gauge and chamber, where a log of pressures does not show it.
+    pub fn is_behind_gauge(&self) -> bool {
+        self.behind_gauge.is_some() && !self.shows_in(Residual::R1)
+    }
 }
 
 /// Operator of an effect, by what it changes.

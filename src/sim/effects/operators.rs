@@ -155,6 +155,15 @@ pub(super) fn gauge_error(c: &Call, line: &mut Line) {
     }
 }
 
+/// Chamber pressures behind gauges that read wrong.
+pub(super) fn behind_gauge(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        for row in chamber_pa.iter_mut() {
+            row[i] = (row[i] - c.values[1]) / c.values[0];
+        }
+    }
+}
+
 pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
     if c.values[0] > 0.0 {
         each_bellows(c, plant, |bellows| {

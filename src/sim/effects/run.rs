@@ -7,7 +7,6 @@ use nalgebra::Vector3;
 
 use super::active::{Active, EffectError, Simulated, Trajectory};
 use super::effect::{Call, Line, Operator, Plant};
-use super::operators::behind_lag;
 use super::table::EFFECTS;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -76,16 +75,11 @@ pub fn behind_gauges(
     effects: &[Active],
 ) -> Vec<[f64; CHAMBERS]> {
     let mut chamber_pa = gauge_pa.to_vec();
-    for a in effects.iter().filter(|a| a.effect.id == "gauge-error") {
-        let c = call(robot, t_s, a);
-        for row in &mut chamber_pa {
-            for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-                row[i] = (row[i] - a.values[1]) / a.values[0];
-            }
+    // Against the order in which they act: the gauge's own error first.
+    for a in ordered(effects).into_iter().rev() {
+        if let Some(behind) = a.effect.behind_gauge {
+            behind(&call(robot, t_s, a), &mut chamber_pa);
         }
-    }
-    for a in effects.iter().filter(|a| a.effect.id == "pressure-lag") {
-        behind_lag(&call(robot, t_s, a), &mut chamber_pa);
     }
     chamber_pa
 }
@@ -118,9 +112,12 @@ pub(in crate::sim) fn built_in(model: &Model, effects: &[Active]) -> Model {
     }
 }
 
-/// In the order of the table.
+/// In the order of the table; what is not in it comes last.
 fn ordered(effects: &[Active]) -> Vec<&Active> {
-    let place = |a: &&Active| EFFECTS.iter().position(|e| e.id == a.effect.id);
+    let place = |a: &&Active| {
+        let place = EFFECTS.iter().position(|e| e.id == a.effect.id);
+        place.unwrap_or(EFFECTS.len())
+    };
     let mut ordered: Vec<&Active> = effects.iter().collect();
     ordered.sort_by_key(place);
     ordered

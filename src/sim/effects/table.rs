@@ -1,17 +1,17 @@
 //! The table of effects. Operators act in this order.
 
-use super::effect::{Effect, Operator, Parameter, Residual};
+use super::effect::{Effect, Law, Operator, Parameter, Reach, Residual, Scene, Start};
 use super::operators as op;
 use crate::signal::{Side, Target};
 use Residual::{R1, R2, R3, R4, R5};
 
 const fn p(name: &'static str, unit: &'static str, nominal: f64, low: f64, high: f64) -> Parameter {
-    Parameter {
-        name,
-        unit,
-        nominal,
-        bounds: [low, high],
-    }
+    Parameter::new(name, unit, nominal, [low, high])
+}
+
+/// Starts that are the same in every session.
+fn at<const N: usize, const P: usize>(all: [[f64; P]; N], moves: &[usize]) -> Vec<Start> {
+    all.iter().map(|at| Start::new(at, moves)).collect()
 }
 
 /// Every effect there is, in the order in which they act.
@@ -23,9 +23,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Actuation,
         target: Target::Chamber,
-        parameters: &[p("delay", "s", 0.0, 0.0, 2.0)],
+        parameters: &[p("delay", "s", 0.0, 0.0, 2.0).of_departure(0.1).absolute(1e-2)],
         residuals: &[R1],
         operator: Operator::Pressure(op::pressure_delay),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: Some(0),
+        starts: |_, _| at([[0.05], [0.4]], &[0]),
     },
     Effect {
         id: "flow-limit",
@@ -35,11 +41,17 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Actuation,
         target: Target::Chamber,
         parameters: &[
-            p("inflate", "Pa/s", 1e6, 500.0, 1e6),
-            p("deflate", "Pa/s", 1e6, 500.0, 1e6),
+            p("inflate", "Pa/s", 1e6, 500.0, 1e6).of_departure(0.1).scale(900.0),
+            p("deflate", "Pa/s", 1e6, 500.0, 1e6).of_departure(0.1).scale(900.0),
         ],
         residuals: &[R1],
         operator: Operator::Pressure(op::flow_limit),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: false,
+        memory: None,
+        starts: flow_limits,
     },
     Effect {
         id: "leak",
@@ -49,9 +61,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "linearised orifice at small pressure ratio (ISO 6358)",
         side: Side::Actuation,
         target: Target::Chamber,
-        parameters: &[p("rate", "1/s", 0.0, 0.0, 10.0)],
+        parameters: &[p("rate", "1/s", 0.0, 0.0, 10.0).of_departure(0.1)],
         residuals: &[R1],
         operator: Operator::Pressure(op::leak),
+        behind_gauge: None,
+        reach: Reach::Single,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.5]], &[0]),
     },
     Effect {
         id: "supply-coupling",
@@ -62,11 +80,17 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Actuation,
         target: Target::Chamber,
         parameters: &[
-            p("share", "", 0.0, -0.5, 0.5),
-            p("time", "s", 0.3, 0.02, 5.0),
+            p("share", "", 0.0, -0.5, 0.5).of_departure(0.2),
+            p("time", "s", 0.3, 0.02, 5.0).of_value(0.25),
         ],
         residuals: &[R1],
         operator: Operator::Pressure(op::supply_coupling),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: Some(1),
+        starts: |_, _| at([[0.05, 0.1], [0.05, 0.8]], &[0]),
     },
     Effect {
         id: "pressure-lag",
@@ -75,9 +99,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "first-order pneumatic line",
         side: Side::Actuation,
         target: Target::Chamber,
-        parameters: &[p("time", "s", 0.0, 0.0, 5.0)],
+        parameters: &[p("time", "s", 0.0, 0.0, 5.0).of_departure(0.1)],
         residuals: &[R2],
         operator: Operator::Pressure(op::pressure_lag),
+        behind_gauge: Some(op::behind_lag),
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: Some(0),
+        starts: |_, _| at([[0.1], [0.8]], &[0]),
     },
     Effect {
         id: "gauge-error",
@@ -92,6 +122,12 @@ pub const EFFECTS: &[Effect] = &[
         ],
         residuals: &[R1, R2],
         operator: Operator::Pressure(op::gauge_error),
+        behind_gauge: Some(op::behind_gauge),
+        reach: Reach::Single,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[1.03, 300.0]], &[0, 1]),
     },
     Effect {
         id: "hysteresis",
@@ -103,11 +139,17 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::Chamber,
         parameters: &[
-            p("force", "N", 0.0, 0.0, 30.0),
-            p("travel", "m", 0.005, 0.002, 0.05),
+            p("force", "N", 0.0, 0.0, 30.0).of_departure(0.1),
+            p("travel", "m", 0.005, 0.002, 0.05).of_value(0.25),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::hysteresis),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[4.0, 0.003], [4.0, 0.01], [4.0, 0.03]], &[0]),
     },
     Effect {
         id: "creep",
@@ -119,12 +161,18 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::Chamber,
         parameters: &[
-            p("share", "", 0.0, 0.0, 1.0),
+            p("share", "", 0.0, 0.0, 1.0).of_departure(0.1),
             // What relaxes faster is damping.
-            p("time", "s", 10.0, 0.8, 300.0),
+            p("time", "s", 10.0, 0.8, 300.0).of_value(0.25),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::creep),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: Some(1),
+        starts: |_, _| at([[0.1, 1.0], [0.1, 3.0], [0.1, 12.0], [0.1, 60.0]], &[0]),
     },
     Effect {
         id: "stiffening",
@@ -133,9 +181,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "cubic Duffing term",
         side: Side::Mechanics,
         target: Target::Chamber,
-        parameters: &[p("cubic", "", 0.0, 0.0, 5.0)],
+        parameters: &[p("cubic", "", 0.0, 0.0, 5.0).of_departure(0.1)],
         residuals: &[R2],
         operator: Operator::Mechanics(op::stiffening),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.3]], &[0]),
     },
     Effect {
         id: "damping",
@@ -144,9 +198,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "Kelvin-Voigt solid",
         side: Side::Mechanics,
         target: Target::None,
-        parameters: &[p("time", "s", 0.0, 0.0, 3.0)],
+        parameters: &[p("time", "s", 0.0, 0.0, 3.0).of_departure(0.2)],
         residuals: &[R2],
         operator: Operator::Mechanics(op::damping),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: Some(0),
+        starts: |_, _| at([[0.15], [0.8]], &[0]),
     },
     Effect {
         id: "chamber-stiffness",
@@ -155,9 +215,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Mechanics,
         target: Target::Chamber,
-        parameters: &[p("factor", "", 1.0, 0.4, 2.5)],
+        parameters: &[p("factor", "", 1.0, 0.4, 2.5).of_departure(0.1)],
         residuals: &[R2],
         operator: Operator::Mechanics(op::chamber_stiffness),
+        behind_gauge: None,
+        reach: Reach::Single,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[1.05]], &[0]),
     },
     Effect {
         id: "payload",
@@ -166,9 +232,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Mechanics,
         target: Target::None,
-        parameters: &[p("mass", "kg", 0.0, -1.0, 2.0)],
+        parameters: &[p("mass", "kg", 0.0, -1.0, 2.0).of_departure(0.1)],
         residuals: &[R2],
         operator: Operator::Mechanics(op::payload),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.1]], &[0]),
     },
     Effect {
         id: "com-offset",
@@ -179,12 +251,18 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("x", "m", 0.0, -0.15, 0.15),
-            p("y", "m", 0.0, -0.15, 0.15),
-            p("z", "m", 0.0, -0.15, 0.15),
+            p("x", "m", 0.0, -0.15, 0.15).of_departure(0.1),
+            p("y", "m", 0.0, -0.15, 0.15).of_departure(0.1),
+            p("z", "m", 0.0, -0.15, 0.15).of_departure(0.1),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::com_offset),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.02, 0.02, 0.02]], &[0, 1, 2]),
     },
     Effect {
         id: "base-tilt",
@@ -194,11 +272,17 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("x", "rad", 0.0, -0.35, 0.35),
-            p("y", "rad", 0.0, -0.35, 0.35),
+            p("x", "rad", 0.0, -0.35, 0.35).of_departure(0.1),
+            p("y", "rad", 0.0, -0.35, 0.35).of_departure(0.1),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::base_tilt),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.03, 0.03]], &[0, 1]),
     },
     Effect {
         id: "tip-force",
@@ -208,12 +292,18 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("x", "N", 0.0, -20.0, 20.0),
-            p("y", "N", 0.0, -20.0, 20.0),
-            p("z", "N", 0.0, -20.0, 20.0),
+            p("x", "N", 0.0, -20.0, 20.0).of_departure(0.1),
+            p("y", "N", 0.0, -20.0, 20.0).of_departure(0.1),
+            p("z", "N", 0.0, -20.0, 20.0).of_departure(0.1),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::tip_force),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.5, 0.5, 0.5]], &[0, 1, 2]),
     },
     Effect {
         id: "contact",
@@ -225,12 +315,18 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("height", "m", -0.7, -0.7, -0.25),
-            p("rate", "N/m", 1000.0, 50.0, 5000.0),
-            p("friction", "", 0.0, 0.0, 1.0),
+            p("height", "m", -0.7, -0.7, -0.25).scale(0.4).of_departure(0.0).absolute(3e-3),
+            p("rate", "N/m", 1000.0, 50.0, 5000.0).scale(90.0).of_value(0.25),
+            p("friction", "", 0.0, 0.0, 1.0).scale(0.06).of_departure(0.1),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::contact),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Idealisation,
+        gradual: false,
+        memory: None,
+        starts: floors,
     },
     Effect {
         id: "torsion",
@@ -239,9 +335,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Mechanics,
         target: Target::Segment,
-        parameters: &[p("factor", "", 1.0, 0.1, 10.0)],
+        parameters: &[p("factor", "", 1.0, 0.1, 10.0).of_departure(0.1)],
         residuals: &[R2],
         operator: Operator::Mechanics(op::torsion),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[1.3]], &[0]),
     },
     Effect {
         id: "spring-lag",
@@ -250,9 +352,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "first-order low-pass",
         side: Side::Sensing,
         target: Target::Spring,
-        parameters: &[p("time", "s", 0.0, 0.0, 3.0)],
+        parameters: &[p("time", "s", 0.0, 0.0, 3.0).of_departure(0.1)],
         residuals: &[R3, R5],
         operator: Operator::Sensors(op::spring_lag),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Definition,
+        gradual: true,
+        memory: Some(0),
+        starts: |_, _| at([[0.1], [0.6]], &[0]),
     },
     Effect {
         id: "spring-crosstalk",
@@ -264,6 +372,12 @@ pub const EFFECTS: &[Effect] = &[
         parameters: &[p("share", "", 0.0, -0.3, 0.3)],
         residuals: &[R3, R5],
         operator: Operator::Sensors(op::spring_crosstalk),
+        behind_gauge: None,
+        reach: Reach::Either,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.03]], &[0]),
     },
     Effect {
         id: "spring-calibration",
@@ -278,6 +392,12 @@ pub const EFFECTS: &[Effect] = &[
         ],
         residuals: &[R3, R5],
         operator: Operator::Sensors(op::spring_calibration),
+        behind_gauge: None,
+        reach: Reach::Single,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[1.03, 1e-3]], &[0, 1]),
     },
     Effect {
         id: "spring-drift",
@@ -286,9 +406,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Sensing,
         target: Target::Spring,
-        parameters: &[p("rate", "m/s", 0.0, -1e-3, 1e-3)],
+        parameters: &[p("rate", "m/s", 0.0, -1e-3, 1e-3).of_departure(0.2)],
         residuals: &[R3, R5],
         operator: Operator::Sensors(op::spring_drift),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[2e-5]], &[0]),
     },
     Effect {
         id: "spring-stuck",
@@ -297,9 +423,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::Sensing,
         target: Target::Spring,
-        parameters: &[p("from", "s", 1e5, 0.0, 1e5)],
+        parameters: &[p("from", "s", 1e5, 0.0, 1e5).scale(10.0).of_departure(0.0)],
         residuals: &[R3, R5],
         operator: Operator::Sensors(op::spring_stuck),
+        behind_gauge: None,
+        reach: Reach::Single,
+        law: Law::Definition,
+        gradual: false,
+        memory: None,
+        starts: moments,
     },
     Effect {
         id: "imu-drift",
@@ -308,9 +440,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "constant gyroscope bias about the vertical",
         side: Side::Sensing,
         target: Target::Imu,
-        parameters: &[p("rate", "rad/s", 0.0, -0.02, 0.02)],
+        parameters: &[p("rate", "rad/s", 0.0, -0.02, 0.02).of_departure(0.2)],
         residuals: &[R4, R5],
         operator: Operator::Sensors(op::imu_drift),
+        behind_gauge: None,
+        reach: Reach::Single,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[1e-3]], &[0]),
     },
     Effect {
         id: "imu-misalignment",
@@ -326,6 +464,12 @@ pub const EFFECTS: &[Effect] = &[
         ],
         residuals: &[R4, R5],
         operator: Operator::Sensors(op::imu_misalignment),
+        behind_gauge: None,
+        reach: Reach::Single,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.02, 0.02, 0.02]], &[0, 1, 2]),
     },
     Effect {
         id: "clock-skew",
@@ -334,9 +478,15 @@ pub const EFFECTS: &[Effect] = &[
         source: "definition",
         side: Side::FrameAndTime,
         target: Target::None,
-        parameters: &[p("skew", "", 0.0, -0.02, 0.02)],
+        parameters: &[p("skew", "", 0.0, -0.02, 0.02).of_departure(0.1).shown(1e3, "‰")],
         residuals: &[R2, R3, R4],
         operator: Operator::Capture(op::clock_skew),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[2e-3]], &[0]),
     },
     Effect {
         id: "clock-offset",
@@ -348,6 +498,12 @@ pub const EFFECTS: &[Effect] = &[
         parameters: &[p("offset", "s", 0.0, -2.0, 2.0)],
         residuals: &[R2, R3, R4],
         operator: Operator::Capture(op::clock_offset),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Idealisation,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[0.05], [0.4]], &[0]),
     },
     Effect {
         id: "mocap-frame",
@@ -367,5 +523,42 @@ pub const EFFECTS: &[Effect] = &[
         ],
         residuals: &[R2, R3, R4],
         operator: Operator::Capture(op::mocap_frame),
+        behind_gauge: None,
+        reach: Reach::Common,
+        law: Law::Definition,
+        gradual: true,
+        memory: None,
+        starts: |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5]),
     },
 ];
+
+/// Shares of the fastest change that was measured.
+fn flow_limits(scene: &Scene, target: Option<usize>) -> Vec<Start> {
+    let fastest_pa_s = match target {
+        Some(i) => scene.fastest_pa_s[i],
+        None => scene.fastest_pa_s.iter().copied().fold(0.0, f64::max),
+    };
+    let limits = [0.35, 0.6, 1.0].map(|share| (share * fastest_pa_s.max(1e3)).clamp(600.0, 9e5));
+    at(limits.map(|r| [r, r]), &[0])
+}
+
+/// Floors at heights that the end pad went through.
+fn floors(scene: &Scene, _: Option<usize>) -> Vec<Start> {
+    let mut z_m: Vec<f64> = scene.tip_m.iter().map(|p| p[2]).collect();
+    z_m.sort_by(f64::total_cmp);
+    let at_share = |q: &f64| z_m.get((q * z_m.len() as f64) as usize);
+    let heights_m = [0.05, 0.2, 0.4, 0.7];
+    let heights_m = heights_m.iter().filter_map(at_share);
+    heights_m
+        .map(|z_m| Start::new(&[*z_m, 300.0, 0.2], &[0]))
+        .collect()
+}
+
+/// Moments throughout the session, and some shortly before its end: a fault that has just begun shows for a few seconds only.
+fn moments(scene: &Scene, _: Option<usize>) -> Vec<Start> {
+    let throughout = (0..10).map(|k| scene.seconds * f64::from(k) / 10.0);
+    throughout
+        .chain([6.0, 4.0, 3.0, 2.0, 1.0].map(|left_s| scene.seconds - left_s))
+        .map(|from_s| Start::new(&[from_s], &[0]))
+        .collect()
+}

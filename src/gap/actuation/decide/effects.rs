@@ -6,12 +6,12 @@ use crate::gap::GapError;
 use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
 use crate::gap::actuation::search::{EffectSet, Stages, same};
-use crate::gap::explain::{Explained, form_sd};
+use crate::gap::describe::side;
+use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
 use crate::gap::patch::PatchValue;
 use crate::gap::problem::{BLOCKS, FOLDS};
-use crate::sim::effects::Side;
 
 /// Margins below this many standard errors are not significant.
 const MARGIN_SE: f64 = 2.0;
@@ -155,7 +155,7 @@ pub(super) fn add_effects(
             .zip(values)
             .map(|(p, v)| {
                 let model_var = inverse[(at, at)] * set.mean_square.max(1.0);
-                let form = form_sd(candidate.effect, p, *v);
+                let form = p.form_sd(*v);
                 let sd = model_var.max(robust[(at, at)]).sqrt().hypot(form);
                 let held = e.fit.on_bound[at];
                 at += 1;
@@ -182,13 +182,7 @@ pub(super) fn add_effects(
         }
         out.push(FoundEffect {
             id: candidate.effect.id.to_owned(),
-            side: match candidate.effect.side {
-                Side::Actuation => "actuation",
-                Side::Mechanics => "mechanics",
-                Side::Sensing => "sensing",
-                Side::FrameAndTime => "frame and time",
-            }
-            .to_owned(),
+            side: side(candidate.effect.side).to_owned(),
             target,
             params,
         });
@@ -253,12 +247,12 @@ pub(super) fn unseen(
 
 pub(super) fn separate(effects: &[FoundEffect]) -> SeparateBy {
     let ids: Vec<String> = effects.iter().map(|e| e.id.clone()).collect();
-    let timing = |id: &str| matches!(id, "pressure-delay" | "flow-limit" | "pressure-lag");
-    let (excitation, why) = if ids.iter().all(|id| timing(id)) {
+    let same_channels = effects.windows(2).all(|w| w[0].target == w[1].target);
+    let (excitation, why) = if same_channels {
         (
             "steps",
-            "steps of different heights discriminate between them: a delay shifts them, a lag takes the same \
-             time for all, a flow limit takes longer for the high ones",
+            "steps of different heights with long holds discriminate between them: a delay shifts a step, a lag takes \
+             the same time for all, a limit of flow takes longer for high ones, a leak shows while they hold",
         )
     } else {
         (

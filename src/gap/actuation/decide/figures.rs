@@ -2,7 +2,7 @@
 
 use crate::gap::actuation::healthy::LineBaseline;
 use crate::gap::actuation::line::{LineRow, PressureGrid, line_rmse_pa};
-use crate::gap::finding::{ChannelError, GapSize, Located, Traces};
+use crate::gap::finding::{ChannelError, closed, GapSize, Located, Traces};
 use crate::gap::problem::BLOCKS;
 use crate::signal::CHAMBERS;
 
@@ -49,7 +49,7 @@ pub(super) fn gap_size(
         before,
         after,
         floor,
-        closed: (before - after) / (before - floor).max(1e-9),
+        closed: closed(before, after, floor),
         unit: "kPa".to_owned(),
     }
 }
