@@ -11,7 +11,7 @@ fn first() -> Arc<Path> {
 }
 
 /// A window on an arm with a rolling recording of that state.
-fn window(rolling: RollingStatus) -> (Twin, Harness<'static, App>, Kept, Arc<Mutex<Vec<u64>>>) {
+fn app_of(rolling: RollingStatus) -> (Twin, App, Kept, Arc<Mutex<Vec<u64>>>) {
     let mut s = fixture::snapshot(1.0);
     s.rolling = rolling;
     let (twin, handle) = twin(s);
@@ -37,9 +37,23 @@ fn window(rolling: RollingStatus) -> (Twin, Harness<'static, App>, Kept, Arc<Mut
     };
     let mut app = App::new(Some(handle), RobotSpec::reference(), services);
     app.screen = ScreenId::Recordings;
+    (twin, app, kept, limits)
+}
+
+fn window(rolling: RollingStatus) -> (Twin, Harness<'static, App>, Kept, Arc<Mutex<Vec<u64>>>) {
+    let (twin, app, kept, limits) = app_of(rolling);
     let mut h = harness(app);
     h.run_steps(4);
     (twin, h, kept, limits)
+}
+
+#[test]
+fn it_is_drawn() {
+    for size in [[1024.0, 700.0], [1280.0, 760.0]] {
+        let (_twin, app, ..) = app_of(RollingStatus::Records(first()));
+        let name = format!("recordings-rolling-{}", size[0]);
+        pictures::picture(&name, size, Theme::Dark, app);
+    }
 }
 
 #[test]
