@@ -154,6 +154,14 @@ pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
     if !gone.is_empty() {
         out.push(format!("Not measured: {}.", gone.join(", ")));
     }
+    for grid in healthy.into_iter().chain([suspect]) {
+        for [from_s, to_s] in &grid.holes_s {
+            out.push(format!(
+                "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
+                grid.session.name
+            ));
+        }
+    }
     if suspect.session.commanded_pa.is_none() {
         out.push(
             "The commanded pressures were not logged: the path from command to gauge cannot be judged."

@@ -38,10 +38,12 @@ pub struct Explained {
     pub firm: bool,
 }
 
-/// Candidates that go from the score test into a full fit.
+/// Candidates that go from the score test into a full fit at most.
 const FULL_FITS: usize = 10;
 /// The same once an effect was found: the score test is then sharp.
 const FURTHER_FITS: usize = 4;
+/// So many are fitted even where none is significant.
+const FEW: usize = 3;
 /// At most so many channels of one effect among them.
 const SAME_EFFECT: usize = 3;
 /// Steps of a full fit.
@@ -174,7 +176,8 @@ pub fn score(gram: &DMatrix<f64>, right: &DVector<f64>) -> (f64, DVector<f64>) {
     }
 }
 
-/// Fits the most promising candidates on top of `so_far` and orders them by held-out gain.
+/// Fits the most promising candidates on top of `so_far` and orders them by held-out gain. A score below `least` is not worth
+/// a fit, but for the first few.
 ///
 /// # Errors
 /// [`GapError`] when stopped, or the effects so far cannot be simulated.
@@ -183,6 +186,7 @@ pub fn explain(
     all: &[Candidate],
     ready: &[Column],
     so_far: Option<&Explained>,
+    least: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<Explained>, GapError> {
     let base = so_far.map(|e| e.fit.effects.clone()).unwrap_or_default();
@@ -222,7 +226,10 @@ pub fn explain(
     .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut chosen: Vec<(Candidate, Vec<f64>)> = Vec::new();
-    for (_, i, x) in &scored {
+    for (score, i, x) in &scored {
+        if *score < least && chosen.len() >= FEW {
+            break;
+        }
         let column = &ready[*i];
         let candidate = all[column.candidate];
         // All channels and one more of the same is scatter of one effect, not two.

@@ -5,19 +5,20 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 use rand::SeedableRng as _;
 
-use super::candidates::{Table, scene};
+use super::candidates::{Candidate, Table, scene};
 use super::commission::{Baseline, commission, factory};
 use super::describe::{described, notes, range_pa, separate, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
-use super::finding::{FailedFold, Finding, GapSize, Located, Verdict};
-use super::fit::cost;
+use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
+use super::fit::{cost, fit};
 use super::misfit::Misfit;
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
-use super::problem::Replayed;
-use super::prove::{prove, withheld};
-use super::select::{Selected, rivals_of, select};
-use super::session::{Grid, same_robot};
+use super::problem::{Problem, Replayed};
+use super::folds::FOLDS;
+use super::prove::{Case, Proof, prove};
+use super::select::{rivals_of, select};
+use super::session::{Grid, same_robot, thinning};
 use super::sides::{add_supply, is_open, supply};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
@@ -69,6 +70,14 @@ pub fn find(
         same_robot(robot, &grid.session)?;
         grid.ensure_measured()?;
     }
+    let thinned = match healthy {
+        Some(h) => at_one_rate(h, suspect)?,
+        None => None,
+    };
+    let (healthy, suspect) = match &thinned {
+        Some([h, s]) => (Some(h), s),
+        None => (healthy, suspect),
+    };
     let baseline = match healthy {
         Some(grid) => {
             let mut common = grid.clone();
@@ -122,7 +131,7 @@ pub fn find(
         before.change
     );
 
-    let Selected { chosen, rankings } = select(
+    let selected = select(
         &problem,
         (&all, &ready),
         threshold,
@@ -130,7 +139,7 @@ pub fn find(
         supply.as_ref(),
         progress,
     )?;
-    let first: &[Explained] = rankings.first().map_or(&[], |r| r);
+    let (mut chosen, rankings) = (selected.chosen.clone(), &selected.rankings);
     let mut ranked: Vec<Explained> = rankings.iter().flatten().cloned().collect();
     ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let Judged {
@@ -142,7 +151,7 @@ pub fn find(
             let n = problem.len() as f64;
             let healthy = quiet.norm_squared() * n / quiet.len() as f64;
             let cost = cost(&problem, &r0);
-            let rivals = rivals_of(&problem, &rankings, best, [cost, healthy], supply.as_ref());
+            let rivals = rivals_of(&problem, rankings, best, [cost, healthy], supply.as_ref());
             let after = Misfit::of(&problem, &best.fit.residual);
             log::debug!(
                 "residual: innovations {:.3}, biases {:.2?}, rig's change {:.2}; closed {:.2}",
@@ -158,21 +167,26 @@ pub fn find(
     notes.extend(reasons);
 
     progress.at(Stage::Prove, 0.0)?;
-    // For a verdict without a name the best attempt is still measured, but never patched in.
-    let measured = chosen.as_ref().or(first.first());
-    let proof = prove(&replayed, &problem, measured)?;
+    let proof = prove(&Case {
+        replayed: &replayed,
+        problem: &problem,
+        r0: &r0,
+        selected: &selected,
+        threshold,
+        supply: supply.as_ref(),
+    })?;
     notes.extend(proof.failed.iter().map(FailedFold::text));
-    if matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
-        && let Some(why) = withheld(&proof.failed, proof.gap.closed)
-    {
-        verdict = Verdict::Unknown;
-        rivals.clear();
-        notes.push(why);
+    if let (true, Some(best)) = (names(verdict), chosen.take()) {
+        let held = hold(&problem, best, rivals, rankings, &proof);
+        (chosen, verdict, rivals) = (held.chosen, held.verdict, held.rivals);
+        notes.extend(held.notes);
     }
-    let accepted = match verdict {
-        Verdict::Named | Verdict::Indistinguishable => chosen.as_ref(),
-        _ => None,
-    };
+    if let Some((what, note)) = against_floor(verdict, &proof.channels) {
+        (chosen, verdict) = (None, what);
+        rivals.clear();
+        notes.push(note);
+    }
+    let accepted = chosen.as_ref().filter(|_| names(verdict));
     let mut found_effects = accepted.map_or_else(Vec::new, |e| described(&problem, e));
     let mut effects = found_effects.clone();
     for r in &rivals {
@@ -208,6 +222,8 @@ pub fn find(
         gap,
         worse: proof.worse,
         channels: proof.channels,
+        embargo_s: proof.embargo_s,
+        folds: proof.folds,
         failed_folds: proof.failed,
         separate_by,
         notes,
@@ -238,6 +254,146 @@ pub fn find(
     };
     patch.set_values(&baseline.values);
     Ok(Found { finding, patch })
+}
+
+/// Both sessions at about the rate of the slower one; `None` where they are.
+fn at_one_rate(healthy: &Grid, suspect: &Grid) -> Result<Option<[Grid; 2]>, GapError> {
+    let steps = thinning(&healthy.session.t_s, &suspect.session.t_s);
+    if steps == [1, 1] {
+        return Ok(None);
+    }
+    let [h, s] = steps;
+    let thinned = |grid: &Grid, step| Grid::new(grid.session.thinned(step));
+    Ok(Some([thinned(healthy, h)?, thinned(suspect, s)?]))
+}
+
+fn names(verdict: Verdict) -> bool {
+    matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
+}
+
+/// What the held-out folds leave of a choice.
+struct Held {
+    chosen: Option<Explained>,
+    verdict: Verdict,
+    rivals: Vec<Explained>,
+    notes: Vec<String>,
+}
+
+/// A choice after the proof: effects that too few folds chose are left out, and what other folds chose in their place cannot
+/// be excluded.
+fn hold(
+    problem: &Problem,
+    mut best: Explained,
+    mut rivals: Vec<Explained>,
+    rankings: &[Vec<Explained>],
+    proof: &Proof,
+) -> Held {
+    let refused = |note: String| Held {
+        chosen: None,
+        verdict: Verdict::Unknown,
+        rivals: Vec::new(),
+        notes: vec![note],
+    };
+    if let Some(why) = proof.withheld() {
+        return refused(why);
+    }
+    let target = |c: &Candidate| c.target.map(|t| t + 1);
+    let supported = |c: &Candidate| proof.supports(c.effect.id, target(c));
+    let mut notes = Vec::new();
+    let mut elsewhere = Vec::new();
+    for (id, at) in proof.folds.iter().flat_map(|f| &f.effects) {
+        let is = |c: &Candidate| c.effect.id == id && target(c) == *at;
+        let known = best.fit.effects.iter().any(|(c, _)| is(c))
+            || rivals.iter().chain(&elsewhere).any(|e: &Explained| is(&e.candidate));
+        let found = rankings.iter().flatten().find(|e| is(&e.candidate));
+        if let (false, Some(e)) = (known, found) {
+            elsewhere.push(e.clone());
+        }
+    }
+    let unsure = best.fit.effects.iter().filter(|(c, _)| !supported(c));
+    let unsure: Vec<Candidate> = unsure.map(|(c, _)| *c).collect();
+    for c in &unsure {
+        let n = proof.support(c.effect.id, target(c));
+        notes.push(format!(
+            "{} is chosen by {n} of {FOLDS} held-out folds.",
+            c.effect.name
+        ));
+    }
+    if unsure.is_empty() {
+        let verdict = match rivals.is_empty() {
+            true => Verdict::Named,
+            false => Verdict::Indistinguishable,
+        };
+        return Held {
+            chosen: Some(best),
+            verdict,
+            rivals,
+            notes,
+        };
+    }
+    rivals.extend(elsewhere);
+    if !rivals.is_empty() {
+        return Held {
+            chosen: Some(best),
+            verdict: Verdict::Indistinguishable,
+            rivals,
+            notes,
+        };
+    }
+    let mut rest = best.fit.effects.clone();
+    rest.retain(|(c, _)| supported(c));
+    match (rest.is_empty(), fit(problem, rest, 6)) {
+        (false, Some(fit)) => {
+            best.candidate = fit.effects[0].0;
+            best.fit = fit;
+            Held {
+                chosen: Some(best),
+                verdict: Verdict::Named,
+                rivals,
+                notes,
+            }
+        }
+        _ => refused(format!("No effect is named: {}", notes.join(" "))),
+    }
+}
+
+/// A group of channels whose error is within this factor of a healthy session's is at its floor.
+const AT_FLOOR: f64 = 1.25;
+/// One whose error is more than this factor above a healthy session's is far from it.
+const FAR: f64 = 3.0;
+
+/// A verdict that the sizes of the errors contradict: a name where all is at the floor, or nothing missing far above it.
+fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict, String)> {
+    let most = |ratios: &mut dyn Iterator<Item = f64>| ratios.fold(0.0, f64::max);
+    let each = most(&mut channels.iter().filter_map(|c| Some(c.before / c.floor?)));
+    // Channels of a kind together: one spring alone may have moved a little.
+    let kind = |r: &str| {
+        let of_kind = channels.iter().filter(|c| c.name.starts_with(r));
+        let squares = of_kind.filter_map(|c| Some([c.before.powi(2), c.floor?.powi(2)]));
+        let [before, floor] = squares.fold([0.0; 2], |sum, x| [sum[0] + x[0], sum[1] + x[1]]);
+        (before / floor).sqrt()
+    };
+    let kinds = ["r2 tip position", "r2 tip rotation", "r3", "r4"].map(|r| (r, kind(r)));
+    let known = kinds.into_iter().filter(|(_, ratio)| ratio.is_finite());
+    let (worst, ratio) = known.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    match verdict {
+        v if names(v) && each < AT_FLOOR => Some((
+            Verdict::NothingMissing,
+            "All errors are at the noise floor: what gains there is not named.".to_owned(),
+        )),
+        Verdict::NothingMissing if ratio > FAR => Some((
+            Verdict::Unknown,
+            format!(
+                "Cannot tell: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session.",
+                match worst {
+                    "r3" => "the springs",
+                    "r4" => "the IMUs",
+                    tip => tip.trim_start_matches("r2 "),
+                }
+            ),
+        )),
+        _ => None,
+    }
 }
 
 /// A verdict and its reasons.

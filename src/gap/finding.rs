@@ -97,14 +97,24 @@ pub struct ChannelError {
     pub after: f64,
     /// 95 % interval of `after`, from block to block.
     pub after_ci95: [f64; 2],
-    /// With the effects driven by shuffled inputs: must not help.
+    /// With the effects' response to the session's pressures in another order: what helps as much as the response to the
+    /// true ones does not depend on them.
     pub shuffled: Option<f64>,
     /// Of a healthy session.
     pub floor: Option<f64>,
 }
 
+/// What was chosen in one fold of the held-out proof, from its training part alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoldChoice {
+    /// Which one (1-based).
+    pub fold: usize,
+    /// Ids of the effects with their channels (1-based); empty where nothing gained enough.
+    pub effects: Vec<(String, Option<usize>)>,
+}
+
 /// A fold of the held-out proof that could not be computed. Nothing is known of the effects on its blocks: they count
-/// with the error of the model without the effects, and no name is given.
+/// with the error of the model without the effects, and the fold as one that does not choose them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FailedFold {
     /// Which one (1-based).
@@ -177,7 +187,13 @@ pub struct Finding {
     pub worse: Vec<ChannelError>,
     /// All channel groups.
     pub channels: Vec<ChannelError>,
-    /// Folds of the held-out proof that could not be computed; no name is given while there is one.
+    /// What was kept between what is fitted and what is held out, s.
+    #[serde(default)]
+    pub embargo_s: f64,
+    /// What each fold of the held-out proof chose.
+    #[serde(default)]
+    pub folds: Vec<FoldChoice>,
+    /// Folds that could not be computed: they count against the effects.
     #[serde(default)]
     pub failed_folds: Vec<FailedFold>,
     /// The discriminating excitation for the alternatives.

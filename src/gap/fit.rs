@@ -27,6 +27,20 @@ impl Fit {
         active(&self.effects)
     }
 
+    /// What it leaves in some bins of its problem, nothing fitted again.
+    pub fn part(&self, problem: &Problem, bins: &[usize]) -> Self {
+        let residual = problem.pick(&self.residual, bins);
+        let mut columns = DMatrix::zeros(residual.len(), self.columns.ncols());
+        for (i, column) in self.columns.column_iter().enumerate() {
+            columns.set_column(i, &problem.pick(&column.into_owned(), bins));
+        }
+        Self {
+            residual,
+            columns,
+            ..self.clone()
+        }
+    }
+
     /// All parameters in a row.
     pub fn parameters(&self) -> Vec<f64> {
         self.effects.iter().flat_map(|(_, v)| v.clone()).collect()

@@ -13,6 +13,7 @@ mod explain;
 mod find;
 mod finding;
 mod fit;
+mod folds;
 
 mod locate;
 mod misfit;

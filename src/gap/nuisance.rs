@@ -38,6 +38,24 @@ impl Nuisance {
         }
     }
 
+    /// The same columns over some bins only, in their order.
+    pub fn part(&self, bins: &[usize]) -> Self {
+        let rows: Vec<usize> = bins
+            .iter()
+            .flat_map(|b| b * self.per_bin..(b + 1) * self.per_bin)
+            .collect();
+        let kept = self.owners * self.each;
+        let own = bins
+            .iter()
+            .flat_map(|b| &self.own[b * kept..(b + 1) * kept])
+            .copied();
+        Self {
+            dense: self.dense.select_rows(&rows),
+            own: own.collect(),
+            ..*self
+        }
+    }
+
     /// Number of stacked rows.
     pub fn rows(&self) -> usize {
         self.dense.nrows()
@@ -161,6 +179,11 @@ mod tests {
             assert!((kept.seen(&x, rows.clone()) - wanted).amax() < 1e-12);
             assert!((kept.gram(rows) - part.transpose() * part).amax() < 1e-12);
         }
+        let some = [1, 2, 5];
+        let rows: Vec<usize> = some.iter().flat_map(|b| b * per_bin..(b + 1) * per_bin).collect();
+        let part = full.select_rows(&rows);
+        let kept_part = kept.part(&some);
+        assert!((kept_part.gram(0..rows.len()) - part.transpose() * &part).amax() < 1e-12);
         assert!((kept.times(&c) - &full * &c).amax() < 1e-12);
     }
 }

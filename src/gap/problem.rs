@@ -3,6 +3,8 @@
 //! r(α) = w(measured − predicted(α)); the nuisance parameters δ enter linearly with their prior:
 //! min over δ of |r − N δ|² + δᵀ Λ δ = rᵀ M r, M = I − N (NᵀN + Λ)⁻¹ Nᵀ.
 
+use std::ops::Range;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
@@ -254,6 +256,45 @@ impl<'a> Problem<'a> {
         moved / expected
     }
 
+    /// The problem of some bins alone, in blocks of consecutive ones: what the others hold takes no part in it.
+    ///
+    /// # Errors
+    /// [`GapError::Degenerate`] when something is not finite.
+    pub fn part<'b>(&'b self, blocks: &[Range<usize>]) -> Result<Problem<'b>, GapError> {
+        let bins: Vec<usize> = blocks.iter().cloned().flatten().collect();
+        let mut edges = vec![0];
+        for block in blocks {
+            edges.push(edges[edges.len() - 1] + block.len() * self.per_bin);
+        }
+        let nuisance = self.nuisance.part(&bins);
+        let picked = bins.clone();
+        let problem = Problem::new(
+            Box::new(move |effects| Ok(self.pick(&(self.evaluate)(effects)?, &picked))),
+            nuisance,
+            &self.lambda,
+            &edges,
+            self.per_bin,
+        )?;
+        Ok(match self.prior_counts {
+            true => problem.with_prior(),
+            false => problem,
+        })
+    }
+
+    /// The rows of some bins of stacked innovations.
+    pub fn pick(&self, r: &DVector<f64>, bins: &[usize]) -> DVector<f64> {
+        let n = self.per_bin;
+        DVector::from_iterator(
+            bins.len() * n,
+            bins.iter().flat_map(|b| r.as_slice()[b * n..(b + 1) * n].iter().copied()),
+        )
+    }
+
+    /// Number of blocks.
+    fn blocks(&self) -> usize {
+        self.edges.len() - 1
+    }
+
     /// Number of innovations.
     pub fn len(&self) -> usize {
         self.nuisance.rows()
@@ -321,19 +362,8 @@ impl<'a> Problem<'a> {
     }
 
     /// Half the squared innovations (and a share of the prior) of every block, when nuisance and the columns `j` are fitted to
-    /// the other folds. `weak` is the precision of the columns' prior about zero.
+    /// the other folds. `weak` is the precision of the columns' prior about zero. Infinite where the equations have no solution.
     pub fn held_out(&self, r: &DVector<f64>, j: &DMatrix<f64>, weak: &DVector<f64>) -> Losses {
-        self.folds(r, j, weak).0
-    }
-
-    /// As [`Self::held_out`], with the change of the columns' coefficients in every fold; `None` where its equations
-    /// have no solution.
-    pub fn folds(
-        &self,
-        r: &DVector<f64>,
-        j: &DMatrix<f64>,
-        weak: &DVector<f64>,
-    ) -> (Losses, Vec<Option<DVector<f64>>>) {
         let p = j.ncols();
         // Per block: NᵀJ, Nᵀr, JᵀJ, Jᵀr.
         struct Block {
@@ -343,7 +373,7 @@ impl<'a> Problem<'a> {
             jr: DMatrix<f64>,
         }
         let r = DMatrix::from_column_slice(r.len(), 1, r.as_slice());
-        let blocks: Vec<Block> = (0..BLOCKS)
+        let blocks: Vec<Block> = (0..self.blocks())
             .map(|b| {
                 let rows = self.edges[b]..self.edges[b + 1];
                 let jb = j.rows(rows.start, rows.len());
@@ -355,8 +385,7 @@ impl<'a> Problem<'a> {
                 }
             })
             .collect();
-        let mut losses = vec![f64::INFINITY; BLOCKS];
-        let mut changes = vec![None; FOLDS];
+        let mut losses = vec![f64::INFINITY; self.blocks()];
         for fold in 0..FOLDS {
             let k = self.nuisance.columns();
             let (mut nj, mut nr) = (DMatrix::zeros(k, p), DMatrix::zeros(k, 1));
@@ -378,13 +407,12 @@ impl<'a> Problem<'a> {
                 };
                 a = schur.solve(&(jr - nj.tr_mul(&sr)));
             }
-            changes[fold] = Some(a.column(0).into_owned());
             let d = sr - sj * &a;
             let prior = match self.prior_counts {
-                true => d.dot(&(&self.lambda * &d)) / BLOCKS as f64,
+                true => d.dot(&(&self.lambda * &d)) / self.blocks() as f64,
                 false => 0.0,
             };
-            for b in (0..BLOCKS).filter(|b| b % FOLDS == fold) {
+            for b in (0..self.blocks()).filter(|b| b % FOLDS == fold) {
                 let rows = self.edges[b]..self.edges[b + 1];
                 let Block { nj, nr, jj, jr } = &blocks[b];
                 // |r − N d − J a|²
@@ -396,7 +424,7 @@ impl<'a> Problem<'a> {
                 losses[b] = 0.5 * (left + prior);
             }
         }
-        (Losses(losses), changes)
+        Losses(losses)
     }
 }
 

@@ -1,17 +1,23 @@
-//! Held-out proof: effects are refitted without some blocks, the session is simulated again with
-//! them, and the error is taken on the blocks that were left out. A refit that fails proves nothing: its blocks count
-//! with the error of the model without the effects, and the effects get no name.
+//! Held-out proof. In every fold the effects are chosen and fitted on its training part alone, the session is simulated again
+//! with that choice, and the error is taken on the blocks that were held out. A fold that cannot be fitted proves nothing: its
+//! blocks count with the error of the model without the effects.
+//!
+//! The list of effects that are compared comes from the whole session; which of them a fold takes, and every number, from its
+//! training part.
 
 use nalgebra::DVector;
 
 use super::GapError;
 use super::commission::Baseline;
-use super::explain::{Explained, weak_prior};
-use super::finding::{ChannelError, FailedFold, GapSize, Traces, closed};
+use super::explain::Explained;
+use super::finding::{ChannelError, FailedFold, FoldChoice, Finding, GapSize, Traces, closed};
+use super::fit::fit;
+use super::folds::{FOLDS, Fold, folds};
 use super::noise::{bridged, start};
-use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
+use super::problem::{BLOCKS, Problem, Replayed};
 use super::replay::{Row, captured_poses, move_arm};
-use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
+use super::select::Selected;
+use super::session::{CHANNELS, GRID_HZ, Grid, IMU_0, SPRING_0, channel_name};
 use crate::signal::Pose;
 use crate::sim::effects::{Active, Target};
 
@@ -23,8 +29,14 @@ pub struct Proof {
     pub channels: Vec<ChannelError>,
     /// Those that got worse.
     pub worse: Vec<ChannelError>,
+    /// What each fold chose.
+    pub folds: Vec<FoldChoice>,
     /// Folds that could not be computed.
     pub failed: Vec<FailedFold>,
+    /// What was kept between training and held-out blocks, s.
+    pub embargo_s: f64,
+    /// Whether the response to the pressures in another order helps as much, although it differs.
+    pub helps_anyway: bool,
     /// For pictures.
     pub traces: Traces,
 }
@@ -62,56 +74,55 @@ fn groups() -> Vec<Group> {
 /// A group that got worse by this share of its noise floor is reported.
 const WORSE: f64 = 0.1;
 
-/// Measures what `e` does on data it was not fitted to; `None` measures the model as it is.
+/// What the proof is about.
+pub struct Case<'a> {
+    /// The session against its baseline.
+    pub replayed: &'a Replayed<'a>,
+    /// The same as a problem.
+    pub problem: &'a Problem<'a>,
+    /// Innovations without effects.
+    pub r0: &'a DVector<f64>,
+    /// What was compared and taken on the whole session.
+    pub selected: &'a Selected,
+    /// Significance threshold of a gain, nats.
+    pub threshold: f64,
+    /// What the way from command to gauge has shown.
+    pub supply: Option<&'a Finding>,
+}
+
+/// Steps of a fit on the training part, which starts at that to the whole session.
+const STEPS: usize = 4;
+
+/// Measures what the effects do on data that they were neither chosen by nor fitted to.
 ///
 /// # Errors
 /// [`GapError`] when the arm cannot move with the effects.
-pub fn prove(
-    replayed: &Replayed,
-    problem: &Problem,
-    e: Option<&Explained>,
-) -> Result<Proof, GapError> {
+pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
+    let Case {
+        replayed, selected, ..
+    } = *case;
+    let e = selected.chosen.as_ref();
     let before = bridged(&replayed.rows(&[])?);
     let n = before.len();
     let block_of = |k: usize| (0..BLOCKS).rev().find(|b| b * n / BLOCKS <= k).unwrap_or(0);
     let mut after = before.clone();
-    let mut failed = Vec::new();
+    let (mut choices, mut failed) = (Vec::new(), Vec::new());
     let mut whole: Vec<Active> = Vec::new();
+    let mut shuffled = before.clone();
+    let mut embargo_s = 0.0;
+    let mut differs = false;
     if let Some(e) = e {
         whole = e.fit.active();
-        let whole_rows = replayed.rows(&whole)?;
-        let misfit = |rows: &[Row], pick: &dyn Fn(usize) -> bool| -> f64 {
-            let w = replayed.baseline.noise.innovations(rows);
-            let columns = w.column_iter().enumerate();
-            columns
-                .filter(|(k, _)| pick(*k))
-                .map(|(_, c)| c.norm_squared())
-                .sum()
-        };
-        let (_, changes) = problem.folds(&e.fit.residual, &e.fit.columns, &weak_prior(&e.fit));
-        let folds: Vec<_> = changes
-            .iter()
-            .enumerate()
-            .map(|(fold, change)| {
-                let training = |k: usize| block_of(k) % FOLDS != fold;
-                let rows = fold_rows(
-                    &whole,
-                    change.as_ref(),
-                    &|effects| Ok(replayed.rows(effects)?),
-                    &|rows| misfit(rows, &training),
-                    &whole_rows,
-                );
-                rows.map(|rows| bridged(&rows))
-            })
-            .collect();
-        (after, failed) = held_out_rows(&before, &folds, &|k| block_of(k) % FOLDS);
+        let (folds, embargo) = folds(n, memory(e, replayed.baseline));
+        embargo_s = embargo as f64 / GRID_HZ;
+        let rows = super::parallel(&folds, |fold| fold_rows(case, fold));
+        (after, choices, failed) = held_out_rows(&before, &folds, rows);
+        let (true_order, other_order) = (response(replayed, replayed.grid, &whole)?, redriven(replayed, &whole)?);
+        differs = differ(&true_order, &other_order);
+        for (row, by) in shuffled.iter_mut().zip(&other_order) {
+            row.iter_mut().zip(by).for_each(|(x, by)| *x -= by);
+        }
     }
-    let shuffled: Vec<Row> = (0..n)
-        .map(|k| {
-            let other = (k + n / 2) % n;
-            std::array::from_fn(|c| before[k][c] - (before[other][c] - after[other][c]))
-        })
-        .collect();
     let mut channels = Vec::new();
     for g in groups() {
         if !g.channels.clone().all(|c| replayed.grid.present[c]) {
@@ -147,97 +158,163 @@ pub fn prove(
         .filter(|c| c.after - c.before > WORSE * c.floor.unwrap_or(c.before))
         .cloned()
         .collect();
-    let gap = size_of(&channels, &whole);
+    let (gap, own) = size_of(&channels, &whole);
+    let helps_anyway = differs
+        && own.and_then(|c| c.shuffled).is_some_and(|other| other <= gap.after);
     let traces = traces(replayed, &before, &after, &whole)?;
     Ok(Proof {
         gap,
-        channels,
         worse,
+        folds: choices,
         failed,
+        embargo_s,
+        helps_anyway,
         traces,
+        channels,
     })
 }
 
-/// A refit may be worse on the blocks it was made from by this factor: its change is a linear guess.
-const REFIT_MISFIT: f64 = 1.05;
-
-/// The rows of a session with effects.
-type Simulate<'a> = dyn Fn(&[Active]) -> Result<Vec<Row>, GapError> + 'a;
-
-/// The arm with the effects `whole` moved by `change`, which was fitted without a fold; `misfit` is the error on the
-/// blocks it was fitted to. Why there is none, where there is none: the fit to all blocks is no stand-in, it has seen
-/// those that are held out.
-fn fold_rows(
-    whole: &[Active],
-    change: Option<&DVector<f64>>,
-    simulate: &Simulate<'_>,
-    misfit: &dyn Fn(&[Row]) -> f64,
-    whole_rows: &[Row],
-) -> Result<Vec<Row>, String> {
-    let Some(change) = change else {
-        return Err("the effects are indistinguishable on the other blocks".to_owned());
+/// How long the slowest thing in play is remembered, bins: the healthy rig's residuals, or an effect.
+fn memory(e: &Explained, baseline: &Baseline) -> usize {
+    let of_effect = |(c, values): &(super::candidates::Candidate, Vec<f64>)| {
+        c.effect.memory.map_or(0.0, |i| values[i] * GRID_HZ)
     };
-    let mut effects = whole.to_vec();
-    let mut moved = change.iter();
-    for a in &mut effects {
-        for ((v, p), by) in a.values.iter_mut().zip(a.effect.parameters).zip(&mut moved) {
-            *v = (*v + by).clamp(p.bounds[0], p.bounds[1]);
-        }
-    }
-    let rows = simulate(&effects).map_err(|e| {
-        format!("the arm cannot be simulated with the effects fitted to the other blocks ({e})")
-    })?;
-    let [refit, all] = [misfit(&rows), misfit(whole_rows)];
-    if refit <= REFIT_MISFIT * all {
-        return Ok(rows);
-    }
-    Err(format!(
-        "the effects refitted to the other blocks suit these blocks {:.1} times worse than those fitted to all",
-        (refit / all).sqrt()
-    ))
+    let effects = e.fit.effects.iter().map(of_effect).fold(0.0, f64::max);
+    // Σφᵏ = 1/(1 − φ) rows, half of (1 + φ)/(1 − φ) for what is slow.
+    let residuals = 0.5 * baseline.noise.correlation_rows();
+    effects.max(residuals).ceil() as usize
 }
 
-/// Rows as each fold leaves those that it has not seen; a fold that failed leaves them as they were before.
+/// What a fold leaves of the session, with what it chose: `None` where nothing gained enough.
+type FoldRows = Result<(Vec<Row>, Vec<(String, Option<usize>)>), String>;
+
+/// The session with the effects chosen and fitted on the fold's training part; why there is none, where there is none.
+fn fold_rows(case: &Case<'_>, fold: &Fold) -> FoldRows {
+    let bins: Vec<usize> = fold.training.iter().cloned().flatten().collect();
+    let part = case.problem.part(&fold.training).map_err(|e| e.to_string())?;
+    let chosen = case.selected.chosen_on(
+        (&part, &bins),
+        (case.problem, case.r0),
+        case.threshold,
+        case.supply,
+    );
+    let (mut active, mut names) = (Vec::new(), Vec::new());
+    if let Some(e) = chosen {
+        let Some(refit) = fit(&part, e.fit.effects, STEPS) else {
+            return Err("the effects cannot be fitted to the other blocks".to_owned());
+        };
+        active = refit.active();
+        let name = |a: &Active| (a.effect.id.to_owned(), a.target.map(|t| t + 1));
+        names = active.iter().map(name).collect();
+    }
+    let rows = case.replayed.rows(&active).map_err(|e| {
+        format!("the arm cannot be simulated with the effects fitted to the other blocks ({e})")
+    })?;
+    Ok((bridged(&rows), names))
+}
+
+/// Rows as each fold leaves those that it has not seen, and what each chose; a fold that failed leaves them as they were
+/// before.
 fn held_out_rows(
     before: &[Row],
-    folds: &[Result<Vec<Row>, String>],
-    fold_of: &dyn Fn(usize) -> usize,
-) -> (Vec<Row>, Vec<FailedFold>) {
-    let unseen = |(k, row): (usize, &Row)| match &folds[fold_of(k)] {
-        Ok(rows) => rows[k],
-        Err(_) => *row,
-    };
-    let rows = before.iter().enumerate().map(unseen).collect();
-    let failed = folds.iter().enumerate().filter_map(|(fold, rows)| {
-        let reason = rows.as_ref().err()?.clone();
-        Some(FailedFold {
-            fold: fold + 1,
-            of: folds.len(),
-            reason,
-        })
-    });
-    (rows, failed.collect())
+    folds: &[Fold],
+    rows: Vec<FoldRows>,
+) -> (Vec<Row>, Vec<FoldChoice>, Vec<FailedFold>) {
+    let mut after = before.to_vec();
+    let (mut choices, mut failed) = (Vec::new(), Vec::new());
+    for (i, (fold, result)) in folds.iter().zip(rows).enumerate() {
+        match result {
+            Ok((rows, effects)) => {
+                for k in fold.held.iter().cloned().flatten() {
+                    after[k] = rows[k];
+                }
+                choices.push(FoldChoice {
+                    fold: i + 1,
+                    effects,
+                });
+            }
+            Err(reason) => failed.push(FailedFold {
+                fold: i + 1,
+                of: folds.len(),
+                reason,
+            }),
+        }
+    }
+    (after, choices, failed)
+}
+
+/// What the effects change in the predicted readings under the pressures of `grid`.
+fn response(replayed: &Replayed, grid: &Grid, effects: &[Active]) -> Result<Vec<Row>, GapError> {
+    let here = Replayed::new(replayed.robot, grid, replayed.baseline)?;
+    let (without, with) = (bridged(&here.rows(&[])?), bridged(&here.rows(effects)?));
+    let change = |(a, b): (&Row, &Row)| std::array::from_fn(|c| a[c] - b[c]);
+    Ok(without.iter().zip(&with).map(change).collect())
+}
+
+/// The same under the second half of the pressures followed by the first.
+fn redriven(replayed: &Replayed, effects: &[Active]) -> Result<Vec<Row>, GapError> {
+    let mut grid = replayed.grid.clone();
+    let half = grid.gauge_pa.len() / 2;
+    grid.gauge_pa.rotate_left(half);
+    response(replayed, &grid, effects)
+}
+
+/// Two responses that differ by less than this share of the first are the same: a constant load, frame or offset is there
+/// whatever the pressures are.
+const SAME: f64 = 0.3;
+
+fn differ(a: &[Row], b: &[Row]) -> bool {
+    let square = |x: f64| x * x;
+    let (mut apart, mut size) = (0.0, 0.0);
+    for (a, b) in a.iter().zip(b).skip(start()) {
+        for c in 0..CHANNELS {
+            apart += square(a[c] - b[c]);
+            size += square(a[c]);
+        }
+    }
+    apart > SAME * SAME * size
 }
 
 /// Share of the held-out gap that has to close before an effect is named.
 const PROVEN_MIN: f64 = 0.5;
+/// Folds that have to choose an effect before it is named.
+const AGREE_MIN: usize = 3;
 
-/// Why no name is given although the fit found one; `None` when the proof holds.
-pub fn withheld(failed: &[FailedFold], closed: f64) -> Option<String> {
-    if !failed.is_empty() {
-        return Some(format!(
-            "No effect is named: {} of {} held-out folds failed, so it is not known whether the effect predicts data it \
-             was not fitted to. Record a longer session with more motion.",
-            failed.len(),
-            FOLDS
-        ));
+impl Proof {
+    /// How many folds chose an effect on a channel.
+    pub fn support(&self, id: &str, target: Option<usize>) -> usize {
+        let chose = |f: &&FoldChoice| f.effects.iter().any(|(i, t)| i == id && *t == target);
+        self.folds.iter().filter(chose).count()
     }
-    (closed < PROVEN_MIN).then(|| {
-        format!(
-            "The best effect of the table closes only {:.0} % of the held-out gap.",
-            100.0 * closed
-        )
-    })
+
+    /// Whether enough folds chose an effect on a channel.
+    pub fn supports(&self, id: &str, target: Option<usize>) -> bool {
+        self.support(id, target) >= AGREE_MIN
+    }
+
+    /// Why no name is given although the fit found one; `None` when the proof holds.
+    pub fn withheld(&self) -> Option<String> {
+        if self.failed.len() > FOLDS - AGREE_MIN {
+            return Some(format!(
+                "No effect is named: {} of {FOLDS} held-out folds failed, so it is not known whether the effect predicts data \
+                 it was not fitted to. Record a longer session with more motion.",
+                self.failed.len(),
+            ));
+        }
+        if self.helps_anyway {
+            return Some(
+                "No effect is named: the best one explains as much when it is driven by the pressures in another order, so it \
+                 does not depend on them as it should."
+                    .to_owned(),
+            );
+        }
+        (self.gap.closed < PROVEN_MIN).then(|| {
+            format!(
+                "The best effect of the table closes only {:.0} % of the held-out gap.",
+                100.0 * self.gap.closed.max(0.0)
+            )
+        })
+    }
 }
 
 fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
@@ -252,8 +329,8 @@ fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
 /// The group of an effect counts when it exceeds its noise floor by this factor.
 const OWN_MIN: f64 = 1.5;
 
-/// The gap in the group that belongs to the (first) effect, or where it is largest.
-fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
+/// The gap in the group that belongs to the (first) effect, or where it is largest, and that group.
+fn size_of<'a>(channels: &'a [ChannelError], effects: &[Active]) -> (GapSize, Option<&'a ChannelError>) {
     let own = effects.first().and_then(|a| {
         let name = match (a.effect.target, a.target) {
             (Target::Spring, Some(i)) => format!("r3 spring {}", i + 1),
@@ -270,16 +347,17 @@ fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
         .iter()
         .max_by(|a, b| excess(a).total_cmp(&excess(b)));
     let Some(c) = own.or(largest) else {
-        return GapSize::default();
+        return (GapSize::default(), None);
     };
     let floor = c.floor.unwrap_or(0.0);
-    GapSize {
+    let gap = GapSize {
         before: c.before,
         after: c.after,
         floor,
         closed: closed(c.before, c.after, floor),
         unit: c.unit.clone(),
-    }
+    };
+    (gap, Some(c))
 }
 
 /// Place (m) and turn (quaternion w, x, y, z) of a pose; not finite where there is none.
@@ -350,65 +428,56 @@ mod tests {
 
     #[test]
     fn a_fold_that_failed_is_reported_and_does_not_count_as_held_out() {
-        let before = vec![MANY; 8];
-        let folds = [
-            Ok(vec![FEW; 8]),
-            Err("the arm folded up".to_owned()),
-            Ok(vec![FEW; 8]),
-        ];
-        let (after, failed) = held_out_rows(&before, &folds, &|k| k % 3);
+        let before = vec![MANY; 240];
+        let (folds, _) = folds(before.len(), 0);
+        let ok = || Ok((vec![FEW; 240], vec![("x".to_owned(), Some(1))]));
+        let rows = vec![ok(), Err("the arm folded up".to_owned()), ok(), ok()];
+        let (after, choices, failed) = held_out_rows(&before, &folds, rows);
         for (k, row) in after.iter().enumerate() {
-            let wanted = if k % 3 == 1 { MANY } else { FEW };
+            let wanted = if folds[1].holds_out(k) { MANY } else { FEW };
             assert_eq!(*row, wanted, "row {k}");
         }
         assert_eq!(failed.len(), 1);
-        assert_eq!((failed[0].fold, failed[0].of), (2, 3));
+        assert_eq!((failed[0].fold, failed[0].of), (2, FOLDS));
         assert_eq!(
             failed[0].text(),
-            "Held-out fold 2 of 3 failed, because the arm folded up: its blocks count as without the effect."
+            "Held-out fold 2 of 4 failed, because the arm folded up: its blocks count as without the effect."
         );
+        let mut proof = Proof {
+            gap: GapSize {
+                closed: 0.9,
+                ..GapSize::default()
+            },
+            channels: Vec::new(),
+            worse: Vec::new(),
+            folds: choices,
+            failed,
+            embargo_s: 0.0,
+            helps_anyway: false,
+            traces: Traces::default(),
+        };
+        // Three folds chose it and one failed.
+        assert_eq!(proof.support("x", Some(1)), 3);
+        assert!(proof.supports("x", Some(1)) && !proof.supports("x", None));
+        assert_eq!(proof.withheld(), None);
+        proof.folds.pop();
+        assert!(!proof.supports("x", Some(1)));
+        proof.failed.push(proof.failed[0].clone());
+        assert!(proof.withheld().is_some_and(|w| w.contains("2 of 4")));
+        proof.failed.clear();
+        proof.gap.closed = 0.3;
+        assert!(proof.withheld().is_some_and(|w| w.contains("only 30 %")));
+        proof.gap.closed = 0.9;
+        proof.helps_anyway = true;
+        assert!(proof.withheld().is_some_and(|w| w.contains("another order")));
     }
 
     #[test]
-    fn a_refit_that_has_no_solution_or_cannot_move_or_does_not_suit_its_own_blocks_fails() {
-        let square = |rows: &[Row]| rows.iter().flatten().map(|x| x * x).sum::<f64>();
-        let none = DVector::zeros(0);
-        let whole_rows = vec![FEW; 4];
-        let run = |change: Option<&DVector<f64>>, rows: Result<[f64; CHANNELS], GapError>| {
-            let simulate = |_: &[Active]| match &rows {
-                Ok(row) => Ok(vec![*row; 4]),
-                Err(_) => Err(GapError::Degenerate),
-            };
-            fold_rows(&[], change, &simulate, &square, &whole_rows)
-        };
-        assert_eq!(run(Some(&none), Ok(FEW)), Ok(vec![FEW; 4]));
-        for (change, rows, words) in [
-            (None, Ok(FEW), "indistinguishable"),
-            (
-                Some(&none),
-                Err(GapError::Degenerate),
-                "cannot be simulated",
-            ),
-            (Some(&none), Ok(MANY), "10.0 times worse"),
-        ] {
-            let why = run(change, rows).expect_err(words);
-            assert!(why.contains(words), "{why}");
-        }
-    }
-
-    #[test]
-    fn no_name_is_given_while_a_fold_failed_however_much_the_others_close() {
-        let fold = FailedFold {
-            fold: 1,
-            of: FOLDS,
-            reason: "x".to_owned(),
-        };
-        let why = withheld(std::slice::from_ref(&fold), 0.99).expect("withheld");
-        assert!(
-            why.contains("1 of") && why.contains("not fitted to"),
-            "{why}"
-        );
-        assert_eq!(withheld(&[], 0.99), None);
-        assert!(withheld(&[], 0.3).is_some_and(|w| w.contains("only 30 %")));
+    fn a_constant_is_the_same_in_any_order_and_a_swing_is_not() {
+        let constant = vec![MANY; 100];
+        let swing: Vec<Row> = (0..100).map(|k| [(f64::from(k) * 0.3).sin(); CHANNELS]).collect();
+        let mut other = swing.clone();
+        other.rotate_left(43);
+        assert!(!differ(&constant, &constant) && differ(&swing, &other));
     }
 }

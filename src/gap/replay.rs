@@ -2,7 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
+use super::session::{CHANNELS, Grid, IMU_0, SPRING_0, within};
 use crate::robot::RobotSpec;
 use crate::signal::{IMUS, Pose, SPRINGS, pose_error};
 use crate::sim::effects::{self, Active, EffectError, Simulated};
@@ -146,6 +146,9 @@ pub fn residuals(
     (0..grid.len())
         .map(|k| {
             let mut row = [f64::NAN; CHANNELS];
+            if within(&grid.holes_s, grid.t_s[k]) {
+                return row;
+            }
             if let Some(truth) = &grid.captured[k] {
                 let e = pose_error(truth, &(read.captured[k][1] * pad_from_body));
                 row[..6].copy_from_slice(e.as_slice());

@@ -1,5 +1,7 @@
 //! Selection of effects: forward search, backward deletion, and the candidates that cannot be excluded.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::candidates::Candidate;
 use super::explain::{Column, Explained, explain, weak_prior};
 use super::finding::Finding;
@@ -30,6 +32,8 @@ pub struct Selected {
     pub chosen: Option<Explained>,
     /// What was compared at every stage, the one that leads first.
     pub rankings: Vec<Vec<Explained>>,
+    /// How many stages added an effect.
+    pub taken: usize,
 }
 
 /// Takes one effect after the other while it gains, then drops what became superfluous. `threshold`
@@ -48,7 +52,7 @@ pub fn select(
     let mut chosen: Option<Explained> = None;
     let mut rankings: Vec<Vec<Explained>> = Vec::new();
     for stage in 0..EFFECTS_MAX {
-        let mut found = explain(problem, all, ready, chosen.as_ref(), progress)?;
+        let mut found = explain(problem, all, ready, chosen.as_ref(), threshold, progress)?;
         simplest_first(&mut found, supply);
         let counts = |e: &Explained| {
             // The inadequacy of the first one's law drives others into a bound, or looks like more of
@@ -71,8 +75,63 @@ pub fn select(
         log::debug!("effect {} is {}", stage + 1, best.candidate.effect.id);
         chosen = Some(best);
     }
+    let taken = chosen.as_ref().map_or(0, |e| e.fit.effects.len());
     let chosen = chosen.map(|e| dropped(problem, e, threshold));
-    Ok(Selected { chosen, rankings })
+    Ok(Selected {
+        chosen,
+        rankings,
+        taken,
+    })
+}
+
+impl Selected {
+    /// The choice repeated on `part`, the problem of the bins `bins` of `whole`: which of the effects that were fitted gains
+    /// most there, stage by stage, each judged by blocks of that part that it was not fitted to. `r0` are the innovations of
+    /// the whole session without effects.
+    ///
+    /// A stage compares effects on top of those that the whole session had by then, so a part that chooses otherwise ends
+    /// with its own choice.
+    pub fn chosen_on(
+        &self,
+        (part, bins): (&Problem, &[usize]),
+        (whole, r0): (&Problem, &DVector<f64>),
+        threshold: f64,
+        supply: Option<&Finding>,
+    ) -> Option<Explained> {
+        let r = whole.pick(r0, bins);
+        let nothing = DMatrix::zeros(r.len(), 0);
+        let mut losses = part.held_out(&r, &nothing, &DVector::zeros(0));
+        let mut chosen = None;
+        for found in self.rankings.iter().take(self.taken) {
+            let on_part = |e: &Explained| {
+                let fit = e.fit.part(whole, bins);
+                let own = part.held_out(&fit.residual, &fit.columns, &weak_prior(&fit));
+                let (gain, se) = own.gain_over(&losses);
+                Explained {
+                    firm: own.firmly_over(&losses),
+                    candidate: e.candidate,
+                    fit,
+                    losses: own,
+                    gain,
+                    se,
+                }
+            };
+            let mut here: Vec<Explained> = found.iter().map(on_part).collect();
+            here.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            simplest_first(&mut here, supply);
+            let lead = here.into_iter().next();
+            let Some(best) = lead.filter(|e| e.gain > WEAK * threshold && e.firm) else {
+                break;
+            };
+            let as_whole = found.first().is_some_and(|e| e.candidate == best.candidate);
+            losses = best.losses.clone();
+            chosen = Some(best);
+            if !as_whole {
+                break;
+            }
+        }
+        chosen.map(|e| dropped(part, e, threshold))
+    }
 }
 
 /// The one-standard-error rule: of effects that explain as much as the best within the scatter from

@@ -40,6 +40,36 @@ impl Session {
     }
 }
 
+impl Session {
+    /// Every `step`-th sample.
+    pub fn thinned(&self, step: usize) -> Self {
+        fn kept<T: Clone>(all: &[T], step: usize) -> Vec<T> {
+            all.iter().step_by(step).cloned().collect()
+        }
+        Self {
+            t_s: kept(&self.t_s, step),
+            chamber_pa: kept(&self.chamber_pa, step),
+            commanded_pa: self.commanded_pa.as_ref().map(|u| kept(u, step)),
+            payload_column_kg: self.payload_column_kg.as_ref().map(|m| kept(m, step)),
+            sensors: kept(&self.sensors, step),
+            captured: kept(&self.captured, step),
+            ..self.clone()
+        }
+    }
+}
+
+/// Steps by which two series of times are thinned to about the same rate: the mean of more samples has less noise, and a floor
+/// that was measured so would be too low for fewer.
+pub fn thinning(a_s: &[f64], b_s: &[f64]) -> [usize; 2] {
+    let period_s = |t: &[f64]| match (t.first(), t.last()) {
+        (Some(first), Some(last)) if t.len() > 1 => (last - first) / (t.len() - 1) as f64,
+        _ => 1.0,
+    };
+    let ratio = period_s(b_s) / period_s(a_s);
+    let step = |ratio: f64| ratio.round().max(1.0) as usize;
+    [step(ratio), step(1.0 / ratio)]
+}
+
 /// Checks that a session was recorded with this robot, where that is known.
 ///
 /// # Errors
@@ -101,6 +131,40 @@ const GAPS_MAX: f64 = 0.5;
 /// Pressures that move less than this excite nothing, Pa.
 const MOVES_MIN_PA: f64 = 1e3;
 
+/// Without pressures for longer than this the model cannot follow, s.
+const HOLE_S: f64 = 0.5;
+/// Nor for this long afterwards, s: what friction and rubber remember of a motion that is not known.
+const SETTLE_S: f64 = 3.0;
+
+/// Spans of a session in which some pressure is missing for too long, with the time after them, s.
+pub fn holes(t_s: &[f64], known: impl Fn(usize, usize) -> bool, chambers: &[usize]) -> Vec<[f64; 2]> {
+    let mut out: Vec<[f64; 2]> = Vec::new();
+    for &i in chambers {
+        let mut since = None;
+        for (_, t) in t_s.iter().enumerate().filter(|(k, _)| known(*k, i)) {
+            if let Some(s) = since.replace(*t)
+                && t - s > HOLE_S
+            {
+                out.push([s, t + SETTLE_S]);
+            }
+        }
+    }
+    out.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut merged: Vec<[f64; 2]> = Vec::new();
+    for hole in out {
+        match merged.last_mut() {
+            Some(last) if hole[0] <= last[1] => last[1] = last[1].max(hole[1]),
+            _ => merged.push(hole),
+        }
+    }
+    merged
+}
+
+/// Whether a time lies in one of these spans.
+pub fn within(spans: &[[f64; 2]], t_s: f64) -> bool {
+    spans.iter().any(|[a, b]| (a..b).contains(&&t_s))
+}
+
 /// A session averaged into bins.
 #[derive(Clone, Debug)]
 pub struct Grid {
@@ -118,6 +182,8 @@ pub struct Grid {
     pub captured: Vec<Option<Pose>>,
     /// Which channels hold enough data.
     pub present: [bool; CHANNELS],
+    /// Spans that are left out because pressures are missing, s.
+    pub holes_s: Vec<[f64; 2]>,
 }
 
 impl Grid {
@@ -214,7 +280,11 @@ impl Grid {
                     .count(),
             ),
         });
+        let all: [usize; CHAMBERS] = std::array::from_fn(|i| i);
+        let known = |k: usize, i: usize| session.chamber_pa[k][i].is_finite();
+        let holes_s = holes(&session.t_s, known, &all);
         Ok(Self {
+            holes_s,
             session,
             gauge_pa,
             first,

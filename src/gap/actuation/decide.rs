@@ -12,7 +12,7 @@ use super::line::{
 use super::search::{EffectSet, Stages, supply_stages};
 use crate::gap::candidates::Table;
 use crate::gap::finding::{FailedFold, Finding, GapSize, Located, SeparateBy, Traces, Verdict};
-use crate::gap::prove::withheld;
+use crate::gap::session::thinning;
 use crate::gap::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use effects::{add_effects, alternatives, at_bound, ranked, separate, unseen};
@@ -66,6 +66,14 @@ pub fn actuation_only(
     progress: &dyn Progress,
 ) -> Result<Actuation, GapError> {
     progress.at(Stage::Commission, 0.0)?;
+    let thinned = match healthy {
+        Some(h) => at_one_rate(h, suspect)?,
+        None => None,
+    };
+    let (healthy, suspect) = match &thinned {
+        Some([h, s]) => (Some(h), s),
+        None => (healthy, suspect),
+    };
     let baseline = match healthy {
         Some(grid) => commission_supply(robot, grid)?,
         None => ideal_supply(suspect),
@@ -97,6 +105,20 @@ pub fn actuation_only(
         stages: Some(found),
         proof,
     })
+}
+
+/// Both sessions at about the rate of the slower one; `None` where they are.
+fn at_one_rate(
+    healthy: &PressureGrid,
+    suspect: &PressureGrid,
+) -> Result<Option<[PressureGrid; 2]>, GapError> {
+    let steps = thinning(&healthy.log.t_s, &suspect.log.t_s);
+    if steps == [1, 1] {
+        return Ok(None);
+    }
+    let [h, s] = steps;
+    let thinned = |grid: &PressureGrid, step| PressureGrid::new(grid.log.thinned(step));
+    Ok(Some([thinned(healthy, h)?, thinned(suspect, s)?]))
 }
 
 /// Error of another session without effects and with the best set. Of the session itself only the gauges are fitted, which
@@ -190,7 +212,6 @@ pub fn decide_supply(
     }
     let mut notes = notes(grid, baseline, found, verdict, &gap, &located);
     notes.extend(failed_folds.iter().map(FailedFold::text));
-    notes.extend(withheld(&failed_folds, 1.0));
     let channels = channels(grid, &before, &after, baseline);
     let mut data = BTreeMap::from([("suspect".to_owned(), label(grid))]);
     if let Some([name, hash]) = &baseline.session {
@@ -213,6 +234,8 @@ pub fn decide_supply(
             .cloned()
             .collect(),
         channels,
+        embargo_s: 0.0,
+        folds: Vec::new(),
         failed_folds,
         notes,
         data,
@@ -245,6 +268,8 @@ fn still(grid: &PressureGrid, baseline: &LineBaseline) -> Finding {
         },
         worse: Vec::new(),
         channels: Vec::new(),
+        embargo_s: 0.0,
+        folds: Vec::new(),
         failed_folds: Vec::new(),
         separate_by: Some(SeparateBy {
             excitation: "steps".to_owned(),

@@ -4,7 +4,7 @@
 //! o and g near 1.
 
 use crate::gap::GapError;
-use crate::gap::session::{SECONDS_MIN, Session, bridge};
+use crate::gap::session::{SECONDS_MIN, Session, bridge, holes, within};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::{Active, behind_gauges, gauges};
@@ -46,6 +46,17 @@ pub struct PressureLog {
 }
 
 impl PressureLog {
+    /// Every `step`-th sample.
+    pub fn thinned(&self, step: usize) -> Self {
+        let kept = |all: &[[f64; CHAMBERS]]| all.iter().step_by(step).copied().collect();
+        Self {
+            t_s: self.t_s.iter().step_by(step).copied().collect(),
+            commanded_pa: kept(&self.commanded_pa),
+            measured_pa: kept(&self.measured_pa),
+            ..self.clone()
+        }
+    }
+
     /// The pressures of a session; `None` when no commands were logged.
     pub fn of(session: &Session) -> Option<Self> {
         Some(Self {
@@ -68,7 +79,7 @@ const MOVES_MIN_PA: f64 = 1e3;
 /// A gauge further than this from the first command shows where the chamber started, Pa.
 const START_OFF_PA: f64 = 1e3;
 
-/// Residual of one bin: measured less predicted, Pa; zero for chambers that are missing.
+/// Residual of one bin: measured less predicted, Pa; zero for chambers that are missing and within holes.
 pub type LineRow = [f64; CHAMBERS];
 
 /// Pressures averaged into bins of 1/[`LINE_HZ`]. Measured and predicted ones go through the same
@@ -89,6 +100,8 @@ pub struct PressureGrid {
     bin: Vec<usize>,
     /// Where the gauges stood at first.
     first_pa: [f64; CHAMBERS],
+    /// Spans that are left out because pressures are missing, s.
+    pub holes_s: Vec<[f64; 2]>,
 }
 
 impl PressureGrid {
@@ -144,7 +157,10 @@ impl PressureGrid {
             let mut known = log.measured_pa.iter().map(|row| row[i]);
             known.find(|p| p.is_finite()).unwrap_or(0.0)
         });
+        let known = |k: usize, i: usize| log.measured_pa[k][i].is_finite();
+        let in_use: Vec<usize> = (0..CHAMBERS).filter(|i| present[*i]).collect();
         let mut grid = Self {
+            holes_s: holes(&log.t_s, known, &in_use),
             present,
             t_s: (0..bins)
                 .map(|k| start_s + (k as f64 + 0.5) / LINE_HZ)
@@ -301,10 +317,12 @@ pub fn gauge_pressures(
 
 /// Measured less predicted.
 pub fn line_rows(grid: &PressureGrid, predicted_pa: &[[f64; CHAMBERS]]) -> Vec<LineRow> {
-    grid.measured_pa
-        .iter()
-        .zip(predicted_pa)
-        .map(|(m, p)| std::array::from_fn(|i| if grid.present[i] { m[i] - p[i] } else { 0.0 }))
+    let rows = grid.measured_pa.iter().zip(predicted_pa);
+    rows.zip(&grid.t_s)
+        .map(|((m, p), t_s)| {
+            let seen = !within(&grid.holes_s, *t_s);
+            std::array::from_fn(|i| if seen && grid.present[i] { m[i] - p[i] } else { 0.0 })
+        })
         .collect()
 }
 

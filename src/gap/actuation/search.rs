@@ -106,7 +106,7 @@ impl Search<'_> {
     ) -> Result<Vec<Explained>, GapError> {
         let base = so_far.map(|e| e.fit.effects.clone()).unwrap_or_default();
         let ready = columns(problem, &self.all, &scene(model.grid), &base)?;
-        explain(problem, &self.all, &ready, so_far, self.progress)
+        explain(problem, &self.all, &ready, so_far, 0.0, self.progress)
     }
 
     /// Refits the effects of `e`, with the regulators at their new optimum.
@@ -224,7 +224,7 @@ impl Search<'_> {
             },
         };
         let threshold = significance.gain.max(LEAST);
-        let mut singles = explain(&problem, &self.all, &ready, None, self.progress)?;
+        let mut singles = explain(&problem, &self.all, &ready, None, 0.0, self.progress)?;
         if !self.commissioned {
             // Regulators that were fitted without an effect take its part: each common effect is
             // judged with the regulators that go with it.

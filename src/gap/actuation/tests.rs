@@ -179,7 +179,7 @@ fn lag_before_the_gauge_is_the_regulators_lag() {
 #[test]
 fn regulators_are_recovered() {
     let robot = RobotSpec::reference();
-    let truth = [Regulator([0.04, 0.15, 1.03, 400.0]); CHAMBERS];
+    let truth = [Regulator([0.04, 0.15, 1.03, 400.0, 0.0, 0.0]); CHAMBERS];
     let mut log = steps();
     let clean = PressureGrid::new(log.clone()).unwrap();
     let p = gauge_pressures(&robot, &clean, &truth, &[], Lag::BeforeGauge);

@@ -148,6 +148,8 @@ fn finding(verdict: Verdict) -> Finding {
             channel("r3 springs", 3.1, 1.2),
             channel("r4 IMU 2", 0.8, 0.95),
         ],
+        embargo_s: 0.0,
+        folds: Vec::new(),
         failed_folds: Vec::new(),
         separate_by: (verdict == Verdict::Indistinguishable).then(|| SeparateBy {
             excitation: "loads".to_owned(),

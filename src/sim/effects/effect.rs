@@ -49,6 +49,8 @@ pub struct Parameter {
     pub inexact: Inexact,
     /// Factor to the unit people read, and that unit; the customary one of [`Self::unit`] without it.
     pub shown: Option<(f64, &'static str)>,
+    /// Whether files may lack it, as those of versions do that did not have it; it is then nominal.
+    pub optional: bool,
 }
 
 impl Parameter {
@@ -72,6 +74,7 @@ impl Parameter {
                 of_departure: 0.03,
             },
             shown: None,
+            optional: false,
         }
     }
 
@@ -104,6 +107,12 @@ impl Parameter {
     /// Shown in another unit than the customary one.
     pub const fn shown(mut self, factor: f64, unit: &'static str) -> Self {
         self.shown = Some((factor, unit));
+        self
+    }
+
+    /// That files may lack.
+    pub const fn optional(mut self) -> Self {
+        self.optional = true;
         self
     }
 

@@ -241,7 +241,10 @@ pub(super) fn tip_force(c: &Call, plant: &mut Plant) {
 }
 
 pub(super) fn contact(c: &Call, plant: &mut Plant) {
+    // The shortest turn that takes the vertical to the surface's normal, undone.
+    let base_from_surface = Rotation3::new(Vector3::new(c.values[3], c.values[4], 0.0));
     plant.model.rod.floor = Some(Floor {
+        surface_from_base: base_from_surface.inverse(),
         height_m: c.values[0],
         rate_n_m: c.values[1],
         friction: c.values[2],

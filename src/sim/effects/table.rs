@@ -1,5 +1,7 @@
 //! The table of effects. Operators act in this order.
 
+use nalgebra::{Rotation3, Vector3};
+
 use super::effect::{Effect, Law, Operator, Parameter, Reach, Residual, Scene, Start};
 use super::operators as op;
 use crate::signal::{Side, Target};
@@ -308,16 +310,19 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         id: "contact",
         name: "Contact",
-        doc: "N = k max(0, z_floor − z): the end pad's origin rests on an elastic floor and drags \
-              over it with at most μ N. A floor that presses the arm until it folds has no equilibrium.",
+        doc: "N = k max(0, h − n·p): the end pad's origin rests on an elastic half-space (a floor, a wall, a slope) and drags \
+              over it with at most μ N; n is the vertical turned by the rotation vector (x, y, 0). One that presses the arm \
+              until it folds has no equilibrium.",
         source: "penalty contact with regularised Coulomb friction; K. L. Johnson, Contact Mechanics, \
                  Cambridge University Press 1985",
         side: Side::Mechanics,
         target: Target::None,
         parameters: &[
-            p("height", "m", -0.7, -0.7, -0.25).scale(0.4).of_departure(0.0).absolute(3e-3),
+            p("height", "m", -0.7, -0.7, 0.2).scale(0.4).of_departure(0.0).absolute(3e-3),
             p("rate", "N/m", 1000.0, 50.0, 5000.0).scale(90.0).of_value(0.25),
             p("friction", "", 0.0, 0.0, 1.0).scale(0.06).of_departure(0.1),
+            p("x", "rad", 0.0, -1.75, 1.75).scale(0.2).absolute(0.03).optional(),
+            p("y", "rad", 0.0, -1.75, 1.75).scale(0.2).absolute(0.03).optional(),
         ],
         residuals: &[R2],
         operator: Operator::Mechanics(op::contact),
@@ -326,7 +331,7 @@ pub const EFFECTS: &[Effect] = &[
         law: Law::Idealisation,
         gradual: false,
         memory: None,
-        starts: floors,
+        starts: half_spaces,
     },
     Effect {
         id: "torsion",
@@ -542,16 +547,26 @@ fn flow_limits(scene: &Scene, target: Option<usize>) -> Vec<Start> {
     at(limits.map(|r| [r, r]), &[0])
 }
 
-/// Floors at heights that the end pad went through.
-fn floors(scene: &Scene, _: Option<usize>) -> Vec<Start> {
-    let mut z_m: Vec<f64> = scene.tip_m.iter().map(|p| p[2]).collect();
-    z_m.sort_by(f64::total_cmp);
-    let at_share = |q: &f64| z_m.get((q * z_m.len() as f64) as usize);
-    let heights_m = [0.05, 0.2, 0.4, 0.7];
-    let heights_m = heights_m.iter().filter_map(at_share);
-    heights_m
-        .map(|z_m| Start::new(&[*z_m, 300.0, 0.2], &[0]))
-        .collect()
+/// Floors and walls that cut off a part of where the end pad went.
+fn half_spaces(scene: &Scene, _: Option<usize>) -> Vec<Start> {
+    const FLOORS: &[f64] = &[0.05, 0.2, 0.4, 0.7];
+    const WALLS: &[f64] = &[0.05, 0.3];
+    const HEADINGS: u32 = 8;
+    let mut out = Vec::new();
+    let mut cut = |turn: [f64; 2], shares: &[f64]| {
+        let turned = Vector3::new(turn[0], turn[1], 0.0);
+        let normal = Rotation3::new(turned) * Vector3::z();
+        let mut along_m: Vec<f64> = scene.tip_m.iter().map(|p| normal.dot(&Vector3::from(*p))).collect();
+        along_m.sort_by(f64::total_cmp);
+        let heights_m = shares.iter().filter_map(|q| along_m.get((q * along_m.len() as f64) as usize));
+        out.extend(heights_m.map(|h| Start::new(&[*h, 300.0, 0.2, turn[0], turn[1]], &[0])));
+    };
+    cut([0.0; 2], FLOORS);
+    for k in 0..HEADINGS {
+        let heading = std::f64::consts::TAU * f64::from(k) / f64::from(HEADINGS);
+        cut([heading.cos(), heading.sin()].map(|x| x * std::f64::consts::FRAC_PI_2), WALLS);
+    }
+    out
 }
 
 /// Moments throughout the session, and some shortly before its end: a fault that has just begun shows for a few seconds only.

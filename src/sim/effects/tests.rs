@@ -118,7 +118,7 @@ fn strong(e: &'static Effect) -> Active {
         "com-offset" => (None, &[0.03, -0.02, 0.0]),
         "base-tilt" => (None, &[0.05, 0.02]),
         "tip-force" => (None, &[2.0, -1.0, 0.5]),
-        "contact" => (None, &[-0.28, 2000.0, 0.2]),
+        "contact" => (None, &[-0.28, 2000.0, 0.2, 0.0, 0.0]),
         "torsion" => (Some(0), &[0.5]),
         "spring-calibration" => (Some(3), &[1.05, 0.001]),
         "spring-lag" => (Some(7), &[0.5]),

@@ -136,9 +136,13 @@ fn active(e: &PatchEffect) -> Result<Active, PatchError> {
     };
     let names: Vec<&str> = effect.parameters.iter().map(|p| p.name).collect();
     let known = e.params.keys().all(|k| names.contains(&k.as_str()));
-    let values: Option<Vec<f64>> = names
+    let values: Option<Vec<f64>> = effect
+        .parameters
         .iter()
-        .map(|n| e.params.get(*n).map(|p| p.value))
+        .map(|p| match e.params.get(p.name) {
+            Some(given) => Some(given.value),
+            None => p.optional.then_some(p.nominal),
+        })
         .collect();
     let (true, Some(values)) = (known, values) else {
         return Err(PatchError::Parameters {

@@ -9,7 +9,7 @@
 //! |---|---|---|
 //! | presliding friction (Dahl) | ±F_c + (F₀ ∓ F_c) e^{−\|Δ\|/w}, + when the bellows grows | F |
 //! | branch (Maxwell) | a B₀ + c (τ/Δt) (1 − a) Δ, a = e^{−Δt/τ} | B |
-//! | floor | k max(0, z_floor − z) on the tip, upwards | none |
+//! | floor | k max(0, h − n·p) on the tip, along the surface's normal n | none |
 //! | its grip | G₀ − k_g Δ sideways, no longer than μ N, N the push at the instant before | G |
 //!
 //! Forces pull the bellows together when positive.
@@ -112,7 +112,7 @@ impl History {
             let at_m = Kinematics::at(rod, q).tip().p;
             *contact = Contact {
                 at_m,
-                grip_n: floor.at(&at_m, Some(contact)).force_n.xy(),
+                grip_n: floor.grip_n(&at_m, contact),
             };
         }
     }

@@ -1,6 +1,6 @@
 //! Laws of friction, viscoelastic branches and the floor, as potentials over one step.
 
-use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 
 /// Presliding friction of a bellows (Dahl).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,10 +20,13 @@ pub struct Branch {
     pub tau_s: f64,
 }
 
-/// An elastic floor under the last section's end, with dry friction along it.
+/// An elastic half-space that the last section's end may touch, with dry friction along its surface: a floor, a wall, or one
+/// that leans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
-    /// Height of its surface in the base frame, m.
+    /// Axes of the surface, z out of it, from the base frame.
+    pub surface_from_base: Rotation3<f64>,
+    /// Where its surface is along its normal, from the origin of the base frame, m.
     pub height_m: f64,
     /// Its rate, N/m.
     pub rate_n_m: f64,
@@ -36,7 +39,7 @@ pub struct Floor {
 pub struct Contact {
     /// Where the end is, m.
     pub at_m: Vector3<f64>,
-    /// Grip, N (x, y).
+    /// Grip along the surface's x and y, N.
     pub grip_n: Vector2<f64>,
 }
 
@@ -87,8 +90,29 @@ impl Branch {
 }
 
 impl Floor {
-    /// Push on a point at `p_m`, with the grip that follows `contact`.
+    /// Push on a point at `p_m`, with the grip that follows `contact`; all but the grip in the base frame.
     pub(super) fn at(&self, p_m: &Vector3<f64>, contact: Option<&Contact>) -> Push {
+        let turn = self.surface_from_base;
+        let contact = contact.map(|c| Contact {
+            at_m: turn * c.at_m,
+            ..*c
+        });
+        let push = self.upright(&(turn * p_m), contact.as_ref());
+        let back = turn.inverse();
+        Push {
+            energy: push.energy,
+            force_n: back * push.force_n,
+            stiffness_n_m: back.matrix() * push.stiffness_n_m * turn.matrix(),
+        }
+    }
+
+    /// Grip along the surface, N, when the end is at `p_m` in the base frame.
+    pub(super) fn grip_n(&self, p_m: &Vector3<f64>, contact: &Contact) -> Vector2<f64> {
+        (self.surface_from_base * self.at(p_m, Some(contact)).force_n).xy()
+    }
+
+    /// The same in the axes of the surface.
+    fn upright(&self, p_m: &Vector3<f64>, contact: Option<&Contact>) -> Push {
         let depth_m = (self.height_m - p_m.z).max(0.0);
         let mut out = Push {
             energy: 0.5 * self.rate_n_m * depth_m * depth_m,

@@ -44,6 +44,7 @@ fn gradient_and_hessian_agree_with_differences() {
             });
         }
         rod.floor = Some(Floor {
+            surface_from_base: nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 0.4),
             height_m: 1.0,
             rate_n_m: 200.0,
             friction: 0.3,

@@ -49,6 +49,7 @@ impl Bent {
             });
         }
         rod.floor = Some(Floor {
+            surface_from_base: nalgebra::Rotation3::from_euler_angles(-0.2, 0.3, 0.1),
             height_m: 1.0,
             rate_n_m: 40.0,
             friction: 0.3,
