@@ -122,10 +122,14 @@ pub fn merge(a: &MergeArgs) -> Result<Report> {
         }
     }
     let names: Vec<&str> = files.iter().map(|f| f.meta().name.as_str()).collect();
+    let notes = files.iter().map(|f| f.meta().note.as_str());
+    let mut notes: Vec<&str> = notes.filter(|n| !n.is_empty()).collect();
+    notes.dedup();
     let meta = RecordingMeta {
         id: format!("{}+{}", first.id, files.len() - 1),
         name: name_of(&a.out),
         derived_from: names.join(" + "),
+        note: notes.join("\n"),
         ..first.clone()
     };
     let parts: Vec<_> = files.iter().map(|f| (f, Selection::default())).collect();

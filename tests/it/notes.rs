@@ -29,6 +29,12 @@ fn a_recording_is_noted_on_and_marked_and_its_parts_keep_both() {
     assert_eq!(seen["provenance"]["note"], "worn");
     assert_eq!(seen["marks"][0]["text"], "valve clicks");
     assert_eq!(seen["marks"].as_array().map(Vec::len), Some(1));
+    let [end, both] = ["c.rrd", "d.rrd"].map(|n| dir.join(n).display().to_string());
+    json(&["cut", &file, "--from", "2.2", "--out", &end, "--json"]);
+    json(&["merge", &part, &end, "--out", &both, "--json"]);
+    let merged = json(&["note", &both, "--json"]);
+    assert_eq!(merged["note"], "worn\nnew central tube");
+    assert_eq!(merged["marks"][0]["text"], "valve clicks");
     let (code, text) = refusal(&["note", &file, "--remove", "1"]);
     assert!(code == 1 && text.contains("no mark at 1 s"), "{text}");
     let (code, text) = refusal(&["note", &file, "--mark", "1"]);
