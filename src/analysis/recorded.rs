@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-pub use crate::recording::{Annotations, MARKS, Mark, NoteChange};
-use crate::signal::{Stamp, Trace};
+use crate::recording::MARKS;
+use crate::signal::{Annotations, Mark, Stamp, Trace};
 
 /// A channel of a recording, and how sound it is.
 #[derive(Clone, Debug, Default, PartialEq)]

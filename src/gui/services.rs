@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use crate::analysis::pairing::{Alignment, Pairing};
 use crate::analysis::player::Player;
-use crate::analysis::recorded::{Annotations, NoteChange};
 use crate::sensing::registration::Registration;
+use crate::signal::{Annotations, NoteChange};
 use crate::twin::Handle;
 
 pub use super::job::{Job, Pending, Stage, Worker};

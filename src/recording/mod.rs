@@ -74,7 +74,7 @@ pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
     marker_body, parse_mocap, read_mocap,
 };
-pub use notes::{Annotations, MARKS, Mark, NoteChange, notes_path};
+pub use notes::{MARKS, notes_path};
 pub use overlay::{Overlay, TipSeries};
 pub use recorder::{QueueFull, Recorder, RecorderState};
 pub use rolling::{ROLLING_BYTES, RollingFolder, keep_last};
@@ -93,3 +93,5 @@ pub use types::{
 pub use units::suspected_units;
 pub use whole::{write_bytes, write_text};
 pub use window::Window;
+
+pub use crate::signal::{Annotations, Mark, NoteChange};

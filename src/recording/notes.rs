@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{RecordedEvent, RecordingError, SizeLimit, write_text};
-use crate::signal::{Stamp, toml_error};
+use crate::signal::{Mark, NoteChange, Stamp, toml_error};
 
 /// The log of marks, as [`RecordedEvent::log`] names it.
 pub const MARKS: &str = "marks";
@@ -17,35 +17,6 @@ const FORMAT: u32 = 1;
 
 /// Largest file that is accepted.
 const LIMIT: SizeLimit = SizeLimit::of_kind(4 << 20, "notes of a recording");
-
-/// A moment of a recording that somebody has marked.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Mark {
-    /// When.
-    pub stamp: Stamp,
-    /// What for.
-    pub text: String,
-}
-
-/// The operator's note and the marks of a recording.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Annotations {
-    /// The note.
-    pub note: String,
-    /// The marks, in order of time.
-    pub marks: Vec<Mark>,
-}
-
-/// A change of a recording's note or marks.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum NoteChange {
-    /// The note is this one from now on.
-    Note(String),
-    /// Another mark.
-    Add(Mark),
-    /// This mark is gone.
-    Remove(Mark),
-}
 
 /// A mark in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,12 +6,11 @@ use egui::{Button, Key, RichText, Sense, TextEdit, Ui, vec2};
 
 use super::{Library, Trouble};
 use crate::analysis::player::Player;
-use crate::analysis::recorded::{Annotations, Mark, NoteChange};
 use crate::gui::panels::widgets::{Gate, gated, note, number, tenths};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
-use crate::signal::{RollingStatus, Snapshot};
+use crate::signal::{Annotations, Mark, NoteChange, RollingStatus, Snapshot};
 use crate::twin::Command;
 
 /// Most characters of a note or of the text of a mark.

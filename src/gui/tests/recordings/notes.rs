@@ -1,7 +1,7 @@
 //! Notes and marks: while recording, afterwards, on the time line, in the library's search.
 
 use super::*;
-use crate::analysis::recorded::{Annotations, Mark, NoteChange};
+use crate::signal::{Annotations, Mark, NoteChange};
 
 fn marked(at_s: f64, text: &str) -> Mark {
     Mark {
