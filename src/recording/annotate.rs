@@ -80,28 +80,28 @@ mod tests {
             note: "as begun".to_owned(),
             ..RecordingMeta::default()
         };
-        let mut writer = RecordingWriter::create(path, meta).unwrap();
+        let mut writer = RecordingWriter::create(path, meta).expect("writes");
         for n in 0..1000 {
             let stamp = Stamp(n * 10_000_000);
             match n {
-                200 => writer.mark(stamp, "two").unwrap(),
-                300 => writer.note("third chamber leaks").unwrap(),
-                600 => writer.mark(stamp, "six").unwrap(),
+                200 => writer.mark(stamp, "two").expect("writes"),
+                300 => writer.note("third chamber leaks").expect("writes"),
+                600 => writer.mark(stamp, "six").expect("writes"),
                 _ => {}
             }
             let snapshot = Snapshot {
                 stamp,
                 ..Snapshot::default()
             };
-            writer.push(&snapshot).unwrap();
+            writer.push(&snapshot).expect("writes");
         }
-        writer.finish().unwrap();
+        writer.finish().expect("writes");
     }
 
     fn clean(paths: &[&Path]) {
         for path in paths {
             let _ = std::fs::remove_file(notes_path(path));
-            std::fs::remove_file(path).unwrap();
+            std::fs::remove_file(path).expect("writes");
         }
     }
 

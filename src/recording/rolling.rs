@@ -288,7 +288,8 @@ mod tests {
     }
 
     fn begin(folder: &RollingFolder) -> Recorder {
-        Recorder::start_rolling(folder, RecordingMeta::default(), QueueFull::Wait).unwrap()
+        Recorder::start_rolling(folder, RecordingMeta::default(), QueueFull::Wait)
+            .expect("is there")
     }
 
     fn ended(recorder: Recorder) -> RecordingSummary {
@@ -300,7 +301,13 @@ mod tests {
 
     fn names(folder: &RollingFolder) -> Vec<String> {
         let files = folder.files();
-        let name = |f: &RollingFile| f.path.file_name().unwrap().to_string_lossy().into_owned();
+        let name = |f: &RollingFile| {
+            f.path
+                .file_name()
+                .expect("is there")
+                .to_string_lossy()
+                .into_owned()
+        };
         files.iter().map(name).collect()
     }
 

@@ -216,12 +216,7 @@ impl Runner {
             }
             Command::StopRecording => self.recordings.close(),
             Command::Mark(text) => events.push(self.mark(now, text)),
-            Command::Note(text) => {
-                if !self.recordings.note(text) {
-                    let reason = "Nothing is recorded: the note is not kept.".to_owned();
-                    events.push(Event::Refused { stamp: now, reason });
-                }
-            }
+            Command::Note(text) => events.extend(self.note(now, text)),
             Command::StreamLive(address) => {
                 let registration = &self.registration;
                 let session = |name| session(robot, &self.twin, registration, known, name);
@@ -230,6 +225,15 @@ impl Runner {
             Command::StopStream => self.streams.close(now),
             _ => {}
         }
+    }
+
+    /// Hands the note to the recording; a refusal without one.
+    fn note(&self, now: Stamp, text: &str) -> Option<Event> {
+        let taken = self.recordings.note(text);
+        (!taken).then(|| Event::Refused {
+            stamp: now,
+            reason: "Nothing is recorded: the note is not kept.".to_owned(),
+        })
     }
 
     /// Marks this moment in what is recorded.
