@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::signal::{Stamp, Trace};
+use crate::recording::MARKS;
+use crate::signal::{Annotations, Mark, Stamp, Trace};
 
 /// A channel of a recording, and how sound it is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,6 +47,8 @@ pub struct About {
     pub path: Option<PathBuf>,
     /// When it began, as recorded: local date and time with their offset from UTC.
     pub begun: Option<String>,
+    /// The operator's note.
+    pub note: String,
     /// Its logs, in order of time.
     pub events: Vec<LoggedEvent>,
     /// What the file holds.
@@ -60,6 +63,30 @@ pub struct About {
     pub apart_s: Option<f64>,
     /// For a file that was cut: session time of the last record that could be read.
     pub cut_at: Option<Stamp>,
+}
+
+impl About {
+    /// The operator's marks, in order of time.
+    pub fn marks(&self) -> impl Iterator<Item = Mark> {
+        let marks = self.events.iter().filter(|e| e.log == MARKS);
+        marks.map(|e| Mark {
+            stamp: e.stamp,
+            text: e.text.clone(),
+        })
+    }
+
+    /// Puts note and marks as they are now in the place of those before.
+    pub fn annotate(&mut self, now: Annotations) {
+        self.note = now.note;
+        self.events.retain(|e| e.log != MARKS);
+        self.events
+            .extend(now.marks.into_iter().map(|m| LoggedEvent {
+                stamp: m.stamp,
+                log: MARKS.to_owned(),
+                text: m.text,
+            }));
+        self.events.sort_by_key(|e| e.stamp);
+    }
 }
 
 /// A recording in memory.

@@ -15,6 +15,7 @@ use springtwin::link::{fault_names, fault_of_name};
 use springtwin::rig::Obstacle;
 use springtwin::signal::{BOARDS, CHAMBERS, ControllerKind};
 use springtwin::task::Item;
+use springtwin::twin::RollingOf;
 
 /// The two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -32,6 +33,24 @@ impl Kind {
             Self::Paper => ControllerKind::PaperAdrc,
             Self::Ours => ControllerKind::NullSpaceQp,
         })
+    }
+}
+
+/// The rolling recording of a run.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct RollingArgs {
+    /// Keep a rolling recording from Arm on also of a simulated arm, as is always done of hardware
+    #[arg(long)]
+    rolling: bool,
+}
+
+impl RollingArgs {
+    /// Which arms have one.
+    pub fn of(self) -> RollingOf {
+        match self.rolling {
+            true => RollingOf::EveryArm,
+            false => RollingOf::Hardware,
+        }
     }
 }
 

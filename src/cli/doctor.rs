@@ -29,6 +29,7 @@ pub fn run(a: &DoctorArgs, robot: &RobotSpec) -> Result<Report> {
     let data = user::data_folder();
     let places = doctor::Places {
         recordings: user::recordings_folder(),
+        rolling: user::rolling_folder(),
         log: data.as_deref().map(log_path),
         data,
         rig: a.rig.clone(),

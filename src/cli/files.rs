@@ -63,6 +63,12 @@ fn inspected(found: &Inspection) -> String {
     if let Some(p) = &found.provenance {
         text.push_str(&provenance(p));
     }
+    for mark in &found.marks {
+        text.push_str(&format!(
+            "\n  {:<14} {:.2} s  {}",
+            "mark", mark.at_s, mark.text
+        ));
+    }
     for gap in &h.longest_gaps {
         text.push_str(&format!(
             "\n  gap of {:.2} s after {:.2} s",

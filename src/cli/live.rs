@@ -10,9 +10,9 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 
-use super::args::{self, InstrumentArgs, Kind};
+use super::args::{self, InstrumentArgs, Kind, RollingArgs};
 use super::outputs::Overwrite;
-use super::{Failed, Report};
+use super::{Failed, Report, user};
 use springtwin::drive::{self, DEFAULT_RIG, Run, TwinBuilder, objects, rig_options};
 use springtwin::rig::clock::Clock;
 #[cfg(unix)]
@@ -40,6 +40,15 @@ pub struct RunArgs {
     /// Record to this file
     #[arg(long, value_name = "F.rrd", requires = "headless")]
     pub record: Option<PathBuf>,
+    /// The operator's note on the recording
+    #[arg(
+        long,
+        value_name = "TEXT",
+        default_value = "",
+        hide_default_value = true,
+        requires = "record"
+    )]
+    pub note: String,
     #[command(flatten)]
     pub overwrite: Overwrite,
     /// Stream to the Rerun viewer that listens there on this machine (start it with
@@ -75,6 +84,8 @@ pub struct RunArgs {
     pub drill: Vec<args::Drill>,
     #[command(flatten)]
     pub instruments: InstrumentArgs,
+    #[command(flatten)]
+    pub rolling: RollingArgs,
 }
 
 impl RunArgs {
@@ -185,6 +196,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         .rig(&a.rig, a.options())
         .gains(a.controller.gains())
         .instruments(a.instruments.plain())
+        .rolling(user::rolling_folder(), a.rolling.of())
         .ends_with(super::signals::asked_to_end()?);
     carry_out(
         twin,
@@ -193,6 +205,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             declared_kg: a.payload,
             target: a.target.map(Goal::position),
             record: a.record.clone(),
+            note: a.note.clone(),
             viewer: a.viewer(),
             reset: args::resets(a.reset.as_deref()),
         },
@@ -217,6 +230,14 @@ pub struct RecordArgs {
     out: PathBuf,
     #[command(flatten)]
     overwrite: Overwrite,
+    /// The operator's note on it
+    #[arg(
+        long,
+        value_name = "TEXT",
+        default_value = "",
+        hide_default_value = true
+    )]
+    note: String,
     /// How long, s
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     seconds: f64,
@@ -232,6 +253,8 @@ pub struct RecordArgs {
     reset: Option<Vec<u16>>,
     #[command(flatten)]
     instruments: InstrumentArgs,
+    #[command(flatten)]
+    rolling: RollingArgs,
 }
 
 /// `record`.
@@ -241,6 +264,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         .robot_file(robot_file)
         .rig(&a.rig, rig_options(0.0, 1))
         .instruments(a.instruments.plain())
+        .rolling(user::rolling_folder(), a.rolling.of())
         .ends_with(super::signals::asked_to_end()?);
     carry_out(
         twin,
@@ -248,6 +272,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
             seconds: a.seconds,
             target: a.target.map(Goal::position),
             record: Some(a.out.clone()),
+            note: a.note.clone(),
             reset: args::resets(a.reset.as_deref()),
             ..Run::default()
         },

@@ -97,6 +97,10 @@ commands! { c:
     Inspect(a: files::InspectArgs) => files::inspect_command(a),
     /// Show a recording or session in the window
     Open(a: recordings::OpenArgs) if "gui" => open_recording(a, c),
+    /// Note and marks of a recording: show, add, remove
+    Note(a: recordings::NoteArgs) => recordings::note(a),
+    /// A recording of the last minutes of the rolling recording, which a window that runs goes on with
+    Keep(a: recordings::KeepArgs) => recordings::keep(a),
     /// A part of a recording
     Cut(a: recordings::CutArgs) => recordings::cut(a),
     /// Recordings of one session in one

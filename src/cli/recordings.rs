@@ -1,4 +1,5 @@
-//! `cut`, `merge`, `convert`, `reprocess`: recordings made of others.
+//! `cut`, `merge`, `convert`, `reprocess`: recordings made of others; `note`: what is noted on one; `keep`: the end of a rolling
+//! one.
 
 use std::path::{Path, PathBuf};
 
@@ -9,14 +10,16 @@ use serde_json::json;
 use super::model;
 use super::outputs::Overwrite;
 use super::progress::Bar;
-use super::{Report, args};
+use super::{Report, args, user};
 use springtwin::drive::read_toml;
 use springtwin::lab::reprocess::{Means, reprocess};
 use springtwin::recording::{
-    RecordingFile, RecordingMeta, RecordingSummary, RecordingWriter, Selection, is_rrd, join,
-    read_log, session_table, table_file, write_session_table,
+    Mark, NoteChange, RecordingFile, RecordingMeta, RecordingSummary, RecordingWriter, Selection,
+    annotate, annotations, is_rrd, join, keep_last, read_log, session_table, table_file,
+    write_session_table,
 };
 use springtwin::robot::RobotSpec;
+use springtwin::signal::Stamp;
 
 #[cfg(feature = "gui")]
 #[derive(Args)]
@@ -119,10 +122,14 @@ pub fn merge(a: &MergeArgs) -> Result<Report> {
         }
     }
     let names: Vec<&str> = files.iter().map(|f| f.meta().name.as_str()).collect();
+    let notes = files.iter().map(|f| f.meta().note.as_str());
+    let mut notes: Vec<&str> = notes.filter(|n| !n.is_empty()).collect();
+    notes.dedup();
     let meta = RecordingMeta {
         id: format!("{}+{}", first.id, files.len() - 1),
         name: name_of(&a.out),
         derived_from: names.join(" + "),
+        note: notes.join("\n"),
         ..first.clone()
     };
     let parts: Vec<_> = files.iter().map(|f| (f, Selection::default())).collect();
@@ -175,6 +182,99 @@ pub fn convert(a: &ConvertArgs) -> Result<Report> {
     Ok(Report {
         text: format!("{} rows in {}", log.len(), a.out.display()),
         json: json!({"out": a.out, "rows": log.len()}),
+    })
+}
+
+#[derive(Args)]
+pub struct KeepArgs {
+    /// The recording
+    #[arg(long, value_name = "F.rrd")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// How many minutes of it
+    #[arg(long, value_name = "MIN", default_value = "5", value_parser = args::not_negative)]
+    minutes: f64,
+    /// The operator's note
+    #[arg(
+        long,
+        value_name = "TEXT",
+        default_value = "",
+        hide_default_value = true
+    )]
+    note: String,
+}
+
+/// `keep`: of the newest rolling recording.
+pub fn keep(a: &KeepArgs) -> Result<Report> {
+    recording_file(a.overwrite, &a.out, &[])?;
+    let folder = user::rolling_folder()
+        .context("this user has no data folder, and therefore no rolling recordings")?;
+    let summary = keep_last(&folder, None, 60.0 * a.minutes, &a.out, &a.note)?;
+    Ok(written(&a.out, &summary))
+}
+
+#[derive(Args)]
+pub struct NoteArgs {
+    /// Recording
+    #[arg(value_name = "F.rrd")]
+    recording: PathBuf,
+    /// The note, in place of the one before; empty for none
+    #[arg(long, value_name = "TEXT")]
+    text: Option<String>,
+    /// A mark at a time, s since the session's start; may be given again
+    #[arg(long, value_name = "S=TEXT", value_parser = mark)]
+    mark: Vec<Mark>,
+    /// Remove the marks at this time, as it is printed; may be given again
+    #[arg(long, value_name = "S", value_parser = args::not_negative)]
+    remove: Vec<f64>,
+}
+
+/// `S=TEXT`.
+fn mark(text: &str) -> std::result::Result<Mark, String> {
+    let (at_s, text) = text
+        .split_once('=')
+        .filter(|(_, text)| !text.trim().is_empty())
+        .ok_or_else(|| format!("'{text}' is no mark: write S=TEXT, such as 12.5=\"touched\""))?;
+    Ok(Mark {
+        stamp: Stamp::from_seconds(args::not_negative(at_s)?),
+        text: text.trim().to_owned(),
+    })
+}
+
+/// `note`: shows note and marks, and changes them.
+pub fn note(a: &NoteArgs) -> Result<Report> {
+    anyhow::ensure!(
+        is_rrd(&a.recording),
+        "{} is no recording (.rrd): only these have notes",
+        a.recording.display()
+    );
+    let known = annotations(&a.recording)?;
+    let mut changes: Vec<NoteChange> = a.text.clone().map(NoteChange::Note).into_iter().collect();
+    for at_s in &a.remove {
+        // Times are printed to a millisecond.
+        let near = |m: &&Mark| (m.stamp.seconds() - at_s).abs() <= 5e-4;
+        let before = changes.len();
+        let marks = known.marks.iter().filter(near).cloned();
+        changes.extend(marks.map(NoteChange::Remove));
+        anyhow::ensure!(changes.len() > before, "there is no mark at {at_s} s");
+    }
+    changes.extend(a.mark.iter().cloned().map(NoteChange::Add));
+    let now = match changes.is_empty() {
+        true => known,
+        false => annotate(&a.recording, &changes)?,
+    };
+    let mut text = vec![match now.note.as_str() {
+        "" => "no note".to_owned(),
+        note => note.to_owned(),
+    }];
+    let line = |m: &Mark| format!("{:10.3} s  {}", m.stamp.seconds(), m.text);
+    text.extend(now.marks.iter().map(line));
+    let object = |m: &Mark| json!({"at_s": m.stamp.seconds(), "text": m.text});
+    let marks: Vec<_> = now.marks.iter().map(object).collect();
+    Ok(Report {
+        text: text.join("\n"),
+        json: json!({"recording": a.recording, "note": now.note, "marks": marks}),
     })
 }
 

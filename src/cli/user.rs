@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use directories::ProjectDirs;
+use springtwin::recording::RollingFolder;
 
 /// Where settings, calibrations, reports and recordings of this user are kept; `None` for one without a home.
 ///
@@ -19,4 +20,12 @@ pub fn recordings_folder() -> PathBuf {
         Some(data) => data.join("recordings"),
         None => PathBuf::from("recordings"),
     }
+}
+
+/// Folder of rolling recordings in that of the user's data.
+pub const ROLLING: &str = "rolling";
+
+/// Where rolling recordings go; `None` for a user without a data folder.
+pub fn rolling_folder() -> Option<RollingFolder> {
+    data_folder().map(|data| RollingFolder::of(data.join(ROLLING)))
 }

@@ -13,13 +13,14 @@ use anyhow::Result;
 use super::model;
 use super::ports::{self, DEFAULT_RIG, Instruments, Script, rig_options};
 use crate::control::{Gains, Stopwatch};
+use crate::recording::RollingFolder;
 use crate::rig::RigOptions;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::signal::{ControllerKind, Snapshot, Stamp, StreamStatus};
 use crate::twin::{
-    Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, Runner, Twin, run_in_real_time,
-    run_in_simulated_time, sensing_for, spawn_until,
+    Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, RollingOf, Runner, Twin,
+    run_in_real_time, run_in_simulated_time, sensing_for, spawn_until,
 };
 
 /// Builds a twin on a rig: robot, networks, calibration, controller and port.
@@ -35,6 +36,7 @@ pub struct TwinBuilder<'a> {
     pub(super) script: Option<Script>,
     port: Option<Box<dyn Port>>,
     stopwatch: Option<Stopwatch>,
+    rolling: Option<(RollingFolder, RollingOf)>,
     ends: Arc<AtomicBool>,
     start: Instant,
 }
@@ -60,6 +62,7 @@ impl<'a> TwinBuilder<'a> {
             script: None,
             port: None,
             stopwatch: None,
+            rolling: None,
             ends: Arc::default(),
             start,
         }
@@ -120,6 +123,12 @@ impl<'a> TwinBuilder<'a> {
         self
     }
 
+    /// Keeps a rolling recording of some arms in a folder, from Arm on; without a folder none.
+    pub fn rolling(mut self, folder: Option<RollingFolder>, of: RollingOf) -> Self {
+        self.rolling = folder.map(|folder| (folder, of));
+        self
+    }
+
     /// Ends every run once this is set: the boards are stopped, and recordings are completed.
     pub fn ends_with(mut self, ended: Arc<AtomicBool>) -> Self {
         self.ends = ended;
@@ -173,6 +182,9 @@ impl<'a> TwinBuilder<'a> {
         let mut runner = Runner::new(twin, port, robot);
         if let Some(file) = &self.instruments.registration {
             runner.register(read_toml(file)?);
+        }
+        if let Some((folder, of)) = self.rolling {
+            runner.keep_rolling(folder, of);
         }
         Ok(Driver {
             runner,
@@ -292,6 +304,7 @@ impl Driver {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::signal::RollingStatus;
 
     #[test]
     fn all_observers_see_every_tick_until_one_ends_the_run() {
@@ -319,6 +332,97 @@ mod tests {
         assert_eq!((second[4].1, second[5].1), (0.0, 0.1));
         let end = driver.finish(first[19]);
         assert!(end.events.is_empty() && end.stream.is_none());
+    }
+
+    /// Ticks a twin on the virtual rig with a rolling recording of some arms in `folder`: it is armed at 1.5 s, marked at
+    /// 4 s, disarmed at 5 s, armed again at 80 s. The states of the rolling recording at some times.
+    fn rolls(folder: &Path, of: RollingOf, commands: &[Command]) -> Vec<RollingStatus> {
+        let robot = RobotSpec::reference();
+        let rolling = RollingFolder::of(folder.to_owned());
+        let twin = TwinBuilder::new(&robot).rolling(Some(rolling), of);
+        let mut driver = twin.build().expect("a twin");
+        let mut states = Vec::new();
+        let mut end = Stamp::ZERO;
+        let mut observe = |s: &Arc<Snapshot>, _: &[Event], out: &mut Vec<Command>| {
+            end = s.stamp;
+            let tick = (s.stamp.seconds() * 100.0).round() as u64;
+            if (150..400).contains(&tick) && s.rolling == RollingStatus::Waits {
+                // Its file is made beside simulated time.
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            match tick {
+                100 => out.extend_from_slice(commands),
+                150 | 8000 => out.push(Command::Arm),
+                400 => out.push(Command::Mark("slipped".into())),
+                500 => out.push(Command::Disarm),
+                _ => {}
+            }
+            if [140, 450, 6400, 6600, 8100].contains(&tick) {
+                states.push(s.rolling.clone());
+            }
+            match tick < 8100 {
+                true => ControlFlow::Continue(()),
+                false => ControlFlow::Break(()),
+            }
+        };
+        driver.run(&mut [&mut observe]);
+        driver.finish(end);
+        states
+    }
+
+    #[cfg(feature = "rrd")]
+    #[test]
+    fn a_rolling_recording_begins_with_arm_and_pauses_a_minute_after_the_arm_is_disarmed() {
+        let name = format!("springtwin-driver-rolls-{}", std::process::id());
+        let home = std::env::temp_dir().join(name);
+        let (folder, wanted) = (home.join("rolling"), home.join("wanted.rrd"));
+        std::fs::create_dir_all(&home).expect("a folder");
+        let records = [Command::StartRecording(wanted.clone())];
+        let states = rolls(&folder, RollingOf::EveryArm, &records);
+        let RollingStatus::Records(first) = &states[1] else {
+            panic!("{states:?}");
+        };
+        let (records, paused) = (
+            RollingStatus::Records(Arc::clone(first)),
+            RollingStatus::Paused(Arc::clone(first)),
+        );
+        assert_eq!(
+            states,
+            [
+                RollingStatus::Waits,
+                records.clone(),
+                records.clone(),
+                paused,
+                records
+            ]
+        );
+        let read = |path: &Path| crate::recording::read_rrd(path).expect("a recording");
+        let (rolled, wanted) = (read(first), read(&wanted));
+        assert!(rolled.complete && wanted.complete);
+        let stamps = rolled.trace.snapshots.iter().map(|s| s.stamp.seconds());
+        let stamps: Vec<f64> = stamps.collect();
+        // From Arm to a minute after Disarm, and from the next Arm on.
+        assert!((1.5..1.6).contains(&stamps[0]), "{}", stamps[0]);
+        assert!(!stamps.iter().any(|t| (65.2..80.0).contains(t)));
+        assert!(stamps.iter().any(|t| *t > 80.5));
+        for recording in [&rolled, &wanted] {
+            let mut marks = recording.events.iter().filter(|e| e.log == "marks");
+            assert!(marks.any(|e| e.text == "slipped"));
+        }
+        assert!(rolled.meta.name.starts_with("rolling ") && rolled.meta.robot == "reference");
+        std::fs::remove_dir_all(home).expect("removed");
+    }
+
+    #[test]
+    fn a_simulated_arm_has_no_rolling_recording_where_only_hardware_has() {
+        let name = format!("springtwin-driver-rolls-not-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        let states = rolls(&folder, RollingOf::Hardware, &[]);
+        assert!(
+            states.iter().all(|s| *s == RollingStatus::Off),
+            "{states:?}"
+        );
+        assert!(!folder.exists());
     }
 
     /// The window's twin: its thread ends although the window still holds it.

@@ -9,6 +9,7 @@ use anyhow::Result;
 use super::driver::{Observer, TwinBuilder};
 use super::limits::LimitWatch;
 use super::ports::Script;
+use super::run::recording;
 use super::start::{HELLO_S, Resets, Start, check_link};
 use crate::control::SEGMENTS;
 use crate::learn::PlantMap;
@@ -30,6 +31,8 @@ pub struct Drive {
     pub after_s: f64,
     /// Where to record.
     pub record: Option<PathBuf>,
+    /// The operator's note on the recording; may be empty.
+    pub note: String,
     /// For which causes boards that are SAFE from before may leave it.
     pub reset: Resets,
 }
@@ -123,7 +126,7 @@ impl Execution<'_> {
     fn begin(&mut self, snapshot: &Snapshot, commands: &mut Vec<Command>) {
         if std::mem::take(&mut self.first) {
             commands.push(Command::DeclarePayload(self.drive.declared_kg));
-            commands.extend(self.drive.record.clone().map(Command::StartRecording));
+            commands.extend(recording(self.drive.record.as_deref(), &self.drive.note));
         }
         if self.given_s.is_some() {
             return;

@@ -2,7 +2,7 @@
 
 use core::net::SocketAddr;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -25,6 +25,8 @@ pub struct Run {
     pub target: Option<Goal>,
     /// Where to record.
     pub record: Option<PathBuf>,
+    /// The operator's note on the recording; may be empty.
+    pub note: String,
     /// The viewer to stream to.
     pub viewer: Option<SocketAddr>,
     /// For which causes boards that are SAFE from before may leave it.
@@ -66,7 +68,7 @@ impl Observer for Schedule<'_> {
         }
         if std::mem::take(&mut self.first) {
             commands.push(Command::DeclarePayload(run.declared_kg));
-            commands.extend(run.record.clone().map(Command::StartRecording));
+            commands.extend(recording(run.record.as_deref(), &run.note));
             commands.extend(run.viewer.map(Command::StreamLive));
         }
         // To watch boards that are SAFE is allowed.
@@ -89,6 +91,14 @@ impl Observer for Schedule<'_> {
             false => ControlFlow::Continue(()),
         }
     }
+}
+
+/// The commands that begin a recording with a note.
+pub(super) fn recording(path: Option<&Path>, note: &str) -> impl Iterator<Item = Command> {
+    let begin = path.map(|path| Command::StartRecording(path.to_owned()));
+    let noted = path.filter(|_| !note.is_empty());
+    let note = noted.map(|_| Command::Note(note.to_owned()));
+    begin.into_iter().chain(note)
 }
 
 /// Runs a twin for a while.

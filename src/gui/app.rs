@@ -17,6 +17,7 @@ use super::panels::operate::{self, Pane};
 use super::panels::operating::{hold_gate, severity_level};
 use super::panels::palette::{self, Choice, CommandPalette};
 use super::panels::plot::TimeWindow;
+use super::panels::recordings;
 use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput, Vent};
 use super::panels::toasts::Messages;
 use super::panels::view3d::Shown;
@@ -580,6 +581,16 @@ impl App {
                     }
                 }
                 KeyAction::Play => {}
+                KeyAction::Keep => {
+                    recordings::keep(&mut self.screens.library, &self.live, &mut self.services);
+                }
+                KeyAction::Mark => {
+                    let live = live_view(&self.live, &self.live_history, &self.spec);
+                    let gone = self.twin_gone || self.handle.is_none();
+                    if recordings::mark_gate(&live, gone).is_ok() {
+                        recordings::mark_now(&mut self.screens.library, &self.live, commands);
+                    }
+                }
                 KeyAction::Cancel => {
                     if self.shortcuts_open {
                         self.shortcuts_open = false;

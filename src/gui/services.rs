@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use crate::analysis::pairing::{Alignment, Pairing};
 use crate::analysis::player::Player;
 use crate::sensing::registration::Registration;
+use crate::signal::{Annotations, NoteChange};
 use crate::twin::Handle;
 
 pub use super::job::{Job, Pending, Stage, Worker};
@@ -33,6 +34,8 @@ pub struct RecordingEntry {
     pub note: Option<String>,
     /// Whether it came with the program.
     pub sample: bool,
+    /// The operator's note and the texts of the marks.
+    pub noted: Vec<String>,
 }
 
 /// What a file dialog asks for.
@@ -130,6 +133,25 @@ pub type Scanner = Box<dyn FnMut(&Path) -> Job<Vec<RecordingEntry>>>;
 /// Finds a path in a folder for a new recording, which is named after the local date and time. The folder is made
 /// when it is missing.
 pub type Namer = Box<dyn FnMut(&Path) -> Job<PathBuf>>;
+/// Changes note and marks of a recording, and answers with them as they are then.
+pub type Annotator = Box<dyn FnMut(&Path, Vec<NoteChange>) -> Job<Annotations>>;
+/// Makes a recording in a folder of the last seconds of the rolling recording that begins with a file, with a note; answers
+/// with its path.
+pub type Keeper = Box<dyn FnMut(&Path, &Path, f64, String) -> Job<PathBuf>>;
+/// What the rolling recording takes, after its limit is changed where one is given, bytes.
+pub type RollingLimit = Box<dyn FnMut(Option<u64>) -> Job<RollingUse>>;
+
+/// The folder of rolling recordings.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RollingUse {
+    /// Where it is.
+    pub folder: PathBuf,
+    /// What its files may take, bytes; 0 when nothing is recorded.
+    pub limit_bytes: u64,
+    /// What they take, bytes.
+    pub used_bytes: u64,
+}
+
 /// Loads a recording.
 pub type Loader = Box<dyn FnMut(&Path) -> Job<Player>>;
 /// Finds how two recordings lie on each other.
@@ -152,6 +174,12 @@ pub struct Services {
     pub scan: Scanner,
     /// Loads a recording and indexes its signals.
     pub load: Loader,
+    /// Makes a recording of the last seconds of a rolling one.
+    pub keep: Keeper,
+    /// Folder, limit and use of rolling recordings.
+    pub rolling: RollingLimit,
+    /// Changes note and marks of a recording.
+    pub annotate: Annotator,
     /// Finds how two recordings lie on each other, by work that takes seconds on long ones.
     pub align: Aligner,
     /// Opens a recording in the Rerun viewer.
@@ -184,6 +212,9 @@ impl Services {
             exports: PathBuf::from("exports"),
             scan: Box::new(|_| Job::ready(Ok(Vec::new()))),
             load: Box::new(move |_| Job::ready(Err(no("load recordings")))),
+            keep: Box::new(move |_, _, _, _| Job::ready(Err(no("write files")))),
+            rolling: Box::new(|_| Job::ready(Ok(RollingUse::default()))),
+            annotate: Box::new(move |_, _| Job::ready(Err(no("write files")))),
             align: Box::new(move |pairing| {
                 let found = pairing.align(&|| true);
                 Job::ready(found.ok_or_else(|| no("align recordings")))

@@ -564,6 +564,7 @@ fn library_services() -> Services {
         simulated: Some(true),
         note: note.map(str::to_owned),
         sample: false,
+        noted: Vec::new(),
     };
     Services {
         scan: Box::new(move |_| {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::calibrate::{Store, Version};
 use crate::drive::model;
+use crate::recording::RollingFolder;
 use crate::robot::RobotSpec;
 
 /// A check and its result.
@@ -31,6 +32,8 @@ impl Check {
 pub struct Places {
     /// The folder of recordings.
     pub recordings: PathBuf,
+    /// The folder of rolling recordings.
+    pub rolling: Option<RollingFolder>,
     /// The folder of the user's data, with saved calibrations.
     pub data: Option<PathBuf>,
     /// The window's log.
@@ -50,6 +53,7 @@ pub fn checks(robot: &RobotSpec, places: &Places) -> Vec<Check> {
         machine::mocap(places.mocap),
         viewer(),
         machine::recordings(&places.recordings),
+        machine::rolling(places.rolling.as_ref()),
         machine::disk(&places.recordings),
         machine::log(places.log.as_deref()),
     ]);

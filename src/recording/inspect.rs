@@ -8,8 +8,8 @@ use super::log::{columns, median_step_s};
 use super::types::Gauged;
 use super::units::suspected_units;
 use super::{
-    Channel, RecordingError, RecordingFile, RecordingMeta, SessionLog, Window, is_rrd, part_of,
-    read_session,
+    Channel, MARKS, RecordingError, RecordingFile, RecordingMeta, SessionLog, Window, is_rrd,
+    part_of, read_session,
 };
 use crate::signal::{CHAMBERS, ChannelHealth, IMUS, SPRINGS, Stamp, Trace};
 
@@ -57,6 +57,17 @@ pub struct Inspection {
     pub units: Vec<String>,
     /// Where the data come from and how they were made; `None` for session logs.
     pub provenance: Option<Provenance>,
+    /// The operator's marks, in order of time.
+    pub marks: Vec<InspectedMark>,
+}
+
+/// A moment that the operator has marked.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct InspectedMark {
+    /// When, s since the session's start.
+    pub at_s: f64,
+    /// What for.
+    pub text: String,
 }
 
 /// Where a recording comes from; empty texts are unknown.
@@ -173,6 +184,7 @@ pub struct Inspector {
     entities: Vec<(Channel, f64)>,
     columns: Vec<(String, Gauged)>,
     units: Vec<String>,
+    marks: Vec<InspectedMark>,
 }
 
 impl Inspector {
@@ -187,6 +199,11 @@ impl Inspector {
         }
         self.complete = read.complete;
         self.recovered_until = read.recovered_until;
+        let marks = read.events.iter().filter(|e| e.log == MARKS);
+        self.marks.extend(marks.map(|e| InspectedMark {
+            at_s: e.stamp.seconds(),
+            text: e.text.clone(),
+        }));
         let stamps = read.trace.snapshots.iter().map(|s| s.stamp.seconds());
         self.t_s.extend(stamps);
         self.measured_s.extend(&log.t_s);
@@ -255,6 +272,7 @@ impl Inspector {
             calibration: name_of(&self.meta.calibration),
             units: self.units,
             provenance: Some(Provenance::of(&self.meta)),
+            marks: self.marks,
         }
     }
 }
@@ -295,6 +313,7 @@ pub fn inspect_log(log: &SessionLog) -> Inspection {
         calibration: None,
         units: suspected_units(log),
         provenance: None,
+        marks: Vec::new(),
     }
 }
 

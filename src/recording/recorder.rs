@@ -1,11 +1,12 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::{RecordingError, RecordingMeta, RecordingSummary, RecordingWriter};
+use super::space::{LOW_SPACE_BYTES, free_bytes};
+use super::{RecordingError, RecordingMeta, RecordingSummary, RecordingWriter, RollingFolder};
 use crate::signal::{Snapshot, Stamp};
 
 /// Snapshots that may wait for the disk: ten seconds at 100 Hz.
@@ -14,14 +15,16 @@ const QUEUE: usize = 1024;
 const IDLE: Duration = Duration::from_millis(500);
 /// Time between two moments at which what was recorded is brought onto the disk.
 const SYNC: Duration = Duration::from_secs(2);
-/// Free space below which the operator is warned, bytes.
-pub const LOW_SPACE_BYTES: u64 = 1 << 30;
 /// Snapshots between two checks of the free space.
 const SPACE_CHECK_ROWS: u64 = 100;
+/// Snapshots between two looks at the folder of a rolling recording.
+const ROLLING_CHECK_ROWS: u64 = 1000;
 
 enum Item {
     Snapshot(Arc<Snapshot>),
     Event(Stamp, String),
+    Mark(Stamp, String),
+    Note(String),
 }
 
 /// State of a recording.
@@ -61,6 +64,8 @@ pub struct Recorder {
 #[derive(Default)]
 struct Shared {
     begun: AtomicBool,
+    /// The first file, once it is made.
+    path: OnceLock<Arc<Path>>,
     /// How it ended; an error when it could not begin.
     ended: OnceLock<Result<RecordingSummary, String>>,
     dropped: AtomicU64,
@@ -77,25 +82,70 @@ impl Recorder {
         meta: RecordingMeta,
         full: QueueFull,
     ) -> Result<Self, RecordingError> {
+        let file = path.to_owned();
+        let begin = move |now: &jiff::Zoned| {
+            let writer = RecordingWriter::create(&file, begun(meta, now))?;
+            Ok(Some(Begun {
+                writer,
+                path: file,
+                rolling: None,
+            }))
+        };
+        Self::spawn(path, full, begin)
+    }
+
+    /// Begins a rolling recording in `folder`, where the oldest files go. It ends by itself where its limit is 0, and where
+    /// the disk is nearly full.
+    ///
+    /// # Errors
+    /// As [`Recorder::start`].
+    pub fn start_rolling(
+        folder: &RollingFolder,
+        meta: RecordingMeta,
+        full: QueueFull,
+    ) -> Result<Self, RecordingError> {
+        let rolling = folder.clone();
+        let begin = move |now: &jiff::Zoned| {
+            let limit_bytes = rolling.limit_bytes();
+            if limit_bytes == 0 {
+                return Ok(None);
+            }
+            let begun_at = rolling.begin(now);
+            let (id, name, path) =
+                begun_at.map_err(RecordingError::io(rolling.path(), "record in"))?;
+            let meta = begun(RecordingMeta { id, name, ..meta }, now);
+            let bytes = rolling.segment_bytes(limit_bytes);
+            let writer =
+                RecordingWriter::create_in_segments(&path, meta, rolling.segment_s, bytes)?;
+            Ok(Some(Begun {
+                writer,
+                path,
+                rolling: Some(rolling),
+            }))
+        };
+        Self::spawn(folder.path(), full, begin)
+    }
+
+    fn spawn(
+        path: &Path,
+        full: QueueFull,
+        begin: impl FnOnce(&jiff::Zoned) -> Result<Option<Begun>, RecordingError> + Send + 'static,
+    ) -> Result<Self, RecordingError> {
         let (queue, items) = sync_channel(QUEUE);
         let shared = Arc::new(Shared::default());
         let thread = std::thread::Builder::new()
             .name("recorder".to_owned())
             .spawn({
                 let shared = Arc::clone(&shared);
-                let path = path.to_owned();
                 move || {
                     // For people who look for a session; nothing is reckoned with it.
-                    let now = jiff::Zoned::now();
-                    let meta = RecordingMeta {
-                        begun: now.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
-                        ..meta
-                    };
-                    let ended = match RecordingWriter::create(&path, meta) {
-                        Ok(writer) => {
+                    let ended = match begin(&jiff::Zoned::now()) {
+                        Ok(Some(begun)) => {
+                            let _ = shared.path.set(begun.path.clone().into());
                             shared.begun.store(true, Ordering::Release);
-                            Ok(record(writer, &items, &path, &shared))
+                            Ok(record(begun, &items, &shared))
                         }
+                        Ok(None) => Ok(RecordingSummary::default()),
                         Err(e) => Err(e.to_string()),
                     };
                     let _ = shared.ended.set(ended);
@@ -110,6 +160,11 @@ impl Recorder {
         })
     }
 
+    /// Its first file, once it is made.
+    pub fn path(&self) -> Option<&Arc<Path>> {
+        self.shared.path.get()
+    }
+
     /// Hands over a snapshot. Waits only for [`QueueFull::Wait`].
     pub fn push(&self, snapshot: Arc<Snapshot>) {
         self.send(Item::Snapshot(snapshot));
@@ -118,6 +173,16 @@ impl Recorder {
     /// Hands over a line for the event log. Waits only for [`QueueFull::Wait`].
     pub fn event(&self, stamp: Stamp, text: String) {
         self.send(Item::Event(stamp, text));
+    }
+
+    /// Hands over a mark of the operator. Waits only for [`QueueFull::Wait`].
+    pub fn mark(&self, stamp: Stamp, text: String) {
+        self.send(Item::Mark(stamp, text));
+    }
+
+    /// Hands over the operator's note. Waits only for [`QueueFull::Wait`].
+    pub fn note(&self, text: String) {
+        self.send(Item::Note(text));
     }
 
     fn send(&self, item: Item) {
@@ -194,13 +259,45 @@ impl Drop for Recorder {
     }
 }
 
-fn record(
-    mut writer: RecordingWriter,
-    items: &Receiver<Item>,
-    path: &Path,
-    shared: &Shared,
-) -> RecordingSummary {
+/// A recording that has begun.
+struct Begun {
+    writer: RecordingWriter,
+    path: PathBuf,
+    /// Where it is a rolling one.
+    rolling: Option<RollingFolder>,
+}
+
+fn begun(meta: RecordingMeta, now: &jiff::Zoned) -> RecordingMeta {
+    RecordingMeta {
+        begun: now.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
+        ..meta
+    }
+}
+
+/// Whether a rolling recording goes on; `Err` with a reason where the disk is nearly full. Removes what is beyond the limit.
+fn goes_on(folder: &RollingFolder, path: &Path) -> Result<bool, String> {
+    if free_bytes(path).is_some_and(|free| free < folder.least_free_bytes) {
+        return Err(format!(
+            "less than {} GiB is free on the disk of {}",
+            LOW_SPACE_BYTES >> 30,
+            folder.path().display()
+        ));
+    }
+    let limit_bytes = folder.limit_bytes();
+    folder.prune(limit_bytes);
+    Ok(limit_bytes > 0)
+}
+
+fn record(begun: Begun, items: &Receiver<Item>, shared: &Shared) -> RecordingSummary {
+    let Begun {
+        mut writer,
+        path,
+        rolling,
+    } = begun;
+    let path = path.as_path();
     let mut rows = 0u64;
+    let mut segments = 0;
+    let mut stopped = None;
     #[allow(
         clippy::disallowed_methods,
         reason = "the recorder's thread: a disk is brought up to date in real time"
@@ -214,10 +311,25 @@ fn record(
                     let low = free_bytes(path).is_some_and(|free| free < LOW_SPACE_BYTES);
                     shared.low_space.store(low, Ordering::Relaxed);
                 }
+                let due = rows.is_multiple_of(ROLLING_CHECK_ROWS)
+                    || segments != writer.summary().segments;
+                if let Some(folder) = rolling.as_ref().filter(|_| due) {
+                    segments = writer.summary().segments;
+                    match goes_on(folder, path) {
+                        Ok(true) => {}
+                        Ok(false) => break,
+                        Err(why) => {
+                            stopped = Some(why);
+                            break;
+                        }
+                    }
+                }
                 rows += 1;
                 writer.push(&snapshot)
             }
             Ok(Item::Event(stamp, text)) => writer.event(stamp, &text),
+            Ok(Item::Mark(stamp, text)) => writer.mark(stamp, &text),
+            Ok(Item::Note(text)) => writer.note(&text),
             Err(RecvTimeoutError::Timeout) => writer.flush(),
             Err(RecvTimeoutError::Disconnected) => break,
         };
@@ -237,7 +349,10 @@ fn record(
     }
     let before = writer.summary().clone();
     match writer.finish() {
-        Ok(summary) => summary,
+        Ok(summary) => RecordingSummary {
+            failed: stopped,
+            ..summary
+        },
         Err(e) => RecordingSummary {
             failed: Some(e.to_string()),
             ..before
@@ -245,34 +360,9 @@ fn record(
     }
 }
 
-/// Bytes that may still be written beside `path`; `None` where the system does not report it.
-#[cfg(unix)]
-pub fn free_bytes(path: &Path) -> Option<u64> {
-    let dir = path.parent().filter(|p| !p.as_os_str().is_empty());
-    let stat = nix::sys::statvfs::statvfs(dir.unwrap_or(Path::new("."))).ok()?;
-    #[allow(
-        clippy::useless_conversion,
-        reason = "the types differ between systems"
-    )]
-    let free = u64::from(stat.blocks_available()) * u64::from(stat.fragment_size());
-    Some(free)
-}
-
-/// Bytes that may still be written beside `path`; `None` where the system does not report it.
-#[cfg(not(unix))]
-pub fn free_bytes(_path: &Path) -> Option<u64> {
-    None
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[cfg(unix)]
-    #[test]
-    fn free_space_is_known() {
-        assert!(free_bytes(&std::env::temp_dir().join("x")).is_some_and(|b| b > 0));
-    }
 
     #[cfg(not(feature = "rrd"))]
     #[test]

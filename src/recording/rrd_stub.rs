@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::patience::{Broken, Waiting};
 use super::{
-    Overlay, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, RecordingSummary,
+    Mark, Overlay, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, RecordingSummary,
     Selection, Window,
 };
 use crate::signal::{Snapshot, Stamp};
@@ -25,6 +25,19 @@ impl RecordingWriter {
         Err(without(path))
     }
 
+    /// Begins a recording in files of a length. In this build always an error.
+    ///
+    /// # Errors
+    /// [`RecordingError::WithoutRrd`].
+    pub fn create_in_segments(
+        path: &Path,
+        _meta: RecordingMeta,
+        _segment_s: f64,
+        _segment_bytes: u64,
+    ) -> Result<Self, RecordingError> {
+        Err(without(path))
+    }
+
     /// Records a snapshot.
     ///
     /// # Errors
@@ -38,6 +51,22 @@ impl RecordingWriter {
     /// # Errors
     /// None: no value of this type exists in this build.
     pub fn event(&mut self, _stamp: Stamp, _text: &str) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Records a mark of the operator.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn mark(&mut self, _stamp: Stamp, _text: &str) -> Result<(), RecordingError> {
+        match self.never {}
+    }
+
+    /// Records the operator's note.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn note(&mut self, _text: &str) -> Result<(), RecordingError> {
         match self.never {}
     }
 
@@ -158,6 +187,14 @@ impl RecordingFile {
         Err(without(path))
     }
 
+    /// Opens one file of a recording. In this build always an error.
+    ///
+    /// # Errors
+    /// [`RecordingError::WithoutRrd`].
+    pub fn open_segment(path: &Path) -> Result<Self, RecordingError> {
+        Err(without(path))
+    }
+
     /// Its first file.
     pub fn path(&self) -> &Path {
         match self.never {}
@@ -214,6 +251,14 @@ impl RecordingFile {
         match self.never {}
     }
 
+    /// The operator's marks.
+    ///
+    /// # Errors
+    /// None: no value of this type exists in this build.
+    pub fn marks(&self) -> Result<Vec<Mark>, RecordingError> {
+        match self.never {}
+    }
+
     /// Time of the newest snapshot.
     pub fn last(&self) -> Option<Stamp> {
         match self.never {}
@@ -250,6 +295,11 @@ pub fn join(
 /// [`RecordingError::WithoutRrd`].
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
     Err(without(path))
+}
+
+/// Identity of the recording that a file belongs to. In this build none.
+pub(super) fn recording_id(_path: &Path) -> Option<String> {
+    None
 }
 
 /// Writes a comparison. In this build always an error.

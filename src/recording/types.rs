@@ -61,7 +61,7 @@ pub struct ArmDrawing {
 pub struct RecordedEvent {
     /// When.
     pub stamp: Stamp,
-    /// Which log: `mode`, `events`, `alarms`.
+    /// Which log: `mode`, `events`, `alarms`, `marks`.
     pub log: String,
     /// What happened.
     pub text: String,

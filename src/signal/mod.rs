@@ -12,6 +12,7 @@ mod exactly;
 mod frame;
 mod health;
 mod hex;
+mod notes;
 mod pose;
 mod quality;
 mod random;
@@ -30,6 +31,7 @@ pub use frame::{
 };
 pub use health::{ChannelHealth, Health, UNKNOWN_M, UNKNOWN_RAD, spring_name};
 pub use hex::hex;
+pub use notes::{Annotations, Mark, NoteChange};
 pub use pose::{
     Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_between, pose_error,
     pose_from_ypr, ypr_from_rotation,
@@ -42,8 +44,8 @@ pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     ArmingCheck, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode,
-    PAIR_S, Reach, ReachState, RoutineStatus, SETTLING_FRAMES, Snapshot, StreamState, StreamStatus,
-    Trace, TruthSource,
+    PAIR_S, Reach, ReachState, RollingStatus, RoutineStatus, SETTLING_FRAMES, Snapshot,
+    StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use syntax::toml_error;
 pub use time::Stamp;

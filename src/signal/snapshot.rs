@@ -1,4 +1,5 @@
 use core::net::SocketAddr;
+use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -280,12 +281,40 @@ pub struct Snapshot {
     pub payload_kg: f64,
     /// Name of the recording being written, if any.
     pub recording: Option<String>,
+    /// The rolling recording. Not kept in recordings.
+    pub rolling: RollingStatus,
     /// The live stream, if one runs or has ended by itself. Not kept in recordings.
     pub streaming: Option<StreamStatus>,
     /// Why hardware may not be armed with the calibration in use, if so. Not kept in recordings.
     pub calibration_refusal: Option<String>,
     /// The check of the gauges of an armed hardware arm. Not kept in recordings.
     pub gauge_check: ArmingCheck,
+}
+
+/// What the rolling recording does. The path is that of its first file, by which it is found also once that is removed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum RollingStatus {
+    /// There is none.
+    #[default]
+    Off,
+    /// It begins when the arm is armed.
+    Waits,
+    /// It records.
+    Records(Arc<Path>),
+    /// It records again when the arm is armed again.
+    Paused(Arc<Path>),
+    /// It stopped by itself: why.
+    Stopped(String),
+}
+
+impl RollingStatus {
+    /// The first file, where there is something to keep.
+    pub fn first(&self) -> Option<&Arc<Path>> {
+        match self {
+            Self::Records(first) | Self::Paused(first) => Some(first),
+            Self::Off | Self::Waits | Self::Stopped(_) => None,
+        }
+    }
 }
 
 /// How far the gauges of a hardware arm that was armed have been checked.

@@ -52,6 +52,10 @@ pub enum Command {
     StartRecording(PathBuf),
     /// Close the recording.
     StopRecording,
+    /// Mark this moment in the recordings that run, with what for; the text may be empty.
+    Mark(String),
+    /// The operator's note on the recording that runs, in place of the one before.
+    Note(String),
     /// Stream every snapshot to the Rerun viewer that listens there. Data go unencrypted.
     StreamLive(SocketAddr),
     /// End the stream.
@@ -98,7 +102,7 @@ pub enum Event {
         /// Which.
         calibration: Arc<Calibration>,
     },
-    /// A recording began or ended.
+    /// A recording began or ended, or a moment of it was marked.
     Recording {
         /// When.
         stamp: Stamp,

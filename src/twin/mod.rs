@@ -1,7 +1,7 @@
 //! The twin: one tick, commands, events, and the threads around it.
 //!
 //! [`Twin`] joins the modules below to one loop, from a frame to a command; it reads no clock, never sleeps and
-//! prints nothing. [`Runner`] puts it on a [`Port`] and gives it a view, a recorder and a stream. It imports neither the
+//! prints nothing. [`Runner`] puts it on a [`Port`] and gives it a view, recorders and a stream. It imports neither the
 //! window nor the rig: what is at the other end of a port, it does not know.
 
 mod command;
@@ -14,6 +14,7 @@ mod newest;
 mod port;
 mod publish;
 mod record;
+mod rolling;
 mod runner;
 mod serial;
 mod shape;
@@ -29,6 +30,7 @@ pub use maps::{Maps, Patched, Reading, sensing_for};
 pub use mesh::{MeshQuestion, MeshSolver};
 pub use port::{Arrivals, Clock, Port, TICK_S};
 pub use publish::{spawn, spawn_until};
+pub use rolling::RollingOf;
 pub use runner::Runner;
 pub use serial::SerialPort;
 pub use stream::LAST_WORDS;

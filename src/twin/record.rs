@@ -107,6 +107,24 @@ impl Recordings {
         }
     }
 
+    /// Marks this moment; whether a recording takes it.
+    pub(super) fn mark(&self, now: Stamp, text: &str) -> bool {
+        let taken = self.running.as_ref().filter(|r| !r.closing);
+        if let Some(recording) = taken {
+            recording.recorder.mark(now, text.to_owned());
+        }
+        taken.is_some()
+    }
+
+    /// Hands over the operator's note; whether a recording takes it.
+    pub(super) fn note(&self, text: &str) -> bool {
+        let taken = self.running.as_ref().filter(|r| !r.closing);
+        if let Some(recording) = taken {
+            recording.recorder.note(text.to_owned());
+        }
+        taken.is_some()
+    }
+
     /// Lets the recording end, if one runs; [`Self::watch`] reports when it has.
     pub(super) fn close(&mut self) {
         if let Some(recording) = &mut self.running {

@@ -7,10 +7,11 @@ use super::command::{Command, Event};
 use super::core::Twin;
 use super::port::{Clock, NoPort, Port};
 use super::record::Recordings;
+use super::rolling::{Rolling, RollingOf};
 use super::stream::{LAST_WORDS, Streams};
 use super::view::View;
 use crate::link::StopLine;
-use crate::recording::{ArmDrawing, QueueFull, RecordingMeta};
+use crate::recording::{ArmDrawing, QueueFull, RecordingMeta, RollingFolder};
 use crate::robot::RobotSpec;
 use crate::signal::{Snapshot, Stamp, StreamStatus};
 
@@ -22,6 +23,7 @@ pub struct Runner {
     robot: RobotSpec,
     pub(super) view: View,
     recordings: Recordings,
+    rolling: Option<Rolling>,
     streams: Streams,
     /// Where simulated time is kept beside real time.
     real_time_factor: Option<f64>,
@@ -40,6 +42,7 @@ impl Runner {
             robot: robot.clone(),
             view: View::new(robot),
             recordings: Recordings::default(),
+            rolling: None,
             streams: Streams::default(),
             real_time_factor: None,
             last_tick: Stamp::ZERO,
@@ -50,6 +53,11 @@ impl Runner {
     /// States in recordings how motion capture is registered with the robot (the text of its file).
     pub fn register(&mut self, registration: String) {
         self.registration = registration;
+    }
+
+    /// Keeps a rolling recording in a folder, from Arm on.
+    pub fn keep_rolling(&mut self, folder: RollingFolder, of: RollingOf) {
+        self.rolling = Some(Rolling::new(folder, of));
     }
 
     /// The clock that passes at the other end of the port.
@@ -92,6 +100,12 @@ impl Runner {
         }
         self.recordings.watch(now, &mut events);
         self.streams.watch(now, &mut events);
+        if let Some(rolling) = &mut self.rolling {
+            let (robot, registration) = (&self.robot, &self.registration);
+            let session = |name| session(robot, &self.twin, registration, &snapshot, name);
+            rolling.update(now, &snapshot, self.recordings.full, session, &mut events);
+            snapshot.rolling = rolling.status().clone();
+        }
         for event in &events {
             let level = match event {
                 Event::Warning { .. } | Event::RecordingFailed { .. } => log::Level::Warn,
@@ -107,6 +121,9 @@ impl Runner {
         let snapshot = Arc::new(snapshot);
         self.record_late(now, late);
         self.recordings.push(now, &snapshot, &events);
+        if let Some(rolling) = &self.rolling {
+            rolling.push(now, &snapshot, &events);
+        }
         self.streams.push(now, &snapshot, &events);
         (snapshot, events)
     }
@@ -119,7 +136,11 @@ impl Runner {
             let earliest = Stamp(before.0.saturating_add(1));
             snapshot.stamp = snapshot.stamp.max(earliest).min(Stamp(now.0 - 1));
             before = snapshot.stamp;
-            self.recordings.push(now, &Arc::new(snapshot), &[]);
+            let snapshot = Arc::new(snapshot);
+            self.recordings.push(now, &snapshot, &[]);
+            if let Some(rolling) = &self.rolling {
+                rolling.push(now, &snapshot, &[]);
+            }
         }
     }
 
@@ -163,7 +184,8 @@ impl Runner {
                 self.twin.absorb(frame);
                 stamp
             };
-            if self.recordings.is_running() {
+            let rolls = self.rolling.as_ref().is_some_and(Rolling::is_running);
+            if self.recordings.is_running() || rolls {
                 late.push(Snapshot {
                     stamp,
                     ..self.twin.snapshot()
@@ -193,6 +215,8 @@ impl Runner {
                 self.recordings.start(now, path, session, events);
             }
             Command::StopRecording => self.recordings.close(),
+            Command::Mark(text) => events.push(self.mark(now, text)),
+            Command::Note(text) => events.extend(self.note(now, text)),
             Command::StreamLive(address) => {
                 let registration = &self.registration;
                 let session = |name| session(robot, &self.twin, registration, known, name);
@@ -203,15 +227,54 @@ impl Runner {
         }
     }
 
+    /// Hands the note to the recording; a refusal without one.
+    fn note(&self, now: Stamp, text: &str) -> Option<Event> {
+        let taken = self.recordings.note(text);
+        (!taken).then(|| Event::Refused {
+            stamp: now,
+            reason: "Nothing is recorded: the note is not kept.".to_owned(),
+        })
+    }
+
+    /// Marks this moment in what is recorded.
+    fn mark(&self, now: Stamp, text: &str) -> Event {
+        let text = match text.trim() {
+            "" => "Mark",
+            text => text,
+        };
+        let rolling = self.rolling.as_ref();
+        let taken = [
+            self.recordings.mark(now, text),
+            rolling.is_some_and(|rolling| rolling.mark(now, text)),
+        ];
+        match taken.contains(&true) {
+            true => Event::Recording {
+                stamp: now,
+                text: format!("Marked at {:.1} s: {text}", now.seconds()),
+            },
+            false => Event::Refused {
+                stamp: now,
+                reason: "Nothing is recorded: the mark is not kept. Press Record first.".to_owned(),
+            },
+        }
+    }
+
     /// Stops the boards and closes the port; the boards are SAFE afterwards.
     pub fn let_port_go(&mut self) {
         self.port = Box::new(NoPort);
     }
 
-    /// Ends the recording, if one runs, and reports how it went. Waits for the disk: the control loop must
+    /// Ends the recordings, if some run, and reports how it went. Waits for the disk: the control loop must
     /// be over.
     pub fn stop_recording(&mut self, now: Stamp, events: &mut Vec<Event>) {
         self.recordings.stop(now, events);
+        self.stop_rolling();
+    }
+
+    fn stop_rolling(&mut self) {
+        if let Some(rolling) = &mut self.rolling {
+            rolling.stop();
+        }
     }
 
     /// Ends the stream, if one runs, and reports how it went. Waits for what is left to arrive no longer
@@ -233,6 +296,7 @@ impl Runner {
         self.recordings.close();
         self.streams.stop(now, LAST_WORDS, &mut last);
         self.recordings.stop(now, &mut last);
+        self.stop_rolling();
         for event in &last {
             log::info!("{:9.3} s  {}", now.seconds(), event.text());
         }

@@ -13,6 +13,7 @@ mod gap_bench;
 mod gap_find;
 mod guide;
 mod lockstep;
+mod notes;
 mod outputs;
 mod parsers;
 mod process;

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 34] = [
+const WRITERS: [(&str, &str, &str); 35] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
@@ -49,6 +49,7 @@ const WRITERS: [(&str, &str, &str); 34] = [
     ("follow", "--path eight --record OUT/r.rrd", "r.rrd"),
     ("pick-place", "--out OUT", "springs.svg"),
     ("record", "OUT/r.rrd --seconds 1", "r.rrd"),
+    ("keep", "--out OUT/r.rrd", "r.rrd"),
     ("cut", "a.rrd --from 1 --out OUT/r.rrd", "r.rrd"),
     ("merge", "a.rrd b.rrd --out OUT/r.rrd", "r.rrd"),
     ("convert", "session OUT/t.csv", "t.csv"),

@@ -194,11 +194,15 @@ pub fn output(command: &mut Command) -> Output {
     Running::start(command).output()
 }
 
-/// The program under test.
+/// The program under test. The data of the user who runs the tests stay as they are.
 pub fn program(args: &[&str]) -> Command {
     let mut program = Command::new(env!("CARGO_BIN_EXE_springtwin"));
     program
         .args(args)
+        .env(
+            "XDG_DATA_HOME",
+            concat!(env!("CARGO_TARGET_TMPDIR"), "/user-data"),
+        )
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
-use crate::cli::args::{self, InstrumentArgs, Kind};
+use crate::cli::args::{self, InstrumentArgs, Kind, RollingArgs};
 use crate::cli::outputs::Overwrite;
 use crate::cli::{Failed, Report};
 use springtwin::control::{ReachConfig, reach};
@@ -52,6 +52,15 @@ pub struct Common {
     /// Record to this file
     #[arg(long, value_name = "F.rrd")]
     record: Option<PathBuf>,
+    /// The operator's note on the recording
+    #[arg(
+        long,
+        value_name = "TEXT",
+        default_value = "",
+        hide_default_value = true,
+        requires = "record"
+    )]
+    note: String,
     #[command(flatten)]
     overwrite: Overwrite,
     /// Let boards that are SAFE from before leave it: after an earlier program has ended or was not heard any more, and
@@ -60,6 +69,8 @@ pub struct Common {
     reset: Option<Vec<u16>>,
     #[command(flatten)]
     instruments: InstrumentArgs,
+    #[command(flatten)]
+    rolling: RollingArgs,
 }
 
 impl Common {
@@ -101,6 +112,7 @@ impl Common {
             .rig(&self.rig, options)
             .gains(self.controller.gains())
             .instruments(self.instruments.plain())
+            .rolling(crate::cli::user::rolling_folder(), self.rolling.of())
             .ends_with(crate::cli::signals::asked_to_end()?);
         let what = Drive {
             plan,
@@ -108,6 +120,7 @@ impl Common {
             seconds,
             after_s: 2.0,
             record: self.record.clone(),
+            note: self.note.clone(),
             reset: args::resets(self.reset.as_deref()),
         };
         drive(twin, &what, None)

@@ -13,8 +13,8 @@ use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, 
 use springtwin::gui::RecordingEntry;
 use springtwin::recording::{
     Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
-    Thinning, inspect, inspect_log, is_later_segment, is_rrd, part_of, read_session_with,
-    segment_path,
+    Thinning, inspect, inspect_log, is_later_segment, is_rrd, notes_path, part_of,
+    read_session_with, segment_path,
 };
 use springtwin::signal::{Snapshot, Stamp, Trace};
 
@@ -85,7 +85,10 @@ struct Known(Mutex<HashMap<PathBuf, (u64, SystemTime, RecordingEntry)>>);
 impl Known {
     /// The entry of a file that may have been listed before: nothing is read twice.
     fn entry(&self, path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
-        let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok();
+        let time = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
+        let noted = time(&notes_path(&path));
+        // Notes are made later than the recording.
+        let changed = time(&path).max(noted);
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let (Some((size, time, entry)), Some(changed)) = (known.get(&path), changed)
             && (*size, *time) == (bytes, changed)
@@ -109,9 +112,15 @@ fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
     };
     match glance(&entry.path, bytes) {
         Ok(None) => entry,
-        Ok(Some((seconds, simulated, complete))) => RecordingEntry {
+        Ok(Some(Glance {
+            seconds,
+            simulated,
+            complete,
+            noted,
+        })) => RecordingEntry {
             seconds: Some(seconds),
             simulated,
+            noted,
             note: (!complete).then(|| "Cut off: plays to its last whole part.".to_owned()),
             ..entry
         },
@@ -122,23 +131,45 @@ fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
     }
 }
 
-/// Length (s), whether simulated, whether complete.
-type Glance = (f64, Option<bool>, bool);
+/// What is seen of a recording without reading it.
+struct Glance {
+    seconds: f64,
+    simulated: Option<bool>,
+    complete: bool,
+    /// Note and marks.
+    noted: Vec<String>,
+}
 
 /// What a recording is by where its parts lie, without reading them; of other files by reading them.
 fn glance(path: &Path, bytes: u64) -> Result<Option<Glance>, RecordingError> {
     if is_rrd(path) {
         let file = RecordingFile::open(path)?;
         if let (Some(first), Some(last)) = (file.first()?, file.last()) {
-            let seen = (last.since(first), file.meta().simulated, file.is_complete());
-            return Ok(Some(seen));
+            return Ok(Some(Glance {
+                seconds: last.since(first),
+                simulated: file.meta().simulated,
+                complete: file.is_complete(),
+                noted: noted(&file.meta().note, file.marks()?.into_iter().map(|m| m.text)),
+            }));
         }
     }
     if bytes > GLANCE_BYTES {
         return Ok(None);
     }
     let seen = inspect(path)?;
-    Ok(Some((seen.seconds, seen.simulated, seen.complete)))
+    let note = seen.provenance.as_ref().map_or("", |p| p.note.as_str());
+    Ok(Some(Glance {
+        seconds: seen.seconds,
+        simulated: seen.simulated,
+        complete: seen.complete,
+        noted: noted(note, seen.marks.iter().map(|m| m.text.clone())),
+    }))
+}
+
+/// The note, where there is one, and the texts of the marks.
+fn noted(note: &str, marks: impl Iterator<Item = String>) -> Vec<String> {
+    let note = Some(note.to_owned()).filter(|n| !n.is_empty());
+    note.into_iter().chain(marks).collect()
 }
 
 /// The recordings in a folder, in order of name; none where there is no folder.
@@ -220,6 +251,7 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
     });
     read.map_err(|e| e.to_string())?;
     let about = About {
+        note: file.meta().note.clone(),
         begun: Some(file.meta().begun.clone()).filter(|b| !b.is_empty()),
         apart_s,
         ..about(path, &inspector.finish(), events)

@@ -10,15 +10,17 @@ use anyhow::Result;
 
 use super::calibrate::Setting;
 use crate::cli::args::Kind;
+use crate::cli::user::ROLLING;
 use springtwin::calibrate::Store;
 use springtwin::drive::{Driver, Instruments, TwinBuilder, is_virtual, model};
 use springtwin::gui::services::PortEntry;
 use springtwin::link;
+use springtwin::recording::RollingFolder;
 use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
 use springtwin::signal::{Mode, Snapshot};
-use springtwin::twin::{Command, Handle, Maps};
+use springtwin::twin::{Command, Handle, Maps, RollingOf};
 
 /// A port that was just let go may be held for a moment: so often it is tried, and so long apart.
 const TRIES: usize = 5;
@@ -94,12 +96,19 @@ impl Rigs {
             .maps(self.maps(rig)?)
             .gains(self.kind.gains())
             .instruments(instruments)
+            .rolling(self.rolling(), RollingOf::EveryArm)
             .ends_with(Arc::clone(&self.ends))
             .build()?;
         if let Some(why) = trouble {
             driver.runner.twin.explain_calibration(why);
         }
         Ok(driver)
+    }
+
+    /// Where rolling recordings go.
+    pub fn rolling(&self) -> Option<RollingFolder> {
+        let data = self.data.as_deref();
+        data.map(|data| RollingFolder::of(data.join(ROLLING)))
     }
 
     /// Where calibrations of `rig` are kept, and its instruments with the calibration that was saved last

@@ -1,16 +1,25 @@
 //! What the window asks of the program: work on threads of their own, files, dialogs.
 
+use std::time::Duration;
+
 use springtwin::analysis::player::Player;
 use springtwin::gui::Services;
-use springtwin::gui::services::{Connected, Folder, Job, Scanner};
+use springtwin::gui::services::{Connected, Folder, Job, RollingUse, Scanner};
+use springtwin::recording::{annotate, keep_last};
 
 use super::later::later;
 use super::rigs::{Rigs, serial_ports};
 use super::{Asks, calibrate, dialog, export, library, viewer};
 
+/// A rolling recording is written twice a second.
+const UNTIL_WRITTEN: Duration = Duration::from_millis(1200);
+
 /// The services of a window that is open.
 pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Services {
     let ctx = &asks.ctx;
+    let for_notes = ctx.clone();
+    let for_keep = (ctx.clone(), rigs.rolling());
+    let for_rolling = for_keep.clone();
     let (for_name, for_load, for_align) = (ctx.clone(), ctx.clone(), ctx.clone());
     let (for_ports, for_dialog, for_write) = (ctx.clone(), ctx.clone(), ctx.clone());
     let kept = rigs.data.clone();
@@ -34,6 +43,47 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
                     worker.tell(&what, Some(share));
                     !worker.cancelled()
                 })
+            })
+        }),
+        keep: Box::new(move |first, folder, seconds, note| {
+            let (first, folder) = (first.to_owned(), folder.to_owned());
+            let rolling = for_keep.1.clone();
+            later(&for_keep.0, "kept recording", move |_| {
+                let rolling = rolling.ok_or("This user has no data folder.")?;
+                // What the arm has just done is written within a second.
+                std::thread::sleep(UNTIL_WRITTEN);
+                let out = library::names::fresh(&folder, jiff::Zoned::now().datetime())?;
+                let kept = keep_last(&rolling, Some(&first), seconds, &out, &note);
+                match kept {
+                    Ok(_) => Ok(out),
+                    Err(e) => {
+                        // The name, which nothing has.
+                        let _ = std::fs::remove_file(&out);
+                        Err(format!("The last minutes are not kept: {e}"))
+                    }
+                }
+            })
+        }),
+        rolling: Box::new(move |limit_bytes| {
+            let rolling = for_rolling.1.clone();
+            later(&for_rolling.0, "rolling recording", move |_| {
+                let Some(rolling) = rolling else {
+                    return Ok(RollingUse::default());
+                };
+                if let Some(limit_bytes) = limit_bytes {
+                    rolling.set_limit(limit_bytes).map_err(|e| e.to_string())?;
+                }
+                Ok(RollingUse {
+                    folder: rolling.path().to_owned(),
+                    limit_bytes: rolling.limit_bytes(),
+                    used_bytes: rolling.used_bytes(),
+                })
+            })
+        }),
+        annotate: Box::new(move |path, changes| {
+            let path = path.to_owned();
+            later(&for_notes, "notes", move |_| {
+                annotate(&path, &changes).map_err(|e| e.to_string())
             })
         }),
         align: Box::new(move |pairing| {

@@ -574,6 +574,7 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
                 );
             }
             input.messages.button(ui, input.window_s);
+            super::recordings::in_strip(ui, s);
             if let (Some(name), Some(t)) = (&s.recording, input.recording_s) {
                 let color = Palette::in_ui(ui).critical;
                 ui.label(RichText::new(format!("● {name} {}", minutes(t))).color(color))

@@ -30,6 +30,12 @@ pub fn minutes(t_s: f64) -> String {
     format!("{}:{:02}", t / 60, t % 60)
 }
 
+/// A time as m:ss with tenths.
+pub fn tenths(t_s: f64) -> String {
+    let tenths = (t_s * 10.0).floor() as u64;
+    format!("{}:{:02}.{}", tenths / 600, tenths / 10 % 60, tenths % 10)
+}
+
 /// An age in ms, or in s above one.
 pub fn age(age_s: f64) -> String {
     if age_s < 1.0 {
@@ -344,5 +350,6 @@ mod tests {
         assert_eq!(number(f64::NAN, 1), "—");
         assert_eq!(number(12.0, 0), "12");
         assert_eq!(minutes(125.4), "2:05");
+        assert_eq!(tenths(75.26), "1:15.2");
     }
 }

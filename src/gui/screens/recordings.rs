@@ -3,7 +3,9 @@
 use egui::{Ui, Vec2, vec2};
 
 use crate::gui::panels::operating::{ends_recording, recording_gate};
-use crate::gui::panels::recordings::{self, Library, RecordingsInput};
+use crate::gui::panels::recordings::{
+    self, Library, RecordingsInput, keep, keep_gate, mark_gate, mark_now,
+};
 use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
 use crate::gui::theme::Level;
 use crate::signal::Snapshot;
@@ -31,6 +33,7 @@ impl Screen for Library {
         if std::mem::take(&mut self.has_new) {
             self.rescan(ctx.services);
         }
+        self.poll_rolling(ctx);
         let window = *ctx.window;
         if let Some(text) = Self::poll(self, ctx.player, &window, ctx.services, ctx.commands) {
             ctx.messages.push((text, Level::Warning));
@@ -58,6 +61,21 @@ impl Screen for Library {
             _ => "Record",
         };
         list.add(name, words, gate, task);
+        let gate = mark_gate(live, known.twin_gone);
+        let mark = |library: &mut Self, ctx: &mut Ctx<'_>| {
+            mark_now(library, ctx.live.snapshot, ctx.commands);
+        };
+        let task = Task::Behind(Box::new(mark));
+        list.add("Mark this moment", "recording note flag event", gate, task);
+        list.by("M");
+        let keeps = |library: &mut Self, ctx: &mut Ctx<'_>| {
+            keep(library, ctx.live.snapshot, ctx.services);
+        };
+        let gate = there.clone().and(keep_gate(live.snapshot));
+        let task = Task::Behind(Box::new(keeps));
+        let words = "rolling recording save before black box";
+        list.add("Keep the last 5 minutes", words, gate, task);
+        list.by("L");
         match live.snapshot.streaming {
             Some(_) => {
                 let task = Task::Twin(Command::StopStream);

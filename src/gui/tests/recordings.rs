@@ -2,6 +2,8 @@
 
 mod made;
 mod near;
+mod notes;
+mod rolling;
 
 use std::path::Path;
 
@@ -44,6 +46,7 @@ fn entry(name: &str, note: Option<&str>) -> RecordingEntry {
         simulated: Some(true),
         note: note.map(str::to_owned),
         sample: false,
+        noted: Vec::new(),
     }
 }
 
@@ -94,6 +97,7 @@ fn about() -> About {
     };
     About {
         path: Some("recordings/first.rrd".into()),
+        note: String::new(),
         apart_s: None,
         begun: Some("2026-11-23T14:05:12+01:00".into()),
         events: vec![

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::Check;
 use crate::link::serial;
-use crate::recording::free_bytes;
+use crate::recording::{RollingFolder, free_bytes};
 
 /// What an hour of recording takes, bytes.
 const HOUR_BYTES: u64 = 480_000_000;
@@ -81,6 +81,27 @@ pub(super) fn recordings(folder: &Path) -> Check {
     Check::of("recordings", writable(folder))
 }
 
+/// Rolling recordings: where, how much, and the limit.
+pub(super) fn rolling(folder: Option<&RollingFolder>) -> Check {
+    let text = match folder {
+        None => "off: this user has no data folder".to_owned(),
+        Some(folder) => {
+            let (used, limit) = (folder.used_bytes(), folder.limit_bytes());
+            let gb = |bytes: u64| bytes as f64 * 1e-9;
+            let shown = folder.path().display();
+            match limit {
+                0 => format!("off; {:.2} GB are in {shown}", gb(used)),
+                _ => format!(
+                    "{:.2} GB of at most {:.1} GB in {shown}",
+                    gb(used),
+                    gb(limit)
+                ),
+            }
+        }
+    };
+    Check::of("rolling", (true, text))
+}
+
 /// The nearest folder that is there.
 fn there(folder: &Path) -> Option<PathBuf> {
     let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
@@ -150,6 +171,22 @@ fn space(free: u64) -> (bool, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_rolling_recording_is_named_with_folder_size_and_limit() {
+        let name = format!("springtwin-doctor-rolling-{}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let folder = RollingFolder::of(path.clone());
+        let shown = path.display().to_string();
+        let stated = || rolling(Some(&folder)).says;
+        assert_eq!(stated(), format!("0.00 GB of at most 2.0 GB in {shown}"));
+        folder.set_limit(0).expect("is kept");
+        let file = path.join("rolling_2026-11-23_14-05-12_ab.rrd");
+        std::fs::write(file, vec![0; 30_000_000]).expect("writes");
+        let off = stated();
+        std::fs::remove_dir_all(&path).expect("removed");
+        assert_eq!(off, format!("off; 0.03 GB are in {shown}"));
+    }
 
     #[test]
     fn recordings_need_a_folder_that_is_there_or_can_be_made() {

@@ -73,7 +73,7 @@ impl Layout {
         set(&mut properties, &arm, "EyeControls3D", &eye);
         let log = TextLogView::new("Log")
             .with_origin("/")
-            .with_contents(["+ /mode", "+ /events", "+ /alarms"])
+            .with_contents(["+ /mode", "+ /events", "+ /alarms", "+ /marks"])
             .into();
         let left = Vertical::new([arm, log]).with_row_shares([4.0, 1.0]).into();
         let mut plot = |name: &str, contents: &[&str], legend: bool| {

@@ -12,11 +12,11 @@ use super::index::{Batch, Index, Tables};
 use super::message::copied;
 use super::reader::RecordingFile;
 use super::rolling::{Rolling, SegmentLimits};
-use super::rows::store_id;
+use super::rows::{marks_read, store_id};
 use super::schema::MessageKind;
 use super::snapshots::times;
 use super::writer::RecordingWriter;
-use crate::recording::{RecordingError, RecordingMeta, RecordingSummary, Selection};
+use crate::recording::{Mark, RecordingError, RecordingMeta, RecordingSummary, Selection};
 use crate::signal::Stamp;
 
 /// Writes a part of each of some recordings, one after another, to a new recording that `meta` describes. What viewers
@@ -44,6 +44,7 @@ pub fn join(
     let mut writer = Joined {
         files: Rolling::create(out, meta, looks, SegmentLimits::default())?,
         rows: 0,
+        marks: 0,
     };
     for (file, selection) in parts {
         writer.take(file, selection)?;
@@ -139,6 +140,8 @@ impl RecordingWriter {
 struct Joined {
     files: Rolling,
     rows: u64,
+    /// Messages of marks so far.
+    marks: u64,
 }
 
 impl Joined {
@@ -146,6 +149,8 @@ impl Joined {
         let index = &file.index;
         let store = store_id(&self.files.meta);
         let mut tables = Tables::of(index);
+        let marks = file.marks_in(selection)?;
+        let mut marks = marks.as_slice();
         let mut batches: Vec<(MessageKind, &Batch)> = Vec::new();
         batches.extend(index.views.iter().map(|b| (MessageKind::View, b)));
         batches.extend(index.logs.iter().map(|b| (MessageKind::Log, b)));
@@ -175,6 +180,11 @@ impl Joined {
             } else {
                 batch.rows
             };
+            if is_data {
+                let due = marks.partition_point(|m| m.stamp.0 <= last);
+                self.mark(&marks[..due])?;
+                marks = &marks[due..];
+            }
             let message = copied(&store, kind, number, &chunk, times).map_err(fail)?;
             self.files.begins(Stamp(first));
             self.files.append(&[message])?;
@@ -185,7 +195,19 @@ impl Joined {
                 }
             }
         }
-        Ok(())
+        self.mark(marks)
+    }
+
+    /// Writes marks, of which there may be none.
+    fn mark(&mut self, marks: &[Mark]) -> Result<(), RecordingError> {
+        if marks.is_empty() {
+            return Ok(());
+        }
+        self.marks += 1;
+        let store = store_id(&self.files.meta);
+        let message = marks_read(&store, self.marks, marks);
+        let message = message.map_err(|e| failed(self.files.path(), e))?;
+        self.files.append(&[message])
     }
 }
 

@@ -48,6 +48,7 @@ pub(super) struct Index {
     pub(super) data: Vec<Batch>,
     pub(super) logs: Vec<Batch>,
     pub(super) views: Vec<Batch>,
+    pub(super) marks: Vec<Batch>,
 }
 
 impl Index {
@@ -79,10 +80,23 @@ impl Index {
         Ok(index)
     }
 
+    /// Looks through one file of a recording.
+    pub(super) fn of_segment(path: &Path) -> Result<Self, RecordingError> {
+        let mut index = Self::of_file(path)?;
+        index.properties.layout(path)?;
+        index.order();
+        Ok(index)
+    }
+
     fn of_file(path: &Path) -> Result<Self, RecordingError> {
+        Self::of_bytes(path, u64::MAX)
+    }
+
+    /// Looks through the beginning of a file.
+    pub(super) fn of_bytes(path: &Path, at_most: u64) -> Result<Self, RecordingError> {
         let mut file = File::open(path).map_err(RecordingError::io(path, "open"))?;
         let meta = file.metadata().map_err(RecordingError::io(path, "open"))?;
-        let bytes = meta.len();
+        let bytes = meta.len().min(at_most);
         let mut frames = frames::split(&mut file, bytes).map_err(|e| match e {
             SplitError::Damaged(offset, text) => corrupt(path, offset, text),
             SplitError::Io(e) => RecordingError::io(path, "read")(e),
@@ -104,6 +118,7 @@ impl Index {
             data: Vec::new(),
             logs: Vec::new(),
             views: Vec::new(),
+            marks: Vec::new(),
         };
         let mut reader = MessageReader::open(path, frames.header, budget)?;
         if !frames.complete {
@@ -134,6 +149,7 @@ impl Index {
             MessageKind::Data => &mut self.data,
             MessageKind::Log => &mut self.logs,
             MessageKind::View => &mut self.views,
+            MessageKind::Mark => &mut self.marks,
         };
         list.push(Batch {
             segment: 0,
@@ -163,6 +179,7 @@ impl Index {
         let path = chunk.entity_path().to_string();
         let kind = match path.as_str() {
             schema::DATA => MessageKind::Data,
+            schema::MARKS => MessageKind::Mark,
             log if schema::LOGS.contains(&log) => MessageKind::Log,
             _ => MessageKind::View,
         };
@@ -175,6 +192,8 @@ impl Index {
 
     fn append(&mut self, more: Self) {
         let shift = self.segments.len();
+        // It may have been changed since the first segment.
+        self.properties.set_note(&more.properties);
         self.segments.extend(more.segments);
         let moved = |b: Batch| Batch {
             segment: b.segment + shift,
@@ -183,10 +202,16 @@ impl Index {
         self.data.extend(more.data.into_iter().map(moved));
         self.logs.extend(more.logs.into_iter().map(moved));
         self.views.extend(more.views.into_iter().map(moved));
+        self.marks.extend(more.marks.into_iter().map(moved));
     }
 
     fn order(&mut self) {
-        for list in [&mut self.data, &mut self.logs, &mut self.views] {
+        for list in [
+            &mut self.data,
+            &mut self.logs,
+            &mut self.views,
+            &mut self.marks,
+        ] {
             list.sort_by_key(|b| b.last);
         }
         let mut last = i64::MIN;

@@ -65,7 +65,7 @@ fn identity(last: i64, kind: MessageKind, number: u64) -> Tuid {
 fn row_ids(times: &[i64], kind: MessageKind, number: u64) -> Vec<RowId> {
     let whose = match kind {
         MessageKind::Data => 0,
-        MessageKind::Log | MessageKind::View => number & 0xffff,
+        MessageKind::Log | MessageKind::View | MessageKind::Mark => number & 0xffff,
     };
     let base = kind.code() << 32 | whose << 16;
     let mut repeats = 0;

@@ -24,6 +24,7 @@ mod writer;
 pub use edit::join;
 pub(super) use live::LiveSink;
 pub use overlay::write_overlay;
+pub(super) use reader::recording_id;
 pub use reader::{RecordingFile, read_rrd};
 pub use schema::SCHEMA_VERSION;
 pub use writer::RecordingWriter;

@@ -9,6 +9,9 @@ use rerun::log::Chunk;
 use super::schema;
 use crate::recording::{RecordingError, RecordingMeta};
 
+/// Name of the operator's note.
+pub(super) const NOTE: &str = "note";
+
 /// Properties of a file, by name.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Properties {
@@ -93,11 +96,16 @@ impl Properties {
             networks: self.text("networks"),
             firmware: self.text("firmware"),
             controller: self.text("controller"),
-            note: self.text("note"),
+            note: self.text(NOTE),
             program: self.text("program"),
             derived_from: self.text("derived_from"),
             drawing: None,
         }
+    }
+
+    /// Takes the note of a later segment.
+    pub(super) fn set_note(&mut self, later: &Self) {
+        self.texts.insert(NOTE.to_owned(), later.text(NOTE));
     }
 
     /// Number of the segment, from 1.
@@ -128,7 +136,7 @@ impl Properties {
             ("networks", meta.networks.clone()),
             ("firmware", meta.firmware.clone()),
             ("controller", meta.controller.clone()),
-            ("note", meta.note.clone()),
+            (NOTE, meta.note.clone()),
             ("program", meta.program.clone()),
             ("derived_from", meta.derived_from.clone()),
         ]

@@ -8,9 +8,10 @@ use super::index::{Batch, Index, Tables};
 use super::schema::COLUMNS;
 use super::snapshots::{Rows, Seen, events};
 use super::v1;
+use crate::recording::notes::Notes;
 use crate::recording::{
-    Channel, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, Selection, SizeLimit,
-    Thinning, Window,
+    Channel, Mark, ReadRecording, RecordedEvent, RecordingError, RecordingMeta, Selection,
+    SizeLimit, Thinning, Window,
 };
 use crate::signal::{Snapshot, Stamp, Trace};
 
@@ -18,6 +19,10 @@ use crate::signal::{Snapshot, Stamp, Trace};
 const GROUP: usize = 64;
 /// Batches of a window: ten minutes.
 const WINDOW_BATCHES: usize = 1000;
+/// Where the description of a recording has come, bytes.
+const HEAD_BYTES: u64 = 1 << 18;
+/// A message of a log holds the lines of one batch; those of a batch are no further apart, ns.
+const LONGEST_LOG_NS: i64 = 10_000_000_000;
 /// About what a snapshot holds outside itself, bytes.
 const HEAP_BYTES: u64 = 64;
 
@@ -25,6 +30,8 @@ const HEAP_BYTES: u64 = 64;
 pub struct RecordingFile {
     path: PathBuf,
     meta: RecordingMeta,
+    /// What was noted afterwards.
+    notes: Notes,
     pub(super) index: Index,
     /// Whether it is of the first layout, which is read whole.
     pub(super) is_first_layout: bool,
@@ -38,11 +45,28 @@ impl RecordingFile {
     /// when it is damaged other than by being cut, [`RecordingError::Unsupported`] when it is a
     /// recording of another program or of a newer version.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let index = Index::open(path)?;
+        Self::of(path, Index::open(path)?)
+    }
+
+    /// Opens one file of a recording, without the segments that follow it.
+    ///
+    /// # Errors
+    /// As [`RecordingFile::open`].
+    pub fn open_segment(path: &Path) -> Result<Self, RecordingError> {
+        Self::of(path, Index::of_segment(path)?)
+    }
+
+    fn of(path: &Path, index: Index) -> Result<Self, RecordingError> {
         let layout = index.properties.layout(path)?;
+        let mut meta = index.properties.meta();
+        let notes = Notes::beside(path, &meta.id);
+        if let Some(note) = notes.note() {
+            meta.note.clone_from(note);
+        }
         Ok(Self {
             path: path.to_owned(),
-            meta: index.properties.meta(),
+            meta,
+            notes,
             is_first_layout: layout == 1,
             index,
         })
@@ -139,7 +163,8 @@ impl RecordingFile {
     ) -> Result<ReadRecording, RecordingError> {
         let index = &self.index;
         if self.is_first_layout {
-            let whole = v1::read(&self.path, index, &self.meta, go_on)?;
+            let mut whole = v1::read(&self.path, index, &self.meta, go_on)?;
+            self.notes.apply(&mut whole.events, |_| true);
             return Ok(selection.of(whole));
         }
         let batches = self.batches(selection);
@@ -289,18 +314,56 @@ impl RecordingFile {
         for batch in self.index.logs.iter().filter(|b| b.last >= from) {
             let lines = tables.read(batch, |chunk| Ok(events(&chunk)))?;
             let lines = lines.unwrap_or_default();
-            let begins_after = lines.first().is_some_and(|e| !selection.reaches(e.stamp.0));
+            // Lines of other logs in the same batch may come before it.
+            let margin = |e: &RecordedEvent| e.stamp.0.saturating_sub(LONGEST_LOG_NS);
+            let begins_after = lines.first().is_some_and(|e| !selection.reaches(margin(e)));
             if begins_after {
                 break;
             }
             all.extend(lines.into_iter().filter(|e| selection.contains(e.stamp.0)));
         }
+        all.extend(self.read_marks(selection)?);
+        Ok(all)
+    }
+
+    /// The operator's marks, in order of time, as they are with what was changed afterwards.
+    ///
+    /// # Errors
+    /// As [`RecordingFile::read`].
+    pub fn marks(&self) -> Result<Vec<Mark>, RecordingError> {
+        self.marks_in(&Selection::default())
+    }
+
+    /// The operator's marks in a part.
+    pub(super) fn marks_in(&self, part: &Selection) -> Result<Vec<Mark>, RecordingError> {
+        let marks = self.read_marks(part)?.into_iter();
+        let mark = |RecordedEvent { stamp, text, .. }| Mark { stamp, text };
+        Ok(marks.map(mark).collect())
+    }
+
+    fn read_marks(&self, selection: &Selection) -> Result<Vec<RecordedEvent>, RecordingError> {
+        let mut all = Vec::new();
+        let mut tables = Tables::of(&self.index);
+        let from = selection.from.map_or(i64::MIN, |s| s.0);
+        for batch in self.index.marks.iter().filter(|b| b.last >= from) {
+            let lines = tables.read(batch, |chunk| Ok(events(&chunk)))?;
+            let lines = lines.into_iter().flatten();
+            all.extend(lines.filter(|e| selection.contains(e.stamp.0)));
+        }
+        let selected = |stamp: Stamp| selection.contains(stamp.0);
+        self.notes.apply(&mut all, selected);
         Ok(all)
     }
 }
 
 fn snapshot_bytes() -> u64 {
     size_of::<Snapshot>() as u64 + HEAP_BYTES
+}
+
+/// Identity of the recording that a file belongs to; `None` where it is no recording of this program.
+pub(in crate::recording) fn recording_id(path: &Path) -> Option<String> {
+    let index = Index::of_bytes(path, HEAD_BYTES).ok()?;
+    Some(index.properties.meta().id)
 }
 
 /// Reads a recording. One that was cut reads up to its last whole batch.

@@ -16,10 +16,10 @@ use super::error::BatchError;
 use super::message::message;
 use super::scene::Part;
 use super::schema::{self, MessageKind, SAFE_PREFIX};
-use crate::recording::RecordingMeta;
+use crate::recording::{Mark, RecordingMeta};
 use crate::signal::{AlarmKey, Mode, Severity, Snapshot, Stamp};
 use data::Data;
-pub(super) use opening::{opening, store_id};
+pub(super) use opening::{noted, opening, store_id};
 pub(super) use tables::text_column;
 use tables::{TextRows, lists};
 use view::View;
@@ -35,6 +35,7 @@ pub(super) struct Rows {
     data: Data,
     view: View,
     logs: [TextRows; 3],
+    marks: TextRows,
     /// Messages of the logs so far.
     log_messages: u64,
     /// Snapshots since the last batch.
@@ -56,6 +57,7 @@ impl Rows {
             data: Data::new(),
             view: View::new(meta.drawing.clone(), shown),
             logs: Default::default(),
+            marks: TextRows::default(),
             log_messages: 0,
             waiting: 0,
             batch_start: None,
@@ -88,6 +90,11 @@ impl Rows {
         self.logs[schema::log::EVENTS].push(stamp, text.to_owned(), "INFO");
     }
 
+    /// Takes a mark of the operator.
+    pub(super) fn mark(&mut self, stamp: Stamp, text: &str) {
+        self.marks.push(stamp, text.to_owned(), "INFO");
+    }
+
     /// Snapshots that wait.
     pub(super) fn waiting(&self) -> usize {
         self.waiting
@@ -113,17 +120,7 @@ impl Rows {
             if rows.times.is_empty() {
                 continue;
             }
-            let n = rows.times.len();
-            let texts = lists(Arc::new(StringArray::from(rows.texts)), 1, n)?;
-            let levels = lists(Arc::new(StringArray::from(rows.levels)), 1, n)?;
-            let part = Part {
-                path: schema::LOGS[i],
-                times: rows.times,
-                columns: vec![
-                    (TextLog::descriptor_text(), texts),
-                    (TextLog::descriptor_level(), levels),
-                ],
-            };
+            let part = lines(schema::LOGS[i], rows)?;
             self.log_messages += 1;
             messages.push(message(
                 &self.store_id,
@@ -131,6 +128,11 @@ impl Rows {
                 self.log_messages,
                 part,
             )?);
+        }
+        let rows = std::mem::take(&mut self.marks);
+        if !rows.times.is_empty() {
+            self.log_messages += 1;
+            messages.push(marks(&self.store_id, self.log_messages, rows)?);
         }
         let rows = self.data.waiting() as u64;
         if let Some(part) = self.data.take()? {
@@ -170,6 +172,44 @@ impl Rows {
             self.last_alarms = identities;
         }
     }
+}
+
+/// Lines of a text log as a part of a batch.
+fn lines(path: &'static str, rows: TextRows) -> Result<Part, BatchError> {
+    let n = rows.times.len();
+    let texts = lists(Arc::new(StringArray::from(rows.texts)), 1, n)?;
+    let levels = lists(Arc::new(StringArray::from(rows.levels)), 1, n)?;
+    Ok(Part {
+        path,
+        times: rows.times,
+        columns: vec![
+            (TextLog::descriptor_text(), texts),
+            (TextLog::descriptor_level(), levels),
+        ],
+    })
+}
+
+/// The message of some marks.
+fn marks(store: &StoreId, number: u64, rows: TextRows) -> Result<LogMsg, BatchError> {
+    message(
+        store,
+        MessageKind::Mark,
+        number,
+        lines(schema::MARKS, rows)?,
+    )
+}
+
+/// The message of marks that were read, for another recording.
+pub(super) fn marks_read(
+    store: &StoreId,
+    number: u64,
+    read: &[Mark],
+) -> Result<LogMsg, BatchError> {
+    let mut rows = TextRows::default();
+    for mark in read {
+        rows.push(mark.stamp, mark.text.clone(), "INFO");
+    }
+    marks(store, number, rows)
 }
 
 fn mode_text(mode: &Mode) -> String {

@@ -33,7 +33,8 @@
 //!
 //! Everything else is for viewers: `Scalars` in the unit of the entity's name ([`SPECS`]) and the scene (`/arm/*`,
 //! `/tip/*`, `/goal/point`), at a reduced rate and in larger batches. `/mode`, `/events` and `/alarms` are text logs,
-//! which are read as well. The identity of a message (its chunk id) is its last time and what it is
+//! which are read as well, and so are the operator's marks (`/marks`). A note that is changed under way is one more message
+//! of the property `note`; the last one counts. The identity of a message (its chunk id) is its last time and what it is
 //! ([`MessageKind`]), so that an index is made without unpacking anything.
 
 use crate::signal::ChannelHealth;
@@ -60,15 +61,18 @@ pub(super) enum MessageKind {
     Data,
     /// Lines of a text log.
     Log,
+    /// Marks of the operator.
+    Mark,
     /// For viewers.
     View,
 }
 
 impl MessageKind {
-    const ALL: [(Self, u64); 3] = [
+    const ALL: [(Self, u64); 4] = [
         (Self::Data, 0x7370_7274),
         (Self::Log, 0x7370_726c),
         (Self::View, 0x7370_7276),
+        (Self::Mark, 0x7370_726d),
     ];
 
     /// The number that stands for it.
@@ -77,6 +81,7 @@ impl MessageKind {
             Self::Data => Self::ALL[0].1,
             Self::Log => Self::ALL[1].1,
             Self::View => Self::ALL[2].1,
+            Self::Mark => Self::ALL[3].1,
         }
     }
 
@@ -241,6 +246,8 @@ pub(super) const SPECS: [Spec; 17] = [
 
 /// The text logs.
 pub(super) const LOGS: [&str; 3] = ["/mode", "/events", "/alarms"];
+/// The log of the operator's marks.
+pub(super) const MARKS: &str = "/marks";
 /// Numbers of the logs in [`LOGS`].
 pub(super) mod log {
     pub(crate) const MODE: usize = 0;

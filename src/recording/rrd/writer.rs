@@ -4,8 +4,8 @@ use rerun::log::LogMsg;
 
 use super::blueprint::Shown;
 use super::rolling::{Rolling, SegmentLimits};
-use super::rows::Rows;
-use crate::recording::{RecordedEvent, RecordingError, RecordingMeta, RecordingSummary};
+use super::rows::{Rows, noted};
+use crate::recording::{MARKS, RecordedEvent, RecordingError, RecordingMeta, RecordingSummary};
 use crate::signal::{Snapshot, Stamp};
 
 /// Session time after which a batch is written, ns: a kill loses less than a second, also where the disk takes its time.
@@ -19,6 +19,8 @@ const BATCH_NS: i64 = 600_000_000;
 pub struct RecordingWriter {
     files: Rolling,
     rows: Rows,
+    /// Notes that were made under way.
+    notes: u64,
     summary: RecordingSummary,
 }
 
@@ -33,6 +35,23 @@ impl RecordingWriter {
         Self::create_with(path, meta, None, SegmentLimits::default())
     }
 
+    /// Begins a recording in files of `segment_s` or `segment_bytes`, whatever is reached first.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::create`].
+    pub fn create_in_segments(
+        path: &Path,
+        meta: RecordingMeta,
+        segment_s: f64,
+        segment_bytes: u64,
+    ) -> Result<Self, RecordingError> {
+        let limits = SegmentLimits {
+            bytes: segment_bytes,
+            ns: Stamp::from_seconds(segment_s).0,
+        };
+        Self::create_with(path, meta, None, limits)
+    }
+
     pub(super) fn create_with(
         path: &Path,
         meta: RecordingMeta,
@@ -44,6 +63,7 @@ impl RecordingWriter {
         let mut writer = Self {
             files,
             rows,
+            notes: 0,
             summary: RecordingSummary::default(),
         };
         writer.count();
@@ -87,8 +107,34 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Records snapshots that were read, with the lines of the event log at their times. The logs of modes and alarms
-    /// follow from the snapshots.
+    /// Records a mark of the operator, and writes what is waiting: a kill does not take it.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::push`].
+    pub fn mark(&mut self, stamp: Stamp, text: &str) -> Result<(), RecordingError> {
+        if !self.files.is_open() {
+            return Err(self.files.stopped());
+        }
+        self.rows.mark(stamp, text);
+        self.flush()
+    }
+
+    /// Records the operator's note, in place of the one before.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::push`].
+    pub fn note(&mut self, text: &str) -> Result<(), RecordingError> {
+        text.clone_into(&mut self.files.meta.note);
+        self.notes += 1;
+        let message = noted(&self.files.meta, self.notes).map_err(|e| RecordingError::Write {
+            path: self.files.path().to_owned(),
+            source: e.into(),
+        })?;
+        self.append(&[message])
+    }
+
+    /// Records snapshots that were read, with the lines of the event log and the marks at their times. The logs of
+    /// modes and alarms follow from the snapshots.
     ///
     /// # Errors
     /// As [`RecordingWriter::push`].
@@ -97,14 +143,22 @@ impl RecordingWriter {
         snapshots: impl IntoIterator<Item = Snapshot>,
         events: &[RecordedEvent],
     ) -> Result<(), RecordingError> {
-        let mut lines = events.iter().filter(|e| e.log == "events").peekable();
+        let is_line = |e: &&RecordedEvent| e.log == "events" || e.log == MARKS;
+        let mut lines = events.iter().filter(is_line).peekable();
         for snapshot in snapshots {
             while let Some(line) = lines.next_if(|e| e.stamp <= snapshot.stamp) {
-                self.event(line.stamp, &line.text)?;
+                self.line(line)?;
             }
             self.push(&snapshot)?;
         }
-        lines.try_for_each(|line| self.event(line.stamp, &line.text))
+        lines.try_for_each(|line| self.line(line))
+    }
+
+    fn line(&mut self, line: &RecordedEvent) -> Result<(), RecordingError> {
+        match line.log.as_str() {
+            MARKS => self.mark(line.stamp, &line.text),
+            _ => self.event(line.stamp, &line.text),
+        }
     }
 
     /// Writes what is waiting.

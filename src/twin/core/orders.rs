@@ -141,6 +141,8 @@ impl Twin {
             Command::Show(_)
             | Command::StartRecording(_)
             | Command::StopRecording
+            | Command::Mark(_)
+            | Command::Note(_)
             | Command::StreamLive(_)
             | Command::StopStream => {}
         }

@@ -287,3 +287,28 @@ fn a_late_tick_records_every_frame_that_waited() {
     assert!(log.len() >= 92, "{}", log.len());
     std::fs::remove_file(path).expect("is there");
 }
+
+#[test]
+fn marks_and_the_note_are_in_the_recording_and_refused_without_one() {
+    let path = path("marks");
+    let bench = Bench::new();
+    let mark = || Command::Mark("valve clicks".to_owned());
+    let refused = bench.ticks(1, &[mark(), Command::Note("none".to_owned())]);
+    assert!(refused[0].contains("mark is not kept") && refused[1].contains("note is not kept"));
+    let note = Command::Note("new central tube".to_owned());
+    bench.ticks(20, &[Command::StartRecording(path.clone()), note]);
+    let marked = bench.ticks(20, &[mark(), Command::Mark(String::new())]);
+    let marked: Vec<&String> = marked.iter().filter(|t| t.starts_with("Marked")).collect();
+    assert!(marked[0].ends_with("s: valve clicks") && marked[1].ends_with("s: Mark"));
+    let mut ended = bench.ticks(1, &[Command::StopRecording]);
+    while !ended.iter().any(|t| t.starts_with("Recorded")) {
+        ended = bench.until_reported();
+    }
+    let found = crate::recording::annotations(&path).expect("a recording");
+    std::fs::remove_file(&path).expect("removed");
+    assert_eq!(found.note, "new central tube");
+    let texts: Vec<&str> = found.marks.iter().map(|m| m.text.as_str()).collect();
+    assert_eq!(texts, ["valve clicks", "Mark"]);
+    // What the marks report is not in the log of the recording besides.
+    assert!(found.marks[0].stamp > Stamp::ZERO);
+}

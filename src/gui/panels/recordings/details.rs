@@ -2,11 +2,12 @@
 
 use egui::{Button, RichText, ScrollArea, Ui, vec2};
 
-use super::{Detail, Library};
+use super::{Detail, Library, notes};
 use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
 use crate::gui::panels::operating::mode_words;
-use crate::gui::panels::widgets::{cell, cell_left, dense, minutes, note, number, status};
+use crate::gui::panels::widgets::{cell, cell_left, dense, minutes, note, number, status, tenths};
+use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
 
 impl Library {
@@ -21,7 +22,7 @@ impl Library {
 }
 
 /// The lower left of the screen.
-pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player) {
+pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player, services: &mut Services) {
     let findings = library.findings(player);
     let n = findings.events.len();
     let flaws = findings.missing.len() + player.about.faults.len();
@@ -35,6 +36,12 @@ pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player) {
         };
         ui.selectable_value(&mut library.detail, Detail::Contents, contents)
             .on_hover_text("Channels, rates, gaps and what is missing");
+        let marks = match player.about.marks().count() {
+            0 => "Note and marks".to_owned(),
+            n => format!("Note and marks ({n})"),
+        };
+        ui.selectable_value(&mut library.detail, Detail::Notes, marks)
+            .on_hover_text("The operator's note, and marks on the time line: add, edit, remove");
         note(ui, player.title());
     });
     ScrollArea::vertical()
@@ -43,6 +50,7 @@ pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player) {
         .show(ui, |ui| match library.detail {
             Detail::Events => events(ui, library, player),
             Detail::Contents => contents(ui, library, player),
+            Detail::Notes => notes::ui(ui, library, player, services),
         });
 }
 
@@ -60,7 +68,7 @@ fn events(ui: &mut Ui, library: &mut Library, player: &mut Player) {
     ui.spacing_mut().item_spacing.y = 1.0;
     for (k, e) in events.iter().enumerate() {
         let at_s = (e.stamp.seconds() - start_s).max(0.0);
-        let text = format!("{}  {}  {}", precise(at_s), e.log, e.text);
+        let text = format!("{}  {}  {}", tenths(at_s), e.log, e.text);
         let color = if e.log == "alarms" { p.warning } else { p.text };
         let button = Button::selectable(current == Some(k), RichText::new(text).color(color))
             .right_text("")
@@ -75,15 +83,8 @@ fn events(ui: &mut Ui, library: &mut Library, player: &mut Player) {
         }
     }
     if let Some(at_s) = jump {
-        player.position_s = at_s.min(player.duration_s());
-        player.playing = false;
+        notes::jump(player, at_s);
     }
-}
-
-// m:ss with tenths.
-fn precise(t_s: f64) -> String {
-    let tenths = (t_s * 10.0).floor() as u64;
-    format!("{}:{:02}.{}", tenths / 600, tenths / 10 % 60, tenths % 10)
 }
 
 fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
@@ -103,6 +104,9 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
     if let Some(begun) = &about.begun {
         note(ui, format!("Started {begun}"))
             .on_hover_text("Local date and time, with their offset from UTC");
+    }
+    if !about.note.is_empty() {
+        note(ui, about.note.as_str());
     }
     if let Some(path) = &about.path {
         note(ui, path.display().to_string());
@@ -181,14 +185,4 @@ pub fn cut_sentence(player: &Player, at_s: f64) -> String {
         "Cut off: plays to its last whole part, at {}.",
         minutes(at_s - player.start_s())
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn instants_are_shown_to_a_tenth() {
-        assert_eq!(precise(75.26), "1:15.2");
-    }
 }

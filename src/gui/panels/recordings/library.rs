@@ -2,7 +2,7 @@
 
 use egui::{Align, Button, Layout, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
-use super::{Library, Side, Trouble, recording_dialog};
+use super::{Library, Side, Trouble, notes, recording_dialog};
 use crate::gui::panels::files::Ask;
 use crate::gui::panels::widgets::{cell, cell_left, gated, minutes, note, number, status};
 use crate::gui::services::{RecordingEntry, Services};
@@ -50,6 +50,7 @@ fn head(ui: &mut Ui, library: &mut Library, services: &mut Services) {
             if looking {
                 ui.spinner();
             }
+            notes::search(ui, &mut library.search);
         });
     });
 }
@@ -169,7 +170,11 @@ fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services
         .max_height(rest)
         .show(ui, |ui| {
             ui.spacing_mut().item_spacing.y = 2.0;
-            for entry in &library.entries {
+            let found = |e: &&RecordingEntry| notes::is_found(e, &library.search);
+            if !library.entries.iter().any(|e| found(&e)) {
+                note(ui, "Nothing is found: shorten what is searched for.");
+            }
+            for entry in library.entries.iter().filter(found) {
                 let selected = library.selected.as_ref() == Some(&entry.path);
                 let row = row(ui, entry, selected, name_width, columns);
                 if row.clicked() {
@@ -178,6 +183,7 @@ fn list(ui: &mut Ui, library: &mut Library, height: f32, services: &mut Services
                 if row.double_clicked() {
                     open = Some(entry.path.clone());
                 }
+                notes::remark(ui, entry);
                 let growing = library.under_way.is_some()
                     && library.under_way.as_deref()
                         == entry.path.file_stem().and_then(|s| s.to_str());
@@ -230,7 +236,7 @@ fn row(
     .inner
 }
 
-fn size_text(bytes: u64) -> String {
+pub(super) fn size_text(bytes: u64) -> String {
     let kb = bytes as f64 / 1e3;
     if kb < 1e3 {
         format!("{} kB", number(kb, 0))

@@ -3,7 +3,9 @@
 mod details;
 mod folder;
 mod library;
+mod notes;
 mod pair;
+mod rolling;
 mod shown;
 
 use std::path::{Path, PathBuf};
@@ -23,7 +25,9 @@ use crate::twin::Command;
 use pair::Pair;
 
 pub use super::trouble::Trouble;
+pub use notes::{mark_gate, mark_now};
 pub use pair::{Compared, Quantity, Side};
+pub use rolling::{in_strip, keep, keep_gate};
 
 /// What a recording is loaded for.
 struct Loading {
@@ -41,6 +45,8 @@ pub enum Detail {
     Events,
     /// Channels, gaps, what is missing.
     Contents,
+    /// The operator's note and the marks.
+    Notes,
 }
 
 /// The list of recordings and what is being done with it.
@@ -74,12 +80,19 @@ pub struct Library {
     open: PathField,
     choice: folder::Choice,
     findings: Option<Findings>,
+    /// What is noted.
+    pub notes: notes::Notes,
+    /// The rolling recording.
+    pub rolling: rolling::Rolling,
+    /// What the list is searched for.
+    search: String,
 }
 
 impl Library {
     /// Looks for recordings again.
     pub fn rescan(&mut self, services: &mut Services) {
         self.scanned = true;
+        self.rolling.ask(services);
         let found = (services.scan)(services.recordings.path());
         self.scanning.begin(found);
     }
@@ -151,6 +164,8 @@ impl Library {
             || self.naming.is_busy()
             || self.open.is_busy()
             || self.choice.is_busy()
+            || self.notes.is_busy()
+            || self.rolling.is_busy()
             || self.pair.busy()
             || self.viewer.busy()
     }
@@ -217,10 +232,17 @@ impl Library {
     ) -> Option<String> {
         self.look_closer(player, window, services);
         self.pair.poll();
+        self.poll_notes(player, services);
         self.viewer.poll(commands);
         let mut refused = None;
         match self.naming.take() {
-            Some(Ok(path)) => commands.push(Command::StartRecording(path)),
+            Some(Ok(path)) => {
+                commands.push(Command::StartRecording(path));
+                let words = self.notes.take_words();
+                if !words.is_empty() {
+                    commands.push(Command::Note(words));
+                }
+            }
             Some(Err(cause)) => refused = Some(format!("Nothing is recorded. {cause}")),
             None => {}
         }
@@ -305,6 +327,7 @@ pub fn ui(
         ui.allocate_ui(vec2(left, height), |ui| {
             pane(ui, "library", |ui| {
                 record(ui, input, library, services, commands);
+                rolling::ui(ui, input.live.snapshot, library, services);
                 folder::ui(ui, library, services);
                 let (live, gone) = (&input.live, input.twin_gone);
                 let viewer = &mut library.viewer;
@@ -313,7 +336,7 @@ pub fn ui(
                 library::ui(ui, library, player.is_some(), services);
                 if let Some(player) = player {
                     ui.separator();
-                    details::ui(ui, library, player);
+                    details::ui(ui, library, player, services);
                 }
             });
         });
@@ -361,28 +384,26 @@ fn record(
         gate = Err("The recording's file is being made.".into());
     }
     let p = *Palette::in_ui(ui);
-    ui.horizontal(|ui| match &input.live.snapshot.recording {
-        Some(name) => {
-            let button = Button::new("■ End recording").min_size(vec2(0.0, 30.0));
-            if gated(ui, &gate, button, "Close the file").clicked() {
-                commands.push(Command::StopRecording);
+    ui.horizontal(|ui| {
+        match &input.live.snapshot.recording {
+            Some(name) => {
+                let button = Button::new("■ End recording").min_size(vec2(0.0, 30.0));
+                if gated(ui, &gate, button, "Close the file").clicked() {
+                    commands.push(Command::StopRecording);
+                }
+                let text = format!("● {}", minutes(input.recording_s.unwrap_or(0.0)));
+                ui.label(RichText::new(text).color(p.critical))
+                    .on_hover_text(format!("{name}\nTime since the recording began, min:s"));
             }
-            ui.label(
-                RichText::new(format!("● {}", minutes(input.recording_s.unwrap_or(0.0))))
-                    .color(p.critical),
-            )
-            .on_hover_text("Time since the recording began, min:s");
-            let color = p.weak;
-            ui.add(egui::Label::new(RichText::new(name).color(color)).truncate());
-        }
-        None => {
-            let button = Button::new("● Record").min_size(vec2(0.0, 30.0));
-            let hover = "Write everything the live twin knows to a file";
-            if gated(ui, &gate, button, hover).clicked() {
-                library.record(services);
+            None => {
+                let button = Button::new("● Record").min_size(vec2(0.0, 30.0));
+                let hover =
+                    "Write everything the live twin knows to a file, also while a replay is shown";
+                if gated(ui, &gate, button, hover).clicked() {
+                    library.record(services);
+                }
             }
-            let text = "Records the live twin, also while a replay is shown.";
-            ui.add(egui::Label::new(RichText::new(text).color(p.weak)).truncate());
         }
+        notes::words(ui, (&input.live, input.twin_gone), library, commands);
     });
 }

@@ -3,7 +3,7 @@
 use egui::{Align, Button, DragValue, Layout, RichText, Slider, Ui, vec2};
 
 use super::details::{cut_sentence, thinned_sentence};
-use super::{Compared, Library, Quantity, RecordingsInput, Side};
+use super::{Compared, Library, Quantity, RecordingsInput, Side, notes};
 use crate::analysis::history::{Channel, History};
 use crate::analysis::player::{AtEnd, Player};
 use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
@@ -189,6 +189,7 @@ fn controls(ui: &mut Ui, p: &mut Player) {
         .accessible_name("Position in the recording, s")
         .on_hover_text("Position in the recording, s");
     });
+    notes::strip(ui, p);
 }
 
 // Which recording, or both.

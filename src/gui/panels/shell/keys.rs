@@ -13,6 +13,8 @@ const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
             ("Shift+Esc", "STOP: pumps off, also while typing"),
             ("Space", "HOLD: keep the present pressures"),
             ("P", "Play or pause a replay"),
+            ("M", "Mark this moment in the recording"),
+            ("L", "Keep the last 5 minutes of the rolling recording"),
             ("Esc", "Cancel the preview; close this list"),
             ("Enter", "Preview the typed target"),
             ("Ctrl+P", "Find any action by typing"),
@@ -84,8 +86,8 @@ fn pressed(i: &mut egui::InputState, key: Key) -> bool {
     down
 }
 
-/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space only while no text is typed; P
-/// and `?` only while no menu is open, either. A key that is kept down asks once.
+/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space only while no text is typed; P,
+/// M, L and `?` only while no menu is open, either. A key that is kept down asks once.
 pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
     let typing = ctx.text_edit_focused();
     // Esc closes an open menu, and nothing else with it.
@@ -125,6 +127,12 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
             if pressed(i, Key::P) {
                 actions.push(KeyAction::Play);
             }
+            if pressed(i, Key::M) {
+                actions.push(KeyAction::Mark);
+            }
+            if pressed(i, Key::L) {
+                actions.push(KeyAction::Keep);
+            }
             let asked = i.events.iter().any(|e| matches!(e, egui::Event::Text(t) if t == "?"));
             if asked || i.consume_key(Modifiers::NONE, Key::Questionmark) {
                 actions.push(KeyAction::Shortcuts);
@@ -143,6 +151,10 @@ pub enum KeyAction {
     Hold,
     /// Play or pause the recording that is shown.
     Play,
+    /// Mark this moment in the recording.
+    Mark,
+    /// Keep the last minutes of the rolling recording.
+    Keep,
     /// Cancel the preview or close the overlay.
     Cancel,
     /// Show a screen.

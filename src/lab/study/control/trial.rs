@@ -155,6 +155,7 @@ pub fn run(
         seconds,
         after_s: trial.after_s,
         record: None,
+        note: String::new(),
         reset: Resets::default(),
     };
     let driven = drive(twin, &what, None)?;

@@ -11,9 +11,12 @@ use super::tables::text_column;
 use crate::recording::RecordingMeta;
 use crate::recording::rrd::blueprint::{Shown, layout};
 use crate::recording::rrd::error::BatchError;
-use crate::recording::rrd::properties::Properties;
+use crate::recording::rrd::properties::{NOTE, Properties};
 use crate::recording::rrd::scene::styles;
 use crate::recording::rrd::schema::{self, SPECS, Spec};
+
+/// Numbers of the messages of notes begin here, behind those of what comes first.
+const NOTES_FROM: u64 = 1000;
 
 /// Which recording it is, for viewers: its segments are one.
 pub(in crate::recording::rrd) fn store_id(meta: &RecordingMeta) -> StoreId {
@@ -87,6 +90,18 @@ fn looks(meta: &RecordingMeta, store: &StoreId, shown: Shown) -> Result<Vec<LogM
         messages.extend(layout(shown)?);
     }
     Ok(messages)
+}
+
+/// The message of another note; `number` counts those of a recording.
+pub(in crate::recording::rrd) fn noted(
+    meta: &RecordingMeta,
+    number: u64,
+) -> Result<LogMsg, BatchError> {
+    let note = text_column(&meta.note);
+    let property = DynamicArchetype::new(schema::PREFIX).with_component_from_data(NOTE, note);
+    let path = format!("/__properties/{}", schema::PROPERTY);
+    let batches = property.as_serialized_batches();
+    fixed(&store_id(meta), NOTES_FROM + number, path, batches)
 }
 
 /// A message of what does not change.
