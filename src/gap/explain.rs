@@ -115,7 +115,8 @@ pub fn columns(
 }
 
 /// Significance threshold of the score over all columns (5 % false-positive rate): the 95 % quantile of
-/// `draws` sessions resampled from blocks of `healthy`.
+/// `draws` sessions resampled from blocks of `healthy`. Blocks run on over the end of the session into its beginning, so that
+/// every bin is drawn equally often, and each has a random sign, so that no chance mean of this one session counts as usual.
 pub fn significance_threshold(
     problem: &Problem,
     ready: &[Column],
@@ -133,10 +134,11 @@ pub fn significance_threshold(
             let mut r = DVector::zeros(problem.len());
             let mut k = start;
             while k < bins {
-                let from = start + rng.random_range(0..=usable - block);
+                let from = rng.random_range(0..usable);
+                let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
                 for j in 0..block.min(bins - k) {
-                    r.rows_mut((k + j) * per_bin, per_bin)
-                        .copy_from(&healthy.column(from + j));
+                    let drawn = healthy.column(start + (from + j) % usable) * sign;
+                    r.rows_mut((k + j) * per_bin, per_bin).copy_from(&drawn);
                 }
                 k += block;
             }

@@ -399,7 +399,7 @@ fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict
         Verdict::NothingMissing if ratio > FAR => Some((
             Verdict::Unknown,
             format!(
-                "Cannot tell: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session.",
+                "It cannot be decided whether something is missing: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session.",
                 match worst {
                     "r3" => "the springs",
                     "r4" => "the IMUs",

@@ -317,7 +317,7 @@ fn notes(
         ));
         if baseline.healthy.is_none() {
             out.push(
-                "cannot tell whether this supply is out of order: record a session while it is known to be in order and give \
+                "it cannot be decided whether this supply is out of order: record a session while it is known to be in order and give \
                  it as the baseline"
                     .to_owned(),
             );

@@ -310,7 +310,6 @@ impl LineModel<'_> {
     }
 
     /// Fits what is free of the regulators with these effects at work. Gives each one's cost and covariance.
-    #[expect(clippy::type_complexity, reason = "two arrays over the chambers")]
     fn refit(
         &mut self,
         effects: &[Active],

@@ -200,7 +200,7 @@ pub struct Effect {
     /// Operator that applies it.
     pub operator: Operator,
     /// Chamber pressures from gauge readings, for what lies behind the gauge; `None` for all else.
-    pub behind_gauge: Option<fn(&Call, &mut [[f64; CHAMBERS]])>,
+    pub behind_gauge: Option<BehindGauge>,
     /// The channels it may sit on.
     pub reach: Reach,
     /// Whether its law is exact.
@@ -229,6 +229,9 @@ impl Effect {
         self.behind_gauge.is_some() && !self.shows_in(Residual::R1)
     }
 }
+
+/// Turns gauge readings over time, Pa, into the pressures in the chambers.
+pub type BehindGauge = fn(&Call, &mut [[f64; CHAMBERS]]);
 
 /// Operator of an effect, by what it changes.
 #[derive(Clone, Copy, Debug)]

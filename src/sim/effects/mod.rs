@@ -20,7 +20,8 @@ mod table;
 pub use crate::signal::{Side, Target};
 pub use active::{Active, EffectError, Simulated, Trajectory, effect, table};
 pub use effect::{
-    Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Reach, Residual, Scene, Start,
+    BehindGauge, Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Reach, Residual,
+    Scene, Start,
 };
 pub(super) use run::built_in;
 pub use run::{arm_only, behind_gauges, gauges, read, simulate};

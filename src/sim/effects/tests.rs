@@ -348,7 +348,7 @@ fn a_half_space_may_lie_on_any_side() {
     let wall_m = 0.5 * largest(free.iter().copied());
     // n = −x: the vertical turned by −90° about y. It pushes where −x < −wall.
     let turn = -std::f64::consts::FRAC_PI_2;
-    let values = [-wall_m, 2000.0, 0.2, 0.0, turn];
+    let values = [-wall_m, 5000.0, 0.2, 0.0, turn];
     let wall = Active::new("contact", None, &values).expect("within bounds");
     let stopped = x_m(&[wall]);
     for (free, stopped) in free.iter().zip(&stopped) {

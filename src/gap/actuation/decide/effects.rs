@@ -6,7 +6,7 @@ use crate::gap::GapError;
 use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
 use crate::gap::actuation::search::{EffectSet, Stages, same};
-use crate::gap::describe::{NORMAL_95, T_95, side};
+use crate::gap::describe::{reach_95, side};
 use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
@@ -156,9 +156,7 @@ pub(super) fn add_effects(
             .zip(values)
             .map(|(p, v)| {
                 let model_var = inverse[(at, at)] * set.mean_square.max(1.0);
-                let reach = (NORMAL_95 * model_var.sqrt())
-                    .max(T_95 * robust[(at, at)].sqrt())
-                    .hypot(NORMAL_95 * p.form_sd(*v));
+                let reach = reach_95(model_var, robust[(at, at)], p.form_sd(*v));
                 let held = e.fit.on_bound[at];
                 at += 1;
                 let ci95 =
