@@ -92,8 +92,34 @@ pub fn scene(grid: &Grid) -> Scene {
     Scene {
         seconds: grid.t_s[grid.len() - 1] - grid.t_s[0],
         tip_m: captured.map(|p| p.translation.vector.into()).collect(),
+        still_since_s: std::array::from_fn(|i| {
+            let read_m: Vec<f64> = grid.sensors.iter().map(|s| s.spring_m[i]).collect();
+            still_since(&grid.t_s, &read_m)
+        }),
         fastest_pa_s: fastest(&grid.t_s, &grid.binned(&grid.gauge_pa)),
     }
+}
+
+/// A reading that stays within this share of its range is the same.
+const STILL: f64 = 0.03;
+/// Nor does it move where it stays within this, m.
+const STILL_M: f64 = 2e-4;
+/// A reading that rests for less than this at the end may just rest, s.
+const STILL_S: f64 = 1.0;
+
+/// Since when a series is the same until its end, from the start of its times; `None` where it moves.
+fn still_since(t_s: &[f64], x: &[f64]) -> Option<f64> {
+    let known: Vec<usize> = (0..x.len()).filter(|k| x[*k].is_finite()).collect();
+    let (low, high) = known.iter().fold((f64::MAX, f64::MIN), |(l, h), k| {
+        (l.min(x[*k]), h.max(x[*k]))
+    });
+    let last = *known.last()?;
+    let within = (STILL * (high - low)).max(STILL_M);
+    let moves = known
+        .iter()
+        .rposition(|k| (x[*k] - x[last]).abs() > within)?;
+    let since_s = t_s[*known.get(moves + 1)?];
+    (t_s[last] - since_s > STILL_S).then_some(since_s - t_s[0])
 }
 
 /// How fast each chamber's pressure changes over five samples, 99 % of the time at most, Pa/s.
@@ -120,11 +146,26 @@ mod tests {
     use crate::sim::effects::EFFECTS;
 
     #[test]
+    fn a_reading_that_stays_is_found_and_one_that_moves_is_not() {
+        let t_s: Vec<f64> = (0..900).map(|k| 5.0 + 0.1 * f64::from(k)).collect();
+        let moving: Vec<f64> = t_s.iter().map(|t| 0.15 + 0.02 * (0.7 * t).sin()).collect();
+        let stuck: Vec<f64> = t_s
+            .iter()
+            .map(|t| 0.15 + 0.02 * (0.7 * t.min(25.0)).sin())
+            .collect();
+        assert_eq!(still_since(&t_s, &moving), None);
+        let since_s = still_since(&t_s, &stuck).expect("it stays from 20 s on");
+        assert!((since_s - 20.0).abs() < 0.3, "{since_s}");
+        assert_eq!(still_since(&t_s, &vec![0.15; 900]), None);
+    }
+
+    #[test]
     fn every_effect_is_tried_within_its_bounds() {
         let table: Vec<&'static Effect> = EFFECTS.iter().collect();
         let scene = Scene {
             seconds: 90.0,
             tip_m: vec![[0.0, 0.0, -0.3]; 20],
+            still_since_s: [Some(40.0); crate::signal::SPRINGS],
             fastest_pa_s: [10e3; CHAMBERS],
         };
         for e in EFFECTS {

@@ -142,6 +142,16 @@ pub fn find(
     let (mut chosen, rankings) = (selected.chosen.clone(), &selected.rankings);
     let mut ranked: Vec<Explained> = rankings.iter().flatten().cloned().collect();
     ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+
+    progress.at(Stage::Prove, 0.0)?;
+    let proof = prove(&Case {
+        replayed: &replayed,
+        problem: &problem,
+        r0: &r0,
+        selected: &selected,
+        threshold,
+        supply: supply.as_ref(),
+    })?;
     let Judged {
         mut verdict,
         mut rivals,
@@ -160,21 +170,12 @@ pub fn find(
                 after.change,
                 before.closed(&after, floor)
             );
-            judge(best, rivals, [&before, &after], floor, &located)
+            let closed = before.closed(&after, floor).max(proof.closed());
+            judge(best, rivals, &before, (closed, floor), &located)
         }
         None => unexplained(suspect, &before, floor),
     };
     notes.extend(reasons);
-
-    progress.at(Stage::Prove, 0.0)?;
-    let proof = prove(&Case {
-        replayed: &replayed,
-        problem: &problem,
-        r0: &r0,
-        selected: &selected,
-        threshold,
-        supply: supply.as_ref(),
-    })?;
     notes.extend(proof.failed.iter().map(FailedFold::text));
     if let (true, Some(best)) = (names(verdict), chosen.take()) {
         let held = hold(&problem, best, rivals, rankings, &proof);
@@ -419,16 +420,15 @@ struct Judged {
     notes: Vec<String>,
 }
 
-/// The verdict when an effect was taken, from the misfit before and after it and the mean square of a
-/// healthy innovation.
+/// The verdict when an effect was taken, from the misfit before it, the share of it that the effect closes and the mean square
+/// of a healthy innovation.
 fn judge(
     best: &Explained,
     rivals: Vec<Explained>,
-    [before, after]: [&Misfit; 2],
-    floor: f64,
+    before: &Misfit,
+    (closed, floor): (f64, f64),
     located: &[Located],
 ) -> Judged {
-    let closed = before.closed(after, floor);
     let mut effects = best.fit.effects.iter();
     let least = match effects.all(|(c, _)| c.effect.law == Law::Definition) {
         true => CLOSED_MIN_EXACT,

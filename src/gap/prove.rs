@@ -290,6 +290,22 @@ const PROVEN_MIN: f64 = 0.5;
 const AGREE_MIN: usize = 3;
 
 impl Proof {
+    /// Share of the excess of all groups over their floors that is closed on held-out data.
+    pub fn closed(&self) -> f64 {
+        let excess = |error: fn(&ChannelError) -> f64| -> f64 {
+            let ratios = self
+                .channels
+                .iter()
+                .filter_map(|c| Some(error(c) / c.floor?));
+            ratios.map(|r| (r * r - 1.0).max(0.0)).sum()
+        };
+        let before = excess(|c| c.before);
+        match before > 0.0 {
+            true => 1.0 - excess(|c| c.after) / before,
+            false => 0.0,
+        }
+    }
+
     /// How many folds chose an effect on a channel.
     pub fn support(&self, id: &str, target: Option<usize>) -> usize {
         let chose = |f: &&FoldChoice| f.effects.iter().any(|(i, t)| i == id && *t == target);

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Pose, SensorVec, Side, Target};
+use crate::signal::{CHAMBERS, Pose, SPRINGS, SensorVec, Side, Target};
 use crate::sim::Model;
 
 /// The comparisons in which an effect can show.
@@ -155,6 +155,8 @@ pub struct Scene {
     pub seconds: f64,
     /// Where the end pad was captured, base frame, m.
     pub tip_m: Vec<[f64; 3]>,
+    /// Since when the reading of each spring is the same until the end, s from the start; `None` where it moves to the end.
+    pub still_since_s: [Option<f64>; SPRINGS],
     /// How fast the pressure of each chamber changes at most (99 % of the time), Pa/s.
     pub fastest_pa_s: [f64; CHAMBERS],
 }

@@ -599,11 +599,14 @@ fn half_spaces(scene: &Scene, _: Option<usize>) -> Vec<Start> {
     out
 }
 
-/// Moments throughout the session, and some shortly before its end: a fault that has just begun shows for a few seconds only.
-fn moments(scene: &Scene, _: Option<usize>) -> Vec<Start> {
+/// When the reading came to rest, a little before and after, and moments throughout the session.
+fn moments(scene: &Scene, target: Option<usize>) -> Vec<Start> {
+    let rest_s = target.and_then(|i| scene.still_since_s[i]);
+    let near = rest_s
+        .into_iter()
+        .flat_map(|t| [-0.4, 0.0, 0.2, 0.5, 1.0].map(|by| t + by));
     let throughout = (0..10).map(|k| scene.seconds * f64::from(k) / 10.0);
-    throughout
-        .chain([6.0, 4.0, 3.0, 2.0, 1.0].map(|left_s| scene.seconds - left_s))
-        .map(|from_s| Start::new(&[from_s], &[0]))
+    near.chain(throughout)
+        .map(|from_s| Start::new(&[from_s.max(0.0)], &[0]))
         .collect()
 }
