@@ -151,11 +151,11 @@ mod tests {
         let moving: Vec<f64> = t_s.iter().map(|t| 0.15 + 0.02 * (0.7 * t).sin()).collect();
         let stuck: Vec<f64> = t_s
             .iter()
-            .map(|t| 0.15 + 0.02 * (0.7 * t.min(25.0)).sin())
+            .map(|t| 0.15 + 0.02 * (0.7 * t.min(26.5)).sin())
             .collect();
         assert_eq!(still_since(&t_s, &moving), None);
-        let since_s = still_since(&t_s, &stuck).expect("it stays from 20 s on");
-        assert!((since_s - 20.0).abs() < 0.3, "{since_s}");
+        let since_s = still_since(&t_s, &stuck).expect("it stays to the end");
+        assert!((since_s - 21.5).abs() < 0.3, "{since_s}");
         assert_eq!(still_since(&t_s, &vec![0.15; 900]), None);
     }
 

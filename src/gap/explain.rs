@@ -211,7 +211,7 @@ pub fn explain(
         }
         g.cholesky()
     });
-    let mut scored: Vec<(f64, usize, DVector<f64>, f64)> = parallel(ready, |c| {
+    let mut scored: Vec<(f64, usize, DVector<f64>)> = parallel(ready, |c| {
         let mut g = c.columns.tr_mul(&c.cleaned);
         let mut b = DVector::from_column_slice(c.cleaned.tr_mul(&r).as_slice());
         if let (Some(h), Some(Some(s))) = (held, &held_gram) {
@@ -220,18 +220,15 @@ pub fn explain(
             g -= hc.tr_mul(&s.solve(&hc));
             b -= hc.tr_mul(&s.solve(&hr));
         }
-        // What the start as it stands gains: bᵀ1 − ½ 1ᵀG1.
-        let whole = b.sum() - 0.5 * g.sum();
-        let (s, x) = score(&g, &b);
-        (s, x, whole)
+        score(&g, &b)
     })
     .into_iter()
     .enumerate()
-    .map(|(i, (s, x, whole))| (s, i, x, whole))
+    .map(|(i, (s, x))| (s, i, x))
     .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut chosen: Vec<(Candidate, Vec<f64>)> = Vec::new();
-    for (score, i, x, _) in &scored {
+    for (score, i, x) in &scored {
         if *score < least && chosen.len() >= FEW {
             break;
         }
@@ -264,12 +261,7 @@ pub fn explain(
             };
         }
         if !candidate.effect.gradual {
-            // No share of it: of its starts the one that gains most as it stands.
-            let starts = scored
-                .iter()
-                .filter(|s| ready[s.1].candidate == column.candidate);
-            let best = starts.max_by(|a, b| a.3.total_cmp(&b.3));
-            values.clone_from(&ready[best.map_or(*i, |s| s.1)].start.at);
+            values.clone_from(&column.start.at);
         }
         chosen.push((candidate, values));
         if chosen.len()

@@ -12,7 +12,7 @@ use super::explain::{Explained, admitted, columns, significance_threshold};
 use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
 use super::fit::{cost, fit};
 use super::folds::FOLDS;
-use super::misfit::Misfit;
+use super::misfit::{Misfit, short_stretches};
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::{Problem, Replayed};
@@ -121,7 +121,10 @@ pub fn find(
         }
     };
     let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, DRAWS);
-    let before = Misfit::of(&problem, &r0);
+    let short = baseline.healthy.as_ref().map_or_else(Vec::new, |rows| {
+        short_stretches(rows, &baseline.noise.channels, suspect.len())
+    });
+    let before = Misfit::of(&problem, &r0).in_short(short);
     let judged = quiet.ncols() - start();
     let floor = quiet.rows(0, combinations).norm_squared() / (combinations * judged) as f64;
     log::debug!(

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::noise::{LOOKS, start};
 use super::problem::Problem;
+use super::replay::Row;
 
 /// Mean squares of the residuals of a session.
 pub struct Misfit {
@@ -16,6 +17,8 @@ pub struct Misfit {
     excess: f64,
     /// Required change of the rig's parameters, [`Problem::change`].
     pub change: f64,
+    /// What a healthy session's mean square bias is in a stretch as long as this session, at most, over that of the whole.
+    short: Vec<f64>,
 }
 
 /// Significant excess of the mean square innovation over the noise floor, relative to it.
@@ -27,6 +30,26 @@ const BIAS_LIMIT: f64 = 4.0;
 /// Significant change of the rig's parameters over its expectation: model inadequacy makes parameters
 /// change with the motion, up to 6 for a healthy arm of rigid discs.
 const CHANGE_LIMIT: f64 = 8.0;
+
+/// How much larger the mean square of each channel of a healthy session gets in a stretch of `bins` than over all of it, where
+/// that is longer: in a short session the model's inadequacy does not average out over motions.
+pub fn short_stretches(healthy: &[Row], channels: &[usize], bins: usize) -> Vec<f64> {
+    let rows = &healthy[start().min(healthy.len())..];
+    let mean = |rows: &[Row], c: usize| {
+        rows.iter().map(|r| r[c] * r[c]).sum::<f64>() / rows.len().max(1) as f64
+    };
+    let stretch = bins.saturating_sub(start()).max(1);
+    let largest = |c: usize| {
+        let windows = rows.windows(stretch).step_by((stretch / 4).max(1));
+        let most = windows.map(|w| mean(w, c)).fold(0.0, f64::max);
+        (most / mean(rows, c)).max(1.0)
+    };
+    channels
+        .iter()
+        .map(|c| largest(*c))
+        .map(|x| if x.is_finite() { x } else { 1.0 })
+        .collect()
+}
 
 impl Misfit {
     /// Of stacked evidence (bin by bin: innovations, then readings).
@@ -50,7 +73,14 @@ impl Misfit {
                 .map(|i| (sum(&r, i) / LOOKS - 1.0).max(0.0))
                 .sum(),
             change,
+            short: Vec::new(),
         }
+    }
+
+    /// In a session that is shorter than the healthy one, `short` as [`short_stretches`] gives it.
+    pub fn in_short(mut self, short: Vec<f64>) -> Self {
+        self.short = short;
+        self
     }
 
     /// Mean over all combinations.
@@ -69,7 +99,9 @@ impl Misfit {
     }
 
     fn bias_exceeds(&self) -> bool {
-        self.bias.iter().any(|x| *x > BIAS_LIMIT) || self.change > CHANGE_LIMIT
+        let usual = self.short.iter().chain(std::iter::repeat(&1.0));
+        let mut biases = self.bias.iter().zip(usual);
+        biases.any(|(x, usual)| *x > BIAS_LIMIT * usual) || self.change > CHANGE_LIMIT
     }
 
     /// Share of the excess that `after` removes: the smallest one of innovations, biases and the

@@ -24,7 +24,7 @@ const AT_FLOOR: f64 = 0.05;
 /// A rival is excluded when it leaves this many times what the best one leaves.
 const RIVAL_LEAVES: f64 = 1.2;
 /// A further effect has to bring some combination of channels this much closer to its floor.
-const FURTHER_MIN: f64 = 0.6;
+pub const FURTHER_MIN: f64 = 0.6;
 
 /// Result of a search.
 pub struct Selected {

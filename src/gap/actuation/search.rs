@@ -3,13 +3,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::healthy::{LineBaseline, LineModel, PressureNoise};
+use super::healthy::{LineBaseline, LineModel, PressureNoise, chamber_rms_pa};
 use super::line::{Lag, PressureGrid};
 use super::significance::{Significance, significance};
 use crate::gap::candidates::{Candidate, Table, candidates, fastest};
 use crate::gap::explain::{Explained, columns, explain, weak_prior};
 use crate::gap::fit::fit;
 use crate::gap::problem::{Losses, Problem};
+use crate::gap::select::FURTHER_MIN;
 use crate::gap::{GapError, Progress};
 use crate::robot::RobotSpec;
 use crate::signal::SPRINGS;
@@ -24,6 +25,8 @@ const STEPS: usize = 12;
 /// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
 /// the residual of an inadequate law is no further effect.
 const FORM: f64 = 0.1;
+/// Standard errors by which a set with a further effect has to be better.
+const FURTHER: f64 = 2.0;
 /// Share of the mean square that effects of an unknown supply may leave at most.
 const WITHOUT_HEALTHY: f64 = 0.8;
 /// Least gain that counts, nats: one parameter's worth by the Bayesian criterion.
@@ -123,6 +126,21 @@ impl Search<'_> {
         Ok(out)
     }
 
+    /// Whether a further effect brings some chamber close to its floor, where that is known: what an inadequate law leaves is
+    /// no further effect.
+    fn pays(before: (&LineModel, &Explained), after: (&LineModel, &Explained)) -> bool {
+        let floors_pa = before.0.baseline.chamber_floor_pa;
+        let sizes_pa =
+            |(model, e): (&LineModel, &Explained)| chamber_rms_pa(&model.rows(&e.fit.active()));
+        let (before_pa, after_pa) = (sizes_pa(before), sizes_pa(after));
+        let mut chambers = after.0.grid.chambers().into_iter();
+        chambers.any(|i| {
+            let [before, after, floor] = [before_pa[i], after_pa[i], floors_pa[i]].map(|x| x * x);
+            let closes = before - after >= FURTHER_MIN * (before - floor);
+            floor.is_nan() || (before > 2.0 * floor && closes)
+        })
+    }
+
     /// From one effect on: adds what gains, then takes out what does not.
     fn grow(
         &self,
@@ -139,15 +157,16 @@ impl Search<'_> {
             let next = ranked.first().cloned();
             stages.push(ranked);
             let Some(next) = next else { break };
-            if next.gain < threshold || !next.losses.beats(&best.losses, 1.0) {
+            if next.gain < threshold || !next.losses.beats(&best.losses, FURTHER) {
                 break;
             }
             let mut wider = model.clone();
             let settled = self.settle(&mut wider, &next)?;
             let (gain, _) = settled.losses.gain_over(&best.losses);
             let (so_far, _) = best.losses.gain_over(base);
-            let sure = settled.losses.beats(&best.losses, 1.0);
-            if gain < threshold.max(FORM * so_far) || !sure {
+            let sure = settled.losses.beats(&best.losses, FURTHER);
+            let pays = Self::pays((&model, &best), (&wider, &settled));
+            if gain < threshold.max(FORM * so_far) || !sure || !pays {
                 break;
             }
             drop(problem);
@@ -164,8 +183,9 @@ impl Search<'_> {
                 let settled = self.settle(&mut narrower, &less)?;
                 let (lost, _) = best.losses.gain_over(&settled.losses);
                 let (whole, _) = best.losses.gain_over(base);
-                let sure = best.losses.beats(&settled.losses, 1.0);
-                if lost < threshold.max(FORM * whole) || !sure {
+                let sure = best.losses.beats(&settled.losses, FURTHER);
+                let pays = Self::pays((&narrower, &settled), (&model, &best));
+                if lost < threshold.max(FORM * whole) || !sure || !pays {
                     (best, model) = (settled, narrower);
                     again = best.fit.effects.len() > 1;
                     break;
