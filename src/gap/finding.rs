@@ -76,10 +76,11 @@ pub struct GapSize {
     pub unit: String,
 }
 
-/// Share of a gap that is closed: (before − after)/(before − floor), 0 where there is none. Values below 0 mean worse.
+/// Share of a gap that is closed: (before − after)/(before − floor), at most 1 where the rest lies below the floor, 0 where
+/// there is no gap. Values below 0 mean worse.
 pub fn closed(before: f64, after: f64, floor: f64) -> f64 {
     match before > floor {
-        true => (before - after) / (before - floor),
+        true => ((before - after) / (before - floor)).min(1.0),
         false => 0.0,
     }
 }

@@ -27,6 +27,8 @@ const INNOVATION_EXCESS: f64 = 0.5;
 /// reaches 2 to 3 in some channel.
 const BIAS_LIMIT: f64 = 4.0;
 
+/// A further effect has to bring some combination of channels this much closer to its floor.
+pub const FURTHER_MIN: f64 = 0.6;
 /// Significant change of the rig's parameters over its expectation: model inadequacy makes parameters
 /// change with the motion, up to 6 for a healthy arm of rigid discs.
 const CHANGE_LIMIT: f64 = 8.0;

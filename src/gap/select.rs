@@ -6,7 +6,7 @@ use super::candidates::Candidate;
 use super::explain::{Column, Explained, explain, weak_prior};
 use super::finding::Finding;
 use super::fit::fit;
-use super::misfit::Misfit;
+use super::misfit::{FURTHER_MIN, Misfit};
 use super::problem::Problem;
 use super::sides::named_by;
 use super::{GapError, Progress};
@@ -23,8 +23,6 @@ const RIVAL_EXPLAINS: f64 = 0.5;
 const AT_FLOOR: f64 = 0.05;
 /// A rival is excluded when it leaves this many times what the best one leaves.
 const RIVAL_LEAVES: f64 = 1.2;
-/// A further effect has to bring some combination of channels this much closer to its floor.
-pub const FURTHER_MIN: f64 = 0.6;
 
 /// Result of a search.
 pub struct Selected {
