@@ -41,14 +41,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "F.rrd", requires = "headless")]
     pub record: Option<PathBuf>,
     /// The operator's note on the recording
-    #[arg(
-        long,
-        value_name = "TEXT",
-        default_value = "",
-        hide_default_value = true,
-        requires = "record"
-    )]
-    pub note: String,
+    #[arg(long, value_name = "TEXT", requires = "record")]
+    pub note: Option<String>,
     #[command(flatten)]
     pub overwrite: Overwrite,
     /// Stream to the Rerun viewer that listens there on this machine (start it with
@@ -205,7 +199,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
             declared_kg: a.payload,
             target: a.target.map(Goal::position),
             record: a.record.clone(),
-            note: a.note.clone(),
+            note: a.note.clone().unwrap_or_default(),
             viewer: a.viewer(),
             reset: args::resets(a.reset.as_deref()),
         },
@@ -231,13 +225,8 @@ pub struct RecordArgs {
     #[command(flatten)]
     overwrite: Overwrite,
     /// The operator's note on it
-    #[arg(
-        long,
-        value_name = "TEXT",
-        default_value = "",
-        hide_default_value = true
-    )]
-    note: String,
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
     /// How long, s
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     seconds: f64,
@@ -272,7 +261,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
             seconds: a.seconds,
             target: a.target.map(Goal::position),
             record: Some(a.out.clone()),
-            note: a.note.clone(),
+            note: a.note.clone().unwrap_or_default(),
             reset: args::resets(a.reset.as_deref()),
             ..Run::default()
         },

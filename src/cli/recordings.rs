@@ -196,13 +196,8 @@ pub struct KeepArgs {
     #[arg(long, value_name = "MIN", default_value = "5", value_parser = args::not_negative)]
     minutes: f64,
     /// The operator's note
-    #[arg(
-        long,
-        value_name = "TEXT",
-        default_value = "",
-        hide_default_value = true
-    )]
-    note: String,
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
 }
 
 /// `keep`: of the newest rolling recording.
@@ -210,7 +205,8 @@ pub fn keep(a: &KeepArgs) -> Result<Report> {
     recording_file(a.overwrite, &a.out, &[])?;
     let folder = user::rolling_folder()
         .context("this user has no data folder, and therefore no rolling recordings")?;
-    let summary = keep_last(&folder, None, 60.0 * a.minutes, &a.out, &a.note)?;
+    let note = a.note.as_deref().unwrap_or_default();
+    let summary = keep_last(&folder, None, 60.0 * a.minutes, &a.out, note)?;
     Ok(written(&a.out, &summary))
 }
 

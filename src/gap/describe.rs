@@ -9,7 +9,7 @@ use super::misfit::Misfit;
 use super::patch::PatchValue;
 use super::problem::{Problem, Replayed};
 use super::session::Grid;
-use crate::sim::effects::{Scene, Side, Trajectory};
+use crate::sim::effects::{Parameter, Scene, Side, Trajectory};
 
 /// Two-sided 95 % quantile of the normal distribution: for a variance that is known.
 const NORMAL_95: f64 = 1.960;
@@ -20,12 +20,16 @@ pub const T_95: f64 = 2.201;
 const NORMAL_94: f64 = 1.881;
 const T_94: f64 = 2.096;
 
-/// Half width of a 95 % interval: `plain` is the variance of the model, `blocks` that from block to block, `form_sd` how far
-/// another law of the same physics would be.
-pub fn reach_95(plain: f64, blocks: f64, form_sd: f64) -> f64 {
-    (NORMAL_94 * plain.sqrt())
+/// 95 % interval of a parameter's value within its bounds: `plain` is the variance of the model, `blocks` that from block to
+/// block; how far another law of the same physics would be is part of it.
+pub fn interval_95(p: &Parameter, value: f64, plain: f64, blocks: f64) -> [f64; 2] {
+    let reach = (NORMAL_94 * plain.sqrt())
         .max(T_94 * blocks.sqrt())
-        .hypot(NORMAL_95 * form_sd)
+        .hypot(NORMAL_95 * p.form_sd(value));
+    [
+        (value - reach).max(p.bounds[0]),
+        (value + reach).min(p.bounds[1]),
+    ]
 }
 
 /// Effects of a fit with their intervals.
@@ -53,9 +57,9 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
             let i = at;
             at += 1;
             let variance = plain.as_ref().map_or(f64::NAN, |g| g[(i, i)] * level);
-            let reach = reach_95(variance, spread[i], p.form_sd(*v));
-            let ci95 = (free.contains(&i) && reach.is_finite())
-                .then(|| [(v - reach).max(p.bounds[0]), (v + reach).min(p.bounds[1])]);
+            let sized = variance.max(spread[i]).is_finite();
+            let ci95 =
+                (free.contains(&i) && sized).then(|| interval_95(p, *v, variance, spread[i]));
             params.insert(
                 p.name.to_owned(),
                 PatchValue {

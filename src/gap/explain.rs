@@ -38,6 +38,23 @@ pub struct Explained {
     pub firm: bool,
 }
 
+impl Explained {
+    /// A fit of `candidate` and those before it, judged by the blocks of `problem` it was not fitted to, over the loss
+    /// without the candidate.
+    pub fn over(losses0: &Losses, problem: &Problem, candidate: Candidate, fit: Fit) -> Self {
+        let losses = problem.held_out(&fit.residual, &fit.columns, &weak_prior(&fit));
+        let (gain, se) = losses.gain_over(losses0);
+        Self {
+            firm: losses.firmly_over(losses0),
+            candidate,
+            fit,
+            losses,
+            gain,
+            se,
+        }
+    }
+}
+
 /// Candidates that go from the score test into a full fit at most.
 const FULL_FITS: usize = 10;
 /// The same once an effect was found: the score test is then sharp.
@@ -285,31 +302,23 @@ pub fn explain(
             let Some(fit) = fit(problem, effects, STEPS) else {
                 return Ok(None);
             };
-            let weak = weak_prior(&fit);
-            let losses = problem.held_out(&fit.residual, &fit.columns, &weak);
-            let (gain, se) = losses.gain_over(&losses0);
-            let firm = losses.firmly_over(&losses0);
+            let found = Explained::over(&losses0, problem, *candidate, fit);
             log::debug!(
-                "{} {:?} {:.4?}: cost {:.0}, gain {gain:.0} +- {se:.0}, per block {:.0?}",
+                "{} {:?} {:.4?}: cost {:.0}, gain {:.0} +- {:.0}, per block {:.0?}",
                 candidate.effect.id,
                 candidate.target,
-                fit.parameters(),
-                fit.cost,
+                found.fit.parameters(),
+                found.fit.cost,
+                found.gain,
+                found.se,
                 losses0
                     .0
                     .iter()
-                    .zip(&losses.0)
+                    .zip(&found.losses.0)
                     .map(|(a, b)| a - b)
                     .collect::<Vec<_>>()
             );
-            Ok(Some(Explained {
-                firm,
-                candidate: *candidate,
-                fit,
-                losses,
-                gain,
-                se,
-            }))
+            Ok(Some(found))
         },
     );
     let mut out = Vec::new();

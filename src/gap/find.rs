@@ -11,14 +11,13 @@ use super::describe::{described, notes, range_pa, separate, undetermined, unique
 use super::explain::{Explained, admitted, columns, significance_threshold};
 use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
 use super::fit::{cost, fit};
-use super::folds::FOLDS;
-use super::misfit::{Misfit, short_stretches};
+use super::misfit::{AT_FLOOR, FAR, Misfit, short_stretches};
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
-use super::problem::{Problem, Replayed};
+use super::problem::{FOLDS, Problem, Replayed};
 use super::prove::{Case, Proof, prove};
 use super::select::{rivals_of, select};
-use super::session::{Grid, same_robot, thinning};
+use super::session::{Grid, at_one_rate, same_robot};
 use super::sides::{add_supply, is_open, supply};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
@@ -53,8 +52,8 @@ const EXCITED_PA: f64 = 8e3;
 
 /// Finds what is missing in the model of a rig.
 ///
-/// Looked for are the effects of `table`. `healthy` is a session of the healthy rig; without it the factory model is the baseline and the
-/// verdict is weaker, as the notes state.
+/// Looked for are the effects of `table`. `healthy` is a session of the healthy rig; without it the factory model is the
+/// baseline and the verdict is weaker, as the notes state.
 ///
 /// # Errors
 /// [`GapError`] when a session cannot be judged, or the model cannot follow it.
@@ -70,14 +69,8 @@ pub fn find(
         same_robot(robot, &grid.session)?;
         grid.ensure_measured()?;
     }
-    let thinned = match healthy {
-        Some(h) => at_one_rate(h, suspect)?,
-        None => None,
-    };
-    let (healthy, suspect) = match &thinned {
-        Some([h, s]) => (Some(h), s),
-        None => (healthy, suspect),
-    };
+    let (healthy, suspect) = at_one_rate(healthy, suspect)?;
+    let (healthy, suspect) = (healthy.as_deref(), &*suspect);
     let baseline = match healthy {
         Some(grid) => {
             let mut common = grid.clone();
@@ -272,17 +265,6 @@ pub fn find(
     Ok(Found { finding, patch })
 }
 
-/// Both sessions at about the rate of the slower one; `None` where they are.
-fn at_one_rate(healthy: &Grid, suspect: &Grid) -> Result<Option<[Grid; 2]>, GapError> {
-    let steps = thinning(&healthy.session.t_s, &suspect.session.t_s);
-    if steps == [1, 1] {
-        return Ok(None);
-    }
-    let [h, s] = steps;
-    let thinned = |grid: &Grid, step| Grid::new(grid.session.thinned(step));
-    Ok(Some([thinned(healthy, h)?, thinned(suspect, s)?]))
-}
-
 fn names(verdict: Verdict) -> bool {
     matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
 }
@@ -375,11 +357,6 @@ fn hold(
         _ => refused(format!("No effect is named: {}", notes.join(" "))),
     }
 }
-
-/// A group of channels whose error is within this factor of a healthy session's is at its floor.
-const AT_FLOOR: f64 = 1.25;
-/// One whose error is more than this factor above a healthy session's is far from it.
-const FAR: f64 = 3.0;
 
 /// A verdict that the sizes of the errors contradict: a name where all is at the floor, or nothing missing far above it.
 fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict, String)> {

@@ -98,8 +98,8 @@ pub struct ChannelError {
     pub after: f64,
     /// 95 % interval of `after`, from block to block.
     pub after_ci95: [f64; 2],
-    /// With the effects' response to the session's pressures in another order: what helps as much as the response to the
-    /// true ones does not depend on them.
+    /// With the effects' response to the session's pressures in another order (r1: with their change half a session late):
+    /// what helps as much as the true one does not depend on them.
     pub shuffled: Option<f64>,
     /// Of a healthy session.
     pub floor: Option<f64>,

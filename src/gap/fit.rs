@@ -35,9 +35,11 @@ impl Fit {
             columns.set_column(i, &problem.pick(&column.into_owned(), bins));
         }
         Self {
+            effects: self.effects.clone(),
+            cost: self.cost,
             residual,
             columns,
-            ..self.clone()
+            on_bound: self.on_bound.clone(),
         }
     }
 

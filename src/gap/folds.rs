@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-/// How many times the session is divided into training and held-out part.
-pub const FOLDS: usize = 4;
+use super::problem::FOLDS;
+
 /// Blocks of one fold at most: several, so that what begins in the middle of the session is in both parts.
 const BLOCKS_MAX: usize = 3;
 /// Share of a block that is given up to the embargo at each of its ends at most.

@@ -27,6 +27,10 @@ const INNOVATION_EXCESS: f64 = 0.5;
 /// reaches 2 to 3 in some channel.
 const BIAS_LIMIT: f64 = 4.0;
 
+/// Errors within this factor of a healthy session's are at its floor, and nothing is named for them.
+pub const AT_FLOOR: f64 = 1.25;
+/// Errors beyond this factor are far from it, and something is missing whatever a search found.
+pub const FAR: f64 = 3.0;
 /// A further effect has to bring some combination of channels this much closer to its floor.
 pub const FURTHER_MIN: f64 = 0.6;
 /// Significant change of the rig's parameters over its expectation: model inadequacy makes parameters

@@ -13,12 +13,12 @@ use super::describe::T_95;
 use super::explain::Explained;
 use super::finding::{ChannelError, FailedFold, Finding, FoldChoice, GapSize, Traces, closed};
 use super::fit::fit;
-use super::folds::{FOLDS, Fold, folds};
+use super::folds::{Fold, folds};
 use super::noise::{bridged, start};
-use super::problem::{BLOCKS, Problem, Replayed};
+use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
 use super::replay::{Row, captured_poses, move_arm};
 use super::select::Selected;
-use super::session::{CHANNELS, GRID_HZ, Grid, IMU_0, SPRING_0, channel_name};
+use super::session::{CHANNELS, GRID_HZ, IMU_0, SPRING_0, channel_name};
 use crate::signal::Pose;
 use crate::sim::effects::{Active, Target};
 
@@ -118,10 +118,8 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
         embargo_s = embargo as f64 / GRID_HZ;
         let rows = super::parallel(&folds, |fold| fold_rows(case, fold));
         (after, choices, failed) = held_out_rows(&before, &folds, rows);
-        let (true_order, other_order) = (
-            response(replayed, replayed.grid, &whole)?,
-            redriven(replayed, &whole)?,
-        );
+        let true_order = response(replayed, &before, &whole)?;
+        let other_order = redriven(replayed, &whole)?;
         differs = differ(&true_order, &other_order);
         for (row, by) in shuffled.iter_mut().zip(&other_order) {
             row.iter_mut().zip(by).for_each(|(x, by)| *x -= by);
@@ -252,10 +250,9 @@ fn held_out_rows(
     (after, choices, failed)
 }
 
-/// What the effects change in the predicted readings under the pressures of `grid`.
-fn response(replayed: &Replayed, grid: &Grid, effects: &[Active]) -> Result<Vec<Row>, GapError> {
-    let here = Replayed::new(replayed.robot, grid, replayed.baseline)?;
-    let (without, with) = (bridged(&here.rows(&[])?), bridged(&here.rows(effects)?));
+/// What the effects change in the predicted readings of a session that leaves `without` without them.
+fn response(here: &Replayed, without: &[Row], effects: &[Active]) -> Result<Vec<Row>, GapError> {
+    let with = bridged(&here.rows(effects)?);
     let change = |(a, b): (&Row, &Row)| std::array::from_fn(|c| a[c] - b[c]);
     Ok(without.iter().zip(&with).map(change).collect())
 }
@@ -265,7 +262,8 @@ fn redriven(replayed: &Replayed, effects: &[Active]) -> Result<Vec<Row>, GapErro
     let mut grid = replayed.grid.clone();
     let half = grid.gauge_pa.len() / 2;
     grid.gauge_pa.rotate_left(half);
-    response(replayed, &grid, effects)
+    let other = Replayed::new(replayed.robot, &grid, replayed.baseline)?;
+    response(&other, &bridged(&other.rows(&[])?), effects)
 }
 
 /// Two responses that differ by less than this share of the first are the same: a constant load, frame or offset is there

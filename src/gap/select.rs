@@ -102,17 +102,7 @@ impl Selected {
         let mut chosen = None;
         for found in self.rankings.iter().take(self.taken) {
             let on_part = |e: &Explained| {
-                let fit = e.fit.part(whole, bins);
-                let own = part.held_out(&fit.residual, &fit.columns, &weak_prior(&fit));
-                let (gain, se) = own.gain_over(&losses);
-                Explained {
-                    firm: own.firmly_over(&losses),
-                    candidate: e.candidate,
-                    fit,
-                    losses: own,
-                    gain,
-                    se,
-                }
+                Explained::over(&losses, part, e.candidate, e.fit.part(whole, bins))
             };
             let mut here: Vec<Explained> = found.iter().map(on_part).collect();
             here.sort_by(|a, b| b.gain.total_cmp(&a.gain));

@@ -1,5 +1,7 @@
 //! Input of the finder: a session of a rig, and its averages on a grid.
 
+use std::borrow::Cow;
+
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::GapError;
@@ -60,7 +62,7 @@ impl Session {
 
 /// Steps by which two series of times are thinned to about the same rate: the mean of more samples has less noise, and a floor
 /// that was measured so would be too low for fewer.
-pub fn thinning(a_s: &[f64], b_s: &[f64]) -> [usize; 2] {
+fn thinning(a_s: &[f64], b_s: &[f64]) -> [usize; 2] {
     let period_s = |t: &[f64]| match (t.first(), t.last()) {
         (Some(first), Some(last)) if t.len() > 1 => (last - first) / (t.len() - 1) as f64,
         _ => 1.0,
@@ -68,6 +70,50 @@ pub fn thinning(a_s: &[f64], b_s: &[f64]) -> [usize; 2] {
     let ratio = period_s(b_s) / period_s(a_s);
     let step = |ratio: f64| ratio.round().max(1.0) as usize;
     [step(ratio), step(1.0 / ratio)]
+}
+
+/// Samples over time of which a part can be taken.
+pub trait Sampled: Clone {
+    /// Times of the samples, s.
+    fn times_s(&self) -> &[f64];
+
+    /// Every `step`-th sample.
+    ///
+    /// # Errors
+    /// [`GapError`] when too little remains.
+    fn every(&self, step: usize) -> Result<Self, GapError>;
+}
+
+/// A healthy session, where there is one, and a suspect one.
+pub type Both<'a, S> = (Option<Cow<'a, S>>, Cow<'a, S>);
+
+/// Both sessions at about the rate of the slower one.
+///
+/// # Errors
+/// As [`Sampled::every`].
+pub fn at_one_rate<'a, S: Sampled>(
+    healthy: Option<&'a S>,
+    suspect: &'a S,
+) -> Result<Both<'a, S>, GapError> {
+    let Some(healthy) = healthy else {
+        return Ok((None, Cow::Borrowed(suspect)));
+    };
+    let thinned = |s: &'a S, step| match step {
+        1 => Ok(Cow::Borrowed(s)),
+        _ => s.every(step).map(Cow::Owned),
+    };
+    let [h, s] = thinning(healthy.times_s(), suspect.times_s());
+    Ok((Some(thinned(healthy, h)?), thinned(suspect, s)?))
+}
+
+impl Sampled for Grid {
+    fn times_s(&self) -> &[f64] {
+        &self.session.t_s
+    }
+
+    fn every(&self, step: usize) -> Result<Self, GapError> {
+        Self::new(self.session.thinned(step))
+    }
 }
 
 /// Checks that a session was recorded with this robot, where that is known.
@@ -144,14 +190,12 @@ pub fn holes(
 ) -> Vec<[f64; 2]> {
     let mut out: Vec<[f64; 2]> = Vec::new();
     for &i in chambers {
-        let mut since = None;
-        for (_, t) in t_s.iter().enumerate().filter(|(k, _)| known(*k, i)) {
-            if let Some(s) = since.replace(*t)
-                && t - s > HOLE_S
-            {
-                out.push([s, t + SETTLE_S]);
-            }
-        }
+        let there: Vec<f64> = (0..t_s.len())
+            .filter(|k| known(*k, i))
+            .map(|k| t_s[k])
+            .collect();
+        let apart = there.windows(2).filter(|w| w[1] - w[0] > HOLE_S);
+        out.extend(apart.map(|w| [w[0], w[1] + SETTLE_S]));
     }
     out.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut merged: Vec<[f64; 2]> = Vec::new();
@@ -166,7 +210,7 @@ pub fn holes(
 
 /// Whether a time lies in one of these spans.
 pub fn within(spans: &[[f64; 2]], t_s: f64) -> bool {
-    spans.iter().any(|[a, b]| (a..b).contains(&&t_s))
+    spans.iter().any(|[a, b]| (*a..*b).contains(&t_s))
 }
 
 /// A session averaged into bins.

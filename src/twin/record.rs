@@ -107,22 +107,10 @@ impl Recordings {
         }
     }
 
-    /// Marks this moment; whether a recording takes it.
-    pub(super) fn mark(&self, now: Stamp, text: &str) -> bool {
-        let taken = self.running.as_ref().filter(|r| !r.closing);
-        if let Some(recording) = taken {
-            recording.recorder.mark(now, text.to_owned());
-        }
-        taken.is_some()
-    }
-
-    /// Hands over the operator's note; whether a recording takes it.
-    pub(super) fn note(&self, text: &str) -> bool {
-        let taken = self.running.as_ref().filter(|r| !r.closing);
-        if let Some(recording) = taken {
-            recording.recorder.note(text.to_owned());
-        }
-        taken.is_some()
+    /// The recorder that takes what is handed over, if one does.
+    pub(super) fn recorder(&self) -> Option<&Recorder> {
+        let taking = self.running.as_ref().filter(|r| !r.closing);
+        taking.map(|r| &r.recorder)
     }
 
     /// Lets the recording end, if one runs; [`Self::watch`] reports when it has.

@@ -61,7 +61,8 @@ impl Rolling {
             return;
         }
         let armed = is_armed(&snapshot.mode);
-        let is_new = armed && !std::mem::replace(&mut self.was_armed, armed);
+        let was_armed = std::mem::replace(&mut self.was_armed, armed);
+        let is_new = armed && !was_armed;
         if armed {
             self.until = now.plus(AFTER_S);
         }
@@ -120,7 +121,7 @@ impl Rolling {
 
     /// Hands over a snapshot and what happened.
     pub(super) fn push(&self, now: Stamp, snapshot: &Arc<Snapshot>, events: &[Event]) {
-        let Some(recorder) = self.recorder.as_ref().filter(|_| now <= self.until) else {
+        let Some(recorder) = self.recorder(now) else {
             return;
         };
         recorder.push(Arc::clone(snapshot));
@@ -134,17 +135,51 @@ impl Rolling {
         }
     }
 
-    /// Marks this moment; whether it is taken.
-    pub(super) fn mark(&self, now: Stamp, text: &str) -> bool {
-        let taken = self.recorder.as_ref().filter(|_| now <= self.until);
-        if let Some(recorder) = taken {
-            recorder.mark(now, text.to_owned());
-        }
-        taken.is_some()
+    /// The recorder that takes what is handed over at this moment, if one does.
+    pub(super) fn recorder(&self, now: Stamp) -> Option<&Recorder> {
+        self.recorder.as_ref().filter(|_| now <= self.until)
     }
 
     /// Ends it. Waits for the disk: the control loop must be over.
     pub(super) fn stop(&mut self) {
         self.recorder = None;
+    }
+}
+
+#[cfg(all(test, feature = "rrd"))]
+mod tests {
+    use super::*;
+
+    /// One that stopped by itself begins again with the next Arm.
+    #[test]
+    fn every_arm_begins_it_where_none_runs() {
+        let name = format!("springtwin-rolling-arm-{}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let folder = RollingFolder::of(path.clone());
+        folder.set_limit(0).expect("a folder");
+        let mut rolling = Rolling::new(folder.clone(), RollingOf::EveryArm);
+        let mut events = Vec::new();
+        let mut in_mode = |rolling: &mut Rolling, mode: Mode| {
+            let snapshot = Snapshot {
+                mode,
+                ..Snapshot::default()
+            };
+            let session = |_: String| RecordingMeta::default();
+            rolling.update(Stamp(0), &snapshot, QueueFull::Wait, session, &mut events);
+        };
+        in_mode(&mut rolling, Mode::Hold);
+        while rolling.recorder.is_some() {
+            std::thread::yield_now();
+            in_mode(&mut rolling, Mode::Hold);
+        }
+        assert_eq!(rolling.status, RollingStatus::Off);
+        folder.set_limit(1 << 30).expect("a folder");
+        in_mode(&mut rolling, Mode::Hold);
+        assert!(rolling.recorder.is_none(), "the arm was armed all along");
+        in_mode(&mut rolling, Mode::Disarmed);
+        in_mode(&mut rolling, Mode::Hold);
+        assert!(rolling.recorder.is_some());
+        rolling.stop();
+        let _ = std::fs::remove_dir_all(path);
     }
 }

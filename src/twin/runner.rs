@@ -229,11 +229,14 @@ impl Runner {
 
     /// Hands the note to the recording; a refusal without one.
     fn note(&self, now: Stamp, text: &str) -> Option<Event> {
-        let taken = self.recordings.note(text);
-        (!taken).then(|| Event::Refused {
-            stamp: now,
-            reason: "Nothing is recorded: the note is not kept.".to_owned(),
-        })
+        let Some(recorder) = self.recordings.recorder() else {
+            return Some(Event::Refused {
+                stamp: now,
+                reason: "Nothing is recorded: the note is not kept.".to_owned(),
+            });
+        };
+        recorder.note(text.to_owned());
+        None
     }
 
     /// Marks this moment in what is recorded.
@@ -242,12 +245,13 @@ impl Runner {
             "" => "Mark",
             text => text,
         };
-        let rolling = self.rolling.as_ref();
-        let taken = [
-            self.recordings.mark(now, text),
-            rolling.is_some_and(|rolling| rolling.mark(now, text)),
-        ];
-        match taken.contains(&true) {
+        let rolling = self.rolling.as_ref().and_then(|r| r.recorder(now));
+        let mut taken = false;
+        for recorder in self.recordings.recorder().into_iter().chain(rolling) {
+            recorder.mark(now, text.to_owned());
+            taken = true;
+        }
+        match taken {
             true => Event::Recording {
                 stamp: now,
                 text: format!("Marked at {:.1} s: {text}", now.seconds()),

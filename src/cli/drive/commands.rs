@@ -53,14 +53,8 @@ pub struct Common {
     #[arg(long, value_name = "F.rrd")]
     record: Option<PathBuf>,
     /// The operator's note on the recording
-    #[arg(
-        long,
-        value_name = "TEXT",
-        default_value = "",
-        hide_default_value = true,
-        requires = "record"
-    )]
-    note: String,
+    #[arg(long, value_name = "TEXT", requires = "record")]
+    note: Option<String>,
     #[command(flatten)]
     overwrite: Overwrite,
     /// Let boards that are SAFE from before leave it: after an earlier program has ended or was not heard any more, and
@@ -120,7 +114,7 @@ impl Common {
             seconds,
             after_s: 2.0,
             record: self.record.clone(),
-            note: self.note.clone(),
+            note: self.note.clone().unwrap_or_default(),
             reset: args::resets(self.reset.as_deref()),
         };
         drive(twin, &what, None)

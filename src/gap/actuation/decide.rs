@@ -10,7 +10,8 @@ use super::line::{GAIN, KNOBS, Lag, OFFSET, PressureGrid, line_rmse_pa, line_row
 use super::search::{EffectSet, Stages, supply_stages};
 use crate::gap::candidates::Table;
 use crate::gap::finding::{FailedFold, Finding, GapSize, Located, SeparateBy, Traces, Verdict};
-use crate::gap::session::thinning;
+use crate::gap::misfit::{AT_FLOOR, FAR};
+use crate::gap::session::at_one_rate;
 use crate::gap::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use effects::{add_effects, alternatives, at_bound, ranked, separate, unseen};
@@ -20,10 +21,6 @@ use figures::{channels, gap_size, located, scatter_pa, traces};
 const ABOVE_FLOOR: f64 = 2.0;
 /// Share of the gap that a named effect closes at least.
 const CLOSES: f64 = 0.5;
-/// A chamber whose error is within this factor of a healthy session's is at its floor, and nothing is named for it.
-const AT_FLOOR: f64 = 1.25;
-/// An unknown supply whose error is more than this times the scatter at rest is not in order, whatever the search found.
-const FAR: f64 = 3.0;
 /// Gauges that differ more than this from their pressures are mentioned: gain, offset (Pa).
 const GAUGE_OFF: [f64; 2] = [0.08, 5e3];
 
@@ -64,14 +61,8 @@ pub fn actuation_only(
     progress: &dyn Progress,
 ) -> Result<Actuation, GapError> {
     progress.at(Stage::Commission, 0.0)?;
-    let thinned = match healthy {
-        Some(h) => at_one_rate(h, suspect)?,
-        None => None,
-    };
-    let (healthy, suspect) = match &thinned {
-        Some([h, s]) => (Some(h), s),
-        None => (healthy, suspect),
-    };
+    let (healthy, suspect) = at_one_rate(healthy, suspect)?;
+    let (healthy, suspect) = (healthy.as_deref(), &*suspect);
     let baseline = match healthy {
         Some(grid) => commission_supply(robot, grid)?,
         None => ideal_supply(suspect),
@@ -96,20 +87,6 @@ pub fn actuation_only(
         stages: Some(found),
         proof,
     })
-}
-
-/// Both sessions at about the rate of the slower one; `None` where they are.
-fn at_one_rate(
-    healthy: &PressureGrid,
-    suspect: &PressureGrid,
-) -> Result<Option<[PressureGrid; 2]>, GapError> {
-    let steps = thinning(&healthy.log.t_s, &suspect.log.t_s);
-    if steps == [1, 1] {
-        return Ok(None);
-    }
-    let [h, s] = steps;
-    let thinned = |grid: &PressureGrid, step| PressureGrid::new(grid.log.thinned(step));
-    Ok(Some([thinned(healthy, h)?, thinned(suspect, s)?]))
 }
 
 /// Error of another session without effects and with the best set. Of the session itself only the gauges are fitted, which
@@ -174,10 +151,9 @@ pub fn decide_supply(
     let located = located(grid, &before);
     let limit = ABOVE_FLOOR * found.significance.mean_square;
     let far = gap.before > FAR * gap.floor;
-    let above = grid
-        .chambers()
-        .into_iter()
-        .any(|i| chamber_rms_pa(&before)[i] > AT_FLOOR * baseline.chamber_floor_pa[i]);
+    let errors_pa = chamber_rms_pa(&before);
+    let mut chambers = grid.chambers().into_iter();
+    let above = chambers.any(|i| errors_pa[i] > AT_FLOOR * baseline.chamber_floor_pa[i]);
     let verdict = match best {
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None if !commissioned && far => Verdict::Unknown,

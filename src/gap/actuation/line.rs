@@ -4,7 +4,7 @@
 //! o and g near 1.
 
 use crate::gap::GapError;
-use crate::gap::session::{SECONDS_MIN, Session, bridge, holes, within};
+use crate::gap::session::{SECONDS_MIN, Sampled, Session, bridge, holes, within};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::{Active, behind_gauges, gauges};
@@ -102,6 +102,16 @@ pub struct PressureGrid {
     first_pa: [f64; CHAMBERS],
     /// Spans that are left out because pressures are missing, s.
     pub holes_s: Vec<[f64; 2]>,
+}
+
+impl Sampled for PressureGrid {
+    fn times_s(&self) -> &[f64] {
+        &self.log.t_s
+    }
+
+    fn every(&self, step: usize) -> Result<Self, GapError> {
+        Self::new(self.log.thinned(step))
+    }
 }
 
 impl PressureGrid {

@@ -13,7 +13,6 @@ use crate::gap::misfit::FURTHER_MIN;
 use crate::gap::problem::{Losses, Problem};
 use crate::gap::{GapError, Progress};
 use crate::robot::RobotSpec;
-use crate::signal::SPRINGS;
 use crate::sim::effects::{Effect, Residual, Scene, Target};
 
 /// Most effects at a time.
@@ -83,9 +82,8 @@ fn admitted(table: Table<'_>, grid: &PressureGrid, lag: Lag, commissioned: bool)
 fn scene(grid: &PressureGrid) -> Scene {
     Scene {
         seconds: grid.t_s[grid.len() - 1] - grid.t_s[0],
-        tip_m: Vec::new(),
-        still_since_s: [None; SPRINGS],
         fastest_pa_s: fastest(&grid.t_s, &grid.measured_pa),
+        ..Scene::default()
     }
 }
 

@@ -1,12 +1,12 @@
 //! Effects of a pressure log: those that a verdict names, indistinguishable ones, and unobservable ones.
 
-use nalgebra::DMatrix;
+use nalgebra::DVector;
 
 use crate::gap::GapError;
 use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
 use crate::gap::actuation::search::{EffectSet, Stages, same};
-use crate::gap::describe::{reach_95, side};
+use crate::gap::describe::{interval_95, side};
 use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
@@ -130,23 +130,13 @@ pub(super) fn add_effects(
     let e = &set.explained;
     let problem = fitted.problem(&e.fit.active())?;
     let j = &e.fit.columns;
-    let r = DMatrix::from_column_slice(j.nrows(), 1, e.fit.residual.as_slice());
-    let clean = problem.cleaned(&r);
     let mut h = problem.product(j, j);
     for i in 0..h.nrows() {
         h[(i, i)] += 1e-12 + 1e-9 * h[(i, i)];
     }
     let inverse = h.cholesky().ok_or(GapError::Degenerate)?.inverse();
     // The single blocks count as well: transients are not normal.
-    let jc = problem.cleaned(j);
-    let mut scores = DMatrix::zeros(j.ncols(), j.ncols());
-    for w in fitted.edges().windows(2) {
-        let (from, n) = (w[0], w[1] - w[0]);
-        let g = jc.rows(from, n).tr_mul(&clean.rows(from, n));
-        scores += &g * g.transpose();
-    }
-    let blocks = BLOCKS as f64;
-    let robust = &inverse * scores * &inverse * (blocks / (blocks - 1.0));
+    let robust = problem.sandwich(&e.fit.residual, j, &DVector::zeros(j.ncols()));
     let mut at = 0;
     for (candidate, values) in &e.fit.effects {
         let params = candidate
@@ -156,11 +146,9 @@ pub(super) fn add_effects(
             .zip(values)
             .map(|(p, v)| {
                 let model_var = inverse[(at, at)] * set.mean_square.max(1.0);
-                let reach = reach_95(model_var, robust[(at, at)], p.form_sd(*v));
                 let held = e.fit.on_bound[at];
+                let ci95 = (!held).then(|| interval_95(p, *v, model_var, robust[at]));
                 at += 1;
-                let ci95 =
-                    (!held).then(|| [(v - reach).max(p.bounds[0]), (v + reach).min(p.bounds[1])]);
                 let value = PatchValue {
                     value: *v,
                     unit: p.unit.to_owned(),
