@@ -135,18 +135,32 @@ fn finding_text(f: &Finding) -> String {
             .collect();
         format!("{}{at}: {}", name(&e.id), values.join(", "))
     };
-    let list = |s: &str| {
-        let lines: Vec<String> = f.effects.iter().map(|e| format!("  {}", all(e))).collect();
+    let (sure, open): (Vec<_>, Vec<_>) = f.choices().into_iter().partition(|c| c.len() == 1);
+    let list = |s: &str, effects: Vec<&FoundEffect>| {
+        let lines: Vec<String> = effects
+            .into_iter()
+            .map(|e| format!("  {}", all(e)))
+            .collect();
         format!("{s}\n{}", lines.join("\n"))
     };
+    let missing = (!sure.is_empty()).then(|| {
+        list(
+            "Missing in the model:",
+            sure.into_iter().flatten().collect(),
+        )
+    });
+    let one_of = open.into_iter().map(|c| {
+        list(
+            "One of these is missing, and this session cannot distinguish them:",
+            c,
+        )
+    });
+    let effects: Vec<String> = missing.into_iter().chain(one_of).collect();
     let mut text = match f.verdict {
         Verdict::NothingMissing => {
             "Nothing is missing: no effect of the table has a significant gain.".to_owned()
         }
-        Verdict::Named => list("Missing in the model:"),
-        Verdict::Indistinguishable => {
-            list("One of these is missing, and this session cannot distinguish them:")
-        }
+        Verdict::Named | Verdict::Indistinguishable => effects.join("\n"),
         Verdict::Unknown => "Something is missing, and it is none of the known effects.".to_owned(),
         Verdict::NotExcited => "The session moves too little for a verdict.".to_owned(),
     };

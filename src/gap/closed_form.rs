@@ -1,17 +1,19 @@
 //! The statistics on problems whose answers are known in closed form: linear in their parameters, with Gaussian noise.
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 
 use super::candidates::Candidate;
+use super::commission::between;
 use super::describe::described;
 use super::explain::{Column, Explained, score, significance_threshold, weak_prior};
 use super::fit::fit;
 use super::noise::Noise;
 use super::nuisance::Nuisance;
-use super::problem::{FOLDS, Problem, block_edges};
-use super::replay::Row;
+use super::problem::{Problem, block_edges};
+use super::replay::{CalibrationParameter, Row, calibration_parameters};
 use super::session::CHANNELS;
 use crate::sim::dataset::normal;
 use crate::sim::effects::{
@@ -82,7 +84,7 @@ fn problem(r0: DVector<f64>, j: DMatrix<f64>) -> Problem<'static> {
             .map_or(DVector::zeros(2), |a| DVector::from_column_slice(&a.values));
         Ok(&r0 - &j * alpha)
     };
-    let nuisance = Nuisance::new(n, &[], [0, PER_BIN]);
+    let nuisance = Nuisance::new(&n, &[], [0, PER_BIN]);
     let edges = block_edges(BINS, PER_BIN);
     Problem::new(Box::new(evaluate), nuisance, &lambda, &edges, PER_BIN).expect("regular")
 }
@@ -125,7 +127,7 @@ fn what_folds_leave_is_a_fit_to_the_other_blocks() {
     for block in 0..blocks {
         let rows = |b: usize| edges[b]..edges[b + 1];
         let training: Vec<usize> = (0..blocks)
-            .filter(|b| b % FOLDS != block % FOLDS)
+            .filter(|b| b % CONFIG.folds != block % CONFIG.folds)
             .flat_map(rows)
             .collect();
         let (x, y) = (both.select_rows(&training), r.select_rows(&training));
@@ -296,7 +298,7 @@ fn the_threshold_is_exceeded_as_often_as_it_states() {
     let bins = 600;
     let (n, count) = (bins * PER_BIN, 12);
     let lambda = DMatrix::identity(2, 2);
-    let nuisance = Nuisance::new(matrix(n, 2, 21), &[], [0, PER_BIN]);
+    let nuisance = Nuisance::new(&matrix(n, 2, 21), &[], [0, PER_BIN]);
     let edges = block_edges(bins, PER_BIN);
     let p = Problem::new(
         Box::new(move |_| Ok(DVector::zeros(n))),
@@ -309,27 +311,27 @@ fn the_threshold_is_exceeded_as_often_as_it_states() {
     let ready: Vec<Column> = (0..count)
         .map(|c| {
             let columns = matrix(n, 1 + c % 2, 30 + c as u64);
+            let cleaned = p.cleaned(&columns);
             Column {
                 candidate: c,
                 start: Start::new(&[1.0], &[0]),
-                cleaned: p.cleaned(&columns),
-                columns,
+                gram: columns.tr_mul(&cleaned),
+                cleaned,
             }
         })
         .collect();
-    let grams: Vec<DMatrix<f64>> = ready.iter().map(|c| c.columns.tr_mul(&c.cleaned)).collect();
     let mut rng = Pcg64Mcg::seed_from_u64(9);
     let mut exceeds = 0u32;
     // One session determines its threshold to a few points; on average over sessions it is right.
     for _ in 0..20 {
         let healthy = DMatrix::from_fn(PER_BIN, bins, |_, _| normal(&mut rng));
-        let threshold = significance_threshold(&p, &ready, &healthy, &mut rng, super::find::DRAWS);
+        let threshold = significance_threshold(&p, &ready, &healthy, &mut rng, CONFIG.draws);
         for _ in 0..100 {
             let mut r = noise(n, &mut rng);
             r.rows_mut(0, super::noise::start() * PER_BIN).fill(0.0);
-            let exceeded = ready.iter().zip(&grams).any(|(c, g)| {
+            let exceeded = ready.iter().any(|c| {
                 let b: DVector<f64> = c.cleaned.tr_mul(&r);
-                score(g, &b).0 > threshold
+                score(&c.gram, &b).0 > threshold
             });
             exceeds += u32::from(exceeded);
         }
@@ -340,4 +342,20 @@ fn the_threshold_is_exceeded_as_often_as_it_states() {
         100.0 * rate
     );
     assert!((0.035..=0.065).contains(&rate), "{rate}");
+}
+
+/// A heading that restarts in every session differs by d₁ − d₂; what is of the rig hardly differs.
+#[test]
+fn the_spread_from_session_to_session_is_twice_the_square_of_what_restarts() {
+    let parameters = calibration_parameters();
+    let drift = |k: &CalibrationParameter| matches!(k, CalibrationParameter::Drift(_));
+    let values = |k: &CalibrationParameter| if drift(k) { 3e-4 } else { 0.1 };
+    let values: Vec<f64> = parameters.iter().map(values).collect();
+    for (k, found) in parameters.iter().zip(between(&parameters, &values).iter()) {
+        let wanted = match drift(k) {
+            true => 2.0 * 9e-8,
+            false => (0.01 * k.prior()).powi(2),
+        };
+        assert!((found / wanted - 1.0).abs() < 1e-9, "{k:?} {found:.3e}");
+    }
 }

@@ -1,10 +1,11 @@
 //! Commissioning: nuisance parameters, noise and noise floor of a healthy rig.
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::noise::{Noise, bridged, start};
 use super::replay::{
-    CalibrationParameter, Row, calibration_parameters, move_arm, nominal, residuals,
+    CalibrationParameter, Row, calibration_parameters, is_of_session, move_arm, nominal, residuals,
 };
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage};
@@ -18,6 +19,8 @@ pub struct Baseline {
     pub values: Vec<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
+    /// Variance of each from session to session.
+    pub between: DVector<f64>,
     /// Noise model of a healthy session's residuals.
     pub noise: Noise,
     /// The noise floor: root mean square residuals on data that were not fitted.
@@ -69,13 +72,61 @@ pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
     }
 }
 
-/// Drift of a nuisance parameter since commissioning, as a share of its prior.
-const WANDER: f64 = 0.01;
+/// Variance of each parameter from session to session, once its `values` in one are known. What restarts in every session
+/// differs by as much as it is, twice: (d₁ − d₂)² = 2 d² on average, over all parameters of its kind.
+pub(super) fn between(parameters: &[CalibrationParameter], values: &[f64]) -> DVector<f64> {
+    let restarted: Vec<usize> = (0..parameters.len())
+        .filter(|i| is_of_session(parameters[*i]))
+        .collect();
+    let squares: f64 = restarted.iter().map(|i| values[*i].powi(2)).sum();
+    let least = |k: CalibrationParameter| (CONFIG.between * k.prior()).powi(2);
+    DVector::from_fn(parameters.len(), |i, _| {
+        let least = least(parameters[i]);
+        match restarted.contains(&i) {
+            true => least.max(2.0 * squares / restarted.len() as f64),
+            false => least,
+        }
+    })
+}
 
-/// Covariance of the parameters' drift since commissioning.
-pub fn wander(parameters: &[CalibrationParameter]) -> DMatrix<f64> {
-    let variances = parameters.iter().map(|k| (WANDER * k.prior()).powi(2));
-    DMatrix::from_diagonal(&DVector::from_iterator(parameters.len(), variances))
+/// The baseline of another session: what restarts in every session as this one shows it, as far as that is usual.
+///
+/// # Errors
+/// [`EffectError`] when the arm cannot follow the session.
+pub fn in_session(
+    robot: &RobotSpec,
+    grid: &Grid,
+    baseline: &Baseline,
+) -> Result<Baseline, EffectError> {
+    let mut out = baseline.clone();
+    let parameters = calibration_parameters();
+    let restarted: Vec<usize> = (0..parameters.len())
+        .filter(|i| is_of_session(parameters[*i]))
+        .collect();
+    let moved = move_arm(robot, grid, &baseline.values, &[])?;
+    let rows = residuals(robot, grid, &moved, &baseline.values, &[]);
+    let columns = sensitivities_of(robot, grid, &baseline.values, &[], &moved, &restarted)?;
+    for (i, column) in restarted.into_iter().zip(columns) {
+        // Beside a constant in every channel: ẋᵀe / ẋᵀẋ of what varies.
+        let (mut both, mut own) = (0.0, 0.0);
+        for c in 0..CHANNELS {
+            let known: Vec<usize> = (start()..rows.len())
+                .filter(|k| rows[*k][c].is_finite() && column[*k][c].is_finite())
+                .collect();
+            let mean =
+                |of: &[Row]| known.iter().map(|k| of[*k][c]).sum::<f64>() / known.len() as f64;
+            let (e, x) = (mean(&rows), mean(&column));
+            for k in known {
+                both += (column[k][c] - x) * (rows[k][c] - e);
+                own += (column[k][c] - x).powi(2);
+            }
+        }
+        if own > 0.0 {
+            let most = CONFIG.restarted_max * baseline.between[i].sqrt();
+            out.values[i] += (both / own).clamp(-most, most);
+        }
+    }
+    Ok(out)
 }
 
 /// Newton steps of the fit.
@@ -92,6 +143,7 @@ pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
             calibration_parameters().len(),
             priors,
         )),
+        between: between(&calibration_parameters(), &nominal()),
         noise: Noise::usual(present),
         floor: Rmse::default(),
         channel_floor: [f64::NAN; CHANNELS],
@@ -186,7 +238,8 @@ pub fn commission(
     // Each half as a fit to the other one leaves it.
     let half = grid.len() / 2;
     let mut unseen = rows.clone();
-    let (mut apart, mut expected) = (DVector::zeros(parameters.len()), wander(&parameters));
+    let n = parameters.len();
+    let (mut apart, mut expected) = (DVector::zeros(n), DMatrix::zeros(n, n));
     for first in [true, false] {
         let (normal, right) = normal_equations(&w, &e, |k| (k < half) == first);
         let information = normal / rows_per_fact;
@@ -213,6 +266,8 @@ pub fn commission(
     let noise = Noise::from_healthy(&unseen, &grid.present);
     // Halves of one session that differ by more than noise explains: the model is inadequate, and the
     // next session will give other parameters again.
+    let between = between(&parameters, &values);
+    let expected = expected + DMatrix::from_diagonal(&between);
     let Some(expected) = expected.cholesky() else {
         return Err(GapError::Degenerate);
     };
@@ -221,6 +276,7 @@ pub fn commission(
     Ok(Baseline {
         values,
         covariance: solver.inverse() * differ.max(1.0),
+        between,
         noise,
         floor: rmse(&masked(&unseen, grid), |_| true),
         channel_floor: std::array::from_fn(|c| {
@@ -312,5 +368,5 @@ pub fn normal_equations(
     if n == 0 {
         return (DMatrix::zeros(0, 0), DVector::zeros(0));
     }
-    (all.tr_mul(&all), all.tr_mul(&e))
+    (all.transpose() * &all, all.tr_mul(&e))
 }

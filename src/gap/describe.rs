@@ -74,6 +74,8 @@ pub fn described(problem: &Problem, e: &Explained) -> Vec<FoundEffect> {
             side: side(c.effect.side).to_owned(),
             target: c.target.map(|t| t + 1),
             params,
+            instead_of: None,
+            chosen_by: None,
         });
     }
     out

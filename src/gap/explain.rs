@@ -1,5 +1,6 @@
 //! Effects that explain the residuals: a score test of all, a full fit of the best.
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::candidates::{Candidate, Start, Table, candidates};
@@ -9,16 +10,16 @@ use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage, parallel};
 use crate::sim::effects::{Residual, Scene};
 
-/// One way to start a candidate, as columns −∂r/∂α at the effects found so far.
+/// One way to start a candidate, as columns J = −∂r/∂α at the effects found so far.
 pub struct Column {
     /// Index into the candidates.
     pub candidate: usize,
     /// The start.
     pub start: Start,
-    /// One column per moved parameter, for a full move.
-    pub columns: DMatrix<f64>,
-    /// The same with the nuisance projected out.
+    /// M J, one column per moved parameter, for a full move: the nuisance projected out.
     pub cleaned: DMatrix<f64>,
+    /// Jᵀ M J.
+    pub gram: DMatrix<f64>,
 }
 
 /// A candidate after its fit.
@@ -55,14 +56,6 @@ impl Explained {
     }
 }
 
-/// Candidates that go from the score test into a full fit at most.
-const FULL_FITS: usize = 10;
-/// The same once an effect was found: the score test is then sharp.
-const FURTHER_FITS: usize = 4;
-/// So many are fitted even where none is significant.
-const FEW: usize = 3;
-/// At most so many channels of one effect among them.
-const SAME_EFFECT: usize = 3;
 /// Steps of a full fit.
 const STEPS: usize = 8;
 
@@ -90,6 +83,9 @@ pub fn admitted(table: Table<'_>, grid: &Grid) -> Vec<Candidate> {
     .collect()
 }
 
+/// So many columns are cleaned at once.
+const TOGETHER: usize = 32;
+
 /// Columns of all starts of all candidates, on top of the effects of `so_far`.
 pub fn columns(
     problem: &Problem,
@@ -104,11 +100,11 @@ pub fn columns(
         .enumerate()
         .flat_map(|(i, c)| c.starts(scene).into_iter().map(move |s| (i, s)))
         .collect();
-    let done = parallel(&jobs, |(i, start)| {
+    let batches: Vec<&[(usize, Start)]> = jobs.chunks(TOGETHER).collect();
+    let moved = |(i, start): &(usize, Start)| -> Option<Vec<DVector<f64>>> {
         let candidate = all[*i];
         let nominal = candidate.nominal();
-        let mut out = DMatrix::zeros(r0.len(), start.moves.len());
-        for (k, &moved) in start.moves.iter().enumerate() {
+        let column = |&moved: &usize| {
             // Parameters that only shape the effect take their starting values; of those that are
             // moved, one at a time.
             let mut values = start.at.clone();
@@ -118,15 +114,34 @@ pub fn columns(
             values[moved] = start.at[moved];
             let mut effects = base.clone();
             effects.push(candidate.with(&values));
-            let r = problem.residual(&effects).ok()?;
-            out.set_column(k, &(&r0 - r));
+            Some(&r0 - problem.residual(&effects).ok()?)
+        };
+        start.moves.iter().map(column).collect()
+    };
+    let done = parallel(&batches, |batch| {
+        let columns: Vec<_> = batch
+            .iter()
+            .filter_map(|job| Some((job, moved(job)?)))
+            .collect();
+        let flat: Vec<DVector<f64>> = columns.iter().flat_map(|(_, c)| c.clone()).collect();
+        if flat.is_empty() {
+            return Vec::new();
         }
-        Some(Column {
-            candidate: *i,
-            start: start.clone(),
-            cleaned: problem.cleaned(&out),
-            columns: out,
-        })
+        let j = DMatrix::from_columns(&flat);
+        let cleaned = problem.cleaned(&j);
+        let mut at = 0;
+        let ready = columns.iter().map(|((i, start), own)| {
+            let own = at..at + own.len();
+            at = own.end;
+            let cleaned = cleaned.columns_range(own.clone()).into_owned();
+            Column {
+                candidate: *i,
+                start: start.clone(),
+                gram: j.columns_range(own).tr_mul(&cleaned),
+                cleaned,
+            }
+        });
+        ready.collect()
     });
     Ok(done.into_iter().flatten().collect())
 }
@@ -145,40 +160,58 @@ pub fn significance_threshold(
     let bins = problem.len() / per_bin;
     let start = super::noise::start();
     let usable = healthy.ncols() - start;
-    let block = CHANCE_BLOCK.min(usable);
-    let series: Vec<DVector<f64>> = (0..draws)
+    let block = CONFIG.draw_bins.min(usable);
+    let blocks: Vec<usize> = (start..bins).step_by(block).collect();
+    // Of every draw and block: where it comes from, and its sign.
+    let drawn: Vec<Vec<(usize, f64)>> = (0..draws)
         .map(|_| {
-            let mut r = DVector::zeros(problem.len());
-            let mut k = start;
-            while k < bins {
+            let mut one = || {
                 let from = rng.random_range(0..usable);
-                let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
-                for j in 0..block.min(bins - k) {
-                    let drawn = healthy.column(start + (from + j) % usable) * sign;
-                    r.rows_mut((k + j) * per_bin, per_bin).copy_from(&drawn);
-                }
-                k += block;
-            }
-            r
+                (from, if rng.random::<bool>() { 1.0 } else { -1.0 })
+            };
+            blocks.iter().map(|_| one()).collect()
         })
         .collect();
-    let r = DMatrix::from_columns(&series);
-    let best = parallel(ready, |c| {
-        let g = c.columns.tr_mul(&c.cleaned);
-        let b = c.cleaned.tr_mul(&r);
-        b.column_iter()
-            .map(|b| score(&g, &b.into_owned()).0)
-            .collect::<Vec<f64>>()
+    let count: usize = ready.iter().map(|c| c.cleaned.ncols()).sum();
+    // Jᵀ M r of all columns and draws, block by block.
+    let numbered: Vec<(usize, usize)> = blocks.iter().copied().enumerate().collect();
+    let parts = parallel(&numbered, |&(b, k)| {
+        let rows = block.min(bins - k) * per_bin;
+        let mut r = DMatrix::zeros(rows, draws);
+        for (mut r, drawn) in r.column_iter_mut().zip(&drawn) {
+            let (from, sign) = drawn[b];
+            for j in 0..rows / per_bin {
+                let healthy = healthy.column(start + (from + j) % usable);
+                r.rows_mut(j * per_bin, per_bin)
+                    .copy_from(&(healthy * sign));
+            }
+        }
+        let mut columns = DMatrix::zeros(count, rows);
+        let flat = ready.iter().flat_map(|c| c.cleaned.column_iter());
+        for (mut row, column) in columns.row_iter_mut().zip(flat) {
+            row.tr_copy_from(&column.rows(k * per_bin, rows));
+        }
+        columns * r
     });
+    let right = parts
+        .into_iter()
+        .fold(DMatrix::zeros(count, draws), |sum, part| sum + part);
+    let mut at = 0;
+    let best: Vec<Vec<f64>> = ready
+        .iter()
+        .map(|c| {
+            let own = right.rows(at, c.gram.nrows());
+            at += c.gram.nrows();
+            let each = own.column_iter();
+            each.map(|b| score(&c.gram, &b.into_owned()).0).collect()
+        })
+        .collect();
     let mut most: Vec<f64> = (0..draws)
         .map(|d| best.iter().map(|b| b[d]).fold(0.0, f64::max))
         .collect();
     most.sort_by(f64::total_cmp);
     most[(0.95 * (draws - 1) as f64).round() as usize]
 }
-
-/// Length of the resampled blocks, bins: longer than the correlation time of a healthy rig.
-const CHANCE_BLOCK: usize = 50;
 
 /// Score ½ bᵀG⁻¹b of columns with cleaned residual, and the coefficients G⁻¹b.
 pub fn score(gram: &DMatrix<f64>, right: &DVector<f64>) -> (f64, DVector<f64>) {
@@ -229,7 +262,7 @@ pub fn explain(
         g.cholesky()
     });
     let mut scored: Vec<(f64, usize, DVector<f64>)> = parallel(ready, |c| {
-        let mut g = c.columns.tr_mul(&c.cleaned);
+        let mut g = c.gram.clone();
         let mut b = DVector::from_column_slice(c.cleaned.tr_mul(&r).as_slice());
         if let (Some(h), Some(Some(s))) = (held, &held_gram) {
             let hc = h.tr_mul(&c.cleaned);
@@ -245,8 +278,9 @@ pub fn explain(
     .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut chosen: Vec<(Candidate, Vec<f64>)> = Vec::new();
+    let mut starts: Vec<(Candidate, &Start)> = Vec::new();
     for (score, i, x) in &scored {
-        if *score < least && chosen.len() >= FEW {
+        if *score < least && chosen.len() >= CONFIG.fits_min {
             break;
         }
         let column = &ready[*i];
@@ -261,9 +295,20 @@ pub fn explain(
             .iter()
             .filter(|(c, _)| c.effect.id == candidate.effect.id)
             .count();
-        if taken(&candidate) || chosen.iter().any(|(c, _)| *c == candidate) || same >= SAME_EFFECT {
+        log::debug!(
+            "score {score:.0}: {} {:?} from {:.3?}",
+            candidate.effect.id,
+            candidate.target,
+            column.start.at
+        );
+        // What sets in abruptly (a floor, a wall) is fitted from starts of several kinds.
+        let begun = |(c, start): &(Candidate, &Start)| {
+            *c == candidate && (c.effect.gradual || start.is_alike(&column.start))
+        };
+        if taken(&candidate) || starts.iter().any(begun) || same >= CONFIG.fits_per_effect {
             continue;
         }
+        starts.push((candidate, &column.start));
         let nominal = candidate.nominal();
         let mut values = column.start.at.clone();
         for (k, &moved) in column.start.moves.iter().enumerate() {
@@ -283,9 +328,9 @@ pub fn explain(
         chosen.push((candidate, values));
         if chosen.len()
             >= if so_far.is_some() {
-                FURTHER_FITS
+                CONFIG.fits_further
             } else {
-                FULL_FITS
+                CONFIG.fits_first
             }
         {
             break;
@@ -325,8 +370,16 @@ pub fn explain(
     for f in fitted {
         out.extend(f?);
     }
-    out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    Ok(out)
+    // Of several starts the one that fits best.
+    out.sort_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost));
+    let mut best: Vec<Explained> = Vec::new();
+    for e in out {
+        if best.iter().all(|b| b.candidate != e.candidate) {
+            best.push(e);
+        }
+    }
+    best.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    Ok(best)
 }
 
 /// Precision of a very wide prior on each parameter.

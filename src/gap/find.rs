@@ -1,20 +1,23 @@
 //! The whole procedure: commission, replay, locate, explain, decide, patch, prove.
 
+use super::config::CONFIG;
 use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 use rand::SeedableRng as _;
 
 use super::candidates::{Candidate, Table, scene};
-use super::commission::{Baseline, commission, factory};
+use super::commission::{Baseline, commission, factory, in_session};
 use super::describe::{described, notes, range_pa, separate, undetermined, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
-use super::finding::{ChannelError, FailedFold, Finding, GapSize, Located, Verdict};
+use super::finding::{
+    ChannelError, FailedFold, Finding, FoundEffect, GapSize, Located, Verdict, closed_excess,
+};
 use super::fit::{cost, fit};
-use super::misfit::{AT_FLOOR, FAR, Misfit, short_stretches};
+use super::misfit::{Misfit, short_stretches};
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
-use super::problem::{FOLDS, Problem, Replayed};
+use super::problem::{Problem, Replayed};
 use super::prove::{Case, Proof, prove};
 use super::select::{rivals_of, select};
 use super::session::{Grid, at_one_rate, same_robot};
@@ -40,15 +43,6 @@ pub struct Found {
     /// The rig's nuisance parameters and the effects; the first alternative of a set.
     pub patch: Patch,
 }
-
-/// Resampled sessions behind the significance threshold.
-pub(super) const DRAWS: usize = 400;
-/// Share of the excess over the floor that has to go before an effect is named.
-const CLOSED_MIN: f64 = 0.5;
-/// The same for sensors, frames and steady loads, whose laws are nearly definitions. Clocks wander.
-const CLOSED_MIN_EXACT: f64 = 0.8;
-/// Pressures that all stay within this excite little, Pa.
-const EXCITED_PA: f64 = 8e3;
 
 /// Finds what is missing in the model of a rig.
 ///
@@ -86,6 +80,9 @@ pub fn find(
     };
     let mut notes = notes(healthy, suspect);
     progress.at(Stage::Replay, 0.0)?;
+    // What restarted with this session is not of the rig: the patch has what was commissioned.
+    let commissioned = baseline.values.clone();
+    let baseline = in_session(robot, suspect, &baseline)?;
     let replayed = Replayed::new(robot, suspect, &baseline)?;
     let problem = replayed.problem()?;
     let r0 = problem.residual(&[])?;
@@ -113,7 +110,7 @@ pub fn find(
             quiet
         }
     };
-    let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, DRAWS);
+    let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, CONFIG.draws);
     let short = baseline.healthy.as_ref().map_or_else(Vec::new, |rows| {
         short_stretches(rows, &baseline.noise.channels, suspect.len())
     });
@@ -166,7 +163,9 @@ pub fn find(
                 after.change,
                 before.closed(&after, floor)
             );
-            let closed = before.closed(&after, floor).max(proof.closed());
+            let closed = before
+                .closed(&after, floor)
+                .max(closed_excess(&proof.channels));
             judge(best, rivals, &before, (closed, floor), &located)
         }
         None => unexplained(suspect, &before, floor),
@@ -176,6 +175,10 @@ pub fn find(
     if let (true, Some(best)) = (names(verdict), chosen.take()) {
         let held = hold(&problem, best, rivals, rankings, &proof);
         (chosen, verdict, rivals) = (held.chosen, held.verdict, held.rivals);
+        if verdict == Verdict::Unknown && !before.exceeds(floor) {
+            // Nothing is left to explain where no effect is proved at the floor.
+            verdict = Verdict::NothingMissing;
+        }
         notes.extend(held.notes);
     }
     if let Some((what, note)) = against_floor(verdict, &proof.channels) {
@@ -197,10 +200,20 @@ pub fn find(
         found_effects.clear();
     }
     let accepted = chosen.as_ref().filter(|_| names(verdict));
+    let chosen_by = |e: &mut FoundEffect| {
+        let folds = proof.support(&e.id, e.target);
+        e.chosen_by = Some(folds as f64 / CONFIG.folds as f64);
+    };
+    found_effects.iter_mut().for_each(chosen_by);
     let mut effects = found_effects.clone();
     for r in &rivals {
         // The last one: those before it are the same.
-        effects.extend(described(&problem, r).pop());
+        if let Some(mut other) = described(&problem, r).pop() {
+            chosen_by(&mut other);
+            other.instead_of =
+                Some((r.fit.effects.len() - 1).min(found_effects.len().saturating_sub(1)));
+            effects.push(other);
+        }
     }
     let separate_by = match (accepted, rivals.first()) {
         (Some(a), Some(b)) => separate(&replayed, a, b, &rivals, &options.excitations),
@@ -261,7 +274,7 @@ pub fn find(
             })
             .collect(),
     };
-    patch.set_values(&baseline.values);
+    patch.set_values(&commissioned);
     Ok(Found { finding, patch })
 }
 
@@ -316,8 +329,8 @@ fn hold(
     for c in &unsure {
         let n = proof.support(c.effect.id, target(c));
         notes.push(format!(
-            "{} is chosen by {n} of {FOLDS} held-out folds.",
-            c.effect.name
+            "{} is chosen by {n} of {} held-out folds.",
+            c.effect.name, CONFIG.folds
         ));
     }
     if unsure.is_empty() {
@@ -373,11 +386,11 @@ fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict
     let known = kinds.into_iter().filter(|(_, ratio)| ratio.is_finite());
     let (worst, ratio) = known.max_by(|a, b| a.1.total_cmp(&b.1))?;
     match verdict {
-        v if names(v) && each < AT_FLOOR => Some((
+        v if names(v) && each < CONFIG.at_floor => Some((
             Verdict::NothingMissing,
             "All errors are at the noise floor: what gains there is not named.".to_owned(),
         )),
-        Verdict::NothingMissing if ratio > FAR => Some((
+        Verdict::NothingMissing if ratio > CONFIG.far => Some((
             Verdict::Unknown,
             format!(
                 "It cannot be decided whether something is missing: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session.",
@@ -411,8 +424,8 @@ fn judge(
 ) -> Judged {
     let mut effects = best.fit.effects.iter();
     let least = match effects.all(|(c, _)| c.effect.law == Law::Definition) {
-        true => CLOSED_MIN_EXACT,
-        false => CLOSED_MIN,
+        true => CONFIG.closed_min_definition,
+        false => CONFIG.closed_min,
     };
     let judged = |verdict, rivals, notes| Judged {
         verdict,
@@ -459,7 +472,7 @@ fn unexplained(suspect: &Grid, before: &Misfit, floor: f64) -> Judged {
         let note = "The residuals exceed the noise floor, and no effect of the table \
                     explains them.";
         (Verdict::Unknown, Some(note.to_owned()))
-    } else if range_pa < EXCITED_PA {
+    } else if range_pa < CONFIG.excited_pa {
         let note = format!(
             "No pressure moves by more than {:.1} kPa: most effects would not show. Drive the arm \
              through its range.",

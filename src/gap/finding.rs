@@ -33,6 +33,12 @@ pub struct FoundEffect {
     pub target: Option<usize>,
     /// Its parameters with 95 % intervals, SI.
     pub params: BTreeMap<String, PatchValue>,
+    /// Place in the list of the effect that this one could be instead of; none for what no other is known to replace.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instead_of: Option<usize>,
+    /// Share of the held-out folds that chose it, 0..1; none where folds do not choose.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen_by: Option<f64>,
 }
 
 /// A candidate and how much better it predicts held-out data than the model without it.
@@ -105,6 +111,20 @@ pub struct ChannelError {
     pub floor: Option<f64>,
 }
 
+/// Share of the excess of all channels over their floors that is closed: Σ((before/floor)² − 1), as far as it is positive.
+/// 0 where nothing exceeds its floor, or no floor is known.
+pub fn closed_excess(channels: &[ChannelError]) -> f64 {
+    let excess = |error: fn(&ChannelError) -> f64| -> f64 {
+        let ratios = channels.iter().filter_map(|c| Some(error(c) / c.floor?));
+        ratios.map(|r| (r * r - 1.0).max(0.0)).sum()
+    };
+    let before = excess(|c| c.before);
+    match before > 0.0 {
+        true => 1.0 - excess(|c| c.after) / before,
+        false => 0.0,
+    }
+}
+
 /// What was chosen in one fold of the held-out proof, from its training part alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FoldChoice {
@@ -167,6 +187,19 @@ pub struct Traces {
     /// Orientation of the end pad (quaternion w, x, y, z): measured (not finite where nothing was captured),
     /// without, with.
     pub turns: [Vec<[f64; 4]>; 3],
+}
+
+impl Finding {
+    /// What is missing: every entry is, and of an entry with several effects one, which the session does not identify.
+    pub fn choices(&self) -> Vec<Vec<&FoundEffect>> {
+        let all = self.effects.iter().enumerate();
+        let own = all.filter(|(_, e)| e.instead_of.is_none());
+        own.map(|(i, first)| {
+            let others = self.effects.iter().filter(|e| e.instead_of == Some(i));
+            std::iter::once(first).chain(others).collect()
+        })
+        .collect()
+    }
 }
 
 /// All of it.

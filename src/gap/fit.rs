@@ -1,6 +1,7 @@
 //! Bounded Levenberg-Marquardt on the parameters of a few effects, nuisance projected out.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::candidates::Candidate;
 use super::problem::Problem;
@@ -85,8 +86,12 @@ pub fn fit(problem: &Problem, effects: Vec<(Candidate, Vec<f64>)>, steps: usize)
     };
     let all: Vec<f64> = effects.iter().flat_map(|(_, v)| v.clone()).collect();
     let mut alpha = clamp(DVector::from_vec(all));
-    let residual_at = |x: &DVector<f64>| {
+    let innovations_at = |x: &DVector<f64>| {
         let r = problem.residual(&active(&spread(&effects, x))).ok()?;
+        r.iter().all(|x| x.is_finite()).then_some(r)
+    };
+    let residual_at = |x: &DVector<f64>| {
+        let r = innovations_at(x)?;
         let cost = cost(problem, &r);
         cost.is_finite().then_some((r, cost))
     };
@@ -94,16 +99,19 @@ pub fn fit(problem: &Problem, effects: Vec<(Candidate, Vec<f64>)>, steps: usize)
     let mut damping = 1e-2;
     let mut columns = DMatrix::zeros(r.len(), n);
     for step in 0..=steps {
-        for i in 0..n {
+        let slope = |i: usize| {
             let size = (0.02 * scale[i]).max(0.01 * (alpha[i]).abs().min(20.0 * scale[i]));
             let mut x = alpha.clone();
             let up = alpha[i] + size <= bounds[i][1];
             x[i] += if up { size } else { -size };
-            match residual_at(&x) {
-                Some((moved, _)) => {
-                    let dx = x[i] - alpha[i];
-                    columns.set_column(i, &((&r - moved) / dx));
-                }
+            let moved = innovations_at(&x)?;
+            Some((&r - moved) / (x[i] - alpha[i]))
+        };
+        // A fit of many parameters uses the cores that others have left.
+        let slopes: Vec<Option<DVector<f64>>> = (0..n).into_par_iter().map(slope).collect();
+        for (i, slope) in slopes.into_iter().enumerate() {
+            match slope {
+                Some(slope) => columns.set_column(i, &slope),
                 None => columns.column_mut(i).fill(0.0),
             }
         }

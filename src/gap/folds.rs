@@ -1,15 +1,7 @@
 //! Folds of the held-out proof: blocks of a session that are held out in turn, apart from what is fitted.
 
+use super::config::CONFIG;
 use std::ops::Range;
-
-use super::problem::FOLDS;
-
-/// Blocks of one fold at most: several, so that what begins in the middle of the session is in both parts.
-const BLOCKS_MAX: usize = 3;
-/// Share of a block that is given up to the embargo at each of its ends at most.
-const EMBARGO_MAX: f64 = 1.0 / 3.0;
-/// Pieces of a training part that its own gains are summed over, at least.
-const PIECES: usize = 8;
 
 /// One division of the session.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,17 +25,19 @@ impl Fold {
 /// what a session of this length can spare.
 pub fn folds(bins: usize, memory: usize) -> (Vec<Fold>, usize) {
     let spared = |per_fold: usize| {
-        let block = bins as f64 / (FOLDS * per_fold) as f64;
-        (EMBARGO_MAX * block) as usize
+        let block = bins as f64 / (CONFIG.folds * per_fold) as f64;
+        (CONFIG.embargo_max * block) as usize
     };
-    let per_fold = (1..=BLOCKS_MAX).rev().find(|m| spared(*m) >= memory);
+    let per_fold = (1..=CONFIG.fold_blocks_max)
+        .rev()
+        .find(|m| spared(*m) >= memory);
     let per_fold = per_fold.unwrap_or(1);
     let embargo = memory.min(spared(per_fold));
-    let blocks = FOLDS * per_fold;
+    let blocks = CONFIG.folds * per_fold;
     let edge = |b: usize| b * bins / blocks;
     let fold = |f: usize| {
         let held: Vec<Range<usize>> = (0..blocks)
-            .filter(|b| b % FOLDS == f)
+            .filter(|b| b % CONFIG.folds == f)
             .map(|b| edge(b)..edge(b + 1))
             .collect();
         let mut training = Vec::new();
@@ -55,7 +49,7 @@ pub fn folds(bins: usize, memory: usize) -> (Vec<Fold>, usize) {
         training.push(from..bins);
         training.retain(|r| r.start < r.end);
         let whole: usize = training.iter().map(Range::len).sum();
-        let piece = whole.div_ceil(PIECES).max(1);
+        let piece = whole.div_ceil(CONFIG.pieces_min).max(1);
         let pieces = training.iter().flat_map(|r| {
             let n = r.len().div_ceil(piece);
             let r = r.clone();
@@ -66,7 +60,7 @@ pub fn folds(bins: usize, memory: usize) -> (Vec<Fold>, usize) {
             held,
         }
     };
-    ((0..FOLDS).map(fold).collect(), embargo)
+    ((0..CONFIG.folds).map(fold).collect(), embargo)
 }
 
 #[cfg(test)]
@@ -96,7 +90,7 @@ mod tests {
                     "{bins} {memory}: {}",
                     trained.len()
                 );
-                assert!(f.training.len() >= PIECES);
+                assert!(f.training.len() >= CONFIG.pieces_min);
                 for held in f.held.iter().cloned().flatten() {
                     let near = trained.iter().any(|t| t.abs_diff(held) < embargo.max(1));
                     assert!(!near, "bin {held}");

@@ -6,12 +6,13 @@
 //! | r3 | springs with the geometry at the captured end pad and the model's middle pad |
 //! | r4 | IMUs with the captured end pad (3, 4) and the model's middle pad (1, 2) |
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector, UnitQuaternion};
 
 use super::GapError;
 use super::finding::Located;
 use super::noise::{bridged, start};
-use super::problem::{BLOCKS, Replayed};
+use super::problem::Replayed;
 use super::replay::{CalibrationParameter, Row, calibration_parameters, pad_from_body, readings};
 use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
@@ -19,12 +20,8 @@ use crate::sim::effects::{self, Operator};
 use crate::sim::patch::Correction;
 use crate::sim::sensors::spring_lengths;
 
-/// Smallest share of variance that is listed.
-const SHARE_MIN: f64 = 0.2;
 /// Largest number of entries.
 const LISTED: usize = 12;
-/// A channel has to exceed its floor by this factor.
-const OVER_FLOOR: f64 = 1.3;
 
 /// For every channel that exceeds its floor, the regressor that explains most of its variance on
 /// held-out blocks.
@@ -40,7 +37,7 @@ pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
         let judged = &y[start()..];
         let size = (judged.iter().map(|v| v * v).sum::<f64>() / judged.len() as f64).sqrt();
         let floor = replayed.baseline.channel_floor[c];
-        if floor.is_finite() && size < OVER_FLOOR * floor {
+        if floor.is_finite() && size < CONFIG.located_over_floor * floor {
             continue;
         }
         let best = regressors
@@ -48,7 +45,7 @@ pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
             .map(|(name, x)| (held_out_share(x, &y), name))
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((share, name)) = best else { continue };
-        if share < SHARE_MIN {
+        if share < CONFIG.located_share_min {
             continue;
         }
         let residual = match c {
@@ -190,7 +187,7 @@ fn held_out_share(x: &DMatrix<f64>, y: &[f64]) -> f64 {
             }
         })
     };
-    let block = |k: usize| k * BLOCKS / n;
+    let block = |k: usize| k * CONFIG.blocks / n;
     let (mut left, mut all) = (0.0, 0.0);
     for held in 0..3 {
         let mut a = DMatrix::identity(columns, columns) * (1e-3 * n as f64);

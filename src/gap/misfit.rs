@@ -1,8 +1,9 @@
 //! Size of the residuals against those of a healthy rig: innovations and persistent biases.
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
-use super::noise::{LOOKS, start};
+use super::noise::start;
 use super::problem::Problem;
 use super::replay::Row;
 
@@ -12,30 +13,14 @@ pub struct Misfit {
     pub innovations: Vec<f64>,
     /// Persistent bias of each channel in units of its healthy size, nuisance projected out.
     pub bias: Vec<f64>,
-    /// Sum over the channels of the biases' excess over healthy ones, nuisance as commissioned: a part that
+    /// Mean square of each channel in units of its healthy size, nuisance as commissioned: a part that
     /// nuisance could absorb counts as gap once an effect explains it.
-    excess: f64,
+    size: Vec<f64>,
     /// Required change of the rig's parameters, [`Problem::change`].
     pub change: f64,
     /// What a healthy session's mean square bias is in a stretch as long as this session, at most, over that of the whole.
     short: Vec<f64>,
 }
-
-/// Significant excess of the mean square innovation over the noise floor, relative to it.
-const INNOVATION_EXCESS: f64 = 0.5;
-/// Significant mean square bias of a channel, in units of a healthy session's: the next healthy session
-/// reaches 2 to 3 in some channel.
-const BIAS_LIMIT: f64 = 4.0;
-
-/// Errors within this factor of a healthy session's are at its floor, and nothing is named for them.
-pub const AT_FLOOR: f64 = 1.25;
-/// Errors beyond this factor are far from it, and something is missing whatever a search found.
-pub const FAR: f64 = 3.0;
-/// A further effect has to bring some combination of channels this much closer to its floor.
-pub const FURTHER_MIN: f64 = 0.6;
-/// Significant change of the rig's parameters over its expectation: model inadequacy makes parameters
-/// change with the motion, up to 6 for a healthy arm of rigid discs.
-const CHANGE_LIMIT: f64 = 8.0;
 
 /// How much larger the mean square of each channel of a healthy session gets in a stretch of `bins` than over all of it, where
 /// that is longer: in a short session the model's inadequacy does not average out over motions.
@@ -73,11 +58,11 @@ impl Misfit {
         Self {
             innovations: (0..combinations).map(|i| sum(&clean, i) / judged).collect(),
             bias: (combinations..per_bin)
-                .map(|i| sum(&clean, i) / LOOKS)
+                .map(|i| sum(&clean, i) / CONFIG.looks)
                 .collect(),
-            excess: (combinations..per_bin)
-                .map(|i| (sum(&r, i) / LOOKS - 1.0).max(0.0))
-                .sum(),
+            size: (combinations..per_bin)
+                .map(|i| sum(&r, i) / CONFIG.looks)
+                .collect(),
             change,
             short: Vec::new(),
         }
@@ -87,6 +72,11 @@ impl Misfit {
     pub fn in_short(mut self, short: Vec<f64>) -> Self {
         self.short = short;
         self
+    }
+
+    /// Sum over the channels of what exceeds a healthy session's.
+    fn excess(&self) -> f64 {
+        self.size.iter().map(|x| (x - 1.0).max(0.0)).sum()
     }
 
     /// Mean over all combinations.
@@ -101,25 +91,25 @@ impl Misfit {
     }
 
     fn innovations_exceed(&self, floor: f64) -> bool {
-        self.mean_innovation() - floor > INNOVATION_EXCESS * floor
+        self.mean_innovation() - floor > CONFIG.innovation_excess * floor
     }
 
     fn bias_exceeds(&self) -> bool {
         let usual = self.short.iter().chain(std::iter::repeat(&1.0));
         let mut biases = self.bias.iter().zip(usual);
-        biases.any(|(x, usual)| *x > BIAS_LIMIT * usual) || self.change > CHANGE_LIMIT
+        biases.any(|(x, usual)| *x > CONFIG.bias_max * usual) || self.change > CONFIG.change_max
     }
 
     /// Share of the excess that `after` removes: the smallest one of innovations, biases and the
     /// rig's change, as far as they exceed a healthy rig's; biases where none does.
     pub fn closed(&self, after: &Self, floor: f64) -> f64 {
         let share = |before: f64, after: f64, floor: f64| (before - after) / (before - floor);
-        let bias = 1.0 - after.excess / self.excess.max(1e-9);
+        let bias = 1.0 - after.excess() / self.excess().max(1e-9);
         let measures = [
             self.innovations_exceed(floor)
                 .then(|| share(self.mean_innovation(), after.mean_innovation(), floor)),
             self.bias_exceeds().then_some(bias),
-            (self.change > CHANGE_LIMIT).then(|| share(self.change, after.change, 1.0)),
+            (self.change > CONFIG.change_max).then(|| share(self.change, after.change, 1.0)),
         ];
         measures
             .into_iter()
@@ -128,16 +118,18 @@ impl Misfit {
             .unwrap_or(bias)
     }
 
-    /// Whether `after` brings some combination, or with `biases` some channel or the rig's change, by
-    /// this share closer to its floor.
+    /// Whether `after` brings some combination, or with `biases` some channel (nuisance projected out or as commissioned) or
+    /// the rig's change, by this share closer to its floor.
     pub fn brings(&self, after: &Self, floor: f64, share: f64, biases: bool) -> bool {
-        let any = |before: &[f64], after: &[f64], floor: f64| {
+        let any = |before: &[f64], after: &[f64], floor: f64, least: f64| {
             before
                 .iter()
                 .zip(after)
-                .any(|(b, a)| *b > 2.0 * floor && (b - a) / (b - floor) >= share)
+                .any(|(b, a)| *b > least * floor && (b - a) / (b - floor) >= share)
         };
         let [before, then] = [self, after].map(|l| [l.bias.as_slice(), &[l.change]].concat());
-        any(&self.innovations, &after.innovations, floor) || (biases && any(&before, &then, 1.0))
+        any(&self.innovations, &after.innovations, floor, 2.0)
+            || (biases && any(&before, &then, 1.0, 2.0))
+            || (biases && any(&self.size, &after.size, 1.0, CONFIG.far * CONFIG.far))
     }
 }

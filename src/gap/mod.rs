@@ -10,6 +10,7 @@ mod candidates;
 #[cfg(test)]
 mod closed_form;
 mod commission;
+mod config;
 mod describe;
 mod explain;
 mod find;
@@ -39,6 +40,7 @@ pub use actuation::{
 };
 pub use candidates::Table;
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
+pub use config::{CONFIG, FinderConfig};
 pub use find::{Found, Options, find};
 pub use finding::{
     ChannelError, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces,

@@ -5,15 +5,12 @@
 //! one autoregressive coefficient φ per combination. Sums of squares of w are then proper
 //! log-likelihoods, although model errors are correlated over seconds and over many channels.
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::replay::Row;
 use super::session::{CHANNELS, GRID_HZ, IMU_0, SPRING_0, START_S, bridge};
 
-/// Share of the diagonal in the covariance (shrinkage against chance correlations).
-const SHRINK: f64 = 0.1;
-/// Largest autoregressive coefficient; slower errors are treated as this slow.
-const PHI_MAX: f64 = 0.97;
 /// Quantisation and rounding that no session can undercut: tip m, rad, spring m, IMU rad.
 const SMALLEST: [f64; 4] = [5e-5, 2e-4, 3e-5, 5e-4];
 /// Usual size of each before anything was measured.
@@ -40,10 +37,6 @@ pub struct Noise {
     /// Healthy size of each channel.
     size: DVector<f64>,
 }
-
-/// Number of independent observations of a persistent bias per session: offsets, drifts and tilts persist,
-/// and the innovations hardly show them.
-pub const LOOKS: f64 = 2.0;
 
 impl Noise {
     /// Independent channels of usual size: before a healthy session is known.
@@ -77,7 +70,7 @@ impl Noise {
         }
         for i in 0..n {
             for j in 0..i {
-                sigma[(i, j)] *= 1.0 - SHRINK;
+                sigma[(i, j)] *= 1.0 - CONFIG.shrinkage;
                 sigma[(j, i)] = sigma[(i, j)];
             }
             sigma[(i, i)] += SMALLEST[kind(channels[i])].powi(2);
@@ -106,7 +99,7 @@ impl Noise {
                 next += z[(i, k)].powi(2);
                 both += z[(i, k)] * z[(i, k - 1)];
             }
-            out.phi[i] = (both / now).clamp(0.0, PHI_MAX);
+            out.phi[i] = (both / now).clamp(0.0, CONFIG.phi_max);
             let phi = out.phi[i];
             let rest = (next - 2.0 * phi * both + phi * phi * now) / (z.ncols() - 1) as f64;
             out.sd[i] = rest.max(1e-6).sqrt();
@@ -147,7 +140,7 @@ impl Noise {
     pub fn evidence(&self, rows: &[Row], bins: usize) -> DMatrix<f64> {
         let rows = bridged(rows);
         let n = self.channels.len();
-        let weight = (LOOKS / bins.saturating_sub(start()).max(1) as f64).sqrt();
+        let weight = (CONFIG.looks / bins.saturating_sub(start()).max(1) as f64).sqrt();
         let w = self.filtered(&self.mixed(&rows));
         let mut out = DMatrix::zeros(2 * n, rows.len());
         for k in start()..rows.len() {

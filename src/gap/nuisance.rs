@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 /// Some columns are dense. The others come in equal number for each of the first `owners` rows of a
 /// bin (combinations of channels) and are zero in all others; of them only what is not zero is kept.
 pub struct Nuisance {
+    /// The dense columns, one row each: what belongs to one stacked row is together.
     dense: DMatrix<f64>,
     /// Per bin and owner the values of its own columns.
     own: Vec<f64>,
@@ -20,7 +21,7 @@ pub struct Nuisance {
 impl Nuisance {
     /// From dense columns; `own` holds, for one shape after the other, the column of every
     /// combination in its own rows.
-    pub fn new(dense: DMatrix<f64>, own: &[Vec<f64>], [owners, per_bin]: [usize; 2]) -> Self {
+    pub fn new(dense: &DMatrix<f64>, own: &[Vec<f64>], [owners, per_bin]: [usize; 2]) -> Self {
         let each = own.len();
         let bins = dense.nrows() / per_bin;
         let mut packed = vec![0.0; bins * owners * each];
@@ -30,7 +31,7 @@ impl Nuisance {
             }
         }
         Self {
-            dense,
+            dense: dense.transpose(),
             own: packed,
             each,
             owners,
@@ -40,60 +41,64 @@ impl Nuisance {
 
     /// The same columns over some bins only, in their order.
     pub fn part(&self, bins: &[usize]) -> Self {
-        let rows: Vec<usize> = bins
-            .iter()
-            .flat_map(|b| b * self.per_bin..(b + 1) * self.per_bin)
-            .collect();
         let kept = self.owners * self.each;
-        let own = bins
-            .iter()
-            .flat_map(|b| &self.own[b * kept..(b + 1) * kept])
-            .copied();
+        let mut dense = DMatrix::zeros(self.dense.nrows(), bins.len() * self.per_bin);
+        let mut own = Vec::with_capacity(bins.len() * kept);
+        for (i, b) in bins.iter().enumerate() {
+            let here = self.dense.columns(b * self.per_bin, self.per_bin);
+            dense
+                .columns_mut(i * self.per_bin, self.per_bin)
+                .copy_from(&here);
+            own.extend_from_slice(&self.own[b * kept..(b + 1) * kept]);
+        }
         Self {
-            dense: self.dense.select_rows(&rows),
-            own: own.collect(),
+            dense,
+            own,
             ..*self
         }
     }
 
     /// Number of stacked rows.
     pub fn rows(&self) -> usize {
-        self.dense.nrows()
+        self.dense.ncols()
     }
 
     /// Number of columns: the dense ones, then those of every combination in turn.
     pub fn columns(&self) -> usize {
-        self.dense.ncols() + self.owners * self.each
+        self.dense.nrows() + self.owners * self.each
     }
 
-    fn own(&self, row: usize) -> &[f64] {
-        let (bin, owner) = (row / self.per_bin, row % self.per_bin);
-        if owner >= self.owners {
-            return &[];
-        }
-        let at = (bin * self.owners + owner) * self.each;
-        &self.own[at..at + self.each]
+    /// The rows (of some whole bins) that have own columns: the row, the first of its own columns and their values.
+    fn owned(&self, rows: &Range<usize>) -> impl Iterator<Item = (usize, usize, &[f64])> {
+        let bins = rows.start / self.per_bin..rows.end / self.per_bin;
+        let first = self.dense.nrows();
+        bins.flat_map(move |bin| {
+            (0..self.owners).map(move |owner| {
+                let at = (bin * self.owners + owner) * self.each;
+                let values = &self.own[at..at + self.each];
+                (
+                    bin * self.per_bin + owner,
+                    first + owner * self.each,
+                    values,
+                )
+            })
+        })
     }
 
-    /// First own column of a row's combination.
-    fn first(&self, row: usize) -> usize {
-        self.dense.ncols() + row % self.per_bin * self.each
-    }
-
-    /// Nᵀ x over some rows; x has all rows.
+    /// Nᵀ x over the rows of some whole bins; x has all rows.
     pub fn seen(&self, x: &DMatrix<f64>, rows: Range<usize>) -> DMatrix<f64> {
-        let d = self.dense.ncols();
         let mut out = DMatrix::zeros(self.columns(), x.ncols());
-        let part = self.dense.rows(rows.start, rows.len());
+        let part = self.dense.columns(rows.start, rows.len());
+        out.rows_mut(0, self.dense.nrows())
+            .gemm(1.0, &part, &x.rows(rows.start, rows.len()), 0.0);
         for (j, column) in x.column_iter().enumerate() {
-            let here = column.rows(rows.start, rows.len());
-            for i in 0..d {
-                out[(i, j)] = part.column(i).dot(&here);
-            }
-            for k in rows.clone() {
-                let first = self.first(k);
-                for (s, v) in self.own(k).iter().enumerate() {
-                    out[(first + s, j)] += v * column[k];
+            let mut sums = out.column_mut(j);
+            let sums = sums.as_mut_slice();
+            let column = column.as_slice();
+            for (k, first, values) in self.owned(&rows) {
+                let sums = &mut sums[first..first + values.len()];
+                for (sum, v) in sums.iter_mut().zip(values) {
+                    *sum += v * column[k];
                 }
             }
         }
@@ -102,43 +107,40 @@ impl Nuisance {
 
     /// N c.
     pub fn times(&self, c: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut out = &self.dense * c.rows(0, self.dense.ncols());
+        let mut out = self.dense.tr_mul(&c.rows(0, self.dense.nrows()));
+        let rows = 0..self.rows();
         for (j, mut column) in out.column_iter_mut().enumerate() {
-            for (k, x) in column.iter_mut().enumerate() {
-                let first = self.first(k);
-                for (s, v) in self.own(k).iter().enumerate() {
-                    *x += v * c[(first + s, j)];
-                }
+            let c = c.column(j);
+            let c = c.as_slice();
+            for (k, first, values) in self.owned(&rows) {
+                let c = &c[first..first + values.len()];
+                column[k] += c.iter().zip(values).map(|(c, v)| c * v).sum::<f64>();
             }
         }
         out
     }
 
-    /// NᵀN over some rows.
+    /// NᵀN over the rows of some whole bins.
     pub fn gram(&self, rows: Range<usize>) -> DMatrix<f64> {
-        let d = self.dense.ncols();
+        let d = self.dense.nrows();
         let n = self.columns();
         let mut out = DMatrix::zeros(n, n);
-        let part = self.dense.rows(rows.start, rows.len()).into_owned();
+        let part = self.dense.columns(rows.start, rows.len());
         out.view_mut((0, 0), (d, d))
-            .copy_from(&(part.transpose() * &part));
-        for k in rows.clone() {
-            let first = self.first(k);
-            for (s, v) in self.own(k).iter().enumerate() {
-                for (t, w) in self.own(k).iter().enumerate() {
+            .gemm(1.0, &part, &part.transpose(), 0.0);
+        for (k, first, values) in self.owned(&rows) {
+            let dense = self.dense.column(k);
+            for (t, w) in values.iter().enumerate() {
+                let mut column = out.column_mut(first + t);
+                column.rows_mut(0, d).axpy(*w, &dense, 1.0);
+                for (s, v) in values.iter().enumerate() {
                     out[(first + s, first + t)] += v * w;
                 }
             }
         }
         for i in 0..d {
-            for k in rows.clone() {
-                let (first, x) = (self.first(k), self.dense[(k, i)]);
-                for (s, v) in self.own(k).iter().enumerate() {
-                    out[(first + s, i)] += v * x;
-                }
-            }
             for j in d..n {
-                out[(i, j)] = out[(j, i)];
+                out[(j, i)] = out[(i, j)];
             }
         }
         out
@@ -170,7 +172,7 @@ mod tests {
                 full[(bin * per_bin + owner, d + owner * each + s)] = column[k];
             }
         }
-        let kept = Nuisance::new(dense, &own, [owners, per_bin]);
+        let kept = Nuisance::new(&dense, &own, [owners, per_bin]);
         let x = DMatrix::from_fn(n, 2, |k, i| value(k + 7 * i + 3));
         let c = DMatrix::from_fn(full.ncols(), 2, |k, i| value(k + 5 * i));
         for rows in [0..n, 8..16] {

@@ -3,31 +3,19 @@
 //! r(α) = w(measured − predicted(α)); the nuisance parameters δ enter linearly with their prior:
 //! min over δ of |r − N δ|² + δᵀ Λ δ = rᵀ M r, M = I − N (NᵀN + Λ)⁻¹ Nᵀ.
 
+use super::config::CONFIG;
 use std::ops::Range;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
-use super::commission::{Baseline, sensitivities, wander};
+use super::commission::{Baseline, sensitivities};
 use super::nuisance::Nuisance;
-use super::replay::{Row, calibration_parameters, move_arm, residuals, simulated_grid};
+use super::replay::{Row, move_arm, residuals, simulated_grid};
 use super::session::Grid;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::{Active, EffectError, Operator, Simulated};
-
-/// Contiguous pieces of a session that gains are summed over.
-pub const BLOCKS: usize = 12;
-/// Blocks b with b mod FOLDS = f are held out together.
-pub const FOLDS: usize = 4;
-/// Model inadequacy where the pressures differ from the healthy session's: standard deviation, in units
-/// of the healthy session's residuals, per pressure at its usual size.
-const FORM: f64 = 0.15;
-/// The same for how fast a pressure changes.
-const FORM_RATE: f64 = 0.15;
-
-/// Share of what some blocks gain that others may lose.
-const LOST: f64 = 0.1;
 
 /// Innovations with these effects at work.
 type Evaluate<'a> = Box<dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError> + Sync + 'a>;
@@ -122,7 +110,7 @@ impl<'a> Replayed<'a> {
         let baseline = self.baseline;
         let columns = sensitivities(self.robot, self.grid, &baseline.values, &[], &self.healthy)?;
         let dense: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
-        let covariance = &baseline.covariance + wander(&calibration_parameters());
+        let covariance = &baseline.covariance + DMatrix::from_diagonal(&baseline.between);
         let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
         let count = dense.len();
         let combinations = baseline.noise.channels.len();
@@ -131,7 +119,11 @@ impl<'a> Replayed<'a> {
             .into_iter()
             .map(|(shape, sd)| (baseline.noise.responses(&shape), sd))
             .unzip();
-        let nuisance = Nuisance::new(DMatrix::from_columns(&dense), &own, [combinations, per_bin]);
+        let nuisance = Nuisance::new(
+            &DMatrix::from_columns(&dense),
+            &own,
+            [combinations, per_bin],
+        );
         let mut lambda = DMatrix::zeros(nuisance.columns(), nuisance.columns());
         lambda.view_mut((0, 0), (count, count)).copy_from(&known);
         for c in 0..combinations {
@@ -197,7 +189,9 @@ impl Replayed<'_> {
 
 /// Boundaries of the blocks among `bins` times `per_bin` stacked innovations.
 pub fn block_edges(bins: usize, per_bin: usize) -> Vec<usize> {
-    (0..=BLOCKS).map(|b| b * bins / BLOCKS * per_bin).collect()
+    (0..=CONFIG.blocks)
+        .map(|b| b * bins / CONFIG.blocks * per_bin)
+        .collect()
 }
 
 impl<'a> Problem<'a> {
@@ -223,8 +217,8 @@ impl<'a> Problem<'a> {
             sum.cholesky().ok_or(GapError::Degenerate)
         };
         let normal = with(&|_| true)?;
-        let without = (0..FOLDS)
-            .map(|fold| with(&|b| b % FOLDS != fold))
+        let without = (0..CONFIG.folds)
+            .map(|fold| with(&|b| b % CONFIG.folds != fold))
             .collect::<Result<_, _>>()?;
         Ok(Self {
             evaluate,
@@ -284,11 +278,11 @@ impl<'a> Problem<'a> {
     /// The rows of some bins of stacked innovations.
     pub fn pick(&self, r: &DVector<f64>, bins: &[usize]) -> DVector<f64> {
         let n = self.per_bin;
-        DVector::from_iterator(
-            bins.len() * n,
-            bins.iter()
-                .flat_map(|b| r.as_slice()[b * n..(b + 1) * n].iter().copied()),
-        )
+        let mut out = Vec::with_capacity(bins.len() * n);
+        for b in bins {
+            out.extend_from_slice(&r.as_slice()[b * n..(b + 1) * n]);
+        }
+        DVector::from_vec(out)
     }
 
     /// Number of blocks.
@@ -387,12 +381,16 @@ impl<'a> Problem<'a> {
             })
             .collect();
         let mut losses = vec![f64::INFINITY; self.blocks()];
-        for fold in 0..FOLDS {
+        for fold in 0..CONFIG.folds {
             let k = self.nuisance.columns();
             let (mut nj, mut nr) = (DMatrix::zeros(k, p), DMatrix::zeros(k, 1));
             let mut jj = DMatrix::from_diagonal(weak);
             let mut jr = DMatrix::zeros(p, 1);
-            for (_, b) in blocks.iter().enumerate().filter(|(b, _)| b % FOLDS != fold) {
+            for (_, b) in blocks
+                .iter()
+                .enumerate()
+                .filter(|(b, _)| b % CONFIG.folds != fold)
+            {
                 nj += &b.nj;
                 nr += &b.nr;
                 jj += &b.jj;
@@ -413,7 +411,7 @@ impl<'a> Problem<'a> {
                 true => d.dot(&(&self.lambda * &d)) / self.blocks() as f64,
                 false => 0.0,
             };
-            for b in (0..self.blocks()).filter(|b| b % FOLDS == fold) {
+            for b in (0..self.blocks()).filter(|b| b % CONFIG.folds == fold) {
                 let rows = self.edges[b]..self.edges[b + 1];
                 let Block { nj, nr, jj, jr } = &blocks[b];
                 // |r − N d − J a|²
@@ -434,7 +432,7 @@ impl<'a> Problem<'a> {
 fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
     let p = grid.binned(&grid.gauge_pa);
     let n = p.len();
-    let mut out = vec![(vec![1.0; n], FORM)];
+    let mut out = vec![(vec![1.0; n], CONFIG.inadequacy)];
     for i in 0..CHAMBERS {
         let level: Vec<f64> = p.iter().map(|row| row[i] / USUAL_PA).collect();
         let rate = (0..n)
@@ -443,8 +441,8 @@ fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
                 (p[b][i] - p[a][i]) / (grid.t_s[b] - grid.t_s[a]) / USUAL_PA_S
             })
             .collect();
-        out.push((level, FORM));
-        out.push((rate, FORM_RATE));
+        out.push((level, CONFIG.inadequacy));
+        out.push((rate, CONFIG.inadequacy_rate));
     }
     out
 }
@@ -491,6 +489,6 @@ impl Losses {
         let mean = logs.iter().sum::<f64>() / n;
         let var = logs.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
         let even = mean > errors * (var / n).sqrt();
-        gain > 0.0 && (gain > errors * se || won - gain <= LOST * won || even)
+        gain > 0.0 && (gain > errors * se || won - gain <= CONFIG.lost * won || even)
     }
 }

@@ -5,6 +5,9 @@
 //! The list of effects that are compared comes from the whole session; which of them a fold takes, and every number, from its
 //! training part.
 
+use super::config::CONFIG;
+use std::ops::Range;
+
 use nalgebra::DVector;
 
 use super::GapError;
@@ -15,7 +18,7 @@ use super::finding::{ChannelError, FailedFold, Finding, FoldChoice, GapSize, Tra
 use super::fit::fit;
 use super::folds::{Fold, folds};
 use super::noise::{bridged, start};
-use super::problem::{BLOCKS, FOLDS, Problem, Replayed};
+use super::problem::{Problem, Replayed};
 use super::replay::{Row, captured_poses, move_arm};
 use super::select::Selected;
 use super::session::{CHANNELS, GRID_HZ, IMU_0, SPRING_0, channel_name};
@@ -72,9 +75,6 @@ fn groups() -> Vec<Group> {
     out
 }
 
-/// A group that got worse by this share of its noise floor is reported.
-const WORSE: f64 = 0.1;
-
 /// What the proof is about.
 pub struct Case<'a> {
     /// The session against its baseline.
@@ -105,22 +105,26 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
     let e = selected.chosen.as_ref();
     let before = bridged(&replayed.rows(&[])?);
     let n = before.len();
-    let block_of = |k: usize| (0..BLOCKS).rev().find(|b| b * n / BLOCKS <= k).unwrap_or(0);
+    let block_of = |k: usize| {
+        (0..CONFIG.blocks)
+            .rev()
+            .find(|b| b * n / CONFIG.blocks <= k)
+            .unwrap_or(0)
+    };
     let mut after = before.clone();
     let (mut choices, mut failed) = (Vec::new(), Vec::new());
     let mut whole: Vec<Active> = Vec::new();
     let mut shuffled = before.clone();
     let mut embargo_s = 0.0;
-    let mut differs = false;
+    let (mut true_order, mut other_order) = (Vec::new(), Vec::new());
     if let Some(e) = e {
         whole = e.fit.active();
         let (folds, embargo) = folds(n, memory(e, replayed.baseline));
         embargo_s = embargo as f64 / GRID_HZ;
         let rows = super::parallel(&folds, |fold| fold_rows(case, fold));
         (after, choices, failed) = held_out_rows(&before, &folds, rows);
-        let true_order = response(replayed, &before, &whole)?;
-        let other_order = redriven(replayed, &whole)?;
-        differs = differ(&true_order, &other_order);
+        true_order = response(replayed, &before, &whole)?;
+        other_order = redriven(replayed, &whole)?;
         for (row, by) in shuffled.iter_mut().zip(&other_order) {
             row.iter_mut().zip(by).for_each(|(x, by)| *x -= by);
         }
@@ -138,12 +142,12 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
             }
             (sum / count.max(1) as f64).sqrt() * g.factor
         };
-        let per_block: Vec<f64> = (0..BLOCKS)
+        let per_block: Vec<f64> = (0..CONFIG.blocks)
             .map(|b| size(&after, &|k| block_of(k) == b).powi(2))
             .collect();
-        let mean = per_block.iter().sum::<f64>() / BLOCKS as f64;
+        let mean = per_block.iter().sum::<f64>() / CONFIG.blocks as f64;
         let var = per_block.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
-            / (BLOCKS * (BLOCKS - 1)) as f64;
+            / (CONFIG.blocks * (CONFIG.blocks - 1)) as f64;
         let reach = T_95 * var.sqrt();
         channels.push(ChannelError {
             name: g.name.clone(),
@@ -157,14 +161,15 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
     }
     let worse = channels
         .iter()
-        .filter(|c| c.after - c.before > WORSE * c.floor.unwrap_or(c.before))
+        .filter(|c| c.after - c.before > CONFIG.worse * c.floor.unwrap_or(c.before))
         .cloned()
         .collect();
     let (gap, own) = size_of(&channels, &whole);
-    let helps_anyway = differs
-        && own
-            .and_then(|c| c.shuffled)
-            .is_some_and(|other| other <= gap.after);
+    let of_own = groups()
+        .into_iter()
+        .find(|g| own.is_some_and(|c| c.name == g.name));
+    let helps_anyway =
+        of_own.is_some_and(|g| helps(&before, &true_order, &other_order, g.channels));
     let traces = traces(replayed, &before, &after, &whole)?;
     Ok(Proof {
         gap,
@@ -266,44 +271,34 @@ fn redriven(replayed: &Replayed, effects: &[Active]) -> Result<Vec<Row>, GapErro
     response(&other, &bridged(&other.rows(&[])?), effects)
 }
 
-/// Two responses that differ by less than this share of the first are the same: a constant load, frame or offset is there
-/// whatever the pressures are.
-const SAME: f64 = 0.3;
-
-fn differ(a: &[Row], b: &[Row]) -> bool {
-    let square = |x: f64| x * x;
-    let (mut apart, mut size) = (0.0, 0.0);
-    for (a, b) in a.iter().zip(b).skip(start()) {
-        for c in 0..CHANNELS {
-            apart += square(a[c] - b[c]);
-            size += square(a[c]);
+/// Whether what varies of a response helps in some channels under the pressures in another order as well: beyond its mean,
+/// which a constant load, frame or offset has under any pressures.
+fn helps(before: &[Row], own: &[Row], other: &[Row], channels: Range<usize>) -> bool {
+    let (mut by_mean, mut by_own, mut by_other) = (0.0, 0.0, 0.0);
+    let (mut varies, mut apart) = (0.0, 0.0);
+    for c in channels {
+        let mean = |rows: &[Row]| {
+            let judged = rows.get(start()..).unwrap_or_default();
+            judged.iter().map(|r| r[c]).sum::<f64>() / judged.len().max(1) as f64
+        };
+        let (own_mean, other_mean) = (mean(own), mean(other));
+        for ((before, own), other) in before.iter().zip(own).zip(other).skip(start()) {
+            let left = before[c] - own_mean;
+            by_mean += left * left;
+            by_own += (before[c] - own[c]).powi(2);
+            let (own, other) = (own[c] - own_mean, other[c] - other_mean);
+            by_other += (left - other).powi(2);
+            varies += own * own;
+            apart += (own - other).powi(2);
         }
     }
-    apart > SAME * SAME * size
+    // What depends on the time alone, as a drift does, is the same under any pressures.
+    let differs = apart > CONFIG.same_response.powi(2) * varies;
+    let matters = by_mean - by_own > CONFIG.varying_min * by_mean;
+    differs && matters && by_mean - by_other > CONFIG.control_max * (by_mean - by_own)
 }
 
-/// Share of the held-out gap that has to close before an effect is named.
-const PROVEN_MIN: f64 = 0.5;
-/// Folds that have to choose an effect before it is named.
-const AGREE_MIN: usize = 3;
-
 impl Proof {
-    /// Share of the excess of all groups over their floors that is closed on held-out data.
-    pub fn closed(&self) -> f64 {
-        let excess = |error: fn(&ChannelError) -> f64| -> f64 {
-            let ratios = self
-                .channels
-                .iter()
-                .filter_map(|c| Some(error(c) / c.floor?));
-            ratios.map(|r| (r * r - 1.0).max(0.0)).sum()
-        };
-        let before = excess(|c| c.before);
-        match before > 0.0 {
-            true => 1.0 - excess(|c| c.after) / before,
-            false => 0.0,
-        }
-    }
-
     /// How many folds chose an effect on a channel.
     pub fn support(&self, id: &str, target: Option<usize>) -> usize {
         let chose = |f: &&FoldChoice| f.effects.iter().any(|(i, t)| i == id && *t == target);
@@ -312,16 +307,17 @@ impl Proof {
 
     /// Whether enough folds chose an effect on a channel.
     pub fn supports(&self, id: &str, target: Option<usize>) -> bool {
-        self.support(id, target) >= AGREE_MIN
+        self.support(id, target) >= CONFIG.folds_min
     }
 
     /// Why no name is given although the fit found one; `None` when the proof holds.
     pub fn withheld(&self) -> Option<String> {
-        if self.failed.len() > FOLDS - AGREE_MIN {
+        if self.failed.len() > CONFIG.folds - CONFIG.folds_min {
             return Some(format!(
-                "No effect is named: {} of {FOLDS} held-out folds failed, so it is not known whether the effect predicts data \
+                "No effect is named: {} of {} held-out folds failed, so it is not known whether the effect predicts data \
                  it was not fitted to. Record a longer session with more motion.",
                 self.failed.len(),
+                CONFIG.folds,
             ));
         }
         if self.helps_anyway {
@@ -331,7 +327,7 @@ impl Proof {
                     .to_owned(),
             );
         }
-        (self.gap.closed < PROVEN_MIN).then(|| {
+        (self.gap.closed < CONFIG.proven_min).then(|| {
             format!(
                 "The best effect of the table closes only {:.0} % of the held-out gap.",
                 100.0 * self.gap.closed.max(0.0)
@@ -349,9 +345,6 @@ fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
     square.is_finite().then(|| square.sqrt() * g.factor)
 }
 
-/// The group of an effect counts when it exceeds its noise floor by this factor.
-const OWN_MIN: f64 = 1.5;
-
 /// The gap in the group that belongs to the (first) effect, or where it is largest, and that group.
 fn size_of<'a>(
     channels: &'a [ChannelError],
@@ -366,7 +359,7 @@ fn size_of<'a>(
         };
         channels
             .iter()
-            .find(|c| c.name == name && c.before > OWN_MIN * c.floor.unwrap_or(0.0))
+            .find(|c| c.name == name && c.before > CONFIG.own_group_min * c.floor.unwrap_or(0.0))
     });
     let excess = |c: &ChannelError| c.before / c.floor.unwrap_or(1.0).max(1e-9);
     let largest = channels
@@ -464,7 +457,7 @@ mod tests {
             assert_eq!(*row, wanted, "row {k}");
         }
         assert_eq!(failed.len(), 1);
-        assert_eq!((failed[0].fold, failed[0].of), (2, FOLDS));
+        assert_eq!((failed[0].fold, failed[0].of), (2, CONFIG.folds));
         assert_eq!(
             failed[0].text(),
             "Held-out fold 2 of 4 failed, because the arm folded up: its blocks count as without the effect."
@@ -502,14 +495,22 @@ mod tests {
         );
     }
 
+    /// A constant helps under any pressures and is no fault of it; a swing helps in its own order only, unless what it is
+    /// compared with swings alike.
     #[test]
-    fn a_constant_is_the_same_in_any_order_and_a_swing_is_not() {
+    fn the_control_judges_what_varies() {
+        let swing = |late: i32| -> Vec<Row> {
+            let at = |k: i32| 2.0 + (f64::from(k + late) * 0.3).sin();
+            (0..100).map(|k| [at(k); CHANNELS]).collect()
+        };
         let constant = vec![MANY; 100];
-        let swing: Vec<Row> = (0..100)
-            .map(|k| [(f64::from(k) * 0.3).sin(); CHANNELS])
-            .collect();
-        let mut other = swing.clone();
-        other.rotate_left(43);
-        assert!(!differ(&constant, &constant) && differ(&swing, &other));
+        let helped = |before: &[Row], own: &[Row], other: &[Row]| helps(before, own, other, 0..3);
+        assert!(!helped(&constant, &constant, &constant));
+        assert!(!helped(&swing(0), &swing(0), &swing(10)));
+        assert!(helped(&swing(0), &swing(0), &swing(2)));
+        let ramp: Vec<Row> = (0..100).map(|k| [f64::from(k); CHANNELS]).collect();
+        assert!(!helped(&ramp, &ramp, &ramp));
+        // Of a constant alone nothing follows.
+        assert!(!helped(&swing(0), &vec![[2.0; CHANNELS]; 100], &constant));
     }
 }

@@ -28,9 +28,10 @@ impl CalibrationParameter {
             Self::Creep => 0.05,
             Self::CreepTime => 3.0,
             Self::Lag => 0.02,
-            Self::Drift(_) => 5e-5,
+            // What a gyroscope's zero leaves after it was taken at rest, 0.05 deg/s.
+            Self::Drift(_) => 1e-3,
             Self::SpringOffset(_) => 2e-3,
-            Self::SpringGain(_) => 0.02,
+            Self::SpringGain(_) | Self::SpringLag => 0.02,
             Self::Mounting(..) => 0.02,
             Self::Frame(k) | Self::Body(k) if k < 3 => 10e-3,
             Self::Frame(_) | Self::Body(_) => 0.01,
@@ -38,6 +39,11 @@ impl CalibrationParameter {
             Self::Clock => 0.03,
         }
     }
+}
+
+/// Whether a parameter restarts in every session: a gyroscope's zero is taken whenever its board starts.
+pub fn is_of_session(k: CalibrationParameter) -> bool {
+    matches!(k, CalibrationParameter::Drift(_))
 }
 
 /// The tracked body in the end pad's frame.

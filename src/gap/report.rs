@@ -12,7 +12,7 @@ mod tests;
 use super::finding::{ChannelError, Finding, FoundEffect, Verdict};
 use crate::sim::effects::effect;
 pub use heat::{scale, thinned};
-use markup::{base64, escape, number, percent};
+use markup::{base64, escape, fixed, number, percent};
 pub use markup::{number as short_number, with_error};
 pub use words::{
     Quantity, effect_name, next_step, parameter, quantity, ranked_name, residual_name, sentence,
@@ -170,16 +170,23 @@ impl Page<'_> {
     }
 
     fn effects(&self) -> String {
-        let found = &self.finding.effects;
-        if found.is_empty() {
-            return String::new();
-        }
-        let title = match self.finding.verdict {
-            Verdict::Indistinguishable => "What it could be",
-            _ => "What was found",
+        let (sure, open): (Vec<_>, Vec<_>) = self
+            .finding
+            .choices()
+            .into_iter()
+            .partition(|c| c.len() == 1);
+        let of = |title, effects: Vec<&FoundEffect>| {
+            let body: String = effects.into_iter().map(found_effect).collect();
+            section(title, &body)
         };
-        let body: String = found.iter().map(found_effect).collect();
-        section(title, &body)
+        let mut out = String::new();
+        if !sure.is_empty() {
+            out += &of("What was found", sure.into_iter().flatten().collect());
+        }
+        for choice in open {
+            out += &of("What it could be: one of these", choice);
+        }
+        out
     }
 
     fn notes(&self) -> String {
@@ -452,8 +459,14 @@ fn found_effect(found: &FoundEffect) -> String {
             ]
         })
         .collect();
+    let folds = found.chosen_by.map_or(String::new(), |share| {
+        format!(
+            ", chosen by {} % of the held-out folds",
+            fixed(100.0 * share, 0)
+        )
+    });
     format!(
-        "<h3>{} <span class=\"weak\">({}, <code>{}</code>)</span></h3>\n{doc}{}",
+        "<h3>{} <span class=\"weak\">({}, <code>{}</code>{folds})</span></h3>\n{doc}{}",
         escape(&effect_name(&found.id, found.target)),
         escape(&found.side),
         escape(&found.id),

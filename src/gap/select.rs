@@ -1,28 +1,25 @@
 //! Selection of effects: forward search, backward deletion, and the candidates that cannot be excluded.
 
+use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::candidates::Candidate;
 use super::explain::{Column, Explained, explain, weak_prior};
 use super::finding::Finding;
 use super::fit::fit;
-use super::misfit::{FURTHER_MIN, Misfit};
+use super::misfit::Misfit;
 use super::problem::Problem;
 use super::sides::named_by;
 use super::{GapError, Progress};
-use crate::sim::effects::Side;
+use crate::sim::effects::{Law, Side};
 
-/// At most so many effects at once.
-const EFFECTS_MAX: usize = 3;
-/// Factor on the significance threshold from which a gain counts: the threshold is resampled from one
-/// healthy session, and the model inadequacy differs in the next.
-const WEAK: f64 = 2.0;
-/// Share of what the best effect explains that a rival has to explain.
-const RIVAL_EXPLAINS: f64 = 0.5;
-/// A best effect that leaves more than this share of the excess is not at the floor.
-const AT_FLOOR: f64 = 0.05;
-/// A rival is excluded when it leaves this many times what the best one leaves.
-const RIVAL_LEAVES: f64 = 1.2;
+/// Factor on the significance threshold from which a gain of this candidate counts.
+fn weak(c: &Candidate) -> f64 {
+    match c.effect.law {
+        Law::Definition => 1.0,
+        _ => CONFIG.idealisation_factor,
+    }
+}
 
 /// Result of a search.
 pub struct Selected {
@@ -49,9 +46,8 @@ pub fn select(
 ) -> Result<Selected, GapError> {
     let mut chosen: Option<Explained> = None;
     let mut rankings: Vec<Vec<Explained>> = Vec::new();
-    for stage in 0..EFFECTS_MAX {
+    for stage in 0..CONFIG.effects_max {
         let mut found = explain(problem, all, ready, chosen.as_ref(), threshold, progress)?;
-        simplest_first(&mut found, supply);
         let counts = |e: &Explained| {
             // The inadequacy of the first one's law drives others into a bound, or looks like more of
             // the same.
@@ -59,16 +55,14 @@ pub fn select(
                 let free = !e.fit.on_bound.iter().any(|b| *b);
                 free && (named_by(supply, &e.candidate) || pays(problem, so_far, e, floor))
             });
-            e.gain > WEAK * threshold && e.firm && further
+            significant(e, threshold) && further
         };
-        let lead = match stage {
-            0 => found.first().filter(|e| counts(e)).map(|_| 0),
-            _ => found.iter().position(counts),
-        };
-        // Those passed over are no alternatives either.
-        found.drain(..lead.unwrap_or(0));
+        let leads = lead(&mut found, threshold, supply, counts);
         rankings.push(found);
-        let best = lead.and_then(|_| rankings.last()?.first().cloned());
+        let best = rankings
+            .last()
+            .and_then(|r| r.first().cloned())
+            .filter(|_| leads);
         let Some(best) = best else { break };
         log::debug!("effect {} is {}", stage + 1, best.candidate.effect.id);
         chosen = Some(best);
@@ -106,9 +100,9 @@ impl Selected {
             };
             let mut here: Vec<Explained> = found.iter().map(on_part).collect();
             here.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-            simplest_first(&mut here, supply);
-            let lead = here.into_iter().next();
-            let Some(best) = lead.filter(|e| e.gain > WEAK * threshold && e.firm) else {
+            let counts = |e: &Explained| significant(e, threshold);
+            let leads = lead(&mut here, threshold, supply, counts);
+            let Some(best) = here.into_iter().next().filter(|_| leads) else {
                 break;
             };
             let as_whole = found.first().is_some_and(|e| e.candidate == best.candidate);
@@ -122,30 +116,46 @@ impl Selected {
     }
 }
 
-/// The one-standard-error rule: of effects that explain as much as the best within the scatter from
-/// block to block, the one with the fewest numbers leads.
+/// Whether a gain is significant, and more than that of a few lucky blocks.
+fn significant(e: &Explained, threshold: f64) -> bool {
+    e.gain > weak(&e.candidate) * threshold && e.firm
+}
+
+/// Puts the effect that leads before the others, which are in the order of their gains; `false` where none `counts`.
 ///
-/// What the supply has named goes before all of them.
-fn simplest_first(found: &mut Vec<Explained>, supply: Option<&Finding>) {
-    let count = |e: &Explained| e.fit.parameters().len();
-    let Some(best) = found.first() else { return };
+/// By the one-standard-error rule: of effects that explain as much as the best within the scatter from block to block, the one
+/// with the fewest numbers leads. Nor is a margin below the significance `threshold` more than what a healthy rig's inadequacy
+/// gains, as long as it is a small share of what the best explains. What the supply has named goes before all of them.
+fn lead(
+    found: &mut Vec<Explained>,
+    threshold: f64,
+    supply: Option<&Finding>,
+    counts: impl Fn(&Explained) -> bool,
+) -> bool {
+    let counting: Vec<usize> = (0..found.len()).filter(|k| counts(&found[*k])).collect();
+    let Some(best) = counting.first().map(|k| &found[*k]) else {
+        return false;
+    };
+    let passed_over = counting[0];
     let as_good = |e: &Explained| {
         let (margin, se) = best.losses.gain_over(&e.losses);
-        margin <= se && !best.losses.firmly_over(&e.losses)
+        margin <= threshold.min(CONFIG.small_margin * best.gain)
+            || (margin <= se && !best.losses.firmly_over(&e.losses))
     };
-    let simplest = (0..found.len())
+    let first = counting
+        .into_iter()
         .filter(|k| as_good(&found[*k]))
         .min_by_key(|k| {
-            (
-                !named_by(supply, &found[*k].candidate),
-                count(&found[*k]),
-                *k,
-            )
+            let e = &found[*k];
+            let numbers = e.fit.parameters().len();
+            (!named_by(supply, &e.candidate), numbers, *k)
         });
-    if let Some(k) = simplest {
-        let lead = found.remove(k);
-        found.insert(0, lead);
-    }
+    let Some(k) = first else { return false };
+    let first = found.remove(k);
+    // Those passed over are no alternatives either.
+    found.drain(..passed_over);
+    found.insert(0, first);
+    true
 }
 
 /// Whether a further effect brings some combination of channels, or some channel, close to its floor.
@@ -155,7 +165,7 @@ fn pays(problem: &Problem, so_far: &Explained, next: &Explained, floor: f64) -> 
     let form = moves(&next.candidate) && so_far.fit.effects.iter().any(|(c, _)| moves(c));
     let before = Misfit::of(problem, &so_far.fit.residual);
     let after = Misfit::of(problem, &next.fit.residual);
-    before.brings(&after, floor, FURTHER_MIN, !form)
+    before.brings(&after, floor, CONFIG.further_min, !form)
 }
 
 /// Without the effects that the others make superfluous.
@@ -209,7 +219,7 @@ pub fn rivals_of(
         }
         let (left, excess) = (own.fit.cost - floor, without - floor);
         let rival = |e: &&Explained| {
-            let explains = without - e.fit.cost >= RIVAL_EXPLAINS * (without - own.fit.cost);
+            let explains = without - e.fit.cost >= CONFIG.rival_explains * (without - own.fit.cost);
             let other = !best.fit.effects.iter().any(|(c, _)| *c == e.candidate)
                 && !out.iter().any(|o: &Explained| o.candidate == e.candidate);
             if !explains || !other || e.gain <= 0.0 {
@@ -220,11 +230,12 @@ pub fn rivals_of(
                 return count(e) <= count(own) || margin < -2.0 * se;
             }
             // When even the best one leaves a misfit, its form is not right, and a rival that
-            // leaves little more is not excluded by likelihood.
+            // leaves little more is not excluded by likelihood. The form of a definition is.
             stages == 1
-                && left > AT_FLOOR * excess
+                && own.candidate.effect.law == Law::Idealisation
+                && left > CONFIG.leaves_little * excess
                 && count(e) <= count(own)
-                && e.fit.cost - floor <= RIVAL_LEAVES * left
+                && e.fit.cost - floor <= CONFIG.rival_leaves * left
         };
         if !named_by(supply, &own.candidate) {
             let stands = |e: &&Explained| k + 1 == stages || replaces(problem, best, k, e);

@@ -67,15 +67,18 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
         }
         return Vec::new();
     }
-    let new: Vec<FoundEffect> = supply
-        .effects
-        .into_iter()
-        .filter(|s| {
-            !arm.effects
-                .iter()
-                .any(|a| a.id == s.id && a.target == s.target)
-        })
-        .collect();
+    let mut new: Vec<FoundEffect> = Vec::new();
+    // Where each of the supply's effects ends up.
+    let mut places = Vec::new();
+    for mut s in supply.effects {
+        let mut all = arm.effects.iter().chain(&new);
+        let known = all.position(|a| a.id == s.id && a.target == s.target);
+        places.push(known.unwrap_or(arm.effects.len() + new.len()));
+        if known.is_none() {
+            s.instead_of = s.instead_of.map(|i| places[i]);
+            new.push(s);
+        }
+    }
     arm.worse.extend(supply.worse);
     if quiet {
         arm.verdict = supply.verdict;
@@ -86,9 +89,7 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
         arm.verdict = Verdict::Indistinguishable;
     }
     arm.effects.extend(new.iter().cloned());
-    // Of a set only its first alternative goes into the patch.
-    match supply.verdict {
-        Verdict::Indistinguishable => new.into_iter().take(1).collect(),
-        _ => new,
-    }
+    // Of alternatives only the first goes into the patch.
+    new.retain(|e| e.instead_of.is_none());
+    new
 }

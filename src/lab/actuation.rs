@@ -218,6 +218,8 @@ mod tests {
                     .into_iter()
                     .chain([("delay".to_owned(), delay)])
                     .collect(),
+                instead_of: None,
+                chosen_by: None,
             }],
             candidates: Vec::new(),
             threshold: 0.0,

@@ -3,24 +3,22 @@
 mod effects;
 mod figures;
 
+use crate::gap::config::CONFIG;
 use std::collections::BTreeMap;
 
 use super::healthy::{LineBaseline, LineModel, chamber_rms_pa, commission_supply, ideal_supply};
 use super::line::{GAIN, KNOBS, Lag, OFFSET, PressureGrid, line_rmse_pa, line_rows};
 use super::search::{EffectSet, Stages, supply_stages};
 use crate::gap::candidates::Table;
-use crate::gap::finding::{FailedFold, Finding, GapSize, Located, SeparateBy, Traces, Verdict};
-use crate::gap::misfit::{AT_FLOOR, FAR};
+use crate::gap::finding::{
+    FailedFold, Finding, FoundEffect, GapSize, Located, SeparateBy, Traces, Verdict, closed_excess,
+};
 use crate::gap::session::at_one_rate;
 use crate::gap::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use effects::{add_effects, alternatives, at_bound, ranked, separate, unseen};
 use figures::{channels, gap_size, located, scatter_pa, traces};
 
-/// Factor on the significance threshold of the mean square above which residuals count.
-const ABOVE_FLOOR: f64 = 2.0;
-/// Share of the gap that a named effect closes at least.
-const CLOSES: f64 = 0.5;
 /// Gauges that differ more than this from their pressures are mentioned: gain, offset (Pa).
 const GAUGE_OFF: [f64; 2] = [0.08, 5e3];
 
@@ -149,20 +147,32 @@ pub fn decide_supply(
     let gap = gap_size(grid, &before, &after, floor_pa);
     let alternatives = best.map_or_else(Vec::new, |b| alternatives(b, found));
     let located = located(grid, &before);
-    let limit = ABOVE_FLOOR * found.significance.mean_square;
-    let far = gap.before > FAR * gap.floor;
+    let limit = CONFIG.supply_mean_square * found.significance.mean_square;
+    let far = gap.before > CONFIG.far * gap.floor;
     let errors_pa = chamber_rms_pa(&before);
     let mut chambers = grid.chambers().into_iter();
-    let above = chambers.any(|i| errors_pa[i] > AT_FLOOR * baseline.chamber_floor_pa[i]);
+    let above = chambers.any(|i| errors_pa[i] > CONFIG.at_floor * baseline.chamber_floor_pa[i]);
+    let channels = channels(grid, &before, &after, baseline);
     let verdict = match best {
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None if !commissioned && far => Verdict::Unknown,
         None => Verdict::NothingMissing,
         Some(_) if commissioned && !above => Verdict::NothingMissing,
+        // What closes nothing on data it was not fitted to is the inadequacy of the model of a healthy supply.
+        Some(set)
+            if commissioned
+                && closed_excess(&channels) < CONFIG.proven_min
+                && set.mean_square <= limit =>
+        {
+            Verdict::NothingMissing
+        }
         Some(set) => {
-            let above = !commissioned || set.mean_square > limit;
-            let fails = above && gap.closed < CLOSES;
-            if fails || at_bound(&set.explained) || !failed_folds.is_empty() {
+            let closed = match commissioned {
+                true => closed_excess(&channels),
+                false => gap.closed,
+            };
+            let sure = closed >= CONFIG.closed_min_definition || !at_bound(&set.explained);
+            if closed < CONFIG.proven_min || !sure || !failed_folds.is_empty() {
                 Verdict::Unknown
             } else if alternatives.is_empty() {
                 Verdict::Named
@@ -174,13 +184,22 @@ pub fn decide_supply(
     let mut effects = Vec::new();
     if let (Verdict::Named | Verdict::Indistinguishable, Some(set)) = (verdict, best) {
         add_effects(&mut effects, &model, set)?;
+        let own = effects.len();
         for other in &alternatives {
+            let from = effects.len();
             add_effects(&mut effects, &model, other)?;
+            let is_in_other = |e: &FoundEffect| {
+                let mut there = other.explained.fit.effects.iter();
+                there.any(|(c, _)| c.effect.id == e.id && c.target.map(|t| t + 1) == e.target)
+            };
+            let replaced = effects[..own].iter().position(|e| !is_in_other(e));
+            for e in &mut effects[from..] {
+                e.instead_of = replaced;
+            }
         }
     }
     let mut notes = notes(grid, baseline, found, verdict, &gap, &located);
     notes.extend(failed_folds.iter().map(FailedFold::text));
-    let channels = channels(grid, &before, &after, baseline);
     let mut data = BTreeMap::from([("suspect".to_owned(), label(grid))]);
     if let Some([name, hash]) = &baseline.session {
         data.insert(

@@ -180,7 +180,7 @@ pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineB
         regulators: model.baseline.regulators,
         covariance,
         floor_pa: Some(line_rmse_pa(grid, &unseen, |_| true)),
-        chamber_floor_pa: chamber_rms_pa(&unseen),
+        chamber_floor_pa: shrunk(grid, chamber_rms_pa(&unseen)),
         healthy: Some(noise.innovations(&unseen)),
         noise,
         session: Some([grid.log.name.clone(), grid.log.hash.clone()]),
@@ -193,6 +193,14 @@ pub fn chamber_rms_pa(rows: &[LineRow]) -> [f64; CHAMBERS] {
         let sum: f64 = rows.iter().map(|r| r[i] * r[i]).sum();
         (sum / rows.len().max(1) as f64).sqrt()
     })
+}
+
+/// Chambers are supplied alike, and what one session shows of each scatters: half of a floor's square is that of all.
+fn shrunk(grid: &PressureGrid, floors_pa: [f64; CHAMBERS]) -> [f64; CHAMBERS] {
+    let chambers = grid.chambers();
+    let squares = chambers.iter().map(|i| floors_pa[*i].powi(2)).sum::<f64>();
+    let all = squares / chambers.len().max(1) as f64;
+    floors_pa.map(|f| (0.5 * (f * f + all)).sqrt())
 }
 
 /// A pressure log against a supply.
@@ -421,7 +429,7 @@ impl LineModel<'_> {
         let (nuisance, lambda) = self.nuisance(effects)?;
         Problem::new(
             Box::new(|effects| Ok(self.stack(&self.rows(effects)))),
-            Nuisance::new(nuisance, &[], [0, self.grid.chambers().len()]),
+            Nuisance::new(&nuisance, &[], [0, self.grid.chambers().len()]),
             &(lambda * self.stiffness()),
             &self.edges(),
             self.grid.chambers().len(),

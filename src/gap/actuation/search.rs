@@ -1,6 +1,7 @@
 //! Search for the effects that explain a pressure log: forward addition from several starts, backward
 //! deletion, comparison of the resulting sets.
 
+use crate::gap::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::healthy::{LineBaseline, LineModel, PressureNoise, chamber_rms_pa};
@@ -9,27 +10,13 @@ use super::significance::{Significance, significance};
 use crate::gap::candidates::{Candidate, Table, candidates, fastest};
 use crate::gap::explain::{Explained, columns, explain, weak_prior};
 use crate::gap::fit::fit;
-use crate::gap::misfit::FURTHER_MIN;
 use crate::gap::problem::{Losses, Problem};
 use crate::gap::{GapError, Progress};
 use crate::robot::RobotSpec;
 use crate::sim::effects::{Effect, Residual, Scene, Target};
 
-/// Most effects at a time.
-const MOST: usize = 3;
-/// Different effects to begin with.
-const BEGINNINGS: usize = 4;
 /// Steps of a fit.
 const STEPS: usize = 12;
-/// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
-/// the residual of an inadequate law is no further effect.
-const FORM: f64 = 0.1;
-/// Standard errors by which a set with a further effect has to be better.
-const FURTHER: f64 = 2.0;
-/// Share of the mean square that effects of an unknown supply may leave at most.
-const WITHOUT_HEALTHY: f64 = 0.8;
-/// Least gain that counts, nats: one parameter's worth by the Bayesian criterion.
-const LEAST: f64 = 4.0;
 
 /// A set of effects, fitted together.
 #[derive(Clone, Debug)]
@@ -134,7 +121,7 @@ impl Search<'_> {
         let mut chambers = after.0.grid.chambers().into_iter();
         chambers.any(|i| {
             let [before, after, floor] = [before_pa[i], after_pa[i], floors_pa[i]].map(|x| x * x);
-            let closes = before - after >= FURTHER_MIN * (before - floor);
+            let closes = before - after >= CONFIG.further_min * (before - floor);
             floor.is_nan() || (before > 2.0 * floor && closes)
         })
     }
@@ -149,22 +136,22 @@ impl Search<'_> {
     ) -> Result<(EffectSet, Vec<Vec<Explained>>), GapError> {
         let mut best = self.settle(&mut model, first)?;
         let mut stages = Vec::new();
-        while best.fit.effects.len() < MOST {
+        while best.fit.effects.len() < CONFIG.effects_max {
             let problem = model.problem(&best.fit.active())?;
             let ranked = self.rank(&model, &problem, Some(&best))?;
             let next = ranked.first().cloned();
             stages.push(ranked);
             let Some(next) = next else { break };
-            if next.gain < threshold || !next.losses.beats(&best.losses, FURTHER) {
+            if next.gain < threshold || !next.losses.beats(&best.losses, CONFIG.supply_further_se) {
                 break;
             }
             let mut wider = model.clone();
             let settled = self.settle(&mut wider, &next)?;
             let (gain, _) = settled.losses.gain_over(&best.losses);
             let (so_far, _) = best.losses.gain_over(base);
-            let sure = settled.losses.beats(&best.losses, FURTHER);
+            let sure = settled.losses.beats(&best.losses, CONFIG.supply_further_se);
             let pays = Self::pays((&model, &best), (&wider, &settled));
-            if gain < threshold.max(FORM * so_far) || !sure || !pays {
+            if gain < threshold.max(CONFIG.supply_further_share * so_far) || !sure || !pays {
                 break;
             }
             drop(problem);
@@ -181,9 +168,9 @@ impl Search<'_> {
                 let settled = self.settle(&mut narrower, &less)?;
                 let (lost, _) = best.losses.gain_over(&settled.losses);
                 let (whole, _) = best.losses.gain_over(base);
-                let sure = best.losses.beats(&settled.losses, FURTHER);
+                let sure = best.losses.beats(&settled.losses, CONFIG.supply_further_se);
                 let pays = Self::pays((&narrower, &settled), (&model, &best));
-                if lost < threshold.max(FORM * whole) || !sure || !pays {
+                if lost < threshold.max(CONFIG.supply_further_share * whole) || !sure || !pays {
                     (best, model) = (settled, narrower);
                     again = best.fit.effects.len() > 1;
                     break;
@@ -234,11 +221,11 @@ impl Search<'_> {
                 )
             }
             None => Significance {
-                gain: LEAST,
+                gain: CONFIG.supply_gain_min,
                 mean_square: 1.0,
             },
         };
-        let threshold = significance.gain.max(LEAST);
+        let threshold = significance.gain.max(CONFIG.supply_gain_min);
         let mut singles = explain(&problem, &self.all, &ready, None, 0.0, self.progress)?;
         if !self.commissioned {
             // Regulators that were fitted without an effect take its part: each common effect is
@@ -255,7 +242,7 @@ impl Search<'_> {
             .iter()
             .filter(|e| e.gain > threshold && e.losses.beats(&losses, 1.0))
         {
-            if begun.contains(&e.candidate.effect.id) || begun.len() >= BEGINNINGS {
+            if begun.contains(&e.candidate.effect.id) || begun.len() >= CONFIG.supply_beginnings {
                 continue;
             }
             begun.push(e.candidate.effect.id);
@@ -270,7 +257,8 @@ impl Search<'_> {
         for (set, _) in grown {
             let known = sets.iter().any(|s| same(&s.explained, &set.explained));
             // Regulators that nobody measured take small effects' part as well as the effects do.
-            let more = self.commissioned || set.mean_square < WITHOUT_HEALTHY * mean_square;
+            let more =
+                self.commissioned || set.mean_square < CONFIG.supply_without_healthy * mean_square;
             if set.explained.gain > threshold && more && !known {
                 sets.push(set);
             }

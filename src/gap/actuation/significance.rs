@@ -1,17 +1,12 @@
 //! Significance thresholds: the best held-out gain of any candidate on resampled healthy innovations.
 
+use crate::gap::config::CONFIG;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::Rng as _;
 
 use crate::gap::explain::Column;
 use crate::gap::parallel;
-use crate::gap::problem::{BLOCKS, FOLDS};
 use crate::sim::dataset::{normal, sample_rng};
-
-/// Resampled sessions.
-const ROUNDS: usize = 200;
-/// Length of the resampled pieces, bins.
-const PIECE: usize = 60;
 
 /// Significance thresholds: 95 % quantiles over resampled healthy sessions.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,13 +39,16 @@ pub fn significance(
     // Groups of columns behind the nuisance: none at first, for comparison.
     let mut groups: Vec<Vec<usize>> = vec![Vec::new()];
     let mut all: Vec<DVector<f64>> = nuisance.column_iter().map(|c| c.into_owned()).collect();
+    // The nuisance of a commissioned supply is held: projecting it out takes nothing of a column.
     for c in columns {
-        groups.push((all.len()..all.len() + c.columns.ncols()).collect());
-        all.extend(c.columns.column_iter().map(|c| c.into_owned()));
+        groups.push((all.len()..all.len() + c.cleaned.ncols()).collect());
+        all.extend(c.cleaned.column_iter().map(|c| c.into_owned()));
     }
     let x = DMatrix::from_columns(&all);
     let block = |b: usize| x.rows(edges[b], edges[b + 1] - edges[b]);
-    let grams: Vec<DMatrix<f64>> = (0..BLOCKS).map(|b| block(b).tr_mul(&block(b))).collect();
+    let grams: Vec<DMatrix<f64>> = (0..CONFIG.blocks)
+        .map(|b| block(b).transpose() * block(b))
+        .collect();
     let pick = |m: &DMatrix<f64>, which: &[usize]| {
         DMatrix::from_fn(which.len(), which.len(), |i, j| m[(which[i], which[j])])
     };
@@ -62,11 +60,15 @@ pub fn significance(
     let ready: Vec<Ready> = parallel(&groups, |group| {
         let which: Vec<usize> = (0..k).chain(group.iter().copied()).collect();
         let grams: Vec<DMatrix<f64>> = grams.iter().map(|g| pick(g, &which)).collect();
-        let folds = (0..FOLDS)
+        let folds = (0..CONFIG.folds)
             .map(|fold| {
                 let mut g = DMatrix::zeros(which.len(), which.len());
                 g.view_mut((0, 0), (k, k)).copy_from(&held);
-                for (_, part) in grams.iter().enumerate().filter(|(b, _)| b % FOLDS != fold) {
+                for (_, part) in grams
+                    .iter()
+                    .enumerate()
+                    .filter(|(b, _)| b % CONFIG.folds != fold)
+                {
                     g += part;
                 }
                 for i in k..which.len() {
@@ -81,10 +83,10 @@ pub fn significance(
             grams,
         }
     });
-    let bins = edges[BLOCKS] / per_bin;
+    let bins = edges[CONFIG.blocks] / per_bin;
     let known = healthy.len() / per_bin;
-    let piece = PIECE.min(known);
-    let rounds: Vec<usize> = (0..ROUNDS).collect();
+    let piece = CONFIG.supply_draw_bins.min(known);
+    let rounds: Vec<usize> = (0..CONFIG.supply_draws).collect();
     let drawn: Vec<[f64; 2]> = parallel(&rounds, |round| {
         let mut rng = sample_rng(seed, *round);
         let mut r = DVector::zeros(bins * per_bin);
@@ -102,7 +104,7 @@ pub fn significance(
                 r += nuisance * delta;
             }
         }
-        let seen: Vec<DVector<f64>> = (0..BLOCKS)
+        let seen: Vec<DVector<f64>> = (0..CONFIG.blocks)
             .map(|b| block(b).tr_mul(&r.rows(edges[b], edges[b + 1] - edges[b])))
             .collect();
         // Loss less ½|r|², which all share: −fᵀXᵀr + ½ fᵀXᵀX f.
@@ -114,11 +116,11 @@ pub fn significance(
             for (fold, solver) in ready.folds.iter().enumerate() {
                 let Some(solver) = solver else { continue };
                 let mut right = DVector::zeros(ready.which.len());
-                for b in (0..BLOCKS).filter(|b| b % FOLDS != fold) {
+                for b in (0..CONFIG.blocks).filter(|b| b % CONFIG.folds != fold) {
                     right += part(b);
                 }
                 let f = solver.solve(&right);
-                for b in (0..BLOCKS).filter(|b| b % FOLDS == fold) {
+                for b in (0..CONFIG.blocks).filter(|b| b % CONFIG.folds == fold) {
                     sum += 0.5 * f.dot(&(&ready.grams[b] * &f)) - f.dot(&part(b));
                 }
             }

@@ -98,12 +98,16 @@ fn finding(verdict: Verdict) -> Finding {
             side: "mechanics".to_owned(),
             target: None,
             params: BTreeMap::from([("mass".to_owned(), value(0.4123, "kg", [0.3981, 0.4269]))]),
+            instead_of: None,
+            chosen_by: Some(1.0),
         },
         FoundEffect {
             id: "leak".to_owned(),
             side: "actuation".to_owned(),
             target: Some(3),
             params: BTreeMap::from([("rate".to_owned(), value(0.31, "1/s", [0.28, 0.35]))]),
+            instead_of: (verdict == Verdict::Indistinguishable).then_some(0),
+            chosen_by: None,
         },
     ];
     let candidates = [
@@ -330,6 +334,28 @@ fn the_page_holds_what_was_found() {
     assert!(page.contains("<code>loads</code>, which separates Undeclared payload, Tip force."));
     let page = html(&finding(Verdict::Unknown), "", Origin::Measured);
     assert!(!page.contains("gap apply") && page.matches("data:image/png").count() == 1);
+}
+
+#[test]
+fn what_is_sure_is_stated_apart_from_what_is_open() {
+    let mut f = finding(Verdict::Indistinguishable);
+    let creep = FoundEffect {
+        id: "creep".to_owned(),
+        instead_of: Some(1),
+        ..f.effects[0].clone()
+    };
+    f.effects[1].instead_of = None;
+    f.effects.push(creep);
+    let text = sentence(&f);
+    let wanted = "Undeclared payload is missing from the model, and one more effect, which this session does not identify: \
+                  Leak, chamber 3 or Creep, every chamber.";
+    assert!(text.starts_with(wanted), "{text}");
+    let places: Vec<Vec<&str>> = f
+        .choices()
+        .into_iter()
+        .map(|c| c.into_iter().map(|e| e.id.as_str()).collect())
+        .collect();
+    assert_eq!(places, [vec!["payload"], vec!["leak", "creep"]]);
 }
 
 #[test]

@@ -103,12 +103,8 @@ pub fn parameter(id: &str, name: &str, value: &PatchValue) -> String {
     format!("{name} {}{unit}{interval}", q.value)
 }
 
-/// Names of the effects in a finding.
-fn names(effects: &[FoundEffect]) -> Vec<String> {
-    effects
-        .iter()
-        .map(|e| effect_name(&e.id, e.target))
-        .collect()
+fn name(e: &FoundEffect) -> String {
+    effect_name(&e.id, e.target)
 }
 
 fn listed(names: &[String], last: &str) -> String {
@@ -132,7 +128,7 @@ pub fn verdict_name(verdict: Verdict) -> &'static str {
 
 /// The verdict as one plain sentence.
 pub fn sentence(finding: &Finding) -> String {
-    let found = names(&finding.effects);
+    let found: Vec<String> = finding.effects.iter().map(name).collect();
     match finding.verdict {
         Verdict::NothingMissing => {
             "Nothing is missing: the residuals are at the noise floor of the healthy rig."
@@ -163,10 +159,24 @@ pub fn sentence(finding: &Finding) -> String {
                 ),
                 None => String::new(),
             };
-            format!(
-                "Something is missing from the model, and this session does not identify which effect it is: {}.{next}",
-                listed(&found, "or")
-            )
+            let (sure, open): (Vec<_>, Vec<_>) =
+                finding.choices().into_iter().partition(|c| c.len() == 1);
+            let sure: Vec<String> = sure.into_iter().map(|c| name(c[0])).collect();
+            let open: Vec<String> = open
+                .into_iter()
+                .map(|c| listed(&c.into_iter().map(name).collect::<Vec<_>>(), "or"))
+                .collect();
+            let open = open.join(", and one of: ");
+            match &sure[..] {
+                [] => format!(
+                    "Something is missing from the model, and this session does not identify which effect it is: {open}.{next}"
+                ),
+                sure => format!(
+                    "{} {} missing from the model, and one more effect, which this session does not identify: {open}.{next}",
+                    listed(sure, "and"),
+                    if sure.len() > 1 { "are" } else { "is" }
+                ),
+            }
         }
         Verdict::Unknown => {
             let place = match finding.located.first() {

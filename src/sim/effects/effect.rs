@@ -178,6 +178,12 @@ impl Start {
             moves: moves.to_vec(),
         }
     }
+
+    /// Whether two starts differ only in what is moved.
+    pub fn is_alike(&self, other: &Self) -> bool {
+        let same = |i: usize| self.moves.contains(&i) || self.at.get(i) == other.at.get(i);
+        self.moves == other.moves && (0..self.at.len()).all(same)
+    }
 }
 
 /// One thing that can be wrong. With all parameters nominal it changes nothing.

@@ -45,10 +45,10 @@ pub const EFFECTS: &[Effect] = &[
         side: Side::Actuation,
         target: Target::Chamber,
         parameters: &[
-            p("inflate", "Pa/s", 1e6, 500.0, 1e6)
+            p("inflate", "Pa/s", 1e6, 50.0, 1e6)
                 .of_departure(0.1)
                 .scale(900.0),
-            p("deflate", "Pa/s", 1e6, 500.0, 1e6)
+            p("deflate", "Pa/s", 1e6, 50.0, 1e6)
                 .of_departure(0.1)
                 .scale(900.0),
         ],

@@ -43,6 +43,8 @@ pub enum CalibrationParameter {
     SpringOffset(usize),
     /// Gain of a spring about its rest length, less one.
     SpringGain(usize),
+    /// Lag of the springs' readings behind their lengths, s: a reading is counted over a gate.
+    SpringLag,
     /// Turn of an IMU on its pad (IMU, axis), rad.
     Mounting(usize, usize),
     /// Motion-capture frame: x, y, z (m), rotation vector (rad).
@@ -74,6 +76,7 @@ impl CalibrationParameter {
             Self::CreepTime => "creep-time".to_owned(),
             Self::Lag => "pressure-lag".to_owned(),
             Self::Drift(i) => format!("imu-{}-drift", i + 1),
+            Self::SpringLag => "spring-lag".to_owned(),
             Self::SpringOffset(i) => format!("spring-{}-offset", i + 1),
             Self::SpringGain(i) => format!("spring-{}-gain", i + 1),
             Self::Mounting(i, a) => format!("imu-{}-{}", i + 1, ["x", "y", "z"][a]),
@@ -99,6 +102,7 @@ impl CalibrationParameter {
         match self {
             Self::SpringOffset(_) | Self::SpringGain(_) | Self::Mounting(..) => Acts::Sensors,
             Self::Frame(_) | Self::Clock | Self::Body(_) | Self::Drift(_) => Acts::Replay,
+            Self::SpringLag => Acts::Replay,
             Self::Damping | Self::Friction(_) | Self::FrictionTravel => Acts::Replay,
             Self::Creep | Self::CreepTime | Self::Lag => Acts::Replay,
             _ => Acts::Arm,
@@ -125,7 +129,7 @@ impl CalibrationParameter {
             | Self::Torsion(_)
             | Self::SpringGain(_) => -0.9,
             Self::Gripper => -1.0,
-            Self::Damping | Self::Friction(_) | Self::Creep | Self::Lag => 0.0,
+            Self::Damping | Self::Friction(_) | Self::Creep | Self::Lag | Self::SpringLag => 0.0,
             Self::FrictionTravel => 1e-3,
             Self::CreepTime => 0.8,
             _ => f64::MIN,
@@ -154,6 +158,7 @@ pub fn calibration_parameters() -> Vec<CalibrationParameter> {
     out.push(CalibrationParameter::Lag);
     out.extend((0..SPRINGS).map(CalibrationParameter::SpringOffset));
     out.extend((0..SPRINGS).map(CalibrationParameter::SpringGain));
+    out.push(CalibrationParameter::SpringLag);
     for i in 0..IMUS {
         out.extend((0..3).map(|a| CalibrationParameter::Mounting(i, a)));
     }

@@ -13,6 +13,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
     let mut drift_rad_s = [0.0; IMUS];
     let mut frame = vec![0.0; 6];
     let mut clock_s = 0.0;
+    let mut lag_s: f64 = 0.0;
     for (parameter, &v) in calibration_parameters().iter().zip(values) {
         match *parameter {
             CalibrationParameter::SpringOffset(i) => offset_m[i] = v,
@@ -21,6 +22,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
             CalibrationParameter::Drift(i) => drift_rad_s[i] = v,
             CalibrationParameter::Frame(k) => frame[k] = v,
             CalibrationParameter::Clock => clock_s = v,
+            CalibrationParameter::SpringLag => lag_s = v.max(parameter.least()),
             _ => {}
         }
     }
@@ -35,6 +37,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
         .chain(imus)
         .chain(drifts)
         .chain([
+            ("spring-lag", None, vec![lag_s]),
             ("clock-offset", None, vec![clock_s]),
             ("mocap-frame", None, frame.clone()),
         ])

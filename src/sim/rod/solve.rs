@@ -28,6 +28,8 @@ pub struct Workspace {
     trial: Vec<f64>,
     /// Strains at the start of an overdamped step.
     from: Vec<f64>,
+    /// Their change in the step before.
+    change: Vec<f64>,
 }
 
 impl Workspace {
@@ -56,18 +58,29 @@ pub fn solve(rod: &Rod, loads: &Loads, q: &mut Vec<f64>, work: &mut Workspace) -
     in_load_steps(rod, &Acting::at_rest(loads), direct, q, work)
 }
 
-/// One implicit overdamped step from the strains in `q`, which are left at the result.
+/// One implicit overdamped step from the strains in `q`, which are left at the result. The iteration begins where the step
+/// before leads.
 ///
 /// Without viscosity, when a direct Newton iteration fails, as [`solve`].
 pub fn solve_step(rod: &Rod, loads: &StepLoads, q: &mut Vec<f64>, work: &mut Workspace) -> Outcome {
     let mut from = std::mem::take(&mut work.from);
+    let mut change = std::mem::take(&mut work.change);
     from.clone_from(q);
     let acting = Acting::over(loads, &from);
+    q.iter_mut().zip(&change).for_each(|(q, c)| *q += c);
     let mut outcome = newton(rod, &acting, q, work);
+    if !outcome.converged && !change.is_empty() {
+        q.clone_from(&from);
+        outcome = newton(rod, &acting, q, work);
+    }
     if !outcome.converged && loads.viscosity <= 0.0 {
         outcome = in_load_steps(rod, &acting, outcome, q, work);
     }
-    work.from = from;
+    change.clear();
+    if outcome.converged {
+        change.extend(q.iter().zip(&from).map(|(q, from)| q - from));
+    }
+    (work.from, work.change) = (from, change);
     outcome
 }
 

@@ -1,5 +1,6 @@
 //! Effects of a pressure log: those that a verdict names, indistinguishable ones, and unobservable ones.
 
+use crate::gap::config::CONFIG;
 use nalgebra::DVector;
 
 use crate::gap::GapError;
@@ -11,10 +12,6 @@ use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
 use crate::gap::patch::PatchValue;
-use crate::gap::problem::{BLOCKS, FOLDS};
-
-/// Margins below this many standard errors are not significant.
-const MARGIN_SE: f64 = 2.0;
 
 /// Everything that was compared with the best set, best first.
 pub(super) fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
@@ -55,7 +52,7 @@ pub(super) fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
 pub(super) fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
     // Each block by its own scale, ln(loss/loss): residuals are larger where more happens, and a
     // single block would decide.
-    let per_block = best.explained.fit.residual.len() as f64 / BLOCKS as f64;
+    let per_block = best.explained.fit.residual.len() as f64 / CONFIG.blocks as f64;
     let close = |e: &Explained| {
         let logs: Vec<f64> = (e.losses.0.iter().zip(&best.explained.losses.0))
             .map(|(other, best)| ((other + 0.5 * per_block) / (best + 0.5 * per_block)).ln())
@@ -63,7 +60,7 @@ pub(super) fn alternatives(best: &EffectSet, found: &Stages) -> Vec<EffectSet> {
         let n = logs.len() as f64;
         let margin = logs.iter().sum::<f64>() / n;
         let var = logs.iter().map(|d| (d - margin).powi(2)).sum::<f64>() / (n - 1.0);
-        margin <= MARGIN_SE * (var / n).sqrt()
+        margin <= CONFIG.supply_margin_se * (var / n).sqrt()
     };
     // A wordier set that explains no more would do so by coincidence.
     let numbers = |e: &Explained| e.fit.parameters().len();
@@ -169,6 +166,8 @@ pub(super) fn add_effects(
             side: side(candidate.effect.side).to_owned(),
             target,
             params,
+            instead_of: None,
+            chosen_by: None,
         });
     }
     Ok(())
@@ -183,15 +182,15 @@ pub(super) fn unseen(
     commissioned: bool,
 ) -> Result<(Vec<LineRow>, Vec<FailedFold>), GapError> {
     let bins = model.grid.len();
-    let fold_of: Vec<usize> = (0..BLOCKS)
+    let fold_of: Vec<usize> = (0..CONFIG.blocks)
         .flat_map(|b| {
-            let bins_of_b = b * bins / BLOCKS..(b + 1) * bins / BLOCKS;
-            bins_of_b.map(move |_| b % FOLDS)
+            let bins_of_b = b * bins / CONFIG.blocks..(b + 1) * bins / CONFIG.blocks;
+            bins_of_b.map(move |_| b % CONFIG.folds)
         })
         .collect();
     let mut out = before.to_vec();
     let mut failed = Vec::new();
-    for fold in 0..FOLDS {
+    for fold in 0..CONFIG.folds {
         let mut m = LineModel {
             baseline: set.baseline.clone(),
             seen: Some(fold_of.iter().map(|f| *f != fold).collect()),
@@ -214,7 +213,7 @@ pub(super) fn unseen(
             // What the fit to all folds leaves is not held out.
             failed.push(FailedFold {
                 fold: fold + 1,
-                of: FOLDS,
+                of: CONFIG.folds,
                 reason: "the effects cannot be fitted to the other blocks".to_owned(),
             });
             continue;

@@ -2,9 +2,9 @@
 
 use crate::gap::actuation::healthy::LineBaseline;
 use crate::gap::actuation::line::{LineRow, PressureGrid, line_rmse_pa};
+use crate::gap::config::CONFIG;
 use crate::gap::describe::T_95;
 use crate::gap::finding::{ChannelError, GapSize, Located, Traces, closed};
-use crate::gap::problem::BLOCKS;
 use crate::signal::CHAMBERS;
 
 /// How much gauges scatter while their commands rest: about the mean of each rest, from 4 s after
@@ -68,12 +68,18 @@ pub(super) fn channels(
     grid.chambers()
         .into_iter()
         .map(|i| {
-            let squares: Vec<f64> = (0..BLOCKS)
-                .map(|b| rms(&after[b * bins / BLOCKS..(b + 1) * bins / BLOCKS], i).powi(2))
+            let squares: Vec<f64> = (0..CONFIG.blocks)
+                .map(|b| {
+                    rms(
+                        &after[b * bins / CONFIG.blocks..(b + 1) * bins / CONFIG.blocks],
+                        i,
+                    )
+                    .powi(2)
+                })
                 .collect();
-            let mean = squares.iter().sum::<f64>() / BLOCKS as f64;
+            let mean = squares.iter().sum::<f64>() / CONFIG.blocks as f64;
             let var = squares.iter().map(|s| (s - mean).powi(2)).sum::<f64>()
-                / (BLOCKS * (BLOCKS - 1)) as f64;
+                / (CONFIG.blocks * (CONFIG.blocks - 1)) as f64;
             let half = T_95 * var.sqrt();
             // The same corrections, half a session late: must not help.
             let shuffled: Vec<LineRow> = (0..bins)
@@ -91,10 +97,10 @@ pub(super) fn channels(
                 after: rms(after, i),
                 after_ci95: [(mean - half).max(0.0).sqrt(), (mean + half).sqrt()],
                 shuffled: Some(rms(&shuffled, i)),
-                floor: baseline.healthy.is_some().then(|| {
-                    let phi = baseline.noise.phi[i];
-                    baseline.noise.sd_pa[i] / (1.0 - phi * phi).sqrt() / 1e3
-                }),
+                floor: baseline
+                    .healthy
+                    .is_some()
+                    .then(|| baseline.chamber_floor_pa[i] / 1e3),
             }
         })
         .collect()
@@ -124,7 +130,7 @@ pub(super) fn located(grid: &PressureGrid, rows: &[LineRow]) -> Vec<Located> {
             ),
         ];
         for (name, x) in regressors {
-            let even = |k: &usize| (k * BLOCKS / bins).is_multiple_of(2);
+            let even = |k: &usize| (k * CONFIG.blocks / bins).is_multiple_of(2);
             let (mut n, mut sx, mut sy, mut sxx, mut sxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
             for k in (0..bins).filter(even) {
                 let (x, y) = (x[k], rows[k][i]);

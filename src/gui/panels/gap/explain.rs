@@ -85,15 +85,14 @@ fn found(ui: &mut Ui, finding: &Finding) {
         return;
     }
     ui.separator();
-    heading(
-        ui,
-        match finding.verdict {
-            Verdict::Indistinguishable => "Possible effects",
-            _ => "Effects found, with 95 % intervals",
-        },
-    );
-    for effect in &finding.effects {
-        parameters(ui, effect);
+    let (sure, open): (Vec<_>, Vec<_>) = finding.choices().into_iter().partition(|c| c.len() == 1);
+    if !sure.is_empty() {
+        heading(ui, "Effects found, with 95 % intervals");
+    }
+    sure.into_iter().flatten().for_each(|e| parameters(ui, e));
+    for choice in open {
+        heading(ui, "Possible effects, one of them");
+        choice.into_iter().for_each(|e| parameters(ui, e));
     }
 }
 

@@ -5,32 +5,36 @@ use egui::{Button, RichText, ScrollArea, Ui, vec2};
 use super::explain::parameters;
 use super::{Decision, GapState, Outcome, Trouble};
 use crate::gap::report::{effect_name, next_step, verdict_name};
-use crate::gap::{Found, FoundEffect, Patch, Verdict};
+use crate::gap::{Found, FoundEffect, Patch};
 use crate::gui::panels::widgets::{Gate, gated, heading, note, pane, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
 use crate::robot::PatchEffect;
 
-/// Whether the operator has a choice of effects: a set of single effects that cannot be distinguished.
-fn alternatives(found: &Found) -> &[FoundEffect] {
-    let finding = &found.finding;
-    if finding.verdict == Verdict::Indistinguishable && found.patch.effects.len() == 1 {
-        &finding.effects
-    } else {
-        &[]
-    }
+/// Effects of which the session does not identify one, the one that the patch holds first; none where all are named. Of
+/// several such sets the first: the others keep what fits best.
+fn alternatives(found: &Found) -> Vec<&FoundEffect> {
+    let choices = found.finding.choices();
+    choices
+        .into_iter()
+        .find(|c| c.len() > 1)
+        .unwrap_or_default()
 }
 
 /// The patch with the chosen one of the alternatives.
 pub fn chosen(found: &Found, alternative: usize) -> Patch {
     let mut patch = found.patch.clone();
-    if let Some(e) = alternatives(found).get(alternative) {
-        patch.effects = vec![PatchEffect {
-            id: e.id.clone(),
-            target: e.target,
-            params: e.params.clone(),
-        }];
+    let others = alternatives(found);
+    if let (Some(first), Some(e)) = (others.first(), others.get(alternative)) {
+        let is_first = |p: &&mut PatchEffect| p.id == first.id && p.target == first.target;
+        if let Some(place) = patch.effects.iter_mut().find(is_first) {
+            *place = PatchEffect {
+                id: e.id.clone(),
+                target: e.target,
+                params: e.params.clone(),
+            };
+        }
     }
     patch
 }

@@ -14,6 +14,7 @@ pub(in crate::gui::tests) fn with_verdict(verdict: Verdict) -> Arc<Found> {
         Verdict::Indistinguishable => {
             let mut other = finding.effects[0].clone();
             other.id = "tip-force".into();
+            other.instead_of = Some(0);
             other.params = [(
                 "z".to_owned(),
                 crate::gap::PatchValue {

@@ -1,0 +1,177 @@
+//! Every threshold of the finder, in one place.
+
+/// Thresholds of the finder. Those marked *statistics* follow from sizes of samples or are usual in the field; those marked
+/// *development* were set on the eight sessions of the independent rigid-disc engine, on development seeds 1 to 30 of the
+/// virtual rig and on logs of a real arm's supply; those marked *time* limit what is computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FinderConfig {
+    /// Resampled sessions behind the significance threshold. Statistics.
+    pub draws: usize,
+    /// Length of the resampled blocks, bins: longer than the correlation time of a healthy rig. Statistics.
+    pub draw_bins: usize,
+    /// Resampled sessions. Statistics.
+    pub supply_draws: usize,
+    /// Length of the resampled pieces, bins. Statistics.
+    pub supply_draw_bins: usize,
+    /// Factor on the significance threshold from which the gain of an idealised law counts: the threshold is resampled from one
+    /// healthy session, and the model inadequacy differs in the next. Development.
+    pub idealisation_factor: f64,
+    /// Least gain that counts, nats: one parameter's worth by the Bayesian criterion. Statistics.
+    pub supply_gain_min: f64,
+    /// Share of the excess over the floor that has to go before an effect is named. Development.
+    pub closed_min: f64,
+    /// The same for sensors, frames and steady loads, whose laws are nearly definitions. Clocks wander. Development.
+    pub closed_min_definition: f64,
+    /// Share of the held-out gap that has to close before an effect is named. Development.
+    pub proven_min: f64,
+    /// Folds that have to choose an effect before it is named. Development.
+    pub folds_min: usize,
+    /// Share of what the varying part of a response takes from the square error that its response to the pressures in another
+    /// order may take. Development.
+    pub control_max: f64,
+    /// Two responses whose varying parts differ by less than this share are the same under any pressures. Development.
+    pub same_response: f64,
+    /// Share of the square error that what varies of a response takes, from which on it is compared with the response to
+    /// other pressures. Development.
+    pub varying_min: f64,
+    /// The group of an effect counts when it exceeds its noise floor by this factor. Development.
+    pub own_group_min: f64,
+    /// A group that got worse by this share of its noise floor is reported. Development.
+    pub worse: f64,
+    /// Significant excess of the mean square innovation over the noise floor, relative to it. Development.
+    pub innovation_excess: f64,
+    /// Significant mean square bias of a channel, in units of a healthy session's: the next healthy session
+    /// reaches 2 to 3 in some channel. Development.
+    pub bias_max: f64,
+    /// Significant change of the rig's parameters over its expectation: model inadequacy makes parameters
+    /// change with the motion, up to 6 for a healthy arm of rigid discs. Development.
+    pub change_max: f64,
+    /// Errors within this factor of a healthy session's are at its floor, and nothing is named for them. Development.
+    pub at_floor: f64,
+    /// Errors beyond this factor are far from it, and something is missing whatever a search found. Development.
+    pub far: f64,
+    /// A further effect has to bring some combination of channels this much closer to its floor. Development.
+    pub further_min: f64,
+    /// At most so many effects at once. Development.
+    pub effects_max: usize,
+    /// Share of what the best effect explains that a rival has to explain. Development.
+    pub rival_explains: f64,
+    /// A best effect that leaves more than this share of the excess is not at the floor. Development.
+    pub leaves_little: f64,
+    /// A rival is excluded when it leaves this many times what the best one leaves. Development.
+    pub rival_leaves: f64,
+    /// A margin below this share of what the best effect gains is small. Development.
+    pub small_margin: f64,
+    /// Share of what some blocks gain that others may lose. Development.
+    pub lost: f64,
+    /// Model inadequacy where the pressures differ from the healthy session's: standard deviation, in units
+    /// of the healthy session's residuals, per pressure at its usual size. Development.
+    pub inadequacy: f64,
+    /// The same for how fast a pressure changes. Development.
+    pub inadequacy_rate: f64,
+    /// Contiguous pieces of a session that gains are summed over. Statistics.
+    pub blocks: usize,
+    /// Blocks b with b mod FOLDS = f are held out together. Statistics.
+    pub folds: usize,
+    /// Blocks of one fold at most: several, so that what begins in the middle of the session is in both parts. Statistics.
+    pub fold_blocks_max: usize,
+    /// Share of a block that is given up to the embargo at each of its ends at most. Statistics.
+    pub embargo_max: f64,
+    /// Pieces of a training part that its own gains are summed over, at least. Statistics.
+    pub pieces_min: usize,
+    /// Standard deviation of a nuisance parameter from session to session, as a share of its prior. Development.
+    pub between: f64,
+    /// What restarts in every session is taken from it up to this many of its standard deviations: the rest is not usual.
+    /// Development.
+    pub restarted_max: f64,
+    /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
+    pub shrinkage: f64,
+    /// Largest autoregressive coefficient; slower errors are treated as this slow. Statistics.
+    pub phi_max: f64,
+    /// Number of independent observations of a persistent bias per session: offsets, drifts and tilts persist,
+    /// and the innovations hardly show them. Statistics.
+    pub looks: f64,
+    /// Candidates that go from the score test into a full fit at most. Time.
+    pub fits_first: usize,
+    /// The same once an effect was found: the score test is then sharp. Time.
+    pub fits_further: usize,
+    /// So many are fitted even where none is significant. Time.
+    pub fits_min: usize,
+    /// At most so many channels of one effect among them. Time.
+    pub fits_per_effect: usize,
+    /// Different effects to begin with. Time.
+    pub supply_beginnings: usize,
+    /// Pressures that all stay within this excite little, Pa. Development.
+    pub excited_pa: f64,
+    /// Smallest share of variance that is listed. Development.
+    pub located_share_min: f64,
+    /// A channel has to exceed its floor by this factor. Development.
+    pub located_over_floor: f64,
+    /// Factor on the significance threshold of the mean square above which residuals count. Development.
+    pub supply_mean_square: f64,
+    /// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
+    /// the residual of an inadequate law is no further effect. Development.
+    pub supply_further_share: f64,
+    /// Standard errors by which a set with a further effect has to be better. Development.
+    pub supply_further_se: f64,
+    /// Share of the mean square that effects of an unknown supply may leave at most. Development.
+    pub supply_without_healthy: f64,
+    /// Margins below this many standard errors are not significant. Development.
+    pub supply_margin_se: f64,
+}
+
+/// What the finder uses.
+pub const CONFIG: FinderConfig = FinderConfig {
+    draws: 400,
+    draw_bins: 50,
+    supply_draws: 200,
+    supply_draw_bins: 60,
+    idealisation_factor: 2.0,
+    supply_gain_min: 4.0,
+    closed_min: 0.5,
+    closed_min_definition: 0.8,
+    proven_min: 0.5,
+    folds_min: 3,
+    control_max: 0.5,
+    same_response: 0.3,
+    varying_min: 0.1,
+    own_group_min: 1.5,
+    worse: 0.1,
+    innovation_excess: 0.5,
+    bias_max: 4.0,
+    change_max: 8.0,
+    at_floor: 1.25,
+    far: 3.0,
+    further_min: 0.6,
+    effects_max: 3,
+    rival_explains: 0.5,
+    leaves_little: 0.05,
+    rival_leaves: 2.0,
+    small_margin: 0.05,
+    lost: 0.1,
+    inadequacy: 0.15,
+    inadequacy_rate: 0.15,
+    blocks: 12,
+    folds: 4,
+    fold_blocks_max: 3,
+    embargo_max: 1.0 / 3.0,
+    pieces_min: 8,
+    between: 0.01,
+    restarted_max: 2.0,
+    shrinkage: 0.1,
+    phi_max: 0.97,
+    looks: 2.0,
+    fits_first: 10,
+    fits_further: 4,
+    fits_min: 3,
+    fits_per_effect: 3,
+    supply_beginnings: 4,
+    excited_pa: 8e3,
+    located_share_min: 0.2,
+    located_over_floor: 1.3,
+    supply_mean_square: 2.0,
+    supply_further_share: 0.1,
+    supply_further_se: 2.0,
+    supply_without_healthy: 0.8,
+    supply_margin_se: 2.0,
+};
