@@ -38,6 +38,7 @@ static DEAD_BAND: Effect = Effect {
         }
     }),
     behind_gauge: None,
+    also_read: None,
     reach: Reach::Single,
     law: Law::Idealisation,
     gradual: false,
@@ -64,14 +65,7 @@ pub fn found(table: &[&'static Effect]) -> Result<Finding, Box<dyn Error>> {
     let healthy = made(1, Vec::new())?;
     let suspect = made(2, vec![Hidden::new("seat-stick-slip", Some(3), &[4e-3])?])?;
     let options = Options::default();
-    let found = find(
-        &robot,
-        table,
-        Some(&healthy),
-        &suspect,
-        &options,
-        &Unwatched,
-    )?;
+    let found = find(&robot, table, &[healthy], &[suspect], &options, &Unwatched)?;
     Ok(found.finding)
 }
 

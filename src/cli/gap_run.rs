@@ -19,12 +19,13 @@ use springtwin::sim::effects::{self, Effect};
 
 #[derive(clap::Args)]
 pub struct RunArgs {
-    /// Session of the healthy rig; the factory model without it
+    /// Session of the healthy rig; the factory model without one. With several, what differs from session to session is
+    /// measured instead of assumed
     #[arg(long, value_name = "SESSION")]
-    baseline: Option<PathBuf>,
-    /// Session in which something may be wrong
-    #[arg(long, value_name = "SESSION")]
-    session: PathBuf,
+    baseline: Vec<PathBuf>,
+    /// Session in which something may be wrong; of several it is the same that is missing in all
+    #[arg(long, value_name = "SESSION", required = true)]
+    session: Vec<PathBuf>,
     /// Folder for patch, report, finding and, of the whole arm, recording
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -33,8 +34,8 @@ pub struct RunArgs {
     /// Look only at the way from command to gauge; also reads 38-column logs of the ASU arm
     #[arg(long)]
     actuation_only: bool,
-    /// With --actuation-only: sessions to test the result on
-    #[arg(long, value_name = "SESSION", requires = "actuation_only")]
+    /// Session that has no part in the finding, to test the result on; may be given several times
+    #[arg(long, value_name = "SESSION")]
     prove: Vec<PathBuf>,
     /// Label figures and pictures as simulated
     #[arg(long)]
@@ -89,22 +90,18 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         reason = "wall time of the run, for the report"
     )]
     let start = Instant::now();
-    let (differences, note) = provenance::of_gap(a.baseline.as_deref(), &a.session)?;
-    let healthy = a.baseline.as_deref().map(read_session).transpose()?;
-    let healthy = healthy.map(Grid::new).transpose()?;
-    let suspect = Grid::new(read_session(&a.session)?)?;
+    let (differences, note) = compared(a)?;
+    let grids = |paths: &[PathBuf]| -> Result<Vec<Grid>> {
+        let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
+        paths.iter().map(grid).collect()
+    };
+    let (healthy, suspects) = (grids(&a.baseline)?, grids(&a.session)?);
     let options = Options {
         seed: a.seed,
         excitations: excitations(robot),
+        prove: grids(&a.prove)?,
     };
-    let mut found = gap::find(
-        robot,
-        &table(a)?,
-        healthy.as_ref(),
-        &suspect,
-        &options,
-        &Logged,
-    )?;
+    let mut found = gap::find(robot, &table(a)?, &healthy, &suspects, &options, &Logged)?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     found.finding.notes.extend(note);
     if let Some(dir) = &a.out {
@@ -116,6 +113,14 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         text: finding_text(&found.finding),
         json,
     })
+}
+
+/// What differs between how the sessions were made.
+fn compared(a: &RunArgs) -> Result<(Vec<String>, Option<String>)> {
+    provenance::of_gap(
+        a.baseline.iter().map(PathBuf::as_path),
+        a.session.iter().map(PathBuf::as_path),
+    )
 }
 
 /// A finding for people.
@@ -135,7 +140,7 @@ fn finding_text(f: &Finding) -> String {
             .collect();
         format!("{}{at}: {}", name(&e.id), values.join(", "))
     };
-    let (sure, open): (Vec<_>, Vec<_>) = f.choices().into_iter().partition(|c| c.len() == 1);
+    let (sure, open) = f.sure_and_open();
     let list = |s: &str, effects: Vec<&FoundEffect>| {
         let lines: Vec<String> = effects
             .into_iter()
@@ -143,12 +148,7 @@ fn finding_text(f: &Finding) -> String {
             .collect();
         format!("{s}\n{}", lines.join("\n"))
     };
-    let missing = (!sure.is_empty()).then(|| {
-        list(
-            "Missing in the model:",
-            sure.into_iter().flatten().collect(),
-        )
-    });
+    let missing = (!sure.is_empty()).then(|| list("Missing in the model:", sure));
     let one_of = open.into_iter().map(|c| {
         list(
             "One of these is missing, and this session cannot distinguish them:",
@@ -175,6 +175,17 @@ fn finding_text(f: &Finding) -> String {
             100.0 * g.closed
         );
     }
+    if let Some(p) = &f.proof {
+        text += &format!(
+            "\nin {}, which had no part in finding it: {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
+            p.sessions.join(", "),
+            p.gap.before,
+            p.gap.after,
+            p.gap.unit,
+            p.gap.floor,
+            100.0 * p.gap.closed
+        );
+    }
     for c in &f.worse {
         text += &format!(
             "\nworse: {} {:.2} -> {:.2} {}",
@@ -198,9 +209,16 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
         reason = "wall time of a command is reported"
     )]
     let begun = Instant::now();
-    let (differences, note) = provenance::of_gap(a.baseline.as_deref(), &a.session)?;
-    let suspect = actuation::read(&a.session)?;
-    let healthy = a.baseline.as_deref().map(actuation::read).transpose()?;
+    let (differences, note) = compared(a)?;
+    let (baseline, session) = match (&a.baseline[..], &a.session[..]) {
+        ([], [session]) => (None, session),
+        ([baseline], [session]) => (Some(baseline), session),
+        _ => anyhow::bail!(
+            "with --actuation-only one --session and at most one --baseline are looked at: give the others as --prove"
+        ),
+    };
+    let suspect = actuation::read(session)?;
+    let healthy = baseline.map(|b| actuation::read(b)).transpose()?;
     let others: Vec<PressureGrid> = a
         .prove
         .iter()

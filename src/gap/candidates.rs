@@ -86,17 +86,26 @@ pub fn candidates(table: Table<'_>, keep: impl Fn(&Effect) -> bool) -> Vec<Candi
     out
 }
 
-/// What a session of the arm offers to starts.
-pub fn scene(grid: &Grid) -> Scene {
-    let captured = grid.captured.iter().flatten();
+/// What sessions of the arm offer to starts. Each has times of its own.
+pub fn scene(grids: &[&Grid]) -> Scene {
+    let captured = grids.iter().flat_map(|g| g.captured.iter().flatten());
+    let lasts = |g: &&Grid| g.t_s[g.len() - 1] - g.t_s[0];
+    let speeds = grids
+        .iter()
+        .map(|g| fastest(&g.t_s, &g.binned(&g.gauge_pa)));
     Scene {
-        seconds: grid.t_s[grid.len() - 1] - grid.t_s[0],
+        seconds: grids.iter().map(lasts).fold(0.0, f64::max),
         tip_m: captured.map(|p| p.translation.vector.into()).collect(),
         still_since_s: std::array::from_fn(|i| {
-            let read_m: Vec<f64> = grid.sensors.iter().map(|s| s.spring_m[i]).collect();
-            still_since(&grid.t_s, &read_m)
+            let rests = |g: &&Grid| {
+                let read_m: Vec<f64> = g.sensors.iter().map(|s| s.spring_m[i]).collect();
+                still_since(&g.t_s, &read_m)
+            };
+            grids.iter().find_map(rests)
         }),
-        fastest_pa_s: fastest(&grid.t_s, &grid.binned(&grid.gauge_pa)),
+        fastest_pa_s: speeds.fold([0.0; CHAMBERS], |most, next| {
+            std::array::from_fn(|i| f64::max(most[i], next[i]))
+        }),
     }
 }
 

@@ -1,8 +1,8 @@
 //! Commissioning: nuisance parameters, noise and noise floor of a healthy rig.
 
-use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
+use super::config::CONFIG;
 use super::noise::{Noise, bridged, start};
 use super::replay::{
     CalibrationParameter, Row, calibration_parameters, is_of_session, move_arm, nominal, residuals,
@@ -72,40 +72,60 @@ pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
     }
 }
 
-/// Variance of each parameter from session to session, once its `values` in one are known. What restarts in every session
-/// differs by as much as it is, twice: (d₁ − d₂)² = 2 d² on average, over all parameters of its kind.
-pub(super) fn between(parameters: &[CalibrationParameter], values: &[f64]) -> DVector<f64> {
-    let restarted: Vec<usize> = (0..parameters.len())
-        .filter(|i| is_of_session(parameters[*i]))
-        .collect();
-    let squares: f64 = restarted.iter().map(|i| values[*i].powi(2)).sum();
-    let least = |k: CalibrationParameter| (CONFIG.between * k.prior()).powi(2);
+/// Places of the parameters that restart in every session.
+fn restarted(parameters: &[CalibrationParameter]) -> Vec<usize> {
+    let all = 0..parameters.len();
+    all.filter(|i| is_of_session(parameters[*i])).collect()
+}
+
+/// Variance of each parameter from session to session: at least what is usual, and what `square` gives of it in the mean of its
+/// kind, in units of its prior. What restarts in every session differs by as much as it is, from one session twice:
+/// (d₁ − d₂)² = 2 d² on average.
+pub(super) fn between(
+    parameters: &[CalibrationParameter],
+    square: impl Fn(usize) -> Option<f64>,
+) -> DVector<f64> {
+    let kind = |i: usize| std::mem::discriminant(&parameters[i]);
+    let prior = |i: usize| parameters[i].prior().powi(2);
     DVector::from_fn(parameters.len(), |i, _| {
-        let least = least(parameters[i]);
-        match restarted.contains(&i) {
-            true => least.max(2.0 * squares / restarted.len() as f64),
-            false => least,
-        }
+        let alike = (0..parameters.len()).filter(|j| kind(*j) == kind(i));
+        let known: Vec<f64> = alike.filter_map(|j| Some(square(j)? / prior(j))).collect();
+        let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+        (prior(i) * mean).max(least(parameters[i]))
     })
 }
 
-/// The baseline of another session: what restarts in every session as this one shows it, as far as that is usual.
+/// Variance from session to session at least.
+fn least(k: CalibrationParameter) -> f64 {
+    (CONFIG.between * k.prior()).powi(2)
+}
+
+/// Whether a parameter is another one in every session, where several are known: motion capture and its clock are set up again.
+pub(super) fn wanders(k: CalibrationParameter) -> bool {
+    is_of_session(k)
+        || matches!(
+            k,
+            CalibrationParameter::Frame(_) | CalibrationParameter::Clock
+        )
+}
+
+/// Calibration parameters in a session through which the healthy arm has `moved`, and their variances about these values from
+/// session to session: what restarts in every session (it acts on readings alone) as this one shows it, where that is usual.
+/// Where it is not, the baseline's holds: the rest is an effect. The others as in the baseline.
 ///
 /// # Errors
 /// [`EffectError`] when the arm cannot follow the session.
-pub fn in_session(
+pub(super) fn in_session(
     robot: &RobotSpec,
     grid: &Grid,
     baseline: &Baseline,
-) -> Result<Baseline, EffectError> {
-    let mut out = baseline.clone();
+    moved: &Simulated,
+) -> Result<(Vec<f64>, DVector<f64>), EffectError> {
+    let (mut values, mut between) = (baseline.values.clone(), baseline.between.clone());
     let parameters = calibration_parameters();
-    let restarted: Vec<usize> = (0..parameters.len())
-        .filter(|i| is_of_session(parameters[*i]))
-        .collect();
-    let moved = move_arm(robot, grid, &baseline.values, &[])?;
-    let rows = residuals(robot, grid, &moved, &baseline.values, &[]);
-    let columns = sensitivities_of(robot, grid, &baseline.values, &[], &moved, &restarted)?;
+    let restarted = restarted(&parameters);
+    let rows = residuals(robot, grid, moved, &baseline.values, &[]);
+    let columns = sensitivities_of(robot, grid, &baseline.values, &[], moved, &restarted)?;
     for (i, column) in restarted.into_iter().zip(columns) {
         // Beside a constant in every channel: ẋᵀe / ẋᵀẋ of what varies.
         let (mut both, mut own) = (0.0, 0.0);
@@ -122,11 +142,14 @@ pub fn in_session(
             }
         }
         if own > 0.0 {
-            let most = CONFIG.restarted_max * baseline.between[i].sqrt();
-            out.values[i] += (both / own).clamp(-most, most);
+            let change = both / own;
+            match change.powi(2) <= CONFIG.restarted_max.powi(2) * between[i] {
+                true => values[i] += change,
+                false => between[i] = least(parameters[i]),
+            }
         }
     }
-    Ok(out)
+    Ok((values, between))
 }
 
 /// Newton steps of the fit.
@@ -143,7 +166,7 @@ pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
             calibration_parameters().len(),
             priors,
         )),
-        between: between(&calibration_parameters(), &nominal()),
+        between: between(&calibration_parameters(), |_| None),
         noise: Noise::usual(present),
         floor: Rmse::default(),
         channel_floor: [f64::NAN; CHANNELS],
@@ -152,148 +175,340 @@ pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
     }
 }
 
-/// Fits the calibration parameters to a healthy session by maximum a posteriori.
+/// Where the parameters of every session stand among all that are fitted: what restarts has a place of its own in each session,
+/// the others are common.
+struct Places {
+    parameters: Vec<CalibrationParameter>,
+    restarted: Vec<usize>,
+    sessions: usize,
+}
+
+impl Places {
+    fn new(sessions: usize) -> Self {
+        let parameters = calibration_parameters();
+        Self {
+            restarted: restarted(&parameters),
+            parameters,
+            sessions,
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.parameters.len() + (self.sessions - 1) * self.restarted.len()
+    }
+
+    /// Place of the parameter `i` of a session.
+    fn of(&self, session: usize, i: usize) -> usize {
+        match self.restarted.iter().position(|r| *r == i) {
+            Some(own) if session > 0 => {
+                self.parameters.len() + (session - 1) * self.restarted.len() + own
+            }
+            _ => i,
+        }
+    }
+
+    /// The parameters of a session.
+    fn values(&self, all: &DVector<f64>, session: usize) -> Vec<f64> {
+        let each = 0..self.parameters.len();
+        each.map(|i| all[self.of(session, i)]).collect()
+    }
+
+    /// The values at all places from those of the parameters.
+    fn spread(&self, of: impl Fn(usize) -> f64) -> DVector<f64> {
+        let mut out = DVector::zeros(self.len());
+        for session in 0..self.sessions {
+            for i in 0..self.parameters.len() {
+                out[self.of(session, i)] = of(i);
+            }
+        }
+        out
+    }
+
+    /// Adds the normal equations of a session's parameters to those of all.
+    fn add(
+        &self,
+        session: usize,
+        own: &(DMatrix<f64>, DVector<f64>),
+        all: &mut (DMatrix<f64>, DVector<f64>),
+    ) {
+        for i in 0..own.1.len() {
+            let place = self.of(session, i);
+            all.1[place] += own.1[i];
+            for j in 0..own.1.len() {
+                all.0[(place, self.of(session, j))] += own.0[(i, j)];
+            }
+        }
+    }
+
+    fn nothing(&self) -> (DMatrix<f64>, DVector<f64>) {
+        (
+            DMatrix::zeros(self.len(), self.len()),
+            DVector::zeros(self.len()),
+        )
+    }
+}
+
+/// A healthy session at some values of the parameters.
+struct Fitted {
+    moved: Simulated,
+    rows: Vec<Row>,
+}
+
+/// Residuals of sessions one after the other, of all but the first without their starts.
+fn joined(sessions: &[Vec<Row>]) -> Vec<Row> {
+    let mut out = Vec::new();
+    for rows in sessions {
+        let from = if out.is_empty() { 0 } else { start() };
+        out.extend_from_slice(rows.get(from..).unwrap_or_default());
+    }
+    out
+}
+
+/// Fits the calibration parameters to healthy sessions by maximum a posteriori, as far as the channels in `present` show
+/// them. Noise and floor are what the fit to one part leaves in another: of one session its halves, of several each of them
+/// as the others predict it.
 ///
 /// # Errors
-/// [`GapError`] when the model cannot follow the session.
+/// [`GapError`] when nothing was measured, or the model cannot follow a session.
 pub fn commission(
     robot: &RobotSpec,
-    grid: &Grid,
+    grids: &[&Grid],
+    present: &[bool; CHANNELS],
     progress: &dyn Progress,
 ) -> Result<Baseline, GapError> {
-    grid.ensure_measured()?;
-    let parameters = calibration_parameters();
-    let start_values = nominal();
-    let weight = DVector::from_iterator(
-        parameters.len(),
-        parameters.iter().map(|k| k.prior().powi(2).recip()),
-    );
+    for grid in grids {
+        grid.ensure_measured()?;
+    }
+    if grids.is_empty() {
+        return Err(GapError::NoSession);
+    }
+    let places = Places::new(grids.len());
+    let parameters = &places.parameters;
+    let start_values = places.spread(|i| nominal()[i]);
+    let weight = places.spread(|i| parameters[i].prior().powi(2).recip());
+    let lowest = places.spread(|i| parameters[i].least());
     let mut values = start_values.clone();
-    let mut noise = Noise::usual(&grid.present);
+    let mut noise = Noise::usual(present);
     let mut rows_per_fact = 20.0;
+    let followed = |values: &DVector<f64>| -> Result<Vec<Fitted>, GapError> {
+        let follow = |(k, grid): (usize, &&Grid)| {
+            let own = places.values(values, k);
+            let moved = move_arm(robot, grid, &own, &[])?;
+            let rows = residuals(robot, grid, &moved, &own, &[]);
+            Ok(Fitted { moved, rows })
+        };
+        grids.iter().enumerate().map(follow).collect()
+    };
+    let all_rows = |fitted: &[Fitted]| {
+        let rows: Vec<Vec<Row>> = fitted.iter().map(|f| f.rows.clone()).collect();
+        joined(&rows)
+    };
+    let slopes = |values: &DVector<f64>, fitted: &[Fitted], which: &[usize]| {
+        let of = |(k, f): (usize, &Fitted)| {
+            let own = places.values(values, k);
+            sensitivities_of(robot, grids[k], &own, &[], &f.moved, which)
+        };
+        fitted
+            .iter()
+            .enumerate()
+            .map(of)
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let every: Vec<usize> = (0..parameters.len()).collect();
     let mut columns = Vec::new();
     for step in 0..STEPS {
         progress.at(Stage::Commission, step as f64 / (STEPS + 1) as f64)?;
-        let moved = move_arm(robot, grid, &values, &[])?;
-        let rows = residuals(robot, grid, &moved, &values, &[]);
+        let fitted = followed(&values)?;
         // A model so nearly linear does with new columns every other step.
         if step % 2 == 0 {
-            columns = sensitivities(robot, grid, &values, &[], &moved)?;
+            columns = slopes(&values, &fitted, &every)?;
         }
-        let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
-        let e = noise.innovations(&rows);
-        let off = DVector::from_fn(values.len(), |i, _| start_values[i] - values[i]);
-        let (normal, right) = normal_equations(&w, &e, |_| true);
+        let mut equations = places.nothing();
+        for (k, (f, columns)) in fitted.iter().zip(&columns).enumerate() {
+            let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
+            let own = normal_equations(&w, &noise.innovations(&f.rows), |_| true);
+            places.add(k, &own, &mut equations);
+        }
+        let (normal, right) = equations;
         let normal = normal / rows_per_fact + DMatrix::from_diagonal(&weight);
-        let right = right / rows_per_fact + weight.component_mul(&off);
+        let right = right / rows_per_fact + weight.component_mul(&(&start_values - &values));
         let Some(solver) = normal.cholesky() else {
             return Err(GapError::Degenerate);
         };
-        let change = solver.solve(&right);
-        for ((v, d), k) in values.iter_mut().zip(change.iter()).zip(&parameters) {
-            *v = (*v + d).max(k.least());
-        }
+        values = (values + solver.solve(&right)).sup(&lowest);
         if step == 1 {
             // From here on the channels are weighted by their residuals; statics keep their weight.
-            let moved = move_arm(robot, grid, &values, &[])?;
-            let rows = residuals(robot, grid, &moved, &values, &[]);
-            let whole = Noise::from_healthy(&rows, &grid.present);
+            let whole = Noise::from_healthy(&all_rows(&followed(&values)?), present);
             rows_per_fact = whole.correlation_rows();
             noise = whole.without_memory();
         }
     }
     progress.at(Stage::Commission, STEPS as f64 / (STEPS + 1) as f64)?;
     // Times are estimated from the motion, so that persistent errors do not dominate them.
+    let is_time = |i: &usize| {
+        matches!(
+            parameters[*i],
+            CalibrationParameter::Clock | CalibrationParameter::Damping
+        )
+    };
+    let times: Vec<usize> = every.iter().copied().filter(is_time).collect();
     for _ in 0..2 {
-        let moved = move_arm(robot, grid, &values, &[])?;
-        let rows = residuals(robot, grid, &moved, &values, &[]);
-        let timed = Noise::from_healthy(&rows, &grid.present);
-        let times: Vec<usize> = (0..parameters.len())
-            .filter(|i| {
-                matches!(
-                    parameters[*i],
-                    CalibrationParameter::Clock | CalibrationParameter::Damping
-                )
-            })
-            .collect();
-        let w: Vec<DMatrix<f64>> = sensitivities_of(robot, grid, &values, &[], &moved, &times)?
-            .iter()
-            .map(|c| timed.innovations(c))
-            .collect();
-        let (normal, right) = normal_equations(&w, &timed.innovations(&rows), |_| true);
+        let fitted = followed(&values)?;
+        let timed = Noise::from_healthy(&all_rows(&fitted), present);
+        let mut normal = DMatrix::zeros(times.len(), times.len());
+        let mut right = DVector::zeros(times.len());
+        for (f, columns) in fitted.iter().zip(slopes(&values, &fitted, &times)?) {
+            let w: Vec<DMatrix<f64>> = columns.iter().map(|c| timed.innovations(c)).collect();
+            let (own, own_right) = normal_equations(&w, &timed.innovations(&f.rows), |_| true);
+            normal += own;
+            right += own_right;
+        }
         if let Some(solver) = normal.cholesky() {
             let change = solver.solve(&right);
             for (i, d) in times.iter().zip(change.iter()) {
-                values[*i] = (values[*i] + d).max(parameters[*i].least());
+                values[*i] = (values[*i] + d).max(lowest[*i]);
             }
         }
     }
-    let moved = move_arm(robot, grid, &values, &[])?;
-    let rows = bridged(&residuals(robot, grid, &moved, &values, &[]));
-    let columns = sensitivities(robot, grid, &values, &[], &moved)?;
-    let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
-    let e = noise.innovations(&rows);
-    let off = DVector::from_fn(values.len(), |i, _| start_values[i] - values[i]);
+    let fitted = followed(&values)?;
+    let columns = slopes(&values, &fitted, &every)?;
     let prior = DMatrix::from_diagonal(&weight);
-    // Each half as a fit to the other one leaves it.
-    let half = grid.len() / 2;
-    let mut unseen = rows.clone();
-    let n = parameters.len();
-    let (mut apart, mut expected) = (DVector::zeros(n), DMatrix::zeros(n, n));
-    for first in [true, false] {
-        let (normal, right) = normal_equations(&w, &e, |k| (k < half) == first);
+    let off = &start_values - &values;
+    // Parts that are predicted by the others: halves of one session, or sessions.
+    let parts: Vec<(usize, std::ops::Range<usize>)> = match grids {
+        [grid] => {
+            let half = grid.len() / 2;
+            vec![(0, 0..half), (0, half..grid.len())]
+        }
+        _ => grids
+            .iter()
+            .enumerate()
+            .map(|(k, g)| (k, 0..g.len()))
+            .collect(),
+    };
+    let weighted: Vec<(Vec<DMatrix<f64>>, DMatrix<f64>)> = fitted
+        .iter()
+        .zip(&columns)
+        .map(|(f, columns)| {
+            let w = columns.iter().map(|c| noise.innovations(c)).collect();
+            (w, noise.innovations(&f.rows))
+        })
+        .collect();
+    let of_part = |(k, bins): &(usize, std::ops::Range<usize>)| {
+        let (w, e) = &weighted[*k];
+        let mut out = places.nothing();
+        places.add(
+            *k,
+            &normal_equations(w, e, |bin| bins.contains(&bin)),
+            &mut out,
+        );
+        out
+    };
+    let equations: Vec<(DMatrix<f64>, DVector<f64>)> = parts.iter().map(of_part).collect();
+    let (whole, whole_right) = equations.iter().fold(places.nothing(), |sum, part| {
+        (sum.0 + &part.0, sum.1 + &part.1)
+    });
+    // The change that some equations ask for, and its covariance.
+    let change = |normal: &DMatrix<f64>, right: &DVector<f64>| {
         let information = normal / rows_per_fact;
-        let Some(solver) = (&information + &prior).cholesky() else {
-            return Err(GapError::Degenerate);
-        };
-        expected += solver.solve(&solver.solve(&information).transpose());
+        let solver = (&information + &prior)
+            .cholesky()
+            .ok_or(GapError::Degenerate)?;
         let change = solver.solve(&(right / rows_per_fact + weight.component_mul(&off)));
-        apart = &change - apart;
-        for k in (0..rows.len()).filter(|k| (*k < half) != first) {
-            for (column, d) in columns.iter().zip(change.iter()) {
+        let covariance = solver.solve(&solver.solve(&information).transpose());
+        Ok::<_, GapError>((change, covariance))
+    };
+    let mut unseen: Vec<Vec<Row>> = fitted.iter().map(|f| bridged(&f.rows)).collect();
+    let mut differences = Vec::new();
+    for ((k, bins), (normal, right)) in parts.iter().zip(&equations) {
+        let (mut others, covariance) = change(&(&whole - normal), &(&whole_right - right))?;
+        let (own, own_covariance) = change(normal, right)?;
+        differences.push((&own - &others, covariance + own_covariance));
+        // Of what restarts with a session others know nothing, and it is taken from the session itself.
+        for i in &places.restarted {
+            others[places.of(*k, *i)] = 0.0;
+        }
+        for (i, column) in columns[*k].iter().enumerate() {
+            let d = others[places.of(*k, i)];
+            for bin in bins.clone() {
                 for c in 0..CHANNELS {
-                    if column[k][c].is_finite() {
-                        unseen[k][c] -= d * column[k][c];
+                    if column[bin][c].is_finite() {
+                        unseen[*k][bin][c] -= d * column[bin][c];
                     }
                 }
             }
         }
     }
-    let (normal, _) = normal_equations(&w, &e, |_| true);
-    let Some(solver) = (normal / rows_per_fact + prior).cholesky() else {
-        return Err(GapError::Degenerate);
+    let solver = (whole / rows_per_fact + prior)
+        .cholesky()
+        .ok_or(GapError::Degenerate)?;
+    let sessions = grids.len() as f64;
+    let between = between(parameters, |i| {
+        if places.restarted.contains(&i) {
+            let squares = (0..grids.len()).map(|k| values[places.of(k, i)].powi(2));
+            return Some((1.0 + 1.0 / sessions) * squares.sum::<f64>() / sessions);
+        }
+        let apart = differences
+            .iter()
+            .map(|(d, expected)| d[i] * d[i] - expected[(i, i)]);
+        let known = grids.len() > 1 && wanders(parameters[i]);
+        known.then(|| apart.sum::<f64>() / sessions)
+    });
+    // Parts that differ by more than noise explains: the model is inadequate, and the next session will give other
+    // parameters again.
+    let common: Vec<usize> = match grids.len() {
+        1 => every.clone(),
+        _ => every
+            .iter()
+            .copied()
+            .filter(|i| !wanders(parameters[*i]))
+            .collect(),
     };
-    let noise = Noise::from_healthy(&unseen, &grid.present);
-    // Halves of one session that differ by more than noise explains: the model is inadequate, and the
-    // next session will give other parameters again.
-    let between = between(&parameters, &values);
-    let expected = expected + DMatrix::from_diagonal(&between);
-    let Some(expected) = expected.cholesky() else {
-        return Err(GapError::Degenerate);
+    let mut differ = 0.0;
+    for (apart, expected) in &differences {
+        let apart = apart.select_rows(&common);
+        let expected = expected.select_rows(&common).select_columns(&common)
+            + DMatrix::from_diagonal(&between.select_rows(&common));
+        let solver = expected.cholesky().ok_or(GapError::Degenerate)?;
+        differ += apart.dot(&solver.solve(&apart)) / (common.len() * differences.len()) as f64;
+    }
+    log::debug!("parts of the healthy sessions differ by {differ:.2} of what is expected");
+    let unseen = joined(&unseen);
+    let n = parameters.len();
+    let name = |of: fn(&Grid) -> &String| {
+        let all: Vec<&str> = grids.iter().map(|g| of(g).as_str()).collect();
+        all.join(", ")
     };
-    let differ = apart.dot(&expected.solve(&apart)) / parameters.len() as f64;
-    log::debug!("halves of the healthy session differ by {differ:.2} of what is expected");
     Ok(Baseline {
-        values,
-        covariance: solver.inverse() * differ.max(1.0),
+        values: every
+            .iter()
+            .map(|i| mean_of_sessions(&places, &values, *i))
+            .collect(),
+        covariance: solver.inverse().view((0, 0), (n, n)) * differ.max(1.0),
         between,
-        noise,
-        floor: rmse(&masked(&unseen, grid), |_| true),
+        noise: Noise::from_healthy(&unseen, present),
+        floor: rmse(&masked(&unseen, present), |_| true),
         channel_floor: std::array::from_fn(|c| {
             let judged = &unseen[start()..];
             let sum: f64 = judged.iter().map(|row| row[c] * row[c]).sum();
             (sum / judged.len() as f64).sqrt()
         }),
         healthy: Some(unseen),
-        session: Some([grid.session.name.clone(), grid.session.hash.clone()]),
+        session: Some([name(|g| &g.session.name), name(|g| &g.session.hash)]),
     })
 }
 
+/// Mean of a parameter over the sessions.
+fn mean_of_sessions(places: &Places, values: &DVector<f64>, i: usize) -> f64 {
+    let each = (0..places.sessions).map(|k| values[places.of(k, i)]);
+    each.sum::<f64>() / places.sessions as f64
+}
+
 /// Rows with NaN in channels that were never measured.
-fn masked(rows: &[Row], grid: &Grid) -> Vec<Row> {
+fn masked(rows: &[Row], present: &[bool; CHANNELS]) -> Vec<Row> {
     let mut out = rows.to_vec();
     for row in &mut out {
-        for c in (0..CHANNELS).filter(|c| !grid.present[*c]) {
+        for c in (0..CHANNELS).filter(|c| !present[*c]) {
             row[c] = f64::NAN;
         }
     }

@@ -9,14 +9,14 @@ pub struct FinderConfig {
     pub draws: usize,
     /// Length of the resampled blocks, bins: longer than the correlation time of a healthy rig. Statistics.
     pub draw_bins: usize,
-    /// Resampled sessions. Statistics.
+    /// Resampled sessions behind the supply's significance thresholds. Statistics.
     pub supply_draws: usize,
-    /// Length of the resampled pieces, bins. Statistics.
+    /// Length of the pieces that they are resampled from, bins. Statistics.
     pub supply_draw_bins: usize,
     /// Factor on the significance threshold from which the gain of an idealised law counts: the threshold is resampled from one
     /// healthy session, and the model inadequacy differs in the next. Development.
     pub idealisation_factor: f64,
-    /// Least gain that counts, nats: one parameter's worth by the Bayesian criterion. Statistics.
+    /// Least gain of an effect of the supply that counts, nats: one parameter's worth by the Bayesian criterion. Statistics.
     pub supply_gain_min: f64,
     /// Share of the excess over the floor that has to go before an effect is named. Development.
     pub closed_min: f64,
@@ -71,7 +71,7 @@ pub struct FinderConfig {
     pub inadequacy_rate: f64,
     /// Contiguous pieces of a session that gains are summed over. Statistics.
     pub blocks: usize,
-    /// Blocks b with b mod FOLDS = f are held out together. Statistics.
+    /// Held-out folds: every block is held out in one of them. Statistics.
     pub folds: usize,
     /// Blocks of one fold at most: several, so that what begins in the middle of the session is in both parts. Statistics.
     pub fold_blocks_max: usize,
@@ -81,8 +81,8 @@ pub struct FinderConfig {
     pub pieces_min: usize,
     /// Standard deviation of a nuisance parameter from session to session, as a share of its prior. Development.
     pub between: f64,
-    /// What restarts in every session is taken from it up to this many of its standard deviations: the rest is not usual.
-    /// Development.
+    /// What restarts in every session is usual up to this many of its standard deviations and taken from the session; what is
+    /// more is an effect. Student's t with 4 degrees of freedom, 5 % over four IMUs. Statistics.
     pub restarted_max: f64,
     /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
     pub shrinkage: f64,
@@ -99,24 +99,24 @@ pub struct FinderConfig {
     pub fits_min: usize,
     /// At most so many channels of one effect among them. Time.
     pub fits_per_effect: usize,
-    /// Different effects to begin with. Time.
+    /// Different effects that a search in the supply begins with. Time.
     pub supply_beginnings: usize,
     /// Pressures that all stay within this excite little, Pa. Development.
     pub excited_pa: f64,
     /// Smallest share of variance that is listed. Development.
     pub located_share_min: f64,
-    /// A channel has to exceed its floor by this factor. Development.
+    /// What is located has to be in a channel that exceeds its floor by this factor. Development.
     pub located_over_floor: f64,
-    /// Factor on the significance threshold of the mean square above which residuals count. Development.
+    /// Factor on the significance threshold of the supply's mean square above which its residuals count. Development.
     pub supply_mean_square: f64,
-    /// Share of the gain so far that a further effect must add: nothing in the table is exact, and what
-    /// the residual of an inadequate law is no further effect. Development.
+    /// Share of the gain so far that a further effect of the supply must add: no law in the table is exact, and what an
+    /// inadequate one leaves is no further effect. Development.
     pub supply_further_share: f64,
-    /// Standard errors by which a set with a further effect has to be better. Development.
+    /// Standard errors by which a set of the supply's effects with one more has to be better. Development.
     pub supply_further_se: f64,
     /// Share of the mean square that effects of an unknown supply may leave at most. Development.
     pub supply_without_healthy: f64,
-    /// Margins below this many standard errors are not significant. Development.
+    /// Margins between sets of the supply's effects below this many standard errors are not significant. Development.
     pub supply_margin_se: f64,
 }
 
@@ -157,7 +157,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     embargo_max: 1.0 / 3.0,
     pieces_min: 8,
     between: 0.01,
-    restarted_max: 2.0,
+    restarted_max: 4.3,
     shrinkage: 0.1,
     phi_max: 0.97,
     looks: 2.0,

@@ -8,7 +8,8 @@ use super::finding::{FoundEffect, Ranked, SeparateBy};
 use super::misfit::Misfit;
 use super::patch::PatchValue;
 use super::problem::{Problem, Replayed};
-use super::session::Grid;
+use super::session::{CHANNELS, Grid, channel_name, common_channels};
+use crate::signal::CHAMBERS;
 use crate::sim::effects::{Parameter, Scene, Side, Trajectory};
 
 /// Two-sided 95 % quantile of the normal distribution: for a variance that is known.
@@ -143,9 +144,10 @@ pub fn separate(
     names.extend(rivals.iter().map(|r| r.candidate.effect.id.to_owned()));
     let mut best: Option<(f64, &str)> = None;
     let (a, b) = (a.fit.active(), b.fit.active());
-    let here = replayed.apart(replayed.grid, &a, &b)?;
+    let here = replayed.runs.iter().map(|r| replayed.apart(r.grid, &a, &b));
+    let here: f64 = here.collect::<Option<Vec<f64>>>()?.iter().sum();
     for (name, drive) in excitations {
-        let Some(grid) = replayed.grid.driven_by(drive) else {
+        let Some(grid) = replayed.runs[0].grid.driven_by(drive) else {
             continue;
         };
         let Some(apart) = replayed.apart(&grid, &a, &b) else {
@@ -166,31 +168,30 @@ pub fn separate(
     })
 }
 /// Notes on the data that limit any verdict.
-pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
+pub fn notes(healthy: &[&Grid], suspects: &[&Grid]) -> Vec<String> {
     let mut out = Vec::new();
-    match healthy {
-        None => out.push(
+    if healthy.is_empty() {
+        out.push(
             "No healthy session was given: the factory model is the baseline, and differences \
              between this arm and the nominal one can look like effects."
                 .to_owned(),
-        ),
-        Some(h) => {
-            if h.present != suspect.present {
-                out.push(
-                    "The two sessions do not hold the same channels: only the common ones count."
-                        .to_owned(),
-                );
-            }
-        }
+        );
     }
-    let gone: Vec<String> = (0..super::session::CHANNELS)
-        .filter(|c| !suspect.present[*c])
-        .map(super::session::channel_name)
+    let all = || healthy.iter().chain(suspects);
+    if all().any(|g| g.present != suspects[0].present) {
+        out.push(
+            "The sessions do not hold the same channels: only the common ones count.".to_owned(),
+        );
+    }
+    let common = common_channels(suspects.iter().copied());
+    let gone: Vec<String> = (0..CHANNELS)
+        .filter(|c| !common[*c])
+        .map(channel_name)
         .collect();
     if !gone.is_empty() {
         out.push(format!("Not measured: {}.", gone.join(", ")));
     }
-    for grid in healthy.into_iter().chain([suspect]) {
+    for grid in all() {
         for [from_s, to_s] in &grid.holes_s {
             out.push(format!(
                 "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
@@ -198,7 +199,7 @@ pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
             ));
         }
     }
-    if suspect.session.commanded_pa.is_none() {
+    if suspects.iter().all(|g| g.session.commanded_pa.is_none()) {
         out.push(
             "The commanded pressures were not logged: the path from command to gauge cannot be judged."
                 .to_owned(),
@@ -207,12 +208,14 @@ pub fn notes(healthy: Option<&Grid>, suspect: &Grid) -> Vec<String> {
     out
 }
 
-/// Largest movement of any pressure, Pa.
-pub fn range_pa(grid: &Grid) -> f64 {
-    (0..crate::signal::CHAMBERS)
-        .map(|i| {
+/// Largest movement of any pressure in any session, Pa.
+pub fn range_pa(grids: &[&Grid]) -> f64 {
+    let moves = |grid: &&Grid| {
+        let of_chamber = |i: usize| {
             let values = grid.gauge_pa.iter().map(|p| p[i]);
             values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
-        })
-        .fold(0.0, f64::max)
+        };
+        (0..CHAMBERS).map(of_chamber).fold(0.0, f64::max)
+    };
+    grids.iter().map(moves).fold(0.0, f64::max)
 }

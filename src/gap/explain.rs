@@ -1,12 +1,12 @@
 //! Effects that explain the residuals: a score test of all, a full fit of the best.
 
-use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::candidates::{Candidate, Start, Table, candidates};
+use super::config::CONFIG;
 use super::fit::{Fit, fit};
 use super::problem::{Losses, Problem};
-use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
+use super::session::{CHANNELS, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage, parallel};
 use crate::sim::effects::{Residual, Scene};
 
@@ -59,9 +59,8 @@ impl Explained {
 /// Steps of a full fit.
 const STEPS: usize = 8;
 
-/// Candidates that are observable in this session: their effect shows in a measured channel.
-pub fn admitted(table: Table<'_>, grid: &Grid) -> Vec<Candidate> {
-    let present = &grid.present;
+/// Candidates that are observable: their effect shows in a measured channel.
+pub fn admitted(table: Table<'_>, present: &[bool; CHANNELS]) -> Vec<Candidate> {
     let tip = present[..6].iter().any(|p| *p);
     let springs = present[SPRING_0..IMU_0].iter().any(|p| *p);
     let imus = present[IMU_0..CHANNELS].iter().any(|p| *p);
@@ -114,7 +113,13 @@ pub fn columns(
             values[moved] = start.at[moved];
             let mut effects = base.clone();
             effects.push(candidate.with(&values));
-            Some(&r0 - problem.residual(&effects).ok()?)
+            match problem.residual(&effects) {
+                Ok(r) => Some(&r0 - r),
+                Err(e) => {
+                    log::debug!("{} from {values:.3?}: {e}", candidate.effect.id);
+                    None
+                }
+            }
         };
         start.moves.iter().map(column).collect()
     };
@@ -277,8 +282,7 @@ pub fn explain(
     .map(|(i, (s, x))| (s, i, x))
     .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut chosen: Vec<(Candidate, Vec<f64>)> = Vec::new();
-    let mut starts: Vec<(Candidate, &Start)> = Vec::new();
+    let mut chosen: Vec<(Candidate, &Start, Vec<f64>)> = Vec::new();
     for (score, i, x) in &scored {
         if *score < least && chosen.len() >= CONFIG.fits_min {
             break;
@@ -293,22 +297,21 @@ pub fn explain(
         };
         let same = chosen
             .iter()
-            .filter(|(c, _)| c.effect.id == candidate.effect.id)
+            .filter(|(c, ..)| c.effect.id == candidate.effect.id)
             .count();
+        // What sets in abruptly (a floor, a wall) is fitted from starts of several kinds.
+        let begun = |(c, start, _): &(Candidate, &Start, Vec<f64>)| {
+            *c == candidate && (c.effect.gradual || start.is_alike(&column.start))
+        };
+        if taken(&candidate) || chosen.iter().any(begun) || same >= CONFIG.fits_per_effect {
+            continue;
+        }
         log::debug!(
             "score {score:.0}: {} {:?} from {:.3?}",
             candidate.effect.id,
             candidate.target,
             column.start.at
         );
-        // What sets in abruptly (a floor, a wall) is fitted from starts of several kinds.
-        let begun = |(c, start): &(Candidate, &Start)| {
-            *c == candidate && (c.effect.gradual || start.is_alike(&column.start))
-        };
-        if taken(&candidate) || starts.iter().any(begun) || same >= CONFIG.fits_per_effect {
-            continue;
-        }
-        starts.push((candidate, &column.start));
         let nominal = candidate.nominal();
         let mut values = column.start.at.clone();
         for (k, &moved) in column.start.moves.iter().enumerate() {
@@ -325,7 +328,7 @@ pub fn explain(
         if !candidate.effect.gradual {
             values.clone_from(&column.start.at);
         }
-        chosen.push((candidate, values));
+        chosen.push((candidate, &column.start, values));
         if chosen.len()
             >= if so_far.is_some() {
                 CONFIG.fits_further
@@ -339,7 +342,7 @@ pub fn explain(
     let step = std::sync::atomic::AtomicUsize::new(0);
     let fitted = parallel(
         &chosen,
-        |(candidate, values)| -> Result<Option<Explained>, GapError> {
+        |(candidate, _, values)| -> Result<Option<Explained>, GapError> {
             let n = step.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
             progress.at(Stage::Explain, n as f64 / chosen.len() as f64)?;
             let mut effects = base.clone();

@@ -1,27 +1,28 @@
 //! The whole procedure: commission, replay, locate, explain, decide, patch, prove.
 
-use super::config::CONFIG;
 use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 use rand::SeedableRng as _;
 
 use super::candidates::{Candidate, Table, scene};
-use super::commission::{Baseline, commission, factory, in_session};
+use super::commission::{Baseline, commission, factory};
+use super::config::CONFIG;
 use super::describe::{described, notes, range_pa, separate, undetermined, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
 use super::finding::{
-    ChannelError, FailedFold, Finding, FoundEffect, GapSize, Located, Verdict, closed_excess,
+    ChannelError, FailedFold, Finding, FoldChoice, FoundEffect, GapSize, Located, Verdict,
+    closed_excess,
 };
 use super::fit::{cost, fit};
 use super::misfit::{Misfit, short_stretches};
 use super::noise::start;
 use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::{Problem, Replayed};
-use super::prove::{Case, Proof, prove};
+use super::prove::{Case, Proof, confirm, prove};
 use super::select::{rivals_of, select};
-use super::session::{Grid, at_one_rate, same_robot};
-use super::sides::{add_supply, is_open, supply};
+use super::session::{Grid, Session, at_one_rate, common_channels, same_robot};
+use super::sides::{add_supply, supply};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use crate::sim::effects::{Law, Trajectory};
@@ -33,6 +34,8 @@ pub struct Options {
     pub seed: u64,
     /// Excitations that could discriminate between alternatives, by name: times (s) and pressures (Pa).
     pub excitations: Vec<(String, Trajectory)>,
+    /// Sessions that have no part in the finding, and on which what it names is tested.
+    pub prove: Vec<Grid>,
 }
 
 /// A finding with the patch that brings it into the model.
@@ -46,44 +49,43 @@ pub struct Found {
 
 /// Finds what is missing in the model of a rig.
 ///
-/// Looked for are the effects of `table`. `healthy` is a session of the healthy rig; without it the factory model is the
-/// baseline and the verdict is weaker, as the notes state.
+/// Looked for are the effects of `table`. `healthy` are sessions of the healthy rig; without any the factory model is the
+/// baseline and the verdict is weaker, as the notes state. What is missing is missing in all `suspects`: what several sessions
+/// show adds up, while clock and frame belong to each.
 ///
 /// # Errors
-/// [`GapError`] when a session cannot be judged, or the model cannot follow it.
+/// [`GapError`] when there is no suspect session, one cannot be judged, or the model cannot follow it.
 pub fn find(
     robot: &RobotSpec,
     table: Table<'_>,
-    healthy: Option<&Grid>,
-    suspect: &Grid,
+    healthy: &[Grid],
+    suspects: &[Grid],
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Found, GapError> {
-    for grid in healthy.into_iter().chain([suspect]) {
+    let all: Vec<&Grid> = healthy.iter().chain(suspects).collect();
+    for grid in all.iter().copied().chain(&options.prove) {
         same_robot(robot, &grid.session)?;
         grid.ensure_measured()?;
     }
-    let (healthy, suspect) = at_one_rate(healthy, suspect)?;
-    let (healthy, suspect) = (healthy.as_deref(), &*suspect);
+    let all = at_one_rate(&all)?;
+    let all: Vec<&Grid> = all.iter().map(|g| &**g).collect();
+    let (healthy, suspects) = all.split_at(healthy.len());
+    if suspects.is_empty() {
+        return Err(GapError::NoSession);
+    }
+    let present = common_channels(all.iter().copied());
+    if !present.contains(&true) {
+        return Err(GapError::NothingCommon);
+    }
     let baseline = match healthy {
-        Some(grid) => {
-            let mut common = grid.clone();
-            for (c, there) in common.present.iter_mut().zip(suspect.present) {
-                *c &= there;
-            }
-            if !common.present.iter().any(|c| *c) {
-                return Err(GapError::NothingCommon);
-            }
-            commission(robot, &common, progress)?
-        }
-        None => factory(&suspect.present),
+        [] => factory(&present),
+        _ => commission(robot, healthy, &present, progress)?,
     };
-    let mut notes = notes(healthy, suspect);
+    let mut notes = notes(healthy, suspects);
     progress.at(Stage::Replay, 0.0)?;
-    // What restarted with this session is not of the rig: the patch has what was commissioned.
-    let commissioned = baseline.values.clone();
-    let baseline = in_session(robot, suspect, &baseline)?;
-    let replayed = Replayed::new(robot, suspect, &baseline)?;
+    let replayed = Replayed::new(robot, suspects, &baseline)?;
+    let bins = replayed.bins() / suspects.len();
     let problem = replayed.problem()?;
     let r0 = problem.residual(&[])?;
     if !r0.iter().all(|x| x.is_finite()) {
@@ -91,19 +93,18 @@ pub fn find(
     }
     progress.at(Stage::Locate, 0.0)?;
     let located = super::locate::locate(&replayed)?;
-    let supply = supply(robot, healthy, suspect, table, progress)?;
-    let mut all = admitted(table, suspect);
-    all.retain(|c| is_open(supply.as_ref(), c));
+    let supply = supply(robot, healthy, suspects, table, progress)?;
+    let all = admitted(table, &common_channels(suspects.iter().copied()));
     progress.at(Stage::Explain, 0.0)?;
-    let ready = columns(&problem, &all, &scene(suspect), &[])?;
+    let ready = columns(&problem, &all, &scene(suspects), &[])?;
     progress.at(Stage::Decide, 0.0)?;
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
     // Without a healthy session only the assumed noise separates noise from effects.
     let combinations = baseline.noise.channels.len();
     let quiet = match &baseline.healthy {
-        Some(rows) => baseline.noise.evidence(rows, suspect.len()),
+        Some(rows) => baseline.noise.evidence(rows, bins),
         None => {
-            let mut quiet = DMatrix::zeros(2 * combinations, suspect.len());
+            let mut quiet = DMatrix::zeros(2 * combinations, bins);
             for x in quiet.rows_mut(0, combinations).iter_mut() {
                 *x = crate::sim::dataset::normal(&mut rng);
             }
@@ -112,7 +113,7 @@ pub fn find(
     };
     let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, CONFIG.draws);
     let short = baseline.healthy.as_ref().map_or_else(Vec::new, |rows| {
-        short_stretches(rows, &baseline.noise.channels, suspect.len())
+        short_stretches(rows, &baseline.noise.channels, bins)
     });
     let before = Misfit::of(&problem, &r0).in_short(short);
     let judged = quiet.ncols() - start();
@@ -154,7 +155,14 @@ pub fn find(
             let n = problem.len() as f64;
             let healthy = quiet.norm_squared() * n / quiet.len() as f64;
             let cost = cost(&problem, &r0);
-            let rivals = rivals_of(&problem, rankings, best, [cost, healthy], supply.as_ref());
+            let rivals = rivals_of(
+                &problem,
+                rankings,
+                best,
+                threshold,
+                [cost, healthy],
+                supply.as_ref(),
+            );
             let after = Misfit::of(&problem, &best.fit.residual);
             log::debug!(
                 "residual: innovations {:.3}, biases {:.2?}, rig's change {:.2}; closed {:.2}",
@@ -166,9 +174,14 @@ pub fn find(
             let closed = before
                 .closed(&after, floor)
                 .max(closed_excess(&proof.channels));
+            // At the floor of the whole, what shows in a group of its own counts there.
+            let closed = match before.exceeds(floor) {
+                false if proof.shows() => closed.max(proof.gap.closed),
+                _ => closed,
+            };
             judge(best, rivals, &before, (closed, floor), &located)
         }
-        None => unexplained(suspect, &before, floor),
+        None => unexplained(suspects, &before, floor),
     };
     notes.extend(reasons);
     notes.extend(proof.failed.iter().map(FailedFold::text));
@@ -210,8 +223,7 @@ pub fn find(
         // The last one: those before it are the same.
         if let Some(mut other) = described(&problem, r).pop() {
             chosen_by(&mut other);
-            other.instead_of =
-                Some((r.fit.effects.len() - 1).min(found_effects.len().saturating_sub(1)));
+            other.instead_of = chosen.as_ref().map(|best| place(r, best));
             effects.push(other);
         }
     }
@@ -219,13 +231,15 @@ pub fn find(
         (Some(a), Some(b)) => separate(&replayed, a, b, &rivals, &options.excitations),
         _ => None,
     };
-    let mut data = BTreeMap::new();
-    if let Some([name, hash]) = &baseline.session {
-        data.insert("baseline".to_owned(), name.clone());
-        data.insert("baseline_sha256".to_owned(), hash.clone());
-    }
-    data.insert("session".to_owned(), suspect.session.name.clone());
-    data.insert("session_sha256".to_owned(), suspect.session.hash.clone());
+    let confirmed = match accepted {
+        Some(e) if !options.prove.is_empty() => {
+            let others: Vec<&Grid> = options.prove.iter().collect();
+            let others = Replayed::new(robot, &others, &baseline)?;
+            Some(confirm(&others, &e.fit.active())?)
+        }
+        _ => None,
+    };
+    let data = origins(healthy, suspects);
     let gap = if accepted.is_some() {
         proof.gap
     } else {
@@ -247,6 +261,7 @@ pub fn find(
         embargo_s: proof.embargo_s,
         folds: proof.folds,
         failed_folds: proof.failed,
+        proof: confirmed,
         separate_by,
         notes,
         data: data.clone(),
@@ -259,7 +274,7 @@ pub fn find(
     let verdict = finding.verdict;
     let mut patch = Patch {
         version: VERSION,
-        name: format!("found in {}", suspect.session.name),
+        name: format!("found in {}", data["session"]),
         robot: robot.hash.clone(),
         verdict: verdict_id(verdict).to_owned(),
         data,
@@ -274,8 +289,25 @@ pub fn find(
             })
             .collect(),
     };
-    patch.set_values(&commissioned);
+    // What restarted with a session is not of the rig: the patch has what was commissioned.
+    patch.set_values(&baseline.values);
     Ok(Found { finding, patch })
+}
+
+/// Names and hashes of the sessions.
+fn origins(healthy: &[&Grid], suspects: &[&Grid]) -> BTreeMap<String, String> {
+    let mut out = BTreeMap::new();
+    for (key, grids) in [("baseline", healthy), ("session", suspects)] {
+        let all = |of: fn(&Session) -> &String| {
+            let all: Vec<&str> = grids.iter().map(|g| of(&g.session).as_str()).collect();
+            all.join(", ")
+        };
+        if !grids.is_empty() {
+            out.insert(key.to_owned(), all(|s| &s.name));
+            out.insert(format!("{key}_sha256"), all(|s| &s.hash));
+        }
+    }
+    out
 }
 
 fn names(verdict: Verdict) -> bool {
@@ -311,64 +343,75 @@ fn hold(
     let target = |c: &Candidate| c.target.map(|t| t + 1);
     let supported = |c: &Candidate| proof.supports(c.effect.id, target(c));
     let mut notes = Vec::new();
-    let mut elsewhere = Vec::new();
-    for (id, at) in proof.folds.iter().flat_map(|f| &f.effects) {
-        let is = |c: &Candidate| c.effect.id == id && target(c) == *at;
-        let known = best.fit.effects.iter().any(|(c, _)| is(c))
-            || rivals
-                .iter()
-                .chain(&elsewhere)
-                .any(|e: &Explained| is(&e.candidate));
-        let found = rankings.iter().flatten().find(|e| is(&e.candidate));
-        if let (false, Some(e)) = (known, found) {
-            elsewhere.push(e.clone());
+    // What a fold that lacks one of the effects chose in its place cannot be excluded.
+    for fold in &proof.folds {
+        let in_fold = |c: &Candidate| {
+            let mut chosen = fold.effects.iter();
+            chosen.any(|(id, at)| c.effect.id == id && target(c) == *at)
+        };
+        if best.fit.effects.iter().all(|(c, _)| in_fold(c)) {
+            continue;
+        }
+        let known = |c: &Candidate| {
+            best.fit.effects.iter().any(|(b, _)| b == c) || rivals.iter().any(|r| r.candidate == *c)
+        };
+        let mut compared = rankings.iter().flatten();
+        let other = compared.find(|e| in_fold(&e.candidate) && !known(&e.candidate));
+        rivals.extend(other.cloned());
+    }
+    // An effect stands when enough folds chose it, or what cannot be excluded in its place; otherwise it goes.
+    let unsure: Vec<Candidate> = {
+        let all = best.fit.effects.iter().map(|(c, _)| *c);
+        all.filter(|c| !supported(c)).collect()
+    };
+    let mut gone = Vec::new();
+    for c in &unsure {
+        notes.push(format!(
+            "{} is chosen by {} of {} held-out folds.",
+            c.effect.name,
+            proof.support(c.effect.id, target(c)),
+            CONFIG.folds
+        ));
+        let k = best.fit.effects.iter().position(|(b, _)| b == c);
+        let in_place = rivals.iter().filter(|r| Some(place(r, &best)) == k);
+        let any: Vec<Candidate> = std::iter::once(*c)
+            .chain(in_place.map(|e| e.candidate))
+            .collect();
+        let chose = |f: &&FoldChoice| {
+            let mut chosen = f.effects.iter();
+            chosen.any(|(id, at)| any.iter().any(|c| c.effect.id == id && target(c) == *at))
+        };
+        if proof.folds.iter().filter(chose).count() < CONFIG.folds_min {
+            rivals.retain(|r| Some(place(r, &best)) != k);
+            gone.push(*c);
         }
     }
-    let unsure = best.fit.effects.iter().filter(|(c, _)| !supported(c));
-    let unsure: Vec<Candidate> = unsure.map(|(c, _)| *c).collect();
-    for c in &unsure {
-        let n = proof.support(c.effect.id, target(c));
-        notes.push(format!(
-            "{} is chosen by {n} of {} held-out folds.",
-            c.effect.name, CONFIG.folds
-        ));
+    if !gone.is_empty() {
+        let mut rest = best.fit.effects.clone();
+        rest.retain(|(c, _)| !gone.contains(c));
+        let (false, Some(fit)) = (rest.is_empty(), fit(problem, rest, 6)) else {
+            return refused(format!("No effect is named: {}", notes.join(" ")));
+        };
+        best.candidate = fit.effects[0].0;
+        best.fit = fit;
     }
-    if unsure.is_empty() {
-        let verdict = match rivals.is_empty() {
+    Held {
+        verdict: match rivals.is_empty() {
             true => Verdict::Named,
             false => Verdict::Indistinguishable,
-        };
-        return Held {
-            chosen: Some(best),
-            verdict,
-            rivals,
-            notes,
-        };
+        },
+        chosen: Some(best),
+        rivals,
+        notes,
     }
-    rivals.extend(elsewhere);
-    if !rivals.is_empty() {
-        return Held {
-            chosen: Some(best),
-            verdict: Verdict::Indistinguishable,
-            rivals,
-            notes,
-        };
-    }
-    let mut rest = best.fit.effects.clone();
-    rest.retain(|(c, _)| supported(c));
-    match (rest.is_empty(), fit(problem, rest, 6)) {
-        (false, Some(fit)) => {
-            best.candidate = fit.effects[0].0;
-            best.fit = fit;
-            Held {
-                chosen: Some(best),
-                verdict: Verdict::Named,
-                rivals,
-                notes,
-            }
-        }
-        _ => refused(format!("No effect is named: {}", notes.join(" "))),
-    }
+}
+
+/// Which effect of `best` (0-based) a rival could be instead of: it was fitted on top of those before.
+fn place(rival: &Explained, best: &Explained) -> usize {
+    let before = &rival.fit.effects[..rival.fit.effects.len().saturating_sub(1)];
+    let in_best = |c: &Candidate| best.fit.effects.iter().any(|(b, _)| b == c);
+    let place = before.iter().filter(|(c, _)| in_best(c)).count();
+    place.min(best.fit.effects.len().saturating_sub(1))
 }
 
 /// A verdict that the sizes of the errors contradict: a name where all is at the floor, or nothing missing far above it.
@@ -466,8 +509,8 @@ fn judge(
 }
 
 /// The verdict when no effect was taken.
-fn unexplained(suspect: &Grid, before: &Misfit, floor: f64) -> Judged {
-    let range_pa = range_pa(suspect);
+fn unexplained(suspects: &[&Grid], before: &Misfit, floor: f64) -> Judged {
+    let range_pa = range_pa(suspects);
     let (verdict, note) = if before.exceeds(floor) {
         let note = "The residuals exceed the noise floor, and no effect of the table \
                     explains them.";

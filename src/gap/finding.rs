@@ -134,6 +134,23 @@ pub struct FoldChoice {
     pub effects: Vec<(String, Option<usize>)>,
 }
 
+/// What the effects do in sessions that had no part in finding them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Confirmed {
+    /// Names of the sessions.
+    pub sessions: Vec<String>,
+    /// Root mean square error of the end pad's position without the effects, mm; none without motion capture.
+    pub before_mm: Option<f64>,
+    /// The same with them, mm.
+    pub after_mm: Option<f64>,
+    /// Share of the gap that closes.
+    pub closed: f64,
+    /// The gap where the effects show.
+    pub gap: GapSize,
+    /// All channel groups.
+    pub channels: Vec<ChannelError>,
+}
+
 /// A fold of the held-out proof that could not be computed. Nothing is known of the effects on its blocks: they count
 /// with the error of the model without the effects, and the fold as one that does not choose them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -200,6 +217,12 @@ impl Finding {
         })
         .collect()
     }
+
+    /// What is certainly missing, and sets of which one effect is.
+    pub fn sure_and_open(&self) -> (Vec<&FoundEffect>, Vec<Vec<&FoundEffect>>) {
+        let (sure, open): (Vec<_>, Vec<_>) = self.choices().into_iter().partition(|c| c.len() == 1);
+        (sure.into_iter().flatten().collect(), open)
+    }
 }
 
 /// All of it.
@@ -230,6 +253,9 @@ pub struct Finding {
     /// Folds that could not be computed: they count against the effects.
     #[serde(default)]
     pub failed_folds: Vec<FailedFold>,
+    /// What the effects do in other sessions; none where none was given, or nothing is named.
+    #[serde(default)]
+    pub proof: Option<Confirmed>,
     /// The discriminating excitation for the alternatives.
     pub separate_by: Option<SeparateBy>,
     /// What limits the verdict, one sentence each; and for [`Verdict::Unknown`] what was observed.

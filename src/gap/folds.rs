@@ -1,7 +1,8 @@
 //! Folds of the held-out proof: blocks of a session that are held out in turn, apart from what is fitted.
 
-use super::config::CONFIG;
 use std::ops::Range;
+
+use super::config::CONFIG;
 
 /// One division of the session.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,15 +6,16 @@
 //! | r3 | springs with the geometry at the captured end pad and the model's middle pad |
 //! | r4 | IMUs with the captured end pad (3, 4) and the model's middle pad (1, 2) |
 
-use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector, UnitQuaternion};
 
 use super::GapError;
+use super::config::CONFIG;
 use super::finding::Located;
-use super::noise::{bridged, start};
-use super::problem::Replayed;
+use super::noise::bridged;
+use super::problem::{Replayed, Run};
 use super::replay::{CalibrationParameter, Row, calibration_parameters, pad_from_body, readings};
-use super::session::{CHANNELS, IMU_0, SPRING_0, channel_name};
+use super::session::{CHANNELS, Grid, IMU_0, SPRING_0, channel_name};
+use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects::{self, Operator};
 use crate::sim::patch::Correction;
@@ -31,18 +32,19 @@ const LISTED: usize = 12;
 pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
     let rows = bridged(&structured(replayed)?);
     let regressors = regressors(replayed);
+    let (judged, present) = (replayed.judged(), replayed.present());
     let mut out: Vec<(f64, Located)> = Vec::new();
-    for c in (0..CHANNELS).filter(|c| replayed.grid.present[*c]) {
+    for c in (0..CHANNELS).filter(|c| present[*c]) {
         let y: Vec<f64> = rows.iter().map(|r| r[c]).collect();
-        let judged = &y[start()..];
-        let size = (judged.iter().map(|v| v * v).sum::<f64>() / judged.len() as f64).sqrt();
+        let square: f64 = judged.iter().map(|k| y[*k] * y[*k]).sum();
+        let size = (square / judged.len() as f64).sqrt();
         let floor = replayed.baseline.channel_floor[c];
         if floor.is_finite() && size < CONFIG.located_over_floor * floor {
             continue;
         }
         let best = regressors
             .iter()
-            .map(|(name, x)| (held_out_share(x, &y), name))
+            .map(|(name, x)| (held_out_share(x, &y, &judged), name))
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((share, name)) = best else { continue };
         if share < CONFIG.located_share_min {
@@ -70,17 +72,27 @@ pub fn locate(replayed: &Replayed) -> Result<Vec<Located>, GapError> {
 
 /// Residuals r2, r3 and r4, separated from each other.
 fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
-    let (grid, values) = (replayed.grid, &replayed.baseline.values);
-    let known = Correction::known(replayed.robot).and(values, &[]).values;
-    let moved = replayed.healthy();
     let mut rows = replayed.rows(&[])?;
+    let mut rest = &mut rows[..];
+    for run in &replayed.runs {
+        let (own, later) = rest.split_at_mut(run.grid.len());
+        separated(replayed.robot, run, own);
+        rest = later;
+    }
+    Ok(rows)
+}
+
+/// Takes from the springs and IMUs what the end pad's own error does in them.
+fn separated(robot: &RobotSpec, run: &Run, rows: &mut [Row]) {
+    let (grid, moved) = (run.grid, &run.healthy);
+    let known = Correction::known(robot).and(&run.values, &[]).values;
     // Undo frame, clock and tracked body so that the captured pose is the end pad's own.
     let mut frame = moved.clone();
-    let only: Vec<_> = readings(replayed.robot, &known)
+    let only: Vec<_> = readings(robot, &known)
         .into_iter()
         .filter(|a| matches!(a.effect.operator, Operator::Capture(_)))
         .collect();
-    effects::read(replayed.robot, &grid.t_s, &mut frame, &only);
+    effects::read(robot, &grid.t_s, &mut frame, &only);
     let body = pad_from_body(&known);
     let gain: Vec<f64> = calibration_parameters()
         .iter()
@@ -96,8 +108,8 @@ fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
         // Captured less predicted, put onto the model's end pad.
         let off = captured * (frame.captured[k][1] * body).inverse();
         let end = off * model[2];
-        let real = spring_lengths(replayed.robot, &[model[0], model[1], end]);
-        let sim = spring_lengths(replayed.robot, &model);
+        let real = spring_lengths(robot, &[model[0], model[1], end]);
+        let sim = spring_lengths(robot, &model);
         for i in 0..SPRINGS {
             row[SPRING_0 + i] -= (1.0 + gain[i]) * (real[i] - sim[i]);
         }
@@ -111,12 +123,27 @@ fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
             }
         }
     }
-    Ok(rows)
 }
 
-/// The regressors, by name.
+/// The regressors of all sessions, by name.
 fn regressors(replayed: &Replayed) -> Vec<(String, DMatrix<f64>)> {
-    let grid = replayed.grid;
+    let mut all: Vec<(String, DMatrix<f64>)> = Vec::new();
+    for run in &replayed.runs {
+        let own = regressors_of(run.grid);
+        if all.is_empty() {
+            all = own;
+            continue;
+        }
+        for ((_, all), (_, own)) in all.iter_mut().zip(&own) {
+            let first = all.nrows();
+            *all = std::mem::take(all).insert_rows(first, own.nrows(), 0.0);
+            all.rows_mut(first, own.nrows()).copy_from(own);
+        }
+    }
+    all
+}
+
+fn regressors_of(grid: &Grid) -> Vec<(String, DMatrix<f64>)> {
     let p = grid.binned(&grid.gauge_pa);
     let n = p.len();
     let dt_s = (grid.t_s[n - 1] - grid.t_s[0]) / (n - 1) as f64;
@@ -171,8 +198,8 @@ fn regressors(replayed: &Replayed) -> Vec<(String, DMatrix<f64>)> {
 }
 
 /// Share of the second moment about zero that a ridge regression with a constant explains on blocks
-/// it was not fitted to.
-fn held_out_share(x: &DMatrix<f64>, y: &[f64]) -> f64 {
+/// it was not fitted to, over the bins that are judged.
+fn held_out_share(x: &DMatrix<f64>, y: &[f64], judged: &[usize]) -> f64 {
     let n = y.len();
     let columns = x.ncols() + 1;
     let scale: Vec<f64> = (0..x.ncols())
@@ -192,7 +219,7 @@ fn held_out_share(x: &DMatrix<f64>, y: &[f64]) -> f64 {
     for held in 0..3 {
         let mut a = DMatrix::identity(columns, columns) * (1e-3 * n as f64);
         let mut b = DVector::zeros(columns);
-        for k in (start()..n).filter(|k| block(*k) % 3 != held) {
+        for &k in judged.iter().filter(|k| block(**k) % 3 != held) {
             let v = basis(k);
             b += &v * y[k];
             a += &v * v.transpose();
@@ -201,7 +228,7 @@ fn held_out_share(x: &DMatrix<f64>, y: &[f64]) -> f64 {
             return 0.0;
         };
         let c = solver.solve(&b);
-        for k in (start()..n).filter(|k| block(*k) % 3 == held) {
+        for &k in judged.iter().filter(|k| block(**k) % 3 == held) {
             left += (y[k] - c.dot(&basis(k))).powi(2);
             all += y[k] * y[k];
         }

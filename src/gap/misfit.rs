@@ -1,8 +1,8 @@
 //! Size of the residuals against those of a healthy rig: innovations and persistent biases.
 
-use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
+use super::config::CONFIG;
 use super::noise::start;
 use super::problem::Problem;
 use super::replay::Row;
@@ -49,7 +49,7 @@ impl Misfit {
         let r = DMatrix::from_column_slice(r.len(), 1, r.as_slice());
         let clean = problem.cleaned(&r);
         let per_bin = problem.per_bin();
-        let judged = (r.nrows() / per_bin).saturating_sub(start()).max(1) as f64;
+        let judged = problem.judged() as f64;
         let sum = |x: &DMatrix<f64>, i: usize| -> f64 {
             let rows = (i..x.nrows()).step_by(per_bin);
             rows.map(|k| x[(k, 0)].powi(2)).sum()

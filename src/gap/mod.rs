@@ -43,8 +43,8 @@ pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use config::{CONFIG, FinderConfig};
 pub use find::{Found, Options, find};
 pub use finding::{
-    ChannelError, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked, SeparateBy, Traces,
-    Verdict,
+    ChannelError, Confirmed, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked,
+    SeparateBy, Traces, Verdict,
 };
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
@@ -123,6 +123,9 @@ pub enum GapError {
         /// Start of the hash of the robot file in use.
         given: String,
     },
+    /// No session to look at.
+    #[error("no session was given: name one in which something may be missing")]
+    NoSession,
     /// No commands.
     #[error(
         "session '{session}' has no chamber with both commanded and measured pressure: log the commands \

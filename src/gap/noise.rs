@@ -5,9 +5,9 @@
 //! one autoregressive coefficient φ per combination. Sums of squares of w are then proper
 //! log-likelihoods, although model errors are correlated over seconds and over many channels.
 
-use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
+use super::config::CONFIG;
 use super::replay::Row;
 use super::session::{CHANNELS, GRID_HZ, IMU_0, SPRING_0, START_S, bridge};
 

@@ -3,16 +3,17 @@
 //! r(α) = w(measured − predicted(α)); the nuisance parameters δ enter linearly with their prior:
 //! min over δ of |r − N δ|² + δᵀ Λ δ = rᵀ M r, M = I − N (NᵀN + Λ)⁻¹ Nᵀ.
 
-use super::config::CONFIG;
 use std::ops::Range;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::GapError;
-use super::commission::{Baseline, sensitivities};
+use super::commission::{Baseline, in_session, sensitivities, wanders};
+use super::config::CONFIG;
+use super::noise::start;
 use super::nuisance::Nuisance;
-use super::replay::{Row, move_arm, residuals, simulated_grid};
-use super::session::Grid;
+use super::replay::{Row, calibration_parameters, move_arm, residuals, simulated_grid};
+use super::session::{CHANNELS, GRID_HZ, Grid, common_channels};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::{Active, EffectError, Operator, Simulated};
@@ -35,45 +36,85 @@ pub struct Problem<'a> {
     grams: Vec<DMatrix<f64>>,
     edges: Vec<usize>,
     per_bin: usize,
+    sessions: usize,
 }
 
 /// Log-likelihood on held-out blocks, relative to a perfect fit.
 #[derive(Clone, Debug, Default)]
 pub struct Losses(pub Vec<f64>);
 
-/// A session against its baseline: the arm moves through the measured pressures.
+/// One session of a rig: the arm moves through the measured pressures.
+pub struct Run<'a> {
+    /// The session.
+    pub grid: &'a Grid,
+    /// Calibration parameters in it.
+    pub values: Vec<f64>,
+    /// Their variances from session to session.
+    pub between: DVector<f64>,
+    /// How the healthy arm moves through it.
+    pub healthy: Simulated,
+}
+
+impl Run<'_> {
+    /// Residuals with these effects, measured − predicted.
+    fn rows(&self, robot: &RobotSpec, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
+        let moved = self.moved(robot, effects)?;
+        let moved = moved.as_ref().unwrap_or(&self.healthy);
+        Ok(residuals(robot, self.grid, moved, &self.values, effects))
+    }
+
+    /// How the arm moves with effects; `None` as the healthy one where none of them acts on its motion.
+    pub fn moved(
+        &self,
+        robot: &RobotSpec,
+        effects: &[Active],
+    ) -> Result<Option<Simulated>, EffectError> {
+        let moves = effects.iter().any(|a| {
+            matches!(
+                a.effect.operator,
+                Operator::Mechanics(_) | Operator::Pressure(_)
+            )
+        });
+        let moved = moves.then(|| move_arm(robot, self.grid, &self.values, effects));
+        moved.transpose()
+    }
+}
+
+/// Sessions of one rig, one after the other, against its baseline.
 pub struct Replayed<'a> {
     /// The robot.
     pub robot: &'a RobotSpec,
-    /// The session.
-    pub grid: &'a Grid,
     /// The healthy rig.
     pub baseline: &'a Baseline,
-    healthy: Simulated,
+    /// The sessions.
+    pub runs: Vec<Run<'a>>,
 }
 
 impl<'a> Replayed<'a> {
-    /// Moves the healthy arm through the session.
+    /// Moves the healthy arm through the sessions. What restarts in every session is taken from each.
     ///
     /// # Errors
     /// [`EffectError`] when it cannot follow.
     pub fn new(
         robot: &'a RobotSpec,
-        grid: &'a Grid,
+        grids: &[&'a Grid],
         baseline: &'a Baseline,
     ) -> Result<Self, EffectError> {
-        let healthy = move_arm(robot, grid, &baseline.values, &[])?;
+        let run = |grid: &&'a Grid| -> Result<Run<'a>, EffectError> {
+            let healthy = move_arm(robot, grid, &baseline.values, &[])?;
+            let (values, between) = in_session(robot, grid, baseline, &healthy)?;
+            Ok(Run {
+                grid,
+                values,
+                between,
+                healthy,
+            })
+        };
         Ok(Self {
             robot,
-            grid,
             baseline,
-            healthy,
+            runs: grids.iter().map(run).collect::<Result<_, _>>()?,
         })
-    }
-
-    /// How the healthy arm moves through the session.
-    pub fn healthy(&self) -> &Simulated {
-        &self.healthy
     }
 
     /// Residuals with these effects, measured − predicted.
@@ -81,65 +122,135 @@ impl<'a> Replayed<'a> {
     /// # Errors
     /// [`EffectError`] when the arm finds no equilibrium with them.
     pub fn rows(&self, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
-        let values = &self.baseline.values;
-        let recomputed = effects.iter().any(|a| {
-            matches!(
-                a.effect.operator,
-                Operator::Mechanics(_) | Operator::Pressure(_)
-            )
-        });
-        if recomputed {
-            let moved = move_arm(self.robot, self.grid, values, effects)?;
-            Ok(residuals(self.robot, self.grid, &moved, values, effects))
-        } else {
-            Ok(residuals(
-                self.robot,
-                self.grid,
-                &self.healthy,
-                values,
-                effects,
-            ))
+        let mut out = Vec::new();
+        for run in &self.runs {
+            out.extend(run.rows(self.robot, effects)?);
         }
+        Ok(out)
     }
 
-    /// As a least-squares problem: one replay per nuisance parameter.
+    /// Number of bins of all sessions.
+    pub fn bins(&self) -> usize {
+        self.runs.iter().map(|r| r.grid.len()).sum()
+    }
+
+    /// Bins that are judged: all but the start of every session.
+    pub fn judged(&self) -> Vec<usize> {
+        let mut end = 0;
+        let mut out = Vec::new();
+        for run in &self.runs {
+            let first = end + start();
+            end += run.grid.len();
+            out.extend(first..end);
+        }
+        out
+    }
+
+    /// Times of the bins, s; every session follows the one before.
+    pub fn t_s(&self) -> Vec<f64> {
+        let mut out: Vec<f64> = Vec::new();
+        for run in &self.runs {
+            let late_s = out
+                .last()
+                .map_or(0.0, |last| last + 1.0 / GRID_HZ - run.grid.t_s[0]);
+            out.extend(run.grid.t_s.iter().map(|t| t + late_s));
+        }
+        out
+    }
+
+    /// Channels that hold enough data in every session.
+    pub fn present(&self) -> [bool; CHANNELS] {
+        common_channels(self.runs.iter().map(|r| r.grid))
+    }
+
+    /// Evidence with these effects.
+    fn stacked(&self, effects: &[Active]) -> Result<DVector<f64>, EffectError> {
+        let mut out = Vec::new();
+        for run in &self.runs {
+            out.extend_from_slice(stack(self.baseline, &run.rows(self.robot, effects)?).as_slice());
+        }
+        Ok(DVector::from_vec(out))
+    }
+
+    /// As a least-squares problem: one replay per nuisance parameter. Of several sessions each has its own share of those that
+    /// wander from session to session.
     ///
     /// # Errors
-    /// [`GapError`] when the healthy model cannot follow the session.
+    /// [`GapError`] when the healthy model cannot follow the sessions.
     pub fn problem(&self) -> Result<Problem<'_>, GapError> {
         let baseline = self.baseline;
-        let columns = sensitivities(self.robot, self.grid, &baseline.values, &[], &self.healthy)?;
-        let dense: Vec<DVector<f64>> = columns.iter().map(|c| stack(baseline, c)).collect();
-        let covariance = &baseline.covariance + DMatrix::from_diagonal(&baseline.between);
-        let known = covariance.cholesky().ok_or(GapError::Degenerate)?.inverse();
-        let count = dense.len();
         let combinations = baseline.noise.channels.len();
         let per_bin = 2 * combinations;
-        let (own, sds): (Vec<Vec<f64>>, Vec<f64>) = shapes(self.grid)
-            .into_iter()
-            .map(|(shape, sd)| (baseline.noise.responses(&shape), sd))
-            .unzip();
-        let nuisance = Nuisance::new(
-            &DMatrix::from_columns(&dense),
-            &own,
-            [combinations, per_bin],
-        );
+        let count = baseline.values.len();
+        let several = self.runs.len() > 1;
+        let parameters = calibration_parameters();
+        let wandering: Vec<usize> = (0..count)
+            .filter(|i| several && wanders(parameters[*i]))
+            .collect();
+        let columns = count + self.runs.len() * wandering.len();
+        let mut dense = DMatrix::zeros(self.bins() * per_bin, columns);
+        let mut end = 0;
+        for (k, run) in self.runs.iter().enumerate() {
+            let own = sensitivities(self.robot, run.grid, &run.values, &[], &run.healthy)?;
+            let rows = end..end + run.grid.len() * per_bin;
+            end = rows.end;
+            for (i, column) in own.iter().enumerate() {
+                let column = stack(baseline, column);
+                dense.view_range_mut(rows.clone(), i).copy_from(&column);
+                if let Some(place) = wandering.iter().position(|w| *w == i) {
+                    let place = count + k * wandering.len() + place;
+                    dense.view_range_mut(rows.clone(), place).copy_from(&column);
+                }
+            }
+        }
+        let (own, sds) = self.shapes();
+        let nuisance = Nuisance::new(&dense, &own, [combinations, per_bin]);
+        let mut shared = baseline.covariance.clone();
+        for i in (0..count).filter(|i| !wandering.contains(i)) {
+            shared[(i, i)] += self.runs[0].between[i];
+        }
+        let known = shared.cholesky().ok_or(GapError::Degenerate)?.inverse();
         let mut lambda = DMatrix::zeros(nuisance.columns(), nuisance.columns());
         lambda.view_mut((0, 0), (count, count)).copy_from(&known);
+        let own = |run: &Run| {
+            wandering
+                .iter()
+                .map(|i| run.between[*i])
+                .collect::<Vec<_>>()
+        };
+        for (j, variance) in self.runs.iter().flat_map(own).enumerate() {
+            lambda[(count + j, count + j)] = 1.0 / variance;
+        }
         for c in 0..combinations {
             for (s, sd) in sds.iter().enumerate() {
-                let i = count + c * sds.len() + s;
+                let i = columns + c * sds.len() + s;
                 lambda[(i, i)] = 1.0 / (sd * sd);
             }
         }
         let problem = Problem::new(
-            Box::new(|effects| Ok(stack(baseline, &self.rows(effects)?))),
+            Box::new(|effects| self.stacked(effects)),
             nuisance,
             &lambda,
-            &block_edges(self.grid.len(), per_bin),
+            &block_edges(self.bins(), per_bin),
             per_bin,
         )?;
-        Ok(problem.with_prior())
+        Ok(problem.with_prior().of_sessions(self.runs.len()))
+    }
+
+    /// Responses of every combination to the shapes of the model inadequacy, session after session, and the standard deviation
+    /// of each.
+    fn shapes(&self) -> (Vec<Vec<f64>>, Vec<f64>) {
+        let mut out: Vec<Vec<f64>> = Vec::new();
+        let mut sds = Vec::new();
+        for run in &self.runs {
+            let here = shapes(run.grid);
+            out.resize(here.len(), Vec::new());
+            sds = here.iter().map(|(_, sd)| *sd).collect();
+            for (all, (shape, _)) in out.iter_mut().zip(&here) {
+                all.extend(self.baseline.noise.responses(shape));
+            }
+        }
+        (out, sds)
     }
 }
 
@@ -230,7 +341,20 @@ impl<'a> Problem<'a> {
             grams,
             edges: edges.to_vec(),
             per_bin,
+            sessions: 1,
         })
+    }
+
+    /// Of so many sessions one after the other.
+    fn of_sessions(mut self, sessions: usize) -> Self {
+        self.sessions = sessions;
+        self
+    }
+
+    /// Number of bins that are judged: all but the start of every session.
+    pub fn judged(&self) -> usize {
+        let bins = self.len() / self.per_bin;
+        bins.saturating_sub(self.sessions * start()).max(1)
     }
 
     /// Includes the nuisance's distance from its prior mean: a session's parameters are then weighed

@@ -5,23 +5,25 @@
 //! The list of effects that are compared comes from the whole session; which of them a fold takes, and every number, from its
 //! training part.
 
-use super::config::CONFIG;
 use std::ops::Range;
 
 use nalgebra::DVector;
 
 use super::GapError;
 use super::commission::Baseline;
+use super::config::CONFIG;
 use super::describe::T_95;
 use super::explain::Explained;
-use super::finding::{ChannelError, FailedFold, Finding, FoldChoice, GapSize, Traces, closed};
+use super::finding::{
+    ChannelError, Confirmed, FailedFold, Finding, FoldChoice, GapSize, Traces, closed,
+};
 use super::fit::fit;
 use super::folds::{Fold, folds};
-use super::noise::{bridged, start};
-use super::problem::{Problem, Replayed};
+use super::noise::bridged;
+use super::problem::{Problem, Replayed, Run};
 use super::replay::{Row, captured_poses, move_arm};
 use super::select::Selected;
-use super::session::{CHANNELS, GRID_HZ, IMU_0, SPRING_0, channel_name};
+use super::session::{CHANNELS, GRID_HZ, Grid, IMU_0, SPRING_0, channel_name};
 use crate::signal::Pose;
 use crate::sim::effects::{Active, Target};
 
@@ -54,6 +56,9 @@ struct Group {
     factor: f64,
 }
 
+/// The group of the end pad's position.
+const TIP: &str = "r2 tip position";
+
 fn groups() -> Vec<Group> {
     let one = |name: String, channels, unit, factor| Group {
         name,
@@ -63,7 +68,7 @@ fn groups() -> Vec<Group> {
     };
     let deg = 180.0 / std::f64::consts::PI;
     let mut out = vec![
-        one("r2 tip position".to_owned(), 0..3, "mm", 1e3),
+        one(TIP.to_owned(), 0..3, "mm", 1e3),
         one("r2 tip rotation".to_owned(), 3..6, "deg", deg),
     ];
     for c in SPRING_0..IMU_0 {
@@ -105,12 +110,6 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
     let e = selected.chosen.as_ref();
     let before = bridged(&replayed.rows(&[])?);
     let n = before.len();
-    let block_of = |k: usize| {
-        (0..CONFIG.blocks)
-            .rev()
-            .find(|b| b * n / CONFIG.blocks <= k)
-            .unwrap_or(0)
-    };
     let mut after = before.clone();
     let (mut choices, mut failed) = (Vec::new(), Vec::new());
     let mut whole: Vec<Active> = Vec::new();
@@ -129,36 +128,7 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
             row.iter_mut().zip(by).for_each(|(x, by)| *x -= by);
         }
     }
-    let mut channels = Vec::new();
-    for g in groups() {
-        if !g.channels.clone().all(|c| replayed.grid.present[c]) {
-            continue;
-        }
-        let size = |rows: &[Row], pick: &dyn Fn(usize) -> bool| {
-            let (mut sum, mut count) = (0.0, 0usize);
-            for k in (start()..n).filter(|k| pick(*k)) {
-                sum += g.channels.clone().map(|c| rows[k][c].powi(2)).sum::<f64>();
-                count += 1;
-            }
-            (sum / count.max(1) as f64).sqrt() * g.factor
-        };
-        let per_block: Vec<f64> = (0..CONFIG.blocks)
-            .map(|b| size(&after, &|k| block_of(k) == b).powi(2))
-            .collect();
-        let mean = per_block.iter().sum::<f64>() / CONFIG.blocks as f64;
-        let var = per_block.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
-            / (CONFIG.blocks * (CONFIG.blocks - 1)) as f64;
-        let reach = T_95 * var.sqrt();
-        channels.push(ChannelError {
-            name: g.name.clone(),
-            unit: g.unit.to_owned(),
-            before: size(&before, &|_| true),
-            after: size(&after, &|_| true),
-            after_ci95: [(mean - reach).max(0.0).sqrt(), (mean + reach).sqrt()],
-            shuffled: e.map(|_| size(&shuffled, &|_| true)),
-            floor: floor(replayed.baseline, &g),
-        });
-    }
+    let channels = errors(replayed, &before, &after, e.map(|_| &shuffled[..]));
     let worse = channels
         .iter()
         .filter(|c| c.after - c.before > CONFIG.worse * c.floor.unwrap_or(c.before))
@@ -168,8 +138,14 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
     let of_own = groups()
         .into_iter()
         .find(|g| own.is_some_and(|c| c.name == g.name));
-    let helps_anyway =
-        of_own.is_some_and(|g| helps(&before, &true_order, &other_order, g.channels));
+    let helps_anyway = e.is_some()
+        && of_own.is_some_and(|g| {
+            helps(
+                [&before, &true_order, &other_order],
+                &replayed.judged(),
+                g.channels,
+            )
+        });
     let traces = traces(replayed, &before, &after, &whole)?;
     Ok(Proof {
         gap,
@@ -179,6 +155,79 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
         embargo_s,
         helps_anyway,
         traces,
+        channels,
+    })
+}
+
+/// Errors of every group of channels before and after the effects, and with them under other pressures.
+fn errors(
+    replayed: &Replayed,
+    before: &[Row],
+    after: &[Row],
+    shuffled: Option<&[Row]>,
+) -> Vec<ChannelError> {
+    let n = before.len();
+    let (judged, present) = (replayed.judged(), replayed.present());
+    let block_of = |k: usize| {
+        (0..CONFIG.blocks)
+            .rev()
+            .find(|b| b * n / CONFIG.blocks <= k)
+            .unwrap_or(0)
+    };
+    let mut channels = Vec::new();
+    for g in groups() {
+        if !g.channels.clone().all(|c| present[c]) {
+            continue;
+        }
+        let size = |rows: &[Row], pick: &dyn Fn(usize) -> bool| {
+            let (mut sum, mut count) = (0.0, 0usize);
+            for k in judged.iter().filter(|k| pick(**k)) {
+                let row = &rows[*k];
+                sum += g.channels.clone().map(|c| row[c].powi(2)).sum::<f64>();
+                count += 1;
+            }
+            (sum / count.max(1) as f64).sqrt() * g.factor
+        };
+        let per_block: Vec<f64> = (0..CONFIG.blocks)
+            .map(|b| size(after, &|k| block_of(k) == b).powi(2))
+            .collect();
+        let mean = per_block.iter().sum::<f64>() / CONFIG.blocks as f64;
+        let var = per_block.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
+            / (CONFIG.blocks * (CONFIG.blocks - 1)) as f64;
+        let reach = T_95 * var.sqrt();
+        channels.push(ChannelError {
+            name: g.name.clone(),
+            unit: g.unit.to_owned(),
+            before: size(before, &|_| true),
+            after: size(after, &|_| true),
+            after_ci95: [(mean - reach).max(0.0).sqrt(), (mean + reach).sqrt()],
+            shuffled: shuffled.map(|rows| size(rows, &|_| true)),
+            floor: floor(replayed.baseline, &g),
+        });
+    }
+    channels
+}
+
+/// Measures what effects do in sessions that had no part in finding them.
+///
+/// # Errors
+/// [`GapError`] when the arm cannot follow them.
+pub fn confirm(replayed: &Replayed, effects: &[Active]) -> Result<Confirmed, GapError> {
+    let before = bridged(&replayed.rows(&[])?);
+    let after = bridged(&replayed.rows(effects)?);
+    let channels = errors(replayed, &before, &after, None);
+    let (gap, _) = size_of(&channels, effects);
+    let tip = channels.iter().find(|c| c.name == TIP);
+    Ok(Confirmed {
+        sessions: replayed
+            .runs
+            .iter()
+            .map(|r| r.grid.session.name.clone())
+            .collect(),
+        before_mm: tip.map(|c| c.before),
+        after_mm: tip.map(|c| c.after),
+        closed: gap.closed,
+        gap,
         channels,
     })
 }
@@ -262,31 +311,46 @@ fn response(here: &Replayed, without: &[Row], effects: &[Active]) -> Result<Vec<
     Ok(without.iter().zip(&with).map(change).collect())
 }
 
-/// The same under the second half of the pressures followed by the first.
+/// The same when the pressures of every session come in another order: the second half, then the first.
 fn redriven(replayed: &Replayed, effects: &[Active]) -> Result<Vec<Row>, GapError> {
-    let mut grid = replayed.grid.clone();
-    let half = grid.gauge_pa.len() / 2;
-    grid.gauge_pa.rotate_left(half);
-    let other = Replayed::new(replayed.robot, &grid, replayed.baseline)?;
+    let rotated = |run: &Run| {
+        let mut grid = run.grid.clone();
+        let half = grid.gauge_pa.len() / 2;
+        grid.gauge_pa.rotate_left(half);
+        grid
+    };
+    let grids: Vec<Grid> = replayed.runs.iter().map(rotated).collect();
+    let run = |(grid, run): (_, &Run)| -> Result<Run<'_>, GapError> {
+        Ok(Run {
+            grid,
+            values: run.values.clone(),
+            between: run.between.clone(),
+            healthy: move_arm(replayed.robot, grid, &run.values, &[])?,
+        })
+    };
+    let runs = grids.iter().zip(&replayed.runs).map(run);
+    let other = Replayed {
+        runs: runs.collect::<Result<_, _>>()?,
+        ..*replayed
+    };
     response(&other, &bridged(&other.rows(&[])?), effects)
 }
 
 /// Whether what varies of a response helps in some channels under the pressures in another order as well: beyond its mean,
 /// which a constant load, frame or offset has under any pressures.
-fn helps(before: &[Row], own: &[Row], other: &[Row], channels: Range<usize>) -> bool {
+fn helps([before, own, other]: [&[Row]; 3], judged: &[usize], channels: Range<usize>) -> bool {
     let (mut by_mean, mut by_own, mut by_other) = (0.0, 0.0, 0.0);
     let (mut varies, mut apart) = (0.0, 0.0);
     for c in channels {
         let mean = |rows: &[Row]| {
-            let judged = rows.get(start()..).unwrap_or_default();
-            judged.iter().map(|r| r[c]).sum::<f64>() / judged.len().max(1) as f64
+            judged.iter().map(|k| rows[*k][c]).sum::<f64>() / judged.len().max(1) as f64
         };
         let (own_mean, other_mean) = (mean(own), mean(other));
-        for ((before, own), other) in before.iter().zip(own).zip(other).skip(start()) {
-            let left = before[c] - own_mean;
+        for &k in judged {
+            let left = before[k][c] - own_mean;
             by_mean += left * left;
-            by_own += (before[c] - own[c]).powi(2);
-            let (own, other) = (own[c] - own_mean, other[c] - other_mean);
+            by_own += (before[k][c] - own[k][c]).powi(2);
+            let (own, other) = (own[k][c] - own_mean, other[k][c] - other_mean);
             by_other += (left - other).powi(2);
             varies += own * own;
             apart += (own - other).powi(2);
@@ -308,6 +372,11 @@ impl Proof {
     /// Whether enough folds chose an effect on a channel.
     pub fn supports(&self, id: &str, target: Option<usize>) -> bool {
         self.support(id, target) >= CONFIG.folds_min
+    }
+
+    /// Whether the gap exceeds its floor by so much that an effect can be named for it.
+    pub fn shows(&self) -> bool {
+        self.gap.before > CONFIG.own_group_min * self.gap.floor
     }
 
     /// Why no name is given although the fit found one; `None` when the proof holds.
@@ -355,7 +424,7 @@ fn size_of<'a>(
             (Target::Spring, Some(i)) => format!("r3 spring {}", i + 1),
             (Target::Imu, Some(i)) => format!("r4 IMU {}", i + 1),
             (Target::Spring | Target::Imu, None) => return None,
-            _ => "r2 tip position".to_owned(),
+            _ => TIP.to_owned(),
         };
         channels
             .iter()
@@ -393,17 +462,22 @@ fn traces(
     after: &[Row],
     effects: &[Active],
 ) -> Result<Traces, GapError> {
-    let values = &replayed.baseline.values;
-    let grid = replayed.grid;
     let robot = replayed.robot;
+    let (mut plain, mut patched) = (Vec::new(), Vec::new());
     // In the frame of the motion capture, so that the rig's own frame and clock are no part of the gap.
-    let plain = captured_poses(robot, grid, replayed.healthy(), values, &[]);
-    let moved = move_arm(robot, grid, values, effects)?;
-    let patched = captured_poses(robot, grid, &moved, values, effects);
+    for run in &replayed.runs {
+        let (grid, values) = (run.grid, &run.values[..]);
+        plain.extend(captured_poses(robot, grid, &run.healthy, values, &[]));
+        let moved = run.moved(robot, effects)?;
+        let moved = moved.as_ref().unwrap_or(&run.healthy);
+        patched.extend(captured_poses(robot, grid, moved, values, effects));
+    }
     let place = |p: &Pose| drawn(&Some(*p)).0;
     let turn = |p: &Pose| drawn(&Some(*p)).1;
-    let (measured_m, measured_turns) = grid.captured.iter().map(drawn).unzip();
-    let present: Vec<usize> = (0..CHANNELS).filter(|c| grid.present[*c]).collect();
+    let captured = replayed.runs.iter().flat_map(|r| &r.grid.captured);
+    let (measured_m, measured_turns) = captured.map(drawn).unzip();
+    let all = replayed.present();
+    let present: Vec<usize> = (0..CHANNELS).filter(|c| all[*c]).collect();
     let in_floors = |rows: &[Row]| {
         present
             .iter()
@@ -415,7 +489,7 @@ fn traces(
             .collect()
     };
     Ok(Traces {
-        t_s: grid.t_s.clone(),
+        t_s: replayed.t_s(),
         channels: present.iter().map(|c| channel_name(*c)).collect(),
         before: in_floors(before),
         after: in_floors(after),
@@ -504,7 +578,9 @@ mod tests {
             (0..100).map(|k| [at(k); CHANNELS]).collect()
         };
         let constant = vec![MANY; 100];
-        let helped = |before: &[Row], own: &[Row], other: &[Row]| helps(before, own, other, 0..3);
+        let judged: Vec<usize> = (10..100).collect();
+        let helped =
+            |before: &[Row], own: &[Row], other: &[Row]| helps([before, own, other], &judged, 0..3);
         assert!(!helped(&constant, &constant, &constant));
         assert!(!helped(&swing(0), &swing(0), &swing(10)));
         assert!(helped(&swing(0), &swing(0), &swing(2)));

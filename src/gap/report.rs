@@ -170,18 +170,14 @@ impl Page<'_> {
     }
 
     fn effects(&self) -> String {
-        let (sure, open): (Vec<_>, Vec<_>) = self
-            .finding
-            .choices()
-            .into_iter()
-            .partition(|c| c.len() == 1);
+        let (sure, open) = self.finding.sure_and_open();
         let of = |title, effects: Vec<&FoundEffect>| {
             let body: String = effects.into_iter().map(found_effect).collect();
             section(title, &body)
         };
         let mut out = String::new();
         if !sure.is_empty() {
-            out += &of("What was found", sure.into_iter().flatten().collect());
+            out += &of("What was found", sure);
         }
         for choice in open {
             out += &of("What it could be: one of these", choice);

@@ -1,9 +1,9 @@
 //! Selection of effects: forward search, backward deletion, and the candidates that cannot be excluded.
 
-use super::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::candidates::Candidate;
+use super::config::CONFIG;
 use super::explain::{Column, Explained, explain, weak_prior};
 use super::finding::Finding;
 use super::fit::fit;
@@ -121,11 +121,18 @@ fn significant(e: &Explained, threshold: f64) -> bool {
     e.gain > weak(&e.candidate) * threshold && e.firm
 }
 
+/// Whether a number of the last effect rests on its bound.
+fn at_bound(e: &Explained) -> bool {
+    let own = e.candidate.effect.parameters.len();
+    e.fit.on_bound.iter().rev().take(own).any(|b| *b)
+}
+
 /// Puts the effect that leads before the others, which are in the order of their gains; `false` where none `counts`.
 ///
 /// By the one-standard-error rule: of effects that explain as much as the best within the scatter from block to block, the one
 /// with the fewest numbers leads. Nor is a margin below the significance `threshold` more than what a healthy rig's inadequacy
-/// gains, as long as it is a small share of what the best explains. What the supply has named goes before all of them.
+/// gains, as long as it is a small share of what the best explains. What rests on a bound wants to be another effect and comes
+/// last; what the supply has named goes before all of them.
 fn lead(
     found: &mut Vec<Explained>,
     threshold: f64,
@@ -148,7 +155,7 @@ fn lead(
         .min_by_key(|k| {
             let e = &found[*k];
             let numbers = e.fit.parameters().len();
-            (!named_by(supply, &e.candidate), numbers, *k)
+            (!named_by(supply, &e.candidate), at_bound(e), numbers, *k)
         });
     let Some(k) = first else { return false };
     let first = found.remove(k);
@@ -197,12 +204,13 @@ fn dropped(problem: &Problem, mut whole: Explained, threshold: f64) -> Explained
 }
 
 /// Effects that cannot be excluded in the place of one of `best`. `rankings` holds what was compared
-/// at every stage, `cost` what is left without any effect, `floor` what a healthy rig leaves. What the
-/// supply has named has none.
+/// at every stage, `threshold` the gain that counts, `cost` what is left without any effect, `floor` what a healthy rig leaves.
+/// What the supply has named has none.
 pub fn rivals_of(
     problem: &Problem,
     rankings: &[Vec<Explained>],
     best: &Explained,
+    threshold: f64,
     [cost, floor]: [f64; 2],
     supply: Option<&Finding>,
 ) -> Vec<Explained> {
@@ -227,12 +235,12 @@ pub fn rivals_of(
             }
             let (margin, se) = own.losses.gain_over(&e.losses);
             if !own.losses.firmly_over(&e.losses) {
-                return count(e) <= count(own) || margin < -2.0 * se;
+                let simpler = count(e) <= count(own) && at_bound(e) <= at_bound(own);
+                return simpler || margin < -threshold.max(2.0 * se);
             }
             // When even the best one leaves a misfit, its form is not right, and a rival that
             // leaves little more is not excluded by likelihood. The form of a definition is.
-            stages == 1
-                && own.candidate.effect.law == Law::Idealisation
+            own.candidate.effect.law == Law::Idealisation
                 && left > CONFIG.leaves_little * excess
                 && count(e) <= count(own)
                 && e.fit.cost - floor <= CONFIG.rival_leaves * left

@@ -60,16 +60,12 @@ impl Session {
     }
 }
 
-/// Steps by which two series of times are thinned to about the same rate: the mean of more samples has less noise, and a floor
-/// that was measured so would be too low for fewer.
-fn thinning(a_s: &[f64], b_s: &[f64]) -> [usize; 2] {
-    let period_s = |t: &[f64]| match (t.first(), t.last()) {
-        (Some(first), Some(last)) if t.len() > 1 => (last - first) / (t.len() - 1) as f64,
+/// Mean time between samples, s.
+fn period_s(t_s: &[f64]) -> f64 {
+    match (t_s.first(), t_s.last()) {
+        (Some(first), Some(last)) if t_s.len() > 1 => (last - first) / (t_s.len() - 1) as f64,
         _ => 1.0,
-    };
-    let ratio = period_s(b_s) / period_s(a_s);
-    let step = |ratio: f64| ratio.round().max(1.0) as usize;
-    [step(ratio), step(1.0 / ratio)]
+    }
 }
 
 /// Samples over time of which a part can be taken.
@@ -84,26 +80,30 @@ pub trait Sampled: Clone {
     fn every(&self, step: usize) -> Result<Self, GapError>;
 }
 
-/// A healthy session, where there is one, and a suspect one.
-pub type Both<'a, S> = (Option<Cow<'a, S>>, Cow<'a, S>);
-
-/// Both sessions at about the rate of the slower one.
+/// Sessions, thinned to about the rate of the slowest one: the mean of more samples has less noise, and a floor that was
+/// measured so would be too low for fewer.
 ///
 /// # Errors
 /// As [`Sampled::every`].
-pub fn at_one_rate<'a, S: Sampled>(
-    healthy: Option<&'a S>,
-    suspect: &'a S,
-) -> Result<Both<'a, S>, GapError> {
-    let Some(healthy) = healthy else {
-        return Ok((None, Cow::Borrowed(suspect)));
+pub fn at_one_rate<'a, S: Sampled>(sessions: &[&'a S]) -> Result<Vec<Cow<'a, S>>, GapError> {
+    let periods_s = sessions.iter().map(|s| period_s(s.times_s()));
+    let slowest_s = periods_s.fold(0.0, f64::max);
+    let thinned = |s: &&'a S| match (slowest_s / period_s(s.times_s())).round() as usize {
+        0 | 1 => Ok(Cow::Borrowed(*s)),
+        step => s.every(step).map(Cow::Owned),
     };
-    let thinned = |s: &'a S, step| match step {
-        1 => Ok(Cow::Borrowed(s)),
-        _ => s.every(step).map(Cow::Owned),
-    };
-    let [h, s] = thinning(healthy.times_s(), suspect.times_s());
-    Ok((Some(thinned(healthy, h)?), thinned(suspect, s)?))
+    sessions.iter().map(thinned).collect()
+}
+
+/// Channels that hold enough data in all of these sessions.
+pub fn common_channels<'a>(grids: impl IntoIterator<Item = &'a Grid>) -> [bool; CHANNELS] {
+    let mut out = [true; CHANNELS];
+    for grid in grids {
+        for (c, there) in out.iter_mut().zip(grid.present) {
+            *c &= there;
+        }
+    }
+    out
 }
 
 impl Sampled for Grid {

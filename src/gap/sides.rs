@@ -10,36 +10,35 @@ use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 
-/// Finding on the path from command to gauge, when the commands were logged.
+/// Finding on the path from command to gauge, when the commands were logged: against the first healthy session with commands,
+/// of the suspect ones that with the largest error in units of its floor.
 pub fn supply(
     robot: &RobotSpec,
-    healthy: Option<&Grid>,
-    suspect: &Grid,
+    healthy: &[&Grid],
+    suspects: &[&Grid],
     table: Table<'_>,
     progress: &dyn Progress,
 ) -> Result<Option<Finding>, GapError> {
-    let log = |g: &Grid| {
-        PressureLog::of(&g.session)
-            .map(PressureGrid::new)
-            .transpose()
+    let logs = |grids: &[&Grid]| -> Result<Vec<PressureGrid>, GapError> {
+        let logs = grids.iter().filter_map(|g| PressureLog::of(&g.session));
+        logs.map(PressureGrid::new).collect()
     };
-    let (Some(h), Some(s)) = (healthy.map(log).transpose()?.flatten(), log(suspect)?) else {
+    let (healthy, mut suspects) = (logs(healthy)?, logs(suspects)?);
+    suspects.retain(PressureGrid::moves);
+    let (Some(healthy), false) = (healthy.first(), suspects.is_empty()) else {
         return Ok(None);
     };
-    if !s.moves() {
-        return Ok(None);
+    let baseline = commission_supply(robot, healthy)?;
+    let mut worst: Option<Finding> = None;
+    for s in &suspects {
+        let stages = supply_stages(robot, s, &baseline, Lag::BehindGauge, table, progress)?;
+        let next = decide_supply(robot, s, &baseline, Lag::BehindGauge, &stages)?;
+        let size = |f: &Finding| f.gap.before / f.gap.floor;
+        if worst.as_ref().is_none_or(|f| size(&next) > size(f)) {
+            worst = Some(next);
+        }
     }
-    let baseline = commission_supply(robot, &h)?;
-    let stages = supply_stages(robot, &s, &baseline, Lag::BehindGauge, table, progress)?;
-    decide_supply(robot, &s, &baseline, Lag::BehindGauge, &stages).map(Some)
-}
-
-/// Whether a candidate is open: the regulator follows its gauge, so that of a gauge that is wrong the way from command to gauge
-/// shows it, when that was logged and understood.
-pub fn is_open(supply: Option<&Finding>, gauge: &Candidate) -> bool {
-    !gauge.effect.is_of_gauge()
-        || supply.is_none_or(|f| f.verdict == Verdict::Unknown)
-        || named_by(supply, gauge)
+    Ok(worst)
 }
 
 /// Whether the way from command to gauge has already named it.

@@ -234,6 +234,7 @@ mod tests {
             embargo_s: 0.0,
             folds: Vec::new(),
             failed_folds: Vec::new(),
+            proof: None,
             separate_by: None,
             notes: Vec::new(),
             data: Default::default(),

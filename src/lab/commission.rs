@@ -11,7 +11,7 @@ use crate::robot::RobotSpec;
 /// # Errors
 /// When the session cannot be fitted.
 pub fn patch_of(robot: &RobotSpec, grid: &Grid) -> Result<(Patch, Rmse)> {
-    let baseline = gap::commission(robot, grid, &gap::Unwatched)?;
+    let baseline = gap::commission(robot, &[grid], &grid.present, &gap::Unwatched)?;
     let mut patch = Patch {
         version: gap::VERSION,
         name: format!("commissioned on {}", grid.session.name),

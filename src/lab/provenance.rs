@@ -41,16 +41,28 @@ fn differences(first: (&str, &Path), second: (&str, &Path)) -> Result<Vec<String
     }
 }
 
-/// What differs between the baseline and the session of the gap finder, and the same as a note.
+/// What differs between the baselines and the sessions of the gap finder, and the same as a note. Each is compared with the first
+/// baseline.
 ///
 /// # Errors
-/// When a recording cannot be opened, and when the two are not of the same arm.
-pub fn of_gap(baseline: Option<&Path>, session: &Path) -> Result<(Vec<String>, Option<String>)> {
-    const NAMES: [&str; 2] = ["the baseline", "the session"];
-    let Some(baseline) = baseline else {
+/// When a recording cannot be opened, and when they are not of the same arm.
+pub fn of_gap<'a>(
+    baselines: impl IntoIterator<Item = &'a Path>,
+    sessions: impl IntoIterator<Item = &'a Path>,
+) -> Result<(Vec<String>, Option<String>)> {
+    let mut baselines = baselines.into_iter();
+    let Some(first) = baselines.next() else {
         return Ok((Vec::new(), None));
     };
-    let found = differences((NAMES[0], baseline), (NAMES[1], session))?;
+    let mut found = Vec::new();
+    let others = baselines.map(|b| ("another baseline", b));
+    for other in others.chain(sessions.into_iter().map(|s| ("the session", s))) {
+        for difference in differences(("the baseline", first), other)? {
+            if !found.contains(&difference) {
+                found.push(difference);
+            }
+        }
+    }
     let note = (!found.is_empty()).then(|| {
         let mut note = format!("different in the session: {}", found.join("; "));
         if found
@@ -341,15 +353,15 @@ mod tests {
             ("patched", patched),
         ]
         .map(|(name, meta)| written(name, meta));
-        let (found, note) = of_gap(Some(&one), &other).unwrap();
+        let (found, note) = of_gap([&*one], [&*other]).unwrap();
         assert_eq!(found, ["calibration of springs 4"]);
         let note = note.unwrap();
         assert!(
             note.contains("springs 4") && note.contains("by themselves a gap"),
             "{note}"
         );
-        assert_eq!(of_gap(Some(&one), &one).unwrap(), (Vec::new(), None));
-        assert_eq!(of_gap(None, &other).unwrap(), (Vec::new(), None));
+        assert_eq!(of_gap([&*one], [&*one]).unwrap(), (Vec::new(), None));
+        assert_eq!(of_gap([], [&*other]).unwrap(), (Vec::new(), None));
         let part = PathBuf::from(format!("{}@0..1", other.display()));
         let lines = of_training(&[one.clone(), "a.parquet".into(), part]).unwrap();
         assert!(

@@ -64,6 +64,50 @@ fn two_effects_in_one_session_are_both_named() {
     assert!(found["gap"]["closed"].as_f64().unwrap() > 0.8, "{found}");
 }
 
+/// The same spring is wrong in two sessions, and a third had no part in finding it.
+#[test]
+fn several_sessions_count_together_and_another_one_proves_it() {
+    let dir = scratch("gap-several");
+    let made = |name: &str, seed: &str, hide: &[&str]| {
+        let mut args = vec!["--seed", seed, "--seconds", "30"];
+        args.extend(hide);
+        session(&dir, name, &args)
+    };
+    let wrong = ["--hide", "spring-calibration:4=1.06,0.002"];
+    let healthy = [made("monday", "1", &[]), made("tuesday", "2", &[])];
+    let suspects = [made("friday", "3", &wrong), made("saturday", "4", &wrong)];
+    let other = made("sunday", "5", &wrong);
+    let found = find(
+        &healthy[0],
+        &suspects[0],
+        &[
+            "--baseline",
+            &healthy[1],
+            "--session",
+            &suspects[1],
+            "--prove",
+            &other,
+        ],
+    );
+    assert_eq!(found["verdict"], "named", "{found}");
+    assert_eq!(names(&found), [("spring-calibration".to_owned(), Some(4))]);
+    assert_eq!(found["data"]["session"], "friday, saturday");
+    let interval = |found: &Value| {
+        let ends = &found["effects"][0]["params"]["gain"]["ci95"];
+        [0, 1].map(|i| ends[i].as_f64().expect("a number"))
+    };
+    let [low, high] = interval(&found);
+    assert!(low < 1.06 && 1.06 < high, "{low} to {high}");
+    let alone = find(&healthy[0], &suspects[0], &[]);
+    let [alone_low, alone_high] = interval(&alone);
+    assert!(high - low < alone_high - alone_low, "{found} {alone}");
+    let proof = &found["proof"];
+    assert_eq!(proof["sessions"], serde_json::json!(["sunday"]));
+    assert_eq!(proof["gap"]["unit"], "mm");
+    assert!(proof["closed"].as_f64().expect("a number") > 0.7, "{proof}");
+    assert!(alone["proof"].is_null(), "{alone}");
+}
+
 /// Pumps that need ten seconds and more for a stroke make dead time and a weak pump look alike. The finder says so and
 /// proposes a motion.
 #[test]

@@ -111,8 +111,8 @@ fn find_in(name: &str, without: &[&str]) -> gap::Finding {
     let found = gap::find(
         &robot,
         &table,
-        Some(&healthy),
-        &suspect,
+        &[healthy],
+        &[suspect],
         &options,
         &gap::Unwatched,
     );

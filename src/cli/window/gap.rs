@@ -245,12 +245,13 @@ fn find(
     )]
     let start = std::time::Instant::now();
     worker.tell("Reading the sessions", None);
-    let (_, note) = provenance::of_gap(healthy, suspect)?;
+    let (_, note) = provenance::of_gap(healthy.into_iter(), [suspect])?;
     let healthy = healthy.map(gap_files::read_session).transpose()?;
     let suspect = gap_files::read_session(suspect)?;
     let options = Options {
         seed: 1,
         excitations: gap_files::excitations(robot),
+        prove: Vec::new(),
     };
     let run = || -> Answer {
         let healthy = healthy.map(Grid::new).transpose()?;
@@ -259,8 +260,8 @@ fn find(
         let mut found = springtwin::gap::find(
             robot,
             &effects::table(),
-            healthy.as_ref(),
-            &suspect,
+            healthy.as_slice(),
+            &[suspect],
             &options,
             &watched,
         )?;

@@ -3,13 +3,13 @@
 mod effects;
 mod figures;
 
-use crate::gap::config::CONFIG;
 use std::collections::BTreeMap;
 
 use super::healthy::{LineBaseline, LineModel, chamber_rms_pa, commission_supply, ideal_supply};
 use super::line::{GAIN, KNOBS, Lag, OFFSET, PressureGrid, line_rmse_pa, line_rows};
 use super::search::{EffectSet, Stages, supply_stages};
 use crate::gap::candidates::Table;
+use crate::gap::config::CONFIG;
 use crate::gap::finding::{
     FailedFold, Finding, FoundEffect, GapSize, Located, SeparateBy, Traces, Verdict, closed_excess,
 };
@@ -59,8 +59,10 @@ pub fn actuation_only(
     progress: &dyn Progress,
 ) -> Result<Actuation, GapError> {
     progress.at(Stage::Commission, 0.0)?;
-    let (healthy, suspect) = at_one_rate(healthy, suspect)?;
-    let (healthy, suspect) = (healthy.as_deref(), &*suspect);
+    let all: Vec<&PressureGrid> = healthy.into_iter().chain([suspect]).collect();
+    let all = at_one_rate(&all)?;
+    let suspect = &*all[all.len() - 1];
+    let healthy = healthy.map(|_| &*all[0]);
     let baseline = match healthy {
         Some(grid) => commission_supply(robot, grid)?,
         None => ideal_supply(suspect),
@@ -153,24 +155,18 @@ pub fn decide_supply(
     let mut chambers = grid.chambers().into_iter();
     let above = chambers.any(|i| errors_pa[i] > CONFIG.at_floor * baseline.chamber_floor_pa[i]);
     let channels = channels(grid, &before, &after, baseline);
+    let closed = match commissioned {
+        true => closed_excess(&channels),
+        false => gap.closed,
+    };
+    // What closes nothing on data it was not fitted to is the inadequacy of the model of a healthy supply.
+    let inadequate = |set: &EffectSet| closed < CONFIG.proven_min && set.mean_square <= limit;
     let verdict = match best {
         None if commissioned && found.mean_square > limit => Verdict::Unknown,
         None if !commissioned && far => Verdict::Unknown,
         None => Verdict::NothingMissing,
-        Some(_) if commissioned && !above => Verdict::NothingMissing,
-        // What closes nothing on data it was not fitted to is the inadequacy of the model of a healthy supply.
-        Some(set)
-            if commissioned
-                && closed_excess(&channels) < CONFIG.proven_min
-                && set.mean_square <= limit =>
-        {
-            Verdict::NothingMissing
-        }
+        Some(set) if commissioned && (!above || inadequate(set)) => Verdict::NothingMissing,
         Some(set) => {
-            let closed = match commissioned {
-                true => closed_excess(&channels),
-                false => gap.closed,
-            };
             let sure = closed >= CONFIG.closed_min_definition || !at_bound(&set.explained);
             if closed < CONFIG.proven_min || !sure || !failed_folds.is_empty() {
                 Verdict::Unknown
@@ -209,6 +205,7 @@ pub fn decide_supply(
     }
     Ok(Finding {
         verdict,
+        proof: None,
         separate_by: (verdict == Verdict::Indistinguishable).then(|| separate(&effects)),
         effects,
         candidates: ranked(best, found),
@@ -258,6 +255,7 @@ fn still(grid: &PressureGrid, baseline: &LineBaseline) -> Finding {
         embargo_s: 0.0,
         folds: Vec::new(),
         failed_folds: Vec::new(),
+        proof: None,
         separate_by: Some(SeparateBy {
             excitation: "steps".to_owned(),
             effects: Vec::new(),

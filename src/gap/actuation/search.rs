@@ -1,13 +1,13 @@
 //! Search for the effects that explain a pressure log: forward addition from several starts, backward
 //! deletion, comparison of the resulting sets.
 
-use crate::gap::config::CONFIG;
 use nalgebra::{DMatrix, DVector};
 
 use super::healthy::{LineBaseline, LineModel, PressureNoise, chamber_rms_pa};
 use super::line::{Lag, PressureGrid};
 use super::significance::{Significance, significance};
 use crate::gap::candidates::{Candidate, Table, candidates, fastest};
+use crate::gap::config::CONFIG;
 use crate::gap::explain::{Explained, columns, explain, weak_prior};
 use crate::gap::fit::fit;
 use crate::gap::problem::{Losses, Problem};

@@ -1,9 +1,9 @@
 //! Significance thresholds: the best held-out gain of any candidate on resampled healthy innovations.
 
-use crate::gap::config::CONFIG;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::Rng as _;
 
+use crate::gap::config::CONFIG;
 use crate::gap::explain::Column;
 use crate::gap::parallel;
 use crate::sim::dataset::{normal, sample_rng};

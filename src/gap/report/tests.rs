@@ -155,6 +155,7 @@ fn finding(verdict: Verdict) -> Finding {
         embargo_s: 0.0,
         folds: Vec::new(),
         failed_folds: Vec::new(),
+        proof: None,
         separate_by: (verdict == Verdict::Indistinguishable).then(|| SeparateBy {
             excitation: "loads".to_owned(),
             effects: vec!["payload".to_owned(), "tip-force".to_owned()],

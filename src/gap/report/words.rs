@@ -159,9 +159,8 @@ pub fn sentence(finding: &Finding) -> String {
                 ),
                 None => String::new(),
             };
-            let (sure, open): (Vec<_>, Vec<_>) =
-                finding.choices().into_iter().partition(|c| c.len() == 1);
-            let sure: Vec<String> = sure.into_iter().map(|c| name(c[0])).collect();
+            let (sure, open) = finding.sure_and_open();
+            let sure: Vec<String> = sure.into_iter().map(name).collect();
             let open: Vec<String> = open
                 .into_iter()
                 .map(|c| listed(&c.into_iter().map(name).collect::<Vec<_>>(), "or"))

@@ -333,6 +333,7 @@ fn trouble_of(e: &GapError) -> Trouble {
         GapError::NothingMeasured { .. } => {
             "Choose a session with springs, IMUs or whole poses of the motion capture."
         }
+        GapError::NoSession => "Choose a session in which something may be missing.",
         GapError::NothingCommon => "Choose two sessions in which the same sensors were measured.",
         GapError::OtherRobot { .. } => {
             "Choose a session of this robot, or start with the robot file it was recorded with (--robot)."

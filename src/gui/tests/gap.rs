@@ -72,8 +72,8 @@ pub(super) fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
     let mut found = crate::gap::find(
         &robot,
         &crate::sim::effects::table(),
-        Some(&healthy),
-        &suspect,
+        &[healthy],
+        &[suspect],
         &options,
         progress,
     )?;
@@ -447,8 +447,8 @@ fn the_finder_itself_stops_when_nobody_waits() {
     let stopped = crate::gap::find(
         &robot,
         &crate::sim::effects::table(),
-        None,
-        &grid,
+        &[],
+        &[grid],
         &Options::default(),
         &Gone(worker),
     );

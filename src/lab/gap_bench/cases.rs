@@ -29,7 +29,9 @@ use crate::sim::{Inputs, Model, State, observe, settle};
 /// A strength within this share of what is wanted is right.
 const CLOSE_ENOUGH: f64 = 0.08;
 /// Runs of the rig that size one effect, at most.
-const MOST_TRIALS: usize = 6;
+const MOST_TRIALS: usize = 8;
+/// An effect below this share of a stronger one's strength has not set in.
+const NEARLY_NOTHING: f64 = 0.02;
 /// Sample rate of the runs that size an effect, Hz.
 const SIZING_HZ: f64 = 20.0;
 /// Length of a run that sizes an effect which does not change with time, s.
@@ -423,9 +425,13 @@ impl<'a> Sizing<'a> {
             hidden: drawn.scaled(0.0),
             reached: 0.0,
         };
-        for _ in 0..MOST_TRIALS {
+        let mut trials = 0;
+        while trials < MOST_TRIALS {
             let hidden = drawn.scaled(scale);
-            let reached = self.strength(&hidden);
+            // Beyond a bound every scale gives the same effect.
+            let known = high.filter(|[s, _]| drawn.scaled(*s) == hidden);
+            let reached = known.map_or_else(|| self.strength(&hidden), |[_, r]| r);
+            trials += usize::from(known.is_none());
             let capped = hidden == drawn.scaled(2.0 * scale);
             let off = |r: f64| (r.max(1e-3) / wanted).ln().abs();
             if off(reached) < off(best.reached) {
@@ -442,13 +448,14 @@ impl<'a> Sizing<'a> {
             scale = match high {
                 // Nearly proportional: a jump by the ratio, but not too far.
                 None => scale * (wanted / low[1].max(1e-9)).clamp(1.3, 4.0),
-                Some([s, r]) if r.is_finite() && low[1] > 0.0 => {
+                Some([s, r]) if r.is_finite() && low[1] > NEARLY_NOTHING * r => {
                     let slope = (s / low[0]).ln() / (r / low[1]).ln();
                     let guess = low[0] * (slope * (wanted / low[1]).ln()).exp();
                     // Kept off the ends, so that the bracket shrinks.
                     guess.clamp(low[0] + 0.1 * (s - low[0]), s - 0.1 * (s - low[0]))
                 }
                 Some([s, r]) if r.is_finite() && low[0] == 0.0 => s * (wanted / r).clamp(0.1, 0.9),
+                // What sets in abruptly.
                 Some([s, _]) => 0.5 * (low[0] + s),
             };
         }

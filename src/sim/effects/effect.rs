@@ -209,6 +209,8 @@ pub struct Effect {
     pub operator: Operator,
     /// Chamber pressures from gauge readings, for what lies behind the gauge; `None` for all else.
     pub behind_gauge: Option<BehindGauge>,
+    /// What it changes in the readings besides, where its operator acts on the arm.
+    pub also_read: Option<fn(&Call, &mut [SensorVec])>,
     /// The channels it may sit on.
     pub reach: Reach,
     /// Whether its law is exact.

@@ -236,6 +236,19 @@ pub(super) fn base_tilt(c: &Call, plant: &mut Plant) {
     plant.model.rod.gravity_m_s2 = tilt * plant.model.rod.gravity_m_s2;
 }
 
+/// IMUs of a tilted base: level, which they measure against, is turned against the base.
+pub(super) fn tilted_imus(c: &Call, sensors: &mut [SensorVec]) {
+    let seen = c.values.get(2).copied().unwrap_or(0.0);
+    let tilt = Rotation3::from_euler_angles(c.values[0], c.values[1], 0.0);
+    let base_from_level = Rotation3::new(seen * tilt.scaled_axis());
+    for row in sensors {
+        for i in 0..crate::signal::IMUS {
+            let level_from_pad = base_from_level.inverse() * row.base_from_imu_pad(i);
+            row.imu_ypr_rad[i] = crate::signal::ypr_from_rotation(&level_from_pad.into());
+        }
+    }
+}
+
 pub(super) fn tip_force(c: &Call, plant: &mut Plant) {
     plant.tip_force_n += Vector3::from_column_slice(c.values);
 }

@@ -153,6 +153,9 @@ fn read_in_order(robot: &RobotSpec, t_s: &[f64], run: &mut Simulated, ordered: &
             Operator::Capture(f) => f(&call(robot, t_s, a), &mut run.captured),
             Operator::Pressure(_) | Operator::Mechanics(_) => {}
         }
+        if let Some(f) = a.effect.also_read {
+            f(&call(robot, t_s, a), &mut run.sensors);
+        }
     }
 }
 

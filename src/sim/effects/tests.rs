@@ -116,7 +116,7 @@ fn strong(e: &'static Effect) -> Active {
         "chamber-stiffness" => (Some(5), &[1.3]),
         "payload" => (None, &[0.4]),
         "com-offset" => (None, &[0.03, -0.02, 0.0]),
-        "base-tilt" => (None, &[0.05, 0.02]),
+        "base-tilt" => (None, &[0.05, 0.02, 1.0]),
         "tip-force" => (None, &[2.0, -1.0, 0.5]),
         "contact" => (None, &[-0.28, 2000.0, 0.2, 0.0, 0.0]),
         "torsion" => (Some(0), &[0.5]),

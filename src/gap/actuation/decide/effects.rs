@@ -1,12 +1,12 @@
 //! Effects of a pressure log: those that a verdict names, indistinguishable ones, and unobservable ones.
 
-use crate::gap::config::CONFIG;
 use nalgebra::DVector;
 
 use crate::gap::GapError;
 use crate::gap::actuation::healthy::LineModel;
 use crate::gap::actuation::line::LineRow;
 use crate::gap::actuation::search::{EffectSet, Stages, same};
+use crate::gap::config::CONFIG;
 use crate::gap::describe::{interval_95, side};
 use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};

@@ -85,11 +85,11 @@ fn found(ui: &mut Ui, finding: &Finding) {
         return;
     }
     ui.separator();
-    let (sure, open): (Vec<_>, Vec<_>) = finding.choices().into_iter().partition(|c| c.len() == 1);
+    let (sure, open) = finding.sure_and_open();
     if !sure.is_empty() {
         heading(ui, "Effects found, with 95 % intervals");
     }
-    sure.into_iter().flatten().for_each(|e| parameters(ui, e));
+    sure.into_iter().for_each(|e| parameters(ui, e));
     for choice in open {
         heading(ui, "Possible effects, one of them");
         choice.into_iter().for_each(|e| parameters(ui, e));

@@ -15,11 +15,8 @@ use crate::robot::PatchEffect;
 /// Effects of which the session does not identify one, the one that the patch holds first; none where all are named. Of
 /// several such sets the first: the others keep what fits best.
 fn alternatives(found: &Found) -> Vec<&FoundEffect> {
-    let choices = found.finding.choices();
-    choices
-        .into_iter()
-        .find(|c| c.len() > 1)
-        .unwrap_or_default()
+    let (_, open) = found.finding.sure_and_open();
+    open.into_iter().next().unwrap_or_default()
 }
 
 /// The patch with the chosen one of the alternatives.
