@@ -245,7 +245,7 @@ fn find(
     )]
     let start = std::time::Instant::now();
     worker.tell("Reading the sessions", None);
-    let (_, note) = provenance::of_gap(healthy.into_iter(), [suspect])?;
+    let (_, note) = provenance::of_gap(healthy, [suspect])?;
     let healthy = healthy.map(gap_files::read_session).transpose()?;
     let suspect = gap_files::read_session(suspect)?;
     let options = Options {
