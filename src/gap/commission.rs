@@ -29,8 +29,6 @@ pub struct Baseline {
     pub channel_floor: [f64; CHANNELS],
     /// Residuals of the healthy session, each half with the fit to the other; none for the factory model.
     pub healthy: Option<Vec<Row>>,
-    /// Name and hash of the healthy session.
-    pub session: Option<[String; 2]>,
 }
 
 /// Root mean squares over the channels of a kind and over time; `None` where nothing was measured.
@@ -171,7 +169,6 @@ pub fn factory(present: &[bool; CHANNELS]) -> Baseline {
         floor: Rmse::default(),
         channel_floor: [f64::NAN; CHANNELS],
         healthy: None,
-        session: None,
     }
 }
 
@@ -211,6 +208,15 @@ impl Places {
     fn values(&self, all: &DVector<f64>, session: usize) -> Vec<f64> {
         let each = 0..self.parameters.len();
         each.map(|i| all[self.of(session, i)]).collect()
+    }
+
+    /// The parameters, those of each session in the mean.
+    fn mean(&self, all: &DVector<f64>) -> Vec<f64> {
+        let mean = |i: usize| {
+            let each = (0..self.sessions).map(|k| all[self.of(k, i)]);
+            each.sum::<f64>() / self.sessions as f64
+        };
+        (0..self.parameters.len()).map(mean).collect()
     }
 
     /// The values at all places from those of the parameters.
@@ -255,7 +261,7 @@ struct Fitted {
 }
 
 /// Residuals of sessions one after the other, of all but the first without their starts.
-fn joined(sessions: &[Vec<Row>]) -> Vec<Row> {
+fn joined<'a>(sessions: impl Iterator<Item = &'a Vec<Row>>) -> Vec<Row> {
     let mut out = Vec::new();
     for rows in sessions {
         let from = if out.is_empty() { 0 } else { start() };
@@ -299,10 +305,7 @@ pub fn commission(
         };
         grids.iter().enumerate().map(follow).collect()
     };
-    let all_rows = |fitted: &[Fitted]| {
-        let rows: Vec<Vec<Row>> = fitted.iter().map(|f| f.rows.clone()).collect();
-        joined(&rows)
-    };
+    let all_rows = |fitted: &[Fitted]| joined(fitted.iter().map(|f| &f.rows));
     let slopes = |values: &DVector<f64>, fitted: &[Fitted], which: &[usize]| {
         let of = |(k, f): (usize, &Fitted)| {
             let own = places.values(values, k);
@@ -473,17 +476,10 @@ pub fn commission(
         differ += apart.dot(&solver.solve(&apart)) / (common.len() * differences.len()) as f64;
     }
     log::debug!("parts of the healthy sessions differ by {differ:.2} of what is expected");
-    let unseen = joined(&unseen);
+    let unseen = joined(unseen.iter());
     let n = parameters.len();
-    let name = |of: fn(&Grid) -> &String| {
-        let all: Vec<&str> = grids.iter().map(|g| of(g).as_str()).collect();
-        all.join(", ")
-    };
     Ok(Baseline {
-        values: every
-            .iter()
-            .map(|i| mean_of_sessions(&places, &values, *i))
-            .collect(),
+        values: places.mean(&values),
         covariance: solver.inverse().view((0, 0), (n, n)) * differ.max(1.0),
         between,
         noise: Noise::from_healthy(&unseen, present),
@@ -494,14 +490,7 @@ pub fn commission(
             (sum / judged.len() as f64).sqrt()
         }),
         healthy: Some(unseen),
-        session: Some([name(|g| &g.session.name), name(|g| &g.session.hash)]),
     })
-}
-
-/// Mean of a parameter over the sessions.
-fn mean_of_sessions(places: &Places, values: &DVector<f64>, i: usize) -> f64 {
-    let each = (0..places.sessions).map(|k| values[places.of(k, i)]);
-    each.sum::<f64>() / places.sessions as f64
 }
 
 /// Rows with NaN in channels that were never measured.

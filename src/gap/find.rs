@@ -94,7 +94,7 @@ pub fn find(
     progress.at(Stage::Locate, 0.0)?;
     let located = super::locate::locate(&replayed)?;
     let supply = supply(robot, healthy, suspects, table, progress)?;
-    let all = admitted(table, &common_channels(suspects.iter().copied()));
+    let all = admitted(table, &replayed.present());
     progress.at(Stage::Explain, 0.0)?;
     let ready = columns(&problem, &all, &scene(suspects), &[])?;
     progress.at(Stage::Decide, 0.0)?;
@@ -345,10 +345,7 @@ fn hold(
     let mut notes = Vec::new();
     // What a fold that lacks one of the effects chose in its place cannot be excluded.
     for fold in &proof.folds {
-        let in_fold = |c: &Candidate| {
-            let mut chosen = fold.effects.iter();
-            chosen.any(|(id, at)| c.effect.id == id && target(c) == *at)
-        };
+        let in_fold = |c: &Candidate| fold.chose(c.effect.id, target(c));
         if best.fit.effects.iter().all(|(c, _)| in_fold(c)) {
             continue;
         }
@@ -377,10 +374,7 @@ fn hold(
         let any: Vec<Candidate> = std::iter::once(*c)
             .chain(in_place.map(|e| e.candidate))
             .collect();
-        let chose = |f: &&FoldChoice| {
-            let mut chosen = f.effects.iter();
-            chosen.any(|(id, at)| any.iter().any(|c| c.effect.id == id && target(c) == *at))
-        };
+        let chose = |f: &&FoldChoice| any.iter().any(|c| f.chose(c.effect.id, target(c)));
         if proof.folds.iter().filter(chose).count() < CONFIG.folds_min {
             rivals.retain(|r| Some(place(r, &best)) != k);
             gone.push(*c);

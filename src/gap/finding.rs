@@ -151,6 +151,13 @@ pub struct Confirmed {
     pub channels: Vec<ChannelError>,
 }
 
+impl FoldChoice {
+    /// Whether it chose an effect on a channel (1-based).
+    pub fn chose(&self, id: &str, target: Option<usize>) -> bool {
+        self.effects.iter().any(|(i, t)| i == id && *t == target)
+    }
+}
+
 /// A fold of the held-out proof that could not be computed. Nothing is known of the effects on its blocks: they count
 /// with the error of the model without the effects, and the fold as one that does not choose them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -365,8 +365,7 @@ fn helps([before, own, other]: [&[Row]; 3], judged: &[usize], channels: Range<us
 impl Proof {
     /// How many folds chose an effect on a channel.
     pub fn support(&self, id: &str, target: Option<usize>) -> usize {
-        let chose = |f: &&FoldChoice| f.effects.iter().any(|(i, t)| i == id && *t == target);
-        self.folds.iter().filter(chose).count()
+        self.folds.iter().filter(|f| f.chose(id, target)).count()
     }
 
     /// Whether enough folds chose an effect on a channel.
