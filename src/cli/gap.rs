@@ -16,6 +16,8 @@ pub enum GapCommand {
     Commission(super::gap_commission::CommissionArgs),
     /// Find what is missing in the model of a rig
     Run(super::gap_run::RunArgs),
+    /// Find what is missing as a law, where no effect of the table explains it
+    Discover(super::gap_discover::DiscoverArgs),
     /// The effects that are known
     Effects {
         /// Print them as a page of Markdown with equations, sources, units and bounds, as the guide has it
@@ -33,6 +35,7 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
         GapCommand::Apply(a) => super::patch::apply(a, robot_file),
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission(a) => super::gap_commission::commission(a, robot),
+        GapCommand::Discover(a) => super::gap_discover::run(a, robot),
         GapCommand::Run(a) => super::gap_run::run(a, robot),
         GapCommand::Effects { markdown } => {
             let mut report = table();

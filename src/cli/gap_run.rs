@@ -75,13 +75,19 @@ fn table(a: &RunArgs) -> Result<Vec<&'static Effect>> {
 }
 
 /// Logs the progress of the finder.
-struct Logged;
+pub struct Logged;
 
 impl Progress for Logged {
     fn at(&self, stage: Stage, share: f64) -> Result<(), GapError> {
         log::info!("{stage:?} {:.0} %", 100.0 * share);
         Ok(())
     }
+}
+
+/// Sessions of these files.
+pub fn grids(paths: &[PathBuf]) -> Result<Vec<Grid>> {
+    let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
+    paths.iter().map(grid).collect()
 }
 
 fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
@@ -91,10 +97,6 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     )]
     let start = Instant::now();
     let (differences, note) = compared(a)?;
-    let grids = |paths: &[PathBuf]| -> Result<Vec<Grid>> {
-        let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
-        paths.iter().map(grid).collect()
-    };
     let (healthy, suspects) = (grids(&a.baseline)?, grids(&a.session)?);
     let options = Options {
         seed: a.seed,

@@ -16,6 +16,7 @@ mod files;
 mod gap;
 mod gap_bench;
 mod gap_commission;
+mod gap_discover;
 mod gap_run;
 mod import;
 mod imu;

@@ -270,6 +270,294 @@ fn joined<'a>(sessions: impl Iterator<Item = &'a Vec<Row>>) -> Vec<Row> {
     out
 }
 
+/// The fit of the calibration parameters to healthy sessions, by maximum a posteriori.
+struct Fit<'a> {
+    robot: &'a RobotSpec,
+    grids: &'a [&'a Grid],
+    present: &'a [bool; CHANNELS],
+    places: Places,
+    /// Where the fit starts: what the priors hold most likely.
+    nominal: DVector<f64>,
+    /// Inverse variance of each prior.
+    weight: DVector<f64>,
+    /// Least value of each parameter.
+    lowest: DVector<f64>,
+}
+
+/// What the fit knows at some point.
+struct State {
+    values: DVector<f64>,
+    noise: Noise,
+    /// So many rows count as one independent one.
+    rows_per_fact: f64,
+}
+
+/// Parts of the healthy sessions as the others predict them: halves of one session, or whole sessions.
+struct HeldOut {
+    /// Residuals of each session.
+    unseen: Vec<Vec<Row>>,
+    /// By how much the parameters of a part and of the others differ, and the covariance that is expected of that.
+    differences: Vec<(DVector<f64>, DMatrix<f64>)>,
+    /// Covariance of the parameters of all parts.
+    covariance: DMatrix<f64>,
+}
+
+impl<'a> Fit<'a> {
+    fn new(
+        robot: &'a RobotSpec,
+        grids: &'a [&'a Grid],
+        present: &'a [bool; CHANNELS],
+    ) -> Result<Self, GapError> {
+        for grid in grids {
+            grid.ensure_measured()?;
+        }
+        if grids.is_empty() {
+            return Err(GapError::NoSession);
+        }
+        let places = Places::new(grids.len());
+        let of = &places.parameters;
+        Ok(Self {
+            nominal: places.spread(|i| nominal()[i]),
+            weight: places.spread(|i| of[i].prior().powi(2).recip()),
+            lowest: places.spread(|i| of[i].least()),
+            robot,
+            grids,
+            present,
+            places,
+        })
+    }
+
+    /// The sessions replayed.
+    fn followed(&self, values: &DVector<f64>) -> Result<Vec<Fitted>, GapError> {
+        let follow = |(k, grid): (usize, &&Grid)| {
+            let own = self.places.values(values, k);
+            let moved = move_arm(self.robot, grid, &own, &[])?;
+            let rows = residuals(self.robot, grid, &moved, &own, &[]);
+            Ok(Fitted { moved, rows })
+        };
+        self.grids.iter().enumerate().map(follow).collect()
+    }
+
+    /// Sensitivities of each session to some parameters.
+    fn slopes(
+        &self,
+        values: &DVector<f64>,
+        fitted: &[Fitted],
+        which: &[usize],
+    ) -> Result<Vec<Vec<Vec<Row>>>, GapError> {
+        let of = |(k, f): (usize, &Fitted)| {
+            let own = self.places.values(values, k);
+            Ok(sensitivities_of(
+                self.robot,
+                self.grids[k],
+                &own,
+                &[],
+                &f.moved,
+                which,
+            )?)
+        };
+        fitted.iter().enumerate().map(of).collect()
+    }
+
+    /// Noise of the residuals at some values.
+    fn noise_at(&self, values: &DVector<f64>) -> Result<Noise, GapError> {
+        let fitted = self.followed(values)?;
+        let rows = joined(fitted.iter().map(|f| &f.rows));
+        Ok(Noise::from_healthy(&rows, self.present))
+    }
+
+    /// All parameters.
+    fn all(&self, progress: &dyn Progress) -> Result<State, GapError> {
+        let every: Vec<usize> = (0..self.places.parameters.len()).collect();
+        let mut at = State {
+            values: self.nominal.clone(),
+            noise: Noise::usual(self.present),
+            rows_per_fact: 20.0,
+        };
+        let mut columns = Vec::new();
+        for step in 0..STEPS {
+            progress.at(Stage::Commission, step as f64 / (STEPS + 1) as f64)?;
+            let fitted = self.followed(&at.values)?;
+            // A model so nearly linear does with new columns every other step.
+            if step % 2 == 0 {
+                columns = self.slopes(&at.values, &fitted, &every)?;
+            }
+            let mut equations = self.places.nothing();
+            for (k, (f, columns)) in fitted.iter().zip(&columns).enumerate() {
+                let (w, e) = whitened(&at.noise, columns, &f.rows);
+                let own = normal_equations(&w, &e, |_| true);
+                self.places.add(k, &own, &mut equations);
+            }
+            let (normal, right) = equations;
+            let normal = normal / at.rows_per_fact + DMatrix::from_diagonal(&self.weight);
+            let off = &self.nominal - &at.values;
+            let right = right / at.rows_per_fact + self.weight.component_mul(&off);
+            let solver = normal.cholesky().ok_or(GapError::Degenerate)?;
+            at.values = (at.values + solver.solve(&right)).sup(&self.lowest);
+            if step == 1 {
+                // From here on the channels are weighted by their residuals; statics keep their weight.
+                let whole = self.noise_at(&at.values)?;
+                at.rows_per_fact = whole.correlation_rows();
+                at.noise = whole.without_memory();
+            }
+        }
+        progress.at(Stage::Commission, STEPS as f64 / (STEPS + 1) as f64)?;
+        Ok(at)
+    }
+
+    /// Times again, from the motion: persistent errors are not to dominate them.
+    fn times(&self, values: &mut DVector<f64>) -> Result<(), GapError> {
+        let is_time = |k: &CalibrationParameter| {
+            matches!(
+                k,
+                CalibrationParameter::Clock | CalibrationParameter::Damping
+            )
+        };
+        let parameters = self.places.parameters.iter().enumerate();
+        let times: Vec<usize> = parameters
+            .filter(|(_, k)| is_time(k))
+            .map(|(i, _)| i)
+            .collect();
+        for _ in 0..2 {
+            let fitted = self.followed(values)?;
+            let rows = joined(fitted.iter().map(|f| &f.rows));
+            let noise = Noise::from_healthy(&rows, self.present);
+            let mut normal = DMatrix::zeros(times.len(), times.len());
+            let mut right = DVector::zeros(times.len());
+            for (f, columns) in fitted.iter().zip(self.slopes(values, &fitted, &times)?) {
+                let (w, e) = whitened(&noise, &columns, &f.rows);
+                let (own, own_right) = normal_equations(&w, &e, |_| true);
+                normal += own;
+                right += own_right;
+            }
+            if let Some(solver) = normal.cholesky() {
+                let change = solver.solve(&right);
+                for (i, d) in times.iter().zip(change.iter()) {
+                    values[*i] = (values[*i] + d).max(self.lowest[*i]);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Every part with the fit to the others.
+    fn held_out(&self, at: &State) -> Result<HeldOut, GapError> {
+        let places = &self.places;
+        let every: Vec<usize> = (0..places.parameters.len()).collect();
+        let fitted = self.followed(&at.values)?;
+        let columns = self.slopes(&at.values, &fitted, &every)?;
+        let prior = DMatrix::from_diagonal(&self.weight);
+        let off = &self.nominal - &at.values;
+        let parts: Vec<(usize, std::ops::Range<usize>)> = match self.grids {
+            [grid] => {
+                let half = grid.len() / 2;
+                vec![(0, 0..half), (0, half..grid.len())]
+            }
+            grids => (0..).zip(grids.iter().map(|g| 0..g.len())).collect(),
+        };
+        let weighted: Vec<_> = fitted
+            .iter()
+            .zip(&columns)
+            .map(|(f, columns)| whitened(&at.noise, columns, &f.rows))
+            .collect();
+        let of_part = |(k, bins): &(usize, std::ops::Range<usize>)| {
+            let (w, e) = &weighted[*k];
+            let own = normal_equations(w, e, |bin| bins.contains(&bin));
+            let mut out = places.nothing();
+            places.add(*k, &own, &mut out);
+            out
+        };
+        let equations: Vec<(DMatrix<f64>, DVector<f64>)> = parts.iter().map(of_part).collect();
+        let (whole, whole_right) = equations.iter().fold(places.nothing(), |sum, part| {
+            (sum.0 + &part.0, sum.1 + &part.1)
+        });
+        // The change that some equations ask for, and its covariance.
+        let change = |normal: &DMatrix<f64>, right: &DVector<f64>| {
+            let information = normal / at.rows_per_fact;
+            let solver = (&information + &prior)
+                .cholesky()
+                .ok_or(GapError::Degenerate)?;
+            let right = right / at.rows_per_fact + self.weight.component_mul(&off);
+            let covariance = solver.solve(&solver.solve(&information).transpose());
+            Ok::<_, GapError>((solver.solve(&right), covariance))
+        };
+        let mut unseen: Vec<Vec<Row>> = fitted.iter().map(|f| bridged(&f.rows)).collect();
+        let mut differences = Vec::new();
+        for ((k, bins), (normal, right)) in parts.iter().zip(&equations) {
+            let (mut others, covariance) = change(&(&whole - normal), &(&whole_right - right))?;
+            let (own, own_covariance) = change(normal, right)?;
+            differences.push((&own - &others, covariance + own_covariance));
+            // Of what restarts with a session others know nothing, and it is taken from the session itself.
+            for i in &places.restarted {
+                others[places.of(*k, *i)] = 0.0;
+            }
+            for (i, column) in columns[*k].iter().enumerate() {
+                let d = others[places.of(*k, i)];
+                for bin in bins.clone() {
+                    for c in 0..CHANNELS {
+                        if column[bin][c].is_finite() {
+                            unseen[*k][bin][c] -= d * column[bin][c];
+                        }
+                    }
+                }
+            }
+        }
+        let solver = (whole / at.rows_per_fact + prior)
+            .cholesky()
+            .ok_or(GapError::Degenerate)?;
+        Ok(HeldOut {
+            unseen,
+            differences,
+            covariance: solver.inverse(),
+        })
+    }
+
+    /// Variance of each parameter from session to session, as far as these show it.
+    fn between(&self, values: &DVector<f64>, parts: &HeldOut) -> DVector<f64> {
+        let places = &self.places;
+        let sessions = self.grids.len() as f64;
+        between(&places.parameters, |i| {
+            if places.restarted.contains(&i) {
+                let squares = (0..places.sessions).map(|k| values[places.of(k, i)].powi(2));
+                return Some((1.0 + 1.0 / sessions) * squares.sum::<f64>() / sessions);
+            }
+            let apart = parts.differences.iter();
+            let apart = apart.map(|(d, expected)| d[i] * d[i] - expected[(i, i)]);
+            let known = places.sessions > 1 && wanders(places.parameters[i]);
+            known.then(|| apart.sum::<f64>() / sessions)
+        })
+    }
+
+    /// Mean square by which the parameters of the parts differ, in units of what is expected: above 1 the model is
+    /// inadequate, and the next session will give other parameters again.
+    fn differ(&self, parts: &HeldOut, between: &DVector<f64>) -> Result<f64, GapError> {
+        let of = &self.places.parameters;
+        let compared = |i: &usize| self.places.sessions == 1 || !wanders(of[*i]);
+        let common: Vec<usize> = (0..of.len()).filter(compared).collect();
+        let mut differ = 0.0;
+        for (apart, expected) in &parts.differences {
+            let apart = apart.select_rows(&common);
+            let expected = expected.select_rows(&common).select_columns(&common)
+                + DMatrix::from_diagonal(&between.select_rows(&common));
+            let solver = expected.cholesky().ok_or(GapError::Degenerate)?;
+            differ += apart.dot(&solver.solve(&apart)) / common.len() as f64;
+        }
+        let differ = differ / parts.differences.len() as f64;
+        log::debug!("parts of the healthy sessions differ by {differ:.2} of what is expected");
+        Ok(differ)
+    }
+}
+
+/// Columns and residuals in units of a noise.
+fn whitened(
+    noise: &Noise,
+    columns: &[Vec<Row>],
+    rows: &[Row],
+) -> (Vec<DMatrix<f64>>, DMatrix<f64>) {
+    let columns = columns.iter().map(|c| noise.innovations(c)).collect();
+    (columns, noise.innovations(rows))
+}
+
 /// Fits the calibration parameters to healthy sessions by maximum a posteriori, as far as the channels in `present` show
 /// them. Noise and floor are what the fit to one part leaves in another: of one session its halves, of several each of them
 /// as the others predict it.
@@ -282,205 +570,17 @@ pub fn commission(
     present: &[bool; CHANNELS],
     progress: &dyn Progress,
 ) -> Result<Baseline, GapError> {
-    for grid in grids {
-        grid.ensure_measured()?;
-    }
-    if grids.is_empty() {
-        return Err(GapError::NoSession);
-    }
-    let places = Places::new(grids.len());
-    let parameters = &places.parameters;
-    let start_values = places.spread(|i| nominal()[i]);
-    let weight = places.spread(|i| parameters[i].prior().powi(2).recip());
-    let lowest = places.spread(|i| parameters[i].least());
-    let mut values = start_values.clone();
-    let mut noise = Noise::usual(present);
-    let mut rows_per_fact = 20.0;
-    let followed = |values: &DVector<f64>| -> Result<Vec<Fitted>, GapError> {
-        let follow = |(k, grid): (usize, &&Grid)| {
-            let own = places.values(values, k);
-            let moved = move_arm(robot, grid, &own, &[])?;
-            let rows = residuals(robot, grid, &moved, &own, &[]);
-            Ok(Fitted { moved, rows })
-        };
-        grids.iter().enumerate().map(follow).collect()
-    };
-    let all_rows = |fitted: &[Fitted]| joined(fitted.iter().map(|f| &f.rows));
-    let slopes = |values: &DVector<f64>, fitted: &[Fitted], which: &[usize]| {
-        let of = |(k, f): (usize, &Fitted)| {
-            let own = places.values(values, k);
-            sensitivities_of(robot, grids[k], &own, &[], &f.moved, which)
-        };
-        fitted
-            .iter()
-            .enumerate()
-            .map(of)
-            .collect::<Result<Vec<_>, _>>()
-    };
-    let every: Vec<usize> = (0..parameters.len()).collect();
-    let mut columns = Vec::new();
-    for step in 0..STEPS {
-        progress.at(Stage::Commission, step as f64 / (STEPS + 1) as f64)?;
-        let fitted = followed(&values)?;
-        // A model so nearly linear does with new columns every other step.
-        if step % 2 == 0 {
-            columns = slopes(&values, &fitted, &every)?;
-        }
-        let mut equations = places.nothing();
-        for (k, (f, columns)) in fitted.iter().zip(&columns).enumerate() {
-            let w: Vec<DMatrix<f64>> = columns.iter().map(|c| noise.innovations(c)).collect();
-            let own = normal_equations(&w, &noise.innovations(&f.rows), |_| true);
-            places.add(k, &own, &mut equations);
-        }
-        let (normal, right) = equations;
-        let normal = normal / rows_per_fact + DMatrix::from_diagonal(&weight);
-        let right = right / rows_per_fact + weight.component_mul(&(&start_values - &values));
-        let Some(solver) = normal.cholesky() else {
-            return Err(GapError::Degenerate);
-        };
-        values = (values + solver.solve(&right)).sup(&lowest);
-        if step == 1 {
-            // From here on the channels are weighted by their residuals; statics keep their weight.
-            let whole = Noise::from_healthy(&all_rows(&followed(&values)?), present);
-            rows_per_fact = whole.correlation_rows();
-            noise = whole.without_memory();
-        }
-    }
-    progress.at(Stage::Commission, STEPS as f64 / (STEPS + 1) as f64)?;
-    // Times are estimated from the motion, so that persistent errors do not dominate them.
-    let is_time = |i: &usize| {
-        matches!(
-            parameters[*i],
-            CalibrationParameter::Clock | CalibrationParameter::Damping
-        )
-    };
-    let times: Vec<usize> = every.iter().copied().filter(is_time).collect();
-    for _ in 0..2 {
-        let fitted = followed(&values)?;
-        let timed = Noise::from_healthy(&all_rows(&fitted), present);
-        let mut normal = DMatrix::zeros(times.len(), times.len());
-        let mut right = DVector::zeros(times.len());
-        for (f, columns) in fitted.iter().zip(slopes(&values, &fitted, &times)?) {
-            let w: Vec<DMatrix<f64>> = columns.iter().map(|c| timed.innovations(c)).collect();
-            let (own, own_right) = normal_equations(&w, &timed.innovations(&f.rows), |_| true);
-            normal += own;
-            right += own_right;
-        }
-        if let Some(solver) = normal.cholesky() {
-            let change = solver.solve(&right);
-            for (i, d) in times.iter().zip(change.iter()) {
-                values[*i] = (values[*i] + d).max(lowest[*i]);
-            }
-        }
-    }
-    let fitted = followed(&values)?;
-    let columns = slopes(&values, &fitted, &every)?;
-    let prior = DMatrix::from_diagonal(&weight);
-    let off = &start_values - &values;
-    // Parts that are predicted by the others: halves of one session, or sessions.
-    let parts: Vec<(usize, std::ops::Range<usize>)> = match grids {
-        [grid] => {
-            let half = grid.len() / 2;
-            vec![(0, 0..half), (0, half..grid.len())]
-        }
-        _ => grids
-            .iter()
-            .enumerate()
-            .map(|(k, g)| (k, 0..g.len()))
-            .collect(),
-    };
-    let weighted: Vec<(Vec<DMatrix<f64>>, DMatrix<f64>)> = fitted
-        .iter()
-        .zip(&columns)
-        .map(|(f, columns)| {
-            let w = columns.iter().map(|c| noise.innovations(c)).collect();
-            (w, noise.innovations(&f.rows))
-        })
-        .collect();
-    let of_part = |(k, bins): &(usize, std::ops::Range<usize>)| {
-        let (w, e) = &weighted[*k];
-        let mut out = places.nothing();
-        places.add(
-            *k,
-            &normal_equations(w, e, |bin| bins.contains(&bin)),
-            &mut out,
-        );
-        out
-    };
-    let equations: Vec<(DMatrix<f64>, DVector<f64>)> = parts.iter().map(of_part).collect();
-    let (whole, whole_right) = equations.iter().fold(places.nothing(), |sum, part| {
-        (sum.0 + &part.0, sum.1 + &part.1)
-    });
-    // The change that some equations ask for, and its covariance.
-    let change = |normal: &DMatrix<f64>, right: &DVector<f64>| {
-        let information = normal / rows_per_fact;
-        let solver = (&information + &prior)
-            .cholesky()
-            .ok_or(GapError::Degenerate)?;
-        let change = solver.solve(&(right / rows_per_fact + weight.component_mul(&off)));
-        let covariance = solver.solve(&solver.solve(&information).transpose());
-        Ok::<_, GapError>((change, covariance))
-    };
-    let mut unseen: Vec<Vec<Row>> = fitted.iter().map(|f| bridged(&f.rows)).collect();
-    let mut differences = Vec::new();
-    for ((k, bins), (normal, right)) in parts.iter().zip(&equations) {
-        let (mut others, covariance) = change(&(&whole - normal), &(&whole_right - right))?;
-        let (own, own_covariance) = change(normal, right)?;
-        differences.push((&own - &others, covariance + own_covariance));
-        // Of what restarts with a session others know nothing, and it is taken from the session itself.
-        for i in &places.restarted {
-            others[places.of(*k, *i)] = 0.0;
-        }
-        for (i, column) in columns[*k].iter().enumerate() {
-            let d = others[places.of(*k, i)];
-            for bin in bins.clone() {
-                for c in 0..CHANNELS {
-                    if column[bin][c].is_finite() {
-                        unseen[*k][bin][c] -= d * column[bin][c];
-                    }
-                }
-            }
-        }
-    }
-    let solver = (whole / rows_per_fact + prior)
-        .cholesky()
-        .ok_or(GapError::Degenerate)?;
-    let sessions = grids.len() as f64;
-    let between = between(parameters, |i| {
-        if places.restarted.contains(&i) {
-            let squares = (0..grids.len()).map(|k| values[places.of(k, i)].powi(2));
-            return Some((1.0 + 1.0 / sessions) * squares.sum::<f64>() / sessions);
-        }
-        let apart = differences
-            .iter()
-            .map(|(d, expected)| d[i] * d[i] - expected[(i, i)]);
-        let known = grids.len() > 1 && wanders(parameters[i]);
-        known.then(|| apart.sum::<f64>() / sessions)
-    });
-    // Parts that differ by more than noise explains: the model is inadequate, and the next session will give other
-    // parameters again.
-    let common: Vec<usize> = match grids.len() {
-        1 => every.clone(),
-        _ => every
-            .iter()
-            .copied()
-            .filter(|i| !wanders(parameters[*i]))
-            .collect(),
-    };
-    let mut differ = 0.0;
-    for (apart, expected) in &differences {
-        let apart = apart.select_rows(&common);
-        let expected = expected.select_rows(&common).select_columns(&common)
-            + DMatrix::from_diagonal(&between.select_rows(&common));
-        let solver = expected.cholesky().ok_or(GapError::Degenerate)?;
-        differ += apart.dot(&solver.solve(&apart)) / (common.len() * differences.len()) as f64;
-    }
-    log::debug!("parts of the healthy sessions differ by {differ:.2} of what is expected");
-    let unseen = joined(unseen.iter());
-    let n = parameters.len();
+    let fit = Fit::new(robot, grids, present)?;
+    let mut at = fit.all(progress)?;
+    fit.times(&mut at.values)?;
+    let parts = fit.held_out(&at)?;
+    let between = fit.between(&at.values, &parts);
+    let differ = fit.differ(&parts, &between)?;
+    let unseen = joined(parts.unseen.iter());
+    let n = fit.places.parameters.len();
     Ok(Baseline {
-        values: places.mean(&values),
-        covariance: solver.inverse().view((0, 0), (n, n)) * differ.max(1.0),
+        values: fit.places.mean(&at.values),
+        covariance: parts.covariance.view((0, 0), (n, n)) * differ.max(1.0),
         between,
         noise: Noise::from_healthy(&unseen, present),
         floor: rmse(&masked(&unseen, present), |_| true),

@@ -17,7 +17,7 @@ mod find;
 mod finding;
 mod fit;
 mod folds;
-
+mod law;
 mod locate;
 mod misfit;
 mod noise;
@@ -46,8 +46,9 @@ pub use finding::{
     ChannelError, Confirmed, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked,
     SeparateBy, Traces, Verdict,
 };
+pub use law::{Discovered, Discovery, FoundLaw, FoundTerm, LawVerdict, Nearest, discover, library};
 pub use noise::Noise;
-pub use patch::{Patch, PatchEffect, PatchError, PatchValue, VERSION};
+pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
 pub use replay::{
     CalibrationParameter, Row, calibration_parameters, captured_poses, move_arm, nominal,
     parameters, predicted, readings, residuals,

@@ -3,7 +3,7 @@
 
 use super::replay::calibration_parameters;
 use crate::robot::RobotSpec;
-pub use crate::robot::{PATCH_VERSION as VERSION, Patch, PatchEffect, PatchValue};
+pub use crate::robot::{PATCH_VERSION as VERSION, Patch, PatchEffect, PatchLaw, PatchValue};
 pub use crate::sim::patch::PatchError;
 
 fn short(hash: &str) -> String {
@@ -80,6 +80,7 @@ mod tests {
             data: BTreeMap::from([("suspect".to_owned(), "abc".to_owned())]),
             rig: BTreeMap::new(),
             floor: BTreeMap::from([("position_m".to_owned(), 1e-3)]),
+            law: Vec::new(),
             effects: vec![PatchEffect {
                 id: "payload".to_owned(),
                 target: None,

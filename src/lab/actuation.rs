@@ -87,6 +87,7 @@ pub fn patch_of(f: &Finding, log: &PressureGrid, robot: &RobotSpec) -> Option<Pa
         data: f.data.clone(),
         rig: Default::default(),
         floor: Default::default(),
+        law: Vec::new(),
         effects: effects.collect(),
     })
 }
@@ -210,6 +211,7 @@ mod tests {
         delay.value = 0.2;
         let f = Finding {
             verdict: Verdict::Named,
+            law: Vec::new(),
             effects: vec![crate::gap::FoundEffect {
                 id: "flow-limit".to_owned(),
                 side: "actuation".to_owned(),

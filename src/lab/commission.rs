@@ -20,6 +20,7 @@ pub fn patch_of(robot: &RobotSpec, grid: &Grid) -> Result<(Patch, Rmse)> {
         data: [("commissioning".to_owned(), grid.session.hash.clone())].into(),
         rig: Default::default(),
         floor: Default::default(),
+        law: Vec::new(),
         effects: Vec::new(),
     };
     patch.set_values(&baseline.values);

@@ -15,7 +15,8 @@ use serde::Deserialize;
 use crate::signal::{CHAMBERS, IMUS, PressureLimits, SPRINGS};
 pub use error::RobotError;
 pub use patch::{
-    Applied, PATCH_VERSION, Patch, PatchEffect, PatchValue, with_patch, without_last_patch,
+    Applied, PATCH_VERSION, Patch, PatchEffect, PatchLaw, PatchValue, with_patch,
+    without_last_patch,
 };
 
 /// Text of the robot file that ships with the program.

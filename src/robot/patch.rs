@@ -40,6 +40,25 @@ pub struct Patch {
     /// Effects to add.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<PatchEffect>,
+    /// Terms of laws to add.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub law: Vec<PatchLaw>,
+}
+
+/// A term of a law in a patch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PatchLaw {
+    /// Which term of the library.
+    pub term: String,
+    /// Its equation, for people.
+    #[serde(default)]
+    pub equation: String,
+    /// Chamber, spring, IMU or segment (1-based); all of them without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<usize>,
+    /// Its coefficients and what shapes it.
+    pub params: BTreeMap<String, PatchValue>,
 }
 
 /// An effect of a patch.
@@ -189,6 +208,7 @@ mod tests {
             data: BTreeMap::new(),
             rig: BTreeMap::from([("chamber-1-stiffness".to_owned(), 0.02)]),
             floor: BTreeMap::new(),
+            law: Vec::new(),
             effects: vec![PatchEffect {
                 id: "payload".to_owned(),
                 target: None,

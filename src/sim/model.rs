@@ -101,6 +101,21 @@ pub struct Model {
     pub payload_m: Vector3<f64>,
     /// Force on the end pad's origin besides the one of the inputs, base frame, N.
     pub hidden_force_n: Vector3<f64>,
+    /// Moment on the end pad, base frame, N m.
+    pub hidden_moment_nm: Vector3<f64>,
+    /// Tensions that follow the pressures.
+    pub pulls: Vec<Pull>,
+}
+
+/// A tension of bellows as a function of all pressures.
+#[derive(Clone, Copy, Debug)]
+pub struct Pull {
+    /// On which chamber (0-based); on every one without.
+    pub on: Option<usize>,
+    /// N per unit of the function.
+    pub coefficient: f64,
+    /// Of the pressures, Pa, and the chamber.
+    pub of: fn(&[f64; CHAMBERS], usize) -> f64,
 }
 
 impl Model {
@@ -124,7 +139,37 @@ impl Model {
             hidden_kg: 0.0,
             payload_m: Vector3::new(0.0, 0.0, -robot.payload_com_m),
             hidden_force_n: Vector3::zeros(),
+            hidden_moment_nm: Vector3::zeros(),
+            pulls: Vec::new(),
         }
+    }
+
+    /// Pushing force of a bellows (0-based) at these pressures, N.
+    fn push_n(&self, chamber_pa: &[f64; CHAMBERS], i: usize) -> f64 {
+        let pulls = self.pulls.iter().filter(|p| p.on.is_none_or(|on| on == i));
+        let pull_n: f64 = pulls.map(|p| p.coefficient * (p.of)(chamber_pa, i)).sum();
+        chamber_pa[i] * self.area_m2[i] - pull_n
+    }
+
+    /// Derivatives of the pushing forces of all bellows after the pressure of one chamber (0-based), N/Pa.
+    pub(super) fn push_per_pa(
+        &self,
+        chamber_pa: &[f64; CHAMBERS],
+        chamber: usize,
+    ) -> [f64; CHAMBERS] {
+        // Exact for forces of at most the second power.
+        const STEP_PA: f64 = 100.0;
+        let moved = |by_pa: f64| {
+            let mut p = *chamber_pa;
+            p[chamber] += by_pa;
+            p
+        };
+        let (less, more) = (moved(-STEP_PA), moved(STEP_PA));
+        std::array::from_fn(|i| match self.pulls.is_empty() {
+            true if i == chamber => self.area_m2[i],
+            true => 0.0,
+            false => (self.push_n(&more, i) - self.push_n(&less, i)) / (2.0 * STEP_PA),
+        })
     }
 
     /// Payload as the plant's network is to know it, kg: `held_kg` and what the robot's patches hang on the gripper,
@@ -140,10 +185,10 @@ impl Model {
         };
         Loads {
             bellows_n: (0..CHAMBERS)
-                .map(|i| inputs.chamber_pa[i] * self.area_m2[i] - inputs.tension_n[i])
+                .map(|i| self.push_n(&inputs.chamber_pa, i) - inputs.tension_n[i])
                 .collect(),
             tip_force_n: Vector3::from(inputs.tip_force_n) + self.hidden_force_n,
-            tip_moment_nm: Vector3::zeros(),
+            tip_moment_nm: self.hidden_moment_nm,
             tip_masses: vec![payload],
         }
     }
@@ -199,6 +244,7 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
                     cubic_n: p.hardening * stiffness_n,
                     friction: Vec::new(),
                     branches: Vec::new(),
+                    hinges: Vec::new(),
                 }
             })
             .collect(),

@@ -41,10 +41,20 @@ pub fn sensitivity(model: &Model, state: &State, inputs: &Inputs) -> Option<Sens
     };
     for column in 0..INPUTS {
         let dq: Vec<f64> = match column {
-            // du = A dp
             i if i < CHAMBERS => {
-                let per_newton = tangent.by_bellows(rod, q, i / 3, i % 3);
-                per_newton.iter().map(|x| x * model.area_m2[i]).collect()
+                let mut dq = vec![0.0; q.len()];
+                let push_per_pa = model.push_per_pa(&inputs.chamber_pa, i);
+                for (k, du) in push_per_pa
+                    .into_iter()
+                    .enumerate()
+                    .filter(|(_, du)| *du != 0.0)
+                {
+                    let per_newton = tangent.by_bellows(rod, q, k / 3, k % 3);
+                    for (dq, x) in dq.iter_mut().zip(per_newton) {
+                        *dq += x * du;
+                    }
+                }
+                dq
             }
             CHAMBERS => tangent.by_tip_force(&payload_m, &rod.gravity_m_s2),
             i => tangent.by_tip_force(&tip.p, &Vector3::ith(i - CHAMBERS - 1, 1.0)),

@@ -2,6 +2,7 @@
 
 use super::effect::Effect;
 use super::table::EFFECTS;
+use super::terms::term;
 use crate::signal::{CHAMBERS, Pose, SensorVec};
 use crate::sim::SimError;
 
@@ -82,13 +83,18 @@ pub fn effect(id: &str) -> Option<&'static Effect> {
     EFFECTS.iter().find(|e| e.id == id)
 }
 
+/// The effect, or the term of a law, with this id.
+pub(in crate::sim) fn effect_or_term(id: &str) -> Option<&'static Effect> {
+    effect(id).or_else(|| Some(&term(id)?.effect))
+}
+
 impl Active {
     /// The effect `id` on channel `target` (0-based; `None`: every channel it can act on).
     ///
     /// # Errors
     /// [`EffectError`] when there is no such effect or channel, or a value is out of bounds.
     pub fn new(id: &str, target: Option<usize>, values: &[f64]) -> Result<Self, EffectError> {
-        let effect = effect(id).ok_or_else(|| EffectError::Unknown(id.to_owned()))?;
+        let effect = effect_or_term(id).ok_or_else(|| EffectError::Unknown(id.to_owned()))?;
         let count = effect.target.count();
         if let Some(i) = target
             && i >= count

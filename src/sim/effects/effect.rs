@@ -266,6 +266,8 @@ pub struct Call<'a> {
     pub target: Option<usize>,
     /// Values of the effect's parameters, in their order.
     pub values: &'a [f64],
+    /// Pressures in the chambers at these times, Pa; empty where the arm is described apart from a trajectory.
+    pub chamber_pa: &'a [[f64; CHAMBERS]],
 }
 
 impl Call<'_> {
@@ -297,4 +299,34 @@ pub struct Plant {
     pub tip_force_n: Vector3<f64>,
     /// Time constant of stiffness-proportional damping, s (0: settled at every instant).
     pub tau_s: f64,
+    /// Tensions over time, N: one series for each that depends on what was before.
+    pub tensions_n: Vec<Vec<[f64; CHAMBERS]>>,
+    /// Force on the end pad over time, N: base frame, per second since the start.
+    pub tip_force_n_s: Vector3<f64>,
+    /// Tensions that follow how the arm stands.
+    pub reactions: Vec<Reaction>,
+}
+
+/// A tension of bellows as a function of pressure and posture.
+#[derive(Clone, Copy, Debug)]
+pub struct Reaction {
+    /// On which chamber (0-based); on every one without.
+    pub on: Option<usize>,
+    /// N per unit of the function.
+    pub coefficient: f64,
+    /// Of the posture and the chamber.
+    pub of: fn(&Posture, usize) -> f64,
+}
+
+/// How the arm stands at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Posture {
+    /// Since the start, s.
+    pub t_s: f64,
+    /// Pressures in the chambers, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// What each bellows is longer than at 0 Pa, m.
+    pub longer_m: [f64; CHAMBERS],
+    /// By how much each segment is bent, rad.
+    pub bend_rad: [f64; 2],
 }

@@ -16,16 +16,19 @@ mod effect;
 mod operators;
 mod run;
 mod table;
+mod terms;
 
 pub use crate::signal::{Side, Target};
+pub(super) use active::effect_or_term;
 pub use active::{Active, EffectError, Simulated, Trajectory, effect, table};
 pub use effect::{
-    BehindGauge, Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Reach, Residual,
-    Scene, Start,
+    BehindGauge, Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Posture, Reach,
+    Reaction, Residual, Scene, Start,
 };
 pub(super) use run::built_in;
 pub use run::{arm_only, behind_gauges, gauges, read, simulate};
 pub use table::EFFECTS;
+pub use terms::{Form, Input, Site, TERMS, Term, term};
 
 #[cfg(test)]
 mod tests;

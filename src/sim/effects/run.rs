@@ -6,12 +6,12 @@
 use nalgebra::Vector3;
 
 use super::active::{Active, EffectError, Simulated, Trajectory};
-use super::effect::{Call, Line, Operator, Plant};
+use super::effect::{Call, Line, Operator, Plant, Posture};
 use super::table::EFFECTS;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::rod::PointMass;
-use crate::sim::{Inputs, Model, SimError, State, observe, settle, step_overdamped};
+use crate::sim::{Inputs, Model, Observation, SimError, State, observe, settle, step_overdamped};
 
 /// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`.
 ///
@@ -38,7 +38,10 @@ pub fn simulate(
     };
     for a in &ordered {
         if let Operator::Pressure(f) = a.effect.operator {
-            f(&call(&model.robot, t_s, a), &mut line);
+            f(
+                &call(&model.robot, (t_s, &trajectory.chamber_pa), a),
+                &mut line,
+            );
         }
     }
     let mut out = arm(model, t_s, &line.chamber_pa, &[payload_kg], &ordered)?;
@@ -60,7 +63,7 @@ pub fn gauges(
     };
     for a in ordered(effects) {
         if let Operator::Pressure(f) = a.effect.operator {
-            f(&call(robot, t_s, a), &mut line);
+            f(&call(robot, (t_s, commanded_pa), a), &mut line);
         }
     }
     line.gauge_pa
@@ -78,7 +81,7 @@ pub fn behind_gauges(
     // Against the order in which they act: the gauge's own error first.
     for a in ordered(effects).into_iter().rev() {
         if let Some(behind) = a.effect.behind_gauge {
-            behind(&call(robot, t_s, a), &mut chamber_pa);
+            behind(&call(robot, (t_s, gauge_pa), a), &mut chamber_pa);
         }
     }
     chamber_pa
@@ -103,7 +106,7 @@ pub fn arm_only(
 /// A model with effects of mechanics in it; their damping is lost.
 pub(in crate::sim) fn built_in(model: &Model, effects: &[Active]) -> Model {
     let mut plant = Plant::new(model, 0.0);
-    plant.act(&[0.0], &ordered(effects));
+    plant.act((&[0.0], &[]), &ordered(effects));
     Model {
         hidden_kg: plant.payload_kg,
         payload_m: plant.payload_m,
@@ -134,10 +137,10 @@ fn arm(
     let first_kg = payload_kg.first().copied().unwrap_or(0.0);
     let changes_kg: Vec<f64> = payload_kg.iter().map(|kg| kg - first_kg).collect();
     let mut plant = Plant::new(model, first_kg);
-    plant.act(t_s, ordered);
+    plant.act((t_s, chamber_pa), ordered);
     let mut out = plant.run(t_s, chamber_pa, &changes_kg)?;
-    read_in_order(robot, t_s, &mut out, ordered);
     out.chamber_pa = chamber_pa.to_vec();
+    read_in_order(robot, t_s, &mut out, ordered);
     Ok(out)
 }
 
@@ -148,21 +151,27 @@ pub fn read(robot: &RobotSpec, t_s: &[f64], run: &mut Simulated, effects: &[Acti
 
 fn read_in_order(robot: &RobotSpec, t_s: &[f64], run: &mut Simulated, ordered: &[&Active]) {
     for a in ordered {
+        let call = call(robot, (t_s, &run.chamber_pa), a);
         match a.effect.operator {
-            Operator::Sensors(f) => f(&call(robot, t_s, a), &mut run.sensors),
-            Operator::Capture(f) => f(&call(robot, t_s, a), &mut run.captured),
+            Operator::Sensors(f) => f(&call, &mut run.sensors),
+            Operator::Capture(f) => f(&call, &mut run.captured),
             Operator::Pressure(_) | Operator::Mechanics(_) => {}
         }
         if let Some(f) = a.effect.also_read {
-            f(&call(robot, t_s, a), &mut run.sensors);
+            f(&call, &mut run.sensors);
         }
     }
 }
 
-fn call<'a>(robot: &'a RobotSpec, t_s: &'a [f64], a: &'a Active) -> Call<'a> {
+fn call<'a>(
+    robot: &'a RobotSpec,
+    (t_s, chamber_pa): (&'a [f64], &'a [[f64; CHAMBERS]]),
+    a: &'a Active,
+) -> Call<'a> {
     Call {
         robot,
         t_s,
+        chamber_pa,
         target: a.target,
         values: &a.values,
     }
@@ -181,14 +190,17 @@ impl Plant {
             payload_m: model.payload_m,
             tip_force_n: model.hidden_force_n,
             tau_s: 0.0,
+            tensions_n: Vec::new(),
+            tip_force_n_s: Vector3::zeros(),
+            reactions: Vec::new(),
         }
     }
 
-    fn act(&mut self, t_s: &[f64], ordered: &[&Active]) {
+    fn act(&mut self, over: (&[f64], &[[f64; CHAMBERS]]), ordered: &[&Active]) {
         let robot = self.model.robot.clone();
         for a in ordered {
             if let Operator::Mechanics(f) = a.effect.operator {
-                f(&call(&robot, t_s, a), self);
+                f(&call(&robot, over, a), self);
             }
         }
     }
@@ -206,10 +218,10 @@ impl Plant {
                 kg: self.payload_kg,
             });
         }
-        let tau_s = self.tau_s;
         let mut state = State::rest(&self.model);
         let mut out = Simulated::default();
-        for (k, chamber_pa) in chamber_pa.iter().enumerate() {
+        let mut posture = Posture::default();
+        for (k, now_pa) in chamber_pa.iter().enumerate() {
             let change_kg = changes_kg.get(k).or(changes_kg.last());
             let end = self.model.rod.sections.last_mut();
             if let (Some(payload), Some(change_kg)) =
@@ -217,23 +229,63 @@ impl Plant {
             {
                 payload.kg = self.payload_kg + change_kg;
             }
-            let model = &self.model;
-            let inputs = Inputs {
-                chamber_pa: *chamber_pa,
-                tip_force_n: self.tip_force_n.into(),
-                ..Inputs::default()
-            };
-            // The first instant has no before: the arm rests there, and nothing pulls yet.
-            match k {
-                0 => settle(model, &mut state, &inputs)?,
-                _ => step_overdamped(model, &mut state, &inputs, tau_s, t_s[k] - t_s[k - 1])?,
-            };
-            let o = observe(model, &state);
+            let t_since_s = t_s[k] - t_s[0];
+            let before = (!self.reactions.is_empty())
+                .then(|| (state.strains.clone(), state.history.clone()));
+            let mut o = self.step(&mut state, k, (t_s, chamber_pa), &posture)?;
+            // What follows the posture is taken from the one before, and then from the one that it leads to.
+            if let Some((strains, history)) = before {
+                posture = self.posture(&o, t_since_s, now_pa);
+                (state.strains, state.history) = (strains, history);
+                o = self.step(&mut state, k, (t_s, chamber_pa), &posture)?;
+                posture = self.posture(&o, t_since_s, now_pa);
+            }
             let pads = o.shape.base_from_pad;
             out.sensors.push(o.sensors);
             out.base_from_pad.push(pads);
             out.captured.push([pads[1], pads[2]]);
         }
         Ok(out)
+    }
+
+    /// The instant `k` of a trajectory, from the one before.
+    fn step(
+        &self,
+        state: &mut State,
+        k: usize,
+        (t_s, chamber_pa): (&[f64], &[[f64; CHAMBERS]]),
+        posture: &Posture,
+    ) -> Result<Observation, SimError> {
+        let tension = |i: usize| -> f64 {
+            let series = self.tensions_n.iter().filter_map(|s| Some(s.get(k)?[i]));
+            let of_posture = self.reactions.iter();
+            let of_posture = of_posture.filter(|r| r.on.is_none_or(|on| on == i));
+            series.sum::<f64>()
+                + of_posture
+                    .map(|r| r.coefficient * (r.of)(posture, i))
+                    .sum::<f64>()
+        };
+        let inputs = Inputs {
+            chamber_pa: chamber_pa[k],
+            tension_n: std::array::from_fn(tension),
+            tip_force_n: (self.tip_force_n + (t_s[k] - t_s[0]) * self.tip_force_n_s).into(),
+            ..Inputs::default()
+        };
+        // The first instant has no before: the arm rests there, and nothing pulls yet.
+        match k {
+            0 => settle(&self.model, state, &inputs)?,
+            _ => step_overdamped(&self.model, state, &inputs, self.tau_s, t_s[k] - t_s[k - 1])?,
+        };
+        Ok(observe(&self.model, state))
+    }
+
+    fn posture(&self, o: &Observation, t_s: f64, chamber_pa: &[f64; CHAMBERS]) -> Posture {
+        let axis = |pad: usize| o.shape.base_from_pad[pad].rotation * Vector3::z();
+        Posture {
+            t_s,
+            chamber_pa: *chamber_pa,
+            longer_m: o.bellows_m.map(|l| l - self.model.robot.rest_length_m),
+            bend_rad: [0, 1].map(|s| axis(s).angle(&axis(s + 1))),
+        }
     }
 }

@@ -588,7 +588,7 @@ pub const EFFECTS: &[Effect] = &[
 ];
 
 /// Shares of the fastest change that was measured.
-fn flow_limits(scene: &Scene, target: Option<usize>) -> Vec<Start> {
+pub(super) fn flow_limits(scene: &Scene, target: Option<usize>) -> Vec<Start> {
     let fastest_pa_s = match target {
         Some(i) => scene.fastest_pa_s[i],
         None => scene.fastest_pa_s.iter().copied().fold(0.0, f64::max),
@@ -598,7 +598,7 @@ fn flow_limits(scene: &Scene, target: Option<usize>) -> Vec<Start> {
 }
 
 /// Floors and walls that cut off a part of where the end pad went.
-fn half_spaces(scene: &Scene, _: Option<usize>) -> Vec<Start> {
+pub(super) fn half_spaces(scene: &Scene, _: Option<usize>) -> Vec<Start> {
     const FLOORS: &[f64] = &[0.05, 0.2, 0.4, 0.7];
     const WALLS: &[f64] = &[0.05, 0.3];
     const HEADINGS: u32 = 8;

@@ -1,6 +1,6 @@
 //! Scopes of the parts of a patch.
 
-use crate::sim::effects::{Effect, Operator};
+use crate::sim::effects::{Effect, Operator, term};
 
 /// Scope of a part of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +16,12 @@ pub enum Acts {
 impl Acts {
     /// Scope of an effect that is part of a patch.
     pub fn of(effect: &Effect) -> Self {
+        if let Some(term) = term(effect.id) {
+            return match term.instant {
+                true => Self::Arm,
+                false => Self::Replay,
+            };
+        }
         match (effect.operator, effect.id) {
             // The reaction depends on the motion before, or on how fast it is.
             (Operator::Mechanics(_), "hysteresis" | "creep" | "damping" | "contact") => {

@@ -1,8 +1,10 @@
 //! A patch as its file holds it: values, effects and what is refused.
 
+use std::collections::BTreeMap;
+
 use super::acts::Acts;
 use super::parameters::{CalibrationParameter, calibration_parameters, nominal};
-use crate::robot::{PATCH_VERSION, Patch, PatchEffect};
+use crate::robot::{PATCH_VERSION, Patch, PatchValue};
 use crate::sim::effects::{self, Active, EffectError};
 
 /// Why a patch is not accepted.
@@ -92,7 +94,15 @@ impl Patch {
     /// # Errors
     /// [`PatchError`] for unknown effects, wrong parameters or values out of bounds.
     pub fn active(&self) -> Result<Vec<Active>, PatchError> {
-        self.effects.iter().map(active).collect()
+        let effects = self
+            .effects
+            .iter()
+            .map(|e| active(&e.id, e.target, &e.params));
+        let laws = self
+            .law
+            .iter()
+            .map(|l| active(&l.term, l.target, &l.params));
+        effects.chain(laws).collect()
     }
 
     /// Its parts (calibration parameters and effects, by name) and where each acts.
@@ -130,30 +140,34 @@ pub(super) fn possible(values: &[f64]) -> Result<(), PatchError> {
     Ok(())
 }
 
-fn active(e: &PatchEffect) -> Result<Active, PatchError> {
-    let Some(effect) = effects::effect(&e.id) else {
-        return Err(EffectError::Unknown(e.id.clone()).into());
+fn active(
+    id: &str,
+    target: Option<usize>,
+    params: &BTreeMap<String, PatchValue>,
+) -> Result<Active, PatchError> {
+    let Some(effect) = effects::effect_or_term(id) else {
+        return Err(EffectError::Unknown(id.to_owned()).into());
     };
     let names: Vec<&str> = effect.parameters.iter().map(|p| p.name).collect();
-    let known = e.params.keys().all(|k| names.contains(&k.as_str()));
+    let known = params.keys().all(|k| names.contains(&k.as_str()));
     let values: Option<Vec<f64>> = effect
         .parameters
         .iter()
-        .map(|p| match e.params.get(p.name) {
+        .map(|p| match params.get(p.name) {
             Some(given) => Some(given.value),
             None => p.optional.then_some(p.nominal),
         })
         .collect();
     let (true, Some(values)) = (known, values) else {
         return Err(PatchError::Parameters {
-            id: e.id.clone(),
+            id: id.to_owned(),
             wanted: names.join(", "),
         });
     };
     // Files count from one; zero names nothing.
-    let target = match e.target {
+    let target = match target {
         Some(0) => Some(usize::MAX - 1),
         t => t.map(|t| t - 1),
     };
-    Ok(Active::new(&e.id, target, &values)?)
+    Ok(Active::new(id, target, &values)?)
 }

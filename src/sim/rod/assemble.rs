@@ -104,12 +104,10 @@ fn local(
         let d = bellows.along(xi);
         let stretch = d.norm();
         let n = d / stretch;
-        let x = stretch - bellows.rest_stretch;
-        e += l
-            * (0.5 * bellows.stiffness_n * x * x + 0.25 * bellows.cubic_n * x.powi(4)
-                - push * stretch);
-        let d1 = l * (bellows.stiffness_n * x + bellows.cubic_n * x.powi(3) - push);
-        let d2 = l * (bellows.stiffness_n + 3.0 * bellows.cubic_n * x * x);
+        let elastic = bellows.elastic(stretch);
+        e += l * (elastic.energy - push * stretch);
+        let d1 = l * (elastic.force_n - push);
+        let d2 = l * elastic.slope_n_m;
         let columns = path_columns(bellows);
         let along = columns.map(|c| n.dot(&c));
         for i in 0..6 {

@@ -121,8 +121,7 @@ fn local_slope(section: &Section, bellows_n: &[f64], xi: &[f64; 6]) -> [f64; 6] 
     for (bellows, push) in section.bellows.iter().zip(bellows_n) {
         let d = v + kappa.cross(&bellows.r_m);
         let stretch = d.norm();
-        let x = stretch - bellows.rest_stretch;
-        let tension = (bellows.stiffness_n + bellows.cubic_n * x * x) * x - push;
+        let tension = bellows.elastic(stretch).force_n - push;
         // ∂λ/∂v = n, ∂λ/∂κ = r × n
         let f = d * (tension / stretch);
         let m = bellows.r_m.cross(&f);

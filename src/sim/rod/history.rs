@@ -58,11 +58,7 @@ impl BellowsHistory {
         friction
             .map(|(law, force_n)| law.at(*force_n, dx_m))
             .chain(branches.map(|(law, force_n)| law.at(*force_n, dx_m, dt_s)))
-            .fold(Potential::default(), |sum, p| Potential {
-                energy: sum.energy + p.energy,
-                force_n: sum.force_n + p.force_n,
-                slope_n_m: sum.slope_n_m + p.slope_n_m,
-            })
+            .fold(Potential::default(), |sum, p| sum.and(&p))
     }
 
     fn advance(&mut self, bellows: &Bellows, x_m: f64, dt_s: f64) {

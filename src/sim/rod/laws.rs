@@ -32,6 +32,8 @@ pub struct Floor {
     pub rate_n_m: f64,
     /// Largest grip over push.
     pub friction: f64,
+    /// Grip that needs no push, N: something drags along the surface behind the end, wherever it is.
+    pub drag_n: f64,
 }
 
 /// Contact of the last section's end with the [`Floor`].
@@ -54,12 +56,48 @@ pub(super) struct Push {
     pub stiffness_n_m: Matrix3<f64>,
 }
 
+/// A spring that acts on one side of a stretch: a bellows that touches its neighbour, or one that is held back.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hinge {
+    /// Where it begins, stretch.
+    pub from: f64,
+    /// Whether it acts beyond it rather than below.
+    pub beyond: bool,
+    /// Force per unit stretch, N.
+    pub stiffness_n: f64,
+}
+
+impl Hinge {
+    /// Potential per reference length at a stretch: J/m, N, N.
+    pub(super) fn at(&self, stretch: f64) -> Potential {
+        let x = stretch - self.from;
+        if (x > 0.0) != self.beyond {
+            return Potential::default();
+        }
+        Potential {
+            energy: 0.5 * self.stiffness_n * x * x,
+            force_n: self.stiffness_n * x,
+            slope_n_m: self.stiffness_n,
+        }
+    }
+}
+
 /// A potential with its first two derivatives: J, N, N/m.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Potential {
     pub energy: f64,
     pub force_n: f64,
     pub slope_n_m: f64,
+}
+
+impl Potential {
+    pub(super) fn and(&self, other: &Self) -> Self {
+        Self {
+            energy: self.energy + other.energy,
+            force_n: self.force_n + other.force_n,
+            slope_n_m: self.slope_n_m + other.slope_n_m,
+        }
+    }
 }
 
 impl Friction {
@@ -125,7 +163,8 @@ impl Floor {
         let Some(contact) = contact else {
             return out;
         };
-        let most_n = self.friction * self.rate_n_m * (self.height_m - contact.at_m.z).max(0.0);
+        let depth_m = (self.height_m - contact.at_m.z).max(0.0);
+        let most_n = self.friction * self.rate_n_m * depth_m + self.drag_n;
         if most_n > 0.0 {
             // A spring to where the grip would be none, that slips at its largest force (Huber's
             // potential).

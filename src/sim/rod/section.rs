@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::laws::{Branch, Floor, Friction};
+use super::laws::{Branch, Floor, Friction, Hinge, Potential};
 use super::se3::Frame;
 
 /// Which strains are free.
@@ -39,9 +39,23 @@ pub struct Bellows {
     pub friction: Vec<Friction>,
     /// Viscoelastic branches beside its spring.
     pub branches: Vec<Branch>,
+    /// Springs that act on one side of a stretch alone.
+    pub hinges: Vec<Hinge>,
 }
 
 impl Bellows {
+    /// Elastic potential per reference length at a stretch: J/m, N, N.
+    pub(super) fn elastic(&self, stretch: f64) -> Potential {
+        let x = stretch - self.rest_stretch;
+        let spring = Potential {
+            energy: 0.5 * self.stiffness_n * x * x + 0.25 * self.cubic_n * x.powi(4),
+            force_n: self.stiffness_n * x + self.cubic_n * x.powi(3),
+            slope_n_m: self.stiffness_n + 3.0 * self.cubic_n * x * x,
+        };
+        let hinges = self.hinges.iter().map(|h| h.at(stretch));
+        hinges.fold(spring, |sum, h| sum.and(&h))
+    }
+
     /// Tangent of its path per reference length: v + κ × r; its norm is the stretch.
     pub(super) fn along(&self, xi: &[f64; 6]) -> Vector3<f64> {
         let (kappa, v) = (

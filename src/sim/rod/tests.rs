@@ -42,12 +42,20 @@ fn gradient_and_hessian_agree_with_differences() {
                 rate_n_m: 300.0,
                 tau_s: 0.2,
             });
+            bellows.hinges = [true, false]
+                .map(|beyond| Hinge {
+                    from: 1.0,
+                    beyond,
+                    stiffness_n: if beyond { 150.0 } else { 80.0 },
+                })
+                .to_vec();
         }
         rod.floor = Some(Floor {
             surface_from_base: nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 0.4),
             height_m: 1.0,
             rate_n_m: 200.0,
             friction: 0.3,
+            drag_n: 2.0,
         });
         let history = History {
             bellows: (0..6)

@@ -15,6 +15,7 @@ fn payload(robot: &RobotSpec) -> Patch {
         data: Default::default(),
         rig: Default::default(),
         floor: Default::default(),
+        law: Vec::new(),
         effects: vec![PatchEffect {
             id: "payload".into(),
             target: None,

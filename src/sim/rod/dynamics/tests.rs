@@ -53,6 +53,7 @@ impl Bent {
             height_m: 1.0,
             rate_n_m: 40.0,
             friction: 0.3,
+            drag_n: 2.0,
         });
         let history = History {
             bellows: (0..6)

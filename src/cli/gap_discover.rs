@@ -1,0 +1,153 @@
+//! `gap discover`: what is missing as a law, where no effect of the table explains it.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use serde_json::json;
+
+use super::Report;
+use super::gap_run::{Logged, grids};
+use super::outputs::Overwrite;
+use springtwin::gap::{self, Discovery, LawVerdict, Options};
+use springtwin::lab::gap_files::{excitations, write_all};
+use springtwin::lab::provenance;
+use springtwin::recording;
+use springtwin::robot::RobotSpec;
+use springtwin::sim::effects;
+
+#[derive(clap::Args)]
+pub struct DiscoverArgs {
+    /// Session of the healthy rig; may be given several times
+    #[arg(long, value_name = "SESSION")]
+    baseline: Vec<PathBuf>,
+    /// Session in which something is missing; of several it is the same that is missing in all
+    #[arg(long, value_name = "SESSION", required = true)]
+    session: Vec<PathBuf>,
+    /// Session that has no part in the search, to prove the law on; may be given several times
+    #[arg(long, value_name = "SESSION")]
+    prove: Vec<PathBuf>,
+    /// Folder for patch, law, report, finding and recording
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// Label figures and pictures as simulated
+    #[arg(long)]
+    simulated: bool,
+    /// Seed of the chance sessions behind the threshold
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// What `gap discover --out` writes.
+pub const DISCOVERED: [&str; 5] = [
+    "patch.toml",
+    "law.json",
+    "finding.json",
+    "report.html",
+    "overlay.rrd",
+];
+
+/// `gap discover`.
+pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
+    if let Some(out) = &a.out {
+        a.overwrite.files(out, &DISCOVERED)?;
+    }
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the run, for the report"
+    )]
+    let begun = Instant::now();
+    let (differences, note) = provenance::of_gap(
+        a.baseline.iter().map(PathBuf::as_path),
+        a.session.iter().map(PathBuf::as_path),
+    )?;
+    let options = Options {
+        seed: a.seed,
+        excitations: excitations(robot),
+        prove: grids(&a.prove)?,
+    };
+    let (healthy, suspects) = (grids(&a.baseline)?, grids(&a.session)?);
+    let mut done = gap::discover(
+        robot,
+        &effects::table(),
+        &healthy,
+        &suspects,
+        &options,
+        &Logged,
+    )?;
+    done.discovery.seconds = begun.elapsed().as_secs_f64();
+    done.discovery.notes.extend(note);
+    if let Some(dir) = &a.out {
+        done.found.finding.seconds = done.discovery.seconds;
+        write_all(dir, &done.found, &done.found.patch, a.simulated)?;
+        let law = serde_json::to_string_pretty(&done.discovery)?;
+        recording::write_text(&dir.join("law.json"), &law)?;
+    }
+    let mut json = serde_json::to_value(&done.discovery)?;
+    json["differences"] = json!(differences);
+    Ok(Report {
+        text: text(&done.discovery),
+        json,
+    })
+}
+
+/// A discovery for people.
+fn text(d: &Discovery) -> String {
+    let mut out = vec![match d.verdict {
+        LawVerdict::Law => "Missing in the model, as a law:".to_owned(),
+        LawVerdict::NoLaw => "No law.".to_owned(),
+    }];
+    for law in &d.laws {
+        let site = serde_json::to_value(law.site).unwrap_or_default();
+        out.push(format!(
+            "  {}: {}",
+            site.as_str().unwrap_or_default(),
+            law.equation
+        ));
+        out.push(format!("    {}", law.words));
+        for t in &law.terms {
+            out.push(format!(
+                "    chosen by {:.0} % of the held-out folds",
+                100.0 * t.stability
+            ));
+        }
+    }
+    if !d.alternatives.is_empty() {
+        out.push("These terms explain it as well:".to_owned());
+        out.extend(d.alternatives.iter().map(|a| format!("  {}", a.words)));
+    }
+    if let Some(n) = &d.nearest {
+        let at = n.target.map_or(String::new(), |t| format!(" {t}"));
+        out.push(format!(
+            "the nearest effect of the table, {}{at}, predicts held-out data worse by {:.0} nats",
+            n.id, n.worse_by_nats
+        ));
+    }
+    if d.verdict == LawVerdict::Law {
+        let g = &d.gap;
+        out.push(format!(
+            "held-out error {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
+            g.before,
+            g.after,
+            g.unit,
+            g.floor,
+            100.0 * g.closed
+        ));
+    }
+    if let Some(p) = &d.proof {
+        out.push(format!(
+            "in {}, which had no part in finding it: {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
+            p.sessions.join(", "),
+            p.gap.before,
+            p.gap.after,
+            p.gap.unit,
+            p.gap.floor,
+            100.0 * p.gap.closed
+        ));
+    }
+    out.extend(d.notes.iter().cloned());
+    out.push(format!("{:.0} s", d.seconds));
+    out.join("\n")
+}

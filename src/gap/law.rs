@@ -1,0 +1,262 @@
+//! A missing effect that no table has, as a law: where it acts, on what it depends, in which form, and with which coefficients.
+//!
+//! The terms of the library are tried as the effects of the table are, with the same significance threshold, held-out folds
+//! and control, so a law may also be refused.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::candidates::Table;
+use super::find::{Found, Options, find};
+use super::finding::{Confirmed, FoundEffect, GapSize, Located, Verdict};
+use super::patch::{Patch, PatchLaw, PatchValue};
+use super::session::Grid;
+use super::{GapError, Progress};
+use crate::robot::RobotSpec;
+use crate::sim::effects::{Effect, Form, Input, Site, TERMS, term};
+
+/// Whether there is a law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LawVerdict {
+    /// There is one that held-out data confirm.
+    Law,
+    /// No term of the library is stable and pays.
+    NoLaw,
+}
+
+/// A term of a law with its coefficient.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundTerm {
+    /// Its id in the library.
+    pub id: String,
+    /// What it depends on.
+    pub inputs: Vec<Input>,
+    /// How.
+    pub form: Form,
+    /// Its coefficient, SI; the largest of several.
+    pub coefficient: f64,
+    /// Unit of the coefficient.
+    pub unit: String,
+    /// 95 % interval of the coefficient.
+    pub ci95: Option<[f64; 2]>,
+    /// Share of the held-out folds that chose it, 0..1.
+    pub stability: f64,
+    /// All its numbers, shape included.
+    pub parameters: BTreeMap<String, PatchValue>,
+}
+
+/// What is missing at one site.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundLaw {
+    /// What it changes.
+    pub site: Site,
+    /// Chamber, segment, spring or IMU (1-based); every one, or the whole arm, without it.
+    pub target: Option<usize>,
+    /// In symbols.
+    pub equation: String,
+    /// In words, with numbers.
+    pub words: String,
+    /// Its terms.
+    pub terms: Vec<FoundTerm>,
+}
+
+/// The effect of the table that comes nearest.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Nearest {
+    /// The effect.
+    pub id: String,
+    /// Its channel (1-based).
+    pub target: Option<usize>,
+    /// By how much worse it predicts held-out blocks than the law, nats.
+    pub worse_by_nats: f64,
+}
+
+/// What was discovered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Discovery {
+    /// Whether there is a law.
+    pub verdict: LawVerdict,
+    /// What is to be added to the model.
+    pub laws: Vec<FoundLaw>,
+    /// Terms that explain it as well in the place of one of those.
+    pub alternatives: Vec<FoundLaw>,
+    /// The effect of the table that comes nearest.
+    pub nearest: Option<Nearest>,
+    /// The gap before and after.
+    pub gap: GapSize,
+    /// What the law does in other sessions; none where none was given.
+    pub proof: Option<Confirmed>,
+    /// Where residuals are correlated with something.
+    pub located: Vec<Located>,
+    /// What limits the verdict, one sentence each.
+    pub notes: Vec<String>,
+    /// Names and hashes of the data.
+    pub data: BTreeMap<String, String>,
+    /// Wall time, s.
+    pub seconds: f64,
+}
+
+/// A discovery with the patch that brings it into the model.
+#[derive(Clone, Debug)]
+pub struct Discovered {
+    /// What was discovered.
+    pub discovery: Discovery,
+    /// The law with errors of every channel, as the finder gives them.
+    pub found: Found,
+}
+
+/// Terms of the library as a table.
+pub fn library() -> Vec<&'static Effect> {
+    TERMS.iter().map(|t| &t.effect).collect()
+}
+
+/// Looks for the law of what is missing, beside the nearest effect of `table`.
+///
+/// # Errors
+/// As [`find`].
+pub fn discover(
+    robot: &RobotSpec,
+    table: Table<'_>,
+    healthy: &[Grid],
+    suspects: &[Grid],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Discovered, GapError> {
+    let known = Options {
+        prove: Vec::new(),
+        ..options.clone()
+    };
+    let known = find(robot, table, healthy, suspects, &known, progress)?;
+    let mut found = find(robot, &library(), healthy, suspects, options, progress)?;
+    let f = &found.finding;
+    let is_law = matches!(f.verdict, Verdict::Named | Verdict::Indistinguishable);
+    let (own, others): (Vec<&FoundEffect>, Vec<&FoundEffect>) =
+        f.effects.iter().partition(|e| e.instead_of.is_none());
+    let laws = laws(&own);
+    let nearest = known.finding.candidates.first().filter(|_| is_law);
+    let nearest = nearest.map(|c| Nearest {
+        id: c.id.clone(),
+        target: c.target,
+        worse_by_nats: found.gain - known.gain.max(c.gain),
+    });
+    let mut notes = f.notes.clone();
+    match f.verdict {
+        Verdict::NothingMissing => {
+            notes.insert(
+                0,
+                "Nothing is missing: there is nothing to explain.".to_owned(),
+            );
+        }
+        Verdict::Unknown => notes.insert(
+            0,
+            "No law was found: no term of the library is stable and explains enough.".to_owned(),
+        ),
+        _ => {}
+    }
+    let discovery = Discovery {
+        verdict: match is_law && !laws.is_empty() {
+            true => LawVerdict::Law,
+            false => LawVerdict::NoLaw,
+        },
+        alternatives: others.iter().flat_map(|e| self::laws(&[e])).collect(),
+        laws,
+        nearest,
+        gap: f.gap.clone(),
+        proof: f.proof.clone(),
+        located: f.located.clone(),
+        notes,
+        data: f.data.clone(),
+        seconds: 0.0,
+    };
+    found.patch = as_laws(found.patch);
+    Ok(Discovered { discovery, found })
+}
+
+/// A patch whose terms stand as laws.
+fn as_laws(mut patch: Patch) -> Patch {
+    let (laws, effects) = std::mem::take(&mut patch.effects)
+        .into_iter()
+        .partition(|e| term(&e.id).is_some());
+    patch.effects = effects;
+    let laws: Vec<_> = laws;
+    patch.law = laws
+        .into_iter()
+        .filter_map(|e| {
+            let t = term(&e.id)?;
+            Some(PatchLaw {
+                term: e.id,
+                equation: t.effect.doc.to_owned(),
+                target: e.target,
+                params: e.params,
+            })
+        })
+        .collect();
+    patch
+}
+
+/// Terms put together by the site and channel at which they act.
+fn laws(effects: &[&FoundEffect]) -> Vec<FoundLaw> {
+    let mut out: Vec<FoundLaw> = Vec::new();
+    for e in effects {
+        let Some(t) = term(&e.id) else { continue };
+        let of = |i: usize| {
+            let p = t.effect.parameters.get(i)?;
+            Some((p, e.params.get(p.name)?))
+        };
+        let moved = t.effect.parameters.len();
+        let sizes = (0..moved).filter_map(of);
+        // Shapes (a time, a length, a travel) are not what it is in proportion to.
+        let coefficients = sizes.filter(|(p, _)| p.nominal == 0.0);
+        let largest = coefficients
+            .max_by(|a, b| a.1.value.abs().total_cmp(&b.1.value.abs()))
+            .or_else(|| of(0));
+        let Some((_, coefficient)) = largest else {
+            continue;
+        };
+        let found = FoundTerm {
+            id: e.id.clone(),
+            inputs: t.inputs.to_vec(),
+            form: t.form,
+            coefficient: coefficient.value,
+            unit: coefficient.unit.clone(),
+            ci95: coefficient.ci95,
+            stability: e.chosen_by.unwrap_or(0.0),
+            parameters: e.params.clone(),
+        };
+        let equation = t.effect.doc.split(": ").next().unwrap_or(t.effect.doc);
+        let words = words(t.effect.name, e);
+        match out
+            .iter_mut()
+            .find(|l| l.site == t.site && l.target == e.target)
+        {
+            Some(law) => {
+                law.equation = format!("{}; {equation}", law.equation);
+                law.words = format!("{}; {words}", law.words);
+                law.terms.push(found);
+            }
+            None => out.push(FoundLaw {
+                site: t.site,
+                target: e.target,
+                equation: equation.trim_end_matches('.').to_owned(),
+                words,
+                terms: vec![found],
+            }),
+        }
+    }
+    out
+}
+
+/// A term in words, with its numbers and their intervals.
+fn words(name: &str, e: &FoundEffect) -> String {
+    let number = |(k, p): (&String, &PatchValue)| {
+        let within = p
+            .ci95
+            .map_or(String::new(), |[a, b]| format!(" [{a:.3e}, {b:.3e}]"));
+        format!("{k} {:.3e} {}{within}", p.value, p.unit)
+    };
+    let numbers: Vec<String> = e.params.iter().map(number).collect();
+    let at = e.target.map_or(String::new(), |t| format!(" {t}"));
+    format!("{name}{at}: {}", numbers.join(", "))
+}
