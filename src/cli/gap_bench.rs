@@ -67,6 +67,10 @@ pub struct BenchArgs {
     /// A finder that takes longer is ended and has failed, s
     #[arg(long, value_name = "S", default_value = "900", value_parser = args::not_negative)]
     limit: f64,
+    /// Look for laws instead of naming effects: per seed one effect of the table that is left out of it, one that no table has,
+    /// and none, each proved on a third session with another excitation
+    #[arg(long, conflicts_with_all = ["only", "shard"])]
+    discover: bool,
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative, hide = true)]
     seconds: f64,
@@ -118,6 +122,7 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         limit_s: a.limit,
         seconds: a.seconds,
         finder: a.finder.clone(),
+        discover: a.discover,
     };
     // Cases and verdicts that are there are taken over, never replaced.
     a.overwrite.files(&a.out, &options.files())?;
@@ -152,6 +157,9 @@ pub struct CaseArgs {
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
+    /// Also make a session to prove a law on
+    #[arg(long)]
+    proof: bool,
     /// End when the starting process ends
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -198,6 +206,7 @@ pub fn case(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
         effects: a.effect.clone(),
         one_of: a.one_of.clone(),
         seconds: a.seconds,
+        proof: a.proof,
     };
     gap_bench::make_case(&options, robot)?;
     Ok(Report {

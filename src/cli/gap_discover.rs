@@ -7,14 +7,13 @@ use anyhow::Result;
 use serde_json::json;
 
 use super::Report;
-use super::gap_run::{Logged, grids};
+use super::gap_run::{Logged, grids, table};
 use super::outputs::Overwrite;
 use springtwin::gap::{self, Discovery, LawVerdict, Options};
 use springtwin::lab::gap_files::{excitations, write_all};
 use springtwin::lab::provenance;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
-use springtwin::sim::effects;
 
 #[derive(clap::Args)]
 pub struct DiscoverArgs {
@@ -35,6 +34,9 @@ pub struct DiscoverArgs {
     /// Label figures and pictures as simulated
     #[arg(long)]
     simulated: bool,
+    /// Effects to leave out of the table
+    #[arg(long, value_name = "ID")]
+    without: Vec<String>,
     /// Seed of the chance sessions behind the threshold
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -71,7 +73,7 @@ pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
     let (healthy, suspects) = (grids(&a.baseline)?, grids(&a.session)?);
     let mut done = gap::discover(
         robot,
-        &effects::table(),
+        &table(&a.without)?,
         &healthy,
         &suspects,
         &options,

@@ -63,14 +63,14 @@ pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
 }
 
 /// The table of effects without those that are to be left out.
-fn table(a: &RunArgs) -> Result<Vec<&'static Effect>> {
-    for id in &a.without {
+pub fn table(without: &[String]) -> Result<Vec<&'static Effect>> {
+    for id in without {
         if effects::effect(id).is_none() {
             anyhow::bail!("there is no effect '{id}' to leave out: see springtwin gap effects");
         }
     }
     let mut table = effects::table();
-    table.retain(|e| !a.without.iter().any(|id| id == e.id));
+    table.retain(|e| !without.iter().any(|id| id == e.id));
     Ok(table)
 }
 
@@ -103,7 +103,14 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
         excitations: excitations(robot),
         prove: grids(&a.prove)?,
     };
-    let mut found = gap::find(robot, &table(a)?, &healthy, &suspects, &options, &Logged)?;
+    let mut found = gap::find(
+        robot,
+        &table(&a.without)?,
+        &healthy,
+        &suspects,
+        &options,
+        &Logged,
+    )?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     found.finding.notes.extend(note);
     if let Some(dir) = &a.out {
@@ -228,7 +235,7 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
         .collect::<Result<_>>()?;
     let mut found = gap::actuation_only(
         robot,
-        &table(a)?,
+        &table(&a.without)?,
         healthy.as_ref(),
         &suspect,
         &others,

@@ -206,12 +206,10 @@ fn laws(effects: &[&FoundEffect]) -> Vec<FoundLaw> {
             Some((p, e.params.get(p.name)?))
         };
         let moved = t.effect.parameters.len();
+        // Of several coefficients the largest. Shapes (a time, a length, a travel) have other units.
         let sizes = (0..moved).filter_map(of);
-        // Shapes (a time, a length, a travel) are not what it is in proportion to.
-        let coefficients = sizes.filter(|(p, _)| p.nominal == 0.0);
-        let largest = coefficients
-            .max_by(|a, b| a.1.value.abs().total_cmp(&b.1.value.abs()))
-            .or_else(|| of(0));
+        let coefficients = sizes.filter(|(p, _)| p.unit == t.effect.parameters[0].unit);
+        let largest = coefficients.max_by(|a, b| a.1.value.abs().total_cmp(&b.1.value.abs()));
         let Some((_, coefficient)) = largest else {
             continue;
         };

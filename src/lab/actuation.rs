@@ -211,7 +211,6 @@ mod tests {
         delay.value = 0.2;
         let f = Finding {
             verdict: Verdict::Named,
-            law: Vec::new(),
             effects: vec![crate::gap::FoundEffect {
                 id: "flow-limit".to_owned(),
                 side: "actuation".to_owned(),

@@ -137,6 +137,7 @@ pub fn example_command(
     let maker = Maker {
         program,
         robot_file,
+        proof: false,
         seconds: EXAMPLE_S,
     };
     let mut command = maker.command(About::Single, seed, EXAMPLE_STRENGTH, folder, answer);

@@ -8,6 +8,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
+use super::generator::PROOF;
 use crate::lab::shards::write;
 
 /// File of the finder's verdict.
@@ -17,9 +18,10 @@ const RUN: &str = "run.json";
 /// Its standard error.
 const LOG: &str = "finder.log";
 /// All that may be in a case's folder.
-const ALLOWED: [&str; 7] = [
+const ALLOWED: [&str; 8] = [
     "commissioning",
     "suspect",
+    PROOF,
     VERDICT,
     "verdict.part",
     RUN,
@@ -39,6 +41,8 @@ pub struct Seeker<'a> {
     pub robot_file: Option<&'a Path>,
     /// Longest time, s.
     pub limit_s: f64,
+    /// Look for laws.
+    pub discover: bool,
 }
 
 impl Seeker<'_> {
@@ -49,9 +53,13 @@ impl Seeker<'_> {
         if let Some(file) = self.robot_file {
             command.arg("--robot").arg(file);
         }
-        command.args(["gap", "run", "--json"]);
+        let what = if self.discover { "discover" } else { "run" };
+        command.args(["gap", what, "--json"]);
         command.arg("--baseline").arg(folder.join("commissioning"));
         command.arg("--session").arg(folder.join("suspect"));
+        if self.discover {
+            command.arg("--prove").arg(folder.join(PROOF));
+        }
         if let Some(id) = without {
             command.args(["--without", id]);
         }
@@ -166,6 +174,7 @@ mod tests {
             hash: "h".to_owned(),
             robot_file: None,
             limit_s: 1.0,
+            discover: false,
         };
         let list = |without| -> Vec<String> {
             let command = seeker.command(Path::new("/b/cases/c1"), without);

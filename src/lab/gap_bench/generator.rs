@@ -9,7 +9,7 @@ use rand::Rng as _;
 use super::cases::{Answer, Case, CaseKind, Value, case_like};
 use super::suite::Planned;
 use crate::gap::score::{About, Key, KeyEffect, KeyValue};
-use crate::lab::session::{Session, SessionPlan, Specimen, session_log};
+use crate::lab::session::{Excitation, Session, SessionPlan, Specimen, session_log};
 use crate::lab::shards::write;
 use crate::recording::write_session;
 use crate::rig::hidden::{Growth, Kind, kind};
@@ -38,7 +38,12 @@ pub struct CaseOptions {
     pub one_of: Vec<&'static Kind>,
     /// Length of the sessions, s.
     pub seconds: f64,
+    /// With a third session, proof/, in which the same is hidden under another excitation.
+    pub proof: bool,
 }
+
+/// Folder of the session that a law is proved on.
+pub const PROOF: &str = "proof";
 
 /// Folders of a case's sessions.
 pub const SESSIONS: [&str; 2] = ["commissioning", "suspect"];
@@ -55,15 +60,15 @@ pub fn make_case(o: &CaseOptions, robot: &RobotSpec) -> Result<()> {
         o.key.display()
     );
     let (case, logs) = draw(o, robot)?;
-    for (name, log) in SESSIONS.into_iter().zip(logs) {
+    for (name, log) in SESSIONS.into_iter().chain([PROOF]).zip(logs) {
         write_session(&out.join(name), &session_log(log, robot))?;
     }
     // Last: where there is a key, there is a whole case.
     write(&key, &serde_json::to_string_pretty(&key_of(&case))?)
 }
 
-/// The case and its two sessions; rigs that cannot hold the hidden effects are passed over.
-fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, [Session; 2])> {
+/// The case and its sessions; rigs that cannot hold the hidden effects are passed over.
+fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, Vec<Session>)> {
     let plan = SessionPlan {
         seconds: o.seconds,
         ..SessionPlan::default()
@@ -79,10 +84,18 @@ fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, [Session; 2])> {
         let made = case_like(&plan, robot, seed, kind_of(o.about), &effects, o.strength).and_then(
             |case| {
                 let specimen = Specimen::new(robot, case.commissioning.specimen)?;
-                let logs = [
+                let mut logs = vec![
                     specimen.session(&case.commissioning)?,
                     specimen.session(&case.suspect)?,
                 ];
+                if o.proof {
+                    logs.push(specimen.session(&SessionPlan {
+                        name: PROOF.to_owned(),
+                        seed: case.suspect.seed.wrapping_add(1),
+                        excitation: Excitation::Sines,
+                        ..case.suspect.clone()
+                    })?);
+                }
                 Ok((case, logs))
             },
         );
@@ -150,6 +163,8 @@ pub struct Maker<'a> {
     pub robot_file: Option<&'a Path>,
     /// Length of the sessions, s.
     pub seconds: f64,
+    /// With a session to prove a law on.
+    pub proof: bool,
 }
 
 impl Maker<'_> {
@@ -178,6 +193,9 @@ impl Maker<'_> {
         command.args(["--seed", &seed.to_string()]);
         command.args(["--strength", &strength.to_string()]);
         command.args(["--seconds", &self.seconds.to_string()]);
+        if self.proof {
+            command.arg("--proof");
+        }
         command
     }
 

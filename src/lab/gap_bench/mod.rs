@@ -9,6 +9,7 @@ pub mod cases;
 mod example;
 mod finder;
 mod generator;
+mod laws;
 mod suite;
 
 use std::num::NonZeroUsize;
@@ -50,6 +51,8 @@ pub struct Options {
     pub seconds: f64,
     /// Program that finds; this program without it.
     pub finder: Option<PathBuf>,
+    /// Look for laws instead of naming effects, and prove them on a third session.
+    pub discover: bool,
 }
 
 impl Options {
@@ -116,7 +119,10 @@ pub fn run(
     let suite = Suite {
         first_seed: a.first_seed,
         seeds: a.seeds,
-        parts: a.parts.clone(),
+        parts: match a.discover {
+            true => vec![Part::Laws],
+            false => a.parts.clone(),
+        },
         seconds: a.seconds,
         robot: robot.hash.clone(),
     };
@@ -140,6 +146,7 @@ pub fn run(
         program: &program,
         robot_file: robot_file.as_deref(),
         seconds: a.seconds,
+        proof: a.discover,
     };
     let cores = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let made = each(progress, "making cases", &planned, cores, |p| {
@@ -166,6 +173,7 @@ pub fn run(
         program: &finder,
         robot_file: robot_file.as_deref(),
         limit_s: a.limit_s,
+        discover: a.discover,
     };
     let sought = each(progress, "finding", &ready, a.jobs, |p| {
         seeker.seek(&places.case(p), p.without)
@@ -176,6 +184,12 @@ pub fn run(
     if let Some(part) = a.shard {
         let solved = ready.iter().map(|p| p.name.clone()).collect();
         return leave(a, &suite, &seeker.hash, part, Cases { solved, not_made });
+    }
+    if a.discover {
+        let solved = ready.iter().map(|p| laws::read(p, &places));
+        let solved: Vec<laws::Solved> = solved.collect::<Result<_>>()?;
+        let head = head(&suite, &seeker.hash, not_made.len());
+        return written(&out, laws::report(&solved, &head), &suite, &seeker.hash);
     }
     let scored = ready.iter().map(|p| read_case(p, &places));
     let run = Run {
@@ -269,30 +283,47 @@ pub fn merge(paths: &[PathBuf], out: &Path) -> Result<Report> {
     report(&run, out)
 }
 
-/// Scores a run and writes its report.
-fn report(run: &Run, out: &Path) -> Result<Report> {
-    let suite = run.suite;
-    let score = score(&run.scored);
+/// What a run was, in a sentence.
+fn head(suite: &Suite, finder: &str, not_made: usize) -> String {
     let last = suite
         .first_seed
         .saturating_add(suite.seeds.saturating_sub(1));
-    let left_out = match run.not_made.len() {
+    let left_out = match not_made {
         0 => String::new(),
         n => format!(" {n} more cases could not be made: the arm cannot hold what they hide."),
     };
-    let head = format!(
+    format!(
         "Seeds {} to {last}, {} s sessions, springtwin {}, finder {}.{left_out}",
         suite.first_seed,
         suite.seconds,
         env!("CARGO_PKG_VERSION"),
-        run.finder.get(..12).unwrap_or(run.finder),
-    );
-    let text = score.markdown(&head);
-    let json = json!({
-        "simulated": true, "first_seed": suite.first_seed, "seeds": suite.seeds, "seconds": suite.seconds,
-        "version": env!("CARGO_PKG_VERSION"), "finder": run.finder, "robot": suite.robot,
-        "not_made": run.not_made, "score": score,
-    });
+        finder.get(..12).unwrap_or(finder),
+    )
+}
+
+/// Scores a run and writes its report.
+fn report(run: &Run, out: &Path) -> Result<Report> {
+    let suite = run.suite;
+    let score = score(&run.scored);
+    let text = score.markdown(&head(suite, run.finder, run.not_made.len()));
+    let json = json!({"not_made": run.not_made, "score": score});
+    written(out, (text, json), suite, run.finder)
+}
+
+/// Writes a report.
+fn written(
+    out: &Path,
+    (text, mut json): (String, serde_json::Value),
+    suite: &Suite,
+    finder: &str,
+) -> Result<Report> {
+    json["simulated"] = json!(true);
+    json["first_seed"] = json!(suite.first_seed);
+    json["seeds"] = json!(suite.seeds);
+    json["seconds"] = json!(suite.seconds);
+    json["version"] = json!(env!("CARGO_PKG_VERSION"));
+    json["finder"] = json!(finder);
+    json["robot"] = json!(suite.robot);
     let paths = REPORT.map(|name| out.join(name));
     write(&paths[0], &text)?;
     write(&paths[1], &format!("{json:#}"))?;

@@ -22,10 +22,12 @@ pub enum Part {
     Pairs,
     /// One effect at 0.5 and 1 times the floor.
     Ladder,
+    /// What no table has, for the search of a law: proved on a third session.
+    Laws,
 }
 
 impl Part {
-    /// All parts, each with its name and its content.
+    /// The parts that are named, each with its name and its content; laws are asked for apart.
     pub const ALL: [(Self, &'static str, &'static str); 5] = [
         (
             Self::Singles,
@@ -48,16 +50,25 @@ impl Part {
 
     /// Its name.
     pub fn name(self) -> &'static str {
+        if self == Self::Laws {
+            return LAWS;
+        }
         let of = Self::ALL.iter().find(|(part, ..)| *part == self);
         of.map_or("", |(_, name, _)| name)
     }
 
     /// The part of that name.
     pub fn from_name(name: &str) -> Option<Self> {
+        if name == LAWS {
+            return Some(Self::Laws);
+        }
         let of = Self::ALL.iter().find(|(_, n, _)| *n == name);
         of.map(|(part, ..)| *part)
     }
 }
+
+/// Name of the part that looks for laws.
+const LAWS: &str = "laws";
 
 /// Strengths of the singles of every seed, times the floor.
 const SINGLES: [f64; 3] = [2.0, 4.0, 8.0];
@@ -76,7 +87,7 @@ pub struct Suite {
     pub first_seed: u64,
     /// Number of seeds.
     pub seeds: u64,
-    /// Parts; all of them if empty.
+    /// Parts; all of them that name effects if empty.
     pub parts: Vec<Part>,
     /// Length of the sessions, s.
     pub seconds: f64,
@@ -133,7 +144,10 @@ impl Suite {
 
     /// All cases, in the order of their names, which is none.
     pub fn cases(&self) -> Vec<Planned> {
-        let wanted = |p: &Planned| self.parts.is_empty() || self.parts.contains(&p.part);
+        let wanted = |p: &Planned| match self.parts.is_empty() {
+            true => p.part != Part::Laws,
+            false => self.parts.contains(&p.part),
+        };
         let seeds = (0..self.seeds).map(|i| self.first_seed.wrapping_add(i));
         let all = seeds.flat_map(|s| self.of_seed(s));
         let mut out: Vec<Planned> = all.filter(wanted).collect();
@@ -176,6 +190,12 @@ impl Suite {
             let kind = nth(turn, 10, 5);
             add(Part::Ladder, About::Single, strength, &[kind], None);
         }
+        // Every effect of the table left out in turn, every unmodelled one, and none.
+        let kind = nth(seed, 10, 13);
+        add(Part::Laws, About::Alien, CLEAR, &[kind], Some(kind.id));
+        let kind = aliens[(seed % aliens.len() as u64) as usize];
+        add(Part::Laws, About::Alien, CLEAR, &[kind], None);
+        add(Part::Laws, About::Null, 0.0, &[], None);
         out
     }
 

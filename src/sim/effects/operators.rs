@@ -261,7 +261,7 @@ pub(super) fn contact(c: &Call, plant: &mut Plant) {
         height_m: c.values[0],
         rate_n_m: c.values[1],
         friction: c.values[2],
-        drag_n: 0.0,
+        drag: None,
     });
 }
 

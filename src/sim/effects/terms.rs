@@ -7,13 +7,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::effect::{
-    BehindGauge, Call, Effect, Law, Operator, Parameter, Plant, Posture, Reach, Reaction, Residual,
-    Scene, Start,
+    BehindGauge, Call, Effect, Law, Line, Operator, Parameter, Plant, Posture, Reach, Reaction,
+    Residual, Scene, Start,
 };
 use super::operators as op;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Side, Target, ypr_from_rotation};
 use crate::sim::model::Pull;
-use crate::sim::rod::{Branch, Floor, Friction, Hinge};
+use crate::sim::rod::{Branch, Drag, Floor, Friction, Hinge};
 use Residual::{R1, R2, R3, R4, R5};
 
 /// What a term changes.
@@ -146,6 +146,11 @@ const fn shape(
     Parameter::new(name, unit, usual, [low, high]).of_value(0.25)
 }
 
+/// A length at which a hinge begins.
+const LENGTH: Parameter = Parameter::new("length", "m", 0.145, [0.07, 0.22])
+    .scale(5e-3)
+    .absolute(2e-3);
+
 const BARE: Term = Term {
     effect: Effect {
         id: "",
@@ -196,6 +201,16 @@ impl Term {
 
     const fn acts(mut self, f: Act) -> Self {
         self.effect.operator = Operator::Mechanics(f);
+        self
+    }
+
+    const fn also(
+        mut self,
+        f: fn(&Call, &mut [SensorVec]),
+        residuals: &'static [Residual],
+    ) -> Self {
+        self.effect.also_read = Some(f);
+        self.effect.residuals = residuals;
         self
     }
 
@@ -261,12 +276,18 @@ impl Term {
 }
 
 /// A pressure behind the gauge.
-const fn behind(id: &'static str, name: &'static str, doc: &'static str, f: BehindGauge) -> Term {
+const fn behind(
+    id: &'static str,
+    name: &'static str,
+    doc: &'static str,
+    f: BehindGauge,
+    forward: fn(&Call, &mut Line),
+) -> Term {
     let mut out =
         BARE.named(id, name, doc)
             .on(Site::ChamberPressure, Target::Chamber, Reach::Either);
     out.effect.side = Side::Actuation;
-    out.effect.operator = Operator::Pressure(|_, _| {});
+    out.effect.operator = Operator::Pressure(forward);
     out.effect.behind_gauge = Some(f);
     out
 }
@@ -276,7 +297,7 @@ const fn supply(
     id: &'static str,
     name: &'static str,
     doc: &'static str,
-    f: fn(&Call, &mut super::effect::Line),
+    f: fn(&Call, &mut Line),
 ) -> Term {
     let mut out =
         BARE.named(id, name, doc)
@@ -298,6 +319,7 @@ const fn capture(
         .named(id, name, doc)
         .on(Site::Capture, Target::None, Reach::Common);
     out.effect.side = Side::FrameAndTime;
+    out.effect.residuals = &[R2, R3, R4];
     out.effect.operator = Operator::Capture(f);
     out
 }
@@ -406,6 +428,15 @@ fn each_imu(c: &Call, sensors: &mut [SensorVec], f: impl Fn(f64) -> Vector3<f64>
     }
 }
 
+/// Changes the pressures of the chambers it acts on.
+fn each_pressure(c: &Call, rows: &mut [[f64; CHAMBERS]], f: impl Fn(f64) -> f64) {
+    for row in rows {
+        for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+            row[i] = f(row[i]);
+        }
+    }
+}
+
 fn behind_others(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
     let clean = chamber_pa.to_vec();
     for (row, clean) in chamber_pa.iter_mut().zip(clean) {
@@ -417,7 +448,7 @@ fn behind_others(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
 }
 
 /// Follows a command up to so much short of it where it rises.
-fn short_of_rise(c: &Call, line: &mut super::effect::Line) {
+fn short_of_rise(c: &Call, line: &mut Line) {
     for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
         let mut rises = 0.0;
         let mut before = line.chamber_pa.first().map_or(0.0, |row| row[i]);
@@ -434,18 +465,14 @@ fn short_of_rise(c: &Call, line: &mut super::effect::Line) {
 }
 
 /// A share of the command that is missing.
-fn short_of_level(c: &Call, line: &mut super::effect::Line) {
+fn short_of_level(c: &Call, line: &mut Line) {
     for rows in [&mut line.chamber_pa, &mut line.gauge_pa] {
-        for row in rows.iter_mut() {
-            for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-                row[i] -= c.values[0] * row[i];
-            }
-        }
+        each_pressure(c, rows, |p| p * (1.0 - c.values[0]));
     }
 }
 
 /// Command and gauge follow with a lag.
-fn supply_lag(c: &Call, line: &mut super::effect::Line) {
+fn supply_lag(c: &Call, line: &mut Line) {
     op::pressure_lag(c, line);
     for (gauge, chamber) in line.gauge_pa.iter_mut().zip(&line.chamber_pa) {
         for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
@@ -554,7 +581,7 @@ pub const TERMS: &[Term] = &[
     )
     .of(&[Input::Length], Form::Below)
     .numbers(
-        &[n("rate", "N/m", 0.0, 30e3), shape("length", "m", 0.14, [0.07, 0.22])],
+        &[n("rate", "N/m", 0.0, 30e3), LENGTH],
         |_, _| at([[1e3, 0.148], [1e3, 0.142], [1e3, 0.136], [1e3, 0.13]], &[0]),
     )
     .acts(|c, plant| hinge(c, plant, false))
@@ -566,7 +593,7 @@ pub const TERMS: &[Term] = &[
     )
     .of(&[Input::Length], Form::Beyond)
     .numbers(
-        &[n("rate", "N/m", 0.0, 30e3), shape("length", "m", 0.15, [0.07, 0.22])],
+        &[n("rate", "N/m", 0.0, 30e3), LENGTH],
         |_, _| at([[1e3, 0.142], [1e3, 0.148], [1e3, 0.154], [1e3, 0.16]], &[0]),
     )
     .acts(|c, plant| hinge(c, plant, true))
@@ -648,7 +675,7 @@ pub const TERMS: &[Term] = &[
         "ΔT_i = c p_i θ, θ the bending angle of the segment.",
     )
     .of(&[Input::Pressure, Input::Bending], Form::Product)
-    .numbers(&[n("slope", "N/(Pa rad)", -0.02, 0.02)], |_, _| at([[1e-3]], &[0]))
+    .numbers(&[n("slope", "N/(Pa rad)", -0.01, 0.01)], |_, _| at([[1e-3]], &[0]))
     .acts(|c, plant| react(c, plant, |at, i| at.chamber_pa[i] * at.bend_rad[i / 3])),
     // Walls of a segment.
     BARE.named(
@@ -692,7 +719,7 @@ pub const TERMS: &[Term] = &[
     .on(Site::ChamberTension, Target::Segment, Reach::Single)
     .of(&[Input::Length], Form::Beyond)
     .numbers(
-        &[n("rate", "N/m", 0.0, 30e3), shape("length", "m", 0.15, [0.07, 0.22])],
+        &[n("rate", "N/m", 0.0, 30e3), LENGTH],
         |_, _| at([[300.0, 0.142], [300.0, 0.148], [300.0, 0.154]], &[0]),
     )
     .acts(|c, plant| {
@@ -758,10 +785,13 @@ pub const TERMS: &[Term] = &[
         Site::EndForce,
         "force-reversal",
         "Friction of the end pad",
-        "ΔF = c against the horizontal motion of the end pad.",
+        "ΔF = −k u, no more than c: against the motion of the end pad, built up over a way c/k after every reversal.",
     )
     .of(&[Input::Reversal], Form::Sign)
-    .numbers(&[n("force", "N", 0.0, 20.0)], |_, _| at([[1.0]], &[0]))
+    .numbers(
+        &[n("force", "N", 0.0, 20.0), shape("rate", "N/m", 300.0, [50.0, 5000.0])],
+        |_, _| at([[1.0, 300.0], [3.0, 300.0], [3.0, 1000.0]], &[0]),
+    )
     .acts(|c, plant| {
         if c.values[0] > 0.0 && plant.model.rod.floor.is_none() {
             plant.model.rod.floor = Some(Floor {
@@ -769,10 +799,14 @@ pub const TERMS: &[Term] = &[
                 height_m: -1e3,
                 rate_n_m: 0.0,
                 friction: 0.0,
-                drag_n: c.values[0],
+                drag: Some(Drag {
+                    force_n: c.values[0],
+                    rate_n_m: c.values[1],
+                }),
             });
         }
-    }),
+    })
+    .abrupt(),
     end(
         Site::EndForce,
         "force-surface",
@@ -830,13 +864,19 @@ pub const TERMS: &[Term] = &[
         Site::Gravity,
         "gravity-direction",
         "Direction of gravity",
-        "g → R(x, y) g: gravity has another direction at the base.",
+        "g → R(x, y) g: gravity has another direction at the base. IMUs, which measure against it, see that (imus = 1) or do not.",
     )
     .of(&[Input::None], Form::Constant)
-    .numbers(&[n("x", "rad", -0.35, 0.35), n("y", "rad", -0.35, 0.35)], |_, _| {
-        at([[0.03, 0.03]], &[0, 1])
-    })
+    .numbers(
+        &[
+            n("x", "rad", -0.35, 0.35),
+            n("y", "rad", -0.35, 0.35),
+            Parameter::new("imus", "", 0.0, [-0.5, 1.5]).scale(1.0),
+        ],
+        |_, _| at([[0.03, 0.03, 1.0], [0.03, 0.03, 0.0]], &[0, 1]),
+    )
     .acts(op::base_tilt)
+    .also(op::tilted_imus, &[R2, R4, R5])
     .instant(),
     // Readings of springs.
     spring("spring-constant", "Offset of a spring", "Δy = c.")
@@ -942,6 +982,7 @@ pub const TERMS: &[Term] = &[
         "Chambers that follow their gauges late",
         "τ dp/dt = p_gauge − p.",
         op::behind_lag,
+        op::pressure_lag,
     )
     .of(&[Input::PressureRate], Form::Linear)
     .numbers(&[n("time", "s", 0.0, 5.0)], |_, _| at([[0.1], [0.8]], &[0]))
@@ -951,6 +992,7 @@ pub const TERMS: &[Term] = &[
         "Chambers by the pressure of all others",
         "p_i = p_gauge,i + c Σ_{j≠i} p_gauge,j.",
         behind_others,
+        |c, line| behind_others(c, &mut line.chamber_pa),
     )
     .of(&[Input::OtherPressure], Form::Linear)
     .numbers(&[n("share", "", -0.3, 0.3)], |_, _| at([[0.01]], &[0])),
@@ -958,13 +1000,8 @@ pub const TERMS: &[Term] = &[
         "pressure-offset",
         "Offset of a gauge",
         "p = p_gauge + c.",
-        |c, chamber_pa| {
-            for row in chamber_pa.iter_mut() {
-                for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-                    row[i] += c.values[0];
-                }
-            }
-        },
+        |c, chamber_pa| each_pressure(c, chamber_pa, |p| p + c.values[0]),
+        |c, line| each_pressure(c, &mut line.chamber_pa, |p| p + c.values[0]),
     )
     .of(&[Input::None], Form::Constant)
     .numbers(&[n("offset", "Pa", -10e3, 10e3)], |_, _| at([[300.0]], &[0])),
@@ -972,13 +1009,8 @@ pub const TERMS: &[Term] = &[
         "pressure-gain",
         "Gain of a gauge",
         "p = (1 + c) p_gauge.",
-        |c, chamber_pa| {
-            for row in chamber_pa.iter_mut() {
-                for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
-                    row[i] *= 1.0 + c.values[0];
-                }
-            }
-        },
+        |c, chamber_pa| each_pressure(c, chamber_pa, |p| p * (1.0 + c.values[0])),
+        |c, line| each_pressure(c, &mut line.chamber_pa, |p| p * (1.0 + c.values[0])),
     )
     .of(&[Input::Pressure], Form::Linear)
     .numbers(&[n("gain", "", -0.5, 1.0)], |_, _| at([[0.03]], &[0])),

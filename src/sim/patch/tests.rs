@@ -14,6 +14,7 @@ const CHAMBER_PA: [f64; CHAMBERS] = [25e3, -10e3, 4e3, -20e3, 15e3, 8e3];
 
 fn patch(robot: &str, rig: &[(&str, f64)], effects: &[(&str, Option<usize>, &[f64])]) -> Patch {
     Patch {
+        law: Vec::new(),
         version: PATCH_VERSION,
         name: "a rig".to_owned(),
         robot: robot.to_owned(),

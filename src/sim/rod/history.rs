@@ -14,7 +14,7 @@
 //!
 //! Forces pull the bellows together when positive.
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 use super::kinematics::Kinematics;
 use super::laws::{Contact, Potential};
@@ -90,6 +90,7 @@ impl History {
             contact: rod.floor.map(|_| Contact {
                 at_m: Kinematics::at(rod, q).tip().p,
                 grip_n: Vector2::zeros(),
+                drag_n: Vector3::zeros(),
             }),
         }
     }
@@ -106,10 +107,7 @@ impl History {
         }
         if let (Some(floor), Some(contact)) = (&rod.floor, &mut self.contact) {
             let at_m = Kinematics::at(rod, q).tip().p;
-            *contact = Contact {
-                at_m,
-                grip_n: floor.grip_n(&at_m, contact),
-            };
+            *contact = floor.reached(&at_m, contact);
         }
     }
 }
@@ -137,6 +135,7 @@ mod tests {
             cubic_n: 0.0,
             friction: friction.collect(),
             branches: branches.collect(),
+            hinges: Vec::new(),
         }
     }
 

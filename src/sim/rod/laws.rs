@@ -32,8 +32,38 @@ pub struct Floor {
     pub rate_n_m: f64,
     /// Largest grip over push.
     pub friction: f64,
-    /// Grip that needs no push, N: something drags along the surface behind the end, wherever it is.
-    pub drag_n: f64,
+    /// What the end drags behind it, wherever it is.
+    pub drag: Option<Drag>,
+}
+
+/// Dry friction against every motion of a point: it is held by a spring that slips at a largest force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drag {
+    /// Largest force, N.
+    pub force_n: f64,
+    /// Rate of the spring, N/m.
+    pub rate_n_m: f64,
+}
+
+impl Drag {
+    /// Of a point at `p_m` that was at `contact` (Huber's potential).
+    fn at(&self, p_m: &Vector3<f64>, contact: &Contact) -> Push {
+        let u = p_m - (contact.at_m + contact.drag_n / self.rate_n_m);
+        let (way_m, k) = (u.norm(), self.rate_n_m);
+        if k * way_m <= self.force_n {
+            return Push {
+                energy: 0.5 * k * way_m * way_m,
+                force_n: -k * u,
+                stiffness_n_m: Matrix3::identity() * k,
+            };
+        }
+        let n = u / way_m;
+        Push {
+            energy: self.force_n * (way_m - 0.5 * self.force_n / k),
+            force_n: -self.force_n * n,
+            stiffness_n_m: (Matrix3::identity() - n * n.transpose()) * (self.force_n / way_m),
+        }
+    }
 }
 
 /// Contact of the last section's end with the [`Floor`].
@@ -43,6 +73,8 @@ pub struct Contact {
     pub at_m: Vector3<f64>,
     /// Grip along the surface's x and y, N.
     pub grip_n: Vector2<f64>,
+    /// Force of the [`Drag`], base frame, N.
+    pub drag_n: Vector3<f64>,
 }
 
 /// Rate at which grip builds up as the end is moved along the floor, N/m.
@@ -131,22 +163,38 @@ impl Floor {
     /// Push on a point at `p_m`, with the grip that follows `contact`; all but the grip in the base frame.
     pub(super) fn at(&self, p_m: &Vector3<f64>, contact: Option<&Contact>) -> Push {
         let turn = self.surface_from_base;
+        let drag = self.drag.zip(contact).map(|(d, c)| d.at(p_m, c));
         let contact = contact.map(|c| Contact {
             at_m: turn * c.at_m,
             ..*c
         });
         let push = self.upright(&(turn * p_m), contact.as_ref());
         let back = turn.inverse();
-        Push {
+        let mut out = Push {
             energy: push.energy,
             force_n: back * push.force_n,
             stiffness_n_m: back.matrix() * push.stiffness_n_m * turn.matrix(),
+        };
+        if let Some(drag) = drag {
+            out.energy += drag.energy;
+            out.force_n += drag.force_n;
+            out.stiffness_n_m += drag.stiffness_n_m;
         }
+        out
     }
 
-    /// Grip along the surface, N, when the end is at `p_m` in the base frame.
-    pub(super) fn grip_n(&self, p_m: &Vector3<f64>, contact: &Contact) -> Vector2<f64> {
-        (self.surface_from_base * self.at(p_m, Some(contact)).force_n).xy()
+    /// The contact once the end has come to `p_m` in the base frame.
+    pub(super) fn reached(&self, p_m: &Vector3<f64>, contact: &Contact) -> Contact {
+        let alone = Self {
+            drag: None,
+            ..*self
+        };
+        let drag_n = self.drag.map(|d| d.at(p_m, contact).force_n);
+        Contact {
+            at_m: *p_m,
+            grip_n: (self.surface_from_base * alone.at(p_m, Some(contact)).force_n).xy(),
+            drag_n: drag_n.unwrap_or_default(),
+        }
     }
 
     /// The same in the axes of the surface.
@@ -163,8 +211,7 @@ impl Floor {
         let Some(contact) = contact else {
             return out;
         };
-        let depth_m = (self.height_m - contact.at_m.z).max(0.0);
-        let most_n = self.friction * self.rate_n_m * depth_m + self.drag_n;
+        let most_n = self.friction * self.rate_n_m * (self.height_m - contact.at_m.z).max(0.0);
         if most_n > 0.0 {
             // A spring to where the grip would be none, that slips at its largest force (Huber's
             // potential).

@@ -40,7 +40,7 @@ pub(super) use dense::dot;
 pub use dynamics::{Energy, Integrator, Motion, energy, step};
 pub use history::{BellowsHistory, History};
 pub use kinematics::Kinematics;
-pub use laws::{Branch, Contact, Floor, Friction, Hinge};
+pub use laws::{Branch, Contact, Drag, Floor, Friction, Hinge};
 pub use loads::{Loads, StepLoads};
 pub use section::{Bellows, Link, PointMass, Rod, Section, Strains};
 pub use solve::{Outcome, Workspace, is_stable, solve, solve_step};

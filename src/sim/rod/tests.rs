@@ -55,7 +55,10 @@ fn gradient_and_hessian_agree_with_differences() {
             height_m: 1.0,
             rate_n_m: 200.0,
             friction: 0.3,
-            drag_n: 2.0,
+            drag: Some(Drag {
+                force_n: 2.0,
+                rate_n_m: 250.0,
+            }),
         });
         let history = History {
             bellows: (0..6)
@@ -68,6 +71,7 @@ fn gradient_and_hessian_agree_with_differences() {
             contact: Some(Contact {
                 at_m: nalgebra::Vector3::new(0.01, -0.02, 0.2),
                 grip_n: nalgebra::Vector2::new(20.0, 5.0),
+                drag_n: nalgebra::Vector3::new(1.0, -0.5, 0.7),
             }),
         };
         let rod = &rod;

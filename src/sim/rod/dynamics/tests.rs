@@ -6,7 +6,8 @@ use super::*;
 use crate::robot::RobotSpec;
 use crate::sim::rod::se3::Frame;
 use crate::sim::rod::{
-    BellowsHistory, Branch, Contact, Floor, Friction, PointMass, Section, Strains, Workspace, solve,
+    BellowsHistory, Branch, Contact, Drag, Floor, Friction, PointMass, Section, Strains, Workspace,
+    solve,
 };
 use crate::sim::{Model, Parameters, Resolution};
 
@@ -53,7 +54,10 @@ impl Bent {
             height_m: 1.0,
             rate_n_m: 40.0,
             friction: 0.3,
-            drag_n: 2.0,
+            drag: Some(Drag {
+                force_n: 2.0,
+                rate_n_m: 250.0,
+            }),
         });
         let history = History {
             bellows: (0..6)
@@ -66,6 +70,7 @@ impl Bent {
             contact: Some(Contact {
                 at_m: Vector3::new(0.01, -0.02, 0.2),
                 grip_n: Vector2::new(4.0, 1.0),
+                drag_n: nalgebra::Vector3::new(1.0, -0.5, 0.7),
             }),
         };
         let loads = Loads {
