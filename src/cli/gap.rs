@@ -18,6 +18,8 @@ pub enum GapCommand {
     Run(super::gap_run::RunArgs),
     /// Find what is missing as a law, where no effect of the table explains it
     Discover(super::gap_discover::DiscoverArgs),
+    /// Print the laws of a patch as Rust items for the table of effects
+    Promote(super::gap_discover::PromoteArgs),
     /// The effects that are known
     Effects {
         /// Print them as a page of Markdown with equations, sources, units and bounds, as the guide has it
@@ -36,6 +38,7 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission(a) => super::gap_commission::commission(a, robot),
         GapCommand::Discover(a) => super::gap_discover::run(a, robot),
+        GapCommand::Promote(a) => super::gap_discover::promote(a),
         GapCommand::Run(a) => super::gap_run::run(a, robot),
         GapCommand::Effects { markdown } => {
             let mut report = table();

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use serde_json::json;
 
 use super::Report;
 use super::gap_run::{Logged, grids, table};
 use super::outputs::Overwrite;
-use springtwin::gap::{self, Discovery, LawVerdict, Options};
+use springtwin::drive::read_text;
+use springtwin::gap::{self, Discovery, LawVerdict, Options, Patch};
 use springtwin::lab::gap_files::{excitations, write_all};
 use springtwin::lab::provenance;
 use springtwin::recording;
@@ -92,6 +93,28 @@ pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
     Ok(Report {
         text: text(&done.discovery),
         json,
+    })
+}
+
+#[derive(clap::Args)]
+pub struct PromoteArgs {
+    /// The patch that `gap discover` wrote
+    patch: PathBuf,
+}
+
+/// `gap promote`.
+pub fn promote(a: &PromoteArgs) -> Result<Report> {
+    let text = read_text(&a.patch)?;
+    let patch = Patch::from_toml(&text).with_context(|| a.patch.display().to_string())?;
+    anyhow::ensure!(
+        !patch.law.is_empty(),
+        "{} has no law: `gap discover --out DIR` writes a patch with one where it finds one",
+        a.patch.display()
+    );
+    let text = gap::promoted(&patch);
+    Ok(Report {
+        json: json!({"rust": text}),
+        text,
     })
 }
 

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::outputs::Overwrite;
 use super::{Report, silent};
-use springtwin::sim::effects::{EFFECTS, Effect, Side, Target};
+use springtwin::sim::effects::{EFFECTS, Effect, Side, TERMS, Target};
 
 #[derive(Args)]
 pub struct ManArgs {
@@ -215,8 +215,41 @@ pub fn effects_page() -> String {
             page.push_str(&effect(e));
         }
     }
-    page.pop();
+    page.push_str(&terms());
     page
+}
+
+/// The library of terms as a table.
+fn terms() -> String {
+    let mut out = String::from(
+        "\n## Terms of laws\n\n\
+         What [a law](finding-a-gap.md#8-where-no-effect-explains-it) is made of. All coefficients are SI.\n\n\
+         | id | term | changes | depends on | coefficients and shapes |\n|---|---|---|---|---|\n",
+    );
+    let plain = |value: serde_json::Value| value.as_str().unwrap_or_default().replace('-', " ");
+    for t in TERMS {
+        let inputs: Vec<String> = t
+            .inputs
+            .iter()
+            .map(|i| plain(serde_json::json!(i)))
+            .collect();
+        let numbers = t.effect.parameters.iter().map(|p| match p.unit {
+            "" => p.name.to_owned(),
+            unit => format!("{} ({unit})", p.name),
+        });
+        let numbers: Vec<String> = numbers.collect();
+        let _ = writeln!(
+            out,
+            "| `{}` | {} | {} | {} | {} |",
+            t.effect.id,
+            t.effect.doc.replace('_', "\\_").replace('|', "\\|"),
+            plain(serde_json::json!(t.site)),
+            inputs.join(", "),
+            numbers.join(", ")
+        );
+    }
+    out.pop();
+    out
 }
 
 fn effect(e: &Effect) -> String {

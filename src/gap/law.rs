@@ -174,6 +174,38 @@ pub fn discover(
     Ok(Discovered { discovery, found })
 }
 
+/// The laws of a patch as Rust items: effects that a program which uses the library adds to its table.
+pub fn promoted(patch: &Patch) -> String {
+    let items = patch.law.iter().filter_map(|law| {
+        let at = TERMS.iter().position(|t| t.effect.id == law.term)?;
+        let effect = &TERMS[at].effect;
+        let name = law.term.to_uppercase().replace('-', "_");
+        let start: Vec<String> = effect
+            .parameters
+            .iter()
+            .map(|p| format!("{:?}", law.params.get(p.name).map_or(p.nominal, |v| v.value)))
+            .collect();
+        let start = start.join(", ");
+        let moved: Vec<String> = (0..effect.parameters.len())
+            .filter(|i| effect.parameters[*i].unit == effect.parameters[0].unit)
+            .map(|i| i.to_string())
+            .collect();
+        Some(format!(
+            "/// {}\nstatic {name}: Effect = Effect {{\n    id: \"found-{}\",\n    source: \"{}\",\n    \
+             starts: |_, _| vec![Start::new(&[{start}], &[{}])],\n    ..TERMS[{at}].effect\n}};\n",
+            effect.doc,
+            law.term,
+            patch.name,
+            moved.join(", ")
+        ))
+    });
+    let items: Vec<String> = items.collect();
+    format!(
+        "use springtwin::sim::effects::{{Effect, Start, TERMS}};\n\n{}",
+        items.join("\n")
+    )
+}
+
 /// A patch whose terms stand as laws.
 fn as_laws(mut patch: Patch) -> Patch {
     let (laws, effects) = std::mem::take(&mut patch.effects)

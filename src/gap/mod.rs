@@ -46,7 +46,9 @@ pub use finding::{
     ChannelError, Confirmed, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked,
     SeparateBy, Traces, Verdict,
 };
-pub use law::{Discovered, Discovery, FoundLaw, FoundTerm, LawVerdict, Nearest, discover, library};
+pub use law::{
+    Discovered, Discovery, FoundLaw, FoundTerm, LawVerdict, Nearest, discover, library, promoted,
+};
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
 pub use replay::{

@@ -64,6 +64,64 @@ fn two_effects_in_one_session_are_both_named() {
     assert!(found["gap"]["closed"].as_f64().unwrap() > 0.8, "{found}");
 }
 
+/// Two bellows touch each other, which no effect of the table is: the law is found, holds under another excitation, and moves the
+/// arm of a robot file that has it.
+#[test]
+fn what_no_table_has_is_found_as_a_law() {
+    let dir = scratch("gap-law");
+    let made = |name: &str, seed: &str, more: &[&str]| {
+        let mut args = vec!["--seed", seed, "--seconds", "45"];
+        args.extend(more);
+        session(&dir, name, &args)
+    };
+    let touch = ["--hide", "bellows-touch:2=0.145"];
+    let healthy = made("healthy", "11", &[]);
+    let suspect = made("suspect", "12", &touch);
+    let other = made(
+        "other",
+        "13",
+        &[&touch[..], &["--excitation", "sines"]].concat(),
+    );
+    let out = dir.join("found").to_str().expect("a path").to_owned();
+    let args = [
+        "gap",
+        "discover",
+        "--baseline",
+        &healthy,
+        "--session",
+        &suspect,
+    ];
+    let more = ["--prove", &other, "--out", &out, "--json"];
+    let found = json(&[&args[..], &more].concat());
+    assert_eq!(found["verdict"], "law", "{found}");
+    let law = &found["laws"][0];
+    assert_eq!(law["site"], "chamber-tension", "{found}");
+    assert_eq!(law["target"], 2, "{found}");
+    assert_eq!(law["terms"][0]["inputs"], serde_json::json!(["length"]));
+    assert_eq!(law["terms"][0]["form"], "below", "{found}");
+    let closed = found["proof"]["closed"].as_f64().expect("a proof");
+    assert!(closed > 0.8, "{found}");
+    // The patch is a robot's, and the law a Rust item.
+    let patch = format!("{out}/patch.toml");
+    let text = std::fs::read_to_string(&patch).expect("written");
+    assert!(
+        text.contains("[[law]]") && text.contains("tension-below-length"),
+        "{text}"
+    );
+    let solve = ["sim", "solve", "--pressures=0,-30,0,0,0,0", "--json"];
+    let tips = [
+        json(&solve),
+        json(&[&solve[..], &["--patch", &patch]].concat()),
+    ];
+    assert_ne!(tips[0], tips[1]);
+    let item = json(&["gap", "promote", &patch, "--json"]);
+    let item = item["rust"].as_str().expect("text");
+    assert!(
+        item.contains("static TENSION_BELOW_LENGTH: Effect"),
+        "{item}"
+    );
+}
+
 /// The same spring is wrong in two sessions, and a third had no part in finding it.
 #[test]
 fn several_sessions_count_together_and_another_one_proves_it() {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 35] = [
+const WRITERS: [(&str, &str, &str); 36] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
@@ -19,6 +19,7 @@ const WRITERS: [(&str, &str, &str); 35] = [
     ),
     ("gap commission", "session --out OUT/p.toml", "p.toml"),
     ("gap run", "--session session --out OUT", "finding.json"),
+    ("gap discover", "--session session --out OUT", "law.json"),
     (
         "gap run",
         "--session session --actuation-only --out OUT",

@@ -53,7 +53,10 @@ fn answer(id: &str) -> Option<(&'static [Site], &'static [Input])> {
     })
 }
 
-/// A case with its answer and what was said.
+/// What may hold of a case.
+type Holds = fn(&Solved) -> bool;
+
+/// A case with its answer and the finder's.
 pub struct Solved {
     name: String,
     key: Key,
@@ -127,7 +130,7 @@ pub fn report(all: &[Solved], head: &str) -> (String, Value) {
             .collect()
     };
     let groups = [group(true), group(false)];
-    let rows: [(&str, fn(&Solved) -> bool); 3] = [
+    let rows: [(&str, Holds); 3] = [
         ("a law", Solved::has_law),
         ("a law at the right site", |s| {
             s.has_law() && s.right().is_some_and(|r| r[0])

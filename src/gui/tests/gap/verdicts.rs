@@ -52,7 +52,11 @@ pub(in crate::gui::tests) fn with_verdict(verdict: Verdict) -> Arc<Found> {
             .notes
             .push("The best effect of the table closes only 31 % of the excess.".into());
     }
-    Arc::new(Found { finding, patch })
+    Arc::new(Found {
+        finding,
+        patch,
+        gain: 0.0,
+    })
 }
 
 #[test]
@@ -167,7 +171,11 @@ fn where_nothing_was_captured_no_place_is_invented() {
     t.turns[0].fill([f64::NAN; 4]);
     let patch = real.patch.clone();
     let mut app = gap_app(Services::none());
-    let found = Arc::new(Found { finding, patch });
+    let found = Arc::new(Found {
+        finding,
+        patch,
+        gain: 0.0,
+    });
     app.screens.gap.take(found, Origin::Measured, None);
     let mut h = harness(app);
     h.run_steps(4);
