@@ -164,12 +164,12 @@ fn text(d: &Discovery) -> String {
     if let Some(p) = &d.proof {
         out.push(format!(
             "in {}, which had no part in finding it: {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
-            p.sessions.join(", "),
-            p.gap.before,
-            p.gap.after,
-            p.gap.unit,
-            p.gap.floor,
-            100.0 * p.gap.closed
+            p.session,
+            p.before,
+            p.after,
+            p.unit,
+            p.floor,
+            100.0 * p.closed
         ));
     }
     out.extend(d.notes.iter().cloned());

@@ -73,6 +73,36 @@ pub struct Nearest {
     pub worse_by_nats: f64,
 }
 
+/// What a law does in sessions that had no part in finding it, in the unit of the residual that shows it best.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LawProof {
+    /// Their names.
+    pub session: String,
+    /// Root mean square without the law.
+    pub before: f64,
+    /// With it.
+    pub after: f64,
+    /// Of a healthy session.
+    pub floor: f64,
+    /// Share of the gap that closes.
+    pub closed: f64,
+    /// mm, deg or kPa.
+    pub unit: String,
+}
+
+impl From<&Confirmed> for LawProof {
+    fn from(c: &Confirmed) -> Self {
+        Self {
+            session: c.sessions.join(", "),
+            before: c.gap.before,
+            after: c.gap.after,
+            floor: c.gap.floor,
+            closed: c.closed,
+            unit: c.gap.unit.clone(),
+        }
+    }
+}
+
 /// What was discovered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Discovery {
@@ -86,8 +116,8 @@ pub struct Discovery {
     pub nearest: Option<Nearest>,
     /// The gap before and after.
     pub gap: GapSize,
-    /// What the law does in other sessions; none where none was given.
-    pub proof: Option<Confirmed>,
+    /// What the law does in other sessions; none where none was given, or there is no law.
+    pub proof: Option<LawProof>,
     /// Where residuals are correlated with something.
     pub located: Vec<Located>,
     /// What limits the verdict, one sentence each.
@@ -164,7 +194,7 @@ pub fn discover(
         laws,
         nearest,
         gap: f.gap.clone(),
-        proof: f.proof.clone(),
+        proof: f.proof.as_ref().map(LawProof::from),
         located: f.located.clone(),
         notes,
         data: f.data.clone(),
