@@ -47,7 +47,8 @@ pub use finding::{
     SeparateBy, Traces, Verdict,
 };
 pub use law::{
-    Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, library, promoted,
+    Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, library,
+    promoted,
 };
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};

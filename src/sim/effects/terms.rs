@@ -1,7 +1,7 @@
 //! Library of the terms of a law: what a generalized force or a reading may depend on.
 //!
 //! A law is the sum of at most three of these. Each acts through the same operators as an effect of the table, so that it can be
-//! fitted, proved and put into a patch in the same way. It says at which site it acts, on which inputs it depends and in which form.
+//! fitted, proved and put into a patch in the same way. It states at which site it acts, on which inputs it depends and in which form.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
