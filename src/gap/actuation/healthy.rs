@@ -103,16 +103,6 @@ const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0, 1e-3, 1e-3];
 /// Steps by which sensitivities are measured.
 const STEP: [f64; KNOBS] = [5e-3, 5e-3, 0.01, 100.0, 0.01, 0.01];
 
-/// Standard deviation of a pump's limit among the pumps of one supply, as a share of it.
-const ALIKE: f64 = 0.1;
-/// A limit is shown where its standard deviation is below this share of it.
-const SHOWN: f64 = 0.1;
-
-/// Whether a session has shown a limit of a regulator.
-fn determined(r: &Regulator, covariance: &SMatrix<f64, KNOBS, KNOBS>, k: usize) -> bool {
-    r.0[k] > 0.0 && covariance[(k, k)].sqrt() < SHOWN * r.0[k]
-}
-
 /// What is fitted of a regulator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Free {
@@ -292,7 +282,7 @@ impl LineModel<'_> {
         &mut self,
         effects: &[Active],
     ) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
-        Ok(self.refit(effects, Free::AllButLimits, &[])?.1)
+        Ok(self.refit(effects, Free::AllButLimits)?.1)
     }
 
     /// Fits the regulators of a healthy session, their pumps' limits included; gives their covariances.
@@ -308,45 +298,15 @@ impl LineModel<'_> {
             r.0[EMPTY] = slowest_s;
             r.0[LAG] = 0.0;
         }
-        let (costs, mut covariance) = self.refit(&[], Free::All, &[])?;
-        let (others, wider) = limited.refit(&[], Free::All, &[])?;
+        let (costs, mut covariance) = self.refit(&[], Free::All)?;
+        let (others, wider) = limited.refit(&[], Free::All)?;
         for i in self.grid.chambers() {
             if others[i] < costs[i] {
                 self.baseline.regulators[i] = limited.baseline.regulators[i];
                 covariance[i] = wider[i];
             }
         }
-        let alike = self.limits_alike(&covariance);
-        if alike.is_empty() {
-            return Ok(covariance);
-        }
-        for i in self.grid.chambers() {
-            for (k, [mean, _]) in &alike {
-                if !determined(&self.baseline.regulators[i], &covariance[i], *k) {
-                    self.baseline.regulators[i].0[*k] = *mean;
-                }
-            }
-        }
-        Ok(self.refit(&[], Free::All, &alike)?.1)
-    }
-
-    /// Mean and spread of the limits of the pumps that the session shows: the pumps of a supply are alike, and a chamber that
-    /// was not driven to its limit has that of the others. Empty where no chamber was driven to one.
-    fn limits_alike(
-        &self,
-        covariance: &[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS],
-    ) -> Vec<(usize, [f64; 2])> {
-        let of = |k: usize| {
-            let chambers = self.grid.chambers().into_iter();
-            let shown =
-                chambers.filter(|i| determined(&self.baseline.regulators[*i], &covariance[*i], k));
-            let all: Vec<f64> = shown.map(|i| self.baseline.regulators[i].0[k]).collect();
-            let n = all.len() as f64;
-            let mean = all.iter().sum::<f64>() / n;
-            let spread = (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
-            (n > 0.0).then_some((k, [mean, spread.max(ALIKE * mean)]))
-        };
-        [of(FILL), of(EMPTY)].into_iter().flatten().collect()
+        Ok(covariance)
     }
 
     /// Fits the gauges of another day with these effects at work; the rest of the supply stays as it is.
@@ -354,23 +314,19 @@ impl LineModel<'_> {
     /// # Errors
     /// [`GapError::Degenerate`] when numbers are not finite.
     pub fn refit_gauges(&mut self, effects: &[Active]) -> Result<(), GapError> {
-        self.refit(effects, Free::Gauge, &[]).map(|_| ())
+        self.refit(effects, Free::Gauge).map(|_| ())
     }
 
-    /// Fits what is free of the regulators with these effects at work, about the mean of some numbers with their standard
-    /// deviation instead of the usual ones. Gives each one's cost and covariance.
+    /// Fits what is free of the regulators with these effects at work. Gives each one's cost and covariance.
     fn refit(
         &mut self,
         effects: &[Active],
         free: Free,
-        about: &[(usize, [f64; 2])],
     ) -> Result<([f64; CHAMBERS], [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS]), GapError> {
         const STEPS: usize = 12;
-        let (mut prior, mut usual) = (free.prior(), SVector::from(Regulator::default().0));
-        for (k, [mean, sd]) in about {
-            (usual[*k], prior[*k]) = (*mean, *sd);
-        }
-        let weight = SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&prior.map(|s| 1.0 / (s * s)));
+        let weight =
+            SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&free.prior().map(|s| 1.0 / (s * s)));
+        let usual = SVector::from(Regulator::default().0);
         let nominal = self.baseline.regulators.map(|r| {
             // What is not fitted stays where it is.
             SVector::from_fn(|k, _| if free.is_fitted(k) { usual[k] } else { r.0[k] })
