@@ -96,7 +96,9 @@ enum BenchCommand {
 
 /// Parts of the suite by their names.
 fn parts() -> impl TypedValueParser<Value = Part> {
-    let values = Part::ALL.map(|(_, name, help)| PossibleValue::new(name).help(help));
+    // Laws are asked for by --discover.
+    let named = Part::ALL.iter().filter(|(part, ..)| *part != Part::Laws);
+    let values = named.map(|(_, name, help)| PossibleValue::new(*name).help(*help));
     PossibleValuesParser::new(values)
         .try_map(|name| Part::from_name(&name).ok_or("is no part of the suite"))
 }

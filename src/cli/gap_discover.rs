@@ -7,11 +7,11 @@ use anyhow::{Context as _, Result};
 use serde_json::json;
 
 use super::Report;
-use super::gap_run::{Logged, grids, table};
+use super::gap_run::{Logged, held_out_text, proof_text, read, table};
 use super::outputs::Overwrite;
 use springtwin::drive::read_text;
-use springtwin::gap::{self, Discovery, LawVerdict, Options, Patch};
-use springtwin::lab::gap_files::{excitations, write_all};
+use springtwin::gap::{self, Discovery, LawVerdict, Patch};
+use springtwin::lab::gap_files::write_all;
 use springtwin::lab::provenance;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
@@ -44,7 +44,7 @@ pub struct DiscoverArgs {
 }
 
 /// What `gap discover --out` writes.
-pub const DISCOVERED: [&str; 5] = [
+const DISCOVERED: [&str; 5] = [
     "patch.toml",
     "law.json",
     "finding.json",
@@ -66,12 +66,8 @@ pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
         a.baseline.iter().map(PathBuf::as_path),
         a.session.iter().map(PathBuf::as_path),
     )?;
-    let options = Options {
-        seed: a.seed,
-        excitations: excitations(robot),
-        prove: grids(&a.prove)?,
-    };
-    let (healthy, suspects) = (grids(&a.baseline)?, grids(&a.session)?);
+    let paths = [&a.baseline[..], &a.session, &a.prove];
+    let (healthy, suspects, options) = read(robot, paths, a.seed)?;
     let mut done = gap::discover(
         robot,
         &table(&a.without)?,
@@ -151,26 +147,10 @@ fn text(d: &Discovery) -> String {
         ));
     }
     if d.verdict == LawVerdict::Law {
-        let g = &d.gap;
-        out.push(format!(
-            "held-out error {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
-            g.before,
-            g.after,
-            g.unit,
-            g.floor,
-            100.0 * g.closed
-        ));
+        out.push(held_out_text(&d.gap));
     }
     if let Some(p) = &d.proof {
-        out.push(format!(
-            "in {}, which had no part in finding it: {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
-            p.session,
-            p.before,
-            p.after,
-            p.unit,
-            p.floor,
-            100.0 * p.closed
-        ));
+        out.push(proof_text(&p.session, &p.gap));
     }
     out.extend(d.notes.iter().cloned());
     out.push(format!("{:.0} s", d.seconds));

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use super::Report;
 use super::outputs::Overwrite;
 use springtwin::gap::{
-    self, Finding, FoundEffect, GapError, Grid, Options, PressureGrid, PressureUnit, Progress,
-    Stage, Verdict,
+    self, Finding, FoundEffect, GapError, GapSize, Grid, Options, PressureGrid, PressureUnit,
+    Progress, Stage, Verdict,
 };
 use springtwin::lab::gap_files::{excitations, read_session, write_all};
 use springtwin::lab::{actuation, provenance};
@@ -85,9 +85,49 @@ impl Progress for Logged {
 }
 
 /// Sessions of these files.
-pub fn grids(paths: &[PathBuf]) -> Result<Vec<Grid>> {
+fn grids(paths: &[PathBuf]) -> Result<Vec<Grid>> {
     let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
     paths.iter().map(grid).collect()
+}
+
+/// What a search reads: healthy and suspect sessions, and its options.
+pub fn read(
+    robot: &RobotSpec,
+    [baseline, session, prove]: [&[PathBuf]; 3],
+    seed: u64,
+) -> Result<(Vec<Grid>, Vec<Grid>, Options)> {
+    let (healthy, suspects) = (grids(baseline)?, grids(session)?);
+    let options = Options {
+        seed,
+        excitations: excitations(robot),
+        prove: grids(prove)?,
+    };
+    Ok((healthy, suspects, options))
+}
+
+/// A gap in words.
+pub fn gap_text(g: &GapSize) -> String {
+    format!(
+        "{:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
+        g.before,
+        g.after,
+        g.unit,
+        g.floor,
+        100.0 * g.closed
+    )
+}
+
+/// A gap on held-out data in words.
+pub fn held_out_text(g: &GapSize) -> String {
+    format!("held-out error {}", gap_text(g))
+}
+
+/// A gap in sessions that had no part in the finding, in words.
+pub fn proof_text(sessions: &str, g: &GapSize) -> String {
+    format!(
+        "in {sessions}, which had no part in finding it: {}",
+        gap_text(g)
+    )
 }
 
 fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
@@ -97,12 +137,8 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     )]
     let start = Instant::now();
     let (differences, note) = compared(a)?;
-    let (healthy, suspects) = (grids(&a.baseline)?, grids(&a.session)?);
-    let options = Options {
-        seed: a.seed,
-        excitations: excitations(robot),
-        prove: grids(&a.prove)?,
-    };
+    let paths = [&a.baseline[..], &a.session, &a.prove];
+    let (healthy, suspects, options) = read(robot, paths, a.seed)?;
     let mut found = gap::find(
         robot,
         &table(&a.without)?,
@@ -174,26 +210,10 @@ fn finding_text(f: &Finding) -> String {
         Verdict::NotExcited => "The session moves too little for a verdict.".to_owned(),
     };
     if !f.effects.is_empty() {
-        let g = &f.gap;
-        text += &format!(
-            "\nheld-out error {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
-            g.before,
-            g.after,
-            g.unit,
-            g.floor,
-            100.0 * g.closed
-        );
+        text += &format!("\n{}", held_out_text(&f.gap));
     }
     if let Some(p) = &f.proof {
-        text += &format!(
-            "\nin {}, which had no part in finding it: {:.2} -> {:.2} {} (noise floor {:.2}): {:.0} % of the gap closed",
-            p.sessions.join(", "),
-            p.gap.before,
-            p.gap.after,
-            p.gap.unit,
-            p.gap.floor,
-            100.0 * p.gap.closed
-        );
+        text += &format!("\n{}", proof_text(&p.sessions.join(", "), &p.gap));
     }
     for c in &f.worse {
         text += &format!(

@@ -73,32 +73,21 @@ pub struct Nearest {
     pub worse_by_nats: f64,
 }
 
-/// What a law does in sessions that had no part in finding it, in the unit of the residual that shows it best.
+/// What a law does in sessions that had no part in finding it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawProof {
     /// Their names.
     pub session: String,
-    /// Root mean square without the law.
-    pub before: f64,
-    /// With it.
-    pub after: f64,
-    /// Of a healthy session.
-    pub floor: f64,
-    /// Share of the gap that closes.
-    pub closed: f64,
-    /// mm, deg or kPa.
-    pub unit: String,
+    /// The gap there.
+    #[serde(flatten)]
+    pub gap: GapSize,
 }
 
 impl From<&Confirmed> for LawProof {
     fn from(c: &Confirmed) -> Self {
         Self {
             session: c.sessions.join(", "),
-            before: c.gap.before,
-            after: c.gap.after,
-            floor: c.gap.floor,
-            closed: c.closed,
-            unit: c.gap.unit.clone(),
+            gap: c.gap.clone(),
         }
     }
 }
@@ -238,23 +227,17 @@ pub fn promoted(patch: &Patch) -> String {
 
 /// A patch whose terms stand as laws.
 fn as_laws(mut patch: Patch) -> Patch {
-    let (laws, effects) = std::mem::take(&mut patch.effects)
-        .into_iter()
-        .partition(|e| term(&e.id).is_some());
-    patch.effects = effects;
-    let laws: Vec<_> = laws;
-    patch.law = laws
-        .into_iter()
-        .filter_map(|e| {
-            let t = term(&e.id)?;
-            Some(PatchLaw {
-                term: e.id,
+    for e in std::mem::take(&mut patch.effects) {
+        match term(&e.id) {
+            Some(t) => patch.law.push(PatchLaw {
                 equation: t.effect.doc.to_owned(),
+                term: e.id,
                 target: e.target,
                 params: e.params,
-            })
-        })
-        .collect();
+            }),
+            None => patch.effects.push(e),
+        }
+    }
     patch
 }
 

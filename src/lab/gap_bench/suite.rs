@@ -27,8 +27,13 @@ pub enum Part {
 }
 
 impl Part {
-    /// The parts that are named, each with its name and its content; laws are asked for apart.
-    pub const ALL: [(Self, &'static str, &'static str); 5] = [
+    /// All parts, each with its name and its content.
+    pub const ALL: [(Self, &'static str, &'static str); 6] = [
+        (
+            Self::Laws,
+            "laws",
+            "What no table has, for the search of a law",
+        ),
         (
             Self::Singles,
             "singles",
@@ -50,25 +55,16 @@ impl Part {
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        if self == Self::Laws {
-            return LAWS;
-        }
         let of = Self::ALL.iter().find(|(part, ..)| *part == self);
         of.map_or("", |(_, name, _)| name)
     }
 
     /// The part of that name.
     pub fn from_name(name: &str) -> Option<Self> {
-        if name == LAWS {
-            return Some(Self::Laws);
-        }
         let of = Self::ALL.iter().find(|(_, n, _)| *n == name);
         of.map(|(part, ..)| *part)
     }
 }
-
-/// Name of the part that looks for laws.
-const LAWS: &str = "laws";
 
 /// Strengths of the singles of every seed, times the floor.
 const SINGLES: [f64; 3] = [2.0, 4.0, 8.0];

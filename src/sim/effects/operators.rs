@@ -200,7 +200,7 @@ pub(super) fn chamber_stiffness(c: &Call, plant: &mut Plant) {
 }
 
 /// Changes every bellows the effect acts on.
-fn each_bellows(c: &Call, plant: &mut Plant, f: impl FnMut(&mut Bellows)) {
+pub(super) fn each_bellows(c: &Call, plant: &mut Plant, f: impl FnMut(&mut Bellows)) {
     let bellows = plant.model.rod.bellows_mut().enumerate();
     bellows
         .filter(|(i, _)| c.hits(*i))

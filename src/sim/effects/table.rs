@@ -12,7 +12,10 @@ const fn p(name: &'static str, unit: &'static str, nominal: f64, low: f64, high:
 }
 
 /// Starts that are the same in every session.
-fn at<const N: usize, const P: usize>(all: [[f64; P]; N], moves: &[usize]) -> Vec<Start> {
+pub(super) fn at<const N: usize, const P: usize>(
+    all: [[f64; P]; N],
+    moves: &[usize],
+) -> Vec<Start> {
     all.iter().map(|at| Start::new(at, moves)).collect()
 }
 

@@ -10,10 +10,11 @@ use super::effect::{
     BehindGauge, Call, Effect, Law, Line, Operator, Parameter, Plant, Posture, Reach, Reaction,
     Residual, Scene, Start,
 };
-use super::operators as op;
+use super::operators::{self as op, each_bellows};
+use super::table::{at, flow_limits, half_spaces};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Side, Target, ypr_from_rotation};
 use crate::sim::model::Pull;
-use crate::sim::rod::{Branch, Drag, Floor, Friction, Hinge};
+use crate::sim::rod::{Branch, Drag, Floor, Hinge};
 use Residual::{R1, R2, R3, R4, R5};
 
 /// What a term changes.
@@ -324,10 +325,6 @@ const fn capture(
     out
 }
 
-fn at<const N: usize, const P: usize>(all: [[f64; P]; N], moves: &[usize]) -> Vec<Start> {
-    all.iter().map(|at| Start::new(at, moves)).collect()
-}
-
 /// The two other chambers of the same segment.
 fn neighbours(i: usize) -> [usize; 2] {
     let s = 3 * (i / 3);
@@ -368,21 +365,9 @@ fn unfollowed(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     x.iter().zip(slow).map(|(x, s)| x - s).collect()
 }
 
-fn each_bellows(
-    c: &Call,
-    plant: &mut Plant,
-    mut f: impl FnMut(usize, &mut crate::sim::rod::Bellows),
-) {
-    for (i, bellows) in plant.model.rod.bellows_mut().enumerate() {
-        if c.hits(i) {
-            f(i, bellows);
-        }
-    }
-}
-
 fn hinge(c: &Call, plant: &mut Plant, beyond: bool) {
     let l0 = c.robot.rest_length_m;
-    each_bellows(c, plant, |_, b| {
+    each_bellows(c, plant, |b| {
         b.hinges.push(Hinge {
             from: c.values[1] / l0,
             beyond,
@@ -391,16 +376,16 @@ fn hinge(c: &Call, plant: &mut Plant, beyond: bool) {
     });
 }
 
-/// Readings of the springs changed by a function of time, place in the session, spring and true lengths.
+/// Readings of the springs changed by a function of place in the session, spring and true lengths.
 fn each_spring(
     c: &Call,
     sensors: &mut [SensorVec],
-    f: impl Fn(f64, usize, usize, &[f64; SPRINGS]) -> f64,
+    f: impl Fn(usize, usize, &[f64; SPRINGS]) -> f64,
 ) {
     for (k, row) in sensors.iter_mut().enumerate() {
         let clean = row.spring_m;
         for i in (0..SPRINGS).filter(|i| c.hits(*i)) {
-            row.spring_m[i] += c.values[0] * f(c.t_s[k] - c.t_s[0], k, i, &clean);
+            row.spring_m[i] += c.values[0] * f(k, i, &clean);
         }
     }
 }
@@ -417,10 +402,11 @@ fn flow(c: &Call, k: usize) -> f64 {
         .sum()
 }
 
-/// Turns of IMU readings in the pad, as a function of time.
-fn each_imu(c: &Call, sensors: &mut [SensorVec], f: impl Fn(f64) -> Vector3<f64>) {
+/// IMU readings turned about x and y of the pad, more and more.
+fn imu_turning(c: &Call, sensors: &mut [SensorVec]) {
+    let rate = Vector3::new(c.values[0], c.values[1], 0.0);
     for (t, row) in c.t_s.iter().zip(sensors) {
-        let off = UnitQuaternion::from_scaled_axis(f(t - c.t_s[0]));
+        let off = UnitQuaternion::from_scaled_axis(rate * (t - c.t_s[0]));
         for i in (0..IMUS).filter(|i| c.hits(*i)) {
             let read = UnitQuaternion::from(row.base_from_imu_pad(i)) * off;
             row.imu_ypr_rad[i] = ypr_from_rotation(&read);
@@ -563,7 +549,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("rate", "N/m", -2000.0, 6000.0)], |_, _| at([[150.0]], &[0]))
         .acts(|c, plant| {
             let l0 = c.robot.rest_length_m;
-            each_bellows(c, plant, |_, b| b.stiffness_n += c.values[0] * l0);
+            each_bellows(c, plant, |b| b.stiffness_n += c.values[0] * l0);
         })
         .instant(),
     tension("tension-length-cubed", "Tension by cubed length", "ΔT_i = c (l_i − l₀)³.")
@@ -571,7 +557,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("rate", "N/m³", 0.0, 1e6)], |_, _| at([[5e4]], &[0]))
         .acts(|c, plant| {
             let l0 = c.robot.rest_length_m;
-            each_bellows(c, plant, |_, b| b.cubic_n += c.values[0] * l0.powi(3));
+            each_bellows(c, plant, |b| b.cubic_n += c.values[0] * l0.powi(3));
         })
         .instant(),
     tension(
@@ -608,16 +594,7 @@ pub const TERMS: &[Term] = &[
         &[n("force", "N", 0.0, 60.0), shape("travel", "m", 5e-3, [1e-3, 0.05])],
         |_, _| at([[4.0, 0.003], [4.0, 0.01], [4.0, 0.03]], &[0]),
     )
-    .acts(|c, plant| {
-        each_bellows(c, plant, |_, b| {
-            if c.values[0] > 0.0 {
-                b.friction.push(Friction {
-                    coulomb_force_n: c.values[0],
-                    presliding_m: c.values[1],
-                });
-            }
-        });
-    }),
+    .acts(op::hysteresis),
     tension(
         "tension-length-memory",
         "Tension that forgets the length",
@@ -629,7 +606,7 @@ pub const TERMS: &[Term] = &[
         |_, _| at([[300.0, 1.0], [300.0, 3.0], [300.0, 12.0], [300.0, 60.0]], &[0]),
     )
     .acts(|c, plant| {
-        each_bellows(c, plant, |_, b| {
+        each_bellows(c, plant, |b| {
             if c.values[0] > 0.0 {
                 b.branches.push(Branch {
                     rate_n_m: c.values[0],
@@ -644,7 +621,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("rate", "N s/m", 0.0, 8000.0)], |_, _| at([[300.0]], &[0]))
         .acts(|c, plant| {
             const TAU_S: f64 = 0.02;
-            each_bellows(c, plant, |_, b| {
+            each_bellows(c, plant, |b| {
                 if c.values[0] > 0.0 {
                     b.branches.push(Branch {
                         rate_n_m: c.values[0] / TAU_S,
@@ -826,7 +803,7 @@ pub const TERMS: &[Term] = &[
                 at: vec![s.at[0], s.at[1], s.at[3], s.at[4]],
                 moves: s.moves.iter().map(|m| if *m > 2 { m - 1 } else { *m }).collect(),
             };
-            super::table::half_spaces(scene, target).iter().map(without_grip).collect()
+            half_spaces(scene, target).iter().map(without_grip).collect()
         },
     )
     .acts(|c, plant| {
@@ -882,15 +859,15 @@ pub const TERMS: &[Term] = &[
     spring("spring-constant", "Offset of a spring", "Δy = c.")
         .of(&[Input::None], Form::Constant)
         .numbers(&[n("offset", "m", -0.03, 0.03)], |_, _| at([[1e-3]], &[0]))
-        .reads(|c, s| each_spring(c, s, |_, _, _, _| 1.0)),
+        .reads(|c, s| each_spring(c, s, |_, _, _| 1.0)),
     spring("spring-length", "Gain of a spring", "Δy = c (l − l₀).")
         .of(&[Input::Length], Form::Linear)
         .numbers(&[n("gain", "", -0.5, 0.5)], |_, _| at([[0.03]], &[0]))
-        .reads(|c, s| each_spring(c, s, |_, _, i, l| l[i] - c.robot.rest_length_m)),
+        .reads(|c, s| each_spring(c, s, |_, i, l| l[i] - c.robot.rest_length_m)),
     spring("spring-length-squared", "Curved scale of a spring", "Δy = c (l − l₀)².")
         .of(&[Input::Length], Form::Squared)
         .numbers(&[n("curve", "1/m", -20.0, 20.0)], |_, _| at([[1.0]], &[0]))
-        .reads(|c, s| each_spring(c, s, |_, _, i, l| (l[i] - c.robot.rest_length_m).powi(2))),
+        .reads(|c, s| each_spring(c, s, |_, i, l| (l[i] - c.robot.rest_length_m).powi(2))),
     spring(
         "spring-partner",
         "Spring by its partner's length",
@@ -898,11 +875,11 @@ pub const TERMS: &[Term] = &[
     )
     .of(&[Input::PartnerLength], Form::Linear)
     .numbers(&[n("share", "", -0.5, 0.5)], |_, _| at([[0.05]], &[0]))
-    .reads(|c, s| each_spring(c, s, |_, _, i, l| l[i ^ 1] - c.robot.rest_length_m)),
+    .reads(op::spring_crosstalk),
     spring("spring-time", "Drift of a spring", "Δy = c t.")
         .of(&[Input::Time], Form::Linear)
         .numbers(&[n("rate", "m/s", -1e-3, 1e-3)], |_, _| at([[2e-5]], &[0]))
-        .reads(|c, s| each_spring(c, s, |t, _, _, _| t)),
+        .reads(op::spring_drift),
     spring("spring-length-rate", "Lag of a spring", "τ dy/dt = l − y.")
         .of(&[Input::LengthRate], Form::Linear)
         .numbers(&[n("time", "s", 0.0, 3.0)], |_, _| at([[0.1], [0.6]], &[0]))
@@ -944,7 +921,7 @@ pub const TERMS: &[Term] = &[
     )
     .of(&[Input::PressureRate], Form::Linear)
     .numbers(&[n("slope", "m s/Pa", -2e-6, 2e-6)], |_, _| at([[3e-8]], &[0]))
-    .reads(|c, s| each_spring(c, s, |_, k, _, _| flow(c, k))),
+    .reads(|c, s| each_spring(c, s, |k, _, _| flow(c, k))),
     spring(
         "spring-pressure",
         "Springs by the pressure of their segment",
@@ -953,7 +930,7 @@ pub const TERMS: &[Term] = &[
     .of(&[Input::Pressure], Form::Linear)
     .numbers(&[n("slope", "m/Pa", -1e-6, 1e-6)], |_, _| at([[3e-8]], &[0]))
     .reads(|c, s| {
-        each_spring(c, s, |_, k, i, _| {
+        each_spring(c, s, |k, i, _| {
             let segment = 3 * (i / 6);
             c.chamber_pa.get(k).map_or(0.0, |p| p[segment..segment + 3].iter().sum())
         });
@@ -965,7 +942,7 @@ pub const TERMS: &[Term] = &[
             &[n("x", "rad", -0.5, 0.5), n("y", "rad", -0.5, 0.5), n("z", "rad", -0.5, 0.5)],
             |_, _| at([[0.02, 0.02, 0.02]], &[0, 1, 2]),
         )
-        .reads(|c, s| each_imu(c, s, |_| Vector3::from_column_slice(c.values))),
+        .reads(op::imu_misalignment),
     imu("imu-heading-time", "Drift of a heading", "R_read = R_z(c t) R.")
         .of(&[Input::Time], Form::Linear)
         .numbers(&[n("rate", "rad/s", -0.05, 0.05)], |_, _| at([[1e-3]], &[0]))
@@ -975,7 +952,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("x", "rad/s", -0.05, 0.05), n("y", "rad/s", -0.05, 0.05)], |_, _| {
             at([[1e-3, 1e-3]], &[0, 1])
         })
-        .reads(|c, s| each_imu(c, s, |t| Vector3::new(c.values[0], c.values[1], 0.0) * t)),
+        .reads(imu_turning),
     // Between gauge and chamber.
     behind(
         "pressure-rate",
@@ -1030,7 +1007,7 @@ pub const TERMS: &[Term] = &[
                 Parameter::new("inflate", "Pa/s", 1e6, [50.0, 1e6]).of_departure(0.1).scale(900.0),
                 Parameter::new("deflate", "Pa/s", 1e6, [50.0, 1e6]).of_departure(0.1).scale(900.0),
             ],
-            super::table::flow_limits,
+            flow_limits,
         )
         .abrupt(),
     supply(
