@@ -139,13 +139,6 @@ fn text(d: &Discovery) -> String {
         out.push("These terms explain it as well:".to_owned());
         out.extend(d.alternatives.iter().map(|a| format!("  {}", a.words)));
     }
-    if let Some(n) = &d.nearest {
-        let at = n.target.map_or(String::new(), |t| format!(" {t}"));
-        out.push(format!(
-            "the nearest effect of the table, {}{at}, predicts held-out data worse by {:.0} nats",
-            n.id, n.worse_by_nats
-        ));
-    }
     if d.verdict == LawVerdict::Law {
         out.push(held_out_text(&d.gap));
     }

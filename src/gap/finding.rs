@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::patch::PatchValue;
+use crate::sim::effects::term;
 
 /// The verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -213,7 +214,59 @@ pub struct Traces {
     pub turns: [Vec<[f64; 4]>; 3],
 }
 
+/// How much of a channel's residual an effect explains, instant by instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explained {
+    /// The channel whose square error the effect lowers most.
+    pub channel: String,
+    /// The part that the effect explains and the residual without the effect, in units of the floor.
+    pub points: Vec<[f64; 2]>,
+}
+
+impl Explained {
+    /// Of a finding's residuals; `None` where no channel gains.
+    pub fn of(traces: &Traces) -> Option<Self> {
+        let rows = traces.before.iter().zip(&traces.after);
+        let points = rows.map(|(before, after)| -> Vec<[f64; 2]> {
+            let all = before.iter().zip(after).map(|(b, a)| [b - a, *b]);
+            all.filter(|[x, y]| x.is_finite() && y.is_finite())
+                .collect()
+        });
+        let gain = |p: &[[f64; 2]]| -> f64 { p.iter().map(|[x, y]| x * (2.0 * y - x)).sum() };
+        let (channel, points) = traces
+            .channels
+            .iter()
+            .zip(points)
+            .max_by(|a, b| gain(&a.1).total_cmp(&gain(&b.1)))?;
+        (gain(&points) > 0.0).then(|| Self {
+            channel: channel.clone(),
+            points,
+        })
+    }
+
+    /// Ends of the explained part (0) or the residual (1) with a margin, zero and one floor at least among them.
+    pub fn range(&self, of: usize) -> [f64; 2] {
+        let all = self.points.iter().map(|p| p[of]);
+        let (low, high) = all.fold((0.0, 1.0), |(low, high): (f64, f64), v| {
+            (low.min(v), high.max(v))
+        });
+        let margin = 0.05 * (high - low);
+        [low - margin, high + margin]
+    }
+
+    /// Ends of the line on which all of the residual is explained, within both ranges.
+    pub fn line(&self) -> [f64; 2] {
+        let [x, y] = [self.range(0), self.range(1)];
+        [x[0].max(y[0]), x[1].min(y[1])]
+    }
+}
+
 impl Finding {
+    /// Whether the terms of laws were tried, instead of the effects of the table.
+    pub fn is_of_laws(&self) -> bool {
+        self.candidates.iter().any(|c| term(&c.id).is_some())
+    }
+
     /// What is missing: every entry is, and of an entry with several effects one, which the session does not identify.
     pub fn choices(&self) -> Vec<Vec<&FoundEffect>> {
         let all = self.effects.iter().enumerate();

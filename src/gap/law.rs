@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::candidates::Table;
 use super::find::{Found, Options, find};
-use super::finding::{Confirmed, FoundEffect, GapSize, Located, Verdict};
+use super::finding::{Confirmed, Finding, FoundEffect, GapSize, Located, Verdict};
 use super::patch::{Patch, PatchLaw, PatchValue};
+use super::report::effect_name;
 use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
@@ -148,18 +149,58 @@ pub fn discover(
         ..options.clone()
     };
     let known = find(robot, table, healthy, suspects, &known, progress)?;
+    let found = find_law(robot, &known, healthy, suspects, options, progress)?;
+    Ok(discovered(&known, found))
+}
+
+fn is_law(f: &Finding) -> bool {
+    matches!(f.verdict, Verdict::Named | Verdict::Indistinguishable)
+}
+
+/// Looks for the law of what is missing, after the effects of the table: `known` is what was found with them.
+///
+/// # Errors
+/// As [`find`].
+pub fn find_law(
+    robot: &RobotSpec,
+    known: &Found,
+    healthy: &[Grid],
+    suspects: &[Grid],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Found, GapError> {
     let mut found = find(robot, &library(), healthy, suspects, options, progress)?;
+    if is_law(&found.finding)
+        && let Some(nearest) = nearest(known, &found)
+    {
+        let note = format!(
+            "The nearest effect of the table, {}, predicts held-out data worse by {:.0} nats than the law.",
+            effect_name(&nearest.id, nearest.target),
+            nearest.worse_by_nats
+        );
+        found.finding.notes.insert(0, note);
+    }
+    found.patch = as_laws(found.patch);
+    Ok(found)
+}
+
+/// The effect of the table that comes nearest to a law.
+fn nearest(known: &Found, found: &Found) -> Option<Nearest> {
+    let first = known.finding.candidates.first()?;
+    Some(Nearest {
+        id: first.id.clone(),
+        target: first.target,
+        worse_by_nats: found.gain - known.gain.max(first.gain),
+    })
+}
+
+fn discovered(known: &Found, found: Found) -> Discovered {
     let f = &found.finding;
-    let is_law = matches!(f.verdict, Verdict::Named | Verdict::Indistinguishable);
+    let is_law = is_law(f);
     let (own, others): (Vec<&FoundEffect>, Vec<&FoundEffect>) =
         f.effects.iter().partition(|e| e.instead_of.is_none());
     let laws = laws(&own);
-    let nearest = known.finding.candidates.first().filter(|_| is_law);
-    let nearest = nearest.map(|c| Nearest {
-        id: c.id.clone(),
-        target: c.target,
-        worse_by_nats: found.gain - known.gain.max(c.gain),
-    });
+    let nearest = nearest(known, &found).filter(|_| is_law);
     let mut notes = f.notes.clone();
     match f.verdict {
         Verdict::NothingMissing => {
@@ -189,8 +230,7 @@ pub fn discover(
         data: f.data.clone(),
         seconds: 0.0,
     };
-    found.patch = as_laws(found.patch);
-    Ok(Discovered { discovery, found })
+    Discovered { discovery, found }
 }
 
 /// The laws of a patch as Rust items: effects that a program which uses the library adds to its table.

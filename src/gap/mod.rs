@@ -43,12 +43,12 @@ pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use config::{CONFIG, FinderConfig};
 pub use find::{Found, Options, find};
 pub use finding::{
-    ChannelError, Confirmed, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked,
+    ChannelError, Confirmed, Explained, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked,
     SeparateBy, Traces, Verdict,
 };
 pub use law::{
-    Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, library,
-    promoted,
+    Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
+    library, promoted,
 };
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};

@@ -9,8 +9,8 @@ mod words;
 #[cfg(test)]
 mod tests;
 
-use super::finding::{ChannelError, Finding, FoundEffect, Verdict};
-use crate::sim::effects::effect;
+use super::finding::{ChannelError, Explained, Finding, FoundEffect, Verdict};
+use crate::sim::effects::effect_or_term;
 pub use heat::{scale, thinned};
 use markup::{base64, escape, fixed, number, percent};
 pub use markup::{number as short_number, with_error};
@@ -41,6 +41,7 @@ pub fn html(finding: &Finding, patch_toml: &str, origin: Origin) -> String {
         page.header(),
         page.verdict(),
         page.effects(),
+        page.explained(),
         page.notes(),
         page.gap(),
         page.residuals(),
@@ -183,6 +184,22 @@ impl Page<'_> {
             out += &of("What it could be: one of these", choice);
         }
         out
+    }
+
+    fn explained(&self) -> String {
+        let Some(explained) = Explained::of(&self.finding.traces) else {
+            return String::new();
+        };
+        if self.finding.effects.is_empty() {
+            return String::new();
+        }
+        let caption = format!(
+            "{}, one point per instant: the residual without the effect over the part of it that the effect explains, both in noise \
+             floors. Points on the line are explained completely.",
+            explained.channel
+        );
+        let picture = self.figure(&plot::explained(&explained), &caption);
+        section("What it explains", &picture)
     }
 
     fn notes(&self) -> String {
@@ -439,7 +456,7 @@ impl Page<'_> {
 }
 
 fn found_effect(found: &FoundEffect) -> String {
-    let doc = effect(&found.id).map_or(String::new(), |e| {
+    let doc = effect_or_term(&found.id).map_or(String::new(), |e| {
         format!("<p class=\"weak\">{}</p>\n", escape(e.doc))
     });
     let rows: Vec<Vec<String>> = found

@@ -17,10 +17,11 @@ use springtwin::gap::report::Origin;
 use springtwin::gap::score::Key;
 use springtwin::gap::{
     CHANNELS, Found, GapError, Grid, IMU_0, Options, Patch, Progress, SPRING_0, Session, Stage,
+    find_law,
 };
 use springtwin::gui::services::Worker;
 use springtwin::gui::services::gap::{
-    ExamplePair, GapServices, RobotMatch, SessionSheet, SheetGroup,
+    ExamplePair, GapServices, Pair, RobotMatch, SessionSheet, SheetGroup,
 };
 use springtwin::lab::gap_bench::{self, Example};
 use springtwin::lab::gap_files;
@@ -60,11 +61,10 @@ pub fn services(
                 sheet(&path, &robot).map_err(said)
             })
         }),
-        find: Box::new(move |healthy, suspect| {
-            let (healthy, suspect) = (healthy.map(Path::to_owned), suspect.to_owned());
-            let (robot, ctx) = (Arc::clone(&find_robot), for_find.clone());
+        find: Box::new(move |pair, known| {
+            let (robot, pair, ctx) = (Arc::clone(&find_robot), pair.clone(), for_find.clone());
             later(&for_find, "gap finder", move |worker| {
-                find(&robot, healthy.as_deref(), &suspect, worker, &ctx).map_err(said)
+                find(&robot, &pair, known.as_deref(), worker, &ctx).map_err(said)
             })
         }),
         example: Box::new(move |seed| {
@@ -234,8 +234,8 @@ impl Progress for Watched<'_> {
 
 fn find(
     robot: &RobotSpec,
-    healthy: Option<&Path>,
-    suspect: &Path,
+    pair: &Pair,
+    known: Option<&Found>,
     worker: &Worker<Answer>,
     ctx: &egui::Context,
 ) -> Result<Answer> {
@@ -245,6 +245,7 @@ fn find(
     )]
     let start = std::time::Instant::now();
     worker.tell("Reading the sessions", None);
+    let (healthy, suspect) = (pair.healthy.as_deref(), &*pair.suspect);
     let (_, note) = provenance::of_gap(healthy, [suspect])?;
     let healthy = healthy.map(gap_files::read_session).transpose()?;
     let suspect = gap_files::read_session(suspect)?;
@@ -257,14 +258,14 @@ fn find(
         let healthy = healthy.map(Grid::new).transpose()?;
         let suspect = Grid::new(suspect)?;
         let watched = Watched { worker, ctx };
-        let mut found = springtwin::gap::find(
-            robot,
-            &effects::table(),
-            healthy.as_slice(),
-            &[suspect],
-            &options,
-            &watched,
-        )?;
+        let (healthy, suspects) = (healthy.as_slice(), &[suspect]);
+        let mut found = match known {
+            Some(known) => find_law(robot, known, healthy, suspects, &options, &watched)?,
+            None => {
+                let table = effects::table();
+                springtwin::gap::find(robot, &table, healthy, suspects, &options, &watched)?
+            }
+        };
         found.finding.seconds = start.elapsed().as_secs_f64();
         found.finding.notes.extend(note.clone());
         Ok(Arc::new(found))
@@ -286,10 +287,11 @@ fn key(path: &Path) -> Result<Key> {
 }
 
 fn keep(data: &Path, found: &Found, patch: &Patch, origin: Origin) -> Result<PathBuf> {
-    let folder = data.join("gap-reports").join(gap_files::report_folder(
-        &found.finding.data,
-        &found.patch.robot,
-    ));
+    let mut name = gap_files::report_folder(&found.finding.data, &found.patch.robot);
+    if found.finding.is_of_laws() {
+        name += "-law";
+    }
+    let folder = data.join("gap-reports").join(name);
     gap_files::write_all(&folder, found, patch, origin == Origin::Simulated)?;
     Ok(folder)
 }

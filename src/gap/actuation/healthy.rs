@@ -8,6 +8,7 @@ use super::line::{
 };
 use crate::gap::GapError;
 use crate::gap::candidates::fastest;
+use crate::gap::config::CONFIG;
 use crate::gap::nuisance::Nuisance;
 use crate::gap::problem::{Problem, block_edges};
 use crate::robot::RobotSpec;
@@ -87,7 +88,7 @@ pub struct LineBaseline {
     pub floor_pa: Option<f64>,
     /// The same per chamber, Pa.
     pub chamber_floor_pa: [f64; CHAMBERS],
-    /// Innovations of the healthy session, each half as a fit to the other one leaves it.
+    /// Innovations of the healthy session, each fold as a fit to the others leaves it.
     pub healthy: Option<Vec<LineRow>>,
     /// Name and hash of the healthy session.
     pub session: Option<[String; 2]>,
@@ -95,13 +96,23 @@ pub struct LineBaseline {
 
 /// Standard deviations of an unknown supply's numbers. Its pumps limit the flow where that is measured on a healthy session;
 /// without one a limit is an effect.
-pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3, 0.5, 0.5];
+pub const PRIOR: [f64; KNOBS] = [0.03, 0.1, 0.1, 5e3, 5.0, 5.0];
 /// Standard deviation of what is not fitted, in its unit.
 const HELD: f64 = 1e-6;
 /// Their drift since commissioning.
 const WANDER: [f64; KNOBS] = [2e-3, 4e-3, 2e-3, 20.0, 1e-3, 1e-3];
 /// Steps by which sensitivities are measured.
 const STEP: [f64; KNOBS] = [5e-3, 5e-3, 0.01, 100.0, 0.01, 0.01];
+
+/// Standard deviation of a pump's limit among the pumps of one supply, as a share of it.
+const ALIKE: f64 = 0.1;
+/// A session shows a limit where its standard deviation is below this share of it.
+const SHOWN: f64 = 0.1;
+
+/// Whether a session has shown a limit of a regulator.
+fn is_shown(r: &Regulator, covariance: &SMatrix<f64, KNOBS, KNOBS>, k: usize) -> bool {
+    r.0[k] > 0.0 && covariance[(k, k)].sqrt() < SHOWN * r.0[k]
+}
 
 /// What is fitted of a regulator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,17 +174,20 @@ pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineB
         model.baseline.noise = PressureNoise::from_rows(&model.rows(&[]));
     }
     let covariance = model.refit_commissioned()?;
-    let half = grid.len() / 2;
-    let mut unseen = Vec::with_capacity(grid.len());
-    for first in [true, false] {
+    let mut unseen = vec![[0.0; CHAMBERS]; grid.len()];
+    for fold in 0..CONFIG.folds {
+        let block = |k: usize| k * CONFIG.blocks / grid.len();
+        let held_out = |k: &usize| block(*k) % CONFIG.folds == fold;
         let mut other = LineModel {
             baseline: model.baseline.clone(),
-            seen: Some((0..grid.len()).map(|k| (k < half) != first).collect()),
+            seen: Some((0..grid.len()).map(|k| !held_out(&k)).collect()),
             ..model
         };
         other.refit_commissioned()?;
         let rows = other.rows(&[]);
-        unseen.extend(&rows[if first { 0..half } else { half..grid.len() }]);
+        for k in (0..grid.len()).filter(held_out) {
+            unseen[k] = rows[k];
+        }
     }
     let noise = PressureNoise::from_rows(&unseen);
     Ok(LineBaseline {
@@ -282,7 +296,7 @@ impl LineModel<'_> {
         &mut self,
         effects: &[Active],
     ) -> Result<[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS], GapError> {
-        Ok(self.refit(effects, Free::AllButLimits)?.1)
+        Ok(self.refit(effects, Free::AllButLimits, &[])?.1)
     }
 
     /// Fits the regulators of a healthy session, their pumps' limits included; gives their covariances.
@@ -298,15 +312,44 @@ impl LineModel<'_> {
             r.0[EMPTY] = slowest_s;
             r.0[LAG] = 0.0;
         }
-        let (costs, mut covariance) = self.refit(&[], Free::All)?;
-        let (others, wider) = limited.refit(&[], Free::All)?;
+        let (costs, mut covariance) = self.refit(&[], Free::All, &[])?;
+        let (others, wider) = limited.refit(&[], Free::All, &[])?;
         for i in self.grid.chambers() {
             if others[i] < costs[i] {
                 self.baseline.regulators[i] = limited.baseline.regulators[i];
                 covariance[i] = wider[i];
             }
         }
-        Ok(covariance)
+        let usual = self.usual_limits(&covariance);
+        if usual.is_empty() {
+            return Ok(covariance);
+        }
+        for i in self.grid.chambers() {
+            for (k, [mean, _]) in &usual {
+                if !is_shown(&self.baseline.regulators[i], &covariance[i], *k) {
+                    self.baseline.regulators[i].0[*k] = *mean;
+                }
+            }
+        }
+        Ok(self.refit(&[], Free::All, &usual)?.1)
+    }
+
+    /// Mean and spread of the limits that the session shows: the pumps of a supply are alike, and one that was not driven to its
+    /// limit has that of the others. Empty where no pump was.
+    fn usual_limits(
+        &self,
+        covariance: &[SMatrix<f64, KNOBS, KNOBS>; CHAMBERS],
+    ) -> Vec<(usize, [f64; 2])> {
+        let of = |k: usize| {
+            let regulators = self.baseline.regulators.iter().zip(covariance);
+            let shown = regulators.filter(|(r, covariance)| is_shown(r, covariance, k));
+            let all: Vec<f64> = shown.map(|(r, _)| r.0[k]).collect();
+            let n = all.len() as f64;
+            let mean = all.iter().sum::<f64>() / n;
+            let spread = (all.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt();
+            (n > 0.0).then_some((k, [mean, spread.max(ALIKE * mean)]))
+        };
+        [of(FILL), of(EMPTY)].into_iter().flatten().collect()
     }
 
     /// Fits the gauges of another day with these effects at work; the rest of the supply stays as it is.
@@ -314,19 +357,23 @@ impl LineModel<'_> {
     /// # Errors
     /// [`GapError::Degenerate`] when numbers are not finite.
     pub fn refit_gauges(&mut self, effects: &[Active]) -> Result<(), GapError> {
-        self.refit(effects, Free::Gauge).map(|_| ())
+        self.refit(effects, Free::Gauge, &[]).map(|_| ())
     }
 
-    /// Fits what is free of the regulators with these effects at work. Gives each one's cost and covariance.
+    /// Fits what is free of the regulators with these effects at work, some of the numbers about a mean of their own with its
+    /// standard deviation. Gives each one's cost and covariance.
     fn refit(
         &mut self,
         effects: &[Active],
         free: Free,
+        about: &[(usize, [f64; 2])],
     ) -> Result<([f64; CHAMBERS], [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS]), GapError> {
         const STEPS: usize = 12;
-        let weight =
-            SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&free.prior().map(|s| 1.0 / (s * s)));
-        let usual = SVector::from(Regulator::default().0);
+        let (mut sd, mut usual) = (free.prior(), SVector::from(Regulator::default().0));
+        for (k, [mean, spread]) in about {
+            (usual[*k], sd[*k]) = (*mean, *spread);
+        }
+        let weight = SMatrix::<f64, KNOBS, KNOBS>::from_diagonal(&sd.map(|s| 1.0 / (s * s)));
         let nominal = self.baseline.regulators.map(|r| {
             // What is not fitted stays where it is.
             SVector::from_fn(|k, _| if free.is_fitted(k) { usual[k] } else { r.0[k] })

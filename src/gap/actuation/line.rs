@@ -273,6 +273,15 @@ impl Default for Regulator {
     }
 }
 
+impl Regulator {
+    /// How fast the pump fills and empties at most, Pa/s; `None` where nothing limits the flow.
+    fn pump_pa_s(&self) -> Option<[f64; 2]> {
+        let rate = |s: f64| if s > 0.0 { PER_PA / s } else { f64::INFINITY };
+        let rates = [FILL, EMPTY].map(|k| rate(self.0[k]));
+        rates.iter().any(|r| r.is_finite()).then_some(rates)
+    }
+}
+
 /// Where the table's `pressure-lag` sits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lag {
@@ -308,15 +317,19 @@ pub fn gauge_pressures(
     u.extend(&grid.log.commanded_pa);
     let before = |a: &&Active| lag == Lag::BeforeGauge && a.effect.is_behind_gauge();
     let others: Vec<Active> = effects.iter().filter(|a| !before(a)).cloned().collect();
-    let mut out = gauges(robot, &t_s, &u, &others);
+    let line = gauges(robot, &t_s, &u, &others, regulators.map(|r| r.pump_pa_s()));
+    let mut out = line.gauge_pa;
     let behind: Vec<Active> = effects.iter().filter(before).cloned().collect();
     if !behind.is_empty() {
         out = behind_gauges(robot, &t_s, &out, &behind);
     }
     for i in grid.chambers() {
         let mut x: Vec<f64> = out.iter().map(|row| row[i]).collect();
-        let [delay_s, lag_s, gain, offset, fill_s, empty_s] = regulators[i].0;
-        x = limited(&t_s, &late(&t_s, &x, delay_s), [fill_s, empty_s]);
+        let [delay_s, lag_s, gain, offset, ..] = regulators[i].0;
+        x = late(&t_s, &x, delay_s);
+        if let Some(pump_pa_s) = line.pump_pa_s[i] {
+            x = limited(&t_s, &x, pump_pa_s);
+        }
         x = followed(&t_s, &x, lag_s);
         for (row, x) in out.iter_mut().zip(x) {
             row[i] = gain * x + offset;
@@ -357,17 +370,12 @@ fn followed(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     y
 }
 
-/// The series, no faster than [`PER_PA`] in these times up and down.
-fn limited(t_s: &[f64], x: &[f64], [up_s, down_s]: [f64; 2]) -> Vec<f64> {
+/// The series, no faster than these rates up and down.
+fn limited(t_s: &[f64], x: &[f64], [up_pa_s, down_pa_s]: [f64; 2]) -> Vec<f64> {
     let mut y = x.to_vec();
     for k in 1..x.len() {
         let dt_s = t_s[k] - t_s[k - 1];
-        if up_s > 0.0 {
-            y[k] = y[k].min(y[k - 1] + PER_PA * dt_s / up_s);
-        }
-        if down_s > 0.0 {
-            y[k] = y[k].max(y[k - 1] - PER_PA * dt_s / down_s);
-        }
+        y[k] = y[k].clamp(y[k - 1] - down_pa_s * dt_s, y[k - 1] + up_pa_s * dt_s);
     }
     y
 }

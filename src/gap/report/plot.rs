@@ -3,7 +3,7 @@
 use super::heat::time_axis;
 use super::markup::{fixed, label, line, number, path, percent, rect, svg, ticks, with_error};
 use super::words::ranked_name;
-use crate::gap::finding::{ChannelError, GapSize, Ranked, Traces};
+use crate::gap::finding::{ChannelError, Explained, GapSize, Ranked, Traces};
 
 const WIDTH: f64 = 760.0;
 /// Candidates that are drawn.
@@ -50,6 +50,46 @@ pub(super) fn gap(g: &GapSize) -> String {
         percent(g.closed)
     );
     svg(WIDTH, 3.0 * (BAR + 10.0) + 4.0, &title, &body)
+}
+
+/// Residual over the part of it that is explained, with the line on which all of it is.
+pub(super) fn explained(e: &Explained) -> String {
+    const WIDTH: f64 = 480.0;
+    const HIGH: f64 = 300.0;
+    const LEFT: f64 = 70.0;
+    const TOP: f64 = 8.0;
+    let ([left, right], [low, high]) = (e.range(0), e.range(1));
+    let wide = WIDTH - LEFT - 12.0;
+    let x = |v: f64| LEFT + wide * (v - left) / (right - left);
+    let y = |v: f64| TOP + HIGH * (high - v) / (high - low);
+    let mut body = rect([LEFT, TOP], [wide, HIGH], "field");
+    for v in ticks(low, high, 5) {
+        body += &line([LEFT, y(v)], [LEFT + wide, y(v)], "grid");
+        body += &label(LEFT - 6.0, y(v) + 3.5, "end small", &number(v));
+    }
+    for v in ticks(left, right, 5) {
+        body += &line([x(v), TOP], [x(v), TOP + HIGH], "grid");
+        body += &label(x(v), TOP + HIGH + 15.0, "mid small", &number(v));
+    }
+    let stride = e.points.len().div_ceil(POINTS).max(1);
+    for [a, b] in e.points.iter().step_by(stride) {
+        body += &rect([x(*a) - 1.0, y(*b) - 1.0], [2.0, 2.0], "mark");
+    }
+    let [a, b] = e.line();
+    body += &line([x(a), y(a)], [x(b), y(b)], "chance");
+    let middle = TOP + HIGH / 2.0;
+    body += &label(4.0, middle, "strong", "residual");
+    body += &label(
+        LEFT + wide / 2.0,
+        TOP + HIGH + 32.0,
+        "mid strong",
+        "explained part",
+    );
+    let title = format!(
+        "Residual of {} over the part of it that is explained",
+        e.channel
+    );
+    svg(WIDTH, TOP + HIGH + 40.0, &title, &body)
 }
 
 /// Gains with their standard errors against the significance threshold. The axis is linear around zero and

@@ -3,12 +3,12 @@
 use super::markup::{decimals, fixed, number};
 use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy, Verdict};
 use crate::gap::patch::PatchValue;
-use crate::sim::effects::{Target, effect};
+use crate::sim::effects::{Target, effect_or_term};
 
-/// Display name of an effect with its channel: `Leak, chamber 3`. An id that is not in the table is
-/// shown as it is.
+/// Display name of an effect, or of a term of a law, with its channel: `Leak, chamber 3`. An id that is neither is shown as it
+/// is.
 pub fn effect_name(id: &str, target: Option<usize>) -> String {
-    let known = effect(id);
+    let known = effect_or_term(id);
     let name = known.map_or(id, |e| e.name);
     let one = |what: &str| match target {
         Some(n) => format!("{name}, {what} {n}"),
@@ -26,7 +26,7 @@ pub fn effect_name(id: &str, target: Option<usize>) -> String {
 
 /// Factor from SI to the customary unit, and that unit.
 fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
-    let parameters = effect(id).map_or(&[][..], |e| e.parameters);
+    let parameters = effect_or_term(id).map_or(&[][..], |e| e.parameters);
     if let Some(shown) = parameters
         .iter()
         .find(|p| p.name == name)
@@ -187,9 +187,11 @@ pub fn sentence(finding: &Finding) -> String {
                 ),
                 None => String::new(),
             };
-            format!(
-                "Something is missing from the model, and no effect in the table explains it.{place}"
-            )
+            let what = match finding.is_of_laws() {
+                true => "no law of the library's terms",
+                false => "no effect in the table",
+            };
+            format!("Something is missing from the model, and {what} explains it.{place}")
         }
         Verdict::NotExcited => {
             "The arm moves too little in this session for a verdict: drive it through its \
@@ -202,7 +204,7 @@ pub fn sentence(finding: &Finding) -> String {
 /// Names of the effects between which an excitation discriminates.
 pub(super) fn separated(by: &SeparateBy) -> String {
     let names = by.effects.iter();
-    let names = names.map(|id| effect(id).map_or(id.as_str(), |e| e.name));
+    let names = names.map(|id| effect_or_term(id).map_or(id.as_str(), |e| e.name));
     names.collect::<Vec<_>>().join(", ")
 }
 
@@ -222,7 +224,9 @@ pub fn next_step(finding: &Finding) -> String {
             None => "No known excitation of the rig discriminates between them: check by hand, for instance by removing one of them."
                 .to_owned(),
         },
-        Verdict::Unknown => "No patch is offered: fitting known effects to an unknown one would only hide it. The correlated channels show where to look on the rig."
+        Verdict::Unknown if finding.is_of_laws() => "No patch is offered: what explains too little would only hide it. The correlated channels show where to look on the rig."
+            .to_owned(),
+        Verdict::Unknown => "No patch is offered: fitting known effects to an unknown one would only hide it. Search for a law (springtwin gap discover); the correlated channels show where to look on the rig."
             .to_owned(),
         Verdict::NotExcited => "This is no verdict about the rig: it may be healthy or not."
             .to_owned(),

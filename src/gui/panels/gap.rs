@@ -21,7 +21,7 @@ use super::widgets::{Gate, badge, empty, ends, gated, note, status};
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Verdict};
-use crate::gui::services::gap::PatchedRobot;
+use crate::gui::services::gap::{Pair, PatchedRobot};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
 
@@ -93,6 +93,10 @@ pub enum Decision {
 pub struct Outcome {
     /// What was found.
     pub found: Arc<Found>,
+    /// What the search before it found, of the table if this is one for a law, and the other way round.
+    pub other: Option<Arc<Found>>,
+    /// Where it was looked for; `None` when it came without its sessions.
+    pub pair: Option<Pair>,
     /// Where the suspect session comes from.
     pub origin: Origin,
     /// What the operator decided.
@@ -114,6 +118,8 @@ impl Outcome {
     fn new(found: Arc<Found>, origin: Origin, answer: Option<PathBuf>) -> Self {
         Self {
             found,
+            other: None,
+            pair: None,
             origin,
             decision: Decision::Open,
             alternative: 0,
@@ -133,8 +139,19 @@ impl Outcome {
     fn adds(&self) -> bool {
         let verdict = self.found.finding.verdict;
         matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
-            && !self.found.patch.effects.is_empty()
+            && !(self.found.patch.effects.is_empty() && self.found.patch.law.is_empty())
     }
+}
+
+/// A search under way.
+struct Search {
+    pair: Pair,
+    /// Where the suspect session comes from.
+    origin: Origin,
+    /// Where the answer of an example lies.
+    answer: Option<PathBuf>,
+    /// What was found in the table, for a search for a law.
+    known: Option<Arc<Found>>,
 }
 
 /// What is shown once a report is written.
@@ -166,8 +183,7 @@ pub struct GapState {
     /// The robot file that carries the accepted patches.
     pub patched: Option<PatchedRobot>,
     select: select::Selection,
-    // The finder at work: where the suspect session comes from, and where the answer of an example lies.
-    running: Pending<Result<Arc<Found>, GapError>, (Origin, Option<PathBuf>)>,
+    running: Pending<Result<Arc<Found>, GapError>, Search>,
     unread: Option<String>,
     patching: Pending<PatchedRobot, Option<Decision>>,
     saving: Saving,
@@ -212,6 +228,17 @@ impl GapState {
         self.step = Step::Locate;
     }
 
+    // Takes the finding of a search.
+    fn take_of(&mut self, search: Search, found: Arc<Found>) {
+        self.take(found, search.origin, search.answer);
+        if search.known.is_some() {
+            self.step = Step::Explain;
+        }
+        if let Some(outcome) = &mut self.outcome {
+            (outcome.other, outcome.pair) = (search.known, Some(search.pair));
+        }
+    }
+
     fn poll(&mut self, services: &mut Services) {
         if !self.asked_for_patches {
             self.asked_for_patches = true;
@@ -220,9 +247,9 @@ impl GapState {
         if let Some(trouble) = self.select.poll(services) {
             self.trouble = Some(trouble);
         }
-        if let Some(((origin, key), answer)) = self.running.take_for() {
+        if let Some((search, answer)) = self.running.take_for() {
             match answer {
-                Ok(Ok(found)) => self.take(found, origin, key),
+                Ok(Ok(found)) => self.take_of(search, found),
                 Ok(Err(e)) => self.trouble = Some(trouble_of(&e)),
                 Err(e) => {
                     self.trouble = Some(Trouble::new(
@@ -290,12 +317,51 @@ impl GapState {
         if let (Ok(()), healthy, Some(suspect), Some(origin)) =
             (self.find_gate(), path(0), path(1), self.select.origin())
         {
-            self.step = Step::Select;
-            self.trouble = None;
             // What is chosen may change while the finder is at work.
-            let job = (services.gap.find)(healthy.as_deref(), &suspect);
-            self.running.begin_for((origin, self.select.answer()), job);
+            let search = Search {
+                pair: Pair { healthy, suspect },
+                origin,
+                answer: self.select.answer(),
+                known: None,
+            };
+            self.begin(search, services);
         }
+    }
+
+    /// Sets the finder to work for a law, on the sessions of the finding that is shown.
+    pub fn find_law(&mut self, services: &mut Services) {
+        let Some(outcome) = &self.outcome else { return };
+        if let (false, Some(pair)) = (self.running.is_busy(), &outcome.pair) {
+            let search = Search {
+                pair: pair.clone(),
+                origin: outcome.origin,
+                answer: outcome.answer.clone(),
+                known: Some(Arc::clone(&outcome.found)),
+            };
+            self.begin(search, services);
+        }
+    }
+
+    // Shows the finding of the other search.
+    fn show_other(&mut self) {
+        let Some(outcome) = self.outcome.take() else {
+            return;
+        };
+        if let Some(other) = outcome.other {
+            self.take(other, outcome.origin, outcome.answer);
+            self.step = Step::Explain;
+            if let Some(now) = &mut self.outcome {
+                (now.other, now.pair) = (Some(outcome.found), outcome.pair);
+                now.revealed = outcome.revealed;
+            }
+        }
+    }
+
+    fn begin(&mut self, search: Search, services: &mut Services) {
+        self.step = Step::Select;
+        self.trouble = None;
+        let job = (services.gap.find)(&search.pair, search.known.clone());
+        self.running.begin_for(search, job);
     }
 
     /// Whether a step can be shown, or why not.

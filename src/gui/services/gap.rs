@@ -57,6 +57,15 @@ pub struct SessionSheet {
     pub simulated: Option<bool>,
 }
 
+/// The sessions of a search.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pair {
+    /// Session of the healthy rig; the factory model without it.
+    pub healthy: Option<PathBuf>,
+    /// Session in which something may be missing.
+    pub suspect: PathBuf,
+}
+
 /// A pair of sessions with a hidden effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExamplePair {
@@ -79,10 +88,9 @@ pub struct PatchedRobot {
 
 /// Looks at a session.
 pub type Look = Box<dyn FnMut(&Path) -> Job<SessionSheet>>;
-/// Runs the finder on a healthy session, if there is one, and a suspect one. The job reports the name of
-/// the stage ([`crate::gap::Stage::name`]) and the stage's share. An error of the job itself is one of
-/// reading.
-pub type Find = Box<dyn FnMut(Option<&Path>, &Path) -> Job<Result<Arc<Found>, GapError>>>;
+/// Runs the finder on the sessions: with the effects of the table, or for a law after what was found with them. The job reports
+/// the name of the stage ([`crate::gap::Stage::name`]) and the stage's share. An error of the job itself is one of reading.
+pub type Find = Box<dyn FnMut(&Pair, Option<Arc<Found>>) -> Job<Result<Arc<Found>, GapError>>>;
 /// Writes report, overlay, finding and the patch that was chosen into a folder of its own; answers with the
 /// folder.
 pub type Keep = Box<dyn FnMut(&Arc<Found>, &Patch, Origin) -> Job<PathBuf>>;

@@ -23,7 +23,7 @@ use crate::gui::services::{Dialog, Existing, Picked, Worker};
 use crate::lab::{SessionPlan, session};
 use crate::rig::hidden::Hidden;
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
-pub(super) use verdicts::with_verdict;
+pub(super) use verdicts::{as_law, with_verdict};
 
 const HEALTHY: &str = "made/commissioning";
 const SUSPECT: &str = "made/suspect";
@@ -185,9 +185,10 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
         }),
         gap: GapServices {
             look: Box::new(|path| Job::ready(Ok(sheet(path)))),
-            find: Box::new(|healthy, suspect| {
-                assert_eq!(healthy, Some(Path::new(HEALTHY)));
-                assert_eq!(suspect, Path::new(SUSPECT));
+            find: Box::new(|pair, known| {
+                assert_eq!(pair.healthy.as_deref(), Some(Path::new(HEALTHY)));
+                assert_eq!(pair.suspect, Path::new(SUSPECT));
+                assert!(known.is_none(), "of the table");
                 let (job, worker) = Job::pair();
                 std::thread::Builder::new()
                     .name("finder".into())

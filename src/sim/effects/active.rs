@@ -84,7 +84,7 @@ pub fn effect(id: &str) -> Option<&'static Effect> {
 }
 
 /// The effect, or the term of a law, with this id.
-pub(in crate::sim) fn effect_or_term(id: &str) -> Option<&'static Effect> {
+pub fn effect_or_term(id: &str) -> Option<&'static Effect> {
     effect(id).or_else(|| Some(&term(id)?.effect))
 }
 

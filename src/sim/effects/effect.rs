@@ -284,6 +284,8 @@ pub struct Line {
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
     /// Gauge readings, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
+    /// How fast each pump fills and empties its chamber at most, Pa/s, where that is known and no effect has applied it yet.
+    pub pump_pa_s: [Option<[f64; 2]>; CHAMBERS],
 }
 
 /// The arm with what acts on it besides pressure.

@@ -19,8 +19,7 @@ mod table;
 mod terms;
 
 pub use crate::signal::{Side, Target};
-pub(super) use active::effect_or_term;
-pub use active::{Active, EffectError, Simulated, Trajectory, effect, table};
+pub use active::{Active, EffectError, Simulated, Trajectory, effect, effect_or_term, table};
 pub use effect::{
     BehindGauge, Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Posture, Reach,
     Reaction, Residual, Scene, Start,

@@ -106,20 +106,32 @@ pub(super) fn flow_limit(c: &Call, line: &mut Line) {
 /// Time constant of the boards' pressure regulators, s.
 const REGULATOR_S: f64 = 0.1;
 
+/// What escapes is missing at the pump, too: a chamber fills more slowly by it, and empties faster.
 pub(super) fn leak(c: &Call, line: &mut Line) {
-    change_both(c, line, |u| {
-        let mut y = u.to_vec();
-        // Pressure lost against the set one; implicit in λ p so that any rate is stable.
-        let mut lost = u[0] * REGULATOR_S * c.values[0] / (1.0 + REGULATOR_S * c.values[0]);
-        y[0] = u[0] - lost;
-        for k in 1..u.len() {
-            let dt_s = c.t_s[k] - c.t_s[k - 1];
-            let (refill, rate) = (dt_s / REGULATOR_S, dt_s * c.values[0]);
-            lost = (lost + rate * u[k]) / (1.0 + refill + rate);
-            y[k] = u[k] - lost;
-        }
-        y
-    });
+    for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
+        let pump_pa_s = line.pump_pa_s[i].take();
+        let leaking = |u: &[f64]| leaked(c.t_s, u, c.values[0], pump_pa_s);
+        change(&mut line.chamber_pa, i, leaking);
+        change(&mut line.gauge_pa, i, leaking);
+    }
+}
+
+fn leaked(t_s: &[f64], u: &[f64], rate_1_s: f64, pump_pa_s: Option<[f64; 2]>) -> Vec<f64> {
+    let [fill, empty] = pump_pa_s.unwrap_or([f64::INFINITY; 2]);
+    let mut y = u.to_vec();
+    // Pressure lost against the set one; implicit in λ p so that any rate is stable.
+    let mut lost = u[0] * REGULATOR_S * rate_1_s / (1.0 + REGULATOR_S * rate_1_s);
+    y[0] = u[0] - lost;
+    for k in 1..u.len() {
+        let dt_s = t_s[k] - t_s[k - 1];
+        let (refill, rate) = (dt_s / REGULATOR_S, dt_s * rate_1_s);
+        lost = (lost + rate * u[k]) / (1.0 + refill + rate);
+        let (before, escapes) = (y[k - 1], rate * y[k - 1]);
+        let most = before + (fill * dt_s - escapes).max(0.0);
+        let least = before - (empty * dt_s + escapes).max(0.0);
+        y[k] = (u[k] - lost).clamp(least, most);
+    }
+    y
 }
 
 pub(super) fn supply_coupling(c: &Call, line: &mut Line) {

@@ -35,6 +35,7 @@ pub fn simulate(
     let mut line = Line {
         chamber_pa: trajectory.chamber_pa.clone(),
         gauge_pa: trajectory.chamber_pa.clone(),
+        pump_pa_s: [None; CHAMBERS],
     };
     for a in &ordered {
         if let Operator::Pressure(f) = a.effect.operator {
@@ -50,23 +51,26 @@ pub fn simulate(
     Ok(out)
 }
 
-/// Gauge readings for the commands `commanded_pa`: the pressure effects alone, no arm.
+/// Pressures for the commands `commanded_pa`: the pressure effects alone, no arm. The limits of the pumps, Pa/s, are applied by
+/// effects that depend on them; those that are left in the result are not applied yet.
 pub fn gauges(
     robot: &RobotSpec,
     t_s: &[f64],
     commanded_pa: &[[f64; CHAMBERS]],
     effects: &[Active],
-) -> Vec<[f64; CHAMBERS]> {
+    pump_pa_s: [Option<[f64; 2]>; CHAMBERS],
+) -> Line {
     let mut line = Line {
         chamber_pa: commanded_pa.to_vec(),
         gauge_pa: commanded_pa.to_vec(),
+        pump_pa_s,
     };
     for a in ordered(effects) {
         if let Operator::Pressure(f) = a.effect.operator {
             f(&call(robot, (t_s, commanded_pa), a), &mut line);
         }
     }
-    line.gauge_pa
+    line
 }
 
 /// Pressures in the chambers when the gauges read `gauge_pa`: what effects between chamber and

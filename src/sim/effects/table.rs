@@ -70,7 +70,7 @@ pub const EFFECTS: &[Effect] = &[
         id: "leak",
         name: "Leak",
         doc: "dw/dt = λ p − w/τ, p = u − w, τ = 0.1 s: air escapes in proportion to the gauge \
-              pressure while the regulator refills.",
+              pressure while the regulator refills, by λ p more slowly where the pump is at its limit.",
         source: "linearised orifice at small pressure ratio (ISO 6358)",
         side: Side::Actuation,
         target: Target::Chamber,

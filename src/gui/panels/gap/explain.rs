@@ -1,7 +1,7 @@
 //! Explain: the verdict in words, what was found with its intervals, and what else was tried.
 
 use egui::{
-    FontId, Rangef, Rect, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
+    Button, FontId, Rangef, Rect, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
 use super::{GapState, Outcome, Trouble};
@@ -9,10 +9,12 @@ use crate::gap::report::{
     effect_name, next_step, quantity, ranked_name, sentence, verdict_name, with_error,
 };
 use crate::gap::score::Key;
-use crate::gap::{Finding, FoundEffect, Ranked, Verdict};
-use crate::gui::panels::widgets::{badge, cell, cell_left, heading, note, pane};
+use crate::gap::{Explained, Finding, FoundEffect, Ranked, Verdict};
+use crate::gui::panels::plot::still;
+use crate::gui::panels::widgets::{badge, cell, cell_left, gated, heading, note, pane};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
+use crate::sim::effects::term;
 
 /// Takes what was hidden.
 pub fn poll(state: &mut GapState) {
@@ -50,20 +52,132 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         return;
     };
     let height = ui.available_height();
+    let mut pressed = None;
     ui.horizontal_top(|ui| {
         let left = ui.available_width() * 0.46;
         ui.allocate_ui(vec2(left, height), |ui| {
             pane(ui, "verdict", |ui| {
                 verdict(ui, &outcome.found.finding);
                 found(ui, &outcome.found.finding);
+                pressed = law(ui, outcome);
                 notes(ui, &outcome.found.finding);
                 hidden(ui, outcome, services);
             });
         });
         ui.vertical(|ui| {
-            pane(ui, "tried", |ui| tried(ui, &outcome.found.finding));
+            pane(ui, "tried", |ui| {
+                let finding = &outcome.found.finding;
+                if finding.is_of_laws() && !finding.effects.is_empty() {
+                    explained(ui, finding);
+                    ui.add_space(4.0);
+                }
+                tried(ui, finding);
+            });
         });
     });
+    match pressed {
+        Some(ForLaw::Search) => state.find_law(services),
+        Some(ForLaw::Other) => state.show_other(),
+        None => {}
+    }
+}
+
+/// What was asked for beside the finding that is shown.
+enum ForLaw {
+    /// A search for a law.
+    Search,
+    /// The finding of the other search.
+    Other,
+}
+
+/// The search for a law, where the table does not suffice, and the way between its finding and that of the table.
+fn law(ui: &mut Ui, outcome: &Outcome) -> Option<ForLaw> {
+    let finding = &outcome.found.finding;
+    let of_laws = finding.is_of_laws();
+    if let Some(other) = &outcome.other {
+        ui.separator();
+        let verdict = verdict_name(other.finding.verdict);
+        let (text, hover) = match of_laws {
+            true => (
+                "Back to the effects of the table",
+                "Show what was found with the effects of the table",
+            ),
+            false => (
+                "Back to the law",
+                "Show what was found with the terms of the library",
+            ),
+        };
+        let pressed = ui.button(text).on_hover_text(hover).clicked();
+        note(ui, format!("The verdict there: {verdict}."));
+        return pressed.then_some(ForLaw::Other);
+    }
+    if of_laws
+        || !matches!(
+            finding.verdict,
+            Verdict::Unknown | Verdict::Named | Verdict::Indistinguishable
+        )
+    {
+        return None;
+    }
+    ui.separator();
+    heading(ui, "Not in the table?");
+    let gate = match outcome.pair {
+        Some(_) => Ok(()),
+        None => Err("The sessions of this finding are not known.".to_owned()),
+    };
+    let hover = "Search the library of terms for a law that explains the disagreement. Takes up to two minutes; the twin keeps running.";
+    let pressed = gated(ui, &gate, Button::new("Search for a law"), hover).clicked();
+    note(
+        ui,
+        "A law is an equation made of forces, offsets and what they depend on: it may explain an effect that no table lists.",
+    );
+    pressed.then_some(ForLaw::Search)
+}
+
+/// The residual over the part of it that the law explains.
+fn explained(ui: &mut Ui, finding: &Finding) {
+    let Some(explained) = Explained::of(&finding.traces) else {
+        return;
+    };
+    let p = *Palette::in_ui(ui);
+    ui.label(format!(
+        "Residual of {} over its explained part",
+        explained.channel
+    ));
+    heading(
+        ui,
+        "In noise floors, one point per instant; on the line all of it is explained.",
+    );
+    let ([left, right], [low, high]) = (explained.range(0), explained.range(1));
+    let line = explained.line().map(|v| [v, v]);
+    let height = (0.4 * ui.available_height()).clamp(110.0, 260.0);
+    let shown = still("explained", ui.available_width(), height)
+        .show_grid(false)
+        .default_x_bounds(left, right)
+        .default_y_bounds(low, high)
+        .show(ui, |plot| {
+            plot.hline(
+                egui_plot::HLine::new("", 0.0)
+                    .color(p.line)
+                    .allow_hover(false),
+            );
+            plot.vline(
+                egui_plot::VLine::new("", 0.0)
+                    .color(p.line)
+                    .allow_hover(false),
+            );
+            let points = egui_plot::Points::new("residual", explained.points.clone());
+            plot.points(points.radius(1.5).color(p.series[0]).allow_hover(false));
+            let all = egui_plot::Line::new("all of it", line.to_vec()).color(p.text);
+            plot.line(
+                all.style(egui_plot::LineStyle::dashed_loose())
+                    .allow_hover(false),
+            );
+        });
+    let label = format!("Explained part of {}", explained.channel);
+    shown
+        .response
+        .widget_info(|| WidgetInfo::labeled(Role::Image, true, &label));
 }
 
 fn verdict(ui: &mut Ui, finding: &Finding) {
@@ -103,6 +217,15 @@ pub fn parameters(ui: &mut Ui, effect: &FoundEffect) {
         ui.label(RichText::new(effect_name(&effect.id, effect.target)).strong());
         badge(ui, &effect.side, p.raised, p.text).on_hover_text("Where the effect sits");
     });
+    if let Some(t) = term(&effect.id) {
+        ui.label(RichText::new(t.effect.doc).monospace());
+        if let Some(share) = effect.chosen_by {
+            note(
+                ui,
+                format!("Chosen by {:.0} % of the held-out folds.", 100.0 * share),
+            );
+        }
+    }
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 2.0;
         ui.spacing_mut().interact_size.y = 18.0;
@@ -198,7 +321,9 @@ fn revealed(ui: &mut Ui, key: &Key, finding: &Finding) {
             .collect();
         note(ui, values.join(", "));
     }
-    ui.label(if named_it(key, finding) {
+    ui.label(if finding.is_of_laws() {
+        "A law has no name: compare what it depends on, and its size."
+    } else if named_it(key, finding) {
         "● The finder named it."
     } else {
         "▲ The finder named another effect."

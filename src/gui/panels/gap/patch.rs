@@ -10,7 +10,8 @@ use crate::gui::panels::widgets::{Gate, gated, heading, note, pane, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
-use crate::robot::PatchEffect;
+use crate::robot::{PatchEffect, PatchLaw};
+use crate::sim::effects::term;
 
 /// Effects of which the session does not identify one, the one that the patch holds first; none where all are named. Of
 /// several such sets the first: the others keep what fits best.
@@ -24,16 +25,32 @@ pub fn chosen(found: &Found, alternative: usize) -> Patch {
     let mut patch = found.patch.clone();
     let others = alternatives(found);
     if let (Some(first), Some(e)) = (others.first(), others.get(alternative)) {
-        let is_first = |p: &&mut PatchEffect| p.id == first.id && p.target == first.target;
-        if let Some(place) = patch.effects.iter_mut().find(is_first) {
+        let is_first = |id: &str, target| id == first.id && target == first.target;
+        let mut effects = patch.effects.iter_mut();
+        if let Some(place) = effects.find(|p| is_first(&p.id, p.target)) {
             *place = PatchEffect {
                 id: e.id.clone(),
                 target: e.target,
                 params: e.params.clone(),
             };
         }
+        let mut laws = patch.law.iter_mut();
+        if let (Some(place), Some(t)) = (laws.find(|l| is_first(&l.term, l.target)), term(&e.id)) {
+            *place = PatchLaw {
+                term: e.id.clone(),
+                equation: t.effect.doc.to_owned(),
+                target: e.target,
+                params: e.params.clone(),
+            };
+        }
     }
     patch
+}
+
+/// Effects and terms of laws of a patch, with their channels.
+fn parts(patch: &Patch) -> impl Iterator<Item = (&str, Option<usize>)> {
+    let effects = patch.effects.iter().map(|e| (e.id.as_str(), e.target));
+    effects.chain(patch.law.iter().map(|l| (l.term.as_str(), l.target)))
 }
 
 /// The step.
@@ -86,11 +103,8 @@ fn what(ui: &mut Ui, outcome: &mut Outcome) {
     }
     let patch = outcome.patch();
     let effects = &outcome.found.finding.effects;
-    for e in &patch.effects {
-        if let Some(found) = effects
-            .iter()
-            .find(|f| f.id == e.id && f.target == e.target)
-        {
+    for (id, target) in parts(&patch) {
+        if let Some(found) = effects.iter().find(|f| f.id == id && f.target == target) {
             parameters(ui, found);
         }
     }
@@ -226,11 +240,8 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         return;
     }
     for (i, a) in patches.iter().enumerate() {
-        let names: Vec<String> = a
-            .patch
-            .effects
-            .iter()
-            .map(|e| effect_name(&e.id, e.target))
+        let names: Vec<String> = parts(&a.patch)
+            .map(|(id, target)| effect_name(id, target))
             .collect();
         let what = match names.is_empty() {
             true => "calibration parameters".to_owned(),

@@ -410,8 +410,12 @@ fn at_work(ui: &mut Ui, state: &mut GapState) {
         .on_hover_text("Stop looking; the sessions stay chosen")
         .clicked()
     {
+        let for_law = state.running.context().is_some_and(|s| s.known.is_some());
         state.running.cancel();
-        state.said = Some("Cancelled: there is no verdict.".into());
+        state.said = Some(match for_law {
+            true => "Cancelled: the finding before it is kept.".into(),
+            false => "Cancelled: there is no verdict.".into(),
+        });
     }
     heading(
         ui,

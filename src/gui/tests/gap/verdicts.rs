@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::gap::{Finding, Located};
+use crate::sim::effects::term;
 
 // The real finding with another verdict: what the screen makes of it.
 pub(in crate::gui::tests) fn with_verdict(verdict: Verdict) -> Arc<Found> {
@@ -162,6 +163,75 @@ fn every_verdict_has_its_own_words_and_only_effects_become_patches() {
     }
 }
 
+/// The real finding, as if a law explained it.
+pub(in crate::gui::tests) fn as_law() -> Arc<Found> {
+    let real = found(&Unwatched).expect("found");
+    let (mut finding, mut patch) = (real.finding.clone(), real.patch.clone());
+    let t = term("tension-constant").expect("in the library");
+    let force = crate::gap::PatchValue {
+        value: 3.1,
+        unit: "N".into(),
+        ci95: Some([2.8, 3.4]),
+    };
+    let e = &mut finding.effects[0];
+    (e.id, e.target, e.chosen_by) = (t.effect.id.into(), Some(2), Some(1.0));
+    e.params = [("force".to_owned(), force)].into();
+    finding.candidates[0].id = t.effect.id.into();
+    finding.candidates[0].target = Some(2);
+    patch.law.push(crate::gap::PatchLaw {
+        term: t.effect.id.into(),
+        equation: t.effect.doc.into(),
+        target: Some(2),
+        params: e.params.clone(),
+    });
+    patch.effects.clear();
+    Arc::new(Found {
+        finding,
+        patch,
+        gain: 0.0,
+    })
+}
+
+#[test]
+fn a_law_is_looked_for_where_the_table_has_no_name_and_becomes_a_patch() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut services = services(&seen);
+    services.gap.find = Box::new(|pair, known| {
+        assert_eq!(pair.suspect, Path::new(SUSPECT));
+        Job::ready(Ok(Ok(match known {
+            None => with_verdict(Verdict::Unknown),
+            Some(known) => {
+                assert_eq!(known.finding.verdict, Verdict::Unknown);
+                as_law()
+            }
+        })))
+    });
+    let mut h = harness(gap_app(services));
+    h.run_steps(4);
+    click(&mut h, "Use the example");
+    click(&mut h, "▶ Find");
+    click(&mut h, "Step 3: Explain");
+    h.get_by_label("? Unknown");
+    click(&mut h, "Search for a law");
+    h.get_by_label("▲ Named");
+    h.get_by_label_contains("ΔT = c");
+    h.get_by_label("Chosen by 100 % of the held-out folds.");
+    h.get_by_label_contains("Explained part of");
+    click(&mut h, "Back to the effects of the table");
+    h.get_by_label("? Unknown");
+    click(&mut h, "Back to the law");
+    click(&mut h, "Step 4: Patch");
+    click(&mut h, "Accept patch");
+    let text = seen.borrow().robot_file.clone();
+    let robot = RobotSpec::from_toml(&text).expect("reads");
+    let law = &robot.patches[0].patch.law[0];
+    assert_eq!(
+        (law.term.as_str(), law.target),
+        ("tension-constant", Some(2))
+    );
+    h.get_by_label("1. Constant tension, chamber 2");
+}
+
 #[test]
 fn where_nothing_was_captured_no_place_is_invented() {
     let real = with_verdict(Verdict::Named);
@@ -250,6 +320,17 @@ fn pictures_of_every_step() {
             };
             shot(&name, small, Theme::Light, state, |_| {});
         }
+    }
+    let law = |app: &mut App| {
+        app.screens.gap.take(as_law(), Origin::Simulated, None);
+        app.screens.gap.step = Step::Explain;
+    };
+    for (size, name) in [
+        ([1024.0, 700.0], "small"),
+        (small, "720"),
+        ([2560.0, 1440.0], "1440"),
+    ] {
+        shot(&format!("gap-law-{name}"), size, Theme::Dark, law, |_| {});
     }
     shot("gap-empty", small, Theme::Dark, |_| {}, |_| {});
     let running = |app: &mut App| {

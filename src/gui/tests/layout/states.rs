@@ -1,7 +1,7 @@
 //! The screens in every state that they have.
 
 use super::super::calibrate::{Shelf, services as calibration_services};
-use super::super::gap::{self, with_verdict};
+use super::super::gap::{self, as_law, with_verdict};
 use super::super::{accuracy as on_accuracy, recordings as on_recordings, sensors as on_sensors};
 use super::*;
 use crate::gap::report::Origin;
@@ -472,6 +472,10 @@ pub fn gap() -> Vec<State> {
             },
         ));
     }
+    all.push(on_gap("gap, a law", |app| {
+        app.screens.gap.take(as_law(), Origin::Simulated, None);
+        app.screens.gap.step = GapStep::Explain;
+    }));
     let found = gap::found(&Unwatched).expect("found");
     all.push(
         on_gap("gap, accepted", move |app| {
