@@ -11,7 +11,7 @@ use super::candidates::Table;
 use super::find::{Found, Options, find};
 use super::finding::{Confirmed, Finding, FoundEffect, GapSize, Located, Verdict};
 use super::patch::{Patch, PatchLaw, PatchValue};
-use super::report::effect_name;
+use super::report::{effect_name, equation};
 use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
@@ -268,17 +268,26 @@ pub fn promoted(patch: &Patch) -> String {
 /// A patch whose terms stand as laws.
 fn as_laws(mut patch: Patch) -> Patch {
     for e in std::mem::take(&mut patch.effects) {
-        match term(&e.id) {
-            Some(t) => patch.law.push(PatchLaw {
-                equation: t.effect.doc.to_owned(),
-                term: e.id,
-                target: e.target,
-                params: e.params,
-            }),
+        match patch_law(&e.id, e.target, &e.params) {
+            Some(law) => patch.law.push(law),
             None => patch.effects.push(e),
         }
     }
     patch
+}
+
+/// A term with its numbers as it stands in a patch; `None` for an effect of the table.
+pub fn patch_law(
+    id: &str,
+    target: Option<usize>,
+    params: &BTreeMap<String, PatchValue>,
+) -> Option<PatchLaw> {
+    Some(PatchLaw {
+        term: id.to_owned(),
+        equation: equation(id)?.to_owned(),
+        target,
+        params: params.clone(),
+    })
 }
 
 /// Terms put together by the site and channel at which they act.

@@ -48,7 +48,7 @@ pub use finding::{
 };
 pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
-    library, promoted,
+    library, patch_law, promoted,
 };
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};

@@ -3,7 +3,7 @@
 use super::markup::{decimals, fixed, number};
 use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy, Verdict};
 use crate::gap::patch::PatchValue;
-use crate::sim::effects::{Target, effect_or_term};
+use crate::sim::effects::{Target, effect_or_term, term};
 
 /// Display name of an effect, or of a term of a law, with its channel: `Leak, chamber 3`. An id that is neither is shown as it
 /// is.
@@ -22,6 +22,11 @@ pub fn effect_name(id: &str, target: Option<usize>) -> String {
         (Some(Target::None), _) | (None, None) => name.to_owned(),
         (None, Some(n)) => format!("{name}, channel {n}"),
     }
+}
+
+/// The equation of a term of a law; `None` for an effect of the table.
+pub fn equation(id: &str) -> Option<&'static str> {
+    Some(term(id)?.effect.doc)
 }
 
 /// Factor from SI to the customary unit, and that unit.

@@ -6,7 +6,7 @@ use egui::{
 
 use super::{GapState, Outcome, Trouble};
 use crate::gap::report::{
-    effect_name, next_step, quantity, ranked_name, sentence, verdict_name, with_error,
+    effect_name, equation, next_step, quantity, ranked_name, sentence, verdict_name, with_error,
 };
 use crate::gap::score::Key;
 use crate::gap::{Explained, Finding, FoundEffect, Ranked, Verdict};
@@ -14,7 +14,6 @@ use crate::gui::panels::plot::still;
 use crate::gui::panels::widgets::{badge, cell, cell_left, gated, heading, note, pane};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
-use crate::sim::effects::term;
 
 /// Takes what was hidden.
 pub fn poll(state: &mut GapState) {
@@ -217,8 +216,8 @@ pub fn parameters(ui: &mut Ui, effect: &FoundEffect) {
         ui.label(RichText::new(effect_name(&effect.id, effect.target)).strong());
         badge(ui, &effect.side, p.raised, p.text).on_hover_text("Where the effect sits");
     });
-    if let Some(t) = term(&effect.id) {
-        ui.label(RichText::new(t.effect.doc).monospace());
+    if let Some(equation) = equation(&effect.id) {
+        ui.label(RichText::new(equation).monospace());
         if let Some(share) = effect.chosen_by {
             note(
                 ui,

@@ -5,13 +5,12 @@ use egui::{Button, RichText, ScrollArea, Ui, vec2};
 use super::explain::parameters;
 use super::{Decision, GapState, Outcome, Trouble};
 use crate::gap::report::{effect_name, next_step, verdict_name};
-use crate::gap::{Found, FoundEffect, Patch};
+use crate::gap::{Found, FoundEffect, Patch, patch_law};
 use crate::gui::panels::widgets::{Gate, gated, heading, note, pane, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
-use crate::robot::{PatchEffect, PatchLaw};
-use crate::sim::effects::term;
+use crate::robot::PatchEffect;
 
 /// Effects of which the session does not identify one, the one that the patch holds first; none where all are named. Of
 /// several such sets the first: the others keep what fits best.
@@ -35,13 +34,9 @@ pub fn chosen(found: &Found, alternative: usize) -> Patch {
             };
         }
         let mut laws = patch.law.iter_mut();
-        if let (Some(place), Some(t)) = (laws.find(|l| is_first(&l.term, l.target)), term(&e.id)) {
-            *place = PatchLaw {
-                term: e.id.clone(),
-                equation: t.effect.doc.to_owned(),
-                target: e.target,
-                params: e.params.clone(),
-            };
+        let law = patch_law(&e.id, e.target, &e.params);
+        if let (Some(place), Some(law)) = (laws.find(|l| is_first(&l.term, l.target)), law) {
+            *place = law;
         }
     }
     patch
