@@ -192,7 +192,7 @@ pub fn find(
     };
     notes.extend(reasons);
     notes.extend(proof.failed.iter().map(FailedFold::text));
-    if let (true, Some(best)) = (names(verdict), chosen.take()) {
+    if let (true, Some(best)) = (verdict.has_effects(), chosen.take()) {
         let held = hold(&problem, best, rivals, rankings, &proof);
         (chosen, verdict, rivals) = (held.chosen, held.verdict, held.rivals);
         if verdict == Verdict::Unknown && !before.exceeds(floor) {
@@ -207,7 +207,7 @@ pub fn find(
         notes.push(note);
     }
     let mut found_effects = match &chosen {
-        Some(e) if names(verdict) => described(&problem, e),
+        Some(e) if verdict.has_effects() => described(&problem, e),
         _ => Vec::new(),
     };
     if let Some(why) = chosen
@@ -219,7 +219,7 @@ pub fn find(
         rivals.clear();
         found_effects.clear();
     }
-    let accepted = chosen.as_ref().filter(|_| names(verdict));
+    let accepted = chosen.as_ref().filter(|_| verdict.has_effects());
     let chosen_by = |e: &mut FoundEffect| {
         let folds = proof.support(&e.id, e.target);
         e.chosen_by = Some(folds as f64 / CONFIG.folds as f64);
@@ -320,10 +320,6 @@ fn origins(healthy: &[&Grid], suspects: &[&Grid]) -> BTreeMap<String, String> {
         }
     }
     out
-}
-
-fn names(verdict: Verdict) -> bool {
-    matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
 }
 
 /// What the held-out folds leave of a choice.
@@ -435,7 +431,7 @@ fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict
     let known = kinds.into_iter().filter(|(_, ratio)| ratio.is_finite());
     let (worst, ratio) = known.max_by(|a, b| a.1.total_cmp(&b.1))?;
     match verdict {
-        v if names(v) && each < CONFIG.at_floor => Some((
+        v if v.has_effects() && each < CONFIG.at_floor => Some((
             Verdict::NothingMissing,
             "All errors are at the noise floor: what gains there is not named.".to_owned(),
         )),

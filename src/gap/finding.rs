@@ -23,6 +23,13 @@ pub enum Verdict {
     NotExcited,
 }
 
+impl Verdict {
+    /// Whether effects come with it: those that are named, or those of which it is one.
+    pub fn has_effects(self) -> bool {
+        matches!(self, Self::Named | Self::Indistinguishable)
+    }
+}
+
 /// An effect that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FoundEffect {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::candidates::Table;
 use super::find::{Found, Options, find};
-use super::finding::{Confirmed, Finding, FoundEffect, GapSize, Located, Verdict};
+use super::finding::{Confirmed, FoundEffect, GapSize, Located, Verdict};
 use super::patch::{Patch, PatchLaw, PatchValue};
 use super::report::{effect_name, equation};
 use super::session::Grid;
@@ -153,10 +153,6 @@ pub fn discover(
     Ok(discovered(&known, found))
 }
 
-fn is_law(f: &Finding) -> bool {
-    matches!(f.verdict, Verdict::Named | Verdict::Indistinguishable)
-}
-
 /// Looks for the law of what is missing, after the effects of the table: `known` is what was found with them.
 ///
 /// # Errors
@@ -170,7 +166,7 @@ pub fn find_law(
     progress: &dyn Progress,
 ) -> Result<Found, GapError> {
     let mut found = find(robot, &library(), healthy, suspects, options, progress)?;
-    if is_law(&found.finding)
+    if found.finding.verdict.has_effects()
         && let Some(nearest) = nearest(known, &found)
     {
         let note = format!(
@@ -196,7 +192,7 @@ fn nearest(known: &Found, found: &Found) -> Option<Nearest> {
 
 fn discovered(known: &Found, found: Found) -> Discovered {
     let f = &found.finding;
-    let is_law = is_law(f);
+    let is_law = f.verdict.has_effects();
     let (own, others): (Vec<&FoundEffect>, Vec<&FoundEffect>) =
         f.effects.iter().partition(|e| e.instead_of.is_none());
     let laws = laws(&own);

@@ -305,6 +305,15 @@ pub fn block_edges(bins: usize, per_bin: usize) -> Vec<usize> {
         .collect()
 }
 
+/// The fold in which each bin is held out: that of its block.
+pub fn fold_of_bins(bins: usize) -> Vec<usize> {
+    let blocks = block_edges(bins, 1);
+    let blocks = blocks.windows(2).enumerate();
+    blocks
+        .flat_map(|(b, edges)| (edges[0]..edges[1]).map(move |_| b % CONFIG.folds))
+        .collect()
+}
+
 impl<'a> Problem<'a> {
     /// A problem from its innovations, its nuisance columns with the precision of their prior about
     /// zero, the boundaries of its blocks and the number of innovations per bin.

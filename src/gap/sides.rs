@@ -57,9 +57,8 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
     arm.channels.extend(supply.channels);
     arm.candidates.extend(supply.candidates);
     arm.failed_folds.extend(supply.failed_folds);
-    let finds = |v: Verdict| matches!(v, Verdict::Named | Verdict::Indistinguishable);
     let quiet = matches!(arm.verdict, Verdict::NothingMissing | Verdict::NotExcited);
-    if !finds(supply.verdict) {
+    if !supply.verdict.has_effects() {
         if quiet && supply.verdict == Verdict::Unknown {
             arm.verdict = Verdict::Unknown;
             arm.notes.extend(supply.notes);
@@ -84,7 +83,7 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
         arm.gap = supply.gap;
         arm.threshold = supply.threshold;
         arm.separate_by = supply.separate_by;
-    } else if finds(arm.verdict) && supply.verdict == Verdict::Indistinguishable {
+    } else if arm.verdict.has_effects() && supply.verdict == Verdict::Indistinguishable {
         arm.verdict = Verdict::Indistinguishable;
     }
     arm.effects.extend(new.iter().cloned());

@@ -10,7 +10,7 @@ use crate::gap::GapError;
 use crate::gap::candidates::fastest;
 use crate::gap::config::CONFIG;
 use crate::gap::nuisance::Nuisance;
-use crate::gap::problem::{Problem, block_edges};
+use crate::gap::problem::{Problem, block_edges, fold_of_bins};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::effects::Active;
@@ -174,19 +174,19 @@ pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineB
         model.baseline.noise = PressureNoise::from_rows(&model.rows(&[]));
     }
     let covariance = model.refit_commissioned()?;
+    let fold_of = fold_of_bins(grid.len());
     let mut unseen = vec![[0.0; CHAMBERS]; grid.len()];
     for fold in 0..CONFIG.folds {
-        let block = |k: usize| k * CONFIG.blocks / grid.len();
-        let held_out = |k: &usize| block(*k) % CONFIG.folds == fold;
         let mut other = LineModel {
             baseline: model.baseline.clone(),
-            seen: Some((0..grid.len()).map(|k| !held_out(&k)).collect()),
+            seen: Some(fold_of.iter().map(|f| *f != fold).collect()),
             ..model
         };
         other.refit_commissioned()?;
-        let rows = other.rows(&[]);
-        for k in (0..grid.len()).filter(held_out) {
-            unseen[k] = rows[k];
+        for (k, row) in other.rows(&[]).into_iter().enumerate() {
+            if fold_of[k] == fold {
+                unseen[k] = row;
+            }
         }
     }
     let noise = PressureNoise::from_rows(&unseen);

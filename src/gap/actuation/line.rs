@@ -7,7 +7,7 @@ use crate::gap::GapError;
 use crate::gap::session::{SECONDS_MIN, Sampled, Session, bridge, holes, within};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use crate::sim::effects::{Active, behind_gauges, gauges};
+use crate::sim::effects::{Active, behind_gauges, gauges, limited};
 
 /// Unit of the pressures of a log; findings are reported in the same unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -366,16 +366,6 @@ fn followed(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
         let h_s = t_s[k] - t_s[k - 1];
         let behind = (x[k] - x[k - 1]) / h_s * tau_s;
         y[k] = x[k] - behind + (y[k - 1] - x[k - 1] + behind) * (-h_s / tau_s).exp();
-    }
-    y
-}
-
-/// The series, no faster than these rates up and down.
-fn limited(t_s: &[f64], x: &[f64], [up_pa_s, down_pa_s]: [f64; 2]) -> Vec<f64> {
-    let mut y = x.to_vec();
-    for k in 1..x.len() {
-        let dt_s = t_s[k] - t_s[k - 1];
-        y[k] = y[k].clamp(y[k - 1] - down_pa_s * dt_s, y[k - 1] + up_pa_s * dt_s);
     }
     y
 }

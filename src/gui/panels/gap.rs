@@ -20,7 +20,7 @@ pub use super::trouble::Trouble;
 use super::widgets::{Gate, badge, empty, ends, gated, note, status};
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
-use crate::gap::{Found, GapError, Verdict};
+use crate::gap::{Found, GapError};
 use crate::gui::services::gap::{Pair, PatchedRobot};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
@@ -137,8 +137,7 @@ impl Outcome {
 
     /// Whether there is an effect to add.
     fn adds(&self) -> bool {
-        let verdict = self.found.finding.verdict;
-        matches!(verdict, Verdict::Named | Verdict::Indistinguishable)
+        self.found.finding.verdict.has_effects()
             && !(self.found.patch.effects.is_empty() && self.found.patch.law.is_empty())
     }
 }

@@ -24,6 +24,7 @@ pub use effect::{
     BehindGauge, Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Posture, Reach,
     Reaction, Residual, Scene, Start,
 };
+pub use operators::limited;
 pub(super) use run::built_in;
 pub use run::{arm_only, behind_gauges, gauges, read, simulate};
 pub use table::EFFECTS;

@@ -92,15 +92,17 @@ pub(super) fn pressure_delay(c: &Call, line: &mut Line) {
 }
 
 pub(super) fn flow_limit(c: &Call, line: &mut Line) {
-    change_both(c, line, |x| {
-        let mut y = x.to_vec();
-        for k in 1..x.len() {
-            let dt_s = c.t_s[k] - c.t_s[k - 1];
-            let (up, down) = (c.values[0] * dt_s, c.values[1] * dt_s);
-            y[k] = x[k].clamp(y[k - 1] - down, y[k - 1] + up);
-        }
-        y
-    });
+    change_both(c, line, |x| limited(c.t_s, x, [c.values[0], c.values[1]]));
+}
+
+/// The series, no faster than these rates up and down.
+pub fn limited(t_s: &[f64], x: &[f64], [up_1_s, down_1_s]: [f64; 2]) -> Vec<f64> {
+    let mut y = x.to_vec();
+    for k in 1..x.len() {
+        let dt_s = t_s[k] - t_s[k - 1];
+        y[k] = x[k].clamp(y[k - 1] - down_1_s * dt_s, y[k - 1] + up_1_s * dt_s);
+    }
+    y
 }
 
 /// Time constant of the boards' pressure regulators, s.

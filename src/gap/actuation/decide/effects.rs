@@ -12,6 +12,7 @@ use crate::gap::explain::Explained;
 use crate::gap::finding::{FailedFold, FoundEffect, Ranked, SeparateBy};
 use crate::gap::fit::fit;
 use crate::gap::patch::PatchValue;
+use crate::gap::problem::fold_of_bins;
 
 /// Everything that was compared with the best set, best first.
 pub(super) fn ranked(best: Option<&EffectSet>, found: &Stages) -> Vec<Ranked> {
@@ -181,13 +182,7 @@ pub(super) fn unseen(
     set: &EffectSet,
     commissioned: bool,
 ) -> Result<(Vec<LineRow>, Vec<FailedFold>), GapError> {
-    let bins = model.grid.len();
-    let fold_of: Vec<usize> = (0..CONFIG.blocks)
-        .flat_map(|b| {
-            let bins_of_b = b * bins / CONFIG.blocks..(b + 1) * bins / CONFIG.blocks;
-            bins_of_b.map(move |_| b % CONFIG.folds)
-        })
-        .collect();
+    let fold_of = fold_of_bins(model.grid.len());
     let mut out = before.to_vec();
     let mut failed = Vec::new();
     for fold in 0..CONFIG.folds {

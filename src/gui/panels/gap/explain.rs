@@ -110,12 +110,8 @@ fn law(ui: &mut Ui, outcome: &Outcome) -> Option<ForLaw> {
         note(ui, format!("The verdict there: {verdict}."));
         return pressed.then_some(ForLaw::Other);
     }
-    if of_laws
-        || !matches!(
-            finding.verdict,
-            Verdict::Unknown | Verdict::Named | Verdict::Indistinguishable
-        )
-    {
+    let missing = finding.verdict == Verdict::Unknown || finding.verdict.has_effects();
+    if of_laws || !missing {
         return None;
     }
     ui.separator();

@@ -178,12 +178,8 @@ pub(in crate::gui::tests) fn as_law() -> Arc<Found> {
     e.params = [("force".to_owned(), force)].into();
     finding.candidates[0].id = t.effect.id.into();
     finding.candidates[0].target = Some(2);
-    patch.law.push(crate::gap::PatchLaw {
-        term: t.effect.id.into(),
-        equation: t.effect.doc.into(),
-        target: Some(2),
-        params: e.params.clone(),
-    });
+    let law = crate::gap::patch_law(&e.id, e.target, &e.params);
+    patch.law.push(law.expect("in the library"));
     patch.effects.clear();
     Arc::new(Found {
         finding,
