@@ -39,6 +39,7 @@ static DEAD_BAND: Effect = Effect {
     }),
     behind_gauge: None,
     also_read: None,
+    also_moves: None,
     reach: Reach::Single,
     law: Law::Idealisation,
     gradual: false,

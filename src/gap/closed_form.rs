@@ -40,6 +40,7 @@ static LINEAR: Effect = Effect {
     operator: Operator::Mechanics(|_, _| {}),
     behind_gauge: None,
     also_read: None,
+    also_moves: None,
     reach: Reach::Common,
     law: Law::Definition,
     gradual: true,

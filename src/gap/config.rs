@@ -56,6 +56,9 @@ pub struct FinderConfig {
     pub effects_max: usize,
     /// Share of what the best effect explains that a rival has to explain. Development.
     pub rival_explains: f64,
+    /// Two laws that are idealisations, of which the second explains this share of what the first one does, cannot be told apart:
+    /// either is as far from the truth as from the other. Development.
+    pub rival_as_exact: f64,
     /// A best effect that leaves more than this share of the excess is not at the floor. Development.
     pub leaves_little: f64,
     /// A rival is excluded when it leaves this many times what the best one leaves. Development.
@@ -112,6 +115,9 @@ pub struct FinderConfig {
     /// Share of the gain so far that a further effect of the supply must add: no law in the table is exact, and what an
     /// inadequate one leaves is no further effect. Development.
     pub supply_further_share: f64,
+    /// Standard errors by which the first effect of the supply has to gain: Student's t over the blocks, one-sided 5 %, so
+    /// that no effect is named for what happens in one block. Statistics.
+    pub supply_first_se: f64,
     /// Standard errors by which a set of the supply's effects with one more has to be better. Development.
     pub supply_further_se: f64,
     /// Share of the mean square that effects of an unknown supply may leave at most. Development.
@@ -145,6 +151,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     further_min: 0.6,
     effects_max: 3,
     rival_explains: 0.5,
+    rival_as_exact: 0.98,
     leaves_little: 0.05,
     rival_leaves: 2.0,
     small_margin: 0.05,
@@ -171,6 +178,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     located_over_floor: 1.3,
     supply_mean_square: 2.0,
     supply_further_share: 0.1,
+    supply_first_se: 1.8,
     supply_further_se: 2.0,
     supply_without_healthy: 0.8,
     supply_margin_se: 2.0,

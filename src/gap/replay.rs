@@ -93,7 +93,7 @@ pub fn move_arm(
 
 /// Whether an effect acts on the arm itself.
 pub fn is_mechanical(a: &Active) -> bool {
-    matches!(a.effect.operator, effects::Operator::Mechanics(_))
+    matches!(a.effect.operator, effects::Operator::Mechanics(_)) || a.effect.also_moves.is_some()
 }
 
 /// The grid simulated on an arm with these calibration parameters and effects, without noise.

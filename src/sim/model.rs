@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::rod::se3::Frame;
 use super::rod::{
     Bellows, History, Integrator, Link, Loads, Outcome, PointMass, Rod, Section, StepLoads,
-    Strains, Workspace, solve, solve_step,
+    Strains, Viscosity, Workspace, solve, solve_step,
 };
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -400,7 +400,7 @@ pub fn settle(model: &Model, state: &mut State, inputs: &Inputs) -> Result<Outco
 }
 
 /// One implicit step of overdamped motion: strains relax towards equilibrium with the time
-/// constant `tau_s` (stiffness-proportional viscosity), against friction and viscoelastic branches.
+/// constants of `viscosity`, against friction and viscoelastic branches.
 ///
 /// # Errors
 /// As [`settle`].
@@ -408,7 +408,7 @@ pub fn step_overdamped(
     model: &Model,
     state: &mut State,
     inputs: &Inputs,
-    tau_s: f64,
+    viscosity: Viscosity,
     dt_s: f64,
 ) -> Result<Outcome, SimError> {
     check(inputs)?;
@@ -417,7 +417,7 @@ pub fn step_overdamped(
     let mut q = state.strains.clone();
     let step = StepLoads {
         loads: &loads,
-        viscosity: tau_s / dt_s,
+        viscosity: viscosity.over(dt_s),
         history: &history,
         dt_s,
     };

@@ -240,7 +240,7 @@ impl Search<'_> {
         let mut grown: Vec<(EffectSet, Vec<Vec<Explained>>)> = Vec::new();
         for e in singles
             .iter()
-            .filter(|e| e.gain > threshold && e.losses.beats(&losses, 1.0))
+            .filter(|e| e.gain > threshold.max(CONFIG.supply_first_se * e.se))
         {
             if begun.contains(&e.candidate.effect.id) || begun.len() >= CONFIG.supply_beginnings {
                 continue;

@@ -164,7 +164,7 @@ fn lag_before_the_gauge_is_the_regulators_lag() {
     let robot = RobotSpec::reference();
     let slow = [Regulator([0.0, 0.4, 1.0, 0.0, 0.0, 0.0]); CHAMBERS];
     let ideal = [Regulator::default(); CHAMBERS];
-    let lag = Active::new("pressure-lag", None, &[0.4]).unwrap();
+    let lag = Active::new("pressure-lag", None, &[0.4, 0.0]).unwrap();
     let a = gauge_pressures(&robot, &grid, &slow, &[], Lag::BeforeGauge);
     let effects = std::slice::from_ref(&lag);
     let b = gauge_pressures(&robot, &grid, &ideal, effects, Lag::BeforeGauge);

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose, SPRINGS, SensorVec, Side, Target};
 use crate::sim::Model;
+use crate::sim::rod::Viscosity;
 
 /// The comparisons in which an effect can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -211,6 +212,8 @@ pub struct Effect {
     pub behind_gauge: Option<BehindGauge>,
     /// What it changes in the readings besides, where its operator acts on the arm.
     pub also_read: Option<fn(&Call, &mut [SensorVec])>,
+    /// What it changes in the arm besides, where its operator acts on pressures.
+    pub also_moves: Option<fn(&Call, &mut Plant)>,
     /// The channels it may sit on.
     pub reach: Reach,
     /// Whether its law is exact.
@@ -299,8 +302,8 @@ pub struct Plant {
     pub payload_m: Vector3<f64>,
     /// Force on the end pad's origin in the base frame, N.
     pub tip_force_n: Vector3<f64>,
-    /// Time constant of stiffness-proportional damping, s (0: settled at every instant).
-    pub tau_s: f64,
+    /// Time constants of damping, s (none: settled at every instant).
+    pub viscosity: Viscosity,
     /// Tensions over time, N: one series for each that depends on what was before.
     pub tensions_n: Vec<Vec<[f64; CHAMBERS]>>,
     /// Force on the end pad over time, N: base frame, per second since the start.

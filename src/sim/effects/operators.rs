@@ -6,33 +6,35 @@ use super::effect::{Call, Line, Plant};
 use crate::signal::{CHAMBERS, Pose, SensorVec, pose_between, ypr_from_rotation};
 use crate::sim::rod::{Bellows, Branch, Floor, Friction};
 
-/// First-order lag of a series: y' = (x − y)/τ, exact for inputs held between instants.
+/// Pressure of the air around, Pa.
+const AMBIENT_PA: f64 = 101_325.0;
+
+/// First-order lag, y' = (x − y)/τ, over one step in which x runs straight between two values.
+fn follow(dt_s: f64, [from, to]: [f64; 2], y: f64, tau_s: f64) -> f64 {
+    // y runs behind x by τ dx/dt once the transient has gone.
+    let behind = tau_s * (to - from) / dt_s;
+    let left = if tau_s > 0.0 {
+        (-dt_s / tau_s).exp()
+    } else {
+        0.0
+    };
+    to - behind + (y - from + behind) * left
+}
+
+/// First-order lag of a series that is held between instants.
 fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     let mut y = x.to_vec();
     for k in 1..x.len() {
-        let pass = if tau_s > 0.0 {
-            -(-(t_s[k] - t_s[k - 1]) / tau_s).exp_m1()
-        } else {
-            1.0
-        };
-        y[k] = y[k - 1] + pass * (x[k] - y[k - 1]);
+        y[k] = follow(t_s[k] - t_s[k - 1], [x[k]; 2], y[k - 1], tau_s);
     }
     y
 }
 
-/// The same, exact for inputs that run straight between instants: what was measured, not commanded.
+/// The same of a series that runs straight between instants: what was measured, not commanded.
 pub(super) fn lagged_ramps(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     let mut y = x.to_vec();
     for k in 1..x.len() {
-        let dt_s = t_s[k] - t_s[k - 1];
-        // y runs behind x by τ dx/dt once the transient has gone.
-        let behind = tau_s * (x[k] - x[k - 1]) / dt_s;
-        let left = if tau_s > 0.0 {
-            (-dt_s / tau_s).exp()
-        } else {
-            0.0
-        };
-        y[k] = x[k] - behind + (y[k - 1] - x[k - 1] + behind) * left;
+        y[k] = follow(t_s[k] - t_s[k - 1], [x[k - 1], x[k]], y[k - 1], tau_s);
     }
     y
 }
@@ -161,6 +163,19 @@ pub(super) fn pressure_lag(c: &Call, line: &mut Line) {
     }
 }
 
+/// The gas behind a lagging line is a spring that leaks through the line.
+pub(super) fn gas_spring(c: &Call, plant: &mut Plant) {
+    let rate_n_m = AMBIENT_PA * c.robot.area_m2 / c.robot.rest_length_m;
+    if c.values[0] > 0.0 && c.values[1] > 0.0 {
+        each_bellows(c, plant, |bellows| {
+            bellows.branches.push(Branch {
+                rate_n_m: c.values[1] * rate_n_m,
+                tau_s: c.values[0],
+            });
+        });
+    }
+}
+
 pub(super) fn gauge_error(c: &Call, line: &mut Line) {
     for i in (0..CHAMBERS).filter(|i| c.hits(*i)) {
         change(&mut line.gauge_pa, i, |x| {
@@ -223,7 +238,8 @@ pub(super) fn each_bellows(c: &Call, plant: &mut Plant, f: impl FnMut(&mut Bello
 }
 
 pub(super) fn damping(c: &Call, plant: &mut Plant) {
-    plant.tau_s += c.values[0];
+    plant.viscosity.bellows += c.values[0];
+    plant.viscosity.core += c.values[0] * c.values[1];
 }
 
 pub(super) fn payload(c: &Call, plant: &mut Plant) {

@@ -10,7 +10,7 @@ use super::effect::{Call, Line, Operator, Plant, Posture};
 use super::table::EFFECTS;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
-use crate::sim::rod::PointMass;
+use crate::sim::rod::{PointMass, Viscosity};
 use crate::sim::{Inputs, Model, Observation, SimError, State, observe, settle, step_overdamped};
 
 /// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`.
@@ -193,7 +193,7 @@ impl Plant {
             payload_kg: payload_kg + model.hidden_kg,
             payload_m: model.payload_m,
             tip_force_n: model.hidden_force_n,
-            tau_s: 0.0,
+            viscosity: Viscosity::default(),
             tensions_n: Vec::new(),
             tip_force_n_s: Vector3::zeros(),
             reactions: Vec::new(),
@@ -204,6 +204,9 @@ impl Plant {
         let robot = self.model.robot.clone();
         for a in ordered {
             if let Operator::Mechanics(f) = a.effect.operator {
+                f(&call(&robot, over, a), self);
+            }
+            if let Some(f) = a.effect.also_moves {
                 f(&call(&robot, over, a), self);
             }
         }
@@ -278,7 +281,13 @@ impl Plant {
         // The first instant has no before: the arm rests there, and nothing pulls yet.
         match k {
             0 => settle(&self.model, state, &inputs)?,
-            _ => step_overdamped(&self.model, state, &inputs, self.tau_s, t_s[k] - t_s[k - 1])?,
+            _ => step_overdamped(
+                &self.model,
+                state,
+                &inputs,
+                self.viscosity,
+                t_s[k] - t_s[k - 1],
+            )?,
         };
         Ok(observe(&self.model, state))
     }

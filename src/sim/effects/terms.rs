@@ -165,6 +165,7 @@ const BARE: Term = Term {
         operator: Operator::Mechanics(|_, _| {}),
         behind_gauge: None,
         also_read: None,
+        also_moves: None,
         reach: Reach::Either,
         law: Law::Idealisation,
         gradual: true,

@@ -107,12 +107,12 @@ fn strong(e: &'static Effect) -> Active {
         "flow-limit" => (Some(2), &[4e3, 5e3]),
         "leak" => (Some(0), &[1.0]),
         "supply-coupling" => (None, &[0.1, 0.3]),
-        "pressure-lag" => (Some(3), &[0.6]),
+        "pressure-lag" => (Some(3), &[0.6, 1.0]),
         "gauge-error" => (Some(4), &[1.1, 500.0]),
         "hysteresis" => (None, &[8.0, 0.005]),
         "creep" => (None, &[0.3, 5.0]),
         "stiffening" => (None, &[2.0]),
-        "damping" => (None, &[0.4]),
+        "damping" => (None, &[0.4, 1.0]),
         "chamber-stiffness" => (Some(5), &[1.3]),
         "payload" => (None, &[0.4]),
         "com-offset" => (None, &[0.03, -0.02, 0.0]),
@@ -355,7 +355,7 @@ fn lags_leaks_and_creep_obey_their_equations() {
         simulate(&model, &given, 0.0, &[a]).expect("settles")
     };
     // After τ the lag has gone 1 − 1/e of the way.
-    let lag = run("pressure-lag", &[1.0]);
+    let lag = run("pressure-lag", &[1.0, 0.0]);
     let share = lag.chamber_pa[20][0] / 20e3;
     assert!((share - 0.632).abs() < 0.01, "{share}");
     // Steady leak: p = u / (1 + λ τ_regulator).

@@ -68,9 +68,17 @@ pub fn motions(values: &[f64]) -> Vec<Active> {
     (0..CHAMBERS)
         .map(friction)
         .chain([
-            ("damping", None, vec![value(CalibrationParameter::Damping)]),
+            (
+                "damping",
+                None,
+                vec![value(CalibrationParameter::Damping), 1.0],
+            ),
             ("creep", None, creep),
-            ("pressure-lag", None, vec![value(CalibrationParameter::Lag)]),
+            (
+                "pressure-lag",
+                None,
+                vec![value(CalibrationParameter::Lag), 0.0],
+            ),
         ])
         .filter_map(|(id, target, values)| unbounded(id, target, values))
         .collect()

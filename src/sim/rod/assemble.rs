@@ -21,7 +21,7 @@ mod stiffness;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use super::kinematics::{Kinematics, screw};
-use super::loads::{Acting, Loads};
+use super::loads::{Acting, Loads, Viscosity};
 use super::se3::{Frame, Twist};
 use super::section::{Bellows, PointMass, Rod, Section, strain_of};
 use stiffness::{Dead, Stiffness6};
@@ -144,7 +144,7 @@ impl Assembly {
                 if let Some((viscosity, from)) = acting.drag {
                     for (m, &i) in idx.iter().enumerate() {
                         let dq = q[k + m] - from[k + m];
-                        e += 0.5 * viscosity * drag(s, l, i) * dq * dq;
+                        e += 0.5 * drag(s, l, i, viscosity) * dq * dq;
                     }
                 }
                 k += d;
@@ -352,7 +352,13 @@ impl Assembly {
     }
 
     /// Screws and the local energy of every element.
-    fn forward(&mut self, rod: &Rod, all_n: &[f64], q: &[f64], resists: Option<(f64, &[f64])>) {
+    fn forward(
+        &mut self,
+        rod: &Rod,
+        all_n: &[f64],
+        q: &[f64],
+        resists: Option<(Viscosity, &[f64])>,
+    ) {
         let idx = rod.strains.indices();
         let d = idx.len();
         let n = rod.unknowns();
@@ -379,7 +385,7 @@ impl Assembly {
                     }
                     if let Some((viscosity, from)) = resists {
                         let dq = q[k + m] - from[k + m];
-                        let drag = viscosity * drag(s, l, i);
+                        let drag = drag(s, l, i, viscosity);
                         self.energy += 0.5 * drag * dq * dq;
                         self.gradient[k + m] += drag * dq;
                         self.hessian[(k + m) * n + k + m] += drag;
@@ -446,8 +452,8 @@ impl Assembly {
     }
 }
 
-/// Resistance of one strain to change, per unit viscosity.
-pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
+/// Resistance of one strain to change.
+pub(super) fn drag(s: &Section, l: f64, i: usize, viscosity: Viscosity) -> f64 {
     let bellows: f64 = s
         .bellows
         .iter()
@@ -458,7 +464,7 @@ pub(super) fn drag(s: &Section, l: f64, i: usize) -> f64 {
             _ => 0.0,
         })
         .sum();
-    l * (s.rigidity[i] + bellows)
+    l * (viscosity.core * s.rigidity[i] + viscosity.bellows * bellows)
 }
 
 /// Calls `each(node, point, force)` for every dead force on a section; node 0 is its start.

@@ -27,7 +27,7 @@ use super::gradient::{Wrenches, gradient};
 use super::history::History;
 use super::inertia::{Body, Place, bodies, mass_matrix};
 use super::kinematics::Kinematics;
-use super::loads::{Acting, Loads};
+use super::loads::{Acting, Loads, Viscosity};
 use super::se3::Twist;
 use super::section::Rod;
 use super::{Factor, Outcome};
@@ -227,12 +227,13 @@ impl Integrator {
         }
         self.start.place(rod, &motion.q);
         bodies(rod, loads, &mut self.bodies);
+        let viscosity = Viscosity::proportional(tau_s);
         self.drag.clear();
         for s in &rod.sections {
             let l = s.length_m / s.elements as f64;
             let first = self.drag.len();
             self.drag
-                .extend(d.iter().map(|&i| 0.5 * tau_s * drag(s, l, i)));
+                .extend(d.iter().map(|&i| 0.5 * drag(s, l, i, viscosity)));
             for _ in 1..s.elements {
                 self.drag.extend_from_within(first..first + d.len());
             }

@@ -19,13 +19,45 @@ pub struct Loads {
     pub tip_masses: Vec<PointMass>,
 }
 
+/// Viscous resistance to a change of strain, as shares of rigidity: time constants (s), or these over the length of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Viscosity {
+    /// Of the bellows, of their stiffness.
+    pub bellows: f64,
+    /// Of what is between them, of its rigidity.
+    pub core: f64,
+}
+
+impl Viscosity {
+    /// Proportional to stiffness throughout.
+    pub fn proportional(tau_s: f64) -> Self {
+        Self {
+            bellows: tau_s,
+            core: tau_s,
+        }
+    }
+
+    /// Over a step of `dt_s`.
+    pub fn over(self, dt_s: f64) -> Self {
+        Self {
+            bellows: self.bellows / dt_s,
+            core: self.core / dt_s,
+        }
+    }
+
+    /// Whether nothing resists.
+    pub fn is_none(self) -> bool {
+        self.bellows <= 0.0 && self.core <= 0.0
+    }
+}
+
 /// Loads over one overdamped time step: those at its end, viscous resistance, and the forces that depend on the way.
 #[derive(Clone, Copy, Debug)]
 pub struct StepLoads<'a> {
     /// Loads at the end of the step.
     pub loads: &'a Loads,
-    /// Viscous resistance to a change of strain over the step, as a share of each strain's rigidity: τ/Δt.
-    pub viscosity: f64,
+    /// Viscous resistance to a change of strain over the step.
+    pub viscosity: Viscosity,
     /// Friction, viscoelastic branches and contact at the start of the step.
     pub history: &'a History,
     /// Length of the step, s.
@@ -37,7 +69,7 @@ pub struct StepLoads<'a> {
 pub(super) struct Acting<'a> {
     pub loads: &'a Loads,
     /// Viscosity, and the strains that it resists to move away from.
-    pub drag: Option<(f64, &'a [f64])>,
+    pub drag: Option<(Viscosity, &'a [f64])>,
     /// Friction, branches and contact, and the time since, s.
     pub history: Option<(&'a History, f64)>,
 }

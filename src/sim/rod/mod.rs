@@ -41,7 +41,7 @@ pub use dynamics::{Energy, Integrator, Motion, energy, step};
 pub use history::{BellowsHistory, History};
 pub use kinematics::Kinematics;
 pub use laws::{Branch, Contact, Drag, Floor, Friction, Hinge};
-pub use loads::{Loads, StepLoads};
+pub use loads::{Loads, StepLoads, Viscosity};
 pub use section::{Bellows, Link, PointMass, Rod, Section, Strains};
 pub use solve::{Outcome, Workspace, is_stable, solve, solve_step};
 pub use tangent::Tangent;

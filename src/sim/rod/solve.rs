@@ -73,7 +73,7 @@ pub fn solve_step(rod: &Rod, loads: &StepLoads, q: &mut Vec<f64>, work: &mut Wor
         q.clone_from(&from);
         outcome = newton(rod, &acting, q, work);
     }
-    if !outcome.converged && loads.viscosity <= 0.0 {
+    if !outcome.converged && loads.viscosity.is_none() {
         outcome = in_load_steps(rod, &acting, outcome, q, work);
     }
     change.clear();

@@ -11,7 +11,7 @@ use rand_pcg::Pcg64Mcg;
 use super::assemble::Assembly;
 use super::loads::Acting;
 use super::se3::Frame;
-use super::{Kinematics, Strains};
+use super::{Kinematics, Strains, Viscosity};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, SPRINGS};
 use crate::sim::dataset::{normal, parallel, sample_rng};
@@ -131,7 +131,7 @@ fn derivatives_of_the_energy_agree_with_differences_everywhere() {
         let loads = models[index / 2 % 2].loads(&inputs);
         let rest = rod.rest_state();
         let acting = Acting {
-            drag: Some((0.1, rest.as_slice())),
+            drag: Some((Viscosity::proportional(0.1), rest.as_slice())),
             ..Acting::at_rest(&loads)
         };
         let mut q = scattered_strains(&models[index / 2 % 2], &mut rng);

@@ -92,7 +92,10 @@ fn gradient_and_hessian_agree_with_differences() {
         let n = q.len();
         let step = StepLoads {
             loads: &loads,
-            viscosity: 0.2,
+            viscosity: Viscosity {
+                bellows: 0.2,
+                core: 0.1,
+            },
             history: &history,
             dt_s: 0.1,
         };
