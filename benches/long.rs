@@ -2,7 +2,8 @@
 //!
 //! `cargo bench --bench long -- hour` writes a recording of an hour (once) and opens it; `-- hour F.rrd` opens another one, with
 //! samples as far apart as the window has them;
-//! `cargo bench --bench long -- soak` shows an hour of snapshots at 1 kHz and prints the memory.
+//! `cargo bench --bench long -- soak` shows an hour of snapshots at 1 kHz and prints the memory;
+//! `-- drawn` draws every screen at 2560 x 1440 pixels and prints what a frame takes until the graphics device is done.
 
 #![allow(missing_docs)]
 
@@ -17,6 +18,7 @@ use std::time::Duration;
 use frame::{Window, now, screens};
 use session::Session;
 use springtwin::analysis::player::Player;
+use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::screens::ScreenId;
 use springtwin::recording::{
     RecordingFile, RecordingMeta, RecordingWriter, SCHEMA_VERSION, Selection, inspect,
@@ -35,6 +37,9 @@ fn main() {
     }
     if asked("soak") {
         soak();
+    }
+    if asked("drawn") {
+        drawn();
     }
 }
 
@@ -150,6 +155,49 @@ fn print_steps(name: &str, steps: &mut [f64]) {
         steps[n * 95 / 100],
         steps[n - 1]
     );
+}
+
+/// Frames per screen.
+const DRAWN: usize = 600;
+
+fn drawn() {
+    for pixels_per_point in [1.0, 2.0] {
+        let device = match Offscreen::new([2560, 1440], pixels_per_point) {
+            Ok(device) => device,
+            Err(e) => panic!("{e}"),
+        };
+        let adapter = device.render_state().adapter.get_info();
+        println!(
+            "{} ({:?}), 2560 x 1440, {pixels_per_point} pixels per point",
+            adapter.name, adapter.backend
+        );
+        let mut window = Window::drawn_by(Some(device), 0);
+        window.app.window.span_s = 600.0;
+        let frame = |window: &mut Window, rows: u64| {
+            window.publish(rows);
+            match window.draw() {
+                Ok(took) => ms(took),
+                Err(e) => panic!("{e}"),
+            }
+        };
+        // A session of 10 minutes.
+        (0..600).for_each(|_| {
+            frame(&mut window, 1000);
+        });
+        for (screen, name) in screens() {
+            window.app.screen = screen;
+            // Layouts settle first.
+            (0..30).for_each(|_| {
+                frame(&mut window, 16);
+            });
+            let mut steps: Vec<f64> = (0..DRAWN).map(|_| frame(&mut window, 16)).collect();
+            let mean = steps.iter().sum::<f64>() / steps.len() as f64;
+            print_steps(
+                &format!("{name}: {:.0} frames per second", 1e3 / mean),
+                &mut steps,
+            );
+        }
+    }
 }
 
 fn soak() {

@@ -28,7 +28,7 @@ pub struct Window {
     latest: Arc<Mutex<Arc<Snapshot>>>,
     _commands: Receiver<Command>,
     _events: SyncSender<Event>,
-    _device: Option<Offscreen>,
+    device: Option<Offscreen>,
     next: u64,
     time_s: f64,
 }
@@ -36,6 +36,11 @@ pub struct Window {
 impl Window {
     /// A window of 1280 x 720 points that has seen `rows` snapshots.
     pub fn new(rows: u64) -> Self {
+        Self::drawn_by(Offscreen::new([64, 64], 1.0).ok(), rows)
+    }
+
+    /// The same, for [`Window::draw`]: its size is that of the device.
+    pub fn drawn_by(device: Option<Offscreen>, rows: u64) -> Self {
         let (command_tx, commands) = sync_channel(64);
         let (events, event_rx) = sync_channel(64);
         let (feed, feed_rx) = sync_channel(1024);
@@ -51,9 +56,9 @@ impl Window {
         };
         let robot = RobotSpec::reference();
         let mut app = App::new(Some(handle), robot.clone(), Services::none());
-        let context = egui::Context::default();
+        let own = egui::Context::default;
+        let context = device.as_ref().map_or_else(own, |d| d.context.clone());
         app.set_up(&context, None);
-        let device = Offscreen::new([64, 64], 1.0).ok();
         app.screens.operate.view3d.scene = device
             .as_ref()
             .map(|d| Scene::new(d.render_state(), &robot));
@@ -65,7 +70,7 @@ impl Window {
             latest,
             _commands: commands,
             _events: events,
-            _device: device,
+            device,
             next: 0,
             time_s: 0.0,
         };
@@ -118,6 +123,18 @@ impl Window {
             shapes,
             vertices,
         }
+    }
+
+    /// One frame that the graphics device draws, or the reason why it does not.
+    #[allow(dead_code, reason = "not every bench asks")]
+    pub fn draw(&mut self) -> Result<Duration, String> {
+        let start = now();
+        let device = self.device.as_mut().ok_or("no graphics device")?;
+        let app = &mut self.app;
+        device
+            .frame(|ui| app.frame(ui))
+            .map_err(|e| e.to_string())?;
+        Ok(now() - start)
     }
 
     /// Snapshots so far.

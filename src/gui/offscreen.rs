@@ -107,7 +107,24 @@ impl Offscreen {
             let output = self.context.run_ui(input, &mut content);
             shapes = self.apply(output);
         }
-        self.paint(shapes)
+        self.read(&self.paint(shapes))
+    }
+
+    /// One pass as a window makes it, until the device has drawn it; the picture stays there.
+    ///
+    /// # Errors
+    /// [`OffscreenError::Readback`] when the device fails.
+    pub fn frame(&mut self, content: impl FnMut(&mut egui::Ui)) -> Result<(), OffscreenError> {
+        let input = self.input();
+        let output = self.context.run_ui(input, content);
+        let shapes = self.apply(output);
+        self.paint(shapes);
+        let waited = self
+            .render_state
+            .device
+            .poll(wgpu::PollType::wait_indefinitely());
+        waited.map_err(|e| OffscreenError::Readback(e.to_string()))?;
+        Ok(())
     }
 
     /// Lets time pass without a picture.
@@ -201,7 +218,7 @@ impl Offscreen {
         output.shapes
     }
 
-    fn paint(&self, shapes: Vec<egui::epaint::ClippedShape>) -> Result<RgbaImage, OffscreenError> {
+    fn paint(&self, shapes: Vec<egui::epaint::ClippedShape>) -> wgpu::Texture {
         let (device, queue) = (&self.render_state.device, &self.render_state.queue);
         let mut renderer = self.render_state.renderer.write();
         let jobs = self.context.tessellate(shapes, self.pixels_per_point);
@@ -244,7 +261,7 @@ impl Offscreen {
         }
         commands.push(encoder.finish());
         queue.submit(commands);
-        self.read(&texture)
+        texture
     }
 
     fn extent(&self) -> wgpu::Extent3d {
