@@ -66,8 +66,8 @@ fn spread(effects: &[(Candidate, Vec<f64>)], alpha: &DVector<f64>) -> Vec<(Candi
         .collect()
 }
 
-/// A relative gain below this ends the iteration.
-const TOLERANCE: f64 = 2e-4;
+/// A gain in rᵀ M r below both, the second as a share, ends the iteration: half a nat, or what rounding could be.
+const TOLERANCE: [f64; 2] = [1.0, 2e-4];
 
 /// Fits all parameters of `effects`, starting where they are, in at most `steps` steps. `None` when
 /// the arm cannot move with them.
@@ -159,7 +159,7 @@ pub fn fit(problem: &Problem, effects: Vec<(Candidate, Vec<f64>)>, steps: usize)
             if let Some((moved, cost)) = residual_at(&next)
                 && cost < best
             {
-                improved = (best - cost) > TOLERANCE * best.min(problem.len() as f64);
+                improved = best - cost > TOLERANCE[0].min(TOLERANCE[1] * best);
                 r = moved;
                 best = cost;
                 alpha = next;

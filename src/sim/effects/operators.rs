@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::effect::{Call, Line, Plant};
 use crate::signal::{CHAMBERS, Pose, SensorVec, pose_between, ypr_from_rotation};
-use crate::sim::rod::{Bellows, Branch, Floor, Friction};
+use crate::sim::rod::{Bellows, Branch, Floor, Friction, Viscosity};
 
 /// Pressure of the air around, Pa.
 const AMBIENT_PA: f64 = 101_325.0;
@@ -238,8 +238,10 @@ pub(super) fn each_bellows(c: &Call, plant: &mut Plant, f: impl FnMut(&mut Bello
 }
 
 pub(super) fn damping(c: &Call, plant: &mut Plant) {
-    plant.viscosity.bellows += c.values[0];
-    plant.viscosity.core += c.values[0] * c.values[1];
+    plant.viscosity.add(Viscosity {
+        bellows: c.values[0],
+        core: c.values[0] * c.values[1],
+    });
 }
 
 pub(super) fn payload(c: &Call, plant: &mut Plant) {

@@ -46,6 +46,7 @@ pub fn simulate(
         }
     }
     let mut out = arm(model, t_s, &line.chamber_pa, &[payload_kg], &ordered)?;
+    read_in_order(&model.robot, t_s, &mut out, &ordered);
     out.chamber_pa = line.chamber_pa;
     out.gauge_pa = line.gauge_pa;
     Ok(out)
@@ -91,8 +92,8 @@ pub fn behind_gauges(
     chamber_pa
 }
 
-/// Moves the arm through given chamber pressures with the effects of mechanics, sensors and motion
-/// capture among `effects`; pressure effects are not applied. `gauge_pa` stays empty. Of the declared payloads, kg, there is
+/// Moves the arm through given chamber pressures with what `effects` change in the arm. What they change in pressures is not
+/// applied, and what they change in readings comes with [`read`]. `gauge_pa` stays empty. Of the declared payloads, kg, there is
 /// one per time; the last one stays.
 ///
 /// # Errors
@@ -137,14 +138,12 @@ fn arm(
     payload_kg: &[f64],
     ordered: &[&Active],
 ) -> Result<Simulated, EffectError> {
-    let robot = &model.robot;
     let first_kg = payload_kg.first().copied().unwrap_or(0.0);
     let changes_kg: Vec<f64> = payload_kg.iter().map(|kg| kg - first_kg).collect();
     let mut plant = Plant::new(model, first_kg);
     plant.act((t_s, chamber_pa), ordered);
     let mut out = plant.run(t_s, chamber_pa, &changes_kg)?;
     out.chamber_pa = chamber_pa.to_vec();
-    read_in_order(robot, t_s, &mut out, ordered);
     Ok(out)
 }
 

@@ -13,8 +13,9 @@ use super::effect::{
 use super::operators::{self as op, each_bellows};
 use super::table::{at, flow_limits, half_spaces};
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec, Side, Target, ypr_from_rotation};
+use crate::sim::model::GRAVITY_M_S2;
 use crate::sim::model::Pull;
-use crate::sim::rod::{Branch, Drag, Floor, Hinge};
+use crate::sim::rod::{Branch, Drag, Floor, Hinge, Viscosity};
 use Residual::{R1, R2, R3, R4, R5};
 
 /// What a term changes.
@@ -721,7 +722,7 @@ pub const TERMS: &[Term] = &[
     .on(Site::SegmentStiffness, Target::None, Reach::Common)
     .of(&[Input::LengthRate], Form::Linear)
     .numbers(&[n("time", "s", 0.0, 3.0)], |_, _| at([[0.15], [0.8]], &[0]))
-    .acts(op::damping)
+    .acts(|c, plant| plant.viscosity.add(Viscosity::proportional(c.values[0])))
     .remembers(0),
     // On the end pad.
     end(
@@ -733,6 +734,16 @@ pub const TERMS: &[Term] = &[
     .of(&[Input::None], Form::Constant)
     .numbers(&[n("z", "N", -30.0, 30.0)], |_, _| at([[-1.0]], &[0]))
     .acts(|c, plant| plant.tip_force_n.z += c.values[0])
+    .instant(),
+    end(
+        Site::EndForce,
+        "load-vertical",
+        "Constant vertical force where loads hang",
+        "ΔF_z = c on the point where payloads hang, base axes.",
+    )
+    .of(&[Input::None], Form::Constant)
+    .numbers(&[n("z", "N", -30.0, 30.0)], |_, _| at([[-1.0]], &[0]))
+    .acts(|c, plant| plant.payload_kg -= c.values[0] / GRAVITY_M_S2)
     .instant(),
     end(
         Site::EndForce,

@@ -37,6 +37,12 @@ impl Viscosity {
         }
     }
 
+    /// Beside another one.
+    pub fn add(&mut self, other: Self) {
+        self.bellows += other.bellows;
+        self.core += other.core;
+    }
+
     /// Over a step of `dt_s`.
     pub fn over(self, dt_s: f64) -> Self {
         Self {
