@@ -9,7 +9,7 @@
 
 use std::error::Error;
 
-use springtwin::gap::{Finding, Grid, Options, Unwatched, find};
+use springtwin::gap::{Finding, Grid, Healthy, Options, Unwatched, find};
 use springtwin::lab::gap_files::session_of;
 use springtwin::lab::session::{SessionPlan, session, session_log};
 use springtwin::rig::hidden::Hidden;
@@ -66,7 +66,14 @@ pub fn found(table: &[&'static Effect]) -> Result<Finding, Box<dyn Error>> {
     let healthy = made(1, Vec::new())?;
     let suspect = made(2, vec![Hidden::new("seat-stick-slip", Some(3), &[4e-3])?])?;
     let options = Options::default();
-    let found = find(&robot, table, &[healthy], &[suspect], &options, &Unwatched)?;
+    let found = find(
+        &robot,
+        table,
+        Healthy::Sessions(&[healthy]),
+        &[suspect],
+        &options,
+        &Unwatched,
+    )?;
     Ok(found.finding)
 }
 

@@ -1,6 +1,6 @@
 //! `gap commission`: the calibration parameters of a healthy rig, as a patch of the model.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::outputs::Overwrite;
 use super::{Failed, Report};
-use springtwin::gap::{self, Grid};
+use springtwin::gap::{self, Commissioned, Grid};
 use springtwin::lab::commission::{self, beyond, kinds, residuals};
 use springtwin::lab::gap_files::read_session;
 use springtwin::recording;
@@ -16,40 +16,56 @@ use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
 pub struct CommissionArgs {
-    /// Session folder or session.toml of the healthy rig
-    session: PathBuf,
+    /// Session folders or session.toml files of the healthy rig
+    #[arg(required = true, value_name = "SESSION")]
+    sessions: Vec<PathBuf>,
     /// Patch file to write
+    #[arg(long, value_name = "FILE", required_unless_present = "baseline")]
+    out: Option<PathBuf>,
+    /// Baseline file to write: `gap run --baseline FILE` takes it in the place of the sessions
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    baseline: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
-    /// Write the patch although the residual is beyond what a healthy rig can have
+    /// Write the files although the residual is beyond what a healthy rig can have
     #[arg(long)]
     accept_residual: bool,
 }
 
 /// `gap commission`.
 pub fn commission(a: &CommissionArgs, robot: &RobotSpec) -> Result<Report> {
-    a.overwrite.file(&a.out)?;
-    let session = read_session(&a.session)?;
-    gap::same_robot(robot, &session)?;
-    let grid = Grid::new(session)?;
-    let (patch, floor) = commission::patch_of(robot, &grid)?;
+    let files = [&a.out, &a.baseline].into_iter().flatten();
+    for file in files.clone() {
+        a.overwrite.file(file)?;
+    }
+    let mut grids = Vec::new();
+    for path in &a.sessions {
+        let session = read_session(path)?;
+        gap::same_robot(robot, &session)?;
+        grids.push(Grid::new(session)?);
+    }
+    let rig = Commissioned::new(robot, &grids, &gap::Unwatched)?;
+    let (patch, floor) = (commission::patch_of(&rig), rig.arm.floor);
     let kinds = kinds(&floor);
     let large = beyond(&kinds, |k| k.refuse);
     let warnings: Vec<String> = beyond(&kinds, |k| k.warn)
-        .map(|large| format!("{large}: {}", advice(&a.session)))
+        .map(|large| format!("{large}: {}", advice(&a.sessions)))
         .into_iter()
         .collect();
     let written = large.is_none() || a.accept_residual;
-    if written {
-        recording::write_text(&a.out, &patch.to_toml())?;
+    if let (true, Some(out)) = (written, &a.out) {
+        recording::write_text(out, &patch.to_toml())?;
     }
+    if let (true, Some(baseline)) = (written, &a.baseline) {
+        recording::write_text(baseline, &rig.to_toml())?;
+    }
+    let named: Vec<String> = files.map(|f| f.display().to_string()).collect();
+    let named = named.join(" and ");
     let mut text = format!(
         "{} calibration parameters of this rig {}; residual on data that were not fitted: {}",
         patch.rig.len(),
         match written {
-            true => format!("in {}", a.out.display()),
+            true => format!("in {named}"),
             false => "fitted".to_owned(),
         },
         residuals(&kinds)
@@ -60,16 +76,15 @@ pub fn commission(a: &CommissionArgs, robot: &RobotSpec) -> Result<Report> {
     let report = Report {
         text,
         json: json!({
-            "out": written.then_some(&a.out), "rig": patch.rig, "floor": floor, "warnings": warnings,
+            "out": a.out.as_ref().filter(|_| written), "baseline": a.baseline.as_ref().filter(|_| written), "rig": patch.rig, "floor": floor, "warnings": warnings,
         }),
     };
     match large {
         Some(large) if !written => Err(Failed {
             report,
             why: format!(
-                "{} was not written: {large}; {}, or keep the patch with --accept-residual",
-                a.out.display(),
-                advice(&a.session)
+                "{named} was not written: {large}; {}, or keep it with --accept-residual",
+                advice(&a.sessions)
             ),
         }
         .into()),
@@ -78,10 +93,11 @@ pub fn commission(a: &CommissionArgs, robot: &RobotSpec) -> Result<Report> {
 }
 
 /// What to do about a large residual.
-fn advice(session: &Path) -> String {
+fn advice(sessions: &[PathBuf]) -> String {
+    let sessions: Vec<String> = sessions.iter().map(|s| s.display().to_string()).collect();
     format!(
         "the model does not follow {}: check the robot file, the units and the calibration with `springtwin inspect`, \
          and record the healthy rig again",
-        session.display()
+        sessions.join(", ")
     )
 }

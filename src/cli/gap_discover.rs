@@ -11,7 +11,7 @@ use super::gap_run::{Logged, held_out_text, proof_text, read, table};
 use super::outputs::Overwrite;
 use springtwin::drive::read_text;
 use springtwin::gap::{self, Discovery, LawVerdict, Patch};
-use springtwin::lab::gap_files::write_all;
+use springtwin::lab::gap_files::{sessions_among, write_all};
 use springtwin::lab::provenance;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
@@ -63,7 +63,7 @@ pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
     )]
     let begun = Instant::now();
     let (differences, note) = provenance::of_gap(
-        a.baseline.iter().map(PathBuf::as_path),
+        sessions_among(&a.baseline),
         a.session.iter().map(PathBuf::as_path),
     )?;
     let paths = [&a.baseline[..], &a.session, &a.prove];
@@ -71,7 +71,7 @@ pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
     let mut done = gap::discover(
         robot,
         &table(&a.without)?,
-        &healthy,
+        healthy.healthy(),
         &suspects,
         &options,
         &Logged,

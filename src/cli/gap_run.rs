@@ -12,16 +12,18 @@ use springtwin::gap::{
     self, Finding, FoundEffect, GapError, GapSize, Grid, Options, PressureGrid, PressureUnit,
     Progress, Stage, Verdict,
 };
-use springtwin::lab::gap_files::{excitations, read_session, write_all};
+use springtwin::lab::gap_files::{
+    Known, excitations, read_known, read_session, sessions_among, write_all,
+};
 use springtwin::lab::{actuation, provenance};
 use springtwin::robot::RobotSpec;
 use springtwin::sim::effects::{self, Effect};
 
 #[derive(clap::Args)]
 pub struct RunArgs {
-    /// Session of the healthy rig; the factory model without one. With several, what differs from session to session is
-    /// measured instead of assumed
-    #[arg(long, value_name = "SESSION")]
+    /// Session of the healthy rig, or the file that `gap commission --baseline` wrote; the factory model without one. With
+    /// several sessions, what differs from one to the next is measured instead of assumed
+    #[arg(long, value_name = "SESSION|FILE")]
     baseline: Vec<PathBuf>,
     /// Session in which something may be wrong; of several it is the same that is missing in all
     #[arg(long, value_name = "SESSION", required = true)]
@@ -95,8 +97,8 @@ pub fn read(
     robot: &RobotSpec,
     [baseline, session, prove]: [&[PathBuf]; 3],
     seed: u64,
-) -> Result<(Vec<Grid>, Vec<Grid>, Options)> {
-    let (healthy, suspects) = (grids(baseline)?, grids(session)?);
+) -> Result<(Known, Vec<Grid>, Options)> {
+    let (healthy, suspects) = (read_known(baseline)?, grids(session)?);
     let options = Options {
         seed,
         excitations: excitations(robot),
@@ -142,7 +144,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     let mut found = gap::find(
         robot,
         &table(&a.without)?,
-        &healthy,
+        healthy.healthy(),
         &suspects,
         &options,
         &Logged,
@@ -163,7 +165,7 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
 /// What differs between how the sessions were made.
 fn compared(a: &RunArgs) -> Result<(Vec<String>, Option<String>)> {
     provenance::of_gap(
-        a.baseline.iter().map(PathBuf::as_path),
+        sessions_among(&a.baseline),
         a.session.iter().map(PathBuf::as_path),
     )
 }
@@ -246,6 +248,10 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
             "with --actuation-only one --session and at most one --baseline are looked at: give the others as --prove"
         ),
     };
+    anyhow::ensure!(
+        sessions_among(&a.baseline).count() == a.baseline.len(),
+        "--actuation-only compares sessions: give the healthy session itself as --baseline"
+    );
     let suspect = actuation::read(session)?;
     let healthy = baseline.map(|b| actuation::read(b)).transpose()?;
     let others: Vec<PressureGrid> = a

@@ -594,7 +594,7 @@ pub fn commission(
 }
 
 /// Rows with NaN in channels that were never measured.
-fn masked(rows: &[Row], present: &[bool; CHANNELS]) -> Vec<Row> {
+pub(super) fn masked(rows: &[Row], present: &[bool; CHANNELS]) -> Vec<Row> {
     let mut out = rows.to_vec();
     for row in &mut out {
         for c in (0..CHANNELS).filter(|c| !present[*c]) {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::baseline::Commissioned;
 use super::candidates::Candidate;
 use super::explain::{Explained, weak_prior};
 use super::finding::{FoundEffect, Ranked, SeparateBy};
@@ -168,17 +169,18 @@ pub fn separate(
     })
 }
 /// Notes on the data that limit any verdict.
-pub fn notes(healthy: &[&Grid], suspects: &[&Grid]) -> Vec<String> {
+pub fn notes(healthy: Option<&Commissioned>, suspects: &[&Grid]) -> Vec<String> {
     let mut out = Vec::new();
-    if healthy.is_empty() {
+    if healthy.is_none() {
         out.push(
             "No healthy session was given: the factory model is the baseline, and differences \
              between this arm and the nominal one can look like effects."
                 .to_owned(),
         );
     }
-    let all = || healthy.iter().chain(suspects);
-    if all().any(|g| g.present != suspects[0].present) {
+    let own = healthy.map(|h| h.present);
+    let mut all = suspects.iter().map(|g| g.present).chain(own);
+    if all.any(|present| present != suspects[0].present) {
         out.push(
             "The sessions do not hold the same channels: only the common ones count.".to_owned(),
         );
@@ -191,14 +193,8 @@ pub fn notes(healthy: &[&Grid], suspects: &[&Grid]) -> Vec<String> {
     if !gone.is_empty() {
         out.push(format!("Not measured: {}.", gone.join(", ")));
     }
-    for grid in all() {
-        for [from_s, to_s] in &grid.holes_s {
-            out.push(format!(
-                "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
-                grid.session.name
-            ));
-        }
-    }
+    out.extend(healthy.iter().flat_map(|h| h.notes.clone()));
+    out.extend(suspects.iter().flat_map(|grid| left_out(grid)));
     if suspects.iter().all(|g| g.session.commanded_pa.is_none()) {
         out.push(
             "The commanded pressures were not logged: the path from command to gauge cannot be judged."
@@ -206,6 +202,17 @@ pub fn notes(healthy: &[&Grid], suspects: &[&Grid]) -> Vec<String> {
         );
     }
     out
+}
+
+/// Which spans of a session do not count, one sentence each.
+pub fn left_out(grid: &Grid) -> Vec<String> {
+    let sentence = |[from_s, to_s]: &[f64; 2]| {
+        format!(
+            "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
+            grid.session.name
+        )
+    };
+    grid.holes_s.iter().map(sentence).collect()
 }
 
 /// Largest movement of any pressure in any session, Pa.

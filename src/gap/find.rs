@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng as _;
 
+use super::baseline::{Commissioned, Healthy, prepared};
 use super::candidates::{Candidate, Table, scene};
-use super::commission::{Baseline, commission, factory};
+use super::commission::{Baseline, factory};
 use super::config::CONFIG;
 use super::describe::{described, notes, range_pa, separate, undetermined, unique};
 use super::explain::{Explained, admitted, columns, significance_threshold};
@@ -21,8 +22,8 @@ use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::{Problem, Replayed};
 use super::prove::{Case, Proof, confirm, prove};
 use super::select::{rivals_of, select};
-use super::session::{Grid, Session, at_one_rate, common_channels, same_robot};
-use super::sides::{add_supply, supply};
+use super::session::{Grid, common_channels, same_robot};
+use super::sides::{add_supply, supply as supply_of};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use crate::sim::effects::{Law, Trajectory};
@@ -51,7 +52,7 @@ pub struct Found {
 
 /// Finds what is missing in the model of a rig.
 ///
-/// Looked for are the effects of `table`. `healthy` are sessions of the healthy rig; without any the factory model is the
+/// Looked for are the effects of `table`. `healthy` is what is known of the rig in order; without it the factory model is the
 /// baseline and the verdict is weaker, as the notes state. What is missing is missing in all `suspects`: what several sessions
 /// show adds up, while clock and frame belong to each.
 ///
@@ -60,29 +61,37 @@ pub struct Found {
 pub fn find(
     robot: &RobotSpec,
     table: Table<'_>,
-    healthy: &[Grid],
+    healthy: Healthy<'_>,
     suspects: &[Grid],
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Found, GapError> {
-    let all: Vec<&Grid> = healthy.iter().chain(suspects).collect();
-    for grid in all.iter().copied().chain(&options.prove) {
+    let sessions = match healthy {
+        Healthy::Sessions(sessions) => sessions,
+        Healthy::Unknown | Healthy::Commissioned(_) => &[],
+    };
+    for grid in sessions.iter().chain(suspects).chain(&options.prove) {
         same_robot(robot, &grid.session)?;
         grid.ensure_measured()?;
     }
-    let all = at_one_rate(&all)?;
-    let all: Vec<&Grid> = all.iter().map(|g| &**g).collect();
-    let (healthy, suspects) = all.split_at(healthy.len());
     if suspects.is_empty() {
         return Err(GapError::NoSession);
     }
-    let present = common_channels(all.iter().copied());
+    let (healthy, suspects) = prepared(robot, healthy, suspects, progress)?;
+    let (healthy, suspects) = (healthy.as_deref(), &suspects[..]);
+    let suspects: &[&Grid] = &suspects.iter().map(|g| &**g).collect::<Vec<_>>();
+    let mut present = common_channels(suspects.iter().copied());
+    if let Some(healthy) = healthy {
+        for (here, there) in present.iter_mut().zip(healthy.present) {
+            *here &= there;
+        }
+    }
     if !present.contains(&true) {
         return Err(GapError::NothingCommon);
     }
     let baseline = match healthy {
-        [] => factory(&present),
-        _ => commission(robot, healthy, &present, progress)?,
+        None => factory(&present),
+        Some(healthy) => healthy.arm_in(&present),
     };
     let mut notes = notes(healthy, suspects);
     progress.at(Stage::Replay, 0.0)?;
@@ -95,7 +104,8 @@ pub fn find(
     }
     progress.at(Stage::Locate, 0.0)?;
     let located = super::locate::locate(&replayed)?;
-    let supply = supply(robot, healthy, suspects, table, progress)?;
+    let supply = healthy.and_then(|h| h.supply.as_ref());
+    let supply = supply_of(robot, supply, suspects, table, progress)?;
     let all = admitted(table, &replayed.present());
     progress.at(Stage::Explain, 0.0)?;
     let ready = columns(&problem, &all, &scene(suspects), &[])?;
@@ -307,16 +317,19 @@ pub fn find(
 }
 
 /// Names and hashes of the sessions.
-fn origins(healthy: &[&Grid], suspects: &[&Grid]) -> BTreeMap<String, String> {
+fn origins(healthy: Option<&Commissioned>, suspects: &[&Grid]) -> BTreeMap<String, String> {
+    let healthy = healthy.map_or_else(Vec::new, |h| h.sessions.clone());
+    let suspects = suspects.iter().map(|g| &g.session);
+    let suspects: Vec<[String; 2]> = suspects.map(|s| [s.name.clone(), s.hash.clone()]).collect();
     let mut out = BTreeMap::new();
-    for (key, grids) in [("baseline", healthy), ("session", suspects)] {
-        let all = |of: fn(&Session) -> &String| {
-            let all: Vec<&str> = grids.iter().map(|g| of(&g.session).as_str()).collect();
+    for (key, sessions) in [("baseline", healthy), ("session", suspects)] {
+        let all = |k: usize| {
+            let all: Vec<&str> = sessions.iter().map(|s| s[k].as_str()).collect();
             all.join(", ")
         };
-        if !grids.is_empty() {
-            out.insert(key.to_owned(), all(|s| &s.name));
-            out.insert(format!("{key}_sha256"), all(|s| &s.hash));
+        if !sessions.is_empty() {
+            out.insert(key.to_owned(), all(0));
+            out.insert(format!("{key}_sha256"), all(1));
         }
     }
     out

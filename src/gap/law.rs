@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::baseline::{Healthy, prepared};
 use super::candidates::Table;
 use super::find::{Found, Options, find};
 use super::finding::{Confirmed, FoundEffect, GapSize, Located, Verdict};
@@ -139,7 +140,7 @@ pub fn library() -> Vec<&'static Effect> {
 pub fn discover(
     robot: &RobotSpec,
     table: Table<'_>,
-    healthy: &[Grid],
+    healthy: Healthy<'_>,
     suspects: &[Grid],
     options: &Options,
     progress: &dyn Progress,
@@ -148,6 +149,11 @@ pub fn discover(
         prove: Vec::new(),
         ..options.clone()
     };
+    // Commissioned once for both searches.
+    let (own, _) = prepared(robot, healthy, suspects, progress)?;
+    let healthy = own
+        .as_deref()
+        .map_or(Healthy::Unknown, Healthy::Commissioned);
     let known = find(robot, table, healthy, suspects, &known, progress)?;
     let found = find_law(robot, &known, healthy, suspects, options, progress)?;
     Ok(discovered(&known, found))
@@ -160,7 +166,7 @@ pub fn discover(
 pub fn find_law(
     robot: &RobotSpec,
     known: &Found,
-    healthy: &[Grid],
+    healthy: Healthy<'_>,
     suspects: &[Grid],
     options: &Options,
     progress: &dyn Progress,

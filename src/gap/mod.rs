@@ -6,6 +6,7 @@
 //! and writes no file: sessions come in, findings, patches and reports go out as values and text.
 
 mod actuation;
+mod baseline;
 mod candidates;
 #[cfg(test)]
 mod closed_form;
@@ -38,6 +39,7 @@ pub use actuation::{
     actuation_only, commission_supply, decide_supply, gauge_pressures, ideal_supply, line_rmse_pa,
     line_rows, prove_supply, supply_stages,
 };
+pub use baseline::{BaselineError, Commissioned, Healthy, is_baseline};
 pub use candidates::Table;
 pub use commission::{Baseline, Rmse, commission, factory, rmse};
 pub use config::{CONFIG, FinderConfig};
@@ -99,6 +101,19 @@ pub enum GapError {
         session: String,
         /// The chamber (1-based).
         chamber: usize,
+    },
+    /// Noise of fewer samples is larger.
+    #[error(
+        "session '{session}' has {hz:.0} samples a second and the baseline {baseline_hz:.0}: give the healthy session itself as the \
+         baseline, or record at that rate"
+    )]
+    SlowerThanBaseline {
+        /// The session.
+        session: String,
+        /// Its rate, Hz.
+        hz: f64,
+        /// That of the baseline, Hz.
+        baseline_hz: f64,
     },
     /// No channel in both sessions.
     #[error(

@@ -61,7 +61,7 @@ impl Session {
 }
 
 /// Mean time between samples, s.
-fn period_s(t_s: &[f64]) -> f64 {
+pub(super) fn period_s(t_s: &[f64]) -> f64 {
     match (t_s.first(), t_s.last()) {
         (Some(first), Some(last)) if t_s.len() > 1 => (last - first) / (t_s.len() - 1) as f64,
         _ => 1.0,
@@ -88,11 +88,25 @@ pub trait Sampled: Clone {
 pub fn at_one_rate<'a, S: Sampled>(sessions: &[&'a S]) -> Result<Vec<Cow<'a, S>>, GapError> {
     let periods_s = sessions.iter().map(|s| period_s(s.times_s()));
     let slowest_s = periods_s.fold(0.0, f64::max);
-    let thinned = |s: &&'a S| match (slowest_s / period_s(s.times_s())).round() as usize {
-        0 | 1 => Ok(Cow::Borrowed(*s)),
+    sessions.iter().map(|s| thinned(*s, slowest_s)).collect()
+}
+
+/// Sessions, thinned to about a sample per `slowest_s`.
+///
+/// # Errors
+/// As [`Sampled::every`].
+pub(super) fn at_period<S: Sampled>(
+    sessions: &[S],
+    slowest_s: f64,
+) -> Result<Vec<Cow<'_, S>>, GapError> {
+    sessions.iter().map(|s| thinned(s, slowest_s)).collect()
+}
+
+fn thinned<S: Sampled>(s: &S, slowest_s: f64) -> Result<Cow<'_, S>, GapError> {
+    match (slowest_s / period_s(s.times_s())).round() as usize {
+        0 | 1 => Ok(Cow::Borrowed(s)),
         step => s.every(step).map(Cow::Owned),
-    };
-    sessions.iter().map(thinned).collect()
+    }
 }
 
 /// Channels that hold enough data in all of these sessions.

@@ -2,7 +2,7 @@
 //! constrains the second.
 
 use super::actuation::{
-    Lag, PressureGrid, PressureLog, commission_supply, decide_supply, supply_stages,
+    Lag, LineBaseline, PressureGrid, PressureLog, decide_supply, supply_stages,
 };
 use super::candidates::{Candidate, Table};
 use super::finding::{Finding, FoundEffect, Verdict};
@@ -10,29 +10,25 @@ use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 
-/// Finding on the path from command to gauge, when the commands were logged: against the first healthy session with commands,
-/// of the suspect ones that with the largest error in units of its floor.
+/// Finding on the path from command to gauge, when the commands were logged: against the supply in order, of the suspect
+/// sessions that with the largest error in units of its floor.
 pub fn supply(
     robot: &RobotSpec,
-    healthy: &[&Grid],
+    baseline: Option<&LineBaseline>,
     suspects: &[&Grid],
     table: Table<'_>,
     progress: &dyn Progress,
 ) -> Result<Option<Finding>, GapError> {
-    let logs = |grids: &[&Grid]| -> Result<Vec<PressureGrid>, GapError> {
-        let logs = grids.iter().filter_map(|g| PressureLog::of(&g.session));
-        logs.map(PressureGrid::new).collect()
-    };
-    let (healthy, mut suspects) = (logs(healthy)?, logs(suspects)?);
-    suspects.retain(PressureGrid::moves);
-    let (Some(healthy), false) = (healthy.first(), suspects.is_empty()) else {
+    let Some(baseline) = baseline else {
         return Ok(None);
     };
-    let baseline = commission_supply(robot, healthy)?;
+    let logs = suspects.iter().filter_map(|g| PressureLog::of(&g.session));
+    let mut suspects: Vec<PressureGrid> = logs.map(PressureGrid::new).collect::<Result<_, _>>()?;
+    suspects.retain(PressureGrid::moves);
     let mut worst: Option<Finding> = None;
     for s in &suspects {
-        let stages = supply_stages(robot, s, &baseline, Lag::BehindGauge, table, progress)?;
-        let next = decide_supply(robot, s, &baseline, Lag::BehindGauge, &stages)?;
+        let stages = supply_stages(robot, s, baseline, Lag::BehindGauge, table, progress)?;
+        let next = decide_supply(robot, s, baseline, Lag::BehindGauge, &stages)?;
         let size = |f: &Finding| f.gap.before / f.gap.floor;
         if worst.as_ref().is_none_or(|f| size(&next) > size(f)) {
             worst = Some(next);

@@ -1,30 +1,26 @@
 //! Commissioning of a healthy rig: its patch, and the bounds of its residuals.
 
-use anyhow::Result;
+use crate::gap::{self, Commissioned, Patch, Rmse};
 
-use crate::gap::{self, Grid, Patch, Rmse};
-use crate::robot::RobotSpec;
-
-/// Fits the calibration parameters of a healthy rig; returns them as a patch, with the residuals on data that were not
-/// fitted.
-///
-/// # Errors
-/// When the session cannot be fitted.
-pub fn patch_of(robot: &RobotSpec, grid: &Grid) -> Result<(Patch, Rmse)> {
-    let baseline = gap::commission(robot, &[grid], &grid.present, &gap::Unwatched)?;
+/// The calibration parameters of a healthy rig as a patch.
+pub fn patch_of(rig: &Commissioned) -> Patch {
+    let all = |k: usize| {
+        let all: Vec<&str> = rig.sessions.iter().map(|s| s[k].as_str()).collect();
+        all.join(", ")
+    };
     let mut patch = Patch {
         version: gap::VERSION,
-        name: format!("commissioned on {}", grid.session.name),
-        robot: robot.hash.clone(),
+        name: format!("commissioned on {}", all(0)),
+        robot: rig.robot.clone(),
         verdict: String::new(),
-        data: [("commissioning".to_owned(), grid.session.hash.clone())].into(),
+        data: [("commissioning".to_owned(), all(1))].into(),
         rig: Default::default(),
         floor: Default::default(),
         law: Vec::new(),
         effects: Vec::new(),
     };
-    patch.set_values(&baseline.values);
-    Ok((patch, baseline.floor))
+    patch.set_values(&rig.arm.values);
+    patch
 }
 
 /// A kind of residual with its bounds.

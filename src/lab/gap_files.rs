@@ -1,11 +1,11 @@
 //! Files of the gap finder: the sessions that it reads, the finding that it writes.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 
-use crate::gap::{self, Patch, Session};
+use crate::gap::{self, Commissioned, Grid, Healthy, Patch, Session};
 use crate::lab::session::{Drive, Excitation};
 use crate::recording::{self, SessionLog};
 use crate::robot::RobotSpec;
@@ -21,6 +21,60 @@ pub fn read_session(path: &Path) -> Result<Session> {
         log::warn!("{}: {suspicion}", path.display());
     }
     Ok(session_of(log))
+}
+
+/// What is known of a rig in order, read from files.
+#[derive(Clone, Debug)]
+pub enum Known {
+    /// Its sessions; none for the factory model.
+    Sessions(Vec<Grid>),
+    /// A baseline that was kept.
+    Commissioned(Box<Commissioned>),
+}
+
+impl Known {
+    /// As the finder takes it.
+    pub fn healthy(&self) -> Healthy<'_> {
+        match self {
+            Self::Sessions(sessions) => sessions.as_slice().into(),
+            Self::Commissioned(rig) => Healthy::Commissioned(rig),
+        }
+    }
+}
+
+/// Reads healthy sessions, or one baseline that `gap commission` kept.
+///
+/// # Errors
+/// When a file cannot be read, or a baseline stands beside other files.
+pub fn read_known(paths: &[PathBuf]) -> Result<Known> {
+    let kept = paths.iter().find_map(|p| Some((p, baseline_text(p)?)));
+    let Some((path, text)) = kept else {
+        let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
+        return Ok(Known::Sessions(
+            paths.iter().map(grid).collect::<Result<_>>()?,
+        ));
+    };
+    anyhow::ensure!(
+        paths.len() == 1,
+        "{} is a baseline that was fitted already: it cannot count together with other baselines. Give it alone, or give \
+         the healthy sessions",
+        path.display()
+    );
+    let rig = Commissioned::from_toml(&text).with_context(|| path.display().to_string())?;
+    Ok(Known::Commissioned(Box::new(rig)))
+}
+
+/// The session files among what is given as baselines: one that was kept is none.
+pub fn sessions_among(paths: &[PathBuf]) -> impl Iterator<Item = &Path> {
+    let paths = paths.iter().filter(|p| baseline_text(p).is_none());
+    paths.map(PathBuf::as_path)
+}
+
+/// The text of a file that holds a baseline.
+fn baseline_text(path: &Path) -> Option<String> {
+    let file = path.extension().is_some_and(|e| e == "toml") && path.is_file();
+    let text = std::fs::read_to_string(path).ok().filter(|_| file)?;
+    gap::is_baseline(&text).then_some(text)
 }
 
 /// A session log as the finder's input.

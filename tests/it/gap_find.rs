@@ -159,6 +159,27 @@ fn several_sessions_count_together_and_another_one_proves_it() {
     let alone = find(&healthy[0], &suspects[0], &[]);
     let [alone_low, alone_high] = interval(&alone);
     assert!(high - low < alone_high - alone_low, "{found} {alone}");
+    // The rig in order is fitted once and kept.
+    let kept = dir.join("rig.toml");
+    let kept = kept.to_str().expect("a path");
+    json(&[
+        "gap",
+        "commission",
+        &healthy[0],
+        "--baseline",
+        kept,
+        "--json",
+    ]);
+    let by_kept = find(kept, &suspects[0], &[]);
+    assert_eq!(names(&by_kept), names(&alone), "{by_kept}");
+    assert_eq!(by_kept["data"]["baseline"], "monday");
+    for (a, b) in interval(&by_kept).into_iter().zip([alone_low, alone_high]) {
+        assert!((a - b).abs() < 1e-4, "{by_kept} {alone}");
+    }
+    let both = ["--baseline", &healthy[1]];
+    let args = ["gap", "run", "--baseline", kept, "--session", &suspects[0]];
+    let (_, why) = refusal(&[&args[..], &both].concat());
+    assert!(why.contains("fitted already"), "{why}");
     let proof = &found["proof"];
     assert_eq!(proof["sessions"], serde_json::json!(["sunday"]));
     assert_eq!(proof["gap"]["unit"], "mm");

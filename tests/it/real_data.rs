@@ -111,7 +111,7 @@ fn find_in(name: &str, without: &[&str]) -> gap::Finding {
     let found = gap::find(
         &robot,
         &table,
-        &[healthy],
+        gap::Healthy::Sessions(&[healthy]),
         &[suspect],
         &options,
         &gap::Unwatched,

@@ -246,8 +246,9 @@ fn find(
     let start = std::time::Instant::now();
     worker.tell("Reading the sessions", None);
     let (healthy, suspect) = (pair.healthy.as_deref(), &*pair.suspect);
-    let (_, note) = provenance::of_gap(healthy, [suspect])?;
-    let healthy = healthy.map(gap_files::read_session).transpose()?;
+    let healthy: Vec<PathBuf> = healthy.map(Path::to_path_buf).into_iter().collect();
+    let (_, note) = provenance::of_gap(gap_files::sessions_among(&healthy), [suspect])?;
+    let rig = gap_files::read_known(&healthy)?;
     let suspect = gap_files::read_session(suspect)?;
     let options = Options {
         seed: 1,
@@ -255,10 +256,9 @@ fn find(
         prove: Vec::new(),
     };
     let run = || -> Answer {
-        let healthy = healthy.map(Grid::new).transpose()?;
         let suspect = Grid::new(suspect)?;
         let watched = Watched { worker, ctx };
-        let (healthy, suspects) = (healthy.as_slice(), &[suspect]);
+        let (healthy, suspects) = (rig.healthy(), &[suspect]);
         let mut found = match known {
             Some(known) => find_law(robot, known, healthy, suspects, &options, &watched)?,
             None => {

@@ -398,6 +398,9 @@ fn trouble_of(e: &GapError) -> Trouble {
         GapError::NothingMeasured { .. } => {
             "Choose a session with springs, IMUs or whole poses of the motion capture."
         }
+        GapError::SlowerThanBaseline { .. } => {
+            "Choose the healthy session itself, or record at the rate of the baseline."
+        }
         GapError::NoSession => "Choose a session in which something may be missing.",
         GapError::NothingCommon => "Choose two sessions in which the same sensors were measured.",
         GapError::OtherRobot { .. } => {

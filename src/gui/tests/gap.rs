@@ -13,7 +13,7 @@ use super::*;
 use crate::gap::report::Origin;
 use crate::gap::score::{About, Key as Answer, KeyEffect, KeyValue};
 use crate::gap::{
-    Found, GapError, Grid, Options, Patch, Progress, Session, Stage, Unwatched, Verdict,
+    Found, GapError, Grid, Healthy, Options, Patch, Progress, Session, Stage, Unwatched, Verdict,
 };
 use crate::gui::panels::gap::{Decision, Step};
 use crate::gui::services::gap::{
@@ -72,7 +72,7 @@ pub(super) fn found(progress: &dyn Progress) -> Result<Arc<Found>, GapError> {
     let mut found = crate::gap::find(
         &robot,
         &crate::sim::effects::table(),
-        &[healthy],
+        Healthy::Sessions(&[healthy]),
         &[suspect],
         &options,
         progress,
@@ -448,7 +448,7 @@ fn the_finder_itself_stops_when_nobody_waits() {
     let stopped = crate::gap::find(
         &robot,
         &crate::sim::effects::table(),
-        &[],
+        Healthy::Unknown,
         &[grid],
         &Options::default(),
         &Gone(worker),
