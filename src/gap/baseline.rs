@@ -129,7 +129,10 @@ impl Commissioned {
     }
 }
 
-/// The rig in order and the sessions to be judged by it, all of about one rate.
+/// The rig in order and the sessions to be judged by it.
+type Prepared<'a> = (Option<Cow<'a, Commissioned>>, Vec<Cow<'a, Grid>>);
+
+/// Both, all of about one rate.
 ///
 /// # Errors
 /// [`GapError`] as [`Commissioned::new`]; [`GapError::SlowerThanBaseline`] for a session of a lower rate than the kept baseline.
@@ -138,7 +141,7 @@ pub(super) fn prepared<'a>(
     healthy: Healthy<'a>,
     suspects: &'a [Grid],
     progress: &dyn Progress,
-) -> Result<(Option<Cow<'a, Commissioned>>, Vec<Cow<'a, Grid>>), GapError> {
+) -> Result<Prepared<'a>, GapError> {
     let periods = |grids: &[Grid]| {
         let each = grids.iter().map(|g| period_s(g.times_s()));
         each.fold(0.0, f64::max)
