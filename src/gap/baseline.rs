@@ -11,7 +11,6 @@ use super::actuation::{
     commission_supply,
 };
 use super::commission::{Baseline, Rmse, commission, masked};
-use super::describe::left_out;
 use super::noise::Noise;
 use super::replay::{CalibrationParameter, Row, calibration_parameters};
 use super::session::{CHANNELS, Grid, Sampled as _, at_period, common_channels, period_s};
@@ -99,7 +98,7 @@ impl Commissioned {
                 .map(|g| period_s(g.times_s()))
                 .fold(0.0, f64::max),
             present,
-            notes: grids.iter().flat_map(|g| left_out(g)).collect(),
+            notes: grids.iter().flat_map(|g| g.left_out()).collect(),
             arm,
             supply: supply
                 .map(|grid| commission_supply(robot, &grid))

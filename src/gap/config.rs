@@ -56,9 +56,6 @@ pub struct FinderConfig {
     pub effects_max: usize,
     /// Share of what the best effect explains that a rival has to explain. Development.
     pub rival_explains: f64,
-    /// Two laws that are idealisations, of which the second explains this share of what the first one does, cannot be told apart:
-    /// either is as far from the truth as from the other. Development.
-    pub rival_as_exact: f64,
     /// A best effect that leaves more than this share of the excess is not at the floor. Development.
     pub leaves_little: f64,
     /// A rival is excluded when it leaves this many times what the best one leaves. Development.
@@ -151,7 +148,6 @@ pub const CONFIG: FinderConfig = FinderConfig {
     further_min: 0.6,
     effects_max: 3,
     rival_explains: 0.5,
-    rival_as_exact: 0.98,
     leaves_little: 0.05,
     rival_leaves: 2.0,
     small_margin: 0.05,

@@ -194,7 +194,7 @@ pub fn notes(healthy: Option<&Commissioned>, suspects: &[&Grid]) -> Vec<String> 
         out.push(format!("Not measured: {}.", gone.join(", ")));
     }
     out.extend(healthy.iter().flat_map(|h| h.notes.clone()));
-    out.extend(suspects.iter().flat_map(|grid| left_out(grid)));
+    out.extend(suspects.iter().flat_map(|grid| grid.left_out()));
     if suspects.iter().all(|g| g.session.commanded_pa.is_none()) {
         out.push(
             "The commanded pressures were not logged: the path from command to gauge cannot be judged."
@@ -202,17 +202,6 @@ pub fn notes(healthy: Option<&Commissioned>, suspects: &[&Grid]) -> Vec<String> 
         );
     }
     out
-}
-
-/// Which spans of a session do not count, one sentence each.
-pub fn left_out(grid: &Grid) -> Vec<String> {
-    let sentence = |[from_s, to_s]: &[f64; 2]| {
-        format!(
-            "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
-            grid.session.name
-        )
-    };
-    grid.holes_s.iter().map(sentence).collect()
 }
 
 /// Largest movement of any pressure in any session, Pa.

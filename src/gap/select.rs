@@ -227,8 +227,7 @@ pub fn rivals_of(
         }
         let (left, excess) = (own.fit.cost - floor, without - floor);
         let rival = |e: &&Explained| {
-            let share = (without - e.fit.cost) / (without - own.fit.cost);
-            let explains = share >= CONFIG.rival_explains;
+            let explains = without - e.fit.cost >= CONFIG.rival_explains * (without - own.fit.cost);
             let other = !best.fit.effects.iter().any(|(c, _)| *c == e.candidate)
                 && !out.iter().any(|o: &Explained| o.candidate == e.candidate);
             if !explains || !other || e.gain <= 0.0 {
@@ -241,11 +240,10 @@ pub fn rivals_of(
             }
             // When even the best one leaves a misfit, its form is not right, and a rival that
             // leaves little more is not excluded by likelihood. The form of a definition is.
-            let idealised = |e: &Explained| e.candidate.effect.law == Law::Idealisation;
-            let as_exact = idealised(e) && share >= CONFIG.rival_as_exact;
-            let leaves_as_much = left > CONFIG.leaves_little * excess
-                && e.fit.cost - floor <= CONFIG.rival_leaves * left;
-            idealised(own) && count(e) <= count(own) && (as_exact || leaves_as_much)
+            own.candidate.effect.law == Law::Idealisation
+                && left > CONFIG.leaves_little * excess
+                && count(e) <= count(own)
+                && e.fit.cost - floor <= CONFIG.rival_leaves * left
         };
         if !named_by(supply, &own.candidate) {
             let stands = |e: &&Explained| k + 1 == stages || replaces(problem, best, k, e);

@@ -379,6 +379,17 @@ impl Grid {
         .ok()
     }
 
+    /// Which spans of it do not count, one sentence each.
+    pub fn left_out(&self) -> Vec<String> {
+        let sentence = |[from_s, to_s]: &[f64; 2]| {
+            format!(
+                "Left out of session '{}': {from_s:.1} to {to_s:.1} s, where pressures are missing and shortly after.",
+                self.session.name
+            )
+        };
+        self.holes_s.iter().map(sentence).collect()
+    }
+
     /// Refuses a session in which nothing was measured that a model could be compared with.
     ///
     /// # Errors

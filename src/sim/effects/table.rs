@@ -115,7 +115,7 @@ pub const EFFECTS: &[Effect] = &[
         id: "pressure-lag",
         name: "Pressure lag",
         doc: "τ (dp/dt + g p_ambient (dl/dt)/l) = p_gauge − p: the chamber follows its gauge through the line; its gas gives way \
-              with the bellows' length, as far as g says.",
+              with the bellows' length, by a share g.",
         source: "first-order pneumatic line, isothermal gas",
         side: Side::Actuation,
         target: Target::Chamber,
