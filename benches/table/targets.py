@@ -89,5 +89,6 @@ ELSEWHERE = [
     ("accuracy of sensing and control over loads, speeds, stiffnesses; the far move with and without the"
      " initial guess", "springtwin study all --out DIR"),
     ("the rod model against known results", "springtwin sim validate"),
-    ("60 frames per second on a graphics card, 2560 x 1440 (NVIDIA H200: 71 on the slowest screen, Sensors)", "cargo bench --bench long -- drawn"),
+    ("60 frames per second on a graphics card, 2560 x 1440 (NVIDIA H200: 71 on the slowest screen, Sensors)",
+     "cargo bench --bench long -- drawn"),
 ]

@@ -1,4 +1,5 @@
-//! `gap commission`: the calibration parameters of a healthy rig, as a patch of the model.
+//! `gap commission`: the calibration parameters of a healthy rig, as a patch of the model, and all that the finder has to know of
+//! it, as a baseline.
 
 use std::path::PathBuf;
 
@@ -8,9 +9,9 @@ use serde_json::json;
 
 use super::outputs::Overwrite;
 use super::{Failed, Report};
-use springtwin::gap::{self, Commissioned, Grid};
+use springtwin::gap::{Commissioned, Unwatched};
 use springtwin::lab::commission::{self, beyond, kinds, residuals};
-use springtwin::lab::gap_files::read_session;
+use springtwin::lab::gap_files::read_grids;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 
@@ -38,13 +39,8 @@ pub fn commission(a: &CommissionArgs, robot: &RobotSpec) -> Result<Report> {
     for file in files.clone() {
         a.overwrite.file(file)?;
     }
-    let mut grids = Vec::new();
-    for path in &a.sessions {
-        let session = read_session(path)?;
-        gap::same_robot(robot, &session)?;
-        grids.push(Grid::new(session)?);
-    }
-    let rig = Commissioned::new(robot, &grids, &gap::Unwatched)?;
+    let grids = read_grids(&a.sessions)?;
+    let rig = Commissioned::new(robot, &grids, &Unwatched)?;
     let (patch, floor) = (commission::patch_of(&rig), rig.arm.floor);
     let kinds = kinds(&floor);
     let large = beyond(&kinds, |k| k.refuse);
@@ -76,7 +72,11 @@ pub fn commission(a: &CommissionArgs, robot: &RobotSpec) -> Result<Report> {
     let report = Report {
         text,
         json: json!({
-            "out": a.out.as_ref().filter(|_| written), "baseline": a.baseline.as_ref().filter(|_| written), "rig": patch.rig, "floor": floor, "warnings": warnings,
+            "out": a.out.as_ref().filter(|_| written),
+            "baseline": a.baseline.as_ref().filter(|_| written),
+            "rig": patch.rig,
+            "floor": floor,
+            "warnings": warnings,
         }),
     };
     match large {

@@ -13,7 +13,7 @@ use springtwin::gap::{
     Progress, Stage, Verdict,
 };
 use springtwin::lab::gap_files::{
-    Known, excitations, read_known, read_session, sessions_among, write_all,
+    Known, excitations, read_grids, read_known, sessions_among, write_all,
 };
 use springtwin::lab::{actuation, provenance};
 use springtwin::robot::RobotSpec;
@@ -86,23 +86,17 @@ impl Progress for Logged {
     }
 }
 
-/// Sessions of these files.
-fn grids(paths: &[PathBuf]) -> Result<Vec<Grid>> {
-    let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
-    paths.iter().map(grid).collect()
-}
-
 /// What a search reads: healthy and suspect sessions, and its options.
 pub fn read(
     robot: &RobotSpec,
     [baseline, session, prove]: [&[PathBuf]; 3],
     seed: u64,
 ) -> Result<(Known, Vec<Grid>, Options)> {
-    let (healthy, suspects) = (read_known(baseline)?, grids(session)?);
+    let (healthy, suspects) = (read_known(baseline)?, read_grids(session)?);
     let options = Options {
         seed,
         excitations: excitations(robot),
-        prove: grids(prove)?,
+        prove: read_grids(prove)?,
     };
     Ok((healthy, suspects, options))
 }

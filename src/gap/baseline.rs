@@ -10,10 +10,13 @@ use super::actuation::{
     KNOBS, LineBaseline, LineRow, PressureGrid, PressureLog, PressureNoise, Regulator,
     commission_supply,
 };
-use super::commission::{Baseline, Rmse, commission, masked};
+use super::commission::{Baseline, Rmse, commission, masked, rmse};
 use super::noise::Noise;
 use super::replay::{CalibrationParameter, Row, calibration_parameters};
-use super::session::{CHANNELS, Grid, Sampled as _, at_period, common_channels, period_s};
+use super::session::{
+    CHANNELS, Grid, Sampled as _, at_period, common_channels, period_s, recorded_with, same_robot,
+    slowest_s,
+};
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
@@ -21,21 +24,10 @@ use crate::signal::CHAMBERS;
 /// What is known of the rig in order.
 #[derive(Clone, Copy, Debug)]
 pub enum Healthy<'a> {
-    /// Nothing: the factory model is the baseline.
-    Unknown,
-    /// Sessions of it.
+    /// Its sessions; without any the factory model is the baseline.
     Sessions(&'a [Grid]),
     /// It was commissioned before.
     Commissioned(&'a Commissioned),
-}
-
-impl<'a> From<&'a [Grid]> for Healthy<'a> {
-    fn from(sessions: &'a [Grid]) -> Self {
-        match sessions {
-            [] => Self::Unknown,
-            _ => Self::Sessions(sessions),
-        }
-    }
 }
 
 /// A rig in order: its arm and its supply.
@@ -67,18 +59,18 @@ impl Commissioned {
         healthy: &[Grid],
         progress: &dyn Progress,
     ) -> Result<Self, GapError> {
-        let slowest_s = healthy.iter().map(|g| period_s(g.times_s()));
-        Self::at(robot, healthy, slowest_s.fold(0.0, f64::max), progress)
+        Self::at(robot, healthy, slowest_s(healthy), progress)
     }
 
     /// The same of sessions thinned to about a sample per `slowest_s`.
     fn at(
         robot: &RobotSpec,
         healthy: &[Grid],
-        slowest_s: f64,
+        period_s: f64,
         progress: &dyn Progress,
     ) -> Result<Self, GapError> {
-        let thinned: Vec<Cow<Grid>> = at_period(healthy, slowest_s)?;
+        judgeable(robot, healthy)?;
+        let thinned = at_period(healthy, period_s)?;
         let grids: Vec<&Grid> = thinned.iter().map(|g| &**g).collect();
         let present = common_channels(grids.iter().copied());
         if !present.contains(&true) {
@@ -93,10 +85,7 @@ impl Commissioned {
                 .iter()
                 .map(|g| [g.session.name.clone(), g.session.hash.clone()])
                 .collect(),
-            period_s: grids
-                .iter()
-                .map(|g| period_s(g.times_s()))
-                .fold(0.0, f64::max),
+            period_s: slowest_s(grids.iter().copied()),
             present,
             notes: grids.iter().flat_map(|g| g.left_out()).collect(),
             arm,
@@ -108,16 +97,13 @@ impl Commissioned {
 
     /// The arm as sessions show it that have only some of its channels.
     pub fn arm_in(&self, present: &[bool; CHANNELS]) -> Baseline {
-        if self.present == *present {
-            return self.arm.clone();
-        }
-        let Some(rows) = &self.arm.healthy else {
-            return self.arm.clone();
+        let rows = match &self.arm.healthy {
+            Some(rows) if self.present != *present => masked(rows, present),
+            _ => return self.arm.clone(),
         };
-        let rows = masked(rows, present);
         Baseline {
             noise: Noise::from_healthy(&rows, present),
-            floor: super::commission::rmse(&rows, |_| true),
+            floor: rmse(&rows, |_| true),
             channel_floor: std::array::from_fn(|c| match present[c] {
                 true => self.arm.channel_floor[c],
                 false => f64::NAN,
@@ -134,42 +120,48 @@ type Prepared<'a> = (Option<Cow<'a, Commissioned>>, Vec<Cow<'a, Grid>>);
 /// Both, all of about one rate.
 ///
 /// # Errors
-/// [`GapError`] as [`Commissioned::new`]; [`GapError::SlowerThanBaseline`] for a session of a lower rate than the kept baseline.
+/// [`GapError::NoSession`] without any; as [`Commissioned::new`]; [`GapError::SlowerThanBaseline`] for a session of a lower rate than the kept baseline.
 pub(super) fn prepared<'a>(
     robot: &RobotSpec,
     healthy: Healthy<'a>,
     suspects: &'a [Grid],
     progress: &dyn Progress,
 ) -> Result<Prepared<'a>, GapError> {
-    let periods = |grids: &[Grid]| {
-        let each = grids.iter().map(|g| period_s(g.times_s()));
-        each.fold(0.0, f64::max)
-    };
-    match healthy {
-        Healthy::Unknown => Ok((None, at_period(suspects, periods(suspects))?)),
+    if suspects.is_empty() {
+        return Err(GapError::NoSession);
+    }
+    judgeable(robot, suspects)?;
+    let (rig, period_s) = match healthy {
         Healthy::Sessions(sessions) => {
-            let slowest_s = periods(sessions).max(periods(suspects));
-            let own = Commissioned::at(robot, sessions, slowest_s, progress)?;
-            Ok((Some(Cow::Owned(own)), at_period(suspects, slowest_s)?))
+            let period_s = slowest_s(sessions.iter().chain(suspects));
+            let rig = match sessions {
+                [] => None,
+                _ => Some(Commissioned::at(robot, sessions, period_s, progress)?),
+            };
+            (rig.map(Cow::Owned), period_s)
         }
         Healthy::Commissioned(known) => {
-            super::session::recorded_with(robot, "the baseline", &known.robot)?;
-            let late = suspects
-                .iter()
-                .find(|g| (period_s(g.times_s()) / known.period_s).round() > 1.0);
-            if let Some(grid) = late {
+            recorded_with(robot, "the baseline", &known.robot)?;
+            let slow = |g: &&Grid| (period_s(g.times_s()) / known.period_s).round() > 1.0;
+            if let Some(grid) = suspects.iter().find(slow) {
                 return Err(GapError::SlowerThanBaseline {
                     session: grid.session.name.clone(),
                     hz: 1.0 / period_s(grid.times_s()),
                     baseline_hz: 1.0 / known.period_s,
                 });
             }
-            Ok((
-                Some(Cow::Borrowed(known)),
-                at_period(suspects, known.period_s)?,
-            ))
+            (Some(Cow::Borrowed(known)), known.period_s)
         }
-    }
+    };
+    Ok((rig, at_period(suspects, period_s)?))
+}
+
+/// Refuses sessions of another robot, and those in which nothing was measured.
+pub(super) fn judgeable(robot: &RobotSpec, sessions: &[Grid]) -> Result<(), GapError> {
+    sessions.iter().try_for_each(|grid| {
+        same_robot(robot, &grid.session)?;
+        grid.ensure_measured()
+    })
 }
 
 /// Why a text is no baseline.
@@ -278,7 +270,11 @@ impl Commissioned {
                     .collect(),
             }),
         };
-        toml::to_string(&text).unwrap_or_default()
+        match toml::to_string(&text) {
+            Ok(text) => text,
+            // Strings, numbers and lists always have a TOML form.
+            Err(e) => unreachable!("a baseline cannot be written: {e}"),
+        }
     }
 
     /// From its text.
@@ -366,10 +362,8 @@ fn ids() -> Vec<String> {
         .collect()
 }
 
-/// Whether a text is meant as a baseline: its first line shows it.
-pub fn is_baseline(text: &str) -> bool {
-    text.trim_start().starts_with("springtwin_baseline")
-}
+/// What the text of a baseline begins with.
+pub const BASELINE_START: &str = "springtwin_baseline";
 
 #[cfg(test)]
 mod tests {
@@ -417,7 +411,7 @@ mod tests {
     #[test]
     fn a_baseline_is_the_same_after_it_was_kept() {
         let text = rig().to_toml();
-        assert!(is_baseline(&text));
+        assert!(text.starts_with(BASELINE_START));
         let again = Commissioned::from_toml(&text).expect("reads");
         assert_eq!(again.to_toml(), text);
         assert_eq!(again.present, rig().present);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng as _;
 
-use super::baseline::{Commissioned, Healthy, prepared};
+use super::baseline::{Commissioned, Healthy, judgeable, prepared};
 use super::candidates::{Candidate, Table, scene};
 use super::commission::{Baseline, factory};
 use super::config::CONFIG;
@@ -22,7 +22,7 @@ use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::{Problem, Replayed};
 use super::prove::{Case, Proof, confirm, prove};
 use super::select::{rivals_of, select};
-use super::session::{Grid, common_channels, same_robot};
+use super::session::{Grid, common_channels};
 use super::sides::{add_supply, supply as supply_of};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
@@ -66,17 +66,7 @@ pub fn find(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Found, GapError> {
-    let sessions = match healthy {
-        Healthy::Sessions(sessions) => sessions,
-        Healthy::Unknown | Healthy::Commissioned(_) => &[],
-    };
-    for grid in sessions.iter().chain(suspects).chain(&options.prove) {
-        same_robot(robot, &grid.session)?;
-        grid.ensure_measured()?;
-    }
-    if suspects.is_empty() {
-        return Err(GapError::NoSession);
-    }
+    judgeable(robot, &options.prove)?;
     let (healthy, suspects) = prepared(robot, healthy, suspects, progress)?;
     let (healthy, suspects) = (healthy.as_deref(), &suspects[..]);
     let suspects: &[&Grid] = &suspects.iter().map(|g| &**g).collect::<Vec<_>>();

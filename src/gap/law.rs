@@ -153,7 +153,7 @@ pub fn discover(
     let (own, _) = prepared(robot, healthy, suspects, progress)?;
     let healthy = own
         .as_deref()
-        .map_or(Healthy::Unknown, Healthy::Commissioned);
+        .map_or(Healthy::Sessions(&[]), Healthy::Commissioned);
     let known = find(robot, table, healthy, suspects, &known, progress)?;
     let found = find_law(robot, &known, healthy, suspects, options, progress)?;
     Ok(discovered(&known, found))

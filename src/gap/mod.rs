@@ -39,9 +39,9 @@ pub use actuation::{
     actuation_only, commission_supply, decide_supply, gauge_pressures, ideal_supply, line_rmse_pa,
     line_rows, prove_supply, supply_stages,
 };
-pub use baseline::{BaselineError, Commissioned, Healthy, is_baseline};
+pub use baseline::{BASELINE_START, BaselineError, Commissioned, Healthy};
 pub use candidates::Table;
-pub use commission::{Baseline, Rmse, commission, factory, rmse};
+pub use commission::{Baseline, Rmse, rmse};
 pub use config::{CONFIG, FinderConfig};
 pub use find::{Found, Options, find};
 pub use finding::{

@@ -80,33 +80,26 @@ pub trait Sampled: Clone {
     fn every(&self, step: usize) -> Result<Self, GapError>;
 }
 
-/// Sessions, thinned to about the rate of the slowest one: the mean of more samples has less noise, and a floor that was
-/// measured so would be too low for fewer.
-///
-/// # Errors
-/// As [`Sampled::every`].
-pub fn at_one_rate<'a, S: Sampled>(sessions: &[&'a S]) -> Result<Vec<Cow<'a, S>>, GapError> {
-    let periods_s = sessions.iter().map(|s| period_s(s.times_s()));
-    let slowest_s = periods_s.fold(0.0, f64::max);
-    sessions.iter().map(|s| thinned(*s, slowest_s)).collect()
+/// Mean time between the samples of the slowest session, s; 0 without any.
+pub(super) fn slowest_s<'a, S: Sampled + 'a>(sessions: impl IntoIterator<Item = &'a S>) -> f64 {
+    let periods_s = sessions.into_iter().map(|s| period_s(s.times_s()));
+    periods_s.fold(0.0, f64::max)
 }
 
-/// Sessions, thinned to about a sample per `slowest_s`.
+/// Sessions, thinned to about a sample per `slowest_s`, the time of the slowest one: the mean of more samples has less noise,
+/// and a floor that was measured so would be too low for fewer.
 ///
 /// # Errors
 /// As [`Sampled::every`].
-pub(super) fn at_period<S: Sampled>(
-    sessions: &[S],
+pub fn at_period<'a, S: Sampled>(
+    sessions: impl IntoIterator<Item = &'a S>,
     slowest_s: f64,
-) -> Result<Vec<Cow<'_, S>>, GapError> {
-    sessions.iter().map(|s| thinned(s, slowest_s)).collect()
-}
-
-fn thinned<S: Sampled>(s: &S, slowest_s: f64) -> Result<Cow<'_, S>, GapError> {
-    match (slowest_s / period_s(s.times_s())).round() as usize {
+) -> Result<Vec<Cow<'a, S>>, GapError> {
+    let thinned = |s: &'a S| match (slowest_s / period_s(s.times_s())).round() as usize {
         0 | 1 => Ok(Cow::Borrowed(s)),
         step => s.every(step).map(Cow::Owned),
-    }
+    };
+    sessions.into_iter().map(thinned).collect()
 }
 
 /// Channels that hold enough data in all of these sessions.

@@ -1,13 +1,14 @@
 //! Files of the gap finder: the sessions that it reads, the finding that it writes.
 
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 
 use crate::gap::{self, Commissioned, Grid, Healthy, Patch, Session};
 use crate::lab::session::{Drive, Excitation};
-use crate::recording::{self, SessionLog};
+use crate::recording::{self, SessionLog, SizeLimit};
 use crate::robot::RobotSpec;
 use crate::sim::effects::Trajectory;
 
@@ -36,23 +37,31 @@ impl Known {
     /// As the finder takes it.
     pub fn healthy(&self) -> Healthy<'_> {
         match self {
-            Self::Sessions(sessions) => sessions.as_slice().into(),
+            Self::Sessions(sessions) => Healthy::Sessions(sessions),
             Self::Commissioned(rig) => Healthy::Commissioned(rig),
         }
     }
 }
+
+/// Sessions of these files.
+///
+/// # Errors
+/// When one cannot be read or judged.
+pub fn read_grids(paths: &[PathBuf]) -> Result<Vec<Grid>> {
+    let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
+    paths.iter().map(grid).collect()
+}
+
+/// Largest baseline that is read; ten minutes take 5 MB.
+const BASELINE: SizeLimit = SizeLimit::of_kind(16 << 20, "a baseline");
 
 /// Reads healthy sessions, or one baseline that `gap commission` kept.
 ///
 /// # Errors
 /// When a file cannot be read, or a baseline stands beside other files.
 pub fn read_known(paths: &[PathBuf]) -> Result<Known> {
-    let kept = paths.iter().find_map(|p| Some((p, baseline_text(p)?)));
-    let Some((path, text)) = kept else {
-        let grid = |p: &PathBuf| Ok(Grid::new(read_session(p)?)?);
-        return Ok(Known::Sessions(
-            paths.iter().map(grid).collect::<Result<_>>()?,
-        ));
+    let Some(path) = paths.iter().find(|p| is_baseline(p)) else {
+        return Ok(Known::Sessions(read_grids(paths)?));
     };
     anyhow::ensure!(
         paths.len() == 1,
@@ -60,21 +69,30 @@ pub fn read_known(paths: &[PathBuf]) -> Result<Known> {
          the healthy sessions",
         path.display()
     );
+    let text = BASELINE.read_text(path)?;
     let rig = Commissioned::from_toml(&text).with_context(|| path.display().to_string())?;
     Ok(Known::Commissioned(Box::new(rig)))
 }
 
 /// The session files among what is given as baselines: one that was kept is none.
 pub fn sessions_among(paths: &[PathBuf]) -> impl Iterator<Item = &Path> {
-    let paths = paths.iter().filter(|p| baseline_text(p).is_none());
+    let paths = paths.iter().filter(|p| !is_baseline(p));
     paths.map(PathBuf::as_path)
 }
 
-/// The text of a file that holds a baseline.
-fn baseline_text(path: &Path) -> Option<String> {
-    let file = path.extension().is_some_and(|e| e == "toml") && path.is_file();
-    let text = std::fs::read_to_string(path).ok().filter(|_| file)?;
-    gap::is_baseline(&text).then_some(text)
+/// Whether a file holds a baseline: its first bytes show it.
+fn is_baseline(path: &Path) -> bool {
+    if path.extension().is_none_or(|e| e != "toml") || !path.is_file() {
+        return false;
+    }
+    let Ok(file) = std::fs::File::open(path) else {
+        return false;
+    };
+    let mut start = Vec::new();
+    let read = file
+        .take(gap::BASELINE_START.len() as u64)
+        .read_to_end(&mut start);
+    read.is_ok() && start == gap::BASELINE_START.as_bytes()
 }
 
 /// A session log as the finder's input.

@@ -13,7 +13,7 @@ use crate::gap::config::CONFIG;
 use crate::gap::finding::{
     FailedFold, Finding, FoundEffect, GapSize, Located, SeparateBy, Traces, Verdict, closed_excess,
 };
-use crate::gap::session::at_one_rate;
+use crate::gap::session::{at_period, slowest_s};
 use crate::gap::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
 use effects::{add_effects, alternatives, at_bound, ranked, separate, unseen};
@@ -59,8 +59,8 @@ pub fn actuation_only(
     progress: &dyn Progress,
 ) -> Result<Actuation, GapError> {
     progress.at(Stage::Commission, 0.0)?;
-    let all: Vec<&PressureGrid> = healthy.into_iter().chain([suspect]).collect();
-    let all = at_one_rate(&all)?;
+    let all = || healthy.into_iter().chain([suspect]);
+    let all = at_period(all(), slowest_s(all()))?;
     let suspect = &*all[all.len() - 1];
     let healthy = healthy.map(|_| &*all[0]);
     let baseline = match healthy {

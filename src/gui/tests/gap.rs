@@ -448,7 +448,7 @@ fn the_finder_itself_stops_when_nobody_waits() {
     let stopped = crate::gap::find(
         &robot,
         &crate::sim::effects::table(),
-        Healthy::Unknown,
+        Healthy::Sessions(&[]),
         &[grid],
         &Options::default(),
         &Gone(worker),
