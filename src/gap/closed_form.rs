@@ -319,6 +319,7 @@ fn the_threshold_is_exceeded_as_often_as_it_states() {
                 start: Start::new(&[1.0], &[0]),
                 gram: columns.tr_mul(&cleaned),
                 cleaned,
+                begun: Vec::new(),
             }
         })
         .collect();

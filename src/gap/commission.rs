@@ -93,9 +93,14 @@ pub(super) fn between(
     })
 }
 
-/// Variance from session to session at least.
+/// Variance from session to session at least. A turn of an IMU about the axis of its pad cannot be told from what its heading
+/// has wandered by on average.
 fn least(k: CalibrationParameter) -> f64 {
-    (CONFIG.between * k.prior()).powi(2)
+    let wanders = match k {
+        CalibrationParameter::Mounting(_, 2) => CONFIG.heading_walk_rad,
+        _ => 0.0,
+    };
+    (CONFIG.between * k.prior()).max(wanders).powi(2)
 }
 
 /// Whether a parameter is another one in every session, where several are known: motion capture and its clock are set up again.

@@ -84,6 +84,9 @@ pub struct FinderConfig {
     /// What restarts in every session is usual up to this many of its standard deviations and taken from the session; what is
     /// more is an effect. Student's t with 4 degrees of freedom, 5 % over four IMUs. Statistics.
     pub restarted_max: f64,
+    /// What a heading wanders by in a session on average, rad: gyroscope noise of 0.01 deg/s/√Hz, summed up over 90 s. Data
+    /// sheets.
+    pub heading_walk_rad: f64,
     /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
     pub shrinkage: f64,
     /// Largest autoregressive coefficient; slower errors are treated as this slow. Statistics.
@@ -101,6 +104,12 @@ pub struct FinderConfig {
     pub fits_per_effect: usize,
     /// Different effects that a search in the supply begins with. Time.
     pub supply_beginnings: usize,
+    /// Share of the best score from the start by which one that begins later must be better. Development.
+    pub onset_min_share: f64,
+    /// Nats by which an effect that begins within the session must beat the best one from the start, at noise. Development.
+    pub onset_gain_min: f64,
+    /// How long it takes to begin, s: its interval is wider by so much at each end. Development.
+    pub onset_takes_s: f64,
     /// Pressures that all stay within this excite little, Pa. Development.
     pub excited_pa: f64,
     /// Smallest share of variance that is listed. Development.
@@ -136,7 +145,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     proven_min: 0.5,
     folds_min: 3,
     control_max: 0.5,
-    same_response: 0.3,
+    same_response: 0.5,
     varying_min: 0.1,
     own_group_min: 1.5,
     worse: 0.1,
@@ -161,6 +170,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     pieces_min: 8,
     between: 0.01,
     restarted_max: 4.3,
+    heading_walk_rad: 2e-3,
     shrinkage: 0.1,
     phi_max: 0.97,
     looks: 2.0,
@@ -169,6 +179,9 @@ pub const CONFIG: FinderConfig = FinderConfig {
     fits_min: 3,
     fits_per_effect: 3,
     supply_beginnings: 4,
+    onset_min_share: 0.1,
+    onset_gain_min: 10.0,
+    onset_takes_s: 0.5,
     excited_pa: 8e3,
     located_share_min: 0.2,
     located_over_floor: 1.3,

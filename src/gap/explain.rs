@@ -1,5 +1,7 @@
 //! Effects that explain the residuals: a score test of all, a full fit of the best.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::candidates::{Candidate, Start, Table, candidates};
@@ -8,7 +10,7 @@ use super::fit::{Fit, fit};
 use super::problem::{Losses, Problem};
 use super::session::{CHANNELS, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage, parallel};
-use crate::sim::effects::{Residual, Scene};
+use crate::sim::effects::{Active, EffectError, Residual, Scene};
 
 /// One way to start a candidate, as columns J = −∂r/∂α at the effects found so far.
 pub struct Column {
@@ -20,6 +22,8 @@ pub struct Column {
     pub cleaned: DMatrix<f64>,
     /// Jᵀ M J.
     pub gram: DMatrix<f64>,
+    /// Score of an effect that begins with each block and explains nothing before it, nats.
+    pub begun: Vec<f64>,
 }
 
 /// A candidate after its fit.
@@ -94,35 +98,15 @@ pub fn columns(
 ) -> Result<Vec<Column>, GapError> {
     let base: Vec<_> = so_far.iter().map(|(c, v)| c.with(v)).collect();
     let r0 = problem.residual(&base)?;
+    let clean = problem.cleaned(&DMatrix::from_column_slice(r0.len(), 1, r0.as_slice()));
     let jobs: Vec<(usize, Start)> = all
         .iter()
         .enumerate()
         .flat_map(|(i, c)| c.starts(scene).into_iter().map(move |s| (i, s)))
         .collect();
     let batches: Vec<&[(usize, Start)]> = jobs.chunks(TOGETHER).collect();
-    let moved = |(i, start): &(usize, Start)| -> Option<Vec<DVector<f64>>> {
-        let candidate = all[*i];
-        let nominal = candidate.nominal();
-        let column = |&moved: &usize| {
-            // Parameters that only shape the effect take their starting values; of those that are
-            // moved, one at a time.
-            let mut values = start.at.clone();
-            for &other in &start.moves {
-                values[other] = nominal[other];
-            }
-            values[moved] = start.at[moved];
-            let mut effects = base.clone();
-            effects.push(candidate.with(&values));
-            match problem.residual(&effects) {
-                Ok(r) => Some(&r0 - r),
-                Err(e) => {
-                    log::debug!("{} from {values:.3?}: {e}", candidate.effect.id);
-                    None
-                }
-            }
-        };
-        start.moves.iter().map(column).collect()
-    };
+    let residual = |effects: &[Active]| problem.residual(effects);
+    let moved = |(i, start): &(usize, Start)| moves(&residual, &r0, &base, all[*i], start);
     let done = parallel(&batches, |batch| {
         let columns: Vec<_> = batch
             .iter()
@@ -134,6 +118,7 @@ pub fn columns(
         }
         let j = DMatrix::from_columns(&flat);
         let cleaned = problem.cleaned(&j);
+        let begun = problem.from_each(&j, &clean, problem.edges());
         let mut at = 0;
         let ready = columns.iter().map(|((i, start), own)| {
             let own = at..at + own.len();
@@ -142,6 +127,7 @@ pub fn columns(
             Column {
                 candidate: *i,
                 start: start.clone(),
+                begun: begun.iter().map(|each| part_score(each, &own)).collect(),
                 gram: j.columns_range(own).tr_mul(&cleaned),
                 cleaned,
             }
@@ -149,6 +135,37 @@ pub fn columns(
         ready.collect()
     });
     Ok(done.into_iter().flatten().collect())
+}
+
+/// Columns −∂r/∂α of a candidate for its full moves from a start, on top of the effects of `base`, which leave `r0`; `residual`
+/// has the innovations with effects. `None` where the arm cannot move so.
+pub fn moves(
+    residual: &dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError>,
+    r0: &DVector<f64>,
+    base: &[Active],
+    candidate: Candidate,
+    start: &Start,
+) -> Option<Vec<DVector<f64>>> {
+    let nominal = candidate.nominal();
+    let column = |&moved: &usize| {
+        // Parameters that only shape the effect take their starting values; of those that are
+        // moved, one at a time.
+        let mut values = start.at.clone();
+        for &other in &start.moves {
+            values[other] = nominal[other];
+        }
+        values[moved] = start.at[moved];
+        let mut effects = base.to_vec();
+        effects.push(candidate.with(&values));
+        match residual(&effects) {
+            Ok(r) => Some(r0 - r),
+            Err(e) => {
+                log::debug!("{} from {values:.3?}: {e}", candidate.effect.id);
+                None
+            }
+        }
+    };
+    start.moves.iter().map(column).collect()
 }
 
 /// Significance threshold of the score over all columns (5 % false-positive rate): the 95 % quantile of
@@ -216,6 +233,14 @@ pub fn significance_threshold(
         .collect();
     most.sort_by(f64::total_cmp);
     most[(0.95 * (draws - 1) as f64).round() as usize]
+}
+
+/// Score of some columns among others, from their gram matrix and their products with the residual.
+pub fn part_score((gram, right): &(DMatrix<f64>, DMatrix<f64>), own: &Range<usize>) -> f64 {
+    let n = own.len();
+    let gram = gram.view((own.start, own.start), (n, n)).into_owned();
+    let right = DVector::from_column_slice(&right.as_slice()[own.clone()]);
+    score(&gram, &right).0
 }
 
 /// Score ½ bᵀG⁻¹b of columns with cleaned residual, and the coefficients G⁻¹b.

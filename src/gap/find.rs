@@ -10,23 +10,24 @@ use super::candidates::{Candidate, Table, scene};
 use super::commission::{Baseline, factory};
 use super::config::CONFIG;
 use super::describe::{described, notes, range_pa, separate, undetermined, unique};
-use super::explain::{Explained, admitted, columns, significance_threshold};
+use super::explain::{Column, Explained, admitted, columns, explain, significance_threshold};
 use super::finding::{
-    ChannelError, FailedFold, Finding, FoldChoice, FoundEffect, GapSize, Located, Verdict,
+    ChannelError, FailedFold, Finding, FoldChoice, FoundEffect, GapSize, Located, Onset, Verdict,
     closed_excess,
 };
 use super::fit::{cost, fit};
 use super::misfit::{Misfit, short_stretches};
 use super::noise::start;
+use super::onset::Begun;
 use super::patch::{Patch, PatchEffect, VERSION};
 use super::problem::{Problem, Replayed};
-use super::prove::{Case, Proof, confirm, prove};
+use super::prove::{Case, Proof, confirm, prove, traces_before};
 use super::select::{rivals_of, select};
 use super::session::{Grid, common_channels};
 use super::sides::{add_supply, supply as supply_of};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
-use crate::sim::effects::{Law, Trajectory};
+use crate::sim::effects::{Active, Law, Trajectory};
 
 /// Options of the finder.
 #[derive(Clone, Debug, Default)]
@@ -68,242 +69,320 @@ pub fn find(
 ) -> Result<Found, GapError> {
     judgeable(robot, &options.prove)?;
     let (healthy, suspects) = prepared(robot, healthy, suspects, progress)?;
-    let (healthy, suspects) = (healthy.as_deref(), &suspects[..]);
-    let suspects: &[&Grid] = &suspects.iter().map(|g| &**g).collect::<Vec<_>>();
-    let mut present = common_channels(suspects.iter().copied());
-    if let Some(healthy) = healthy {
-        for (here, there) in present.iter_mut().zip(healthy.present) {
-            *here &= there;
-        }
-    }
-    if !present.contains(&true) {
-        return Err(GapError::NothingCommon);
-    }
-    let baseline = match healthy {
-        None => factory(&present),
-        Some(healthy) => healthy.arm_in(&present),
-    };
-    let mut notes = notes(healthy, suspects);
-    progress.at(Stage::Replay, 0.0)?;
-    let replayed = Replayed::new(robot, suspects, &baseline)?;
-    let bins = replayed.bins() / suspects.len();
-    let problem = replayed.problem()?;
-    let r0 = problem.residual(&[])?;
-    if !r0.iter().all(|x| x.is_finite()) {
-        return Err(GapError::Degenerate);
-    }
-    progress.at(Stage::Locate, 0.0)?;
-    let located = super::locate::locate(&replayed)?;
-    let supply = healthy.and_then(|h| h.supply.as_ref());
-    let supply = supply_of(robot, supply, suspects, table, progress)?;
-    let all = admitted(table, &replayed.present());
-    progress.at(Stage::Explain, 0.0)?;
-    let ready = columns(&problem, &all, &scene(suspects), &[])?;
-    progress.at(Stage::Decide, 0.0)?;
-    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
-    // Without a healthy session only the assumed noise separates noise from effects.
-    let combinations = baseline.noise.channels.len();
-    let quiet = match &baseline.healthy {
-        Some(rows) => baseline.noise.evidence(rows, bins),
-        None => {
-            let mut quiet = DMatrix::zeros(2 * combinations, bins);
-            for x in quiet.rows_mut(0, combinations).iter_mut() {
-                *x = crate::sim::dataset::normal(&mut rng);
-            }
-            quiet
-        }
-    };
-    let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, CONFIG.draws);
-    let short = baseline.healthy.as_ref().map_or_else(Vec::new, |rows| {
-        short_stretches(rows, &baseline.noise.channels, bins)
-    });
-    let before = Misfit::of(&problem, &r0).in_short(short);
-    let judged = quiet.ncols() - start();
-    let floor = quiet.rows(0, combinations).norm_squared() / (combinations * judged) as f64;
-    log::debug!(
-        "innovations {:.3} (healthy {floor:.3}), biases {:.2?}, rig's change {:.2}, threshold {threshold:.1}",
-        before.mean_innovation(),
-        before.bias,
-        before.change
-    );
-
-    let selected = select(
-        &problem,
-        (&all, &ready),
-        threshold,
-        floor,
-        supply.as_ref(),
+    let suspects: Vec<&Grid> = suspects.iter().map(|g| &**g).collect();
+    let search = Search {
+        robot,
+        table,
+        healthy: healthy.as_deref(),
+        options,
         progress,
-    )?;
-    let (mut chosen, rankings) = (selected.chosen.clone(), &selected.rankings);
-    let gain = selected.chosen.as_ref().map_or(0.0, |e| {
-        let nothing = DMatrix::zeros(r0.len(), 0);
-        let without = problem.held_out(&r0, &nothing, &DVector::zeros(0));
-        e.losses.gain_over(&without).0
-    });
-    let mut ranked: Vec<Explained> = rankings.iter().flatten().cloned().collect();
-    ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    };
+    Ok(search.run(&suspects, true)?.0)
+}
 
-    progress.at(Stage::Prove, 0.0)?;
-    let proof = prove(&Case {
-        replayed: &replayed,
-        problem: &problem,
-        r0: &r0,
-        selected: &selected,
-        threshold,
-        supply: supply.as_ref(),
-    })?;
-    let Judged {
-        mut verdict,
-        mut rivals,
-        notes: reasons,
-    } = match &chosen {
-        Some(best) => {
-            let n = problem.len() as f64;
-            let healthy = quiet.norm_squared() * n / quiet.len() as f64;
-            let cost = cost(&problem, &r0);
-            let rivals = rivals_of(
-                &problem,
-                rankings,
-                best,
-                threshold,
-                [cost, healthy],
-                supply.as_ref(),
-            );
-            let after = Misfit::of(&problem, &best.fit.residual);
-            log::debug!(
-                "residual: innovations {:.3}, biases {:.2?}, rig's change {:.2}; closed {:.2}",
-                after.mean_innovation(),
-                after.bias,
-                after.change,
-                before.closed(&after, floor)
-            );
-            let closed = before
-                .closed(&after, floor)
-                .max(closed_excess(&proof.channels));
-            // At the floor of the whole, what shows in a group of its own counts there.
-            let closed = match before.exceeds(floor) {
-                false if proof.shows() => closed.max(proof.gap.closed),
-                _ => closed,
-            };
-            judge(best, rivals, &before, (closed, floor), &located)
+/// What a search is given besides sessions.
+struct Search<'a> {
+    robot: &'a RobotSpec,
+    table: Table<'a>,
+    healthy: Option<&'a Commissioned>,
+    options: &'a Options,
+    progress: &'a dyn Progress,
+}
+
+impl Search<'_> {
+    /// Looks for what is missing in `suspects`, of a single one also from within it on, if `onset`; with the effects of the
+    /// arm that are named, at work.
+    fn run(&self, suspects: &[&Grid], onset: bool) -> Result<(Found, Vec<Active>), GapError> {
+        let Self {
+            robot,
+            table,
+            healthy,
+            options,
+            progress,
+        } = *self;
+        let mut present = common_channels(suspects.iter().copied());
+        if let Some(healthy) = healthy {
+            for (here, there) in present.iter_mut().zip(healthy.present) {
+                *here &= there;
+            }
         }
-        None => unexplained(suspects, &before, floor),
-    };
-    notes.extend(reasons);
-    notes.extend(proof.failed.iter().map(FailedFold::text));
-    if let (true, Some(best)) = (verdict.has_effects(), chosen.take()) {
-        let held = hold(&problem, best, rivals, rankings, &proof);
-        (chosen, verdict, rivals) = (held.chosen, held.verdict, held.rivals);
-        if verdict == Verdict::Unknown && !before.exceeds(floor) {
-            // Nothing is left to explain where no effect is proved at the floor.
-            verdict = Verdict::NothingMissing;
+        if !present.contains(&true) {
+            return Err(GapError::NothingCommon);
         }
-        notes.extend(held.notes);
-    }
-    if let Some((what, note)) = against_floor(verdict, &proof.channels) {
-        (chosen, verdict) = (None, what);
-        rivals.clear();
-        notes.push(note);
-    }
-    let mut found_effects = match &chosen {
-        Some(e) if verdict.has_effects() => described(&problem, e),
-        _ => Vec::new(),
-    };
-    if let Some(why) = chosen
-        .as_ref()
-        .and_then(|e| undetermined(e, &found_effects))
-    {
-        verdict = Verdict::Unknown;
-        notes.push(why);
-        rivals.clear();
-        found_effects.clear();
-    }
-    let accepted = chosen.as_ref().filter(|_| verdict.has_effects());
-    let chosen_by = |e: &mut FoundEffect| {
-        let folds = proof.support(&e.id, e.target);
-        e.chosen_by = Some(folds as f64 / CONFIG.folds as f64);
-    };
-    found_effects.iter_mut().for_each(chosen_by);
-    let mut effects = found_effects.clone();
-    for r in &rivals {
-        // The last one: those before it are the same.
-        if let Some(mut other) = described(&problem, r).pop() {
-            chosen_by(&mut other);
-            other.instead_of = chosen.as_ref().map(|best| place(r, best));
-            effects.push(other);
+        let baseline = match healthy {
+            None => factory(&present),
+            Some(healthy) => healthy.arm_in(&present),
+        };
+        let mut notes = notes(healthy, suspects);
+        progress.at(Stage::Replay, 0.0)?;
+        let replayed = Replayed::new(robot, suspects, &baseline)?;
+        let bins = replayed.bins() / suspects.len();
+        let problem = replayed.problem()?;
+        let r0 = problem.residual(&[])?;
+        if !r0.iter().all(|x| x.is_finite()) {
+            return Err(GapError::Degenerate);
         }
-    }
-    let separate_by = match (accepted, rivals.first()) {
-        (Some(a), Some(b)) => separate(&replayed, a, b, &rivals, &options.excitations),
-        _ => None,
-    };
-    let confirmed = match accepted {
-        Some(e) if !options.prove.is_empty() => {
-            let others: Vec<&Grid> = options.prove.iter().collect();
-            let others = Replayed::new(robot, &others, &baseline)?;
-            Some(confirm(&others, &e.fit.active())?)
+        progress.at(Stage::Locate, 0.0)?;
+        let located = super::locate::locate(&replayed)?;
+        let supply = healthy.and_then(|h| h.supply.as_ref());
+        let supply = supply_of(robot, supply, suspects, table, progress)?;
+        let all = admitted(table, &replayed.present());
+        progress.at(Stage::Explain, 0.0)?;
+        let ready = columns(&problem, &all, &scene(suspects), &[])?;
+        progress.at(Stage::Decide, 0.0)?;
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
+        // Without a healthy session only the assumed noise separates noise from effects.
+        let combinations = baseline.noise.channels.len();
+        let quiet = match &baseline.healthy {
+            Some(rows) => baseline.noise.evidence(rows, bins),
+            None => {
+                let mut quiet = DMatrix::zeros(2 * combinations, bins);
+                for x in quiet.rows_mut(0, combinations).iter_mut() {
+                    *x = crate::sim::dataset::normal(&mut rng);
+                }
+                quiet
+            }
+        };
+        let threshold = significance_threshold(&problem, &ready, &quiet, &mut rng, CONFIG.draws);
+        let short = baseline.healthy.as_ref().map_or_else(Vec::new, |rows| {
+            short_stretches(rows, &baseline.noise.channels, bins)
+        });
+        let before = Misfit::of(&problem, &r0).in_short(short);
+        let judged = quiet.ncols() - start();
+        let floor = quiet.rows(0, combinations).norm_squared() / (combinations * judged) as f64;
+        log::debug!(
+            "innovations {:.3} (healthy {floor:.3}), biases {:.2?}, rig's change {:.2}, threshold {threshold:.1}",
+            before.mean_innovation(),
+            before.bias,
+            before.change
+        );
+
+        if onset && suspects.len() == 1 {
+            let columns = (&all[..], &ready[..]);
+            let begun = self.begun(&replayed, (&problem, &r0), columns, threshold)?;
+            if let Some(found) = begun {
+                return Ok(found);
+            }
         }
-        _ => None,
-    };
-    let data = origins(healthy, suspects);
-    let gap = if accepted.is_some() {
-        proof.gap
-    } else {
-        GapSize {
-            after: proof.gap.before,
-            closed: 0.0,
-            ..proof.gap
+        let selected = select(
+            &problem,
+            (&all, &ready),
+            threshold,
+            floor,
+            supply.as_ref(),
+            progress,
+        )?;
+        let (mut chosen, rankings) = (selected.chosen.clone(), &selected.rankings);
+        let gain = selected.chosen.as_ref().map_or(0.0, |e| {
+            let nothing = DMatrix::zeros(r0.len(), 0);
+            let without = problem.held_out(&r0, &nothing, &DVector::zeros(0));
+            e.losses.gain_over(&without).0
+        });
+        let mut ranked: Vec<Explained> = rankings.iter().flatten().cloned().collect();
+        ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+
+        progress.at(Stage::Prove, 0.0)?;
+        let proof = prove(&Case {
+            replayed: &replayed,
+            problem: &problem,
+            r0: &r0,
+            selected: &selected,
+            threshold,
+            supply: supply.as_ref(),
+        })?;
+        let Judged {
+            mut verdict,
+            mut rivals,
+            notes: reasons,
+        } = match &chosen {
+            Some(best) => {
+                let n = problem.len() as f64;
+                let healthy = quiet.norm_squared() * n / quiet.len() as f64;
+                let cost = cost(&problem, &r0);
+                let rivals = rivals_of(
+                    &problem,
+                    rankings,
+                    best,
+                    threshold,
+                    [cost, healthy],
+                    supply.as_ref(),
+                );
+                let after = Misfit::of(&problem, &best.fit.residual);
+                log::debug!(
+                    "residual: innovations {:.3}, biases {:.2?}, rig's change {:.2}; closed {:.2}",
+                    after.mean_innovation(),
+                    after.bias,
+                    after.change,
+                    before.closed(&after, floor)
+                );
+                let closed = before
+                    .closed(&after, floor)
+                    .max(closed_excess(&proof.channels));
+                // At the floor of the whole, what shows in a group of its own counts there.
+                let closed = match before.exceeds(floor) {
+                    false if proof.shows() => closed.max(proof.gap.closed),
+                    _ => closed,
+                };
+                judge(best, rivals, &before, (closed, floor), &located)
+            }
+            None => unexplained(suspects, &before, floor),
+        };
+        notes.extend(reasons);
+        notes.extend(proof.failed.iter().map(FailedFold::text));
+        if let (true, Some(best)) = (verdict.has_effects(), chosen.take()) {
+            let held = hold(&problem, best, rivals, rankings, &proof);
+            (chosen, verdict, rivals) = (held.chosen, held.verdict, held.rivals);
+            if verdict == Verdict::Unknown && !before.exceeds(floor) {
+                // Nothing is left to explain where no effect is proved at the floor.
+                verdict = Verdict::NothingMissing;
+            }
+            notes.extend(held.notes);
         }
-    };
-    let mut finding = Finding {
-        verdict,
-        effects,
-        candidates: unique(&ranked),
-        threshold,
-        located,
-        gap,
-        worse: proof.worse,
-        channels: proof.channels,
-        embargo_s: proof.embargo_s,
-        folds: proof.folds,
-        failed_folds: proof.failed,
-        proof: confirmed,
-        separate_by,
-        notes,
-        data: data.clone(),
-        seconds: 0.0,
-        traces: proof.traces,
-    };
-    if let Some(supply) = supply {
-        found_effects.extend(add_supply(&mut finding, supply));
+        if let Some((what, note)) = against_floor(verdict, &proof.channels) {
+            (chosen, verdict) = (None, what);
+            rivals.clear();
+            notes.push(note);
+        }
+        let mut found_effects = match &chosen {
+            Some(e) if verdict.has_effects() => described(&problem, e),
+            _ => Vec::new(),
+        };
+        if let Some(why) = chosen
+            .as_ref()
+            .and_then(|e| undetermined(e, &found_effects))
+        {
+            verdict = Verdict::Unknown;
+            notes.push(why);
+            rivals.clear();
+            found_effects.clear();
+        }
+        let accepted = chosen.as_ref().filter(|_| verdict.has_effects());
+        let chosen_by = |e: &mut FoundEffect| {
+            let folds = proof.support(&e.id, e.target);
+            e.chosen_by = Some(folds as f64 / CONFIG.folds as f64);
+        };
+        found_effects.iter_mut().for_each(chosen_by);
+        let mut effects = found_effects.clone();
+        for r in &rivals {
+            // The last one: those before it are the same.
+            if let Some(mut other) = described(&problem, r).pop() {
+                chosen_by(&mut other);
+                other.instead_of = chosen.as_ref().map(|best| place(r, best));
+                effects.push(other);
+            }
+        }
+        let separate_by = match (accepted, rivals.first()) {
+            (Some(a), Some(b)) => separate(&replayed, a, b, &rivals, &options.excitations),
+            _ => None,
+        };
+        let active = accepted.map_or_else(Vec::new, |e| e.fit.active());
+        let confirmed = match accepted {
+            Some(_) if !options.prove.is_empty() => {
+                let others: Vec<&Grid> = options.prove.iter().collect();
+                let others = Replayed::new(robot, &others, &baseline)?;
+                Some(confirm(&others, &active)?)
+            }
+            _ => None,
+        };
+        let data = origins(healthy, suspects);
+        let gap = if accepted.is_some() {
+            proof.gap
+        } else {
+            GapSize {
+                after: proof.gap.before,
+                closed: 0.0,
+                ..proof.gap
+            }
+        };
+        let mut finding = Finding {
+            verdict,
+            effects,
+            candidates: unique(&ranked),
+            threshold,
+            located,
+            gap,
+            worse: proof.worse,
+            channels: proof.channels,
+            embargo_s: proof.embargo_s,
+            folds: proof.folds,
+            failed_folds: proof.failed,
+            proof: confirmed,
+            onset: None,
+            separate_by,
+            notes,
+            data: data.clone(),
+            seconds: 0.0,
+            traces: proof.traces,
+        };
+        if let Some(supply) = supply {
+            found_effects.extend(add_supply(&mut finding, supply));
+        }
+        let verdict = finding.verdict;
+        let mut patch = Patch {
+            version: VERSION,
+            name: format!("found in {}", data["session"]),
+            robot: robot.hash.clone(),
+            verdict: verdict_id(verdict).to_owned(),
+            data,
+            rig: BTreeMap::new(),
+            floor: floors(&baseline),
+            law: Vec::new(),
+            effects: found_effects
+                .into_iter()
+                .map(|e| PatchEffect {
+                    id: e.id,
+                    target: e.target,
+                    params: e.params,
+                })
+                .collect(),
+        };
+        // What restarted with a session is not of the rig: the patch has what was commissioned.
+        patch.set_values(&baseline.values);
+        let found = Found {
+            finding,
+            patch,
+            gain,
+        };
+        Ok((found, active))
     }
-    let verdict = finding.verdict;
-    let mut patch = Patch {
-        version: VERSION,
-        name: format!("found in {}", data["session"]),
-        robot: robot.hash.clone(),
-        verdict: verdict_id(verdict).to_owned(),
-        data,
-        rig: BTreeMap::new(),
-        floor: floors(&baseline),
-        law: Vec::new(),
-        effects: found_effects
-            .into_iter()
-            .map(|e| PatchEffect {
-                id: e.id,
-                target: e.target,
-                params: e.params,
-            })
-            .collect(),
-    };
-    // What restarted with a session is not of the rig: the patch has what was commissioned.
-    patch.set_values(&baseline.values);
-    Ok(Found {
-        finding,
-        patch,
-        gain,
-    })
+
+    /// What began to be missing within a session; `None` where nothing did, or it cannot be named.
+    fn begun(
+        &self,
+        replayed: &Replayed,
+        (problem, r0): (&Problem, &DVector<f64>),
+        (all, ready): (&[Candidate], &[Column]),
+        threshold: f64,
+    ) -> Result<Option<(Found, Vec<Active>)>, GapError> {
+        let begun = Begun::new(replayed, problem, r0)?;
+        let Some(bin) = begun.first_bin((all, ready), threshold) else {
+            return Ok(None);
+        };
+        let (mut found, active) = self.run(&[&replayed.runs[0].from_bin(bin)], false)?;
+        if active.is_empty() {
+            return Ok(None);
+        }
+        let from_start = explain(problem, all, ready, None, threshold, self.progress)?;
+        let costs = from_start.iter().map(|e| e.fit.cost);
+        let least = costs.fold(cost(problem, r0), f64::min);
+        let Some(onset) = begun.onset(&active, bin, least) else {
+            return Ok(None);
+        };
+        let Onset {
+            t_s,
+            ci95: [low_s, high_s],
+        } = onset;
+        let note = format!(
+            "It begins at {t_s:.1} s of the session [{low_s:.1}, {high_s:.1}]; before, the session is as the rig in order. All \
+             errors are those from then on."
+        );
+        found.finding.notes.insert(0, note);
+        found.finding.onset = Some(onset);
+        let whole = traces_before(replayed)?;
+        let later = std::mem::take(&mut found.finding.traces);
+        found.finding.traces = whole.ending_with(later);
+        Ok(Some((found, active)))
+    }
 }
 
 /// Names and hashes of the sessions.

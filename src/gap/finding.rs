@@ -188,6 +188,15 @@ impl FailedFold {
     }
 }
 
+/// When what is missing began, within the session.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Onset {
+    /// Most likely time by the session's clock, s.
+    pub t_s: f64,
+    /// Its 95 % interval, s.
+    pub ci95: [f64; 2],
+}
+
 /// A discriminating excitation: a motion under which alternatives differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeparateBy {
@@ -219,6 +228,27 @@ pub struct Traces {
     /// Orientation of the end pad (quaternion w, x, y, z): measured (not finite where nothing was captured),
     /// without, with.
     pub turns: [Vec<[f64; 4]>; 3],
+}
+
+impl Traces {
+    /// The same with what `later` has from a time on.
+    pub fn ending_with(mut self, later: Self) -> Self {
+        let from = self.t_s.len().saturating_sub(later.t_s.len());
+        if self.channels == later.channels {
+            for (all, own) in [
+                (&mut self.before, &later.before),
+                (&mut self.after, &later.after),
+            ] {
+                for (all, own) in all.iter_mut().zip(own) {
+                    all.splice(from.., own.iter().copied());
+                }
+            }
+        }
+        self.after_m.splice(from.., later.after_m);
+        let [_, _, turns] = later.turns;
+        self.turns[2].splice(from.., turns);
+        self
+    }
 }
 
 /// How much of a channel's residual an effect explains, instant by instant.
@@ -314,6 +344,9 @@ pub struct Finding {
     /// What was kept between what is fitted and what is held out, s.
     #[serde(default)]
     pub embargo_s: f64,
+    /// When it began, where the session shows that it was not there from the start: all else is of the session from then on.
+    #[serde(default)]
+    pub onset: Option<Onset>,
     /// What each fold of the held-out proof chose.
     #[serde(default)]
     pub folds: Vec<FoldChoice>,

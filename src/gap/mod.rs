@@ -23,6 +23,7 @@ mod locate;
 mod misfit;
 mod noise;
 mod nuisance;
+mod onset;
 mod patch;
 mod problem;
 mod prove;
@@ -45,8 +46,8 @@ pub use commission::{Baseline, Rmse, rmse};
 pub use config::{CONFIG, FinderConfig};
 pub use find::{Found, Options, find};
 pub use finding::{
-    ChannelError, Confirmed, Explained, FailedFold, Finding, FoundEffect, GapSize, Located, Ranked,
-    SeparateBy, Traces, Verdict,
+    ChannelError, Confirmed, Explained, FailedFold, Finding, FoundEffect, GapSize, Located, Onset,
+    Ranked, SeparateBy, Traces, Verdict,
 };
 pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,

@@ -12,10 +12,12 @@ use super::commission::{Baseline, in_session, sensitivities, wanders};
 use super::config::CONFIG;
 use super::noise::start;
 use super::nuisance::Nuisance;
-use super::replay::{Row, calibration_parameters, move_arm, residuals, simulated_grid};
+use super::replay::{
+    CalibrationParameter, Row, calibration_parameters, move_arm, residuals, simulated_grid,
+};
 use super::session::{CHANNELS, GRID_HZ, Grid, common_channels};
 use crate::robot::RobotSpec;
-use crate::signal::CHAMBERS;
+use crate::signal::{CHAMBERS, IMUS};
 use crate::sim::effects::{Active, EffectError, Operator, Simulated};
 
 /// Innovations with these effects at work.
@@ -56,6 +58,18 @@ pub struct Run<'a> {
 }
 
 impl Run<'_> {
+    /// The session from some bin on.
+    pub fn from_bin(&self, bin: usize) -> Grid {
+        let since_s = self.grid.t_s[bin] - self.grid.t_s[0];
+        let mut heading_rad = [0.0; IMUS];
+        for (parameter, value) in calibration_parameters().iter().zip(&self.values) {
+            if let CalibrationParameter::Drift(i) = *parameter {
+                heading_rad[i] = value * since_s;
+            }
+        }
+        self.grid.from_bin(bin, &heading_rad)
+    }
+
     /// Residuals with these effects, measured − predicted.
     fn rows(&self, robot: &RobotSpec, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
         let moved = self.moved(robot, effects)?;
@@ -455,6 +469,34 @@ impl<'a> Problem<'a> {
             .times(&self.normal.solve(&self.seen_by_nuisance(x)))
     }
 
+    /// Of columns that begin with each of the stretches between `edges` and are zero before it: (D J)ᵀ M (D J) and (D J)ᵀ M r,
+    /// the first stretch first. `clean` is M r.
+    pub fn from_each(
+        &self,
+        j: &DMatrix<f64>,
+        clean: &DMatrix<f64>,
+        edges: &[usize],
+    ) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+        let p = j.ncols();
+        let mut seen = DMatrix::zeros(self.nuisance.columns(), p);
+        let (mut jj, mut jr) = (DMatrix::zeros(p, p), DMatrix::zeros(p, 1));
+        let later = edges.windows(2).rev().map(|w| {
+            let here = j.rows(w[0], w[1] - w[0]);
+            seen += self.nuisance.seen(j, w[0]..w[1]);
+            jj += here.tr_mul(&here);
+            jr += here.tr_mul(&clean.rows(w[0], w[1] - w[0]));
+            (&jj - seen.tr_mul(&self.normal.solve(&seen)), jr.clone())
+        });
+        let mut out: Vec<_> = later.collect();
+        out.reverse();
+        out
+    }
+
+    /// Boundaries of the blocks among the stacked innovations.
+    pub fn edges(&self) -> &[usize] {
+        &self.edges
+    }
+
     /// Innovations per bin.
     pub fn per_bin(&self) -> usize {
         self.per_bin
@@ -585,7 +627,8 @@ const USUAL_PA: f64 = 15e3;
 /// Usual size of its rate, Pa/s.
 const USUAL_PA_S: f64 = 5e3;
 
-fn stack(baseline: &Baseline, rows: &[Row]) -> DVector<f64> {
+/// Evidence of a session's rows, bin by bin.
+pub fn stack(baseline: &Baseline, rows: &[Row]) -> DVector<f64> {
     let w = baseline.noise.evidence(rows, rows.len());
     DVector::from_column_slice(w.as_slice())
 }

@@ -50,7 +50,7 @@ pub struct Proof {
 /// A group of channels whose errors are reported together.
 struct Group {
     name: String,
-    channels: std::ops::Range<usize>,
+    channels: Range<usize>,
     unit: &'static str,
     /// Unit per SI unit.
     factor: f64,
@@ -134,18 +134,13 @@ pub fn prove(case: &Case<'_>) -> Result<Proof, GapError> {
         .filter(|c| c.after - c.before > CONFIG.worse * c.floor.unwrap_or(c.before))
         .cloned()
         .collect();
-    let (gap, own) = size_of(&channels, &whole);
-    let of_own = groups()
-        .into_iter()
-        .find(|g| own.is_some_and(|c| c.name == g.name));
+    let gap = size_of(&channels, &whole);
     let helps_anyway = e.is_some()
-        && of_own.is_some_and(|g| {
-            helps(
-                [&before, &true_order, &other_order],
-                &replayed.judged(),
-                g.channels,
-            )
-        });
+        && helps(
+            [&before, &true_order, &other_order],
+            &replayed.judged(),
+            &per_floor(replayed),
+        );
     let traces = traces(replayed, &before, &after, &whole)?;
     Ok(Proof {
         gap,
@@ -216,7 +211,7 @@ pub fn confirm(replayed: &Replayed, effects: &[Active]) -> Result<Confirmed, Gap
     let before = bridged(&replayed.rows(&[])?);
     let after = bridged(&replayed.rows(effects)?);
     let channels = errors(replayed, &before, &after, None);
-    let (gap, _) = size_of(&channels, effects);
+    let gap = size_of(&channels, effects);
     let tip = channels.iter().find(|c| c.name == TIP);
     Ok(Confirmed {
         sessions: replayed
@@ -336,26 +331,41 @@ fn redriven(replayed: &Replayed, effects: &[Active]) -> Result<Vec<Row>, GapErro
     response(&other, &bridged(&other.rows(&[])?), effects)
 }
 
-/// Whether what varies of a response helps in some channels under the pressures in another order as well: beyond its mean,
-/// which a constant load, frame or offset has under any pressures.
-fn helps([before, own, other]: [&[Row]; 3], judged: &[usize], channels: Range<usize>) -> bool {
+/// What a unit of every channel weighs: one over its floor; 0 where it was not measured.
+fn per_floor(replayed: &Replayed) -> Row {
+    let present = replayed.present();
+    std::array::from_fn(|c| {
+        let floor = replayed.baseline.channel_floor[c];
+        let counts = present[c] && floor.is_finite() && floor > 0.0;
+        if counts { 1.0 / floor } else { 0.0 }
+    })
+}
+
+/// Whether what varies of a response helps under the pressures in another order as well: beyond its mean, which a constant
+/// load, frame or offset has under any pressures. All channels count, as in one alone two orders may be alike by chance.
+fn helps([before, own, other]: [&[Row]; 3], judged: &[usize], weights: &Row) -> bool {
     let (mut by_mean, mut by_own, mut by_other) = (0.0, 0.0, 0.0);
     let (mut varies, mut apart) = (0.0, 0.0);
-    for c in channels {
+    for (c, weight) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
         let mean = |rows: &[Row]| {
             judged.iter().map(|k| rows[*k][c]).sum::<f64>() / judged.len().max(1) as f64
         };
         let (own_mean, other_mean) = (mean(own), mean(other));
+        let square = |x: f64| (x * weight).powi(2);
         for &k in judged {
             let left = before[k][c] - own_mean;
-            by_mean += left * left;
-            by_own += (before[k][c] - own[k][c]).powi(2);
+            by_mean += square(left);
+            by_own += square(before[k][c] - own[k][c]);
             let (own, other) = (own[k][c] - own_mean, other[k][c] - other_mean);
-            by_other += (left - other).powi(2);
-            varies += own * own;
-            apart += (own - other).powi(2);
+            by_other += square(left - other);
+            varies += square(own);
+            apart += square(own - other);
         }
     }
+    log::debug!(
+        "control: left by the mean {by_mean:.3e}, in the own order {by_own:.3e}, in another {by_other:.3e}; the response varies \
+         by {varies:.3e} and differs by {apart:.3e}"
+    );
     // What depends on the time alone, as a drift does, is the same under any pressures.
     let differs = apart > CONFIG.same_response.powi(2) * varies;
     let matters = by_mean - by_own > CONFIG.varying_min * by_mean;
@@ -413,11 +423,8 @@ fn floor(baseline: &Baseline, g: &Group) -> Option<f64> {
     square.is_finite().then(|| square.sqrt() * g.factor)
 }
 
-/// The gap in the group that belongs to the (first) effect, or where it is largest, and that group.
-fn size_of<'a>(
-    channels: &'a [ChannelError],
-    effects: &[Active],
-) -> (GapSize, Option<&'a ChannelError>) {
+/// The gap in the group that belongs to the (first) effect, or where it is largest.
+fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
     let own = effects.first().and_then(|a| {
         let name = match (a.effect.target, a.target) {
             (Target::Spring, Some(i)) => format!("r3 spring {}", i + 1),
@@ -434,17 +441,16 @@ fn size_of<'a>(
         .iter()
         .max_by(|a, b| excess(a).total_cmp(&excess(b)));
     let Some(c) = own.or(largest) else {
-        return (GapSize::default(), None);
+        return GapSize::default();
     };
     let floor = c.floor.unwrap_or(0.0);
-    let gap = GapSize {
+    GapSize {
         before: c.before,
         after: c.after,
         floor,
         closed: closed(c.before, c.after, floor),
         unit: c.unit.clone(),
-    };
-    (gap, Some(c))
+    }
 }
 
 /// Place (m) and turn (quaternion w, x, y, z) of a pose; not finite where there is none.
@@ -453,6 +459,15 @@ fn drawn(pose: &Option<Pose>) -> ([f64; 3], [f64; 4]) {
         let q = p.rotation;
         (p.translation.vector.into(), [q.w, q.i, q.j, q.k])
     })
+}
+
+/// Series of a session without effects.
+///
+/// # Errors
+/// [`GapError`] when the arm cannot follow it.
+pub fn traces_before(replayed: &Replayed) -> Result<Traces, GapError> {
+    let before = bridged(&replayed.rows(&[])?);
+    traces(replayed, &before, &before, &[])
 }
 
 fn traces(
@@ -578,8 +593,9 @@ mod tests {
         };
         let constant = vec![MANY; 100];
         let judged: Vec<usize> = (10..100).collect();
-        let helped =
-            |before: &[Row], own: &[Row], other: &[Row]| helps([before, own, other], &judged, 0..3);
+        let helped = |before: &[Row], own: &[Row], other: &[Row]| {
+            helps([before, own, other], &judged, &[1.0; CHANNELS])
+        };
         assert!(!helped(&constant, &constant, &constant));
         assert!(!helped(&swing(0), &swing(0), &swing(10)));
         assert!(helped(&swing(0), &swing(0), &swing(2)));

@@ -58,6 +58,22 @@ impl Session {
             ..self.clone()
         }
     }
+
+    /// The samples from `first` on.
+    fn from_sample(&self, first: usize) -> Self {
+        Self {
+            t_s: self.t_s[first..].to_vec(),
+            chamber_pa: self.chamber_pa[first..].to_vec(),
+            commanded_pa: self.commanded_pa.as_ref().map(|u| u[first..].to_vec()),
+            payload_column_kg: self.payload_column_kg.as_ref().map(|m| m[first..].to_vec()),
+            sensors: self.sensors[first..].to_vec(),
+            captured: self.captured[first..].to_vec(),
+            name: self.name.clone(),
+            hash: self.hash.clone(),
+            robot: self.robot.clone(),
+            payload_kg: self.payload_kg,
+        }
+    }
 }
 
 /// Mean time between samples, s.
@@ -348,6 +364,27 @@ impl Grid {
             captured,
             present,
         })
+    }
+
+    /// Its bins from `bin` on. The headings of the IMUs have drifted by `heading_rad` until then, which is taken off.
+    pub fn from_bin(&self, bin: usize, heading_rad: &[f64; IMUS]) -> Self {
+        let sample = self.first[bin];
+        let mut sensors = self.sensors[bin..].to_vec();
+        for s in &mut sensors {
+            for (ypr, by) in s.imu_ypr_rad.iter_mut().zip(heading_rad) {
+                ypr[0] -= by;
+            }
+        }
+        Self {
+            session: self.session.from_sample(sample),
+            gauge_pa: self.gauge_pa[sample..].to_vec(),
+            first: self.first[bin..].iter().map(|k| k - sample).collect(),
+            t_s: self.t_s[bin..].to_vec(),
+            sensors,
+            captured: self.captured[bin..].to_vec(),
+            present: self.present,
+            holes_s: self.holes_s.clone(),
+        }
     }
 
     /// A session of the same rig under other pressures; what would be measured is left empty.

@@ -153,6 +153,7 @@ fn finding(verdict: Verdict) -> Finding {
             channel("r4 IMU 2", 0.8, 0.95),
         ],
         embargo_s: 0.0,
+        onset: None,
         folds: Vec::new(),
         failed_folds: Vec::new(),
         proof: None,
